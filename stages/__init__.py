@@ -95,8 +95,7 @@ class Stage(Protocol):
 
 
 def stage(name: str) -> Callable[[Callable[[DictConfig], str]], Stage]:
-    """A stage's main: composes conf/`name`.yaml with the command line, runs, prints the line it
-    returns.
+    """A stage's main: composes conf/`name`.yaml with the command line, runs, prints its line.
 
     An error that this project raises on purpose becomes one line and exit code 1; any other keeps
     its traceback.
@@ -131,17 +130,19 @@ def stage(name: str) -> Callable[[Callable[[DictConfig], str]], Stage]:
                 sys.argv[1:] = [*_elsewhere(name, sys.argv[1:]), *sys.argv[1:]]
                 composed()
 
-        found = cast(Stage, main)
-        found.run = run
-        return found
+        decorated = cast(Stage, main)
+        decorated.run = run
+        return decorated
 
     return decorate
 
 
 @contextmanager
 def reported(name: str) -> Iterator[None]:
-    """An error that somebody can put right becomes one line and exit code 1; any other keeps its
-    traceback."""
+    """Print an error that somebody can put right as one line, with exit code 1.
+
+    Any other keeps its traceback.
+    """
     try:
         yield
     except KeyboardInterrupt:
@@ -154,7 +155,10 @@ def reported(name: str) -> Iterator[None]:
 
 
 def _line(error: Exception) -> str:
-    """What somebody can put right, be it a file of conf/ that cannot be read; nothing for a bug."""
+    """The line of an error that somebody can put right; empty for a bug.
+
+    A file of conf/ that cannot be read is such an error too.
+    """
     cause = error.__cause__
     built = isinstance(error, InstantiationException)
     if built and isinstance(
@@ -167,13 +171,12 @@ def _line(error: Exception) -> str:
         check_files(ROOT / "conf")
     except ConfigError as broken:
         return str(broken)
-    said = f"{str(error).partition('Config search path')[0]} {cause or ''}"
-    return " ".join(said.split()) if isinstance(error, HydraException) and not built else ""
+    text = f"{str(error).partition('Config search path')[0]} {cause or ''}"
+    return " ".join(text.split()) if isinstance(error, HydraException) and not built else ""
 
 
 def _check(cfg: DictConfig) -> None:
-    """Raise ConfigError for a number out of its range, or a class that is none of this
-    project's."""
+    """Raise ConfigError for a number out of its range, or a class of another project."""
     for target in _targets(OmegaConf.to_container(cfg)):
         target_class(target, ("pipeline.",))
     for setting, hint in NUMBERS.items():
@@ -182,14 +185,16 @@ def _check(cfg: DictConfig) -> None:
 
 
 def _elsewhere(name: str, overrides: Sequence[str]) -> list[str]:
-    """`compute=` as the environment's YEARLOC_COMPUTE says, which no result and so no cache depends
-    on; a command's own wins."""
-    chosen = os.environ.get("YEARLOC_COMPUTE")
+    """The override `compute=` of the environment's YEARLOC_COMPUTE, if the stage has it.
+
+    No result and so no cache depends on it; a command's own wins.
+    """
+    scheduler = os.environ.get("YEARLOC_COMPUTE")
     defaults = read_yaml(ROOT / f"conf/{name}.yaml").get("defaults", ())
-    asks = any("compute" in one for one in defaults)
+    asks = any("compute" in default for default in defaults)
     return (
-        [f"compute={chosen}"]
-        if chosen and asks and not any(word.startswith("compute=") for word in overrides)
+        [f"compute={scheduler}"]
+        if scheduler and asks and not any(word.startswith("compute=") for word in overrides)
         else []
     )
 
@@ -203,23 +208,27 @@ def _targets(node: object) -> Iterator[str]:
         yield str(node[TARGET])
 
 
-def build(group: str, name: str, **changed: Any) -> Any:
+def build(group: str, name: str, **changed_fields: Any) -> Any:
     """The object that a file of conf/ describes, with some of its fields changed."""
-    return instantiate(OmegaConf.load(ROOT / "conf" / group / f"{name}.yaml"), **changed)
+    return instantiate(OmegaConf.load(ROOT / "conf" / group / f"{name}.yaml"), **changed_fields)
 
 
 def within_budget(cfg: DictConfig, overrides: Sequence[str]) -> DictConfig:
-    """The configuration with its method's words of conf/budget in `method` and `budget`; what
-    `overrides` set stays as it is."""
+    """The configuration with conf/budget's settings of its method in `method` and `budget`.
+
+    What `overrides` set stays as it is.
+    """
     explicit = {override.lstrip("+").partition("=")[0] for override in overrides}
     words = {"share": cfg.budget.share, **cfg.budget.get(cfg.method._target_.split(".")[-2], {})}
     share = cfg.budget.share if "budget.share" in explicit else words["share"]
-    given = {
+    budgeted = {
         key: value
         for key, value in words.items()
         if key != "share" and f"method.{key}" not in explicit
     }
-    return OmegaConf.create({**cfg, "method": {**cfg.method, **given}, "budget": {"share": share}})
+    return OmegaConf.create(
+        {**cfg, "method": {**cfg.method, **budgeted}, "budget": {"share": share}}
+    )
 
 
 @dataclass(frozen=True)
@@ -241,7 +250,7 @@ class ProgressBar(Progress):
             *columns, TextColumn("{task.fields[numbers]}"), console=console, transient=True
         ) as bar:
             task = bar.add_task(what, total=total, numbers="")
-            for done, item in enumerate(items, start=1):
+            for n_done, item in enumerate(items, start=1):
                 yield item
                 shown = "  ".join(
                     f"{name} {value:.3g}" for name, value in self.numbers.items() if name != "epoch"
@@ -250,9 +259,9 @@ class ProgressBar(Progress):
                 if (
                     self.numbers
                     and not console.is_terminal
-                    and (done * 10 // total > (done - 1) * 10 // total or done == 1)
+                    and (n_done * 10 // total > (n_done - 1) * 10 // total or n_done == 1)
                 ):
-                    print(f"  {what} {done}/{total}: {shown}", file=sys.stderr, flush=True)
+                    print(f"  {what} {n_done}/{total}: {shown}", file=sys.stderr, flush=True)
 
     def note(self, **numbers: float) -> None:
         self.numbers.clear()

@@ -23,8 +23,10 @@ def main(cfg: DictConfig) -> str:
 
 
 def draw(cfg: DictConfig, sequence: str, folder: Path) -> str:
-    """The views of one sequence in every case but the one as driven, which the stage of the view
-    draws."""
+    """Draw the views of one sequence in every case but the one as driven.
+
+    The stage of the view draws that one.
+    """
     scans = Path(cfg.scans, f"{sequence}.zarr")
     submaps = Path(cfg.submaps, f"{sequence}.zarr")
     view = instantiate(cfg.view)

@@ -16,8 +16,8 @@ def main(cfg: DictConfig) -> str:
     sequences = cfg.sequences.split()
     with instantiate(cfg.compute) as compute, store.replace(cfg.out) as folder:
         folder.mkdir()
-        done = compute.each(lambda sequence: draw(cfg, sequence, folder), sequences)
-        lines = list(ProgressBar().track(done, len(sequences), "draw"))
+        drawings = compute.each(lambda sequence: draw(cfg, sequence, folder), sequences)
+        lines = list(ProgressBar().track(drawings, len(sequences), "draw"))
     return "; ".join(lines)
 
 

@@ -22,19 +22,18 @@ def main(cfg: DictConfig) -> str:
     with (
         instantiate(cfg.compute) as compute,
         store.replace(cfg.out) as folder,
-        store.replace(cfg.metrics) as shown,
+        store.replace(cfg.metrics) as metrics_path,
     ):
         folder.mkdir()
-        shown.mkdir()
-        for sequence, driven in compute.each(
+        metrics_path.mkdir()
+        for sequence, as_driven in compute.each(
             lambda sequence: evaluate(cfg, sequence, folder), cfg.sequences.split()
         ):
-            text = json.dumps(metrics(driven), indent=2, allow_nan=False)
-            (shown / f"{sequence}.json").write_text(f"{text}\n", encoding="utf-8")
-            numbers = summary(driven)
-            lines.append(
-                f"{sequence}: " + ", ".join(f"by {by} {line(numbers[by])}" for by in PROTOCOLS)
-            )
+            text = json.dumps(metrics(as_driven), indent=2, allow_nan=False)
+            (metrics_path / f"{sequence}.json").write_text(f"{text}\n", encoding="utf-8")
+            numbers = summary(as_driven)
+            by_protocol = [f"by {protocol} {line(numbers[protocol])}" for protocol in PROTOCOLS]
+            lines.append(f"{sequence}: {', '.join(by_protocol)}")
     return "; ".join(lines)
 
 
@@ -46,19 +45,21 @@ def evaluate(cfg: DictConfig, sequence: str, folder: Path) -> tuple[str, Evaluat
         "submaps": (schemas.SUBMAPS,),
     }
     name = f"{sequence}.zarr"
-    artifacts = {kind: store.read(Path(cfg[kind], name), *one) for kind, one in kinds.items()}
+    artifacts = {kind: store.read(Path(cfg[kind], name), *schema) for kind, schema in kinds.items()}
     cases = judge_cases(
         **artifacts,
         distance=instantiate(cfg.tolerance.distance),
         bootstrap=instantiate(cfg.tolerance.bootstrap),
     )
     rules = {name: asdict(instantiate(cfg.tolerance[name])) for name in ("distance", "bootstrap")}
-    named = {
+    sequence_attrs = {
         "sequence": sequence,
         "train": cfg.train,
         "wanted_precision": artifacts["rankings"].attrs["wanted_precision"],
     }
-    with store.write(folder / name, schemas.EVALUATIONS, **attrs(cases), **rules, **named) as out:
+    with store.write(
+        folder / name, schemas.EVALUATIONS, **attrs(cases), **rules, **sequence_attrs
+    ) as out:
         for column, values in columns([*cases.values()]).items():
             out.put(column, values)
     return sequence, next(iter(cases.values()))

@@ -16,18 +16,18 @@ from stages import stage
 def main(cfg: DictConfig) -> str:
     recorded = {} if cfg.dataset.simulated else {"reader": cfg.dataset.reader, "root": cfg.root}
     world = instantiate(cfg.world, **recorded)
-    told = []
+    lines = []
     with store.replace(cfg.out) as folder:
         folder.mkdir()
         for sequence in cfg.sequences.split():
             changes = world.changes(cfg.train, sequence)
             write_changes(Path(folder, f"{sequence}.csv"), changes)
             counts = sorted(Counter(change.what for change in changes).items())
-            told.append(
+            lines.append(
                 f"{sequence}: "
-                f"{', '.join(f'{what} {count}' for what, count in counts) or 'nothing changed'}"
+                f"{', '.join(f'{kind} {count}' for kind, count in counts) or 'nothing changed'}"
             )
-    return "; ".join(told)
+    return "; ".join(lines)
 
 
 if __name__ == "__main__":

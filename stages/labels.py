@@ -26,8 +26,10 @@ def main(cfg: DictConfig) -> str:
 
 
 def labelled(cfg: DictConfig, sequence: str, train: str, folder: Path) -> str:
-    """The labels of one sequence by a training one; where there are several, each of those is
-    labelled by itself."""
+    """The labels of one sequence by a training one.
+
+    Of several training sequences each is labelled by itself.
+    """
     submaps, training = (
         store.read(Path(cfg.submaps, f"{name}.zarr"), schemas.SUBMAPS) for name in (sequence, train)
     )

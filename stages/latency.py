@@ -29,8 +29,8 @@ def main(cfg: DictConfig) -> str:
     models = artifacts / "train" / cfg.study / cfg.cells
     scans = store.read(artifacts / "scans" / cfg.study / f"{sequence}.zarr", schemas.SCANS)
     submaps = store.read(artifacts / "submaps" / cfg.study / f"{sequence}.zarr", schemas.SUBMAPS)
-    asked = contenders(study["methods"], models, lambda view: build("view", view), alone)
-    measured = Latency.measure(asked, scans, submaps, cfg.queries, cfg.k)
+    methods = contenders(study["methods"], models, lambda view: build("view", view), alone)
+    measured = Latency.measure(methods, scans, submaps, cfg.queries, cfg.k)
     trained = {
         name: models / f"{name.name}.safetensors"
         for method in study["methods"]

@@ -25,7 +25,7 @@ def main(cfg: DictConfig) -> str:
     cfg = within_budget(cfg, HydraConfig.get().overrides.task)
     strategy = instantiate(cfg.strategy.way)
     progress = ProgressBar(float(cfg.budget.share))
-    asked = {name: Rows.read(Path(cfg.views, f"{name}.zarr")) for name in cfg.asked.split()}
+    queries = {name: Rows.read(Path(cfg.views, f"{name}.zarr")) for name in cfg.asked.split()}
     course = Course(
         Path(cfg.artifacts),
         cfg.study,
@@ -37,12 +37,12 @@ def main(cfg: DictConfig) -> str:
     )
     packing = Packing(ROOT / "conf", course.artifacts, studies(ROOT / "conf"))
     with TemporaryDirectory() as scratch:
-        found = course.steps(
+        steps = course.steps(
             cfg.order, strategy, instantiate(cfg.method), packing, Path(scratch), progress
         )
-        record = Record.of(found, asked, progress.tell)
-    own = {"order": cfg.order, "strategy": cfg.strategy.name, "asked": [*asked]}
-    attrs = {**own, **record.attrs, "correct_m": float(cfg.tolerance.distance.correct_m)}
+        record = Record.of(steps, queries, progress.tell)
+    identity = {"order": cfg.order, "strategy": cfg.strategy.name, "asked": [*queries]}
+    attrs = {**identity, **record.attrs, "correct_m": float(cfg.tolerance.distance.correct_m)}
     with store.write(cfg.out, LIFELONG, **attrs) as out:
         for name, column in record.columns.items():
             out.put(name, column)
@@ -55,8 +55,8 @@ def main(cfg: DictConfig) -> str:
         **model.columns,
     }
     with store.replace(cfg.timing) as path:
-        told = {"place": place, **attrs, "cpu_s": [one.cpu_s for one in record.steps]}
-        path.write_text(json.dumps(told, allow_nan=False) + "\n", encoding="utf-8")
+        timing = {"place": place, **attrs, "cpu_s": [step.cpu_s for step in record.steps]}
+        path.write_text(json.dumps(timing, allow_nan=False) + "\n", encoding="utf-8")
     return record.line()
 
 

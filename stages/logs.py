@@ -14,10 +14,10 @@ from stages import ProgressBar, stage
 def main(cfg: DictConfig) -> str:
     recorded = {} if cfg.dataset.simulated else {"reader": cfg.dataset.reader, "root": cfg.root}
     with instantiate(cfg.compute) as compute, store.replace(cfg.out) as folder:
-        done = instantiate(cfg.world, **recorded).record(
+        line = instantiate(cfg.world, **recorded).record(
             cfg.sequence, Path(folder), compute, ProgressBar()
         )
-    return f"{cfg.sequence}: {done}"
+    return f"{cfg.sequence}: {line}"
 
 
 if __name__ == "__main__":

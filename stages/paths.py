@@ -14,12 +14,12 @@ from stages import ProgressBar, stage
 @stage("paths")
 def main(cfg: DictConfig) -> str:
     sequences = cfg.sequences.split()
-    told = []
+    lines = []
     with instantiate(cfg.compute) as compute, store.replace(cfg.out) as folder:
         folder.mkdir()
-        done = compute.each(lambda sequence: follow(cfg, sequence, folder), sequences)
-        told = list(ProgressBar().track(done, len(sequences), "paths"))
-    return "; ".join(told)
+        written_lines = compute.each(lambda sequence: follow(cfg, sequence, folder), sequences)
+        lines = list(ProgressBar().track(written_lines, len(sequences), "paths"))
+    return "; ".join(lines)
 
 
 def follow(cfg: DictConfig, sequence: str, folder: Path) -> str:
@@ -36,13 +36,16 @@ def follow(cfg: DictConfig, sequence: str, folder: Path) -> str:
     with store.write(folder / name, schemas.FIXES, **attrs) as out:
         for column in schemas.FIXES.columns:
             out.put(column, columns[column])
-    kept, before = (
-        values[:, 0] < one["promised"][1]
-        for values, one in ((columns["novelty"], attrs), (fixes.load("novelty"), fixes.attrs))
+    is_accepted, was_accepted = (
+        values[:, 0] < value_attrs["promised"][1]
+        for values, value_attrs in (
+            (columns["novelty"], attrs),
+            (fixes.load("novelty"), fixes.attrs),
+        )
     )
     return (
-        f"{sequence}: {kept.sum()} of {len(kept)} queries accepted along the path, {before.sum()} "
-        "one by one"
+        f"{sequence}: {is_accepted.sum()} of {len(is_accepted)} queries accepted along the path, "
+        f"{was_accepted.sum()} one by one"
     )
 
 

@@ -36,19 +36,20 @@ def main(cfg: DictConfig) -> str:
     with instantiate(cfg.compute) as compute, store.replace(cfg.out) as folder:
         folder.mkdir()
         evidence = instantiate(cfg.held_out).evidence(fixer, day, compute, ProgressBar())
-        verdict = Verdict.learned(evidence, cfg.unseen_share, fixer.depth)
+        verdict = Verdict(evidence, cfg.unseen_share)
         posing = Posing(verdict, Places.read(labels), cfg.wanted_precision)
-        fixer = replace(fixer, chances=verdict.judge.pose, depth=verdict.depth)
-        lines = [
-            f"{len(evidence.fixes)} fixes of {evidence.blocks} held-out blocks, searched in "
-            f"{verdict.depth} steps"
-        ]
-        found = compute.each(lambda sequence: fixes(cfg, fixer, map_path, sequence), sequences)
-        for sequence, own in zip(
-            sequences, ProgressBar().track(found, len(sequences), "register"), strict=True
+        fixer = replace(fixer, chances=verdict.judge.pose)
+        lines = [f"{len(evidence.fixes)} fixes of {evidence.blocks} held-out blocks"]
+        fixes_by_sequence = compute.each(
+            lambda sequence: fixes(cfg, fixer, map_path, sequence), sequences
+        )
+        for sequence, sequence_fixes in zip(
+            sequences,
+            ProgressBar().track(fixes_by_sequence, len(sequences), "register"),
+            strict=True,
         ):
             rankings = store.read(Path(cfg.rankings, f"{sequence}.zarr"), schemas.RANKINGS)
-            lines.append(posing.write(folder / f"{sequence}.zarr", rankings, own))
+            lines.append(posing.write(folder / f"{sequence}.zarr", rankings, sequence_fixes))
     return "; ".join(lines)
 
 

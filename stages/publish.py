@@ -40,27 +40,32 @@ def main(cfg: DictConfig) -> str:
         for method in study["methods"] if asks_about_the_year(study) else ():
             path = artifacts / "train" / cfg.study / grid / f"{method['name']}.safetensors"
             extra = measured(artifacts, cfg.study, grid, method, path)
-            own, *others = answers_of(study, ModelName(method["name"]))
+            own_answers, *further_answers = answers_of(study, ModelName(method["name"]))
             recipe = store.read_recipe(path)
-            runs += [source.record(posed, {}, recipe, {}) for posed in others if not posed.path]
-            runs.append(with_model(source.record(own, store.read_model(path), recipe, extra), path))
+            runs += [
+                source.record(posed, {}, recipe, {}) for posed in further_answers if not posed.path
+            ]
+            runs.append(
+                with_model(source.record(own_answers, store.read_model(path), recipe, extra), path)
+            )
     name = tracking.experiment_of(cfg.study, cfg.dataset.simulated, LIFELONG if further else "")
-    done = tracking.publish(
+    published = tracking.publish(
         cfg.tracking.database,
         name,
         runs,
         page.FURTHER_DAYS if further else page.YEAR,
         cfg.tracking.artifacts,
     )
-    where = page.url(done.experiment_id, cfg.tracking.host, cfg.tracking.port)
-    moved = (
-        f"the folder moved, so the runs were written anew; the old experiment is now {done.aside}; "
-        if done.aside
+    address = page.url(published.experiment_id, cfg.tracking.host, cfg.tracking.port)
+    moved_note = (
+        "the folder moved, so the runs were written anew; the old experiment is now "
+        f"{published.aside}; "
+        if published.aside
         else ""
     )
     return (
-        f"{moved}{done.written} runs written, {done.kept} there already; `make dashboard` serves "
-        f"them at {where}"
+        f"{moved_note}{published.written} runs written, {published.kept} there already; "
+        f"`make dashboard` serves them at {address}"
     )
 
 

@@ -15,8 +15,8 @@ from stages import ProgressBar, stage
 def main(cfg: DictConfig) -> str:
     log = open_part(instantiate(cfg.dataset.reader), Path(cfg.root), cfg.sequence)
     intake = Intake(log, cfg.grain_m, cfg.every_m)
-    told = {"grain_m": cfg.grain_m, "skipped": intake.skipped, "clipped": intake.clipped}
-    with instantiate(cfg.compute) as compute, store.write(cfg.out, schemas.SCANS, **told) as out:
+    attrs = {"grain_m": cfg.grain_m, "skipped": intake.skipped, "clipped": intake.clipped}
+    with instantiate(cfg.compute) as compute, store.write(cfg.out, schemas.SCANS, **attrs) as out:
         for points, offsets in intake.blocks(compute, ProgressBar()):
             out.append("points", points)
             out.append("offsets", offsets)

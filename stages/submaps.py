@@ -17,8 +17,8 @@ def main(cfg: DictConfig) -> str:
     sequences = cfg.sequences.split()
     with instantiate(cfg.compute) as compute, store.replace(cfg.out) as folder:
         folder.mkdir()
-        done = compute.each(lambda sequence: cut(cfg, sequence, folder), sequences)
-        lines = list(ProgressBar().track(done, len(sequences), "cut"))
+        cuts = compute.each(lambda sequence: cut(cfg, sequence, folder), sequences)
+        lines = list(ProgressBar().track(cuts, len(sequences), "cut"))
     return "; ".join(lines)
 
 
@@ -34,12 +34,12 @@ def cut(cfg: DictConfig, sequence: str, folder: Path) -> str:
             f"{scans.path}: no submap of submap.step_m={cfg.submap.step_m} can be cut from "
             f"it{left_out}"
         )
-    told = {
+    attrs = {
         "layout": submaps.layout,
         "left_out": dict(submaps.left_out),
         "appearance": appearance(scans, submaps),
     }
-    with store.write(folder / f"{sequence}.zarr", schemas.SUBMAPS, **told) as out:
+    with store.write(folder / f"{sequence}.zarr", schemas.SUBMAPS, **attrs) as out:
         for name in ("first", "scans", "ground_m", "used"):
             out.put(name, getattr(submaps, name))
         out.put("stamps_ns", scans.load("stamps_ns")[submaps.scans])

@@ -25,18 +25,18 @@ def main(cfg: DictConfig) -> str:
     method = instantiate(cfg.method)
     share = float(cfg.budget.share)
     views = Rows.joined(days)
-    places = joined_places([one.load("places") for one in labels])
+    places = joined_places([day_labels.load("places") for day_labels in labels])
     key = fingerprint(
         method, share, views.images[:], places, views.world_T_anchor, type(method), str(cfg["from"])
     )
     progress = ProgressBar(share, Path(cfg.checkpoints, f"{key}.safetensors"))
     if not cfg["from"]:
-        found = method.learn(views, places, progress)
+        learned = method.learn(views, places, progress)
     else:
-        found, (_, places) = growth.grown(
+        learned, (_, places) = growth.grown(
             method, store.read_model(cfg["from"]), days, Places.read(labels[0]), progress
         )
-    model = {"image_shape": np.array(views.images.shape[1:]), **found}
+    model = {"image_shape": np.array(views.images.shape[1:]), **learned}
     store.write_model(
         cfg.out, model, {"_target_": cfg.method._target_, **asdict(method), "budget": share}
     )

@@ -29,16 +29,18 @@ def main(cfg: DictConfig) -> str:
                     Path(cfg.artifacts, "views", cfg.study, method["view"], f"{sequence}.zarr")
                 )
                 models = [model.name for model in models_of({**method, "variants": {}})]
-                judged = [
+                seeds_judged = [
                     judge(cfg, method["name"], model, views, folder / model / f"{sequence}.zarr")
                     for model in models
                 ]
-                numbers[f"{method['name']} {sequence}"] = [one.numbers() for one in judged]
-    with store.replace(cfg.metrics) as shown:
-        shown.mkdir()
+                numbers[f"{method['name']} {sequence}"] = [seed.numbers() for seed in seeds_judged]
+    with store.replace(cfg.metrics) as metrics_path:
+        metrics_path.mkdir()
         for name, seeds in numbers.items():
             text = json.dumps(means(seeds), indent=2, allow_nan=False)
-            (shown / f"{name.replace(' ', '-')}.json").write_text(f"{text}\n", encoding="utf-8")
+            (metrics_path / f"{name.replace(' ', '-')}.json").write_text(
+                f"{text}\n", encoding="utf-8"
+            )
     return "; ".join(f"{key}: {line(seeds)}" for key, seeds in numbers.items())
 
 

@@ -20,11 +20,11 @@ def main(cfg: DictConfig) -> str:
         if opened(cfg, sequences[0]).one_scan_each:
             lines = [draw(cfg, sequence, folder, compute, ProgressBar()) for sequence in sequences]
         else:  # neighbouring submaps share scans: sequences are drawn side by side, not blocks
-            done = compute.each(
+            drawings = compute.each(
                 lambda sequence: draw(cfg, sequence, folder, Compute(workers=1), Progress()),
                 sequences,
             )
-            lines = list(ProgressBar().track(done, len(sequences), "draw"))
+            lines = list(ProgressBar().track(drawings, len(sequences), "draw"))
     return "; ".join(lines)
 
 

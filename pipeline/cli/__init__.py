@@ -49,7 +49,7 @@ from raw logs to a report. This command chooses what the chain runs on, and look
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Parse and run; an error that is raised on purpose becomes one line and exit code 1."""
+    """Run the command that the arguments name; a YearlocError becomes one line and exit code 1."""
     print_anywhere()
     keep_freed_memory()
     end_when_asked()
@@ -115,57 +115,57 @@ def main(arguments: Sequence[str] | None = None) -> None:
     site.add_commands(commands)
     grow.add_command(commands)
     picture.add_command(commands)
-    given, rest = parser.parse_known_args(arguments)
-    if rest and (given.command != "use" or any(word.startswith("-") for word in rest)):
-        parser.error(f"unrecognized arguments: {' '.join(rest)}")
-    if rest:  # argparse takes no words after a flag
-        given.words += rest
+    args, extra_words = parser.parse_known_args(arguments)
+    if extra_words and (args.command != "use" or any(word.startswith("-") for word in extra_words)):
+        parser.error(f"unrecognized arguments: {' '.join(extra_words)}")
+    if extra_words:  # argparse takes no words after a flag
+        args.words += extra_words
     try:
         refuse_code_of_another()
-        COMMANDS[given.command](given)
+        COMMANDS[args.command](args)
     except YearlocError as error:
-        print(f"yearloc {given.command}: {one_line(error)}", file=sys.stderr)
+        print(f"yearloc {args.command}: {one_line(error)}", file=sys.stderr)
         sys.exit(1)
     except KeyboardInterrupt:
-        print(f"yearloc {given.command}: interrupted", file=sys.stderr)
+        print(f"yearloc {args.command}: interrupted", file=sys.stderr)
         sys.exit(130)
     except BrokenPipeError:  # a reader such as head has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except (OSError, MemoryError) as error:
         if not (line := refusal(error)):
             raise
-        print(f"yearloc {given.command}: {one_line(line)}", file=sys.stderr)
+        print(f"yearloc {args.command}: {one_line(line)}", file=sys.stderr)
         sys.exit(1)
 
 
-def _use(given: argparse.Namespace) -> None:
+def _use(args: argparse.Namespace) -> None:
     from pipeline.running.at_work import refuse_at_work
     from pipeline.studies.expansion import expand
     from pipeline.studies.names import complete, lists_text, propose, studies_text
     from pipeline.studies.parts import lay, parted
 
     conf = conf_folder()
-    datasets = [word for word in given.words if "=" not in word]
-    options = dict(word.split("=", 1) for word in given.words if "=" in word)
+    datasets = [word for word in args.words if "=" not in word]
+    options = dict(word.split("=", 1) for word in args.words if "=" in word)
     if options and not datasets:
         raise ConfigError(
             f"{next(iter(options))}=: of which data set? Call `yearloc use DATASET KEY=VALUE`"
         )
-    kept = (given.add or given.keep) and (conf / WRITTEN[0]).exists()
-    present = read_studies() if kept or not datasets else {}
+    keeps_listed = (args.add or args.keep) and (conf / WRITTEN[0]).exists()
+    listed_studies = read_studies() if keeps_listed or not datasets else {}
     proposals = {dataset: propose(conf, dataset, options) for dataset in datasets}
-    wanted = {dataset: proposal.study for dataset, proposal in proposals.items()}
-    same = wanted.keys() == present.keys() and all(
-        wanted[name][word] == present[name].get(word)
-        for name in wanted
+    proposed_studies = {dataset: proposal.study for dataset, proposal in proposals.items()}
+    is_unchanged = proposed_studies.keys() == listed_studies.keys() and all(
+        proposed_studies[name][word] == listed_studies[name].get(word)
+        for name in proposed_studies
         for word in ("world", "budget")
     )
-    chosen = (
-        present
-        if not datasets or (given.keep and same)
-        else {**(present if given.add else {}), **wanted}
+    chosen_studies = (
+        listed_studies
+        if not datasets or (args.keep and is_unchanged)
+        else {**(listed_studies if args.add else {}), **proposed_studies}
     )
-    studies = complete(conf, chosen)
+    studies = complete(conf, chosen_studies)
     texts = {conf / "studies.yaml": studies_text(studies), conf / "lists.yaml": lists_text(studies)}
     changed = {
         path: text
@@ -193,60 +193,62 @@ def _use(given: argparse.Namespace) -> None:
         )
 
 
-def _fetch(given: argparse.Namespace) -> None:
+def _fetch(args: argparse.Namespace) -> None:
     from pipeline.fetching.archives import Publisher
 
-    if not (path := conf_folder() / "fetch" / f"{given.dataset}.yaml").is_file():
-        known = ", ".join(sorted(file.stem for file in path.parent.glob("*.yaml")))
-        raise ConfigError(f"no archives of {given.dataset}: expected one of {known}")
-    options = dict(word.split("=", 1) for word in given.words if "=" in word)
-    sequences = [w for w in given.words if "=" not in w]
+    if not (path := conf_folder() / "fetch" / f"{args.dataset}.yaml").is_file():
+        names = ", ".join(sorted(file.stem for file in path.parent.glob("*.yaml")))
+        raise ConfigError(f"no archives of {args.dataset}: expected one of {names}")
+    options = dict(word.split("=", 1) for word in args.words if "=" in word)
+    sequences = [w for w in args.words if "=" not in w]
     if unknown := sorted(set(options) - {"root", "base"}):
         raise ConfigError(f"fetch has no option {unknown[0]}: expected root or base")
-    root = Path(options.pop("root", f"data/{given.dataset}")).expanduser()
+    root = Path(options.pop("root", f"data/{args.dataset}")).expanduser()
     publisher = Publisher.of({**read_yaml(path), **options})
     if not (sequences or publisher.sequences):
-        raise ConfigError(f"which sequences of {given.dataset}? Say, for example, 2012-01-15")
+        raise ConfigError(f"which sequences of {args.dataset}? Say, for example, 2012-01-15")
     for line in publisher.fetch(root, sequences or publisher.sequences, Bytes()):
         print(f"  {line}", flush=True)
-    print(f"next: yearloc use {given.dataset} root={root}")
+    print(f"next: yearloc use {args.dataset} root={root}")
 
 
-def _inspect(given: argparse.Namespace) -> None:
+def _inspect(args: argparse.Namespace) -> None:
     from pipeline.inspection.report import inspect
 
-    if given.save and (
-        given.save.parent.resolve() != (conf_folder() / "dataset").resolve()
-        or given.save.suffix != ".yaml"
+    if args.save and (
+        args.save.parent.resolve() != (conf_folder() / "dataset").resolve()
+        or args.save.suffix != ".yaml"
     ):
         raise ConfigError(
-            f"--save {given.save}: expected conf/dataset/NAME.yaml, where `yearloc use NAME` finds "
+            f"--save {args.save}: expected conf/dataset/NAME.yaml, where `yearloc use NAME` finds "
             "it"
         )
-    if given.save and given.save.exists():
+    if args.save and args.save.exists():
         raise ConfigError(
-            f"--save {given.save}: is there already; remove it first, or give another name"
+            f"--save {args.save}: is there already; remove it first, or give another name"
         )
-    if given.path.suffix == ".site":
+    if args.path.suffix == ".site":
         from pipeline.online.description import describe
 
-        print(describe(given.path).text(terminal_width()))
+        print(describe(args.path).text(terminal_width()))
         return
-    print(inspect(given.path, given.format, own=_own_reader()).text(terminal_width()))
-    if given.save:
+    print(inspect(args.path, args.format, folder_reader=_own_reader()).text(terminal_width()))
+    if args.save:
         from pipeline.inspection.bags import proposal
 
-        with replace(given.save) as scratch:
-            scratch.write_text(proposal([given.path]), encoding="utf-8")
+        with replace(args.save) as scratch:
+            scratch.write_text(proposal([args.path]), encoding="utf-8")
         print(
-            f"\n{given.save}: written; next: yearloc use {given.save.stem} root=FOLDER, where the "
+            f"\n{args.save}: written; next: yearloc use {args.save.stem} root=FOLDER, where the "
             "bags of all days are"
         )
 
 
 def _own_reader() -> "Folder":
-    """As the project's conf/dataset/folder.yaml describes it; the usual one outside of a
-    project."""
+    """The reader of the user's own scan folders.
+
+    It is set up by the project's conf/dataset/folder.yaml, or by its defaults outside of a project.
+    """
     from pipeline.readers.folder import Folder
     from pipeline.running.building import build
 
@@ -259,16 +261,16 @@ def _own_reader() -> "Folder":
     return reader
 
 
-def _methods(given: argparse.Namespace) -> None:
+def _methods(args: argparse.Namespace) -> None:
     from pipeline.studies.catalogue import entries, listing, table
 
-    found = entries(conf_folder())
-    whole = table(found)
+    methods = entries(conf_folder())
+    whole = table(methods)
     width = terminal_width()
-    print(whole if max(map(len, whole.splitlines())) <= width else listing(found, width), end="")
+    print(whole if max(map(len, whole.splitlines())) <= width else listing(methods, width), end="")
 
 
-def _repair(given: argparse.Namespace) -> None:
+def _repair(args: argparse.Namespace) -> None:
     from pipeline.running.at_work import refuse_at_work
     from pipeline.running.repair import repair
 
@@ -281,7 +283,9 @@ def _repair(given: argparse.Namespace) -> None:
     check_files(conf_folder())
 
 
-COMMANDS = {one.__name__[1:]: one for one in (_use, _fetch, _inspect, _methods, _repair)} | {
+COMMANDS = {
+    command.__name__[1:]: command for command in (_use, _fetch, _inspect, _methods, _repair)
+} | {
     "results": results.results,
     "repro": repro.repro,
     "localize": localize,

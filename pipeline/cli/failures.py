@@ -19,80 +19,84 @@ if TYPE_CHECKING:
     from pipeline.posing.targets import Targets
 
 
-def failures(given: argparse.Namespace) -> None:
-    """Draw the worst fixes of a log that a site localises, or of a study's own test sequences."""
+def failures(args: argparse.Namespace) -> None:
+    """Draw the worst misjudged fixes: of a log that a site localises, or of a study's test days."""
     from pipeline.online import failures as cards
 
-    check_folder(given.out)
-    if given.of.count("/") == 2 and not Path(given.of).exists():
-        targets, judged, simulated = _judged_of_study(given)
-        told = "nothing was promised" if given.promise is None else f"promise {given.promise:g}"
+    check_folder(args.out)
+    if args.of.count("/") == 2 and not Path(args.of).exists():
+        targets, judged, simulated = _judged_of_study(args)
+        promise_text = (
+            "nothing was promised" if args.promise is None else f"promise {args.promise:g}"
+        )
     else:
         from pipeline.online.site import Site
 
-        site = Site.open(Path(given.of))
-        site.check(given.promise)
+        site = Site.open(Path(args.of))
+        site.check(args.promise)
         tell_cold()
         targets = site.targets
-        judged = _judged_of_log(given, site)
+        judged = _judged_of_log(args, site)
         simulated = site.about["simulated"]
-        told = "nothing was promised"
-        if given.promise is not None:
-            told = (
-                f"rejected from {site.promises[given.promise][0]:.3f} on (promise "
-                f"{given.promise:g})"
+        promise_text = "nothing was promised"
+        if args.promise is not None:
+            promise_text = (
+                f"rejected from {site.promises[args.promise][0]:.3f} on (promise {args.promise:g})"
             )
-    every = list(judged)
-    found = cards.failures(every)
-    given.out.mkdir(parents=True, exist_ok=True)
-    for number, one in enumerate(found[: given.worst], start=1):
+    fixes = list(judged)
+    misjudged_fixes = cards.failures(fixes)
+    args.out.mkdir(parents=True, exist_ok=True)
+    for number, fix in enumerate(misjudged_fixes[: args.worst], start=1):
         cards.draw(
             targets,
-            one,
-            given.out / f"{number:03d}_{one.file_name}",
-            told + ", simulated" * simulated,
+            fix,
+            args.out / f"{number:03d}_{fix.file_name}",
+            promise_text + ", simulated" * simulated,
         )
-    wrong = sum(one.accepted for one in found)
-    counted = (
-        f"of {len(every)} poses {wrong} were accepted though wrong, {len(found) - wrong} rejected "
-        "though right"
+    accepted_wrong = sum(fix.accepted for fix in misjudged_fixes)
+    rejected_right = len(misjudged_fixes) - accepted_wrong
+    summary = (
+        f"of {len(fixes)} poses {accepted_wrong} were accepted though wrong, {rejected_right} "
+        "rejected though right"
     )
-    print(f"{given.out}: {counted}; {min(len(found), given.worst)} drawn there")
+    print(f"{args.out}: {summary}; {min(len(misjudged_fixes), args.worst)} drawn there")
 
 
-def _judged_of_log(given: argparse.Namespace, site: "Site") -> "Iterator[JudgedFix]":
+def _judged_of_log(args: argparse.Namespace, site: "Site") -> "Iterator[JudgedFix]":
     """Localises the scans of a log that have a true pose."""
     import numpy as np
 
     from pipeline.online.failures import of_log
     from pipeline.online.inputs import scans
 
-    if given.log is None:
-        raise ConfigError(f"{given.of} is a site: say which log, `yearloc failures {given.of} LOG`")
+    if args.log is None:
+        raise ConfigError(f"{args.of} is a site: say which log, `yearloc failures {args.of} LOG`")
     skipped: Counter[str] = Counter()
-    how = (
+    scan_options = (
         site.about["reader"],
         site.about["sensor"]["lift_m"],
         None,
         None,
         skipped,
-        lidar_of(given),
+        lidar_of(args),
     )
-    every = scans(given.log, *how)
-    log = [scan for scan in every if np.isfinite(scan.world_T_scan).all()]
+    log_scans = scans(args.log, *scan_options)
+    posed_scans = [scan for scan in log_scans if np.isfinite(scan.world_T_scan).all()]
     if left_out := left_out_text(skipped):
         print(f"  {left_out}", file=sys.stderr)
-    if not log:
+    if not posed_scans:
         raise LogError(
-            f"{given.log}: no scan with a true pose: a log that the reader of this site's data set "
+            f"{args.log}: no scan with a true pose: a log that the reader of this site's data set "
             "opens has them"
         )
-    return of_log(log, [site.localize(scan.points(), given.promise) for scan in log])
+    return of_log(posed_scans, [site.localize(scan.points(), args.promise) for scan in posed_scans])
 
 
-def _judged_of_study(given: argparse.Namespace) -> "tuple[Targets, Iterator[JudgedFix], bool]":
-    """The map, the fixes of a study's test sequences, or of one of them, and whether they are
-    simulated."""
+def _judged_of_study(args: argparse.Namespace) -> "tuple[Targets, Iterator[JudgedFix], bool]":
+    """Read the map and the fixes of a study's test days, or of one of them.
+
+    Also returns whether the study is simulated.
+    """
     from itertools import chain
 
     from pipeline.online.failures import of_study
@@ -100,35 +104,35 @@ def _judged_of_study(given: argparse.Namespace) -> "tuple[Targets, Iterator[Judg
     from pipeline.studies.expansion import answerers, folder
 
     studies = read_studies()
-    (dataset, grid, name) = given.of.split("/")
+    (dataset, grid, name) = args.of.split("/")
     if dataset not in studies or grid not in studies[dataset]["grids"]:
         raise ConfigError(
-            f"{given.of}: no such file, and no such study and grid among {', '.join(studies)}"
+            f"{args.of}: no such file, and no such study and grid among {', '.join(studies)}"
         )
     study = studies[dataset]
     root = Path("artifacts")
-    posed = {one.name: one for one in answerers(study) if one.posed}
-    if (own := posed.get(name) or posed.get(f"{name}-pose")) is None:
-        ask = (
+    posed_models = {model.name: model for model in answerers(study) if model.posed}
+    if (model := posed_models.get(name) or posed_models.get(f"{name}-pose")) is None:
+        remedy = (
             f"`yearloc use {dataset} poses={name.partition('-')[0]} --add` and `dvc repro` make "
             "them"
         )
         raise ConfigError(
-            f"{given.of}: the models with poses are {', '.join(posed)}"
-            if posed
-            else f"{given.of}: no poses; {ask}"
+            f"{args.of}: the models with poses are {', '.join(posed_models)}"
+            if posed_models
+            else f"{args.of}: no poses; {remedy}"
         )
     days = [*study["tests"], *study.get("stress", {})]
-    if given.log not in (None, *days):
-        raise ConfigError(f"{given.log}: expected one of {', '.join(days)}")
+    if args.log not in (None, *days):
+        raise ConfigError(f"{args.log}: expected one of {', '.join(days)}")
     poses, scans, submaps = (
         root / part
-        for part in (folder(dataset, grid, own), f"scans/{dataset}", f"submaps/{dataset}")
+        for part in (folder(dataset, grid, model), f"scans/{dataset}", f"submaps/{dataset}")
     )
-    names = [f"{day}.zarr" for day in ([given.log] if given.log else days)]
-    each = (of_study(poses / name, scans / name, submaps / name, given.promise) for name in names)
+    names = [f"{day}.zarr" for day in ([args.log] if args.log else days)]
+    fixes = (of_study(poses / name, scans / name, submaps / name, args.promise) for name in names)
     return (
         Targets.read(root / "map" / dataset / f"{study['train']}.zarr"),
-        chain.from_iterable(each),
+        chain.from_iterable(fixes),
         study["source"] == "world",
     )

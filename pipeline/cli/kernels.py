@@ -1,4 +1,4 @@
-"""What is said of kernels that are still to be compiled."""
+"""Tells the user that kernels are compiled before the first scan."""
 
 import sys
 
@@ -7,7 +7,7 @@ from pipeline.kernel_cache import CACHE_VARIABLE, cold
 
 
 def tell_cold() -> None:
-    """Say so once, if the first scan takes so much longer than the others."""
+    """Print a line if the first scan will wait half a minute for kernels to be compiled."""
     if pipeline.KERNELS == "nowhere":
         print(
             f"  compiling kernels, at every start: half a minute; set {CACHE_VARIABLE} to a "
@@ -17,13 +17,13 @@ def tell_cold() -> None:
         )
         return
     if cold():
-        kept = (
+        folder_note = (
             f", kept in {pipeline.KERNELS}: set {CACHE_VARIABLE} to a folder that lasts"
             if pipeline.KERNELS
             else ""
         )
         print(
-            f"  compiling kernels, once per machine: half a minute{kept}",
+            f"  compiling kernels, once per machine: half a minute{folder_note}",
             file=sys.stderr,
             flush=True,
         )

@@ -24,12 +24,12 @@ KINDS = {
 
 
 def share_or_none(word: str) -> float | None:
-    """What `--promise` takes."""
+    """Parse the value of `--promise`: a share, or None for the word none."""
     return None if word == "none" else float(word)
 
 
 def add_lidar(command: Any) -> None:
-    """Add the option that places points."""
+    """Add `--body-T-lidar`, the pose of the LiDAR in the body's frame, to a command."""
     how = (
         "turns and raises the points, by metres and degrees; in place of a bag's transforms, but "
         "not of logs"
@@ -39,15 +39,15 @@ def add_lidar(command: Any) -> None:
     )
 
 
-def lidar_of(given: argparse.Namespace) -> "Poses | None":
-    """What that option gives."""
+def lidar_of(args: argparse.Namespace) -> "Poses | None":
+    """The pose (4, 4) that `--body-T-lidar` gives; None without the option."""
     from pipeline.online.inputs import placement
 
-    return None if given.body_T_lidar is None else placement("--body-T-lidar", given.body_T_lidar)
+    return None if args.body_T_lidar is None else placement("--body-T-lidar", args.body_T_lidar)
 
 
-def localize(given: argparse.Namespace) -> None:
-    """Print a fix of each scan, and what became of them all."""
+def localize(args: argparse.Namespace) -> None:
+    """Write a fix of each scan, and print a summary of all of them."""
     from pipeline.online.follow import Following
     from pipeline.online.inputs import is_log, scans
     from pipeline.online.odometry import step
@@ -56,81 +56,81 @@ def localize(given: argparse.Namespace) -> None:
     from pipeline.online.site import Site
     from pipeline.online.tracking import Tracker
 
-    if given.odometry and not given.track:
-        raise ConfigError(f"--odometry {given.odometry}: needs --track")
-    if given.threads < 1:
-        raise ConfigError(f"--threads {given.threads}: expected at least 1")
-    site = Site.open(given.site, given.threads)
-    site.check(given.promise)
-    check_file(given.out, whole=given.kind == "mcap")
-    about = site.about["sensor"]
-    if given.lift is not None and not given.follow:
-        logs = [source for source in given.inputs if is_log(source, site.about["reader"])]
+    if args.odometry and not args.track:
+        raise ConfigError(f"--odometry {args.odometry}: needs --track")
+    if args.threads < 1:
+        raise ConfigError(f"--threads {args.threads}: expected at least 1")
+    site = Site.open(args.site, args.threads)
+    site.check(args.promise)
+    check_file(args.out, whole=args.kind == "mcap")
+    sensor = site.about["sensor"]
+    if args.lift is not None and not args.follow:
+        logs = [source for source in args.inputs if is_log(source, site.about["reader"])]
         if logs:
             raise ConfigError(
-                f"--lift {given.lift:g}: {logs[0]} is a log of the site's data set, whose reader "
+                f"--lift {args.lift:g}: {logs[0]} is a log of the site's data set, whose reader "
                 "raises its points"
             )
-    lift_m = about["lift_m"] if given.lift is None else given.lift
-    body_T_lidar = lidar_of(given)
-    told = Summary()
-    tracker = Tracker(site, given.promise) if given.track else None
-    before: Scan | None = None
+    lift_m = sensor["lift_m"] if args.lift is None else args.lift
+    body_T_lidar = lidar_of(args)
+    summary = Summary()
+    tracker = Tracker(site, args.promise) if args.track else None
+    previous_scan: Scan | None = None
     tell_cold()
-    with writer(given.kind or "text", given.out) as write:
-        for source in given.inputs:
+    with writer(args.kind or "text", args.out) as write:
+        for source in args.inputs:
             follower = None
-            if given.follow:
+            if args.follow:
                 follower = Following(
-                    Path(source), given.topic, lift_m, given.idle, given.odometry, body_T_lidar
+                    Path(source), args.topic, lift_m, args.idle, args.odometry, body_T_lidar
                 )
-            how = (
+            scan_options = (
                 site.about["reader"],
                 lift_m,
-                given.topic,
-                given.odometry,
-                told.skipped,
+                args.topic,
+                args.odometry,
+                summary.skipped,
                 body_T_lidar,
             )
-            for scan in follower.scans() if follower else scans(source, *how):
+            for scan in follower.scans() if follower else scans(source, *scan_options):
                 try:
                     points_m = scan.points()
                 except (LogError, OSError) as error:
-                    told.broken.append(
+                    summary.broken.append(
                         str(error) if scan.name in str(error) else f"{scan.name}: {error}"
                     )
                     continue
-                if not told.fixes:
-                    for line in unlike(points_m, about, scan.body_T_lidar):
+                if not summary.fixes:
+                    for line in unlike(points_m, sensor, scan.body_T_lidar):
                         print(
                             "yearloc localize: unlike the scans that the site was learned with: "
                             f"{line}",
                             file=sys.stderr,
                         )
                 if tracker is None:
-                    fix = site.localize(points_m, given.promise)
+                    fix = site.localize(points_m, args.promise)
                 else:
-                    driven = step(before, scan)
-                    told.steps[driven is not None] += 1
+                    driven = step(previous_scan, scan)
+                    summary.steps[driven is not None] += 1
                     fix = tracker.localize(points_m, driven, scan.stamp_ns)
-                    before = scan
+                    previous_scan = scan
                 write(scan, fix)
-                told.add(scan, fix)
+                summary.add(scan, fix)
             if follower:
-                told.dropped += follower.dropped
-                told.skipped += follower.skipped
-                told.broken += filter(None, [follower.damage])
-    if not told.fixes:
+                summary.dropped += follower.dropped
+                summary.skipped += follower.skipped
+                summary.broken += filter(None, [follower.damage])
+    if not summary.fixes:
         raise LogError(
-            told.broken[0] if told.broken else f"{' '.join(given.inputs)}: no scan there"
+            summary.broken[0] if summary.broken else f"{' '.join(args.inputs)}: no scan there"
         )
-    print(told.text(), file=sys.stderr)
+    print(summary.text(), file=sys.stderr)
     if site.about["simulated"]:
         print("the site is simulated, not recorded", file=sys.stderr)
 
 
 class Summary:
-    """What became of all scans."""
+    """Counts over all scans of a run: verdicts, times, and accepted fixes that are right."""
 
     def __init__(self) -> None:
         self.fixes: Counter[str] = Counter()
@@ -142,7 +142,7 @@ class Summary:
         self._right = Counter[bool]()
 
     def add(self, scan: "Scan", fix: "Fix") -> None:
-        """One more."""
+        """Count one more localised scan."""
         import numpy as np
 
         from pipeline.posing.verdict import right
@@ -153,11 +153,11 @@ class Summary:
             self._right[bool(right(fix.world_T_sensor[None], scan.world_T_scan[None])[0])] += 1
 
     def text(self) -> str:
-        """A line, or two: what came of them, how fast, and against the truth where it is known."""
+        """Lines with the verdicts, the times, and the errors where the true pose is known."""
         import numpy as np
 
-        told = ("accepted", "near", "ambiguous", "rejected", "no pose")
-        counts = ", ".join(f"{self.fixes[verdict]} {verdict}" for verdict in told)
+        verdicts = ("accepted", "near", "ambiguous", "rejected", "no pose")
+        counts = ", ".join(f"{self.fixes[verdict]} {verdict}" for verdict in verdicts)
         median, slow = np.percentile(self._ms[1:] or self._ms, (50, 95))
         number = sum(self.fixes.values())
         lines = [
@@ -184,6 +184,6 @@ class Summary:
 
 
 def left_out_text(skipped: Counter[str]) -> str:
-    """How many scans a log or a bag holds besides that cannot be used, and why; nothing of none."""
+    """How many scans of a log or bag cannot be used, and why; empty where all can."""
     why = ", ".join(f"{reason} ({count})" for reason, count in skipped.most_common() if count)
     return f"{skipped.total()} more were left out: {why}" if why else ""

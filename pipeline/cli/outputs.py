@@ -1,4 +1,4 @@
-"""Whether a file or folder that a command is to write can be written, before the work is done."""
+"""Checks before the work starts that the output file or folder of a command can be written."""
 
 import os
 from pathlib import Path
@@ -8,8 +8,10 @@ from pipeline.errors import ConfigError
 
 
 def check_file(out: Path | None, whole: bool = True) -> None:
-    """Refuse a file that cannot be written; a `whole` one is moved into place when done, another
-    may be a device or a pipe."""
+    """Raise ConfigError for a file that cannot be written.
+
+    A `whole` file is moved into place when done; any other may be a device or a pipe.
+    """
     if out is None:
         return
     _check_parent(out)
@@ -25,7 +27,7 @@ def check_file(out: Path | None, whole: bool = True) -> None:
 
 
 def check_folder(out: Path) -> None:
-    """Refuse a folder that cannot be made or written to."""
+    """Raise ConfigError for a folder that cannot be made or written to."""
     _check_parent(out)
     if out.exists() and not out.is_dir():
         raise ConfigError(f"{out}: is a file, expected a folder")
@@ -38,7 +40,7 @@ def _check_parent(out: Path) -> None:
 
 
 def _try(out: Path, folder: Path) -> None:
-    """Write a file without a name into the folder."""
+    """Raise ConfigError unless a temporary file can be written into the folder."""
     try:
         with TemporaryFile(dir=folder):
             pass

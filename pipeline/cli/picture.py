@@ -38,7 +38,7 @@ def add_command(commands: Any) -> None:
 
 @dataclass(frozen=True)
 class Drawn:
-    """A moving picture that was written."""
+    """A moving picture that was written, and the answers that it shows."""
 
     path: Path
     title: str
@@ -52,7 +52,7 @@ class Drawn:
 
     @property
     def line(self) -> str:
-        """What the command prints."""
+        """The line that the command prints: file, days, right answers, frames and size."""
         share = (
             f"{self.right} of {self.counted} answers right within {self.correct_m:g} "
             f"m{', simulated' * self.simulated}"
@@ -66,20 +66,20 @@ class Drawn:
     def page(self) -> str:
         """The picture and its caption for README.md."""
         share = self.right / self.counted if self.counted else 0.0
-        told = (
+        caption = (
             f"{self.title}: {self.right} of {self.counted} answers right within {self.correct_m:g} "
             f"m ({share:.3f})"
         )
         data = "Simulated" if self.simulated else "Recorded"
         return (
-            f"![{told}]({self.path.as_posix()})\n\n*{data}. {told}; answers turn blue where they "
-            "are right.*"
+            f"![{caption}]({self.path.as_posix()})\n\n*{data}. {caption}; answers turn blue where "
+            "they are right.*"
         )
 
 
-def picture(given: argparse.Namespace) -> None:
-    """Draw it, and say how large it is."""
-    print(draw(given.of, given.day, given.out).line)
+def picture(args: argparse.Namespace) -> None:
+    """Write the moving picture, and print its file, right answers and size."""
+    print(draw(args.of, args.day, args.out).line)
 
 
 def draw(of: str, test_day: str | None, out: Path) -> Drawn:
@@ -96,12 +96,14 @@ def draw(of: str, test_day: str | None, out: Path) -> Drawn:
     studies = read_studies()
     (name, grid, model) = _parts(of)
     if name not in studies or grid not in studies[name]["grids"]:
-        known = ", ".join(
-            f"{one}/{own}" for one, study in studies.items() for own in study["grids"]
+        choices = ", ".join(
+            f"{study_name}/{study_grid}"
+            for study_name, study in studies.items()
+            for study_grid in study["grids"]
         )
         raise ConfigError(
             f"{of}: no such study and grid, expected one of "
-            f"{known or 'none: `yearloc use campus` first'}"
+            f"{choices or 'none: `yearloc use campus` first'}"
         )
     study = studies[name]
     if not asks_about_the_year(study):
@@ -121,8 +123,10 @@ def draw(of: str, test_day: str | None, out: Path) -> Drawn:
 
 
 def last_day(table: "pd.DataFrame", tests: Sequence[str]) -> str:
-    """The test day farthest from training, of a table of results some of whose rows are of no
-    day."""
+    """The test day farthest from training.
+
+    `table` is of results; some of its rows belong to no day.
+    """
     age = (
         table[table["days"].notna()]
         .drop_duplicates("sequence")
@@ -133,7 +137,7 @@ def last_day(table: "pd.DataFrame", tests: Sequence[str]) -> str:
 
 
 def _parts(name: str) -> tuple[str, str, str]:
-    """Study, grid and model."""
+    """Split STUDY/GRID/METHOD; raises ConfigError for another form."""
     try:
         study, grid, model = name.split("/")
     except ValueError:

@@ -1,4 +1,4 @@
-"""What a person is shown while a command works."""
+"""Progress of a command on the terminal: lines, a bar of items, a bar of bytes."""
 
 import sys
 from collections.abc import Iterable, Iterator
@@ -45,7 +45,7 @@ class Bytes(Lines):
 def _tracked(
     items: Iterable[Item], total: int, advance: int, what: str, *columns: Any
 ) -> Iterator[Item]:
-    """The items, each counted as so much."""
+    """Yield the items under a bar that grows by `advance` with each of them."""
     from rich.console import Console
     from rich.progress import BarColumn, TextColumn
     from rich.progress import Progress as RichProgress

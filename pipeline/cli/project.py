@@ -19,19 +19,25 @@ def conf_folder() -> Path:
 
 
 def refuse_code_of_another() -> None:
-    """Raise ConfigError in a project that was copied with its .venv, which still runs the code of
-    the first one."""
-    here = Path("pipeline/cli")
+    """Raise ConfigError if the code that runs is another project's.
+
+    So it is in a project that was copied with its .venv, which still runs the first one's code.
+    """
+    local_code = Path("pipeline/cli")
     running = Path(__file__).resolve().parent
     project = running.parents[1]
-    if here.is_dir() and here.resolve() != running and (project / "pyproject.toml").is_file():
+    if (
+        local_code.is_dir()
+        and local_code.resolve() != running
+        and (project / "pyproject.toml").is_file()
+    ):
         raise ConfigError(
             f"the code of {project} would run, not this folder's: `rm -r .venv && make install`"
         )
 
 
 def read_studies() -> dict[str, dict[str, Any]]:
-    """The studies as conf/studies.yaml has them."""
+    """The studies of conf/studies.yaml by name; raises ConfigError where it holds none."""
     path = conf_folder() / "studies.yaml"
     studies = read_yaml(path).get("studies")
     if (

@@ -29,18 +29,18 @@ ASIDE = re.compile(
     r"Updating lock file|To track the changes|\tgit add|To enable auto|\tdvc config|"
     r"Use `dvc push`|WARNING: '.*' is empty"
 )
-"""Lines of DVC's that nobody needs who did not ask for them."""
+"""Lines of DVC that are not shown."""
 
 
 def add_command(commands: Any) -> None:
-    """It takes nothing."""
+    """Add the command, which takes no arguments, to the parser."""
     commands.add_parser(
         "repro", help="`dvc repro` that counts its stages and says how long the rest may take"
     )
 
 
-def repro(given: argparse.Namespace) -> None:
-    """Run `dvc repro` and show its lines, each stage's with its number; its exit code is ours."""
+def repro(args: argparse.Namespace) -> None:
+    """Run `dvc repro`, print its lines with each stage numbered, and exit with its exit code."""
     for name in WRITTEN:
         read_yaml(conf_folder() / name)
     counting = Counting(count_instances(Path()))
@@ -49,13 +49,13 @@ def repro(given: argparse.Namespace) -> None:
         raise NotInstalledError(
             "dvc: not found; `source .venv/bin/activate` first, or `pip install 'yearloc[chain]'`"
         )
-    how: dict[str, Any] = {
+    process_options: dict[str, Any] = {
         "stdout": subprocess.PIPE,
         "encoding": "utf-8",
         "errors": "replace",
         "env": environment,
     }
-    with subprocess.Popen(["dvc", "repro"], **how) as dvc:
+    with subprocess.Popen(["dvc", "repro"], **process_options) as dvc:
         try:
             for line in dvc.stdout or ():
                 if line.strip() and not ASIDE.match(line):
@@ -74,8 +74,10 @@ def repro(given: argparse.Namespace) -> None:
 
 
 def count_instances(root: Path) -> Counter[str]:
-    """How many instances each stage of the project at `root` has; none where its lists are not
-    written yet."""
+    """Count the instances of each stage of the project at `root`.
+
+    Empty where the project's lists are not written yet.
+    """
     try:
         lists = yaml.safe_load((root / "conf/lists.yaml").read_text(encoding="utf-8"))["lists"]
         files = [
@@ -85,19 +87,21 @@ def count_instances(root: Path) -> Counter[str]:
     except (OSError, yaml.YAMLError, KeyError, TypeError):
         return Counter()
     stages: Iterable[tuple[str, Mapping[str, Any]]] = (
-        one for file in files for one in file["stages"].items()
+        named_stage for file in files for named_stage in file["stages"].items()
     )
     instances: Counter[str] = Counter()
     for name, stage in stages:
-        found = re.fullmatch(r"\$\{lists\.(\w+)\}", str(stage.get("foreach", "")))
-        instances[name] += len(lists.get(found[1], ())) if found else 1
+        foreach_list = re.fullmatch(r"\$\{lists\.(\w+)\}", str(stage.get("foreach", "")))
+        instances[name] += len(lists.get(foreach_list[1], ())) if foreach_list else 1
     return instances
 
 
 @dataclass
 class Counting:
-    """Numbers the stages that DVC tells of, out of how many instances each has; without these it
-    leaves lines as they are."""
+    """Numbers the stages in DVC's lines, and estimates the time left.
+
+    Without `instances` it leaves lines as they are.
+    """
 
     instances: Counter[str]
     met: Counter[str] = field(default_factory=Counter)
@@ -105,27 +109,33 @@ class Counting:
     now: tuple[str, float] | None = None  # the stage under way, and when it began
 
     def line(self, line: str, time_s: float) -> str:
-        """A line of DVC's as it is shown, given the time at which it came."""
-        if not (found := STAGE.match(line)) or not self.instances:
+        """The text to print for a line of DVC that came at `time_s`."""
+        if not (match := STAGE.match(line)) or not self.instances:
             return line
         if self.now:
             self.took_s.setdefault(self.now[0], []).append(time_s - self.now[1])
-        stage = found["stage"]
-        running = found["running"] != "S"
+        stage = match["stage"]
+        running = match["running"] != "S"
         self.now = (stage, time_s) if running else None
         self.met[stage] += 1
-        left = f", {self.left()}" if running and self.took_s else ""
-        return f"[{self.met.total()}/{self.instances.total()}{left}] {line}" if running else line
+        remaining = f", {self.remaining_text()}" if running and self.took_s else ""
+        return (
+            f"[{self.met.total()}/{self.instances.total()}{remaining}] {line}" if running else line
+        )
 
-    def left(self) -> str:
-        """About how long the rest takes, as long as the stages of its kind took so far; of kinds
-        not met yet, as all did."""
-        usual = fmean(one for took in self.took_s.values() for one in took)
-        rest = {stage: max(number - self.met[stage], 0) for stage, number in self.instances.items()}
+    def remaining_text(self) -> str:
+        """About how long the remaining stages take.
+
+        A stage counts with the mean time of its kind so far; a kind not met yet with that of all.
+        """
+        mean_s = fmean(took_s for stage_times_s in self.took_s.values() for took_s in stage_times_s)
+        remaining = {
+            stage: max(number - self.met[stage], 0) for stage, number in self.instances.items()
+        }
         if self.now:
-            rest[self.now[0]] = rest.get(self.now[0], 0) + 1
+            remaining[self.now[0]] = remaining.get(self.now[0], 0) + 1
         seconds = sum(
-            number * fmean(self.took_s.get(stage, [usual])) for stage, number in rest.items()
+            number * fmean(self.took_s.get(stage, [mean_s])) for stage, number in remaining.items()
         )
         return (
             f"about {seconds / 60:.0f} min left" if seconds > 90 else f"about {seconds:.0f} s left"

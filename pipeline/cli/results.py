@@ -18,7 +18,7 @@ MOVING = Path("docs/year.gif")
 
 
 def add_command(commands: Any) -> None:
-    """What it takes."""
+    """Add the command and its options to the parser."""
     words = commands.add_parser(
         "results", help="the results in a few lines, all tables, or every number as csv or json"
     )
@@ -48,34 +48,34 @@ def add_command(commands: Any) -> None:
     )
 
 
-def results(given: argparse.Namespace) -> None:
-    """Print what is asked for."""
+def results(args: argparse.Namespace) -> None:
+    """Print the results in the form that the options name, or write them into the pages."""
     studies = read_studies()
-    if given.full:
+    if args.full:
         return _full([(name, grid) for name, study in studies.items() for grid in study["grids"]])
     from pipeline.evaluation.results import read, where
     from pipeline.evaluation.rows import COLUMNS
 
     table = read(Path("artifacts"), studies)
-    if given.markdown:
+    if args.markdown:
         from pipeline.report.document import document
 
         return print(document(table, studies), end="")
-    if given.write is not None:
-        return _write(table, studies, given.write)
-    if not (given.csv or given.json or given.where):
+    if args.write is not None:
+        return _write(table, studies, args.write)
+    if not (args.csv or args.json or args.where):
         from pipeline.report.brief import brief
 
         print(brief(table, studies, get_terminal_size().columns))
         return print("all tables: yearloc results --full; a page: artifacts/report/page.html")
-    table = where(table, dict(word.partition("=")[::2] for word in given.where))[[*COLUMNS]]
+    table = where(table, dict(word.partition("=")[::2] for word in args.where))[[*COLUMNS]]
     if table.empty:
         raise ConfigError(
-            f"--where {' '.join(given.where)}: no such row; `yearloc results --csv` has them all"
+            f"--where {' '.join(args.where)}: no such row; `yearloc results --csv` has them all"
         )
-    if given.csv:
+    if args.csv:
         return print(table.to_csv(index=False), end="")
-    if given.json:
+    if args.json:
         return print(table.to_json(orient="records"))
     return print(
         table.to_string(
@@ -85,8 +85,10 @@ def results(given: argparse.Namespace) -> None:
 
 
 def _write(table: "pd.DataFrame", studies: dict[str, dict[str, Any]], kinds: list[str]) -> None:
-    """Fill the blocks of the pages that these studies can fill, of these kinds, of all kinds if
-    none are given."""
+    """Fill the blocks of the pages that these studies can fill.
+
+    Only blocks of these `kinds`; of all kinds if none are given.
+    """
     from pipeline.cli.picture import draw
     from pipeline.networks.loop import arithmetic
     from pipeline.replacing import replace
@@ -102,8 +104,15 @@ def _write(table: "pd.DataFrame", studies: dict[str, dict[str, Any]], kinds: lis
         if block.kind in kinds
     }
     pages = {path: path.read_text(encoding="utf-8") for path in map(Path, PAGES)}
-    wanted = {path: blocks(page) for path, page in pages.items()}
-    pictures = sorted({block for own in wanted.values() for block in own if block.kind == PICTURE})
+    blocks_by_page = {path: blocks(page) for path, page in pages.items()}
+    pictures = sorted(
+        {
+            block
+            for page_blocks in blocks_by_page.values()
+            for block in page_blocks
+            if block.kind == PICTURE
+        }
+    )
     if len(pictures) > 1:
         raise ConfigError(
             f"{' and '.join(PAGES)}: {len(pictures)} different pictures are wanted, and {MOVING} "
@@ -120,7 +129,7 @@ def _write(table: "pd.DataFrame", studies: dict[str, dict[str, Any]], kinds: lis
     for path, page in pages.items():
         with replace(path) as scratch:
             scratch.write_text(filled(page, texts), encoding="utf-8")
-        for block in wanted[path]:
+        for block in blocks_by_page[path]:
             print(
                 f"{path}: {' '.join(filter(None, block))}: "
                 f"{'written' if block in texts else 'left as it is'}"

@@ -1,5 +1,7 @@
-"""`yearloc pack`, `export`, `serve`, `watch`: what is done with a site file but for localising
-scans."""
+"""The commands on site files: `yearloc pack`, `export`, `serve`, `watch` and `kernels`.
+
+The parser of `localize`, whose command is in pipeline/cli/localize.py, is set up here too.
+"""
 
 import argparse
 import os
@@ -38,8 +40,10 @@ def add_commands(commands: Any) -> None:
         help="scans (.bin .npy .pcd), folders, logs, bags; - reads one scan",
     )
     kinds = find.add_mutually_exclusive_group()
-    for kind, what in KINDS.items():
-        kinds.add_argument(f"--{kind}", action="store_const", const=kind, dest="kind", help=what)
+    for kind, help_text in KINDS.items():
+        kinds.add_argument(
+            f"--{kind}", action="store_const", const=kind, dest="kind", help=help_text
+        )
     find.add_argument("-o", "--out", type=Path, metavar="FILE", help="instead of standard output")
     find.add_argument(
         "--promise",
@@ -141,60 +145,60 @@ def add_commands(commands: Any) -> None:
     bad.add_argument("--promise", **promised)
 
 
-def watch(given: argparse.Namespace) -> None:
-    """Localise a log and record what a person wants to see of it."""
+def watch(args: argparse.Namespace) -> None:
+    """Localise a log and record its scans and fixes for rerun's viewer or Foxglove."""
     from pipeline.online import foxglove
     from pipeline.online import watch as rerun
     from pipeline.online.inputs import scans
     from pipeline.online.site import Site
 
-    if given.every < 1:
-        raise ConfigError(f"--every {given.every}: expected at least 1")
-    if given.save is not None and given.save.suffix not in (".rrd", ".mcap"):
-        raise ConfigError(f"--save {given.save}: expected FILE.rrd or FILE.mcap")
-    site = Site.open(given.site)
-    told = Summary()
-    site.check(given.promise)
-    check_file(given.save)
+    if args.every < 1:
+        raise ConfigError(f"--every {args.every}: expected at least 1")
+    if args.save is not None and args.save.suffix not in (".rrd", ".mcap"):
+        raise ConfigError(f"--save {args.save}: expected FILE.rrd or FILE.mcap")
+    site = Site.open(args.site)
+    summary = Summary()
+    site.check(args.promise)
+    check_file(args.save)
     recorder: Any = (
         foxglove.Recording
-        if given.save is not None and given.save.suffix == ".mcap"
+        if args.save is not None and args.save.suffix == ".mcap"
         else rerun.Recording
     )
     tell_cold()
-    how = (
+    scan_options = (
         site.about["reader"],
         site.about["sensor"]["lift_m"],
         None,
         None,
-        told.skipped,
-        lidar_of(given),
+        summary.skipped,
+        lidar_of(args),
     )
-    with recorder(site, given.save, given.promise) as recording:
-        for number, scan in enumerate(scans(given.log, *how)):
-            if number % given.every:
+    with recorder(site, args.save, args.promise) as recording:
+        for number, scan in enumerate(scans(args.log, *scan_options)):
+            if number % args.every:
                 continue
             try:
                 points_m = scan.points()
             except (LogError, OSError) as error:
-                told.broken.append(f"{scan.name}: {error}")
+                summary.broken.append(f"{scan.name}: {error}")
                 continue
-            fix = site.localize(points_m, given.promise)
+            fix = site.localize(points_m, args.promise)
             recording.add(number, scan, points_m, fix)
-            told.add(scan, fix)
-    if not told.fixes:
-        raise LogError(told.broken[0] if told.broken else f"{given.log}: no scan there")
-    print(told.text(), file=sys.stderr)
+            summary.add(scan, fix)
+    if not summary.fixes:
+        raise LogError(summary.broken[0] if summary.broken else f"{args.log}: no scan there")
+    print(summary.text(), file=sys.stderr)
 
 
-def serve(given: argparse.Namespace) -> None:
-    """Serve until it is stopped."""
-    if given.body_T_lidar and not given.zenoh:
+def serve(args: argparse.Namespace) -> None:
+    """Answer requests over HTTP or Zenoh until interrupted."""
+    if args.body_T_lidar and not args.zenoh:
         raise ConfigError(
             "--body-T-lidar: of --zenoh; over HTTP each request says it, ?body_T_lidar="
         )
-    if given.zenoh:
-        _bridge(given)
+    if args.zenoh:
+        _bridge(args)
         return
     try:
         import uvicorn
@@ -204,40 +208,40 @@ def serve(given: argparse.Namespace) -> None:
         raise ConfigError(f"{error.name}: not installed; `pip install 'yearloc[serve]'`") from None
     token = os.environ.get(online.TOKEN, "")
     application = "pipeline.online.serve:from_environment"
-    online.check_reach(given.host, token)
-    if given.workers < 1:
-        raise ConfigError(f"--workers {given.workers}: expected at least 1")
+    online.check_reach(args.host, token)
+    if args.workers < 1:
+        raise ConfigError(f"--workers {args.workers}: expected at least 1")
     from pipeline.online.site_file import read
 
-    limits = read(given.site).about["verdict"]
-    kept = [
+    limits = read(args.site).about["verdict"]
+    kept_promises = [
         promise
         for promise, reject_from in zip(limits["promises"], limits["promised"]["fix"], strict=True)
         if reject_from > 0
     ]
     try:
-        with socket.create_server((given.host, given.port)):
+        with socket.create_server((args.host, args.port)):
             pass
     except (OSError, OverflowError) as error:
         raise ConfigError(
-            f"--host {given.host} --port {given.port}: cannot be listened at ({error})"
+            f"--host {args.host} --port {args.port}: cannot be listened at ({error})"
         ) from None
-    os.environ[online.SITE] = str(given.site.resolve())
+    os.environ[online.SITE] = str(args.site.resolve())
     with TemporaryDirectory() as shared:
-        if given.workers > 1:
+        if args.workers > 1:
             os.environ["PROMETHEUS_MULTIPROC_DIR"] = shared
         options = {
-            "host": given.host,
-            "port": given.port,
-            "workers": given.workers,
+            "host": args.host,
+            "port": args.port,
+            "workers": args.workers,
             "log_level": "warning",
         }
-        promises = f"promises {', '.join(map(str, kept)) or 'nothing'}"
-        way = (
-            f"serving {given.site} at http://{given.host}:{given.port}/localize, {promises}; "
+        promises = f"promises {', '.join(map(str, kept_promises)) or 'nothing'}"
+        ready_line = (
+            f"serving {args.site} at http://{args.host}:{args.port}/localize, {promises}; "
             "Ctrl-C stops it"
         )
-        print(way, file=sys.stderr, flush=True)
+        print(ready_line, file=sys.stderr, flush=True)
         tell_cold()
         uvicorn.run(
             application,
@@ -249,55 +253,53 @@ def serve(given: argparse.Namespace) -> None:
         )
 
 
-def _bridge(given: argparse.Namespace) -> None:
-    """Serve over Zenoh."""
+def _bridge(args: argparse.Namespace) -> None:
+    """Answer scans over Zenoh."""
     from pipeline.online.site import Site
 
     try:
         from pipeline.online import bridge
     except ImportError as error:
         raise ConfigError(f"{error.name}: not installed; `pip install 'yearloc[zenoh]'`") from None
-    site = Site.open(given.site)
+    site = Site.open(args.site)
     tell_cold()
-    with bridge.connected(given.zenoh) as session:
-        way = (
-            f"{given.site}: {given.key}/points → {given.key}/fix at {given.zenoh}; Ctrl-C stops it"
+    with bridge.connected(args.zenoh) as session:
+        ready_line = (
+            f"{args.site}: {args.key}/points → {args.key}/fix at {args.zenoh}; Ctrl-C stops it"
         )
-        placed = lidar_of(given)
+        body_T_lidar = lidar_of(args)
         bridge.run(
             site,
             session,
-            given.key,
-            given.promise,
-            lambda: print(way, file=sys.stderr, flush=True),
+            args.key,
+            args.promise,
+            lambda: print(ready_line, file=sys.stderr, flush=True),
             print,
-            placed,
+            body_T_lidar,
         )
 
 
-def kernels(given: argparse.Namespace) -> None:
-    """Compile them."""
+def kernels(args: argparse.Namespace) -> None:
+    """Compile the kernels that a first scan would wait for."""
     from pipeline.online.first import compile_kernels
 
     print("compiling what a first scan takes, once per machine", file=sys.stderr, flush=True)
     print(f"compiled in {compile_kernels():.0f} s")
 
 
-def export(given: argparse.Namespace) -> None:
+def export(args: argparse.Namespace) -> None:
     """Write an ONNX file, or a site with one."""
     from pipeline.online.export import export
 
-    check_file(given.out)
-    print(export(given.site, given.out))
+    check_file(args.out)
+    print(export(args.site, args.out))
 
 
-def pack(given: argparse.Namespace) -> None:
+def pack(args: argparse.Namespace) -> None:
     """Write a site file."""
     from pipeline.online.pack import Packing
 
-    check_file(given.out)
+    check_file(args.out)
     print(
-        Packing(conf_folder(), Path("artifacts"), read_studies()).pack(
-            given.name, given.out, Lines()
-        )
+        Packing(conf_folder(), Path("artifacts"), read_studies()).pack(args.name, args.out, Lines())
     )

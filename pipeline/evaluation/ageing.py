@@ -1,5 +1,4 @@
-"""How a number changes with the days since training, and when it has fallen so far that one would
-train again.
+"""How a number changes with the days since training, and when training again is due.
 
 A straight line through one value a test sequence, by least squares. Its interval is of the scatter
 of the sequences about the line, whatever that comes from: chance along each path, another share of
@@ -36,8 +35,7 @@ class Line:
 
     @property
     def interval(self) -> tuple[float, float] | None:
-        """Lowest and highest slope a day; None of two sequences, through which a line always
-        goes."""
+        """Lowest and highest slope a day; None of two sequences, which a line always fits."""
         half = self.quantile * np.sqrt(self.covariance[1, 1])
         return None if np.isnan(half) else (float(self.slope - half), float(self.slope + half))
 
@@ -48,16 +46,17 @@ class Line:
         return int(low > 0) - int(high < 0)
 
     def at(self, days: NDArray[Any]) -> NDArray[np.float64]:
-        """The line and its lowest and highest (3, n) on some days (n,), each by itself; NaN where
-        there is no interval."""
-        beside = np.stack([np.ones_like(days, np.float64), days])
-        value = np.array([self.intercept, self.slope]) @ beside
-        half = self.quantile * np.sqrt(np.einsum("in,ij,jn->n", beside, self.covariance, beside))
+        """The line's value with its lowest and highest (3, n) on days (n,), each day by itself.
+
+        NaN bounds where there is no interval.
+        """
+        design = np.stack([np.ones_like(days, np.float64), days])
+        value = np.array([self.intercept, self.slope]) @ design
+        half = self.quantile * np.sqrt(np.einsum("in,ij,jn->n", design, self.covariance, design))
         return np.stack([value, value - half, value + half])
 
     def lost(self, share: float) -> tuple[float, float, float] | None:
-        """The day on which the line has lost `share` of its value on the day of training, and its
-        earliest and latest.
+        """The day on which `share` of the value on day 0 is lost, and its earliest and latest.
 
         None unless the line surely falls. Fieller's interval of a ratio (1954): the days d on which
         share · intercept + slope · d = 0 cannot be ruled out; unlike the slope's interval alone, it
@@ -68,13 +67,13 @@ class Line:
         estimate = np.array([self.intercept, self.slope])
         (aa, ab), (_, bb) = np.outer(estimate, estimate) - self.quantile**2 * self.covariance
         half = np.sqrt(max(ab**2 - aa * bb, 0.0))
-        first, last = (max(0.0, float(share * (-ab + sign * half) / bb)) for sign in (-1, 1))
-        return float(-share * self.intercept / self.slope), first, last
+        earliest, latest = (max(0.0, float(share * (-ab + sign * half) / bb)) for sign in (-1, 1))
+        return float(-share * self.intercept / self.slope), earliest, latest
 
 
 @dataclass(frozen=True)
 class Ageing:
-    """What is asked of the lines (conf/results.yaml)."""
+    """Settings of the lines over the days (conf/results.yaml)."""
 
     # the share of a number's value on the day of training whose loss calls for training again
     loss: InnerShare = 0.1
@@ -84,21 +83,24 @@ class Ageing:
         check(self, "ageing")
 
     def line(self, days: NDArray[Any], values: NDArray[Any]) -> Line | None:
-        """Through values (n,) on days (n,) since training, those that are NaN left out; None unless
-        two lie on unlike days."""
-        there = np.isfinite(values)
-        x = np.asarray(days, np.float64)[there]
-        y = np.asarray(values, np.float64)[there]
+        """Fit a line to values (n,) on days (n,) since training, leaving out values that are NaN.
+
+        None unless two values lie on unlike days.
+        """
+        defined = np.isfinite(values)
+        x = np.asarray(days, np.float64)[defined]
+        y = np.asarray(values, np.float64)[defined]
         if len(np.unique(x)) < 2:
             return None
         n = len(x)
-        apart = x - x.mean()
-        rise = y - y.mean()
-        slope = float(apart @ rise / (apart @ apart))
-        left = rise - slope * apart
-        of_slope = (left @ left) / (apart @ apart) / (n - 2) if n > 2 else np.nan
-        of_intercept = of_slope * (x**2).mean()
-        of_both = -of_slope * x.mean()
+        x_centred = x - x.mean()
+        y_centred = y - y.mean()
+        x_squares = x_centred @ x_centred
+        slope = float(x_centred @ y_centred / x_squares)
+        residuals = y_centred - slope * x_centred
+        slope_variance = (residuals @ residuals) / x_squares / (n - 2) if n > 2 else np.nan
+        intercept_variance = slope_variance * (x**2).mean()
+        covariance = -slope_variance * x.mean()
         before, after = np.nonzero(x[:, None] < x)
         return Line(
             number=n,
@@ -106,20 +108,19 @@ class Ageing:
             intercept=float(y.mean() - slope * x.mean()),
             slope=slope,
             middle_slope=float(np.median((y[after] - y[before]) / (x[after] - x[before]))),
-            p=float(2 * stdtr(n - 2, -abs(slope) / max(np.sqrt(of_slope), TINY)))
+            p=float(2 * stdtr(n - 2, -abs(slope) / max(np.sqrt(slope_variance), TINY)))
             if n > 2
             else np.nan,
             quantile=float(stdtrit(n - 2, (1 + self.level) / 2)) if n > 2 else np.nan,
-            covariance=np.array([[of_intercept, of_both], [of_both, of_slope]]),
+            covariance=np.array([[intercept_variance, covariance], [covariance, slope_variance]]),
         )
 
 
 def newness(evaluation: Evaluation, held_out: NDArray[np.float64]) -> float:
-    """How new the seen queries look, 0 to 100: the percentile of their median novelty among
-    held-out queries (h,).
+    """How new the seen queries look: percentile of their median novelty on held-out queries.
 
-    Seen by distance, novelty in use; 50 is as new as the day of training itself. NaN where either
-    is empty.
+    `held_out` (h,) is the novelty of those. Seen by distance, novelty in use; 50 is as new as the
+    day of training itself. NaN where either is empty.
     """
     seen = evaluation.novelty[evaluation.distance.seen, 0]
     if not len(seen) or not len(held_out):

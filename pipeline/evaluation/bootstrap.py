@@ -1,5 +1,4 @@
-"""How far a number would move had the robot driven other stretches of the same streets: 95 %
-intervals."""
+"""95 % intervals: how far a number moves with other stretches of the same streets."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,8 +15,7 @@ Numbers = Callable[[NDArray[np.float64]], NDArray[np.float64]]  # weights (r, q)
 
 @dataclass(frozen=True)
 class Bootstrap:
-    """Resamples blocks of the path, not queries: neighbouring queries see the same street, so their
-    errors come in runs.
+    """Resamples blocks of the path, not queries, since errors of neighbouring queries come in runs.
 
     Percentile method. A number that no resample moves, such as a recall of 1, has an interval of no
     width: the path holds no evidence of how it might fail.
@@ -53,18 +51,18 @@ class Bootstrap:
         count = block.max(initial=-1) + 1
         if count < 2:
             return [np.empty(0)] * len(estimate)
-        drawn = np.random.default_rng(self.seed).multinomial(
+        drawn_blocks = np.random.default_rng(self.seed).multinomial(
             count, np.full(count, 1 / count), self.resamples
         )
         step = max(1, CHUNK // len(block))
         chunks = [
-            numbers(drawn[i : i + step, block].astype(np.float64))
-            for i in range(0, self.resamples, step)
+            numbers(drawn_blocks[start : start + step, block].astype(np.float64))
+            for start in range(0, self.resamples, step)
         ]
         resampled = np.concatenate(chunks, axis=1)
         return [
-            spread[~np.isnan(spread) & ~np.isnan(one)]
-            for spread, one in zip(resampled, estimate, strict=True)
+            spread[~np.isnan(spread) & ~np.isnan(value)]
+            for spread, value in zip(resampled, estimate, strict=True)
         ]
 
 
@@ -75,7 +73,9 @@ def bounds(spread: NDArray[np.float64]) -> tuple[float, float]:
 
 
 def blocks(xy_m: NDArray[np.float64], block_m: float) -> NDArray[np.int64]:
-    """The block (q,) of each position (q, 2) of a path: `block_m` of travelled metres each,
-    numbered from 0 without gaps."""
+    """The block (q,) of each position (q, 2) of a path: `block_m` of travelled metres each.
+
+    Blocks are numbered from 0 without gaps.
+    """
     travelled_m = np.cumsum(np.linalg.norm(np.diff(xy_m, axis=0, prepend=xy_m[:1]), axis=1))
     return np.unique(travelled_m // block_m, return_inverse=True)[1]

@@ -22,8 +22,10 @@ class Reliability:
 
 
 def reliability(confidence: NDArray[Any], right: NDArray[np.bool_]) -> Reliability:
-    """Bins of answers with confidences (q,), each a chance between 0 and 1, that are `right` (q,)
-    or not."""
+    """Bin answers by confidence (q,), a chance between 0 and 1, with whether each is `right` (q,).
+
+    Raises InputError for a confidence that is no chance.
+    """
     if not chances(confidence):
         raise InputError("a confidence is no chance between 0 and 1")
     confidence = np.asarray(confidence, np.float64)
@@ -37,19 +39,16 @@ def reliability(confidence: NDArray[Any], right: NDArray[np.bool_]) -> Reliabili
 
 
 def ece(confidence: NDArray[Any], right: NDArray[np.bool_]) -> float:
-    """Expected calibration error: how far confidence and share right are apart, over the bins by
-    their counts; NaN of none.
+    """Expected calibration error: the mean gap between confidence and share right, weighted by bin.
 
-    NaN too where a confidence is no chance, as a descriptor's distance is not.
+    NaN without answers, and where a confidence is no chance, as a descriptor's distance is not.
     """
     if len(confidence) == 0 or not chances(confidence):
         return np.nan
-    found = reliability(confidence, right)
-    return float(
-        np.nansum(np.abs(found.confidence - found.right) * found.count) / found.count.sum()
-    )
+    bins = reliability(confidence, right)
+    return float(np.nansum(np.abs(bins.confidence - bins.right) * bins.count) / bins.count.sum())
 
 
 def chances(confidence: NDArray[Any]) -> bool:
-    """Whether all lie between 0 and 1, but for rounding."""
+    """Whether all confidences lie between 0 and 1, but for rounding."""
     return bool(((confidence >= -ROUNDING) & (confidence <= 1 + ROUNDING)).all())

@@ -1,5 +1,7 @@
-"""How queries fare at every threshold and every top n: the four counts under a precision-recall
-curve (METHODS.md 2.7)."""
+"""Outcomes of queries at every threshold and every top n (METHODS.md 2.7).
+
+The four counts under a precision-recall curve.
+"""
 
 from dataclasses import dataclass
 from typing import Any
@@ -16,8 +18,10 @@ N_THRESHOLDS = 200
 
 @dataclass(frozen=True)
 class Counts:
-    """Judged queries of each outcome, thresholds along the last axis; the four add up to the same
-    number everywhere."""
+    """Number of judged queries of each outcome, thresholds along the last axis.
+
+    The four add up to the same number everywhere.
+    """
 
     hits: NDArray[Any]  # accepted, and a right answer among the first n
     misses: NDArray[Any]  # rejected although seen; the same for every n
@@ -30,8 +34,10 @@ class Counts:
 def count(
     truth: Truth, novelty: NDArray[Any], thresholds: NDArray[np.float64], top_n: int = TOP_N
 ) -> Counts:
-    """Counts (n, t) for n = 1 … `top_n` at each of `thresholds` (t,): rejected is a query whose
-    novelty (q,) ≥ the threshold."""
+    """Counts (n, t) for n = 1 … `top_n` at each of `thresholds` (t,).
+
+    A query is rejected if its novelty (q,) ≥ the threshold.
+    """
     _check(truth, novelty)
     rejected = np.asarray(novelty, np.float64)[:, None] >= np.asarray(
         thresholds, np.float64
@@ -46,10 +52,10 @@ def count(
 
 
 class ExactCounts:
-    """Weighted counts as the threshold rises past every distinct novelty: the exact curve, of which
-    any other is a part.
+    """Weighted counts as the threshold rises past every distinct novelty: the exact curve.
 
-    Column 0 rejects all; column i accepts the i smallest distinct novelties.
+    Column 0 rejects all; column i accepts the i smallest distinct novelties. Any other curve is a
+    part of it.
     """
 
     def __init__(self, truth: Truth, novelty: NDArray[Any], weight: NDArray[np.float64]) -> None:
@@ -85,8 +91,11 @@ class ExactCounts:
 
 
 def spread(novelty: NDArray[Any]) -> NDArray[np.float64]:
-    """The 200 thresholds (t,) to judge these novelties (q,) at: from 0, or the least of them if
-    that is lower, to 1, or the largest of them if that is higher; infinite ones left out."""
+    """The 200 thresholds (t,) at which queries of these novelties (q,) are judged.
+
+    They run from 0, or the least novelty if that is lower, to 1, or the largest if that is higher;
+    infinite ones left out.
+    """
     finite = np.asarray(novelty, np.float64)[np.isfinite(novelty)]
     return np.linspace(
         min(0.0, finite.min(initial=0.0)), max(1.0, finite.max(initial=0.0)), N_THRESHOLDS
@@ -94,8 +103,7 @@ def spread(novelty: NDArray[Any]) -> NDArray[np.float64]:
 
 
 def _check(truth: Truth, novelty: NDArray[Any]) -> None:
-    """Raise InputError unless each query has a truth and a novelty that a threshold can be held
-    against."""
+    """Raise InputError unless each query has a truth, and a novelty that is not NaN."""
     if not len(truth.true_rank) == len(truth.seen) == len(truth.unseen) == len(novelty):
         raise InputError(
             f"{len(truth.true_rank)} true ranks, {len(truth.seen)} seen and {len(truth.unseen)} "
@@ -111,6 +119,8 @@ def right(truth: Truth, n: int) -> NDArray[np.bool_]:
 
 
 def _tally(rows: NDArray[np.bool_], columns: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """How many queries hold both flags: (q, a), (q, b) to (a, b); the product runs in float64,
-    exact below 2⁵³."""
+    """How many queries have both flags: (q, a), (q, b) to (a, b).
+
+    The product runs in float64, exact below 2⁵³.
+    """
     return np.rint(rows.T.astype(np.float64) @ columns.astype(np.float64)).astype(np.int64)

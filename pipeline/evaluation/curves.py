@@ -1,10 +1,9 @@
-"""Precision, recall and what is read off their curve: by the SCI authors' rules (METHODS.md 2.7),
-and by the usual ones.
+"""Precision-recall curves and their summaries, by the SCI authors' rules and by the usual ones.
 
-Two consequences of the authors' rules: a seen query that is accepted but misplaced is a false alarm
-and leaves recall's denominator, so recall reaches 1 once everything is accepted; and there
-precision is the share of *all* queries that are right. The usual recall is of all seen queries, so
-a misplaced one counts against it.
+Two consequences of the authors' rules (METHODS.md 2.7): a seen query that is accepted but misplaced
+is a false alarm and leaves recall's denominator, so recall reaches 1 once everything is accepted;
+and there precision is the share of *all* queries that are right. The usual recall is of all seen
+queries, so a misplaced one counts against it.
 
 Every function takes counts with the thresholds along the last axis, in rising order.
 """
@@ -20,10 +19,10 @@ Curve = NDArray[np.float64]
 
 
 def precision_recall(counts: Counts, seen: Any = None) -> tuple[Curve, Curve]:
-    """Precision and recall, shaped as the counts; 0/0 is precision 1 (nothing accepted, nothing
-    wrong) and recall 0.
+    """Precision and recall, shaped as the counts.
 
-    Recall is hits / (hits + misses); where the number of `seen` queries is given, of all those.
+    0/0 is precision 1 (nothing accepted, nothing wrong) and recall 0. Recall is hits / (hits +
+    misses); where the number of `seen` queries is given, of all those.
     """
     hits = np.asarray(counts.hits, np.float64)
     precision = ratio(hits, hits + counts.false_alarms, empty=1.0)
@@ -49,11 +48,10 @@ def recall_at_precision(precision: Curve, recall: Curve, least: float) -> NDArra
 
 
 def auroc(counts: Counts) -> NDArray[np.float64]:
-    """Chance that an unseen query's novelty is above a seen one's, ties counting half; NaN without
-    one of either.
+    """Chance that an unseen query's novelty is above a seen one's, ties counting half.
 
-    The counts run from all rejected to all accepted, past every distinct novelty: so the trapezoids
-    count a tie half.
+    NaN without seen or without unseen queries. The counts run from all rejected to all accepted,
+    past every distinct novelty: so the trapezoids count a tie half.
     """
     misses = np.asarray(counts.misses, np.float64)
     correct_rejections = np.asarray(counts.correct_rejections, np.float64)

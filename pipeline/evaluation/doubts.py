@@ -1,5 +1,4 @@
-"""Doubts: what makes a score say little, or nothing at all; they are rows of the table of results
-like any number."""
+"""Doubts: conditions under which a score says little or nothing; rows of the table of results."""
 
 from collections.abc import Mapping
 
@@ -46,24 +45,23 @@ def blind(
     xy_m: NDArray[np.float64],
     distance: Distance,
 ) -> dict[str, float]:
-    """By protocol, the share of seen queries that one answer to all would be right for; NaN of none
-    seen.
+    """By protocol, the share of seen queries for which one and the same answer would be right.
 
-    By cells that is the commonest of the true `places` (q,), −1 unseen; by distance the position of
-    a seen query, given where all were taken, `xy_m` (q, 2), and how far they are from training,
-    `nearest_m` (q,).
+    By cells that answer is the commonest of the true `places` (q,), −1 unseen; by distance the
+    position of a seen query, given where all were taken, `xy_m` (q, 2), and how far they are from
+    training, `nearest_m` (q,). NaN where no query is seen.
     """
-    there = places[places >= 0]
-    near = xy_m[nearest_m < distance.seen_m]
-    found = {"cells": np.nan, "distance": np.nan}
-    if len(there):
-        found["cells"] = float(np.bincount(there).max() / len(there))
-    if len(near):
-        found["distance"] = float(
-            KDTree(near).query_ball_point(near, distance.correct_m, return_length=True).max()
-            / len(near)
+    seen_places = places[places >= 0]
+    seen_xy_m = xy_m[nearest_m < distance.seen_m]
+    shares = {"cells": np.nan, "distance": np.nan}
+    if len(seen_places):
+        shares["cells"] = float(np.bincount(seen_places).max() / len(seen_places))
+    if len(seen_xy_m):
+        neighbours = KDTree(seen_xy_m).query_ball_point(
+            seen_xy_m, distance.correct_m, return_length=True
         )
-    return found
+        shares["distance"] = float(neighbours.max() / len(seen_xy_m))
+    return shares
 
 
 def doubts(
@@ -71,34 +69,35 @@ def doubts(
     answers: NDArray[np.int64],
     novelty: NDArray[np.floating],
     reject_from: float,
-    kept: float,
-    wanted: float,
+    kept_precision: float,
+    wanted_precision: float,
     seen: int,
     blocks: int,
 ) -> dict[str, float]:
-    """BLIND, and those of VOID and DOUBTS that apply, of the first answers (q,), their novelty (q,)
-    and the threshold in use.
+    """Those doubts that apply to a model's first answers (q,), as values by name; BLIND always.
 
-    That threshold keeps the precision `kept` on held-out blocks, where `wanted` was wanted.
+    Takes their novelty (q,) and the threshold in use, which keeps `kept_precision` on held-out
+    blocks where `wanted_precision` was wanted, and the numbers of seen queries and of blocks of the
+    path that hold them.
     """
     _, counts = np.unique(answers, return_counts=True)
-    one = counts.max(initial=0) / max(len(answers), 1)
+    commonest_share = counts.max(initial=0) / max(len(answers), 1)
     rejected = novelty.astype(np.float64) >= reject_from
     applies = {
-        "doubt_one_answer": (one, one >= HALF),
+        "doubt_one_answer": (commonest_share, commonest_share >= HALF),
         "doubt_few_seen": (seen, seen <= FEW),
         "doubt_few_blocks": (blocks, blocks <= FEW_BLOCKS),
         "doubt_all_rejected": (1.0, rejected.all() and reject_from > ACCEPT_NOTHING),
         "doubt_none_rejected": (1.0, not rejected.any()),
         "doubt_no_threshold": (1.0, reject_from <= ACCEPT_NOTHING),
-        "doubt_less_kept": (kept, kept < wanted),
+        "doubt_less_kept": (kept_precision, kept_precision < wanted_precision),
         VOID: (1.0, not blind < HALF),
     }
     return {BLIND: blind, **_applying(applies)}
 
 
 def unsuited(submaps: Artifact) -> dict[str, float]:
-    """Those of UNSUITED that apply to the submaps of a sequence."""
+    """Those of UNSUITED that apply to the submaps of a sequence, as values by name."""
     azimuth_deg, ground_m, highest_m = (
         np.nan
         if submaps.attrs["appearance"][name] is None
@@ -120,4 +119,4 @@ def unsuited(submaps: Artifact) -> dict[str, float]:
 
 
 def _applying(applies: Mapping[str, tuple[float, bool]]) -> dict[str, float]:
-    return {name: float(value) for name, (value, there) in applies.items() if there}
+    return {name: float(value) for name, (value, is_present) in applies.items() if is_present}

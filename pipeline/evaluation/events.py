@@ -1,5 +1,4 @@
-"""How a method fares by the distance to the nearest thing that was built or torn down since
-training.
+"""Results by the distance to the nearest thing that was built or torn down since training.
 
 Real changes of the world, unlike those that an alteration draws into single queries: they hide,
 widen and open up views for good.
@@ -62,7 +61,7 @@ class Bands:
 
 @dataclass(frozen=True)
 class Banded:
-    """One method by one protocol, over all its sequences."""
+    """One method's results by one protocol in each band of distance, over all its sequences."""
 
     seen: NDArray[np.int64]  # (band,)
     unseen: NDArray[np.int64]  # (band,)
@@ -73,7 +72,9 @@ class Banded:
 
 def nearest_m(xy_m: NDArray[np.float64], changes: Iterable[Change]) -> NDArray[np.float64]:
     """Distance (q,) from positions (q, 2) to the nearest change; infinite where there is none."""
-    changes_m = np.array([(one.x_m, one.y_m) for one in changes], np.float64).reshape(-1, 2)
+    changes_m = np.array([(change.x_m, change.y_m) for change in changes], np.float64).reshape(
+        -1, 2
+    )
     return np.asarray(np.linalg.norm(changes_m - xy_m[:, None], axis=2).min(axis=1, initial=np.inf))
 
 
@@ -82,21 +83,23 @@ def distances(
     changes: Mapping[str, Iterable[Change]],
     kinds: Sequence[str],
 ) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]:
-    """How far queries (q, 2) are from the nearest change that shows, and from one to come: two of
-    (q,) a sequence.
+    """Distances (q,) of queries (q, 2) to the nearest shown change and to one to come, by sequence.
 
-    `changes` of each sequence are those that show on its day. What shows in others alone is to
-    come, or NaN where something that shows is nearer: the kind of street that changes, before it
+    `changes` of each sequence are those that show on its day. Changes that show in other sequences
+    only are to come; NaN where a shown change is nearer: the kind of street that changes, before it
     does.
     """
-    by = {sequence: {one for one in changes[sequence] if one.what in kinds} for sequence in xy_m}
-    every = set().union(*by.values())
-    found = {}
-    for sequence, where in xy_m.items():
-        shown = nearest_m(where, by[sequence])
-        to_come = nearest_m(where, every - by[sequence])
-        found[sequence] = shown, np.where(to_come < shown, to_come, np.nan)
-    return found
+    shown_on_day = {
+        sequence: {change for change in changes[sequence] if change.what in kinds}
+        for sequence in xy_m
+    }
+    all_changes = set().union(*shown_on_day.values())
+    distances_m = {}
+    for sequence, positions_m in xy_m.items():
+        shown_m = nearest_m(positions_m, shown_on_day[sequence])
+        to_come_m = nearest_m(positions_m, all_changes - shown_on_day[sequence])
+        distances_m[sequence] = shown_m, np.where(to_come_m < shown_m, to_come_m, np.nan)
+    return distances_m
 
 
 def banded(
@@ -106,37 +109,42 @@ def banded(
     protocol: str,
     bootstrap: Bootstrap,
 ) -> Banded:
-    """One method's queries of all sequences pooled, each counting once; `away_m` (q,) of each
-    evaluation's, NaN to leave out.
+    """Judge one method's queries of all sequences together, in each band of distance to a change.
 
+    Each query counts once; `away_m` (q,) of each evaluation is its distance, NaN to leave it out.
     The threshold of the exact curve passes the novelties of all sequences together.
     """
     band = bands.of(np.concatenate(away_m))
-    novelty = np.concatenate([one.novelty[:, 0] for one in evaluations])
-    truths = [one.truth(protocol) for one in evaluations]
+    novelty = np.concatenate([evaluation.novelty[:, 0] for evaluation in evaluations])
+    truths = [evaluation.truth(protocol) for evaluation in evaluations]
     flags = ("seen", "unseen", "true_rank", "oracle_right")
     pooled: dict[str, Any] = {
-        name: np.concatenate([getattr(one, name) for one in truths]) for name in flags
+        name: np.concatenate([getattr(truth, name) for truth in truths]) for name in flags
     }
-    rows = [np.flatnonzero(band == number) for number in range(len(bands.names))]
+    queries_of = [np.flatnonzero(band == number) for number in range(len(bands.names))]
     parts = [
-        replace(truths[0], **{name: array[here] for name, array in pooled.items()}) for here in rows
+        replace(truths[0], **{name: array[queries] for name, array in pooled.items()})
+        for queries in queries_of
     ]
 
     def numbers(weight: Weight) -> NDArray[np.float64]:
-        found = []
-        for here, part in zip(rows, parts, strict=True):
-            own = weight[:, here]
-            found += [share(flags, part.seen, own) for flags in (right(part, 1), part.oracle_right)]
-            found.append(auc_exact(part, novelty[here], own))
-        return np.stack(found)
+        values = []
+        for queries, part in zip(queries_of, parts, strict=True):
+            band_weight = weight[:, queries]
+            values.append(share(right(part, 1), part.seen, band_weight))
+            values.append(share(part.oracle_right, part.seen, band_weight))
+            values.append(auc_exact(part, novelty[queries], band_weight))
+        return np.stack(values)
 
     apart_m = np.concatenate(
-        [one.xy_m + np.array([APART_M * number, 0.0]) for number, one in enumerate(evaluations)]
+        [
+            evaluation.xy_m + np.array([APART_M * number, 0.0])
+            for number, evaluation in enumerate(evaluations)
+        ]
     )
     seen, unseen = (
         np.array([getattr(part, name).sum() for part in parts]) for name in ("seen", "unseen")
     )
     return Banded(
-        seen, unseen, bootstrap.estimates(numbers, apart_m).reshape(len(rows), len(NUMBERS), 3)
+        seen, unseen, bootstrap.estimates(numbers, apart_m).reshape(len(parts), len(NUMBERS), 3)
     )

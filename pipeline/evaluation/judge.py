@@ -1,5 +1,4 @@
-"""Judges a ranking: what became of each query by both protocols, and every number with its 95 %
-interval."""
+"""Judges a ranking: each query's outcome by both protocols, and every number with its interval."""
 
 from collections.abc import Sequence
 from dataclasses import fields, replace
@@ -55,13 +54,13 @@ def judge(
     world_T_query: Poses | None = None,
     promised: float = np.nan,
 ) -> Evaluation:
-    """Judge a ranking of q queries against their labels and poses (q, 4, 4) as they were driven,
-    rows in that order.
+    """Judge a ranking of q queries against their labels and poses (q, 4, 4), rows in that order.
 
-    `reject_from` is the model's threshold on each kind of novelty; `days` are since training;
-    `turned_deg` (q,) is how far the robot was turned to the left for each query; `world_T_query`
-    (q, 4, 4) are poses as estimated, and `promised` the novelty to reject from to keep .99 of them.
-    Raises InputError where ranking, labels and poses do not fit together.
+    The poses are those driven. `reject_from` is the model's threshold on each kind of novelty;
+    `days` are since training; `turned_deg` (q,) is how far the robot was turned to the left for
+    each query; `world_T_query` (q, 4, 4) are poses as estimated, and `promised` the novelty to
+    reject from to keep .99 of them. Raises InputError where ranking, labels and poses do not fit
+    together.
     """
     _check(ranking, reject_from, labels, world_T_anchor)
     turn_deg = np.asarray(labels.nearest_turn_deg, np.float64)
@@ -71,12 +70,14 @@ def judge(
         true_deg = true_deg + turned_deg
     answer_xy_m = ranking.xy_m[:, 0].astype(np.float64)
     xy_m = world_T_anchor[:, :2, 3].astype(np.float64)
-    none = np.full(len(xy_m), np.nan)
-    standing = world_T_anchor
+    undefined = np.full(len(xy_m), np.nan)
+    world_T_query_true = world_T_anchor
     if turned_deg is not None:
-        standing = world_T_anchor @ turns(np.deg2rad(turned_deg.astype(np.float64)))
+        world_T_query_true = world_T_anchor @ turns(np.deg2rad(turned_deg.astype(np.float64)))
     pose_error_m, pose_error_deg = (
-        (none, none) if world_T_query is None else apart(world_T_query, standing)
+        (undefined, undefined)
+        if world_T_query is None
+        else apart(world_T_query, world_T_query_true)
     )
     queries = Queries(
         novelty=np.asarray(ranking.novelty, np.float32),
@@ -92,13 +93,13 @@ def judge(
         pose_error_deg=pose_error_deg,
         promised=promised,
     )
-    placed = np.where(
+    novelty_by_cells = np.where(
         ranking.places[:, :1] < 0, np.float32(np.inf), queries.novelty
     )  # an answer outside all places says: unseen
     return Evaluation(
         cells=_judgement(
             by_cells(ranking.places, labels.places, labels.oracle),
-            replace(queries, novelty=placed),
+            replace(queries, novelty=novelty_by_cells),
             xy_m,
             bootstrap,
         ),
@@ -129,15 +130,15 @@ def judge_cases(
     distance: Distance,
     bootstrap: Bootstrap,
 ) -> dict[Case, Evaluation]:
-    """Judge each case of the rankings of one sequence; labels and submaps are those of the sequence
-    as it was driven.
+    """Judge each case of the rankings of one sequence.
 
-    Raises InputError where the rankings are not of these submaps in each case.
+    Labels and submaps are those of the sequence as it was driven. Raises InputError where the
+    rankings are not of these submaps in each case.
     """
     true = Labels(**{name: labels.load(name) for name in LABELS.columns})
     world_T_anchor = submaps.load("world_T_anchor")
     days = int(labels.attrs["days"])
-    found = {}
+    evaluations = {}
     cases = read_cases(rankings.attrs)
     n = len(world_T_anchor)
     arrays = {
@@ -152,9 +153,9 @@ def judge_cases(
             f"{rankings.path}: {len(turned_deg)} queries in {len(cases)} cases of {n} submaps"
         )
     for i, case in enumerate(cases):
-        own = slice(i * n, (i + 1) * n)
-        ranking = Ranking(**{name: array[own] for name, array in arrays.items()}, kinds=kinds)
-        given = (
+        rows = slice(i * n, (i + 1) * n)
+        ranking = Ranking(**{name: array[rows] for name, array in arrays.items()}, kinds=kinds)
+        evaluation = judge(
             ranking,
             rankings.attrs["thresholds"],
             true,
@@ -162,67 +163,67 @@ def judge_cases(
             days,
             distance,
             bootstrap,
-            turned_deg[own],
+            turned_deg[rows],
+            np.asarray(rankings["world_T_query"][rows]) if posed else None,
+            float(rankings.attrs["promised"][1]) if posed else np.nan,
         )
-        poses = (
-            (np.asarray(rankings["world_T_query"][own]), float(rankings.attrs["promised"][1]))
-            if posed
-            else ()
+        evaluations[case] = replace(
+            evaluation,
+            unsuited=unsuited(submaps),
+            wanted=float(rankings.attrs["wanted_precision"]),
+            kept=kept_precision(rankings),
         )
-        wanted = float(rankings.attrs["wanted_precision"])
-        kept = kept_precision(rankings)
-        found[case] = replace(
-            judge(*given, *poses), unsuited=unsuited(submaps), wanted=wanted, kept=kept
-        )
-    return found
+    return evaluations
 
 
 def kept_precision(rankings: Artifact) -> tuple[float, ...]:
-    """What each threshold (kind,) keeps on held-out blocks; NaN where that is not known, or nothing
-    is accepted.
+    """The precision that each threshold (kind,) keeps on held-out blocks.
 
-    The verdict on poses, the first kind, keeps what is wanted or accepts nothing.
+    NaN where that is not known, or nothing is accepted. The verdict on poses, the first kind, keeps
+    what is wanted or accepts nothing.
     """
-    told = rankings.attrs.get("kept_precision")
-    if told is None:
+    precisions = rankings.attrs.get("kept_precision")
+    if precisions is None:
         accepts = rankings.attrs["thresholds"][0] > ACCEPT_NOTHING
-        told = [rankings.attrs["wanted_precision"] if accepts else None] + [None] * (
+        precisions = [rankings.attrs["wanted_precision"] if accepts else None] + [None] * (
             len(rankings.attrs["kinds"]) - 1
         )
-    return tuple(np.nan if one is None else float(one) for one in told)
+    return tuple(np.nan if precision is None else float(precision) for precision in precisions)
 
 
 def _calibration(ranking: Ranking, labels: Labels) -> NDArray[np.float64]:
-    """Expected calibration error of 1 − cost and of the confidence, by cells, over the seen
-    queries; NaN without a confidence."""
+    """Expected calibration errors (2,) of 1 − cost and of the confidence, over the seen queries.
+
+    By cells; NaN where the method gives no confidence.
+    """
     seen = labels.places >= 0
     confidence = ranking.confidence[seen]
-    right_there = (ranking.places[:, 0] == labels.places)[seen]
+    is_right = (ranking.places[:, 0] == labels.places)[seen]
     if not chances(confidence):
         return np.full(2, np.nan)
-    return np.array([ece(1 - ranking.costs[seen, 0], right_there), ece(confidence, right_there)])
+    return np.array([ece(1 - ranking.costs[seen, 0], is_right), ece(confidence, is_right)])
 
 
 def _judgement(
     truth: Truth, queries: Queries, xy_m: NDArray[np.float64], bootstrap: Bootstrap
 ) -> Judgement:
-    """By one protocol; the numbers run through one function, with weights of one and with the
-    bootstrap's."""
+    """Judge the queries by one protocol; every number and its interval come from one function."""
     kinds = queries.novelty.shape[1]
-    everyone = np.ones((1, len(xy_m)))
+    unit_weight = np.ones((1, len(xy_m)))
     novelty = queries.novelty[:, 0]
 
     def every_number(weight: Weight) -> NDArray[np.float64]:
-        first = numbers(truth, queries, weight)
-        others = (measures(truth, queries, kind, weight) for kind in range(1, kinds))
-        every = (first, {name: first[name] for name in MEASURES}, *others)
-        return np.stack([value for found in every for value in found.values()])
+        in_use = numbers(truth, queries, weight)
+        measures_in_use = {name: in_use[name] for name in MEASURES}
+        further_kinds = (measures(truth, queries, kind, weight) for kind in range(1, kinds))
+        groups = (in_use, measures_in_use, *further_kinds)
+        return np.stack([value for group in groups for value in group.values()])
 
-    found = bootstrap.estimates(every_number, xy_m)
+    estimates = bootstrap.estimates(every_number, xy_m)
     counts = count(truth, novelty, queries.thresholds)
-    seen = everyone @ truth.seen
+    seen = unit_weight @ truth.seen
     precision, recall = curve(truth, counts, seen)
-    exact = ExactCounts(truth, novelty, everyone)
+    exact = ExactCounts(truth, novelty, unit_weight)
     areas = [auc(*curve(truth, exact.count(n), seen)) for n in range(1, TOP_N + 1)]
     return Judgement(
         **vars(counts),
@@ -231,25 +232,24 @@ def _judgement(
         auc=where(seen, auc(precision, recall)),
         auc_exact=where(seen, np.concatenate(areas)),
         recall_at=np.concatenate(
-            [share(right(truth, n), truth.seen, everyone) for n in range(1, TOP_N + 1)]
+            [share(right(truth, n), truth.seen, unit_weight) for n in range(1, TOP_N + 1)]
         ),
         true_rank=truth.true_rank,
         seen=truth.seen,
         unseen=truth.unseen,
         outcome=outcomes(truth, novelty, queries.reject_from[0]),
         oracle_right=truth.oracle_right,
-        numbers=found[: len(NUMBERS)],
-        rejection=found[len(NUMBERS) :].reshape(kinds, len(MEASURES), 3),
+        numbers=estimates[: len(NUMBERS)],
+        rejection=estimates[len(NUMBERS) :].reshape(kinds, len(MEASURES), 3),
     )
 
 
 def outcomes(truth: Truth, novelty: NDArray[np.float32], threshold: float) -> NDArray[np.int8]:
-    """What becomes of each query (q,) at one threshold, looking at its first answer only: 0 to 4 as
-    `HIT` … name them."""
+    """Outcome (q,) of each query at one threshold by its first answer: `HIT` to `NOT_JUDGED`."""
     rejected = novelty.astype(np.float64) >= threshold
     accepted_as = np.where(right(truth, 1), HIT, FALSE_ALARM)
-    judged = np.where(rejected, np.where(truth.seen, MISS, CORRECT_REJECTION), accepted_as)
-    return np.where(truth.seen | truth.unseen, judged, NOT_JUDGED).astype(np.int8)
+    judged_as = np.where(rejected, np.where(truth.seen, MISS, CORRECT_REJECTION), accepted_as)
+    return np.where(truth.seen | truth.unseen, judged_as, NOT_JUDGED).astype(np.int8)
 
 
 def _check(

@@ -1,5 +1,7 @@
-"""How a model fared in one test sequence, in each case of its queries: every dimension kept, and
-its numbers with intervals."""
+"""How a model fared in one test sequence, in each case of its queries.
+
+Every dimension is kept, and the numbers have intervals.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
@@ -23,7 +25,7 @@ HIT, MISS, FALSE_ALARM, CORRECT_REJECTION, NOT_JUDGED = range(5)
 
 @dataclass(frozen=True)
 class Judgement:
-    """By one protocol: the columns of an `evaluations` artifact that have a row a protocol."""
+    """Results by one protocol: the columns of an `evaluations` artifact with a row a protocol."""
 
     hits: NDArray[np.int64]  # (top_n, t)
     misses: NDArray[np.int64]  # (top_n, t)
@@ -44,16 +46,17 @@ class Judgement:
 
     @property
     def answered(self) -> float:
-        """The share of the judged queries that the method dares to answer; 0 where none is
-        judged."""
+        """The share of the judged queries that the method answers; 0 where none is judged."""
         return float(
             np.isin(self.outcome, (HIT, FALSE_ALARM)).sum()
             / max((self.outcome != NOT_JUDGED).sum(), 1)
         )
 
     def turned_share(self, turn_deg: NDArray[np.float64]) -> float:
-        """The share of the seen queries that drive another way than training, by their headings
-        (q,) against it; NaN of none."""
+        """The share of the seen queries that drive another way than training; NaN without any.
+
+        `turn_deg` (q,) is their heading against that of training.
+        """
         return (
             float((np.abs(turn_deg[self.seen]) > SAME_HEADING_DEG).mean())
             if self.seen.any()
@@ -63,8 +66,10 @@ class Judgement:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """One model on q queries of one case in one test sequence (schemas.EVALUATIONS says what each
-    array is), t thresholds."""
+    """One model on the q queries of one case in one test sequence, at t thresholds.
+
+    `schemas.EVALUATIONS` says what each array is.
+    """
 
     cells: Judgement
     distance: Judgement
@@ -106,20 +111,30 @@ class Evaluation:
         return {"cells": self.cells, "distance": self.distance}[name]
 
     def doubts(self, name: str) -> dict[str, float]:
-        """What makes the numbers by that protocol say little, or nothing."""
+        """Conditions by name under which the numbers by that protocol say little or nothing."""
         seen = self.protocol(name).seen
-        held = len(np.unique(blocks(self.xy_m, self.block_m)[seen]))
-        chosen = (self.reject_from[0], self.kept[0], self.wanted)
-        own = doubts(
-            self.blind[name], self.answer, self.novelty[:, 0], *chosen, int(seen.sum()), held
+        blocks_with_seen = np.unique(blocks(self.xy_m, self.block_m)[seen])
+        of_answers = doubts(
+            self.blind[name],
+            self.answer,
+            self.novelty[:, 0],
+            self.reject_from[0],
+            self.kept[0],
+            self.wanted,
+            int(seen.sum()),
+            len(blocks_with_seen),
         )
-        return own | dict(self.unsuited)
+        return of_answers | dict(self.unsuited)
 
     def truth(self, name: str) -> Truth:
         """What that judgement took as true of the queries."""
-        by = self.protocol(name)
+        judgement = self.protocol(name)
         return Truth(
-            by.seen, by.unseen, by.true_rank, by.oracle_right, usual_recall=name == "distance"
+            judgement.seen,
+            judgement.unseen,
+            judgement.true_rank,
+            judgement.oracle_right,
+            usual_recall=name == "distance",
         )
 
     def number(self, protocol: str, name: str) -> tuple[float, float, float]:
@@ -128,17 +143,22 @@ class Evaluation:
         return value, low, high
 
     def exact_curve(self, protocol: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Precision and recall (n,) of the first answers at every distinct novelty in use, from
-        none accepted to all."""
+        """Precision and recall (n,) of the first answers at every distinct novelty in use.
+
+        From none accepted to all.
+        """
         truth = self.truth(protocol)
-        everyone = np.ones((1, len(self.answer)))
-        counts = ExactCounts(truth, self.novelty[:, 0], everyone).count(1)
-        precision, recall = curve(truth, counts, everyone @ truth.seen)
+        unit_weight = np.ones((1, len(self.answer)))
+        counts = ExactCounts(truth, self.novelty[:, 0], unit_weight).count(1)
+        precision, recall = curve(truth, counts, unit_weight @ truth.seen)
         return precision[0], recall[0]
 
     @classmethod
     def read(cls, artifact: Artifact, case: int = 0) -> Self:
-        """One case of an `evaluations` artifact; the first is as driven."""
+        """Read one case of an `evaluations` artifact; the first is as driven.
+
+        Raises ArtifactError for an artifact of another version.
+        """
         for name, expected in (
             ("protocols", PROTOCOLS),
             ("numbers", NUMBERS),
@@ -149,51 +169,49 @@ class Evaluation:
                     f"{artifact.path}: its {name} are not this version's; `dvc repro` it"
                 )
         arrays = {name: np.asarray(artifact[name][case]) for name in EVALUATIONS.columns}
-        own: dict[str, Any] = {
+        parts: dict[str, Any] = {
             field.name: arrays[field.name] for field in fields(cls) if field.name in arrays
         }
         for i, name in enumerate(PROTOCOLS):
-            own[name] = Judgement(
+            parts[name] = Judgement(
                 **{field.name: arrays[field.name][i] for field in fields(Judgement)}
             )
         promised = artifact.attrs["promised"]
-        own |= {
+        parts |= {
             "kinds": tuple(artifact.attrs["kinds"]),
             "reject_from": tuple(map(float, artifact.attrs["reject_from"])),
         }
-        own["promised"] = np.nan if promised is None else float(promised)
-        own["wanted"] = float(artifact.attrs["wanted_precision"])
-        own["kept"] = tuple(
-            np.nan if one is None else float(one) for one in artifact.attrs["kept_precision"]
+        parts["promised"] = np.nan if promised is None else float(promised)
+        parts["wanted"] = float(artifact.attrs["wanted_precision"])
+        parts["kept"] = tuple(
+            np.nan if precision is None else float(precision)
+            for precision in artifact.attrs["kept_precision"]
         )
-        own["blind"] = {
-            by: np.nan if share is None else float(share)
-            for by, share in artifact.attrs["blind"].items()
+        parts["blind"] = {
+            protocol: np.nan if share is None else float(share)
+            for protocol, share in artifact.attrs["blind"].items()
         }
-        own["unsuited"] = artifact.attrs["unsuited"]
+        parts["unsuited"] = artifact.attrs["unsuited"]
         block_m = float(artifact.attrs["bootstrap"]["block_m"])
-        return cls(**own, days=int(artifact.attrs["days"]), block_m=block_m)
+        return cls(**parts, days=int(artifact.attrs["days"]), block_m=block_m)
 
 
 def columns(evaluations: Sequence[Evaluation]) -> dict[str, NDArray[Any]]:
     """The arrays of an artifact that holds these evaluations, a row a case."""
-    parts = [
-        vars(one) | {"protocols": [vars(one.protocol(protocol)) for protocol in PROTOCOLS]}
-        for one in evaluations
-    ]
-    return {
-        name: np.stack(
-            [
-                one[name] if name in one else np.stack([by[name] for by in one["protocols"]])
-                for one in parts
-            ]
-        )
-        for name in EVALUATIONS.columns
-    }
+
+    def rows(name: str) -> list[NDArray[Any]]:
+        if name in {field.name for field in fields(Evaluation)}:
+            return [getattr(evaluation, name) for evaluation in evaluations]
+        return [
+            np.stack([getattr(evaluation.protocol(protocol), name) for protocol in PROTOCOLS])
+            for evaluation in evaluations
+        ]
+
+    return {name: np.stack(rows(name)) for name in EVALUATIONS.columns}
 
 
 def attrs(evaluations: Mapping[Case, Evaluation]) -> dict[str, Any]:
-    """The attributes of that artifact that the evaluations know."""
+    """The attributes of that artifact that the evaluations determine."""
     first = next(iter(evaluations.values()))
     names = {
         "protocols": list(PROTOCOLS),
@@ -202,38 +220,37 @@ def attrs(evaluations: Mapping[Case, Evaluation]) -> dict[str, Any]:
         "kinds": list(first.kinds),
     }
     promised = None if np.isnan(first.promised) else first.promised
-    own = {
+    measured = {
         "days": first.days,
         "reject_from": list(first.reject_from),
         "promised": promised,
         "blind": _valid(first.blind),
+        "unsuited": dict(first.unsuited),
+        "kept_precision": [None if np.isnan(precision) else precision for precision in first.kept],
     }
-    own["unsuited"] = dict(first.unsuited)
-    own["kept_precision"] = [None if np.isnan(one) else one for one in first.kept]
-    return {"cases": [asdict(case) for case in evaluations], **own, **names}
+    return {"cases": [asdict(case) for case in evaluations], **measured, **names}
 
 
 def summary(evaluation: Evaluation) -> dict[str, Any]:
-    """All numbers of an evaluation by name; None where there is none, so that JSON can hold
-    them."""
-    found: dict[str, Any] = {"days": evaluation.days, "queries": len(evaluation.answer)}
+    """All numbers of an evaluation by name, as JSON can hold them: None where there is none."""
+    numbers: dict[str, Any] = {"days": evaluation.days, "queries": len(evaluation.answer)}
     for protocol in PROTOCOLS:
-        by = evaluation.protocol(protocol)
+        judgement = evaluation.protocol(protocol)
         values = {name: evaluation.number(protocol, name)[0] for name in NUMBERS} | {
             "threshold": evaluation.reject_from[0]
         }
-        counts = {"seen": int(by.seen.sum()), "unseen": int(by.unseen.sum())}
-        found[protocol] = counts | _valid(values) | _valid(evaluation.doubts(protocol))
-    found["calibration"] = _valid(
+        counts = {"seen": int(judgement.seen.sum()), "unseen": int(judgement.unseen.sum())}
+        numbers[protocol] = counts | _valid(values) | _valid(evaluation.doubts(protocol))
+    numbers["calibration"] = _valid(
         dict(zip(("ece_raw", "ece"), map(float, evaluation.calibration), strict=True))
     )
-    return found
+    return numbers
 
 
 def metrics(evaluation: Evaluation) -> dict[str, float]:
     """The few numbers that `dvc metrics show` has in the row of a model and sequence.
 
-    auc_top1 is the papers', by cells; the others go by distance. A number that there is none of is
+    auc_top1 is the papers', by cells; the others go by distance. Numbers that are not defined are
     left out.
     """
     shown = {

@@ -1,5 +1,4 @@
-"""Numbers of a localiser that learns day after day: recall, forgetting, and what a day costs
-(METHODS 11.4).
+"""Numbers of a localiser that learns day after day (METHODS 11.4): recall, forgetting, cost.
 
 Forgetting is InCloud's F (Knights et al., IROS 2022): of the queries that could be answered after
 an earlier step, how many more were answered right then.
@@ -20,7 +19,7 @@ CHANGE = "lifelong"
 
 @dataclass(frozen=True)
 class Course:
-    """What was answered after each step, by one strategy."""
+    """One strategy's answers after each step, right or wrong."""
 
     right: NDArray[np.bool_]
     """(step, query)."""
@@ -35,7 +34,7 @@ class Course:
 
     @classmethod
     def of(cls, artifact: Artifact, protocol: str) -> Self:
-        """That of an artifact, by cells or by distance."""
+        """The course of a `lifelong` artifact, by cells or by distance."""
         attrs = artifact.attrs
         known_from = artifact.load("known_from")
         right = (
@@ -58,14 +57,14 @@ class Course:
         )
 
     def recall(self, step: int, group: int, known_by: int | None = None) -> float:
-        """The share of right answers after a step to queries of a group whose place was known by
-        then, or by an earlier step."""
-        asked = (
-            (self.group == group)
-            & (self.known_from >= 0)
-            & (self.known_from <= (step if known_by is None else known_by))
-        )
-        return float(self.right[step, asked].mean()) if asked.any() else np.nan
+        """The share of right answers after a step to a group's queries with a known place.
+
+        Known by this step, or by the earlier one `known_by`; NaN without such queries.
+        """
+        last_step = step if known_by is None else known_by
+        is_known = (self.known_from >= 0) & (self.known_from <= last_step)
+        is_asked = is_known & (self.group == group)
+        return float(self.right[step, is_asked].mean()) if is_asked.any() else np.nan
 
     @property
     def matrix(self) -> NDArray[np.float64]:
@@ -78,7 +77,7 @@ class Course:
         )
 
     def mean_recall(self, step: int) -> float:
-        """Over the groups that have a known place."""
+        """Mean recall over the groups that have a known place."""
         return _mean([self.recall(step, group) for group in range(len(self.groups))])
 
     def of_all(self, step: int) -> float:
@@ -86,8 +85,7 @@ class Course:
         return float(self.right[step, self.known_from >= 0].mean())
 
     def forgetting(self, step: int) -> float:
-        """The mean over the groups of the most that was lost since an earlier step; 0 after the
-        first."""
+        """The most that was lost since an earlier step, mean over the groups; 0 after the first."""
         if not step:
             return 0.0
         lost = [
@@ -96,34 +94,33 @@ class Course:
         ]
         return _mean(
             [
-                max(known)
-                for one in lost
-                if (known := [value for value in one if np.isfinite(value)])
+                max(finite)
+                for losses in lost
+                if (finite := [value for value in losses if np.isfinite(value)])
             ]
         )
 
     def transfer(self, step: int) -> float:
-        """The mean over the days still to come of what was gained since the first step, of the
-        queries known then."""
+        """Gain since the first step on the queries known then, mean over the days to come."""
         coming = np.flatnonzero(self.later[step]).tolist()
         return _mean([self.recall(step, group, 0) - self.recall(0, group, 0) for group in coming])
 
 
 def _mean(values: Sequence[float]) -> float:
-    there = [value for value in values if np.isfinite(value)]
-    return float(np.mean(there)) if there else np.nan
+    finite = [value for value in values if np.isfinite(value)]
+    return float(np.mean(finite)) if finite else np.nan
 
 
 def lifelong_rows(artifact: Artifact) -> Rows:
-    """One strategy: recall after each step of each group, and over all."""
+    """Rows of one strategy: recall after each step in each group, and over all."""
     attrs = artifact.attrs
     for step, name in enumerate(attrs["steps"]):
         place = _place(attrs, step)
         for protocol in ("cells", "distance"):
             course = Course.of(artifact, protocol)
-            for group, asked in enumerate(course.groups):
+            for group, group_name in enumerate(course.groups):
                 yield from several(
-                    place | {"sequence": asked},
+                    place | {"sequence": group_name},
                     protocol,
                     {"recall_at_1": course.recall(step, group)},
                 )
@@ -140,7 +137,7 @@ def lifelong_rows(artifact: Artifact) -> Rows:
 
 
 def cost_rows(course: Mapping[str, Any]) -> Rows:
-    """CPU seconds of each step, as the stage keeps them beside the artifact."""
+    """Rows of CPU seconds of each step, as the stage keeps them beside the artifact."""
     for step, (name, seconds) in enumerate(zip(course["steps"], course["cpu_s"], strict=True)):
         yield from several(
             course["place"] | _place(course, step) | {"sequence": name}, "", {"cpu_s": seconds}

@@ -1,5 +1,7 @@
-"""The numbers that are compared, from weighted queries: weights of one give the estimate, a
-bootstrap's give its spread."""
+"""The numbers that are compared, from weighted queries.
+
+Weights of one give the estimate, a bootstrap's weights give its spread.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -94,7 +96,7 @@ Number = NDArray[np.float64]  # (r,) a number in each resample, NaN where it is 
 
 @dataclass(frozen=True)
 class Queries:
-    """What was said of q queries, and what it is weighed by whatever the protocol."""
+    """The answers to q queries, and the truth about them that no protocol changes."""
 
     novelty: NDArray[np.float32]  # (q, kind); the first kind is the one in use
     reject_from: tuple[float, ...]  # (kind,) the model's own thresholds
@@ -112,24 +114,24 @@ class Queries:
 
 
 def numbers(truth: Truth, queries: Queries, weight: Weight) -> dict[str, Number]:
-    """Each of NUMBERS."""
+    """Each of NUMBERS by name, a value a resample."""
     exact = ExactCounts(truth, queries.novelty[:, 0], weight)
     columns = exact.columns(queries.thresholds)
     seen = weight @ truth.seen
-    found = answers(truth, queries, weight) | poses(truth, queries, weight)
-    found |= rejection(truth, exact, queries.reject_from[0], seen)
+    values = answers(truth, queries, weight) | poses(truth, queries, weight)
+    values |= rejection(truth, exact, queries.reject_from[0], seen)
     for n in (1, 5, 25):
-        found[f"auc_top{n}"] = where(seen, auc(*curve(truth, exact.count(n, columns), seen)))
+        values[f"auc_top{n}"] = where(seen, auc(*curve(truth, exact.count(n, columns), seen)))
     oracle = replace(truth, true_rank=np.where(truth.oracle_right, 0, -1))
-    found["oracle_auc_exact_top1"] = auc_exact(oracle, queries.nearest_m, weight)
-    return {name: found[name] for name in NUMBERS}
+    values["oracle_auc_exact_top1"] = auc_exact(oracle, queries.nearest_m, weight)
+    return {name: values[name] for name in NUMBERS}
 
 
 def measures(truth: Truth, queries: Queries, kind: int, weight: Weight) -> dict[str, Number]:
-    """Each of MEASURES of one kind of novelty."""
+    """Each of MEASURES of one kind of novelty, by name."""
     exact = ExactCounts(truth, queries.novelty[:, kind], weight)
-    found = rejection(truth, exact, queries.reject_from[kind], weight @ truth.seen)
-    return {name: found[name] for name in MEASURES}
+    values = rejection(truth, exact, queries.reject_from[kind], weight @ truth.seen)
+    return {name: values[name] for name in MEASURES}
 
 
 def auc_exact(truth: Truth, novelty: NDArray[Any], weight: Weight) -> Number:
@@ -139,60 +141,66 @@ def auc_exact(truth: Truth, novelty: NDArray[Any], weight: Weight) -> Number:
 
 
 def answers(truth: Truth, queries: Queries, weight: Weight) -> dict[str, Number]:
-    """How good the answers to the seen queries are, rejection ignored."""
+    """Recall, errors and headings of the answers to the seen queries, rejection ignored."""
     seen = truth.seen
-    same = np.abs(queries.turn_deg) <= SAME_HEADING_DEG
-    good = {f"recall_at_{n}": right(truth, n) for n in (1, 5, 25)} | {"oracle": truth.oracle_right}
-    found = {name: share(flags, seen, weight) for name, flags in good.items()}
+    same_heading = np.abs(queries.turn_deg) <= SAME_HEADING_DEG
+    is_right = {f"recall_at_{n}": right(truth, n) for n in (1, 5, 25)} | {
+        "oracle": truth.oracle_right
+    }
+    values = {name: share(flags, seen, weight) for name, flags in is_right.items()}
     for name in ("recall_at_1", "oracle"):
-        found[f"{name}_same_heading"] = share(good[name], seen & same, weight)
-        found[f"{name}_turned"] = share(good[name], seen & ~same, weight)
-    found["median_error_m"] = median(queries.error_m[seen], weight[:, seen])
+        values[f"{name}_same_heading"] = share(is_right[name], seen & same_heading, weight)
+        values[f"{name}_turned"] = share(is_right[name], seen & ~same_heading, weight)
+    values["median_error_m"] = median(queries.error_m[seen], weight[:, seen])
     off_deg = queries.heading_error_deg
-    known = good["recall_at_1"] & np.isfinite(queries.heading_error_deg)
-    found["median_heading_error_deg"] = median(off_deg[known], weight[:, known])
-    found["heading_within_10deg"] = share(off_deg <= GOOD_HEADING_DEG, known, weight)
-    return found
+    has_heading = is_right["recall_at_1"] & np.isfinite(queries.heading_error_deg)
+    values["median_heading_error_deg"] = median(off_deg[has_heading], weight[:, has_heading])
+    values["heading_within_10deg"] = share(off_deg <= GOOD_HEADING_DEG, has_heading, weight)
+    return values
 
 
 def poses(truth: Truth, queries: Queries, weight: Weight) -> dict[str, Number]:
-    """How good the poses are; a missing one counts as wrong, but all is NaN of a method that gives
-    none."""
+    """Each of POSES by name; a missing pose counts as wrong.
+
+    All are NaN for a method that gives no poses.
+    """
     if np.isnan(queries.promised):
         return dict.fromkeys(POSES, np.full(len(weight), np.nan))
     off = {"error_m": queries.pose_error_m, "error_deg": queries.pose_error_deg}
-    good = {name: within(name, *off.values()) for name in WITHIN}
+    is_within = {name: within(name, *off.values()) for name in WITHIN}
     accepted = queries.novelty[:, 0].astype(np.float64) < queries.promised
-    right_there = good["within_2m_5deg"]
-    found = {name: share(flags, truth.seen, weight) for name, flags in good.items()}
-    found |= {
-        name: median(values[truth.seen], weight[:, truth.seen]) for name, values in off.items()
+    is_right = is_within["within_2m_5deg"]
+    values = {name: share(flags, truth.seen, weight) for name, flags in is_within.items()}
+    values |= {
+        name: median(errors[truth.seen], weight[:, truth.seen]) for name, errors in off.items()
     }
-    found["wrong_of_accepted_99"] = share(~right_there, accepted, weight)
-    found["recall_99"] = share(accepted & right_there, truth.seen, weight)
-    known = np.isfinite(queries.pose_error_m)
-    found["trajectory_m"] = np.sqrt(
+    values["wrong_of_accepted_99"] = share(~is_right, accepted, weight)
+    values["recall_99"] = share(accepted & is_right, truth.seen, weight)
+    has_pose = np.isfinite(queries.pose_error_m)
+    values["trajectory_m"] = np.sqrt(
         ratio(
-            weight[:, known] @ queries.pose_error_m[known] ** 2,
-            weight[:, known].sum(axis=1),
+            weight[:, has_pose] @ queries.pose_error_m[has_pose] ** 2,
+            weight[:, has_pose].sum(axis=1),
             empty=np.nan,
         )
     )
-    same = np.abs(queries.turn_deg) <= SAME_HEADING_DEG
-    for name, some in (
-        ("same_heading", same),
-        ("turned", ~same),
+    same_heading = np.abs(queries.turn_deg) <= SAME_HEADING_DEG
+    for name, chosen in (
+        ("same_heading", same_heading),
+        ("turned", ~same_heading),
         ("beside", queries.nearest_m >= BESIDE_M),
     ):
-        found[f"within_2m_5deg_{name}"] = share(right_there, truth.seen & some, weight)
-    return found
+        values[f"within_2m_5deg_{name}"] = share(is_right, truth.seen & chosen, weight)
+    return values
 
 
 def within(
     name: str, error_m: NDArray[np.float64], error_deg: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
-    """Which poses (q,) are right by one of WITHIN, given their errors (q,); a missing pose, NaN, is
-    not."""
+    """Which poses (q,) are right by one of WITHIN, given their errors (q,).
+
+    A missing pose, NaN, is not.
+    """
     far_m, far_deg = WITHIN[name]
     return (error_m < far_m) & (error_deg < far_deg)
 
@@ -200,10 +208,9 @@ def within(
 def rejection(
     truth: Truth, exact: ExactCounts, reject_from: float, seen: Number
 ) -> dict[str, Number]:
-    """How well one novelty tells right first answers from wrong ones and from unseen queries:
-    MEASURES and F1max.
+    """How well one novelty separates right first answers from wrong ones and from unseen queries.
 
-    `seen` (r,) is the weight of the seen queries.
+    Gives MEASURES and F1max. `seen` (r,) is the weight of the seen queries.
     """
     counts = exact.count(1)
     column = exact.columns(np.array([reject_from]))[0]
@@ -220,21 +227,20 @@ def rejection(
 
 
 def curve(truth: Truth, counts: Counts, seen: Number) -> tuple[Curve, Curve]:
-    """Precision and recall (r, t) by the protocol's rule, with the weight of the seen queries
-    (r,)."""
+    """Precision and recall (r, t) by the protocol's rule; `seen` (r,) weighs the seen queries."""
     return precision_recall(counts, seen[:, None] if truth.usual_recall else None)
 
 
 def share(flags: NDArray[np.bool_], among: NDArray[np.bool_], weight: Weight) -> Number:
-    """The share of `flags` (q,) among some of the queries (q,)."""
+    """The share of queries with a flag (q,) among those of `among` (q,)."""
     return ratio(weight @ (flags & among), weight @ among, empty=np.nan)
 
 
 def median(values: NDArray[np.float64], weight: Weight) -> Number:
-    """The median of values (q,), each counted as often as its weight, a whole number, says; NaN of
-    none.
+    """The median of values (q,), each counted as often as its weight; NaN without any.
 
-    A value that is NaN, an answer without a position, counts as the largest.
+    Weights are whole numbers. A value that is NaN, an answer without a position, counts as the
+    largest.
     """
     ascending = np.r_[np.sort(values), np.nan]
     running = np.cumsum(weight[:, np.argsort(values)], axis=1)
@@ -247,18 +253,18 @@ def median(values: NDArray[np.float64], weight: Weight) -> Number:
 
 
 def where(whole: Number, value: Number) -> Number:
-    """The value where it is of something, else NaN."""
+    """The value where `whole`, what it is a share of, is above 0, else NaN."""
     return np.where(whole > 0, value, np.nan)
 
 
 def line(numbers: Mapping[str, float | None]) -> str:
-    """A few of the numbers, as a line has room for, and what makes them doubtful."""
+    """The main numbers of an evaluation and its doubts, as one line."""
     shown = ("auc_top1", "recall_at_1", "auroc")
-    known = (
+    texts = (
         f"{name} {numbers[name]:.3f}" if numbers[name] is not None else f"{name} none"
         for name in shown
     )
     doubted = [
         name.removeprefix("doubt_").replace("_", " ") for name in (VOID, *DOUBTS) if name in numbers
     ]
-    return " ".join(known) + (f" ({', '.join(doubted)})" if doubted else "")
+    return " ".join(texts) + (f" ({', '.join(doubted)})" if doubted else "")

@@ -1,5 +1,4 @@
-"""Whether one method is better than another on the same queries, or only luckier along this path: a
-paired test."""
+"""A paired test: is one method better than another on the same queries, or luckier on this path?"""
 
 from dataclasses import dataclass
 
@@ -36,43 +35,47 @@ class Paired:
 
 
 def compare(this: Evaluation, reference: Evaluation, protocol: str, bootstrap: Bootstrap) -> Paired:
-    """Both methods meet the same resamples, so what is hard for both cancels out; raises InputError
-    for other queries.
+    """Compare two evaluations of the same queries, number by number, on the same resamples.
 
-    p inverts the percentile interval: twice the smaller share of the resamples in which the
-    difference is at most, or at least, 0, counting the path itself as one more: at least 2 / (1 +
-    resamples), so a test of many sequences needs many resamples. Nor is it less than a sign test of
-    the blocks that hold seen queries can reach, 2 / 2**blocks: five blocks never say .05.
+    What is hard for both methods cancels out. p inverts the percentile interval: twice the smaller
+    share of the resamples in which the difference is at most, or at least, 0, counting the path
+    itself as one more: at least 2 / (1 + resamples), so a test of many sequences needs many
+    resamples. Nor is it less than a sign test of the blocks that hold seen queries can reach, 2 /
+    2**blocks: five blocks never say .05. Raises InputError for other queries.
     """
-    ours = this.truth(protocol)
-    theirs = reference.truth(protocol)
-    same = ((this.xy_m, reference.xy_m), (ours.seen, theirs.seen), (ours.unseen, theirs.unseen))
-    if not all(np.array_equal(one, other) for one, other in same):
+    this_truth = this.truth(protocol)
+    reference_truth = reference.truth(protocol)
+    same_queries = (
+        np.array_equal(this.xy_m, reference.xy_m)
+        and np.array_equal(this_truth.seen, reference_truth.seen)
+        and np.array_equal(this_truth.unseen, reference_truth.unseen)
+    )
+    if not same_queries:
         raise InputError(
             "two methods can be compared on the same queries only, in the same order and judged "
             "alike"
         )
-    good = right(ours, 1)
-    better = right(theirs, 1)
+    this_right = right(this_truth, 1)
+    reference_right = right(reference_truth, 1)
 
     def difference(weight: Weight) -> NDArray[np.float64]:
-        recall = share(good, ours.seen, weight) - share(better, theirs.seen, weight)
-        return np.stack(
-            [
-                recall,
-                auc_exact(ours, this.novelty[:, 0], weight)
-                - auc_exact(theirs, reference.novelty[:, 0], weight),
-            ]
-        )
+        this_recall = share(this_right, this_truth.seen, weight)
+        reference_recall = share(reference_right, reference_truth.seen, weight)
+        this_auc = auc_exact(this_truth, this.novelty[:, 0], weight)
+        reference_auc = auc_exact(reference_truth, reference.novelty[:, 0], weight)
+        return np.stack([this_recall - reference_recall, this_auc - reference_auc])
 
     values = difference(np.ones((1, len(this.xy_m))))[:, 0].tolist()
-    tested = (
-        Difference(
-            one, *bounds(spread), _p(spread, ours.seen, blocks(this.xy_m, bootstrap.block_m))
-        )
-        for one, spread in zip(values, bootstrap.spreads(difference, this.xy_m), strict=True)
+    spreads = bootstrap.spreads(difference, this.xy_m)
+    block = blocks(this.xy_m, bootstrap.block_m)
+    return Paired(
+        differences=tuple(
+            Difference(value, *bounds(spread), _p(spread, this_truth.seen, block))
+            for value, spread in zip(values, spreads, strict=True)
+        ),
+        only_this=int((this_right & ~reference_right).sum()),
+        only_reference=int((reference_right & ~this_right).sum()),
     )
-    return Paired(tuple(tested), int((good & ~better).sum()), int((better & ~good).sum()))
 
 
 def holm(p: NDArray[np.float64]) -> NDArray[np.float64]:

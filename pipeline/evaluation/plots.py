@@ -1,5 +1,7 @@
-"""The plain data that `dvc plots` draws: one row a point, wide, of the models' own recipes on the
-test sequences."""
+"""The data that `dvc plots` draws, of the models' own recipes on the test sequences.
+
+Wide: one row a point.
+"""
 
 import pandas as pd
 
@@ -16,9 +18,11 @@ YEAR = {
 
 
 def year(table: pd.DataFrame) -> pd.DataFrame:
-    """A row a method and test sequence: the days since training and the main numbers, by cells
-    unless named otherwise."""
-    driven = table[
+    """A row a method and test sequence: the days since training and the main numbers.
+
+    By cells unless named otherwise.
+    """
+    rows_as_driven = table[
         (table["case"] == "")
         & (table["variant"] == "")
         & (table["seed"] == 0)
@@ -26,7 +30,9 @@ def year(table: pd.DataFrame) -> pd.DataFrame:
     ]
     columns = {}
     for column, (protocol, number) in YEAR.items():
-        rows = driven[(driven["protocol"] == protocol) & (driven["number"] == number)]
+        rows = rows_as_driven[
+            (rows_as_driven["protocol"] == protocol) & (rows_as_driven["number"] == number)
+        ]
         columns[column] = rows.set_index(["method", "sequence", "days"])["value"]
     wide = pd.DataFrame(
         {name: values[~values.index.duplicated()] for name, values in columns.items()}
@@ -39,13 +45,13 @@ def precision_recall(gathering: Gathering) -> pd.DataFrame:
     frames = []
     for method in gathering.study["methods"] if asks_about_the_year(gathering.study) else ():
         for sequence in gathering.study["tests"]:
-            found = gathering.evaluation(
+            evaluation = gathering.evaluation(
                 gathering.study["grids"][0], ModelName(method["name"]), sequence
             )
             columns = {
-                "threshold": found.thresholds,
-                "recall": found.cells.recall[0],
-                "precision": found.cells.precision[0],
+                "threshold": evaluation.thresholds,
+                "recall": evaluation.cells.recall[0],
+                "precision": evaluation.cells.precision[0],
             }
             frames.append(pd.DataFrame({"method": method["name"], "sequence": sequence, **columns}))
     return (

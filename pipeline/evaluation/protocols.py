@@ -16,8 +16,10 @@ PROTOCOLS = ("cells", "distance")
 
 @dataclass(frozen=True)
 class Truth:
-    """What is true of each of q queries under one protocol; a query neither seen nor unseen is not
-    judged."""
+    """Which of q queries are seen, unseen and answered right under one protocol.
+
+    A query neither seen nor unseen is not judged.
+    """
 
     seen: NDArray[np.bool_]  # (q,) training went there
     unseen: NDArray[np.bool_]  # (q,) training never went there
@@ -34,8 +36,7 @@ class Truth:
 def by_cells(
     places: NDArray[np.int64], true_places: NDArray[np.int64], oracle: NDArray[np.int64]
 ) -> Truth:
-    """The papers' protocol: the right answer is the query's cell, and a query is seen iff that is a
-    place of training.
+    """The papers' protocol: right is the query's cell; seen is a query whose cell training visited.
 
     `places` (q, k) are the answers, cheapest first; `true_places` (q,) is −1 where training never
     went; `oracle` (q,) is the place of the nearest training anchor.
@@ -68,8 +69,10 @@ class Distance:
         xy_m: NDArray[np.float64],
         nearest_m: NDArray[np.float64],
     ) -> Truth:
-        """The truth of queries at `xy_m` (q, 2), answered with positions (q, k, 2), `nearest_m`
-        (q,) from training."""
+        """The truth of queries at `xy_m` (q, 2) answered with positions (q, k, 2).
+
+        `nearest_m` (q,) is how far they are from training.
+        """
         seen = nearest_m < self.seen_m
         away_m = np.linalg.norm(answers_xy_m - xy_m[:, None], axis=2)
         right = (away_m <= self.correct_m) & seen[:, None]

@@ -63,8 +63,10 @@ FILE = "results.csv"
 
 @dataclass(frozen=True)
 class Gathering:
-    """Gathers the table of one study of conf/studies.yaml; raises ArtifactError for an artifact
-    that is not there."""
+    """Gathers the table of one study of conf/studies.yaml.
+
+    Raises ArtifactError for an artifact that is missing.
+    """
 
     artifacts: Path
     name: str
@@ -80,43 +82,48 @@ class Gathering:
         return table(rows, study=self.name, dataset=self.name, simulated=self.simulated)
 
     def _answers(self) -> Rows:
-        """Every model at every cell size on every sequence; and for the study's own cells what
-        several of them show together."""
+        """Rows of every model at every cell size on every sequence.
+
+        For the study's own cells also rows of several evaluations together.
+        """
         tests = self.study["tests"]
         stress = self.study.get("stress", {})
         models = answerers(self.study)
         for grid in grids(self.study) if asks_about_the_year(self.study) else ():
-            own = grid in self.study["grids"]
+            is_own_grid = grid in self.study["grids"]
             of_methods: dict[str, dict[str, Evaluation]] = {}
             of_variants: dict[tuple[str, str], dict[str, Evaluation]] = {}
             held_out = {}
             bootstrap = Bootstrap()
             for model in (
-                models if own else [model for model in models if model.name == model.method]
+                models if is_own_grid else [model for model in models if model.name == model.method]
             ):
                 place = {"grid": grid, **model.columns}
-                driven: dict[str, Evaluation] = {}
-                for sequence in (*tests, *stress) if own else tests:
+                as_driven: dict[str, Evaluation] = {}
+                for sequence in (*tests, *stress) if is_own_grid else tests:
                     artifact = self._evaluations(grid, model, sequence)
                     for i, case in enumerate(read_cases(artifact.attrs)):
                         evaluation = Evaluation.read(artifact, i)
-                        where = {
+                        of_sequence = {
                             "sequence": sequence,
                             "days": evaluation.days,
                             "stress": stress.get(sequence, ""),
                         }
-                        yield from (place | where | one for one in of_evaluation(evaluation, case))
+                        yield from (
+                            place | of_sequence | columns
+                            for columns in of_evaluation(evaluation, case)
+                        )
                         if not case.change:
-                            driven[sequence] = evaluation
+                            as_driven[sequence] = evaluation
                 by_day = {
-                    name: driven[name]
-                    for name in sorted(tests, key=lambda name: (driven[name].days, name))
+                    name: as_driven[name]
+                    for name in sorted(tests, key=lambda name: (as_driven[name].days, name))
                 }
                 if not model.posed:
                     learned = store.read_model(
                         self._path("train", grid, f"{model.name}.safetensors")
                     )
-                    kind = driven[tests[0]].kinds[0]
+                    kind = as_driven[tests[0]].kinds[0]
                     area = held_out_auc(Evidence.of(learned), kind, self.unseen_share)
                     yield place | row("held_out_auc", "cells", area)
                 if model.name == model.method:
@@ -127,13 +134,15 @@ class Gathering:
                     bootstrap = Bootstrap(**artifact.attrs["bootstrap"])
                 elif (self.study["question"] == "year" or model.posed) and not model.seed:
                     of_variants[model.method, model.answered] = by_day
-            if own:
+            if is_own_grid:
                 yield {"grid": grid} | row(
                     "correct_m", "distance", artifact.attrs["distance"]["correct_m"]
                 )
                 yield from (
-                    {"grid": grid} | one
-                    for one in self._together(Answers(of_methods, held_out, of_variants), bootstrap)
+                    {"grid": grid} | columns
+                    for columns in self._together(
+                        Answers(of_methods, held_out, of_variants), bootstrap
+                    )
                 )
 
     def _together(self, answers: Answers, bootstrap: Bootstrap) -> Rows:
@@ -145,8 +154,7 @@ class Gathering:
             yield from event_rows(answers, changes, self.bands, bootstrap)
 
     def _viewpoints(self) -> Rows:
-        """Every model on bird-views, on the sequences that the stage `viewpoints` matched with
-        themselves."""
+        """Rows of every model on bird-views, on sequences matched with themselves."""
         for grid in self.study["grids"]:
             for method in self._on_bird_views():
                 for model in models_of({**method, "variants": {}}):
@@ -157,14 +165,15 @@ class Gathering:
                     for path in sorted(folder.glob("*.zarr")):
                         judged = Judged.read(store.read(path, schemas.VIEWPOINTS))
                         yield from (
-                            place | {"sequence": path.stem} | one for one in viewpoint_rows(judged)
+                            place | {"sequence": path.stem} | columns
+                            for columns in viewpoint_rows(judged)
                         )
 
     def _on_bird_views(self) -> Sequence[Mapping[str, Any]]:
         return on_bird_views(self.study["methods"]) if self.study["question"] != "lifelong" else ()
 
     def _lifelong(self) -> Rows:
-        """Every model after each day that it learned, in each order and by each strategy."""
+        """Rows of every model after each day that it learned, in each order and strategy."""
         for grid, method in product(self.study["grids"], self.study["methods"]):
             for model in models_of(method) if self.study["question"] == "lifelong" else ():
                 place = {"grid": grid, **model.columns}
@@ -172,11 +181,11 @@ class Gathering:
                     for strategy in strategies:
                         path = self._path("lifelong", grid, model.name, f"{order}-{strategy}.zarr")
                         yield from (
-                            place | one for one in lifelong_rows(store.read(path, LIFELONG))
+                            place | columns for columns in lifelong_rows(store.read(path, LIFELONG))
                         )
 
     def evaluation(self, grid: str, model: ModelName, sequence: str) -> Evaluation:
-        """What a model answered in one sequence as driven."""
+        """Read a model's evaluation in one sequence as driven."""
         return Evaluation.read(self._evaluations(grid, model, sequence))
 
     def _evaluations(self, grid: str, model: ModelName, sequence: str) -> Artifact:
@@ -189,8 +198,10 @@ class Gathering:
 
 
 def read(artifacts: Path, studies: Mapping[str, Study]) -> pd.DataFrame:
-    """The table of some studies by name, with their timings; raises ArtifactError where a study has
-    none yet."""
+    """Read the table of some studies by name, with their timings.
+
+    Raises ArtifactError where a study has none yet.
+    """
     frames = []
     for name, study in studies.items():
         path = artifacts / "results" / name / FILE
@@ -199,17 +210,17 @@ def read(artifacts: Path, studies: Mapping[str, Study]) -> pd.DataFrame:
         courses = sorted(
             (artifacts / "lifelong" / name).glob("*/*/*.json")
         )  # beside the artifacts, not in them
-        told = [json.loads(course.read_text(encoding="utf-8")) for course in courses]
-        frames += [table(row for one in told for row in cost_rows(one))] if told else []
+        costs = [cost_rows(json.loads(course.read_text(encoding="utf-8"))) for course in courses]
+        frames += [table(row for rows in costs for row in rows)] if costs else []
         timings = sorted((artifacts / "latency" / name).glob("*.csv")) if is_timed(study) else []
-        frames += [_parsed(one) for one in (path, *timings)]
+        frames += [_parsed(csv) for csv in (path, *timings)]
     return pd.concat(frames, ignore_index=True) if frames else table([])
 
 
 def _parsed(path: Path) -> pd.DataFrame:
     try:
-        missing = {name: [""] for name in NUMERIC}
-        frame = pd.read_csv(path, dtype=TYPES, keep_default_na=False, na_values=missing)[
+        na_values = {name: [""] for name in NUMERIC}
+        frame = pd.read_csv(path, dtype=TYPES, keep_default_na=False, na_values=na_values)[
             [*COLUMNS, *TYPED]
         ]
         if frame[[*WORDS]].isna().any(axis=None):
@@ -222,18 +233,18 @@ def _parsed(path: Path) -> pd.DataFrame:
 
 
 def where(frame: pd.DataFrame, conditions: Mapping[str, str]) -> pd.DataFrame:
-    """The rows in which each column's text is the one wanted, or one of several with commas
-    between; 20 is 20.0 too.
+    """The rows whose columns have the wanted texts.
 
-    Raises ConfigError for a column that the table has not.
+    A condition is one text or several with commas between; 20 is 20.0 too. Raises ConfigError for a
+    column that the table has not.
     """
-    for column, wanted in conditions.items():
+    for column, condition in conditions.items():
         if column not in COLUMNS:
             raise ConfigError(
-                f"--where {column}={wanted}: expected one of the columns {', '.join(COLUMNS)}"
+                f"--where {column}={condition}: expected one of the columns {', '.join(COLUMNS)}"
             )
         text = frame[column].astype(str)
-        texts = wanted.split(",")
+        texts = condition.split(",")
         frame = frame[
             text.isin(texts) | (column in NUMERIC and text.str.removesuffix(".0").isin(texts))
         ]

@@ -66,8 +66,10 @@ TYPES: Mapping[str, type] = {
 
 
 def case_text(case: Case) -> str:
-    """A case in a word or two: `turned 0`, `demolition 60°`, `construction 2 walls, shadow`; empty
-    as driven."""
+    """A case in a word or two: `turned 0`, `demolition 60°`, `construction 2 walls, shadow`.
+
+    Empty as driven.
+    """
     level = {"demolition": f" {case.level:g}°", "construction": f" {case.level:g} walls"}.get(
         case.change, ""
     )
@@ -76,8 +78,7 @@ def case_text(case: Case) -> str:
 
 
 def of_evaluation(evaluation: Evaluation, case: Case = Case()) -> Rows:  # noqa: B008 (frozen)
-    """The rows of one case of one evaluation: counts, numbers with intervals, each kind of novelty,
-    calibration."""
+    """Rows of one case of an evaluation: counts, numbers with intervals, novelties, calibration."""
     parts = {
         "case": case_text(case),
         "change": case.change,
@@ -86,19 +87,21 @@ def of_evaluation(evaluation: Evaluation, case: Case = Case()) -> Rows:  # noqa:
         "repeat": case.repeat,
     }
     for protocol in PROTOCOLS:
-        by = evaluation.protocol(protocol)
-        counts = {"queries": len(by.seen), "seen": by.seen.sum(), "unseen": by.unseen.sum()}
+        judgement = evaluation.protocol(protocol)
+        counts = {
+            "queries": len(judgement.seen),
+            "seen": judgement.seen.sum(),
+            "unseen": judgement.unseen.sum(),
+        }
         shares = {
             "threshold": evaluation.reject_from[0],
-            "turned_share": by.turned_share(evaluation.turn_deg),
-        }
-        shares |= {
-            "answered": by.answered,
+            "turned_share": judgement.turned_share(evaluation.turn_deg),
+            "answered": judgement.answered,
             "kept_precision": evaluation.kept[0],
             "wanted_precision": evaluation.wanted,
         }
-        numbers = dict(zip(NUMBERS, by.numbers, strict=True))
-        known = {
+        numbers = dict(zip(NUMBERS, judgement.numbers, strict=True))
+        number_values = {
             name: values
             for name, values in numbers.items()
             if name not in POSES or not np.isnan(evaluation.promised)
@@ -106,14 +109,18 @@ def of_evaluation(evaluation: Evaluation, case: Case = Case()) -> Rows:  # noqa:
         yield from several(
             parts,
             protocol,
-            counts | shares | known | ({} if case.change else evaluation.doubts(protocol)),
+            counts | shares | number_values | ({} if case.change else evaluation.doubts(protocol)),
         )
-        for kind, measures, kept in (
-            () if case.change else zip(evaluation.kinds, by.rejection, evaluation.kept, strict=True)
+        for kind, measures, kept_precision in (
+            ()
+            if case.change
+            else zip(evaluation.kinds, judgement.rejection, evaluation.kept, strict=True)
         ):
-            own = parts | {"case": f"novelty {kind}", "kind": kind}
+            novelty_parts = parts | {"case": f"novelty {kind}", "kind": kind}
             yield from several(
-                own, protocol, dict(zip(MEASURES, measures, strict=True)) | {"kept_precision": kept}
+                novelty_parts,
+                protocol,
+                dict(zip(MEASURES, measures, strict=True)) | {"kept_precision": kept_precision},
             )
     yield from several(
         parts, "cells", dict(zip(("ece_raw", "ece"), evaluation.calibration, strict=True))
@@ -123,7 +130,7 @@ def of_evaluation(evaluation: Evaluation, case: Case = Case()) -> Rows:  # noqa:
 def row(
     number: str, protocol: str, value: float, low: float = np.nan, high: float = np.nan
 ) -> dict[str, Any]:
-    """The last columns of a row."""
+    """The columns of one number: protocol, number, value, low and high."""
     return {
         "protocol": protocol,
         "number": number,
@@ -134,14 +141,14 @@ def row(
 
 
 def several(place: Mapping[str, Any], protocol: str, numbers: Mapping[str, Any]) -> Rows:
-    """A row of a place for each number, which is a value or a value with its lowest and highest."""
+    """One row for each number of a place; a number is a value, or a value with its bounds."""
     for number, values in numbers.items():
         yield {**place, **row(number, protocol, *np.atleast_1d(values))}
 
 
 def table(rows: Iterable[Mapping[str, Any]], **common: Any) -> pd.DataFrame:
-    """A frame with all columns, those of `common` the same in every row, each of its type."""
-    usual = dict.fromkeys(WORDS, "") | {
+    """A frame of rows with all columns, each of its type; `common` values stand in every row."""
+    defaults = dict.fromkeys(WORDS, "") | {
         "simulated": False,
         "seed": 0,
         "days": np.nan,
@@ -149,5 +156,7 @@ def table(rows: Iterable[Mapping[str, Any]], **common: Any) -> pd.DataFrame:
         "shadow": False,
         "repeat": 0,
     }
-    frame = pd.DataFrame([usual | common | dict(one) for one in rows], columns=[*COLUMNS, *TYPED])
+    frame = pd.DataFrame(
+        [defaults | common | dict(columns) for columns in rows], columns=[*COLUMNS, *TYPED]
+    )
     return frame.astype(TYPES)

@@ -1,5 +1,7 @@
-"""Rows of the table of results that need several evaluations: ageing over the year, methods against
-each other, real changes."""
+"""Rows of the table of results that need several evaluations.
+
+Ageing over the year, methods against each other, real changes, viewpoints.
+"""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -38,8 +40,10 @@ TO_COME = "change to come"
 
 @dataclass(frozen=True)
 class Answers:
-    """The evaluations as driven of each method's own model, by method and test sequence in the
-    order of the days."""
+    """The evaluations as driven of each method's own model.
+
+    By method and test sequence, in the order of the days.
+    """
 
     evaluations: Mapping[str, Mapping[str, Evaluation]]
     held_out: Mapping[
@@ -55,8 +59,10 @@ class Answers:
 
 
 def ageing_rows(answers: Answers, ageing: Ageing) -> Rows:
-    """Each number of AGEING: the line through it over the days, at each sequence's day and as a
-    slope; of the oracle too."""
+    """Rows of each number of AGEING: its line at each sequence's day, and the line's slope.
+
+    Those that the oracle has too are followed for it as well.
+    """
     for protocol, number in AGEING:
         groups = {method: (number, group) for method, group in answers.evaluations.items()}
         if number.startswith("recall_at_1"):
@@ -64,16 +70,23 @@ def ageing_rows(answers: Answers, ageing: Ageing) -> Rows:
                 number.replace("recall_at_1", ORACLE),
                 answers.evaluations[answers.reference],
             )
-        for method, (own, group) in groups.items():
-            days = np.array([one.days for one in group.values()], np.float64)
+        for method, (group_number, group) in groups.items():
+            days = np.array([evaluation.days for evaluation in group.values()], np.float64)
             if number == "novelty_percentile":
-                known = answers.held_out.get(method, np.empty(0))
-                found = [(newness(one, known), np.nan, np.nan) for one in group.values()]
+                held_out_novelty = answers.held_out.get(method, np.empty(0))
+                estimates = [
+                    (newness(evaluation, held_out_novelty), np.nan, np.nan)
+                    for evaluation in group.values()
+                ]
             else:
-                found = [one.number(protocol, own) for one in group.values()]
-            line = ageing.line(days, np.array([value for value, _, _ in found]))
+                estimates = [
+                    evaluation.number(protocol, group_number) for evaluation in group.values()
+                ]
+            line = ageing.line(days, np.array([value for value, _, _ in estimates]))
             fitted = np.full((3, len(days)), np.nan) if line is None else line.at(days)
-            for sequence, day, values, on_line in zip(group, days, found, fitted.T, strict=True):
+            for sequence, day, values, on_line in zip(
+                group, days, estimates, fitted.T, strict=True
+            ):
                 place = {"method": method, "sequence": sequence, "days": day}
                 if method == ORACLE or number == "novelty_percentile":
                     yield place | row(number, protocol, *values)
@@ -81,10 +94,10 @@ def ageing_rows(answers: Answers, ageing: Ageing) -> Rows:
             if line is not None:
                 slope = line.slope
                 (low, high) = line.interval or (np.nan, np.nan)
-                per = f"per_{PER_DAYS}_days"
+                per_days = f"per_{PER_DAYS}_days"
                 slopes = {
-                    f"_{per}": PER_DAYS * np.array([slope, low, high]),
-                    f"_theil_sen_{per}": PER_DAYS * line.middle_slope,
+                    f"_{per_days}": PER_DAYS * np.array([slope, low, high]),
+                    f"_theil_sen_{per_days}": PER_DAYS * line.middle_slope,
                 }
                 of_line: dict[str, Any] = slopes | {"_day_0": line.intercept, "_slope_p": line.p}
                 if number != "novelty_percentile" and (lost := line.lost(ageing.loss)):
@@ -97,71 +110,78 @@ def ageing_rows(answers: Answers, ageing: Ageing) -> Rows:
 
 
 def paired_rows(answers: Answers, bootstrap: Bootstrap) -> Rows:
-    """Every model against the reference on the same queries: differences, p after Holm's
-    correction, who alone is right."""
-    first = answers.evaluations[answers.reference]
+    """Rows of every model against the reference on the same queries.
+
+    Differences, p after Holm's correction, and how many queries only one of the two answers right.
+    """
+    reference = answers.evaluations[answers.reference]
     against = {
         "case": f"against {answers.reference}",
         "change": "against",
         "kind": answers.reference,
     }
-    own = {(method, ""): group for method, group in answers.evaluations.items()}
-    for (method, variant), group in (own | dict(answers.variants)).items():
+    own_recipes = {(method, ""): group for method, group in answers.evaluations.items()}
+    for (method, variant), group in (own_recipes | dict(answers.variants)).items():
         common = {"method": method, "variant": variant} | against
         places = {
-            sequence: common | {"sequence": sequence, "days": one.days}
-            for sequence, one in group.items()
+            sequence: common | {"sequence": sequence, "days": evaluation.days}
+            for sequence, evaluation in group.items()
         }
-        for protocol in PROTOCOLS if group is not first else ():
-            found = {
-                name: compare(one, first[name], protocol, bootstrap) for name, one in group.items()
+        for protocol in PROTOCOLS if group is not reference else ():
+            comparisons = {
+                sequence: compare(evaluation, reference[sequence], protocol, bootstrap)
+                for sequence, evaluation in group.items()
             }
             for i, number in enumerate(COMPARED):
-                p = holm(np.array([one.differences[i].p for one in found.values()]))
-                for (sequence, one), corrected in zip(found.items(), p, strict=True):
-                    difference = (
-                        one.differences[i].value,
-                        one.differences[i].low,
-                        one.differences[i].high,
-                    )
+                differences = [comparison.differences[i] for comparison in comparisons.values()]
+                corrected_p = holm(np.array([difference.p for difference in differences]))
+                for sequence, difference, p in zip(
+                    comparisons, differences, corrected_p, strict=True
+                ):
                     numbers = {
-                        f"{number}_difference": difference,
-                        f"{number}_difference_p": corrected,
+                        f"{number}_difference": (
+                            difference.value,
+                            difference.low,
+                            difference.high,
+                        ),
+                        f"{number}_difference_p": p,
                     }
                     yield from several(places[sequence], protocol, numbers)
-            for sequence, one in found.items():
-                alone = {
-                    "only_this_right": one.only_this,
-                    "only_reference_right": one.only_reference,
+            for sequence, comparison in comparisons.items():
+                right_alone = {
+                    "only_this_right": comparison.only_this,
+                    "only_reference_right": comparison.only_reference,
                 }
-                yield from several(places[sequence], protocol, alone)
+                yield from several(places[sequence], protocol, right_alone)
 
 
 def event_rows(
     answers: Answers, changes: Mapping[str, Iterable[Change]], bands: Bands, bootstrap: Bootstrap
 ) -> Rows:
-    """All test sequences together, by the distance to the nearest real change that shows, and to
-    one still to come.
+    """Rows of all test sequences together, by the distance to the nearest real change.
 
-    `changes` of each sequence are those that show on its day. `level` of a row is the farther edge
-    of its band.
+    Of changes that show, and of those still to come. `changes` of each sequence are those that show
+    on its day. `level` of a row is the farther edge of its band.
     """
-    listed = {sequence: list(some) for sequence, some in changes.items()}
-    first = answers.evaluations[answers.reference]
-    away_m = distances({name: one.xy_m for name, one in first.items()}, listed, bands.kinds)
+    changes_of = {sequence: list(in_sequence) for sequence, in_sequence in changes.items()}
+    reference = answers.evaluations[answers.reference]
+    xy_m = {sequence: evaluation.xy_m for sequence, evaluation in reference.items()}
+    away_m = distances(xy_m, changes_of, bands.kinds)
     for kind in bands.kinds:
-        yield row(
-            f"{kind}_changes",
-            "",
-            len({one for some in listed.values() for one in some if one.what == kind}),
-        )
+        of_kind = {
+            change
+            for sequence_changes in changes_of.values()
+            for change in sequence_changes
+            if change.what == kind
+        }
+        yield row(f"{kind}_changes", "", len(of_kind))
     for sequence, (shown_m, _) in away_m.items():
-        near = first[sequence].cells.seen & (shown_m <= bands.edges_m[-1])
-        yield {"sequence": sequence} | row("seen_near_a_change", "cells", near.sum())
+        is_near = reference[sequence].cells.seen & (shown_m <= bands.edges_m[-1])
+        yield {"sequence": sequence} | row("seen_near_a_change", "cells", is_near.sum())
     for method, group in answers.evaluations.items():
         for protocol in PROTOCOLS:
-            for i, when in enumerate((SHOWN, TO_COME)):
-                found = banded(
+            for i, change_time in enumerate((SHOWN, TO_COME)):
+                in_bands = banded(
                     [*group.values()],
                     [away_m[name][i] for name in group],
                     bands,
@@ -171,21 +191,20 @@ def event_rows(
                 for band, edge_m in enumerate((*bands.edges_m, np.inf)):
                     place = {
                         "method": method,
-                        "case": f"{when}, {bands.names[band]}",
-                        "change": when,
+                        "case": f"{change_time}, {bands.names[band]}",
+                        "change": change_time,
                         "level": edge_m,
                     }
-                    counts = {"seen": found.seen[band], "unseen": found.unseen[band]}
+                    counts = {"seen": in_bands.seen[band], "unseen": in_bands.unseen[band]}
                     yield from several(
                         place,
                         protocol,
-                        counts | dict(zip(NEAR_CHANGES, found.values[band], strict=True)),
+                        counts | dict(zip(NEAR_CHANGES, in_bands.values[band], strict=True)),
                     )
 
 
 def viewpoint_rows(judged: Judged) -> Rows:
-    """One model on one sequence matched with itself, from each heading between those of the
-    reference."""
+    """Rows of one model on one sequence matched with itself, a row a number and query heading."""
     for heading_deg, values in zip(judged.headings_deg, judged.values, strict=True):
         place = {
             "case": f"viewpoint {heading_deg:g}°",

@@ -1,8 +1,7 @@
-"""How long one query takes on this machine, from a submap's points to places: Table III of the SCI
-paper (METHODS 2.7).
+"""How long one query takes on this machine, from a submap's points to places (METHODS 2.7).
 
-Timings differ from run to run and from machine to machine, so nothing that is compared bit by bit
-may depend on them.
+Table III of the SCI paper. Timings differ from run to run and from machine to machine, so nothing
+that is compared bit by bit may depend on them.
 """
 
 import os
@@ -38,7 +37,7 @@ PACKAGES = ("numpy", "numba", "torch", "faiss-cpu")
 
 @dataclass(frozen=True)
 class Contender:
-    """A method, ready to be asked."""
+    """A method with its model and the drawing of its view, ready to answer queries."""
 
     view: (
         str  # name of what it looks at; methods that look at the same share the time of drawing it
@@ -49,7 +48,7 @@ class Contender:
 
 @dataclass(frozen=True)
 class Latency:
-    """What each of some queries took, each asked alone."""
+    """Times of some queries, each localized alone, by part and method."""
 
     generation: Samples  # by view: from points to the view
     retrieval: Samples  # by method: from the view to its ranking
@@ -67,8 +66,7 @@ class Latency:
         queries: int,
         k: int,
     ) -> Self:
-        """Ask all contenders about one submap before the next; submaps are spread over the
-        sequence.
+        """Measure all contenders on one submap before the next, spread over the sequence.
 
         Raises InputError where it has none, ConfigError for no queries.
         """
@@ -100,42 +98,46 @@ class Latency:
         return cls(generation, retrieval, views, np.array(points), k, machine(float(busy)))
 
     def rows(self) -> Rows:
-        """Medians and 95th percentiles in milliseconds, a method at a time."""
+        """Rows of medians and 95th percentiles in milliseconds, a method at a time."""
         for method, view in self.views.items():
             parts = {
                 "generation": self.generation[view],
                 "retrieval": self.retrieval[method],
                 "query": self.total[method],
             }
-            for part, took in parts.items():
-                numbers = {f"{part}_ms": np.median(took), f"{part}_ms_p95": np.percentile(took, 95)}
+            for part, milliseconds in parts.items():
+                numbers = {
+                    f"{part}_ms": np.median(milliseconds),
+                    f"{part}_ms_p95": np.percentile(milliseconds, 95),
+                }
                 yield from several({"method": method}, "", numbers)
 
     def record(self) -> dict[str, Any]:
-        """Every sample, and what it was measured on, as JSON has it."""
+        """Every sample and the machine, as JSON has it."""
         parts = {"generation": self.generation, "retrieval": self.retrieval, "total": self.total}
         samples = {
-            part: {name: took.round(4).tolist() for name, took in by.items()}
-            for part, by in parts.items()
+            part: {name: milliseconds.round(4).tolist() for name, milliseconds in by_name.items()}
+            for part, by_name in parts.items()
         }
-        about = {
+        settings = {
             "machine": self.machine,
             "views": dict(self.views),
             "k": self.k,
             "points": self.points.tolist(),
         }
-        return about | {"milliseconds": samples}
+        return settings | {"milliseconds": samples}
 
     def line(self) -> str:
-        """The medians of the totals."""
+        """The medians of the totals, as one line."""
         medians = ", ".join(
-            f"{method} {np.median(took):.2f} ms" for method, took in self.total.items()
+            f"{method} {np.median(milliseconds):.2f} ms"
+            for method, milliseconds in self.total.items()
         )
         return f"{medians}; medians of {len(self.points)} queries, from points to places"
 
     @property
     def total(self) -> Samples:
-        """By method: both, query by query."""
+        """Milliseconds (query,) by method, from points to places: drawing plus retrieval."""
         return {
             method: self.generation[view] + self.retrieval[method]
             for method, view in self.views.items()
@@ -148,20 +150,26 @@ def contenders(
     view: Callable[[str], Any],
     method: Callable[[str], Any],
 ) -> dict[str, Contender]:
-    """Each method of a study with its view, as `view` and `method` make them of their names, and
-    its model in `models`."""
-    views = {name: view(name) for name in dict.fromkeys(one["view"] for one in methods)}
-    found = {}
-    for one in methods:
-        model = read_model(models / f"{one['name']}.safetensors")
-        found[one["name"]] = Contender(
-            one["view"], views[one["view"]], method(one["name"]).localizer(model)
+    """Each method of a study by name, with its view and its model in `models`.
+
+    `view` and `method` make the drawing and the method of their names.
+    """
+    views = {
+        name: view(name) for name in dict.fromkeys(method_conf["view"] for method_conf in methods)
+    }
+    contenders_by_name = {}
+    for method_conf in methods:
+        model = read_model(models / f"{method_conf['name']}.safetensors")
+        contenders_by_name[method_conf["name"]] = Contender(
+            method_conf["view"],
+            views[method_conf["view"]],
+            method(method_conf["name"]).localizer(model),
         )
-    return found
+    return contenders_by_name
 
 
 def cost_rows(models: Mapping[ModelName, Path]) -> Rows:
-    """The size of each model's file, and what its training took where it was trained here."""
+    """Rows of each model's file size, and of its training's cost where it was trained here."""
     for model, path in models.items():
         place = {"method": model.method, "variant": model.variant, "seed": model.seed}
         costs = {"model_mb": path.stat().st_size / 1e6}
@@ -178,12 +186,12 @@ def clouds(
     scans: Artifact, submaps: Artifact, rows: NDArray[np.int64]
 ) -> Iterator[NDArray[np.float64]]:
     """Points (n, 3) in metres of some submaps, as a view is drawn from them."""
-    for one in rows.tolist():
-        yield from submap_points(scans, submaps, slice(one, one + 1))
+    for row in rows.tolist():
+        yield from submap_points(scans, submaps, slice(row, row + 1))
 
 
 def machine(busy: float) -> dict[str, Any]:
-    """This one, now.
+    """Describe this machine as it is now.
 
     `gpu` is the one that torch has used, empty for none; `load` the processes that ran or wanted
     to, over the last minute; `busy` the CPU time over the wall time of what was measured: above 1
@@ -191,13 +199,17 @@ def machine(busy: float) -> dict[str, Any]:
     """
     cuda = getattr(sys.modules.get("torch"), "cuda", None)
     gpu = cuda.get_device_name() if cuda and cuda.is_initialized() else ""
-    found = {one.name: one.version for one in distributions() if one.name in PACKAGES}
+    installed = {
+        distribution.name: distribution.version
+        for distribution in distributions()
+        if distribution.name in PACKAGES
+    }
     versions = {
         "Python": platform.python_version(),
-        **{name: found.get(name, "") for name in PACKAGES},
+        **{name: installed.get(name, "") for name in PACKAGES},
     }
-    about = {"processor": processor(), "cores": os.cpu_count() or 1, "gpu": gpu}
-    return about | {
+    hardware = {"processor": processor(), "cores": os.cpu_count() or 1, "gpu": gpu}
+    return hardware | {
         "load": round(os.getloadavg()[0], 2),
         "busy": round(busy, 2),
         "versions": versions,
@@ -205,9 +217,9 @@ def machine(busy: float) -> dict[str, Any]:
 
 
 def processor() -> str:
-    """The processor's name, as far as the system tells it."""
-    listed = Path("/proc/cpuinfo")
-    lines = listed.read_text(encoding="utf-8").splitlines() if listed.is_file() else []
+    """The processor's name, as far as the system knows it."""
+    cpuinfo = Path("/proc/cpuinfo")
+    lines = cpuinfo.read_text(encoding="utf-8").splitlines() if cpuinfo.is_file() else []
     names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
     return names[0] if names else platform.processor() or platform.machine()
 
@@ -219,20 +231,20 @@ def _ask(
     pose: Any,
     k: int,
 ) -> Laps:
-    """Draw each view of a cloud once, and ask each method with its view alone."""
+    """Draw each view of a cloud once, and localize with each method on its view alone."""
     laps: Laps = {}
     images = {}
-    for view, draw in {one.view: one.draw for one in contenders.values()}.items():
+    for view, draw in {contender.view: contender.draw for contender in contenders.values()}.items():
         images[view], laps["view", view] = _lap(draw, cloud)
-    for name, one in contenders.items():
+    for name, contender in contenders.items():
         _, laps["method", name] = _lap(
-            one.localize, Views(images[one.view][None], stamp_ns, pose), k
+            contender.localize, Views(images[contender.view][None], stamp_ns, pose), k
         )
     return laps
 
 
-def _lap(call: Callable[..., Any], *given: Any) -> tuple[Any, tuple[float, float]]:
+def _lap(call: Callable[..., Any], *arguments: Any) -> tuple[Any, tuple[float, float]]:
     wall = time.perf_counter()
     cpu = time.process_time()
-    result = call(*given)
+    result = call(*arguments)
     return result, (1e3 * (time.perf_counter() - wall), 1e3 * (time.process_time() - cpu))

@@ -1,5 +1,4 @@
-"""Paper 2's protocol: a sequence matched with itself, from headings between those that its
-reference was drawn at.
+"""Paper 2's protocol: a sequence matched with itself, seen from headings between the reference's.
 
 METHODS.md 5.4 and 5.5. Nothing but the heading differs between query and reference: it asks about
 viewpoints, not about the year.
@@ -34,24 +33,25 @@ SHOWN = ("roc_auc", "accuracy")
 
 
 class Movable(Method, Protocol):
-    """A method that matches sequences of bird-views, and can take another sequence for its
-    reference."""
+    """A method on sequences of bird-views that can take another sequence for its reference."""
 
     @property
     def length(self) -> int:
         """Steps in a window of rows."""
 
     def moved(self, model: Model, views: Rows, places: NDArray[np.int64]) -> Model:
-        """The same networks with these views for a database."""
+        """The model with the same networks and these views as its database."""
 
     def reconstructed(self, model: Model, images: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """What a network makes of images (n, side, side); no image where there is no network."""
+        """Reconstruct images (n, side, side) by the network; empty without a network."""
 
 
 @dataclass(frozen=True)
 class Judged:
-    """One method in one sequence: each of q queries from each of h headings
-    (schemas.VIEWPOINTS)."""
+    """One method in one sequence: each of q queries from each of h headings.
+
+    `schemas.VIEWPOINTS` says what each array is.
+    """
 
     headings_deg: NDArray[np.float64]  # (h,)
     row: NDArray[np.int64]  # (h, q)
@@ -69,8 +69,10 @@ class Judged:
     bytes_per_place: float
 
     def curve(self, heading: int) -> tuple[Curve, Curve]:
-        """Precision and recall of the correct matches (t,), as every distinct score is accepted,
-        the surest first."""
+        """Precision and recall (t,) of the correct matches as every distinct score is accepted.
+
+        The surest are accepted first.
+        """
         precision, recall = precision_recall(self._counts[heading].count(1))
         return precision[0], recall[0]
 
@@ -87,10 +89,12 @@ class Judged:
         return np.array(rows, np.float64)
 
     def numbers(self) -> dict[str, dict[str, float | None]]:
-        """NUMBERS for each heading, as `22.5_deg`, and their means over the headings that have
-        them; None where there is none."""
+        """NUMBERS by heading, as `22.5_deg`, and their means over the headings that have them.
+
+        None where there is none.
+        """
         means = [
-            there.mean() if len(there := column[np.isfinite(column)]) else np.nan
+            finite.mean() if len(finite := column[np.isfinite(column)]) else np.nan
             for column in self.values.T
         ]
         keys = [*(f"{deg:g}_deg" for deg in self.headings_deg), MEAN]
@@ -103,27 +107,27 @@ class Judged:
         }
 
     def columns(self) -> dict[str, NDArray[Any]]:
-        """The arrays of its artifact."""
+        """The arrays of a `viewpoints` artifact."""
         return {name: np.asarray(getattr(self, name)) for name in VIEWPOINTS.columns}
 
     def attrs(self) -> dict[str, Any]:
-        """The attributes of its artifact."""
-        own = {name: getattr(self, name) for name in VIEWPOINTS.attrs if name != "numbers"}
-        return {**own, "numbers": list(NUMBERS)}
+        """The attributes of a `viewpoints` artifact."""
+        attrs = {name: getattr(self, name) for name in VIEWPOINTS.attrs if name != "numbers"}
+        return {**attrs, "numbers": list(NUMBERS)}
 
     @classmethod
     def read(cls, artifact: Artifact) -> Self:
-        """From a `viewpoints` artifact."""
-        given = artifact.attrs
+        """Read a `viewpoints` artifact."""
+        attrs = artifact.attrs
         names = [field.name for field in fields(cls)]
         parts: dict[str, Any] = {
-            name: given[name] if name in given else artifact.load(name) for name in names
+            name: attrs[name] if name in attrs else artifact.load(name) for name in names
         }
         return cls(**parts)
 
     @cached_property
     def _counts(self) -> list[ExactCounts]:
-        """Of each heading; a correct match stands for a seen query, a wrong one for an unseen."""
+        """Counts by heading: a correct match is a seen query, a wrong one unseen."""
         return [
             ExactCounts(
                 Truth(correct, ~correct, np.where(correct, 0, -1), correct),
@@ -138,7 +142,7 @@ class Judged:
 
 @dataclass(frozen=True)
 class Viewpoints:
-    """How matches from other headings are judged."""
+    """Judges matches of bird-views from other headings."""
 
     correct_m: Positive = 10.0  # a match is correct if it lies at most this far from the query
 
@@ -146,8 +150,7 @@ class Viewpoints:
         check(self, "viewpoints")
 
     def judge(self, method: Movable, model: Model, views: Rows, k: int = 1) -> Judged:
-        """Ask about each row of `views`, bird-views (n, headings, side, side), from every odd
-        heading.
+        """Localize each row of `views`, bird-views (n, headings, side, side), from odd headings.
 
         The reference is drawn at the even ones; each query lies half way between two of them.
         Raises InputError for other views.
@@ -188,8 +191,10 @@ class Viewpoints:
 
 
 def turned(views: Rows, heading: int) -> Rows:
-    """The same places, met by a robot that is turned counter-clockwise by this many headings: image
-    0 is what lies ahead then."""
+    """The same places, met by a robot that is turned counter-clockwise by this many headings.
+
+    Image 0 is what lies ahead then.
+    """
     images = np.roll(views.images[:], -heading, axis=1)
     yaw_rad = 2 * np.pi * heading / images.shape[1]
     vehicle_T_turned = pose(np.zeros((1, 3)), np.array([[0.0, 0.0, yaw_rad]]))[0]
@@ -197,25 +202,27 @@ def turned(views: Rows, heading: int) -> Rows:
 
 
 def _bytes_per_place(method: Movable, moved: Model, views: Rows) -> float:
-    """By how much the model grows with a place: its codes or image, and where it lies."""
-    one = method.moved(moved, views.some(slice(1)), np.arange(1))
-    whole, least = (sum(array.nbytes for array in model.values()) for model in (moved, one))
-    return (whole - least) / max(len(views.images) - 1, 1)
+    """Bytes by which the model grows with a place: its codes or image, and its position."""
+    of_one_place = method.moved(moved, views.some(slice(1)), np.arange(1))
+    all_bytes = sum(array.nbytes for array in moved.values())
+    one_place_bytes = sum(array.nbytes for array in of_one_place.values())
+    return (all_bytes - one_place_bytes) / max(len(views.images) - 1, 1)
 
 
 def means(seeds: list[dict[str, dict[str, float | None]]]) -> dict[str, float]:
-    """Means over headings and seeds of the numbers that a line has room for; those that there are
-    none of are left out."""
-    found = {
-        name: np.mean([np.nan if one[MEAN][name] is None else one[MEAN][name] for one in seeds])
+    """Means of SHOWN over headings and seeds, by name; those that are not defined are left out."""
+    means_of_numbers = {
+        name: np.mean(
+            [np.nan if numbers[MEAN][name] is None else numbers[MEAN][name] for numbers in seeds]
+        )
         for name in SHOWN
     }
-    return {name: float(value) for name, value in found.items() if np.isfinite(value)}
+    return {name: float(value) for name, value in means_of_numbers.items() if np.isfinite(value)}
 
 
 def line(seeds: list[dict[str, dict[str, float | None]]]) -> str:
-    """The same in words."""
-    known = means(seeds)
+    """The means of SHOWN as one line."""
+    shown = means(seeds)
     return ", ".join(
-        f"{name} {known[name]:.3f}" if name in known else f"{name} none" for name in SHOWN
+        f"{name} {shown[name]:.3f}" if name in shown else f"{name} none" for name in SHOWN
     )

@@ -1,8 +1,8 @@
-"""Fetches the official archives of a data set: resumes, checks and unpacks them into the folders
-that the reader expects.
+"""Fetches the official archives of a data set.
 
-Below the root, archives/ holds unfinished downloads (.part, and .part.json with the server's ETag)
-and the sha256 of each finished file. An archive is removed once it is unpacked.
+Downloads are resumed, checked and unpacked into the folders that the reader expects. Below the
+root, archives/ holds unfinished downloads (.part, and .part.json with the server's ETag) and the
+sha256 of each finished file. An archive is removed once it is unpacked.
 """
 
 import hashlib
@@ -30,14 +30,16 @@ class Archive:
     path: str
     """Path below the base address."""
     holds: str
-    """The file or folder in the sequence's folder that exists once the archive is fetched and, if a
-    .tar.gz, unpacked."""
+    """The file or folder in the sequence's folder that exists once the archive is fetched.
+
+    Of a .tar.gz, once it is unpacked.
+    """
     swells: Positive = 1.0
     """Estimate of the unpacked bytes per byte."""
     numbers: int = 0
-    """So many files, numbered from 0: {number} in path and holds stands for each."""
+    """Number of files, counted from 0, for which {number} stands in path and holds; 0: one file."""
     nbytes: int = 0
-    """Estimate of the bytes of one, so that the server need not be asked; 0: it is asked."""
+    """Estimate of the bytes of a file, so that the server need not be asked; 0: it is asked."""
     together: str = ""
     """sha256 of the lines `DIGEST  NAME` of all numbered files, where the publisher's are known."""
 
@@ -57,13 +59,13 @@ class Archive:
             )
 
     def of(self, sequence: str) -> list["Archive"]:
-        """Those of a sequence: one, or all numbered ones."""
+        """The archives of a sequence: this one, or one for each number."""
 
         def named(number: int) -> "Archive":
-            given = (self.path, self.holds)
+            templates = (self.path, self.holds)
             path, holds = (
                 text.replace("{sequence}", sequence).replace("{number}", str(number))
-                for text in given
+                for text in templates
             )
             return replace(self, path=path, holds=holds, numbers=0, together="")
 
@@ -85,14 +87,13 @@ class Publisher:
     base: str
     archives: Sequence[Archive]
     sequence: str = r"\w[\w.+-]*"
-    """A regular expression for the names of the sequences; {sequence} in the paths is replaced by
-    such a name."""
+    """A regular expression for the names of sequences, which replace {sequence} in the paths."""
     sequences: Sequence[str] = ()
-    """Fetched where none is named."""
+    """The sequences to fetch where the command names none."""
     licence: str = ""
-    """Said after fetching, and kept as LICENCE.txt beside the data."""
+    """The text printed after fetching, and written to LICENCE.txt beside the data."""
     sha256: Mapping[str, str] = field(default_factory=dict)
-    """Path -> digest, where the publisher gives one."""
+    """The sha256 of each path for which the publisher gives one."""
     tries: Count = 20
     timeout_s: Positive = 60.0
     wait_s: Positive = 1.0
@@ -116,8 +117,10 @@ class Publisher:
 
     @staticmethod
     def of(conf: Mapping[str, Any]) -> "Publisher":
-        """The publisher from the content of a yaml; raises ConfigError for an unknown or missing
-        key."""
+        """The publisher from the content of a yaml.
+
+        Raises ConfigError for an unknown or missing key.
+        """
         try:
             return Publisher(
                 **{**conf, "archives": [Archive(**archive) for archive in conf["archives"]]}
@@ -129,11 +132,11 @@ class Publisher:
             ) from None
 
     def fetch(self, root: Path, sequences: Sequence[str], watch: Progress) -> Iterator[str]:
-        """Fetch the missing files of `sequences` below `root`, yielding one line per file; a second
-        call fetches nothing.
+        """Fetch the missing files of `sequences` below `root`, yielding one line per archive.
 
-        Raises ConfigError for an invalid name of a sequence, and LogError for errors of the server
-        (after all tries), the disk or an archive; what has arrived is kept for the next call.
+        A second call fetches nothing. Raises ConfigError for an invalid name of a sequence, and
+        LogError for errors of the server (after all tries), the disk or an archive; what has
+        arrived is kept for the next call.
         """
         for sequence in sequences:
             if not re.fullmatch(self.sequence, sequence):
@@ -163,7 +166,7 @@ class Publisher:
             for group in self.archives
         ]
         missing = [
-            [one for one in archives if not (folder / one.holds).exists()]
+            [archive for archive in archives if not (folder / archive.holds).exists()]
             for folder, _, archives in groups
         ]
         self._check_disk(
@@ -195,14 +198,16 @@ class Publisher:
     def _together(
         self, store: Path, folder: Path, group: Archive, archives: Sequence[Archive]
     ) -> str:
-        """The digest of all numbered files as they lie there; removes them and raises LogError if
-        it is not the publisher's."""
+        """The digest of all numbered files of a group, as they are in `folder`.
+
+        Removes them and raises LogError if it is not the publisher's.
+        """
         digests = {
-            one.name: hashlib.sha256((folder / one.holds).read_bytes()).hexdigest()
-            for one in archives
+            archive.name: hashlib.sha256((folder / archive.holds).read_bytes()).hexdigest()
+            for archive in archives
         }
         digest = hashlib.sha256(
-            "".join(f"{own}  {name}\n" for name, own in digests.items()).encode()
+            "".join(f"{file_digest}  {name}\n" for name, file_digest in digests.items()).encode()
         ).hexdigest()
         if digest != group.together:
             for archive in archives:
@@ -218,29 +223,33 @@ class Publisher:
     def _check_disk(
         self, downloader: Downloader, store: Path, archives: Sequence[Archive], watch: Progress
     ) -> None:
-        """Raise LogError unless the disk has room for these files unpacked, and for the largest
-        archive beside them."""
-        unpacked = 0.0
-        packed = 0
+        """Raise LogError unless the disk has room for these files.
+
+        It needs room for all of them unpacked, and for the largest archive beside them.
+        """
+        unpacked_bytes = 0.0
+        packed_bytes = 0
         for archive in archives:
             path = store / archive.name
             part = Part.of(path)
-            here = path.stat().st_size if path.is_file() else part.arrived
-            known = here if path.is_file() else part.total or archive.nbytes
-            whole = known or downloader.length(urljoin(self.base, archive.path), watch)
-            unpacked += whole * archive.swells
-            packed = max(packed, whole - here if archive.packed else 0)
-        free = shutil.disk_usage(store).free
-        if unpacked + packed > free:
+            arrived = path.stat().st_size if path.is_file() else part.arrived
+            known_bytes = arrived if path.is_file() else part.total or archive.nbytes
+            total_bytes = known_bytes or downloader.length(urljoin(self.base, archive.path), watch)
+            unpacked_bytes += total_bytes * archive.swells
+            packed_bytes = max(packed_bytes, total_bytes - arrived if archive.packed else 0)
+        free_bytes = shutil.disk_usage(store).free
+        if unpacked_bytes + packed_bytes > free_bytes:
             raise LogError(
                 f"{store}: the {len(archives)} files and what they unpack to need about "
-                f"{(unpacked + packed) / 1e9:.1f} GB, {free / 1e9:.1f} GB are free; make room, or "
-                "fetch fewer sequences at a time"
+                f"{(unpacked_bytes + packed_bytes) / 1e9:.1f} GB, {free_bytes / 1e9:.1f} GB are "
+                "free; make room, or fetch fewer sequences at a time"
             )
 
     def _verified(self, path: Path, archive: Archive) -> str:
-        """The sha256 of the file, compared with that of the publisher, or of an earlier fetch;
-        raises LogError if they differ."""
+        """The sha256 of the file, compared with that of the publisher, or of an earlier fetch.
+
+        Removes the file and raises LogError if they differ.
+        """
         with path.open("rb") as file:
             digest = hashlib.file_digest(file, "sha256").hexdigest()
         recorded = (

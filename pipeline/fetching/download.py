@@ -1,5 +1,4 @@
-"""Downloads one file and resumes it after a broken connection, in the same call or in a later
-process.
+"""Downloads one file and resumes it after a broken connection, also in a later process.
 
 The rest of a file is requested by Range and If-Range (HTTP ranges, RFC 9110, section 14), so that a
 file that has changed on the server is sent again from its start.
@@ -50,8 +49,8 @@ class Part:
         """The part of the file `path` that an earlier try has left."""
         part = path.with_name(path.name + ".part")
         try:
-            said = json.loads(part.with_name(part.name + ".json").read_text(encoding="utf-8"))
-            return Part(part, str(said["validator"]), int(said["total"]))
+            note = json.loads(part.with_name(part.name + ".json").read_text(encoding="utf-8"))
+            return Part(part, str(note["validator"]), int(note["total"]))
         except (OSError, ValueError, TypeError, KeyError):
             return Part(part)
 
@@ -94,11 +93,11 @@ class Downloader:
         return self._with_retries(url, lambda: self._length(url), watch)
 
     def fetch(self, url: str, path: Path, watch: Progress) -> None:
-        """Download `url` to `path`, which exists only once it is whole; `watch` counts chunks of up
-        to CHUNK bytes.
+        """Download `url` to `path`, which exists only once it is whole.
 
-        Raises LogError for an answer that no other try would change, for a full disk, and after the
-        last try; what has arrived is kept for the next call.
+        `watch` counts chunks of up to CHUNK bytes. Raises LogError for an answer that no other try
+        would change, for a full disk, and after the last try; what has arrived is kept for the next
+        call.
         """
         self._with_retries(url, lambda: self._resume(url, path, watch), watch)
 
@@ -114,7 +113,7 @@ class Downloader:
                 return work()
             except exceptions.SSLError as error:
                 raise LogError(
-                    f"{url}: its certificate is not to be trusted ({_said(error)})"
+                    f"{url}: its certificate is not to be trusted ({_error_line(error)})"
                 ) from None
             except (
                 TryAgainError,
@@ -122,7 +121,7 @@ class Downloader:
                 exceptions.ChunkedEncodingError,
                 exceptions.Timeout,
             ) as error:
-                why = _said(error)
+                why = _error_line(error)
                 unreached += isinstance(
                     getattr(next(iter(error.args), None), "reason", None), NewConnectionError
                 )
@@ -133,7 +132,7 @@ class Downloader:
                 exceptions.RequestException,
                 ValueError,
             ) as error:  # requests raises ValueError for some addresses
-                raise LogError(f"{url}: {_said(error)}; is the base address right?") from None
+                raise LogError(f"{url}: {_error_line(error)}; is the base address right?") from None
         raise LogError(
             f"{url}: gave up after {self.tries} tries, the last one: {why}; what has arrived is "
             "kept, call again"
@@ -166,15 +165,17 @@ class Downloader:
                     raise
                 except OSError as error:
                     raise LogError(f"{part.path}: cannot be written ({error.strerror})") from None
-        found = part.path.stat().st_size
-        if found != part.total:
+        nbytes = part.path.stat().st_size
+        if nbytes != part.total:
             part.drop()
-            raise TryAgainError(f"{found} bytes came of {part.total}")
+            raise TryAgainError(f"{nbytes} bytes came of {part.total}")
         part.finish(path)
 
     def _answer(self, method: str, url: str, headers: dict[str, str]) -> requests.Response:
-        """The answer after at most REDIRECTS redirections, only to http(s), and never from https to
-        http."""
+        """The answer after at most REDIRECTS redirections.
+
+        They may lead only to http(s), and never from https to http.
+        """
         at = url
         for _ in range(REDIRECTS + 1):
             options: dict[str, Any] = {
@@ -205,18 +206,20 @@ def _checked(answer: requests.Response) -> requests.Response:
     if answer.status_code in (200, 206, 416):
         return answer
     answer.close()
-    said = f"{answer.status_code} {answer.reason}"
+    status = f"{answer.status_code} {answer.reason}"
     if answer.status_code in AGAIN:
-        raise TryAgainError(said)
+        raise TryAgainError(status)
     raise LogError(
-        f"{answer.url}: the server says {said}; is there such a sequence, and is the base address "
-        "right?"
+        f"{answer.url}: the server says {status}; is there such a sequence, and is the base "
+        "address right?"
     )
 
 
 def _continued(answer: requests.Response, part: Part, arrived: int) -> tuple[Part, int]:
-    """The part that the answer continues, and its bytes on disk: 0 for a whole file; a rest must
-    fit what has arrived."""
+    """The part that the answer continues, and its bytes on disk: 0 for a whole file.
+
+    Raises TryAgainError for an answer that does not continue what has arrived.
+    """
     if answer.status_code == 200:
         tag = answer.headers.get("ETag", "")
         part = Part(part.path, tag if re.fullmatch('"[^"]*"', tag) else "", _length(answer))
@@ -241,16 +244,16 @@ def _continued(answer: requests.Response, part: Part, arrived: int) -> tuple[Par
 
 
 def _length(answer: requests.Response) -> int:
-    said = answer.headers.get("Content-Length", "")
+    length = answer.headers.get("Content-Length", "")
     coding = answer.headers.get("Content-Encoding", "identity")
-    if not re.fullmatch("[0-9]{1,15}", said) or coding != "identity":
-        unknown = (
+    if not re.fullmatch("[0-9]{1,15}", length) or coding != "identity":
+        reason = (
             "the server does not say how long the file is, so a part cannot be distinguished from "
             "the whole"
         )
-        raise LogError(f"{answer.url}: {unknown}")
-    return int(said)
+        raise LogError(f"{answer.url}: {reason}")
+    return int(length)
 
 
-def _said(error: Exception) -> str:
+def _error_line(error: Exception) -> str:
     return f"{type(error).__name__}: {error}".splitlines()[0][:200]

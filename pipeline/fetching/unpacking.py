@@ -1,5 +1,7 @@
-"""Unpacks an untrusted .tar.gz: only plain files and folders, only below the given folder, and all
-of it or nothing."""
+"""Unpacks an untrusted .tar.gz, all of it or nothing.
+
+Only plain files and folders are allowed, and only below the given folder.
+"""
 
 import gzip
 import re
@@ -25,23 +27,23 @@ class Stream(gzip.GzipFile):
 
 
 def unpack(path: Path, folder: Path, holds: str) -> int:
-    """Unpack `holds`, and all that lies beside it in the archive, into `folder`; returns the number
-    of files in the archive.
+    """Unpack `holds`, and all that lies beside it in the archive, into `folder`.
 
-    The archive is unpacked beside itself and its content moved, `holds` last: once that exists,
-    everything does. Raises LogError for a damaged archive, which is removed, and for one with paths
-    outside, links, devices, or more than the disk has room for.
+    Returns the number of files in the archive. The archive is unpacked beside itself and its
+    content moved, `holds` last: once that exists, everything does. Raises LogError for a damaged
+    archive, which is removed, and for one with paths outside, links, devices, or more than the disk
+    has room for.
     """
     scratch = path.with_name(path.name + ".unpacking")
     shutil.rmtree(scratch, ignore_errors=True)
     scratch.mkdir()
     try:
         files = _extract(path, scratch)
-        found = sorted(scratch.rglob(holds), key=lambda place: len(place.parts))
-        if not found:
+        places = sorted(scratch.rglob(holds), key=lambda place: len(place.parts))
+        if not places:
             raise LogError(f"{path}: holds no {holds}; it is not the archive it should be")
         for entry in sorted(
-            found[0].parent.iterdir(), key=lambda entry: (entry.name == holds, entry.name)
+            places[0].parent.iterdir(), key=lambda entry: (entry.name == holds, entry.name)
         ):
             if (folder / entry.name).is_dir():
                 raise LogError(
@@ -68,22 +70,21 @@ def unpack(path: Path, folder: Path, holds: str) -> int:
 
 
 def _extract(path: Path, scratch: Path) -> int:
-    """Extract every member into `scratch`, and verify the checksum of gzip; returns the number of
-    files."""
-    room = shutil.disk_usage(scratch).free
-    taken = 0
+    """Extract every member into `scratch`, verify gzip's checksum, and return the file count."""
+    free_bytes = shutil.disk_usage(scratch).free
+    unpacked_bytes = 0
     entries = 0
     files = 0
     with Stream(path) as stream, tarfile.open(fileobj=stream, mode="r:") as tar:
         while (member := tar.next()) is not None:
             tar.members = []  # type: ignore[attr-defined]  # or they would accumulate
             _refuse_odd(path, member)
-            taken = taken + member.size
+            unpacked_bytes = unpacked_bytes + member.size
             entries = entries + 1
             files = files + member.isreg()
-            if taken > room or entries > MOST_ENTRIES:
+            if unpacked_bytes > free_bytes or entries > MOST_ENTRIES:
                 raise LogError(
-                    f"{path}: unpacks to more than the {room / 1e9:.1f} GB free here or to a "
+                    f"{path}: unpacks to more than the {free_bytes / 1e9:.1f} GB free here or to a "
                     "million files; refused"
                 )
             _place(tar, member, scratch / member.name)
@@ -94,8 +95,10 @@ def _extract(path: Path, scratch: Path) -> int:
 
 
 def _place(tar: tarfile.TarFile, member: tarfile.TarInfo, target: Path) -> None:
-    """Write the content of a checked member; tarfile has filters of its own only after Python
-    3.11.2."""
+    """Write the content of a checked member to `target`.
+
+    tarfile has filters of its own only after Python 3.11.2.
+    """
     if member.isdir():
         target.mkdir(parents=True, exist_ok=True)
         return

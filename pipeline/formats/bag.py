@@ -1,8 +1,8 @@
-"""Writes ROS bags without ROS: the messages of METHODS 7.4 in a ROS 1 bag, or in a ROS 2 folder
-with sqlite3 or MCAP inside.
+"""Writes ROS bags without ROS: the messages of METHODS 7.4.
 
-Frames follow REP 103: x forward, y left, z up. The bytes of a bag depend only on its messages and
-on the versions of `rosbags` and SQLite, which it names.
+A bag is a ROS 1 .bag, or a ROS 2 folder with sqlite3 or MCAP inside. Frames follow REP 103: x
+forward, y left, z up. The bytes of a bag depend only on its messages and on the versions of
+`rosbags` and SQLite, which it names.
 """
 
 from functools import cache
@@ -32,11 +32,11 @@ POINT = np.dtype([("xyz", "<f4", 3), ("intensity", "<f4"), ("ring", "<u2"), ("pa
 
 @cache
 def typestore(ros: int) -> Typestore:
-    """The definitions of the standard messages of ROS 1 or 2, which are the same in all
-    distributions.
+    """The definitions of the standard messages of ROS 1 or 2.
 
-    The definitions inside a bag are not used: one odd topic would make the whole bag unreadable,
-    and one flipped bit in a definition would change every message.
+    They are the same in all distributions. The definitions inside a bag are not used: one odd topic
+    would make the whole bag unreadable, and one flipped bit in a definition would change every
+    message.
     """
     store = get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_HUMBLE)
     if TRANSFORMS not in store.fielddefs:
@@ -50,8 +50,10 @@ class BagWriter:
     """Writes one bag, as a context manager; the stamp of a message is also its time of receipt."""
 
     def __init__(self, path: Path, kind: Literal["ros1", "sqlite3", "mcap"]) -> None:
-        """`path` is a file NAME.bag for `ros1`, else a folder; raises LogError if it is there
-        already."""
+        """Make a bag at `path`: a file NAME.bag for `ros1`, else a folder.
+
+        Raises LogError if it is there already.
+        """
         if path.exists():
             raise LogError(f"{path}: exists already; a bag is written anew, remove it first")
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -85,8 +87,10 @@ class BagWriter:
         ring: NDArray[np.integer],
         topic: str = "/points",
     ) -> None:
-        """Write a cloud (n, 3) in metres, with an intensity and a ring (number of the beam) for
-        each point."""
+        """Write a cloud (n, 3) in metres.
+
+        Each point has an intensity and a ring, the number of its beam.
+        """
         data = np.zeros(len(points_m), POINT)
         data["xyz"] = points_m
         data["intensity"] = intensity
@@ -177,8 +181,10 @@ class BagWriter:
         covariance: NDArray[np.float64],
         topic: str,
     ) -> None:
-        """Write a pose 4×4 and its covariance (6, 6) of x, y, z and turns about them, along the
-        axes of `frame`."""
+        """Write a pose 4×4 and its covariance (6, 6).
+
+        The covariance is of x, y, z and turns about them, along the axes of `frame`.
+        """
         position = self._xyz(frame_T_body[:3, 3], "Point")
         orientation = self._quaternion(frame_T_body)
         pose = self._new("geometry_msgs/msg/Pose", position=position, orientation=orientation)

@@ -51,8 +51,7 @@ class Key:
 
 
 def plain(text: str, length: int) -> str:
-    """Text from a bag without unprintable letters, cut to `length`, so that it fits into one line
-    of an error."""
+    """Text from a bag for one line of an error: without unprintable letters, cut to `length`."""
     return "".join(letter if letter.isprintable() else " " for letter in text)[:length].strip()
 
 
@@ -69,8 +68,11 @@ def find(path: Path) -> list[Path]:
 
 
 class BagFile:
-    """An open bag; it closes when nothing refers to it any more, may be shared between threads, and
-    re-opens when unpickled."""
+    """An open bag.
+
+    It closes when nothing refers to it any more, may be shared between threads, and re-opens when
+    unpickled.
+    """
 
     def __init__(self, path: Path) -> None:
         """Raises LogError for a file that is missing, damaged, or no bag.
@@ -95,11 +97,11 @@ class BagFile:
             for connection in sorted(
                 self._reader.connections, key=lambda connection: connection.topic
             ):
-                before = (
+                earlier_count = (
                     self.topics[connection.topic].count if connection.topic in self.topics else 0
                 )
                 self.topics[connection.topic] = Topic(
-                    _kind(connection), int(connection.msgcount) + before
+                    _kind(connection), int(connection.msgcount) + earlier_count
                 )
             self.span_ns = int(self._reader.start_time), int(self._reader.end_time)
 
@@ -107,32 +109,34 @@ class BagFile:
         return BagFile, (self.path,)
 
     def messages(self, topic: str) -> Generator[tuple[Key, bytes], None, None]:
-        """Every message of a topic, as bytes, in order of receipt; raises LogError where the file
-        is damaged."""
-        seen: Counter[int] = Counter()
+        """Every message of a topic, as bytes, in order of receipt.
+
+        Raises LogError where the file is damaged.
+        """
+        counts: Counter[int] = Counter()
         with self._lock, self._refusing():
             for _, received_ns, data in self._reader.messages(self._connections(topic)):
-                yield Key(topic, received_ns, seen[received_ns]), bytes(data)
-                seen[received_ns] += 1
+                yield Key(topic, received_ns, counts[received_ns]), bytes(data)
+                counts[received_ns] += 1
 
     def first(self, topic: str) -> bytes | None:
         """The first message of a topic; None where there is none."""
-        with closing(self.messages(topic)) as found:
-            return next((data for _, data in found), None)
+        with closing(self.messages(topic)) as messages:
+            return next((data for _, data in messages), None)
 
     def read(self, key: Key) -> bytes:
         """The bytes of one message; raises LogError if it is no longer there."""
         with self._lock, self._refusing():
-            at = self._reader.messages(
+            messages = self._reader.messages(
                 self._connections(key.topic), key.received_ns, key.received_ns + 1
             )
-            found = next(islice(at, key.nth, None), None)
-        if found is None:
+            message = next(islice(messages, key.nth, None), None)
+        if message is None:
             raise LogError(
                 f"{self.path}: a message of {key.topic} is gone; was the file changed since it was "
                 "opened?"
             )
-        return bytes(found[2])
+        return bytes(message[2])
 
     def decode(self, data: bytes, kind: str) -> Any:
         """A message of a standard type from its bytes; raises LogError for a broken one."""
@@ -150,27 +154,31 @@ class BagFile:
         return 1 if isinstance(self._reader, rosbag1.Reader) else 2
 
     def _connections(self, topic: str) -> list[Connection]:
-        """The connections that wrote a topic; raises LogError for messages that are not of one
-        standard type."""
+        """The connections that wrote a topic.
+
+        Raises LogError for messages that are not of one standard type.
+        """
         if topic in self._writers:
             return self._writers[topic]
-        found = [connection for connection in self._reader.connections if connection.topic == topic]
-        for connection in found:
+        connections = [
+            connection for connection in self._reader.connections if connection.topic == topic
+        ]
+        for connection in connections:
             kind = _kind(connection)
             if kind != self.topics[topic].kind:
                 kinds = plain(f"{kind}, {self.topics[topic].kind}", 120)
                 raise LogError(
                     f"{self.path}: {plain(topic, 60)} has messages of several types: {kinds}"
                 )
-            known = self.ros == 1 and kind in self._store.fielddefs
-            if known and connection.digest not in ("*", self._store.generate_msgdef(kind)[1]):
+            is_standard = self.ros == 1 and kind in self._store.fielddefs
+            if is_standard and connection.digest not in ("*", self._store.generate_msgdef(kind)[1]):
                 md5 = plain(connection.digest, 32)
                 raise LogError(
                     f"{self.path}: {plain(topic, 60)} is not ROS's own {kind}: its definition has "
                     f"the MD5 {md5}"
                 )
-        self._writers[topic] = found
-        return found
+        self._writers[topic] = connections
+        return connections
 
     @contextmanager
     def _refusing(self) -> Iterator[None]:

@@ -19,7 +19,7 @@ LARGEST_BYTES = 2**29
 CHUNK = 2**20
 MOST_BEAMS = 10_000
 FOV_RAD = np.pi
-"""Of FLASER and RLASER records, which do not say it."""
+"""Field of view of FLASER and RLASER records, which do not hold it."""
 Laser = Literal["front", "rear"]
 LASERS: dict[str, Laser] = {
     "FLASER": "front",
@@ -50,21 +50,20 @@ class Sweep:
 
 @dataclass
 class Records:
-    """What a log holds."""
+    """The records of a log: parameters, sweeps and odometry readings."""
 
     params: dict[str, str] = field(default_factory=dict)
     sweeps: list[Sweep] = field(default_factory=list)
     odometry: list[NDArray[np.float64]] = field(default_factory=list)
-    """x, y, heading of each reading."""
+    """x, y in metres and heading in radians (3,) of each reading."""
     skipped: Counter[str] = field(default_factory=Counter)
 
 
 def read(path: Path) -> Records:
-    """All records of a log, plain or gzipped; those that are cut short or hold other words are
-    counted.
+    """All records of a log, plain or gzipped.
 
-    Raises LogError for a file that is missing, damaged or larger than LARGEST_BYTES, or without a
-    sweep.
+    Records that are cut short or hold other words are counted in `skipped`. Raises LogError for a
+    file that is missing, damaged or larger than LARGEST_BYTES, or without a sweep.
     """
     records = Records()
     for line in _text(path).splitlines():
@@ -85,7 +84,10 @@ def read(path: Path) -> Records:
 
 
 def _flaser(laser: Laser, words: list[str], odometry: int) -> Sweep:
-    """FLASER and RLASER: n, n ranges, the laser's pose, the robot's, stamp, host, stamp."""
+    """The sweep of a FLASER or RLASER record.
+
+    Its words are n, n ranges, the laser's pose, the robot's, stamp, host, stamp.
+    """
     beams = _count(words[0])
     poses = _numbers(words, 1 + beams, 7)
     angles_rad = np.linspace(-FOV_RAD / 2, FOV_RAD / 2, beams)
@@ -102,9 +104,12 @@ def _flaser(laser: Laser, words: list[str], odometry: int) -> Sweep:
 
 
 def _robotlaser(laser: Laser, words: list[str], odometry: int) -> Sweep:
-    """ROBOTLASER1 and 2: type, first angle, field of view, step, largest range, accuracy, mode, n,
-    n ranges, m, m remissions, the laser's pose, the robot's, five numbers of its motion, stamp,
-    host, stamp."""
+    """The sweep of a ROBOTLASER1 or ROBOTLASER2 record.
+
+    Its words are type, first angle, field of view, step, largest range, accuracy, mode, n, n
+    ranges, m, m remissions, the laser's pose, the robot's, five numbers of its motion, stamp, host,
+    stamp.
+    """
     start, _, step, limit_m = _numbers(words, 1, 4)
     beams = _count(words[7])
     after = 8 + beams
@@ -142,7 +147,7 @@ def _count(word: str) -> int:
 
 
 def _numbers(words: list[str], start: int, count: int) -> NDArray[np.float64]:
-    """So many finite numbers; raises ValueError."""
+    """The `count` words from `start` on as finite numbers; raises ValueError for other words."""
     numbers = np.array(words[start : start + count], np.float64)
     if len(numbers) < count or not np.isfinite(numbers).all():
         raise ValueError
@@ -150,7 +155,10 @@ def _numbers(words: list[str], start: int, count: int) -> NDArray[np.float64]:
 
 
 def _ranges(words: list[str], start: int, beams: int) -> NDArray[np.float64]:
-    """Ranges may be NaN or infinite; raises ValueError for other words, or for fewer."""
+    """The ranges (beam,) from the word `start` on, which may be NaN or infinite.
+
+    Raises ValueError for other words, or for fewer.
+    """
     ranges_m = np.array(words[start : start + beams], np.float64)
     if len(ranges_m) < beams:
         raise ValueError

@@ -1,5 +1,7 @@
-"""Reads and writes a csv of changes in a place since training: buildings built or demolished, trees
-planted or felled."""
+"""Reads and writes a csv of changes in a place since training.
+
+They are buildings built or demolished, trees planted or felled.
+"""
 
 import csv
 from collections.abc import Iterable
@@ -12,7 +14,7 @@ from pipeline.errors import LogError
 
 @dataclass(frozen=True)
 class Change:
-    """One row; its fields are the columns."""
+    """A change in a place: one row of the csv, whose columns are the fields."""
 
     what: str
     """`construction`, `demolition`, `tree`, or any other kind of change."""
@@ -32,8 +34,8 @@ COLUMNS = tuple(field.name for field in fields(Change))
 def visible(changes: Iterable[Change], day: int) -> list[Change]:
     """The changes that are visible on `day` but were not on the training day, in order of time."""
     return sorted(
-        (one for one in changes if 0 < one.from_day <= day),
-        key=lambda one: (one.from_day, one.day, one.x_m, one.y_m),
+        (change for change in changes if 0 < change.from_day <= day),
+        key=lambda change: (change.from_day, change.day, change.x_m, change.y_m),
     )
 
 
@@ -47,8 +49,10 @@ def write_changes(path: Path, changes: Iterable[Change]) -> None:
 
 
 def read_changes(path: Path) -> list[Change]:
-    """Read a csv, whose columns may come in any order; raises LogError naming the missing columns
-    or the bad row."""
+    """Read a csv, whose columns may come in any order.
+
+    Raises LogError naming the missing columns or the bad row.
+    """
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
             rows = csv.DictReader(file, skipinitialspace=True)

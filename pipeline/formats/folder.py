@@ -1,5 +1,4 @@
-"""Scan files (.bin, .npy, .pcd) and TUM pose files of a robot that belongs to no published data
-set."""
+"""Decodes scan files (.bin, .npy, .pcd) and TUM pose files of the user's own robot."""
 
 import io
 import math
@@ -20,7 +19,7 @@ TIMES = "times.txt"
 LARGEST_BYTES = 2**28
 """Limit for the file of one scan, packed and unpacked: a larger one is damaged, or is a map."""
 MOST_COLUMNS = 32
-"""Of an array of points; one with more is turned, or an image."""
+"""Limit for the columns of an array of points; one with more is transposed, or an image."""
 NPY_HEADERS = {
     (1, 0): np.lib.format.read_array_header_1_0,
     (2, 0): np.lib.format.read_array_header_2_0,
@@ -32,19 +31,18 @@ LAYOUTS = {
         "a quaternion"
     ),
 }
-"""What rows of a pose file are by the count of their numbers."""
+"""What to tell of rows that are no TUM poses, by the count of their numbers."""
 UNITS = {18: "ns", 15: "us", 12: "ms"}
-"""By the digits of a stamp since 1970, at least."""
+"""The unit of a stamp since 1970 by its least number of digits."""
 UNIT_NS = {"s": 10**9, "us": 10**3, "ns": 1}
 
 
 def points(data: bytes, path: Path, point_bytes: int | None = None) -> NDArray[np.float64]:
-    """Points (n, 3) from the bytes of a scan file, in the file's frame and unit, non-finite ones
-    included.
+    """Points (n, 3) from the bytes of a scan file, in the file's frame and unit.
 
-    The suffix of `path` is the format; `point_bytes` is the width of a record in a .bin, None:
-    found from the bytes. Raises LogError for a file of another format or one cut short, before more
-    than 2²⁸ bytes are allocated.
+    Points that are not finite are included. The suffix of `path` is the format; `point_bytes` is
+    the width of a record in a .bin, None: found from the bytes. Raises LogError for a file of
+    another format or one cut short, before more than 2²⁸ bytes are allocated.
     """
     if len(data) > LARGEST_BYTES:
         raise LogError(f"{path}: {len(data)} bytes are more than one scan has; is it a map?")
@@ -57,8 +55,10 @@ def points(data: bytes, path: Path, point_bytes: int | None = None) -> NDArray[n
 
 
 def stamp_ns(word: str, unit: str) -> int | None:
-    """A stamp such as 1326652795.280148 in `unit` (s, us, ns), converted to nanoseconds exactly;
-    None if it is not a stamp."""
+    """A stamp such as 1326652795.280148 in `unit` (s, us, ns), converted to nanoseconds exactly.
+
+    None if it is not a stamp.
+    """
     try:
         stamp = Decimal(word) * UNIT_NS[unit]
     except ArithmeticError:
@@ -67,11 +67,11 @@ def stamp_ns(word: str, unit: str) -> int | None:
 
 
 def tum(path: Path, text: str) -> tuple[list[int], NDArray[np.float64]]:
-    """Stamps (n,) in ns and rows (n, 7) x, y, z (m), qx, qy, qz, qw of the text of a TUM file; NaN
-    where the pose is unknown.
+    """Stamps (n,) in ns and rows (n, 7) of x, y, z (m), qx, qy, qz, qw from the text of a TUM file.
 
-    Numbers are separated by blanks or commas, comments start with #. Stamps are read as decimals,
-    since a double would round them by 100 ns. Raises LogError naming the row.
+    NaN where the pose is unknown. Numbers are separated by blanks or commas, comments start with #.
+    Stamps are read as decimals, since a double would round them by 100 ns. Raises LogError naming
+    the row.
     """
     lines = (line.split("#")[0].replace(",", " ").split() for line in text.splitlines())
     rows = [words for words in lines if words]
@@ -80,9 +80,9 @@ def tum(path: Path, text: str) -> tuple[list[int], NDArray[np.float64]]:
     for row, words in enumerate(rows):
         stamp = stamp_ns(words[0], "s")
         if len(words) != 8 or stamp is None:
-            given = f"row {row + 1} is '{' '.join(words)[:60]}'"
+            row_text = f"row {row + 1} is '{' '.join(words)[:60]}'"
             raise LogError(
-                f"{path}: {given}; expected stamp x y z qx qy qz qw, in s and m{no_tum(words)}"
+                f"{path}: {row_text}; expected stamp x y z qx qy qz qw, in s and m{no_tum(words)}"
             )
         try:
             numbers[row] = [float(word) for word in words[1:]]
@@ -95,29 +95,31 @@ def tum(path: Path, text: str) -> tuple[list[int], NDArray[np.float64]]:
 
 
 def refuse_array(path: Path, kind: np.dtype[Any], shape: tuple[int, ...]) -> None:
-    """Raise LogError for an array that holds no points along its last axis, with what to do where
-    it may hold them otherwise."""
-    found = f"found {kind}{shape}"
+    """Raise LogError for an array that holds no points along its last axis.
+
+    The error says what to do where it may hold them along another one.
+    """
+    array_text = f"found {kind}{shape}"
     if kind.kind not in "fiu" or kind.itemsize > 8 or len(shape) < 2:
-        raise LogError(f"{path}: expected points (n, 3 or more) as numbers, {found}")
+        raise LogError(f"{path}: expected points (n, 3 or more) as numbers, {array_text}")
     if 3 <= shape[-1] <= MOST_COLUMNS:
         return
     if 3 <= shape[0] <= MOST_COLUMNS < shape[-1]:
         advice = f"save `numpy.moveaxis(array, 0, -1)`, if the {shape[0]} are x, y, z first"
         raise LogError(
-            f"{path}: expected points (n, 3 or more), {found}: its columns are its points; {advice}"
+            f"{path}: expected points (n, 3 or more), {array_text}: its columns are its points; "
+            f"{advice}"
         )
     advice = (
         "a range image has no x, y, z: save the points that it was made of"
         if shape[-1] > 2
         else "x, y and z are needed"
     )
-    raise LogError(f"{path}: expected points (n, 3 or more) as numbers, {found}; {advice}")
+    raise LogError(f"{path}: expected points (n, 3 or more) as numbers, {array_text}; {advice}")
 
 
 def no_tum(words: Sequence[str]) -> str:
-    """What a row of a pose file is that is no row of a TUM trajectory, and what to do; nothing
-    where that is not known."""
+    """What a row that is no row of a TUM trajectory may be, and what to do; empty if unknown."""
     if len(words) in LAYOUTS:
         return f"; {LAYOUTS[len(words)]}"
     unit = unit_of(words[0]) if len(words) == 8 else ""
@@ -125,7 +127,7 @@ def no_tum(words: Sequence[str]) -> str:
 
 
 def unit_of(word: str) -> str:
-    """The unit of a stamp since 1970, by its digits; nothing of one in seconds, or of no stamp."""
+    """The unit of a stamp since 1970, by its digits; empty for seconds, or if it is no stamp."""
     digits = len(word.partition(".")[0]) if word.replace(".", "", 1).isdecimal() else 0
     return next((unit for least, unit in UNITS.items() if digits >= least), "")
 
@@ -133,21 +135,21 @@ def unit_of(word: str) -> str:
 def _npy(data: bytes, path: Path) -> NDArray[np.float64]:
     file = io.BytesIO(data)
     try:
-        read = NPY_HEADERS[np.lib.format.read_magic(file)]
-        shape, by_columns, kind = read(file)
+        read_header = NPY_HEADERS[np.lib.format.read_magic(file)]
+        shape, by_columns, kind = read_header(file)
     except Exception as error:  # the header is a Python literal, whose parser may raise anything
         raise LogError(
             f"{path}: no whole .npy file ({type(error).__name__}); save it anew"
         ) from None
     refuse_array(path, kind, shape)
     body = memoryview(data)[file.tell() :]
-    wanted = math.prod(shape) * kind.itemsize
-    if len(body) != wanted:
+    expected_bytes = math.prod(shape) * kind.itemsize
+    if len(body) != expected_bytes:
         raise LogError(
-            f"{path}: {len(body)} bytes of points, {wanted} for its shape {shape}; the file is "
-            "damaged"
+            f"{path}: {len(body)} bytes of points, {expected_bytes} for its shape {shape}; the "
+            "file is damaged"
         )
-    flat = np.frombuffer(body, kind) if wanted else np.empty(0)
+    flat = np.frombuffer(body, kind) if expected_bytes else np.empty(0)
     rows = flat.reshape(shape, order="F" if by_columns else "C").reshape(
         -1, shape[-1]
     )  # a range image has rows and columns

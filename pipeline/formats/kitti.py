@@ -1,5 +1,4 @@
-"""KITTI odometry's file layouts, shared by the reader and the simulated world's writer (METHODS
-7.3).
+"""File layouts of KITTI odometry, for the reader and the simulated world's writer (METHODS 7.3).
 
 A scan is in the Velodyne's frame x forward, y left, z up; cam0 is x right, y down, z forward.
 """
@@ -24,8 +23,10 @@ CAM_T_VELO = np.array(
         [0.0, 0.0, 0.0, 1.0],
     ]
 )
-"""Of the simulated car: cam0 sits 29 cm ahead of the lidar, 5 cm below it and 1 cm to its right,
-and is not turned."""
+"""Calibration of the simulated car.
+
+cam0 is 29 cm ahead of the lidar, 5 cm below it and 1 cm to its right, and is not turned.
+"""
 FOCAL_PX = 718.856
 CENTRE_PX = (607.1928, 185.2157)
 BASELINES_PX_M = (0.0, -386.1448, 45.38225, -337.2877)
@@ -41,20 +42,22 @@ def matrix(numbers: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def decode(numbers: NDArray[np.float32], lift_m: float = 0.0) -> NDArray[np.float64]:
-    """Points (n, 3) in metres, raised by `lift_m`, of the records whose points are finite: four
-    numbers each, flat (4 n,)."""
+    """Points (n, 3) in metres, raised by `lift_m`, of the records whose points are finite.
+
+    A record is four numbers; `numbers` (4 n,) is flat.
+    """
     points = np.empty((numbers.shape[0] // 4, 3), np.float64)
-    kept = 0
+    count = 0
     metres = points.reshape(-1)
     for i in range(numbers.shape[0] // 4):
         x = np.float64(numbers[4 * i])
         y = np.float64(numbers[4 * i + 1])
         z = np.float64(numbers[4 * i + 2])
-        metres[3 * kept] = x + 0.0  # no −0, whose angle is another
-        metres[3 * kept + 1] = y + 0.0
-        metres[3 * kept + 2] = z + lift_m
-        kept += np.isfinite(x + y + z)
-    return points[:kept]
+        metres[3 * count] = x + 0.0  # no −0, whose angle is another
+        metres[3 * count + 1] = y + 0.0
+        metres[3 * count + 2] = z + lift_m
+        count += np.isfinite(x + y + z)
+    return points[:count]
 
 
 def encode(points_m: NDArray[np.floating], reflectance: NDArray[np.floating]) -> bytes:
@@ -63,7 +66,7 @@ def encode(points_m: NDArray[np.floating], reflectance: NDArray[np.floating]) ->
 
 
 def write_calib(path: Path) -> None:
-    """P0 to P3, the projections of the rectified cameras, and Tr = cam0 <- velodyne."""
+    """Write calib.txt: P0 to P3, the rectified cameras' projections, and Tr = cam0 <- velodyne."""
     rows = {
         f"P{camera}": np.array(
             [[FOCAL_PX, 0, CENTRE_PX[0], baseline], [0, FOCAL_PX, CENTRE_PX[1], 0], [0, 0, 1, 0]]
@@ -77,12 +80,12 @@ def write_calib(path: Path) -> None:
 
 
 def write_times(path: Path, times_s: NDArray[np.float64]) -> None:
-    """Seconds (n,) from the first scan on."""
+    """Write times.txt: seconds (n,) from the first scan on."""
     _write(path, [f"{time:.6e}" for time in times_s.tolist()])
 
 
 def write_poses(path: Path, first_T_cam: NDArray[np.float64]) -> None:
-    """Poses (n, 4, 4) of cam0 in its first frame."""
+    """Write a pose file: poses (n, 4, 4) of cam0 in its first frame."""
     _write(path, [_numbers(pose[:3]) for pose in first_T_cam])
 
 

@@ -1,5 +1,7 @@
-"""Decodes ROS messages into arrays: stamps and frames, poses and transforms, laser scans (METHODS
-7.4); REP 103 frames."""
+"""Decodes ROS messages into arrays (METHODS 7.4), with the frames of REP 103.
+
+Stamps and frames, poses and transforms, laser scans.
+"""
 
 import struct
 from collections.abc import Sequence
@@ -20,11 +22,10 @@ away."""
 
 
 def header(data: bytes, ros: int) -> tuple[int, str]:
-    """Stamp in nanoseconds and frame_id of a message that begins with a std_msgs/Header; raises
-    LogError for any other.
+    """Stamp in nanoseconds and frame_id of a message that begins with a std_msgs/Header.
 
-    A ROS 1 message begins with a counter, a CDR one with four bytes, of which the second is the
-    byte order; the rest is alike.
+    Raises LogError for any other. A ROS 1 message begins with a counter, a CDR one with four bytes,
+    of which the second is the byte order; the rest is alike.
     """
     order = "<" if ros == 1 or data[1:2] == b"\1" else ">"
     try:
@@ -50,14 +51,18 @@ def from_cdr(data: bytes, kind: str) -> Any:
 
 
 def frame_name(name: str) -> str:
-    """A frame_id as tf2 has it: without the leading slash of old ROS 1 bags, and without
-    unprintable letters."""
+    """A frame_id as tf2 has it, without the leading slash of old ROS 1 bags.
+
+    Unprintable letters are left out.
+    """
     return plain(name, 120).lstrip("/")
 
 
 def pose_numbers(message: Any, kind: str) -> tuple[float, ...]:
-    """Position in metres and quaternion (x, y, z, w) of an Odometry, PoseStamped or
-    PoseWithCovarianceStamped."""
+    """Position in metres and quaternion (x, y, z, w) of a message with a pose.
+
+    It is an Odometry, PoseStamped or PoseWithCovarianceStamped.
+    """
     pose = message.pose.pose if kind in (ODOMETRY, POSE_COVARIANCE) else message.pose
     return _numbers(pose.position, pose.orientation)
 
@@ -72,28 +77,30 @@ def _numbers(position: Any, turn: Any) -> tuple[float, ...]:
 
 
 def poses(numbers: Sequence[tuple[float, ...]]) -> Poses:
-    """Poses (n, 4, 4) from positions and quaternions; NaN where they are not a place on Earth or
-    not a rotation."""
+    """Poses (n, 4, 4) from positions and quaternions.
+
+    NaN where they are not a place on Earth or not a rotation.
+    """
     rows = np.array(numbers, np.float64).reshape(-1, 7)
     with np.errstate(all="ignore"):
-        good = (np.abs(rows[:, :3]) <= FARTHEST_M).all(axis=1) & (
+        is_pose = (np.abs(rows[:, :3]) <= FARTHEST_M).all(axis=1) & (
             np.abs(np.linalg.norm(rows[:, 3:], axis=1) - 1) < 0.01
         )
-    found = np.full((len(rows), 4, 4), np.nan)
-    found[good] = np.eye(4)
-    found[good, :3, 3] = rows[good, :3]
-    if good.any():
-        found[good, :3, :3] = Rotation.from_quat(rows[good, 3:]).as_matrix()
-    return found
+    matrices = np.full((len(rows), 4, 4), np.nan)
+    matrices[is_pose] = np.eye(4)
+    matrices[is_pose, :3, 3] = rows[is_pose, :3]
+    if is_pose.any():
+        matrices[is_pose, :3, :3] = Rotation.from_quat(rows[is_pose, 3:]).as_matrix()
+    return matrices
 
 
 def sweep_points(message: Any) -> NDArray[np.float64]:
-    """Points (n, 3) in metres of a LaserScan in its frame, z = 0, of the finite ranges from
-    range_min to range_max.
+    """Points (n, 3) in metres of a LaserScan in its frame, at z = 0.
 
-    A limit that is not finite is none, and neither is a range_max of 0, as where a driver left it
-    out. Angles run counter-clockwise from +x in steps of angle_increment, which is negative for a
-    scanner mounted upside down. Raises LogError for angles that no scanner has.
+    They are those of the finite ranges from range_min to range_max. A limit that is not finite is
+    none, and neither is a range_max of 0, as where a driver left it out. Angles run
+    counter-clockwise from +x in steps of angle_increment, which is negative for a scanner mounted
+    upside down. Raises LogError for angles that no scanner has.
     """
     start = message.angle_min
     step = message.angle_increment
@@ -105,7 +112,7 @@ def sweep_points(message: Any) -> NDArray[np.float64]:
     far = far if np.isfinite(far) and far > 0 else np.inf
     with np.errstate(invalid="ignore"):
         ranges_m = message.ranges.astype(np.float64)
-        kept = np.flatnonzero(np.isfinite(ranges_m) & (near <= ranges_m) & (ranges_m <= far))
-    angles = start + step * kept
-    flat = np.stack([np.cos(angles), np.sin(angles), np.zeros(len(kept))], axis=1)
-    return np.asarray(flat * ranges_m[kept, None])
+        beams = np.flatnonzero(np.isfinite(ranges_m) & (near <= ranges_m) & (ranges_m <= far))
+    angles = start + step * beams
+    directions = np.stack([np.cos(angles), np.sin(angles), np.zeros(len(beams))], axis=1)
+    return np.asarray(directions * ranges_m[beams, None])

@@ -28,9 +28,9 @@ ODOMETRY_PLACES = (f"{{sequence}}/{ODOMETRY}", f"sensor_data/{{sequence}}/{ODOME
 
 
 def write_pose_rows(path: Path, utimes: NDArray[np.int64], ned_xyzrph: NDArray[np.float64]) -> None:
-    """Write a pose file as NCLT lays it out: no header; utime (µs), then x, y, z in metres and
-    roll, pitch, heading in radians.
+    """Write a pose file of NCLT.
 
+    It has no header; rows are utime (µs), x, y, z in metres and roll, pitch, heading in radians.
     `utimes` is (n,), `ned_xyzrph` (n, 6).
     """
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -42,8 +42,10 @@ def write_pose_rows(path: Path, utimes: NDArray[np.int64], ned_xyzrph: NDArray[n
 def encode(
     points_m: NDArray[np.float32], intensity: NDArray[np.uint8], laser: NDArray[np.uint8]
 ) -> bytes:
-    """A velodyne_sync file's bytes from z-up vehicle points (n, 3); the caller keeps them within
-    ±100 m."""
+    """The bytes of a velodyne_sync file from z-up vehicle points (n, 3).
+
+    The caller keeps them within ±100 m.
+    """
     record = np.zeros(len(points_m), [("xyz", "<u2", 3), ("intensity", "u1"), ("laser", "u1")])
     ned = points_m.astype(np.float64) * (1.0, -1.0, -1.0)
     record["xyz"] = np.rint((ned - OFFSET_M) / GRAIN_M)
@@ -54,10 +56,10 @@ def encode(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def decode(words: NDArray[np.uint16], lift_m: float = 0.0) -> NDArray[np.float64]:
-    """Points (n, 3) in metres, z up and raised by `lift_m`, of hits that are four 16-bit words
-    each, flat (4 n,).
+    """Points (n, 3) in metres, z up and raised by `lift_m`, of the hits of a velodyne_sync file.
 
-    The compiler vectorises the loop over flat arrays: 20 times as fast.
+    A hit is four 16-bit words; `words` (4 n,) is flat. The compiler vectorises the loop over flat
+    arrays: 20 times as fast.
     """
     points = np.empty((words.shape[0] // 4, 3), np.float64)
     metres = points.reshape(-1)

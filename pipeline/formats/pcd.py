@@ -16,8 +16,10 @@ from numpy.typing import NDArray
 from pipeline.errors import LogError
 
 HEADER_BYTES = 65_536
-"""Limit for the header, which usually has a few hundred bytes; a file without a DATA line before it
-is not a PCD."""
+"""Limit for the header, which usually has a few hundred bytes.
+
+A file without a DATA line before it is not a PCD.
+"""
 EXPANSION = 88
 """Largest expansion of LZF: three bytes encode at most 264."""
 AXES = ("x", "y", "z")
@@ -49,11 +51,10 @@ class Header:
 
 
 def decode(data: bytes, path: Path, largest: int) -> NDArray[np.float64]:
-    """Points (n, 3) from the bytes of a PCD, in its frame and unit, NaN where the file has NaN;
-    errors name `path`.
+    """Points (n, 3) from the bytes of a PCD, in its frame and unit, NaN where the file has NaN.
 
-    Raises LogError for a file that is not PCD 0.7, is cut short, or would unpack to more than
-    `largest` bytes.
+    Raises LogError, which names `path`, for a file that is not PCD 0.7, is cut short, or would
+    unpack to more than `largest` bytes.
     """
     header = parse(data, path)
     body = memoryview(data)[header.end :]
@@ -83,41 +84,42 @@ def decode(data: bytes, path: Path, largest: int) -> NDArray[np.float64]:
 
 def parse(data: bytes, path: Path) -> Header:
     """The header from the bytes of a file; raises LogError naming the wrong line."""
-    said: dict[str, list[str]] = {}
+    entries: dict[str, list[str]] = {}
     end = 0
-    while "DATA" not in said:
-        stop = data.find(b"\n", end, HEADER_BYTES)
-        if stop < 0:
+    while "DATA" not in entries:
+        line_end = data.find(b"\n", end, HEADER_BYTES)
+        if line_end < 0:
             raise LogError(
                 f"{path}: no PCD file: its header has no line 'DATA ascii|binary|binary_compressed'"
             )
-        words = data[end:stop].decode("ascii", "replace").split("#")[0].split()
-        end = stop + 1
+        words = data[end:line_end].decode("ascii", "replace").split("#")[0].split()
+        end = line_end + 1
         if words:
-            said[words[0]] = words[1:]
-    if said.get("VERSION", ["0.7"])[-1:] not in (["0.7"], [".7"]):
+            entries[words[0]] = words[1:]
+    if entries.get("VERSION", ["0.7"])[-1:] not in (["0.7"], [".7"]):
         raise LogError(
-            f"{path}: PCD version {' '.join(said['VERSION'])}; expected 0.7: save it anew"
+            f"{path}: PCD version {' '.join(entries['VERSION'])}; expected 0.7: save it anew"
         )
-    fields = tuple(said.get("FIELDS", []))
-    sizes = said.get("SIZE", [])
-    kinds = said.get("TYPE", [])
-    counts = _numbers(path, "COUNT", said.get("COUNT", ["1"] * len(fields)))
+    fields = tuple(entries.get("FIELDS", []))
+    sizes = entries.get("SIZE", [])
+    kinds = entries.get("TYPE", [])
+    counts = _numbers(path, "COUNT", entries.get("COUNT", ["1"] * len(fields)))
     if not len(fields) == len(sizes) == len(kinds) == len(counts):
-        found = f"{len(fields)}, {len(sizes)}, {len(kinds)} and {len(counts)}"
+        field_counts = f"{len(fields)}, {len(sizes)}, {len(kinds)} and {len(counts)}"
         raise LogError(
-            f"{path}: FIELDS, SIZE, TYPE and COUNT are of {found} fields; the header is damaged"
+            f"{path}: FIELDS, SIZE, TYPE and COUNT are of {field_counts} fields; the header is "
+            "damaged"
         )
     types = tuple(_type(path, kind, size) for kind, size in zip(kinds, sizes, strict=True))
     if any(fields.count(axis) != 1 or counts[fields.index(axis)] != 1 for axis in AXES):
         raise LogError(f"{path}: its fields are {' '.join(fields)}; expected x, y and z, once each")
     if (
-        "POINTS" in said or not {"WIDTH", "HEIGHT"} <= said.keys()
+        "POINTS" in entries or not {"WIDTH", "HEIGHT"} <= entries.keys()
     ):  # it says again what the two say, which some leave at 0
-        points = _number(path, "POINTS", said)
+        points = _number(path, "POINTS", entries)
     else:
-        points = _number(path, "WIDTH", said) * _number(path, "HEIGHT", said)
-    form = " ".join(said["DATA"])
+        points = _number(path, "WIDTH", entries) * _number(path, "HEIGHT", entries)
+    form = " ".join(entries["DATA"])
     if form not in ("ascii", "binary", "binary_compressed"):
         raise LogError(f"{path}: DATA {form}; expected ascii, binary or binary_compressed")
     return Header(fields, types, tuple(counts), points, form, end)
@@ -132,8 +134,8 @@ def _type(path: Path, kind: str, size: str) -> str:
     return f"<{KINDS[kind]}{size}"
 
 
-def _number(path: Path, key: str, said: dict[str, list[str]]) -> int:
-    words = said.get(key, [])
+def _number(path: Path, key: str, entries: dict[str, list[str]]) -> int:
+    words = entries.get(key, [])
     if len(words) != 1:
         raise LogError(f"{path}: its header has no line '{key} NUMBER'")
     return _numbers(path, key, words)[0]
@@ -145,14 +147,16 @@ def _numbers(path: Path, key: str, words: list[str]) -> list[int]:
     return [int(word) for word in words]
 
 
-def _expect(path: Path, header: Header, found: int) -> None:
-    """Raise LogError, before anything is allocated, unless `found` is the number of bytes of the
-    points in the header."""
-    wanted = sum(header.widths()) * header.points
-    if found != wanted:
+def _expect(path: Path, header: Header, nbytes: int) -> None:
+    """Raise LogError unless `nbytes` is the size of all points by the header.
+
+    It does so before anything is allocated.
+    """
+    expected_bytes = sum(header.widths()) * header.points
+    if nbytes != expected_bytes:
         raise LogError(
-            f"{path}: {found} bytes of points, {wanted} for the {header.points} points of its "
-            "header; it is damaged"
+            f"{path}: {nbytes} bytes of points, {expected_bytes} for the {header.points} points of "
+            "its header; it is damaged"
         )
 
 

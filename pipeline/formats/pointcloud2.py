@@ -1,5 +1,7 @@
-"""sensor_msgs/PointCloud2 as points (METHODS 7.4): any layout of fields, aligned or not, either
-byte order, padded rows."""
+"""Decodes sensor_msgs/PointCloud2 into points (METHODS 7.4).
+
+Fields may have any layout, aligned or not, and either byte order; rows may be padded.
+"""
 
 from collections.abc import Sequence
 from typing import Protocol
@@ -23,8 +25,10 @@ DATATYPES = {
     10: "u8",
     11: "u1",
 }
-"""The numbers of sensor_msgs/PointField; only newer ROS distributions have 9, 10 and 11 (a truth
-value in a byte)."""
+"""numpy's types by the numbers of sensor_msgs/PointField.
+
+Only newer ROS distributions have 9, 10 and 11 (a truth value in a byte).
+"""
 FARTHEST = float(np.finfo(np.float32).max)
 """A coordinate that float32 cannot hold counts as infinite."""
 
@@ -51,11 +55,11 @@ class PointCloud2(Protocol):
 
 
 def decode(message: PointCloud2) -> NDArray[np.floating]:
-    """Points (n, 3) of a message, row after row, in its frame and unit; those with a NaN or
-    infinite coordinate are dropped.
+    """Points (n, 3) of a message, row after row, in its frame and unit.
 
-    The type is float32 if x, y and z are little-endian float32, else float64. Raises LogError,
-    before anything is allocated, for sizes that do not fit.
+    Those with a NaN or infinite coordinate are dropped. The type is float32 if x, y and z are
+    little-endian float32, else float64. Raises LogError, before anything is allocated, for sizes
+    that do not fit.
     """
     columns = [_column(message, name) for name in "xyz"]
     shape = (_rows(message), message.width)
@@ -75,8 +79,8 @@ def _column(message: PointCloud2, name: str) -> tuple[np.dtype[np.generic], int]
     """Data type and offset of a field."""
     field = next((field for field in message.fields if field.name == name), None)
     if field is None:
-        held = ", ".join(ascii(field.name) for field in message.fields) or "none"
-        raise LogError(f"PointCloud2 without a field {name}: its fields are {held:.200}")
+        names = ", ".join(ascii(field.name) for field in message.fields) or "none"
+        raise LogError(f"PointCloud2 without a field {name}: its fields are {names:.200}")
     if field.datatype not in DATATYPES:
         raise LogError(
             f"PointCloud2's field {name} has the datatype {field.datatype}; sensor_msgs/PointField "
@@ -88,11 +92,11 @@ def _column(message: PointCloud2, name: str) -> tuple[np.dtype[np.generic], int]
 
 
 def _rows(message: PointCloud2) -> int:
-    """Rows of points; some drivers leave the height of a cloud in no order at 0."""
-    held = len(message.data)
+    """Number of rows of points; some drivers write the height of an unorganised cloud as 0."""
+    nbytes = len(message.data)
     return (
         1
-        if message.height == 0 and held and held == message.width * message.point_step
+        if message.height == 0 and nbytes and nbytes == message.width * message.point_step
         else message.height
     )
 
@@ -100,39 +104,39 @@ def _rows(message: PointCloud2) -> int:
 def _row_bytes(message: PointCloud2) -> int:
     """Bytes from row to row; raises LogError for sizes that do not fit.
 
-    Some drivers write the size of all as row_step, or nothing: where the points fill the data
-    without it, it is passed over.
+    Some drivers write the size of the whole cloud as row_step, or 0: it is ignored where the points
+    fill the data without padding.
     """
     height = _rows(message)
     width = message.width
-    step = message.point_step
-    row = message.row_step
+    point_bytes = message.point_step
+    row_bytes = message.row_step
     if height <= 0 or width <= 0:
         raise LogError(f"PointCloud2 of {height} × {width} points: an empty message")
     for field in message.fields:
         size = np.dtype(DATATYPES.get(field.datatype, "u1")).itemsize * max(field.count, 1)
-        if field.offset < 0 or field.offset + size > step:
+        if field.offset < 0 or field.offset + size > point_bytes:
             raise LogError(
                 f"PointCloud2's field {field.name!a:.40} ends at byte {field.offset + size} of "
-                f"points of {step} bytes"
+                f"points of {point_bytes} bytes"
             )
-    packed = width * step
-    held = len(message.data)
-    if height == 1 and held >= packed:
-        return packed
-    needed = (height - 1) * row + packed  # the last row may lack its padding
-    if row >= packed and held >= needed:
-        return row
-    if held == height * packed:
-        return packed
-    if row < packed:
+    packed_bytes = width * point_bytes
+    nbytes = len(message.data)
+    if height == 1 and nbytes >= packed_bytes:
+        return packed_bytes
+    needed_bytes = (height - 1) * row_bytes + packed_bytes  # the last row may lack its padding
+    if row_bytes >= packed_bytes and nbytes >= needed_bytes:
+        return row_bytes
+    if nbytes == height * packed_bytes:
+        return packed_bytes
+    if row_bytes < packed_bytes:
         raise LogError(
-            f"PointCloud2 with rows of {row} bytes for {width} points of {step}; the message is "
-            "damaged"
+            f"PointCloud2 with rows of {row_bytes} bytes for {width} points of {point_bytes}; the "
+            "message is damaged"
         )
     raise LogError(
-        f"PointCloud2 of {height} × {width} points needs {needed} bytes, has {held}; it is cut "
-        "short"
+        f"PointCloud2 of {height} × {width} points needs {needed_bytes} bytes, has {nbytes}; it is "
+        "cut short"
     )
 
 
@@ -148,13 +152,15 @@ def _float64(column: NDArray[np.generic]) -> NDArray[np.float64]:
 def finite(
     x: NDArray[np.floating], y: NDArray[np.floating], z: NDArray[np.floating]
 ) -> NDArray[np.floating]:
-    """Points (n, 3) whose three coordinates are finite, at the speed of a copy whatever the
-    columns' stride and alignment."""
+    """Points (n, 3) whose three coordinates are finite.
+
+    It is as fast as a copy, whatever the columns' stride and alignment.
+    """
     points = np.empty((x.shape[0], 3), x.dtype)
-    kept = 0
+    count = 0
     for i in range(x.shape[0]):
-        points[kept, 0] = x[i]
-        points[kept, 1] = y[i]
-        points[kept, 2] = z[i]
-        kept += np.isfinite(x[i]) & np.isfinite(y[i]) & np.isfinite(z[i])
-    return points[:kept]
+        points[count, 0] = x[i]
+        points[count, 1] = y[i]
+        points[count, 2] = z[i]
+        count += np.isfinite(x[i]) & np.isfinite(y[i]) & np.isfinite(z[i])
+    return points[:count]

@@ -1,5 +1,7 @@
-"""The layout of a .bin of points, which says nothing about itself: found by its size, and by what
-its numbers would be."""
+"""Finds the layout of a .bin of points, which has no header.
+
+It is found from the size of the file, and from what its numbers would be in each layout.
+"""
 
 from itertools import pairwise
 from pathlib import Path
@@ -21,29 +23,30 @@ NAMES = {
 }
 """Layouts that begin with x, y, z as 32-bit floats, by the bytes of a record."""
 FEW = 50
-"""Points whose neighbours tell nothing: then the commonest layout that fits."""
+"""Fewer points than this tell no layout: the commonest one that fits is taken."""
 WIDTHS = range(12, 65)
 FARTHEST_M = 500.0
 LEAST_M = 1e-6
 LIKELY = 0.8
-"""So many of the numbers of points are; of bytes that are none, one in nine.
+"""Share of the numbers of points from LEAST_M to FARTHEST_M; of other bytes one in nine is.
 
-A simulator's level ground may be all but 0.
+Zeros count too, since a simulator's level ground may be almost all 0.
 """
 HEAD_BYTES = 2**20
 LASERS = 32  # of NCLT's sensor
 COLUMNS = (4, 3, 5, 6, 7, 8)
 """Numbers of a point in a .bin that holds all x first, the commonest first."""
 ENOUGH = 5_000
-"""Numbers tell a distribution well enough."""
+"""This many numbers tell a distribution well enough: of more, only every n-th is compared."""
 ALIKE = 0.1
-"""Numbers of one distribution differ by less than this (Kolmogorov and Smirnov's distance), if they
-are many."""
+"""Many numbers of one distribution have a smaller Kolmogorov–Smirnov distance than this."""
 
 
 def points(data: bytes, path: Path, width: int | None = None) -> NDArray[np.float32]:
-    """Points (n, 3) of a .bin whose records, `width` bytes each, begin with x, y, z; raises
-    LogError where they cannot."""
+    """Points (n, 3) of a .bin whose records, `width` bytes each, begin with x, y, z.
+
+    None: the width is found from the bytes. Raises LogError where they cannot be such records.
+    """
     if not width:
         width, is_told = layout(data)
         if not is_told:
@@ -67,17 +70,17 @@ def points(data: bytes, path: Path, width: int | None = None) -> NDArray[np.floa
 
 
 def point_bytes(data: bytes) -> int | None:
-    """The first of `layout`."""
+    """Bytes of a point in a .bin, as `layout` finds them; None: no width fits."""
     return layout(data)[0]
 
 
 def layout(data: bytes) -> tuple[int | None, bool]:
-    """Bytes of a point in a .bin whose points begin with x, y, z as 32-bit floats in metres, and
-    whether it is no guess.
+    """Bytes of a point in a .bin, and whether the number is no guess.
 
-    8 are NCLT's; None: no width fits. Where several do, the numbers tell: in the right one heights
-    are spread unlike positions ahead, and neighbours in the file lie nearest to each other. Where
-    they do not, it is the commonest that fits.
+    The points begin with x, y, z as 32-bit floats in metres. 8 are NCLT's; None: no width fits.
+    Where several do, the numbers tell: in the right one heights are spread unlike positions ahead,
+    and neighbours in the file lie nearest to each other. Where they do not, it is the commonest
+    that fits.
     """
     words = np.frombuffer(
         data[: min(len(data), HEAD_BYTES) // NCLT_BYTES * NCLT_BYTES], "<u2"
@@ -96,34 +99,36 @@ def layout(data: bytes) -> tuple[int | None, bool]:
             iter(fitting), None
         )
         return commonest, len(fitting) < 2
-    apart = {width: _apart(xyz_m) for width, xyz_m in (telling or fitting).items()}
-    likely = [
-        width for width in apart if apart[width] <= 1.2 * min(apart.values())
+    spacing_m = {width: _spacing_m(xyz_m) for width, xyz_m in (telling or fitting).items()}
+    likely_widths = [
+        width for width in spacing_m if spacing_m[width] <= 1.2 * min(spacing_m.values())
     ]  # two points on are not much farther
-    return (likely[0] if likely else None), bool(telling) or len(fitting) < 2
+    return (likely_widths[0] if likely_widths else None), bool(telling) or len(fitting) < 2
 
 
 def refuse_planar(data: bytes, path: Path) -> None:
-    """Raise LogError for a .bin that holds all x first, then all y, then all z, as those of
-    RobotCar's radar data set do."""
+    """Raise LogError for a .bin that holds all x first, then all y, then all z.
+
+    Those of RobotCar's radar data set do.
+    """
     if not data or len(data) % 4:
         return
     numbers = np.frombuffer(data, "<f4")
     fitting = _fitting(data)
     whole = (numbers.reshape(-1, width // 4) for width in fitting if width % 4 == 0)
-    if any(map(_heights_differ, fitting.values())) or not all(map(_alike, whole)):
+    if any(map(_heights_differ, fitting.values())) or not all(map(_columns_alike, whole)):
         return
     for columns in COLUMNS:
         if len(numbers) % columns:
             continue
         xyz_m = numbers.reshape(columns, -1)[:3].T
         if _may_be_points(xyz_m) and _heights_differ(xyz_m):
-            turned = (
+            remedy = (
                 f"with N numbers a point, {columns} perhaps, `numpy.fromfile(FILE, "
                 "'<f4').reshape(N, -1).T.tofile(FILE)`"
             )
             raise LogError(
-                f"{path}: holds all x, then all y, then all z; {turned} puts point after point"
+                f"{path}: holds all x, then all y, then all z; {remedy} puts point after point"
             )
 
 
@@ -133,16 +138,18 @@ def _fitting(data: bytes) -> dict[int, NDArray[np.float32]]:
 
 
 def _points(data: bytes, width: int) -> NDArray[np.float32] | None:
-    """The first points (n, 3) of records so wide, if they could be some."""
+    """The first points (n, 3) if records of `width` bytes look like coordinates, else None."""
     if len(data) % width or not data:
         return None
-    rows = np.frombuffer(data[: max(HEAD_BYTES // width, 1) * width], np.uint8).reshape(-1, width)
-    xyz_m = rows[:, :12].copy().view("<f4")
+    records = np.frombuffer(data[: max(HEAD_BYTES // width, 1) * width], np.uint8).reshape(
+        -1, width
+    )
+    xyz_m = records[:, :12].copy().view("<f4")
     return xyz_m if _may_be_points(xyz_m) else None
 
 
 def _may_be_points(xyz_m: NDArray[np.float32]) -> bool:
-    """Whether numbers (n, 3) are such as points have."""
+    """Whether numbers (n, 3) look like the coordinates of points in metres."""
     size_m = np.abs(xyz_m)
     with np.errstate(invalid="ignore"):
         likely = (size_m < FARTHEST_M) & ((size_m > LEAST_M) | (size_m == 0))
@@ -150,36 +157,40 @@ def _may_be_points(xyz_m: NDArray[np.float32]) -> bool:
     return bool(likely.mean() > LIKELY and (xyz_m != 0).any() and varied)
 
 
-def _alike(rows: NDArray[np.float32]) -> bool:
-    """Whether all columns of records (n, column) have one distribution, as where they are not
-    records: each holds all columns."""
-    known = rows[np.isfinite(rows).all(axis=1)]
-    return not any(_differ(known[:, 0], column) for column in known.T[1:])
+def _columns_alike(rows: NDArray[np.float32]) -> bool:
+    """Whether all columns of records (n, column) have one distribution.
+
+    So it is where they are not records, and each column mixes all coordinates.
+    """
+    finite_rows = rows[np.isfinite(rows).all(axis=1)]
+    return not any(_differ(finite_rows[:, 0], column) for column in finite_rows.T[1:])
 
 
 def _heights_differ(xyz_m: NDArray[np.float32]) -> bool:
-    """Whether the z of points (n, 3) are spread unlike their x, as in any place, and never where
-    the numbers are mixed up."""
-    known = xyz_m[np.isfinite(xyz_m).all(axis=1)]
-    return _differ(known[:, 0], known[:, 2])
+    """Whether the z of points (n, 3) are distributed unlike their x.
+
+    So they are in any place, and never where the numbers are mixed up.
+    """
+    finite_points = xyz_m[np.isfinite(xyz_m).all(axis=1)]
+    return _differ(finite_points[:, 0], finite_points[:, 2])
 
 
 def _differ(a: NDArray[np.float32], b: NDArray[np.float32]) -> bool:
-    """Whether as many numbers (n,) are of two distributions; of few it is not known."""
+    """Whether `a` (n,) and `b` (n,) are of two distributions; False for fewer than FEW numbers."""
     if len(a) < FEW:
         return False
-    every = (
+    stride = (
         len(a) // ENOUGH | 1
     )  # odd, as the lasers of a sensor, which stand one after another, are an even number
-    away = scipy.stats.ks_2samp(a[::every], b[::every], method="asymp").statistic
-    return bool(away > ALIKE + 1.5 * np.sqrt(2 / len(a[::every])))
+    distance = scipy.stats.ks_2samp(a[::stride], b[::stride], method="asymp").statistic
+    return bool(distance > ALIKE + 1.5 * np.sqrt(2 / len(a[::stride])))
 
 
-def _apart(xyz_m: NDArray[np.float32]) -> float:
-    """Median distance of neighbours in the file."""
-    known = xyz_m[np.isfinite(xyz_m).all(axis=1)].astype(np.float64)
+def _spacing_m(xyz_m: NDArray[np.float32]) -> float:
+    """Median distance in metres between neighbours in the file; inf for fewer than two points."""
+    finite_points = xyz_m[np.isfinite(xyz_m).all(axis=1)].astype(np.float64)
     return (
-        float(np.median(np.linalg.norm(np.diff(known, axis=0), axis=1)))
-        if len(known) > 1
+        float(np.median(np.linalg.norm(np.diff(finite_points, axis=0), axis=1)))
+        if len(finite_points) > 1
         else np.inf
     )

@@ -1,5 +1,4 @@
-"""Oxford RobotCar's file layouts, shared by the reader and the simulated world's writer (METHODS
-7.2).
+"""File layouts of Oxford RobotCar, for the reader and the simulated world's writer (METHODS 7.2).
 
 Frames are the files' own: the vehicle is x forward, y right, z down (the stereo camera is its
 origin), the world is north-east-down (UTM northing, easting, down), a laser scans in its plane z =
@@ -25,8 +24,7 @@ EXTRINSICS = {
     "ins": (-1.7132, 0.1181, 1.1948, -0.0125, 0.0400, 0.0050),
     "stereo": (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
 }
-"""x, y, z, roll, pitch, yaw of each sensor in the vehicle frame, as published in the SDK of the
-data set."""
+"""x, y, z, roll, pitch, yaw of each sensor in the vehicle frame, from the data set's SDK."""
 POSE = ("x", "y", "z", "roll", "pitch", "yaw")
 VO_STAMPS = ("source_timestamp", "destination_timestamp")
 VO_COLUMNS = (*VO_STAMPS, *POSE)
@@ -61,14 +59,15 @@ def decode_sweep(data: bytes) -> NDArray[np.float64]:
 
 
 def write_timestamps(path: Path, utimes: NDArray[np.int64]) -> None:
-    """Write one line per sweep: its utime, and the number of the download chunk that holds it, here
-    always 1."""
+    """Write one line per sweep: its utime, and the number of its download chunk, here always 1."""
     _write(path, [f"{utime} 1" for utime in utimes.tolist()])
 
 
 def write_vo(path: Path, utimes: NDArray[np.int64], xyzrpy: NDArray[np.float64]) -> None:
-    """Write visual odometry: `xyzrpy` (n−1, 6) is each pose in the vehicle frame of the previous
-    one of `utimes` (n,)."""
+    """Write visual odometry at `utimes` (n,).
+
+    `xyzrpy` (n−1, 6) is each pose in the vehicle frame of the previous one.
+    """
     stamps = zip(utimes[1:].tolist(), utimes[:-1].tolist(), strict=True)
     rows = zip(stamps, xyzrpy.tolist(), strict=True)
     _write(
@@ -87,10 +86,10 @@ def write_ins(
     ned_xyzrpy: NDArray[np.float64],
     utm_zone: str = "30U",
 ) -> None:
-    """Write inertial navigation: `ned_xyzrpy` (n, 6) is the pose of the INS unit in the world at
-    `utimes` (n,).
+    """Write inertial navigation: poses `ned_xyzrpy` (n, 6) of the INS unit at `utimes` (n,).
 
-    Latitude, longitude and velocities are written as nan, the altitude as −down.
+    They are in the world. Latitude, longitude and velocities are written as nan, the altitude as
+    −down.
     """
     lines = [",".join(INS_COLUMNS)]
     for utime, status, (north, east, down, *angles) in zip(

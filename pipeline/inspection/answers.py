@@ -1,4 +1,4 @@
-"""Key numbers of the artifacts on the places of queries: labels, rankings, evaluations."""
+"""Key numbers of the artifacts with a row per query: labels, rankings, evaluations."""
 
 from typing import Any
 
@@ -15,8 +15,8 @@ from pipeline.store import Artifact
 OUTCOMES = ("hits", "misses", "false alarms", "correct rejections", "not judged")
 
 
-def labels(artifact: Artifact, found: Inspection) -> None:
-    """The share of the sequence that lies in places of training."""
+def labels(artifact: Artifact, inspection: Inspection) -> None:
+    """Add the share of the sequence that lies in places of training."""
     places, oracle, nearest = (artifact.load(name) for name in ("places", "oracle", "nearest_m"))
     seen = places >= 0
     rows = [
@@ -44,30 +44,30 @@ def labels(artifact: Artifact, found: Inspection) -> None:
         rows.append(
             ("oracle", f"{share} of the seen have their nearest training anchor in their place")
         )
-    found.add("", *rows)
-    lost = (
+    inspection.add("", *rows)
+    no_overlap = (
         "no submap lies in a place of training: do both sequences share one world frame, and the "
         "grid's box?"
     )
-    found.warn(len(places) and not seen.any(), lost)
+    inspection.warn(len(places) and not seen.any(), no_overlap)
 
 
-def rankings(artifact: Artifact, found: Inspection) -> None:
-    """The answers of the method, not compared with the truth."""
+def rankings(artifact: Artifact, inspection: Inspection) -> None:
+    """Add numbers on the answers of the method, which are not compared with the truth."""
     places, costs, novelty, confidence = (
         artifact.load(name) for name in ("places", "costs", "novelty", "confidence")
     )
     rows = [("queries", f"{len(places):,}, {places.shape[1]} places each")]
     if not len(places):
-        found.add("", *rows)
+        inspection.add("", *rows)
         return
     answers = _distinct(places[:, 0])
-    known = np.isfinite(artifact.load("heading_deg")[:, 0]).mean()
-    found.add(
+    heading_share = np.isfinite(artifact.load("heading_deg")[:, 0]).mean()
+    inspection.add(
         "",
         *rows,
         ("first answers", f"{answers:,} distinct places"),
-        ("heading", f"estimated for {100 * known:.3g} % of the queries"),
+        ("heading", f"estimated for {100 * heading_share:.3g} % of the queries"),
         ("confidence", "none" if np.isnan(confidence).any() else _spread(confidence)),
     )
     kinds = zip(artifact.attrs["kinds"], artifact.attrs["thresholds"], novelty.T, strict=True)
@@ -75,39 +75,44 @@ def rankings(artifact: Artifact, found: Inspection) -> None:
         (
             kind,
             f"{_spread(values)}; rejects {100 * (values >= threshold).mean():.1f} % from "
-            f"{threshold:.4g} on{less}",
+            f"{threshold:.4g} on{shortfall}",
         )
-        for (kind, threshold, values), less in zip(kinds, _less_kept(artifact), strict=True)
+        for (kind, threshold, values), shortfall in zip(kinds, _shortfalls(artifact), strict=True)
     ]
-    found.add("novelty, the first kind in use", *rejection)
-    falls = (np.diff(costs, axis=1) < 0).any()
-    found.warn(
-        falls,
+    inspection.add("novelty, the first kind in use", *rejection)
+    costs_fall = (np.diff(costs, axis=1) < 0).any()
+    inspection.warn(
+        costs_fall,
         "costs do not rise along the ranks: the method ranked wrongly, and its recall means "
         "nothing",
     )
-    blank = (
+    constant_answer = (
         "every query gets the same first answer: the model learned nothing, or the views are blank"
     )
-    found.warn(len(places) > 1 and answers == 1, blank)
+    inspection.warn(len(places) > 1 and answers == 1, constant_answer)
 
 
-def _less_kept(artifact: Artifact) -> list[str]:
-    """What each threshold keeps on held-out blocks, where that is less than wanted."""
-    wanted = float(artifact.attrs["wanted_precision"])
-    every = kept_precision(artifact)
+def _shortfalls(artifact: Artifact) -> list[str]:
+    """A text for each threshold whose precision on held-out blocks is below the wanted one.
+
+    Empty for the others.
+    """
+    wanted_precision = float(artifact.attrs["wanted_precision"])
+    precisions = kept_precision(artifact)
     return [
-        f"; keeps {kept:.3f} of the wanted {wanted:g} on held-out blocks" if kept < wanted else ""
-        for kept in every
+        f"; keeps {precision:.3f} of the wanted {wanted_precision:g} on held-out blocks"
+        if precision < wanted_precision
+        else ""
+        for precision in precisions
     ]
 
 
-def evaluations(artifact: Artifact, found: Inspection) -> None:
-    """The results of the evaluation, by both protocols."""
+def evaluations(artifact: Artifact, inspection: Inspection) -> None:
+    """Add the results of the evaluation, by both protocols."""
     evaluation = Evaluation.read(artifact)
     numbers = summary(evaluation)
     attrs = artifact.attrs
-    found.add(
+    inspection.add(
         "",
         ("queries", f"{len(evaluation.answer):,}"),
         (
@@ -117,15 +122,16 @@ def evaluations(artifact: Artifact, found: Inspection) -> None:
         ("threshold", f"{evaluation.reject_from[0]:.4g} on {evaluation.kinds[0]}"),
     )
     for name in PROTOCOLS:
-        found.add(f"by {name}", *_protocol(evaluation.protocol(name), numbers[name]))
-    blind = [
+        inspection.add(f"by {name}", *_protocol(evaluation.protocol(name), numbers[name]))
+    blind_protocols = [
         name
         for name in PROTOCOLS
         if len(evaluation.answer) and not evaluation.protocol(name).seen.any()
     ]
-    found.warn(
-        blind,
-        f"no query was seen in training by {' or '.join(blind)}: recall and AUC mean nothing there",
+    inspection.warn(
+        blind_protocols,
+        f"no query was seen in training by {' or '.join(blind_protocols)}: recall and AUC mean "
+        "nothing there",
     )
 
 

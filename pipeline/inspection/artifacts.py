@@ -23,57 +23,59 @@ KEY_NUMBERS: dict[str, Callable[[store.Artifact, Inspection], None]] = {
 }
 
 
-def artifact(path: Path, found: Inspection) -> None:
-    """A zarr group; raises ArtifactError for one of an unknown kind, or one that cannot be read
-    whole."""
+def artifact(path: Path, inspection: Inspection) -> None:
+    """Describe a zarr group.
+
+    Raises ArtifactError for one of an unknown kind, or one that cannot be read whole.
+    """
     schema = _schema(path)
-    found.kind = f"{schema.kind}, version {schema.version}, {nbytes(size(path))} on disk"
-    opened = store.read(path, schema)
-    extents = {name: columns.extent(opened[name]) for name in schema.columns}
-    first = next(iter(schema.columns))
-    found.warn(
-        not extents[first].shape[0],
-        f"no rows: {first} is empty; every later stage would have nothing to work on",
+    inspection.kind = f"{schema.kind}, version {schema.version}, {nbytes(size(path))} on disk"
+    group = store.read(path, schema)
+    extents = {name: columns.extent(group[name]) for name in schema.columns}
+    first_column = next(iter(schema.columns))
+    inspection.warn(
+        not extents[first_column].shape[0],
+        f"no rows: {first_column} is empty; every later stage would have nothing to work on",
     )
     for name, extent in extents.items() if schema.kind != "rankings" else ():
-        found.warn(
+        inspection.warn(
             extent.infinite,
             f"inf in {name}: {extent.infinite:,} values; nothing here writes one: `dvc repro` it",
         )
     if schema.kind in KEY_NUMBERS:
-        KEY_NUMBERS[schema.kind](opened, found)
-    found.add(
+        KEY_NUMBERS[schema.kind](group, inspection)
+    inspection.add(
         "arrays",
         *(columns.row(name, extents[name], column) for name, column in schema.columns.items()),
     )
     if schema.attrs:
-        found.add(
+        inspection.add(
             "attributes",
-            *((name, short(opened.attrs.get(name)), doc) for name, doc in schema.attrs.items()),
+            *((name, short(group.attrs.get(name)), doc) for name, doc in schema.attrs.items()),
         )
 
 
-def model(path: Path, found: Inspection) -> None:
-    """A safetensors file: the named arrays of a model, and its training parameters."""
+def model(path: Path, inspection: Inspection) -> None:
+    """Describe a safetensors file: the named arrays of a model, and its training parameters."""
     recipe = store.read_recipe(path)
     arrays = store.read_model(path)
     extents = {
         name: columns.extent(array.reshape(-1) if not array.ndim else array)
         for name, array in sorted(arrays.items())
     }
-    found.kind = f"model, {nbytes(path.stat().st_size)} on disk"
+    inspection.kind = f"model, {nbytes(path.stat().st_size)} on disk"
     numbers = sum(array.size for array in arrays.values())
-    found.add(
+    inspection.add(
         f"arrays: {len(arrays)}, {numbers:,} numbers",
         *(columns.row(*item) for item in extents.items()),
     )
     if recipe:
-        found.add("recipe", *sorted(recipe.items()))
-    bad = [name for name, extent in extents.items() if extent.nans or extent.infinite]
-    found.warn(
-        bad,
-        f"NaN/inf in {', '.join(bad)}: training diverged; lower its learning rate and `dvc repro` "
-        "it",
+        inspection.add("recipe", *sorted(recipe.items()))
+    diverged = [name for name, extent in extents.items() if extent.nans or extent.infinite]
+    inspection.warn(
+        diverged,
+        f"NaN/inf in {', '.join(diverged)}: training diverged; lower its learning rate and `dvc "
+        "repro` it",
     )
 
 
@@ -91,9 +93,9 @@ def _schema(path: Path) -> Schema:
         ) from None
     kind = attrs.get("kind") if isinstance(attrs, dict) else None
     if kind not in KINDS:
-        known = ", ".join(KINDS)
+        kinds = ", ".join(KINDS)
         raise ArtifactError(
             f"{path}: a zarr group of kind {kind}, which yearloc does not write; its kinds are "
-            f"{known}"
+            f"{kinds}"
         )
     return KINDS[kind]

@@ -74,8 +74,10 @@ class Contents:
         )
 
     def clouds(self, topic: TopicSummary) -> Iterator[NDArray[np.floating]]:
-        """Points (n, 3) in metres of nine clouds of the first bag, every tenth, in their own frame;
-        broken ones are left out."""
+        """Points (n, 3) in metres of nine clouds, in their own frame.
+
+        They are every tenth cloud of the first bag that has the topic; broken ones are left out.
+        """
         file = next(
             file
             for file in self.files

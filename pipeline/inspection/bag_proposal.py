@@ -1,5 +1,7 @@
-"""Proposes the yaml of a data set of bags: the topics and frames for the reader, each with the
-reason beside it."""
+"""Proposes the yaml of a data set of bags.
+
+It names the topics and frames for the reader, each with the reason beside it.
+"""
 
 import json
 import re
@@ -24,10 +26,9 @@ DRIFTS = re.compile("odom|vo|vio|wheel")
 
 
 def propose(contents: Contents) -> tuple[str, list[str]]:
-    """The text of a file for conf/dataset with points, truth, odometry and extrinsics, and warnings
-    for its user.
+    """The text of a file for conf/dataset, and warnings for its user.
 
-    Raises LogError for bags without points.
+    The text names points, truth, odometry and extrinsics. Raises LogError for bags without points.
     """
     truth, odometry = _poses(contents)
     sources = contents.of(CLOUD) or contents.of(SWEEP)
@@ -35,30 +36,34 @@ def propose(contents: Contents) -> tuple[str, list[str]]:
         sources, key=lambda source: truth is not None and source.frame == truth.frame, default=None
     )
     if points is None:
-        held = ", ".join(f"{topic.name} ({topic.kind})" for topic in contents.topics) or "nothing"
-        packed = next(
+        topic_list = (
+            ", ".join(f"{topic.name} ({topic.kind})" for topic in contents.topics) or "nothing"
+        )
+        packet_kind = next(
             (topic.kind for topic in contents.topics if topic.kind.rpartition("/")[2] in PACKETS),
             "",
         )
         advice = (
-            f"; let the lidar's driver make PointCloud2 of {packed} while `ros2 bag record` runs"
-            if packed
+            f"; let the lidar's driver make PointCloud2 of {packet_kind} while `ros2 bag record` "
+            "runs"
+            if packet_kind
             else ""
         )
-        lacking = (
-            f"neither a PointCloud2 nor a LaserScan in it; it holds {plain(held, 800)}{advice}"
+        message = (
+            "neither a PointCloud2 nor a LaserScan in it; it holds "
+            f"{plain(topic_list, 800)}{advice}"
         )
-        raise LogError(f"{contents.files[0].path}: {lacking}")
-    flat = points.kind == SWEEP
+        raise LogError(f"{contents.files[0].path}: {message}")
+    is_sweep = points.kind == SWEEP
     warnings: list[str] = []
     if truth is None:
-        others = ", ".join(
+        topic_list = ", ".join(
             f"{topic.name} ({topic.kind.replace('/msg/', '/')})" for topic in contents.topics
         )
         warnings.append(
             "no poses: the reader needs an Odometry, PoseStamped, PoseWithCovarianceStamped, or "
             "moving transforms in tf; run a SLAM or GNSS solution and record its poses beside "
-            f"these. Topics here: {plain(others, 600)}"
+            f"these. Topics here: {plain(topic_list, 600)}"
         )
     elif DRIFTS.search(truth.frame):
         warnings.append(
@@ -66,12 +71,12 @@ def propose(contents: Contents) -> tuple[str, list[str]]:
             "sequences share no places; a study over several drives needs poses in one frame, "
             "such as map"
         )
-    if flat and odometry is None:
+    if is_sweep and odometry is None:
         odometry = truth
     body_T_lidar, extrinsic = _extrinsic(contents, points, truth, warnings)
     lift_m, lift = _lift(contents, points, body_T_lidar)
     gap_s = max(0.5, round(3 / truth.rate_hz, 1)) if truth and truth.rate_hz > 0 else 0.5
-    shape = "LaserScan: a row is one sweep" if flat else "PointCloud2"
+    shape = "LaserScan: a row is one sweep" if is_sweep else "PointCloud2"
     name = contents.files[0].path.name
     frame = points.frame or "?"
     text = f"""\
@@ -90,16 +95,21 @@ study: # name the sequences yourself: bags, or folders of bags, below the data s
   expected: one bag or one folder of bags a sequence
   train: null
   tests: []
-  submap: {"flat" if flat else "single"}
+  submap: {"flat" if is_sweep else "single"}
   grids: [10m]
   methods: [sci_ring, scan_context]
 """
-    head, rest = text.split("\n", 1)
-    return "\n".join([head, *(f"# Beware: {warning}" for warning in warnings), rest]), warnings
+    first_line, remainder = text.split("\n", 1)
+    return "\n".join(
+        [first_line, *(f"# Beware: {warning}" for warning in warnings), remainder]
+    ), warnings
 
 
 def _poses(contents: Contents) -> tuple[TopicSummary | None, TopicSummary | None]:
-    """The most likely truth, and the most likely odometry among the rest."""
+    """The source of poses that is most likely the truth, and the most likely odometry of the rest.
+
+    None where the bags hold none.
+    """
     frames = sorted({frame for edge in contents.tree.edges for frame in edge})
     bodies = [body for body in BODIES if body in frames]
     trees = [
@@ -119,12 +129,14 @@ def _poses(contents: Contents) -> tuple[TopicSummary | None, TopicSummary | None
 
 
 def _trust(source: TopicSummary) -> int:
-    """A score, larger for poses that are more likely the truth than odometry; a topic is preferred
-    to transforms."""
-    known = source.frame in WORLDS
+    """A score, larger for poses that are more likely the truth than odometry.
+
+    A topic is preferred to transforms.
+    """
+    is_world_frame = source.frame in WORLDS
     drifts = bool(DRIFTS.search(source.frame + " " + source.name))
     return (
-        8 * known
+        8 * is_world_frame
         + 4 * bool(TRUE.search(source.name))
         - 4 * drifts
         + (not source.name.startswith("tf:"))
@@ -134,8 +146,10 @@ def _trust(source: TopicSummary) -> int:
 def _extrinsic(
     contents: Contents, points: TopicSummary, truth: TopicSummary | None, warnings: list[str]
 ) -> tuple[NDArray[np.float64] | None, str]:
-    """body_T_lidar (4, 4), None where it is unknown, and the comment beside it; appends to
-    `warnings`."""
+    """body_T_lidar (4, 4), None where it is unknown, and the comment beside it in the yaml.
+
+    Appends to `warnings`.
+    """
     ask = "give x, y, z in m and roll, pitch, yaw in deg"
     if truth is None or not truth.child:
         if truth:
@@ -144,22 +158,22 @@ def _extrinsic(
                 "body_T_lidar"
             )
         return None, f"the posed frame is unknown: {ask}"
-    found = (
+    body_T_lidar = (
         np.eye(4) if truth.child == points.frame else contents.tree.fixed(truth.child, points.frame)
     )
-    if found is None and points.frame == truth.frame:
+    if body_T_lidar is None and points.frame == truth.frame:
         return (
             None,
             f"the points lie in {points.frame} already, the world of the poses: name another topic",
         )
-    if found is None:
+    if body_T_lidar is None:
         warnings.append(
             f"no fixed transforms lead from {truth.child} to {points.frame}: {ask} as body_T_lidar"
         )
         return None, f"no fixed transforms lead from {truth.child} to {points.frame}: {ask}"
-    x, y, z = found[:3, 3]
+    x, y, z = body_T_lidar[:3, 3]
     return (
-        found,
+        body_T_lidar,
         f"fixed transforms put {points.frame} at x {x:.2f}, y {y:.2f}, z {z:.2f} m in "
         f"{truth.child}",
     )
@@ -168,22 +182,24 @@ def _extrinsic(
 def _lift(
     contents: Contents, points: TopicSummary, body_T_lidar: NDArray[np.float64] | None
 ) -> tuple[float, str]:
-    """The lift in metres that puts the ground of the first clouds at z = 0, and the comment beside
-    it."""
-    unknown = (
+    """The lift in metres that puts the ground at z = 0, and the comment beside it in the yaml.
+
+    It is estimated from the first clouds.
+    """
+    unknown_lift = (
         0.0,
         "added to z so that the ground is at 0: the height of the posed frame over the ground",
     )
     if points.kind == SWEEP:
-        raised = (
+        is_raised = (
             body_T_lidar is not None and body_T_lidar[2, 3] > 0.1
         )  # lower ones are invisible in a view of heights
         return (
-            0.0 if raised else 1.0,
+            0.0 if is_raised else 1.0,
             "a level sweep sees no ground: its height marks occupied bins, so it must not be 0",
         )
     if body_T_lidar is None:
-        return unknown
+        return unknown_lift
     clouds = (
         cloud @ body_T_lidar[:3, :3].T + body_T_lidar[:3, 3] for cloud in contents.clouds(points)
     )
@@ -191,13 +207,13 @@ def _lift(
         ground(cloud, np.hypot(cloud[:, 0], cloud[:, 1])) for cloud in clouds if len(cloud) >= 1_000
     ]
     if not heights_m:
-        return unknown
+        return unknown_lift
     ground_m = float(np.median(heights_m))
-    among = (
+    finding = (
         f"the ground lies at z = {ground_m:.2f} m in the posed frame, by {len(heights_m)} of the "
         "first clouds: check it"
     )
-    comment = typographic(among)
+    comment = typographic(finding)
     return (0.0 if abs(ground_m) < 0.1 else -round(ground_m, 2)), comment
 
 
@@ -205,12 +221,12 @@ def _source_line(source: TopicSummary | None) -> str:
     if source is None:
         return "null # this bag holds none"
     parts = [f"in the frame {source.frame or '?'}", f"of {source.child}", _rate(source.rate_hz)]
-    kept = [
+    known_parts = [
         part
-        for part, known in zip(parts, (True, source.child, source.rate_hz > 0), strict=True)
-        if known
+        for part, is_known in zip(parts, (True, source.child, source.rate_hz > 0), strict=True)
+        if is_known
     ]
-    return f"{_word(source.name)} # {', '.join(kept)}"
+    return f"{_word(source.name)} # {', '.join(known_parts)}"
 
 
 def _word(name: str) -> str:

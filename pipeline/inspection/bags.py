@@ -1,5 +1,7 @@
-"""ROS bags: topics, types, counts, rates, frames and time span, and a proposed yaml of the data
-set."""
+"""Describes ROS bags, and proposes a yaml of the data set.
+
+Topics with types, counts, rates and frames, the transforms, and the time span.
+"""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -22,14 +24,13 @@ TRIED_BYTES = 8 * 10**9
 
 
 def below(path: Path) -> list[Path]:
-    """The bags at `path`, right below it, or in the folders below it; an empty list where there are
-    none."""
+    """The bags at `path`, right below it, or in the folders below it; may be empty."""
     children = sorted(path.iterdir()) if path.is_dir() else []
     return find(path) or [bag for child in children for bag in find(child)]
 
 
-def bags(path: Path, found: Inspection) -> None:
-    """A bag, or a folder of bags; raises LogError where none can be read."""
+def bags(path: Path, inspection: Inspection) -> None:
+    """Describe a bag, or a folder of bags; raises LogError where none can be read."""
     paths = below(path)
     contents = Contents.read(paths)
     start_ns, end_ns = contents.span_ns
@@ -38,12 +39,12 @@ def bags(path: Path, found: Inspection) -> None:
         if end_ns > start_ns
         else []
     )
-    held = (
+    bags_row = (
         "bags",
         f"{len(paths)}, {nbytes(sum(map(size, paths)))}: "
         f"{', '.join(bag.name for bag in paths):.400}",
     )
-    found.describe("ROS bag", held, *span)
+    inspection.describe("ROS bag", bags_row, *span)
     topics: list[tuple[str, ...]] = [("topic", "messages", "rate", "type and frames")]
     for topic in contents.topics:
         frames = (f", in {topic.frame}" if topic.frame else "") + (
@@ -58,60 +59,70 @@ def bags(path: Path, found: Inspection) -> None:
                 plain(topic.kind, 60).replace("/msg/", "/") + frames,
             )
         )
-    found.add("topics", *topics)
+    inspection.add("topics", *topics)
     transforms = []
     for (parent, child), (stamps_ns, poses) in sorted(contents.tree.edges.items()):
-        fixed = typographic("fixed, at x {:.3f}, y {:.3f}, z {:.3f} m".format(*poses[-1, :3, 3]))
-        how = "moves" if contents.tree.moves(parent, child) else fixed
-        transforms.append((f"{parent} > {child}", f"{len(stamps_ns):,}", how))
+        fixed_text = typographic(
+            "fixed, at x {:.3f}, y {:.3f}, z {:.3f} m".format(*poses[-1, :3, 3])
+        )
+        motion = "moves" if contents.tree.moves(parent, child) else fixed_text
+        transforms.append((f"{parent} > {child}", f"{len(stamps_ns):,}", motion))
     if transforms:
-        found.add("transforms", *transforms)
-    found.warnings += tuple(f"left aside: {line}" for line in contents.broken)
+        inspection.add("transforms", *transforms)
+    inspection.warnings += tuple(f"left aside: {line}" for line in contents.broken)
     try:
         text, warnings = propose(contents)
     except LogError as error:
-        found.warn(True, str(error))
+        inspection.warn(True, str(error))
         return
-    found.kind = f"ROS bag{'s' if len(paths) > 1 else ''}"
-    found.add(
+    inspection.kind = f"ROS bag{'s' if len(paths) > 1 else ''}"
+    inspection.add(
         "proposed for conf/dataset; root is the folder that the bags lie in",
         *((line,) for line in text.splitlines()),
     )
-    found.warnings += tuple(warnings)
+    inspection.warnings += tuple(warnings)
     if not any("body_T_lidar" in warning for warning in warnings):  # that has to be given first
-        _try(path, text, contents, found)
+        _try(path, text, contents, inspection)
 
 
-def _try(path: Path, text: str, contents: Contents, found: Inspection) -> None:
-    """Open the bag as the proposed yaml says and look at a few clouds; what its reader refuses is a
-    warning."""
+def _try(path: Path, text: str, contents: Contents, inspection: Inspection) -> None:
+    """Open the bag as the proposed yaml says and look at a few clouds.
+
+    Where the reader refuses the bag, its error becomes a warning.
+    """
     reader = yaml.safe_load(text)["reader"]
     del reader["_target_"]
     if reader["truth"] is None:
         return
-    whole = path.resolve()
+    full_path = path.resolve()
     drive = (
-        whole if is_bag(whole) else next(child for child in sorted(whole.iterdir()) if find(child))
+        full_path
+        if is_bag(full_path)
+        else next(child for child in sorted(full_path.iterdir()) if find(child))
     )
-    held = sum(map(size, find(drive)))
-    if held > TRIED_BYTES:
-        found.warn(
-            True, f"not tried: {nbytes(held)} of {drive.name} would be read to open it as proposed"
+    drive_bytes = sum(map(size, find(drive)))
+    if drive_bytes > TRIED_BYTES:
+        inspection.warn(
+            True,
+            f"not tried: {nbytes(drive_bytes)} of {drive.name} would be read to open it as "
+            "proposed",
         )
         return
     try:
         log = Bag(**reader).open(drive.parent, drive.name)
-        describe_log(found, log, f"{drive.name}, as its reader opens it", "messages")
+        describe_log(inspection, log, f"{drive.name}, as its reader opens it", "messages")
         if any(topic.name == reader["points"] for topic in contents.of(CLOUD)):
-            survey_log(found, log, VEHICLE)
+            survey_log(inspection, log, VEHICLE)
     except LogError as error:
-        found.warn(True, f"the reader refuses the bag as proposed: {error}")
+        inspection.warn(True, f"the reader refuses the bag as proposed: {error}")
 
 
 def proposal(paths: Sequence[Path]) -> str:
-    """The text of a file for conf/dataset, for bags or folders of bags; raises LogError where they
-    hold no points."""
-    found = [bag for path in paths for bag in below(path)]
-    if not found:
+    """The text of a file for conf/dataset, for bags or folders of bags.
+
+    Raises LogError where they hold no points.
+    """
+    bag_paths = [bag for path in paths for bag in below(path)]
+    if not bag_paths:
         raise LogError(f"{', '.join(map(str, paths))}: no bag there")
-    return propose(Contents.read(found))[0]
+    return propose(Contents.read(bag_paths))[0]

@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 
 VOTING_SLICES = 72
 COUNTING_SLICES = 360
-"""Slices of 360°: wide ones hold enough points of each beam to find the height, in narrow ones the
-beams are separate."""
+"""Slices of 360°.
+
+Wide ones hold enough points of each beam to find the height, in narrow ones the beams are separate.
+"""
 SPARSE = 20_000
 """Clouds with fewer points are counted in slices three times as wide."""
 CELL_DEG = 0.05
@@ -28,12 +30,12 @@ USUAL = (1, 4, 8, 16, 32, 40, 64, 80, 128)
 def find_beams(
     points_m: NDArray[np.float64], ground_m: float, up: float = 1.0
 ) -> tuple[int, float] | None:
-    """Beams of a cloud (n, 3) in metres with its ground at z = `ground_m`, and z of the sensor;
-    None if its points form no rings.
+    """The number of beams of a cloud (n, 3) in metres, and the z of its sensor.
 
-    The sensor is searched on the z axis, 0.3 m to 4 m above the ground (`up` is −1.0 where z points
-    down). Points on the ground are not used for the height, since flat ground seen from z =
-    `ground_m` is one ring, but for the count. Beams without a return are not counted.
+    None if its points form no rings. The ground is at z = `ground_m`. The sensor is searched on the
+    z axis, 0.3 m to 4 m above the ground (`up` is −1.0 where z points down). Points on the ground
+    are not used for the height, since flat ground seen from z = `ground_m` is one ring, but for the
+    count. Beams without a return are not counted.
     """
     range_m = np.hypot(points_m[:, 0], points_m[:, 1])
     far = range_m > NEAR_M
@@ -76,14 +78,16 @@ def _elevation(rise_m: NDArray[np.float64], range_m: NDArray[np.float64]) -> NDA
 
 
 def _count(slices: NDArray[np.int64], elevation_deg: NDArray[np.float64]) -> int:
-    """Number of elevation clusters in the best 1/60 of the slices: in most slices some beams point
-    at the sky."""
+    """Number of elevation clusters in the best 1/60 of the slices.
+
+    In most slices some beams point at the sky.
+    """
     order = np.lexsort((elevation_deg, slices))
     slices = slices[order]
     elevation_deg = elevation_deg[order]
-    first = np.ones(len(slices), bool)
-    first[1:] = (np.diff(slices) != 0) | (np.diff(elevation_deg) > GAP_DEG)
-    counts = np.sort(np.bincount(slices[first], minlength=VOTING_SLICES))
-    found = int(counts[-max(1, round(np.count_nonzero(counts) / 60))])
-    usual = min(USUAL, key=lambda count: abs(count - found))
-    return usual if abs(usual - found) <= 0.07 * usual else found
+    starts_beam = np.ones(len(slices), bool)
+    starts_beam[1:] = (np.diff(slices) != 0) | (np.diff(elevation_deg) > GAP_DEG)
+    counts = np.sort(np.bincount(slices[starts_beam], minlength=VOTING_SLICES))
+    estimate = int(counts[-max(1, round(np.count_nonzero(counts) / 60))])
+    sensor_count = min(USUAL, key=lambda count: abs(count - estimate))
+    return sensor_count if abs(sensor_count - estimate) <= 0.07 * sensor_count else estimate

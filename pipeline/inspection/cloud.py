@@ -40,7 +40,7 @@ class Diagnosis:
     has_laser_ids: bool = False
     """Whether `beams` is by the laser ids."""
 
-    def add_to(self, found: Inspection, title: str = "cloud") -> None:
+    def add_to(self, inspection: Inspection, title: str = "cloud") -> None:
         """Add the numbers as rows of text, and the warnings."""
         source = "laser ids" if self.has_laser_ids else "with returns, estimated"
         rows = [
@@ -48,7 +48,7 @@ class Diagnosis:
             (
                 "range",
                 "median {}, 99 % {}, farthest {}".format(
-                    *(_known(length, "none", metres) for length in self.range_m)
+                    *(_text_or(length, "none", metres) for length in self.range_m)
                 ),
             ),
             ("height", "1 % {:.2f} m, median {:.2f} m, 99 % {:.2f} m".format(*self.z_m)),
@@ -61,14 +61,14 @@ class Diagnosis:
             ),
             (
                 "ground",
-                _known(self.ground_m, "unknown", lambda height: f"at z = {_signed(height)} m"),
+                _text_or(self.ground_m, "unknown", lambda height: f"at z = {_signed(height)} m"),
             ),
         ]
         if np.isfinite(self.sensor_m):
             source = "estimated" if self.ground_m >= -RAISED_M else "if it is the origin"
             rows.append(("sensor", f"{self.sensor_m:.2f} m over the ground ({source})"))
-        found.add(title, *rows)
-        found.warnings += self.warnings
+        inspection.add(title, *rows)
+        inspection.warnings += self.warnings
 
 
 def diagnose(
@@ -76,11 +76,11 @@ def diagnose(
     lasers: NDArray[np.uint8] | None = None,
     mounted_m: float = np.nan,
 ) -> Diagnosis:
-    """Diagnose a cloud (n, 3) in metres that should be in the vehicle frame: x forward, y left, z
-    up, ground at z = 0.
+    """Diagnose a cloud (n, 3) in metres that should be in the vehicle frame.
 
-    `lasers` (n,) are the ids of the beams, from 0, where the file has them; otherwise the beams are
-    estimated. `mounted_m` is the z of the sensor, where it is known.
+    That is x forward, y left, z up, ground at z = 0. `lasers` (n,) are the ids of the beams, from
+    0, where the file has them; otherwise the beams are estimated. `mounted_m` is the z of the
+    sensor, where it is known.
     """
     finite = np.isfinite(points_m).all(axis=1)
     points = np.asarray(points_m[finite], np.float64)
@@ -89,24 +89,24 @@ def diagnose(
     def warn(when: object, text: str) -> None:
         warnings.extend([text] if when else [])
 
-    lost = int((~finite).sum())
+    nonfinite = int((~finite).sum())
     warn(
-        lost,
-        f"NaN/inf points: {lost:,} of {len(finite):,} are not finite and poison every maximum and "
-        "mean; drop them when reading",
+        nonfinite,
+        f"NaN/inf points: {nonfinite:,} of {len(finite):,} are not finite and poison every maximum "
+        "and mean; drop them when reading",
     )
-    few = (
+    too_few = (
         f"fewer than {MANY:,} points: {len(points)}; most bins of a view would be empty: is the "
         "file cut short?"
     )
-    warn(len(points) < MANY, few)
+    warn(len(points) < MANY, too_few)
     if not len(points):
         return Diagnosis(0, tuple(warnings))
     warnings += symptoms.repeated(points)
     range_m = np.hypot(points[:, 0], points[:, 1])
     heights = low, _, high = tuple(map(float, np.percentile(points[:, 2], (1, 50, 99))))
     ranges = (float(np.median(range_m)), float(np.percentile(range_m, 99)), float(range_m.max()))
-    covered = coverage(points[range_m > 0])
+    covered_deg = coverage(points[range_m > 0])
     beams = None if lasers is None else int(lasers.max(initial=0)) + 1
     ground = sensor = np.nan
     shape = symptoms.scale(points, range_m) or symptoms.flat(points)
@@ -114,15 +114,16 @@ def diagnose(
         warnings.append(shape)
     else:
         ground = ground_height(points, range_m)
-        down = (ground - low) > 1.0 and (ground - low) > 2 * (high - ground)
-        found = find_beams(points, ground, -1.0 if down else 1.0)
-        if found is not None:
-            beams = beams or found[0]
-            sensor = abs(found[1] - ground)
+        is_hanging = (ground - low) > 1.0 and (ground - low) > 2 * (high - ground)
+        rings = find_beams(points, ground, -1.0 if is_hanging else 1.0)
+        if rings is not None:
+            ring_count, sensor_z_m = rings
+            beams = beams or ring_count
+            sensor = abs(sensor_z_m - ground)
         if ground < -RAISED_M or np.isfinite(mounted_m):
             sensor = np.nan_to_num(mounted_m) - ground  # the points' origin is the sensor
         warn(
-            down,
+            is_hanging,
             f"z points down: it hangs from z = {_signed(ground)} m to {_signed(low)} m; every "
             "highest z is the ground's: turn it by (x, −y, −z)",
         )
@@ -133,13 +134,13 @@ def diagnose(
             "yaml",
         )
         warn(
-            covered < 300,
-            f"not all round: {covered:.0f}° of 360° covered; a turned vehicle sees another part "
-            "of the place, so no shift of the columns brings it back: gather several scans, or "
-            "query in the training's direction",
+            covered_deg < 300,
+            f"not all round: {covered_deg:.0f}° of 360° covered; a turned vehicle sees another "
+            "part of the place, so no shift of the columns brings it back: gather several scans, "
+            "or query in the training's direction",
         )
         warn(
-            covered >= 300 and beams is not None and beams <= 20,
+            covered_deg >= 300 and beams is not None and beams <= 20,
             f"{beams} beams: far rings hold fewer than the 5 points that a bin needs; widen the "
             "rings, or gather several scans into one submap",
         )
@@ -148,7 +149,7 @@ def diagnose(
         tuple(warnings),
         ranges,
         heights,
-        covered,
+        covered_deg,
         beams,
         ground,
         sensor,
@@ -162,13 +163,12 @@ def spread(count: int) -> list[int]:
 
 
 def survey(
-    found: Inspection, count: int, points: Callable[[int], NDArray[np.floating]], frame: str
+    inspection: Inspection, count: int, points: Callable[[int], NDArray[np.floating]], frame: str
 ) -> None:
-    """Add a table of the diagnoses of a few of `count` scans, each (n, 3) in metres in `frame`, and
-    each kind of warning once.
+    """Add a table of the diagnoses of a few of `count` scans, and each kind of warning once.
 
-    Under an open sky few beams of a good sensor return, so a warning on the number of beams needs
-    most of the scans.
+    `points` gives a scan (n, 3) in metres, in `frame`. Under an open sky few beams of a good sensor
+    return, so a warning on the number of beams needs most of the scans.
     """
     diagnoses = {row: diagnose(points(row)) for row in spread(count)}
     head = (
@@ -184,7 +184,7 @@ def survey(
         "ground",
         "sensor above it",
     )
-    found.add(
+    inspection.add(
         f"clouds, {frame}",
         head,
         *((str(row), *_cells(diagnosis)) for row, diagnosis in diagnoses.items()),
@@ -205,16 +205,16 @@ def survey(
             f"scan{'s' if len(rows) > 1 else ''} {', '.join(map(str, sorted(rows)))} of the "
             f"{len(diagnoses)} looked at"
         )
-        found.warn(kind != "beams" or 2 * len(rows) > len(diagnoses), f"{warning} ({scans})")
+        inspection.warn(kind != "beams" or 2 * len(rows) > len(diagnoses), f"{warning} ({scans})")
 
 
 def _cells(diagnosis: Diagnosis) -> tuple[str, ...]:
     def height(height_m: float) -> str:
-        return _known(height_m, "–", lambda height: typographic(f"{height:.2f} m"))
+        return _text_or(height_m, "–", lambda height: typographic(f"{height:.2f} m"))
 
     return (
         f"{diagnosis.points:,}",
-        *(_known(length, "–", metres) for length in diagnosis.range_m[:2]),
+        *(_text_or(length, "–", metres) for length in diagnosis.range_m[:2]),
         *map(height, diagnosis.z_m),
         f"{diagnosis.azimuth_deg:.0f}°",
         "?" if diagnosis.beams is None else str(diagnosis.beams),
@@ -223,7 +223,7 @@ def _cells(diagnosis: Diagnosis) -> tuple[str, ...]:
     )
 
 
-def _known(value: float, unknown: str, text: Callable[[float], str]) -> str:
+def _text_or(value: float, unknown: str, text: Callable[[float], str]) -> str:
     return unknown if np.isnan(value) else text(value)
 
 

@@ -39,8 +39,7 @@ class Extent:
 
 
 def blocks(array: Any) -> Iterator[NDArray[Any]]:
-    """The rows of a zarr or numpy array, some whole chunks of about four million elements at a
-    time."""
+    """The rows of a zarr or numpy array, in blocks of whole chunks of about 4 million elements."""
     chunk = max(1, int((getattr(array, "chunks", None) or (1,))[0]))
     step = max(1, 2**22 // max(1, int(np.prod(array.shape[1:]))) // chunk) * chunk
     for start in range(0, array.shape[0], step):
@@ -48,8 +47,10 @@ def blocks(array: Any) -> Iterator[NDArray[Any]]:
 
 
 def extent(array: Any) -> Extent:
-    """Lowest and highest of a zarr or numpy array with at least one dimension; NaN for an array
-    without a number."""
+    """The extent of a zarr or numpy array with at least one dimension.
+
+    Its ends are NaN for an array without a number.
+    """
     low = np.inf
     high = -np.inf
     nans = 0
@@ -66,26 +67,28 @@ def extent(array: Any) -> Extent:
     return Extent(tuple(array.shape), np.dtype(array.dtype), low, high, nans, infinite)
 
 
-def row(name: str, found: Extent, column: Column | None = None) -> tuple[str, ...]:
-    """Name, type, dimensions with their lengths, range, and the description in the data
-    dictionary."""
+def row(name: str, array_extent: Extent, column: Column | None = None) -> tuple[str, ...]:
+    """The cells of an array's row in the table.
+
+    Name, type, dimensions with their lengths, range, and the description in the data dictionary.
+    """
     dims = (
         column.dims
-        if column is not None and len(column.dims) == len(found.shape)
-        else ("",) * len(found.shape)
+        if column is not None and len(column.dims) == len(array_extent.shape)
+        else ("",) * len(array_extent.shape)
     )
     sides = " × ".join(
-        f"{length:,} {dim}".strip() for dim, length in zip(dims, found.shape, strict=True)
+        f"{length:,} {dim}".strip() for dim, length in zip(dims, array_extent.shape, strict=True)
     )
-    span = found.text()
-    if name == "stamps_ns" and found.low <= found.high:
+    span = array_extent.text()
+    if name == "stamps_ns" and array_extent.low <= array_extent.high:
         span = (
-            f"{duration((found.high - found.low) * 1e-9)} from "
-            f"{moment(int(found.low)).partition(' (')[0]}"
+            f"{duration((array_extent.high - array_extent.low) * 1e-9)} from "
+            f"{moment(int(array_extent.low)).partition(' (')[0]}"
         )
     return (
         name,
-        str(found.dtype),
+        str(array_extent.dtype),
         sides or "one number",
         span,
         *((column.doc,) if column is not None else ()),

@@ -13,10 +13,10 @@ SWEEP_POINTS = 2_000
 """Scans of fewer points are sweeps of a 2-D LiDAR, which are not diagnosed one by one."""
 
 
-def scans(artifact: Artifact, found: Inspection) -> None:
-    """The drive, and the diagnoses of a few of its clouds."""
-    drive = _drive(artifact, found, "world_T_scan", "scans")
-    placed, posed = (
+def scans(artifact: Artifact, inspection: Inspection) -> None:
+    """Add numbers on the drive, and the diagnoses of a few of its clouds."""
+    drive = _drive(artifact, inspection, "world_T_scan", "scans")
+    has_truth, has_odometry = (
         np.isfinite(artifact.load(name)).all(axis=(1, 2))
         for name in ("world_T_scan", "odom_T_scan")
     )
@@ -30,16 +30,18 @@ def scans(artifact: Artifact, found: Inspection) -> None:
         )
         drive += [
             ("points a scan", points_a_scan),
-            ("true place", f"at {100 * placed.mean():.3g} % of the scans"),
-            ("odometry", f"at {100 * posed.mean():.3g} % of the scans"),
+            ("true place", f"at {100 * has_truth.mean():.3g} % of the scans"),
+            ("odometry", f"at {100 * has_odometry.mean():.3g} % of the scans"),
         ]
-    lost = int((~placed & ~posed).sum())
+    unposed = int((~has_truth & ~has_odometry).sum())
     empty = int((sizes == 0).sum())
-    found.warn(lost, f"{lost} scans have neither a true pose nor odometry: `dvc repro` them")
+    inspection.warn(
+        unposed, f"{unposed} scans have neither a true pose nor odometry: `dvc repro` them"
+    )
     fits = (sizes >= 0).all() and offsets[-1] == artifact["points"].shape[0]
-    found.warn(not fits, "offsets do not fit the points: `dvc repro` the scans")
+    inspection.warn(not fits, "offsets do not fit the points: `dvc repro` the scans")
     is_sweeps = fits and len(sizes) and np.median(sizes) < SWEEP_POINTS
-    found.add(
+    inspection.add(
         "", *drive, *([("kind", "sweeps of a 2-D LiDAR, to be accumulated")] if is_sweeps else [])
     )
 
@@ -47,16 +49,16 @@ def scans(artifact: Artifact, found: Inspection) -> None:
         return np.asarray(artifact["points"][offsets[row] : offsets[row + 1]], np.float64) * grain_m
 
     if fits and not is_sweeps:
-        found.warn(
+        inspection.warn(
             empty,
             f"{empty} scans hold no point: their views would be blank; look at the log's files",
         )
-        survey(found, len(sizes), points, VEHICLE)
+        survey(inspection, len(sizes), points, VEHICLE)
 
 
-def submaps(artifact: Artifact, found: Inspection) -> None:
-    """The drive, and the number of scans per submap."""
-    drive = _drive(artifact, found, "world_T_anchor", "submaps")
+def submaps(artifact: Artifact, inspection: Inspection) -> None:
+    """Add numbers on the drive, and the number of scans per submap."""
+    drive = _drive(artifact, inspection, "world_T_anchor", "submaps")
     if artifact["scans"].shape[0]:
         used = np.concatenate([[0], np.cumsum(artifact.load("used"))])
         gathered = used[artifact.load("scans") + 1] - used[artifact.load("first")]
@@ -75,14 +77,14 @@ def submaps(artifact: Artifact, found: Inspection) -> None:
             ),
         ]
     left_out = artifact.attrs["left_out"].items()
-    found.add(
+    inspection.add(
         "", *drive, *(("left out", f"{count:,} anchors: {reason}") for reason, count in left_out)
     )
 
 
-def views(artifact: Artifact, found: Inspection) -> None:
-    """The drive, and the share of empty bins in the images."""
-    drive = _drive(artifact, found, "world_T_anchor", "views")
+def views(artifact: Artifact, inspection: Inspection) -> None:
+    """Add numbers on the drive, and the share of empty bins in the images."""
+    drive = _drive(artifact, inspection, "world_T_anchor", "views")
     count = int(np.prod(artifact["images"].shape))
     empty = 0
     blank = 0
@@ -93,26 +95,30 @@ def views(artifact: Artifact, found: Inspection) -> None:
         blank += int((~filled.any(axis=1)).sum())
         highest = max(highest, float(block.max()))
     share = f"{100 * empty / max(count, 1):.1f} %"
-    found.add(
+    inspection.add(
         "", *drive, *([("empty bins", share), ("highest", f"{highest:.2f} m")] if count else [])
     )
-    found.warn(
+    inspection.warn(
         blank,
         f"{blank} blank views: they look the same in every place; inspect the scans of these views",
     )
-    sparse = f"{share} of the bins are empty: too fine a view for these scans; inspect the scans"
-    found.warn(empty > 0.995 * count, sparse)
+    sparse_bins = (
+        f"{share} of the bins are empty: too fine a view for these scans; inspect the scans"
+    )
+    inspection.warn(empty > 0.995 * count, sparse_bins)
 
 
-def _drive(artifact: Artifact, found: Inspection, poses: str, what: str) -> list[tuple[str, str]]:
+def _drive(
+    artifact: Artifact, inspection: Inspection, poses: str, row_name: str
+) -> list[tuple[str, str]]:
     """Rows with date, duration, path and step of a drive; warns of its poses and stamps."""
     stamps = artifact.load("stamps_ns")
     xyz = np.asarray(artifact[poses][:, :3, 3])
-    rows = [(what, f"{len(stamps):,}")]
+    rows = [(row_name, f"{len(stamps):,}")]
     if not len(stamps):
         return rows
-    known = np.isfinite(xyz).all(axis=1)
-    steps = np.linalg.norm(np.diff(xyz[known], axis=0), axis=1)
+    has_pose = np.isfinite(xyz).all(axis=1)
+    steps = np.linalg.norm(np.diff(xyz[has_pose], axis=0), axis=1)
     rows += [
         ("date", moment(int(stamps[0]))),
         ("duration", duration(float(stamps[-1] - stamps[0]) * 1e-9)),
@@ -123,14 +129,16 @@ def _drive(artifact: Artifact, found: Inspection, poses: str, what: str) -> list
         )
         rows += [
             ("path", f"{metres(float(steps.sum()))}, {step}"),
-            ("world", f"{box(xyz[known], 'xyz', 0)} (z up)"),
+            ("world", f"{box(xyz[has_pose], 'xyz', 0)} (z up)"),
         ]
-    lost = int((~known).sum())
-    found.warn(
-        lost and poses == "world_T_anchor", f"{lost} {what} have no pose (NaN): `dvc repro` them"
+    unposed = int((~has_pose).sum())
+    inspection.warn(
+        unposed and poses == "world_T_anchor",
+        f"{unposed} {row_name} have no pose (NaN): `dvc repro` them",
     )
-    back = (np.diff(stamps) <= 0).any()
-    found.warn(
-        back, "stamps do not increase: two logs mixed, or a clock set back; `dvc repro` the scans"
+    runs_back = (np.diff(stamps) <= 0).any()
+    inspection.warn(
+        runs_back,
+        "stamps do not increase: two logs mixed, or a clock set back; `dvc repro` the scans",
     )
     return rows

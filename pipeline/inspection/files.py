@@ -1,5 +1,7 @@
-"""One raw scan file: an NCLT or KITTI .bin, the packets of velodyne_hits.bin, a PCD, or an array of
-points."""
+"""Describes one raw scan file.
+
+It is an NCLT or KITTI .bin, the packets of velodyne_hits.bin, a PCD, or an array of points.
+"""
 
 from pathlib import Path
 
@@ -22,38 +24,40 @@ MOST_POINTS = 2_000_000
 
 
 def format_of(path: Path, as_format: str | None) -> str:
-    """The format of a .bin or a folder of them, nclt, kitti or folder: `as_format`, by the folder's
-    name, or by its bytes."""
-    if found := as_format or FORMATS.get(path.name if path.is_dir() else path.parent.name):
-        return found
-    first = next(iter(sorted(path.glob("*.bin"))), path) if path.is_dir() else path
+    """The format of a .bin or a folder of them: nclt, kitti or folder.
+
+    It is `as_format` if given, else told by the folder's name, else by the bytes.
+    """
+    if format_name := as_format or FORMATS.get(path.name if path.is_dir() else path.parent.name):
+        return format_name
+    example = next(iter(sorted(path.glob("*.bin"))), path) if path.is_dir() else path
     return (
         "nclt"
-        if first.is_file() and records.point_bytes(first.read_bytes()) == records.NCLT_BYTES
+        if example.is_file() and records.point_bytes(example.read_bytes()) == records.NCLT_BYTES
         else "folder"
     )
 
 
-def scan_file(path: Path, as_format: str | None, found: Inspection) -> None:
-    """A .bin with one scan, or velodyne_hits.bin; raises LogError for a damaged one."""
+def scan_file(path: Path, as_format: str | None, inspection: Inspection) -> None:
+    """Describe a .bin with one scan, or velodyne_hits.bin; raises LogError for a damaged one."""
     if path.name == "velodyne_hits.bin":
-        _packets(path, found)
+        _packets(path, inspection)
         return
     inspect = {"nclt": _nclt_scan, "kitti": _kitti_scan, "folder": _own_scan}[
         format_of(path, as_format)
     ]
     if not path.stat().st_size:
         raise LogError(f"{path}: empty; expected records of one scan: fetch the file anew")
-    inspect(path, found)
+    inspect(path, inspection)
 
 
-def _nclt_scan(path: Path, found: Inspection) -> None:
-    """velodyne_sync/UTIME.bin: the body frame, ground near z = 0."""
+def _nclt_scan(path: Path, inspection: Inspection) -> None:
+    """Describe velodyne_sync/UTIME.bin: in the body frame, ground near z = 0."""
     points = read_velodyne_sync(path)
     tail = np.fromfile(path, "<u2").reshape(-1, 4)[:, 3]
     intensity = tail & 0xFF
     lasers = (tail >> 8).astype(np.uint8)
-    found.describe(
+    inspection.describe(
         "NCLT scan, motion compensated",
         ("size", f"{nbytes(path.stat().st_size)}, records of {nclt.RECORD_BYTES} bytes"),
         ("taken", moment_of(path)),
@@ -64,22 +68,22 @@ def _nclt_scan(path: Path, found: Inspection) -> None:
             "body: x forward, y left, z up (the file's y right, z down, turned by the reader)",
         ),
     )
-    odd = (
+    wrong_format = (
         f"laser id {lasers.max()}: an HDL-32E has ids 0–31; is this file KITTI's? Then add "
         "--format kitti"
     )
-    found.warn(lasers.max() > 31, odd)
-    diagnose(points, lasers).add_to(found)
+    inspection.warn(lasers.max() > 31, wrong_format)
+    diagnose(points, lasers).add_to(inspection)
 
 
-def _kitti_scan(path: Path, found: Inspection) -> None:
-    """velodyne/NNNNNN.bin, raised to the ground by the reader's default height."""
+def _kitti_scan(path: Path, inspection: Inspection) -> None:
+    """Describe velodyne/NNNNNN.bin, raised to the ground by the reader's default height."""
     height_m = Kitti().lidar_height_m
     size = path.stat().st_size
     points = read_velodyne(path, height_m)
-    lost = size // kitti.RECORD_BYTES - len(points)
+    nonfinite = size // kitti.RECORD_BYTES - len(points)
     reflectance = np.fromfile(path, "<f4").reshape(-1, 4)[:, 3]
-    found.describe(
+    inspection.describe(
         "KITTI scan",
         ("size", f"{nbytes(size)}, records of {kitti.RECORD_BYTES} bytes"),
         ("reflectance", f"{reflectance.min():.2f} … {reflectance.max():.2f}"),
@@ -88,50 +92,57 @@ def _kitti_scan(path: Path, found: Inspection) -> None:
             f"x forward, y left, z up; raised by lidar_height_m = {height_m} m, as the reader does",
         ),
     )
-    found.warn(
-        lost,
-        f"NaN/inf points: {lost:,} of {lost + len(points):,}; the reader drops them: fetch the "
-        "file anew",
+    inspection.warn(
+        nonfinite,
+        f"NaN/inf points: {nonfinite:,} of {nonfinite + len(points):,}; the reader drops them: "
+        "fetch the file anew",
     )
     outside = float(np.nanmin(reflectance)) < 0 or float(np.nanmax(reflectance)) > 255
-    found.warn(outside, "reflectances outside 0 … 255: is this file NCLT's? Then add --format nclt")
-    diagnose(points, mounted_m=height_m).add_to(found)
+    inspection.warn(
+        outside, "reflectances outside 0 … 255: is this file NCLT's? Then add --format nclt"
+    )
+    diagnose(points, mounted_m=height_m).add_to(inspection)
 
 
-def _own_scan(path: Path, found: Inspection) -> None:
-    """A .bin of another robot's: records that begin with x, y, z as 32-bit floats."""
+def _own_scan(path: Path, inspection: Inspection) -> None:
+    """Describe the .bin of another robot: records that begin with x, y, z as 32-bit floats."""
     data = path.read_bytes()
     points = records.points(data, path).astype(np.float64)
     width = records.point_bytes(data) or 0
-    like = f" ({records.NAMES[width]})" if width in records.NAMES else ""
-    found.describe(
+    layout_name = f" ({records.NAMES[width]})" if width in records.NAMES else ""
+    inspection.describe(
         "points of 32-bit floats",
-        ("size", f"{nbytes(len(data))}, records of {width} bytes{like}, found from the content"),
+        (
+            "size",
+            f"{nbytes(len(data))}, records of {width} bytes{layout_name}, found from the content",
+        ),
         (
             "read by",
             f"the dataset folder, with point_bytes: {width} or 0 in conf/dataset/folder.yaml",
         ),
         ("frame", "taken as x forward, y left, z up, in metres"),
     )
-    diagnose(points).add_to(found)
+    diagnose(points).add_to(inspection)
 
 
-def _packets(path: Path, found: Inspection) -> None:
-    """velodyne_hits.bin: all packet headers, and the points of one revolution in the middle, in the
-    body frame."""
+def _packets(path: Path, inspection: Inspection) -> None:
+    """Describe velodyne_hits.bin: all packet headers, and the points of one revolution.
+
+    The revolution is from the middle of the file; its points are in the body frame.
+    """
     packets = read_packets(path)
     middle = len(packets.utimes) // 2
     utimes = packets.utimes
-    chosen = [
+    revolution = [
         packet
         for packet in range(middle, len(utimes))
         if utimes[packet] - utimes[middle] < REVOLUTION_US
     ]
-    records = np.concatenate([packets.hits(packet) for packet in chosen])
+    records = np.concatenate([packets.hits(packet) for packet in revolution])
     numbers = np.array([nclt.BODY_T_VELODYNE_XYZRPH])
     body_T_velodyne = flip_ned(pose(numbers[:, :3], np.radians(numbers[:, 3:])))[0]
     points = transform(body_T_velodyne, nclt.decode(records.ravel()).astype(np.float32))
-    found.describe(
+    inspection.describe(
         "NCLT Velodyne packets",
         ("size", nbytes(path.stat().st_size)),
         ("packets", f"{len(utimes):,}, with {packets.offsets[-1]:,} hits"),
@@ -143,17 +154,22 @@ def _packets(path: Path, found: Inspection) -> None:
             "extrinsics of NCLT",
         ),
     )
-    back = int((np.diff(utimes) < 0).sum())
-    found.warn(
-        back, f"{back} packets are stamped before the one ahead of them: sort them before use"
+    disordered = int((np.diff(utimes) < 0).sum())
+    inspection.warn(
+        disordered,
+        f"{disordered} packets are stamped before the one ahead of them: sort them before use",
     )
     diagnosis = diagnose(points, (records[:, 3] >> 8).astype(np.uint8))
-    diagnosis.add_to(found, f"cloud, {len(chosen)} packets of one revolution from the middle")
+    diagnosis.add_to(
+        inspection, f"cloud, {len(revolution)} packets of one revolution from the middle"
+    )
 
 
-def pcd_file(path: Path, found: Inspection) -> None:
-    """A .pcd: its header and its points; raises LogError for a damaged one, or one without a finite
-    point."""
+def pcd_file(path: Path, inspection: Inspection) -> None:
+    """Describe a .pcd: its header and its points.
+
+    Raises LogError for a damaged one, or one without a finite point.
+    """
     data = path.read_bytes()
     header = pcd.parse(data, path)
     points = pcd.decode(data, path, LARGEST_BYTES)
@@ -161,12 +177,12 @@ def pcd_file(path: Path, found: Inspection) -> None:
     if not len(finite):
         raise LogError(f"{path}: none of its {len(points)} points has finite x, y and z")
     fields = zip(header.fields, header.counts, header.types, strict=True)
-    lost = (
+    lost_points = (
         f", and {len(points) - len(finite):,} that are not finite"
         if len(finite) < len(points)
         else ""
     )
-    found.describe(
+    inspection.describe(
         "PCD cloud",
         ("size", f"{nbytes(len(data))}, DATA {header.data}"),
         (
@@ -176,19 +192,21 @@ def pcd_file(path: Path, found: Inspection) -> None:
                 for name, count, kind in fields
             ),
         ),
-        ("points", f"{len(finite):,}{lost}"),
+        ("points", f"{len(finite):,}{lost_points}"),
         (
             "frame",
             "taken as x forward, y left, z up, in metres; conf/dataset/folder.yaml says how it "
             "lies in the vehicle",
         ),
     )
-    diagnose(finite).add_to(found)
+    diagnose(finite).add_to(inspection)
 
 
-def array_file(path: Path, found: Inspection) -> None:
-    """A .npy with points (n, 3 or more), of which only x, y, z are inspected; raises LogError for
-    any other array."""
+def array_file(path: Path, inspection: Inspection) -> None:
+    """Describe a .npy with points (n, 3 or more), of which only x, y, z are inspected.
+
+    Raises LogError for any other array.
+    """
     try:
         array = np.load(path, mmap_mode="r", allow_pickle=False)
     except (ValueError, EOFError, OSError) as error:
@@ -200,14 +218,14 @@ def array_file(path: Path, found: Inspection) -> None:
         raise LogError(f"{path}: an array without points, {array.dtype}{array.shape}")
     shape, array = array.shape, array.reshape(-1, array.shape[-1])
     stride = max(1, len(array) // MOST_POINTS)
-    found.describe(
+    inspection.describe(
         "array of points",
         ("shape", f"{array.dtype}{shape}"),
         ("size", nbytes(path.stat().st_size)),
         *([("inspected", f"every {stride}th point")] if stride > 1 else []),
         ("frame", "taken as x forward, y left, z up, in metres"),
     )
-    diagnose(np.asarray(array[::stride, :3], np.float64)).add_to(found)
+    diagnose(np.asarray(array[::stride, :3], np.float64)).add_to(inspection)
 
 
 def moment_of(path: Path) -> str:

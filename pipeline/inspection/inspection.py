@@ -1,5 +1,4 @@
-"""The result of `yearloc inspect` and its text for a terminal: a headline, aligned rows,
-warnings."""
+"""The result of `yearloc inspect` as text for a terminal: a headline, aligned rows, warnings."""
 
 import textwrap
 from collections.abc import Sequence
@@ -11,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 SMALL_M = 60.0
-"""A drive within so many metres is one of a building or a yard."""
+"""A drive that spans less than this is one of a building or a yard."""
 WIDTH = 118
 """Characters of the longest line; the last cell of a row wraps below itself."""
 BESIDE = 20
@@ -52,8 +51,7 @@ class Section:
 
 @dataclass
 class Inspection:
-    """Kind and content of a file or artifact, and warnings on everything in it that would break a
-    study."""
+    """Kind and content of a file or artifact, and warnings on what would break a study."""
 
     path: Path
     kind: str = ""
@@ -76,8 +74,10 @@ class Inspection:
     def warn_of_small_site(
         self, xyz_m: NDArray[np.floating], axes: tuple[int, int] = (0, 1)
     ) -> None:
-        """Warn where level positions (n, 3), which lie in these axes, span too little for cells of
-        10 m and errors of 15 m."""
+        """Warn where a drive spans too little for cells of 10 m and errors of 15 m.
+
+        `xyz_m` (n, 3) are its positions, `axes` the two of them that are level.
+        """
         sides_m = np.ptp(xyz_m[:, axes], axis=0) if len(xyz_m) else np.full(2, np.inf)
         self.warn(
             sides_m.max() < SMALL_M,
@@ -92,7 +92,7 @@ class Inspection:
             self.warnings += (text,)
 
     def text(self, width: int = WIDTH) -> str:
-        """The text for a terminal so wide, or wider, without a final newline."""
+        """The text for a terminal of `width` characters or more, without a final newline."""
         width = min(width, WIDTH)
         lines = [self.headline]
         for section in self.sections:
@@ -108,8 +108,10 @@ class Inspection:
 
 
 def _wrapped(text: str, head: str, width: int) -> list[str]:
-    """The text beside `head`, its further lines below its first; words longer than a line stay
-    whole."""
+    """The text beside `head`, its further lines indented below its first.
+
+    Words longer than a line stay whole.
+    """
     wrapper = textwrap.TextWrapper(
         width, head, " " * len(head), break_on_hyphens=False, break_long_words=False
     )
@@ -145,10 +147,10 @@ def clock(times_s: NDArray[np.floating]) -> list[tuple[str, str]]:
     if not len(times_s):
         return []
     steps = np.diff(times_s)
-    usual = float(np.median(steps)) if len(steps) else 0.0
+    step_s = float(np.median(steps)) if len(steps) else 0.0
     rate = (
-        f"{1 / usual:.3g} a second, longest step {duration(float(steps.max()))}"
-        if usual > 0
+        f"{1 / step_s:.3g} a second, longest step {duration(float(steps.max()))}"
+        if step_s > 0
         else "unknown"
     )
     return [

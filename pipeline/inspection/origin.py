@@ -1,5 +1,7 @@
-"""The provenance of a file in dvc.lock: the stage that wrote it, and whether the file is still as
-that stage wrote it."""
+"""The provenance of a file in dvc.lock.
+
+The stage that wrote it, and whether the file is still as that stage wrote it.
+"""
 
 from pathlib import Path
 from typing import Any
@@ -8,7 +10,7 @@ from pipeline.inspection.inspection import Inspection, nbytes
 from pipeline.running.dvc_files import DvcLock
 
 
-def add_provenance(found: Inspection, path: Path, lock: Path, is_artifact: bool) -> None:
+def add_provenance(inspection: Inspection, path: Path, lock: Path, is_artifact: bool) -> None:
     """Add the stage that wrote `path`, or the folder around it: its cmd, parameters and
     dependencies.
 
@@ -17,34 +19,41 @@ def add_provenance(found: Inspection, path: Path, lock: Path, is_artifact: bool)
     zeros.
     """
     try:
-        below = path.resolve().relative_to(lock.resolve().parent)
+        relative_path = path.resolve().relative_to(lock.resolve().parent)
     except ValueError:
-        below = path
-    entry = DvcLock.read(lock).entry(below)
+        relative_path = path
+    entry = DvcLock.read(lock).entry(relative_path)
     if entry is not None:
-        found.add("provenance", *_rows(entry))
+        inspection.add("provenance", *_rows(entry))
     elif is_artifact:
         by_hand = (
             f"{lock} has no entry for it: it was written by hand or by a sweep, not by `dvc repro`"
         )
-        found.add("provenance", ("unknown", by_hand if lock.is_file() else f"there is no {lock}"))
+        inspection.add(
+            "provenance", ("unknown", by_hand if lock.is_file() else f"there is no {lock}")
+        )
     out: dict[str, Any] = next(
-        (out for out in (entry or {}).get("outs", []) if out.get("path") == below.as_posix()), {}
+        (
+            out
+            for out in (entry or {}).get("outs", [])
+            if out.get("path") == relative_path.as_posix()
+        ),
+        {},
     )
     if not is_artifact or "size" not in out:
         return
     files = sum(1 for file in path.rglob("*") if file.is_file()) if path.is_dir() else 1
-    there = size(path)
-    if (files, there) != (int(out.get("nfiles", 1)), int(out["size"])):
+    nbytes_on_disk = size(path)
+    if (files, nbytes_on_disk) != (int(out.get("nfiles", 1)), int(out["size"])):
         recorded = f"{int(out.get('nfiles', 1))} with {int(out['size']):,}"
         remedy = (
             "a lost one reads as zeros: remove the artifact and `dvc checkout` it, or `dvc repro`"
         )
         warning = (
-            f"not what {lock} recorded: {files} files with {there:,} bytes, recorded {recorded}; "
-            f"{remedy}"
+            f"not what {lock} recorded: {files} files with {nbytes_on_disk:,} bytes, recorded "
+            f"{recorded}; {remedy}"
         )
-        found.warnings = (warning, *found.warnings)
+        inspection.warnings = (warning, *inspection.warnings)
 
 
 def _settings(values: dict[str, Any]) -> str:
@@ -94,8 +103,10 @@ def short(value: object) -> str:
 
 
 def _is_set(key: str, value: object) -> bool:
-    """Whether a key of a conf file holds a value: a null is set on the command line, `defaults`
-    names other files."""
+    """Whether a key of a conf file holds a value.
+
+    A null is set on the command line, and `defaults` names other files.
+    """
     return value is not None and key != "defaults"
 
 

@@ -1,5 +1,7 @@
-"""`yearloc inspect`: kind, ranges, counts, frames and provenance of a file, folder or artifact, and
-warnings on its content."""
+"""`yearloc inspect`: describes a file, folder or artifact, and warns of faults in it.
+
+The description is its kind, ranges, counts, frames and provenance.
+"""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -35,7 +37,7 @@ FOREIGN |= dict.fromkeys(
     "packed: name the folder of the bag that it belongs to, or unpack it with `zstd -d FILE`",
 )
 FOREIGN[".gz"] = "packed: unpack it with `gunzip FILE`"
-"""What files that are no scans of ours hold, and what to do."""
+"""What files of formats that yearloc does not read hold, and what to do with them."""
 FILES: dict[str, Callable[[Path, Inspection], None]] = {
     "*.safetensors": artifacts.model,
     **{f"*{suffix}": bags.bags for suffix in SUFFIXES},
@@ -46,7 +48,10 @@ FILES: dict[str, Callable[[Path, Inspection], None]] = {
     "ins.csv": robotcar.ins,
     "calib.txt": tracks.kitti_calib,
 }
-"""By the names of the files; a .bin, and a text of poses or times, is told by its content."""
+"""The function that describes a file, by the file's name.
+
+A .bin, and a text of poses or times, is told by its content instead.
+"""
 TEXTS = (".txt", ".tum", ".csv")
 
 
@@ -54,12 +59,12 @@ def inspect(
     path: Path,
     as_format: str | None = None,
     lock: Path = Path("dvc.lock"),
-    own: Folder | None = None,
+    folder_reader: Folder | None = None,
 ) -> Inspection:
-    """Inspect `path`; `as_format` (nclt or kitti) is the format of a .bin whose folder's name does
-    not say it.
+    """Describe the file, folder or artifact at `path`.
 
-    `own` reads folders of another robot's scans and poses; None: with its usual settings.
+    `as_format` (nclt or kitti) is the format of a .bin whose folder's name does not say it.
+    `folder_reader` reads folders of another robot's scans and poses; None: one with its defaults.
 
     Raises LogError, ArtifactError or ConfigError, one line each, for what is missing, damaged or of
     an unknown kind.
@@ -70,50 +75,52 @@ def inspect(
         if path.suffix in (".zarr", ".safetensors"):
             raise ArtifactError(f"{path}: no such artifact; `dvc repro` builds it")
         raise LogError(f"{path}: no such file or folder")
-    found = Inspection(path)
+    inspection = Inspection(path)
     is_group = path.is_dir() and (path.suffix == ".zarr" or (path / "zarr.json").is_file())
     if is_group:
-        artifacts.artifact(path, found)
+        artifacts.artifact(path, inspection)
     elif path.is_dir():
-        _folder(path, as_format, own or Folder(), found)
+        _folder(path, as_format, folder_reader or Folder(), inspection)
     else:
-        _file(path, as_format, found)
-    add_provenance(found, path, lock, is_artifact=is_group or path.suffix == ".safetensors")
-    return found
+        _file(path, as_format, inspection)
+    add_provenance(inspection, path, lock, is_artifact=is_group or path.suffix == ".safetensors")
+    return inspection
 
 
-def _folder(path: Path, as_format: str | None, own: Folder, found: Inspection) -> None:
+def _folder(
+    path: Path, as_format: str | None, folder_reader: Folder, inspection: Inspection
+) -> None:
     is_scans = path.name in files.FORMATS or any(file.suffix in SCANS for file in path.iterdir())
     if any((path / name).is_dir() for name in files.FORMATS):
-        folders.sequence(path, found)
+        folders.sequence(path, inspection)
     elif any((path / laser).is_dir() for laser in LASERS):
-        robotcar.sequence(path, found)
+        robotcar.sequence(path, inspection)
     elif path.name in LASERS:
-        robotcar.sweeps(path, found)
+        robotcar.sweeps(path, inspection)
     elif (path / keyframes.FILE).is_file():
-        folders.key_frames(path, found)
-    elif path.resolve().name in own.sequences(path.resolve().parent):
-        folders.own_sequence(path, own, found)
+        folders.key_frames(path, inspection)
+    elif path.resolve().name in folder_reader.sequences(path.resolve().parent):
+        folders.own_sequence(path, folder_reader, inspection)
     elif (as_format is None and find(path)) or (not is_scans and bags.below(path)):
-        bags.bags(path, found)
+        bags.bags(path, inspection)
     elif is_scans:
-        folders.scan_folder(path, as_format, found)
+        folders.scan_folder(path, as_format, inspection)
     else:
-        folders.root(path, own, found)
+        folders.root(path, folder_reader, inspection)
 
 
-def _file(path: Path, as_format: str | None, found: Inspection) -> None:
+def _file(path: Path, as_format: str | None, inspection: Inspection) -> None:
     look = next((look for pattern, look in FILES.items() if path.match(pattern)), None)
     if look is not None:
-        look(path, found)
+        look(path, inspection)
     elif path.suffix == ".bin" and path.parent.name in LASERS and as_format is None:
-        robotcar.sweep(path, found)
+        robotcar.sweep(path, inspection)
     elif path.suffix == ".bin":
-        files.scan_file(path, as_format, found)
+        files.scan_file(path, as_format, inspection)
     elif path.suffix in TEXTS:
-        tracks.numbers(path, found)
+        tracks.numbers(path, inspection)
     elif path.name.endswith(carmen.SUFFIXES):
-        folders.carmen_log(path, found)
+        folders.carmen_log(path, inspection)
     elif path.suffix in FOREIGN:
         raise ConfigError(f"{path}: {FOREIGN[path.suffix]}")
     else:

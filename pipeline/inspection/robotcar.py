@@ -1,5 +1,7 @@
-"""Oxford RobotCar: a sweep, the folder of one laser, a sequence as its reader opens it, and the
-tables of poses."""
+"""Describes the files of Oxford RobotCar.
+
+A sweep, the folder of one laser, a sequence as its reader opens it, and the tables of poses.
+"""
 
 from collections import Counter
 from collections.abc import Callable
@@ -27,17 +29,20 @@ PLANE = np.eye(4)
 """Extrinsics that leave a sweep in its scan plane."""
 
 
-def sweep(path: Path, found: Inspection) -> None:
-    """lms_front/UTIME.bin or lms_rear/UTIME.bin: x, y, reflectance in the laser's scan plane."""
+def sweep(path: Path, inspection: Inspection) -> None:
+    """Describe a sweep, lms_front/UTIME.bin or lms_rear/UTIME.bin.
+
+    It holds x, y and reflectance in the laser's scan plane.
+    """
     data = log.read_bytes(path, robotcar.RECORD_BYTES, "returns")
     if not data:
         raise LogError(f"{path}: empty; expected the returns of one sweep: fetch the file anew")
     rows = robotcar.decode_sweep(data)
     points = read_sweep(path, PLANE)
     range_m = np.hypot(points[:, 0], points[:, 1])
-    bright = rows[np.isfinite(rows[:, 2]), 2]
-    far = int((range_m > REACH_M).sum())
-    found.describe(
+    reflectances = rows[np.isfinite(rows[:, 2]), 2]
+    far_count = int((range_m > REACH_M).sum())
+    inspection.describe(
         f"RobotCar sweep of {path.parent.name}",
         ("size", f"{nbytes(len(data))}, records of {robotcar.RECORD_BYTES} bytes"),
         ("taken", moment_of(path)),
@@ -49,24 +54,28 @@ def sweep(path: Path, found: Inspection) -> None:
             else "none",
         ),
         ("azimuth", f"{coverage(points):.0f}° of 360° covered"),
-        ("reflectance", f"{bright.min():g} … {bright.max():g}" if len(bright) else "none"),
+        (
+            "reflectance",
+            f"{reflectances.min():g} … {reflectances.max():g}" if len(reflectances) else "none",
+        ),
         (
             "frame",
             "the laser's scan plane, z = 0; the reader lays it out in the vehicle by the "
             "extrinsics, z up",
         ),
     )
-    found.warn(not len(points), "no beam has a return: was the laser covered?")
-    found.warn(
+    inspection.warn(not len(points), "no beam has a return: was the laser covered?")
+    inspection.warn(
         len(rows) > BEAMS,
         f"{len(rows):,} beams: an LMS-151 has {BEAMS}; is this file another laser's?",
     )
-    found.warn(far, f"{far} returns beyond {metres(REACH_M)}, farther than an LMS-151 sees")
+    inspection.warn(
+        far_count, f"{far_count} returns beyond {metres(REACH_M)}, farther than an LMS-151 sees"
+    )
 
 
-def sweeps(path: Path, found: Inspection) -> None:
-    """lms_front/ or lms_rear/: the sweeps of one laser, and the list of stamps beside the
-    folder."""
+def sweeps(path: Path, inspection: Inspection) -> None:
+    """Describe lms_front/ or lms_rear/: the sweeps of one laser, and their list of stamps."""
     sizes = {
         file: file.stat().st_size
         for file in path.glob("*.bin")
@@ -81,56 +90,60 @@ def sweeps(path: Path, found: Inspection) -> None:
             f"{path}: none of its {len(sizes)} files UTIME.bin is a whole sweep; fetch them anew"
         )
     cut = len(sizes) - len(whole)
-    found.warn(cut, f"{cut} sweeps are empty or cut short: the reader skips them; fetch them anew")
+    inspection.warn(
+        cut, f"{cut} sweeps are empty or cut short: the reader skips them; fetch them anew"
+    )
     utimes = np.array([_utime(file) for file in whole])
     beams = np.array([sizes[file] // robotcar.RECORD_BYTES for file in whole])
-    found.describe(
+    inspection.describe(
         "RobotCar sweeps of one laser",
         ("sweeps", f"{len(whole):,}, {nbytes(sum(sizes.values()))}"),
         ("beams a sweep", f"{beams.min():,} … {beams.max():,}, median {np.median(beams):,.0f}"),
         ("first, last", f"{whole[0].name}, {whole[-1].name}"),
-        *folders.rate(found, utimes * 1e-6),
-        ("stamps", _stamps(found, path, utimes)),
+        *folders.rate(inspection, utimes * 1e-6),
+        ("stamps", _stamps(inspection, path, utimes)),
     )
     _add_table(
-        found, len(whole), lambda row: read_sweep(whole[row], PLANE), "in the laser's scan plane"
+        inspection,
+        len(whole),
+        lambda row: read_sweep(whole[row], PLANE),
+        "in the laser's scan plane",
     )
 
 
-def sequence(path: Path, found: Inspection) -> None:
-    """The folder of a sequence, opened by its reader; a LogError of the reader becomes a
-    warning."""
+def sequence(path: Path, inspection: Inspection) -> None:
+    """Describe the folder of a sequence, opened by its reader, whose LogError becomes a warning."""
     lasers = [laser for laser in robotcar.LASERS if (path / laser).is_dir()]
     path = path.resolve()
     title = f"as its reader opens it, with {' and '.join(lasers)}"
-    opened = folders.describe_opened(
-        found, "RobotCar", path.parent, RobotCar(lasers), title, "sweeps"
+    opened_log = folders.describe_opened(
+        inspection, "RobotCar", path.parent, RobotCar(lasers), title, "sweeps"
     )
-    if opened is not None:
+    if opened_log is not None:
         frame = "vehicle frame: x forward, y left, z up from the camera"
-        _add_table(found, len(opened.stamps_ns), opened.points, frame)
-    for laser in lasers if opened is None else ():
-        part = Inspection(path / laser)
-        sweeps(path / laser, part)
-        found.add(laser, *part.sections[0].rows)
-        found.warnings += part.warnings
+        _add_table(inspection, len(opened_log.stamps_ns), opened_log.points, frame)
+    for laser in lasers if opened_log is None else ():
+        laser_inspection = Inspection(path / laser)
+        sweeps(path / laser, laser_inspection)
+        inspection.add(laser, *laser_inspection.sections[0].rows)
+        inspection.warnings += laser_inspection.warnings
 
 
-def vo(path: Path, found: Inspection) -> None:
-    """vo/vo.csv: the motion of the vehicle from one image to the next, chained by the reader."""
+def vo(path: Path, inspection: Inspection) -> None:
+    """Describe vo/vo.csv: the vehicle's motion from image to image, chained by the reader."""
     gap_s = RobotCar().max_vo_gap_s
     odometry = read_vo(path, gap_s)
     stamps_s = odometry.trajectory.stamps_ns * 1e-9
     poses = odometry.trajectory.world_T_body
-    known: NDArray[np.bool_] = np.all(np.isfinite(poses), axis=(1, 2))
+    has_pose: NDArray[np.bool_] = np.all(np.isfinite(poses), axis=(1, 2))
     steps_m = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
     moved_m = steps_m[np.isfinite(steps_m)]
-    wide_s = np.diff(stamps_s)[known[1:] & known[:-1]]
+    wide_s = np.diff(stamps_s)[has_pose[1:] & has_pose[:-1]]
     breaks = len(odometry.breaks_ns)
-    found.describe(
+    inspection.describe(
         "RobotCar visual odometry",
-        ("knots", f"{int(known.sum()):,}, in {breaks + 1} chains"),
-        *clock(stamps_s[known]),
+        ("knots", f"{int(has_pose.sum()):,}, in {breaks + 1} chains"),
+        *clock(stamps_s[has_pose]),
         (
             "path",
             f"{metres(float(moved_m.sum()))}, longest step "
@@ -142,12 +155,12 @@ def vo(path: Path, found: Inspection) -> None:
             "it z up",
         ),
     )
-    found.warn(
+    inspection.warn(
         breaks,
         f"breaks: {breaks} rows start elsewhere than where the row before them ended; no "
         "accumulated submap reaches across one",
     )
-    found.warn(
+    inspection.warn(
         (wide_s > gap_s).any(),
         f"{int((wide_s > gap_s).sum())} steps over {gap_s} s, the longest "
         f"{duration(float(wide_s.max(initial=0)))}: sweeps there have no odometry; sparser "
@@ -155,22 +168,27 @@ def vo(path: Path, found: Inspection) -> None:
     )
 
 
-def ins(path: Path, found: Inspection) -> None:
-    """gps/ins.csv: the INS unit's poses, of which the reader takes those of status
-    INS_SOLUTION_GOOD."""
+def ins(path: Path, inspection: Inspection) -> None:
+    """Describe gps/ins.csv: the INS unit's poses.
+
+    The reader takes those of the status INS_SOLUTION_GOOD.
+    """
     gap_s = RobotCar().max_ins_gap_s
     track = read_ins(path, np.eye(4), gap_s)
     table = columns(path, ("ins_status", "utm_zone", *robotcar.INS_POSE))
     statuses = Counter(table["ins_status"])
     zones = sorted(set(table["utm_zone"]))
-    good: NDArray[np.bool_] = np.all(np.isfinite(track.world_T_body), axis=(1, 2))
+    is_good: NDArray[np.bool_] = np.all(np.isfinite(track.world_T_body), axis=(1, 2))
     stamps_s = track.stamps_ns * 1e-9
-    xyz = numbers(path, table, robotcar.INS_POSE)[good, :3]
+    xyz = numbers(path, table, robotcar.INS_POSE)[is_good, :3]
     steps_m = np.linalg.norm(np.diff(xyz, axis=0), axis=1)
-    gaps_s = np.diff(stamps_s[good])
-    found.describe(
+    gaps_s = np.diff(stamps_s[is_good])
+    inspection.describe(
         "RobotCar inertial navigation",
-        ("rows", f"{len(good):,}, of which {100 * good.mean():.1f} % are {robotcar.INS_GOOD}"),
+        (
+            "rows",
+            f"{len(is_good):,}, of which {100 * is_good.mean():.1f} % are {robotcar.INS_GOOD}",
+        ),
         (
             "statuses",
             ", ".join(f"{status[:40]} {count:,}" for status, count in statuses.most_common(5)),
@@ -185,8 +203,8 @@ def ins(path: Path, found: Inspection) -> None:
             "vehicle by the extrinsics",
         ),
     )
-    found.warn(not good.any(), f"no row is {robotcar.INS_GOOD}: no sweep has a true pose")
-    found.warn(
+    inspection.warn(not is_good.any(), f"no row is {robotcar.INS_GOOD}: no sweep has a true pose")
+    inspection.warn(
         (gaps_s > gap_s).any(),
         f"outages: {int((gaps_s > gap_s).sum())} over {gap_s} s without a good row, the longest "
         f"{duration(float(gaps_s.max(initial=0)))}: sweeps there have no place, but go into the "
@@ -195,7 +213,7 @@ def ins(path: Path, found: Inspection) -> None:
 
 
 def _add_table(
-    found: Inspection, count: int, points: Callable[[int], NDArray[np.floating]], frame: str
+    inspection: Inspection, count: int, points: Callable[[int], NDArray[np.floating]], frame: str
 ) -> None:
     """Add a table of a few of `count` sweeps."""
     table: list[tuple[str, ...]] = [("sweep", "returns", "x", "y", "z")]
@@ -208,26 +226,28 @@ def _add_table(
                 *(box(cloud[:, [axis]], [""]).strip() for axis in range(3) if len(cloud)),
             )
         )
-    found.add(f"sweeps, {frame}", *table)
+    inspection.add(f"sweeps, {frame}", *table)
 
 
-def _stamps(found: Inspection, folder: Path, utimes: NDArray[np.int64]) -> str:
-    """The number of stamps in the list of a laser; warns of files without a stamp and the
-    reverse."""
+def _stamps(inspection: Inspection, folder: Path, utimes: NDArray[np.int64]) -> str:
+    """The number of stamps in the list of a laser.
+
+    Warns of files without a stamp, and of stamps without a file.
+    """
     path = folder.with_suffix(".timestamps")
     if not path.is_file():
-        found.warn(
+        inspection.warn(
             True, f"no {path.name} beside the folder: the reader takes every file that is there"
         )
         return "by the names of the files"
     stamps = utimes_ns(path, log.table(path, 2)[:, 0]) // 1000
-    lone = int((~np.isin(utimes, stamps)).sum())
-    lost = int((~np.isin(stamps, utimes)).sum())
+    unstamped = int((~np.isin(utimes, stamps)).sum())
+    fileless = int((~np.isin(stamps, utimes)).sum())
     unpaired = (
-        f"{path.name}: {lost:,} stamps have no whole file and {lone:,} files no stamp: the reader "
-        "skips them"
+        f"{path.name}: {fileless:,} stamps have no whole file and {unstamped:,} files no stamp: "
+        "the reader skips them"
     )
-    found.warn(lone or lost, unpaired)
+    inspection.warn(unstamped or fileless, unpaired)
     return f"{len(stamps):,} in {path.name}"
 
 

@@ -9,27 +9,32 @@ from pipeline.mapping.appearance import LEVEL_M, thickness
 def repeated(points: NDArray[np.float64]) -> list[str]:
     """Warnings on points at the origin and on duplicate points."""
     zeros = int((points == 0).all(axis=1).sum())
-    others = points[(points != 0).any(axis=1)]
-    twice = len(others) - len(
-        np.unique(others.view([("xyz", "V24")]) if others.flags.c_contiguous else others, axis=0)
+    off_origin = points[(points != 0).any(axis=1)]
+    duplicates = len(off_origin) - len(
+        np.unique(
+            off_origin.view([("xyz", "V24")]) if off_origin.flags.c_contiguous else off_origin,
+            axis=0,
+        )
     )
-    found = []
+    warnings = []
     if zeros > 0.01 * len(points):
-        found.append(
+        warnings.append(
             f"points at the origin: {zeros:,} of {len(points):,} are (0, 0, 0), beams without a "
             "return; they fill the first bin: drop them when reading"
         )
-    if twice > 0.01 * len(points):
-        found.append(
-            f"duplicate points: {twice:,} of {len(points):,} stand where another does and count "
-            "twice in a bin; was a scan written twice, or padded?"
+    if duplicates > 0.01 * len(points):
+        warnings.append(
+            f"duplicate points: {duplicates:,} of {len(points):,} stand where another does and "
+            "count twice in a bin; was a scan written twice, or padded?"
         )
-    return found
+    return warnings
 
 
 def scale(points: NDArray[np.float64], range_m: NDArray[np.float64]) -> str | None:
-    """A warning if the unit cannot be metres, else None; `range_m` (n,) are distances from the
-    origin in the xy plane."""
+    """A warning if the unit cannot be metres, else None.
+
+    `range_m` (n,) are distances from the origin in the xy plane.
+    """
     if np.abs(points).max() <= 1.0 + 1e-6:
         return (
             "normalised cloud: every coordinate within ±1; metres are lost, and so are rings and "

@@ -1,5 +1,4 @@
-"""Text files of numbers: the poses of NCLT, the poses, times and calibration of KITTI, TUM
-trajectories."""
+"""Describes text files of numbers: poses of NCLT, KITTI and TUM, times, and calibration."""
 
 from pathlib import Path
 
@@ -15,14 +14,16 @@ from pipeline.readers.folder import BODY_T_CAMERA, read_tum
 from pipeline.readers.nclt import Nclt, read_poses
 
 GAP_S = 1.0
-"""Poses further apart than this are not held against each other."""
+"""Poses further apart than this in time are not compared."""
 SCAN_NS = 100_000_000
-"""From one scan of KITTI's to the next."""
+"""The time from one KITTI scan to the next."""
 
 
-def nclt_poses(path: Path, found: Inspection) -> None:
-    """groundtruth_*.csv and odometry*.csv: utime, x, y, z, roll, pitch, heading;
-    north-east-down."""
+def nclt_poses(path: Path, inspection: Inspection) -> None:
+    """Describe groundtruth_*.csv or odometry*.csv of NCLT.
+
+    Rows are utime, x, y, z, roll, pitch, heading; the frames are north-east-down.
+    """
     if "cov" in path.stem:
         raise LogError(
             f"{path}: covariances, which nothing here reads; inspect the odometry beside it"
@@ -32,46 +33,46 @@ def nclt_poses(path: Path, found: Inspection) -> None:
         raise LogError(
             f"{path}: row {int(np.flatnonzero(~np.isfinite(rows[:, 0]))[0]) + 1} has no stamp"
         )
-    relative = path.stem.endswith("odometry_mu")
-    known = np.isfinite(rows).all(axis=1)
+    is_relative = path.stem.endswith("odometry_mu")
+    finite = np.isfinite(rows).all(axis=1)
     times_s = rows[:, 0] * 1e-6
-    xyz = rows[known, 1:4]
+    xyz = rows[finite, 1:4]
     gap_s = Nclt().max_gap_s
-    gaps = np.diff(times_s[known])
-    what = "wheel odometry" if path.name.startswith("odometry") else "ground truth"
-    found.describe(
-        f"NCLT {what}, {'motion between images' if relative else 'poses of the body'}",
-        ("rows", f"{len(rows):,}, of which {int((~known).sum()):,} hold a NaN"),
+    gaps = np.diff(times_s[finite])
+    source = "wheel odometry" if path.name.startswith("odometry") else "ground truth"
+    inspection.describe(
+        f"NCLT {source}, {'motion between images' if is_relative else 'poses of the body'}",
+        ("rows", f"{len(rows):,}, of which {int((~finite).sum()):,} hold a NaN"),
         *clock(times_s),
-        ("path", path_length(xyz if relative else np.diff(xyz, axis=0))),
+        ("path", path_length(xyz if is_relative else np.diff(xyz, axis=0))),
         ("frame", "north-east-down (x north, y east, z down), radians; the reader turns it z up"),
-        *([] if relative else [("box", box(xyz, ("north", "east", "down")))]),
+        *([] if is_relative else [("box", box(xyz, ("north", "east", "down")))]),
     )
-    _warn_of_order(found, times_s)
-    if not relative and not _back(times_s):
-        found.warnings += vehicle.doubts("the poses", read_poses(path))
-    found.warn(
+    _warn_of_order(inspection, times_s)
+    if not is_relative and not _back(times_s):
+        inspection.warnings += vehicle.doubts("the poses", read_poses(path))
+    inspection.warn(
         (gaps > gap_s).any(),
         f"{int((gaps > gap_s).sum())} gaps over {gap_s} s, the longest "
         f"{duration(float(gaps.max(initial=0)))}: scans there have no pose and are skipped; a log "
         "with sparser rows needs max_gap_s in its dataset's yaml",
     )
-    unsolved = (
+    nothing_solved = (
         "every row holds a NaN: there is no pose to read; was the file written before the drive "
         "was solved?"
     )
-    found.warn(not known.any(), unsolved)
+    inspection.warn(not finite.any(), nothing_solved)
 
 
-def kitti_poses(path: Path, found: Inspection) -> None:
-    """poses/NN.txt: rows of 3×4 matrices, the left camera's pose in its first frame."""
+def kitti_poses(path: Path, inspection: Inspection) -> None:
+    """Describe poses/NN.txt: rows of 3×4 matrices, the left camera's pose in its first frame."""
     rows = log.table(path, 12)
     finite = np.isfinite(rows).all(axis=1)
     poses = kitti.matrix(rows[finite])
     xyz = poses[:, :3, 3]
     lacking = int((~finite).sum())
     skew = _skew(poses)
-    found.describe(
+    inspection.describe(
         "KITTI ground truth, poses of camera 0",
         ("poses", f"{len(rows):,}"),
         ("path", path_length(np.diff(xyz, axis=0))),
@@ -82,37 +83,41 @@ def kitti_poses(path: Path, found: Inspection) -> None:
             "reader turns it z up",
         ),
     )
-    found.warn_of_small_site(xyz, (0, 2))
+    inspection.warn_of_small_site(xyz, (0, 2))
     stamps_ns = SCAN_NS * np.flatnonzero(finite)
-    found.warnings += vehicle.doubts(
+    inspection.warnings += vehicle.doubts(
         "the poses", Trajectory(stamps_ns, BODY_T_CAMERA @ poses @ BODY_T_CAMERA.T, GAP_S)
     )
-    found.warn(lacking, f"{lacking} rows hold a NaN: the reader refuses the file; cut them off")
-    off = (
+    inspection.warn(
+        lacking, f"{lacking} rows hold a NaN: the reader refuses the file; cut them off"
+    )
+    not_orthonormal = (
         f"rotations are off by {skew:.2g} from orthonormal: not poses, or cut numbers; fetch the "
         "file anew"
     )
-    found.warn(skew > 1e-3, off)
+    inspection.warn(skew > 1e-3, not_orthonormal)
     times = path.parents[1] / kitti.TIMES.format(log=path.stem) if len(path.parents) > 1 else path
     if path.parent.name == "poses" and times.is_file():
         count = len(log.table(times, 1))
-        wrong = (
+        count_mismatch = (
             f"{count} times in {times} for {len(rows)} poses: the reader refuses the log; one is "
             "cut short"
         )
-        found.warn(count != len(rows), wrong)
+        inspection.warn(count != len(rows), count_mismatch)
 
 
 def first_row(path: Path) -> list[str]:
-    """The words of the first row that is not a comment; none of a file without rows."""
+    """The words of the first row that is not a comment; empty for a file without rows."""
     with path.open(encoding="utf-8", errors="replace") as file:
         rows = (line.split("#")[0].replace(",", " ").split() for line in file)
         return next((words for words in rows if words), [])
 
 
-def numbers(path: Path, found: Inspection) -> None:
-    """A text of poses or times, told by the count of its columns, else by its name; raises
-    ConfigError for any other."""
+def numbers(path: Path, inspection: Inspection) -> None:
+    """Describe a text of poses or times, told by the count of its columns, else by its name.
+
+    Raises ConfigError for any other file.
+    """
     words = first_row(path)
     try:
         [float(word) for word in words]
@@ -131,16 +136,16 @@ def numbers(path: Path, found: Inspection) -> None:
     if look is None:
         expected = "poses have 7 (NCLT), 8 (TUM) or 12 (KITTI) numbers a row, times have 1"
         raise ConfigError(f"{path}: no kind of file that inspect knows: {expected}")
-    look(path, found)
+    look(path, inspection)
 
 
-def tum_poses(path: Path, found: Inspection) -> None:
-    """A TUM trajectory: stamp in s, x, y, z in m, quaternion x, y, z, w."""
+def tum_poses(path: Path, inspection: Inspection) -> None:
+    """Describe a TUM trajectory: stamp in s, x, y, z in m, quaternion x, y, z, w."""
     stamps_ns, poses = read_tum(path)
-    known = np.isfinite(poses).all(axis=(1, 2))
-    xyz = poses[known, :3, 3]
-    lacking = int((~known).sum())
-    found.describe(
+    finite = np.isfinite(poses).all(axis=(1, 2))
+    xyz = poses[finite, :3, 3]
+    lacking = int((~finite).sum())
+    inspection.describe(
         "TUM trajectory",
         (
             "rows",
@@ -151,20 +156,20 @@ def tum_poses(path: Path, found: Inspection) -> None:
         ("box", box(xyz, "xyz")),
         ("frame", "as the file has it; conf/dataset/folder.yaml's poses_frame says which"),
     )
-    found.warn_of_small_site(xyz)
-    found.warnings += vehicle.doubts("the poses", Trajectory(stamps_ns, poses, GAP_S))
+    inspection.warn_of_small_site(xyz)
+    inspection.warnings += vehicle.doubts("the poses", Trajectory(stamps_ns, poses, GAP_S))
 
 
-def kitti_times(path: Path, found: Inspection) -> None:
-    """times.txt: seconds from the start of the log, one row per scan."""
+def kitti_times(path: Path, inspection: Inspection) -> None:
+    """Describe times.txt: seconds from the start of the log, one row per scan."""
     times_s = log.table(path, 1)[:, 0]
     log.refuse_times(path, times_s, "s", 10**9)
-    found.describe("KITTI times", ("rows", f"{len(times_s):,}"), *clock(times_s))
-    _warn_of_order(found, times_s)
+    inspection.describe("KITTI times", ("rows", f"{len(times_s):,}"), *clock(times_s))
+    _warn_of_order(inspection, times_s)
 
 
-def kitti_calib(path: Path, found: Inspection) -> None:
-    """calib.txt: camera projections P0–P3 and Tr = cam0 <- velodyne."""
+def kitti_calib(path: Path, inspection: Inspection) -> None:
+    """Describe calib.txt: camera projections P0–P3 and Tr = cam0 <- velodyne."""
     try:
         lines = [
             line.partition(":")
@@ -184,11 +189,11 @@ def kitti_calib(path: Path, found: Inspection) -> None:
             f"{path}: expected a row 'Tr:' with 12 numbers, the camera's frame from the Velodyne's"
         )
     cam_T_velo = kitti.matrix(entries["Tr"][None])
-    forward = -cam_T_velo[0, :3, :3].T @ cam_T_velo[0, :3, 3]
-    found.describe(
+    camera_m = -cam_T_velo[0, :3, :3].T @ cam_T_velo[0, :3, 3]
+    inspection.describe(
         "KITTI calibration",
         ("entries", ", ".join(entries)),
-        ("camera 0", "at x {:.3f}, y {:.3f}, z {:.3f} m in the Velodyne's frame".format(*forward)),
+        ("camera 0", "at x {:.3f}, y {:.3f}, z {:.3f} m in the Velodyne's frame".format(*camera_m)),
         (
             "frame",
             "Tr maps Velodyne coordinates (x forward, y left, z up) into camera 0's (x right, y "
@@ -196,15 +201,15 @@ def kitti_calib(path: Path, found: Inspection) -> None:
         ),
     )
     skew = _skew(cam_T_velo)
-    sheared = (
+    not_orthonormal = (
         f"Tr's rotation is off by {skew:.2g} from orthonormal: every pose would be sheared; fetch "
         "the file anew"
     )
-    found.warn(skew > 1e-3, sheared)
+    inspection.warn(skew > 1e-3, not_orthonormal)
 
 
 def _skew(poses: NDArray[np.float64]) -> float:
-    """How far the rotations of poses (n, 4, 4) are from orthonormal, at most."""
+    """The largest deviation of the rotations of poses (n, 4, 4) from orthonormal."""
     R = poses[:, :3, :3]
     return float(np.abs(np.swapaxes(R, 1, 2) @ R - np.eye(3)).max(initial=0.0))
 
@@ -214,9 +219,9 @@ def _back(times_s: NDArray[np.float64]) -> list[int]:
     return [int(row) for row in np.flatnonzero(~(np.diff(times_s) > 0)) + 2]
 
 
-def _warn_of_order(found: Inspection, times_s: NDArray[np.float64]) -> None:
-    back = _back(times_s)
-    rows = f"row {back[0]} and {len(back) - 1} more" if back else ""
-    found.warn(
-        back, f"stamps do not increase at {rows}: the reader refuses the file; sort its rows"
+def _warn_of_order(inspection: Inspection, times_s: NDArray[np.float64]) -> None:
+    disordered = _back(times_s)
+    rows = f"row {disordered[0]} and {len(disordered) - 1} more" if disordered else ""
+    inspection.warn(
+        disordered, f"stamps do not increase at {rows}: the reader refuses the file; sort its rows"
     )

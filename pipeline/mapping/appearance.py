@@ -1,5 +1,7 @@
-"""What the submaps of a sequence look like in a few numbers: they tell a sensor or a frame that
-does not suit the views."""
+"""Numbers that show whether a sensor or a frame suits the views.
+
+They describe what the submaps of a sequence look like.
+"""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,26 +17,25 @@ LEVEL_M = 0.02
 
 
 def appearance(scans: Artifact, submaps: Submaps) -> dict[str, float | None]:
-    """Medians over a few submaps: `azimuth_deg` with points, `ground_m` and `highest_m`, the z of
-    the ground and of the top.
+    """Medians over a few submaps of `azimuth_deg`, `ground_m` and `highest_m`.
 
-    The ground is None where the points lie in one plane; the top is the 99th percentile of the
-    heights.
+    Degrees with points, and z of the ground and of the top. The ground is None where the points lie
+    in one plane; the top is the 99th percentile of the heights.
     """
-    found = []
+    measures = []
     for row in np.unique(np.linspace(0, len(submaps.scans) - 1, LOOKED_AT).astype(int)):
-        own = slice(row, row + 1)
-        first = submaps.first[own]
-        last = submaps.scans[own]
-        ground_m = submaps.ground_m[own]
+        rows = slice(row, row + 1)
+        first = submaps.first[rows]
+        last = submaps.scans[rows]
+        ground_m = submaps.ground_m[rows]
         points = next(iter(Gathering(scans, submaps.layout, first, last, ground_m, submaps.used)))
         if len(points):
             range_m = np.hypot(points[:, 0], points[:, 1])
             z_m = ground(points, range_m) if thickness(points) > LEVEL_M else np.nan
-            found.append(
+            measures.append(
                 (coverage(points[range_m > 0]), z_m, float(np.percentile(points[:, 2], 99)))
             )
-    medians = np.median(np.reshape(found, (-1, 3)), axis=0) if found else [np.nan] * 3
+    medians = np.median(np.reshape(measures, (-1, 3)), axis=0) if measures else [np.nan] * 3
     names = ("azimuth_deg", "ground_m", "highest_m")
     return {
         name: None if np.isnan(value) else float(value)
@@ -43,20 +44,21 @@ def appearance(scans: Artifact, submaps: Submaps) -> dict[str, float | None]:
 
 
 def thickness(points: NDArray[np.float64]) -> float:
-    """Standard deviation in metres of points (n, 3) across the plane that fits them best; 1 of too
-    few points."""
+    """Standard deviation in metres of points (n, 3) across their best plane; 1 of too few."""
     return (
         float(np.sqrt(np.linalg.eigvalsh(np.cov(points.T)).clip(0))[0]) if len(points) > 3 else 1.0
     )
 
 
 def ground(points: NDArray[np.float64], range_m: NDArray[np.float64]) -> float:
-    """z in metres of the ground: where the points near the sensor are densest in z, as the ground
-    is flat, unlike walls."""
-    near = points[range_m < 15.0, 2]
-    if len(near) < 100:
-        near = points[:, 2]
-    z_m = near[np.abs(near - np.median(near)) < 20.0]
+    """z in metres of the ground: where points near the sensor are densest in z.
+
+    The ground is flat, unlike walls.
+    """
+    near_z_m = points[range_m < 15.0, 2]
+    if len(near_z_m) < 100:
+        near_z_m = points[:, 2]
+    z_m = near_z_m[np.abs(near_z_m - np.median(near_z_m)) < 20.0]
     edges = np.arange(z_m.min() - 0.3, z_m.max() + 0.4, 0.05)
     counts = np.convolve(np.histogram(z_m, edges)[0], np.ones(5), "same")
     centre = float(edges[counts.argmax()] + 0.025)

@@ -1,5 +1,4 @@
-"""The known leaves of a cube that moves, in bricks of 8³ leaves that are allocated when they are
-touched.
+"""The known leaves of a moving cube, in bricks of 8³ leaves allocated when touched.
 
 The cube lies on a torus: where a leaf is stored follows from its whole-numbered coordinates in
 odometry, modulo the side. So nothing moves in memory when the cube does: a leaf that enters it is
@@ -23,11 +22,10 @@ IDLE = 4.0
 
 
 class Bricks(NamedTuple):
-    """Pools of bricks, the first `used[0]` of them in use; the leaves of all others are unknown and
-    unmarked.
+    """Pools of bricks, the first `used[0]` of them in use.
 
-    A leaf's key is the number of its brick's place on the torus, then its own in the brick, both
-    x-major.
+    The leaves of all others are unknown and unmarked. A leaf's key is the number of its brick's
+    place on the torus, then its own in the brick, both x-major.
     """
 
     levels: int
@@ -45,7 +43,7 @@ class Bricks(NamedTuple):
 
     @property
     def nbytes(self) -> int:
-        """Of all arrays, their spare capacity too."""
+        """Bytes of all arrays, their spare capacity too."""
         return sum(array.nbytes for array in (self.table, self.places, self.log_odds, self.marks))
 
 
@@ -63,19 +61,18 @@ def empty(side: int) -> Bricks:
     )
 
 
-def with_room(bricks: Bricks, more: int) -> Bricks:
-    """The same bricks with room for `more`: in new pools if these are too small, or far too
-    large."""
-    used = int(bricks.used[0])
-    if used + more <= len(bricks.places) <= IDLE * (used + more):
+def with_room(bricks: Bricks, extra: int) -> Bricks:
+    """The same bricks with room for `extra`: in new pools if these are too small or too large."""
+    n_used = int(bricks.used[0])
+    if n_used + extra <= len(bricks.places) <= IDLE * (n_used + extra):
         return bricks
-    capacity = int(SPARE * (used + more))
+    capacity = int(SPARE * (n_used + extra))
     places = np.zeros(capacity, np.int32)
     log_odds = np.zeros(capacity * LEAVES, np.float32)
     marks = np.zeros(capacity * LEAVES, np.uint8)
-    places[:used] = bricks.places[:used]
-    log_odds[: used * LEAVES] = bricks.log_odds[: used * LEAVES]
-    marks[: used * LEAVES] = bricks.marks[: used * LEAVES]
+    places[:n_used] = bricks.places[:n_used]
+    log_odds[: n_used * LEAVES] = bricks.log_odds[: n_used * LEAVES]
+    marks[: n_used * LEAVES] = bricks.marks[: n_used * LEAVES]
     return bricks._replace(places=places, log_odds=log_odds, marks=marks)
 
 
@@ -87,18 +84,20 @@ def bricks_of_a_ray(bricks: Bricks) -> int:
 
 def dense(bricks: Bricks, lowest: NDArray[np.int64], side: int) -> NDArray[np.float32]:
     """Log-odds (side, side, side), x-major, of the cube whose lowest leaf is `lowest` (3,)."""
-    used = int(bricks.used[0])
+    n_used = int(bricks.used[0])
     axis = 1 << (bricks.levels - BITS)
     torus = np.zeros((axis,) * 3 + (BRICK,) * 3, np.float32)
-    torus.reshape(-1, LEAVES)[bricks.places[:used]] = bricks.log_odds.reshape(-1, LEAVES)[:used]
+    torus.reshape(-1, LEAVES)[bricks.places[:n_used]] = bricks.log_odds.reshape(-1, LEAVES)[:n_used]
     leaves = torus.transpose(0, 3, 1, 4, 2, 5).reshape((axis * BRICK,) * 3)
     return np.roll(leaves, -lowest, (0, 1, 2))[:side, :side, :side]
 
 
 @njit(inline="always", error_model="numpy")
 def part_of_key(cell, axis, levels):  # type: ignore[no-untyped-def]
-    """The bits of a leaf's key that its coordinate `cell` on an axis sets; a leaf's key has three
-    such parts."""
+    """The bits of a leaf's key that its coordinate `cell` on an axis sets.
+
+    A leaf's key has three such parts.
+    """
     place = (cell >> BITS) & ((1 << (levels - BITS)) - 1)
     return (place << (3 * BITS + (2 - axis) * (levels - BITS))) | (
         (cell & (BRICK - 1)) << ((2 - axis) * BITS)
@@ -110,13 +109,13 @@ def corner(bricks, brick):  # type: ignore[no-untyped-def]
     """Coordinates on the torus of a brick's lowest leaf."""
     bits = bricks.levels - BITS
     place = np.int64(bricks.places[brick])
-    last = (1 << bits) - 1
-    return (place >> 2 * bits) << BITS, ((place >> bits) & last) << BITS, (place & last) << BITS
+    mask = (1 << bits) - 1
+    return (place >> 2 * bits) << BITS, ((place >> bits) & mask) << BITS, (place & mask) << BITS
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def allocate(bricks, place):  # type: ignore[no-untyped-def]
-    """Where the leaves of a new brick begin, at a place that has none.
+    """Allocate a brick at a place that has none, and return where its leaves begin.
 
     There must be room for it.
     """
@@ -138,29 +137,29 @@ def free(bricks: Bricks, brick: int) -> None:
     log_odds = bricks.log_odds
     used = bricks.used
     used[0] -= 1
-    last = used[0]
+    last_brick = used[0]
     table[places[brick]] = NONE
-    if brick != last:
-        table[places[last]] = brick * LEAVES
-        places[brick] = places[last]
+    if brick != last_brick:
+        table[places[last_brick]] = brick * LEAVES
+        places[brick] = places[last_brick]
         for leaf in range(LEAVES):
-            log_odds[brick * LEAVES + leaf] = log_odds[last * LEAVES + leaf]
-            log_odds[last * LEAVES + leaf] = 0
+            log_odds[brick * LEAVES + leaf] = log_odds[last_brick * LEAVES + leaf]
+            log_odds[last_brick * LEAVES + leaf] = 0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def forget(bricks: Bricks, gone: NDArray[np.bool_]) -> None:
-    """Make the leaves unknown of which a coordinate on the torus is `gone` (3, torus)."""
+def forget(bricks: Bricks, is_gone: NDArray[np.bool_]) -> None:
+    """Make the leaves unknown of which a coordinate on the torus `is_gone` (3, torus)."""
     for brick in range(bricks.used[0]):
         x, y, z = corner(bricks, brick)
         if (
-            gone[0, x : x + BRICK].any()
-            or gone[1, y : y + BRICK].any()
-            or gone[2, z : z + BRICK].any()
+            is_gone[0, x : x + BRICK].any()
+            or is_gone[1, y : y + BRICK].any()
+            or is_gone[2, z : z + BRICK].any()
         ):
             for leaf in range(LEAVES):
                 i = leaf >> 2 * BITS
                 j = (leaf >> BITS) & (BRICK - 1)
                 k = leaf & (BRICK - 1)
-                if gone[0, x + i] or gone[1, y + j] or gone[2, z + k]:
+                if is_gone[0, x + i] or is_gone[1, y + j] or is_gone[2, z + k]:
                     bricks.log_odds[brick * LEAVES + leaf] = 0

@@ -1,5 +1,7 @@
-"""Gathering the points of submaps: every scan is read and laid out once, however many submaps it is
-part of."""
+"""Gathers the points of submaps; every scan is read and laid out once.
+
+However many submaps it is part of.
+"""
 
 from collections import deque
 from collections.abc import Iterator
@@ -20,8 +22,10 @@ Layout = Literal["odom_T_scan", "world_T_scan"]
 
 @dataclass(frozen=True)
 class Gathering:
-    """The points of submaps, one submap after the other; in memory are those of one window and of
-    one block of scans."""
+    """The points of submaps, one submap after the other.
+
+    In memory are those of one window and of one block of scans.
+    """
 
     scans: Artifact
     layout: Layout
@@ -42,37 +46,45 @@ class Gathering:
         start_T_scan = self.scans.load(self.layout)
         laid: deque[tuple[int, NDArray[np.float64]]] = deque()
         scans = scan_points(self.scans, int(self.first[0]), int(self.last[-1]) + 1)
-        used = ((row, points) for row, points in scans if self.used[row])
-        for first, last, ground_m in zip(self.first, self.last, self.ground_m, strict=True):
-            while not laid or laid[-1][0] < last:
-                row, points = next(used)
+        used_scans = ((row, points) for row, points in scans if self.used[row])
+        for first_scan, last_scan, ground_m in zip(
+            self.first, self.last, self.ground_m, strict=True
+        ):
+            while not laid or laid[-1][0] < last_scan:
+                row, points = next(used_scans)
                 laid.append((row, _moved(start_T_scan[row], points)))
-            while laid[0][0] < first:
+            while laid[0][0] < first_scan:
                 laid.popleft()
             inside = np.concatenate([points for _, points in laid])
-            yield _moved(np.linalg.inv(start_T_scan[last]), inside) - (0.0, 0.0, ground_m)
+            yield _moved(np.linalg.inv(start_T_scan[last_scan]), inside) - (0.0, 0.0, ground_m)
 
 
 def scan_points(
     scans: Artifact, start: int, stop: int
 ) -> Iterator[tuple[int, NDArray[np.float64]]]:
-    """Rows start … stop − 1 of a scans artifact, each with its points (n, 3) in metres; BLOCK scans
-    are read together."""
+    """Rows start … stop − 1 of a scans artifact, each with its points (n, 3) in metres.
+
+    BLOCK scans are read together.
+    """
     offsets = scans.load("offsets")
     grain_m = float(scans.attrs["grain_m"])
-    for first in range(start, stop, BLOCK):
-        end = min(first + BLOCK, stop)
-        points = scans["points"][offsets[first] : offsets[end]] * grain_m
-        for row in range(first, end):
-            yield row, points[offsets[row] - offsets[first] : offsets[row + 1] - offsets[first]]
+    for block_start in range(start, stop, BLOCK):
+        end = min(block_start + BLOCK, stop)
+        points = scans["points"][offsets[block_start] : offsets[end]] * grain_m
+        for row in range(block_start, end):
+            yield (
+                row,
+                points[
+                    offsets[row] - offsets[block_start] : offsets[row + 1] - offsets[block_start]
+                ],
+            )
 
 
 def submap_points(scans: Artifact, submaps: Artifact, rows: slice) -> Iterator[NDArray[np.float64]]:
-    """Points (n, 3) in metres of these rows of a submaps artifact, in each anchor's frame, z up
-    from the ground.
+    """Points (n, 3) in metres of these rows of a submaps artifact, in each anchor's frame.
 
-    Submaps of one scan each are read in one slice and never leave the scan's own frame, so no
-    rounding is added.
+    z is up from the ground. Submaps of one scan each are read in one slice and never leave the
+    scan's own frame, so no rounding is added.
     """
     first, last, ground_m = (
         np.asarray(submaps[name][rows]) for name in ("first", "scans", "ground_m")
@@ -92,13 +104,13 @@ def submap_points(scans: Artifact, submaps: Artifact, rows: slice) -> Iterator[N
 @njit(cache=True, nogil=True, error_model="numpy")
 def _moved(a_T_b: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Points (n, 3) of frame b in frame a; for such slim matrices BLAS would wake its threads."""
-    moved = np.empty((len(points), 3), np.float64)
+    moved_points = np.empty((len(points), 3), np.float64)
     for i in range(len(points)):
         for row in range(3):
             x = points[i, 0]
             y = points[i, 1]
             z = points[i, 2]
-            moved[i, row] = (
+            moved_points[i, row] = (
                 a_T_b[row, 0] * x + a_T_b[row, 1] * y + a_T_b[row, 2] * z + a_T_b[row, 3]
             )
-    return moved
+    return moved_points

@@ -1,5 +1,7 @@
-"""The ground of a scan: the plane that most of its points lie on (RANSAC: Fischler and Bolles,
-1981)."""
+"""The ground of a scan: the plane that most of its points lie on.
+
+RANSAC: Fischler and Bolles, 1981.
+"""
 
 import math
 
@@ -19,11 +21,10 @@ def plane(
     iterations: int,
     rng: np.random.Generator,
 ) -> tuple[float, float, float] | None:
-    """a, b, c of the plane a x + b y + z = c that has most points (n, 3) nearer than `near_m`; None
-    where none is flat enough.
+    """a, b, c of the plane a x + b y + z = c near which most points (n, 3) lie, else None.
 
-    Planes through three random points are tried, steeper ones than `slope_deg` passed over,
-    `iterations` at most.
+    Nearer than `near_m`. None where no plane is flat enough. Planes through three random points are
+    tried, steeper ones than `slope_deg` passed over, `iterations` at most.
     """
     if len(points_m) < 3:
         return None
@@ -35,10 +36,12 @@ def plane(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _plane(x, y, z, corners, plane_m, least_upright):  # type: ignore[no-untyped-def]
-    """`corners` (tried, 3) index points (n,); a plane's normal has z of at least `least_upright`; c
-    is infinite for no plane."""
+    """The best plane's a, b, c; c is infinite for no plane.
+
+    `corners` (tried, 3) index points (n,); a plane's normal has z of at least `least_upright`.
+    """
     n = len(x)
-    best = np.int32(0)
+    most_points = np.int32(0)
     a_best = np.float32(0)
     b_best = np.float32(0)
     c_best = np.float32(np.inf)
@@ -59,16 +62,16 @@ def _plane(x, y, z, corners, plane_m, least_upright):  # type: ignore[no-untyped
             a = np.float32(nx / nz)
             b = np.float32(ny / nz)
             c = a * x[i] + b * y[i] + z[i]
-            near = np.float32(plane_m * length / abs(nz))
+            margin_m = np.float32(plane_m * length / abs(nz))
             count = np.int32(0)
             for point in range(n):
-                count += np.int32(abs(a * x[point] + b * y[point] + z[point] - c) < near)
-            if count > best:
-                best = count
+                count += np.int32(abs(a * x[point] + b * y[point] + z[point] - c) < margin_m)
+            if count > most_points:
+                most_points = count
                 a_best = a
                 b_best = b
                 c_best = c
-        missed = (1.0 - (best / n) ** 3) ** (number + 1)
+        missed = (1.0 - (most_points / n) ** 3) ** (number + 1)
         if missed < 1.0 - SURE:
             break
     return a_best, b_best, c_best

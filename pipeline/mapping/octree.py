@@ -105,8 +105,10 @@ class Octree:
 
 
 class OctreeMap:
-    """One sequence's map, its axes those of the odometry; cells lie at whole multiples of `leaf_m`
-    there."""
+    """One sequence's map, its axes those of the odometry.
+
+    Cells lie at whole multiples of `leaf_m` there.
+    """
 
     bricks: Bricks
     """The known leaves."""
@@ -141,7 +143,7 @@ class OctreeMap:
         return dense(self.bricks, self.lowest, self.octree.side)
 
     def insert(self, points_m: NDArray[np.floating], odom_T_vehicle: NDArray[np.float64]) -> None:
-        """Take in a scan (n, 3) of the vehicle frame at `odom_T_vehicle` (4, 4): METHODS 4.4.
+        """Add a scan (n, 3) of the vehicle frame at `odom_T_vehicle` (4, 4): METHODS 4.4.
 
         All log-odds decay by the motion since the last scan, the root cube follows by whole leaves,
         then each leaf that rays of the scan cross misses once and each that holds a point hits
@@ -163,11 +165,14 @@ class OctreeMap:
         except BaseException:
             self.bricks.marks[:] = 0
             raise
-        if (gone := self._gone(lowest)).any():
-            forget(self.bricks, gone)
-        kept = self._kept(pose)
+        if (is_gone := self._gone(lowest)).any():
+            forget(self.bricks, is_gone)
+        kept_share = self._kept(pose)
         kernels.sweep(
-            self.bricks, np.float32(kept), np.float32(LEAST if kept < 1 else 0), *self._numbers
+            self.bricks,
+            np.float32(kept_share),
+            np.float32(LEAST if kept_share < 1 else 0),
+            *self._numbers,
         )
         self.lowest = lowest
         self._odom_T_vehicle = pose
@@ -188,18 +193,26 @@ class OctreeMap:
         rays = octree.side, octree.reach_m / self.leaf_m, octree.rays == "all"
         slots = kernels.room(len(points))
         most = bricks_of_a_ray(self.bricks)
-        done = 0
+        points_done = 0
         self._seen = self._seen if len(self._seen) >= slots else np.empty(slots, np.int64)
         seen = self._seen[:slots]
         seen[:] = kernels.VACANT
-        while done < len(points):
+        while points_done < len(points):
             self.bricks = with_room(self.bricks, most)
-            done = int(
+            points_done = int(
                 kernels.cast(
-                    points, done, leaves_T_vehicle, origin, lowest, *rays, self.bricks, most, seen
+                    points,
+                    points_done,
+                    leaves_T_vehicle,
+                    origin,
+                    lowest,
+                    *rays,
+                    self.bricks,
+                    most,
+                    seen,
                 )
             )
-            if done < 0:
+            if points_done < 0:
                 raise InputError(
                     "a point is NaN, infinite or hundreds of kilometres away: drop such points "
                     "first"
@@ -210,14 +223,13 @@ class OctreeMap:
         if self._odom_T_vehicle is None:
             return 1.0
         before = self._odom_T_vehicle
-        now = odom_T_vehicle
-        turn = before[:3, :3].T @ now[:3, :3]
-        moved_m = float(np.linalg.norm(now[:3, 3] - before[:3, 3]))
+        after = odom_T_vehicle
+        turn = before[:3, :3].T @ after[:3, :3]
+        moved_m = float(np.linalg.norm(after[:3, 3] - before[:3, 3]))
         return self.octree.kept(moved_m, math.atan2(turn[1, 0], turn[0, 0]))
 
     def _gone(self, lowest: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Which coordinates (3, torus) of leaves on the torus the root cube leaves when it moves to
-        `lowest` (3,)."""
+        """Which torus coordinates (3, torus) the cube leaves when it moves to `lowest` (3,)."""
         torus = 1 << self.bricks.levels
         before = self.lowest[:, None] + (np.arange(torus) - self.lowest[:, None]) % torus
         return (before < lowest[:, None]) | (before >= lowest[:, None] + self.octree.side)

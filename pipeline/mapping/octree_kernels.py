@@ -1,5 +1,4 @@
-"""The hot loops of the dynamic octree: rays that mark what a scan crossed and hit, and one sweep
-that updates the leaves.
+"""The hot loops of the dynamic octree: rays that mark leaves, and a sweep that updates them.
 
 Rays walk the bricks as in Amanatides and Woo (1987), with selects in place of branches. Lengths are
 in leaves, from the window's lowest corner. On each axis a leaf's key holds its coordinate as a
@@ -181,60 +180,62 @@ def _parts(x, y, z, lowest, levels):  # type: ignore[no-untyped-def]
 
 
 @njit(inline="always", error_model="numpy")
-def _spacing(along):  # type: ignore[no-untyped-def]
-    """Share of a ray from one border to the next, of an axis that it moves `along` leaves of."""
-    return np.int64(min(WHOLE / abs(along), ENDLESS))
+def _spacing(travel):  # type: ignore[no-untyped-def]
+    """Share of a ray between two borders of an axis, on which it travels `travel` leaves."""
+    return np.int64(min(WHOLE / abs(travel), ENDLESS))
 
 
 @njit(inline="always", error_model="numpy")
-def _border(start, cell, along, every):  # type: ignore[no-untyped-def]
+def _border(start, cell, travel, spacing):  # type: ignore[no-untyped-def]
     """Share of a ray to the first border; `start` is in `cell`."""
-    return np.int64(((cell + 1 - start) if along > 0 else (start - cell)) * every)
+    return np.int64(((cell + 1 - start) if travel > 0 else (start - cell)) * spacing)
 
 
 @njit(inline="always", error_model="numpy")
-def _exit(cell, end, along, first, every, side):  # type: ignore[no-untyped-def]
-    """Share of a ray to the window's own border, or NEVER; the ray goes from `cell` to `end`, the
-    first border is at `first`."""
-    if along > 0:
-        return first + (side - 1 - cell) * every if end >= side - 1 else NEVER
-    return first + cell * every if end <= 0 else NEVER
+def _exit(cell, end, travel, first_border, spacing, side):  # type: ignore[no-untyped-def]
+    """Share of a ray to the window's own border, or NEVER.
+
+    The ray goes from `cell` to `end`; its first border is at `first_border`.
+    """
+    if travel > 0:
+        return first_border + (side - 1 - cell) * spacing if end >= side - 1 else NEVER
+    return first_border + cell * spacing if end <= 0 else NEVER
 
 
 @njit(inline="always", error_model="numpy")
-def _steps(first, every, stop):  # type: ignore[no-untyped-def]
-    """Borders of an axis before `stop`."""
-    return max((stop - first + every - 1) // every, ZERO)
+def _steps(first_border, spacing, stop):  # type: ignore[no-untyped-def]
+    """Number of borders of an axis before `stop`."""
+    return max((stop - first_border + spacing - 1) // spacing, ZERO)
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
 def sweep(
     bricks: Bricks,
-    kept: np.float32,
+    kept_share: np.float32,
     least: np.float32,
     hit: np.float32,
     miss: np.float32,
     lowest: np.float32,
     highest: np.float32,
 ) -> None:
-    """Decay, update and clamp all leaves in place, clear their marks and free what is unknown
-    (METHODS 4.4).
+    """Decay, update and clamp all leaves in place, and free unknown bricks (METHODS 4.4).
 
-    A leaf takes its value times `kept`; 0 where less than `least` is left; plus `hit` or `miss`.
+    Marks are cleared. A leaf takes its value times `kept_share`; 0 where less than `least` is left;
+    plus `hit` or `miss`.
     """
     for brick in range(bricks.used[0] - 1, -1, -1):
-        first = brick * LEAVES
-        known = np.int32(0)
-        log_odds = bricks.log_odds[first : first + LEAVES]
-        marks = bricks.marks[first : first + LEAVES]
+        first_leaf = brick * LEAVES
+        any_known = np.int32(0)
+        log_odds = bricks.log_odds[first_leaf : first_leaf + LEAVES]
+        marks = bricks.marks[first_leaf : first_leaf + LEAVES]
         for leaf in range(LEAVES):
-            value = log_odds[leaf] * kept
+            value = log_odds[leaf] * kept_share
             mark = np.int32(marks[leaf])
             value = value if abs(value) >= least else NOTHING
             value += hit if mark >= np.int32(HIT) else (miss if mark else NOTHING)
             value = min(max(value, lowest), highest)
-            known |= np.int32(value != NOTHING)
+            any_known |= np.int32(value != NOTHING)
             log_odds[leaf] = value
             marks[leaf] = np.uint8(0)
-        if not known:
+        if not any_known:
             free(bricks, brick)

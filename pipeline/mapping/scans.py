@@ -53,20 +53,22 @@ class Intake:
     def blocks(
         self, compute: Compute, progress: Progress
     ) -> Iterator[tuple[NDArray[np.int16], NDArray[np.int64]]]:
-        """Points (n, 3) of a block of scans in units of the grain, and the offsets where its scans
-        end (the first: from 0)."""
+        """Points (n, 3) of blocks of scans in units of the grain, with the offsets of their scans.
+
+        An offset is where a scan ends; the first block's also begin with 0.
+        """
         total = -(-len(self._rows) // BLOCK)
-        first = [0]
+        first_offset = [0]
         for block in progress.track(
             compute.rows(self._read, len(self._rows), BLOCK), total, "read"
         ):
             self._kept += block.rows
             self._skipped += Counter({"unreadable scan": block.unreadable})
             self._clipped += block.clipped
-            ends = self._points + np.cumsum(block.lengths, dtype=np.int64)
+            end_offsets = self._points + np.cumsum(block.lengths, dtype=np.int64)
             self._points += len(block.points)
-            yield block.points, np.concatenate([np.array(first, np.int64), ends])
-            first = []
+            yield block.points, np.concatenate([np.array(first_offset, np.int64), end_offsets])
+            first_offset = []
         if not self._kept:
             raise LogError(
                 "no scan of this sequence can be read with a known pose; `yearloc inspect` of its "
@@ -74,18 +76,20 @@ class Intake:
             )
 
     def poses(self) -> dict[str, NDArray[np.generic]]:
-        """The other columns, of the scans that were readable.
+        """The other columns of the readable scans.
 
         A break in the odometry that a left-out scan marked is marked by the next.
         """
-        kept = np.array(self._kept, np.int64)
-        odom_T_scan = self._log.odom_T_scan[kept]
+        kept_rows = np.array(self._kept, np.int64)
+        odom_T_scan = self._log.odom_T_scan[kept_rows]
         unknown = np.concatenate(
             [[0], np.cumsum(~np.isfinite(self._log.odom_T_scan).all(axis=(1, 2)))]
         )
-        odom_T_scan[unknown[kept] > unknown[np.concatenate([[0], kept[:-1] + 1])]] = np.nan
-        stamps_ns = self._log.stamps_ns[kept]
-        world_T_scan = self._log.world_T_scan[kept]
+        odom_T_scan[unknown[kept_rows] > unknown[np.concatenate([[0], kept_rows[:-1] + 1])]] = (
+            np.nan
+        )
+        stamps_ns = self._log.stamps_ns[kept_rows]
+        world_T_scan = self._log.world_T_scan[kept_rows]
         return {"stamps_ns": stamps_ns, "world_T_scan": world_T_scan, "odom_T_scan": odom_T_scan}
 
     def skipped(self) -> dict[str, int]:
@@ -104,8 +108,10 @@ class Intake:
         return ", ".join(parts)
 
     def _read(self, start: int, stop: int) -> Block:
-        """Some scans, as they are kept: workers send 16-bit numbers, a quarter of what they
-        read."""
+        """Read some scans as they are stored.
+
+        Workers send 16-bit numbers, a quarter of what they read.
+        """
         points = [np.empty((0, 3), np.int16)]
         rows = []
         clipped = 0

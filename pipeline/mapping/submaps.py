@@ -63,8 +63,10 @@ class SingleScan:
 
 @dataclass(frozen=True)
 class Accumulated:
-    """All scans, or sweeps of a 2-D LiDAR, of the last `window_m` of path, in the newest one's
-    frame (METHODS 2.9)."""
+    """All scans or 2-D sweeps of the last `window_m` of path, in the newest one's frame.
+
+    METHODS 2.9.
+    """
 
     step_m: float = 1.0
     """Path between two submaps."""
@@ -91,8 +93,10 @@ class Accumulated:
             )
 
     def cut(self, scans: Artifact, progress: Progress) -> Submaps:
-        """The submaps of a scans artifact; an anchor without a place, a whole window or any ground
-        makes none, and is counted."""
+        """The submaps of a scans artifact.
+
+        An anchor without a place, a whole window or any ground makes none, and is counted.
+        """
         start_T_scan = scans.load(self.layout)
         first, rows, left_out = self.windows(start_T_scan, scans.load("world_T_scan"))
         used = np.zeros(len(start_T_scan), bool)
@@ -108,42 +112,43 @@ class Accumulated:
                 ]
             )
             left_out["no point near the anchor"] = int(np.isnan(ground_m).sum())
-        found = np.isfinite(ground_m)
-        return Submaps(self.layout, first[found], rows[found], ground_m[found], used, +left_out)
+        has_ground = np.isfinite(ground_m)
+        return Submaps(
+            self.layout, first[has_ground], rows[has_ground], ground_m[has_ground], used, +left_out
+        )
 
     def windows(
         self, start_T_scan: Poses, world_T_scan: Poses
     ) -> tuple[NDArray[np.int64], NDArray[np.int64], Counter[str]]:
-        """First and last scan (submap,) of each window, and the anchors that have none: reason to
-        count.
+        """First and last scan (submap,) of each window, and counts of anchors without, by reason.
 
         A row of `start_T_scan` (scan, 4, 4) that holds a NaN is a break: no window reaches across
         it.
         """
         xyz_m = start_T_scan[:, :3, 3]
         rows = sample_path(xyz_m, self.step_m)
-        known = np.isfinite(xyz_m).all(axis=1)
-        breaks = np.cumsum(~known)
+        has_pose = np.isfinite(xyz_m).all(axis=1)
+        breaks = np.cumsum(~has_pose)
         steps_m = np.linalg.norm(np.diff(xyz_m, axis=0), axis=1)
         path_m = np.concatenate([[0.0], np.cumsum(np.where(np.isfinite(steps_m), steps_m, 0.0))])
         unbroken = np.searchsorted(breaks, breaks[rows]) + (breaks[rows] > 0)
         from_m = path_m[rows] - self.window_m
-        whole = path_m[unbroken] <= from_m + 1e-9
-        placed = np.isfinite(world_T_scan[rows]).all(axis=(1, 2))
+        is_whole = path_m[unbroken] <= from_m + 1e-9
+        has_true_pose = np.isfinite(world_T_scan[rows]).all(axis=(1, 2))
         left_out = Counter(
             {
-                "window not yet whole": int((~whole).sum()),
-                "no true pose": int((whole & ~placed).sum()),
+                "window not yet whole": int((~is_whole).sum()),
+                "no true pose": int((is_whole & ~has_true_pose).sum()),
             }
         )
         first = np.maximum(np.searchsorted(path_m, from_m - 1e-9), unbroken)
-        return first[whole & placed], rows[whole & placed], left_out
+        return first[is_whole & has_true_pose], rows[is_whole & has_true_pose], left_out
 
     def _ground_m(self, points_m: NDArray[np.float64]) -> float:
-        near = np.hypot(points_m[:, 0], points_m[:, 1]) < self.ground_radius_m
+        is_near = np.hypot(points_m[:, 0], points_m[:, 1]) < self.ground_radius_m
         return (
-            float(np.percentile(points_m[near, 2], self.ground_percentile))
-            if near.any()
+            float(np.percentile(points_m[is_near, 2], self.ground_percentile))
+            if is_near.any()
             else np.nan
         )
 
@@ -155,12 +160,12 @@ def sample_path(xyz_m: NDArray[np.float64], step_m: float) -> NDArray[np.int64]:
     starts at zero. Rows with a NaN are skipped, and a step across them does not count.
     """
     steps = np.linalg.norm(np.diff(xyz_m, axis=0), axis=1)
-    known: NDArray[np.bool_] = np.all(np.isfinite(xyz_m), axis=1)
+    has_position: NDArray[np.bool_] = np.all(np.isfinite(xyz_m), axis=1)
     rows = []
     travelled = 0.0
     for row, step in enumerate(np.where(np.isfinite(steps), steps, 0.0).tolist(), start=1):
         travelled += step
-        if travelled >= step_m and known[row]:
+        if travelled >= step_m and has_position[row]:
             rows.append(row)
             travelled = 0.0
     return np.array(rows, np.int64)

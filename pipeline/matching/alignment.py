@@ -1,8 +1,7 @@
-"""A run of queries laid along the training rows at the speed that fits best: SeqSLAM's search for a
-whole sequence (METHODS 6).
+"""SeqSLAM's search for a whole sequence: queries laid along training rows at the best speed.
 
-The same for every number of queries and rows: at either end of the queries, and where there are too
-few of either.
+METHODS 6. The same for every number of queries and rows: at either end of the queries, and where
+there are too few of either.
 """
 
 import math
@@ -23,7 +22,7 @@ Costs = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class Alignment:
-    """How sequences are searched; a sequence is `length` + 1 queries."""
+    """Settings of the search for sequences; a sequence is `length` + 1 queries."""
 
     length: Count = 10
     slowest: Positive = 0.8
@@ -50,48 +49,53 @@ class Alignment:
 
 
 class Aligned:
-    """A sequence of m queries held against all n rows by their differences (n, m), and what its
-    costs say.
+    """A sequence of m queries compared with all n rows, by their differences (n, m).
 
     Raises InputError where those are not finite.
     """
 
-    def __init__(self, how: Alignment, differences: NDArray[np.float32]) -> None:
+    def __init__(self, settings: Alignment, differences: NDArray[np.float32]) -> None:
         n, m = differences.shape
-        self.how = how
+        self.settings = settings
         self.shape = (n, m)
-        self.length = max(min(how.length, m - 1, int((n - 1) / max(how.slowest, 1))), 0)
-        self.enhanced = contrast(differences, how.contrast_rows)
-        self.scale = np.float32((how.length + 1) / (self.length + 1))
+        self.length = max(min(settings.length, m - 1, int((n - 1) / max(settings.slowest, 1))), 0)
+        self.enhanced = contrast(differences, settings.contrast_rows)
+        self.scale = np.float32((settings.length + 1) / (self.length + 1))
         lowest = float(self.enhanced.min(initial=0))
         if not math.isfinite(lowest):
             raise InputError("differences between queries and rows: expected finite numbers")
-        if m <= how.length:  # too few for their own least to say anything
-            lowest = least(how.contrast_rows)
-        self.base = np.float32(lowest * (how.length + 1) if how.subtract_minimum else 0)
+        if m <= settings.length:  # too few for their own least to say anything
+            lowest = least(settings.contrast_rows)
+        self.base = np.float32(lowest * (settings.length + 1) if settings.subtract_minimum else 0)
 
     def blocks(self) -> Iterator[tuple[NDArray[np.int64], Costs]]:
-        """Some queries (q,), and the summed differences (q, n) of the best run past each row; +inf
-        where none is."""
+        """Blocks of queries (q,) with the summed differences (q, n) of the best run past each row.
+
+        +inf where there is no run.
+        """
         m = self.shape[1]
-        forward = runs(self.length, self.how.slowest, self.how.fastest, self.how.speed_step)
+        forward = runs(
+            self.length, self.settings.slowest, self.settings.fastest, self.settings.speed_step
+        )
         half = self.length // 2
-        for first in range(0, max(m, 1), QUERIES):
-            queries = np.arange(first, min(first + QUERIES, m))
+        for start in range(0, max(m, 1), QUERIES):
+            queries = np.arange(start, min(start + QUERIES, m))
             windows = np.clip(queries - half, 0, max(m - 1 - self.length, 0))
             late = (
                 queries - half - windows
             )  # how far a query at an end lies behind the middle of its window
             sums = self._past(forward, windows, late)
-            if self.how.both_ways:
+            if self.settings.both_ways:
                 sums = np.minimum(sums, self._past(-forward, windows, -late))
             yield queries, sums * self.scale
 
     def _past(
         self, offsets: NDArray[np.int64], windows: NDArray[np.int64], late: NDArray[np.int64]
     ) -> Costs:
-        """Of windows (q,), by the row that the query `late` (q,) rows behind their middles drove
-        past."""
+        """Sums (q, n) of windows (q,), by the row that the query drove past.
+
+        The query is `late` (q,) rows behind the middle of its window.
+        """
         if not len(windows):
             return np.empty((0, len(self.enhanced)), np.float32)
         middle = search(self.enhanced, offsets, int(windows[0]), int(windows[-1]) + 1)
@@ -102,18 +106,20 @@ class Aligned:
             sums[query, len(sums[query]) + min(late[query], 0) :] = np.inf
         return sums
 
-    def novelty(self, sums: Costs, best: NDArray[np.int64]) -> dict[str, NDArray[np.float64]]:
-        """Each kind (q,), of sums (q, n) with their best row (q,).
+    def novelty(self, sums: Costs, best_row: NDArray[np.int64]) -> dict[str, NDArray[np.float64]]:
+        """Each kind of novelty (q,), of sums (q, n) with their best row (q,).
 
         The cost is that before the least difference is taken off: taking it off would leave the
         order of one call's queries as it is, but make the costs of two calls, and so a threshold,
         incomparable.
         """
-        cost = np.take_along_axis(sums, best[:, None], axis=1)[:, 0].astype(np.float64)
-        other = runner_up(sums, best, self.how.length) - float(self.base)
-        defined = np.isfinite(other) & (other > 0)
-        ratio = np.divide(cost - float(self.base), other, out=np.ones_like(cost), where=defined)
-        if not self.how.subtract_minimum:
+        cost = np.take_along_axis(sums, best_row[:, None], axis=1)[:, 0].astype(np.float64)
+        runner_up_cost = runner_up(sums, best_row, self.settings.length) - float(self.base)
+        defined = np.isfinite(runner_up_cost) & (runner_up_cost > 0)
+        ratio = np.divide(
+            cost - float(self.base), runner_up_cost, out=np.ones_like(cost), where=defined
+        )
+        if not self.settings.subtract_minimum:
             with np.errstate(divide="ignore"):
                 cost = -np.minimum(1 / cost, 1)
         return {

@@ -1,5 +1,4 @@
-"""Asking a model where queries were seen: opened once in each process, then asked as often as one
-likes."""
+"""Localizes queries with a stored model, opened once in each process."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,9 +16,8 @@ from pipeline.matching.rejection import Rejection
 
 
 @dataclass
-class Asked:
-    """A model in a file; it is read at the first question, so a worker that is sent this reads it
-    itself."""
+class StoredModel:
+    """A model in a file, read when first used, so that each worker reads it itself."""
 
     path: str | Path
     method: Method
@@ -35,16 +33,18 @@ class Asked:
         return self.method.localizer(self.model)
 
     def rank(self, cases: Mapping[Case, Rows]) -> Ranking:
-        """The k places of every query, case after case; each case is asked by itself."""
+        """The k places of every query, case after case; each case is localized by itself."""
         ranked = (
             self.localizer(rows, self.k).checked(len(rows.stamps_ns)) for rows in cases.values()
         )
-        return joined([self.rejection.order(one) for one in ranked])
+        return joined([self.rejection.order(ranking) for ranking in ranked])
 
 
 def turned_deg(cases: Mapping[Case, Rows]) -> NDArray[np.float64]:
-    """How far each case's views (query,) are turned to the left of those as driven, which come
-    first; in (−180, 180]."""
-    driven, *_ = cases.values()
-    left_rad = [yaw(rows.world_T_anchor) - yaw(driven.world_T_anchor) for rows in cases.values()]
+    """The turn of each case's views (query,) to the left of those as driven, in (−180, 180].
+
+    The case as driven comes first.
+    """
+    as_driven, *_ = cases.values()
+    left_rad = [yaw(rows.world_T_anchor) - yaw(as_driven.world_T_anchor) for rows in cases.values()]
     return wrapped_deg(np.rad2deg(np.concatenate(left_rad)))

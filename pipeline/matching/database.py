@@ -1,5 +1,4 @@
-"""The places and poses of training submaps, and rankings of queries by their nearest
-descriptors."""
+"""Places and poses of training submaps, and rankings by nearest descriptors."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -37,9 +36,11 @@ class MadeAnew(ABC):
     def learn(self, views: Rows, places: NDArray[np.int64], progress: Progress) -> Model:
         """The database of all rows."""
 
-    def grow(self, model: Model, known: TrainingSet, new: TrainingSet, progress: Progress) -> Model:
-        """As if all rows had been learned at once."""
-        return self.learn(*TrainingSet.joined([known, new]), progress)
+    def grow(
+        self, model: Model, known_set: TrainingSet, new_set: TrainingSet, progress: Progress
+    ) -> Model:
+        """The model of all rows, as if they had been learned at once."""
+        return self.learn(*TrainingSet.joined([known_set, new_set]), progress)
 
 
 @dataclass(frozen=True)
@@ -69,7 +70,7 @@ class Database:
 
     @classmethod
     def learned(cls, views: Rows, places: NDArray[np.int64]) -> Self:
-        """Of the training sequence; raises InputError unless each of its views has a place."""
+        """The database of the training sequence; raises InputError unless each view has a place."""
         if len(places) != len(views.world_T_anchor) or not len(places) or (places < 0).any():
             raise InputError("every view of the training sequence needs a known place")
         return cls(
@@ -90,31 +91,32 @@ class Database:
         return {PREFIX + name: array for name, array in asdict(self).items()}
 
     def evidence(self, search: Search, views: Rows, method: DescriptorMethod) -> Evidence:
-        """Results of held-out blocks of the path against the rest of it, with and without the
-        blocks' surroundings.
+        """Results of held-out blocks of the path against the rest of it.
 
-        The model's database holds the blocks too: only a threshold is chosen on them.
+        Once with and once without the blocks' surroundings. The model's database holds the blocks
+        too: only a threshold is chosen on them.
         """
-        held = holdout.blocks(
+        is_held_out = holdout.blocks(
             views.world_T_anchor, self.places, method.held_out_every_m, method.held_out_length_m
         )
-        held = (
-            held if held.any() else ~held
+        is_held_out = (
+            is_held_out if is_held_out.any() else ~is_held_out
         )  # a path too short for blocks: each of its views against the others
-        queries = np.flatnonzero(held)
-        others = (
-            queries[:, None] != np.arange(len(held))
-            if held.all()
-            else np.broadcast_to(~held, (len(queries), len(held)))
+        queries = np.flatnonzero(is_held_out)
+        allowed = (
+            queries[:, None] != np.arange(len(is_held_out))
+            if is_held_out.all()
+            else np.broadcast_to(~is_held_out, (len(queries), len(is_held_out)))
         )
-        away = others & ~near(self.xy_m[queries], self.xy_m, method.neighbour_m)
-        seen, found = search(queries, others)
-        unseen, _ = search(queries, np.where(away.any(axis=1, keepdims=True), away, others))
+        allowed_and_far = allowed & ~near(self.xy_m[queries], self.xy_m, method.neighbour_m)
+        seen, nearest_rows = search(queries, allowed)
+        has_far = allowed_and_far.any(axis=1, keepdims=True)
+        unseen, _ = search(queries, np.where(has_far, allowed_and_far, allowed))
         block = holdout.numbered(
-            views.world_T_anchor, held, method.held_out_every_m, method.held_out_length_m
+            views.world_T_anchor, is_held_out, method.held_out_every_m, method.held_out_length_m
         )
         return Evidence(
-            self.places[found] == self.places[queries], {KIND: seen}, {KIND: unseen}, block
+            self.places[nearest_rows] == self.places[queries], {KIND: seen}, {KIND: unseen}, block
         )
 
     def answer(
@@ -125,12 +127,12 @@ class Database:
         distinct_places: bool,
         turned_deg: NDArray[np.floating] | None = None,
     ) -> Ranking:
-        """The ranking of candidates: their distances (q, m), rising, and rows (q, m); `turned_deg`
-        (q, m) is each query's yaw against each of them.
+        """The ranking of candidates by their distances (q, m), rising, and rows (q, m).
 
-        With `distinct_places` a place is answered once, where its nearest training row lies; else
-        neighbouring rows of one place follow each other. What is missing of k places, or at no
-        finite distance, is place −1 at an infinite cost.
+        `turned_deg` (q, m) is each query's yaw against each of them. With `distinct_places` a place
+        is answered once, where its nearest training row lies; else neighbouring rows of one place
+        follow each other. What is missing of k places, or at no finite distance, is place −1 at an
+        infinite cost.
         """
         columns = (
             first_of_each(self.places[rows], k)
@@ -141,17 +143,17 @@ class Database:
         costs, picked = (
             np.take_along_axis(array, columns.clip(0), axis=1) for array in (distances, rows)
         )
-        there = (columns >= 0) & np.isfinite(costs)
+        exists = (columns >= 0) & np.isfinite(costs)
         turned = (
             np.nan
             if turned_deg is None
             else np.take_along_axis(turned_deg, columns.clip(0), axis=1)
         )
-        heading_deg = np.where(there, wrapped_deg(self.yaw_deg[picked] + turned), np.nan)
+        heading_deg = np.where(exists, wrapped_deg(self.yaw_deg[picked] + turned), np.nan)
         return Ranking(
-            np.where(there, self.places[picked], -1),
-            np.where(there, costs, np.inf).astype(np.float32),
-            np.where(there[..., None], self.xy_m[picked], np.nan),
+            np.where(exists, self.places[picked], -1),
+            np.where(exists, costs, np.inf).astype(np.float32),
+            np.where(exists[..., None], self.xy_m[picked], np.nan),
             distances[:, :1].astype(np.float32),
             np.full(len(rows), np.nan, np.float32),
             heading_deg.astype(np.float32),
@@ -165,8 +167,7 @@ class Database:
         k: int,
         distinct_places: bool,
     ) -> Ranking:
-        """The ranking of queries (q, d) by Euclidean distance to the database's descriptors (n,
-        d)."""
+        """Rank queries (q, d) by Euclidean distance to the database's descriptors (n, d)."""
         if not distinct_places:
             return self.answer(*nearest(descriptors, queries, k), k, distinct_places=False)
         parts = (queries[i : i + QUERIES] for i in range(0, max(len(queries), 1), QUERIES))

@@ -9,8 +9,10 @@ from pipeline.running.progress import Progress
 
 
 def in_order(days: Iterable[Rows], places: Places) -> Iterator[tuple[TrainingSet, Places]]:
-    """Each day with its places: those of `places`, then a number more for each further cell; and
-    all places by then."""
+    """Yield the views of each day with their places, and all places by then.
+
+    Places keep their numbers; each further cell gets a new one.
+    """
     for views in days:
         places = places.grown(xy_m := views.world_T_anchor[:, :2, 3])
         yield TrainingSet(views, places.at(xy_m)), places
@@ -19,14 +21,17 @@ def in_order(days: Iterable[Rows], places: Places) -> Iterator[tuple[TrainingSet
 def grown(
     method: Method, model: Model, days: Sequence[Rows], places: Places, progress: Progress
 ) -> tuple[Model, TrainingSet]:
-    """The model of the first of `days`, whose `places` are those of its labels, once it learned the
-    others; and all that it learned. Raises InputError for a single day."""
-    known, *later = (data for data, _ in in_order(days, places))
-    if not later:
+    """The model after the further days, and all that it learned.
+
+    `model` is of the first of `days`, whose `places` are those of its labels. Raises InputError for
+    a single day.
+    """
+    known_set, *later_sets = (data for data, _ in in_order(days, places))
+    if not later_sets:
         raise InputError(
             "from: the model knows the only sequence already; name the further ones after it"
         )
-    for number, new in enumerate(later, 1):
-        model = method.grow(model, known, new, progress.part(f"day{number}"))
-        known = TrainingSet.joined([known, new])
-    return model, known
+    for number, new_set in enumerate(later_sets, 1):
+        model = method.grow(model, known_set, new_set, progress.part(f"day{number}"))
+        known_set = TrainingSet.joined([known_set, new_set])
+    return model, known_set

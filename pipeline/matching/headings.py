@@ -1,5 +1,4 @@
-"""The distance of a query's code to the nearest of the codes that a place has at several headings
-(METHODS 5.4)."""
+"""Distance of a code to the nearest of a place's codes at several headings (METHODS 5.4)."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,11 +11,10 @@ PLACES = 128  # compared at once
 def nearest_heading(
     codes: NDArray[np.floating], queries: NDArray[np.floating]
 ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
-    """Euclidean distances (n, m) of queries (m, d) to the nearest of each place's codes (n,
-    heading, d), and which it is.
+    """Euclidean distances (n, m) of queries (m, d) to the nearest of each place's codes.
 
-    Of equally near headings the first. Raises InputError for codes of another width, or of more
-    headings than 256.
+    Codes are (n, heading, d); also gives the nearest heading (n, m), of equally near ones the
+    first. Raises InputError for codes of another width, or of more headings than 256.
     """
     if (
         codes.ndim != 3
@@ -37,18 +35,18 @@ def nearest_heading(
     lengths = np.vecdot(vectors, vectors)
     distances = np.empty((places, len(vectors)), np.float32)
     bins = np.zeros((places, len(vectors)), np.uint8)
-    for first in range(0, places, PLACES):
-        few = codes[first : first + PLACES].astype(np.float32)
-        few -= centre
-        squares = -2 * (few.reshape(-1, width) @ vectors.T).reshape(
-            len(few), headings, len(vectors)
+    for start in range(0, places, PLACES):
+        block = codes[start : start + PLACES].astype(np.float32)
+        block -= centre
+        squares = -2 * (block.reshape(-1, width) @ vectors.T).reshape(
+            len(block), headings, len(vectors)
         )
-        squares += np.vecdot(few, few)[..., None]
+        squares += np.vecdot(block, block)[..., None]
         nearest = squares[:, 0].copy()
-        which = bins[first : first + PLACES]
+        block_bins = bins[start : start + PLACES]
         for heading in range(1, headings):
             nearer = squares[:, heading] < nearest
             np.copyto(nearest, squares[:, heading], where=nearer)
-            np.copyto(which, np.uint8(heading), where=nearer)
-        distances[first : first + PLACES] = np.sqrt(np.maximum(nearest + lengths, 0))
+            np.copyto(block_bins, np.uint8(heading), where=nearer)
+        distances[start : start + PLACES] = np.sqrt(np.maximum(nearest + lengths, 0))
     return distances, bins

@@ -1,5 +1,7 @@
-"""Held-out blocks of the training sequence: what epochs and thresholds are chosen on, never a test
-sequence."""
+"""Held-out blocks of the training sequence, on which epochs and thresholds are chosen.
+
+Never on a test sequence.
+"""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,25 +16,25 @@ def blocks(
     length_m: float,
     later_m: float = 0.0,
 ) -> NDArray[np.bool_]:
-    """Which submaps (n,) to hold out: a block of `length_m` in every `every_m` of path, all so much
-    later.
+    """Which submaps (n,) to hold out: a block of `length_m` in every `every_m` of path.
 
-    A submap stays in training if its place would otherwise lose its last one.
+    All blocks lie `later_m` further on. A submap stays in training if its place would otherwise
+    lose its last one.
     """
-    held = (_path_m(world_T_anchor) + every_m / 2 - later_m) % every_m < length_m
-    trained = np.bincount(places[~held], minlength=int(places.max()) + 1)
-    return held & (trained[places] > 0)
+    is_held_out = (_path_m(world_T_anchor) + every_m / 2 - later_m) % every_m < length_m
+    trained = np.bincount(places[~is_held_out], minlength=int(places.max()) + 1)
+    return is_held_out & (trained[places] > 0)
 
 
 def numbered(
-    world_T_anchor: Poses, held: NDArray[np.bool_], every_m: float, length_m: float
+    world_T_anchor: Poses, is_held_out: NDArray[np.bool_], every_m: float, length_m: float
 ) -> NDArray[np.int64]:
     """The block (h,) of each submap that is held out (n,), from 0 along the path.
 
     A block ends where half of `every_m` lies behind its first submap, or `length_m` if that is
     more: so do stretches of a path all of which is held out.
     """
-    path_m = _path_m(world_T_anchor)[held]
+    path_m = _path_m(world_T_anchor)[is_held_out]
     numbers = np.empty(len(path_m), np.int64)
     block = -1
     first_m = -np.inf
@@ -45,6 +47,6 @@ def numbered(
 
 
 def _path_m(world_T_anchor: Poses) -> NDArray[np.float64]:
-    """The way (n,) along the path to each submap."""
+    """Metres (n,) along the path to each submap."""
     steps = np.linalg.norm(np.diff(world_T_anchor[:, :3, 3], axis=0), axis=1)
     return np.concatenate([[0.0], np.cumsum(steps)])

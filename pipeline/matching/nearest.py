@@ -1,5 +1,4 @@
-"""The nearest of a database's descriptors by Euclidean distance: one search for every method,
-faiss's exact one."""
+"""Nearest descriptors by Euclidean distance: faiss's exact search, the same for every method."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,12 +9,11 @@ from pipeline.errors import InputError
 def nearest(
     database: NDArray[np.float32], queries: NDArray[np.float32], k: int
 ) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
-    """Distances and rows (q, k) of the k nearest of a database (n, d), nearest first, to each of
-    queries (q, d).
+    """Distances and rows (q, k) of the k nearest of a database (n, d) to queries (q, d).
 
-    All n where there are no more. Of equally near rows the first comes first, however many queries
-    there are: faiss finds squared distances through inner products, so those of what it found are
-    computed anew.
+    Nearest first; all n where there are no more. Of equally near rows the first comes first,
+    however many queries there are: faiss finds squared distances through inner products, so those
+    of what it found are computed anew.
     """
     from faiss import knn
 
@@ -29,22 +27,24 @@ def nearest(
         return np.empty((len(queries), k), np.float32), np.empty((len(queries), k), np.int64)
     _, rows = knn(queries, database, k)
     rows.sort(axis=1)
-    away = database[rows] - queries[:, None]
-    squares = np.vecdot(away, away)
+    offsets = database[rows] - queries[:, None]
+    squares = np.vecdot(offsets, offsets)
     order = squares.argsort(axis=1, kind="stable")
     query = np.arange(len(rows))[:, None]
     return np.sqrt(squares[query, order]), rows[query, order]
 
 
 def first_of_each(groups: NDArray[np.int64], k: int) -> NDArray[np.int64]:
-    """Columns (q, k) of the first member of the first k distinct groups in each row of groups (q,
-    m); −1 beyond the last."""
+    """Columns (q, k) of the first member of the first k distinct groups of groups (q, m).
+
+    −1 where a row has fewer groups.
+    """
     order = np.argsort(groups, axis=1, kind="stable")
     ordered = np.take_along_axis(groups, order, axis=1)
-    new = np.ones(groups.shape, bool)
-    np.put_along_axis(new, order[:, 1:], ordered[:, 1:] != ordered[:, :-1], axis=1)
+    is_first = np.ones(groups.shape, bool)
+    np.put_along_axis(is_first, order[:, 1:], ordered[:, 1:] != ordered[:, :-1], axis=1)
     columns = np.full((len(groups), k), -1, np.int64)
-    rank = np.cumsum(new, axis=1) - 1
-    row, column = np.nonzero(new & (rank < k))
+    rank = np.cumsum(is_first, axis=1) - 1
+    row, column = np.nonzero(is_first & (rank < k))
     columns[row, rank[row, column]] = column
     return columns

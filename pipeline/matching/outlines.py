@@ -1,7 +1,7 @@
-"""The first places of a ranking, compared by their outline: the nearest thing that stands up in
-each direction (METHODS 8.1).
+"""Re-ranks the first places by their outline, the nearest standing thing in each direction.
 
-What stood there and is gone speaks against a place; what hides it says nothing, for it may be new.
+METHODS 8.1. What stood there and is gone speaks against a place; what hides it says nothing, for it
+may be new.
 """
 
 from collections.abc import Mapping
@@ -51,8 +51,10 @@ class Outlines(NamedTuple):
 
 
 def outlines(heights_m: NDArray[np.floating]) -> NDArray[np.int16]:
-    """Rings (n, sectors) of the nearest bin that stands in each sector of heights (n, rings,
-    sectors), or NOTHING."""
+    """Rings (n, sectors) of the nearest standing bin in each sector, or NOTHING.
+
+    Of heights (n, rings, sectors).
+    """
     stands = heights_m > STANDS_M
     return np.where(stands.any(axis=1), stands.argmax(axis=1), NOTHING).astype(np.int16)
 
@@ -63,24 +65,31 @@ def reranked(
     seen: NDArray[np.int16],
     learned: Outlines,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Scores and headings (n, places) once the first places of each query are compared by their
-    outlines `seen` (n, sectors).
+    """Scores and headings (n, places) once each query's first places are compared by outlines.
 
-    A place's worth is that of its best training view at its best turn, which gives the heading.
+    `seen` (n, sectors) are the queries' outlines. A place's worth is that of its best training view
+    at its best turn, which gives the heading.
     """
     starts = np.searchsorted(learned.places, np.arange(scores.shape[1] + 1))
-    first = np.argsort(-scores, axis=1, kind="stable")[:, :COMPARED]
+    first_places = np.argsort(-scores, axis=1, kind="stable")[:, :COMPARED]
     column_deg = 360 / seen.shape[1]
-    found = np.take_along_axis(np.asarray(heading_deg, np.float64), first, axis=1) / column_deg
+    columns = (
+        np.take_along_axis(np.asarray(heading_deg, np.float64), first_places, axis=1) / column_deg
+    )
     turned = round(TURNED_DEG / column_deg)
     sectors = np.concatenate([seen, seen], axis=1)
-    worth, column = _compare(sectors, learned.rings, learned.columns, starts, first, found, turned)
+    worth, column = _compare(
+        sectors, learned.rings, learned.columns, starts, first_places, columns, turned
+    )
     scores = scores.copy()
     headings = np.array(heading_deg, np.float64)
     np.put_along_axis(
-        scores, first, np.take_along_axis(scores, first, axis=1) + WORTH * worth, axis=1
+        scores,
+        first_places,
+        np.take_along_axis(scores, first_places, axis=1) + WORTH * worth,
+        axis=1,
     )
-    np.put_along_axis(headings, first, wrapped_deg(column * column_deg), axis=1)
+    np.put_along_axis(headings, first_places, wrapped_deg(column * column_deg), axis=1)
     return scores, headings
 
 
@@ -91,35 +100,34 @@ def _compare(
     columns: NDArray[np.float32],
     starts: NDArray[np.int64],
     places: NDArray[np.int64],
-    found: NDArray[np.float64],
+    columns_found: NDArray[np.float64],
     turned: int,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The worth (n, k) of places in sectors, and the query's heading (n, k) in columns where it is
-    reached.
+    """The worth (n, k) of places in sectors, and the query's heading (n, k) in columns there.
 
-    `seen` (n, 2 · sectors) repeats each query's outline; `found` (n, k) are the headings to look
-    around, in columns.
+    `seen` (n, 2 · sectors) repeats each query's outline; `columns_found` (n, k) are the headings to
+    look around, in columns.
     """
     sectors = rings.shape[1]
     worth = np.full(places.shape, -np.inf)
-    headings = found.copy()
+    headings = columns_found.copy()
     for query in range(places.shape[0]):
         for rank in range(places.shape[1]):
             place = places[query, rank]
             for view in range(starts[place], starts[place + 1]):
-                middle = round(found[query, rank] - columns[view])
+                middle = round(columns_found[query, rank] - columns[view])
                 for turn in range(middle - turned, middle + turned + 1):
                     shift = (-turn) % sectors
                     agree = 0.0
-                    gone = 0.0
+                    missing = 0.0
                     for sector in range(sectors):
-                        there = rings[view, sector]
-                        here = seen[query, sector + shift]
-                        off = np.int32(here) - np.int32(there)
-                        stands = (there < NOTHING) | (here < NOTHING)
+                        learned_ring = rings[view, sector]
+                        seen_ring = seen[query, sector + shift]
+                        off = np.int32(seen_ring) - np.int32(learned_ring)
+                        stands = (learned_ring < NOTHING) | (seen_ring < NOTHING)
                         agree += stands & (abs(off) <= 1)
-                        gone += stands & (off > 1)
-                    if agree - GONE * gone > worth[query, rank]:
-                        worth[query, rank] = agree - GONE * gone
+                        missing += stands & (off > 1)
+                    if agree - GONE * missing > worth[query, rank]:
+                        worth[query, rank] = agree - GONE * missing
                         headings[query, rank] = columns[view] + turn
     return worth, headings

@@ -1,5 +1,4 @@
-"""Images as SeqSLAM compares them: patches of one brightness and contrast, and sums of absolute
-differences (METHODS 6)."""
+"""Images as SeqSLAM compares them: normalised patches and sums of differences (METHODS 6)."""
 
 import math
 
@@ -14,8 +13,7 @@ TILE = 64  # queries at a time: few enough to stay in the L2 cache while every r
 
 
 def resized(images: NDArray[np.uint8], side_px: int) -> NDArray[np.uint8]:
-    """Images (n, side, side) at another side, each new pixel the mean of the area that it
-    covers."""
+    """Images (n, side, side) at another side; a pixel is the mean of the area that it covers."""
     side = images.shape[-1]
     if side == side_px:
         return np.ascontiguousarray(images)
@@ -31,11 +29,10 @@ def resized(images: NDArray[np.uint8], side_px: int) -> NDArray[np.uint8]:
 
 
 def normalised(images: NDArray[np.uint8], patch_px: int = 8) -> NDArray[np.uint8]:
-    """Images (n, height, width) in standard deviations (n − 1 in the denominator) from each square
-    patch's mean, plus 127.
+    """Images (n, height, width) with each square patch at mean 127 and standard deviation 1.
 
-    Rounded, a half away from the mean; a patch of one grey is 127 throughout. Raises InputError
-    unless patches fill an image.
+    n − 1 in the denominator. Rounded, a half away from the mean; a patch of one grey is 127
+    throughout. Raises InputError unless patches fill an image.
     """
     if images.ndim != 3 or images.shape[1] % patch_px or images.shape[2] % patch_px:
         raise InputError(
@@ -48,8 +45,7 @@ def normalised(images: NDArray[np.uint8], patch_px: int = 8) -> NDArray[np.uint8
 
 
 def differences(references: NDArray[np.uint8], queries: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """Sums of absolute differences (n, m) of queries (m, …) from references (n, …) of the same
-    shape, divided by n.
+    """Sums of absolute differences (n, m) of queries (m, …) from references (n, …), over n.
 
     The divisor is SeqSLAM's; it scales all alike. Raises InputError for images of different shapes.
     """
@@ -59,14 +55,14 @@ def differences(references: NDArray[np.uint8], queries: NDArray[np.uint8]) -> ND
             "references"
         )
     pixels = math.prod(references.shape[1:])
-    left, right = (
+    reference_pixels, query_pixels = (
         np.ascontiguousarray(images, np.uint8).reshape(len(images), pixels)
         for images in (references, queries)
     )
-    sums = np.empty((len(left), len(right)), np.int32)
-    _sums(left, right, sums)
+    sums = np.empty((len(reference_pixels), len(query_pixels)), np.int32)
+    _sums(reference_pixels, query_pixels, sums)
     scaled: NDArray[np.float32] = sums.astype(np.float32)
-    scaled /= max(len(left), 1)
+    scaled /= max(len(reference_pixels), 1)
     return scaled
 
 
@@ -98,16 +94,18 @@ def _normalised(images, side, out):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, boundscheck=False, error_model="numpy")
 def _sums(references, queries, sums):  # type: ignore[no-untyped-def]
-    for first in range(0, len(queries), TILE):
+    for start in range(0, len(queries), TILE):
         for i in range(len(references)):
-            for j in range(first, min(first + TILE, len(queries))):
+            for j in range(start, min(start + TILE, len(queries))):
                 sums[i, j] = _difference(references[i], queries[j])
 
 
 @njit(cache=True, nogil=True, boundscheck=False, error_model="numpy")
 def _difference(left, right):  # type: ignore[no-untyped-def]
-    """In int32 throughout: only so does the compiler find the processor's own sum of absolute
-    differences."""
+    """Sum of absolute differences of two images.
+
+    In int32 throughout: only so does the compiler find the processor's own instruction.
+    """
     total = np.int32(0)
     for p in range(len(left)):
         total = np.int32(total + np.int32(abs(np.int32(np.int32(left[p]) - np.int32(right[p])))))

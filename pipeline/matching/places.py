@@ -1,5 +1,4 @@
-"""Places: the grid cells that the training sequence visited, and which of them a pose is in
-(METHODS 2.2)."""
+"""Places: the grid cells that the training sequence visited (METHODS 2.2)."""
 
 from dataclasses import dataclass
 from typing import Self
@@ -22,7 +21,7 @@ class Places:
 
     @classmethod
     def read(cls, labels: Artifact) -> Self:
-        """Those of a labels artifact."""
+        """The places of a labels artifact."""
         attrs = labels.attrs
         return cls(
             Grid(attrs["cell_m"], tuple(attrs["x_m"]), tuple(attrs["y_m"])), labels.load("cells")
@@ -30,19 +29,21 @@ class Places:
 
     def at(self, xy_m: NDArray[np.float64]) -> NDArray[np.int64]:
         """The place (n,) of positions (n, 2); −1 in a cell that training never visited."""
-        own = self.grid.cell(xy_m)
+        cells = self.grid.cell(xy_m)
         order = np.argsort(self.cells)
-        place = order[np.searchsorted(self.cells, own, sorter=order).clip(0, len(order) - 1)]
-        return np.where(self.cells[place] == own, place, UNSEEN).astype(np.int64)
+        place = order[np.searchsorted(self.cells, cells, sorter=order).clip(0, len(order) - 1)]
+        return np.where(self.cells[place] == cells, place, UNSEEN).astype(np.int64)
 
     def grown(self, xy_m: NDArray[np.float64]) -> Self:
-        """With a place more for each further cell that holds one of the positions (n, 2); the grid
-        is extended where need be."""
-        known = self.grid.centre(self.cells)
+        """The places with a new one for each further cell of positions (n, 2).
+
+        The grid is extended where need be.
+        """
+        centres_m = self.grid.centre(self.cells)
         grid = self.grid.extended(xy_m)
-        cells = grid.cell(known)
-        new = np.setdiff1d(grid.cell(xy_m), cells)
-        return type(self)(grid, np.concatenate([cells, new]))
+        cells = grid.cell(centres_m)
+        new_cells = np.setdiff1d(grid.cell(xy_m), cells)
+        return type(self)(grid, np.concatenate([cells, new_cells]))
 
 
 @dataclass(frozen=True)
@@ -59,8 +60,7 @@ class Labels:
 
 
 def label(world_T_anchor: Poses, world_T_training: Poses, grid: Grid) -> Labels:
-    """Labels of submaps at `world_T_anchor` (n, 4, 4) from the training sequence's anchors (m, 4,
-    4)."""
+    """Labels of submaps at `world_T_anchor` (n, 4, 4) from training anchors (m, 4, 4)."""
     xy = world_T_anchor[:, :2, 3]
     training_xy = world_T_training[:, :2, 3]
     training_cells = grid.cell(training_xy)

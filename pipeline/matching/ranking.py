@@ -1,4 +1,4 @@
-"""The waist: what every method answers, whatever it looks at and however it learns."""
+"""The waist: the ranking that every method answers with."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -40,14 +40,14 @@ class Rows:
         """The rows of each case of a view artifact."""
         views = store.read(path, *schemas.LOOKED_AT)
         cases = read_cases(views.attrs)
-        whole = cls(views["images"], views.load("stamps_ns"), views.load("world_T_anchor"))
-        n = len(whole.stamps_ns) // len(cases)
+        all_rows = cls(views["images"], views.load("stamps_ns"), views.load("world_T_anchor"))
+        n = len(all_rows.stamps_ns) // len(cases)
         if len(cases) == 1:
-            return {cases[0]: whole}
-        return {case: whole.some(slice(i * n, (i + 1) * n)) for i, case in enumerate(cases)}
+            return {cases[0]: all_rows}
+        return {case: all_rows.some(slice(i * n, (i + 1) * n)) for i, case in enumerate(cases)}
 
     def some(self, rows: slice) -> Self:
-        """Some of the rows; their images are read."""
+        """A slice of the rows, with their images read."""
         return replace(
             self,
             images=self.images[rows],
@@ -56,17 +56,16 @@ class Rows:
         )
 
     @classmethod
-    def queries(cls, driven: Path, altered: Iterable[Path]) -> dict[Case, Self]:
-        """Those of a sequence as driven, then its cases in those view artifacts of altered queries
-        that are there."""
-        cases = cls.cases(driven)
+    def queries(cls, as_driven: Path, altered: Iterable[Path]) -> dict[Case, Self]:
+        """The queries of a sequence as driven, then its altered cases where artifacts exist."""
+        cases = cls.cases(as_driven)
         for path in altered:
             cases |= cls.cases(path) if path.is_dir() else {}
         return cases
 
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
-        """Those of several sequences, one after the other; of one, that one."""
+        """The rows of several sequences, one after the other."""
         if len(parts) == 1:
             return parts[0]
         columns = zip(
@@ -87,9 +86,9 @@ class TrainingSet(NamedTuple):
 
     @classmethod
     def joined(cls, sets: Sequence[Self]) -> Self:
-        """All of them as one; raises InputError unless every place from 0 on has a view."""
-        views = Rows.joined([one.views for one in sets])
-        places = np.concatenate([one.places for one in sets])
+        """Several sets as one; raises InputError unless every place from 0 on has a view."""
+        views = Rows.joined([part.views for part in sets])
+        places = np.concatenate([part.places for part in sets])
         if not len(places) or len(places) != len(views.world_T_anchor) or (places < 0).any():
             raise InputError("every view of the training sequence needs a known place")
         if missing := np.flatnonzero(np.bincount(places) == 0).tolist():
@@ -99,8 +98,7 @@ class TrainingSet(NamedTuple):
 
 @dataclass(frozen=True)
 class Ranking:
-    """A method's answer to Q queries: k places each, cheapest first, and how new each query
-    looks."""
+    """A method's answer to Q queries: k places each, cheapest first, and their novelty."""
 
     places: NDArray[np.int64]  # (query, k)
     costs: NDArray[np.float32]  # (query, k)
@@ -119,8 +117,10 @@ class Ranking:
     kinds: tuple[str, ...]  # name of each kind of novelty
 
     def checked(self, n: int) -> Self:
-        """Itself; raises InputError for arrays that are not of `n` queries or of other shapes, or a
-        novelty that is NaN."""
+        """The ranking itself; raises InputError unless its arrays have the shapes of `n` queries.
+
+        So does a novelty that is NaN.
+        """
         k = self.places.shape[-1]
         shapes = {
             "places": (n, k),
@@ -144,9 +144,12 @@ class Ranking:
         return self
 
     def by(self, kind: str) -> Self:
-        """The same with this kind of novelty first."""
-        first = self.kinds.index(kind)
-        order = [first, *(column for column in range(len(self.kinds)) if column != first)]
+        """The ranking with this kind of novelty first."""
+        first_column = self.kinds.index(kind)
+        order = [
+            first_column,
+            *(column for column in range(len(self.kinds)) if column != first_column),
+        ]
         return replace(
             self,
             novelty=self.novelty[:, order],
@@ -161,7 +164,7 @@ def joined(rankings: Sequence[Ranking]) -> Ranking:
     """The rows of several rankings of one model, one after the other."""
     names = [name for name in vars(rankings[0]) if name != "kinds"]
     columns: dict[str, Any] = {
-        name: np.concatenate([getattr(one, name) for one in rankings]) for name in names
+        name: np.concatenate([getattr(ranking, name) for ranking in rankings]) for name in names
     }
     return replace(rankings[0], **columns)
 
@@ -169,7 +172,7 @@ def joined(rankings: Sequence[Ranking]) -> Ranking:
 def joined_places(parts: Sequence[NDArray[np.int64]]) -> NDArray[np.int64]:
     """Places of several sequences, none of which shares a place with another."""
     firsts = np.cumsum([0, *(part.max() + 1 for part in parts[:-1])])
-    return np.concatenate([part + first for part, first in zip(parts, firsts, strict=True)])
+    return np.concatenate([part + offset for part, offset in zip(parts, firsts, strict=True)])
 
 
 class Method(Protocol):
@@ -180,10 +183,10 @@ class Method(Protocol):
     def learn(self, views: Rows, places: NDArray[np.int64], progress: Progress) -> Model:
         """Learn the training sequence's views, whose places (submap,) are all known."""
 
-    def grow(self, model: Model, known: TrainingSet, new: TrainingSet, progress: Progress) -> Model:
-        """Add views of further days to what the model learned from `known`, whose places keep their
-        numbers."""
+    def grow(
+        self, model: Model, known_set: TrainingSet, new_set: TrainingSet, progress: Progress
+    ) -> Model:
+        """Add views of further days to a model of `known_set`, whose places keep their numbers."""
 
     def localizer(self, model: Model) -> Localizer:
-        """Ready the model once, then ask it as often as one likes; it runs in one thread at a
-        time."""
+        """Make a function that ranks views with the model; it runs in one thread at a time."""

@@ -1,5 +1,7 @@
-"""Thresholds on novelty, above which a query is rejected as unseen; chosen on held-out blocks of
-the training sequence."""
+"""Thresholds on novelty from which a query is rejected as unseen.
+
+Chosen on held-out blocks of the training sequence.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -23,10 +25,10 @@ few blocks is luck."""
 
 @dataclass(frozen=True)
 class Evidence:
-    """A model's results on h held-out queries, each ranked twice: with the whole database, and
-    without the places around it.
+    """A model's results on h held-out queries, each ranked twice.
 
-    The second stands for a query from a place that training never saw.
+    With the whole database, and without the places around the query: the second stands for a query
+    from a place that training never saw.
     """
 
     right: NDArray[
@@ -55,8 +57,7 @@ class Evidence:
 
     @classmethod
     def of(cls, model: Model) -> Self:
-        """The evidence in a model; raises InputError where it has none, or none that says its
-        blocks."""
+        """The evidence in a model; raises InputError where it, or its blocks, are missing."""
         if PREFIX + "right" not in model:
             raise InputError(
                 f"the model has no {PREFIX}right: a method must store its evidence of held-out "
@@ -83,33 +84,35 @@ class Evidence:
 
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
-        """Of several models' held-out queries, of the same kinds of novelty."""
-        seen = {kind: np.concatenate([one.seen[kind] for one in parts]) for kind in parts[0].seen}
+        """The evidence of several models with the same kinds of novelty."""
+        seen = {kind: np.concatenate([part.seen[kind] for part in parts]) for kind in parts[0].seen}
         unseen = {
-            kind: np.concatenate([one.unseen[kind] for one in parts]) for kind in parts[0].unseen
+            kind: np.concatenate([part.unseen[kind] for part in parts]) for kind in parts[0].unseen
         }
-        before = np.cumsum([0, *(one.block.max(initial=-1) + 1 for one in parts)])
+        before = np.cumsum([0, *(part.block.max(initial=-1) + 1 for part in parts)])
         block = np.concatenate(
-            [one.block + first for one, first in zip(parts, before[:-1], strict=True)]
+            [part.block + offset for part, offset in zip(parts, before[:-1], strict=True)]
         )
-        return cls(np.concatenate([one.right for one in parts]), seen, unseen, block)
+        return cls(np.concatenate([part.right for part in parts]), seen, unseen, block)
 
     @property
     def blocks(self) -> int:
-        """How many there are."""
+        """The number of blocks."""
         return len(np.unique(self.block))
 
     def queries(
         self, kind: str, unseen_share: float
     ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64]]:
-        """Novelty, right and weight of the 2 h queries, when a share of all queries is to be
-        expected unseen."""
+        """Novelty, right and weight of the 2 h queries, if `unseen_share` of queries are unseen."""
         novelty = np.concatenate([self.seen[kind], self.unseen[kind]])
         right = np.concatenate([self.right, np.zeros_like(self.right)])
         return novelty, right, np.repeat([1 - unseen_share, unseen_share], len(self.right))
 
     def threshold(self, kind: str, unseen_share: float, wanted_precision: float) -> "Threshold":
-        """On one kind of novelty, the queries of a block sharing a weight of 1."""
+        """Choose the threshold on one kind of novelty.
+
+        The queries of a block share a weight of 1.
+        """
         novelty, right, weight = self.queries(kind, unseen_share)
         of_block = 1 / np.bincount(self.block)[self.block]
         return reachable(
@@ -130,7 +133,7 @@ def near(
 
 
 class Threshold(NamedTuple):
-    """Of one kind of novelty, chosen on held-out blocks."""
+    """A threshold on one kind of novelty, chosen on held-out blocks."""
 
     reject_from: float  # ACCEPT_NOTHING where not even LEAST_BLOCKS tell of a precision
     kept_precision: (
@@ -150,8 +153,10 @@ class Rejection:
         check(self, "rejection")
 
     def order(self, ranking: Ranking) -> Ranking:
-        """The ranking with the wanted kind of novelty first; raises ConfigError for one that the
-        method has not."""
+        """The ranking with the wanted kind of novelty first.
+
+        Raises ConfigError for a kind that the method has not.
+        """
         if self.novelty == "own":
             return ranking
         if self.novelty not in ranking.kinds:
@@ -162,25 +167,29 @@ class Rejection:
         return ranking.by(self.novelty)
 
     def thresholds(self, model: Model, kinds: tuple[str, ...]) -> list[Threshold]:
-        """Of each kind."""
+        """The threshold on each kind of novelty."""
         evidence = Evidence.of(model)
         return [
             evidence.threshold(kind, self.unseen_share, self.wanted_precision) for kind in kinds
         ]
 
     def summary(self, model: Model, threshold: Threshold, rejected: int) -> str:
-        """How many queries are rejected at that threshold of a model, and what it keeps where that
-        is less than wanted."""
+        """A line on how many queries are rejected, and the kept precision if less than wanted."""
         blocks = Evidence.of(model).blocks
-        wanted = f"{self.wanted_precision:g}"
+        wanted_precision = f"{self.wanted_precision:g}"
         if threshold.reject_from <= ACCEPT_NOTHING:
-            few = f"or is right on {LEAST_BLOCKS} of them (there are {blocks})"
-            return f"all rejected: no threshold keeps the wanted {wanted} on held-out blocks, {few}"
-        less = (
-            f"; keeps {threshold.kept_precision:.3f} of the wanted {wanted} on {blocks} held-out "
-            "blocks"
+            condition = f"or is right on {LEAST_BLOCKS} of them (there are {blocks})"
+            return (
+                f"all rejected: no threshold keeps the wanted {wanted_precision} on held-out "
+                f"blocks, {condition}"
+            )
+        shortfall = (
+            f"; keeps {threshold.kept_precision:.3f} of the wanted {wanted_precision} on "
+            f"{blocks} held-out blocks"
         )
-        return f"{rejected} rejected{less * (threshold.kept_precision < self.wanted_precision)}"
+        return (
+            f"{rejected} rejected{shortfall * (threshold.kept_precision < self.wanted_precision)}"
+        )
 
 
 def reachable(
@@ -190,8 +199,7 @@ def reachable(
     weight: NDArray[np.float64],
     block: NDArray[np.int64],
 ) -> Threshold:
-    """The largest threshold that keeps the wanted precision; where none does, the one that keeps
-    the most.
+    """The largest threshold that keeps the wanted precision, else the one that keeps the most.
 
     A query (n,) of a `block` (n,) is accepted below the threshold, and then is `right` or a false
     alarm; `weight` (n,) says how much it counts. One more is counted as a false alarm. So conformal
@@ -200,27 +208,30 @@ def reachable(
     the precision; without a next, it lies just above the last, since of newer queries nothing is
     known.
 
-    Less than the wanted precision takes LEAST_BLOCKS, and is told in thousandths, rounded down.
+    Less than the wanted precision takes LEAST_BLOCKS, and is given in thousandths, rounded down.
     """
     novelties, hits, accepted = _accepted(novelty, right, weight)
     finite = np.isfinite(novelties)
     novelties = novelties[finite]
-    kept = (hits / (accepted + 1))[finite].round(9)
-    good = np.flatnonzero(kept >= precision)
-    if not len(good):
-        begins = np.sort([novelty[block == one].min() for one in np.unique(block)])
+    kept_precision = (hits / (accepted + 1))[finite].round(9)
+    candidates = np.flatnonzero(kept_precision >= precision)
+    if not len(candidates):
+        begins = np.sort(
+            [novelty[block == block_number].min() for block_number in np.unique(block)]
+        )
         enough = np.searchsorted(begins, novelties, side="right") >= LEAST_BLOCKS
-        good = np.flatnonzero(enough & (kept > 0) & (kept >= kept[enough].max(initial=0.0)))
-        kept = np.floor(1000 * kept + 1e-6) / 1000
-    if not len(good):
+        most = kept_precision[enough].max(initial=0.0)
+        candidates = np.flatnonzero(enough & (kept_precision > 0) & (kept_precision >= most))
+        kept_precision = np.floor(1000 * kept_precision + 1e-6) / 1000
+    if not len(candidates):
         return Threshold(ACCEPT_NOTHING, np.nan)
-    last = good[-1]
-    ends = (
-        novelties[last : last + 2].mean()
-        if last + 1 < len(novelties)
-        else np.nextafter(novelties[last], np.inf)
+    index = candidates[-1]
+    reject_from = (
+        novelties[index : index + 2].mean()
+        if index + 1 < len(novelties)
+        else np.nextafter(novelties[index], np.inf)
     )
-    return Threshold(float(ends), float(kept[last]))
+    return Threshold(float(reject_from), float(kept_precision[index]))
 
 
 def threshold_for(
@@ -230,26 +241,26 @@ def threshold_for(
     weight: NDArray[np.float64],
     wrong_besides: float = 0.0,
 ) -> float:
-    """The largest threshold that keeps the wanted precision among what it accepts; ACCEPT_NOTHING
-    where none does.
+    """The largest threshold that keeps the wanted precision, else ACCEPT_NOTHING.
 
     A query (n,) is accepted below the threshold, and then is `right` or a false alarm; `weight`
     (n,) says how many real queries each stands for. As many as `wrong_besides` are counted as false
     alarms besides.
     """
     novelties, hits, accepted = _accepted(novelty, right, weight)
-    good = np.flatnonzero(hits >= precision * (accepted + wrong_besides))
-    return float(np.nextafter(novelties[good[-1]], np.inf)) if len(good) else ACCEPT_NOTHING
+    candidates = np.flatnonzero(hits >= precision * (accepted + wrong_besides))
+    if not len(candidates):
+        return ACCEPT_NOTHING
+    return float(np.nextafter(novelties[candidates[-1]], np.inf))
 
 
 def _accepted(
     novelty: NDArray[np.float64], right: NDArray[np.bool_], weight: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Each distinct novelty in rising order, and the weights of the hits and of all that are
-    accepted up to it."""
+    """Each distinct novelty, rising, with the weights of hits and of all accepted up to it."""
     order = np.argsort(novelty, kind="stable")
     ordered = novelty[order]
     accepted = np.cumsum(weight[order])
     hits = np.cumsum((weight * right)[order])
-    last = np.append(ordered[1:] > ordered[:-1], True)[: len(ordered)] & (accepted > 0)
-    return ordered[last], hits[last], accepted[last]
+    is_last = np.append(ordered[1:] > ordered[:-1], True)[: len(ordered)] & (accepted > 0)
+    return ordered[is_last], hits[is_last], accepted[is_last]

@@ -1,8 +1,8 @@
-"""SeqSLAM's search: a run of queries against runs of the reference at some speeds (Milford and
-Wyeth, ICRA 2012; METHODS 6).
+"""SeqSLAM's search: a run of queries against runs of the reference at some speeds.
 
-A row is a reference, a column a query. Both passes go along the columns, which lie side by side in
-memory: a block of them is small enough for the cache, and what is done to one is done to all.
+Milford and Wyeth, ICRA 2012; METHODS 6. A row is a reference, a column a query. Both passes go
+along the columns, which lie side by side in memory: a block of them is small enough for the cache,
+and what is done to one is done to all.
 """
 
 import math
@@ -24,11 +24,10 @@ some processors only guess."""
 
 
 def contrast(differences: NDArray[np.float32], rows: int) -> NDArray[np.float32]:
-    """Each of differences (n, m) in standard deviations (n − 1 in the denominator) above the mean
-    of its column's window.
+    """Differences (n, m) in standard deviations above the mean of their column's window.
 
-    The window reaches from rows // 2 above to rows // 2 below, as far as there are rows; 0 where it
-    is flat.
+    n − 1 in the denominator. The window reaches from rows // 2 above to rows // 2 below, as far as
+    there are rows; 0 where it is flat.
     """
     enhanced = np.empty(differences.shape, np.float32)
     _contrast(np.ascontiguousarray(differences, np.float32), rows // 2, enhanced)
@@ -36,14 +35,12 @@ def contrast(differences: NDArray[np.float32], rows: int) -> NDArray[np.float32]
 
 
 def least(rows: int) -> float:
-    """The lowest that `contrast` can give: one of the window lies below all others, which are
-    equal."""
+    """The lowest value of `contrast`: one of the window lies below all others, which are equal."""
     return -2 * (rows // 2) / math.sqrt(2 * (rows // 2) + 1)
 
 
 def runs(length: int, slowest: float, fastest: float, step: float) -> NDArray[np.int64]:
-    """Rows (speed, length + 1) of a run of the reference at each speed in rows a query, counted
-    from its middle.
+    """Rows (speed, length + 1) of a run at each speed, in rows a query, from its middle.
 
     The middle is length // 2 rows after the first whatever the speed: METHODS' rule for which row a
     run matches.
@@ -58,11 +55,11 @@ def search(
     first: int = 0,
     last: int | None = None,
 ) -> NDArray[np.float32]:
-    """Cost (n, window) of the cheapest run about each row, for the windows of queries that begin at
-    columns first … last − 1.
+    """Cost (n, window) of the cheapest run about each row, for windows of queries.
 
-    `offsets` are `runs`; a cost is the sum of a run's differences `enhanced` (n, m), +inf where no
-    run about the row lies within the reference. All windows within the m queries by default.
+    The windows begin at columns first … last − 1, by default all within the m queries. `offsets`
+    are `runs`; a cost is the sum of a run's differences `enhanced` (n, m), +inf where no run about
+    the row lies within the reference.
     """
     last = enhanced.shape[1] - offsets.shape[1] + 1 if last is None else last
     costs = np.empty((len(enhanced), max(last - first, 0)), np.float32)
@@ -71,8 +68,7 @@ def search(
 
 
 def cheapest(costs: NDArray[np.float32], k: int) -> NDArray[np.int64]:
-    """Rows (q, k) of the k cheapest of costs (q, n), cheapest first; of equally cheap ones the
-    first row comes first."""
+    """Rows (q, k) of the k cheapest of costs (q, n), cheapest first, then by row."""
     bits = (costs + np.float32(0)).view(np.int32)  # no negative zero
     rising = np.where(bits < 0, bits ^ 0x7FFFFFFF, bits).astype(
         np.int64
@@ -86,32 +82,31 @@ def cheapest(costs: NDArray[np.float32], k: int) -> NDArray[np.int64]:
 
 
 def runner_up(
-    costs: NDArray[np.float32], best: NDArray[np.int64], window: int
+    costs: NDArray[np.float32], best_row: NDArray[np.int64], window: int
 ) -> NDArray[np.float32]:
-    """The least of costs (q, n) further than window // 2 rows from each query's best row (q,); +inf
-    where there is none."""
-    beside = np.abs(np.arange(costs.shape[1]) - best[:, None]) <= window // 2
-    others: NDArray[np.float32] = np.where(beside, np.float32(np.inf), costs).min(axis=1)
-    return others
+    """The least of costs (q, n) more than window // 2 rows from each best row (q,), else +inf."""
+    is_near_best = np.abs(np.arange(costs.shape[1]) - best_row[:, None]) <= window // 2
+    other_costs: NDArray[np.float32] = np.where(is_near_best, np.float32(np.inf), costs).min(axis=1)
+    return other_costs
 
 
 @njit(cache=True, nogil=True, fastmath=SAME, boundscheck=False, error_model="numpy")
 def _contrast(differences, half, enhanced):  # type: ignore[no-untyped-def]
     """Running sums in float64: in float32 they would be off by up to 0.07."""
     n, m = differences.shape
-    for first in range(0, m, BLOCK):
-        width = min(first + BLOCK, m) - first
+    for start in range(0, m, BLOCK):
+        width = min(start + BLOCK, m) - start
         sums = np.zeros(width)
         squares = np.zeros(width)
         for row in range(-half, n):
             if row + half < n:
-                entering = differences[row + half, first : first + width]
+                entering = differences[row + half, start : start + width]
                 for i in range(width):
                     value = np.float64(entering[i])
                     sums[i] += value
                     squares[i] += value * value
             if row - half > 0:
-                leaving = differences[row - half - 1, first : first + width]
+                leaving = differences[row - half - 1, start : start + width]
                 for i in range(width):
                     value = np.float64(leaving[i])
                     sums[i] -= value
@@ -119,11 +114,11 @@ def _contrast(differences, half, enhanced):  # type: ignore[no-untyped-def]
             if row >= 0:
                 number = min(row + half, n - 1) - max(row - half, 0) + 1
                 _standardised(
-                    differences[row, first : first + width],
+                    differences[row, start : start + width],
                     sums,
                     squares,
                     number,
-                    enhanced[row, first : first + width],
+                    enhanced[row, start : start + width],
                 )
 
 
@@ -143,19 +138,21 @@ def _standardised(values, sums, squares, number, out):  # type: ignore[no-untype
 @njit(cache=True, nogil=True, fastmath=SAME, boundscheck=False, error_model="numpy")
 def _search(enhanced, offsets, start, costs):  # type: ignore[no-untyped-def]
     n, windows = costs.shape
-    for first in range(0, windows, BLOCK):
-        width = min(first + BLOCK, windows) - first
+    for block_start in range(0, windows, BLOCK):
+        width = min(block_start + BLOCK, windows) - block_start
         total = np.empty(width, np.float32)
         for row in range(n):
-            best = costs[row, first : first + width]
-            best[:] = np.inf
+            lowest = costs[row, block_start : block_start + width]
+            lowest[:] = np.inf
             for run in offsets:
                 if row + run.min() < 0 or row + run.max() >= n:
                     continue
                 total[:] = 0
                 for k in range(len(run)):
-                    added = enhanced[row + run[k], start + first + k : start + first + k + width]
+                    added = enhanced[
+                        row + run[k], start + block_start + k : start + block_start + k + width
+                    ]
                     for i in range(width):
                         total[i] += added[i]
                 for i in range(width):
-                    best[i] = min(best[i], total[i])
+                    lowest[i] = min(lowest[i], total[i])

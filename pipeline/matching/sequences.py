@@ -26,8 +26,10 @@ Differences = Callable[[NDArray[np.int64], NDArray[np.int64]], NDArray[np.float3
 
 @dataclass(frozen=True)
 class SequenceMethod(Alignment):
-    """A method whose queries, passed together, are one drive; it answers with the training rows of
-    the best matching sequence."""
+    """A method that matches a drive's queries together with sequences of training rows.
+
+    It answers with the rows of the best matching sequence.
+    """
 
     novelty: Literal["cost", "ratio"] = (
         "cost"  # the sequence's cost, or SeqSLAM's ratio of it to the best cost elsewhere
@@ -46,7 +48,7 @@ class SequenceMethod(Alignment):
 
     @property
     def kinds(self) -> tuple[str, str]:
-        """Of novelty, the chosen one first."""
+        """The kinds of novelty, the chosen one first."""
         return ("cost", "ratio") if self.novelty == "cost" else ("ratio", "cost")
 
     def held_out(self, views: Rows) -> NDArray[np.bool_]:
@@ -63,8 +65,7 @@ class SequenceMethod(Alignment):
         k: int,
         turned_deg: NDArray[np.floating] | None = None,
     ) -> Ranking:
-        """The ranking of m queries in a row by how they differ from each of the database's n rows:
-        (n, m).
+        """Rank the m queries of a drive by their differences (n, m) from the database's n rows.
 
         `turned_deg` (n, m) is each query's yaw against each row. A query less than half a sequence
         from either end is answered by the nearest whole one, at its own position in it; where there
@@ -89,11 +90,11 @@ class SequenceMethod(Alignment):
         return joined(parts)
 
     def evidence(self, database: Database, views: Rows, difference: Differences) -> Evidence:
-        """Results of the odd training rows of held-out blocks against the even rows, with and
-        without the queries' surroundings.
+        """Results of the odd training rows of held-out blocks against the even rows.
 
-        All odd rows are matched as one sequence, which stays whole, and no query can match itself.
-        On a path too short for blocks all of them count.
+        Once with and once without the queries' surroundings. All odd rows are matched as one
+        sequence, which stays whole, and no query can match itself. On a path too short for blocks
+        all of them count.
         """
         n = len(database.places)
         even = np.arange(0, n, 2)
@@ -101,29 +102,29 @@ class SequenceMethod(Alignment):
         counts = self.held_out(views)[odd]
         counts = counts if counts.any() else np.ones(len(odd), bool)
         aligned = Aligned(self, difference(even, odd))
-        asked = np.zeros(n, bool)
+        is_query = np.zeros(n, bool)
         right = []
         seen = []
         unseen = []
-        asked[odd[counts]] = True
+        is_query[odd[counts]] = True
         for queries, sums in aligned.blocks():
             rows = odd[queries][counts[queries]]
             sums = sums[counts[queries]]
             if not len(rows):
                 continue
-            best = sums.argmin(axis=1)
-            right.append(database.places[even[best]] == database.places[rows])
-            seen.append(aligned.novelty(sums, best))
-            away = ~near(database.xy_m[rows], database.xy_m[even], self.neighbour_m) & np.isfinite(
-                sums
-            )
-            sums = np.where(away | ~away.any(axis=1, keepdims=True), sums, np.float32(np.inf))
+            best_row = sums.argmin(axis=1)
+            right.append(database.places[even[best_row]] == database.places[rows])
+            seen.append(aligned.novelty(sums, best_row))
+            is_far = ~near(
+                database.xy_m[rows], database.xy_m[even], self.neighbour_m
+            ) & np.isfinite(sums)
+            sums = np.where(is_far | ~is_far.any(axis=1, keepdims=True), sums, np.float32(np.inf))
             unseen.append(aligned.novelty(sums, sums.argmin(axis=1)))
         seen_kinds, unseen_kinds = (
             {kind: np.concatenate([part[kind] for part in parts]) for kind in self.kinds}
             for parts in (seen, unseen)
         )
         block = holdout.numbered(
-            views.world_T_anchor, asked, self.held_out_every_m, self.held_out_length_m
+            views.world_T_anchor, is_query, self.held_out_every_m, self.held_out_length_m
         )
         return Evidence(np.concatenate(right), seen_kinds, unseen_kinds, block)

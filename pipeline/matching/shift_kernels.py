@@ -1,5 +1,4 @@
-"""The hot loops of Scan Context's distance: products of spectra, columns that two Scan Contexts
-engage, and the best shift."""
+"""The hot loops of Scan Context's distance: spectra, shared columns and the best shift."""
 
 import math
 
@@ -21,8 +20,8 @@ def packed(engaged: NDArray[np.bool_]) -> NDArray[np.uint64]:
 
 
 @intrinsic
-def _ones(context, word):  # type: ignore[no-untyped-def]
-    """How many bits of a uint64 are set: one instruction."""
+def _bit_count(context, word):  # type: ignore[no-untyped-def]
+    """The number of set bits of a uint64: one instruction."""
 
     def build(context, builder, signature, words):  # type: ignore[no-untyped-def]
         return builder.ctpop(words[0])
@@ -32,19 +31,19 @@ def _ones(context, word):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
 def products(columns, query, rows, spectra):  # type: ignore[no-untyped-def]
-    """Write spectra (m, frequency) of correlations of these rows with the query (frequency, real
-    and imaginary part, 2 rings).
+    """Write spectra (m, frequency) of the correlations of rows with a query.
 
-    Sums are of the query's type. Four rows at a time, for one reading of the query serves them all;
-    the last ones may be computed more than once.
+    The query is (frequency, real and imaginary part, 2 rings). Sums are of the query's type. Four
+    rows at a time, for one reading of the query serves them all; the last ones may be computed more
+    than once.
     """
     frequencies, _, numbers = query.shape
-    last = len(rows) - 1
+    last_row = len(rows) - 1
     zero = query.dtype.type(0)
     for i in range(0, len(rows), 4):
-        j = min(i + 1, last)
-        k = min(i + 2, last)
-        m = min(i + 3, last)
+        j = min(i + 1, last_row)
+        k = min(i + 2, last_row)
+        m = min(i + 3, last_row)
         a = columns[rows[i]]
         b = columns[rows[j]]
         c = columns[rows[k]]
@@ -70,29 +69,31 @@ def products(columns, query, rows, spectra):  # type: ignore[no-untyped-def]
 
 @njit(inline="always")
 def _count(mask, turned, counts):  # type: ignore[no-untyped-def]
-    """Write how many columns a row's bit set (words,) and the query's at every shift (shift, words)
-    share; returns the most."""
+    """Write how many columns a row shares with the query at every shift; returns the most.
+
+    A bit set (words,) of the row, and (shift, words) of the query.
+    """
     most = np.float32(0)
     for shift in range(turned.shape[0]):
-        both = np.uint64(0)
+        shared = np.uint64(0)
         for word in range(turned.shape[1]):
-            both += _ones(mask[word] & turned[shift, word])
-        counts[shift] = np.float32(np.int32(both))
+            shared += _bit_count(mask[word] & turned[shift, word])
+        counts[shift] = np.float32(np.int32(shared))
         most = max(most, counts[shift])
     return most
 
 
 @njit(cache=True, nogil=True, fastmath={"contract", "nsz"}, error_model="numpy")
 def best(sums, masks, turned, least, similarities, shifts):  # type: ignore[no-untyped-def]
-    """Write the highest mean (m,) of sums (m, shift), and its shift; 0 at shift −1 where nothing is
-    engaged.
+    """Write the highest mean (m,) of sums (m, shift), and its shift.
 
-    Shifts that engage fewer columns than a share of the most are passed over.
+    0 at shift −1 where nothing is engaged. Shifts that engage fewer columns than a share of the
+    most are passed over.
     """
     counts = np.empty(sums.shape[1], np.float32)
     for i in range(len(sums)):
         highest = -np.inf
-        where = -1
+        best_shift = -1
         enough = least * _count(masks[i], turned, counts)
         for shift in range(sums.shape[1]):
             if (
@@ -101,9 +102,9 @@ def best(sums, masks, turned, least, similarities, shifts):  # type: ignore[no-u
                 and sums[i, shift] / counts[shift] > highest
             ):
                 highest = sums[i, shift] / counts[shift]
-                where = shift
-        similarities[i] = highest if where >= 0 else 0.0
-        shifts[i] = where
+                best_shift = shift
+        similarities[i] = highest if best_shift >= 0 else 0.0
+        shifts[i] = best_shift
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
@@ -112,8 +113,8 @@ def highest(sums, masks, turned, least, similarities):  # type: ignore[no-untype
     counts = np.empty(sums.shape[1], np.float32)
     for i in range(len(sums)):
         enough = np.float32(max(math.ceil(least * _count(masks[i], turned, counts)), 1))
-        found = NOWHERE
+        best_mean = NOWHERE
         for shift in range(sums.shape[1]):
             mean = sums[i, shift] / max(counts[shift], np.float32(1))
-            found = max(found, mean if counts[shift] >= enough else NOWHERE)
-        similarities[i] = found if found > NOWHERE else np.float32(0)
+            best_mean = max(best_mean, mean if counts[shift] >= enough else NOWHERE)
+        similarities[i] = best_mean if best_mean > NOWHERE else np.float32(0)

@@ -1,7 +1,6 @@
-"""Methods that compare Scan Contexts at every shift of their columns: with all of training, or with
-its likeliest rows.
+"""Methods that compare Scan Contexts at every shift of their columns.
 
-Kim and Kim, IROS 2018; METHODS 1.3 and 1.4.
+With all of training, or with its likeliest rows. Kim and Kim, IROS 2018; METHODS 1.3 and 1.4.
 """
 
 import numpy as np
@@ -48,7 +47,7 @@ class ShiftMethod(DescriptorMethod):
             queries: NDArray[np.int64], allowed: NDArray[np.bool_]
         ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
             distances = np.empty(len(queries))
-            found = np.empty(len(queries), np.int64)
+            nearest_rows = np.empty(len(queries), np.int64)
             for i, row in enumerate(queries):
                 rows = np.flatnonzero(allowed[i])
                 rows = spectra.likely(
@@ -56,12 +55,12 @@ class ShiftMethod(DescriptorMethod):
                 )
                 compared, _ = spectra.compare(heights_m[row], rows)
                 distances[i] = compared.min()
-                found[i] = rows[compared.argmin()]
-            return distances, found
+                nearest_rows[i] = rows[compared.argmin()]
+            return distances, nearest_rows
 
         evidence = database.evidence(search, views, self)
-        kept = {} if self.candidates is None else {"ring_keys": keys}
-        return {**kept, **spectra.arrays(), **database.arrays(), **evidence.arrays()}
+        stored_keys = {} if self.candidates is None else {"ring_keys": keys}
+        return {**stored_keys, **spectra.arrays(), **database.arrays(), **evidence.arrays()}
 
     def localizer(self, model: Model) -> Localizer:
         """The k nearest of the candidates; cost = distance in [0, 2]."""
@@ -86,11 +85,10 @@ class ShiftMethod(DescriptorMethod):
 
 
 def ring_keys(heights_m: NDArray[np.float32]) -> NDArray[np.float32]:
-    """How many bins of each ring hold something (n, ring), of Scan Contexts (n, ring, sector); the
-    same at every heading.
+    """Number of bins that hold something (n, ring), of Scan Contexts (n, ring, sector).
 
-    The authors' L0 ratio times the number of sectors: the neighbours are the same, and distances of
-    whole numbers are exact.
+    The same at every heading. The authors' L0 ratio times the number of sectors: the neighbours are
+    the same, and distances of whole numbers are exact.
     """
     keys: NDArray[np.float32] = np.count_nonzero(heights_m, axis=2).astype(np.float32)
     return keys

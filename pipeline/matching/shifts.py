@@ -1,11 +1,12 @@
-"""Scan Context's distance: the mean cosine of engaged columns at the best of all column shifts
-(IROS 2018, eq. 6; METHODS 1.3).
+"""Scan Context's distance: the mean cosine of engaged columns at the best column shift.
+
+IROS 2018, eq. 6; METHODS 1.3.
 
 The sums of cosines at all shifts are one circular correlation, so a database keeps the spectra of
 its columns, brought to length 1, and a query costs one pass over them and an inverse transform.
 They are stored in float32 and summed in float64: a shift at which a single column is engaged may
 win, and its cosine must not drown in the rounding of all the others. Where only the nearest of many
-rows are asked for, sums in float32 first tell which rows they may be.
+rows are wanted, sums in float32 first find which rows they may be.
 """
 
 from collections.abc import Iterator
@@ -43,7 +44,7 @@ class Spectra:
 
     @classmethod
     def learned(cls, heights_m: NDArray[np.float32], least_engaged: float = 0.0) -> Self:
-        """Of Scan Contexts (n, ring, sector)."""
+        """The spectra of Scan Contexts (n, ring, sector)."""
         n, rings, sectors = heights_m.shape
         columns = np.empty((n, sectors // 2 + 1, 2 * rings), np.float32)
         for i in range(0, n, BLOCK):
@@ -62,16 +63,16 @@ class Spectra:
     def compare(
         self, heights_m: NDArray[np.float32], rows: NDArray[np.int64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Distances (m,) in [0, 2] of one Scan Context (ring, sector) to these rows (m,), and its
-        yaw (m,) in degrees against each, counter-clockwise in [0, 360).
+        """Distances (m,) in [0, 2] of one Scan Context (ring, sector) to rows (m,), and its yaw.
 
-        The yaw is the best shift: after a turn to the left all is seen further to the right, in
-        columns of lower number. Where no shift engages a column the distance is 1 and the yaw NaN.
+        The yaw (m,) against each is in degrees, counter-clockwise in [0, 360). It is the best
+        shift: after a turn to the left all is seen further to the right, in columns of lower
+        number. Where no shift engages a column the distance is 1 and the yaw NaN.
         """
         query = _spectra(heights_m[None])[0]
         turned = _turned(heights_m)
         similarities = np.empty(len(rows))
-        best = np.empty(len(rows), np.int64)
+        best_shifts = np.empty(len(rows), np.int64)
         for part, sums in self._correlations(query, rows):
             kernels.best(
                 sums,
@@ -79,10 +80,10 @@ class Spectra:
                 turned,
                 self.least_engaged,
                 similarities[part],
-                best[part],
+                best_shifts[part],
             )
         return (1 - similarities).clip(0), np.where(
-            best < 0, np.nan, best * (360 / self.engaged.shape[1])
+            best_shifts < 0, np.nan, best_shifts * (360 / self.engaged.shape[1])
         )
 
     def likely(
@@ -92,10 +93,10 @@ class Spectra:
         k: int,
         groups: NDArray[np.int64] | None = None,
     ) -> NDArray[np.int64]:
-        """Those of the rows (m,), in their order, that may be among the k nearest of a Scan Context
-        (ring, sector).
+        """Those of rows (m,) that may be among the k nearest of a Scan Context (ring, sector).
 
-        With groups (m,) of the rows: that may be the nearest of one of the k nearest groups.
+        In their order. With groups (m,) of the rows: that may be the nearest of one of the k
+        nearest groups.
         """
         if len(rows) <= BLOCK:
             return rows
@@ -113,8 +114,10 @@ class Spectra:
             nearest = similarities[order[columns[columns >= 0]]]
         if len(nearest) < k:
             return rows
-        found: NDArray[np.int64] = rows[similarities >= np.partition(nearest, -k)[-k] - 2 * SLACK]
-        return found
+        likely_rows: NDArray[np.int64] = rows[
+            similarities >= np.partition(nearest, -k)[-k] - 2 * SLACK
+        ]
+        return likely_rows
 
     @cached_property
     def _masks(self) -> NDArray[np.uint64]:
@@ -123,8 +126,10 @@ class Spectra:
     def _correlations(
         self, query: NDArray[np.complexfloating], rows: NDArray[np.int64]
     ) -> Iterator[tuple[slice, NDArray[np.floating]]]:
-        """Slices of the rows (m,), and their sums of cosines (part, shift) with the query's
-        spectrum (frequency, ring), in its precision."""
+        """Slices of the rows (m,), with sums of cosines (part, shift) with a query.
+
+        `query` is a spectrum (frequency, ring), and sums have its precision.
+        """
         real_and_imaginary = (
             np.stack([query, 1j * query], axis=1).astype(query.dtype).view(query.real.dtype)
         )
@@ -143,8 +148,7 @@ class Spectra:
             )
 
     def images(self, views: Rows) -> NDArray[np.float32]:
-        """The views (q, ring, sector); raises InputError unless they are as many rings and sectors
-        as learned."""
+        """The views (q, ring, sector); raises InputError unless shaped as those learned."""
         heights_m = np.asarray(views.images[:])
         learned = (self.columns.shape[2] // 2, self.engaged.shape[1])
         if heights_m.shape[1:] != learned:
@@ -162,19 +166,22 @@ class Spectra:
         k: int,
         distinct_places: bool,
     ) -> Ranking:
-        """The ranking of queries (q, ring, sector), each held against its own candidates among the
-        rows (q, m)."""
+        """Rank queries (q, ring, sector), each among its own candidate rows (q, m)."""
         parts = []
         for i in range(0, max(len(rows), 1), QUERIES):
             likely = [
-                self.likely(view, its, k, database.places[its] if distinct_places else None)
-                for view, its in zip(heights_m[i : i + QUERIES], rows[i : i + QUERIES], strict=True)
+                self.likely(
+                    view, view_rows, k, database.places[view_rows] if distinct_places else None
+                )
+                for view, view_rows in zip(
+                    heights_m[i : i + QUERIES], rows[i : i + QUERIES], strict=True
+                )
             ]
             candidates = np.zeros((len(likely), max(map(len, likely), default=0)), np.int64)
             compared = np.full((2, *candidates.shape), np.inf)
-            for j, its in enumerate(likely):
-                candidates[j, : len(its)] = its
-                compared[:, j, : len(its)] = self.compare(heights_m[i + j], its)
+            for j, likely_rows in enumerate(likely):
+                candidates[j, : len(likely_rows)] = likely_rows
+                compared[:, j, : len(likely_rows)] = self.compare(heights_m[i + j], likely_rows)
             order = np.argsort(compared[0], axis=1, kind="stable")
             distances, turned_deg = np.take_along_axis(compared, order[None], axis=2)
             ordered = np.take_along_axis(candidates, order, axis=1)
@@ -187,8 +194,7 @@ class Spectra:
 
 
 def _turned(heights_m: NDArray[np.float32]) -> NDArray[np.uint64]:
-    """Bit sets (shift, words) of the columns that a Scan Context (ring, sector) engages at every
-    shift."""
+    """Bit sets (shift, words) of a Scan Context's engaged columns at every shift."""
     return kernels.packed(circulant(_engaged(heights_m[None])[0] > 0).T)
 
 
@@ -198,8 +204,10 @@ def _engaged(heights_m: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _spectra(heights_m: NDArray[np.float32]) -> NDArray[np.complex128]:
-    """(n, frequency, ring) of Scan Contexts (n, ring, sector), their columns brought to length 1;
-    empty ones stay 0."""
+    """Spectra (n, frequency, ring) of Scan Contexts (n, ring, sector).
+
+    Columns are brought to length 1; empty ones stay 0.
+    """
     columns = heights_m.astype(np.float64)
     lengths = np.sqrt(np.einsum("nrs,nrs->ns", columns, columns))
     columns /= np.where(lengths > 0, lengths, 1)[:, None]

@@ -1,5 +1,7 @@
-"""Temperature scaling: one number that makes a network's probabilities mean what they say (Guo et
-al., ICML 2017)."""
+"""Temperature scaling: calibrates a network's probabilities by one number.
+
+Guo et al., ICML 2017.
+"""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,26 +13,27 @@ TOLERANCE = 1e-6  # nats by which a minimum must lie below the ends of the range
 
 
 def temperature(logits: NDArray[np.float64], classes: NDArray[np.int64]) -> float:
-    """What to divide logits (n, classes) by, so that the likelihood of the true `classes` (n,) is
-    highest; 1 for no rows."""
+    """The temperature at which logits (n, classes) give the true `classes` (n,) most likelihood.
+
+    1 for no rows.
+    """
     if not len(classes):
         return 1.0
-    found = minimize_scalar(
+    minimum = minimize_scalar(
         lambda log_t: _loss(logits, classes, log_t), bounds=LOG_RANGE, method="bounded"
     )
-    return float(np.exp(found.x))
+    return float(np.exp(minimum.x))
 
 
-def determined(found: float, logits: NDArray[np.float64], classes: NDArray[np.int64]) -> bool:
-    """Whether the rows are likelier at this temperature than at both ends of the searched range.
+def determined(softness: float, logits: NDArray[np.float64], classes: NDArray[np.int64]) -> bool:
+    """Whether the likelihood is higher at this temperature than at both ends of the range.
 
-    They are not where all of them are right, for then the colder the likelier, nor where there are
-    none.
+    It is not where all rows are right, for then the colder the likelier, nor where there are none.
     """
     if not len(classes):
         return False
     return (
-        _loss(logits, classes, np.log(found))
+        _loss(logits, classes, np.log(softness))
         < min(_loss(logits, classes, bound) for bound in LOG_RANGE) - TOLERANCE
     )
 

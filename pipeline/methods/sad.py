@@ -33,8 +33,10 @@ class Sad(MadeAnew, SequenceMethod):
     sequence."""
 
     def learn(self, views: Rows, places: NDArray[np.int64], progress: Progress) -> Model:
-        """The training sequence's normalised images (n, side, side), 4 KB each; raises InputError
-        unless each has a place."""
+        """The training sequence's normalised images (n, side, side), 4 KB each.
+
+        Raises InputError unless each has a place.
+        """
         database = Database.learned(views, places)
         images = self._images(views)
         evidence = self.evidence(
@@ -43,8 +45,10 @@ class Sad(MadeAnew, SequenceMethod):
         return {"images": images, **database.arrays(), **evidence.arrays()}
 
     def moved(self, model: Model, views: Rows, places: NDArray[np.int64]) -> Model:
-        """The model with another database, these views with their places; the evidence of its
-        held-out blocks is kept."""
+        """The model with these views and places as its database.
+
+        The evidence of its held-out blocks is kept.
+        """
         database = Database.learned(views, places)
         return {"images": self._images(views), **database.arrays(), **Evidence.of(model).arrays()}
 

@@ -27,8 +27,10 @@ class Sci(Learner):
     def batches(
         self, heights: Tensor, views: Rows, places: Tensor, trained: Tensor
     ) -> tuple[loop.Batches[tuple[Tensor, Tensor]], int]:
-        """Every trained view at its `n_way` headings, shuffled; raises ConfigError where n_way does
-        not divide the sectors."""
+        """Every trained view at its `n_way` headings, shuffled.
+
+        Raises ConfigError where n_way does not divide the sectors.
+        """
         if self.n_way < 1 or heights.shape[2] % self.n_way:
             raise ConfigError(
                 f"method.n_way={self.n_way}: must divide the {heights.shape[2]} sectors of the view"
@@ -36,19 +38,19 @@ class Sci(Learner):
         copies = len(trained) * self.n_way
 
         def epoch(order: torch.Generator) -> Iterator[tuple[Tensor, Tensor]]:
-            for chosen in torch.split(torch.randperm(copies, generator=order), self.batch):
-                if len(chosen) > 1 or copies == 1:  # batch norms need two
+            for copy_numbers in torch.split(torch.randperm(copies, generator=order), self.batch):
+                if len(copy_numbers) > 1 or copies == 1:  # batch norms need two
                     yield (
-                        self.images(self._turned(heights, trained, chosen)),
-                        places[trained[chosen // self.n_way]].to(device()),
+                        self.images(self._turned(heights, trained, copy_numbers)),
+                        places[trained[copy_numbers // self.n_way]].to(device()),
                     )
 
         return epoch, -(-copies // self.batch)
 
-    def _turned(self, heights: Tensor, trained: Tensor, chosen: Tensor) -> Tensor:
-        """Heights of trained views: number i is view i // n_way at heading i % n_way."""
-        turns = (chosen % self.n_way) * (heights.shape[2] // self.n_way)
-        return rolled(heights[trained[chosen // self.n_way]], turns)
+    def _turned(self, heights: Tensor, trained: Tensor, copy_numbers: Tensor) -> Tensor:
+        """Heights of trained views: copy number i is view i // n_way at heading i % n_way."""
+        turns = (copy_numbers % self.n_way) * (heights.shape[2] // self.n_way)
+        return rolled(heights[trained[copy_numbers // self.n_way]], turns)
 
     @torch.inference_mode()
     def predict(self, net: LeNet, heights: Tensor, forgotten: Tensor | None = None) -> Prediction:

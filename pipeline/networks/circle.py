@@ -5,11 +5,13 @@ from torch import Tensor
 
 
 def neighbours(headings: Tensor, count: int) -> tuple[Tensor, Tensor, Tensor]:
-    """The two of `count` headings next to each fractional one (n,), and how far (n,) it is from the
-    first to the second."""
+    """The two of `count` headings around each fractional one (n,), and its share between them.
+
+    The share (n,) is how far it is from the first to the second.
+    """
     below = headings.floor()
-    first = below.long() % count
-    return first, (first + 1) % count, headings - below
+    lower = below.long() % count
+    return lower, (lower + 1) % count, headings - below
 
 
 def rolled(heights: Tensor, turns: Tensor) -> Tensor:
@@ -19,8 +21,10 @@ def rolled(heights: Tensor, turns: Tensor) -> Tensor:
 
 
 def circular_mean_deg(chances: Tensor) -> Tensor:
-    """Degrees (n, …) in (−180, 180] of chances (n, heading, …) of headings even around the circle,
-    the first at 0."""
+    """Circular mean (n, …), in (−180, 180] degrees, of chances (n, heading, …).
+
+    Headings are even around the circle, the first at 0.
+    """
     angles = 2 * torch.pi * torch.arange(chances.shape[1], device=chances.device) / chances.shape[1]
     north, east = (
         torch.tensordot(part, chances, dims=([0], [1])) for part in (angles.sin(), angles.cos())

@@ -1,5 +1,7 @@
-"""A network over Scan Context Images whose classes are places: the part that SCI and its ring share
-(METHODS 2)."""
+"""A network over Scan Context Images whose classes are places (METHODS 2).
+
+The part that SCI and its ring share.
+"""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -34,8 +36,10 @@ Kinds = dict[str, NDArray[np.float64]]  # kind of novelty to its values (n,)
 
 @dataclass(frozen=True)
 class Classifier(ABC):
-    """Settings, training judged on held-out blocks, and answers by softmax; a method adds its
-    network and its batches."""
+    """Settings, training judged on held-out blocks, and answers by softmax.
+
+    A method adds its network and its batches.
+    """
 
     architecture: ClassVar[type[nn.Module]]
     view: str = "scan_context"
@@ -96,40 +100,49 @@ class Classifier(ABC):
 
     @abstractmethod
     def predict(self, net: Any, heights: Tensor, forgotten: Tensor | None = None) -> Prediction:
-        """Outputs for quantized heights (n, rings, sectors); places `forgotten` (n, places) get a
-        logit of −∞."""
+        """Outputs for quantized heights (n, rings, sectors).
+
+        Places `forgotten` (n, places) get a logit of −∞.
+        """
 
     @abstractmethod
     def embed_training(
         self, net: Any, heights: Tensor, views: Rows, trained: Tensor
     ) -> tuple[Tensor, Tensor]:
-        """Features (m, 64) of training views, of length 1, and the row (m,) of each: a query's
-        nearest is found by them."""
+        """Features (m, 64) of training views, of length 1, and the row (m,) of each.
+
+        A query's nearest view is found by them.
+        """
 
     def remembered(
         self, images: NDArray[np.float32], views: Rows, places: NDArray[np.int64], trained: Tensor
     ) -> Model:
-        """What `reranked` needs of trained views, whose heights (n, rings, sectors) are in metres:
-        arrays of the model."""
+        """Arrays of the model that `reranked` needs of the trained views.
+
+        Their heights (n, rings, sectors) are in metres.
+        """
         return {}
 
-    def reranked(self, found: Prediction, images: NDArray[np.float32], model: Model) -> Prediction:
-        """The outputs for heights (n, rings, sectors) in metres, compared with what is remembered;
-        by default as they are."""
-        return found
+    def reranked(
+        self, prediction: Prediction, images: NDArray[np.float32], model: Model
+    ) -> Prediction:
+        """The outputs for heights (n, rings, sectors) in metres, compared with remembered views.
+
+        By default as they are.
+        """
+        return prediction
 
     def novelties(
         self, logits: NDArray[np.float64], softness: float, likeness: NDArray[np.float64]
     ) -> Kinds:
-        """Kinds of novelty (n,) of logits (n, places), their temperature and the cosine (n,) to the
-        likest training view.
+        """Kinds of novelty (n,) of logits (n, places) at a temperature, the one in use first.
 
-        The one in use comes first.
+        `likeness` (n,) is the cosine to the likest training view.
         """
         return novelties(logits, softness, likeness)
 
     def localizer(self, model: Model) -> Localizer:
-        """The k places of highest softmax; cost = 1 − probability."""
+        """Rank the k places of highest softmax; cost = 1 − probability."""
         place_xy = model["place_xy_m"]
         softness = float(model["temperature"])
         rings, sectors = (int(side) for side in model["image_shape"])
@@ -146,10 +159,12 @@ class Classifier(ABC):
                     f"{sectors} sectors"
                 )
             with loop.reproducible(self.threads):
-                found = self.reranked(self.predict(net, heights), images, model)
-                likest = [(part @ memory.T).max(1) for part in torch.split(found.features, 512)]
+                prediction = self.reranked(self.predict(net, heights), images, model)
+                likest = [
+                    (part @ memory.T).max(1) for part in torch.split(prediction.features, 512)
+                ]
             likeness, row = (torch.cat(parts).numpy() for parts in zip(*likest, strict=True))
-            scores = found.scores
+            scores = prediction.scores
             probability = softmax(scores, axis=1)
             novelty = self.novelties(scores, softness, likeness)
             places = np.argsort(-probability, axis=1, kind="stable")[:, :k]
@@ -159,43 +174,46 @@ class Classifier(ABC):
                 self.positions(place_xy[places], model["memory_xy_m"][row]),
                 np.stack([*novelty.values()], axis=1).astype(np.float32),
                 softmax(scores / softness, axis=1).max(axis=1).astype(np.float32),
-                np.take_along_axis(found.heading_deg.numpy(), places, axis=1),
+                np.take_along_axis(prediction.heading_deg.numpy(), places, axis=1),
                 tuple(novelty),
             )
 
         return localize
 
     def step(self, answer: Any, batch: Any) -> tuple[Tensor, Tensor, int]:
-        """Mean loss of a batch, how many of its views are right, and of how many; cross-entropy by
-        default."""
+        """Mean loss of a batch, how many of its views are right, and of how many.
+
+        Cross-entropy by default.
+        """
         return loop.classify(answer, batch)
 
     def positions(
         self, places_m: NDArray[np.float64], likest_m: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """World positions (n, k, 2) of the answers: by default the mean position `places_m` (n, k,
-        2) of each place's views.
+        """World positions (n, k, 2) of the answers.
 
-        `likest_m` (n, 2) is the position of the training view most like the query.
+        By default the mean position `places_m` (n, k, 2) of each place's views. `likest_m` (n, 2)
+        is the position of the training view most like the query.
         """
         return places_m
 
     def embedded(self, net: Any, heights: Tensor) -> Tensor:
-        """Inputs of the last layer for quantized heights (n, rings, sectors), at the precision of
-        training."""
+        """Inputs of the last layer for quantized heights (n, rings, sectors).
+
+        At the precision of training.
+        """
         with loop.autocast(device(), self.precision):
             seen: Tensor = net.embed(self.images(heights))
             return seen.float()
 
     def images(self, heights: Tensor) -> Tensor:
-        """Coloured images (n, channels, rings, sectors) in [0, 1] of quantized heights (n, rings,
-        sectors)."""
-        where = device()
-        table = torch.from_numpy(colours(self.colormap)).to(where).float() / 255
-        return table[heights.to(where).long()].permute(0, 3, 1, 2)
+        """Coloured images (n, channels, rings, sectors) in [0, 1] of quantized heights."""
+        torch_device = device()
+        table = torch.from_numpy(colours(self.colormap)).to(torch_device).float() / 255
+        return table[heights.to(torch_device).long()].permute(0, 3, 1, 2)
 
     def whole(self, logits: Tensor) -> Tensor:
-        """What the network answers to whole images: logits (n, …, places)."""
+        """The network's logits (n, …, places) for whole images."""
         return logits
 
     def filled(self, model: Model) -> nn.Module:

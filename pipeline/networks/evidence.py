@@ -1,5 +1,4 @@
-"""What held-out views say of a network: its temperature, and the evidence that thresholds are
-chosen from (METHODS 2.6)."""
+"""Temperature and evidence of a network on held-out views (METHODS 2.6)."""
 
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
@@ -31,51 +30,51 @@ class Prediction(NamedTuple):
         return self.logits.numpy().astype(np.float64)
 
 
-class Known(NamedTuple):
+class KnownViews(NamedTuple):
     """Views of the training sequence, each with its place."""
 
     seen: Tensor  # (n, rings, sectors) quantized heights, or (n, 64) features
     places: NDArray[np.int64]
     xy_m: NDArray[np.float64]  # (n, 2)
 
-    def some(self, rows: NDArray[np.bool_] | Tensor) -> "Known":
-        """Some of them."""
-        return Known(self.seen[rows], self.places[rows], self.xy_m[rows])
+    def some(self, rows: NDArray[np.bool_] | Tensor) -> "KnownViews":
+        """Those of a mask or of row numbers."""
+        return KnownViews(self.seen[rows], self.places[rows], self.xy_m[rows])
 
 
-def judged(
+def judge_held_out(
     predict: Callable[[Tensor, Tensor | None], Prediction],
     novelties: Novelties,
-    held_out: Known,
+    held_out: KnownViews,
     block: NDArray[np.int64],
     place_xy_m: NDArray[np.float64],
-    memory: Known,
+    memory: KnownViews,
     neighbour_m: float,
     progress: Progress,
-    usual: float | None = None,
+    fallback: float | None = None,
 ) -> tuple[float, Evidence]:
-    """The temperature, and the answers to held-out views, once more with the places and training
-    views near them forgotten.
+    """The temperature, and the evidence of held-out views with and without their surroundings.
 
-    `block` (h,) is the held-out block of each. Where the views fix no temperature, it is the
-    `usual` one.
+    Without: the places and training views near them are forgotten. `block` (h,) is the held-out
+    block of each. Where the views fix no temperature, it is the `fallback`.
     """
     heights, places, xy_m = held_out
     seen = predict(heights, None)
     unseen = predict(heights, torch.from_numpy(near(xy_m, place_xy_m, neighbour_m)))
     softness = temperature(seen.scores, places)
-    if usual is not None and not determined(softness, seen.scores, places):
-        softness = usual
+    if fallback is not None and not determined(softness, seen.scores, places):
+        softness = fallback
     elif not determined(softness, seen.scores, places):
         line = f"the {len(places)} held-out views fix no temperature, {softness:.3g} is used"
         progress.tell(f"{line}: confidence and tempered_entropy are not calibrated")
-    cosines, others = (
-        (one.features.numpy() @ memory.seen.numpy().T).astype(np.float64) for one in (seen, unseen)
+    seen_cosines, unseen_cosines = (
+        (prediction.features.numpy() @ memory.seen.numpy().T).astype(np.float64)
+        for prediction in (seen, unseen)
     )
-    others[near(xy_m, memory.xy_m, neighbour_m)] = -1
+    unseen_cosines[near(xy_m, memory.xy_m, neighbour_m)] = -1
     return softness, Evidence(
         seen.scores.argmax(axis=1) == places,
-        novelties(seen.scores, softness, cosines.max(axis=1)),
-        novelties(unseen.scores, softness, others.max(axis=1)),
+        novelties(seen.scores, softness, seen_cosines.max(axis=1)),
+        novelties(unseen.scores, softness, unseen_cosines.max(axis=1)),
         block,
     )

@@ -10,14 +10,20 @@ from pipeline.running.progress import Progress
 
 
 class Learner(Classifier):
-    """What SCI and its ring are."""
+    """The base of SCI and its ring: learns places, and further days."""
 
     def learn(self, views: Rows, places: NDArray[np.int64], progress: Progress) -> Model:
-        """Train on the views of the training sequence; raises ConfigError or InputError where they
-        do not suit the network."""
+        """Train on the views of the training sequence.
+
+        Raises ConfigError or InputError where they do not suit the network.
+        """
         return training.learned(self, TrainingSet.joined([TrainingSet(views, places)]), progress)
 
-    def grow(self, model: Model, known: TrainingSet, new: TrainingSet, progress: Progress) -> Model:
-        """Train on with further days; raises InputError where its views or places do not follow
-        those of the model."""
-        return growth.grown(self, model, known, new, progress)
+    def grow(
+        self, model: Model, known_set: TrainingSet, new_set: TrainingSet, progress: Progress
+    ) -> Model:
+        """Train on with further days.
+
+        Raises InputError where its views or places do not follow those of the model.
+        """
+        return growth.grown(self, model, known_set, new_set, progress)

@@ -20,7 +20,7 @@ class LeNet(nn.Module):
     0.99. 2,296,515 numbers for 579 places, 384 of them the batch norms' running ones.
     """
 
-    last = "head.4"
+    last_layer = "head.4"
     """The layer with a row a place."""
 
     def __init__(
@@ -66,18 +66,18 @@ def trunk(convolutions: Iterable[nn.Conv2d], momentum: float) -> nn.Sequential:
 
     The pool comes before the ReLU, which then has a quarter of the work and gives the same bits.
     """
-    first, second, third = convolutions
+    first_convolution, second_convolution, third_convolution = convolutions
     norms = [nn.BatchNorm2d(filters, eps=1e-3, momentum=momentum) for filters in FILTERS]
     return nn.Sequential(
-        first,
+        first_convolution,
         nn.MaxPool2d(2),
         nn.ReLU(),
         norms[0],
-        second,
+        second_convolution,
         nn.MaxPool2d(2),
         nn.ReLU(),
         norms[1],
-        third,
+        third_convolution,
         nn.MaxPool2d(2),
         nn.ReLU(),
     )

@@ -36,8 +36,10 @@ CURVES = ("loss", "accuracy", "held_out_loss", "held_out_accuracy")
 
 @contextmanager
 def reproducible(threads: int) -> Iterator[None]:
-    """A fixed number of threads (sums depend on how work is split), with the caller's count and
-    random state put back."""
+    """A fixed number of threads and a random state of its own, for the block.
+
+    Sums depend on how work is split. The caller's count and random state are put back.
+    """
     before = torch.get_num_threads()
     torch.set_num_threads(threads)
     try:
@@ -47,34 +49,37 @@ def reproducible(threads: int) -> Iterator[None]:
         torch.set_num_threads(before)
 
 
-def dtype(where: torch.device, precision: Precision) -> torch.dtype:
-    """bfloat16 if `precision` says so, else float32; with auto bfloat16 on any GPU, and on
-    processors with the instructions."""
+def dtype(torch_device: torch.device, precision: Precision) -> torch.dtype:
+    """bfloat16 or float32, as `precision` says.
+
+    With auto bfloat16 on any GPU, and on processors with the instructions.
+    """
     fast = precision == "auto" and (
-        where.type != "cpu" or torch.ops.mkldnn._is_mkldnn_bf16_supported()
+        torch_device.type != "cpu" or torch.ops.mkldnn._is_mkldnn_bf16_supported()
     )
     return torch.bfloat16 if precision == "bf16" or fast else torch.float32
 
 
 def arithmetic() -> str:
-    """What networks compute in on this machine where nothing else is said: `bfloat16` or
-    `float32`."""
+    """The default arithmetic of networks on this machine: `bfloat16` or `float32`."""
     return str(dtype(device(), "auto")).removeprefix("torch.")
 
 
-def autocast(where: torch.device, precision: Precision) -> torch.autocast:
-    """Arithmetic of that type."""
+def autocast(torch_device: torch.device, precision: Precision) -> torch.autocast:
+    """Autocast to the type of `precision`."""
     return torch.autocast(
-        where.type, torch.bfloat16, enabled=dtype(where, precision) == torch.bfloat16
+        torch_device.type, torch.bfloat16, enabled=dtype(torch_device, precision) == torch.bfloat16
     )
 
 
-def cast(net: nn.Module, where: torch.device, precision: Precision) -> None:
-    """Bring the convolutions' kernels to that type for good, which autocast would do again at every
-    answer: the same bits."""
+def cast(net: nn.Module, torch_device: torch.device, precision: Precision) -> None:
+    """Convert the convolutions' kernels to the type of `precision` for good.
+
+    Autocast would do it again at every answer, with the same bits.
+    """
     for module in net.modules():
         if isinstance(module, nn.Conv2d):
-            module.to(dtype(where, precision))
+            module.to(dtype(torch_device, precision))
 
 
 def arrays(net: nn.Module, prefix: str = NET) -> dict[str, NDArray[Any]]:
@@ -97,8 +102,10 @@ def tensors(model: Mapping[str, NDArray[Any]], prefix: str = NET) -> dict[str, T
 def fill(
     net: nn.Module, model: Mapping[str, NDArray[Any]], prefix: str = NET, assign: bool = False
 ) -> None:
-    """Give a network the weights that a model holds; raises ArtifactError where they are not of
-    such a network."""
+    """Load a model's weights into a network.
+
+    Raises ArtifactError where they are not of such a network.
+    """
     try:
         net.load_state_dict(tensors(model, prefix), assign=assign)
     except RuntimeError:
@@ -136,30 +143,30 @@ def fit(
     fused: bool = False,
     since: float = 0.0,
 ) -> dict[str, NDArray[Any]]:
-    """Train `net` with Adam on the loss of each `step`, judged on held-out rows after each epoch
-    (its loss and accuracy).
+    """Train `net` with Adam on the loss of each `step`, judged after each epoch.
 
-    Leaves the weights of the best epoch in it, that of the highest held-out accuracy, of equals the
-    last, and so the last where there is no judge; returns `best_epoch`, 0-based, and the `curves/`
-    of CURVES (epoch,), as they are stored in a model. An epoch has `steps` batches; `learning_rate`
-    is the highest that the schedule reaches, of which a share `since` lies behind. `fused` Adam
-    rounds differently, and is much faster for a network of many numbers. Every random draw of an
-    epoch follows from the seed and the epoch's number, so a run that goes on from
-    `progress.checkpoint` gives the weights of one that was never interrupted.
+    `judge` gives loss and accuracy on held-out rows. Leaves the weights of the best epoch in it,
+    that of the highest held-out accuracy, of equals the last, and so the last where there is no
+    judge; returns `best_epoch`, 0-based, and the `curves/` of CURVES (epoch,), as they are stored
+    in a model. An epoch has `steps` batches; `learning_rate` is the highest that the schedule
+    reaches, of which a share `since` lies behind. `fused` Adam rounds differently, and is much
+    faster for a network of many numbers. Every random draw of an epoch follows from the seed and
+    the epoch's number, so a run that goes on from `progress.checkpoint` gives the weights of one
+    that was never interrupted.
     """
-    where = next(net.parameters()).device
+    torch_device = next(net.parameters()).device
     optimizer = torch.optim.Adam(net.parameters(), learning_rate, eps=1e-7, fused=fused or None)
 
     def answer(*inputs: Any) -> Tensor:
-        with autocast(where, precision):
+        with autocast(torch_device, precision):
             answers: Tensor = net(*inputs)
             return answers
 
     curves = np.empty((0, len(CURVES)))
-    best = {name: value.clone() for name, value in net.state_dict().items()}
-    if kept := resume(progress.checkpoint, net, {"adam": optimizer}):
-        curves = kept["curves"].cpu().numpy()
-        best = taken(kept, BEST)
+    best_weights = {name: value.clone() for name, value in net.state_dict().items()}
+    if checkpoint := resume(progress.checkpoint, net, {"adam": optimizer}):
+        curves = checkpoint["curves"].cpu().numpy()
+        best_weights = pop_prefixed(checkpoint, BEST)
     share = SCHEDULES[schedule]
     for epoch in progress.track(
         range(len(curves), epochs), epochs - len(curves), "train" if judge else "refit"
@@ -167,8 +174,8 @@ def fit(
         torch.manual_seed((seed << 20) + epoch)
         order = torch.Generator().manual_seed((seed << 20) + epoch)
         net.train()
-        loss_sum = torch.zeros((), device=where)
-        right = torch.zeros((), device=where)
+        loss_sum = torch.zeros((), device=torch_device)
+        right = torch.zeros((), device=torch_device)
         seen = 0
         for number, batch in enumerate(batches(order)):
             optimizer.param_groups[0]["lr"] = learning_rate * share(
@@ -192,33 +199,36 @@ def fit(
                 "method.learning_rate"
             )
         curves = np.vstack([curves, row])
-        if _best(curves) == epoch:
-            best = {name: value.clone() for name, value in net.state_dict().items()}
+        if _best_epoch(curves) == epoch:
+            best_weights = {name: value.clone() for name, value in net.state_dict().items()}
         progress.note(
             epoch=epoch + 1, loss=row[0], accuracy=row[1], **({"held_out": row[3]} if judge else {})
         )
         if progress.checkpoint is not None:
-            more = {f"{BEST}{name}": value for name, value in best.items()} | {
+            further_tensors = {f"{BEST}{name}": value for name, value in best_weights.items()} | {
                 "curves": torch.from_numpy(curves)
             }
-            keep(progress.checkpoint, net, {"adam": optimizer}, more)
-    net.load_state_dict(best)
+            keep(progress.checkpoint, net, {"adam": optimizer}, further_tensors)
+    net.load_state_dict(best_weights)
     columns = {
         f"curves/{name}": column for name, column in zip(CURVES, curves.T.copy(), strict=True)
     }
-    return {"best_epoch": np.array(_best(curves)), **columns}
+    return {"best_epoch": np.array(_best_epoch(curves)), **columns}
 
 
-def _best(curves: NDArray[np.float64]) -> int:
-    """Not by the held-out loss, which rises while the ranking still improves."""
+def _best_epoch(curves: NDArray[np.float64]) -> int:
+    """The last epoch of the highest held-out accuracy.
+
+    Not of the lowest held-out loss, which rises while the ranking still improves.
+    """
     return len(curves) - 1 - int(curves[::-1, 3].argmax())
 
 
 def one_cycle(progress: float) -> float:
-    """Share of the peak learning rate at a share of the training: a cosine from 4 % up to 1 at 30
-    %, then down to nearly 0.
+    """Share of the peak learning rate at a share of the training.
 
-    Smith and Topin, 2018: a short training needs the rate to fall at its end.
+    A cosine from 4 % up to 1 at 30 %, then down to nearly 0. Smith and Topin, 2018: a short
+    training needs the rate to fall at its end.
     """
     if progress < 0.3:
         return 0.52 - 0.48 * math.cos(math.pi * progress / 0.3)
@@ -239,42 +249,46 @@ def keep(
     path: Path,
     net: nn.Module,
     optimizers: Mapping[str, torch.optim.Optimizer],
-    more: Mapping[str, Tensor],
+    further_tensors: Mapping[str, Tensor],
 ) -> None:
-    """Write a checkpoint: the network, the moments of each optimiser, and `more`."""
-    kept = {f"{NET}{name}": value for name, value in net.state_dict().items()} | dict(more)
+    """Write a checkpoint: the network, the optimisers' moments, and further tensors."""
+    checkpoint = {f"{NET}{name}": value for name, value in net.state_dict().items()} | dict(
+        further_tensors
+    )
     for optimizer_name, optimizer in optimizers.items():
         for index, state in optimizer.state_dict()["state"].items():
-            kept |= {f"{optimizer_name}/{index}/{name}": value for name, value in state.items()}
+            checkpoint |= {
+                f"{optimizer_name}/{index}/{name}": value for name, value in state.items()
+            }
     with store.replace(path) as scratch:
-        save_file({name: value.contiguous() for name, value in kept.items()}, scratch)
+        save_file({name: value.contiguous() for name, value in checkpoint.items()}, scratch)
 
 
 def resume(
     path: Path | None, net: nn.Module, optimizers: Mapping[str, torch.optim.Optimizer]
 ) -> dict[str, Tensor]:
-    """Load a checkpoint into a network and its optimisers; returns the other tensors of the file,
-    none where there is no file.
+    """Load a checkpoint into a network and its optimisers, and return its other tensors.
 
-    Raises ArtifactError for a file that is cut off or of another training.
+    None where there is no file. Raises ArtifactError for a file that is cut off or of another
+    training.
     """
     if path is None or not path.is_file():
         return {}
     try:
-        kept: dict[str, Tensor] = load_file(path, device=str(next(net.parameters()).device))
-        net.load_state_dict(taken(kept, NET))
+        checkpoint: dict[str, Tensor] = load_file(path, device=str(next(net.parameters()).device))
+        net.load_state_dict(pop_prefixed(checkpoint, NET))
         for optimizer_name, optimizer in optimizers.items():
             state: dict[int, dict[str, Tensor]] = {}
             weights: list[Tensor] = [
                 weight for group in optimizer.param_groups for weight in group["params"]
             ]
-            for name, value in taken(kept, f"{optimizer_name}/").items():
+            for name, value in pop_prefixed(checkpoint, f"{optimizer_name}/").items():
                 index, _, field = name.partition("/")
-                like = torch.empty_like(
+                moment = torch.empty_like(
                     weights[int(index)]
                 )  # with its strides, on which rounding depends
                 state.setdefault(int(index), {})[field] = (
-                    value.cpu() if field == "step" else like.copy_(value)
+                    value.cpu() if field == "step" else moment.copy_(value)
                 )
             optimizer.load_state_dict(
                 {"state": state, "param_groups": optimizer.state_dict()["param_groups"]}
@@ -283,11 +297,13 @@ def resume(
         raise ArtifactError(
             f"{path}: not a whole checkpoint of this training ({error}); remove it"
         ) from None
-    return kept
+    return checkpoint
 
 
-def taken(kept: dict[str, Tensor], prefix: str) -> dict[str, Tensor]:
-    """Removes and returns the tensors of a prefix, under their names without it."""
+def pop_prefixed(tensors_by_name: dict[str, Tensor], prefix: str) -> dict[str, Tensor]:
+    """Remove and return the tensors of a prefix, under their names without it."""
     return {
-        name.removeprefix(prefix): kept.pop(name) for name in list(kept) if name.startswith(prefix)
+        name.removeprefix(prefix): tensors_by_name.pop(name)
+        for name in list(tensors_by_name)
+        if name.startswith(prefix)
     }

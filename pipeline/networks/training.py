@@ -1,5 +1,4 @@
-"""Training a classifier: fit, judged on held-out blocks, fitted again on all views, and what a
-model then holds."""
+"""Trains a classifier: fit, judged on held-out blocks, then fitted again on all views."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,18 +14,18 @@ from pipeline.matching.ranking import Model, TrainingSet
 from pipeline.matching.rejection import Evidence
 from pipeline.networks import loop
 from pipeline.networks.classifier import Classifier
-from pipeline.networks.evidence import Known, Prediction, judged
+from pipeline.networks.evidence import KnownViews, Prediction, judge_held_out
 from pipeline.networks.lenet import device
 from pipeline.running.progress import Progress
 
 
 @dataclass(frozen=True)
 class Training:
-    """A network in training."""
+    """A network in training, with its data and settings."""
 
     method: Classifier
     data: TrainingSet
-    held: NDArray[np.bool_]
+    is_held_out: NDArray[np.bool_]
     """(submap,) which views are held out, until everything is chosen."""
     net: nn.Module
     progress: Progress
@@ -39,12 +38,12 @@ class Training:
 
     @cached_property
     def heights(self) -> Tensor:
-        """The same, quantized."""
+        """The images, quantized."""
         return self.method.heights(self.images)
 
     @cached_property
     def xy_m(self) -> NDArray[np.float64]:
-        """(n, 2)."""
+        """Positions (n, 2) of the views."""
         return self.data.views.world_T_anchor[:, :2, 3]
 
     @cached_property
@@ -59,91 +58,115 @@ class Training:
     def fit(
         self, rows: NDArray[np.int64], share: float, part: str = "", judge: loop.Judge | None = None
     ) -> Model:
-        """The end of the schedule, a share of it, on the batches of some rows; the curves of it."""
+        """Train on the batches of some rows and return the curves.
+
+        For the last `share` of the schedule.
+        """
         method = self.method
         progress = self.progress.part(part) if part else self.progress
-        chosen = torch.from_numpy(rows)
+        trained = torch.from_numpy(rows)
         places = torch.from_numpy(self.data.places)
-        batches, steps = method.batches(self.heights, self.data.views, places, chosen)
+        batches, steps = method.batches(self.heights, self.data.views, places, trained)
         epochs = max(1, round(method.epochs * progress.budget * share))
-        how: dict[str, Any] = {
+        settings: dict[str, Any] = {
             name: getattr(method, name)
             for name in ("learning_rate", "schedule", "precision", "seed")
         }
-        how |= {"epochs": epochs, "steps": steps, "since": 1 - share, "step": self.step}
-        return loop.fit(self.net, batches, judge, progress=progress, **how)
+        settings |= {"epochs": epochs, "steps": steps, "since": 1 - share, "step": self.step}
+        return loop.fit(self.net, batches, judge, progress=progress, **settings)
 
     def judge(self, net: nn.Module) -> tuple[float, float]:
         """Loss and accuracy on the held-out views."""
-        logits = self.method.predict(net, self.heights[self.held]).logits
-        classes = torch.from_numpy(self.data.places[self.held])
+        logits = self.method.predict(net, self.heights[self.is_held_out]).logits
+        classes = torch.from_numpy(self.data.places[self.is_held_out])
         return float(nn.functional.cross_entropy(logits, classes)), float(
             (logits.argmax(1) == classes).float().mean()
         )
 
-    def remembered(self, rows: NDArray[np.int64]) -> tuple[Known, Tensor, Model]:
-        """The features of some views or more, the row of each, and what else answers to queries are
-        compared with."""
+    def remembered(self, rows: NDArray[np.int64]) -> tuple[KnownViews, Tensor, Model]:
+        """Features of some views or more, the row of each, and the arrays `reranked` needs."""
         views = self.data.views
         places = self.data.places
-        chosen = torch.from_numpy(rows)
-        features, found = self.method.embed_training(self.net, self.heights, views, chosen)
-        kept = self.method.remembered(self.images, views, places, chosen)
-        return Known(features, places[found], self.xy_m[found]), found, kept
+        trained = torch.from_numpy(rows)
+        features, feature_rows = self.method.embed_training(self.net, self.heights, views, trained)
+        remembered_arrays = self.method.remembered(self.images, views, places, trained)
+        views_known = KnownViews(features, places[feature_rows], self.xy_m[feature_rows])
+        return views_known, feature_rows, remembered_arrays
 
     def evidence(self, rows: NDArray[np.int64], earlier: Model | None) -> tuple[float, Evidence]:
-        """The temperature and the answers to held-out views, when `rows` are remembered."""
-        usual = None if earlier is None else float(earlier["temperature"])
-        if usual is not None and not self.held.any():
-            return usual, Evidence.of(earlier or {})
-        every, found, kept = self.remembered(rows)
-        known = every.some(torch.isin(found, torch.from_numpy(rows)))
-        images = self.images[self.held]
+        """The temperature and the evidence of held-out views, when `rows` are remembered."""
+        earlier_temperature = None if earlier is None else float(earlier["temperature"])
+        if earlier_temperature is not None and not self.is_held_out.any():
+            return earlier_temperature, Evidence.of(earlier or {})
+        all_views, feature_rows, remembered_arrays = self.remembered(rows)
+        known_views = all_views.some(torch.isin(feature_rows, torch.from_numpy(rows)))
+        images = self.images[self.is_held_out]
 
         def predict(heights: Tensor, forgotten: Tensor | None) -> Prediction:
             return self.method.reranked(
-                self.method.predict(self.net, heights, forgotten), images, kept
+                self.method.predict(self.net, heights, forgotten), images, remembered_arrays
             )
 
-        asked = Known(self.heights, self.data.places, self.xy_m).some(self.held)
-        near_m = self.method.neighbour_m
+        held_out_views = KnownViews(self.heights, self.data.places, self.xy_m).some(
+            self.is_held_out
+        )
         world_T_anchor = self.data.views.world_T_anchor
         of_blocks = (self.method.held_out_every_m, self.method.held_out_length_m)
-        block = holdout.numbered(world_T_anchor, self.held, *of_blocks)
-        about = (asked, block, self.place_xy_m, known, near_m, self.progress, usual)
-        softness, own = judged(predict, self.method.novelties, *about)
-        return softness, own if earlier is None else Evidence.joined([Evidence.of(earlier), own])
+        block = holdout.numbered(world_T_anchor, self.is_held_out, *of_blocks)
+        softness, evidence = judge_held_out(
+            predict,
+            self.method.novelties,
+            held_out_views,
+            block,
+            self.place_xy_m,
+            known_views,
+            self.method.neighbour_m,
+            self.progress,
+            earlier_temperature,
+        )
+        if earlier is not None:
+            evidence = Evidence.joined([Evidence.of(earlier), evidence])
+        return softness, evidence
 
     def model(
         self, softness: float, evidence: Evidence, rows: NDArray[np.int64], curves: Model
     ) -> Model:
-        """All that was learned, `rows` remembered."""
-        known, _, kept = self.remembered(rows)
+        """The arrays of the model, with `rows` remembered."""
+        known_views, _, remembered_arrays = self.remembered(rows)
         arrays = {
             "place_xy_m": self.place_xy_m,
-            "memory": known.seen.numpy(),
-            "memory_xy_m": known.xy_m,
+            "memory": known_views.seen.numpy(),
+            "memory_xy_m": known_views.xy_m,
             "temperature": np.array(softness),
             "image_shape": np.array(self.images.shape[1:]),
         }
-        return {**loop.arrays(self.net), **arrays, **kept, **evidence.arrays(), **curves}
+        return {
+            **loop.arrays(self.net),
+            **arrays,
+            **remembered_arrays,
+            **evidence.arrays(),
+            **curves,
+        }
 
 
 def learned(method: Classifier, data: TrainingSet, progress: Progress) -> Model:
-    """A model of the first day: held-out blocks choose epoch, temperature and thresholds; then
-    `refit` trains on all views."""
-    held = blocks(method, data)
-    trained = np.flatnonzero(~held)
-    held = held if held.any() else ~held  # a path too short for blocks is judged on what it trained
+    """The model of the first day, with epoch, temperature and thresholds of held-out blocks.
+
+    Then `refit` trains on all views.
+    """
+    is_held_out = blocks(method, data)
+    trained = np.flatnonzero(~is_held_out)
+    if not is_held_out.any():  # a path too short for blocks is judged on what it trained
+        is_held_out = ~is_held_out
     with loop.reproducible(method.threads):
         torch.manual_seed(method.seed)
         net = method.network(int(data.places.max()) + 1, *data.views.images.shape[1:]).to(device())
-        training = Training(method, data, held, net, progress, method.step)
+        training = Training(method, data, is_held_out, net, progress, method.step)
         curves = training.fit(trained, 1.0, judge=training.judge)
-        chosen = training.evidence(trained, None)
+        softness, evidence = training.evidence(trained, None)
         if method.refit:
             training.fit(trained := np.arange(len(data)), method.refit, "refit")
-        return training.model(*chosen, trained, curves)
+        return training.model(softness, evidence, trained, curves)
 
 
 def blocks(method: Classifier, data: TrainingSet) -> NDArray[np.bool_]:

@@ -92,7 +92,7 @@ class Packing:
             compute = stack.enter_context(Compute("processes"))
             evidence = held_out.evidence(fixer, learned_day, compute, progress)
             arrays = {key: site_map.load(key) for key in schemas.MAPS.columns}
-        verdict = Verdict.learned(evidence, settings["unseen_share"], fixer.depth)
+        verdict = Verdict(evidence, settings["unseen_share"])
         limits = {belief: verdict.limits(belief) for belief in BELIEFS}
         dataset_settings = read_yaml(self.conf / "dataset" / f"{dataset}.yaml")
         reader = dataset_settings["reader"]
@@ -101,7 +101,7 @@ class Packing:
             "simulated": bool(dataset_settings["simulated"]),
             "method": recipe,
             "view": view,
-            "fixer": settings["fixer"] | {"depth": verdict.depth},
+            "fixer": settings["fixer"],
             "k": k,
             "places": {key: labels.attrs[key] for key in ("cell_m", "x_m", "y_m")},
             "map": {key: site_map.attrs[key] for key in ("grain_m", "range_m", "single")},

@@ -1,7 +1,7 @@
 """Fixes: the poses that a query may have, likeliest first, with their chances (METHODS 9.5)."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
@@ -41,8 +41,6 @@ class Hypothesis:
     """Angle between the query's and the submap's upward axes."""
     slide: Slide
     """Where else along its street the walls fit best."""
-    step: int = 0
-    """Step of the search at which it was found."""
 
     @property
     def quality(self) -> float:
@@ -77,28 +75,18 @@ class Fix:
     def of(cls, hypotheses: Sequence[Hypothesis], chances: Chances = USUAL) -> Self:
         """Build a fix from hypotheses in any order.
 
-        Of those within 2 m and 5° of one another the one of the highest quality stays, with the
-        step of the one that was found first.
+        Of those within 2 m and 5° of one another the one of the highest quality stays.
         """
         kept: list[Hypothesis] = []
         for hypothesis in sorted(hypotheses, key=lambda hypothesis: -hypothesis.quality):
             away_m, turn_deg = apart(
                 _poses(kept), np.broadcast_to(hypothesis.world_T_query, (len(kept), 4, 4))
             )
-            same = np.flatnonzero((away_m < SAME_M) & (turn_deg < SAME_DEG)).tolist()
-            if not same:
+            if not ((away_m < SAME_M) & (turn_deg < SAME_DEG)).any():
                 kept.append(hypothesis)
-            elif hypothesis.step < kept[same[0]].step:
-                kept[same[0]] = replace(kept[same[0]], step=hypothesis.step)
         shares = chances.of(signs(kept))
         order = np.argsort(-shares, kind="stable").tolist()
         return cls(tuple(kept[i] for i in order), tuple(float(shares[i]) for i in order))
-
-    def upto(self, depth: int, chances: Chances = USUAL) -> Self:
-        """The fix if the search had ended after `depth` steps."""
-        return self.of(
-            [hypothesis for hypothesis in self.hypotheses if hypothesis.step < depth], chances
-        )
 
     @property
     def alignment(self) -> Alignment:

@@ -4,7 +4,7 @@ It tries the ranking's own pose first, then walls of more and more places.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import chain, islice
 from typing import NamedTuple, Self
@@ -112,9 +112,6 @@ class Fixer:
     """Fine registrations in each round, of the best rough ones."""
     sure: Share = 0.95
     """A hypothesis of this chance ends the search."""
-    depth: Count = 5
-    """So many steps at most: the ranking's own pose, then one or two of each round; learned from
-    held-out blocks."""
     least_lead: NotNegative = 0.1
     """The slid copies of the likeliest hypothesis are registered too unless it leads by so much."""
     widest_m: NotNegative = 0.5
@@ -147,7 +144,7 @@ class Fixer:
             return Fix()
         left_out = np.zeros(len(targets.world_T_anchor), bool) if left_out is None else left_out
         search = _Search(self, query, targets, left_out)
-        return self._first_sure(islice(search.everywhere(answers), self.depth), search.copies)
+        return self._first_sure(search.everywhere(answers), search.copies)
 
     def track(
         self, points_m: Points, targets: Targets, world_T_guess: NDArray[np.float64], rows: int = 2
@@ -185,14 +182,14 @@ class Fixer:
         hypotheses: list[Hypothesis] = []
         compared: list[Hypothesis] = []
         fix = Fix()
-        for step, hypothesis in enumerate(candidates):
-            hypotheses.append(replace(hypothesis, step=step))
+        for hypothesis in candidates:
+            hypotheses.append(hypothesis)
             fix = Fix.of(hypotheses, self.chances)
             best = fix.hypotheses[0]
             leads = best.slide.lead >= self.least_lead or any(best is leader for leader in compared)
             if fix.chance >= LIKELY and not leads:
                 compared.append(best)
-                hypotheses += [replace(copy, step=step) for copy in copies(best)]
+                hypotheses += copies(best)
                 fix = Fix.of(hypotheses, self.chances)
             if fix.chance >= self.sure:
                 break

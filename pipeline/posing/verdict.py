@@ -34,8 +34,6 @@ LEAST_DOUBT = 1e-9
 TIMES = 5.0
 """No single belief is accepted whose doubt is over so many times what a promise allows in the mean
 (METHODS 9.5)."""
-AS_MUCH = 0.005
-"""Shares of right poses that differ by less are no reason to search on."""
 
 
 @dataclass(frozen=True)
@@ -105,10 +103,6 @@ class Evidence:
         alike = np.where(self.unseen, max(self.unseen.sum(), 1), max((~self.unseen).sum(), 1))
         return np.asarray(self.blocks * share / alike)
 
-    def upto(self, depth: int) -> "Evidence":
-        """The evidence if the searches had ended after `depth` steps."""
-        return replace(self, fixes=[fix.upto(depth) for fix in self.fixes])
-
     def ordered(self, chances: Chances) -> "Evidence":
         """The same evidence, each fix with its hypotheses in the order of other chances."""
         return replace(self, fixes=[Fix.of(fix.hypotheses, chances) for fix in self.fixes])
@@ -130,25 +124,6 @@ class Verdict:
     evidence: Evidence
     unseen_share: float
     """Share of queries to expect from places that the map does not have."""
-    depth: int
-    """Steps that the search takes at most."""
-
-    @classmethod
-    def learned(cls, evidence: Evidence, unseen_share: float, depth: int) -> Self:
-        """Learn from fixes searched to `depth`, and choose the least depth that is good enough.
-
-        It finds about as much as any. To look farther takes time, and what changes over a year is
-        found by it.
-        """
-        verdicts = [cls(evidence.upto(least), unseen_share, least) for least in range(1, depth + 1)]
-        best_share = max(verdict.right_share for verdict in verdicts)
-        return next(verdict for verdict in verdicts if verdict.right_share >= best_share - AS_MUCH)
-
-    @property
-    def right_share(self) -> float:
-        """The share of the evidence whose likeliest pose is right."""
-        weight = self.evidence.weight(self.unseen_share)
-        return float(weight @ self._judged[1][:, 0] / max(weight.sum(), 1e-9))
 
     @cached_property
     def judge(self) -> Judge:

@@ -1,8 +1,8 @@
-"""ROS bags of any kind, without ROS: PointCloud2 or LaserScan, with poses from a topic or from tf
-(METHODS 7.4).
+"""Reads ROS bags of any kind, without ROS (METHODS 7.4).
 
-A sequence is a bag below the root, or a folder of bags that are read as one drive, in order of
-time. Frames follow REP 103: x forward, y left, z up.
+Points come from PointCloud2 or LaserScan messages, poses from a topic or from tf. A sequence is a
+bag below the root, or a folder of bags that are read as one drive, in order of time. Frames follow
+REP 103: x forward, y left, z up.
 """
 
 from collections import Counter
@@ -64,7 +64,7 @@ class Bag:
     def open(self, root: Path, sequence: str) -> Log:
         where = root / sequence
         places = [where, *(where.with_name(where.name + suffix) for suffix in bag_file.SUFFIXES)]
-        paths = next((found for found in map(bag_file.find, places) if found), None)
+        paths = next((bag_paths for bag_paths in map(bag_file.find, places) if bag_paths), None)
         if paths is None:
             raise LogError(
                 f"{where}: no bag there: neither a folder with bags nor one of "
@@ -79,9 +79,9 @@ class Bag:
         body_T_lidar = self._extrinsic(where, files, clouds.frames, truth)
         rows, world_T_body, odom_T_body, notes = _rows_with_poses(clouds, truth, odometry, skipped)
         if not len(rows):
-            apart = f"do {self.points} and {self.truth} share a clock?"
+            question = f"do {self.points} and {self.truth} share a clock?"
             log.refuse_unposed(
-                where, "messages", clouds.stamps_ns, truth.trajectory, skipped, apart
+                where, "messages", clouds.stamps_ns, truth.trajectory, skipped, question
             )
         if odometry and odometry.child and truth.child and odometry.child != truth.child:
             odom_T_body = odom_T_body @ _fixed_transform(where, files, odometry.child, truth.child)
@@ -106,12 +106,15 @@ class Bag:
 
     def sequences(self, root: Path) -> dict[str, list[str]]:
         children = sorted(root.iterdir()) if root.is_dir() else []
-        found = {
+        paths_by_name = {
             child.name if child.is_dir() else child.stem: child
             for child in children[::-1]
             if bag_file.find(child)
         }
-        return {name: self._missing(bag_file.find(found[name])) for name in sorted(found)}
+        return {
+            name: self._missing(bag_file.find(paths_by_name[name]))
+            for name in sorted(paths_by_name)
+        }
 
     def _missing(self, paths: list[Path]) -> list[str]:
         try:
@@ -121,15 +124,17 @@ class Bag:
         return []
 
     def _check_topics(self, where: Path, files: Sequence[BagFile]) -> None:
-        """Raise LogError for a topic that no bag has, or whose type cannot be used; it lists the
-        topics that are there."""
+        """Raise LogError for a topic that no bag has, or whose type cannot be used.
+
+        The error lists the topics of the bags.
+        """
         topics = {name: topic for file in files for name, topic in file.topics.items()}
-        wanted = [
+        settings = [
             ("points", self.points, (CLOUD, SWEEP)),
             ("truth", self.truth, KINDS),
             ("odometry", self.odometry, KINDS),
         ]
-        for key, name, kinds in wanted:
+        for key, name, kinds in settings:
             if name is None or name.startswith("tf:"):
                 continue
             if name not in topics or topics[name].kind not in kinds:
@@ -139,12 +144,13 @@ class Bag:
                     else "is not in it"
                 )
                 usable = ", ".join(kind.rpartition("/")[2] for kind in kinds)
-                held = bag_file.plain(
+                topic_list = bag_file.plain(
                     ", ".join(f"{name} ({topic})" for name, topic in topics.items()) or "nothing",
                     800,
                 )
                 raise LogError(
-                    f"{where}: reader.{key}={name} {is_other}; expected {usable}. It holds {held}"
+                    f"{where}: reader.{key}={name} {is_other}; expected {usable}. It holds "
+                    f"{topic_list}"
                 )
 
     def _extrinsic(
@@ -173,8 +179,10 @@ class Bag:
 
 
 def _fixed_transform(where: Path, files: Sequence[BagFile], a: str, b: str) -> NDArray[np.float64]:
-    """a_T_b (4, 4) by the fixed transforms of the bags, on tf_static or else repeated on tf; raises
-    LogError if there is none."""
+    """a_T_b (4, 4) by the fixed transforms of the bags; raises LogError if there is none.
+
+    They are on tf_static, or else repeated on tf.
+    """
     for moving in (False, True):
         a_T_b = np.eye(4) if a == b else Tree.read(files, moving).fixed(a, b)
         if a_T_b is not None:
@@ -186,7 +194,7 @@ def _fixed_transform(where: Path, files: Sequence[BagFile], a: str, b: str) -> N
 
 
 def _parted(odometry: Track) -> Track:
-    """Odometry that starts anew where it was set back."""
+    """The odometry with a gap at each jump, where it was set back and starts anew."""
     trajectory, notes = vehicle.parted(odometry.name, odometry.trajectory)
     return replace(odometry, trajectory=trajectory, notes=odometry.notes + notes)
 
@@ -194,29 +202,31 @@ def _parted(odometry: Track) -> Track:
 def _rows_with_poses(
     clouds: Clouds, truth: Track, odometry: Track | None, skipped: Counter[str]
 ) -> tuple[NDArray[np.int64], Poses, Poses, tuple[str, ...]]:
-    """Rows with a true pose (for sweeps, odometry is enough), their true poses, their odometry, and
-    notes for the user."""
+    """Rows with a true pose, their true poses, their odometry, and notes for the user.
+
+    Sweeps may have odometry alone. Counts the other rows in `skipped`.
+    """
     stamps_ns = clouds.stamps_ns
-    world_T_body, known = truth.trajectory.at(stamps_ns)
-    odom_T_body, driven = (
+    world_T_body, has_truth = truth.trajectory.at(stamps_ns)
+    odom_T_body, has_odometry = (
         odometry.trajectory.at(stamps_ns)
         if odometry
-        else (np.full_like(world_T_body, np.nan), ~known)
+        else (np.full_like(world_T_body, np.nan), ~has_truth)
     )
-    kept = known | (driven & (odometry is not None) & (clouds.kind == SWEEP))
-    log.count_unknown(stamps_ns[~kept], truth.trajectory, skipped)
+    is_kept = has_truth | (has_odometry & (odometry is not None) & (clouds.kind == SWEEP))
+    log.count_unknown(stamps_ns[~is_kept], truth.trajectory, skipped)
     chain = np.zeros(len(stamps_ns), int)
     if odometry:
         breaks_ns = vehicle.breaks_ns(odometry.trajectory)
         chain = np.searchsorted(breaks_ns - ROUNDED_NS, stamps_ns, side="right")
-    for link in np.unique(chain[kept])[1:]:
-        rows = np.flatnonzero(kept & (chain == link))
-        first = int(known[rows].argmax()) if known[rows].any() else len(rows)
-        kept[rows[:first]] = False
-        odom_T_body[rows[first : first + 1]] = np.nan
-        skipped["between a break of the odometry and the next place"] += first
-    rows = np.flatnonzero(kept)
-    unplaced = int((~known[rows]).sum())
+    for link in np.unique(chain[is_kept])[1:]:
+        rows = np.flatnonzero(is_kept & (chain == link))
+        lead = int(has_truth[rows].argmax()) if has_truth[rows].any() else len(rows)
+        is_kept[rows[:lead]] = False
+        odom_T_body[rows[lead : lead + 1]] = np.nan
+        skipped["between a break of the odometry and the next place"] += lead
+    rows = np.flatnonzero(is_kept)
+    unplaced = int((~has_truth[rows]).sum())
     notes = (
         (f"{unplaced:,} of {len(rows):,} sweeps have no place (no pose on {truth.name})",)
         if unplaced

@@ -1,5 +1,4 @@
-"""The clouds or sweeps of bags in order of their stamps; the points are read one message at a
-time."""
+"""Reads the clouds or sweeps of bags in order of their stamps, points one message at a time."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -33,10 +32,10 @@ class Clouds:
 
     @staticmethod
     def read(files: Sequence[BagFile], topic: str, skipped: Counter[str]) -> "Clouds":
-        """Read all headers, with one message in memory at a time; counts in `skipped` broken
-        messages and repeated stamps.
+        """Read all headers, with one message in memory at a time.
 
-        Raises LogError for a topic of several types, or without any readable message.
+        Counts in `skipped` broken messages and repeated stamps. Raises LogError for a topic of
+        several types, or without any readable message.
         """
         keys: list[tuple[BagFile, Key, int]] = []
         frames: set[str] = set()
@@ -78,8 +77,10 @@ class Clouds:
         )
 
     def points(self, row: int) -> NDArray[np.floating]:
-        """Points (n, 3) in metres of one message, in the LiDAR's frame; raises LogError for a
-        broken one."""
+        """Points (n, 3) in metres of one message, in the LiDAR's frame.
+
+        Raises LogError for a broken one.
+        """
         file, key, stamp_ns = self.keys[row]
         data = file.read(key)
         try:

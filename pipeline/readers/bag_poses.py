@@ -36,12 +36,14 @@ class Track:
 
 
 def track(files: Sequence[BagFile], name: str, max_gap_s: float) -> Track:
-    """The poses of the topic or tf:PARENT>CHILD `name`, NaN where a message has no valid pose;
-    raises LogError if none exist."""
+    """The poses of the topic or tf:PARENT>CHILD `name`, NaN where a message has no valid pose.
+
+    Raises LogError if none exist.
+    """
     if name.startswith("tf:"):
         parent, _, child = name.removeprefix("tf:").partition(">")
         return Tree.read(files, moving=True).track(parent, child, max_gap_s)
-    sent: list[tuple[int, int, tuple[float, ...]]] = []
+    messages: list[tuple[int, int, tuple[float, ...]]] = []
     frames: set[str] = set()
     children: set[str] = set()
     broken = 0
@@ -54,26 +56,28 @@ def track(files: Sequence[BagFile], name: str, max_gap_s: float) -> Track:
             except LogError:
                 broken += 1
                 continue
-            sent.append((key.received_ns, stamp_ns, pose_numbers(message, kind)))
+            messages.append((key.received_ns, stamp_ns, pose_numbers(message, kind)))
             frames.add(frame)
             children.update([frame_name(message.child_frame_id)] if kind == ODOMETRY else [])
-    for what, named in (("in", frames), ("of", children)):
-        if len(named) > 1:
+    for preposition, frame_names in (("in", frames), ("of", children)):
+        if len(frame_names) > 1:
             raise LogError(
-                f"{files[0].path}: {name} gives poses {what} several frames: "
-                f"{', '.join(sorted(named)):.80}"
+                f"{files[0].path}: {name} gives poses {preposition} several frames: "
+                f"{', '.join(sorted(frame_names)):.80}"
             )
-    if not sent:
+    if not messages:
         raise LogError(f"{files[0].path}: {name} holds no pose that can be read")
-    sent.sort(key=itemgetter(0))
+    messages.sort(key=itemgetter(0))
     times, notes = message_stamps(
-        name, [(stamp_ns, received_ns) for received_ns, stamp_ns, _ in sent]
+        name, [(stamp_ns, received_ns) for received_ns, stamp_ns, _ in messages]
     )
     notes += (f"{name}: {broken:,} broken messages are left out",) if broken else ()
-    found, left_out = trajectory(name, times, poses([numbers for _, _, numbers in sent]), max_gap_s)
+    topic_trajectory, left_out = trajectory(
+        name, times, poses([numbers for _, _, numbers in messages]), max_gap_s
+    )
     return Track(
         name,
-        found,
+        topic_trajectory,
         next(iter(frames), "") or None,
         next(iter(children), "") or None,
         notes + left_out,
@@ -91,9 +95,10 @@ class Tree:
 
     @staticmethod
     def read(files: Sequence[BagFile], moving: bool) -> "Tree":
-        """Read the transforms of the topics that end in tf_static; with `moving`, of all topics of
-        transforms."""
-        sent: dict[tuple[str, str], list[tuple[int, int, tuple[float, ...]]]] = defaultdict(list)
+        """Read the transforms of the topics that end in tf_static; with `moving`, of all topics."""
+        numbers_by_edge: dict[tuple[str, str], list[tuple[int, int, tuple[float, ...]]]] = (
+            defaultdict(list)
+        )
         broken = 0
         topics = (
             (file, name)
@@ -114,22 +119,26 @@ class Tree:
                     stamp = stamped.header.stamp
                     edge = (frame_name(stamped.header.frame_id), frame_name(stamped.child_frame_id))
                     stamp_ns = stamp.sec * 10**9 + stamp.nanosec
-                    sent[edge].append((key.received_ns, stamp_ns, transform_numbers(stamped)))
+                    numbers_by_edge[edge].append(
+                        (key.received_ns, stamp_ns, transform_numbers(stamped))
+                    )
         edges: dict[tuple[str, str], tuple[Stamps, Poses]] = {}
-        for edge, rows in sent.items():
+        for edge, rows in numbers_by_edge.items():
             rows.sort(key=itemgetter(0))
-            found = poses([numbers for _, _, numbers in rows])
-            known = np.isfinite(found[:, 0, 0])
-            if known.any():
+            parent_T_child = poses([numbers for _, _, numbers in rows])
+            has_pose = np.isfinite(parent_T_child[:, 0, 0])
+            if has_pose.any():
                 edges[edge] = (
-                    np.array([stamp_ns for _, stamp_ns, _ in rows], np.int64)[known],
-                    found[known],
+                    np.array([stamp_ns for _, stamp_ns, _ in rows], np.int64)[has_pose],
+                    parent_T_child[has_pose],
                 )
         return Tree(str(files[0].path), edges, broken)
 
     def fixed(self, a: str, b: str) -> NDArray[np.float64] | None:
         """a_T_b (4, 4) by a chain of fixed transforms; None where there is none."""
-        way = self._way({edge for edge, (_, found) in self.edges.items() if _still(found)}, a, b)
+        way = self._way(
+            {edge for edge, (_, edge_poses) in self.edges.items() if _still(edge_poses)}, a, b
+        )
         if way is None:
             return None
         a_T_b = np.eye(4)
@@ -144,15 +153,18 @@ class Tree:
         return any(not _still(self.edges[edge][1]) for edge, _ in way or ())
 
     def track(self, parent: str, child: str, max_gap_s: float) -> Track:
-        """parent_T_child at the stamps of the most frequent transform of the chain, the others
-        interpolated; raises LogError."""
+        """parent_T_child at the stamps of the most frequent moving transform of the chain.
+
+        The other transforms are interpolated. Raises LogError where no transforms lead from parent
+        to child, or none of them moves.
+        """
         name = f"tf:{parent}>{child}"
         way = self._way(set(self.edges), parent, child)
         if way is None:
-            held = ", ".join(f"{a}>{b}" for a, b in sorted(self.edges)) or "none"
+            edge_names = ", ".join(f"{a}>{b}" for a, b in sorted(self.edges)) or "none"
             raise LogError(
                 f"{self.where}: no transforms lead from {parent} to {child}; those that it holds: "
-                f"{held:.400}"
+                f"{edge_names:.400}"
             )
         moving = [edge for edge, _ in way if not _still(self.edges[edge][1])]
         if not moving:
@@ -184,48 +196,52 @@ class Tree:
     def _way(
         edges: set[tuple[str, str]], a: str, b: str
     ) -> list[tuple[tuple[str, str], bool]] | None:
-        """The shortest chain from a to b: its edges, and whether each leads from parent to child;
-        None where there is none."""
+        """The shortest chain from a to b: its edges, and whether each leads from parent to child.
+
+        None where there is none.
+        """
         ways: dict[str, list[tuple[tuple[str, str], bool]]] = {a: []}
         queue = deque([a])
         while queue and b not in ways:
-            at = queue.popleft()
+            frame = queue.popleft()
             for edge in sorted(edges):
-                if at in edge:
-                    forward = edge[0] == at
-                    frame = edge[forward]
-                    if frame not in ways:
-                        ways[frame] = [*ways[at], (edge, forward)]
-                        queue.append(frame)
+                if frame in edge:
+                    forward = edge[0] == frame
+                    neighbour = edge[forward]
+                    if neighbour not in ways:
+                        ways[neighbour] = [*ways[frame], (edge, forward)]
+                        queue.append(neighbour)
         return ways.get(b)
 
 
-def _still(found: Poses) -> bool:
-    return bool((np.abs(found - found[-1]) <= STILL).all())
+def _still(edge_poses: Poses) -> bool:
+    """Whether a transform (n, 4, 4) never changes by more than STILL."""
+    return bool((np.abs(edge_poses - edge_poses[-1]) <= STILL).all())
 
 
 def message_stamps(name: str, stamps: Sequence[tuple[int, int]]) -> tuple[Stamps, tuple[str, ...]]:
-    """Stamps (n,) in ns from pairs of header stamp and time of receipt; the latter, with a note, if
-    all header stamps are 0."""
-    both = np.array(
+    """Stamps (n,) in ns from pairs of header stamp and time of receipt.
+
+    The times of receipt, with a note, are taken if all header stamps are 0.
+    """
+    pairs_ns = np.array(
         [(stamp, min(max(received, 0), LATEST_NS)) for stamp, received in stamps], np.int64
     ).reshape(-1, 2)
-    if len(both) and not both[:, 0].any():
-        return both[:, 1], (f"{name}: no message is stamped; the times of receipt are used",)
-    return both[:, 0], ()
+    if len(pairs_ns) and not pairs_ns[:, 0].any():
+        return pairs_ns[:, 1], (f"{name}: no message is stamped; the times of receipt are used",)
+    return pairs_ns[:, 0], ()
 
 
 def longest_increasing(stamps_ns: Stamps) -> NDArray[np.int64]:
-    """Rows of a longest subsequence of strictly increasing stamps, so that the fewest rows are
-    dropped."""
+    """Rows of a longest subsequence of strictly increasing stamps: the fewest rows are dropped."""
     ends: list[int] = []
     rows: list[int] = []
     before = np.full(len(stamps_ns), -1)
     for row, stamp in enumerate(stamps_ns.tolist()):
-        at = bisect_left(ends, stamp)
-        before[row] = rows[at - 1] if at else -1
-        ends[at : at + 1] = [stamp]
-        rows[at : at + 1] = [row]
+        length = bisect_left(ends, stamp)
+        before[row] = rows[length - 1] if length else -1
+        ends[length : length + 1] = [stamp]
+        rows[length : length + 1] = [row]
     chain = rows[-1:]
     while chain and before[chain[-1]] >= 0:
         chain.append(int(before[chain[-1]]))
@@ -237,12 +253,12 @@ def trajectory(
 ) -> tuple[Trajectory, tuple[str, ...]]:
     """Poses (n, 4, 4) as a trajectory, and notes on the poses that are left out."""
     rows = longest_increasing(times)
-    empty = int(np.isnan(world_T_body[rows, 0, 0]).sum())
+    unposed = int(np.isnan(world_T_body[rows, 0, 0]).sum())
     counts = {
         "poses are left out, their stamps repeat or run backwards": len(times) - len(rows),
-        "poses hold no place or no rotation: gaps": empty,
+        "poses hold no place or no rotation: gaps": unposed,
     }
     notes = tuple(
-        f"{name}: {count:,} of {len(times):,} {what}" for what, count in counts.items() if count
+        f"{name}: {count:,} of {len(times):,} {reason}" for reason, count in counts.items() if count
     )
     return Trajectory(times[rows], world_T_body[rows], max_gap_s), notes

@@ -1,4 +1,4 @@
-"""CARMEN logs of a robot with 2-D lasers, as Freiburg, MIT and others published them (METHODS 7.5).
+"""Reads CARMEN logs of a robot with 2-D lasers, as published by Freiburg and MIT (METHODS 7.5).
 
 ROOT/NAME.log, .log.gz or .clf, or the same in a folder below ROOT, is the sequence NAME. Its sweeps
 carry corrected poses, the truth; the odometry readings between them jump to each corrected pose and
@@ -24,7 +24,7 @@ from pipeline.running.settings import Positive, check
 
 LIMIT_PARAMS: dict[Laser, str] = {"front": "robot_front_laser_max", "rear": "robot_rear_laser_max"}
 NEAR_LIMIT_M = 0.02
-"""Ranges are written with two digits."""
+"""Ranges this near to the limit count as beyond it, since they are written with two digits."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,9 @@ class Carmen:
         if path is None:
             raise LogError(f"{root / sequence}: no such log ({', '.join(carmen.SUFFIXES)})")
         records = carmen.read(path)
-        sweeps = [one for one in records.sweeps if one.laser in self.lasers and len(one.ranges_m)]
+        sweeps = [
+            sweep for sweep in records.sweeps if sweep.laser in self.lasers and len(sweep.ranges_m)
+        ]
         records.skipped["sweep of another laser, or without beams"] += len(records.sweeps) - len(
             sweeps
         )
@@ -71,48 +73,48 @@ class Carmen:
         stamps_ns, order, notes = self._stamps(path, sweeps, records.skipped)
         sweeps = [sweeps[row] for row in order]
         odom_T_scan = _odometry(records, sweeps, raw=self.corrected is not None)
-        world_T_scan = _planar([one.robot_pose for one in sweeps])
+        world_T_scan = _planar([sweep.robot_pose for sweep in sweeps])
         if self.corrected is not None:
-            other = path.with_name(self.corrected.format(sequence=sequence))
-            world_T_scan = self._truth(other, stamps_ns, bool(notes), records.skipped)
+            corrected_path = path.with_name(self.corrected.format(sequence=sequence))
+            world_T_scan = self._truth(corrected_path, stamps_ns, bool(notes), records.skipped)
         placed: NDArray[np.bool_] = np.all(np.isfinite(world_T_scan), axis=(1, 2))
         log.refuse_poses(path, world_T_scan, placed)
-        limits_m = [self._limit_m(records, one) for one in sweeps]
-        beyond = sum(
-            int((one.ranges_m >= limit_m).sum())
-            for one, limit_m in zip(sweeps, limits_m, strict=True)
+        limits_m = [self._limit_m(records, sweep) for sweep in sweeps]
+        beyond_limit = sum(
+            int((sweep.ranges_m >= limit_m).sum())
+            for sweep, limit_m in zip(sweeps, limits_m, strict=True)
         )
-        beams = sum(len(one.ranges_m) for one in sweeps)
+        beams = sum(len(sweep.ranges_m) for sweep in sweeps)
         notes += (
-            f"{beyond} of {beams} ranges reached the laser's limit of {max(limits_m):.2f} m: no "
-            "hits",
+            f"{beyond_limit} of {beams} ranges reached the laser's limit of {max(limits_m):.2f} m: "
+            "no hits",
         )
         if self.corrected is None and not _repeated(records, sweeps):
             notes += (
                 "no reading of the odometry repeats a sweep's pose: is it a raw log? Then "
                 "reader.corrected names its truth",
             )
-        known = np.flatnonzero(placed | np.isfinite(odom_T_scan).all(axis=(1, 2)))
+        posed_rows = np.flatnonzero(placed | np.isfinite(odom_T_scan).all(axis=(1, 2)))
 
         def points(row: int) -> NDArray[np.float64]:
-            return sweep_points(sweeps[known[row]], limits_m[known[row]], self.lift_m)
+            return sweep_points(sweeps[posed_rows[row]], limits_m[posed_rows[row]], self.lift_m)
 
         return Log(
-            stamps_ns[known],
-            world_T_scan[known],
-            odom_T_scan[known],
+            stamps_ns[posed_rows],
+            world_T_scan[posed_rows],
+            odom_T_scan[posed_rows],
             points,
             +records.skipped,
             notes,
         )
 
     def sequences(self, root: Path) -> dict[str, list[str]]:
-        found = sorted(self._files(root).items())
-        needed = {
+        logs = sorted(self._files(root).items())
+        truth_paths = {
             name: path.with_name((self.corrected or path.name).format(sequence=name))
-            for name, path in found
+            for name, path in logs
         }
-        return {name: [] if path.is_file() else [path.name] for name, path in needed.items()}
+        return {name: [] if path.is_file() else [path.name] for name, path in truth_paths.items()}
 
     def _files(self, root: Path) -> dict[str, Path]:
         """The logs below the root by their names; those of corrected poses are no sequences."""
@@ -122,17 +124,17 @@ class Carmen:
             for place in ("*/*", "*")
             for path in root.glob(place + end)
         ]
-        found = {path.name.removesuffix(end): path for end, path in paths if path.is_file()}
+        logs = {path.name.removesuffix(end): path for end, path in paths if path.is_file()}
         corrected = (
-            {self.corrected.format(sequence=name) for name in found} if self.corrected else set()
+            {self.corrected.format(sequence=name) for name in logs} if self.corrected else set()
         )
-        return {name: path for name, path in found.items() if path.name not in corrected}
+        return {name: path for name, path in logs.items() if path.name not in corrected}
 
     def _stamps(
         self, path: Path, sweeps: Sequence[Sweep], skipped: Counter[str]
     ) -> tuple[Stamps, NDArray[np.int64], tuple[str, ...]]:
-        """Stamps that increase, the sweeps that have them, and what to tell of them."""
-        stamps_s = np.array([one.stamp_s for one in sweeps])
+        """Increasing stamps (n,) in ns, the rows (n,) of their sweeps, and notes for the user."""
+        stamps_s = np.array([sweep.stamp_s for sweep in sweeps])
         if not (np.abs(stamps_s) < log.LATEST_NS / 1e9).all():
             raise LogError(
                 f"{path}: a sweep is stamped {stamps_s[np.abs(stamps_s).argmax()]:g}, which is no "
@@ -153,8 +155,8 @@ class Carmen:
 
     def _truth(self, path: Path, stamps_ns: Stamps, by_order: bool, skipped: Counter[str]) -> Poses:
         """Corrected poses (sweep, 4, 4) of a second file; NaN where it has none."""
-        sweeps = [one for one in carmen.read(path).sweeps if one.laser in self.lasers]
-        poses = _planar([one.robot_pose for one in sweeps])
+        sweeps = [sweep for sweep in carmen.read(path).sweeps if sweep.laser in self.lasers]
+        poses = _planar([sweep.robot_pose for sweep in sweeps])
         if by_order:
             if len(sweeps) != len(stamps_ns):
                 raise LogError(
@@ -162,15 +164,17 @@ class Carmen:
                     "stamps"
                 )
             return poses
-        rows = {round(one.stamp_s * 1e3): row for row, one in enumerate(sweeps)}
-        wanted = [rows.get(round(stamp / 1e6)) for stamp in stamps_ns.tolist()]
-        skipped["no corrected pose"] += wanted.count(None)
-        if not any(row is not None for row in wanted):
+        rows = {round(sweep.stamp_s * 1e3): row for row, sweep in enumerate(sweeps)}
+        pose_rows = [rows.get(round(stamp / 1e6)) for stamp in stamps_ns.tolist()]
+        skipped["no corrected pose"] += pose_rows.count(None)
+        if not any(row is not None for row in pose_rows):
             raise LogError(f"{path}: no corrected pose has the stamp of a sweep")
-        return np.stack([np.full((4, 4), np.nan) if row is None else poses[row] for row in wanted])
+        return np.stack(
+            [np.full((4, 4), np.nan) if row is None else poses[row] for row in pose_rows]
+        )
 
     def _limit_m(self, records: Records, sweep: Sweep) -> float:
-        """The range from which a laser saw nothing."""
+        """The range in metres from which on a beam of the sweep has no hit; inf where unknown."""
         if self.limit_m is not None:
             return self.limit_m
         declared = sweep.limit_m
@@ -183,8 +187,7 @@ class Carmen:
 
 
 def sweep_points(sweep: Sweep, limit_m: float, lift_m: float) -> NDArray[np.float64]:
-    """The hits (n, 3) of a sweep in metres, in the robot's frame: x forward, y left, all at height
-    `lift_m`."""
+    """The hits (n, 3) of a sweep in metres, in the robot's frame: x forward, y left, z `lift_m`."""
     hit = (sweep.ranges_m > 0) & (sweep.ranges_m < limit_m)
     ranges_m = sweep.ranges_m[hit]
     angles_rad = sweep.angles_rad[hit]
@@ -202,15 +205,17 @@ def _planar(xy_heading: Sequence[NDArray[np.float64]]) -> Poses:
 
 
 def _repeated(records: Records, sweeps: Sequence[Sweep]) -> bool:
-    """Whether the odometry says again where a sweep was, as it does in corrected logs; true where
-    there is none."""
-    after = [
-        (one, records.odometry[one.odometry])
-        for one in sweeps
-        if one.odometry < len(records.odometry)
+    """Whether a reading of the odometry repeats the pose of a sweep, as in corrected logs.
+
+    True where there is no odometry.
+    """
+    pairs = [
+        (sweep, records.odometry[sweep.odometry])
+        for sweep in sweeps
+        if sweep.odometry < len(records.odometry)
     ]
-    return not after or any(
-        np.allclose(one.robot_pose, reading, atol=1e-4) for one, reading in after
+    return not pairs or any(
+        np.allclose(sweep.robot_pose, reading, atol=1e-4) for sweep, reading in pairs
     )
 
 
@@ -221,15 +226,16 @@ def _odometry(records: Records, sweeps: Sequence[Sweep], raw: bool) -> Poses:
     the reading that follows repeats it: that step is the correction, not the robot's.
     """
     if raw:
-        return _planar([one.robot_pose for one in sweeps])
+        return _planar([sweep.robot_pose for sweep in sweeps])
     if not records.odometry:
         return np.full((len(sweeps), 4, 4), np.nan)
     readings = _planar(records.odometry)
-    corrections = {one.odometry for one in records.sweeps}  # of either laser
+    corrections = {sweep.odometry for sweep in records.sweeps}  # of either laser
     steps = [np.eye(4), *(np.linalg.inv(a) @ b for a, b in pairwise(readings))]
     travelled = np.full((len(readings) + 1, 4, 4), np.nan)
-    at = np.eye(4)
+    start_T_robot = np.eye(4)
     for row, step in enumerate(steps):
-        at = at if row in corrections else at @ step
-        travelled[row + 1] = at
-    return travelled[[one.odometry for one in sweeps]]
+        if row not in corrections:
+            start_T_robot = start_T_robot @ step
+        travelled[row + 1] = start_T_robot
+    return travelled[[sweep.odometry for sweep in sweeps]]

@@ -16,8 +16,10 @@ Table = dict[str, tuple[str, ...]]
 
 
 def columns(path: Path, names: Sequence[str]) -> Table:
-    """The text of the columns `names` (two or more) of a csv; raises LogError naming the missing
-    ones, or a row cut short."""
+    """The text of the columns `names` (two or more) of a csv.
+
+    Raises LogError naming the missing columns, or a row cut short.
+    """
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
             rows = csv.reader(file)
@@ -28,21 +30,23 @@ def columns(path: Path, names: Sequence[str]) -> Table:
                     f"{path}: its first line names no column {', '.join(lacks)}; fetch the file "
                     "anew"
                 )
-            wanted = itemgetter(*(header.index(name) for name in names))
-            kept = [wanted(row) for row in _whole(path, rows, len(header))]
+            pick_columns = itemgetter(*(header.index(name) for name in names))
+            cells = [pick_columns(row) for row in _whole(path, rows, len(header))]
     except (FileNotFoundError, IsADirectoryError):
         raise LogError(f"{path}: no such file") from None
     except (csv.Error, UnicodeDecodeError) as error:
         raise LogError(f"{path}: expected a csv file; {error}") from None
-    if not kept:
+    if not cells:
         raise LogError(f"{path}: holds no rows")
-    return dict(zip(names, zip(*kept, strict=True), strict=True))
+    return dict(zip(names, zip(*cells, strict=True), strict=True))
 
 
 def numbers(path: Path, table: Table, names: Sequence[str]) -> NDArray[np.float64]:
-    """Columns of `table` as numbers (row, name); raises LogError naming the row with another
-    word."""
-    found = np.empty((len(table[names[0]]), len(names)))
+    """Columns of `table` as numbers (row, name).
+
+    Raises LogError naming the row with another word.
+    """
+    matrix = np.empty((len(table[names[0]]), len(names)))
     for column, name in enumerate(names):
         values: list[float] = []
         try:
@@ -52,13 +56,15 @@ def numbers(path: Path, table: Table, names: Sequence[str]) -> NDArray[np.float6
             raise LogError(
                 f"{path}: row {len(values) + 1} has {name} {word!r}; expected a number"
             ) from None
-        found[:, column] = values
-    return found
+        matrix[:, column] = values
+    return matrix
 
 
 def utimes_ns(path: Path, utimes: NDArray[np.float64]) -> Stamps:
-    """Stamps (n,) in ns from utimes in whole µs; raises LogError naming the first that is no utime
-    or does not increase."""
+    """Stamps (n,) in ns from utimes in whole µs.
+
+    Raises LogError naming the first that is no utime or does not increase.
+    """
     stamps_ns = log.nanoseconds(path, utimes, "µs", 1000)
     broken = np.flatnonzero(stamps_ns % 1000)
     if len(broken):
@@ -69,7 +75,7 @@ def utimes_ns(path: Path, utimes: NDArray[np.float64]) -> Stamps:
 
 
 def _whole(path: Path, rows: Iterable[list[str]], width: int) -> Iterator[list[str]]:
-    """All rows but empty lines; raises LogError for a row that has not `width` columns."""
+    """Yield all rows but empty lines; raises LogError for a row that has not `width` columns."""
     for number, row in enumerate(filter(None, rows), 1):
         if len(row) != width:
             raise LogError(

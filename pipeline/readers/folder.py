@@ -1,5 +1,6 @@
-"""A folder of the user's own robot: scan files and a pose file, with frames and units as in
-conf/dataset/folder.yaml.
+"""Reads a folder of the user's own robot: scan files and a pose file.
+
+Its frames and units are in conf/dataset/folder.yaml.
 
     ROOT/SEQUENCE/scans/1326652795.280148.pcd …    named by their stamps, with TUM poses of any rate
     ROOT/SEQUENCE/poses.txt
@@ -29,7 +30,7 @@ from pipeline.running.settings import Positive, check
 BODY_T_CAMERA = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 """From x right, y down, z forward to x forward, y left, z up."""
 LOOKED_AT = 20
-"""Files from whose content the bytes of a point are found."""
+"""The bytes of a point are found from the content of at most this many files."""
 FARTHEST_M = 1e6
 """Points beyond this are dropped: no lidar sees 1,000 km."""
 
@@ -94,11 +95,11 @@ class Folder:
         odometry = None if self.odometry is None else self._trajectory(folder, self.odometry)
         paths, width, notes = self._paths(folder, truth.stamps_ns, skipped)
         stamps_ns = np.array(sorted(paths), np.int64)
-        apart = f"is reader.stamps={self.stamps} the unit of the scans' names?"
-        rows, world_T_body, odom_T_body, doubts = log.posed(
-            folder, stamps_ns, truth, odometry, skipped, apart
+        question = f"is reader.stamps={self.stamps} the unit of the scans' names?"
+        rows, world_T_body, odom_T_body, doubts = log.rows_with_poses(
+            folder, stamps_ns, truth, odometry, skipped, question
         )
-        kept = [paths[stamp] for stamp in stamps_ns[rows].tolist()]
+        scan_paths = [paths[stamp] for stamp in stamps_ns[rows].tolist()]
         vehicle_T_lidar = log.raised(self.lift_m) @ log.extrinsic(
             "reader.body_T_lidar", self.body_T_lidar
         )
@@ -106,34 +107,40 @@ class Folder:
         return Log(
             stamps_ns[rows],
             *poses,
-            lambda row: read_scan(kept[row], vehicle_T_lidar, width),
+            lambda row: read_scan(scan_paths[row], vehicle_T_lidar, width),
             +skipped,
             notes + doubts,
         )
 
     def sequences(self, root: Path) -> dict[str, list[str]]:
         names = sorted(path.name for path in root.glob("*") if path.is_dir() and self._files(path))
-        needed = [self.poses, files.TIMES if self.poses_format == "kitti" else None, self.odometry]
+        needed_files = [
+            self.poses,
+            files.TIMES if self.poses_format == "kitti" else None,
+            self.odometry,
+        ]
         return {
-            name: [place for place in needed if place and not (root / name / place).is_file()]
+            name: [file for file in needed_files if file and not (root / name / file).is_file()]
             for name in names
         }
 
     def _files(self, folder: Path) -> list[Path]:
-        found = folder.glob(
+        paths = folder.glob(
             self.scans if "*" in self.scans or "?" in self.scans else f"{self.scans}/*"
         )
-        return [path for path in found if path.suffix in files.SCANS]
+        return [path for path in paths if path.suffix in files.SCANS]
 
     def _paths(
         self, folder: Path, pose_stamps_ns: Stamps, skipped: Counter[str]
     ) -> tuple[dict[int, Path], int | None, tuple[str, ...]]:
-        """Scan files by stamp in ns, the bytes of a point in a .bin, and notes; counts in `skipped`
-        what is not used."""
-        found: dict[int, Path] = {}
-        there = sorted(self._files(folder))
-        width, notes = self._width(there)
-        for path in there:
+        """Scan files by stamp in ns, the bytes of a point in a .bin, and notes for the user.
+
+        Counts in `skipped` the files that are not used.
+        """
+        paths: dict[int, Path] = {}
+        scan_paths = sorted(self._files(folder))
+        width, notes = self._width(scan_paths)
+        for path in scan_paths:
             stamp = self._stamp(path.stem, pose_stamps_ns)
             if stamp is None or not path.is_file():
                 skipped[
@@ -145,31 +152,30 @@ class Folder:
                 skipped["empty file"] += 1
             elif path.suffix == ".bin" and width and path.stat().st_size % width:
                 skipped["truncated record"] += 1
-            elif stamp in found:
+            elif stamp in paths:
                 skipped["a second file of one stamp"] += 1
             else:
-                found[stamp] = path
-        if not found:
+                paths[stamp] = path
+        if not paths:
             names = (
                 f"stamps in {self.stamps}"
                 if self.poses_format == "tum"
                 else "row numbers of the poses"
             )
-            odd = next((f"; {path.name} is none" for path in there), "")
-            unit = files.unit_of(there[0].stem) if there else ""
+            hint = next((f"; {path.name} is none" for path in scan_paths), "")
+            unit = files.unit_of(scan_paths[0].stem) if scan_paths else ""
             if unit in files.UNIT_NS and unit != self.stamps:
-                odd += f": is it in {unit}? Then say reader.stamps={unit} in the dataset's yaml"
+                hint += f": is it in {unit}? Then say reader.stamps={unit} in the dataset's yaml"
             raise LogError(
                 f"{folder}: holds no readable scan in {self.scans} (named by {names}; .bin, .npy "
-                f"or .pcd{odd})"
+                f"or .pcd{hint})"
             )
-        return found, width, notes
+        return paths, width, notes
 
     def _width(self, paths: Sequence[Path]) -> tuple[int | None, tuple[str, ...]]:
-        """Bytes of a point, None of none, by the first .bin that tells; and a note where none does,
-        so that it is a guess.
+        """Bytes of a point, by the first .bin that tells, and a note where the number is a guess.
 
-        Raises LogError for a file that holds all x first.
+        None where it is unknown. Raises LogError for a file that holds all x first.
         """
         whole = (
             path
@@ -225,10 +231,10 @@ class Folder:
 def read_scan(
     path: Path, vehicle_T_lidar: NDArray[np.float64], point_bytes: int | None = None
 ) -> NDArray[np.float64]:
-    """Points (n, 3) in metres of one .bin, .npy or .pcd, in the vehicle frame; those not finite or
-    beyond FARTHEST_M are dropped.
+    """Points (n, 3) in metres of one .bin, .npy or .pcd, in the vehicle frame.
 
-    Raises LogError for a missing or damaged file.
+    Points that are not finite or lie beyond FARTHEST_M are dropped. Raises LogError for a missing
+    or damaged file.
     """
     points = files.points(log.read_bytes(path, 1, "bytes"), path, point_bytes)
     points = points[(np.abs(points) < FARTHEST_M).all(axis=1)]
@@ -236,8 +242,10 @@ def read_scan(
 
 
 def read_tum(path: Path) -> tuple[Stamps, Poses]:
-    """Stamps (n,) and poses (n, 4, 4) of a TUM file, NaN where a row has NaN; raises LogError
-    naming the wrong row."""
+    """Stamps (n,) and poses (n, 4, 4) of a TUM file, NaN where a row has NaN.
+
+    Raises LogError naming the wrong row.
+    """
     stamps, rows = files.tum(path, log.read_bytes(path, 1, "bytes").decode("utf-8-sig", "replace"))
     if not stamps:
         raise LogError(f"{path}: holds no rows")
@@ -252,33 +260,37 @@ def read_tum(path: Path) -> tuple[Stamps, Poses]:
 
 
 def from_quaternions(path: Path, rows: NDArray[np.float64]) -> Poses:
-    """Poses (n, 4, 4) of rows (n, 7) x y z qx qy qz qw in metres, NaN where a row has NaN; raises
-    LogError naming a wrong row."""
-    known: NDArray[np.bool_] = np.all(np.isfinite(rows), axis=1)
+    """Poses (n, 4, 4) of rows (n, 7) x y z qx qy qz qw in metres, NaN where a row has NaN.
+
+    Raises LogError naming a wrong row.
+    """
+    finite: NDArray[np.bool_] = np.all(np.isfinite(rows), axis=1)
     norms = np.linalg.norm(rows[:, 3:].clip(-2, 2), axis=1)
-    odd = np.flatnonzero(known & ~(np.abs(norms - 1) < 1e-3))
-    if len(odd):
+    not_unit = np.flatnonzero(finite & ~(np.abs(norms - 1) < 1e-3))
+    if len(not_unit):
         raise LogError(
-            f"{path}: row {odd[0] + 1} has a quaternion qx qy qz qw whose length is not 1"
+            f"{path}: row {not_unit[0] + 1} has a quaternion qx qy qz qw whose length is not 1"
         )
     poses = np.full((len(rows), 4, 4), np.nan)
-    poses[known] = np.eye(4)
-    if known.any():
-        poses[known, :3, :3] = Rotation.from_quat(rows[known, 3:]).as_matrix()
-    poses[known, :3, 3] = rows[known, :3]
-    log.refuse_poses(path, poses, known)
+    poses[finite] = np.eye(4)
+    if finite.any():
+        poses[finite, :3, :3] = Rotation.from_quat(rows[finite, 3:]).as_matrix()
+    poses[finite, :3, 3] = rows[finite, :3]
+    log.refuse_poses(path, poses, finite)
     return poses
 
 
 def read_kitti(path: Path, times_path: Path) -> tuple[Stamps, Poses]:
-    """Stamps (n,) and poses (n, 4, 4) of a KITTI pose file, NaN where a row has NaN, and its
-    times.txt; raises LogError."""
+    """Stamps (n,) and poses (n, 4, 4) of a KITTI pose file and its times.txt.
+
+    NaN where a row has NaN. Raises LogError for files that do not fit each other or are damaged.
+    """
     rows = log.table(path, 12)
     times_s = log.table(times_path, 1)[:, 0]
     if len(rows) != len(times_s):
         raise LogError(f"{times_path}: {len(times_s)} times for {len(rows)} poses in {path}")
     poses = kitti.matrix(rows)
-    known: NDArray[np.bool_] = np.all(np.isfinite(rows), axis=1)
-    log.refuse_poses(path, poses, known)
-    poses[~known] = np.nan
+    finite: NDArray[np.bool_] = np.all(np.isfinite(rows), axis=1)
+    log.refuse_poses(path, poses, finite)
+    poses[~finite] = np.nan
     return log.nanoseconds(times_path, times_s, "s", 10**9), poses

@@ -1,8 +1,8 @@
-"""Key frames of a SLAM run: clouds N.pcd and keyframes.txt with four poses each, as published of
-NCLT's 2013-01-10 (METHODS 7.6).
+"""Reads the key frames of a SLAM run, as published of NCLT's 2013-01-10 (METHODS 7.6).
 
+ROOT/SEQUENCE/0.pcd …          the clouds
 ROOT/SEQUENCE/keyframes.txt    id, stamp in s, three flags, then x y z qx qy qz qw by odometry, RTK,
-and two optimisations ROOT/SEQUENCE/0.pcd …
+                               and two optimisations
 """
 
 from collections import Counter
@@ -24,14 +24,14 @@ FILE = "keyframes.txt"
 COLUMNS = 33
 """Numbers of a row."""
 MOST = 10**9
-"""Clouds are numbered below it."""
+"""Clouds have smaller numbers than this."""
 POSES = {"odometry": 5, "rtk": 12, "optimised_1": 19, "optimised_2": 26}
 """First column of each pose."""
 
 
 @dataclass(frozen=True)
 class KeyFrames:
-    """A folder of such runs."""
+    """A folder of SLAM runs, each a sequence."""
 
     truth: Literal["rtk", "optimised_1", "optimised_2"] = "optimised_2"
     """Which poses are the truth; the odometry is the run's own."""
@@ -49,21 +49,21 @@ class KeyFrames:
         folder = root / sequence
         skipped = Counter[str]()
         rows = log.table(folder / FILE, COLUMNS)
-        odd = np.flatnonzero(
+        misnumbered = np.flatnonzero(
             ~((rows[:, 0] >= 0) & (rows[:, 0] < MOST)) | (rows[:, 0] != np.floor(rows[:, 0]))
         )
-        if len(odd):
+        if len(misnumbered):
             raise LogError(
-                f"{folder / FILE}: row {odd[0] + 1} names cloud {rows[odd[0], 0]:g}; expected a "
-                "whole number"
+                f"{folder / FILE}: row {misnumbered[0] + 1} names cloud "
+                f"{rows[misnumbered[0], 0]:g}; expected a whole number"
             )
         paths = [folder / f"{number:.0f}.pcd" for number in rows[:, 0]]
-        there = np.array([path.is_file() for path in paths])
-        skipped["no such file"] += int((~there).sum())
-        if not there.any():
+        on_disk = np.array([path.is_file() for path in paths])
+        skipped["no such file"] += int((~on_disk).sum())
+        if not on_disk.any():
             raise LogError(f"{folder}: none of the {len(rows)} clouds that {FILE} names")
-        rows = rows[there]
-        kept = [path for path, found in zip(paths, there, strict=True) if found]
+        rows = rows[on_disk]
+        cloud_paths = [path for path, is_on_disk in zip(paths, on_disk, strict=True) if is_on_disk]
         stamps_ns = log.nanoseconds(folder / FILE, rows[:, 1], "s", 10**9)
         body_T_lidar = log.extrinsic("reader.body_T_lidar", self.body_T_lidar)
         world_T_lidar = (
@@ -79,7 +79,7 @@ class KeyFrames:
             stamps_ns,
             truth,
             odometry,
-            lambda row: read_scan(kept[row], vehicle_T_lidar),
+            lambda row: read_scan(cloud_paths[row], vehicle_T_lidar),
             +skipped,
             notes,
         )

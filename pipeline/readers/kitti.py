@@ -70,8 +70,8 @@ class Kitti:
         path_m = np.concatenate(
             [[0.0], np.cumsum(np.linalg.norm(np.diff(poses[rows, :3, 3], axis=0), axis=1))]
         )
-        first = path_m <= self.split * path_m[-1]
-        rows = rows[first] if part == "a" else rows[~first] if part == "b" else rows
+        in_first_part = path_m <= self.split * path_m[-1]
+        rows = rows[in_first_part] if part == "a" else rows[~in_first_part] if part == "b" else rows
         world_T_scan = log.lifted(poses[rows], self.lidar_height_m)
         odom_T_scan = np.full_like(world_T_scan, np.nan)
 
@@ -86,31 +86,35 @@ class Kitti:
             folders = sorted(
                 path.parents[2] for path in root.glob("*/sequences/*/velodyne") if path.is_dir()
             )
-            found = {
+            lacks_by_folder = {
                 folder: single.sequences(folder).get(folder.name.partition("-")[0])
                 for folder in folders
             }
-            return {folder.name: lacks for folder, lacks in found.items() if lacks is not None}
+            return {
+                folder.name: lacks for folder, lacks in lacks_by_folder.items() if lacks is not None
+            }
         names = sorted(
             path.parent.name for path in root.glob("sequences/*/velodyne") if path.is_dir()
         )
-        needed = {
+        needed_files = {
             name: [place.format(log=name) for place in (kitti.CALIB, kitti.TIMES)] for name in names
         }
-        posed = {name: log.located(root, POSES_PLACES, name) is not None for name in names}
-        lacking = {name: [] if posed[name] else [kitti.POSES.format(log=name)] for name in names}
+        has_poses = {name: log.located(root, POSES_PLACES, name) is not None for name in names}
+        lacking = {
+            name: [] if has_poses[name] else [kitti.POSES.format(log=name)] for name in names
+        }
         return {
-            name: lacking[name] + [file for file in needed[name] if not (root / file).is_file()]
+            name: lacking[name]
+            + [file for file in needed_files[name] if not (root / file).is_file()]
             for name in names
         }
 
 
 def read_velodyne(path: str | Path, lift_m: float = 0.0) -> NDArray[np.float64]:
-    """Points (n, 3) in metres of one scan, raised by `lift_m`: x forward, y left, z up, origin in
-    the sensor if not raised.
+    """Points (n, 3) in metres of one scan, raised by `lift_m`.
 
-    Points that are not finite are dropped. Raises LogError for a missing file or one that ends
-    within a record.
+    The frame is x forward, y left, z up, with its origin in the sensor if not raised. Points that
+    are not finite are dropped. Raises LogError for a missing file or one that ends within a record.
     """
     return np.asarray(
         kitti.decode(
@@ -120,10 +124,10 @@ def read_velodyne(path: str | Path, lift_m: float = 0.0) -> NDArray[np.float64]:
 
 
 def read_poses(poses_path: str | Path, calib_path: str | Path) -> NDArray[np.float64]:
-    """Velodyne poses (n, 4, 4) in the first Velodyne frame: Tr⁻¹ P Tr, with Tr = cam0 <- velodyne
-    (METHODS 7.3).
+    """Velodyne poses (n, 4, 4) in the first Velodyne frame (METHODS 7.3).
 
-    Raises LogError naming the row that is not a pose.
+    They are Tr⁻¹ P Tr, with Tr = cam0 <- velodyne. Raises LogError naming the row that is not a
+    pose.
     """
     rows = log.table(Path(poses_path), 12)
     first_T_cam = kitti.matrix(rows)
@@ -157,8 +161,10 @@ def _transform_row(path: Path) -> NDArray[np.float64]:
 
 
 def _scan_rows(folder: Path, poses: int, skipped: Counter[str]) -> NDArray[np.int64]:
-    """Rows of the pose file whose scan is on disk; counts in `skipped` the files that are not
-    used."""
+    """Rows of the pose file whose scan is on disk.
+
+    Counts in `skipped` the files that are not used.
+    """
     if not folder.is_dir():
         raise LogError(f"{folder}: no such folder of scans")
     is_number = re.compile("[0-9]{6}").fullmatch

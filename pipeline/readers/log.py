@@ -1,5 +1,7 @@
-"""The result of every reader, a Log (the scans of one drive with stamps and poses), and what the
-readers share."""
+"""The result of every reader, a Log, and the functions that the readers share.
+
+A Log holds the scans of one drive with their stamps and poses.
+"""
 
 import os
 import warnings
@@ -69,17 +71,19 @@ def located(root: Path, places: tuple[str, ...], sequence: str) -> Path | None:
     return next((path for path in paths if path.is_file()), None)
 
 
-def read_bytes(path: Path, record_bytes: int, what: str) -> bytes:
-    """The bytes of a file of records; raises LogError if it is missing or does not hold a whole
-    number of records."""
+def read_bytes(path: Path, record_bytes: int, records_name: str) -> bytes:
+    """The bytes of a file of records.
+
+    Raises LogError if it is missing or does not hold a whole number of records.
+    """
     try:
         data = path.read_bytes()
     except (FileNotFoundError, IsADirectoryError, NotADirectoryError):
         raise LogError(f"{path}: no such file") from None
     if len(data) % record_bytes:
         raise LogError(
-            f"{path}: {len(data)} bytes are no whole number of {record_bytes}-byte {what}; the "
-            "file is cut short"
+            f"{path}: {len(data)} bytes are no whole number of {record_bytes}-byte {records_name}; "
+            "the file is cut short"
         )
     return data
 
@@ -110,8 +114,7 @@ def table(path: Path, columns: int, delimiter: str | None = None) -> NDArray[np.
 
 
 def refuse_times(path: Path, stamps: NDArray[np.float64], unit: str, unit_ns: int) -> None:
-    """Raise LogError naming the first of the stamps (n,) in `unit` of `unit_ns` ns that is no
-    time."""
+    """Raise LogError naming the first stamp (n,) that is no time; `unit` is of `unit_ns` ns."""
     bad = np.flatnonzero(~(np.abs(stamps) < LATEST_NS / unit_ns))
     if len(bad):
         raise LogError(
@@ -120,8 +123,10 @@ def refuse_times(path: Path, stamps: NDArray[np.float64], unit: str, unit_ns: in
 
 
 def nanoseconds(path: Path, stamps: NDArray[np.float64], unit: str, unit_ns: int) -> Stamps:
-    """Stamps (n,) in ns from stamps in `unit` of `unit_ns` ns; raises LogError naming the first
-    that does not increase."""
+    """Stamps (n,) in ns from stamps in `unit` of `unit_ns` ns.
+
+    Raises LogError naming the first that does not increase.
+    """
     refuse_times(path, stamps, unit, unit_ns)
     whole = np.floor(stamps)
     stamps_ns = whole.astype(np.int64) * unit_ns + np.rint((stamps - whole) * unit_ns).astype(
@@ -137,39 +142,45 @@ def nanoseconds(path: Path, stamps: NDArray[np.float64], unit: str, unit_ns: int
     return np.asarray(stamps_ns)
 
 
-def refuse_poses(path: Path, poses: Poses, known: NDArray[np.bool_]) -> None:
-    """Raise LogError naming the first of the `known` (n,) rows of `poses` (n, 4, 4), read from
-    `path`, that is not a pose."""
+def refuse_poses(path: Path, poses: Poses, to_check: NDArray[np.bool_]) -> None:
+    """Raise LogError naming the first of the rows `to_check` (n,) that is not a pose.
+
+    The `poses` (n, 4, 4) were read from `path`.
+    """
     far = ~(np.abs(poses[:, :3, 3]) < EARTH_M).all(axis=1)
     R = np.nan_to_num(poses[:, :3, :3]).clip(-2, 2)
     skew = (np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2)) > 1e-3) | (
         np.linalg.det(R) < 0
     )
-    for wrong, why in (
+    for is_wrong, reason in (
         (far, "is not finite, or lies nowhere on Earth; positions are in metres"),
         (skew, "has no rotation"),
     ):
-        rows = np.flatnonzero(wrong & known)
+        rows = np.flatnonzero(is_wrong & to_check)
         if len(rows):
-            raise LogError(f"{path}: row {rows[0] + 1} {why}")
+            raise LogError(f"{path}: row {rows[0] + 1} {reason}")
 
 
 def raised(height_m: float) -> Poses:
     """The pose (4, 4) of a frame that lies `height_m` above its parent."""
-    raised = np.eye(4)
-    raised[2, 3] = height_m
-    return raised
+    parent_T_raised = np.eye(4)
+    parent_T_raised[2, 3] = height_m
+    return parent_T_raised
 
 
 def lifted(world_T_body: Poses, height_m: float) -> Poses:
-    """Poses (n, 4, 4) with both the body and the world frame moved `height_m` down, so that the
-    ground is at z = 0."""
+    """Poses (n, 4, 4) with both the body and the world frame moved `height_m` down.
+
+    So the ground is at z = 0.
+    """
     return raised(height_m) @ world_T_body @ np.linalg.inv(raised(height_m))
 
 
 def extrinsic(key: str, xyzrpy: object) -> Poses:
-    """The pose (4, 4) of a sensor from x, y, z in metres and roll, pitch, yaw in degrees; raises
-    ConfigError naming `key`."""
+    """The pose (4, 4) of a sensor from x, y, z in metres and roll, pitch, yaw in degrees.
+
+    Raises ConfigError naming `key`.
+    """
     numbers = list(xyzrpy) if isinstance(xyzrpy, Sequence) else []
     if len(numbers) != 6 or not all(
         isinstance(number, int | float) and np.isfinite(number) for number in numbers
@@ -193,11 +204,10 @@ def numbered_files(
     reason: str,
     skipped: Counter[str],
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """The numbers that the .bin files of a folder have as names, and of these the ones of whole
-    records; both increase.
+    """The numbers that name the .bin files of a folder, and those of files of whole records.
 
-    Counts in `skipped` the files whose name is not a number (under `reason`), the empty ones and
-    the truncated ones.
+    Both increase. Counts in `skipped` the files whose name is not a number (under `reason`), the
+    empty ones and the truncated ones.
     """
     named = []
     whole = []
@@ -220,29 +230,33 @@ def numbered_files(
 
 
 def count_unknown(stamps_ns: Stamps, truth: Trajectory, skipped: Counter[str]) -> None:
-    """Count in `skipped` why `truth` knows no pose at `stamps_ns` (n,)."""
+    """Count in `skipped` why `truth` has no pose at `stamps_ns` (n,)."""
     outside = (stamps_ns < truth.stamps_ns[0]) | (stamps_ns > truth.stamps_ns[-1])
     skipped["outside the poses' span"] += int(outside.sum())
     skipped["in a gap of the poses"] += int((~outside).sum())
 
 
 def refuse_unposed(
-    where: Path, scans: str, stamps_ns: Stamps, truth: Trajectory, skipped: Counter[str], apart: str
+    where: Path,
+    scans: str,
+    stamps_ns: Stamps,
+    truth: Trajectory,
+    skipped: Counter[str],
+    question: str,
 ) -> None:
-    """Raise LogError for a log none of whose `scans`, stamped `stamps_ns` (n,), has a true pose:
-    why, and when both were.
+    """Raise LogError for a log none of whose `scans`, stamped `stamps_ns` (n,), has a true pose.
 
-    `apart` is the question to ask where no scan lies in the time of the poses: on their clock,
-    their unit, or the file.
+    The error says why, and the time spans of both. It ends in `question`, on the clock, the unit or
+    the file, where no scan lies in the time of the poses.
     """
     reasons = ", ".join(f"{count:,} {reason}" for reason, count in (+skipped).most_common())
-    usual_s = float(np.median(np.diff(truth.stamps_ns))) / 1e9 if len(truth.stamps_ns) > 1 else 0.0
+    step_s = float(np.median(np.diff(truth.stamps_ns))) / 1e9 if len(truth.stamps_ns) > 1 else 0.0
     hint = ""
     if stamps_ns[-1] < truth.stamps_ns[0] or truth.stamps_ns[-1] < stamps_ns[0]:
-        hint = f"; {apart}"
-    elif usual_s > truth.max_gap_s:
+        hint = f"; {question}"
+    elif step_s > truth.max_gap_s:
         hint = (
-            f"; poses are usually {usual_s:.3g} s apart, more than "
+            f"; poses are usually {step_s:.3g} s apart, more than "
             f"reader.max_gap_s={truth.max_gap_s:g}"
         )
     spans = f"they span {_span(stamps_ns)}, the poses {_span(truth.stamps_ns)}"
@@ -255,32 +269,31 @@ def _span(stamps_ns: Stamps) -> str:
     return f"{stamps_ns[0] / 1e9:.3f} … {stamps_ns[-1] / 1e9:.3f} s"
 
 
-def posed(
+def rows_with_poses(
     where: Path,
     stamps_ns: Stamps,
     truth: Trajectory,
     odometry: Trajectory | None,
     skipped: Counter[str],
-    apart: str,
+    question: str,
 ) -> tuple[NDArray[np.int64], Poses, Poses, tuple[str, ...]]:
-    """Rows of `stamps_ns` with a true pose, these poses, the odometry at these rows, and notes on
-    what no vehicle does.
+    """Rows of `stamps_ns` with a true pose, these poses, their odometry, and notes for the user.
 
-    Counts the other rows in `skipped`. Raises LogError where there is none with a pose, with the
-    question `apart` where no scan lies in the time of the poses.
+    Counts the other rows in `skipped`. Raises LogError where no row has a pose, which ends in
+    `question` where no scan lies in the time of the poses.
     """
-    world_T_scan, known = truth.at(stamps_ns)
-    count_unknown(stamps_ns[~known], truth, skipped)
-    rows = np.flatnonzero(known)
+    world_T_scan, has_pose = truth.at(stamps_ns)
+    count_unknown(stamps_ns[~has_pose], truth, skipped)
+    rows = np.flatnonzero(has_pose)
     if not len(rows):
-        refuse_unposed(where, "scans", stamps_ns, truth, skipped, apart)
+        refuse_unposed(where, "scans", stamps_ns, truth, skipped, question)
     notes = vehicle.doubts("the true poses", truth)
     if odometry is None:
         return rows, world_T_scan[rows], np.full((len(rows), 4, 4), np.nan), notes
-    odometry, parted = vehicle.parted("the odometry", odometry)
+    odometry, break_notes = vehicle.parted("the odometry", odometry)
     return (
         rows,
         world_T_scan[rows],
         vehicle.along(odometry, stamps_ns[rows], vehicle.breaks_ns(odometry)),
-        notes + parted,
+        notes + break_notes,
     )

@@ -1,7 +1,7 @@
-"""NCLT: velodyne_sync scans, the packets of velodyne_hits.bin, ground truth and wheel odometry
-(METHODS 7.1).
+"""Reads NCLT (METHODS 7.1).
 
-The frames in the files are north-east-down; all results are x forward (north), y left (west), z up.
+Its files are velodyne_sync scans, velodyne_hits.bin packets, ground truth and wheel odometry. The
+frames in the files are north-east-down; all results are x forward (north), y left (west), z up.
 """
 
 from collections import Counter
@@ -38,10 +38,10 @@ class Nclt:
         folder = root / sequence / nclt.SCANS
         truth_path = log.located(root, nclt.TRUTH_PLACES, sequence)
         if truth_path is None:
-            first = root / nclt.TRUTH_PLACES[0].format(sequence=sequence)
+            expected_path = root / nclt.TRUTH_PLACES[0].format(sequence=sequence)
             raise LogError(
-                f"{first}: no ground truth there or in its other places; `yearloc fetch nclt DATE` "
-                "brings it"
+                f"{expected_path}: no ground truth there or in its other places; `yearloc fetch "
+                "nclt DATE` brings it"
             )
         if not folder.is_dir():
             raise LogError(f"{folder}: no such folder of scans")
@@ -54,9 +54,9 @@ class Nclt:
         odometry_path = log.located(root, nclt.ODOMETRY_PLACES, sequence)
         odometry = None if odometry_path is None else read_poses(odometry_path, self.max_gap_s)
         truth = read_poses(truth_path, self.max_gap_s)
-        apart = f"is {truth_path.name} of this date?"
-        rows, world_T_scan, odom_T_scan, doubts = log.posed(
-            folder, utimes * 1000, truth, odometry, skipped, apart
+        question = f"is {truth_path.name} of this date?"
+        rows, world_T_scan, odom_T_scan, doubts = log.rows_with_poses(
+            folder, utimes * 1000, truth, odometry, skipped, question
         )
         utimes = utimes[rows]
         notes = doubts if odometry_path is not None else (*doubts, "no odometry_mu_100hz.csv")
@@ -75,10 +75,10 @@ class Nclt:
 
 
 def read_velodyne_sync(path: str | Path, lift_m: float = 0.0) -> NDArray[np.float64]:
-    """Points (n, 3) in metres of one motion-compensated scan in the body frame, raised by `lift_m`:
-    x forward, y left, z up.
+    """Points (n, 3) in metres of one motion-compensated scan in the body frame, raised by `lift_m`.
 
-    Raises LogError for a missing file or one that ends within a record.
+    The frame is x forward, y left, z up. Raises LogError for a missing file or one that ends within
+    a record.
     """
     return np.asarray(
         nclt.decode(
@@ -88,24 +88,26 @@ def read_velodyne_sync(path: str | Path, lift_m: float = 0.0) -> NDArray[np.floa
 
 
 def read_poses(path: str | Path, max_gap_s: float = 0.5) -> Trajectory:
-    """Ground truth or odometry: poses of the z-up body in the z-up world; rows with NaN are kept as
-    gaps.
+    """Read ground truth or odometry: poses of the z-up body in the z-up world.
 
-    Raises LogError naming the row that is not seven numbers or whose stamp does not increase.
+    Rows with NaN stay as gaps. Raises LogError naming the row that is not seven numbers or whose
+    stamp does not increase.
     """
     path = Path(path)
     rows = log.table(path, 7, ",")
     stamps_ns = log.nanoseconds(path, rows[:, 0], "µs", 1000)
-    known = np.isfinite(rows).all(axis=1)
+    finite = np.isfinite(rows).all(axis=1)
     world_T_body = np.full((len(rows), 4, 4), np.nan)
-    world_T_body[known] = flip_ned(pose(rows[known, 1:4], rows[known, 4:7]))
+    world_T_body[finite] = flip_ned(pose(rows[finite, 1:4], rows[finite, 4:7]))
     return Trajectory(stamps_ns, world_T_body, max_gap_s)
 
 
 @dataclass(frozen=True)
 class Packets:
-    """Every packet of a velodyne_hits.bin: raw hits in the frame of the sensor, not motion
-    compensated."""
+    """Every packet of a velodyne_hits.bin.
+
+    Its hits are raw, in the frame of the sensor, and not motion compensated.
+    """
 
     words: NDArray[np.uint16]
     """The file as 16-bit words, mapped from disk: it may have gigabytes."""
@@ -117,16 +119,20 @@ class Packets:
     """(packet,) microseconds since 1970."""
 
     def hits(self, packet: int) -> NDArray[np.uint16]:
-        """Records (n, 4) of one packet: x, y, z as `formats.nclt` encodes them, then intensity and
-        laser in one word."""
+        """Records (n, 4) of one packet.
+
+        They are x, y, z as `formats.nclt` encodes them, then intensity and laser in one word.
+        """
         start = self.starts[packet] + HEADER_WORDS
         count = self.offsets[packet + 1] - self.offsets[packet]
         return self.words[start : start + 4 * count].reshape(-1, 4)
 
 
 def read_packets(path: Path) -> Packets:
-    """Find the packets of a velodyne_hits.bin; raises LogError for an empty file, or naming the
-    byte of a broken packet."""
+    """Find the packets of a velodyne_hits.bin.
+
+    Raises LogError for an empty file, or naming the byte of a broken packet.
+    """
     size = path.stat().st_size
     if not size:
         raise LogError(f"{path}: empty; expected Velodyne packets: fetch the file anew")
@@ -150,11 +156,13 @@ def read_packets(path: Path) -> Packets:
 def _find_packets(
     words: NDArray[np.uint16],
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], np.int64]:
-    """First word and first hit of each packet (of hits: one more, the end), and the word after the
-    last whole packet."""
+    """First word (packet,) and first hit (packet + 1,) of each packet, and the end of the last one.
+
+    The end is the index of the word after the last whole packet.
+    """
     starts = np.empty(len(words) // HEADER_WORDS + 1, np.int64)
     offsets = np.empty(len(words) // HEADER_WORDS + 1, np.int64)
-    found = np.int64(0)
+    count = np.int64(0)
     at = np.int64(0)
     offsets[0] = 0
     while at + HEADER_WORDS <= len(words):
@@ -164,8 +172,8 @@ def _find_packets(
         hits = np.int64(words[at + 4]) + (np.int64(words[at + 5]) << 16)
         if not magic or at + HEADER_WORDS + 4 * hits > len(words):
             break
-        starts[found] = at
-        offsets[found + 1] = offsets[found] + hits
-        found += 1
+        starts[count] = at
+        offsets[count + 1] = offsets[count] + hits
+        count += 1
         at += HEADER_WORDS + 4 * hits
-    return starts[:found].copy(), offsets[: found + 1].copy(), at
+    return starts[:count].copy(), offsets[: count + 1].copy(), at

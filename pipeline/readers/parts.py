@@ -1,5 +1,4 @@
-"""Parts of a log: a single long log with revisits becomes a day to learn from and days to be tested
-on.
+"""Parts of a log: one long log with revisits becomes a day to train on and days to test on.
 
 Sequences of a log NAME: NAME+path1of2 is its first half by path, NAME+time2of3 its second third by
 time, NAME+until440m what comes before 440 m of path (or 440s) and NAME+from440m the rest,
@@ -28,14 +27,14 @@ RULE = re.compile(
     r"(?:(?P<by>path|time):(?P<of>[2-9]|[1-9]\d)|cut:(?P<at>\d{1,9}[ms])|visits)"
     r"(?::(?P<apart>\d{1,6}))?"
 )
-APART_S = 30  # a robot at a walk is out of sight of most of what it saw, a car long before
+APART_S = 30  # after it a robot at walking pace sees little of what it saw before; a car sooner
 NEAR_M = 5.0
-"""A place that the log was so near to before is visited again."""
+"""A place within this distance of an earlier one is visited again."""
 
 
 @dataclass(frozen=True)
 class Part:
-    """A part of a log."""
+    """A part of a log: by path, by time, or by first and later visits."""
 
     by: str
     """path, time, first or later."""
@@ -45,83 +44,97 @@ class Part:
     at: float | None = None
     """Metres or seconds where the second of two parts begins; None: parts are equally long."""
     apart_s: int = APART_S
-    """Scans nearer in time than this to those of an earlier part, or of first visits, are left out:
-    they show what those show."""
+    """Scans nearer in time than this to those of an earlier part, or of first visits, are left out.
+
+    Both would show the same.
+    """
 
     @classmethod
     def named(cls, sequence: str) -> tuple[str, Self | None]:
-        """The log that a sequence is of, and its part; None for the whole log.
+        """The name of the log that a sequence belongs to, and its part; None for the whole log.
 
-        Raises ConfigError for a part that cannot be.
+        Raises ConfigError for a part whose number is larger than the number of parts.
         """
-        found = NAME.fullmatch(sequence)
-        if found is None:
+        match = NAME.fullmatch(sequence)
+        if match is None:
             return sequence, None
-        apart_s = int(found["apart"] or APART_S)
-        if found["side"]:
-            side = 1 if found["side"] == "until" else 2
+        apart_s = int(match["apart"] or APART_S)
+        if match["side"]:
+            side = 1 if match["side"] == "until" else 2
             part = cls(
-                "path" if found["unit"] == "m" else "time",
+                "path" if match["unit"] == "m" else "time",
                 side,
-                at=float(found["at"]),
+                at=float(match["at"]),
                 apart_s=apart_s,
             )
         else:
             part = cls(
-                found["visit"] or found["by"],
-                int(found["number"] or 1),
-                int(found["of"] or 2),
+                match["visit"] or match["by"],
+                int(match["number"] or 1),
+                int(match["of"] or 2),
                 apart_s=apart_s,
             )
         if part.number > part.of:
             raise ConfigError(
                 f"sequence={sequence}: part {part.number} of {part.of}; expected 1 to {part.of}"
             )
-        return found["log"], part
+        return match["log"], part
 
     def rows(self, stamps_ns: NDArray[np.int64], xyz_m: NDArray[np.float64]) -> NDArray[np.int64]:
-        """The rows of this part, given a log's stamps (n,) and positions (n, 3), NaN where
-        unknown."""
+        """The rows of this part of a log with these stamps (n,) and positions (n, 3).
+
+        Positions are NaN where unknown.
+        """
         apart_ns = self.apart_s * 10**9
         if self.by in ("first", "later"):
-            again = revisited(stamps_ns, xyz_m, apart_ns)
+            is_revisit = revisited(stamps_ns, xyz_m, apart_ns)
             return np.flatnonzero(
-                again & _away(stamps_ns, ~again, apart_ns) if self.by == "later" else ~again
+                is_revisit & _away(stamps_ns, ~is_revisit, apart_ns)
+                if self.by == "later"
+                else ~is_revisit
             )
-        along = (stamps_ns - stamps_ns[0]) / 1e9 if self.by == "time" else _path_m(xyz_m)
-        at = along[-1] * np.arange(1, self.of) / self.of if self.at is None else np.array([self.at])
-        part = 1 + np.searchsorted(at, along, side="right")
+        progress = (stamps_ns - stamps_ns[0]) / 1e9 if self.by == "time" else _path_m(xyz_m)
+        ends = (
+            progress[-1] * np.arange(1, self.of) / self.of
+            if self.at is None
+            else np.array([self.at])
+        )
+        part = 1 + np.searchsorted(ends, progress, side="right")
         return np.flatnonzero(
             (part == self.number) & _away(stamps_ns, part < self.number, apart_ns)
         )
 
 
 def names(log: str, rule: str) -> list[str]:
-    """The sequences that a rule makes of a log: path:2 and time:3 make equal parts, cut:440m and
-    cut:400s two, visits the first and the later visits.
+    """The names of the sequences that a rule makes of a log.
 
-    A number at the end, as in path:2:60, is the time in seconds between parts. Raises ConfigError
-    for another rule.
+    path:2 and time:3 make equal parts, cut:440m and cut:400s two, visits the first and the later
+    visits. A number at the end, as in path:2:60, is the time in seconds between parts. Raises
+    ConfigError for another rule.
     """
-    found = RULE.fullmatch(rule)
-    if found is None:
-        known = "path:2, time:3, cut:440m, cut:400s or visits"
+    match = RULE.fullmatch(rule)
+    if match is None:
+        rules = "path:2, time:3, cut:440m, cut:400s or visits"
         raise ConfigError(
-            f"parts={rule}: expected {known}, and seconds between parts after another colon"
+            f"parts={rule}: expected {rules}, and seconds between parts after another colon"
         )
-    own = ["first", "later"]
-    if found["by"]:
-        own = [f"{found['by']}{number + 1}of{found['of']}" for number in range(int(found["of"]))]
-    elif found["at"]:
-        own = [f"until{found['at']}", f"from{found['at']}"]
-    return [f"{log}+{one}" + (f"+{found['apart']}s" if found["apart"] else "") for one in own]
+    endings = ["first", "later"]
+    if match["by"]:
+        endings = [
+            f"{match['by']}{number + 1}of{match['of']}" for number in range(int(match["of"]))
+        ]
+    elif match["at"]:
+        endings = [f"until{match['at']}", f"from{match['at']}"]
+    return [
+        f"{log}+{ending}" + (f"+{match['apart']}s" if match["apart"] else "") for ending in endings
+    ]
 
 
 def open_part(reader: Reader, root: Path, sequence: str) -> Log:
-    """Open a log, or the part of it that the sequence's name ends in; the odometry breaks where a
-    part does.
+    """Open a log, or the part of it that the sequence's name ends in.
 
-    Raises LogError for a log that cannot be read, or a part without scans.
+    The odometry breaks where the part does. Raises LogError for a log that cannot be read, or a
+    part without scans.
     """
     name, part = Part.named(sequence)
     log = reader.open(root, name)
@@ -150,29 +163,31 @@ def revisited(
     stamps_ns: NDArray[np.int64], xyz_m: NDArray[np.float64], apart_ns: int
 ) -> NDArray[np.bool_]:
     """Which rows (n,) lie within NEAR_M of a row more than `apart_ns` earlier."""
-    found = np.zeros(len(stamps_ns), bool)
-    known = np.flatnonzero(np.isfinite(xyz_m).all(axis=1))
-    near = KDTree(xyz_m[known]).query_ball_point(xyz_m[known], NEAR_M)
-    found[known] = [
-        stamps_ns[known[rows]].min() < stamps_ns[row] - apart_ns
-        for row, rows in zip(known, near, strict=True)
+    is_revisit = np.zeros(len(stamps_ns), bool)
+    posed_rows = np.flatnonzero(np.isfinite(xyz_m).all(axis=1))
+    near = KDTree(xyz_m[posed_rows]).query_ball_point(xyz_m[posed_rows], NEAR_M)
+    is_revisit[posed_rows] = [
+        stamps_ns[posed_rows[rows]].min() < stamps_ns[row] - apart_ns
+        for row, rows in zip(posed_rows, near, strict=True)
     ]
-    return found
+    return is_revisit
 
 
 def _away(
-    stamps_ns: NDArray[np.int64], others: NDArray[np.bool_], apart_ns: int
+    stamps_ns: NDArray[np.int64], other_rows: NDArray[np.bool_], apart_ns: int
 ) -> NDArray[np.bool_]:
-    """Which rows (n,) are at least so long before and after all `others` (n,)."""
-    away = np.ones(len(stamps_ns), bool)
-    if others.any():
-        theirs = stamps_ns[others]
-        after = np.searchsorted(theirs, stamps_ns)
-        away &= (after == len(theirs)) | (
-            theirs[np.minimum(after, len(theirs) - 1)] - stamps_ns >= apart_ns
+    """Which rows (n,) are at least `apart_ns` before or after each of the `other_rows` (n,)."""
+    is_away = np.ones(len(stamps_ns), bool)
+    if other_rows.any():
+        other_stamps_ns = stamps_ns[other_rows]
+        after = np.searchsorted(other_stamps_ns, stamps_ns)
+        is_away &= (after == len(other_stamps_ns)) | (
+            other_stamps_ns[np.minimum(after, len(other_stamps_ns) - 1)] - stamps_ns >= apart_ns
         )
-        away &= (after == 0) | (stamps_ns - theirs[np.maximum(after - 1, 0)] >= apart_ns)
-    return away
+        is_away &= (after == 0) | (
+            stamps_ns - other_stamps_ns[np.maximum(after - 1, 0)] >= apart_ns
+        )
+    return is_away
 
 
 def _path_m(xyz_m: NDArray[np.float64]) -> NDArray[np.float64]:

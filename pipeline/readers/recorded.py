@@ -1,4 +1,4 @@
-"""Logs of a real data set: they exist already, so the stage `logs` only checks and lists them."""
+"""Logs of a recorded data set: they exist, so the stage `logs` only checks and lists them."""
 
 from collections import Counter
 from dataclasses import dataclass
@@ -27,8 +27,7 @@ class Recorded:
     recorded."""
 
     def record(self, sequence: str, folder: Path, compute: Compute, watch: Progress) -> str:
-        """Open the log below `root` and write folder/inventory.csv; returns one line of text with
-        the counts.
+        """Open the log below `root` and write folder/inventory.csv; returns a line with the counts.
 
         The csv has a line per scan with a digest of its poses and points, so that it changes
         whenever the log does. Raises LogError for a log that cannot be opened; scans that cannot be
@@ -58,8 +57,10 @@ class Recorded:
         return "; ".join([f"{len(rows) - 1} scans found below {self.root}{left_out}", *log.notes])
 
     def changes(self, train: str, sequence: str) -> list[Change]:
-        """The changes visible on the day of `sequence` but not of `train`; raises LogError for a
-        bad csv or bad logs."""
+        """The changes visible on the day of `sequence` but not of `train`.
+
+        Raises LogError for a bad csv or bad logs.
+        """
         if self.events is None:
             return []
         root = Path(self.root)

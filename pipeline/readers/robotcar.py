@@ -1,9 +1,9 @@
-"""Oxford RobotCar: the sweeps of its 2-D lasers, posed by visual odometry and inertial navigation
-(METHODS 7.2, 2.9).
+"""Reads Oxford RobotCar: sweeps of 2-D lasers (METHODS 7.2, 2.9).
 
-A row is one sweep, or two sweeps with the same stamp. The frames in the files are z-down; all
-results are x forward, y left, z up. The origin of the vehicle is the stereo camera, so the ground
-lies below 0; the world is UTM (x north, y west).
+Their poses are by visual odometry and inertial navigation. A row is one sweep, or two sweeps with
+the same stamp. The frames in the files are z-down; all results are x forward, y left, z up. The
+origin of the vehicle is the stereo camera, so the ground lies below 0; the world is UTM (x north, y
+west).
 """
 
 from collections import Counter
@@ -70,35 +70,37 @@ class RobotCar:
         notes += vehicle.doubts("the true poses", truth)
         odometry = read_vo(root / sequence / robotcar.VO, self.max_vo_gap_s)
         merged = np.unique(np.concatenate(utimes))
-        world_T_scan, placed = truth.at(merged * 1000)
-        odom_T_scan = odometry.at(merged * 1000, placed)
-        kept = placed | np.isfinite(odom_T_scan).all(axis=(1, 2))
-        skipped["neither odometry nor a true pose"] = int((~kept).sum())
-        rows = merged[kept]
-        lost = int((~placed[kept]).sum())
-        if lost:
-            outages = int((~placed & np.append(True, placed[:-1])).sum())
-            notes.append(f"{lost:,} of {len(rows):,} sweeps have no place (INS outages: {outages})")
+        world_T_scan, has_truth = truth.at(merged * 1000)
+        odom_T_scan = odometry.at(merged * 1000, has_truth)
+        is_kept = has_truth | np.isfinite(odom_T_scan).all(axis=(1, 2))
+        skipped["neither odometry nor a true pose"] = int((~is_kept).sum())
+        rows = merged[is_kept]
+        unplaced = int((~has_truth[is_kept]).sum())
+        if unplaced:
+            outages = int((~has_truth & np.append(True, has_truth[:-1])).sum())
+            notes.append(
+                f"{unplaced:,} of {len(rows):,} sweeps have no place (INS outages: {outages})"
+            )
         if len(odometry.breaks_ns):
             notes.append(
                 f"the visual odometry breaks off {len(odometry.breaks_ns)} times: no submap "
                 "reaches across"
             )
         lift = np.array([0.0, 0.0, self.lift_m])
-        swept = np.stack([np.isin(rows, found) for found in utimes])
+        swept = np.stack([np.isin(rows, laser_utimes) for laser_utimes in utimes])
 
         def points(row: int) -> NDArray[np.float64]:
             clouds = [
                 read_sweep(root / sequence / laser / f"{rows[row]}.bin", zup_T_laser)
-                for laser, zup_T_laser, here in zip(
+                for laser, zup_T_laser, has_sweep in zip(
                     self.lasers, zup_T_lasers, swept[:, row], strict=True
                 )
-                if here
+                if has_sweep
             ]
             return np.asarray(np.concatenate(clouds) + lift)
 
         return Log(
-            rows * 1000, world_T_scan[kept], odom_T_scan[kept], points, +skipped, tuple(notes)
+            rows * 1000, world_T_scan[is_kept], odom_T_scan[is_kept], points, +skipped, tuple(notes)
         )
 
     def sequences(self, root: Path) -> dict[str, list[str]]:
@@ -112,20 +114,21 @@ class RobotCar:
         )
         files = [f"{{sequence}}/{place}" for place in (*self.lasers, robotcar.VO, robotcar.INS)]
         files += [f"{self.extrinsics}/{sensor}.txt" for sensor in (*self.lasers, "ins")]
-        needed = {name: [file.replace("{sequence}", name) for file in files] for name in names}
+        needed_files = {
+            name: [file.replace("{sequence}", name) for file in files] for name in names
+        }
         return {
             name: [place for place in places if not (root / place).exists()]
-            for name, places in needed.items()
+            for name, places in needed_files.items()
         }
 
 
 def read_sweep(path: str | Path, zup_T_laser: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Points (n, 3) in metres of one sweep in the z-up vehicle frame; `zup_T_laser` (4, 4) is
-    NED_FLIP @ the file's extrinsics.
+    """Points (n, 3) in metres of one sweep in the z-up vehicle frame.
 
-    Beams without a return (range 0, or not finite) are dropped, so there may be fewer rows than the
-    541 beams. Raises LogError for a missing file, one that ends within a record, or a return beyond
-    the reach of any laser.
+    `zup_T_laser` (4, 4) is NED_FLIP @ the file's extrinsics. Beams without a return (range 0, or
+    not finite) are dropped, so there may be fewer rows than the 541 beams. Raises LogError for a
+    missing file, one that ends within a record, or a return beyond the reach of any laser.
     """
     data = log.read_bytes(Path(path), robotcar.RECORD_BYTES, "returns")
     xy = robotcar.decode_sweep(data)[:, :2]
@@ -141,8 +144,10 @@ def read_sweep(path: str | Path, zup_T_laser: NDArray[np.float64]) -> NDArray[np
 def _paired(
     root: Path, sequence: str, laser: str, skipped: Counter[str], notes: list[str]
 ) -> NDArray[np.int64]:
-    """Utimes (n,) of the whole sweep files that the list of stamps names too; counts files without
-    a stamp and the reverse."""
+    """Utimes (n,) of the whole sweep files that the list of stamps names too.
+
+    Counts in `skipped` files without a stamp and stamps without a file.
+    """
     folder = root / sequence / laser
     path = root / sequence / robotcar.STAMPS.format(laser=laser)
     if not folder.is_dir():

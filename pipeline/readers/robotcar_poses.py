@@ -1,8 +1,7 @@
-"""Reads the poses of Oxford RobotCar: visual odometry, inertial navigation and the extrinsics of
-the sensors (METHODS 7.2).
+"""Reads the poses of Oxford RobotCar (METHODS 7.2).
 
-The frames in the files are z-down; the trajectories are of the z-up vehicle, whose origin is the
-stereo camera.
+They are visual odometry, inertial navigation and the extrinsics of the sensors. The frames in the
+files are z-down; the trajectories are of the z-up vehicle, whose origin is the stereo camera.
 """
 
 from dataclasses import dataclass
@@ -23,8 +22,7 @@ LARGEST = 1e9
 
 @dataclass(frozen=True)
 class Odometry:
-    """Relative poses chained from the identity; after a break the chain starts anew from the
-    identity."""
+    """Relative poses chained from the identity, where the chain starts anew after a break."""
 
     trajectory: Trajectory
     breaks_ns: Stamps
@@ -45,11 +43,10 @@ class Odometry:
 
 
 def read_vo(path: Path, max_gap_s: float) -> Odometry:
-    """Read vo.csv: pose(source) = pose(destination) · T(row); a destination other than the previous
-    source is a break.
+    """Read vo.csv: pose(source) = pose(destination) · T(row).
 
-    Raises LogError naming a row whose destination is not before its source, or whose source does
-    not increase.
+    A destination other than the previous source is a break. Raises LogError naming a row whose
+    destination is not before its source, or whose source does not increase.
     """
     table = columns(path, robotcar.VO_COLUMNS)
     source, before = numbers(path, table, robotcar.VO_STAMPS).T
@@ -88,11 +85,10 @@ def read_vo(path: Path, max_gap_s: float) -> Odometry:
 
 
 def read_ins(path: Path, vehicle_T_ins: NDArray[np.float64], max_gap_s: float) -> Trajectory:
-    """Read ins.csv as a trajectory of the vehicle in the world x north, y west, z up; rows not
-    INS_SOLUTION_GOOD are gaps.
+    """Read ins.csv as a trajectory of the vehicle in the world x north, y west, z up.
 
-    `vehicle_T_ins` (4, 4) is between the z-down frames, as `read_extrinsics` returns it. Raises
-    LogError for several UTM zones.
+    Rows not INS_SOLUTION_GOOD are gaps. `vehicle_T_ins` (4, 4) is between the z-down frames, as
+    `read_extrinsics` returns it. Raises LogError for several UTM zones.
     """
     table = columns(path, ("timestamp", "ins_status", "utm_zone", *robotcar.INS_POSE))
     stamps_ns = utimes_ns(path, numbers(path, table, ("timestamp",))[:, 0])
@@ -112,8 +108,10 @@ def read_ins(path: Path, vehicle_T_ins: NDArray[np.float64], max_gap_s: float) -
 
 
 def read_extrinsics(folder: Path, sensor: str) -> NDArray[np.float64]:
-    """vehicle_T_sensor (4, 4) of the z-down vehicle, from SENSOR.txt in the folder of extrinsics of
-    the SDK; raises LogError."""
+    """vehicle_T_sensor (4, 4) of the z-down vehicle, from SENSOR.txt of the SDK's extrinsics.
+
+    Raises LogError for a missing or damaged file.
+    """
     path = folder / f"{sensor}.txt"
     if not path.is_file():
         raise LogError(

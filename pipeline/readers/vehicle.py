@@ -1,5 +1,4 @@
-"""Whether poses are a vehicle's: upright, along the way that it looks, and without steps that
-nothing can drive."""
+"""Checks that poses are a vehicle's: upright, driven forward or backward, and without jumps."""
 
 from dataclasses import replace
 
@@ -10,57 +9,62 @@ from pipeline.frames import ROUNDED_NS, Poses, Stamps, Trajectory, apart
 
 TILTED_DEG = 45.0
 TILTED_SHARE = 0.1
-"""A body that is tilted further in more than this share of its poses is not one that stands on the
-ground."""
+"""A body tilted by more than TILTED_DEG in more than this share of its poses is no vehicle."""
 STEP_M = 2.0
-"""The way between poses that tell where a body drives: shorter steps are mostly noise."""
+"""Distance between the poses that give the direction of driving; shorter steps are mostly noise."""
 FEWEST = 5
-"""Such steps tell nothing if they are fewer."""
+"""With fewer steps of STEP_M, nothing is said of the direction of driving."""
 ALONG = 0.8
-"""Of a step of one metre: so much of it along an axis is along that axis."""
+"""A step is along an axis if more than this share of its length is."""
 ASTRAY = 0.3
-"""Directions of driving, seen from the body, that agree less than this: 1 where all are one or its
-opposite, 0 where all are."""
+"""Below this agreement of the directions of driving, as the body sees them, its heading is wrong.
+
+1 where all directions are one or its opposite, 0 where they are spread all round.
+"""
 STEEP = 0.5
-"""A road climbs less than this, in metres a metre."""
+"""A road climbs less than this, in metres of height a metre of path."""
 AROUND_S = 1.0
 MOST = 200
-"""A step is held against those of a second before and after it, of which there may be many: some
-topics repeat a pose."""
+"""A step is compared with those of AROUND_S before and after it, at most MOST on either side.
+
+There may be many, since some topics repeat a pose.
+"""
 FASTEST_M_S = 100.0
 JUMP_M = 0.5
 GAIN_M_S2 = 5.0
-"""A step of dt seconds is a jump if it is longer, by JUMP_M + GAIN_M_S2 dt² and more, than the
-fastest of those makes it."""
+"""A step of dt seconds is a jump if it exceeds, by JUMP_M + GAIN_M_S2 dt², the neighbours' length.
+
+That is the length of dt seconds at the speed of the fastest of its neighbours.
+"""
 JUMP_DEG = 30.0
 GAIN_DEG_S = 360.0
-"""It is one too if it turns further than the widest of those makes it, by JUMP_DEG + GAIN_DEG_S dt
-and more."""
+"""A step is a jump too if it exceeds, by JUMP_DEG + GAIN_DEG_S dt, the neighbours' turn.
+
+That is the turn of dt seconds at the rate of the fastest turning neighbour.
+"""
 
 
 def jumps(trajectory: Trajectory) -> NDArray[np.int64]:
-    """The rows (k,) to which steps lead that no vehicle makes: far longer or wider than those
-    before and after."""
-    known = np.flatnonzero(np.isfinite(trajectory.world_T_body).all(axis=(1, 2)))
-    if len(known) < 2:
+    """The rows (k,) at the end of jumps: steps far longer or wider than those before and after."""
+    finite_rows = np.flatnonzero(np.isfinite(trajectory.world_T_body).all(axis=(1, 2)))
+    if len(finite_rows) < 2:
         return np.empty(0, np.int64)
-    poses = trajectory.world_T_body[known]
-    seconds = np.diff(trajectory.stamps_ns[known]) / 1e9
+    poses = trajectory.world_T_body[finite_rows]
+    seconds = np.diff(trajectory.stamps_ns[finite_rows]) / 1e9
     step_m, turn_deg = apart(poses[:-1], poses[1:])
-    together = (np.diff(known) == 1) & (seconds <= trajectory.max_gap_s)
-    around = int(np.clip(np.rint(AROUND_S / np.median(seconds)), 1, MOST))
-    longer_m = step_m - seconds * _neighbours(step_m / seconds, together, around)
-    wider_deg = turn_deg - seconds * _neighbours(turn_deg / seconds, together, around)
-    far = (longer_m > JUMP_M + GAIN_M_S2 * seconds**2) | (
+    together = (np.diff(finite_rows) == 1) & (seconds <= trajectory.max_gap_s)
+    reach = int(np.clip(np.rint(AROUND_S / np.median(seconds)), 1, MOST))
+    longer_m = step_m - seconds * _neighbours(step_m / seconds, together, reach)
+    wider_deg = turn_deg - seconds * _neighbours(turn_deg / seconds, together, reach)
+    is_far = (longer_m > JUMP_M + GAIN_M_S2 * seconds**2) | (
         (step_m > JUMP_M) & (step_m > FASTEST_M_S * seconds)
     )
-    wide = wider_deg > JUMP_DEG + GAIN_DEG_S * seconds
-    return np.asarray(known[1:][together & (far | wide)])
+    is_wide = wider_deg > JUMP_DEG + GAIN_DEG_S * seconds
+    return np.asarray(finite_rows[1:][together & (is_far | is_wide)])
 
 
 def parted(name: str, odometry: Trajectory) -> tuple[Trajectory, tuple[str, ...]]:
-    """Odometry with a gap at each jump, as where a robot's odometry was set back, and a note that
-    says so."""
+    """Odometry with a gap at each jump, as where it was set back, and a note for the user."""
     rows = jumps(odometry)
     if not len(rows):
         return odometry, ()
@@ -73,35 +77,42 @@ def parted(name: str, odometry: Trajectory) -> tuple[Trajectory, tuple[str, ...]
 
 
 def along(odometry: Trajectory, stamps_ns: Stamps, anew_ns: Stamps) -> Poses:
-    """Odometry (n, 4, 4) at increasing stamps (n,); NaN where there is none, and at the first after
-    it starts `anew_ns` (k,)."""
+    """Odometry (n, 4, 4) at increasing stamps (n,).
+
+    NaN where there is none, and at the first stamp after each of `anew_ns` (k,), where the odometry
+    starts anew.
+    """
     odom_T_body = odometry.at(stamps_ns)[0]
-    first = np.searchsorted(stamps_ns, anew_ns - ROUNDED_NS)
-    odom_T_body[first[first < len(stamps_ns)]] = np.nan
+    first_rows = np.searchsorted(stamps_ns, anew_ns - ROUNDED_NS)
+    odom_T_body[first_rows[first_rows < len(stamps_ns)]] = np.nan
     return odom_T_body
 
 
 def breaks_ns(odometry: Trajectory) -> Stamps:
-    """The stamps (k,) of the first known poses behind gaps: rows of NaN, or neighbours further
-    apart than max_gap_s."""
-    known = np.flatnonzero(np.isfinite(odometry.world_T_body).all(axis=(1, 2)))
-    apart_s = np.diff(odometry.stamps_ns[known]) / 1e9
-    broken = (np.diff(known) > 1) | (apart_s > odometry.max_gap_s)
-    return np.asarray(odometry.stamps_ns[known[1:][broken]])
+    """The stamps (k,) of the first known pose after each gap.
+
+    A gap is rows of NaN, or neighbours further apart in time than max_gap_s.
+    """
+    finite_rows = np.flatnonzero(np.isfinite(odometry.world_T_body).all(axis=(1, 2)))
+    apart_s = np.diff(odometry.stamps_ns[finite_rows]) / 1e9
+    is_break = (np.diff(finite_rows) > 1) | (apart_s > odometry.max_gap_s)
+    return np.asarray(odometry.stamps_ns[finite_rows[1:][is_break]])
 
 
 def doubts(name: str, truth: Trajectory) -> tuple[str, ...]:
-    """Lines on what no vehicle does, for poses in a z-up world of a body x forward, y left, z up;
-    none where all is well."""
-    known = np.isfinite(truth.world_T_body).all(axis=(1, 2))
-    poses = truth.world_T_body[known]
+    """Lines on what no vehicle does in a trajectory; empty where all is well.
+
+    The world is z-up, the body x forward, y left, z up.
+    """
+    finite = np.isfinite(truth.world_T_body).all(axis=(1, 2))
+    poses = truth.world_T_body[finite]
     if not len(poses):
         return ()
     lines = []
-    usual_m_s = _usual_m_s(truth)
-    if usual_m_s > FASTEST_M_S:
+    speed_m_s = _median_speed_m_s(truth)
+    if speed_m_s > FASTEST_M_S:
         return (
-            f"{name}: the body drives at {usual_m_s:,.0f} m/s most of the way: are its positions "
+            f"{name}: the body drives at {speed_m_s:,.0f} m/s most of the way: are its positions "
             "in metres, its stamps in order?",
         )
     tilt_deg = np.rad2deg(np.arccos(poses[:, 2, 2].clip(-1, 1)))
@@ -145,30 +156,34 @@ def doubts(name: str, truth: Trajectory) -> tuple[str, ...]:
     return tuple(lines)
 
 
-def _usual_m_s(truth: Trajectory) -> float:
-    """The median speed of the steps of a body that moves; 0 of one that never does."""
-    known = np.flatnonzero(np.isfinite(truth.world_T_body).all(axis=(1, 2)))
-    step_m = np.linalg.norm(np.diff(truth.world_T_body[known, :3, 3], axis=0), axis=1)
+def _median_speed_m_s(truth: Trajectory) -> float:
+    """The median speed over the steps in which the body moves; 0 if it never does."""
+    finite_rows = np.flatnonzero(np.isfinite(truth.world_T_body).all(axis=(1, 2)))
+    step_m = np.linalg.norm(np.diff(truth.world_T_body[finite_rows, :3, 3], axis=0), axis=1)
     moving = step_m > 0
-    speeds = step_m[moving] / np.diff(truth.stamps_ns[known])[moving] * 1e9
+    speeds = step_m[moving] / np.diff(truth.stamps_ns[finite_rows])[moving] * 1e9
     return float(np.median(speeds)) if moving.any() else 0.0
 
 
 def _neighbours(
-    rates: NDArray[np.float64], known: NDArray[np.bool_], around: int
+    rates: NDArray[np.float64], is_step: NDArray[np.bool_], reach: int
 ) -> NDArray[np.float64]:
-    """The largest rate (n,) of so many steps before and after each step; infinite where none of
-    them is `known`."""
-    unknown = np.full(around, -1.0)
-    wide = np.concatenate([unknown, np.where(known, rates, -1.0), unknown])
-    largest = np.lib.stride_tricks.sliding_window_view(wide, around).max(axis=1)
+    """The largest of the `rates` (n,) of `reach` steps before and after each step.
+
+    Only those that are `is_step` (n,) count; infinite where there is none.
+    """
+    padding = np.full(reach, -1.0)
+    padded = np.concatenate([padding, np.where(is_step, rates, -1.0), padding])
+    largest = np.lib.stride_tricks.sliding_window_view(padded, reach).max(axis=1)
     larger = np.maximum(largest[: len(rates)], largest[-len(rates) :])
     return np.where(larger < 0, np.inf, larger)
 
 
 def _driven(poses: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Steps (k, 3) of about STEP_M or more of a path, in its world, and the same in the frame of
-    the body where each begins."""
+    """Steps (k, 3) of about STEP_M or more of a path, in its world and in the body's frame.
+
+    The body's frame is that of the pose where a step begins.
+    """
     way_m = np.concatenate(
         [[0.0], np.cumsum(np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1))]
     )
@@ -181,11 +196,13 @@ def _driven(poses: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np
 
 def _jumped(trajectory: Trajectory, rows: NDArray[np.int64]) -> str:
     """How often and how far a trajectory jumps."""
-    first = rows[0]
-    away_m, turn_deg = apart(trajectory.world_T_body[[first - 1]], trajectory.world_T_body[[first]])
-    seconds = (trajectory.stamps_ns[first] - trajectory.stamps_ns[first - 1]) / 1e9
+    first_row = rows[0]
+    away_m, turn_deg = apart(
+        trajectory.world_T_body[[first_row - 1]], trajectory.world_T_body[[first_row]]
+    )
+    seconds = (trajectory.stamps_ns[first_row] - trajectory.stamps_ns[first_row - 1]) / 1e9
     times = "once" if len(rows) == 1 else f"{len(rows):,} times"
-    at = f"{trajectory.stamps_ns[first] / 1e9:.3f} s"
+    at = f"{trajectory.stamps_ns[first_row] / 1e9:.3f} s"
     return (
         f"jumps {times}, first at {at} by {away_m[0]:.3g} m and {turn_deg[0]:.0f}° in "
         f"{seconds:.3g} s"

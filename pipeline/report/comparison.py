@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline.errors import InputError
-from pipeline.report.found import Measurement, deviation
+from pipeline.report.measurement import Measurement, deviation
 from pipeline.studies.expansion import ModelName
 
 ONE_SEED = 0.02

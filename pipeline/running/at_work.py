@@ -1,5 +1,7 @@
-"""Whether DVC works in a project, by its own locks: a lock file between stages, a table of holders
-while one runs."""
+"""Whether DVC works in a project, by DVC's own locks.
+
+A lock file between stages, a table of holders while one runs.
+"""
 
 import fcntl
 import json
@@ -18,16 +20,18 @@ LOCK = ".dvc/tmp/lock"
 
 
 def refuse_at_work(root: Path) -> None:
-    """Raise ConfigError if DVC works in the project: what it has begun must end with the studies
-    that it began with."""
-    if _held(root / LOCK) or has_holders(root):
+    """Raise ConfigError if DVC works in the project.
+
+    What it has begun must end with the studies that it began with.
+    """
+    if _is_held(root / LOCK) or has_holders(root):
         raise ConfigError(
             "`dvc` works in this folder, and nothing was changed: wait until it ends, or end it"
         )
 
 
 def has_holders(root: Path) -> bool:
-    """Whether a process in DVC's table of locks lives; a torn table names none."""
+    """Whether a process in DVC's table of locks lives; an unreadable table names none."""
     table = root / TABLE
     try:
         written_s = table.stat().st_mtime
@@ -51,8 +55,10 @@ def _pids(node: Any) -> Iterator[int]:
 
 
 def _lived(pid: int, time_s: float) -> bool:
-    """Whether a process runs and did so at a time in seconds since 1970; a killed one that nobody
-    has waited for yet does not."""
+    """Whether a process runs and did so at a time in seconds since 1970.
+
+    A killed one that nobody has waited for yet does not.
+    """
     try:
         process = psutil.Process(pid)
         return bool(process.status() != psutil.STATUS_ZOMBIE and process.create_time() <= time_s)
@@ -60,8 +66,8 @@ def _lived(pid: int, time_s: float) -> bool:
         return False
 
 
-def _held(lock: Path) -> bool:
-    """Whether a process holds a lock file; a kill lets go of it."""
+def _is_held(lock: Path) -> bool:
+    """Whether a process holds a lock file; a killed process holds none."""
     try:
         with lock.open("rb") as file:
             fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)

@@ -1,5 +1,7 @@
-"""Objects as a yaml or a file describes them: `_target_` names a class of this project, the other
-keys are its fields."""
+"""Builds objects from a yaml or a file.
+
+`_target_` names a class of this project, the other keys are its fields.
+"""
 
 import ast
 from collections.abc import Mapping
@@ -14,33 +16,31 @@ TARGET = "_target_"
 
 
 def build(spec: Any, roots: tuple[str, ...]) -> Any:
-    """The object that a mapping with `_target_` describes; mappings and lists within it are built
-    first.
+    """Build the object of a mapping with `_target_`; mappings and lists within it are built first.
 
     Only dataclasses of modules below `roots`, such as pipeline.views., are made: a file may come
     from anywhere. Keys that the class has no field for are left out. Raises ConfigError for any
     other class.
     """
     if isinstance(spec, list):
-        return [build(one, roots) for one in spec]
+        return [build(item, roots) for item in spec]
     if not isinstance(spec, Mapping):
         return spec
-    found = {name: build(value, roots) for name, value in spec.items()}
-    if TARGET not in found:
-        return found
-    kind = target_class(str(found[TARGET]), roots)
+    values = {name: build(value, roots) for name, value in spec.items()}
+    if TARGET not in values:
+        return values
+    kind = target_class(str(values[TARGET]), roots)
     return kind(
         **{
-            field.name: found[field.name]
+            field.name: values[field.name]
             for field in fields(kind)
-            if field.init and field.name in found
+            if field.init and field.name in values
         }
     )
 
 
 def target_class(target: str, roots: tuple[str, ...]) -> type[Any]:
-    """The dataclass of a module below `roots` that a name stands for; raises ConfigError for
-    anything else."""
+    """The dataclass named `target`, of a module below `roots`; raises ConfigError for any other."""
     module, _, name = target.rpartition(".")
     kind = None
     if module.startswith(roots) and name.isidentifier():
@@ -48,8 +48,8 @@ def target_class(target: str, roots: tuple[str, ...]) -> type[Any]:
             kind = getattr(import_module(module), name, None)
         except ImportError as error:
             if error.name and not error.name.startswith("pipeline"):
-                needed = f"{error.name}: not installed, and {module} needs it"
-                raise NotInstalledError(f"{needed}; `pip install 'yearloc[site]'`") from None
+                reason = f"{error.name}: not installed, and {module} needs it"
+                raise NotInstalledError(f"{reason}; `pip install 'yearloc[site]'`") from None
     if not (isinstance(kind, type) and is_dataclass(kind) and kind.__module__ == module):
         raise ConfigError(
             f"{TARGET}={target}: expected a class of "
@@ -59,8 +59,7 @@ def target_class(target: str, roots: tuple[str, ...]) -> type[Any]:
 
 
 def plain(text: object) -> Any:
-    """A value from its text in a model's recipe: `0.002` a number, `True` a switch, `jet` a
-    word."""
+    """Parse a value of a model's recipe: `0.002` a number, `True` a switch, `jet` a word."""
     with suppress(ValueError, SyntaxError):
         return ast.literal_eval(str(text))
     return text

@@ -1,5 +1,4 @@
-"""Dask's workers in processes of their own: on this machine, of a scheduler that runs already, of
-SLURM or of Kubernetes."""
+"""Dask's workers in processes: of this machine, a running scheduler, SLURM or Kubernetes."""
 
 import logging
 import os
@@ -34,7 +33,7 @@ def connected(
     """Dask's client of one of CLUSTERS once it has a worker; both are closed at the end.
 
     Raises ConfigError for settings that are none of that cluster's, NotInstalledError, and
-    ComputeError where no worker is there in time.
+    ComputeError where no worker connects in time.
     """
     import dask
     from distributed import Client
@@ -49,11 +48,11 @@ def connected(
         "distributed.client.direct-to-workers": scheduler
         == "local",  # else each result passes through the scheduler
     }
-    with ExitStack() as held:
-        held.enter_context(dask.config.set(limits))
+    with ExitStack() as stack:
+        stack.enter_context(dask.config.set(limits))
         try:
-            cluster = held.enter_context(CLUSTERS[scheduler](workers, **settings))
-            client = held.enter_context(Client(cluster, timeout=wait_s, set_as_default=False))
+            cluster = stack.enter_context(CLUSTERS[scheduler](workers, **settings))
+            client = stack.enter_context(Client(cluster, timeout=wait_s, set_as_default=False))
             client.wait_for_workers(1, wait_s)
         except TypeError as error:
             raise ConfigError(f"compute={scheduler}: settings: {error}") from error
@@ -71,45 +70,46 @@ def in_order(
     fn: Callable[[int, int], Result],
     spans: Sequence[tuple[int, int]],
 ) -> Iterator[Result]:
-    """Yield fn(start, stop) of each span, in order; two a worker are computed ahead, and each is
-    fetched as soon as it is done.
+    """Yield fn(start, stop) of each span, in order.
 
-    A block whose worker ends is computed again by another. Raises ComputeError for one at which
-    four workers ended, or where no worker is left, and ConfigError where a worker has other
-    versions or another disk.
+    Two a worker are computed ahead, and each is fetched as soon as it is done. A block whose worker
+    ends is computed again by another. Raises ComputeError for one at which four workers ended, or
+    where no worker is left, and ConfigError where a worker has other versions or another disk.
     """
     import cloudpickle
     from distributed import as_completed
 
     call = uuid4().hex
-    asked = (os.getcwd(), versions())
-    sent = 0
-    done = dict[int, Result]()
+    stage = (os.getcwd(), versions())
+    n_sent = 0
+    results = dict[int, Result]()
     running = as_completed(loop=client.loop, with_results=True)
     job = client.submit(
         bytes, cloudpickle.dumps(fn), key=("job", call)
     )  # goes to each worker once, not with each block
-    with _said(scheduler):
+    with _worker_errors(scheduler):
         for row in range(len(spans)):
             ahead = 2 * max(workers, len(client.nthreads()))
-            while sent < min(row + ahead, len(spans)):
+            while n_sent < min(row + ahead, len(spans)):
                 running.add(
-                    client.submit(there, job, *asked, *spans[sent], key=("rows", call, sent))
+                    client.submit(
+                        run_block, job, *stage, *spans[n_sent], key=("rows", call, n_sent)
+                    )
                 )
-                sent += 1
-            while row not in done:
+                n_sent += 1
+            while row not in results:
                 future, result = next(running)
                 if future.cancelled():
                     raise ComputeError(
                         f"compute={scheduler}: the connection to the scheduler is lost"
                     )
-                done[future.key[2]] = result
-            yield done.pop(row)
+                results[future.key[2]] = result
+            yield results.pop(row)
 
 
 @contextmanager
-def _said(scheduler: str) -> Iterator[None]:
-    """Dask's errors about workers as this project's."""
+def _worker_errors(scheduler: str) -> Iterator[None]:
+    """Convert Dask's errors about workers into this project's."""
     from distributed import KilledWorker
     from distributed.comm import CommClosedError
     from distributed.scheduler import NoValidWorkerError
@@ -133,11 +133,15 @@ def _said(scheduler: str) -> Iterator[None]:
         ) from None
 
 
-def there(job: bytes, folder: str, wanted: str, start: int, stop: int) -> Any:
-    """A block, by a worker: in the stage's folder, for DVC's paths are relative to it."""
-    if (own := versions()) != wanted:
+def run_block(job: bytes, folder: str, stage_versions: str, start: int, stop: int) -> Any:
+    """Compute a block in a worker, in the stage's folder, since DVC's paths are relative to it.
+
+    Raises ConfigError for a worker with other versions, or without that folder.
+    """
+    if (worker_versions := versions()) != stage_versions:
         raise ConfigError(
-            f"compute: a worker has {own}, the stage {wanted}; install the same on both"
+            f"compute: a worker has {worker_versions}, the stage {stage_versions}; "
+            "install the same on both"
         )
     if not Path(folder).is_dir():
         raise ConfigError(
@@ -150,7 +154,7 @@ def there(job: bytes, folder: str, wanted: str, start: int, stop: int) -> Any:
 
 @lru_cache(1)
 def _function(job: bytes) -> Callable[[int, int], Any]:
-    """Of all a call's blocks, so that what it has read for one is there for the next."""
+    """The function of all a call's blocks: what it has read for one is there for the next."""
     import cloudpickle
 
     return cast(Callable[[int, int], Any], cloudpickle.loads(job))
@@ -158,20 +162,22 @@ def _function(job: bytes) -> Callable[[int, int], Any]:
 
 @cache
 def versions() -> str:
-    """Of what decides an artifact's bytes, the source of this library among it."""
+    """Versions of what decides an artifact's bytes, this library's source among them."""
     source = sha256(
         b"".join(path.read_bytes() for path in sorted(LIBRARY.rglob("*.py")))
     ).hexdigest()[:12]
-    named = [f"{name} {version(name)}" for name in ("numba", "numpy", "scipy", "zarr")]
-    return ", ".join([f"Python {platform.python_version()}", *named, f"yearloc {source}"])
+    libraries = [f"{name} {version(name)}" for name in ("numba", "numpy", "scipy", "zarr")]
+    return ", ".join([f"Python {platform.python_version()}", *libraries, f"yearloc {source}"])
 
 
 def _local(workers: int) -> AbstractContextManager[Any]:
-    """Processes of this machine, which end with the stage; nothing outside the machine can reach
-    them."""
+    """Processes of this machine, which end with the stage.
+
+    Nothing outside the machine can reach them.
+    """
     from distributed import LocalCluster
 
-    own: AbstractContextManager[Any] = LocalCluster(
+    cluster: AbstractContextManager[Any] = LocalCluster(
         n_workers=workers,
         threads_per_worker=1,
         host="127.0.0.1",
@@ -181,7 +187,7 @@ def _local(workers: int) -> AbstractContextManager[Any]:
         silence_logs=SILENT,
         memory_limit=0,
     )
-    return own
+    return cluster
 
 
 def _running(workers: int, address: str | None = None) -> AbstractContextManager[Any]:
@@ -195,8 +201,10 @@ def _running(workers: int, address: str | None = None) -> AbstractContextManager
 
 
 def _slurm(workers: int, folder: str, **settings: Any) -> AbstractContextManager[Any]:
-    """A job each worker, of one process with one thread; the jobs' logs and the keys of the run lie
-    in a shared folder."""
+    """A SLURM job each worker, of one process with one thread.
+
+    The jobs' logs and the keys of the run lie in a shared folder.
+    """
     within("compute.workers", workers, Count)
     try:
         from dask_jobqueue import SLURMCluster
@@ -205,31 +213,31 @@ def _slurm(workers: int, folder: str, **settings: Any) -> AbstractContextManager
             "compute=slurm: dask-jobqueue is not installed; `pip install 'yearloc[slurm]'`"
         ) from None
     Path(folder).mkdir(mode=0o700, exist_ok=True)
-    own = {
+    job = {
         "cores": 1,
         "processes": 1,
         "python": sys.executable,
         "worker_extra_args": ["--no-dashboard"],
         "security": True,
     }
-    where = {
+    folders = {
         "scheduler_options": NO_DASHBOARD,
         "log_directory": folder,
         "shared_temp_directory": folder,
         "silence_logs": SILENT,
     }
-    cluster: Any = SLURMCluster(**own, **where, **settings)
+    cluster: Any = SLURMCluster(**job, **folders, **settings)
     ask = {
         "input": cluster.job_script(),
         "capture_output": True,
         "encoding": "utf-8",
         "errors": "replace",
     }
-    tested: Any = subprocess.run(["sbatch", "--test-only"], **ask)
-    if tested.returncode:
+    trial: Any = subprocess.run(["sbatch", "--test-only"], **ask)
+    if trial.returncode:
         cluster.close()
         raise ConfigError(
-            f"compute=slurm: no job like these is taken: {' '.join(tested.stderr.split())}"
+            f"compute=slurm: no job like these is taken: {' '.join(trial.stderr.split())}"
         )
     cluster.scale(workers)
     cluster.adapt(minimum=workers, maximum=workers, interval="5 s")
@@ -256,8 +264,10 @@ def _kubernetes(workers: int, **settings: Any) -> AbstractContextManager[Any]:
 def pods(
     workers: int, folder: str, image: str, claim: str, mounted: str, cpu: float, memory: str
 ) -> dict[str, Any]:
-    """The DaskCluster that Kubernetes is asked for: its workers see the disk of a claim at
-    `mounted` and start in `folder`."""
+    """The DaskCluster resource for Kubernetes.
+
+    Its workers see the disk of a claim at `mounted` and start in `folder`.
+    """
     from dask_kubernetes.operator import make_cluster_spec
 
     limits = {"cpu": str(cpu), "memory": memory}

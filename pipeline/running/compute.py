@@ -1,4 +1,4 @@
-"""Everything parallel goes through here: blocks of rows, computed by Dask, delivered in order."""
+"""Computes blocks of rows in parallel by Dask and delivers them in order."""
 
 import multiprocessing
 import os
@@ -44,20 +44,20 @@ class Compute:
     def __post_init__(self) -> None:
         check(self, "compute")
         self._run: Run | None = None
-        self._held = ExitStack()
+        self._stack = ExitStack()
 
     def __enter__(self) -> Self:
-        self._run = self._held.enter_context(self._started(self.workers or os.cpu_count() or 1))
+        self._run = self._stack.enter_context(self._started(self.workers or os.cpu_count() or 1))
         return self
 
     def __exit__(
         self,
         kind: type[BaseException] | None,
         error: BaseException | None,
-        where: TracebackType | None,
+        traceback: TracebackType | None,
     ) -> None:
         self._run = None
-        self._held.close()
+        self._stack.close()
 
     def rows(self, fn: Callable[[int, int], Result], n: int, block: int) -> Iterator[Result]:
         """Yield fn(start, stop) for the blocks of `block` rows that cover range(n), in order.
@@ -69,22 +69,26 @@ class Compute:
         if self._run:
             yield from self._run(fn, spans)
         elif spans:
-            with replace(self) as own:
-                yield from own.rows(fn, n, block)
+            with replace(self) as compute:
+                yield from compute.rows(fn, n, block)
 
     def each(self, fn: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Result]:
         """Yield fn(item) of each item, in order."""
         return self.rows(lambda start, _: fn(items[start]), len(items), 1)
 
     def apart(self) -> Self:
-        """The same, but for threads one block at a time: for blocks whose libraries have settings
-        of the whole process."""
+        """The same, but in mode `threads` one block at a time.
+
+        For blocks whose libraries have settings of the whole process.
+        """
         return replace(self, workers=1) if self.scheduler == "threads" else self
 
     @contextmanager
     def _started(self, workers: int) -> Iterator[Run]:
-        """What computes the blocks; a scheduler that Dask is given by name would import distributed
-        each time."""
+        """Start what computes the blocks, and end it with the block.
+
+        A scheduler that Dask is given by name would import distributed each time.
+        """
         if self.scheduler == "threads":
             from dask.threaded import get
 
@@ -111,17 +115,19 @@ class Compute:
 def _groups(
     get: Callable[..., object], workers: int, fn: Callable[[int, int], Any], spans: Sequence[Span]
 ) -> Iterator[Any]:
-    """Blocks two a worker at a time, by Dask's function that computes a graph."""
+    """Compute blocks in groups of two a worker, by Dask's function `get` that computes a graph."""
     import dask
 
-    for first in range(0, len(spans), 2 * workers):
-        group = [dask.delayed(fn, pure=False)(*span) for span in spans[first : first + 2 * workers]]
+    for start in range(0, len(spans), 2 * workers):
+        group = [dask.delayed(fn, pure=False)(*span) for span in spans[start : start + 2 * workers]]
         yield from dask.compute(*group, scheduler=get, num_workers=workers)
 
 
 def _initialize(dask_s: Callable[[], None]) -> None:
-    """Dask's own start of a worker; and the worker ends when its stage is killed, else it would
-    keep its memory for ever."""
+    """Start a worker as Dask does, and end it when its stage is killed.
+
+    Else it would keep its memory for ever.
+    """
 
     def end_with(stage: Any) -> None:
         stage.join()

@@ -1,5 +1,4 @@
-"""DVC's own files, read as one: dvc.yaml and dvc.lock in the root, and those of each folder
-dag/STAGE."""
+"""Reads DVC's own files as one: those in the root and those of each folder dag/STAGE."""
 
 import re
 from collections.abc import Mapping
@@ -14,7 +13,7 @@ from pipeline.running.texts import LOADER
 
 
 class Yaml(LOADER):  # type: ignore[misc]
-    """Reads numbers as DVC writes them: 2e-05 is one in YAML 1.2, which PyYAML takes for a word."""
+    """Reads numbers as DVC writes them: PyYAML takes 2e-05, a number in YAML 1.2, for a word."""
 
 
 Yaml.add_implicit_resolver(
@@ -24,7 +23,7 @@ Yaml.add_implicit_resolver(
 
 @dataclass(frozen=True)
 class DvcLock:
-    """All that the lock files record; empty where there is none, or none that can be read."""
+    """All that the lock files record; empty without readable ones."""
 
     stages: Mapping[str, Mapping[str, Any]]
     """Stage, such as train@campus-10m-sci, to its cmd, deps, params and outs; paths are relative to
@@ -32,7 +31,7 @@ class DvcLock:
 
     @classmethod
     def read(cls, front: Path) -> Self:
-        """Those of `front`, the root's dvc.lock, and of the folders of dag/ beside it."""
+        """Read `front`, the root's dvc.lock, and those of the folders of dag/ beside it."""
         return cls(
             {
                 name: stage
@@ -43,8 +42,10 @@ class DvcLock:
 
     @cached_property
     def entries(self) -> dict[str, dict[str, Any]]:
-        """Each recorded output's path to the entry of the stage that wrote it, with its name as
-        "stage"."""
+        """Each recorded output's path, with the entry of the stage that wrote it.
+
+        The stage's name is in it as "stage".
+        """
         return {
             out["path"]: {"stage": name, **entry}
             for name, entry in self.stages.items()
@@ -52,34 +53,33 @@ class DvcLock:
         }
 
     def entry(self, path: Path) -> dict[str, Any] | None:
-        """The entry of the stage that wrote `path` or the nearest folder around it; None where none
-        is recorded."""
-        around = (one.as_posix() for one in (path, *path.parents))
-        return next((self.entries[one] for one in around if one in self.entries), None)
+        """The entry of the stage that wrote `path` or the nearest folder around it, else None."""
+        candidates = (folder.as_posix() for folder in (path, *path.parents))
+        return next(
+            (self.entries[candidate] for candidate in candidates if candidate in self.entries), None
+        )
 
     def of(self, path: str) -> tuple[str, str]:
-        """The md5 and the stage of an artifact, or of the nearest folder around it; empty where it
-        is unknown."""
-        found = self.entry(Path(path)) or {}
-        around = {path, *map(str, Path(path).parents)}
+        """md5 and stage of an artifact, or of the nearest folder around it; empty if unknown."""
+        entry = self.entry(Path(path)) or {}
+        containing = {path, *map(str, Path(path).parents)}
         return next(
             (
-                (out.get("md5", ""), found["stage"])
-                for out in found.get("outs", ())
-                if out["path"] in around
+                (out.get("md5", ""), entry["stage"])
+                for out in entry.get("outs", ())
+                if out["path"] in containing
             ),
             ("", ""),
         )
 
     def params(self, stage: str) -> Mapping[str, Any]:
         """The parameters of a stage, by file."""
-        found: Mapping[str, Any] = self.stages.get(stage, {}).get("params", {})
-        return found
+        params: Mapping[str, Any] = self.stages.get(stage, {}).get("params", {})
+        return params
 
 
 def files(front: Path) -> list[Path]:
-    """The root's file of this name (dvc.lock or dvc.yaml) and those of dag/STAGE/ beside it, as far
-    as they are there."""
+    """The existing files of this name (dvc.lock or dvc.yaml) in the root and in dag/STAGE/."""
     return [
         path
         for path in (front, *sorted(front.parent.glob(f"dag/*/{front.name}")))
@@ -88,23 +88,26 @@ def files(front: Path) -> list[Path]:
 
 
 def definition(root: Path) -> dict[str, Any]:
-    """The stages of dvc.yaml and of each dag/STAGE/dvc.yaml, as parsed: {"stages": {name: body}};
-    of parts the first."""
+    """The stages of all dvc.yaml files, as parsed: {"stages": {name: body}}.
+
+    Of parts the first.
+    """
     parsed = [
         yaml.load(path.read_text(encoding="utf-8"), Yaml) for path in files(root / "dvc.yaml")
     ]
     return {
-        "stages": {name: body for one in reversed(parsed) for name, body in one["stages"].items()}
+        "stages": {
+            name: body for content in reversed(parsed) for name, body in content["stages"].items()
+        }
     }
 
 
 @lru_cache(maxsize=64)
 def _stages(path: Path, written_ns: int) -> dict[str, Any]:
-    """The entries of one lock file as it was written at that time; none of one that a kill has
-    torn."""
+    """The entries of one lock file as it was written at that time; none of an unreadable one."""
     try:
-        found = yaml.load(path.read_text(encoding="utf-8"), Yaml)
+        content = yaml.load(path.read_text(encoding="utf-8"), Yaml)
     except (UnicodeDecodeError, yaml.YAMLError):
         return {}
-    stages = found.get("stages") if isinstance(found, dict) else None
+    stages = content.get("stages") if isinstance(content, dict) else None
     return stages if isinstance(stages, dict) else {}

@@ -1,4 +1,4 @@
-"""How a process ends that is asked to: as after an error, so that what it holds is given back."""
+"""Ends a process on SIGTERM as after an error, so that what it holds is given back."""
 
 import signal
 import threading
@@ -15,19 +15,20 @@ WAIT_S = 10
 
 
 def end_when_asked() -> None:
-    """Let SIGTERM raise SystemExit in the main thread: else nothing is cleaned up: no semaphore of
-    workers, no scratch file.
+    """Let SIGTERM raise SystemExit in the main thread.
 
-    Its exit code is what shells and supervisors know a terminated process by. Called in another
-    thread it does nothing.
+    Else nothing is cleaned up: no semaphore of workers, no scratch file. Its exit code is what
+    shells and supervisors know a terminated process by. Called in another thread it does nothing.
     """
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGTERM, _end)
 
 
 def end_all(process: Popen[Any]) -> None:
-    """Ask a process and all that it has started to end, and wait for them: what a shell started
-    outlives it otherwise."""
+    """Ask a process and all that it has started to end, and wait for them.
+
+    What a shell started outlives it otherwise.
+    """
     with suppress(psutil.NoSuchProcess):
         started = psutil.Process(process.pid).children(recursive=True)
         for child in started:

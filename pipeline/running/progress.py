@@ -12,7 +12,7 @@ Item = TypeVar("Item")
 
 @dataclass(frozen=True)
 class Progress:
-    """The null object: shows nothing. Stages hand in a subclass that draws bars on a terminal."""
+    """Shows nothing: the null object. Stages hand in a subclass that draws bars on a terminal."""
 
     budget: float = 1.0
     """Share of a method's own full training to run."""
@@ -24,8 +24,10 @@ class Progress:
         within("budget.share", self.budget, Positive)
 
     def part(self, name: str) -> Self:
-        """The same for a further part of the work, with a checkpoint of its own beside the first
-        part's."""
+        """The progress of a further part of the work, with a checkpoint of its own.
+
+        That lies beside the first part's.
+        """
         return replace(
             self,
             checkpoint=self.checkpoint

@@ -1,4 +1,4 @@
-"""A key for work that is not yet an artifact: of what went into it."""
+"""A key of unfinished work, made of its inputs."""
 
 import hashlib
 import inspect
@@ -9,8 +9,10 @@ import numpy as np
 
 
 def fingerprint(*parts: object) -> str:
-    """A digest of arrays, of classes (the sources of the project's modules that they import) and of
-    anything else by its repr."""
+    """A digest of arrays, of classes and of anything else by its repr.
+
+    A class stands for the sources of the project's modules that it imports.
+    """
     digest = hashlib.sha256()
     for part in parts:
         digest.update(b"\0part\0")

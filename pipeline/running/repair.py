@@ -1,4 +1,4 @@
-"""What a kill or an earlier version of yearloc left of DVC's own files, put right."""
+"""Repairs DVC's own files after a kill or an earlier version of yearloc."""
 
 import shutil
 from pathlib import Path
@@ -14,10 +14,9 @@ EMPTY = "schema: '2.0'\n"
 
 
 def repair(root: Path) -> list[Path]:
-    """Empty the lock files that a kill tore, and return them; remove the table of locks if none of
-    its holders lives.
+    """Empty the lock files that a kill tore, and return them.
 
-    DVC writes these in place.
+    DVC writes these in place. The table of locks is removed if none of its holders lives.
     """
     bring_over(root)
     torn = [lock for lock in files(root / "dvc.lock") if not isinstance(_parsed(lock), dict)]
@@ -30,18 +29,17 @@ def repair(root: Path) -> list[Path]:
 
 
 def bring_over(root: Path) -> None:
-    """Move the lock files of an older clone, which lay in .dvc/locks, to beside their dvc.yaml,
-    where DVC wants them."""
-    old = root / ".dvc/locks"
-    for lock in old.glob("*.lock"):
+    """Move the lock files of an older clone from .dvc/locks to beside their dvc.yaml."""
+    old_locks = root / ".dvc/locks"
+    for lock in old_locks.glob("*.lock"):
         folder = root if lock.stem == "root" else root / "dag" / lock.stem
-        beside = folder / "dvc.lock"
-        if beside.is_symlink():
-            beside.unlink()
-        if not beside.exists() and (folder / "dvc.yaml").is_file():
-            lock.replace(beside)
-    if old.is_dir() and not any(old.glob("*.lock")):
-        shutil.rmtree(old)
+        new_lock = folder / "dvc.lock"
+        if new_lock.is_symlink():
+            new_lock.unlink()
+        if not new_lock.exists() and (folder / "dvc.yaml").is_file():
+            lock.replace(new_lock)
+    if old_locks.is_dir() and not any(old_locks.glob("*.lock")):
+        shutil.rmtree(old_locks)
 
 
 def _parsed(path: Path) -> Any:

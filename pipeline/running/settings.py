@@ -1,5 +1,4 @@
-"""Settings that come from a yaml or a command line, checked against the dataclass that they fill:
-types and ranges."""
+"""Checks settings of a yaml or command line against the types and ranges of their dataclass."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -22,24 +21,24 @@ class Range:
     high: float = LARGEST
     above: bool = False
     """`low` itself is none of them."""
-    said: str = ""
+    wording: str = ""
     """What was expected, where it is not the end that a number lies beyond."""
 
     def expected(self, number: float) -> str:
-        """What was expected instead of a number; nothing where it is in the range."""
+        """What was expected instead of a number; empty where it is in the range."""
         if (self.low < number if self.above else self.low <= number) and number <= self.high:
             return ""
         least = (
             f"a number above {self.low:g}" if self.above else f"a number of at least {self.low:g}"
         )
-        return self.said or (f"at most {self.high:,.10g}" if number > self.high else least)
+        return self.wording or (f"at most {self.high:,.10g}" if number > self.high else least)
 
 
 Positive = Annotated[float, Range(0, above=True)]
 NotNegative = Annotated[float, Range(0)]
-Share = Annotated[float, Range(0, 1, said="a share from 0 to 1")]
-InnerShare = Annotated[float, Range(0, 1 - 1e-9, above=True, said="a share between 0 and 1")]
-SomeShare = Annotated[float, Range(0, 1, above=True, said="a share above 0, at most 1")]
+Share = Annotated[float, Range(0, 1, wording="a share from 0 to 1")]
+InnerShare = Annotated[float, Range(0, 1 - 1e-9, above=True, wording="a share between 0 and 1")]
+SomeShare = Annotated[float, Range(0, 1, above=True, wording="a share above 0, at most 1")]
 Count = Annotated[int, Range(0, above=True)]
 Whole = Annotated[int, Range(0)]
 Side = Annotated[int, Range(0, 2_000, above=True)]
@@ -48,8 +47,7 @@ Seed = Annotated[int, Range(0, 2**32 - 1)]
 
 
 def check(settings: Any, group: str) -> None:
-    """Raise ConfigError naming the first field of a dataclass whose value is not of its declared
-    type and range.
+    """Raise ConfigError naming the first field whose value is not of its declared type and range.
 
     Numbers, words, switches, literals, what may be null, lists of these, tables. A whole number is
     a number too.
@@ -62,38 +60,39 @@ def check(settings: Any, group: str) -> None:
 
 
 def within(name: str, value: Any, hint: Any) -> None:
-    """Raise ConfigError unless a value that fills no dataclass is of a type and range, such as
-    `Count`."""
+    """Raise ConfigError unless a value is of a type and range, such as `Count`.
+
+    For a value that fills no dataclass.
+    """
     if expected := _expected(value, hint):
         raise ConfigError(f"{name}={value}: expected {expected}")
 
 
 def _expected(value: Any, hint: Any) -> str:
-    """What a hint expects instead of a value; nothing where the value fits, or the hint is none
-    that is checked."""
+    """What a hint expects instead of a value; empty where it fits, or the hint is not checked."""
     origin = get_origin(hint)
     args = get_args(hint)
     if origin is Annotated:
         return _expected(value, args[0]) or str(args[1].expected(value))
     if origin is Literal:
-        *others, last = map(str, args)
-        return "" if value in args else f"{', '.join(others)} or {last}"
+        *choices, last_choice = map(str, args)
+        return "" if value in args else f"{', '.join(choices)} or {last_choice}"
     if origin in (Union, UnionType):
-        found = [_expected(value, arg) for arg in args if arg is not type(None)]
+        expectations = [_expected(value, arg) for arg in args if arg is not type(None)]
         return (
             ""
-            if "" in found or (value is None and type(None) in args)
-            else f"{found[0]}{' or null' * (type(None) in args)}"
+            if "" in expectations or (value is None and type(None) in args)
+            else f"{expectations[0]}{' or null' * (type(None) in args)}"
         )
     if origin is Mapping:
         return "" if isinstance(value, Mapping) else "a table"
     if is_dataclass(hint) and isinstance(hint, type):
         return "" if isinstance(value, hint) else f"a table of the settings of {hint.__name__}"
     if origin in (Sequence, tuple):
-        listed = isinstance(value, Sequence) and not isinstance(value, str)
+        is_list = isinstance(value, Sequence) and not isinstance(value, str)
         return (
-            next(filter(None, (_expected(one, args[0]) for one in value)), "")
-            if listed
+            next(filter(None, (_expected(item, args[0]) for item in value)), "")
+            if is_list
             else "a list"
         )
     if hint is float:

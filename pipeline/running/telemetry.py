@@ -1,9 +1,9 @@
-"""Time and memory that a stage used, stored beside its artifact and never in it: an artifact's
-bytes hold no clock and no host.
+"""Time and memory that a stage used, stored beside its artifact.
 
-The trace of `artifacts/train/sci.safetensors` is `.telemetry/artifacts/train/sci.safetensors.json`,
-which neither git nor DVC tracks: a clone that pulls the artifact has none. It is of the last time
-that the artifact was built here.
+Never in it: an artifact's bytes hold no clock and no host. The trace of
+`artifacts/train/sci.safetensors` is `.telemetry/artifacts/train/sci.safetensors.json`, which
+neither git nor DVC tracks: a clone that pulls the artifact has none. It is of the last time that
+the artifact was built here.
 """
 
 import json
@@ -27,9 +27,8 @@ MOST = 200
 MB = 1e-6
 
 
-def beside(artifact: str | Path) -> Path:
-    """Where the trace of an artifact lies; raises ValueError for one that is not below the current
-    folder."""
+def trace_path(artifact: str | Path) -> Path:
+    """The path of an artifact's trace; raises ValueError for one outside the current folder."""
     path = FOLDER / Path(artifact).absolute().relative_to(Path.cwd())
     return path.with_name(f"{path.name}.json")
 
@@ -54,29 +53,28 @@ class Trace:
 
     @classmethod
     def read(cls, artifact: str | Path) -> Self | None:
-        """None where there is no trace, or one that another version wrote."""
+        """Read an artifact's trace; None where there is none, or one of another version."""
         try:
-            return cls(**json.loads(beside(artifact).read_text(encoding="utf-8")))
+            return cls(**json.loads(trace_path(artifact).read_text(encoding="utf-8")))
         except (OSError, TypeError, ValueError):
             return None
 
     def write(self, artifact: str | Path) -> None:
-        """Whole or not at all."""
-        path = beside(artifact)
+        """Write the trace whole or not at all."""
+        path = trace_path(artifact)
         path.parent.mkdir(parents=True, exist_ok=True)
         scratch = path.with_name(f".{path.name}.{os.getpid()}.scratch")
         scratch.write_text(json.dumps(asdict(self), allow_nan=False), encoding="utf-8")
         scratch.replace(path)
 
     def series(self) -> dict[str, list[tuple[int, float]]]:
-        """The samples over whole seconds, in the group that MLflow's page shows as system
-        metrics."""
+        """The samples over whole seconds, in the group of MLflow's system metrics."""
         columns = {
             "process_cpu_percentage": self.cpu_percent,
             "process_memory_megabytes": self.memory_mb,
             "gpu_memory_usage_megabytes": self.gpu_memory_mb,
         }
-        steps = [round(second) for second in self.seconds]
+        steps = [round(at_s) for at_s in self.seconds]
         return {
             f"system/{name}": list(dict(zip(steps, column, strict=True)).items())
             for name, column in columns.items()
@@ -85,25 +83,23 @@ class Trace:
 
 
 def costs(stages: Mapping[str, Sequence[Path]]) -> dict[str, float]:
-    """`train_wall_s`, `train_cpu_s`, `train_peak_memory_mb` and so on of each stage, its artifacts'
-    traces put together.
+    """Costs of each stage by name, such as `train_wall_s`, its artifacts' traces put together.
 
-    A stage one of whose traces is not there has no cost: a part of a sum would be read as the
-    whole.
+    A stage one of whose traces is missing has no cost: a part of a sum would be read as the whole.
     """
     numbers: dict[str, float] = {}
     for stage, artifacts in stages.items():
         traces = [Trace.read(artifact) for artifact in artifacts]
-        found = [trace for trace in traces if trace is not None]
-        if found and len(found) == len(traces):
-            numbers[f"{stage}_wall_s"] = sum(trace.wall_s for trace in found)
-            numbers[f"{stage}_cpu_s"] = sum(trace.cpu_s for trace in found)
-            numbers[f"{stage}_peak_memory_mb"] = max(trace.peak_memory_mb for trace in found)
+        recorded = [trace for trace in traces if trace is not None]
+        if recorded and len(recorded) == len(traces):
+            numbers[f"{stage}_wall_s"] = sum(trace.wall_s for trace in recorded)
+            numbers[f"{stage}_cpu_s"] = sum(trace.cpu_s for trace in recorded)
+            numbers[f"{stage}_peak_memory_mb"] = max(trace.peak_memory_mb for trace in recorded)
     return numbers
 
 
 class Sample(NamedTuple):
-    """A moment of a process and all that it started."""
+    """Resources of a process and all that it started, at one moment."""
 
     at_s: float
     """Since the start."""
@@ -115,11 +111,11 @@ class Sample(NamedTuple):
 
 @dataclass
 class Telemetry:
-    """Watch this process and what it starts while the block makes `artifact`, then write its trace;
-    only if the block ends well.
+    """Samples this process and what it starts during the block, then writes the artifact's trace.
 
-    Samples are taken every second at first; each time that `MOST` are full every second one goes
-    and the pace halves. No failure in here, a full disk among them, is the block's.
+    Only if the block ends well. Samples are taken every second at first; each time that `MOST` are
+    full every second one goes and the pace halves. No failure in here, a full disk among them, is
+    the block's.
     """
 
     artifact: str | Path
@@ -140,7 +136,7 @@ class Telemetry:
         self,
         kind: type[BaseException] | None,
         error: BaseException | None,
-        where: TracebackType | None,
+        traceback: TracebackType | None,
     ) -> None:
         self._end.set()
         self._thread.join()
@@ -171,30 +167,32 @@ class Telemetry:
             self._peak_mb = max(self._peak_mb, memory_mb)
 
     def _trace(self) -> Trace:
-        first, *others = self._samples
-        last = others[-1]
-        if len(others) > 1 and last.at_s - others[-2].at_s < self.every_s / 2:
-            others.pop()  # too near to the one before for a rate
+        start, *samples = self._samples
+        last_sample = samples[-1]
+        if len(samples) > 1 and last_sample.at_s - samples[-2].at_s < self.every_s / 2:
+            samples.pop()  # too near to the one before for a rate
         rates = [
-            (new.cpu_s - old.cpu_s) / max(new.at_s - old.at_s, 1e-3)
-            for old, new in pairwise([first, *others])
+            (later.cpu_s - earlier.cpu_s) / max(later.at_s - earlier.at_s, 1e-3)
+            for earlier, later in pairwise([start, *samples])
         ]
         return Trace(
-            wall_s=round(last.at_s, 3),
-            cpu_s=round(max(last.cpu_s - first.cpu_s, 0.0), 3),
+            wall_s=round(last_sample.at_s, 3),
+            cpu_s=round(max(last_sample.cpu_s - start.cpu_s, 0.0), 3),
             peak_memory_mb=round(self._peak_mb, 1),
-            seconds=[round(sample.at_s, 3) for sample in others],
+            seconds=[round(sample.at_s, 3) for sample in samples],
             cpu_percent=[round(max(100 * rate, 0.0), 1) for rate in rates],
-            memory_mb=[round(sample.memory_mb, 1) for sample in others],
-            gpu_memory_mb=[round(sample.gpu_memory_mb or 0.0, 1) for sample in others]
-            if last.gpu_memory_mb is not None
+            memory_mb=[round(sample.memory_mb, 1) for sample in samples],
+            gpu_memory_mb=[round(sample.gpu_memory_mb or 0.0, 1) for sample in samples]
+            if last_sample.gpu_memory_mb is not None
             else [],
         )
 
 
 def _gpu_memory_mb() -> float | None:
-    """None unless the stage itself has torch use a GPU already; asking for it here would be what
-    wakes it."""
+    """GPU memory of the stage; None unless it has torch use a GPU already.
+
+    Asking for it here would be what wakes it.
+    """
     cuda = getattr(sys.modules.get("torch"), "cuda", None)
-    used = getattr(cuda, "is_initialized", bool)()  # torch may be half imported
-    return cuda.memory_reserved() * MB if cuda and used else None
+    in_use = getattr(cuda, "is_initialized", bool)()  # torch may be half imported
+    return cuda.memory_reserved() * MB if cuda and in_use else None

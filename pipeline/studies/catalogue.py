@@ -1,5 +1,7 @@
-"""What each method is, from its yaml and its module's first paragraph; nothing of a method is
-imported."""
+"""What each method is, from its yaml and its module's first paragraph.
+
+Nothing of a method is imported.
+"""
 
 import ast
 import re
@@ -18,66 +20,80 @@ BRACKET = r" \(([^()]*)\)"
 
 @dataclass(frozen=True)
 class Entry:
-    """One method."""
+    """One method as the catalogue describes it."""
 
     name: str  # its file's and its yaml's
-    what: str  # the paragraph that its module begins with
+    description: str  # the paragraph that its module begins with
     view: str  # what it looks at: a file in conf/view
     # the paper, in that paragraph's brackets beside sections of docs/METHODS.md; empty for none
     source: str
 
 
 def entries(conf: Path = PROJECT / "conf") -> list[Entry]:
-    """Every method of conf/method, by name; raises ConfigError for one whose module is not there or
-    tells nothing."""
-    found = []
+    """Every method of conf/method, by name.
+
+    Raises ConfigError for one whose module is missing or has no docstring.
+    """
+    methods = []
     for path in sorted((conf / "method").glob("*.yaml")):
         settings = read_yaml(path)
-        what, source = _described(str(settings.get("_target_")))
-        found.append(Entry(path.stem, what, str(settings.get("view")), source))
-    return found
+        description, source = _described(str(settings.get("_target_")))
+        methods.append(Entry(path.stem, description, str(settings.get("view")), source))
+    return methods
 
 
 def what(target: str) -> str:
-    """What the method of a class such as pipeline.methods.sci.Sci is; empty where its module is not
-    there."""
+    """The description of a method by its class, such as pipeline.methods.sci.Sci.
+
+    Empty where its module is missing.
+    """
     with suppress(ConfigError):
         return _described(target)[0]
     return ""
 
 
-def table(found: Iterable[Entry]) -> str:
-    """The README's: a GitHub table, a row a method."""
+def table(methods: Iterable[Entry]) -> str:
+    """The methods as the README's GitHub table, a row a method."""
     rows = [("method", "what it is", "looks at", "source"), (":--", ":--", ":--", ":--")]
-    rows += [(f"`{one.name}`", one.what, f"`{one.view}`", one.source or "–") for one in found]
+    rows += [
+        (f"`{method.name}`", method.description, f"`{method.view}`", method.source or "–")
+        for method in methods
+    ]
     return "".join(f"| {' | '.join(cells)} |\n" for cells in rows)
 
 
-def listing(found: Iterable[Entry], width: int) -> str:
-    """The same for a terminal of fewer columns than the table's: a paragraph a method."""
-    told = (
-        f"{one.name}: {one.what}; looks at {one.view}; {one.source or 'no source'}" for one in found
+def listing(methods: Iterable[Entry], width: int) -> str:
+    """The methods as a paragraph each, for a terminal of few columns."""
+    paragraphs = (
+        f"{method.name}: {method.description}; looks at {method.view}; "
+        f"{method.source or 'no source'}"
+        for method in methods
     )
     return "".join(
-        f"{textwrap.fill(one, max(width, 20), subsequent_indent='  ')}\n" for one in told
+        f"{textwrap.fill(paragraph, max(width, 20), subsequent_indent='  ')}\n"
+        for paragraph in paragraphs
     )
 
 
 def _described(target: str) -> tuple[str, str]:
-    """What a method is, and its source."""
+    """The description of a method and its sources; raises ConfigError as `entries` does."""
     path = PROJECT.joinpath(*target.split(".")[:-1]).with_suffix(".py")
     if not path.is_file():
         raise ConfigError(f"{target}: no {path}, which its yaml names")
-    told = " ".join(
+    first_paragraph = " ".join(
         (ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or "")
         .partition("\n\n")[0]
         .split()
     ).rstrip(".")
-    if not told:
+    if not first_paragraph:
         raise ConfigError(
             f"{path}: expected a docstring whose first paragraph says what the method is"
         )
-    cited = [one.strip() for bracket in re.findall(BRACKET, told) for one in bracket.split(";")]
-    return re.sub(BRACKET, "", told), "; ".join(
-        one for one in cited if not one.startswith("METHODS")
+    cited = [
+        citation.strip()
+        for bracket in re.findall(BRACKET, first_paragraph)
+        for citation in bracket.split(";")
+    ]
+    return re.sub(BRACKET, "", first_paragraph), "; ".join(
+        citation for citation in cited if not citation.startswith("METHODS")
     )

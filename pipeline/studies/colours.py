@@ -21,17 +21,16 @@ MARKERS = ("o", "v", "D", "P", "s", "^", "X", "<", "d")
 
 
 def method_of(model: str) -> str:
-    """`sci` of the model `sci-4way`."""
+    """The method of a model: `sci` of `sci-4way`."""
     return model.partition("-")[0]
 
 
 def colour(model: str) -> str:
-    """The colour of a model's method in all figures and in MLflow, from the name alone, so that no
-    list of names is needed.
+    """The colour of a model's method in all figures and in MLflow, from the name alone.
 
-    The salt is chosen so that the methods of the two papers and `scan_context_all` have different
-    colours (tested), and related ones similar colours: two blues for SCI's, orange and vermilion
-    for Scan Context's.
+    So no list of names is needed. The salt is chosen so that the methods of the two papers and
+    `scan_context_all` have different colours (tested), and related ones similar colours: two blues
+    for SCI's, orange and vermilion for Scan Context's.
     """
     return PALETTE[_place(model)]
 

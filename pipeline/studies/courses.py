@@ -1,5 +1,7 @@
-"""Studies of a localiser that learns further days: in which order, and by which strategies (files
-of conf/strategy)."""
+"""Studies of a localiser that learns further days: orders and strategies.
+
+The strategies are files of conf/strategy.
+"""
 
 from collections.abc import Mapping
 from typing import Any
@@ -19,51 +21,50 @@ def instances(
 ) -> Any:
     """The instances of the stage `lifelong` for one model: name to entry."""
     dataset = entry["dataset"]
-    found = {}
+    entries = {}
     for order, strategies in method["courses"].items():
-        alone = order == "updates"  # its scans are localised, and so read
+        reads_scans = order == "updates"  # its scans are localised, and so read
         drives = {
-            kind: f"artifacts/{kind}/{dataset}" if alone else instead[other]
-            for kind, other in USUAL.items()
+            kind: f"artifacts/{kind}/{dataset}" if reads_scans else instead[substitute]
+            for kind, substitute in INSTEAD_OF.items()
         }
         learned = " ".join(study.get({"days": "learned"}.get(order, order), ()))
         for strategy in strategies:
-            own = {
+            course = {
                 "order": order,
                 "strategy": strategy,
                 "learned": learned,
                 "asked": " ".join(study["tests"]),
             }
-            found[f"{dataset}-{entry['grid']}-{entry['model']}-{order}-{strategy}"] = {
+            entries[f"{dataset}-{entry['grid']}-{entry['model']}-{order}-{strategy}"] = {
                 **entry,
-                **own,
+                **course,
                 **drives,
             }
-    return found
+    return entries
 
 
-USUAL = {"scans": "viewed", "submaps": "changed"}
+INSTEAD_OF = {"scans": "viewed", "submaps": "changed"}
 
 
 def further_days(
     study: Mapping[str, Any], options: Mapping[str, str], preset: str, tests: list[str]
 ) -> dict[str, list[str]]:
-    """The days that a study learns after the first, those that it learns by itself, and those that
-    it asks.
+    """The days that a study learns after the first, those learned by itself, and its test days.
 
     Of a recorded data set every second test sequence is learned, unless `learned` says which.
-    Raises ConfigError where no day is left to learn or to ask.
+    Raises ConfigError where no day is left to learn or to test.
     """
-    usual = study.get("learned", {}).get(preset, tests[::2])
-    learned = options["learned"].split(",") if "learned" in options else list(usual)
-    asked = [day for day in tests if day not in learned]
-    if not learned or not asked:
+    default = study.get("learned", {}).get(preset, tests[::2])
+    learned = options["learned"].split(",") if "learned" in options else list(default)
+    asked_days = [day for day in tests if day not in learned]
+    if not learned or not asked_days:
         raise ConfigError(
             f"learned={','.join(learned)}: expected some of several test sequences; the others are "
             "asked after each"
         )
-    updates = [day for day in study.get("updates", {}).get(preset, ()) if day not in asked]
-    return {"learned": learned, "tests": asked} | ({"updates": updates} if updates else {})
+    updates = [day for day in study.get("updates", {}).get(preset, ()) if day not in asked_days]
+    return {"learned": learned, "tests": asked_days} | ({"updates": updates} if updates else {})
 
 
 def courses(
@@ -71,5 +72,5 @@ def courses(
 ) -> dict[str, list[str]]:
     """The strategies of each order for a method with these settings."""
     trained = SETTING in settings
-    found = dict(study["trained" if trained else "courses"])
-    return {order: list(found[order]) for order in found if order != "updates" or updates}
+    strategies = dict(study["trained" if trained else "courses"])
+    return {order: list(strategies[order]) for order in strategies if order != "updates" or updates}

@@ -1,5 +1,7 @@
-"""Which sequences of a data set a study can be driven on: of a simulated world's table, or of what
-lies on disk."""
+"""Which sequences of a data set a study can use.
+
+From a simulated world's table, or from what lies on disk.
+"""
 
 import re
 from collections.abc import Mapping
@@ -32,19 +34,21 @@ class Proposal:
 def simulated(
     conf: Path, name: str, study: Mapping[str, Any], options: Mapping[str, str]
 ) -> Proposal:
-    """What the world's table drives; raises ConfigError for a preset or a test sequence that it
-    lacks."""
-    usual: Mapping[str, list[str]] = study["tests"]
+    """Propose a study of the sequences in the world's table.
+
+    Raises ConfigError for a preset or a test sequence that it lacks.
+    """
+    tests_of_world: Mapping[str, list[str]] = study["tests"]
     world = options.get("world", "demo")
-    if world not in usual:
-        raise ConfigError(f"world={world}: expected one of {', '.join(usual)}")
-    driven = read_yaml(conf / "world" / f"{name}_{world}.yaml")["sequences"]
-    tests = options["tests"].split(",") if "tests" in options else list(usual[world])
+    if world not in tests_of_world:
+        raise ConfigError(f"world={world}: expected one of {', '.join(tests_of_world)}")
+    sequences = read_yaml(conf / "world" / f"{name}_{world}.yaml")["sequences"]
+    tests = options["tests"].split(",") if "tests" in options else list(tests_of_world[world])
     if study.get("parts"):
-        driven = [f"{log}-b" for log in driven]
-    if unknown := [test for test in tests if test not in driven]:
+        sequences = [f"{log}-b" for log in sequences]
+    if unknown := [test for test in tests if test not in sequences]:
         raise ConfigError(
-            f"tests={unknown[0]}: conf/world/{name}_{world}.yaml drives {', '.join(driven)}"
+            f"tests={unknown[0]}: conf/world/{name}_{world}.yaml drives {', '.join(sequences)}"
         )
     drive = {
         "world": f"{name}_{world}",
@@ -61,10 +65,10 @@ def simulated(
 def recorded(
     name: str, reader: Mapping[str, Any], study: Mapping[str, Any], options: Mapping[str, str]
 ) -> Proposal:
-    """What can be read below the root, matched with the study of the data set's yaml or the one
-    asked for.
+    """Propose a study of the sequences that can be read below the root.
 
-    Raises ConfigError where that leaves no training or no test sequence.
+    Options win over the study in the data set's yaml. Raises ConfigError where that leaves no
+    training or no test sequence.
     """
     if "root" not in options:
         raise ConfigError(f"where is {name}? Say root=FOLDER")
@@ -82,21 +86,23 @@ def recorded(
         raise ConfigError(f"root={root}: no {name} sequence there; expected {study['expected']}")
     odd = [sequence for sequence in lacking if not SAFE_NAME.fullmatch(sequence)]
     lacking |= {sequence: ["a name of letters, digits and ._+-: rename it"] for sequence in odd}
-    whole = [sequence for sequence, missing in lacking.items() if not missing]
+    readable = [sequence for sequence, missing_parts in lacking.items() if not missing_parts]
     notes = [
-        f"{sequence}: lacks {', '.join(missing)}"
-        for sequence, missing in lacking.items()
-        if missing
+        f"{sequence}: lacks {', '.join(missing_parts)}"
+        for sequence, missing_parts in lacking.items()
+        if missing_parts
     ]
     train = study["train"]
     tests = list(study["tests"])
-    asked = [
+    named = [
         name
         for option in ("train", "tests")
         for name in options.get(option, "").replace(",", " ").split()
     ]
-    own = [
-        name for name in dict.fromkeys(asked) if (part := Part.named(name))[1] and part[0] in whole
+    named_parts = [
+        name
+        for name in dict.fromkeys(named)
+        if (part := Part.named(name))[1] and part[0] in readable
     ]
     rule = options.get("parts", study.get("parts"))
     if "log" in options and not rule:
@@ -108,64 +114,66 @@ def recorded(
         raise ConfigError(
             f"parts={rule}: train= and tests= name the parts already; leave one of the two out"
         )
-    if rule and whole:
+    if rule and readable:
         log = options.get(
             "log",
             train.partition("-")[0]
-            if train and train.partition("-")[0] in whole
-            else (whole or [""])[0],
+            if train and train.partition("-")[0] in readable
+            else (readable or [""])[0],
         )
         parts = [f"{log}-a", f"{log}-b"] if rule == "halves" else names(log, rule)
         train = parts[0]
         tests = parts[1:]
-        whole = parts if log in whole else []
+        readable = parts if log in readable else []
         notes += [
             f"logs found: {', '.join(lacking)}; each has its own frame, this study is on {log} "
             "(log=NN chooses another, parts=time:2 splits it otherwise)"
         ]
-    whole = list(dict.fromkeys([*whole, *own]))
-    trained = options.get("train", train or (whole or [""])[0]).replace(",", " ").split()
+    readable = list(dict.fromkeys([*readable, *named_parts]))
+    trained = options.get("train", train or (readable or [""])[0]).replace(",", " ").split()
     if len(trained) > 1:
         notes += [
             f"{sequence}: not below {root}, not trained on"
             for sequence in trained
-            if sequence not in whole
+            if sequence not in readable
         ]
-        trained = [sequence for sequence in trained if sequence in whole]
+        trained = [sequence for sequence in trained if sequence in readable]
     train = " ".join(trained)
     logs = [Part.named(sequence)[0] for sequence in trained]
-    if held := [name for name in asked if name in logs and name not in trained]:
+    if overlapping := [name for name in named if name in logs and name not in trained]:
         raise ConfigError(
-            f"tests={held[0]}: holds what the training sequence {train} is a part of; give another "
-            "part"
+            f"tests={overlapping[0]}: holds what the training sequence {train} is a part of; "
+            "give another part"
         )
     tests = (
         options["tests"].split(",")
         if "tests" in options
-        else tests or [name for name in whole if name not in (*trained, *logs)]
+        else tests or [name for name in readable if name not in (*trained, *logs)]
     )
-    why = "".join(f"; {note}" for note in notes)
-    if not trained or not set(trained) <= set(whole):
-        known = f"give train=, one of {', '.join(whole)}" if whole else "no sequence there can"
+    all_notes = "".join(f"; {note}" for note in notes)
+    if not trained or not set(trained) <= set(readable):
+        advice = (
+            f"give train=, one of {', '.join(readable)}" if readable else "no sequence there can"
+        )
         raise ConfigError(
-            f"the training sequence {train} cannot be read below {root}: {known}{why}"
+            f"the training sequence {train} cannot be read below {root}: {advice}{all_notes}"
         )
     if tests == [train]:
         raise ConfigError(f"tests={train}: is the training sequence; give others")
-    absent = [sequence for sequence in tests if sequence not in whole]
+    absent = [sequence for sequence in tests if sequence not in readable]
     notes += [
         f"{sequence}: not below {root}, left out" for sequence in absent if sequence not in lacking
     ]
-    tests = [test for test in tests if test in whole and test not in trained]
+    tests = [test for test in tests if test in readable and test not in trained]
     if not tests:
-        others = ", ".join(sequence for sequence in whole if sequence not in trained)
-        needed = (
+        other_sequences = ", ".join(sequence for sequence in readable if sequence not in trained)
+        need = (
             "one more is needed, or parts=path:2 splits it"
-            if len(whole) == 1
+            if len(readable) == 1
             else "one more is needed"
         )
-        known = f"give tests=, some of {others}" if others else needed
-        raise ConfigError(f"no test sequence can be read below {root}: {known}{why}")
+        advice = f"give tests=, some of {other_sequences}" if other_sequences else need
+        raise ConfigError(f"no test sequence can be read below {root}: {advice}{all_notes}")
     drive = {"world": "recorded", "source": "readers", "heeds": "reader", "root": str(root)}
     return Proposal({**drive, "train": train, "tests": tests, "budget": "full"}, notes)
 
@@ -176,10 +184,10 @@ def _reader(name: str, settings: Mapping[str, Any]) -> Reader:
         raise ConfigError(
             f"conf/dataset/{name}.yaml: reader._target_={settings.get('_target_')}: no such reader"
         )
-    known = [field.name for field in fields(kind)]
-    if unknown := [key for key in settings if key not in (*known, "_target_")]:
+    keys = [field.name for field in fields(kind)]
+    if unknown := [key for key in settings if key not in (*keys, "_target_")]:
         raise ConfigError(
-            f"conf/dataset/{name}.yaml: reader has no key {unknown[0]}: expected {', '.join(known)}"
+            f"conf/dataset/{name}.yaml: reader has no key {unknown[0]}: expected {', '.join(keys)}"
         )
     reader: Reader = kind(**{key: value for key, value in settings.items() if key != "_target_"})
     return reader

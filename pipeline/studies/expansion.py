@@ -1,5 +1,4 @@
-"""What the studies of conf/studies.yaml come to: the lists that dvc.yaml expands to, one entry an
-instance of a stage.
+"""Expands conf/studies.yaml to the lists of dvc.yaml, one entry an instance of a stage.
 
 A study is one data set's training sequence, its test sequences, and the cells and methods that are
 compared on them. Its question is how a localiser lasts over a `year`; methods on bird-views are
@@ -67,7 +66,7 @@ dependencies."""
 
 @dataclass(frozen=True)
 class ModelName:
-    """Whose numbers they are."""
+    """Identifies a model in the results table: method, variant, seed, whether it was posed."""
 
     method: str
     variant: str = ""
@@ -88,7 +87,7 @@ class ModelName:
 
     @property
     def name(self) -> str:
-        """As its artifacts are called: `sci-4way-seed1`."""
+        """The name of its artifacts: `sci-4way-seed1`."""
         return f"{self.family}-seed{self.seed}" if self.seed else self.family
 
     @property
@@ -97,7 +96,7 @@ class ModelName:
 
 
 def expand(studies: Mapping[str, Study]) -> Lists:
-    """For each list the name of a stage's instance, such as campus-10m-sci, to its entry."""
+    """The entries of each list, by the name of a stage's instance, such as campus-10m-sci."""
     lists: Lists = {name: {} for name in LISTS}
     for dataset, study in studies.items():
         _views(lists, dataset, study)
@@ -116,7 +115,7 @@ def expand(studies: Mapping[str, Study]) -> Lists:
 
 
 def _views(lists: Lists, dataset: str, study: Study) -> None:
-    """What is computed before anything is learned: logs, scans, submaps, views, labels."""
+    """Add what is computed before training: logs, scans, submaps, views, labels."""
     sequences = [
         *study["train"].split(),
         *study["tests"],
@@ -125,24 +124,28 @@ def _views(lists: Lists, dataset: str, study: Study) -> None:
     ]
     sequences += study.get("updates", ())
     drive = {name: study[name] for name in DRIVE}
-    every = " ".join(sequences)
+    all_sequences = " ".join(sequences)
     for sequence in sequences:
         lists["drives"][f"{dataset}-{sequence}"] = {
             "dataset": dataset,
             "sequence": sequence,
             **drive,
         }
-    lists["submaps"][dataset] = {"dataset": dataset, "submap": study["submap"], "sequences": every}
+    lists["submaps"][dataset] = {
+        "dataset": dataset,
+        "submap": study["submap"],
+        "sequences": all_sequences,
+    }
     for method in study["methods"]:
         name = f"{dataset}-{method['view']}"
         view = {"dataset": dataset, "view": method["view"]}
-        lists[method.get("stage", "views")][name] = view | {"sequences": every}
-        for alteration, some in study.get("altered", {}).items():
+        lists[method.get("stage", "views")][name] = view | {"sequences": all_sequences}
+        for alteration, altered_sequences in study.get("altered", {}).items():
             lists["altered"][f"{name}-{alteration}"] = view | {
                 "alteration": alteration,
-                "sequences": " ".join(some),
+                "sequences": " ".join(altered_sequences),
             }
-    labelled = every if asks_about_the_year(study) else study["train"]
+    labelled = all_sequences if asks_about_the_year(study) else study["train"]
     for grid in grids(study):
         entry = {"grid": grid, "dataset": dataset, "train": study["train"], "sequences": labelled}
         lists["labels"][f"{dataset}-{grid}"] = entry
@@ -151,7 +154,7 @@ def _views(lists: Lists, dataset: str, study: Study) -> None:
 def _model(
     lists: Lists, dataset: str, study: Study, grid: str, method: Mapping[str, Any], model: ModelName
 ) -> None:
-    """Training a model, and what it answers."""
+    """Add the training of a model, its rankings, evaluations, poses and paths."""
     seed = f"method.seed={model.seed}" if model.seed else ""
     settings = " ".join(
         f"method.{name}={value}" for name, value in method.get("settings", {}).items()
@@ -179,21 +182,23 @@ def _model(
         lists["lifelong"] |= instances({**entry, **learned, **tolerance}, study, method, INSTEAD)
     if not asks_about_the_year(study):
         return
-    own = grid in study["grids"]
+    is_own_grid = grid in study["grids"]
     altered = [
         name
         for name in study.get("altered", {})
-        if own and (name not in STRUCTURE or model == ModelName(model.method))
+        if is_own_grid and (name not in STRUCTURE or model == ModelName(model.method))
     ]
-    tests = [*study["tests"], *(study.get("stress", {}) if own else ())]
-    answered = f"artifacts/altered/{dataset}/{method['view']}" if altered else INSTEAD["evaluated"]
-    asked = {"tests": " ".join(tests), "alterations": " ".join(altered), "altered": answered}
-    lists["rankings"][f"{dataset}-{grid}-{model.name}"] = entry | asked
+    tests = [*study["tests"], *(study.get("stress", {}) if is_own_grid else ())]
+    altered_views = (
+        f"artifacts/altered/{dataset}/{method['view']}" if altered else INSTEAD["evaluated"]
+    )
+    queries = {"tests": " ".join(tests), "alterations": " ".join(altered), "altered": altered_views}
+    lists["rankings"][f"{dataset}-{grid}-{model.name}"] = entry | queries
     evaluated = {name: entry[name] for name in ("dataset", "grid", "train")} | {
-        "tests": asked["tests"],
+        "tests": queries["tests"],
         **tolerance,
     }
-    for answers in answers_of(study, model) if own else [model]:
+    for answers in answers_of(study, model) if is_own_grid else [model]:
         rankings = f"artifacts/{folder(dataset, grid, answers)}"
         lists["evaluations"][f"{dataset}-{grid}-{answers.name}"] = evaluated | {
             "model": answers.name,
@@ -205,35 +210,39 @@ def _model(
             }
             lists["paths"][f"{dataset}-{grid}-{answers.name}"] = followed | {
                 "out": answers.name,
-                "tests": asked["tests"],
+                "tests": queries["tests"],
             }
         elif answers.posed:
             lists["maps"][dataset] = {"dataset": dataset, "train": study["train"]}
             lists["poses"][f"{dataset}-{grid}-{model.name}"] = entry | {
-                **{name: asked[name] for name in ("tests", "alterations")},
+                **{name: queries[name] for name in ("tests", "alterations")},
                 "budget": study["budget"],
             }
 
 
 def _measurements(lists: Lists, dataset: str, study: Study) -> None:
-    """What is measured besides, and what it is gathered into."""
+    """Add timings, viewpoints and events, and the results that gather all numbers."""
     year = asks_about_the_year(study)
     robust = study.get("question") == "robustness"
     lifelong = study.get("question") == LIFELONG
     bird_views = bool(on_bird_views(study["methods"])) and not lifelong
-    own = {f"{dataset}-{grid}": {"grid": grid, "dataset": dataset} for grid in study["grids"]}
-    lists["latency"] |= own if year and is_timed(study) else {}
-    lists["viewpoints"] |= own if bird_views else {}
+    by_grid = {f"{dataset}-{grid}": {"grid": grid, "dataset": dataset} for grid in study["grids"]}
+    lists["latency"] |= by_grid if year and is_timed(study) else {}
+    lists["viewpoints"] |= by_grid if bird_views else {}
     if robust:
         entry = {"dataset": dataset, "train": study["train"], "sequences": " ".join(study["tests"])}
         lists["events"][dataset] = entry | {name: study[name] for name in DRIVE}
-    there = {"evaluated": ("evaluate", year), "viewed": ("viewpoints", bird_views)}
-    there |= {"changed": ("events", robust), "learned": ("lifelong", lifelong)}
-    read = {
-        word: f"artifacts/{kind}/{dataset}" if has else INSTEAD[word]
-        for word, (kind, has) in there.items()
+    sources = {
+        "evaluated": ("evaluate", year),
+        "viewed": ("viewpoints", bird_views),
+        "changed": ("events", robust),
+        "learned": ("lifelong", lifelong),
     }
-    lists["results"][dataset] = {"dataset": dataset, **read}
+    dependencies = {
+        word: f"artifacts/{kind}/{dataset}" if exists else INSTEAD[word]
+        for word, (kind, exists) in sources.items()
+    }
+    lists["results"][dataset] = {"dataset": dataset, **dependencies}
     if year or lifelong:
         lists["published"][dataset] = {"dataset": dataset}
 
@@ -249,12 +258,12 @@ def asks_about_the_year(study: Study) -> bool:
 
 
 def is_timed(study: Study) -> bool:
-    """Whether the study measures what a query costs; a study that says nothing does."""
+    """Whether the study measures the cost of a query; it does unless it says no."""
     return bool(study.get("latency", True))
 
 
 def grids(study: Study) -> tuple[str, ...]:
-    """The study's own grids, and those of its study of cell sizes."""
+    """The study's own cell sizes, and those of its study of cell sizes."""
     return (*study["grids"], *study.get("cells", ()))
 
 
@@ -276,8 +285,7 @@ def model_named(study: Study, name: str) -> ModelName:
 
 
 def answers_of(study: Study, model: ModelName) -> list[ModelName]:
-    """A model's own answers, and the same with poses where the study asks for them, and along the
-    path."""
+    """A model's own answers, those with poses if the study has them, and those along each path."""
     if model.family not in study.get("poses", ()):
         return [model]
     posed = replace(model, posed=True)
@@ -293,8 +301,7 @@ def folder(dataset: str, grid: str, answers: ModelName) -> str:
 
 
 def answerers(study: Study) -> list[ModelName]:
-    """All that answer at the study's own cell sizes: each model, and each that has poses
-    besides."""
+    """All answers at the study's own cell sizes: of each model, with poses and paths too."""
     models = (model for method in study["methods"] for model in models_of(method))
     return [answers for model in models for answers in answers_of(study, model)]
 

@@ -1,4 +1,4 @@
-"""The studies that the stages behind `evaluate` look up by name."""
+"""Reads the studies by name, for the stages behind `evaluate`."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -10,15 +10,21 @@ from pipeline.studies.expansion import QUESTIONS, Study, expand
 
 
 def studies(conf: Path) -> Mapping[str, Any]:
-    """The studies of studies.yaml in conf/; raises ConfigError where lists.yaml does not follow
-    from them."""
-    found, lists = (read_yaml(conf / f"{name}.yaml").get(name, {}) for name in ("studies", "lists"))
-    return checked(found, lists)
+    """Read the studies of conf/studies.yaml.
+
+    Raises ConfigError where lists.yaml does not follow from them.
+    """
+    studies_written, lists = (
+        read_yaml(conf / f"{name}.yaml").get(name, {}) for name in ("studies", "lists")
+    )
+    return checked(studies_written, lists)
 
 
 def checked(studies: Mapping[str, Study], lists: Mapping[str, Any]) -> Mapping[str, Study]:
-    """The studies, each with its question; raises ConfigError where conf/lists.yaml is not what
-    they come to."""
+    """The studies, each with its question.
+
+    Raises ConfigError where the lists are not what the studies expand to.
+    """
     try:
         drives = {
             key: drive

@@ -1,5 +1,8 @@
-"""The list of names: conf/studies.yaml, which a person or `yearloc use` writes, and
-conf/lists.yaml, generated from it."""
+"""Proposes and completes studies, and writes conf/studies.yaml and conf/lists.yaml.
+
+conf/studies.yaml is the one list of names, written by a person or `yearloc use`; conf/lists.yaml is
+generated from it.
+"""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -58,13 +61,12 @@ def lists_text(studies: Mapping[str, Mapping[str, Any]]) -> str:
 
 
 def complete(conf: Path, studies: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
-    """The studies with what a hand may leave out: the question, and what a method's view and code
-    are.
+    """The studies with what a hand may leave out: the question, each method's view and code.
 
     Raises ConfigError for a study that lacks a key, names a file that conf/ has not, or wants poses
     of level sweeps.
     """
-    found = {}
+    completed = {}
     for dataset, study in studies.items():
         if lacks := [key for key in NEEDED if key not in study]:
             raise ConfigError(
@@ -77,37 +79,39 @@ def complete(conf: Path, studies: Mapping[str, Mapping[str, Any]]) -> dict[str, 
                 f"{posed}: level sweeps (submap {study['submap']}) have no heights to register; "
                 "leave poses out"
             )
-        given = [
+        listed_methods = [
             {"name": method} if isinstance(method, str) else dict(method)
             for method in study["methods"]
         ]
         methods = [
-            entry(conf, one["name"], one.get("view", _view(conf, one["name"]))) | one
-            for one in given
+            entry(conf, method["name"], method.get("view", _view(conf, method["name"]))) | method
+            for method in listed_methods
         ]
-        found[dataset] = {"question": QUESTIONS[0], **study, "methods": methods}
-        named = [
+        completed[dataset] = {"question": QUESTIONS[0], **study, "methods": methods}
+        named_files = [
             ("dataset", dataset),
             *((group, study[group]) for group in ("world", "submap", "budget")),
         ]
-        named += [
+        named_files += [
             ("tolerance", study.get("tolerance", TOLERANCE)),
             *(("grid", grid) for grid in grids(study)),
         ]
-        named += [("alteration", name) for name in study.get("altered", {})]
-        for group, name in (*named, *(("view", method["view"]) for method in methods)):
+        named_files += [("alteration", name) for name in study.get("altered", {})]
+        for group, name in (*named_files, *(("view", method["view"]) for method in methods)):
             _file(
                 conf,
                 group,
                 name,
                 f"conf/studies.yaml: {dataset} names the {group} {name}; expected one of",
             )
-    return found
+    return completed
 
 
 def _file(conf: Path, group: str, name: str, refusal: str) -> Path:
-    """A file of conf/; where it is not there, raises ConfigError with `refusal` and the names that
-    are."""
+    """The path of a file of conf/.
+
+    Where it is missing, raises ConfigError with `refusal` and the names that there are.
+    """
     path = conf / group / f"{name}.yaml"
     if not path.is_file():
         raise ConfigError(
@@ -128,12 +132,11 @@ class _Indented(yaml.SafeDumper):
 
 
 def propose(conf: Path, name: str, options: Mapping[str, str]) -> Proposal:
-    """The study of data set `name`; options are root, log, parts, world, budget, question, scale
-    and seeds, and with commas train, learned, tests, methods, variants, altered, cells, poses and
-    paths.
+    """Propose the study of data set `name`.
 
-    Raises ConfigError for an unknown data set or option, and where what is on disk does not make a
-    study.
+    Options are root, log, parts, world, budget, question, scale and seeds, and with commas train,
+    learned, tests, methods, variants, altered, cells, poses and paths. Raises ConfigError for an
+    unknown data set or option, and where what is on disk does not make a study.
     """
     dataset = read_yaml(_file(conf, "dataset", name, f"no data set {name}: expected one of"))
     allowed = {
@@ -156,15 +159,15 @@ def propose(conf: Path, name: str, options: Mapping[str, str]) -> Proposal:
     needless = NEEDLESS.get(question, set())
     allowed -= {option for option in needless if options.get(option) not in ("", "no")}
     if unknown := sorted(set(options) - allowed):
-        asked = f"{name} question={question}" if needless else name
+        request = f"{name} question={question}" if needless else name
         raise ConfigError(
-            f"{asked} has no option {unknown[0]}: expected {', '.join(sorted(allowed))}"
+            f"{request} has no option {unknown[0]}: expected {', '.join(sorted(allowed))}"
         )
     study = dataset["study"]
     if question not in (
-        known := [word for word in QUESTIONS if word != "viewpoints" or word in study]
+        offered := [word for word in QUESTIONS if word != "viewpoints" or word in study]
     ):
-        raise ConfigError(f"question={question}: of {name} expected {' or '.join(known)}")
+        raise ConfigError(f"question={question}: of {name} expected {' or '.join(offered)}")
     if question == "viewpoints":
         study = {**study, "parts": False}
     asked_of_all = conf / "question" / f"{question}.yaml"
@@ -173,12 +176,12 @@ def propose(conf: Path, name: str, options: Mapping[str, str]) -> Proposal:
         **(read_yaml(asked_of_all) if asked_of_all.is_file() else {}),
         **study.get(question, {}),
     }
-    found = (
+    proposal = (
         simulated(conf, name, study, options)
         if dataset["simulated"]
         else recorded(name, dataset["reader"], study, options)
     )
-    places = found.study
+    places = proposal.study
     preset = options.get("world", "demo")
     stress = dict(study.get("stress", {}).get(preset, {})) if dataset["simulated"] else {}
     registered = (
@@ -191,24 +194,24 @@ def propose(conf: Path, name: str, options: Mapping[str, str]) -> Proposal:
     )
     submap = scale.get("submap", {}).get(study["submap"], study["submap"])
     own_grids = scale.get("grids", study["grids"])
-    wanted = options["methods"].split(",") if "methods" in options else study["methods"]
+    method_names = options["methods"].split(",") if "methods" in options else study["methods"]
     instead = study.get("views", {})
-    drawn = scale.get("views", {})
-    views = {method: instead.get(view := _view(conf, method), view) for method in wanted}
-    views = {method: drawn.get(view, view) for method, view in views.items()}
+    views_of_scale = scale.get("views", {})
+    views = {method: instead.get(view := _view(conf, method), view) for method in method_names}
+    views = {method: views_of_scale.get(view, view) for method, view in views.items()}
     seeds = options.get("seeds", str(study.get("seeds", 1)))
     if not (seeds.isdecimal() and 1 <= int(seeds) <= MOST_SEEDS):
         raise ConfigError(f"seeds={seeds}: expected a number from 1 to {MOST_SEEDS}")
-    variants = _variants(options, study, wanted)
-    usual = scale.get("methods", {})
+    variants = _variants(options, study, method_names)
+    settings_of_scale = scale.get("methods", {})
     methods = [
-        entry(conf, method, view, int(seeds), variants.get(method), usual)
+        entry(conf, method, view, int(seeds), variants.get(method), settings_of_scale)
         for method, view in views.items()
     ]
     if question == "viewpoints" and len(on_bird_views(methods)) < len(methods):
         raise ConfigError(
-            f"methods={','.join(wanted)}: only methods that look at bird-views can be asked about "
-            "viewpoints"
+            f"methods={','.join(method_names)}: only methods that look at bird-views can be asked "
+            "about viewpoints"
         )
     budget = options.get("budget", places["budget"])
     _file(conf, "budget", budget, f"budget={budget}: expected one of")
@@ -222,51 +225,57 @@ def propose(conf: Path, name: str, options: Mapping[str, str]) -> Proposal:
     alterable = {
         name: spread(places["tests"], number) for name, number in study.get("altered", {}).items()
     }
-    altered = {name: alterable[name] for name in _some(options, "altered", list(alterable))}
-    others = [
+    altered = {name: alterable[name] for name in _names_wanted(options, "altered", list(alterable))}
+    other_grids = [
         path.stem for path in sorted((conf / "grid").glob("*.yaml")) if path.stem not in own_grids
     ]
-    cells = _some(options, "cells", others) if "cells" in options else study.get("cells")
+    cells = (
+        _names_wanted(options, "cells", other_grids) if "cells" in options else study.get("cells")
+    )
     families = [model.family for method in methods for model in models_of(method) if not model.seed]
-    poses = _some(
-        options, "poses", [name for name in families if "poses" in options or name in registered]
-    )
-    paths = _some(
-        options,
-        "paths",
-        [path.stem for path in sorted((conf / "path").glob("*.yaml"))]
-        if "paths" in options
-        else [],
-    )
+    posed = [name for name in families if "poses" in options or name in registered]
+    poses = _names_wanted(options, "poses", posed)
+    offered_paths = [path.stem for path in sorted((conf / "path").glob("*.yaml"))]
+    paths = _names_wanted(options, "paths", offered_paths if "paths" in options else [])
     if paths and not poses:
         raise ConfigError(
             f"paths={options['paths']}: joins poses along a drive; say poses=METHOD too"
         )
-    besides = {"altered": altered, "cells": cells, "stress": stress, "poses": poses, "paths": paths}
-    besides["tolerance"] = scale.get("tolerance")
+    optional = {
+        "altered": altered,
+        "cells": cells,
+        "stress": stress,
+        "poses": poses,
+        "paths": paths,
+        "tolerance": scale.get("tolerance"),
+    }
     if int(seeds) > 1 and "seeds" in options and not any("seeds" in method for method in methods):
         raise ConfigError(
-            f"seeds={seeds}: none of {','.join(wanted)} draws at random; leave seeds out"
+            f"seeds={seeds}: none of {','.join(method_names)} draws at random; leave seeds out"
         )
     if (timed := options.get("latency", "yes")) not in ("yes", "no"):
         raise ConfigError(f"latency={timed}: expected yes or no")
     if question == LIFELONG:
         days = further_days(study, options, preset if dataset["simulated"] else "", places["tests"])
         places = {**places, **days}
-        for one in methods:
-            one["courses"] = courses(
-                study, read_yaml(conf / "method" / f"{one['name']}.yaml"), "updates" in days
+        for method in methods:
+            method["courses"] = courses(
+                study, read_yaml(conf / "method" / f"{method['name']}.yaml"), "updates" in days
             )
     untimed = {"latency": False} if timed == "no" else {}
     return Proposal(
-        {**places, **words, **{name: value for name, value in besides.items() if value}, **untimed},
-        found.notes,
+        {
+            **places,
+            **words,
+            **{name: value for name, value in optional.items() if value},
+            **untimed,
+        },
+        proposal.notes,
     )
 
 
 def spread(tests: list[str], number: int) -> list[str]:
-    """So many of the test sequences, evenly from the first to the last; all, if there are no
-    more."""
+    """`number` of the test sequences, evenly from the first to the last; all if there are fewer."""
     if number >= len(tests):
         return list(tests)
     return [tests[round(i * (len(tests) - 1) / max(number - 1, 1))] for i in range(number)]
@@ -275,32 +284,37 @@ def spread(tests: list[str], number: int) -> list[str]:
 def _variants(
     options: Mapping[str, str], study: Mapping[str, Any], methods: list[str]
 ) -> dict[str, dict[str, str]]:
-    """Of each of the methods the variants that are wanted: name to the words that make it."""
-    known: dict[str, Mapping[str, str]] = {
-        name: own for name, own in study.get("variants", {}).items() if name in methods
+    """The variants wanted of each method: name to the words of its command line."""
+    offered: dict[str, Mapping[str, str]] = {
+        name: variants for name, variants in study.get("variants", {}).items() if name in methods
     }
-    wanted = _some(options, "variants", sorted({name for own in known.values() for name in own}))
+    names = _names_wanted(
+        options, "variants", sorted({name for variants in offered.values() for name in variants})
+    )
     return {
-        method: {name: own[name] for name in own if name in wanted} for method, own in known.items()
+        method: {name: variants[name] for name in variants if name in names}
+        for method, variants in offered.items()
     }
 
 
-def _some(options: Mapping[str, str], option: str, known: list[str]) -> list[str]:
-    """Those of the known names that an option wants: all, if it is not there, and none, if it is
-    empty."""
-    wanted = (
+def _names_wanted(options: Mapping[str, str], option: str, offered: list[str]) -> list[str]:
+    """The names that an option wants: all where it is missing, none where it is empty.
+
+    Raises ConfigError for a name that is not `offered`.
+    """
+    names = (
         [name for name in dict.fromkeys(options[option].split(",")) if name]
         if option in options
-        else known
+        else offered
     )
-    if unknown := [name for name in wanted if name not in known]:
+    if unknown := [name for name in names if name not in offered]:
         expected = (
-            f"expected some of {', '.join(known)}"
-            if known
+            f"expected some of {', '.join(offered)}"
+            if offered
             else "this question and these methods have none"
         )
         raise ConfigError(f"{option}={unknown[0]}: {expected}")
-    return wanted
+    return names
 
 
 def entry(
@@ -309,32 +323,35 @@ def entry(
     view: str,
     seeds: int = 1,
     variants: Mapping[str, str] | None = None,
-    usual: Mapping[str, Any] | None = None,
+    defaults: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """A method as a study lists it: what it looks at, which stage draws that, if not `views`, how
-    often it is trained, its variants, and those of the `usual` settings that it has."""
+    """A method as a study lists it.
+
+    Holds its view, the stage that draws it if not `views`, the number of seeds, its variants, and
+    those of the `defaults` that are settings of it.
+    """
     path = conf / "view" / f"{view}.yaml"
-    drawn = {"stage": "birdviews"} if path.is_file() and "octree" in read_yaml(path) else {}
+    stage = {"stage": "birdviews"} if path.is_file() and "octree" in read_yaml(path) else {}
     settings = read_yaml(conf / "method" / f"{method}.yaml")
     trained = {"seeds": seeds} if seeds > 1 and "seed" in settings else {}
     module = settings["_target_"].split(".")[:-1]
     code = "/".join(module[:3]) + (
         ".py" if len(module) == 3 else ""
     )  # a folder where its networks live beside it
-    own = {name: value for name, value in (usual or {}).items() if name in settings}
-    besides = {"settings": own, "variants": dict(variants or {})}
+    overrides = {name: value for name, value in (defaults or {}).items() if name in settings}
+    optional = {"settings": overrides, "variants": dict(variants or {})}
     return {
         "name": method,
         "view": view,
         "code": code,
-        **drawn,
+        **stage,
         **trained,
-        **{name: some for name, some in besides.items() if some},
+        **{name: value for name, value in optional.items() if value},
     }
 
 
 def _view(conf: Path, method: str) -> str:
-    """What a method looks at."""
+    """The view of a method."""
     return str(
         read_yaml(_file(conf, "method", method, f"methods={method}: expected some of"))["view"]
     )

@@ -1,5 +1,4 @@
-"""Where runs are published: MLflow's database, a sqlite file or a PostgreSQL server, and the place
-of figures and models."""
+"""Where runs are published: a sqlite file or PostgreSQL server, and a place for files."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -29,7 +28,7 @@ EXPECTED = (
 
 @dataclass(frozen=True)
 class Database:
-    """One that MLflow can open."""
+    """A tracking database that MLflow can open."""
 
     uri: str  # as SQLAlchemy takes it; it may hold a password, so it is neither shown nor stored
     files: str  # URI of the folder or bucket of the files of new experiments
@@ -42,13 +41,13 @@ class Database:
 
     @contextmanager
     def alone(self) -> Iterator[None]:
-        """No other process publishes to the database meanwhile.
+        """Hold the database's lock for the block, so that no other process publishes to it.
 
         Raises ConfigError if a server does not answer in WAIT_S, or it or the object store fails
         before the block ends.
         """
         if self.path:
-            with FileLock(f"{self.path}.lock"), _answering(str(self.path)):
+            with FileLock(f"{self.path}.lock"), _failures_as_config_errors(str(self.path)):
                 yield
             return
         from sqlalchemy import NullPool, create_engine, make_url, text
@@ -59,7 +58,7 @@ class Database:
             engine = create_engine(
                 self.uri, poolclass=NullPool, isolation_level="AUTOCOMMIT", connect_args=settings
             )
-            held = engine.connect()
+            connection = engine.connect()
         except ImportError as error:
             raise NotInstalledError(
                 f"{error.name}: not installed; `pip install 'yearloc[postgres]'` (13 MB)"
@@ -70,17 +69,19 @@ class Database:
                 f"tracking.database={shown(make_url(self.uri))}: cannot be opened: {reason}"
             ) from None
         with (
-            held,
-            _answering(shown(make_url(self.uri))),
+            connection,
+            _failures_as_config_errors(shown(make_url(self.uri))),
         ):  # the server lets the lock go with the connection, however that ends
-            held.execute(text("select pg_advisory_lock(:key)"), {"key": LOCK})
+            connection.execute(text("select pg_advisory_lock(:key)"), {"key": LOCK})
             yield
 
 
 @contextmanager
-def _answering(where: str) -> Iterator[None]:
-    """What a database or an object store could not do in the block is told in a line; errors of our
-    own stay as they are."""
+def _failures_as_config_errors(place: str) -> Iterator[None]:
+    """Convert failures of the database or object store in the block into a ConfigError.
+
+    Errors of this project stay as they are.
+    """
     from mlflow.exceptions import MlflowException
 
     try:
@@ -94,7 +95,7 @@ def _answering(where: str) -> Iterator[None]:
             raise
         reason = next((line.strip() for line in str(error).splitlines() if line.strip()), parts)
         raise ConfigError(
-            f"tracking.database={where}: failed under way: {reason}; publish again, and whole runs "
+            f"tracking.database={place}: failed under way: {reason}; publish again, and whole runs "
             "stay"
         ) from error
 
@@ -105,8 +106,7 @@ def shown(url: "URL") -> str:
 
 
 def database(place: str | Path, files: str = "") -> Database:
-    """The database at a path or postgresql:// address, with its files in a folder or below
-    s3://BUCKET/.
+    """The database at a path or postgresql:// address, with its files in a folder or s3://BUCKET/.
 
     Without a word about files they go to `mlruns` beside a sqlite file; a server needs one. Raises
     ConfigError for what is neither, or a bucket that does not answer.
@@ -124,7 +124,10 @@ def database(place: str | Path, files: str = "") -> Database:
 
 
 def _server(address: str) -> "URL":
-    """No part of an address that cannot be read is shown: any may be of the password."""
+    """Parse a postgresql:// address; raises ConfigError without showing any part of it.
+
+    Any part of an address that cannot be read may be of the password.
+    """
     from sqlalchemy import make_url
     from sqlalchemy.exc import ArgumentError
 

@@ -1,5 +1,7 @@
-"""The sequences that a run was trained and tested on, as MLflow's datasets: a name, a digest, and
-what it was used for."""
+"""The sequences that a run was trained and tested on, as MLflow's datasets.
+
+A dataset has a name, a digest and a use.
+"""
 
 import hashlib
 import json
@@ -18,8 +20,8 @@ USED_FOR = "mlflow.data.context"
 
 
 @dataclass(frozen=True)
-class Used:
-    """One sequence of a study."""
+class UsedSequence:
+    """One sequence of a study, and whether a run trained or tested on it."""
 
     name: str  # study and sequence
     digest: str
@@ -27,10 +29,10 @@ class Used:
     source: str  # its submaps' path inside the project
 
 
-def used(
+def used_sequences(
     study: str, words: Mapping[str, Any], tests: Sequence[str], lock: DvcLock, train: bool = True
-) -> list[Used]:
-    """The training sequence, where wanted, and some tests.
+) -> list[UsedSequence]:
+    """The training sequence, unless `train` is false, and the test sequences.
 
     A digest is that of the study's submaps in DVC's lock files with the sequence's name; where they
     record none, that of the study's settings, `words`.
@@ -41,27 +43,27 @@ def used(
         **dict.fromkeys(words["train"].split() if train else (), "train"),
         **dict.fromkeys(tests, "test"),
     }
-    found = []
+    sequences = []
     for sequence, context in roles.items():
         digest = hashlib.sha256(f"{made_of} {sequence}".encode()).hexdigest()[:LENGTH]
-        found.append(
-            Used(
+        sequences.append(
+            UsedSequence(
                 f"{study} {sequence}", digest, context, Path(folder, f"{sequence}.zarr").as_posix()
             )
         )
-    return found
+    return sequences
 
 
-def log(client: "MlflowClient", run_id: str, found: Sequence[Used]) -> None:
+def log(client: "MlflowClient", run_id: str, sequences: Sequence[UsedSequence]) -> None:
     """Add the sequences to a run."""
     from mlflow.entities import Dataset, DatasetInput, InputTag
 
     inputs = [
         DatasetInput(
-            Dataset(one.name, one.digest, "local", json.dumps({"uri": one.source})),
-            [InputTag(USED_FOR, one.context)],
+            Dataset(sequence.name, sequence.digest, "local", json.dumps({"uri": sequence.source})),
+            [InputTag(USED_FOR, sequence.context)],
         )
-        for one in found
+        for sequence in sequences
     ]
     if inputs:
         client.log_inputs(run_id, inputs)

@@ -44,7 +44,7 @@ to last."""
 
 @dataclass(frozen=True)
 class Drawing:
-    """A section in sight: its charts, and how they stand."""
+    """A visible section: its charts, and how they are laid out."""
 
     charts: tuple[str, ...]
     """The metric of each, or several with blanks between; the page heads a chart with their names,
@@ -58,7 +58,7 @@ class Drawing:
 
 @dataclass(frozen=True)
 class View:
-    """What the page of an experiment shows."""
+    """The sections and table columns that the page of an experiment shows."""
 
     name: str
     sections: Mapping[str, Drawing]
@@ -165,11 +165,10 @@ FURTHER_DAYS = View(
 
 
 def shade(place: int, count: int) -> str:
-    """The colour of one of `count` runs that have none of their own, as #rrggbb: a step on the way
-    along `RAMP`."""
-    where = place / max(count - 1, 1) * (len(RAMP) - 1)
-    before = min(int(where), len(RAMP) - 2)
-    share = where - before
+    """The colour of one of `count` runs that have none of their own, as #rrggbb on `RAMP`."""
+    position = place / max(count - 1, 1) * (len(RAMP) - 1)
+    before = min(int(position), len(RAMP) - 2)
+    share = position - before
     return (
         "#"
         + bytes(
@@ -179,47 +178,49 @@ def shade(place: int, count: int) -> str:
     )
 
 
-def tags(shown: View) -> dict[str, str]:
-    """What an experiment is to be tagged with."""
+def tags(view: View) -> dict[str, str]:
+    """The tags of an experiment that shows this view."""
     state = base64.b64encode(
-        zlib.compress(json.dumps(_state(shown), separators=(",", ":")).encode(), 9)
+        zlib.compress(json.dumps(_state(view), separators=(",", ":")).encode(), 9)
     ).decode()
-    view = json.dumps({"name": shown.name, "createdAt": 0, "state": f"deflate;{state}"})
+    shared_view = json.dumps({"name": view.name, "createdAt": 0, "state": f"deflate;{state}"})
     kind = "custom_model_development"  # else the page asks what kind of experiment this is
     return {
         "mlflow.experimentKind": kind,
         "mlflow.note.content": texts.part("experiment.md"),
-        f"mlflow.sharedViewState.{KEY}": view,
+        f"mlflow.sharedViewState.{KEY}": shared_view,
     }
 
 
 def fragment(experiment_id: str) -> str:
-    """The end of the address of the experiment's charts in the view above; MLflow 3 would else open
-    elsewhere."""
-    shown = f"viewStateShareKey={KEY}&compareRunsMode=CHART&workflowType=machine_learning"
-    return f"#/experiments/{experiment_id}/runs?{shown}"
+    """The end of the address of the experiment's charts in the view above.
+
+    MLflow 3 would else open elsewhere.
+    """
+    query = f"viewStateShareKey={KEY}&compareRunsMode=CHART&workflowType=machine_learning"
+    return f"#/experiments/{experiment_id}/runs?{query}"
 
 
 def url(experiment_id: str, host: str, port: int) -> str:
-    """Where a browser sees the experiment's runs as charts."""
+    """The address at which a browser shows the experiment's runs as charts."""
     return f"http://{host}:{port}/{fragment(experiment_id)}"
 
 
 def _state(view: View) -> dict[str, object]:
     sections = [
-        _section(name, True, {"columns": own.columns, "cardHeight": own.height})
-        for name, own in view.sections.items()
+        _section(name, True, {"columns": drawing.columns, "cardHeight": drawing.height})
+        for name, drawing in view.sections.items()
     ]
     sections += [_section(name, False, {"columns": columns}) for name, columns in FOLDED.items()]
     charts = [
-        _chart(name, own, metrics.split())
-        for name, own in view.sections.items()
-        for metrics in own.charts
+        _chart(name, drawing, metrics.split())
+        for name, drawing in view.sections.items()
+        for metrics in drawing.charts
     ]
     widths = COLUMNS | {f"metrics.`{name}`": width for name, width in view.metrics.items()}
-    shown = {"isAccordionReordered": True, "runsHiddenMode": "SHOW_ALL"}
+    flags = {"isAccordionReordered": True, "runsHiddenMode": "SHOW_ALL"}
     columns = {"selectedColumns": [*widths], "columnOrder": [*widths], "columnWidths": widths}
-    return {"compareRunSections": sections, "compareRunCharts": charts, **shown, **columns}
+    return {"compareRunSections": sections, "compareRunCharts": charts, **flags, **columns}
 
 
 def _section(name: str, display: bool, size: Mapping[str, int]) -> dict[str, object]:
@@ -227,10 +228,10 @@ def _section(name: str, display: bool, size: Mapping[str, int]) -> dict[str, obj
 
 
 def _chart(section: str, drawing: Drawing, metrics: list[str]) -> dict[str, object]:
-    """As the page's own configuration of a chart."""
-    own = {"uuid": metrics[0], "metricSectionId": section, "metricKey": metrics[0]}
+    """A chart, as the page's own configuration has it."""
+    chart = {"uuid": metrics[0], "metricSectionId": section, "metricKey": metrics[0]}
     if drawing.bars:
-        return {**own, "type": "BAR"}
+        return {**chart, "type": "BAR"}
     axes = {
         "xAxisKey": "step",
         "xAxisScaleType": "linear",
@@ -246,4 +247,4 @@ def _chart(section: str, drawing: Drawing, metrics: list[str]) -> dict[str, obje
         "useGlobalLineSmoothing": False,
     }
     several = {"selectedMetricKeys": metrics} if len(metrics) > 1 else {}
-    return {**own, "type": "LINE", **axes, "range": scale, **lines, **several}
+    return {**chart, "type": "LINE", **axes, "range": scale, **lines, **several}

@@ -1,8 +1,7 @@
-"""The file that MLflow copies into a logged model and runs to make it answer again ("models from
-code"): nothing is unpickled.
+"""The code of a logged model: MLflow copies this file and runs it; nothing is unpickled.
 
-Nothing of this project imports it. `pipeline.tracking.served` says what its `model_config` and its
-artifacts hold.
+MLflow calls this "models from code". Nothing of this project imports it. `pipeline.tracking.served`
+says what its `model_config` and its artifacts hold.
 """
 
 from dataclasses import fields
@@ -21,12 +20,16 @@ class Localizer(mlflow.pyfunc.PythonModel):  # type: ignore[misc]  # MLflow is n
     """A method, rebuilt from its name and parameters, with the arrays that it learned."""
 
     def load_context(self, context: Any) -> None:
-        """Read what was logged."""
+        """Build the method and load its arrays from what was logged."""
         module, _, name = context.model_config["method"].partition(":")
         kind = getattr(import_module(module), name)
-        given = context.model_config["parameters"]
+        parameters = context.model_config["parameters"]
         method = kind(
-            **{field.name: given[field.name] for field in fields(kind) if field.name in given}
+            **{
+                field.name: parameters[field.name]
+                for field in fields(kind)
+                if field.name in parameters
+            }
         )
         self.localizer = method.localizer(store.read_model(context.artifacts["arrays"]))
         self.outputs = context.model_config["outputs"]
@@ -34,8 +37,10 @@ class Localizer(mlflow.pyfunc.PythonModel):  # type: ignore[misc]  # MLflow is n
     def predict(
         self, context: Any, model_input: np.ndarray, params: Any = None
     ) -> dict[str, NDArray[Any]]:
-        """Rank the `k` likeliest places of each image; MLflow knows the bare `np.ndarray` alone,
-        and hands over a named one."""
+        """Rank the `k` likeliest places of each image.
+
+        MLflow knows the bare `np.ndarray` alone, and hands over a named one.
+        """
         (images,) = model_input.values() if isinstance(model_input, dict) else (model_input,)
         nowhere = np.tile(np.eye(4), (len(images), 1, 1))
         ranking = self.localizer(

@@ -1,5 +1,7 @@
-"""The runs that MLflow shows, from the table of results: a run a method, a child run a day; a sweep
-and its jobs."""
+"""Builds the runs that MLflow shows, from the table of results.
+
+A run a method with a child run a day; a run a sweep with a child run a job.
+"""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -21,7 +23,7 @@ from pipeline.studies.catalogue import what
 from pipeline.studies.colours import colour, darker
 from pipeline.studies.expansion import ModelName
 from pipeline.sweeps.record import Record
-from pipeline.tracking.datasets import used
+from pipeline.tracking.datasets import used_sequences
 from pipeline.tracking.page import COLOUR
 from pipeline.tracking.runs import RunRecord
 from pipeline.tracking.served import Served
@@ -63,7 +65,7 @@ Series = dict[str, list[tuple[int, float]]]
 
 @dataclass(frozen=True)
 class Source:
-    """What the runs of one study and grid are published from."""
+    """The study, table and figures that the runs of one study and grid are published from."""
 
     study: str
     grid: str
@@ -77,24 +79,28 @@ class Source:
 
     def record(
         self,
-        of: ModelName,
+        answerer: ModelName,
         arrays: Mapping[str, NDArray[Any]],
         recipe: Mapping[str, str],
         extra: Series,
     ) -> RunRecord:
-        """The run of a method, or of what answers with its poses: its metrics over the days,
-        ageing, curves of training and `extra`, and a child a test sequence."""
+        """The run of a method, or of its answers with poses, with a child a test sequence.
+
+        Its metrics are those over the days, ageing, curves of training, and `extra`.
+        """
         rows = self.rows
-        model = of.family
-        own = rows[
-            (rows["method"] == of.method) & (rows["variant"] == of.answered) & (rows["seed"] == 0)
+        model = answerer.family
+        model_rows = rows[
+            (rows["method"] == answerer.method)
+            & (rows["variant"] == answerer.answered)
+            & (rows["seed"] == 0)
         ]
-        where = {"dataset": self.study, "grid": self.grid}
+        place = {"dataset": self.study, "grid": self.grid}
         tint = colour(model)
-        tags = {COLOUR: darker(tint) if of.answered else tint, **where, "method": model}
+        tags = {COLOUR: darker(tint) if answerer.answered else tint, **place, "method": model}
         tags["data"] = "simulated" if self.simulated else "recorded"
-        params = {**where, "train": self.words["train"], **recipe}
-        driven = own[(own["change"] == "") & (own["stress"] == "")]
+        params = {**place, "train": self.words["train"], **recipe}
+        rows_as_driven = model_rows[(model_rows["change"] == "") & (model_rows["stress"] == "")]
         curves = {
             f"train/{name.removeprefix('curves/')}": list(enumerate(map(float, values), start=1))
             for name, values in arrays.items()
@@ -102,11 +108,11 @@ class Source:
         }
         children = []
         for test in self.words["tests"]:
-            day = driven[driven["sequence"] == test]
+            day = rows_as_driven[rows_as_driven["sequence"] == test]
             files = self.files(model, test)
             name = tags | {"sequence": test}
             about = self._about("day.md.j2", sequence=test, days=_days(day))
-            inputs = used(self.study, self.words, [test], self.lock, train=False)
+            inputs = used_sequences(self.study, self.words, [test], self.lock, train=False)
             children.append(
                 RunRecord(
                     test,
@@ -118,20 +124,25 @@ class Source:
                     used=inputs,
                 )
             )
-        tested = driven[driven["sequence"].isin(self.words["tests"])]
+        test_rows = rows_as_driven[rows_as_driven["sequence"].isin(self.words["tests"])]
         series = (
-            over_days(tested) | means(tested) | curves | ageing(driven) | viewpoints(own) | extra
+            over_days(test_rows)
+            | means(test_rows)
+            | curves
+            | ageing(rows_as_driven)
+            | viewpoints(model_rows)
+            | extra
         )
         places = len(arrays["place_xy_m"]) if "place_xy_m" in arrays else 0
-        said = {
+        run_values = {
             "what": what(recipe.get("_target_", "")),
             "method": model,
             "share": recipe.get("budget", ""),
             "places": places,
         }
-        about = self._about("run.md.j2", **said)
-        registered = "" if of.posed else self._registered(model)
-        inputs = used(self.study, self.words, self.words["tests"], self.lock)
+        about = self._about("run.md.j2", **run_values)
+        registered = "" if answerer.posed else self._registered(model)
+        inputs = used_sequences(self.study, self.words, self.words["tests"], self.lock)
         return RunRecord(
             self.run(model),
             tags,
@@ -146,8 +157,10 @@ class Source:
         )
 
     def run(self, model: str) -> str:
-        """With the grid where the study has several; short, since a chart's legend has two lines
-        for all runs."""
+        """The name of a model's run, with the grid where the study has several.
+
+        Short, since a chart's legend has two lines for all runs.
+        """
         return model if [*self.words.get("grids", ())] == [self.grid] else f"{model} {self.grid}"
 
     def _registered(self, model: str) -> str:
@@ -155,88 +168,92 @@ class Source:
         return "-".join([self.study, *self.run(model).split()] + ["simulated"] * self.simulated)
 
     def _about(self, template: str, **values: Any) -> str:
-        own = {
+        study_values = {
             "study": self.study,
             "grid": self.grid,
             "simulated": self.simulated,
             "budget": "",
             **self.words,
         }
-        return filled(template, **own | values)
+        return filled(template, **study_values | values)
 
     def files(self, model: str, sequence: str = "") -> list[Path]:
-        """The figures that belong to a model, those of all models included; or to it on one test
-        sequence.
+        """The figures of a model, with those of all models; or its figures on one test sequence.
 
-        Raises ArtifactError where the report is not there: DVC removes the old one before it writes
+        Raises ArtifactError where there is no report: DVC removes the old one before it writes
         another.
         """
         manifest = self.figures / "figures.json"
         if not manifest.is_file():
             raise ArtifactError(f"{self.figures}: no report yet; `dvc repro` writes it")
-        listed = json.loads(manifest.read_text(encoding="utf-8"))
+        entries = json.loads(manifest.read_text(encoding="utf-8"))
         owners = {model} if sequence else {model, ""}
-        wanted = [
-            one["file"] for one in listed if one["sequence"] == sequence and one["model"] in owners
+        names = [
+            entry["file"]
+            for entry in entries
+            if entry["sequence"] == sequence and entry["model"] in owners
         ]
-        return [self.figures / file for file in dict.fromkeys(wanted)]
+        return [self.figures / file for file in dict.fromkeys(names)]
 
 
 def over_days(rows: pd.DataFrame) -> Series:
-    """Every number of some sequences over the days, under names that MLflow groups, such as
-    `cells/auc_top1`."""
+    """Every number of some sequences over the days, named as MLflow groups: `cells/auc_top1`."""
     rows = rows[
         np.isfinite(rows["days"])
         & (rows["value"].abs() <= LARGEST)
         & ~rows["number"].str.endswith("_line")
     ]
-    plain = rows[rows["kind"] == ""]
+    plain_rows = rows[rows["kind"] == ""]
     kinds = rows[(rows["kind"] != "") & (rows["protocol"] == "cells")]
     kinds = kinds[kinds["number"].isin(REJECTION)]
-    names = plain["number"].map(GROUPS).fillna(plain["protocol"]) + "/" + plain["number"]
+    names = (
+        plain_rows["number"].map(GROUPS).fillna(plain_rows["protocol"]) + "/" + plain_rows["number"]
+    )
     of_kinds = "rejection/" + kinds["kind"] + "_" + kinds["number"].map(REJECTION)
-    return _points(plain, names, "days") | _points(kinds, of_kinds, "days")
+    return _points(plain_rows, names, "days") | _points(kinds, of_kinds, "days")
 
 
 def means(rows: pd.DataFrame) -> Series:
-    """The mean of each of MEANS over the test days that have the number, as the one value of
-    `mean/…`."""
-    plain = rows[(rows["kind"] == "") & np.isfinite(rows["days"]) & np.isfinite(rows["value"])]
-    found = plain.groupby(["protocol", "number"])["value"].mean()
+    """The mean of each of MEANS over the test days that have it, as the one value of `mean/…`."""
+    plain_rows = rows[(rows["kind"] == "") & np.isfinite(rows["days"]) & np.isfinite(rows["value"])]
+    mean = plain_rows.groupby(["protocol", "number"])["value"].mean()
     return {
-        f"mean/{protocol}_{number}": [(0, found[protocol, number])]
+        f"mean/{protocol}_{number}": [(0, mean[protocol, number])]
         for protocol, number in MEANS
-        if (protocol, number) in found
+        if (protocol, number) in mean
     }
 
 
 def ageing(rows: pd.DataFrame) -> Series:
-    """The change of each number per 100 days with its interval, and when to train again: single
-    values, at step 0.
+    """The change of each number per 100 days with its interval, and when to train again.
 
-    MLflow draws a metric whose only step is 0 as bars over the runs, any other as a line, which
-    would be a dot.
+    Single values, at step 0: MLflow draws a metric whose only step is 0 as bars over the runs, any
+    other as a line, which would be a dot.
     """
-    whole = rows[rows["sequence"] == ""]
-    found = Series()
-    known = whole.set_index(["protocol", "number"])[["value", "low", "high"]]
+    study_rows = rows[rows["sequence"] == ""]
+    series = Series()
+    numbers = study_rows.set_index(["protocol", "number"])[["value", "low", "high"]]
     for protocol, number in AGEING:
         name = number if number == "novelty_percentile" else f"{protocol}_{number}"
         for end, bounds in (("per_100_days", ("", "_low", "_high")), ("retrain_after_days", ("",))):
-            if (protocol, f"{number}_{end}") in known.index:
-                values = zip(bounds, known.loc[(protocol, f"{number}_{end}")], strict=False)
-                found |= {
+            if (protocol, f"{number}_{end}") in numbers.index:
+                values = zip(bounds, numbers.loc[(protocol, f"{number}_{end}")], strict=False)
+                series |= {
                     f"ageing/{name}_{end}{bound}": [(0, float(v))]
                     for bound, v in values
                     if np.isfinite(v)
                 }
-    return found
+    return series
 
 
 def viewpoints(rows: pd.DataFrame) -> Series:
-    """How a method bears being turned, over whole degrees of heading."""
-    own = rows[(rows["change"] == "viewpoint") & np.isfinite(rows["value"])]
-    return _points(own, "viewpoints/" + own["number"] + " " + own["sequence"], "level")
+    """Numbers on turned queries, over whole degrees of heading."""
+    viewpoint_rows = rows[(rows["change"] == "viewpoint") & np.isfinite(rows["value"])]
+    return _points(
+        viewpoint_rows,
+        "viewpoints/" + viewpoint_rows["number"] + " " + viewpoint_rows["sequence"],
+        "level",
+    )
 
 
 def _days(rows: pd.DataFrame) -> int | None:
@@ -248,16 +265,15 @@ def _days(rows: pd.DataFrame) -> int | None:
 def _points(rows: pd.DataFrame, names: pd.Series, step: str) -> Series:
     """The values of each metric over a column, cut to whole numbers."""
     return {
-        name: sorted(zip(own[step].astype(int).tolist(), own["value"].tolist(), strict=True))
-        for name, own in rows.groupby(names)
+        name: sorted(zip(group[step].astype(int).tolist(), group["value"].tolist(), strict=True))
+        for name, group in rows.groupby(names)
     }
 
 
 def measured(
     artifacts: Path, study: str, grid: str, method: Mapping[str, Any], model: Path
 ) -> Series:
-    """What the stages of a method cost, and how its training used the machine, where they ran
-    here."""
+    """The costs of a method's stages and the trace of its training, where they ran here."""
     views = artifacts / "views" / study / method["view"]
     stages = {"views": [views], "train": [model]}
     stages |= {
@@ -271,24 +287,30 @@ def measured(
 
 
 def with_model(record: RunRecord, arrays: Path) -> RunRecord:
-    """The same with its model, where its recipe names its class."""
+    """The run with its model, where the model's recipe names its class."""
     return replace(record, model=Served.read(arrays))
 
 
 def of_sweep(
-    records: Sequence[Record], usual: Mapping[str, str], figures: Sequence[Path]
+    records: Sequence[Record], defaults: Mapping[str, str], figures: Sequence[Path]
 ) -> RunRecord:
-    """One sweep, named by what was swept; the steps of the parent's own metrics are the jobs'
-    numbers."""
+    """The run of one sweep, named by what was swept.
+
+    The steps of the parent's own metrics are the jobs' numbers.
+    """
     first = records[0]
-    own = {
-        one.number: {key: value for key, value in one.overrides.items() if key not in usual}
-        for one in records
+    overrides_of = {
+        record.number: {
+            key: value for key, value in record.overrides.items() if key not in defaults
+        }
+        for record in records
     }
-    names = dict.fromkeys(name for overrides in own.values() for name in overrides)
+    names = dict.fromkeys(name for overrides in overrides_of.values() for name in overrides)
     values = {
         name: ",".join(
-            dict.fromkeys(overrides[name] for overrides in own.values() if name in overrides)
+            dict.fromkeys(
+                overrides[name] for overrides in overrides_of.values() if name in overrides
+            )
         )
         for name in names
     }
@@ -299,18 +321,23 @@ def of_sweep(
     }
     series = {
         f"sweep/{name}": [
-            (one.number, fmean(found)) for one in records if (found := one.values(*number))
+            (record.number, fmean(test_values))
+            for record in records
+            if (test_values := record.values(*number))
         ]
         for name, number in CHARTED.items()
     }
     children = []
-    for one in records:
-        name = _short(own[one.number]) or f"job {one.number}"
-        rows = table(one.rows)
-        driven = over_days(rows[(rows["kind"] == "") & ~rows["number"].isin(NOT_OF_JOBS)])
+    for record in records:
+        name = _short(overrides_of[record.number]) or f"job {record.number}"
+        rows = table(record.rows)
+        job_series = over_days(rows[(rows["kind"] == "") & ~rows["number"].isin(NOT_OF_JOBS)])
         children.append(
             RunRecord(
-                name, tags | ({"error": one.error} if one.error else {}), own[one.number], driven
+                name,
+                tags | ({"error": record.error} if record.error else {}),
+                overrides_of[record.number],
+                job_series,
             )
         )
     return RunRecord(

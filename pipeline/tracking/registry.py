@@ -1,5 +1,7 @@
-"""Models in MLflow's registry: one registered model a study, grid and method; its one version of
-ours is the model in its run."""
+"""Models in MLflow's registry: one registered model a study, grid and method.
+
+Its one version published here is the model in its run.
+"""
 
 import json
 from collections.abc import Iterator, Mapping
@@ -17,45 +19,53 @@ VERSIONS = "mlflow.modelVersions"  # the tag by which the page finds the version
 
 
 def settle(
-    client: "MlflowClient", experiment: str, experiment_id: str, wanted: Mapping[str, "LoggedModel"]
+    client: "MlflowClient",
+    experiment: str,
+    experiment_id: str,
+    logged_models: Mapping[str, "LoggedModel"],
 ) -> None:
-    """Register the model of each name unless it is, and take out versions of ours whose model is
-    gone; others' are left alone.
+    """Register the models by name, and delete versions published here whose model is gone.
 
-    A registered model of ours without a version left is deleted.
+    A registered model published here without a version left is deleted. What others registered is
+    left alone.
     """
-    registered = {one.name: one for one in _every(client.search_registered_models)}
-    standing = [
-        one
-        for one in _every(client.search_model_versions)
-        if one.tags.get(EXPERIMENT) == experiment
+    registered = {
+        registered_model.name: registered_model
+        for registered_model in _all_results(client.search_registered_models)
+    }
+    own_versions = [
+        version
+        for version in _all_results(client.search_model_versions)
+        if version.tags.get(EXPERIMENT) == experiment
     ]
-    there = {(one.name, one.tags.get(MODEL)) for one in standing}
-    for name, model in wanted.items():
+    present = {(version.name, version.tags.get(MODEL)) for version in own_versions}
+    for name, model in logged_models.items():
         if name not in registered:
             registered[name] = client.create_registered_model(name, tags={EXPERIMENT: experiment})
-        if (name, model.model_id) not in there:
+        if (name, model.model_id) not in present:
             _register(client, name, model, experiment)
-    alive = {model.model_id: name for name, model in wanted.items()}
+    alive = {model.model_id: name for name, model in logged_models.items()}
     unnamed = {
         model.model_id
         for models in served.owners(client, experiment_id).values()
         for model in models
     } - {*alive}
-    for one in standing:
-        number = one.tags.get(MODEL)
-        if alive.get(number) != one.name and number not in unnamed:
-            client.delete_model_version(one.name, one.version)
-    kept = {one.name for one in _every(client.search_model_versions)}
-    for name, one in registered.items():
-        if name not in kept and one.tags.get(EXPERIMENT) == experiment:
+    for version in own_versions:
+        number = version.tags.get(MODEL)
+        if alive.get(number) != version.name and number not in unnamed:
+            client.delete_model_version(version.name, version.version)
+    names_with_version = {version.name for version in _all_results(client.search_model_versions)}
+    for name, registered_model in registered.items():
+        if name not in names_with_version and registered_model.tags.get(EXPERIMENT) == experiment:
             client.delete_registered_model(name)
 
 
 def _register(client: "MlflowClient", name: str, model: "LoggedModel", experiment: str) -> None:
-    """Add a version; given by its folder, since MLflow would look a `models:/` address up in
-    another database."""
-    made = client.create_model_version(
+    """Add a version of a registered model.
+
+    It is given by its folder, since MLflow would look a `models:/` address up in another database.
+    """
+    version = client.create_model_version(
         name,
         model.artifact_location,
         model.source_run_id,
@@ -64,11 +74,11 @@ def _register(client: "MlflowClient", name: str, model: "LoggedModel", experimen
         model_id=model.model_id,
     )
     client.set_logged_model_tags(
-        model.model_id, {VERSIONS: json.dumps([{"name": name, "version": int(made.version)}])}
+        model.model_id, {VERSIONS: json.dumps([{"name": name, "version": int(version.version)}])}
     )
 
 
-def _every(search: Any) -> Iterator[Any]:
+def _all_results(search: Any) -> Iterator[Any]:
     token = None
     while page := search(page_token=token):
         yield from page

@@ -62,7 +62,7 @@ class RunRecord:
     about: str = (
         ""  # the description, in markdown; its $page becomes the address of the experiment's charts
     )
-    used: Sequence[datasets.Used] = ()
+    used: Sequence[datasets.UsedSequence] = ()
 
     def __post_init__(self) -> None:
         for metric, points in self.series.items():
@@ -95,13 +95,13 @@ class RunRecord:
             "model": self.model and self.model.content(),
             "registered": self.registered,
             "about": self.about,
-            "datasets": [asdict(one) for one in self.used],
+            "datasets": [asdict(sequence) for sequence in self.used],
         }
         return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
 def experiment_of(dataset: str, simulated: bool, question: str = "") -> str:
-    """The name of a data set's experiment, which heads every page of it."""
+    """The name of a data set's experiment, which every page of it has as its heading."""
     return f"yearloc {dataset}{f' {question}' * bool(question)}{' (simulated)' * simulated}"
 
 
@@ -124,60 +124,68 @@ def publish(
     view: page.View = page.YEAR,
     files: str = "",
 ) -> Published:
-    """Make `experiment` in the database at `address` hold these runs; figures and models go to
-    `files`: see `databases.database`.
+    """Make `experiment` in the database at `address` hold these runs.
 
-    Its page opens on `view`. A run of the same name, or method and grid, whose content differs is
-    marked deleted, with its children; others are left alone.
+    Figures and models go to `files`: see `databases.database`. Its page opens on `view`. A run of
+    the same name, or method and grid, whose content differs is marked deleted, with its children;
+    others are left alone.
     """
     if len({run.name for run in runs}) != len(runs):
         raise InputError(f"two runs of experiment {experiment} have one name")
-    into = database(address, files)
+    target = database(address, files)
     # One process at a time: two would each make the experiment, and each write the runs that they
     # both find missing.
-    with into.alone(), _quiet_client(into) as client:
-        experiment_id, aside = experiments.find(client, experiment, into)
+    with target.alone(), _quiet_client(target) as client:
+        experiment_id, aside = experiments.find(client, experiment, target)
         for tag, value in page.tags(view).items():
             client.set_experiment_tag(experiment_id, tag, value)
-        ours = [
-            run for run in served.every(client.search_runs, experiment_id) if KEY in run.data.tags
+        own_runs = [
+            run
+            for run in served.all_results(client.search_runs, experiment_id)
+            if KEY in run.data.tags
         ]
         models = served.owners(client, experiment_id)
         written = 0
         kept = 0
         now_ms = time.time_ns() // 1_000_000
         for place, record in enumerate(runs):
-            standing = [run for run in ours if _is_of(run, record) and PARENT not in run.data.tags]
-            whole = [run for run in standing if _stands(run, record, ours, models)]
-            if whole:
+            earlier_runs = [
+                run for run in own_runs if _is_of(run, record) and PARENT not in run.data.tags
+            ]
+            complete_runs = [run for run in earlier_runs if _stands(run, record, own_runs, models)]
+            if complete_runs:
                 kept += 1 + len(record.children)
             else:
                 _write(client, experiment_id, record, {page.COLOUR: page.GREY}, now_ms - place)
                 written += 1 + len(record.children)
-            for run in standing:
-                if run not in whole[:1]:
-                    _delete(client, run.info.run_id, ours, models)
+            for run in earlier_runs:
+                if run not in complete_runs[:1]:
+                    _delete(client, run.info.run_id, own_runs, models)
         logged = served.owners(client, experiment_id)
         names = {record.name: record.registered for record in runs if record.registered}
         parents = [
             run
-            for run in served.every(client.search_runs, experiment_id)
+            for run in served.all_results(client.search_runs, experiment_id)
             if PARENT not in run.data.tags
         ]
-        named = [
+        registered_runs = [
             (run.info.run_id, names[run.info.run_name])
             for run in parents
             if run.info.run_name in names
         ]
-        wanted = {name: model for run_id, name in named for model in logged.get(run_id, ())}
-        registry.settle(client, experiment, experiment_id, wanted)
+        registered_models = {
+            name: model for run_id, name in registered_runs for model in logged.get(run_id, ())
+        }
+        registry.settle(client, experiment, experiment_id, registered_models)
     return Published(experiment_id, written, kept, aside)
 
 
 @contextmanager
-def _quiet_client(into: Database) -> Iterator["MlflowClient"]:
-    """A client of a database, created and migrated if need be, without telemetry and without log
-    lines about it."""
+def _quiet_client(target: Database) -> Iterator["MlflowClient"]:
+    """A client of a database, without telemetry and without log lines about it.
+
+    The database is created and migrated if need be.
+    """
     os.environ["MLFLOW_DISABLE_TELEMETRY"] = os.environ["DO_NOT_TRACK"] = "true"
     os.environ["MLFLOW_ENABLE_ARTIFACTS_PROGRESS_BAR"] = "false"
     import mlflow
@@ -194,14 +202,14 @@ def _quiet_client(into: Database) -> Iterator["MlflowClient"]:
         for name, level in quiet.items():
             logging.getLogger(name).setLevel(level)
         if (
-            into.path and not into.path.is_file()
+            target.path and not target.path.is_file()
         ):  # made elsewhere first: a kill while MLflow makes its tables would leave some
-            with replace(into.path) as scratch, TemporaryDirectory() as folder:
+            with replace(target.path) as scratch, TemporaryDirectory() as folder:
                 mlflow.MlflowClient(tracking_uri=f"sqlite:///{folder}/new.db").search_experiments(
                     max_results=1
                 )
                 shutil.copyfile(f"{folder}/new.db", scratch)
-        yield mlflow.MlflowClient(tracking_uri=into.uri, registry_uri=into.uri)
+        yield mlflow.MlflowClient(tracking_uri=target.uri, registry_uri=target.uri)
     finally:
         for name, level in levels.items():
             logging.getLogger(name).setLevel(level)
@@ -209,26 +217,28 @@ def _quiet_client(into: Database) -> Iterator["MlflowClient"]:
 
 def _is_of(run: "Run", record: RunRecord) -> bool:
     """Whether a run is an earlier state of a record: of its name, or of its method and grid."""
-    same = ("method", "grid")
-    known = all(record.tags.get(tag) for tag in same)
+    identity = ("method", "grid")
+    has_identity = all(record.tags.get(tag) for tag in identity)
     return bool(
         run.info.run_name == record.name
-        or (known and all(run.data.tags.get(tag) == record.tags[tag] for tag in same))
+        or (has_identity and all(run.data.tags.get(tag) == record.tags[tag] for tag in identity))
     )
 
 
-def _stands(run: "Run", record: RunRecord, ours: Sequence["Run"], models: Models) -> bool:
-    """Whether a run holds this record already, children, model and all."""
+def _stands(run: "Run", record: RunRecord, own_runs: Sequence["Run"], models: Models) -> bool:
+    """Whether a run holds this record completely, with its children and model."""
     if len(models.get(run.info.run_id, ())) != (record.model is not None):
         return False
-    children = sorted(r.data.tags[KEY] for r in ours if r.data.tags.get(PARENT) == run.info.run_id)
+    children = sorted(
+        r.data.tags[KEY] for r in own_runs if r.data.tags.get(PARENT) == run.info.run_id
+    )
     return run.data.tags[KEY] == record.key() and children == sorted(
         child.key() for child in record.children
     )
 
 
-def _delete(client: "MlflowClient", run_id: str, ours: Sequence["Run"], models: Models) -> None:
-    family = [run.info.run_id for run in ours if run.data.tags.get(PARENT) == run_id]
+def _delete(client: "MlflowClient", run_id: str, own_runs: Sequence["Run"], models: Models) -> None:
+    family = [run.info.run_id for run in own_runs if run.data.tags.get(PARENT) == run_id]
     for member in [*family, run_id]:
         for model in models.get(member, ()):
             served.delete(client, model)
@@ -242,7 +252,7 @@ def _write(
     family: Mapping[str, str],
     start_ms: int,
 ) -> None:
-    """One run and its children; its key last, when it is whole.
+    """Write one run and its children; its key last, when it is whole.
 
     A point's time is its step in seconds, so no clock enters.
 
@@ -252,8 +262,8 @@ def _write(
     """
     from mlflow.entities import Metric, Param
 
-    about = {NOTE: texts.linked(record.about, page.fragment(experiment_id))} if record.about else {}
-    tags = {**family, **record.tags, **about}
+    note = {NOTE: texts.linked(record.about, page.fragment(experiment_id))} if record.about else {}
+    tags = {**family, **record.tags, **note}
     run_id = client.create_run(
         experiment_id, start_ms, {**tags, KEY: "unfinished"}, record.name
     ).info.run_id
@@ -274,8 +284,8 @@ def _write(
     if record.model is not None:
         served.log(client, experiment_id, run_id, record.name, record.model)
     for place, child in enumerate(record.children):
-        own = {PARENT: run_id, page.COLOUR: page.shade(place, len(record.children))}
-        _write(client, experiment_id, child, own, NO_CLOCK_MS - place)
+        child_tags = {PARENT: run_id, page.COLOUR: page.shade(place, len(record.children))}
+        _write(client, experiment_id, child, child_tags, NO_CLOCK_MS - place)
     lasted_s = max((point.step for point in points if point.key.startswith(SYSTEM)), default=0)
     client.set_terminated(run_id, end_time=start_ms + 1_000 * lasted_s)
     client.set_tag(run_id, KEY, record.key())

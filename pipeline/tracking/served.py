@@ -1,5 +1,4 @@
-"""A method's model as MLflow serves it: its arrays, the code that reads them, and a signature; no
-pickle.
+"""A method's model as MLflow serves it: its arrays, its code and a signature; no pickle.
 
 `mlflow.pyfunc.load_model("models:/m-…").predict(views)` ranks places for views, such as heights
 (query, ring, sector) in metres.
@@ -90,8 +89,7 @@ class Served:
 
     @classmethod
     def read(cls, arrays: Path) -> Self | None:
-        """The model in a file of `stages.train`; None for one whose recipe does not name its class
-        as `_target_`."""
+        """The model in a file of `stages.train`; None if its recipe has no class as `_target_`."""
         recipe = store.read_recipe(arrays)
         model = store.read_model(arrays)
         if "_target_" not in recipe or "image_shape" not in model:
@@ -101,8 +99,10 @@ class Served:
         return cls(arrays, f"{module}:{name}", parameters, tuple(map(int, model["image_shape"])))
 
     def content(self) -> dict[str, object]:
-        """Everything that the logged model holds, its code included, files as digests;
-        `RunRecord.key` hashes it."""
+        """Everything that the logged model holds, its code included, files as digests.
+
+        `RunRecord.key` hashes it.
+        """
         code = {
             path.relative_to(LIBRARY).as_posix(): _digest(path) for path in (PYFUNC, *shipped())
         }
@@ -114,12 +114,14 @@ class Served:
 
     @property
     def inputs(self) -> dict[str, tuple[type, Dims]]:
-        """What `predict` takes: views, as the method looks at them."""
+        """The inputs of `predict`: views, as the method looks at them."""
         return {"views": (np.float32, ("query", *self.image_shape))}
 
     def note(self, model_id: str) -> str:
-        """The text of the model's page: how to call it, and its signature, which MLflow shows in a
-        file only."""
+        """The text of the model's page: how to call it, and its signature.
+
+        MLflow itself shows the signature in a file only.
+        """
 
         def lines(way: str, tensors: Mapping[str, tuple[type, Dims]]) -> list[str]:
             return [
@@ -134,8 +136,8 @@ class Served:
             ["```", call, "", *lines("in", self.inputs), parameter, *lines("out", OUTPUTS), "```"]
         )
 
-    def save(self, folder: Path, **about: Any) -> None:
-        """Write an MLflow model into a new folder; `about` goes into its MLmodel file."""
+    def save(self, folder: Path, **metadata: Any) -> None:
+        """Write an MLflow model into a new folder; `metadata` goes into its MLmodel file."""
         with warnings.catch_warnings():
             warnings.simplefilter(
                 "ignore"
@@ -180,7 +182,7 @@ class Served:
                     pip_requirements=[
                         f"{name}=={version(name).partition('+')[0]}" for name in REQUIREMENTS
                     ],
-                    mlflow_model=Model(**about),
+                    mlflow_model=Model(**metadata),
                 )
 
 
@@ -222,17 +224,16 @@ def log(client: "MlflowClient", experiment_id: str, run_id: str, name: str, serv
 
 
 def owners(client: "MlflowClient", experiment_id: str) -> dict[str, list[Any]]:
-    """Id of each run that has models of ours, with its models."""
-    found: dict[str, list[Any]] = {}
-    for model in every(client.search_logged_models, experiment_id):
+    """The logged models of this project, by the id of the run that they belong to."""
+    models_of_run: dict[str, list[Any]] = {}
+    for model in all_results(client.search_logged_models, experiment_id):
         if OURS in model.tags:
-            found.setdefault(str(model.source_run_id), []).append(model)
-    return found
+            models_of_run.setdefault(str(model.source_run_id), []).append(model)
+    return models_of_run
 
 
-def every(search: Callable[..., Any], experiment_id: str) -> Iterator[Any]:
-    """All that a search of MLflow, which answers page by page, finds in an experiment; nothing
-    deleted."""
+def all_results(search: Callable[..., Any], experiment_id: str) -> Iterator[Any]:
+    """All results of an MLflow search in an experiment, page by page; nothing deleted."""
     token = None
     while page := search([experiment_id], page_token=token):
         yield from page
@@ -241,8 +242,7 @@ def every(search: Callable[..., Any], experiment_id: str) -> Iterator[Any]:
 
 
 def delete(client: "MlflowClient", model: Any) -> None:
-    """Take a model off the page, and its files, which are copies, off the disk or out of the object
-    store."""
+    """Delete a model, and its files, which are copies, on the disk or in the object store."""
     client.delete_logged_model(model.model_id)
     if remote.is_remote(model.artifact_location):
         from mlflow.store.artifact.artifact_repository_registry import get_artifact_repository

@@ -1,5 +1,4 @@
-"""The texts of MLflow's page, from this folder's templates: the note above an experiment's charts,
-a run's description."""
+"""The texts of MLflow's page, from templates: an experiment's note, a run's description."""
 
 from functools import cache
 from importlib.resources import files
@@ -20,8 +19,10 @@ def filled(name: str, **values: Any) -> str:
 
 
 def linked(text: str, address: str) -> str:
-    """A text whose `$page` is the address of the experiment's charts, which only the database
-    knows."""
+    """A text with `$page` replaced by the address of the experiment's charts.
+
+    Only the database knows that address.
+    """
     return Template(text).safe_substitute(page=address)
 
 

@@ -54,40 +54,42 @@ def altered(
 def _from_points(
     scans: Artifact, submaps: Artifact, view: View, alteration: Alteration
 ) -> Iterator[Image]:
-    """Each submap's points are gathered once for all cases."""
+    """Draw each case from the submaps' points, which are gathered once for all cases."""
     stamps_ns = submaps.load("stamps_ns")
     for row, points in enumerate(Drawing(scans, submaps, view).points()):
         for case in alteration.cases[1:]:
-            left, left_rad = alteration.alter(case, points, generator(alteration, stamps_ns[row]))
-            yield row, case, view(left), left_rad
+            altered_points, left_rad = alteration.alter(
+                case, points, generator(alteration, stamps_ns[row])
+            )
+            yield row, case, view(altered_points), left_rad
 
 
 def _from_maps(
     scans: Artifact, submaps: Artifact, view: BirdView, alteration: Alteration
 ) -> Iterator[Image]:
-    """Each case has its own octree of all scans, except turned cases: they reuse the unaltered one,
-    seen from a turned pose."""
+    """Draw each case from its own octree of all scans.
+
+    Turned cases reuse the unaltered one, seen from a turned pose.
+    """
     stamps_ns = scans.load("stamps_ns")
     anchors = submaps.load("scans")
-    as_driven, *others = alteration.cases
-    turned = [case for case in others if case.change == TURNED]
+    as_driven, *other_cases = alteration.cases
+    turned = [case for case in other_cases if case.change == TURNED]
     worlds = ({as_driven: turned} if turned else {}) | {
-        case: [case] for case in others if case not in turned
+        case: [case] for case in other_cases if case not in turned
     }
     for world, cases in worlds.items():
 
         def seen(scan: int, points: NDArray[Any], world: Case = world) -> NDArray[Any]:
             return alteration.alter(world, points, generator(alteration, stamps_ns[scan]))[0]
 
-        for row, (points, grown, standing) in enumerate(
-            MappedViews(scans, submaps, view, seen).maps()
-        ):
+        for row, (points, grown, pose) in enumerate(MappedViews(scans, submaps, view, seen).maps()):
             for case in cases:
                 rng = generator(alteration, stamps_ns[anchors[row]])
                 left_rad = alteration.alter(case, points, rng)[1] if case in turned else 0.0
                 yield (
                     row,
                     case,
-                    view.draw(grown, standing @ turns(np.array([left_rad]))[0], row),
+                    view.draw(grown, pose @ turns(np.array([left_rad]))[0], row),
                     left_rad,
                 )

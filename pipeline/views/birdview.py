@@ -92,11 +92,10 @@ class BirdView:
     def standing(
         self, points_m: NDArray[np.floating], odom_T_vehicle: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """The robot's pose (4, 4) with its z axis as `upright` says and, where it is the ground's,
-        its origin on the ground.
+        """The robot's pose (4, 4) with its z axis as `upright` says.
 
-        `points_m` (n, 3) is the newest scan, in the vehicle's frame. Where it shows no ground the
-        pose is the vehicle's.
+        Where that is the ground's, its origin lies on the ground. `points_m` (n, 3) is the newest
+        scan, in the vehicle's frame. Where it shows no ground the pose is the vehicle's.
         """
         vehicle_T_ground = np.eye(4)
         if self.upright == "odometry":
@@ -104,12 +103,14 @@ class BirdView:
                 odom_T_vehicle[:3, 0], np.array([0.0, 0.0, 1.0])
             )
         elif self.upright == "ground":
-            near = points_m[
+            near_points = points_m[
                 np.hypot(points_m[:, 0], points_m[:, 1]) < self.octree.edge_m / 2
             ].astype(np.float64)
-            near = near[:: -(-len(near) // POINTS) or 1]
-            if found := plane(near, NEAR_M, STEEPEST_DEG, PLANES, np.random.default_rng(self.seed)):
-                a, b, height_m = found
+            near_points = near_points[:: -(-len(near_points) // POINTS) or 1]
+            if ground_plane := plane(
+                near_points, NEAR_M, STEEPEST_DEG, PLANES, np.random.default_rng(self.seed)
+            ):
+                a, b, height_m = ground_plane
                 vehicle_T_ground[:3, :3] = upright(np.array([1.0, 0.0, 0.0]), np.array([a, b, 1.0]))
                 vehicle_T_ground[2, 3] = height_m
         pose: NDArray[np.float64] = odom_T_vehicle @ vehicle_T_ground
@@ -130,15 +131,16 @@ class BirdView:
         c = math.cos(yaw_rad)
         s = math.sin(yaw_rad)
         forward_m, left_m = self.offset_m(number)
-        here = (odom_T_vehicle[:2, 3] - grown.corner_m[:2]) / grown.leaf_m
-        off = (
-            here + np.array([c * forward_m - s * left_m, s * forward_m + c * left_m]) / grown.leaf_m
+        robot = (odom_T_vehicle[:2, 3] - grown.corner_m[:2]) / grown.leaf_m
+        beside_robot = (
+            robot
+            + np.array([c * forward_m - s * left_m, s * forward_m + c * left_m]) / grown.leaf_m
         )
         images = np.empty((self.headings, self.side_px, self.side_px), np.uint8)
         quarter = self.headings // 4
         for h in range(quarter):
             turned_rad = yaw_rad + 2 * math.pi * h / self.headings
-            middle = off if h % 2 else here
+            middle = beside_robot if h % 2 else robot
             images[h] = _sampled(
                 columns, middle, turned_rad, float(self.octree.side), self.side_px, SAMPLES
             )
@@ -201,8 +203,8 @@ def _columns_above(
     Lengths are in leaves. The ground is the plane through `ground` (3,) with the upward normal `up`
     (3,), from the root cube's corner, which is the leaf `lowest` (3,) of odometry.
     """
-    found = np.zeros((side, side), np.uint8)
-    last = (1 << bricks.levels) - 1
+    occupied = np.zeros((side, side), np.uint8)
+    mask = (1 << bricks.levels) - 1
     for brick in range(bricks.used[0]):
         corner_x, corner_y, corner_z = corner(bricks, brick)
         for column in range(BRICK * BRICK):
@@ -211,8 +213,8 @@ def _columns_above(
             for z in range(1, BRICK):
                 highest = max(highest, leaves[z])
             if highest > threshold:
-                x = (corner_x + column // BRICK - lowest[0]) & last
-                y = (corner_y + column % BRICK - lowest[1]) & last
+                x = (corner_x + column // BRICK - lowest[0]) & mask
+                y = (corner_y + column % BRICK - lowest[1]) & mask
                 level = (
                     ground[2]
                     - 0.5
@@ -221,9 +223,9 @@ def _columns_above(
                 start = math.ceil(level + low / up[2])
                 stop = math.ceil(level + high / up[2])
                 for z in range(BRICK):
-                    if leaves[z] > threshold and start <= (corner_z + z - lowest[2]) & last < stop:
-                        found[x, y] = 1
-    return found
+                    if leaves[z] > threshold and start <= (corner_z + z - lowest[2]) & mask < stop:
+                        occupied[x, y] = 1
+    return occupied
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -247,14 +249,14 @@ def _sampled(
     front_x = math.cos(yaw_rad) * step
     front_y = math.sin(yaw_rad) * step
     most = samples * samples
-    last = 0.5 * (side_px * samples - 1)
+    edge = 0.5 * (side_px * samples - 1)
     for row in range(side_px):
         for col in range(side_px):
             count = 0
             for i in range(samples):
-                front = last - (row * samples + i)
+                front = edge - (row * samples + i)
                 for j in range(samples):
-                    left = last - (col * samples + j)
+                    left = edge - (col * samples + j)
                     x = math.floor(middle[0] + front * front_x - left * front_y)
                     y = math.floor(middle[1] + front * front_y + left * front_x)
                     if 0 <= x < side and 0 <= y < side:

@@ -74,9 +74,9 @@ class Cloud:
 
     def _ground(self, points: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.bool_]:
         """Which points (n, 3) lie on the ground; none if there is none."""
-        if not (found := plane(points, self.plane_m, self.slope_deg, self.iterations, rng)):
+        if not (ground_plane := plane(points, self.plane_m, self.slope_deg, self.iterations, rng)):
             return np.zeros(len(points), bool)
-        a, b, c = found
+        a, b, c = ground_plane
         x, y, z = points.T.astype(np.float32, order="C")
         ground: NDArray[np.bool_] = np.abs(a * x + b * y + z - c) < self.plane_m * math.sqrt(
             a * a + b * b + 1

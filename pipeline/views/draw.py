@@ -107,10 +107,10 @@ def write_views(
     """
     count = blank = 0
     with store.write(path, schema, cases=AS_DRIVEN) as out:
-        for images, shown in blocks:
+        for images, shows_something in blocks:
             out.append("images", images)
             count += len(images)
-            blank += int((~shown.reshape(len(shown), -1).any(axis=1)).sum())
+            blank += int((~shows_something.reshape(len(shows_something), -1).any(axis=1)).sum())
         if blank == count:
             raise ArtifactError(f"{submaps.path}: {complaint}")
         for name in ("stamps_ns", "world_T_anchor"):

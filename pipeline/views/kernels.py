@@ -88,8 +88,8 @@ def bin_heights(points, rings, sectors, max_range_m, clamp, least):  # type: ign
     xs = np.empty(BLOCK, np.float32)
     ys = np.empty(BLOCK, np.float32)
     zs = np.empty(BLOCK, np.float32)
-    near = np.zeros(BLOCK, np.uint8)
-    unsure = near.view(np.uint64)  # eight points at a glance
+    is_near_border = np.zeros(BLOCK, np.uint8)
+    unsure = is_near_border.view(np.uint64)  # eight points at a glance
     per_radian = np.float32(sectors / (2 * math.pi))
     per_metre = np.float32(rings / max_range_m)
     sector_edge = HALF - SECTOR_ERROR * np.float32(sectors)
@@ -97,7 +97,7 @@ def bin_heights(points, rings, sectors, max_range_m, clamp, least):  # type: ign
     last_ring = np.int32(rings - 1)
     columns = np.int32(sectors)
     outside = np.int32(rings - 1) if clamp else np.int32(rings)
-    away = np.int32(bins)
+    outside_bin = np.int32(bins)
     n = points.shape[0] // 3
     for start in range(0, n, BLOCK):
         m = min(BLOCK, n - start)
@@ -112,21 +112,21 @@ def bin_heights(points, rings, sectors, max_range_m, clamp, least):  # type: ign
             turn = _azimuth(x, y) * per_radian
             sector = np.int32(turn)
             turn -= np.float32(sector)  # a turn of all sectors is at a border, and redone
-            far = min(np.sqrt(x * x + y * y) * per_metre, np.float32(2e6))
-            ring = np.int32(far)
-            far -= np.float32(ring)  # what is cut is at a border, and redone
+            ring_position = min(np.sqrt(x * x + y * y) * per_metre, np.float32(2e6))
+            ring = np.int32(ring_position)
+            ring_position -= np.float32(ring)  # what is cut is at a border, and redone
             ring = ring if ring <= last_ring else outside
-            ids[i] = uint32(ring * columns + sector if ring <= last_ring else away)
+            ids[i] = uint32(ring * columns + sector if ring <= last_ring else outside_bin)
             sure = (
                 (abs(turn - HALF) <= sector_edge)
-                & (abs(far - HALF) <= ring_edge)
+                & (abs(ring_position - HALF) <= ring_edge)
                 & (abs(zs[i]) < HUGE)
             )
-            near[i] = np.uint8(not sure)
+            is_near_border[i] = np.uint8(not sure)
         for eight in range((m + 7) // 8):
             if unsure[eight]:
                 for i in range(8 * eight, min(8 * eight + 8, m)):
-                    if near[i]:
+                    if is_near_border[i]:
                         x = np.float64(block[3 * i])
                         y = np.float64(block[3 * i + 1])
                         z = np.float64(block[3 * i + 2])
@@ -136,14 +136,14 @@ def bin_heights(points, rings, sectors, max_range_m, clamp, least):  # type: ign
         if least > 1:
             for i in range(m):
                 counts[ids[i]] += uint32(1)
-        whole = m & ~3
-        for i in range(0, whole, 4):
+        whole_fours = m & ~3
+        for i in range(0, whole_fours, 4):
             for copy in range(4):
                 a = ids[i + copy] + uint32(copy) * stride
                 z = zs[i + copy]
                 v = table[a]
                 table[a] = v if v > z else z
-        for i in range(whole, m):
+        for i in range(whole_fours, m):
             a = ids[i]
             z = zs[i]
             v = table[a]
@@ -167,16 +167,16 @@ def _slot(key, slots):  # type: ignore[no-untyped-def]
 @njit(cache=True, nogil=True)
 def _wider(keys, heads):  # type: ignore[no-untyped-def]
     """A hash table of four times as many slots."""
-    more = np.empty(4 * keys.shape[0], np.int64)
-    first = np.full(4 * heads.shape[0], -1, np.int32)
-    for old in range(heads.shape[0]):
-        if heads[old] >= 0:
-            slot = _slot(keys[old], more.shape[0])
-            while first[slot] >= 0:
-                slot = (slot + np.uint64(1)) & np.uint64(more.shape[0] - 1)
-            more[slot] = keys[old]
-            first[slot] = heads[old]
-    return more, first
+    new_keys = np.empty(4 * keys.shape[0], np.int64)
+    new_heads = np.full(4 * heads.shape[0], -1, np.int32)
+    for old_slot in range(heads.shape[0]):
+        if heads[old_slot] >= 0:
+            slot = _slot(keys[old_slot], new_keys.shape[0])
+            while new_heads[slot] >= 0:
+                slot = (slot + np.uint64(1)) & np.uint64(new_keys.shape[0] - 1)
+            new_keys[slot] = keys[old_slot]
+            new_heads[slot] = heads[old_slot]
+    return new_keys, new_heads
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -189,7 +189,7 @@ def voxel_means(points: NDArray[np.floating], side_m: float) -> NDArray[np.float
     took twice as long as all the sums.
     """
     n = points.shape[0]
-    found = np.uint64(0)
+    n_cubes = np.uint64(0)
     sums = np.empty((n, 3), np.float64)
     counts = np.empty(n, np.int64)
     keys = np.empty(16 * BLOCK, np.int64)
@@ -216,29 +216,29 @@ def voxel_means(points: NDArray[np.floating], side_m: float) -> NDArray[np.float
             y = np.int64((ys[i] - y0) / side_m)
             z = np.int64((zs[i] - z0) / side_m)
             cubes[i] = (x << 42) ^ (y << 21) ^ z
-        if 2 * (found + np.uint64(m)) > heads.shape[0]:
+        if 2 * (n_cubes + np.uint64(m)) > heads.shape[0]:
             keys, heads = _wider(keys, heads)
-        last = np.uint64(heads.shape[0] - 1)
+        last_slot = np.uint64(heads.shape[0] - 1)
         for i in range(m):
             key = cubes[i]
             slot = _slot(key, heads.shape[0])
             while heads[slot] >= 0 and keys[slot] != key:
-                slot = (slot + np.uint64(1)) & last
+                slot = (slot + np.uint64(1)) & last_slot
             if heads[slot] < 0:
                 keys[slot] = key
-                heads[slot] = np.int32(found)
-                sums[found, 0] = 0.0
-                sums[found, 1] = 0.0
-                sums[found, 2] = 0.0
-                counts[found] = 0
-                found += np.uint64(1)
+                heads[slot] = np.int32(n_cubes)
+                sums[n_cubes, 0] = 0.0
+                sums[n_cubes, 1] = 0.0
+                sums[n_cubes, 2] = 0.0
+                counts[n_cubes] = 0
+                n_cubes += np.uint64(1)
             voxel = np.uint32(heads[slot])
             sums[voxel, 0] += xs[i]
             sums[voxel, 1] += ys[i]
             sums[voxel, 2] += zs[i]
             counts[voxel] += 1
-    means = np.empty((found, 3), np.float64)
-    for cube in range(found):
+    means = np.empty((n_cubes, 3), np.float64)
+    for cube in range(n_cubes):
         for axis in range(3):
             means[cube, axis] = sums[cube, axis] / counts[cube]
     return means

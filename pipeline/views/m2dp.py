@@ -75,9 +75,9 @@ class M2dp:
             else np.arange(self.sectors, dtype=np.uint32)
         )
         axes = principal_axes(scatter)
-        on = planes(self.azimuths, self.elevations)
-        found = kernel.bin_counts(points, mean, axes, farthest_m, on, radii, angles, place)
-        counts: NDArray[np.int64] = found.reshape(shape[0], -1, *shape[1:]).sum(
+        plane_axes = planes(self.azimuths, self.elevations)
+        tables = kernel.bin_counts(points, mean, axes, farthest_m, plane_axes, radii, angles, place)
+        counts: NDArray[np.int64] = tables.reshape(shape[0], -1, *shape[1:]).sum(
             axis=1, dtype=np.int64
         )[..., place]
         return counts.reshape(shape[0], -1)

@@ -109,11 +109,11 @@ def bin_counts(  # type: ignore[no-untyped-def]
     ys = np.empty(BLOCK, np.float32)
     zs = np.empty(BLOCK, np.float32)
     ids = np.empty(BLOCK, np.uint32)
-    near = np.empty(BLOCK, np.uint8)
+    is_near_border = np.empty(BLOCK, np.uint8)
     quick = sectors == QUICK
     unit = 1.0 / farthest_m
-    many = np.float32(circles)
-    last = np.int32(circles - 1)
+    n_circles = np.float32(circles)
+    last_ring = np.int32(circles - 1)
     columns = np.int32(sectors)
     edge = HALF - ERROR * np.float32(circles * circles)
     for start in range(0, n, BLOCK):
@@ -152,29 +152,29 @@ def bin_counts(  # type: ignore[no-untyped-def]
                 code |= np.int32(2) if steep else np.int32(0)
                 code |= np.int32(4) if u < ZERO else np.int32(0)
                 code |= np.int32(8) if v < ZERO else np.int32(0)
-                far = np.sqrt(np.sqrt(u * u + v * v)) * many
-                ring = min(np.int32(far), last)
-                far -= np.float32(ring)
+                ring_position = np.sqrt(np.sqrt(u * u + v * v)) * n_circles
+                ring = min(np.int32(ring_position), last_ring)
+                ring_position -= np.float32(ring)
                 ids[i] = uint32(ring * columns + code)
                 margin = min(min(low, high - low), abs(slope))
-                near[i] = np.uint8((margin < ERROR) | (abs(far - HALF) > edge))
+                is_near_border[i] = np.uint8((margin < ERROR) | (abs(ring_position - HALF) > edge))
             borders = np.int32(0)
             for i in range(m):
-                borders += np.int32(near[i])
+                borders += np.int32(is_near_border[i])
             if borders > 0 or not quick:
                 for i in range(m):
-                    if near[i] or not quick:
+                    if is_near_border[i] or not quick:
                         x = exact[i, 0]
                         y = exact[i, 1]
                         z = exact[i, 2]
                         u = planes[p, 0, 0] * x + planes[p, 0, 1] * y + planes[p, 0, 2] * z
                         v = planes[p, 1, 0] * x + planes[p, 1, 1] * y + planes[p, 1, 2] * z
                         ids[i] = _exact_bin(u, v, radii, angles, place)
-            whole = m & ~3
-            for i in range(0, whole, COPIES):
+            whole_fours = m & ~3
+            for i in range(0, whole_fours, COPIES):
                 for copy in range(COPIES):
                     table[ids[i + copy] + uint32(copy) * stride] += uint32(1)
-            for i in range(whole, m):
+            for i in range(whole_fours, m):
                 table[ids[i]] += uint32(1)
     return tables
 
@@ -200,15 +200,15 @@ def leading(shares):  # type: ignore[no-untyped-def]
             length += right[j] * right[j]
         right /= math.sqrt(length)
         length = 0.0
-        new = np.zeros(m)
+        new_left = np.zeros(m)
         for i in range(m):
             for j in range(n):
-                new[i] += shares[i, j] * right[j]
-            length += new[i] * new[i]
-        new /= math.sqrt(length)
+                new_left[i] += shares[i, j] * right[j]
+            length += new_left[i] * new_left[i]
+        new_left /= math.sqrt(length)
         for i in range(m):
-            change = max(change, abs(new[i] - left[i]))
-        left = new
+            change = max(change, abs(new_left[i] - left[i]))
+        left = new_left
         if change < CLOSE:
             break
     return left, right

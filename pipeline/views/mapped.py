@@ -67,15 +67,15 @@ class MappedViews:
         grown = self.view.octree.grow()
         number = 0
         for row, points in scan_points(self.scans, 0, int(anchors[-1]) + 1):
-            known = np.isfinite(odom_T_scan[row]).all()
+            has_odometry = np.isfinite(odom_T_scan[row]).all()
             scan_T_ground = np.eye(4)
             scan_T_ground[2, 3] = ground_m[number]
-            pose = (odom_T_scan[row] if known else np.eye(4)) @ scan_T_ground
-            grown = grown if known else self.view.octree.grow()
+            pose = (odom_T_scan[row] if has_odometry else np.eye(4)) @ scan_T_ground
+            grown = grown if has_odometry else self.view.octree.grow()
             points = points - scan_T_ground[:3, 3]
             points = self.alter(row, points) if self.alter else points
             grown.insert(points, pose)
             if anchors[number] == row:
                 yield points, grown, self.view.standing(points, pose)
                 number += 1
-            grown = grown if known else self.view.octree.grow()
+            grown = grown if has_odometry else self.view.octree.grow()

@@ -26,51 +26,55 @@ from stages.sweep.job import CORRECTABLE, SWEEPS, job
 def main() -> None:
     """Run the jobs, wherever the launcher says, and report on all of them."""
     folder = SWEEPS / "runs" / f"{time.strftime('%Y%m%d-%H%M%S')}-{os.getpid()}"
-    given, about = apart(sys.argv[1:])
+    job_words, tracking_words = apart(sys.argv[1:])
     start_s = time.perf_counter()
     with reported("sweep"):
         check_files(ROOT / "conf")  # else each job fails for itself
-        tracking = tracking_of(about)
-        usual = usual_choices(given)
-        sys.argv[1:] = command_line(given, usual, folder)
+        tracking = tracking_of(tracking_words)
+        defaults = usual_choices(job_words)
+        sys.argv[1:] = command_line(job_words, defaults, folder)
         job()
-    if found := read(folder):
-        wrong = report(folder, found, usual, tracking)
+    if job_records := read(folder):
+        wrong = report(folder, job_records, defaults, tracking)
         print(
-            f"{cost(found)}, {time.perf_counter() - start_s:.0f} s\nsweep: table and figure in "
-            f"{folder}"
+            f"{cost(job_records)}, {time.perf_counter() - start_s:.0f} s\n"
+            f"sweep: table and figure in {folder}"
         )
-        sys.exit(1 if wrong or any(record.error for record in found) else 0)
+        sys.exit(1 if wrong or any(record.error for record in job_records) else 0)
 
 
-def usual_choices(given: Sequence[str]) -> dict[str, str]:
-    """What the study says and the command line does not: its data set, world, submaps, budget,
-    first grid and first method."""
-    known = studies(ROOT / "conf")
-    said = dict(word.partition("=")[::2] for word in given)
-    usual = {"dataset": said.get("dataset", next(iter(known)))}
-    if study := known.get(usual["dataset"]):
-        usual |= {group: study[group] for group in ("world", "submap", "budget")}
-        usual |= {"grid": study["grids"][0], "method": study["methods"][0]["name"]}
-    return {group: choice for group, choice in usual.items() if group not in said}
+def usual_choices(words: Sequence[str]) -> dict[str, str]:
+    """The study's choices that the command line does not make.
+
+    Its data set, world, submaps, budget, first grid and first method.
+    """
+    all_studies = studies(ROOT / "conf")
+    chosen_words = dict(word.partition("=")[::2] for word in words)
+    defaults = {"dataset": chosen_words.get("dataset", next(iter(all_studies)))}
+    if study := all_studies.get(defaults["dataset"]):
+        defaults |= {group: study[group] for group in ("world", "submap", "budget")}
+        defaults |= {"grid": study["grids"][0], "method": study["methods"][0]["name"]}
+    return {group: choice for group, choice in defaults.items() if group not in chosen_words}
 
 
-def command_line(given: Sequence[str], usual: Mapping[str, str], folder: Path) -> list[str]:
-    """What Hydra is given: a multirun into `folder`, unless other flags are."""
-    swept = {key for key, _, value in (word.partition("=") for word in given) if "," in value}
-    words = [_for_each(word, swept) for word in given if word not in ("-m", "--multirun")]
-    flags = [] if any(word.startswith("-") for word in words) else ["-m"]
+def command_line(words: Sequence[str], defaults: Mapping[str, str], folder: Path) -> list[str]:
+    """Hydra's command line: a multirun into `folder`, unless it has other flags."""
+    swept = {key for key, _, value in (word.partition("=") for word in words) if "," in value}
+    overrides = [_for_each(word, swept) for word in words if word not in ("-m", "--multirun")]
+    flags = [] if any(word.startswith("-") for word in overrides) else ["-m"]
     return [
         *flags,
-        *words,
+        *overrides,
         f"hydra.sweep.dir={folder}",
-        *(f"{group}={choice}" for group, choice in usual.items()),
+        *(f"{group}={choice}" for group, choice in defaults.items()),
     ]
 
 
 def _for_each(word: str, swept: Set[str]) -> str:
-    """An override; a field of a group that is swept itself as a choice of one, for Hydra would look
-    for it in the usual file."""
+    """An override; a field of a swept group itself becomes a choice of one.
+
+    Hydra would look for it in the usual file otherwise.
+    """
     key, _, value = word.partition("=")
     return (
         f"{key}=choice({value})"
@@ -79,15 +83,19 @@ def _for_each(word: str, swept: Set[str]) -> str:
     )
 
 
-def apart(given: Sequence[str]) -> tuple[list[str], list[str]]:
-    """The words for the jobs; and those about MLflow, which no job gets: Hydra writes down what
-    each job was told."""
-    about = [word for word in given if word.lstrip("+").startswith(("tracking.", "tracking="))]
-    return [word for word in given if word not in about], about
+def apart(words: Sequence[str]) -> tuple[list[str], list[str]]:
+    """The words for the jobs, and those about MLflow.
+
+    No job gets the latter: Hydra writes down what each job was told.
+    """
+    tracking_words = [
+        word for word in words if word.lstrip("+").startswith(("tracking.", "tracking="))
+    ]
+    return [word for word in words if word not in tracking_words], tracking_words
 
 
 def tracking_of(words: Sequence[str]) -> DictConfig:
-    """Where MLflow is, by the words that say so."""
+    """The settings of MLflow, by the words about it."""
     try:
         with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
             return compose("sweep", [*words]).tracking
@@ -101,21 +109,23 @@ def tracking_of(words: Sequence[str]) -> DictConfig:
 
 
 def report(
-    folder: Path, found: Sequence[Record], usual: Mapping[str, str], tracking: DictConfig
+    folder: Path, job_records: Sequence[Record], defaults: Mapping[str, str], tracking: DictConfig
 ) -> bool:
-    """One table and one figure of all jobs, and their runs in MLflow; whether those could not be
-    written."""
-    first = found[0]
-    print(sweep_report(folder, found, usual))
+    """Write the table and figure of all jobs, and publish their runs to MLflow.
+
+    Returns whether those could not be written.
+    """
+    first = job_records[0]
+    print(sweep_report(folder, job_records, defaults))
     figures = [path for name in ("sweep.svg", "sweep.md") if (path := folder / name).is_file()]
     try:
-        run = records.of_sweep(found, usual, figures)
+        run = records.of_sweep(job_records, defaults, figures)
         experiment = experiment_of(first.dataset, first.simulated)
-        done = publish(tracking.database, experiment, [run], files=tracking.artifacts)
+        published = publish(tracking.database, experiment, [run], files=tracking.artifacts)
     except YearlocError as error:
         print(f"sweep: {error}", file=sys.stderr)
         return True
-    print(f"MLflow: {done.written} runs written, {done.kept} there already")
+    print(f"MLflow: {published.written} runs written, {published.kept} there already")
     return False
 
 

@@ -42,18 +42,20 @@ ConfigStore.instance().store("stage_fields", OmegaConf.create(own_fields()))
 
 @hydra.main(version_base="1.3", config_path=str(ROOT / "conf"), config_name="sweep")
 def job(cfg: DictConfig) -> float:
-    """Run one job; returns its AUC on held-out blocks of training, NaN if it failed, for a sweeper
-    that looks for the best."""
+    """Run one job; returns its AUC on held-out blocks of training, NaN if it failed.
+
+    For a sweeper that looks for the best.
+    """
     of_hydra = HydraConfig.get()
     start_s = time.perf_counter()
     used_s = time.process_time()
     overrides = dict(override.split("=", 1) for override in of_hydra.overrides.task)
-    about = (
+    labels = (
         of_hydra.runtime.choices["dataset"],
         cfg.dataset.simulated,
         of_hydra.runtime.choices["method"],
     )
-    record = Record(int(of_hydra.job.num), overrides, *about)
+    record = Record(int(of_hydra.job.num), overrides, *labels)
     try:
         record = replace(record, **localize_for_a_year(cfg, overrides, record.dataset))
     except CORRECTABLE as error:
@@ -75,9 +77,10 @@ def localize_for_a_year(
     cfg: DictConfig, overrides: Mapping[str, str], dataset: str
 ) -> dict[str, Any]:
     """A job's rows of results, and where its artifacts came from."""
-    if dataset not in (known := studies(ROOT / "conf")):
+    if dataset not in (all_studies := studies(ROOT / "conf")):
         raise ConfigError(
-            f"dataset={dataset}: conf/studies.yaml has {', '.join(known)}; `yearloc use` changes it"
+            f"dataset={dataset}: conf/studies.yaml has {', '.join(all_studies)}; "
+            "`yearloc use` changes it"
         )
     composer = Composer(overrides)
 
@@ -86,29 +89,29 @@ def localize_for_a_year(
         print(f"{step.stage}: {line}", flush=True)
 
     for study in (
-        known[dataset],
-        {**known[dataset], "altered": {}},
+        all_studies[dataset],
+        {**all_studies[dataset], "altered": {}},
     ):  # altered queries only where DVC has their answers
         steps = expand(definition(ROOT), listed(study, dataset, overrides, cfg.method.view))
-        found = Job(steps, UpToDate(ROOT), ArtifactCache(SWEEPS), composer.settings, run)
-        at = {one.stage: one for one in steps}
-        if found.is_built(at["localize"]):
+        chain_job = Job(steps, UpToDate(ROOT), ArtifactCache(SWEEPS), composer.settings, run)
+        at = {step.stage: step for step in steps}
+        if chain_job.is_built(at["localize"]):
             break
     unseen_share = composer.config(at["localize"], {}).rejection.unseen_share
-    rows = list(results(found, at["evaluate"], at["train"], unseen_share))
+    rows = list(results(chain_job, at["evaluate"], at["train"], unseen_share))
     return {"rows": rows} | {
-        name: dict(getattr(found, name)) for name in ("from_dvc", "from_sweeps", "built")
+        name: dict(getattr(chain_job, name)) for name in ("from_dvc", "from_sweeps", "built")
     }
 
 
-def results(found: Job, evaluate: Step, train: Step, unseen_share: float) -> Rows:
-    """The job's rows of the table of results: its test sequences as driven, and its AUC on held-out
-    blocks of training."""
-    folder = found.path(evaluate.outs[0])
+def results(chain_job: Job, evaluate: Step, train: Step, unseen_share: float) -> Rows:
+    """The job's rows of results: its test sequences as driven, and its AUC on held-out blocks."""
+    folder = chain_job.path(evaluate.outs[0])
     for sequence in evaluate.fields["sequences"].split():
-        driven = Evaluation.read(store.read(folder / f"{sequence}.zarr", schemas.EVALUATIONS))
+        evaluation = Evaluation.read(store.read(folder / f"{sequence}.zarr", schemas.EVALUATIONS))
         yield from (
-            {"sequence": sequence, "days": driven.days, **one} for one in of_evaluation(driven)
+            {"sequence": sequence, "days": evaluation.days, **columns}
+            for columns in of_evaluation(evaluation)
         )
-    learned = Evidence.of(store.read_model(found.path(train.outs[0])))
-    yield row("held_out_auc", "cells", held_out_auc(learned, driven.kinds[0], unseen_share))
+    learned = Evidence.of(store.read_model(chain_job.path(train.outs[0])))
+    yield row("held_out_auc", "cells", held_out_auc(learned, evaluation.kinds[0], unseen_share))

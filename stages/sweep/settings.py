@@ -1,4 +1,4 @@
-"""What a sweep's overrides make of each stage's settings."""
+"""Composes each stage's settings from a sweep's overrides."""
 
 from collections.abc import Mapping
 from functools import cache
@@ -41,63 +41,68 @@ cannot."""
 
 
 def own_fields() -> dict[str, dict[str, Any]]:
-    """The settings that each stage has of its own, under its name; not what dvc.yaml fills in."""
+    """The settings of each stage's own file, by stage; not those that dvc.yaml fills in."""
     files = {
         stage: yaml.safe_load((ROOT / "conf" / f"{stage}.yaml").read_text(encoding="utf-8"))
         for stage in CHAIN
     }
     inherited = ("defaults", "hydra")
-    own = {
+    own_settings = {
         name: {k: v for k, v in file.items() if k not in inherited and v is not None}
         for name, file in files.items()
     }
-    return {name: fields for name, fields in own.items() if fields}
+    return {name: fields for name, fields in own_settings.items() if fields}
 
 
 def listed(
-    study: Mapping[str, Any], dataset: str, given: Mapping[str, str], method_view: str
+    study: Mapping[str, Any], dataset: str, overrides: Mapping[str, str], method_view: str
 ) -> dict[str, Any]:
-    """The lists for a job of one study, grid and method, as far as the job's overrides `given` do
-    not name others.
+    """The lists for a job of one study, grid and method, unless `overrides` name others.
 
     `method_view` is the view of the job's method in its yaml.
     """
     study = {
         **study,
-        **{group: given[group] for group in ("world", "submap", "budget") if group in given},
+        **{
+            group: overrides[group] for group in ("world", "submap", "budget") if group in overrides
+        },
     }
     if not asks_about_the_year(study):
         raise ConfigError(
             f"dataset={dataset}: judges turned robots alone; a sweep compares over the year, see "
             "`yearloc use`"
         )
-    views = {one["name"]: one["view"] for one in study["methods"]}
-    method = given.get("method", next(iter(views)))
-    view = given.get("view") or (
-        method_view if "method.view" in given else views.get(method, method_view)
+    views = {method_entry["name"]: method_entry["view"] for method_entry in study["methods"]}
+    method = overrides.get("method", next(iter(views)))
+    view = overrides.get("view") or (
+        method_view if "method.view" in overrides else views.get(method, method_view)
     )
-    own: dict[str, Any] = {
+    own_lists: dict[str, Any] = {
         "cells": [],
         "stress": {},
         "poses": [],
-        "grids": [given.get("grid", study["grids"][0])],
+        "grids": [overrides.get("grid", study["grids"][0])],
     }
-    usual = {
-        name: value for one in study["methods"] for name, value in one.get("settings", {}).items()
+    defaults = {
+        name: value
+        for method_entry in study["methods"]
+        for name, value in method_entry.get("settings", {}).items()
     }
-    own["methods"] = [entry(ROOT / "conf", method, view, usual=usual)]
-    return expand({dataset: study | own})
+    own_lists["methods"] = [entry(ROOT / "conf", method, view, defaults=defaults)]
+    return expand({dataset: study | own_lists})
 
 
 class Composer:
-    """What a job's overrides make of each step's settings."""
+    """Composes each step's settings from a job's overrides."""
 
     def __init__(self, overrides: Mapping[str, str]) -> None:
         self._overrides = overrides
 
     def settings(self, step: Step) -> tuple[dict[str, Any], bool]:
-        """All that the step's result depends on, but for its inputs and code; and whether it is
-        that of the files in conf/."""
+        """All settings that the step's result depends on, and whether they are those of conf/.
+
+        Inputs and code are not among them.
+        """
         choices, changes = self._words(step)
         files = tuple((PurePath(file).parts, keys) for file, keys in step.params.items())
         values = _values(step.stage, choices + changes, files)
@@ -112,14 +117,13 @@ class Composer:
         )
 
     def _words(self, step: Step) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """The step's choices of files, and the overrides that speak of something in its
-        configuration."""
+        """The step's choices of files, and the overrides of something in its configuration."""
         groups = _composed(step.stage, ()).keys() & GROUPS
         changes = []
         for key, value in self._overrides.items():
-            head, dot, rest = key.partition(".")
+            head, dot, field = key.partition(".")
             if dot and head == step.stage:
-                changes.append(f"{rest}={value}")
+                changes.append(f"{field}={value}")
             elif head in groups and (dot or head not in LISTED):
                 changes.append(f"{key}={value}")
         return tuple(f"{group}={choice}" for group, choice in step.choices.items()), tuple(changes)
@@ -134,10 +138,10 @@ def _composed(stage: str, overrides: tuple[str, ...]) -> DictConfig:
 @cache
 def _values(stage: str, overrides: tuple[str, ...], files: Any) -> dict[str, Any]:
     """The stage's own fields and what it takes of each tracked group."""
-    everything: Any = OmegaConf.to_container(_composed(stage, overrides))
-    values = {key: value for key, value in everything.items() if key not in GROUPS}
+    settings: Any = OmegaConf.to_container(_composed(stage, overrides))
+    values = {key: value for key, value in settings.items() if key not in GROUPS}
     for parts, keys in files:
         if len(parts) == 3:
-            group = everything[parts[1]]
+            group = settings[parts[1]]
             values[parts[1]] = {key: group.get(key) for key in keys} if keys else group
     return values

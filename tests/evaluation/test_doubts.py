@@ -41,8 +41,8 @@ def test_what_one_answer_to_all_would_reach() -> None:
         ({"reject_from": -0.1}, {"doubt_all_rejected": 1}),
         ({"reject_from": 1.1}, {"doubt_none_rejected": 1}),
         ({"reject_from": ACCEPT_NOTHING}, {"doubt_no_threshold": 1}),
-        ({"kept": 0.731}, {"doubt_less_kept": 0.731}),
-        ({"kept": np.nan}, {}),
+        ({"kept_precision": 0.731}, {"doubt_less_kept": 0.731}),
+        ({"kept_precision": np.nan}, {}),
     ],
 )
 def test_a_doubt_is_there_where_it_applies(change: dict, applies: dict) -> None:
@@ -51,8 +51,8 @@ def test_a_doubt_is_there_where_it_applies(change: dict, applies: dict) -> None:
         "answers": MANY,
         "novelty": NOVELTY,
         "reject_from": 0.5,
-        "kept": 0.9,
-        "wanted": 0.9,
+        "kept_precision": 0.9,
+        "wanted_precision": 0.9,
     }
     usual |= {"seen": 31, "blocks": 6}
     found = doubts(**usual | change)

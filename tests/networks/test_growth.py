@@ -11,7 +11,7 @@ from pipeline.networks.growth import hardest, widened
 class Last(nn.Module):
     """A network of its last layer alone."""
 
-    last = "fc2"
+    last_layer = "fc2"
 
     def __init__(self) -> None:
         super().__init__()

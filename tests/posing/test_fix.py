@@ -1,7 +1,6 @@
 """Fixes: among candidate training submaps the right pose is found, and where there is too little to
 tell, none."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -141,21 +140,6 @@ def test_hypotheses_of_one_pose_are_one_and_share_no_chance() -> None:
     found = Fix.of([again, turned, one], OVERLAPS)
     assert found.hypotheses == (one, turned)
     assert found.chance == pytest.approx(1 / (1 + 1 + np.exp(-1)))
-
-
-def test_an_earlier_end_of_the_search_is_as_if_nothing_else_had_been_found() -> None:
-    first, better, other = (
-        replace(hypothesis(x_m, share), step=step)
-        for step, (x_m, share) in enumerate([(0, 0.5), (1, 0.6), (9, 0.9)])
-    )
-    found = Fix.of([first, better, other], OVERLAPS)
-    assert [one.step for one in found.hypotheses] == [2, 0]
-    assert (
-        found.upto(1, OVERLAPS).hypotheses
-        == found.upto(2, OVERLAPS).hypotheses
-        == (replace(better, step=0),)
-    )
-    assert found.upto(0).chance == Fix().upto(1).chance == 0
 
 
 def test_a_look_alike_takes_from_the_chance() -> None:

@@ -202,7 +202,7 @@ def test_a_search_that_begins_a_house_too_early_ends_at_the_right_one(tmp_path: 
     """The ranking is a house off, where the walls fit; the kiosk tells the copy that is right."""
     points_m, targets = driven(tmp_path, "equal houses", own=True)
     answers = Answers(np.array([[32.0 - EVERY_M, 0.0]]), np.array([0.0]))
-    found = Fixer(depth=1).fix(visible(points_m, AT), targets, answers)
+    found = Fixer(rounds=(1,)).fix(visible(points_m, AT), targets, answers)
     assert np.linalg.norm(found.hypotheses[0].world_T_query[:2, 3] - AT[:2, 3]) < 0.3
     wrong = Fixer().track(visible(points_m, AT), targets, planar(32.0 - EVERY_M, 0, 0))
     assert np.linalg.norm(wrong.hypotheses[0].world_T_query[:2, 3] - AT[:2, 3]) > 10

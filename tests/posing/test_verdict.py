@@ -68,7 +68,7 @@ def test_right_and_near_are_told_apart() -> None:
 def test_a_promise_takes_as_many_blocks_and_is_kept_if_one_more_were_wrong() -> None:
     """Of 200 blocks .8 are seen: 160 accepted ones keep .99 (159 of 160 would), not .999; of 100
     blocks 80 keep .95 alone."""
-    many, few = (Verdict(evidence(blocks), 0.2, 1) for blocks in (200, 100))
+    many, few = (Verdict(evidence(blocks), 0.2) for blocks in (200, 100))
     assert [limit > 0 for limit in many.limits("fix")] == [True, True, False]
     assert [limit > 0 for limit in few.limits("fix")] == [True, False, False]
     assert few.limits("fix")[1] == ACCEPT_NOTHING
@@ -76,7 +76,7 @@ def test_a_promise_takes_as_many_blocks_and_is_kept_if_one_more_were_wrong() -> 
 
 def test_wrong_ones_among_the_right_break_a_promise() -> None:
     """20 of 200 unseen blocks look right and count .2 each: 4 of 164 wrong keeps .95, not .99."""
-    assert [limit > 0 for limit in Verdict(evidence(200, wrong=20), 0.2, 1).limits("fix")] == [
+    assert [limit > 0 for limit in Verdict(evidence(200, wrong=20), 0.2).limits("fix")] == [
         True,
         False,
         False,
@@ -90,7 +90,6 @@ def test_no_fix_is_accepted_whose_own_doubt_is_far_over_what_a_promise_allows() 
     sure = Verdict(
         Evidence(fixes, np.tile(np.eye(4), (2000, 1, 1)), np.zeros(2000, bool), np.arange(2000)),
         0.2,
-        1,
     )
     sure.__dict__["judge"] = Judge(OVERLAPS, OVERLAPS)
     assert sure.limits("fix") == pytest.approx([0.25, 0.05, 0.005])
@@ -105,22 +104,4 @@ def test_a_limit_stands_in_the_middle_of_a_gap() -> None:
 
 def test_without_evidence_nothing_is_promised() -> None:
     none = Evidence([], np.zeros((0, 4, 4)), np.zeros(0, bool), np.zeros(0, np.int64))
-    assert Verdict.learned(none, 0.2, 2).limits("fix") == [ACCEPT_NOTHING] * len(PROMISES)
-
-
-def test_the_search_goes_as_deep_as_held_out_blocks_gain() -> None:
-    """The second step finds half of the right poses in one world, and none in the other."""
-    first = _stepped(hypothesis(0, 0.7), hypothesis(100, 0.25))
-    late = _stepped(hypothesis(100, 0.25), hypothesis(0, 0.7))
-    for fixes, depth in (([first, late] * 100, 2), ([first] * 200, 1)):
-        evidence = Evidence(
-            fixes, np.tile(planar(0, 0, 0), (200, 1, 1)), np.zeros(200, bool), np.arange(200)
-        )
-        assert Verdict.learned(evidence, 0.2, 2).depth == depth
-
-
-def _stepped(*hypotheses: object) -> Fix:
-    """Found one after the other."""
-    from dataclasses import replace
-
-    return Fix.of([replace(one, step=step) for step, one in enumerate(hypotheses)])  # type: ignore[type-var]
+    assert Verdict(none, 0.2).limits("fix") == [ACCEPT_NOTHING] * len(PROMISES)

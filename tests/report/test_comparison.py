@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline.report.comparison import AUC, FAR, KEPT, OFF, ONE_SEED, Comparison, Kind
-from pipeline.report.found import Measurement
+from pipeline.report.measurement import Measurement
 from tests.report.figures.made import BUILT, COMPARED, DAYS, TURNED, compared
 
 NAN = np.nan

@@ -193,11 +193,11 @@ def test_a_worker_of_another_version_or_without_the_disk_is_refused(tmp_path: Pa
     with pytest.raises(
         ConfigError, match=r"a worker has Python .*, the stage Python 2; install the same"
     ):
-        clusters.there(b"", str(tmp_path), "Python 2", 0, 1)
+        clusters.run_block(b"", str(tmp_path), "Python 2", 0, 1)
     with pytest.raises(
         ConfigError, match="nowhere; a worker needs the project's disk at the same path"
     ):
-        clusters.there(b"", str(tmp_path / "nowhere"), clusters.versions(), 0, 1)
+        clusters.run_block(b"", str(tmp_path / "nowhere"), clusters.versions(), 0, 1)
 
 
 @pytest.mark.parametrize(

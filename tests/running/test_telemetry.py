@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from pipeline.running.telemetry import MOST, Telemetry, Trace, beside, costs
+from pipeline.running.telemetry import MOST, Telemetry, Trace, costs, trace_path
 
 
 @pytest.fixture(autouse=True)
@@ -19,10 +19,12 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_a_trace_lies_beside_its_artifact_in_a_folder_of_its_own() -> None:
-    assert beside("artifacts/train/sci.safetensors") == Path(
+    assert trace_path("artifacts/train/sci.safetensors") == Path(
         ".telemetry/artifacts/train/sci.safetensors.json"
     )
-    assert beside(Path("artifacts").absolute() / "views") == Path(".telemetry/artifacts/views.json")
+    assert trace_path(Path("artifacts").absolute() / "views") == Path(
+        ".telemetry/artifacts/views.json"
+    )
 
 
 def test_the_block_and_what_it_starts_are_measured() -> None:
@@ -65,10 +67,10 @@ def test_a_long_run_keeps_few_samples_and_its_length() -> None:
 def test_a_block_that_fails_leaves_the_old_trace() -> None:
     with Telemetry("artifacts/a"):
         pass
-    before = beside("artifacts/a").read_text()
+    before = trace_path("artifacts/a").read_text()
     with pytest.raises(RuntimeError), Telemetry("artifacts/a"):
         raise RuntimeError
-    assert beside("artifacts/a").read_text() == before
+    assert trace_path("artifacts/a").read_text() == before
 
 
 def test_a_trace_that_cannot_be_written_harms_nobody(project: Path) -> None:
@@ -84,8 +86,8 @@ def test_a_trace_that_cannot_be_written_harms_nobody(project: Path) -> None:
 def test_no_trace_and_a_strange_one_are_none() -> None:
     assert Trace.read("artifacts/a") is None
     assert Trace.read("/elsewhere/a") is None
-    beside("artifacts/a").parent.mkdir(parents=True)
-    beside("artifacts/a").write_text(json.dumps({"other": 1}))
+    trace_path("artifacts/a").parent.mkdir(parents=True)
+    trace_path("artifacts/a").write_text(json.dumps({"other": 1}))
     assert Trace.read("artifacts/a") is None
 
 

@@ -18,7 +18,7 @@ def test_every_method_with_a_yaml_is_told_once() -> None:
     assert [one.name for one in found] == sorted(
         path.stem for path in (ROOT / "conf/method").glob("*.yaml")
     )
-    assert all(one.what and "METHODS" not in one.what + one.source for one in found)
+    assert all(one.description and "METHODS" not in one.description + one.source for one in found)
     sci = next(one for one in found if one.name == "sci")
     what = "SCI localisation: places as classes of a small CNN over Scan Context Images"
     assert sci == Entry("sci", what, "scan_context", "Kim, Park and Kim, RA-L 2019")

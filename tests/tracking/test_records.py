@@ -13,7 +13,7 @@ from pipeline.evaluation.rows import row, table
 from pipeline.running.dvc_files import DvcLock
 from pipeline.studies.expansion import ModelName
 from pipeline.sweeps.record import Record
-from pipeline.tracking.datasets import used
+from pipeline.tracking.datasets import used_sequences
 from pipeline.tracking.page import COLOUR
 from pipeline.tracking.records import Source, of_sweep
 from pipeline.tracking.runs import RunRecord
@@ -128,7 +128,7 @@ def test_a_digest_changes_with_the_submaps_that_dvc_recorded() -> None:
     words = {"train": "april", "tests": ["may"]}
 
     def digest(lock: DvcLock) -> str:
-        return used("campus", words, ["may"], lock)[0].digest
+        return used_sequences("campus", words, ["may"], lock)[0].digest
 
     locks = [
         DvcLock({"s": {"outs": [{"path": "artifacts/submaps/campus", "md5": md5}]}})

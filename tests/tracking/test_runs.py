@@ -15,7 +15,7 @@ import pytest
 from pipeline.errors import InputError
 from pipeline.store import write_model
 from pipeline.tracking import page
-from pipeline.tracking.datasets import Used
+from pipeline.tracking.datasets import UsedSequence
 from pipeline.tracking.runs import KEY, Published, RunRecord, experiment_of, publish
 from pipeline.tracking.served import Served
 
@@ -222,7 +222,9 @@ def test_a_moved_folder_whose_experiment_is_in_the_bin_publishes_again(own: Expe
 
 
 def test_a_run_shows_its_description_with_a_link_back_and_its_data_sets(own: Experiment) -> None:
-    used = [Used("campus april", "0123abcd", "train", "artifacts/submaps/campus/april.zarr")]
+    used = [
+        UsedSequence("campus april", "0123abcd", "train", "artifacts/submaps/campus/april.zarr")
+    ]
     done = own.publish(RunRecord("sci", {}, {}, {}, about="SCI. [All]($page)", used=used))
     run = own.runs["sci"]
     view = "viewStateShareKey=yearloc&compareRunsMode=CHART&workflowType=machine_learning"

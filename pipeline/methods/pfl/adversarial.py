@@ -25,9 +25,11 @@ Health = dict[str, float]  # numbers that tell how a training goes besides its l
 
 
 def health(encoder: nn.Module, decoder: nn.Module, images: Tensor) -> Health:
-    """What held-out images (n, 1, 64, 64) show: the mean squared error of their reconstructions,
-    the codes' variance (mean over the dimensions) and their mean distance from each other; the last
-    two near 0 are a collapse."""
+    """Health of the networks on held-out images (n, 1, 64, 64), by name.
+
+    The mean squared error of their reconstructions, the codes' variance (mean over the dimensions)
+    and their mean distance from each other; the last two near 0 are a collapse.
+    """
     codes = encoder(images).float()
     numbers = (
         mse_loss(decoder(codes).float(), images),
@@ -41,9 +43,11 @@ def health(encoder: nn.Module, decoder: nn.Module, images: Tensor) -> Health:
 
 @torch.no_grad()
 def settle(encoder: nn.Module, decoder: nn.Module, batches: Iterable[Tensor]) -> None:
-    """Give the batch norms the running statistics of images (batch, 1, 64, 64) and their
-    reconstructions: those of training mix both with the fakes of half a round, and a variance that
-    is too small or too large by far looks like a collapse."""
+    """Set the batch norms' running statistics from images (batch, 1, 64, 64) and reconstructions.
+
+    Those of training mix both with the fakes of half a round, and a variance that is too small or
+    too large by far looks like a collapse.
+    """
     for part in (encoder, decoder):
         part.train()
         for layer in part.modules():
@@ -54,14 +58,14 @@ def settle(encoder: nn.Module, decoder: nn.Module, batches: Iterable[Tensor]) ->
         decoder(encoder(images))
 
 
-def pixels(images: NDArray[np.uint8] | Tensor, where: torch.device) -> Tensor:
+def pixels(images: NDArray[np.uint8] | Tensor, torch_device: torch.device) -> Tensor:
     """Bird-views (n, 64, 64) as networks take them: (n, 1, 64, 64) in [−1, 1]."""
-    return torch.as_tensor(images).to(where)[:, None].float() / 127.5 - 1
+    return torch.as_tensor(images).to(torch_device)[:, None].float() / 127.5 - 1
 
 
 @dataclass(frozen=True)
 class Training(SequenceMethod):
-    """How the game is played."""
+    """Settings and rounds of the adversarial game."""
 
     view: str = "birdview"
     contrast_rows: int = 30
@@ -104,16 +108,15 @@ class Training(SequenceMethod):
         iterations: int,
         progress: Progress,
     ) -> dict[str, NDArray[np.float64]]:
-        """Train the game's networks on images (n, 64, 64); returns every term's mean and the
-        judge's numbers of each round.
+        """Train the game's networks on images (n, 64, 64); returns terms and judgements by round.
 
-        Each turn has an Adam of its own, as in the authors' code. The makers end with their weights
-        of the round that knew the most held-out places, of equals the last: no loss of such a game
-        says which are best, and it swings to its end. Every random draw of a round follows from the
-        seed and the round's number, so a run that goes on from `progress.checkpoint` gives the
-        weights of one that was never interrupted.
+        Each term's mean and the judge's numbers. Each turn has an Adam of its own, as in the
+        authors' code. The makers end with their weights of the round that knew the most held-out
+        places, of equals the last: no loss of such a game says which are best, and it swings to its
+        end. Every random draw of a round follows from the seed and the round's number, so a run
+        that goes on from `progress.checkpoint` gives the weights of one that was never interrupted.
         """
-        where = next(game.parameters()).device
+        torch_device = next(game.parameters()).device
         turns = game.turns()
         share = loop.SCHEDULES[self.schedule]
         optimizers = {}
@@ -124,13 +127,16 @@ class Training(SequenceMethod):
             )
         data = torch.from_numpy(images)
         curves = dict[str, list[float]]()
-        done = 0
-        best = _makers(game)
-        if kept := loop.resume(progress.checkpoint, game, optimizers):
-            curves = {name: value.tolist() for name, value in loop.taken(kept, "curves/").items()}
-            done = len(curves["joint_generator"])
-            best = loop.taken(kept, loop.BEST)
-        for number in progress.track(range(done, rounds), rounds - done, "train"):
+        rounds_done = 0
+        best_weights = _makers(game)
+        if checkpoint := loop.resume(progress.checkpoint, game, optimizers):
+            curves = {
+                name: value.tolist()
+                for name, value in loop.pop_prefixed(checkpoint, "curves/").items()
+            }
+            rounds_done = len(curves["joint_generator"])
+            best_weights = loop.pop_prefixed(checkpoint, loop.BEST)
+        for number in progress.track(range(rounds_done, rounds), rounds - rounds_done, "train"):
             torch.manual_seed((self.seed << 20) + number)
             passes = torch.cat(
                 [torch.randperm(len(data)) for _ in range(-(-iterations * self.batch // len(data)))]
@@ -140,26 +146,29 @@ class Training(SequenceMethod):
             game.train()
             for step, rows in enumerate(order):
                 rate = self.learning_rate * share((number + step / iterations) / rounds)
-                seen = pixels(data[rows], where)
-                codes = torch.randn(self.batch, self.code).to(where)
+                seen = pixels(data[rows], torch_device)
+                codes = torch.randn(self.batch, self.code).to(torch_device)
                 for turn in [
                     *(t for t in turns if not t.repeated),
                     *[t for t in turns if t.repeated] * self.generator_steps,
                 ]:
-                    with loop.autocast(where, self.precision):
+                    with loop.autocast(torch_device, self.precision):
                         terms = turn.terms(seen, codes)
                     _move(
                         optimizers[f"adam/{turn.name}"],
                         rate,
-                        sum(terms.values(), torch.zeros((), device=where)),
+                        sum(terms.values(), torch.zeros((), device=torch_device)),
                     )
                     for name, term in terms.items():
                         times = iterations * (self.generator_steps if turn.repeated else 1)
                         sums[name] = (
-                            sums.get(name, torch.zeros((), device=where)) + term.detach() / times
+                            sums.get(name, torch.zeros((), device=torch_device))
+                            + term.detach() / times
                         )
             settle(
-                game.encoder, game.decoder, (pixels(data[rows], where) for rows in order[:SETTLED])
+                game.encoder,
+                game.decoder,
+                (pixels(data[rows], torch_device) for rows in order[:SETTLED]),
             )
             game.eval()
             row = {name: float(value) for name, value in sums.items()} | judge(game)
@@ -171,16 +180,16 @@ class Training(SequenceMethod):
                     )
                 curves.setdefault(name, []).append(value)
             if best_round(curves) == number:
-                best = _makers(game)
+                best_weights = _makers(game)
             progress.note(epoch=number + 1, **row)
             if progress.checkpoint is not None:
                 columns = {
                     f"curves/{name}": torch.tensor(column, dtype=torch.float64)
                     for name, column in curves.items()
                 }
-                columns |= {f"{loop.BEST}{name}": value for name, value in best.items()}
+                columns |= {f"{loop.BEST}{name}": value for name, value in best_weights.items()}
                 loop.keep(progress.checkpoint, game, optimizers, columns)
-        game.load_state_dict(best, strict=False)
+        game.load_state_dict(best_weights, strict=False)
         return {name: np.array(column) for name, column in curves.items()}
 
 
@@ -193,14 +202,14 @@ def best_round(curves: Mapping[str, Sequence[float] | NDArray[np.float64]]) -> i
 def _makers(game: Game) -> dict[str, Tensor]:
     """The weights of encoder and decoder, as they are now."""
     return {
-        name: one.clone()
-        for name, one in game.state_dict().items()
+        name: weights.clone()
+        for name, weights in game.state_dict().items()
         if name.startswith(("encoder.", "decoder."))
     }
 
 
 def _move(optimizer: torch.optim.Optimizer, learning_rate: float, loss: Tensor) -> None:
-    """A step of those whom the optimiser holds; the others' gradients are not even computed."""
+    """Step the optimiser's own weights; the other players' gradients are not even computed."""
     optimizer.param_groups[0]["lr"] = learning_rate
     weights: list[Any] = optimizer.param_groups[0]["params"]
     optimizer.zero_grad(set_to_none=True)

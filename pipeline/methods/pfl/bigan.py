@@ -128,21 +128,24 @@ class JointDiscriminator(nn.Module):
 
     def __init__(self, width: int = 64, channels: int = 1, code: int = 512) -> None:
         super().__init__()
-        one = 16 * width
-        two = 32 * width
+        code_width = 16 * width
+        joint_width = 32 * width
         self.features = features(width, channels)
         self.code = nn.Sequential(
-            nn.Dropout(0.2), nn.Linear(code, one), nn.Dropout(0.2), nn.Linear(one, one)
+            nn.Dropout(0.2),
+            nn.Linear(code, code_width),
+            nn.Dropout(0.2),
+            nn.Linear(code_width, code_width),
         )
         self.head = nn.Sequential(
             nn.Dropout(0.2),
-            nn.Linear(two, two),
+            nn.Linear(joint_width, joint_width),
             nn.LeakyReLU(0.2),
             nn.Dropout(0.2),
-            nn.Linear(two, two),
+            nn.Linear(joint_width, joint_width),
             nn.LeakyReLU(0.2),
             nn.Dropout(0.2),
-            nn.Linear(two, 1),
+            nn.Linear(joint_width, 1),
         )
         start(self)
 

@@ -61,9 +61,9 @@ class FeatureMethod(Training, ABC):
         """Train on all headings of the rows that are not held out; the database has all rows."""
         images = _images(views)
         database = Database.learned(views, places)
-        held = self.held_out(views)
-        shown = images[
-            held if held.any() else ~held
+        is_held_out = self.held_out(views)
+        judged_images = images[
+            is_held_out if is_held_out.any() else ~is_held_out
         ]  # a path too short for blocks is judged on its trained rows
         with loop.reproducible(self.threads):
             torch.manual_seed(self.seed)
@@ -76,9 +76,9 @@ class FeatureMethod(Training, ABC):
                 objective,
             ).to(device())
             judge = self._judge(
-                game, images, views, database, _spread(shown.reshape(-1, SIDE, SIDE), HELD)
+                game, images, views, database, _spread(judged_images.reshape(-1, SIDE, SIDE), HELD)
             )
-            data = images[~held].reshape(-1, SIDE, SIDE)
+            data = images[~is_held_out].reshape(-1, SIDE, SIDE)
             total = max(1, round(self.epochs * progress.budget * len(data) / self.batch))
             iterations = min(
                 total, max(LEAST_ITERATIONS, min(MOST_ITERATIONS, -(-total // ROUNDS)))
@@ -87,7 +87,7 @@ class FeatureMethod(Training, ABC):
             nets = loop.arrays(game.encoder, ENCODER) | loop.arrays(game.decoder, DECODER)
             columns = {f"curves/{name}": column for name, column in curves.items()}
             model = {**nets, **columns, "best_epoch": np.array(best_round(curves))}
-            seen = _spread(shown[:, 0], PICTURES)
+            seen = _spread(judged_images[:, 0], PICTURES)
             pictures = {
                 "pictures/seen": seen,
                 "pictures/reconstructed": self.reconstructed(model, seen),
@@ -104,8 +104,7 @@ class FeatureMethod(Training, ABC):
         database: Database,
         sample: NDArray[np.uint8],
     ) -> Callable[[Game], Health]:
-        """How many held-out rows a round's encoder knows, and its health on some images (n, 64,
-        64)."""
+        """Make the judge of a round: held-out rows known, and health on images (n, 64, 64)."""
         codes = _batched(game.encoder)
         held_out = pixels(sample, device())
 
@@ -123,8 +122,7 @@ class FeatureMethod(Training, ABC):
         return judge
 
     def localizer(self, model: Model) -> Localizer:
-        """The reference rows whose nearest heading is nearest to the query, over a sequence of
-        them."""
+        """Rank reference rows by the nearest heading to the query, over a sequence."""
         encode = self.encoder(model)
         database = Database.of(model)
         codes = model["codes"]
@@ -136,29 +134,37 @@ class FeatureMethod(Training, ABC):
         return rank
 
     def moved(self, model: Model, views: Rows, places: NDArray[np.int64]) -> Model:
-        """The same networks with another database; the evidence stays that of the training
-        sequence."""
-        kept = {
+        """The same networks with another database.
+
+        The evidence stays that of the training sequence.
+        """
+        networks = {
             name: array for name, array in model.items() if not name.startswith(("codes", DATABASE))
         }
         return {
-            **kept,
+            **networks,
             "codes": self._codes(model, _images(views)),
             **Database.learned(views, places).arrays(),
         }
 
-    def grow(self, model: Model, known: TrainingSet, new: TrainingSet, progress: Progress) -> Model:
+    def grow(
+        self, model: Model, known_set: TrainingSet, new_set: TrainingSet, progress: Progress
+    ) -> Model:
         """The networks stay as they are; the database holds the new codes too."""
-        both = TrainingSet.joined([known, new])
-        grown = self.moved(model, *both)
+        all_data = TrainingSet.joined([known_set, new_set])
+        grown = self.moved(model, *all_data)
         return {
             **grown,
-            **self.evidence(Database.of(grown), both.views, _difference(grown["codes"])).arrays(),
+            **self.evidence(
+                Database.of(grown), all_data.views, _difference(grown["codes"])
+            ).arrays(),
         }
 
     def encoder(self, model: Model) -> Callable[[NDArray[np.uint8]], NDArray[np.float32]]:
-        """A function from images (n, 64, 64) to codes (n, code), each independent of the others in
-        the batch."""
+        """A function from images (n, 64, 64) to codes (n, code).
+
+        Each code is independent of the others in the batch.
+        """
         encode = _batched(self._folded(model))
 
         def codes(images: NDArray[np.uint8]) -> NDArray[np.float32]:
@@ -176,7 +182,7 @@ class FeatureMethod(Training, ABC):
         return ((decoded[:, 0] + 1) * 127.5).round().astype(np.uint8)
 
     def _codes(self, model: Model, images: NDArray[np.uint8]) -> NDArray[np.float16]:
-        """Of the reference headings (n, 8, code)."""
+        """Codes (n, 8, code) of the reference headings."""
         reference = images[:, REFERENCE]
         codes = self.encoder(model)(reference.reshape(-1, SIDE, SIDE))
         return codes.reshape(*reference.shape[:2], -1).astype(np.float16)
@@ -188,8 +194,7 @@ class FeatureMethod(Training, ABC):
 def _difference(
     codes: NDArray[np.float16],
 ) -> Callable[[NDArray[np.int64], NDArray[np.int64]], NDArray[np.float32]]:
-    """The distance between some rows of codes (n, 8, code) and the robot's own heading of
-    others."""
+    """The differences of rows of codes (n, 8, code) from queries at the robot's own heading."""
 
     def difference(rows: NDArray[np.int64], queries: NDArray[np.int64]) -> NDArray[np.float32]:
         return nearest_heading(codes[rows], codes[queries, 0].astype(np.float32))[0]
@@ -222,7 +227,7 @@ def _batched(net: Callable[[Tensor], Tensor]) -> Callable[[NDArray[np.uint8]], N
 
 
 def _spread(images: NDArray[np.uint8], most: int) -> NDArray[np.uint8]:
-    """Some of them, evenly spread."""
+    """At most `most` of the images, evenly spread."""
     rows = np.linspace(0, len(images) - 1, min(most, len(images))).astype(int)
     return np.asarray(images[rows])
 

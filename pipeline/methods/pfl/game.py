@@ -19,8 +19,10 @@ from pipeline.methods.pfl.bigan import Head
 
 @dataclass(frozen=True)
 class Objective:
-    """Which terms there are, and the weight of each besides the joint discriminator's; a term of
-    weight 0 is not computed."""
+    """Loss terms, and the weight of each besides the joint discriminator's.
+
+    A term of weight 0 is not computed.
+    """
 
     loss: Literal["least_squares", "bce"] = "least_squares"
     image: float = 0.1  # of the game on images alone
@@ -31,16 +33,16 @@ class Objective:
     code_cycle: float = 0.1
     head: Head = "scalar"
 
-    def cost(self, scores: Tensor, wanted: float) -> Tensor:
+    def cost(self, scores: Tensor, right_score: float) -> Tensor:
         """Mean cost of scores that should all be 0 or all be 1."""
-        target = torch.full_like(scores, wanted, dtype=torch.float32)
+        target = torch.full_like(scores, right_score, dtype=torch.float32)
         if self.loss == "bce":
             return binary_cross_entropy_with_logits(scores.float(), target)
         return mse_loss(scores.float(), target)
 
-    def halves(self, ones: Tensor, zeros: Tensor) -> Tensor:
-        """Mean of the costs of what should be scored 1 and what should be scored 0."""
-        return (self.cost(ones, 1.0) + self.cost(zeros, 0.0)) / 2
+    def halves(self, should_be_one: Tensor, should_be_zero: Tensor) -> Tensor:
+        """Mean of the costs of scores that should be 1 and scores that should be 0."""
+        return (self.cost(should_be_one, 1.0) + self.cost(should_be_zero, 0.0)) / 2
 
 
 OBJECTIVES: Mapping[str, Objective] = {
@@ -56,8 +58,10 @@ is the joint game alone."""
 
 
 class Game(nn.Module):
-    """The players, and each one's loss on images (batch, 1, 64, 64) and random codes (batch, code),
-    term by term."""
+    """The players, and each one's loss on images (batch, 1, 64, 64) and random codes.
+
+    Codes are (batch, code). A loss is given term by term.
+    """
 
     def __init__(
         self,
@@ -75,7 +79,7 @@ class Game(nn.Module):
         self.objective = objective
 
     def turns(self) -> list["Turn"]:
-        """In the order in which they are taken; those of the generators are repeated."""
+        """The turns in their order; those of the generators are repeated."""
         makers = (self.encoder, self.decoder)
         turns = [Turn("joint_discriminator", (self.joint,), self.judge_pairs)]
         if self.image is not None:
@@ -87,28 +91,28 @@ class Game(nn.Module):
         return [*turns, Turn("joint_generator", makers, self.fool_pairs, repeated=True)]
 
     def judge_pairs(self, images: Tensor, codes: Tensor) -> dict[str, Tensor]:
-        """The joint discriminator's: 1 for an image and its code, 0 for a code and its image."""
+        """The joint discriminator's loss: 1 for an image with its code, 0 for a code's image."""
         with torch.no_grad():
-            own = self.encoder(images)
+            image_codes = self.encoder(images)
             fakes = self.decoder(codes)
         return {
             "joint_discriminator": self.objective.halves(
-                self.joint(images, own), self.joint(fakes, codes)
+                self.joint(images, image_codes), self.joint(fakes, codes)
             )
         }
 
     def fool_pairs(self, images: Tensor, codes: Tensor) -> dict[str, Tensor]:
-        """Encoder's and decoder's: the same with 0 and 1 exchanged."""
-        own = self.encoder(images)
+        """The encoder's and decoder's loss: the joint discriminator's with 0 and 1 exchanged."""
+        image_codes = self.encoder(images)
         fakes = self.decoder(codes)
         return {
             "joint_generator": self.objective.halves(
-                self.joint(fakes, codes), self.joint(images, own)
+                self.joint(fakes, codes), self.joint(images, image_codes)
             )
         }
 
     def judge_images(self, images: Tensor, codes: Tensor) -> dict[str, Tensor]:
-        """The image discriminator's: 1 for an image that was seen, 0 for one that was made."""
+        """The image discriminator's loss: 1 for a real image, 0 for a generated one."""
         assert self.image is not None
         with torch.no_grad():
             fakes = self._fakes(images, codes)
@@ -117,13 +121,13 @@ class Game(nn.Module):
         return {"image_discriminator": self.objective.image * torch.stack(halves).mean()}
 
     def fool_images(self, images: Tensor, codes: Tensor) -> dict[str, Tensor]:
-        """The decoder's: 1 for an image that was made."""
+        """The decoder's loss: 1 for a generated image."""
         assert self.image is not None
         costs = [self.objective.cost(self.image(fake), 1.0) for fake in self._fakes(images, codes)]
         return {"image_generator": self.objective.image * torch.stack(costs).mean()}
 
     def reconstruct(self, images: Tensor, codes: Tensor) -> dict[str, Tensor]:
-        """Encoder's and decoder's: mean squares of what a pass through both changes."""
+        """The encoder's and decoder's loss: mean squared change by a pass through both."""
         terms = {}
         if self.objective.image_cycle:
             terms["image_cycle"] = self.objective.image_cycle * mse_loss(
@@ -136,16 +140,16 @@ class Game(nn.Module):
         return terms
 
     def _fakes(self, images: Tensor, codes: Tensor) -> list[Tensor]:
-        made = {
+        fakes_of = {
             "prior": lambda: self.decoder(codes),
             "reconstruction": lambda: self.decoder(self.encoder(images)),
         }
-        return [made[kind]() for kind in made if self.objective.fakes in (kind, "both")]
+        return [fakes_of[kind]() for kind in fakes_of if self.objective.fakes in (kind, "both")]
 
 
 @dataclass(frozen=True)
 class Turn:
-    """Who moves, and what for."""
+    """The players of one turn, and their loss terms."""
 
     name: str
     players: tuple[nn.Module, ...]

@@ -14,17 +14,19 @@ EPS = 1e-3  # of every batch norm, as in TensorFlow
 
 
 def dense(*widths: int, momentum: float | None = None) -> nn.Sequential:
-    """Dense layers from each width to the next and a ReLU after each; with a momentum, a batch norm
-    between the two."""
+    """Dense layers from each width to the next, with a ReLU after each.
+
+    With a momentum, a batch norm between the two.
+    """
     layers: list[nn.Module] = []
     for inputs, outputs in pairwise(widths):
         layer = nn.Linear(inputs, outputs)
         nn.init.xavier_uniform_(layer.weight)
         nn.init.zeros_(layer.bias)
-        plain = momentum is None
+        without_norm = momentum is None
         layers.append(
             layer
-            if plain
+            if without_norm
             else nn.Sequential(layer, nn.BatchNorm1d(outputs, eps=EPS, momentum=momentum))
         )
         layers.append(nn.ReLU(inplace=True))

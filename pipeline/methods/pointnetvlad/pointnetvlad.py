@@ -78,9 +78,9 @@ class PointNetVlad(DescriptorMethod):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.epochs == 0 and not self.weights:
-            said = f"method.epochs={self.epochs}"
+            setting = f"method.epochs={self.epochs}"
             raise ConfigError(
-                f"{said}: expected 1 or more, or 0 with method.weights to use them as they are"
+                f"{setting}: expected 1 or more, or 0 with method.weights to use them as they are"
             )
         if not self.positive_m < self.negative_m:
             raise ConfigError(
@@ -89,11 +89,13 @@ class PointNetVlad(DescriptorMethod):
             )
 
     def learn(self, views: Rows, places: NDArray[np.int64], progress: Progress) -> Model:
-        """Train on the training sequence's clouds (n, point, xyz) but those of its held-out blocks;
-        the database has all."""
+        """Train on the training sequence's clouds (n, point, xyz) outside held-out blocks.
+
+        The database has all.
+        """
         clouds = _clouds(views)
         database = Database.learned(views, places)
-        held = holdout.blocks(
+        is_held_out = holdout.blocks(
             views.world_T_anchor, places, self.held_out_every_m, self.held_out_length_m
         )
         with loop.reproducible(self.threads):
@@ -101,7 +103,9 @@ class PointNetVlad(DescriptorMethod):
             net = Describer(momentum=self.batch_norm_momentum).to(device())
             if self.weights:
                 load(net, Path(self.weights))
-            curves = self._train(net, clouds, database, held, progress) if self.epochs else {}
+            curves = (
+                self._train(net, clouds, database, is_held_out, progress) if self.epochs else {}
+            )
             descriptors = self._describer(net)(clouds[:, : self.points])
         evidence = database.evidence(euclidean(descriptors), views, self)
         return {
@@ -113,14 +117,16 @@ class PointNetVlad(DescriptorMethod):
             **curves,
         }
 
-    def grow(self, model: Model, known: TrainingSet, new: TrainingSet, progress: Progress) -> Model:
+    def grow(
+        self, model: Model, known_set: TrainingSet, new_set: TrainingSet, progress: Progress
+    ) -> Model:
         """The network stays as it is; the database describes the new clouds too."""
-        both = TrainingSet.joined([known, new])
-        clouds = _clouds(new.views)[:, : int(model["points"])]
+        all_data = TrainingSet.joined([known_set, new_set])
+        clouds = _clouds(new_set.views)[:, : int(model["points"])]
         with loop.reproducible(self.threads):
             descriptors = np.concatenate([model["descriptors"], self._trained(model)(clouds)])
-        database = Database.learned(*both)
-        evidence = database.evidence(euclidean(descriptors), both.views, self)
+        database = Database.learned(*all_data)
+        evidence = database.evidence(euclidean(descriptors), all_data.views, self)
         return {**model, "descriptors": descriptors, **database.arrays(), **evidence.arrays()}
 
     def _trained(self, model: Model) -> Callable[[NDArray[np.float16]], NDArray[np.float32]]:
@@ -148,13 +154,13 @@ class PointNetVlad(DescriptorMethod):
         net: Describer,
         clouds: NDArray[np.float16],
         database: Database,
-        held: NDArray[np.bool_],
+        is_held_out: NDArray[np.bool_],
         progress: Progress,
     ) -> dict[str, NDArray[Any]]:
         """Leave the weights of the best round in the network; returns its number and the curves."""
-        rows = np.flatnonzero(~held)
-        judged = (
-            np.flatnonzero(held) if held.any() else rows
+        rows = np.flatnonzero(~is_held_out)
+        judged_rows = (
+            np.flatnonzero(is_held_out) if is_held_out.any() else rows
         )  # a path too short for blocks is judged on what it trained
         tuples = Tuples(
             database.xy_m[rows],
@@ -168,23 +174,25 @@ class PointNetVlad(DescriptorMethod):
         total = max(1, round(self.epochs * progress.budget * len(queries) / self.batch))
         steps = min(total, max(LEAST_STEPS, min(MOST_STEPS, -(-total // ROUNDS))))
         rounds = round(total / steps)
-        gap_m = cdist(database.xy_m[judged], database.xy_m[rows])
+        gap_m = cdist(database.xy_m[judged_rows], database.xy_m[rows])
         part = clouds[:, : self.train_points]
         latest: list[NDArray[np.float32]] = []
 
         def batches(order: torch.Generator) -> Iterator[Tensor]:
             """A round's batches of clouds (query · tuple, point, xyz)."""
             rng = np.random.default_rng(order.initial_seed())
-            done = net.steps()
+            steps_done = net.steps()
             descriptors = None
-            if done >= WARM_UP * rounds * steps:
+            if steps_done >= WARM_UP * rounds * steps:
                 descriptors = (latest[-1] if latest else self._describer(net)(part))[rows]
-            chosen = np.concatenate(
+            shuffled = np.concatenate(
                 [rng.permutation(queries) for _ in range(-(-steps * self.batch // len(queries)))]
             )
-            for few in chosen[: steps * self.batch].reshape(steps, self.batch):
+            for batch_queries in shuffled[: steps * self.batch].reshape(steps, self.batch):
                 chosen_rows = rows[
-                    np.concatenate([tuples.draw(query, rng, descriptors) for query in few])
+                    np.concatenate(
+                        [tuples.draw(query, rng, descriptors) for query in batch_queries]
+                    )
                 ]
                 yield self._points(clouds, chosen_rows, rng)
 
@@ -195,15 +203,17 @@ class PointNetVlad(DescriptorMethod):
             ), self.batch
 
         def judge(net: Describer) -> tuple[float, float]:
-            """How held-out rows fare against all the trained ones: the loss's first term, and the
-            place of the nearest."""
+            """Loss and accuracy of held-out rows against all the trained ones.
+
+            The loss's first term, and whether the nearest row is of the right place.
+            """
             latest[:] = [self._describer(net)(part)]
-            distances = cdist(latest[0][judged], latest[0][rows], "sqeuclidean")
-            distances[judged[:, None] == rows] = np.inf
-            best = np.where(gap_m <= self.positive_m, distances, np.inf).min(axis=1)
-            apart = np.where(gap_m > self.positive_m, distances, np.inf).min(axis=1)
-            losses = np.clip(self.margin + best - apart, 0, self.margin + 4)
-            right = database.places[rows[distances.argmin(axis=1)]] == database.places[judged]
+            distances = cdist(latest[0][judged_rows], latest[0][rows], "sqeuclidean")
+            distances[judged_rows[:, None] == rows] = np.inf
+            nearest_positive = np.where(gap_m <= self.positive_m, distances, np.inf).min(axis=1)
+            nearest_negative = np.where(gap_m > self.positive_m, distances, np.inf).min(axis=1)
+            losses = np.clip(self.margin + nearest_positive - nearest_negative, 0, self.margin + 4)
+            right = database.places[rows[distances.argmin(axis=1)]] == database.places[judged_rows]
             return float(losses.mean()), float(right.mean())
 
         return loop.fit(
@@ -239,15 +249,15 @@ class PointNetVlad(DescriptorMethod):
 
     def _describer(self, net: Describer) -> Callable[[NDArray[np.float16]], NDArray[np.float32]]:
         """A function from clouds (n, point, xyz) to descriptors (n, 256)."""
-        where = next(net.parameters()).device
-        fast = folded(net, loop.dtype(where, self.precision))
+        torch_device = next(net.parameters()).device
+        fast = folded(net, loop.dtype(torch_device, self.precision))
 
         @torch.inference_mode()
         def describe(clouds: NDArray[np.float16]) -> NDArray[np.float32]:
             at_once = max(1, AT_ONCE // clouds.shape[1])
-            with loop.autocast(where, self.precision):
+            with loop.autocast(torch_device, self.precision):
                 parts = [
-                    fast(part.to(where).float())
+                    fast(part.to(torch_device).float())
                     for part in torch.split(torch.from_numpy(clouds), at_once)
                 ]
             return torch.cat(parts).cpu().numpy()

@@ -15,23 +15,24 @@ CANDIDATES = 4000  # random negatives among which the hardest are looked for
 def lazy_quadruplet(
     tuples: Tensor, positives: int, margin: float, margin_star: float
 ) -> tuple[Tensor, Tensor]:
-    """Loss and number of right tuples, of descriptors (tuple, 1 + positives + negatives + 1, size)
-    in the order of `Tuples`.
+    """Loss and number of right tuples, of descriptors in the order of `Tuples`.
 
-    Distances are squared. Of a query's positives only the nearest counts, of its negatives only the
-    worst: they are to be further than it by a margin from the query, and by another from a cloud n*
-    that is near none of them. A tuple is right where its nearest positive is nearer than every
-    negative.
+    Descriptors are (tuple, 1 + positives + negatives + 1, size). Distances are squared. Of a
+    query's positives only the nearest counts, of its negatives only the worst: they are to be
+    further than it by a margin from the query, and by another from a cloud n* that is near none of
+    them. A tuple is right where its nearest positive is nearer than every negative.
     """
     query = tuples[:, :1]
-    near = tuples[:, 1 : 1 + positives]
-    far = tuples[:, 1 + positives : -1]
+    positive = tuples[:, 1 : 1 + positives]
+    negative = tuples[:, 1 + positives : -1]
     star = tuples[:, -1:]
-    best = (query - near).square().sum(2).amin(1)
-    apart = (query - far).square().sum(2).amin(1)
-    apart_star = (star - far).square().sum(2).amin(1)
-    loss = (margin + best - apart).relu() + (margin_star + best - apart_star).relu()
-    return loss.mean(), (best < apart).sum()
+    to_positive = (query - positive).square().sum(2).amin(1)
+    to_negative = (query - negative).square().sum(2).amin(1)
+    star_to_negative = (star - negative).square().sum(2).amin(1)
+    loss = (margin + to_positive - to_negative).relu() + (
+        margin_star + to_positive - star_to_negative
+    ).relu()
+    return loss.mean(), (to_positive < to_negative).sum()
 
 
 @dataclass(frozen=True)
@@ -63,35 +64,43 @@ class Tuples:
     def draw(
         self, query: int, rng: np.random.Generator, descriptors: NDArray[np.float32] | None = None
     ) -> NDArray[np.int64]:
-        """Rows (1 + positives + negatives + 1,): the query, its positives, its negatives, n*; some
-        twice where there are few.
+        """Rows (1 + positives + negatives + 1,): the query, its positives, its negatives, n*.
 
-        n* is a random row further than `positive_m` from the query and its negatives, or where
-        there is none the one furthest from them.
+        Some twice where there are few. n* is a random row further than `positive_m` from the query
+        and its negatives, or where there is none the one furthest from them.
         """
-        near, far = self._around(query)
-        far = rng.permutation(far)
+        positive_rows, negative_rows = self._around(query)
+        negative_rows = rng.permutation(negative_rows)
         if descriptors is not None:
-            candidates = far[:CANDIDATES]
+            candidates = negative_rows[:CANDIDATES]
             hardest = candidates[
                 np.argsort(-descriptors[candidates] @ descriptors[query], kind="stable")[
                     : self.hard
                 ]
             ]
-            far = np.concatenate([hardest, far[~np.isin(far, hardest)]])
-        near = np.resize(rng.permutation(near), self.positives)
-        far = np.resize(far, self.negatives)
-        taken = np.unique(np.append(far, query))
-        gap_m = np.linalg.norm(self.xy_m[:, None] - self.xy_m[taken], axis=2).min(axis=1)
+            negative_rows = np.concatenate(
+                [hardest, negative_rows[~np.isin(negative_rows, hardest)]]
+            )
+        positive_rows = np.resize(rng.permutation(positive_rows), self.positives)
+        negative_rows = np.resize(negative_rows, self.negatives)
+        query_and_negatives = np.unique(np.append(negative_rows, query))
+        gap_m = np.linalg.norm(self.xy_m[:, None] - self.xy_m[query_and_negatives], axis=2).min(
+            axis=1
+        )
         free = np.flatnonzero(gap_m > self.positive_m)
         return np.concatenate(
-            [[query], near, far, [rng.choice(free) if len(free) else gap_m.argmax()]]
+            [
+                [query],
+                positive_rows,
+                negative_rows,
+                [rng.choice(free) if len(free) else gap_m.argmax()],
+            ]
         )
 
     def _around(self, query: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """A row's positives, without itself, and negatives."""
         distance_m = np.linalg.norm(self.xy_m - self.xy_m[query], axis=1)
         far_m = min(self.negative_m, distance_m.max() / 2)
-        near = distance_m <= min(self.positive_m, far_m)
-        near[query] = False
-        return np.flatnonzero(near), np.flatnonzero(distance_m > far_m)
+        is_positive = distance_m <= min(self.positive_m, far_m)
+        is_positive[query] = False
+        return np.flatnonzero(is_positive), np.flatnonzero(distance_m > far_m)

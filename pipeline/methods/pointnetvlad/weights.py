@@ -16,18 +16,18 @@ def load(net: nn.Module, path: Path) -> None:
     shape.
     """
     try:
-        given = store.read_foreign_model(path)
+        stored = store.read_foreign_model(path)
     except ArtifactError as error:
         raise ConfigError(f"{str(error).partition(';')[0]}; correct method.weights") from None
-    own = net.state_dict()
-    found = loop.tensors(given) or loop.tensors(given, "")
-    found = {
-        name: value for name, value in own.items() if name.endswith("num_batches_tracked")
-    } | found
-    for name in [*own, *found]:
-        if name not in own or name not in found or found[name].shape != own[name].shape:
+    weights = net.state_dict()
+    tensors = loop.tensors(stored) or loop.tensors(stored, "")
+    tensors = {
+        name: value for name, value in weights.items() if name.endswith("num_batches_tracked")
+    } | tensors
+    for name in [*weights, *tensors]:
+        if name not in weights or name not in tensors or tensors[name].shape != weights[name].shape:
             has, wants = (
-                tuple(part[name].shape) if name in part else "none" for part in (found, own)
+                tuple(part[name].shape) if name in part else "none" for part in (tensors, weights)
             )
             raise ConfigError(f"method.weights: {path}: tensor {name} is {has}, expected {wants}")
-    net.load_state_dict(found)
+    net.load_state_dict(tensors)

@@ -23,8 +23,10 @@ wall reaches few of them."""
 
 
 class RingConv(nn.Conv2d):
-    """A convolution of 5 rings × `span` sectors that wraps around the sectors, and sees zeros
-    beyond the rings."""
+    """A convolution of 5 rings × `span` sectors that wraps around the sectors.
+
+    It sees zeros beyond the rings.
+    """
 
     def __init__(self, channels: int, filters: int, span: int) -> None:
         super().__init__(channels, filters, (5, span), padding=(2, 0))
@@ -46,7 +48,7 @@ class Ring(nn.Module):
     LeNet is. Raises InputError where 8 does not divide the sectors.
     """
 
-    last = "fc2"
+    last_layer = "fc2"
     """The layer with a row a place."""
     by_slice: (
         Tensor  # (heading, slice): which of all products of a sector and a slice are a heading's
@@ -80,30 +82,33 @@ class Ring(nn.Module):
         bound = (6 / (self.headings * column + 64)) ** 0.5
         nn.init.uniform_(self.fc1, -bound, bound)
         start(self)
-        one = torch.arange(self.headings)
-        seen = (one - one[:, None]) % self.headings
-        self.register_buffer("by_slice", seen * self.headings + one, persistent=False)
+        heading = torch.arange(self.headings)
+        seen = (heading - heading[:, None]) % self.headings
+        self.register_buffer("by_slice", seen * self.headings + heading, persistent=False)
         self.register_buffer(
             "by_sector",
-            one * self.headings + (one + one[:, None]) % self.headings,
+            heading * self.headings + (heading + heading[:, None]) % self.headings,
             persistent=False,
         )
 
     def forward(self, images: Tensor, arc: int = 0) -> Tensor:
-        """Logits (batch, 1 + arcs, heading, places): of whole images, then without each arc of so
-        many sectors of the features.
+        """Logits (batch, 1 + arcs, heading, places) of whole images, then without each arc.
 
-        All are from one pass, since FC1 is linear and an arc can be taken off its sum; no arcs with
-        0.
+        An arc is so many sectors of the features. All are from one pass, since FC1 is linear and an
+        arc can be taken off its sum; no arcs with 0.
         """
         if not arc:
             return self.place(self.embed(images))[:, None]
         upto = nn.functional.pad(
             self.products(images)[:, self.by_sector].repeat(1, 1, 2, 1).cumsum(2), (0, 0, 1, 0)
         )
-        whole = upto[:, :, self.headings, None]
-        left = whole - upto[:, :, arc : arc + self.headings] + upto[:, :, : self.headings]
-        return self.place(torch.cat([whole, left], dim=2).transpose(1, 2) + self.fc1_bias)
+        whole_sum = upto[:, :, self.headings, None]
+        without_arc = (
+            whole_sum - upto[:, :, arc : arc + self.headings] + upto[:, :, : self.headings]
+        )
+        return self.place(
+            torch.cat([whole_sum, without_arc], dim=2).transpose(1, 2) + self.fc1_bias
+        )
 
     def embed(self, images: Tensor) -> Tensor:
         """FC1's vector at each heading (batch, heading, 64)."""

@@ -59,16 +59,16 @@ class SciRing(Learner):
         widest = min(self.widest_arc, sectors // POOLED - 1) if self.worst_arc else 0
 
         def epoch(order: torch.Generator) -> Iterator[Batch]:
-            for chosen in torch.split(
+            for rows in torch.split(
                 trained[torch.randperm(len(trained), generator=order)], self.batch
             ):
-                if len(chosen) > 1 or len(trained) == 1:  # batch norms need two
-                    turns = torch.randint(sectors, (len(chosen),), generator=order)
+                if len(rows) > 1 or len(trained) == 1:  # batch norms need two
+                    turns = torch.randint(sectors, (len(rows),), generator=order)
                     arc = int(torch.randint(1, widest + 1, (), generator=order)) if widest else 0
-                    headings = (columns[chosen] - turns).to(device()) / POOLED
+                    headings = (columns[rows] - turns).to(device()) / POOLED
                     yield (
-                        self.images(rolled(heights[chosen], turns)),
-                        places[chosen].to(device()),
+                        self.images(rolled(heights[rows], turns)),
+                        places[rows].to(device()),
                         arc,
                         headings,
                     )
@@ -85,48 +85,49 @@ class SciRing(Learner):
         ).float()
 
     def step(self, answer: Callable[..., Tensor], batch: Batch) -> tuple[Tensor, Tensor, int]:
-        """Cross-entropy in nats over headings × places at once, and how often the likeliest place
-        is right.
+        """Cross-entropy in nats over headings × places, and the number of right first places.
 
         The target is split linearly between the two headings nearest the true one. `worst_arc` of
         the loss is that without the arc whose absence costs most.
         """
         images, classes, arc, headings = batch
         logits = answer(images, arc).float()
-        first, second, share = neighbours(headings, logits.shape[2])
+        lower, upper, share = neighbours(headings, logits.shape[2])
         each = torch.arange(len(classes), device=classes.device)
-        target = logits[each, :, first, classes].lerp(
-            logits[each, :, second, classes], share[:, None]
+        target = logits[each, :, lower, classes].lerp(
+            logits[each, :, upper, classes], share[:, None]
         )
         costs = logits.flatten(2).logsumexp(2) - target  # (b, 1 + arcs)
         right = (logits[:, 0].logsumexp(1).argmax(1) == classes).sum()
         return costs[:, 0].lerp(costs.amax(1), self.worst_arc).mean(), right, len(classes)
 
     def whole(self, logits: Tensor) -> Tensor:
-        """Without those of images that lack an arc: (n, heading, places)."""
+        """The logits (n, heading, places) of images that lack no arc."""
         return logits[:, 0]
 
     @torch.inference_mode()
     def predict(self, net: Ring, heights: Tensor, forgotten: Tensor | None = None) -> Prediction:
-        """Logits summed over headings, each place's heading, and the features interpolated at that
-        of the first place."""
+        """Logits summed over headings, each place's heading, and features.
+
+        The features are interpolated at the heading of the first place.
+        """
         net.eval()
-        where = device()
-        found = []
+        torch_device = device()
+        outputs = []
         for rows in torch.split(torch.arange(len(heights)), self.batch):
             embedded = self.embedded(net, heights[rows])
             logits = net.place(embedded)
             if forgotten is not None:
-                logits = logits.masked_fill(forgotten[rows].to(where)[:, None], -torch.inf)
+                logits = logits.masked_fill(forgotten[rows].to(torch_device)[:, None], -torch.inf)
             scores = logits.logsumexp(1)
             each = torch.arange(len(rows))
             heading_deg = circular_mean_deg((logits / HEADING_SOFTNESS).softmax(1))
-            first, second, share = neighbours(
+            lower, upper, share = neighbours(
                 heading_deg[each, scores.argmax(1)] * (net.headings / 360), net.headings
             )
-            features = embedded[each, first].lerp(embedded[each, second], share[:, None])
-            found.append((scores, nn.functional.normalize(features), heading_deg))
-        return Prediction(*(torch.cat(parts).cpu() for parts in zip(*found, strict=True)))
+            features = embedded[each, lower].lerp(embedded[each, upper], share[:, None])
+            outputs.append((scores, nn.functional.normalize(features), heading_deg))
+        return Prediction(*(torch.cat(parts).cpu() for parts in zip(*outputs, strict=True)))
 
     @torch.inference_mode()
     def embed_training(
@@ -141,7 +142,7 @@ class SciRing(Learner):
     def remembered(
         self, images: NDArray[np.float32], views: Rows, places: NDArray[np.int64], trained: Tensor
     ) -> Model:
-        """The trained views' outlines."""
+        """The arrays of the trained views' outlines."""
         rows = trained.numpy()[np.argsort(places[trained.numpy()], kind="stable")]
         return Outlines(
             outlines(images[rows]),
@@ -149,12 +150,14 @@ class SciRing(Learner):
             self._columns(views, images.shape[2]).numpy()[rows],
         ).arrays()
 
-    def reranked(self, found: Prediction, images: NDArray[np.float32], model: Model) -> Prediction:
+    def reranked(
+        self, prediction: Prediction, images: NDArray[np.float32], model: Model
+    ) -> Prediction:
         """The first places' scores and headings, compared by outlines."""
         scores, heading_deg = reranked(
-            found.scores, found.heading_deg.numpy(), outlines(images), Outlines.of(model)
+            prediction.scores, prediction.heading_deg.numpy(), outlines(images), Outlines.of(model)
         )
-        return found._replace(
+        return prediction._replace(
             logits=torch.from_numpy(scores),
             heading_deg=torch.from_numpy(heading_deg.astype(np.float32)),
         )
@@ -162,8 +165,10 @@ class SciRing(Learner):
     def positions(
         self, places_m: NDArray[np.float64], likest_m: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """The first answer lies at the training view most like the query, the others at their
-        places' means."""
+        """Positions of the answers: the first at the training view most like the query.
+
+        The others at their places' means.
+        """
         return np.concatenate([likest_m[:, None], places_m[:, 1:]], axis=1)
 
     def novelties(

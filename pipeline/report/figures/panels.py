@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from pipeline.report.figures.style import QUIET, VEIL, folded, look
-from pipeline.report.found import Measurement
+from pipeline.report.measurement import Measurement
 from pipeline.studies.colours import marker
 
 LINE_IN = 0.125  # height of a line of text

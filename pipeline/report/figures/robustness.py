@@ -44,7 +44,7 @@ from pipeline.report.figures.style import (
     styled,
     tints,
 )
-from pipeline.report.found import Measurement
+from pipeline.report.measurement import Measurement
 from pipeline.studies.colours import colour, method_of
 
 MARKERS = "osD^vP"
