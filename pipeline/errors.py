@@ -60,8 +60,7 @@ class ConfigError(YearlocError):
 
 
 class NotInstalledError(ConfigError):
-    """A package that only some work needs is not installed; the message has the command that
-    installs it."""
+    """A package that only some work needs is not installed; the message says how to install it."""
 
 
 class ComputeError(YearlocError):

@@ -20,8 +20,10 @@ NED_FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
 def pose(xyz_m: NDArray[np.float64], rpy_rad: NDArray[np.float64]) -> Poses:
-    """Poses (n, 4, 4) from positions (n, 3) and roll, pitch, yaw (n, 3): R = Rz(yaw) Ry(pitch)
-    Rx(roll)."""
+    """Poses (n, 4, 4) from positions (n, 3) and roll, pitch, yaw (n, 3).
+
+    R = Rz(yaw) Ry(pitch) Rx(roll).
+    """
     poses = np.tile(np.eye(4), (len(xyz_m), 1, 1))
     poses[:, :3, :3] = scipy.spatial.transform.Rotation.from_euler("xyz", rpy_rad).as_matrix()
     poses[:, :3, 3] = xyz_m
@@ -44,16 +46,20 @@ def wrapped_deg(angles_deg: NDArray[Any]) -> NDArray[Any]:
 
 
 def apart(world_T_a: Poses, world_T_b: Poses) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Distance (n,) in metres and turn (n,) in degrees between poses (n, 4, 4); NaN where a pose
-    is."""
+    """Distance (n,) in metres and turn (n,) in degrees between poses (n, 4, 4).
+
+    NaN where a pose is.
+    """
     away_m = np.linalg.norm(world_T_a[:, :3, 3] - world_T_b[:, :3, 3], axis=1)
     traces = np.einsum("nij,nij->n", world_T_a[:, :3, :3], world_T_b[:, :3, :3])
     return away_m, np.rad2deg(np.arccos(((traces - 1) / 2).clip(-1, 1)))
 
 
 def flip_ned(poses: Poses) -> Poses:
-    """Poses between two north-east-down frames as poses between the z-up ones, and back: F P F, F =
-    diag(1, −1, −1, 1)."""
+    """Convert poses between two north-east-down frames into poses between the z-up ones, and back.
+
+    F P F, with F = diag(1, −1, −1, 1).
+    """
     return NED_FLIP @ poses @ NED_FLIP
 
 
@@ -129,8 +135,10 @@ class Trajectory:
 
 
 def interpolate(start: Poses, end: Poses, share: NDArray[np.float64]) -> Poses:
-    """Poses (n, 4, 4) a share (n,) of the way from `start` to `end`, or past it: straight on,
-    turning on."""
+    """Poses (n, 4, 4) a share (n,) of the way from `start` to `end`.
+
+    A share above 1 goes straight on past `end`, turning on.
+    """
     Rotation = scipy.spatial.transform.Rotation
     turn = Rotation.from_matrix(start[:, :3, :3]).inv() * Rotation.from_matrix(end[:, :3, :3])
     poses = np.tile(np.eye(4), (len(share), 1, 1))

@@ -13,8 +13,10 @@ UNSEEN = -1
 
 @dataclass(frozen=True)
 class Grid:
-    """Cells of about `cell_m` over a box; ids run along y first (x-major), from the lowest
-    corner."""
+    """Cells of about `cell_m` over a box.
+
+    Ids run along y first (x-major), from the lowest corner.
+    """
 
     cell_m: float
     x_m: tuple[float, float]
@@ -29,8 +31,10 @@ class Grid:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Cells along x and y: extent / cell_m to the nearest whole number, halves up, as the
-        authors round."""
+        """Cells along x and y: extent / cell_m to the nearest whole number.
+
+        Halves are rounded up, as the authors do.
+        """
         return tuple(
             max(1, math.floor((high - low) / self.cell_m + 0.5))
             for low, high in (self.x_m, self.y_m)
@@ -54,8 +58,10 @@ class Grid:
         return axes[0] * self.shape[1] + axes[1]
 
     def extended(self, xy: NDArray[np.float64]) -> "Grid":
-        """The same cells and as many more on each side as positions (n, 2) need, with an empty one
-        beyond them."""
+        """The same cells, and as many more on each side as positions (n, 2) need.
+
+        An empty cell lies beyond them.
+        """
         low, high = (np.array(side) for side in zip(self.x_m, self.y_m, strict=True))
         side = (high - low) / self.shape
         before = np.maximum(np.ceil((low - xy.min(axis=0)) / side) + 1, 0) * (xy.min(axis=0) <= low)
@@ -79,8 +85,7 @@ def around(xy: NDArray[np.float64], cell_m: float) -> Grid:
     What lies outside the box then falls into a border cell that no position of `xy` is in, hence is
     unseen.
     """
-    low = (
-        np.ceil(xy.min(axis=0) / cell_m) - 2
-    ) * cell_m  # a position on a border is in the lower cell
+    # a position on a border is in the lower cell
+    low = (np.ceil(xy.min(axis=0) / cell_m) - 2) * cell_m
     high = (np.ceil(xy.max(axis=0) / cell_m) + 1) * cell_m
     return Grid(cell_m, (float(low[0]), float(high[0])), (float(low[1]), float(high[1])))

@@ -1,5 +1,7 @@
-"""Models on disk: named arrays and a recipe in one safetensors file, with a checksum of both in the
-recipe."""
+"""Models on disk: named arrays and a recipe in one safetensors file.
+
+The recipe holds a checksum of both.
+"""
 
 import json
 from collections.abc import Iterator, Mapping
@@ -24,12 +26,14 @@ RECIPE = "recipe"
 def write_model(
     path: str | Path, model: Mapping[str, NDArray[Any]], recipe: Mapping[str, object]
 ) -> None:
-    """Named arrays as one safetensors file, with the parameters that they were learned with as its
-    metadata."""
+    """Write named arrays as one safetensors file, with their recipe as its metadata.
+
+    The recipe is the parameters that they were learned with.
+    """
     with replace(path) as scratch:
         arrays = {name: np.require(array, requirements="C") for name, array in model.items()}
         words = {name: str(value) for name, value in recipe.items()}
-        words[SEAL] = _of_recipe(words) + _of_arrays(arrays)
+        words[SEAL] = _recipe_checksum(words) + _arrays_checksum(arrays)
         try:
             save_file(arrays, scratch, {RECIPE: json.dumps(words)})
         except SafetensorError as error:
@@ -37,25 +41,27 @@ def write_model(
 
 
 def read_recipe(path: str | Path) -> dict[str, str]:
-    """The parameters that a model was learned with."""
+    """Read the parameters that a model was learned with."""
     with _model(path) as file:
         recipe = _recipe(file)
-    _compare(path, recipe, 0, _of_recipe(recipe))
+    _compare(path, recipe, 0, _recipe_checksum(recipe))
     return {name: value for name, value in recipe.items() if name != SEAL}
 
 
 def read_model(path: str | Path) -> dict[str, NDArray[Any]]:
-    """A model's named arrays; raises ArtifactError if the file is missing or damaged."""
+    """Read a model's named arrays; raises ArtifactError if the file is missing or damaged."""
     with _model(path) as file:
         arrays = _arrays(file)
         recipe = _recipe(file)
-    _compare(path, recipe, 8, _of_arrays(arrays))
+    _compare(path, recipe, 8, _arrays_checksum(arrays))
     return arrays
 
 
 def read_foreign_model(path: str | Path) -> dict[str, NDArray[Any]]:
-    """The named arrays of a safetensors file that `write_model` did not write; raises ArtifactError
-    if it is none."""
+    """Read the named arrays of a safetensors file that `write_model` did not write.
+
+    Raises ArtifactError if it is none.
+    """
     with _model(path) as file:
         return _arrays(file)
 
@@ -90,17 +96,19 @@ def _model(path: str | Path) -> Iterator[Any]:
         raise ArtifactError(f"{path}: not a safetensors file ({error}); {REBUILD}") from None
 
 
-def _of_recipe(recipe: Mapping[str, str]) -> str:
+def _recipe_checksum(recipe: Mapping[str, str]) -> str:
     """The checksum of a model's recipe."""
     words = {name: recipe[name] for name in sorted(recipe) if name != SEAL}
     return f"{crc32(json.dumps(words).encode()):08x}"
 
 
-def _of_arrays(model: Mapping[str, NDArray[Any]]) -> str:
+def _arrays_checksum(model: Mapping[str, NDArray[Any]]) -> str:
     """The checksum of a model's arrays."""
-    found = 0
+    checksum = 0
     for name in sorted(model):
         array = np.ascontiguousarray(model[name])
-        found = crc32(f"{name}{array.dtype}{array.shape}".encode(), found)
-        found = crc32(array.reshape(-1).view(np.uint8).data, found) if array.size else found
-    return f"{found:08x}"
+        checksum = crc32(f"{name}{array.dtype}{array.shape}".encode(), checksum)
+        checksum = (
+            crc32(array.reshape(-1).view(np.uint8).data, checksum) if array.size else checksum
+        )
+    return f"{checksum:08x}"

@@ -1,8 +1,7 @@
-"""What lies in an object store, as s3://BUCKET/KEY.
+"""Reads artifacts from an object store, as s3://BUCKET/KEY.
 
-Keys and address come from the environment, as every S3 program takes them.
-
-AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY, and AWS_ENDPOINT_URL for another store than Amazon's.
+Keys and address come from the environment, as every S3 program takes them: AWS_ACCESS_KEY_ID,
+AWS_SECRET_ACCESS_KEY, and AWS_ENDPOINT_URL for another store than Amazon's.
 """
 
 from pathlib import Path
@@ -11,11 +10,8 @@ from typing import Any
 from pipeline.errors import ArtifactError, NotInstalledError
 
 S3 = "s3://"
-PATIENCE = {
-    "connect_timeout": 5,
-    "read_timeout": 10,
-    "retries": {"total_max_attempts": 1},
-}  # s3fs itself tries again
+# s3fs itself tries again
+PATIENCE = {"connect_timeout": 5, "read_timeout": 10, "retries": {"total_max_attempts": 1}}
 
 
 def is_remote(path: str | Path) -> bool:
@@ -23,22 +19,22 @@ def is_remote(path: str | Path) -> bool:
 
 
 def content(path: str | Path) -> bytes:
-    """A file of an artifact that is there."""
+    """Read a file of an artifact, local or in the object store."""
     return bytes(_store().cat_file(path)) if is_remote(path) else Path(path).read_bytes()
 
 
 def listed(folder: str | Path, pattern: str) -> list[str] | list[Path]:
     """Files below an artifact's folder, by a pattern as of `Path.glob`, in order."""
     if is_remote(folder):
-        return [f"{S3}{one}" for one in sorted(_store().glob(f"{folder}/{pattern}"))]
+        return [f"{S3}{key}" for key in sorted(_store().glob(f"{folder}/{pattern}"))]
     return sorted(Path(folder).glob(pattern))
 
 
 def look(url: str) -> None:
-    """Return if there is such a bucket or key; raises ArtifactError if not, or if the store does
-    not answer or refuses.
+    """Check that there is such a bucket or key.
 
-    Raises NotInstalledError without the extra `s3`.
+    Raises ArtifactError if not, or if the store does not answer or refuses, NotInstalledError
+    without the extra `s3`.
     """
     try:
         store = _store()

@@ -15,7 +15,7 @@ import psutil
 
 @contextmanager
 def replace(path: str | Path) -> Iterator[Path]:
-    """A fresh scratch path beside `path` that takes its place, fsynced, if the block ends well."""
+    """Give a fresh scratch path that takes the place of `path`, fsynced, if the block ends well."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     _sweep(path)
@@ -28,9 +28,8 @@ def replace(path: str | Path) -> Iterator[Path]:
         scratch.replace(path)
         _fsync_one(path.parent)
     finally:
-        with suppress(
-            OSError
-        ):  # after Ctrl-C another thread may still write into it; the next writer sweeps it
+        # after Ctrl-C another thread may still write into it; the next writer sweeps it
+        with suppress(OSError):
             _remove(scratch)
 
 
@@ -43,8 +42,10 @@ def _sweep(path: Path) -> None:
 
 
 def _writing(pid: int, scratch: Path) -> bool:
-    """Whether the process `pid` lives and may be the one that writes `scratch`: it is no zombie,
-    and is the older of the two."""
+    """Whether the process `pid` lives and may be the one that writes `scratch`.
+
+    It must be no zombie, and older than the scratch path.
+    """
     try:
         process = psutil.Process(pid)
         alive = (

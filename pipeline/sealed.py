@@ -1,5 +1,4 @@
-"""What is damaged on disk is refused and never read as numbers: checksums of chunks and of
-metadata.
+"""Checksums of chunks and of metadata, so that damaged bytes are never read as numbers.
 
 A chunk ends in zstd's own checksum; the metadata of a zarr group and of its arrays have one in the
 group's attribute `seal`.
@@ -25,8 +24,10 @@ ALL_CHUNKS = {"write_empty_chunks": True}
 
 
 class Stored:
-    """An array of an artifact, read by slices; raises ArtifactError where bytes are damaged or
-    missing."""
+    """An array of an artifact, read by slices.
+
+    Raises ArtifactError where bytes are damaged or missing.
+    """
 
     def __init__(self, path: Path | str, array: Any) -> None:
         self._path = path
@@ -35,9 +36,9 @@ class Stored:
             -(-length // part)
             for length, part in zip(array.shape, array.shards or array.chunks, strict=True)
         )
-        if (there := len(listed(path, f"{array.basename}/c.*"))) < files:
+        if (file_count := len(listed(path, f"{array.basename}/c.*"))) < files:
             raise ArtifactError(
-                f"{path}: {files - there} of {files} files of {array.basename} are missing; "
+                f"{path}: {files - file_count} of {files} files of {array.basename} are missing; "
                 f"{REBUILD}"
             )
 
@@ -64,10 +65,10 @@ class Stored:
 
 def seal(path: Path | str) -> int:
     """The checksum of the metadata of a group and its arrays."""
-    about = json.loads(content(f"{path}/zarr.json"))
-    about["attributes"].pop(SEAL, None)
-    forms = [content(one) for one in listed(path, "*/zarr.json")]
-    return crc32(b"".join([json.dumps(about, sort_keys=True).encode(), *forms]))
+    metadata = json.loads(content(f"{path}/zarr.json"))
+    metadata["attributes"].pop(SEAL, None)
+    forms = [content(file) for file in listed(path, "*/zarr.json")]
+    return crc32(b"".join([json.dumps(metadata, sort_keys=True).encode(), *forms]))
 
 
 def checked(path: Path | str, group: zarr.Group) -> None:

@@ -1,5 +1,4 @@
-"""Artifacts on disk: zarr groups with a declared schema, and models, written whole or not at
-all."""
+"""Artifacts on disk, written whole or not at all: zarr groups of a declared schema, and models."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -35,8 +34,10 @@ class Column:
 
 @dataclass(frozen=True)
 class Schema:
-    """One kind of artifact: a zarr group with these arrays and these attributes besides `kind` and
-    `version`."""
+    """One kind of artifact: a zarr group with these arrays and attributes.
+
+    It has the attributes `kind` and `version` too.
+    """
 
     kind: str
     version: int
@@ -45,8 +46,10 @@ class Schema:
 
 
 class Artifact:
-    """A finished artifact, opened for reading: `artifact["column"]` is an array to be sliced,
-    `artifact.attrs` its numbers."""
+    """A finished artifact, opened for reading.
+
+    `artifact["column"]` is an array to be sliced, `artifact.attrs` its numbers.
+    """
 
     def __init__(self, path: Path | str, group: zarr.Group) -> None:
         self.path = path
@@ -76,12 +79,13 @@ def read(path: str | Path, *schemas: Schema) -> Artifact:
         group = zarr.open_group(path, mode="r")
     except (ValueError, KeyError, TypeError) as error:
         raise ArtifactError(f"{path}: not a whole zarr group ({error}); {sealed.REBUILD}") from None
-    found = (group.attrs.get("kind"), group.attrs.get("version"))
-    if found not in [(schema.kind, schema.version) for schema in schemas]:
+    kind = group.attrs.get("kind")
+    version = group.attrs.get("version")
+    if (kind, version) not in [(schema.kind, schema.version) for schema in schemas]:
         expected = " or ".join(f"{schema.kind} version {schema.version}" for schema in schemas)
         raise ArtifactError(
-            f"{path}: expected {expected}, found {found[0]} version {found[1]}; `dvc repro` builds "
-            "it anew"
+            f"{path}: expected {expected}, found {kind} version {version}; `dvc repro` builds it "
+            "anew"
         )
     sealed.checked(path, group)
     return Artifact(path if remote.is_remote(path) else Path(path), group)
@@ -97,15 +101,19 @@ class Draft:
         self._arrays: dict[str, Any] = {}
 
     def put(self, name: str, rows: NDArray[Any]) -> None:
-        """Write the column `name` whole, once; floats may be rounded to the schema's type, integers
-        must fit."""
+        """Write the column `name` whole, once.
+
+        Floats may be rounded to the schema's type, integers must fit.
+        """
         if name in self._waiting:
             raise ArtifactError(f"{self._schema.kind}.{name}: written already")
         self.append(name, rows)
 
     def append(self, name: str, rows: NDArray[Any]) -> None:
-        """Write the next rows of column `name`, a whole shard at a time (unaligned shard writes
-        corrupt: zarr #3682)."""
+        """Write the next rows of column `name`, a whole shard at a time.
+
+        Unaligned shard writes corrupt (zarr #3682).
+        """
         column = self._column(name)
         rows = np.asarray(rows)
         if rows.ndim != len(column.dims) or not np.can_cast(rows.dtype, column.dtype, "same_kind"):
@@ -116,18 +124,18 @@ class Draft:
         cast = rows.astype(column.dtype, copy=False)
         if cast.dtype.kind in "iu" and (cast != rows).any():
             raise ArtifactError(f"{self._schema.kind}.{name}: a value does not fit {column.dtype}")
-        waiting = self._waiting.setdefault(name, [])
-        waiting.append(cast)
-        if sum(map(len, waiting)) >= column.shard:
-            joined = np.concatenate(waiting)
-            whole = len(joined) // column.shard * column.shard
-            self._write(name, column, joined[:whole])
-            self._waiting[name] = [joined[whole:]]
+        waiting_rows = self._waiting.setdefault(name, [])
+        waiting_rows.append(cast)
+        if sum(map(len, waiting_rows)) >= column.shard:
+            joined = np.concatenate(waiting_rows)
+            whole_rows = len(joined) // column.shard * column.shard
+            self._write(name, column, joined[:whole_rows])
+            self._waiting[name] = [joined[whole_rows:]]
 
     def finish(self, attrs: Mapping[str, object]) -> None:
         """Write what waits, set the attributes and check the whole against the schema."""
-        for name, waiting in self._waiting.items():
-            self._write(name, self._column(name), np.concatenate(waiting))
+        for name, waiting_rows in self._waiting.items():
+            self._write(name, self._column(name), np.concatenate(waiting_rows))
         self._waiting.clear()
         schema = self._schema
         self._group.attrs.update({"kind": schema.kind, "version": schema.version, **attrs})
@@ -168,10 +176,8 @@ class Draft:
                 dtype=rows.dtype,
                 chunks=(column.chunk, *(max(1, side) for side in rows.shape[1:])),
                 shards=(column.shard, *(max(1, side) for side in rows.shape[1:])),
-                chunk_key_encoding={
-                    "name": "default",
-                    "separator": ".",
-                },  # c.0.0: no folders, each of which DVC would visit
+                # c.0.0: no folders, each of which DVC would visit
+                chunk_key_encoding={"name": "default", "separator": "."},
                 dimension_names=column.dims,
                 compressors=sealed.COMPRESSOR,
                 config=sealed.ALL_CHUNKS,
@@ -185,8 +191,7 @@ class Draft:
 
 @contextmanager
 def write(path: str | Path, schema: Schema, **attrs: object) -> Iterator[Draft]:
-    """Draft an artifact; it appears at `path` only if the block ends well and everything fits the
-    schema.
+    """Draft an artifact, which appears at `path` only if the block ends well and fits the schema.
 
     An attribute that is known only at the end may be a callable without arguments.
     """

@@ -28,7 +28,7 @@ print(pipeline.KERNELS)
 
 def run(folder: Path) -> str:
     environment = {
-        name: value for name, value in os.environ.items() if name != kernel_cache.GIVEN
+        name: value for name, value in os.environ.items() if name != kernel_cache.CACHE_VARIABLE
     } | {"TMPDIR": str(folder)}
     ended = subprocess.run(
         [sys.executable, "-c", FIRST_KERNEL],
@@ -56,7 +56,7 @@ def test_a_cold_start_is_told_once(
     views.mkdir(parents=True)
     (views / "kernels.py").write_text("")
     monkeypatch.setattr(kernel_cache, "SOURCE", views.parent)
-    monkeypatch.setenv(kernel_cache.GIVEN, str(tmp_path / "kept"))
+    monkeypatch.setenv(kernel_cache.CACHE_VARIABLE, str(tmp_path / "kept"))
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "home"))
     tell_cold()
     assert "compiling kernels, once per machine: half a minute" in capsys.readouterr().err
@@ -71,9 +71,9 @@ def test_a_cold_start_is_told_once(
 def test_a_folder_that_can_be_written_is_left_to_numba(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setenv(kernel_cache.GIVEN, str(tmp_path))
+    monkeypatch.setenv(kernel_cache.CACHE_VARIABLE, str(tmp_path))
     assert kernel_cache.settle() == ""
-    assert os.environ[kernel_cache.GIVEN] == str(tmp_path)
+    assert os.environ[kernel_cache.CACHE_VARIABLE] == str(tmp_path)
 
 
 @pytest.mark.slow

@@ -1,9 +1,9 @@
-"""Alterations: changes to the points of a query before its view is computed (SCI paper, section V;
-METHODS 2.8).
+"""Alterations: changes to the points of a query before its view is computed.
 
-Each query and each of its cases gets a fresh `default_rng((alteration.seed, stamp_ns))`. So all
-methods get the same changes, and cases that use the same random numbers first agree in them: a
-wider wedge begins where the narrower one does, and two walls are the one wall and another.
+SCI paper, section V; METHODS 2.8. Each query and each of its cases gets a fresh
+`default_rng((alteration.seed, stamp_ns))`. So all methods get the same changes, and cases that use
+the same random numbers first agree in them: a wider wedge begins where the narrower one does, and
+two walls are the one wall and another.
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,8 +20,10 @@ TURNED = "turned"
 
 @dataclass(frozen=True)
 class Case:
-    """One change of an alteration, made to every query; each alteration's first case changes
-    nothing."""
+    """One change of an alteration, made to every query.
+
+    Each alteration's first case changes nothing.
+    """
 
     change: str = AS_DRIVEN
     """`turned`, `demolition`, `construction`; empty for a query as it was driven."""
@@ -34,8 +36,10 @@ class Case:
 
 
 def read_cases(attrs: Mapping[str, Any]) -> list[Case]:
-    """The cases that the rows of an artifact of views, rankings or evaluations belong to, from its
-    attributes."""
+    """The cases of an artifact of views, rankings or evaluations, from its attributes.
+
+    Its rows belong to one case after the other.
+    """
     return [Case(**case) for case in attrs["cases"]]
 
 
@@ -53,9 +57,12 @@ class Alteration(Protocol):
     def alter(
         self, case: Case, points_m: NDArray[np.floating], rng: np.random.Generator
     ) -> tuple[NDArray[np.floating], float]:
-        """Points (m, 3) of one query of (n, 3), z up from the ground around the sensor, and by how
-        many radians the robot is turned to the left; a turned robot's points are given in its own
-        frame. A case as driven returns the points themselves, a turned one no others than these."""
+        """Alter the points (n, 3) of one query, z up from the ground around the sensor.
+
+        Returns points (m, 3), and by how many radians the robot is turned to the left; a turned
+        robot's points are given in its own frame. A case as driven returns the points themselves, a
+        turned one no others than these.
+        """
 
 
 def generator(alteration: Alteration, stamp_ns: int) -> np.random.Generator:

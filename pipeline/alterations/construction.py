@@ -1,5 +1,7 @@
-"""Construction: new walls, with or without the occlusion they cause (SCI paper, Fig. 9; METHODS
-2.8)."""
+"""Construction: new walls, with or without the occlusion they cause (METHODS 2.8).
+
+SCI paper, Fig. 9.
+"""
 
 import math
 from collections.abc import Sequence
@@ -127,8 +129,10 @@ class Wall(NamedTuple):
 
     @property
     def axes(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Directions (2,) in the xy plane: away from the sensor square to the wall, and along it to
-        the left."""
+        """Directions (2,) in the xy plane: away from the sensor, square to the wall, and along it.
+
+        Along the wall is to the left.
+        """
         c = math.cos(self.azimuth_rad + self.skew_rad)
         s = math.sin(self.azimuth_rad + self.skew_rad)
         return np.array([c, s]), np.array([-s, c])
@@ -148,8 +152,7 @@ class Wall(NamedTuple):
         return np.column_stack([np.repeat(xy_m, len(up_m), axis=0), np.tile(up_m, len(on_m))])
 
     def hides(self, points_m: NDArray[np.floating], sensor_height_m: float) -> NDArray[np.bool_]:
-        """Which points (n, 3) a sensor on the z axis cannot see for this wall; under its base is no
-        gap."""
+        """Which points (n, 3) the wall hides from a sensor on the z axis; its base has no gap."""
         (away_m, left_m) = self.middle_m
         (away, along) = self.axes
         x, y, z = points_m.T

@@ -42,8 +42,10 @@ class Demolition:
     def alter(
         self, case: Case, points_m: NDArray[np.floating], rng: np.random.Generator
     ) -> tuple[NDArray[np.floating], float]:
-        """The points (m, 3) outside a wedge of `case.level` degrees from an azimuth U[0, 2π) on,
-        and no turn."""
+        """The points (m, 3) outside a wedge of `case.level` degrees, and no turn.
+
+        The wedge begins at an azimuth U[0, 2π).
+        """
         if case.change == AS_DRIVEN:
             return points_m, 0.0
         half_rad = math.radians(case.level) / 2

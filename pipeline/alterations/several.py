@@ -13,8 +13,10 @@ from pipeline.running.settings import check
 
 @dataclass(frozen=True)
 class Several:
-    """The cases of several alterations, one after the other; each case is that of its part
-    alone."""
+    """The cases of several alterations, one after the other.
+
+    Each case is that of its part alone.
+    """
 
     parts: Sequence[Alteration]
     """All of one seed, and no two with a case in common but the first."""
@@ -38,7 +40,7 @@ class Several:
 
     @property
     def seed(self) -> int:
-        """That of its parts."""
+        """The seed that all parts share."""
         return self.parts[0].seed
 
     @property
@@ -49,6 +51,6 @@ class Several:
     def alter(
         self, case: Case, points_m: NDArray[np.floating], rng: np.random.Generator
     ) -> tuple[NDArray[np.floating], float]:
-        """See the part that has this case."""
+        """Alter the points as the part does that has this case."""
         (part, *_) = (part for part in self.parts if case in part.cases)
         return part.alter(case, points_m, rng)

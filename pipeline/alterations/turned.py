@@ -1,5 +1,7 @@
-"""The robot turned on the spot by random angles, before its view is computed (SCI paper, Fig. 10;
-METHODS 2.8)."""
+"""The robot turned on the spot by random angles, before its view is computed (METHODS 2.8).
+
+SCI paper, Fig. 10.
+"""
 
 import math
 from collections.abc import Sequence
@@ -32,8 +34,10 @@ class Turned:
     def alter(
         self, case: Case, points_m: NDArray[np.floating], rng: np.random.Generator
     ) -> tuple[NDArray[np.floating], float]:
-        """The points (n, 3) as a robot sees them that is turned to the left by U[0, 2π), and that
-        angle in radians."""
+        """The points (n, 3) as a robot turned to the left by U[0, 2π) sees them, and that angle.
+
+        The angle is in radians.
+        """
         if case.change == AS_DRIVEN:
             return points_m, 0.0
         left_rad = float(rng.uniform(0, 2 * math.pi, case.repeat + 1)[-1])

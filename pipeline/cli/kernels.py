@@ -3,22 +3,22 @@
 import sys
 
 import pipeline
-from pipeline.kernel_cache import GIVEN, cold
+from pipeline.kernel_cache import CACHE_VARIABLE, cold
 
 
 def tell_cold() -> None:
     """Print a line if the first scan will wait half a minute for kernels to be compiled."""
     if pipeline.KERNELS == "nowhere":
         print(
-            f"  compiling kernels, at every start: half a minute; set {GIVEN} to a folder to keep "
-            "them",
+            f"  compiling kernels, at every start: half a minute; set {CACHE_VARIABLE} to a "
+            "folder to keep them",
             file=sys.stderr,
             flush=True,
         )
         return
     if cold():
         folder_note = (
-            f", kept in {pipeline.KERNELS}: set {GIVEN} to a folder that lasts"
+            f", kept in {pipeline.KERNELS}: set {CACHE_VARIABLE} to a folder that lasts"
             if pipeline.KERNELS
             else ""
         )

@@ -1,5 +1,7 @@
-"""The random streams of the world: each has its own generator, so that a new draw in one does not
-change the others."""
+"""The random streams of the world.
+
+Each has its own generator, so that a new draw in one does not change the others.
+"""
 
 from collections.abc import Callable
 from datetime import date, datetime
@@ -39,8 +41,10 @@ Noise: TypeAlias = Callable[[Stream], np.random.Generator]
 
 
 def generator(seed: int, stream: Stream, when: date | None = None) -> np.random.Generator:
-    """The generator of one stream; sequences are distinguished by their date and time `when`, not
-    by their order in a table."""
+    """The generator of one stream.
+
+    Sequences are distinguished by their date and time `when`, not by their order in a table.
+    """
     return np.random.default_rng(
         [seed, int(stream), when.toordinal() if when else 0, *_second(when)]
     )

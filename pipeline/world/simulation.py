@@ -36,8 +36,10 @@ TRAINING_ENTRY = {"unseen": 0.0, "reversed": 0.0}
 
 @dataclass(frozen=True)
 class Simulation:
-    """A world and the sequences recorded in it; its fields are the keys of the yamls in
-    conf/world."""
+    """A world and the sequences recorded in it.
+
+    Its fields are the keys of the yamls in conf/world.
+    """
 
     seed: int
     blocks: Count
@@ -118,12 +120,11 @@ class Simulation:
         watch: Progress,
         truth: Path | None = None,
     ) -> Recording:
-        """Drive `sequence` and write its logs into `folder`, and labels that no robot could record
-        into `truth`/sequence.
+        """Drive `sequence` and write its logs into `folder`.
 
-        The bytes depend only on the parameters of the world, the training entry, and the name and
-        entry of the sequence. Raises ConfigError for a sequence without an entry, or a route file
-        that cannot be driven.
+        Labels that no robot could record go into `truth`/sequence. The bytes depend only on the
+        parameters of the world, the training entry, and the name and entry of the sequence. Raises
+        ConfigError for a sequence without an entry, or a route file that cannot be driven.
         """
         recorder, plan = self._recorder(
             self._entry_name(sequence), truth / sequence if truth else None
@@ -139,8 +140,10 @@ class Simulation:
             blocks = compute.rows(
                 replace(recorder, logs=None if logs.in_order else logs).block, scans, block
             )
-            for seen, unwritten in watch.track(blocks, -(-scans // block), f"driving {sequence}"):
-                points += seen
+            for block_points, unwritten in watch.track(
+                blocks, -(-scans // block), f"driving {sequence}"
+            ):
+                points += block_points
                 for scan in unwritten:
                     logs.write_scan(*scan)
         return Recording(
@@ -148,11 +151,10 @@ class Simulation:
         )
 
     def changes(self, train: str, sequence: str) -> list[Change]:
-        """The changes visible on the day of `sequence` but not of `train`, the training sequence,
-        in the frame of the truth.
+        """The changes that are visible on the day of `sequence` but not on the training day.
 
-        Empty for a scanner car, whose logs are all of one day. Raises ConfigError for another
-        `train`, or an unknown sequence.
+        They are in the frame of the truth. Empty for a scanner car, whose logs are all of one day.
+        Raises ConfigError where `train` is not the training sequence, or for an unknown sequence.
         """
         if self._robot.loops:
             return []
@@ -173,17 +175,20 @@ class Simulation:
         )
 
     def _plan(self, entry: str) -> tuple[Routes, Plan]:
-        """The streets and the plan of a sequence, in the one world of all sequences or in the own
-        world of a log."""
+        """The streets and the plan of a sequence.
+
+        They lie in the one world of all sequences, or in the own world of a log.
+        """
         robot = self._robot
-        wanted = self.sequences[entry]
+        shares = self.sequences[entry]
         if robot.loops:
             seed = (self.seed + LOG_SEEDS * (1 + int(entry))) % (MAX_SEED + 1)
-            routes = loop_routes(seed, self.blocks, self.route_m, robot.streets_only, wanted)
+            routes = loop_routes(seed, self.blocks, self.route_m, robot.streets_only, shares)
         else:
             routes = self.routes()
-        own = robot.loops or entry == self.training
-        return routes, routes.training if own else routes.test(robot.departs(entry), wanted)
+        if robot.loops or entry == self.training:
+            return routes, routes.training
+        return routes, routes.test(robot.departs(entry), shares)
 
     def _entry_name(self, sequence: str) -> str:
         """The name of the entry of a sequence: its own, or that of its log."""
@@ -202,7 +207,7 @@ class Simulation:
 
     def _year(self, routes: Routes, entry: Entry) -> tuple[Campus, list[Event]]:
         """The campus with all changes over the year of a sequence, and its events."""
-        count, wanted = (
+        count, entry_count = (
             round(a_km * routes.route_m / 1000)
             for a_km in (self.events_per_km_of_route, entry.events_per_km)
         )
@@ -214,13 +219,15 @@ class Simulation:
             line_m,
             count,
             self.near_route,
-            max(wanted - count, 0),
+            max(entry_count - count, 0),
             entry.near_route,
         )
 
     def _recorder(self, name: str, truth: Path | None) -> tuple[Recorder, Plan]:
-        """Build the world and the drive of a sequence; writes the events of its year below
-        `truth`."""
+        """Build the world and the drive of a sequence.
+
+        Writes the events of its year below `truth`.
+        """
         (routes, plan) = self._plan(name)
         entry = Entry.of(name, self.sequences[name])
         robot = self._robot

@@ -180,8 +180,10 @@ def simulate_day(
 
 
 def _parked_cars(rng: np.random.Generator, campus: Campus, day: int) -> Records:
-    """Cars in random open slots; the share of taken slots differs from day to day and, smoothly,
-    from place to place."""
+    """Cars in random open slots.
+
+    The share of taken slots differs from day to day and, smoothly, from place to place.
+    """
     x_m, y_m, yaw, dead_day = columns(campus.slots, "x_m", "y_m", "yaw_rad", "dead_day").values()
     phase_x, phase_y = rng.uniform(0, 2 * np.pi, 2)
     occupancy = rng.uniform(*OCCUPANCIES)
@@ -189,15 +191,15 @@ def _parked_cars(rng: np.random.Generator, campus: Campus, day: int) -> Records:
         y_m / OCCUPANCY_WAVE_LENGTH_M + phase_y
     )
     chance = (occupancy + OCCUPANCY_WAVE * 0.5 * waves).clip(0.02, 0.97)
-    taken = rng.random(len(yaw)) < chance
+    is_taken = rng.random(len(yaw)) < chance
     models = rng.choice(len(CAR_SIZES_M), len(yaw), p=CAR_SHARES)
     sizes = np.array(CAR_SIZES_M)[models] * rng.uniform(*CAR_SCALES, (len(yaw), 1))
     places = np.stack([x_m, y_m, yaw], 1) + rng.normal(
         0, (*PARKING_SD_M, PARKING_YAW_SD_RAD), (len(yaw), 3)
     )
-    taken &= dead_day > day
-    (x_m, y_m, yaw) = places[taken].T
-    (half_length_m, half_width_m, height_m) = sizes[taken].T
+    is_taken &= dead_day > day
+    (x_m, y_m, yaw) = places[is_taken].T
+    (half_length_m, half_width_m, height_m) = sizes[is_taken].T
     base_m = campus.ground.at(x_m, y_m)
     c = np.cos(yaw)
     s = np.sin(yaw)

@@ -1,5 +1,7 @@
-"""One drive along a plan: a robot that keeps to the right, never twice on the same line, and rocks
-as it goes."""
+"""One drive along a plan.
+
+The robot keeps to the right, never drives twice on the same line, and rocks as it goes.
+"""
 
 from dataclasses import dataclass, replace
 from datetime import UTC, date, datetime, time
@@ -79,8 +81,10 @@ CAR = Motion(8.0, 9.0, 1.7, 0.15, 0.25, 0.4, 0.5, 0.5, wheelbase_m=2.7, keep_off
 
 @dataclass(frozen=True)
 class Drive:
-    """True poses at KNOTS_HZ and at the stamp of every scan, so that interpolation is exact at the
-    scans."""
+    """True poses at KNOTS_HZ and at the stamp of every scan.
+
+    So interpolation is exact at the scans.
+    """
 
     utimes: Stamps
     """(k,) microseconds since 1970, increasing."""
@@ -179,8 +183,10 @@ def survey(driven: Drive, rng: np.random.Generator, sd_m: float) -> Drive:
 def _path(
     rng: np.random.Generator, line_m: Floats, motion: Motion, lateral_m: float
 ) -> tuple[Floats, Floats]:
-    """Places (n, 2) in metres every LINE_STEP_M along the driven path, and the unwrapped headings
-    (n,) in radians."""
+    """Places (n, 2) in metres every LINE_STEP_M along the driven path, with headings (n,).
+
+    Headings are unwrapped, in radians.
+    """
     middle_m = _resample(line_m)
     middle_m = np.stack(
         [_smooth(axis, round(motion.corner_m / LINE_STEP_M)) for axis in middle_m.T], 1
@@ -216,8 +222,10 @@ def _rocking(rng: np.random.Generator, knots: int, motion: Motion) -> Floats:
 
 
 def _slope(ground: Ground, xy_m: Floats, heading: Floats, over_m: float) -> Floats:
-    """Roll and pitch (n, 2) in radians of a body on the ground at `xy_m` (n, 2); uphill is a pitch
-    below 0."""
+    """Roll and pitch (n, 2) in radians of a body on the ground at `xy_m` (n, 2).
+
+    Uphill is a pitch below 0.
+    """
     ahead = over_m / 2 * np.stack([np.cos(heading), np.sin(heading)], 1)
     left = ahead[:, ::-1] * (-1, 1)
     rises_m = [ground.at(*(xy_m + way).T) - ground.at(*(xy_m - way).T) for way in (left, ahead)]
@@ -225,8 +233,10 @@ def _slope(ground: Ground, xy_m: Floats, heading: Floats, over_m: float) -> Floa
 
 
 def _pilot(rng: np.random.Generator, xy_m: Floats, heading: Floats, step_m: float) -> Floats:
-    """Position (n, 2) in metres of the pilot, who walks behind the robot, at a random distance and
-    angle."""
+    """Position (n, 2) in metres of the pilot, who walks behind the robot.
+
+    Distance and angle are random.
+    """
     side_deg = rng.normal(0, PILOT_SIDE_SD_DEG)
     bearing_deg = _wander(
         rng,
@@ -251,8 +261,10 @@ def _wander(
     correlation_m: float,
     clip: float,
 ) -> Floats:
-    """A stationary Gauss–Markov process (steps,) of deviation `sd` and length `correlation_m`,
-    clipped at ± `clip`."""
+    """A stationary Gauss–Markov process (steps,) of deviation `sd`, clipped at ± `clip`.
+
+    Its length is `correlation_m`.
+    """
     keep = np.exp(-step_m / correlation_m)
     pushes = rng.normal(0, sd * np.sqrt(1 - keep**2), steps)
     pushes[0] = rng.normal(0, sd)
@@ -260,8 +272,10 @@ def _wander(
 
 
 def _smooth(values: Floats, samples: int) -> Floats:
-    """`values` (n,) smoothed by a Hann window of `samples`; beyond the ends the first and last
-    values are repeated."""
+    """`values` (n,) smoothed by a Hann window of `samples`.
+
+    Beyond the ends the first and last values are repeated.
+    """
     window = np.hanning(samples + 2)[1:-1]
     held = np.concatenate([np.repeat(values[:1], samples), values, np.repeat(values[-1:], samples)])
     return np.convolve(held, window / window.sum(), "same")[samples:-samples]

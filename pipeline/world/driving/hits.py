@@ -21,8 +21,10 @@ Vector: TypeAlias = tuple[float, float, float]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def hash_u(seed: np.uint64, ray: int, draw: int) -> float:
-    """A pseudo-random number in (0, 1), a function of the three arguments alone (finaliser of
-    splitmix64)."""
+    """A pseudo-random number in (0, 1), a function of the three arguments alone.
+
+    It is the finaliser of splitmix64.
+    """
     word = (
         np.uint64(seed) * np.uint64(0x9E3779B97F4A7C15)
         ^ (np.uint64(ray) + np.uint64(0x632BE59BD9B4E019)) * np.uint64(0xBF58476D1CE4E5B9)
@@ -38,8 +40,10 @@ def hash_u(seed: np.uint64, ray: int, draw: int) -> float:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _slab(start: float, step: float, low: float, high: float) -> tuple[float, float]:
-    """The ranges at which a ray enters and leaves low <= start + range × step <= high; enter >
-    leave if it never enters."""
+    """The ranges at which a ray enters and leaves low <= start + range × step <= high.
+
+    Enter > leave if it never enters.
+    """
     if abs(step) < _PARALLEL:
         return (-np.inf, np.inf) if low <= start <= high else (np.inf, -np.inf)
     a = (low - start) / step

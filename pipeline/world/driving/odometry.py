@@ -1,5 +1,7 @@
-"""Sensor models for poses: odometry with a scale error, a turning bias and white noise, and an INS
-with outages."""
+"""Sensor models for poses: odometry, and an INS with outages.
+
+Odometry has a scale error, a turning bias and white noise.
+"""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,8 +53,10 @@ def wheel_odometry(rng: np.random.Generator, world_T_body: Poses) -> Poses:
 
 
 def visual_odometry(rng: np.random.Generator, world_T_camera: Poses) -> Poses:
-    """Poses (n − 1, 4, 4) of stereo visual odometry, each in the frame of the previous one; all
-    angles drift."""
+    """Poses (n − 1, 4, 4) of stereo visual odometry, each in the frame of the previous one.
+
+    All angles drift.
+    """
     motion = np.linalg.inv(world_T_camera[:-1]) @ world_T_camera[1:]
     metres = np.linalg.norm(motion[:, :3, 3], axis=1)[:, None]
     scale = 1 + rng.normal(0, SCALE_SD)

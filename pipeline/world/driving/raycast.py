@@ -1,5 +1,7 @@
-"""The ray caster: each ray steps through the cells of the ground (DDA) and meets the nearest shape
-in them, or the ground.
+"""Casts rays into the scene of a day.
+
+Each ray steps through the cells of the ground (DDA) and meets the nearest shape in them, or the
+ground.
 
 A scan is cast by one thread; blocks of scans run in parallel.
 """
@@ -65,9 +67,9 @@ def cast(
         kind = 0
         bright = 0.0
         for mover in movers:
-            at, cosine = hit_cylinder(mover, start, direction)
-            if 0 < at < best:
-                best = at
+            hit_m, cosine = hit_cylinder(mover, start, direction)
+            if 0 < hit_m < best:
+                best = hit_m
                 kind = mover.kind
                 bright = cosine * mover.reflectance
         best, kind, bright = _first_hit(scene, start, direction, best, kind, bright, ray, seed)
@@ -124,17 +126,19 @@ def _first_hit(
         cell = i * columns + j
         if oz + min(enter * dz, min(leave, best) * dz) <= scene.tops_m[cell]:
             for item in range(scene.starts[cell], scene.starts[cell + 1]):
-                at, cosine, what = _hit(scene, scene.items[item], origin, direction, ray, seed)
-                if 0 < at < best:
-                    best = at
-                    kind = what
+                hit_m, cosine, shape_kind = _hit(
+                    scene, scene.items[item], origin, direction, ray, seed
+                )
+                if 0 < hit_m < best:
+                    best = hit_m
+                    kind = shape_kind
                     bright = cosine
         end = min(leave, best)
         above_out = _above_ground(scene, ox + end * dx, oy + end * dy, oz + end * dz)
         if above_out < 0:
-            at = _ground_hit(scene, origin, direction, enter, above_in, end, above_out)
+            hit_m = _ground_hit(scene, origin, direction, enter, above_in, end, above_out)
             fall = (above_in - above_out) / max(end - enter, 1e-6)
-            return at, _GROUND, GROUND_REFLECTANCE * min(fall, 1.0)
+            return hit_m, _GROUND, GROUND_REFLECTANCE * min(fall, 1.0)
         if best <= leave:
             break
         enter = leave
@@ -156,16 +160,16 @@ def _hit(
     if shape < scene.boxes.shape[0]:
         box = scene.boxes[shape]
         u = hash_u(seed, ray, shape) if box.extinction_per_m > 0 else 1.0
-        at, cosine = hit_box(box, origin, direction, u)
-        return at, cosine * box.reflectance, box.kind
+        hit_m, cosine = hit_box(box, origin, direction, u)
+        return hit_m, cosine * box.reflectance, box.kind
     number = shape - scene.boxes.shape[0]
     if number < scene.cylinders.shape[0]:
         cylinder = scene.cylinders[number]
-        at, cosine = hit_cylinder(cylinder, origin, direction)
-        return at, cosine * cylinder.reflectance, cylinder.kind
+        hit_m, cosine = hit_cylinder(cylinder, origin, direction)
+        return hit_m, cosine * cylinder.reflectance, cylinder.kind
     crown = scene.crowns[number - scene.cylinders.shape[0]]
-    at, cosine = hit_crown(crown, origin, direction, hash_u(seed, ray, shape))
-    return at, cosine * crown.reflectance, crown.kind
+    hit_m, cosine = hit_crown(crown, origin, direction, hash_u(seed, ray, shape))
+    return hit_m, cosine * crown.reflectance, crown.kind
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -189,14 +193,14 @@ def _ground_hit(
     false position."""
     (ox, oy, oz) = origin
     (dx, dy, dz) = direction
-    at = enter
+    hit_m = enter
     for _ in range(_REFINEMENTS):
-        at = enter + (end - enter) * above_in / (above_in - above_out) if above_in > 0 else enter
-        above = _above_ground(scene, ox + at * dx, oy + at * dy, oz + at * dz)
+        hit_m = enter + (end - enter) * above_in / (above_in - above_out) if above_in > 0 else enter
+        above = _above_ground(scene, ox + hit_m * dx, oy + hit_m * dy, oz + hit_m * dz)
         if above > 0:
-            enter = at
+            enter = hit_m
             above_in = above
         else:
-            end = at
+            end = hit_m
             above_out = above
-    return at
+    return hit_m

@@ -39,8 +39,10 @@ class Recording:
 
 @dataclass(frozen=True)
 class Recorder:
-    """Everything that a worker needs to record any block of scans of a sequence; it can be sent to
-    other processes."""
+    """Everything that a worker needs to record any block of scans of a sequence.
+
+    It can be sent to other processes.
+    """
 
     seed: int
     when: date

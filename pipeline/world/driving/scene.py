@@ -1,5 +1,7 @@
-"""The shapes of one day, sorted into the cells of the ground, so that a ray is tested only against
-shapes in its cells."""
+"""The shapes of one day, sorted into the cells of the ground.
+
+A ray is tested only against shapes in its cells.
+"""
 
 from typing import NamedTuple
 
@@ -70,7 +72,9 @@ def build_scene(
         for i, i_end, j, j_end in spans
     ]
     cells = np.concatenate([np.zeros(0, int), *touched])
-    shape_of = np.repeat(np.arange(len(touched)), np.array([len(own) for own in touched], int))
+    shape_of = np.repeat(
+        np.arange(len(touched)), np.array([len(shape_cells) for shape_cells in touched], int)
+    )
     order = cells.argsort(kind="stable")
     starts = np.searchsorted(cells[order], np.arange(rows * columns + 1)).astype(np.int32)
     tops_m = np.full(rows * columns, -1e9)

@@ -1,5 +1,7 @@
-"""Builds a campus: fills the blocks between the streets with buildings, trees and cars, by the zone
-of each block."""
+"""Builds a campus: fills the blocks between the streets with buildings, trees and cars.
+
+What a block holds depends on its zone.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -84,7 +86,7 @@ def divide(rng: np.random.Generator, streets: Streets, blocks: int) -> list[Bloc
     high_m = corners_m.max((0, 1))
     seeds_m = rng.uniform(low_m, high_m, (max(1, int((blocks + 1) ** 2 / BLOCKS_PER_ZONE_SEED)), 2))
     zones = rng.choice(list(ZONES), len(seeds_m), p=list(ZONES.values()))
-    found = []
+    grid_blocks = []
     for i in range(blocks):
         for j in range(blocks):
             (sw, nw), (se, ne) = corners_m[i : i + 2, j : j + 2]
@@ -93,8 +95,8 @@ def divide(rng: np.random.Generator, streets: Streets, blocks: int) -> list[Bloc
             half_width_m = (np.hypot(*(nw - sw)) + np.hypot(*(ne - se))) / 4 - KERB_M
             yaw = float(np.arctan2(*(se - sw)[::-1]))
             zone = str(zones[((seeds_m - centre) ** 2).sum(1).argmin()])
-            found.append(Block(centre, yaw, half_length_m, half_width_m, zone))
-    return found
+            grid_blocks.append(Block(centre, yaw, half_length_m, half_width_m, zone))
+    return grid_blocks
 
 
 def fill(rng: np.random.Generator, block: Block, campus: Campus) -> None:

@@ -1,5 +1,7 @@
-"""The few building templates of a campus: real campuses repeat their buildings too, so places look
-alike."""
+"""The few building templates of a campus.
+
+Real campuses repeat their buildings too, so places look alike.
+"""
 
 import numpy as np
 
@@ -23,7 +25,7 @@ HOUSES_M = ((4.5, 5.5, 7.2), (5.2, 4.8, 6.6))
 
 def templates(rng: np.random.Generator) -> list[Template]:
     """The TEMPLATES buildings of a campus: L, U, H and tower shapes of a few floors."""
-    found = []
+    building_templates = []
     for number in range(TEMPLATES):
         length_m = rng.uniform(*HALF_LENGTHS_M)
         width_m = rng.uniform(*HALF_WIDTHS_M)
@@ -33,8 +35,8 @@ def templates(rng: np.random.Generator) -> list[Template]:
             Part(*place_m, *half_m, 0, storeys * FLOOR_M + PLINTH_M)
             for place_m, half_m, storeys in shape
         ]
-        found.append(tuple(part for wing in wings for part in _with_stairs(wing)))
-    return found
+        building_templates.append(tuple(part for wing in wings for part in _with_stairs(wing)))
+    return building_templates
 
 
 def houses() -> list[Template]:
@@ -53,8 +55,10 @@ Wing = tuple[tuple[float, float], tuple[float, float], int]
 
 
 def _wings(a: float, b: float, floors: int) -> list[list[Wing]]:
-    """The wings of the L, U, H and tower shapes of half length `a` and half width `b`, in
-    metres."""
+    """The wings of the L, U, H and tower shapes.
+
+    Half the length is `a`, half the width `b`, in metres.
+    """
     return [
         [((0, 0), (a, b), floors), ((a - b, 1.9 * b), (b, 0.9 * b), floors)],
         [
@@ -75,8 +79,10 @@ def _wings(a: float, b: float, floors: int) -> list[list[Wing]]:
 
 
 def _with_stairs(wing: Part) -> list[Part]:
-    """A wing, its stair bays every STAIR_PITCH_M on alternating sides, and a penthouse if it is
-    large."""
+    """A wing with stair bays every STAIR_PITCH_M on alternating sides.
+
+    A large one has a penthouse too.
+    """
     parts = [wing]
     top_m = wing.top_m
     if wing.half_length_m * wing.half_width_m > 150 and top_m > 2 * FLOOR_M:

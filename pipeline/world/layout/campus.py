@@ -1,5 +1,7 @@
-"""The campus: everything that does not move, with the days on which it appears and vanishes, and
-whether something more fits."""
+"""The campus: everything that does not move, and whether something more fits.
+
+Things have the days on which they appear and vanish.
+"""
 
 from dataclasses import dataclass, field
 
@@ -43,8 +45,11 @@ class Slot:
 
 @dataclass
 class Campus:
-    """Structures, plants and poles have the days on which they stand, slots the day on which they
-    close."""
+    """The streets, the ground, and everything that stands on it.
+
+    Structures, plants and poles have the days on which they stand, slots the day on which they
+    close.
+    """
 
     streets: Streets
     ground: Ground
@@ -59,8 +64,8 @@ class Campus:
     def fits(self, structure: Structure) -> bool:
         """Whether a building keeps its distance from streets and from the other buildings."""
         outline_m = structure.outline_m()
-        apart = (cdist(outline_m, self.taken_m[:, :2]) >= self.taken_m[:, 2]).all()
-        return bool(apart and (self.streets.clearance_m(outline_m) > BUILDING_SETBACK_M).all())
+        is_clear = (cdist(outline_m, self.taken_m[:, :2]) >= self.taken_m[:, 2]).all()
+        return bool(is_clear and (self.streets.clearance_m(outline_m) > BUILDING_SETBACK_M).all())
 
     def build(self, structure: Structure) -> None:
         """Add a building, and reserve its ground."""
@@ -78,8 +83,10 @@ class Campus:
 
 
 def shapes_on(campus: Campus, day: int) -> tuple[Records, Records, Records]:
-    """Boxes, cylinders and crowns of everything that stands on `day`; the extinction of porous ones
-    is still 0."""
+    """Boxes, cylinders and crowns of everything that stands on `day`.
+
+    The extinction of porous ones is still 0.
+    """
     plants = campus.plants
     ground = campus.ground
     cylinders = np.concatenate(

@@ -53,8 +53,10 @@ class Event:
 
     @property
     def from_day(self) -> float:
-        """Days after training from which the place looks different; if the fence stood before, from
-        the mound on."""
+        """Days after training from which the place looks different.
+
+        If the fence stood before, from the mound on.
+        """
         before_days = (
             (FENCE_BEFORE_DAYS, MOUND_BEFORE_DAYS, 0) if self.what == "construction" else (0,)
         )
@@ -96,8 +98,10 @@ def _events(
     near_share: float,
     period_share: tuple[float, float],
 ) -> list[Event]:
-    """`count` events on random days within a share of the period, the first `near_share` of them
-    near the route."""
+    """`count` events on random days within a share of the period.
+
+    The first `near_share` of them are near the route.
+    """
     events = []
     for number in range(count):
         route = route_m if number < round(near_share * count) else None
@@ -110,8 +114,10 @@ def _events(
 def _construct(
     rng: np.random.Generator, campus: Campus, route_m: Floats | None, day: float
 ) -> Event | None:
-    """A building at a random place with enough room: first its fence, then a mound, then the
-    building."""
+    """Put up a building at a random place with enough room.
+
+    First comes its fence, then a mound, then the building.
+    """
     streets = campus.streets
     for _ in range(SITE_TRIES):
         if route_m is None:
@@ -184,30 +190,29 @@ def _replace_trees(rng: np.random.Generator, campus: Campus) -> None:
 def visible_changes(
     day: int, campus: Campus, events: Sequence[Event], origin_m: Sequence[float]
 ) -> list[Change]:
-    """The differences between `day` and the training day, in a frame in which the origin of the
-    world lies at `origin_m`.
+    """The differences between `day` and the training day.
 
-    A tree is listed with the day on which it is felled or planted; the trees cleared for a site are
-    part of that event.
+    They are in a frame in which the origin of the world lies at `origin_m`. A tree is listed with
+    the day on which it is felled or planted; the trees cleared for a site are part of that event.
     """
     cleared = {event.day - FENCE_BEFORE_DAYS for event in events if event.what == "construction"}
-    found: list[tuple[str, float, float, Event | Plant]]
-    found = [(event.what, event.from_day, event.day, event) for event in events]
+    dated_things: list[tuple[str, float, float, Event | Plant]]
+    dated_things = [(event.what, event.from_day, event.day, event) for event in events]
     grown = [plant for plant in campus.plants if plant.trunk_m and plant.born_day < plant.dead_day]
-    found += [
-        ("tree", at, at, tree)
+    dated_things += [
+        ("tree", change_day, change_day, tree)
         for tree in grown
-        for at in {tree.born_day, tree.dead_day} - cleared
-        if 0 < at < np.inf
+        for change_day in {tree.born_day, tree.dead_day} - cleared
+        if 0 < change_day < np.inf
     ]
     changes = (
         Change(
-            what,
+            kind,
             ceil(from_day),
             ceil(done_day),
             float(thing.x_m + origin_m[0]),
             float(thing.y_m + origin_m[1]),
         )
-        for what, from_day, done_day, thing in found
+        for kind, from_day, done_day, thing in dated_things
     )
     return visible(changes, day)

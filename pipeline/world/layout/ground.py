@@ -43,8 +43,10 @@ def _heights_at(
 
 @dataclass(frozen=True)
 class Ground:
-    """Heights at the knots of a square raster in the world frame; the ray caster uses the same
-    cells."""
+    """Heights at the knots of a square raster in the world frame.
+
+    The ray caster uses the same cells.
+    """
 
     heights_m: Floats
     """(i, j): knot (i, j) lies at (x0_m + i cell_m, y0_m + j cell_m)."""

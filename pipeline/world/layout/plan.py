@@ -47,8 +47,10 @@ class Plan:
 
 
 class Graph:
-    """The half-edges of the streets, which lead from `tails` to `heads` (h,): 2e is street e from
-    start to end, 2e + 1 back."""
+    """The half-edges of the streets, which lead from `tails` to `heads` (h,).
+
+    2e is street e from start to end, 2e + 1 back.
+    """
 
     def __init__(self, streets: Streets) -> None:
         self.tails = streets.edges.ravel()
@@ -61,8 +63,10 @@ class Graph:
     def wander(
         self, rng: np.random.Generator, weights: Floats, start: int, length_m: float
     ) -> list[int]:
-        """A random walk of at least `length_m` from corner `start`; it prefers new streets,
-        straight on, and large weights."""
+        """A random walk of at least `length_m` from corner `start`.
+
+        It prefers new streets, straight on, and large weights.
+        """
         walk: list[int] = []
         visits = np.zeros(len(weights) // 2)
         node = start
@@ -173,17 +177,19 @@ def plan_test(
     unseen: float,
     reversed_: float,
 ) -> Plan:
-    """The random walk with the best score: near the wanted shares, and with a large coverage of the
-    training plan."""
+    """The random walk with the best score.
+
+    That is one near the wanted shares, and with a large coverage of the training plan.
+    """
     graph = Graph(streets)
     reference = _Samples(training.line_m, route_m)
     steps = np.array(training.half_edges)
     middles_m = np.cumsum(graph.lengths_m[steps]) - graph.lengths_m[steps] / 2
-    driven, known = graph.known(steps[: max(1, int((middles_m < route_m).sum()))])
-    starts = np.flatnonzero(known)
+    driven, known_edges = graph.known(steps[: max(1, int((middles_m < route_m).sum()))])
+    starts = np.flatnonzero(known_edges)
     plans = []
     for _ in range(TEST_CANDIDATES):
-        weights = _weights(rng, driven, known)
+        weights = _weights(rng, driven, known_edges)
         node = int(graph.tails[rng.choice(starts)])
         walk = graph.wander(rng, weights, node, _spare_m(route_m) + streets.lengths_m.max())
         skipped_m = rng.uniform(0, 0.8) * graph.lengths_m[walk[0]]
@@ -196,10 +202,10 @@ def plan_test(
 def plan_loops(
     rng: np.random.Generator, streets: Streets, route_m: float, unseen: float, reversed_: float
 ) -> Plan:
-    """The random walk whose second half relates to its first half as a plan of `plan_test` to the
-    training plan.
+    """The random walk for a log whose second half meets its first half again.
 
-    Its shares are those of the second half relative to the first.
+    The second half relates to the first as a plan of `plan_test` to the training plan. Its shares
+    are those of the second half relative to the first.
     """
     graph = Graph(streets)
     half_m = route_m / 2
@@ -215,13 +221,15 @@ def plan_loops(
 
 
 def _weights(
-    rng: np.random.Generator, driven: NDArray[np.bool_], known: NDArray[np.bool_]
+    rng: np.random.Generator, driven: NDArray[np.bool_], known_edges: NDArray[np.bool_]
 ) -> Floats:
-    """Random weights of the half-edges for a walk: 1 for driven ones, others for reversed and for
-    unseen ones."""
+    """Random weights of the half-edges for a walk.
+
+    They are 1 for driven ones, others for reversed and for unseen ones.
+    """
     off_weight = 10 ** rng.uniform(*UNSEEN_WEIGHTS_LOG10)
     back_weight = 10 ** rng.uniform(*REVERSED_WEIGHTS_LOG10)
-    return np.where(driven, 1.0, np.where(known, back_weight, off_weight))
+    return np.where(driven, 1.0, np.where(known_edges, back_weight, off_weight))
 
 
 def _best(plans: list[Plan], unseen: float, reversed_: float) -> Plan:

@@ -1,5 +1,7 @@
-"""The routes of the sequences: the training route, test routes relative to it, or loops within one
-log."""
+"""The routes of the sequences.
+
+They are the training route, test routes relative to it, or loops within one log.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -35,19 +37,21 @@ class Routes:
     route_m: float
     """Length of every sequence."""
 
-    def test(self, when: date, wanted: Mapping[str, float]) -> Plan:
+    def test(self, when: date, shares: Mapping[str, float]) -> Plan:
         """The plan of a test sequence with the wanted shares `unseen` and `reversed`."""
         rng = generator(self.seed, Stream.TEST_PLAN, when)
         return plan_test(
-            rng, self.streets, self.training, self.route_m, wanted["unseen"], wanted["reversed"]
+            rng, self.streets, self.training, self.route_m, shares["unseen"], shares["reversed"]
         )
 
 
 def training_routes(
     seed: int, blocks: int, route_m: float, route_file: str | None, streets_only: bool
 ) -> Routes:
-    """A random route of `route_m` metres, or that of a trajectory file, at most as long; raises
-    ConfigError for a bad file."""
+    """A random route of `route_m` metres, or that of a trajectory file, at most as long.
+
+    Raises ConfigError for a bad file.
+    """
     streets = build_streets(generator(seed, Stream.STREETS), blocks)
     if route_file is None:
         training = plan_training(generator(seed, Stream.TRAINING_PLAN), streets, route_m)
@@ -72,13 +76,15 @@ def training_routes(
 
 
 def loop_routes(
-    seed: int, blocks: int, route_m: float, streets_only: bool, wanted: Mapping[str, float]
+    seed: int, blocks: int, route_m: float, streets_only: bool, shares: Mapping[str, float]
 ) -> Routes:
-    """A route of `route_m` metres whose second half has the wanted shares `unseen` and `reversed`
-    relative to its first."""
+    """A route of `route_m` metres whose second half meets its first half again.
+
+    It has the wanted `shares`, `unseen` and `reversed`, relative to its first half.
+    """
     streets = build_streets(generator(seed, Stream.STREETS), blocks)
     plan = plan_loops(
-        generator(seed, Stream.LOOPS), streets, route_m, wanted["unseen"], wanted["reversed"]
+        generator(seed, Stream.LOOPS), streets, route_m, shares["unseen"], shares["reversed"]
     )
     return Routes(seed, _paved(streets, streets_only), plan, route_m)
 

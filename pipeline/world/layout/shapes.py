@@ -61,8 +61,10 @@ CROWN = _record("x_m", "y_m", "z_m", "radius_m", "half_height_m")
 
 
 def records(dtype: np.dtype[Any], **columns: object) -> Records:
-    """Records from columns (n,) or single values; fields not given are 0, and the shape is solid
-    and stands all year."""
+    """Records from columns (n,) or single values.
+
+    Fields not given are 0, and the shape is solid and stands all year.
+    """
     length = np.broadcast_shapes(*(np.shape(np.asarray(column)) for column in columns.values()))
     table = np.zeros(length or (1,), dtype)
     table["born_day"], table["dead_day"], table["species"] = *ALWAYS, Species.SOLID

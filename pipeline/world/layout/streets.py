@@ -98,8 +98,10 @@ def points_along(line_m: Floats, stations_m: Floats) -> Floats:
 
 
 def build_streets(rng: np.random.Generator, blocks: int) -> Streets:
-    """The streets of blocks × blocks blocks around the origin; every corner has at least two
-    streets."""
+    """The streets of blocks × blocks blocks around the origin.
+
+    Every corner has at least two streets.
+    """
     side = blocks + 1
     axes = [np.cumsum([0.0, *(rng.uniform(*PITCH_FACTORS, blocks) * PITCH_M)]) for _ in "xy"]
     grid_m = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 2)

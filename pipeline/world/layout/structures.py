@@ -1,5 +1,7 @@
-"""Structures of boxes: buildings, houses, hedges, fences; the same parts may stand in many
-places."""
+"""Structures of boxes: buildings, houses, hedges, fences.
+
+The same parts may stand in many places.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -82,8 +84,10 @@ class Structure:
 
 
 def boxes(structures: Sequence[Structure], ground: Ground) -> Records:
-    """The boxes of all `structures`; the base of each part is the height of the ground at its
-    centre."""
+    """The boxes of all `structures`.
+
+    The base of each part is the height of the ground at its centre.
+    """
     pairs = [(structure, part) for structure in structures for part in structure.parts]
     table = columns(
         [part for _, part in pairs], "half_length_m", "half_width_m", "bottom_m", "top_m"

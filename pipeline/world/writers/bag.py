@@ -1,5 +1,7 @@
-"""Writes a ROS bag: clouds in the lidar's frame, the truth, the wheel odometry and the extrinsics
-(METHODS 7.4)."""
+"""Writes a ROS bag (METHODS 7.4).
+
+It holds clouds in the lidar's frame, the truth, the wheel odometry and the extrinsics.
+"""
 
 from pathlib import Path
 from typing import Literal

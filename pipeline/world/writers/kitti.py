@@ -14,8 +14,10 @@ from pipeline.world.writers.writer import Writer
 
 
 class KittiWriter(Writer):
-    """Writes one log into its folder; `00-a` and `00-b` are both the whole log 00, and the reader
-    splits it."""
+    """Writes one log into its folder.
+
+    `00-a` and `00-b` are both the whole log 00, and the reader splits it.
+    """
 
     def write_truth(self, drive: Drive, surveyed: Drive, noise: Noise) -> None:
         """Write the calibration, the times since the first scan, and the poses of cam0 in its first

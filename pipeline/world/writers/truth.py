@@ -1,5 +1,7 @@
-"""Writes labels that no robot could record, beside the logs: the kind of each point, and the events
-of the year."""
+"""Writes labels that no robot could record, beside the logs.
+
+They are the kind of each point, and the events of the year.
+"""
 
 import json
 from collections.abc import Sequence
@@ -23,8 +25,11 @@ class TruthWriter:
         np.save(self._kinds() / f"{utime}.npy", returns.kind)
 
     def write_year(self, day: int, events: Sequence[Event], plan: dict[str, float]) -> None:
-        """Create the folders; write the events of the whole year, the day of the sequence in it,
-        and the shares of its route."""
+        """Create the folders.
+
+        Write the events of the whole year, the day of the sequence in it, and the shares of its
+        route.
+        """
         self._kinds().mkdir(parents=True, exist_ok=True)
         year = {"day": day, "events": [asdict(event) for event in events], "plan": plan}
         (self.folder / "year.json").write_text(
