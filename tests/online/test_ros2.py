@@ -161,7 +161,3 @@ def test_a_promise_that_the_site_cannot_make_is_one_line(
     faked(monkeypatch, site, promise=0.999)
     with pytest.raises(SystemExit, match="this site cannot promise that, it can"):
         example.main()
-
-
-def test_the_node_is_short() -> None:
-    assert len(NODE.read_text().splitlines()) <= 125
