@@ -51,8 +51,10 @@ class Chances:
 
 
 USUAL = Chances((9.9, 6.9, 7.9, 5.0, 13.9, 7.5), -21.8)
-"""To start from: what held-out blocks of the training days of two simulated campuses gave, for an
-earlier form of the signs and of ageing; each site's own evidence moves it."""
+"""What a site starts from; its own evidence moves it.
+
+Learned from later days of two simulated campuses, seeds 2 and 5 (`python -m benchmarks.usual`).
+"""
 
 
 def learned(
