@@ -3,6 +3,7 @@
 import argparse
 import sys
 from collections import Counter
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +12,9 @@ from pipeline.cli.outputs import check_file
 from pipeline.errors import ConfigError, LogError
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from pipeline.frames import Poses
     from pipeline.online.inputs import Scan
     from pipeline.online.site import Fix
@@ -50,9 +54,8 @@ def localize(args: argparse.Namespace) -> None:
     """Write a fix of each scan, and print a summary of all of them."""
     from pipeline.online.follow import Following
     from pipeline.online.inputs import is_log, scans
-    from pipeline.online.odometry import step
+    from pipeline.online.localized import localized
     from pipeline.online.outputs import writer
-    from pipeline.online.sensor import unlike
     from pipeline.online.site import Site
     from pipeline.online.tracking import Tracker
 
@@ -75,7 +78,6 @@ def localize(args: argparse.Namespace) -> None:
     body_T_lidar = lidar_of(args)
     summary = Summary()
     tracker = Tracker(site, args.promise) if args.track else None
-    previous_scan: Scan | None = None
     tell_cold()
     with writer(args.kind or "text", args.out) as write:
         for source in args.inputs:
@@ -92,28 +94,11 @@ def localize(args: argparse.Namespace) -> None:
                 summary.skipped,
                 body_T_lidar,
             )
-            for scan in follower.scans() if follower else scans(source, *scan_options):
-                try:
-                    points_m = scan.points()
-                except (LogError, OSError) as error:
-                    summary.broken.append(
-                        str(error) if scan.name in str(error) else f"{scan.name}: {error}"
-                    )
-                    continue
+            source_scans = follower.scans() if follower else scans(source, *scan_options)
+            fixes = localized(source_scans, tracker or site, args.promise, summary.broken)
+            for scan, points_m, fix in fixes:
                 if not summary.fixes:
-                    for line in unlike(points_m, sensor, scan.body_T_lidar):
-                        print(
-                            "yearloc localize: unlike the scans that the site was learned with: "
-                            f"{line}",
-                            file=sys.stderr,
-                        )
-                if tracker is None:
-                    fix = site.localize(points_m, args.promise)
-                else:
-                    driven = step(previous_scan, scan)
-                    summary.steps[driven is not None] += 1
-                    fix = tracker.localize(points_m, driven, scan.stamp_ns)
-                    previous_scan = scan
+                    _tell_unlike(points_m, sensor, scan.body_T_lidar)
                 write(scan, fix)
                 summary.add(scan, fix)
             if follower:
@@ -124,9 +109,24 @@ def localize(args: argparse.Namespace) -> None:
         raise LogError(
             summary.broken[0] if summary.broken else f"{' '.join(args.inputs)}: no scan there"
         )
+    if tracker:
+        summary.steps = tracker.steps
     print(summary.text(), file=sys.stderr)
     if site.about["simulated"]:
         print("the site is simulated, not recorded", file=sys.stderr)
+
+
+def _tell_unlike(
+    points_m: "NDArray[np.float64]", sensor: Mapping[str, Any], body_T_lidar: "Poses | None"
+) -> None:
+    """Say in what a scan (n, 3) is unlike those that the site was learned with."""
+    from pipeline.online.sensor import unlike
+
+    for line in unlike(points_m, sensor, body_T_lidar):
+        print(
+            f"yearloc localize: unlike the scans that the site was learned with: {line}",
+            file=sys.stderr,
+        )
 
 
 class Summary:

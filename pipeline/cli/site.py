@@ -7,6 +7,7 @@ import argparse
 import os
 import socket
 import sys
+from itertools import islice
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -150,6 +151,7 @@ def watch(args: argparse.Namespace) -> None:
     from pipeline.online import foxglove
     from pipeline.online import watch as rerun
     from pipeline.online.inputs import scans
+    from pipeline.online.localized import localized
     from pipeline.online.site import Site
 
     if args.every < 1:
@@ -175,16 +177,10 @@ def watch(args: argparse.Namespace) -> None:
         lidar_of(args),
     )
     with recorder(site, args.save, args.promise) as recording:
-        for number, scan in enumerate(scans(args.log, *scan_options)):
-            if number % args.every:
-                continue
-            try:
-                points_m = scan.points()
-            except (LogError, OSError) as error:
-                summary.broken.append(f"{scan.name}: {error}")
-                continue
-            fix = site.localize(points_m, args.promise)
-            recording.add(number, scan, points_m, fix)
+        kept_scans = islice(scans(args.log, *scan_options), 0, None, args.every)
+        fixes = localized(kept_scans, site, args.promise, summary.broken)
+        for number, (scan, points_m, fix) in enumerate(fixes):
+            recording.add(number * args.every, scan, points_m, fix)
             summary.add(scan, fix)
     if not summary.fixes:
         raise LogError(summary.broken[0] if summary.broken else f"{args.log}: no scan there")

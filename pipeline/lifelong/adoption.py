@@ -14,7 +14,6 @@ from pipeline.errors import LogError
 from pipeline.frames import Poses, Stamps, Trajectory, apart
 from pipeline.matching.ranking import Rows
 from pipeline.online.inputs import NO_POSE, Scan
-from pipeline.online.odometry import step
 from pipeline.online.site import Fix, Site, finite
 from pipeline.online.tracking import Tracker
 from pipeline.posing.registration import Points
@@ -96,12 +95,7 @@ def surveyed(scans: Sequence[Scan], poses: Trajectory | None = None) -> Adoption
 def followed(site: Site, scans: Sequence[Scan], promise: float | None) -> list[Fix]:
     """Track the scans one after the other, and give the fix of each."""
     tracker = Tracker(site, promise or min(site.promises, default=None))
-    previous: Scan | None = None
-    fixes: list[Fix] = []
-    for scan in scans:
-        fixes.append(tracker.localize(scan.points(), step(previous, scan), scan.stamp_ns))
-        previous = scan
-    return fixes
+    return [tracker.follow(scan, scan.points()) for scan in scans]
 
 
 def accepts(fix: Fix, promise: float | None) -> bool:

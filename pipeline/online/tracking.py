@@ -3,6 +3,7 @@
 Global fixes until one is believed, then registration from the predicted pose, until lost.
 """
 
+from collections import Counter
 from dataclasses import replace
 from time import perf_counter
 from typing import Literal
@@ -12,6 +13,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pipeline.frames import apart
+from pipeline.online import odometry
+from pipeline.online.inputs import Scan
 from pipeline.online.site import Fix, Site, Word, finite
 from pipeline.paths.belief import Belief
 from pipeline.posing.fix import Fix as Registered
@@ -125,6 +128,16 @@ class Tracker:
         self._misses = 0
         self._stamp_ns: int | None = None
         self._time_s = 0.0
+        self._previous_scan: Scan | None = None
+        self.steps = Counter[bool]()
+        """How many scans were followed with odometry from the scan before, and how many without."""
+
+    def follow(self, scan: Scan, points_m: NDArray[np.floating]) -> Fix:
+        """The fix of the next scan and its points (n, 3), by its own odometry and stamp."""
+        driven = odometry.step(self._previous_scan, scan)
+        self._previous_scan = scan
+        self.steps[driven is not None] += 1
+        return self.localize(points_m, driven, scan.stamp_ns)
 
     def localize(
         self,
