@@ -26,9 +26,9 @@ class Record:
 
     @classmethod
     def of(
-        cls, steps: Iterator[Step], queries: Mapping[str, Rows], tell: Callable[[str], None]
+        cls, steps: Iterator[Step], queries: Mapping[str, Rows], report_line: Callable[[str], None]
     ) -> Self:
-        """Localise all query days after every step; `tell` is called with a line a step."""
+        """Localise all query days after every step; `report_line` is called with a line a step."""
         xy_m = np.concatenate([views.world_T_anchor[:, :2, 3] for views in queries.values()])
         day = np.repeat(
             np.arange(len(queries)), [len(views.stamps_ns) for views in queries.values()]
@@ -46,7 +46,7 @@ class Record:
             )
             done_steps.append(step)
             true = step.places.at(xy_m)
-            tell(
+            report_line(
                 f"{step.name}: {np.mean((answers[-1] == true)[true >= 0]):.3f} right of "
                 f"{(true >= 0).sum()} seen"
             )

@@ -162,13 +162,15 @@ class Folder:
                 if self.poses_format == "tum"
                 else "row numbers of the poses"
             )
-            hint = next((f"; {path.name} is none" for path in scan_paths), "")
+            odd_file = next((f"; {path.name} is none" for path in scan_paths), "")
             unit = files.unit_of(scan_paths[0].stem) if scan_paths else ""
             if unit in files.UNIT_NS and unit != self.stamps:
-                hint += f": is it in {unit}? Then say reader.stamps={unit} in the dataset's yaml"
+                odd_file += (
+                    f": is it in {unit}? Then say reader.stamps={unit} in the dataset's yaml"
+                )
             raise LogError(
                 f"{folder}: holds no readable scan in {self.scans} (named by {names}; .bin, .npy "
-                f"or .pcd{hint})"
+                f"or .pcd{odd_file})"
             )
         return paths, width, notes
 
