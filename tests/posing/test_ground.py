@@ -39,3 +39,13 @@ def test_a_roof_that_is_seen_without_its_walls_is_no_ground() -> None:
 
 def test_no_points_have_no_heights() -> None:
     assert heights_m(np.empty((0, 3))).shape == (0,)
+
+
+def test_a_point_that_is_not_finite_has_no_height_and_a_far_one_moves_nothing() -> None:
+    ground_m = hill(0.0)
+    odd_m = np.array([[np.nan, 0, 0], [0, np.inf, 5], [1e9, 0, 2]])
+    heights = heights_m(np.concatenate([ground_m, odd_m]))
+    assert np.abs(heights[: len(ground_m)]).max() == 0
+    assert np.isnan(heights[-3:-1]).all()
+    assert heights[-1] == 2.0
+    assert len(Walls().of(np.concatenate([ground_m, odd_m]))) == 0
