@@ -1,7 +1,7 @@
 """The usual chances, learned from worlds: `python -m benchmarks.usual CHAIN STUDY/GRID/MODEL …`.
 
 Each CHAIN is a folder with conf/ and artifacts/ in which `dvc repro` ranked later days of a world.
-Every EVERY-th query of each later day is searched for to the full depth against the training day's
+Every EVERY-th query of each later day is searched for to the last round against the training day's
 map. What makes its hypotheses right is learned from all of them together, each world as one: the
 numbers of `chances.USUAL`, which every site starts from. So the worlds and days named here are
 those that USUAL knows; a claim about it takes others.

@@ -38,6 +38,8 @@ def contradicted(
     charts = [walls.chart(points_m) for points_m in walls_m]
     for row, world_T_anchor in enumerate(targets.world_T_anchor):
         near = tree.query_ball_point(world_T_anchor[:2, 3], NEAR_M)
+        if len(near) < AGREEING:
+            continue
         steps = {scan: np.linalg.inv(world_T_anchor) @ world_T_scan[scan] for scan in near}
         old_m = walls.of(targets.points_m(row))
         shares = [
