@@ -79,10 +79,7 @@ class Fix:
         """
         kept: list[Hypothesis] = []
         for hypothesis in sorted(hypotheses, key=lambda hypothesis: -hypothesis.quality):
-            away_m, turn_deg = apart(
-                _poses(kept), np.broadcast_to(hypothesis.world_T_query, (len(kept), 4, 4))
-            )
-            if not ((away_m < SAME_M) & (turn_deg < SAME_DEG)).any():
+            if not same(hypothesis, kept).any():
                 kept.append(hypothesis)
         shares = chances.of(signs(kept))
         order = np.argsort(-shares, kind="stable").tolist()
@@ -126,6 +123,13 @@ def signs(hypotheses: Sequence[Hypothesis]) -> NDArray[np.float64]:
         other_qualities = np.where(np.eye(len(quality), dtype=bool), -np.inf, quality)
         sign_rows[:, -1] = quality - other_qualities.max(axis=1)
     return sign_rows
+
+
+def same(hypothesis: Hypothesis, others: Sequence[Hypothesis]) -> NDArray[np.bool_]:
+    """Which of n others (n,) have the pose of a hypothesis, within SAME_M and SAME_DEG."""
+    world_T_query = np.broadcast_to(hypothesis.world_T_query, (len(others), 4, 4))
+    away_m, turn_deg = apart(_poses(others), world_T_query)
+    return np.asarray((away_m < SAME_M) & (turn_deg < SAME_DEG))
 
 
 def poses(fixes: Sequence[Fix]) -> Poses:

@@ -16,7 +16,7 @@ from pipeline.errors import ConfigError, InputError
 from pipeline.frames import pose, yaw
 from pipeline.matching.ranking import Ranking
 from pipeline.posing.chances import USUAL, Chances
-from pipeline.posing.fix import Fix, Hypothesis
+from pipeline.posing.fix import Fix, Hypothesis, same
 from pipeline.posing.registration import Alignment, Cloud, Points, Registration
 from pipeline.posing.slides import slide
 from pipeline.posing.targets import Targets, around
@@ -177,7 +177,8 @@ class Fixer:
     ) -> Fix:
         """Build the fix from as many candidates as it takes to be sure of one.
 
-        The slid copies of the likeliest are tried too, unless it leads them or is hardly likely.
+        The slid copies of the likeliest are tried too, unless it leads them or is hardly likely;
+        where one of them becomes the likeliest, so are its own.
         """
         hypotheses: list[Hypothesis] = []
         compared: list[Hypothesis] = []
@@ -185,15 +186,23 @@ class Fixer:
         for hypothesis in candidates:
             hypotheses.append(hypothesis)
             fix = Fix.of(hypotheses, self.chances)
-            best = fix.hypotheses[0]
-            leads = best.slide.lead >= self.least_lead or any(best is leader for leader in compared)
-            if fix.chance >= LIKELY and not leads:
-                compared.append(best)
-                hypotheses += copies(best)
+            while self._has_rivals(fix, compared):
+                compared.append(fix.hypotheses[0])
+                hypotheses += copies(fix.hypotheses[0])
                 fix = Fix.of(hypotheses, self.chances)
             if fix.chance >= self.sure:
                 break
         return fix
+
+    def _has_rivals(self, fix: Fix, compared: Sequence[Hypothesis]) -> bool:
+        """Whether the likeliest hypothesis is to be compared with its slid copies.
+
+        It is not where it, or one at the same pose, was `compared` before.
+        """
+        best = fix.hypotheses[0]
+        if fix.chance < LIKELY or best.slide.lead >= self.least_lead:
+            return False
+        return not same(best, compared).any()
 
 
 @dataclass(frozen=True)
