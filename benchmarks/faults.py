@@ -39,7 +39,7 @@ from pipeline.running.dvc_files import DvcLock, files
 
 ENDINGS = ("same", "another input", "refused", "traceback", "silently different")
 """`another input`: a log, which has no checksum, was read as what it now says."""
-SEALED = (".zarr", ".safetensors", ".site")
+SEALED = (".zarr", store.MODEL, ".site")
 LONGEST = 300_000  # bytes of a log that is mutated; of a longer one the beginning
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGSTOP)
 EVER_S = 600
@@ -75,7 +75,7 @@ def read(path: Path) -> Any:
         found = store.read(path, *schemas.ALL)
         schema = next(one for one in schemas.ALL if one.kind == found.attrs["kind"])
         return found.attrs, {name: found.load(name).tobytes() for name in schema.columns}
-    if path.suffix == ".safetensors":
+    if path.name.endswith(store.MODEL):
         return store.read_recipe(path), {
             name: array.tobytes() for name, array in store.read_model(path).items()
         }
@@ -111,7 +111,7 @@ def samples(
     found = []
     for path in [
         *sorted(artifacts.rglob("*.zarr")),
-        *sorted(artifacts.rglob("*.safetensors")),
+        *sorted(artifacts.rglob(f"*{store.MODEL}")),
         *sorted(project.glob("*.site")),
     ]:
         copy = folder / path.relative_to(project)
@@ -163,7 +163,7 @@ def mutations(
                     "same"
                     if same
                     else "silently different"
-                    if path.suffix in SEALED
+                    if path.name.endswith(SEALED)
                     else "another input"
                 )
             except YearlocError as error:
@@ -196,7 +196,7 @@ def instances(project: Path) -> list[tuple[str, str, list[Path]]]:
         outs = [
             project / out["path"]
             for out in entry.get("outs", ())
-            if out["path"].endswith((".zarr", ".safetensors")) or "." not in Path(out["path"]).name
+            if out["path"].endswith((".zarr", store.MODEL)) or "." not in Path(out["path"]).name
         ]
         if outs and all(out.exists() for out in outs):
             found.append((name, entry["cmd"], outs))

@@ -68,7 +68,7 @@ def measured(
     """Positions (n, 2) of the seen queries, the rank of the true place, each sector's kind and what
     it says for that place."""
     study, grid, model_name = name.split("/")
-    model = store.read_model(ROOT / "train" / study / grid / f"{model_name}.safetensors")
+    model = store.read_model(ROOT / "train" / study / grid / f"{model_name}{store.MODEL}")
     method: SciRing = build("method", "sci_ring")
     net = Ring(len(model["place_xy_m"]), *(int(side) for side in model["image_shape"])).eval()
     loop.fill(net, model)

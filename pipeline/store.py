@@ -1,22 +1,31 @@
-"""Artifacts on disk, written whole or not at all: zarr groups of a declared schema, and models."""
+"""Artifacts on disk, written whole or not at all: zarr groups of a declared schema, and models.
 
-from collections.abc import Iterator, Mapping
+A model is a zarr group too, of arrays by any names, and lies in one zip: a network has some two
+hundred arrays, and each would be a folder.
+"""
+
+import json
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+from zipfile import ZipFile, ZipInfo
+from zlib import crc32
 
 import numpy as np
 import zarr
 from numpy.typing import NDArray
+from zarr.core.buffer import Buffer
+from zarr.storage import MemoryStore, ZipStore
 
 from pipeline import remote, sealed
 from pipeline.errors import ArtifactError
-from pipeline.model_file import read_foreign_model as read_foreign_model
-from pipeline.model_file import read_model as read_model
-from pipeline.model_file import read_recipe as read_recipe
-from pipeline.model_file import write_model as write_model
 from pipeline.replacing import replace as replace
+
+MODEL = ".zarr.zip"
+"""How the file of a model ends."""
+MODEL_KIND = {"kind": "model", "version": 1}
 
 
 @dataclass(frozen=True)
@@ -200,3 +209,66 @@ def write(path: str | Path, schema: Schema, **attrs: object) -> Iterator[Draft]:
         yield draft
         draft.finish({name: value() if callable(value) else value for name, value in attrs.items()})
         draft.seal(scratch)
+
+
+def write_model(
+    path: str | Path, model: Mapping[str, NDArray[Any]], recipe: Mapping[str, object]
+) -> None:
+    """Write named arrays as a zarr group in one zip; equal models have equal bytes.
+
+    The group's attribute `recipe` has the parameters that they were learned with, as texts.
+    """
+    members: dict[str, Buffer] = {}
+    group = zarr.create_group(MemoryStore(members))
+    for name, array in model.items():
+        group.create_array(
+            name,
+            data=np.require(array, requirements="C"),
+            chunks=tuple(max(1, length) for length in array.shape),
+            compressors=None,  # weights hardly shrink
+            config=sealed.ALL_CHUNKS,
+        )
+    words = {name: str(value) for name, value in recipe.items()}
+    group.attrs.update({**MODEL_KIND, sealed.SEAL: _checksum(members), "recipe": words})
+    with replace(path) as scratch, ZipFile(scratch, "w") as archive:
+        for name in sorted(members):
+            archive.writestr(ZipInfo(name), members[name].to_bytes())  # dated 1980, all of them
+
+
+def read_model(path: str | Path) -> dict[str, NDArray[Any]]:
+    """Read a model's named arrays; raises ArtifactError if the file is missing or damaged."""
+    read_recipe(path)
+    with _whole(path), ZipStore(path, mode="r") as zip_store:
+        members = zarr.open_group(zip_store, mode="r").members(max_depth=None)
+        return {
+            name: np.asarray(array[...]) for name, array in members if isinstance(array, zarr.Array)
+        }
+
+
+def read_recipe(path: str | Path) -> dict[str, str]:
+    """Read the parameters that a model was learned with; raises as `read_model`."""
+    with _whole(path), ZipFile(path) as archive:
+        attrs = json.loads(archive.read("zarr.json"))["attributes"]
+        recipe: dict[str, str] = attrs.pop("recipe")
+        if attrs != {**MODEL_KIND, sealed.SEAL: _checksum(archive.namelist())}:
+            raise ValueError("its files are not those that were written")
+    return recipe
+
+
+@contextmanager
+def _whole(path: str | Path) -> Iterator[None]:
+    """Say in one line what is wrong with a model's file: each file in the zip has a checksum."""
+    if not Path(path).exists():
+        raise ArtifactError(f"{path}: no such model; `dvc repro` trains it")
+    if Path(path).is_dir():
+        raise ArtifactError(f"{path}: a folder, expected a model in one file")
+    try:
+        yield
+    except Exception as error:  # zipfile and zarr may raise anything at a damaged file
+        reason = (str(error).splitlines() or [type(error).__name__])[0][:120]
+        raise ArtifactError(f"{path}: not a whole model ({reason}); {sealed.REBUILD}") from None
+
+
+def _checksum(names: Iterable[str]) -> int:
+    """The checksum of the names of a model's files."""
+    return crc32("\n".join(sorted(names)).encode())

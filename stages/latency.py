@@ -32,7 +32,7 @@ def main(cfg: DictConfig) -> str:
     methods = contenders(study["methods"], models, lambda view: build("view", view), alone)
     measured = Latency.measure(methods, scans, submaps, cfg.queries, cfg.k)
     trained = {
-        name: models / f"{name.name}.safetensors"
+        name: models / f"{name.name}{store.MODEL}"
         for method in study["methods"]
         for name in models_of(method)
     }

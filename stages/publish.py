@@ -38,7 +38,7 @@ def main(cfg: DictConfig) -> str:
         )
         runs += further_days.records(source) if further else ()
         for method in study["methods"] if asks_about_the_year(study) else ():
-            path = artifacts / "train" / cfg.study / grid / f"{method['name']}.safetensors"
+            path = artifacts / "train" / cfg.study / grid / f"{method['name']}{store.MODEL}"
             extra = measured(artifacts, cfg.study, grid, method, path)
             own_answers, *further_answers = answers_of(study, ModelName(method["name"]))
             recipe = store.read_recipe(path)

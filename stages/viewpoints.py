@@ -47,7 +47,7 @@ def main(cfg: DictConfig) -> str:
 def judge(cfg: DictConfig, method: str, model: str, views: Rows, out: Path) -> Judged:
     """One model on one sequence, kept as an artifact."""
     learned = store.read_model(
-        Path(cfg.artifacts, "train", cfg.study, cfg.cells, f"{model}.safetensors")
+        Path(cfg.artifacts, "train", cfg.study, cfg.cells, f"{model}{store.MODEL}")
     )
     judged: Judged = instantiate(cfg.viewpoints).judge(build("method", method), learned, views)
     with store.write(out, schemas.VIEWPOINTS, **judged.attrs()) as artifact:

@@ -16,7 +16,7 @@ from tests.inspection.test_artifacts import write
 
 def test_every_mutation_of_an_artifact_is_refused_or_harmless(tmp_path: Path) -> None:
     write(tmp_path / "artifacts/labels/a.zarr", "labels")
-    store.write_model(tmp_path / "artifacts/train/a.safetensors", {"a": np.arange(9.0)}, {"k": 1})
+    store.write_model(tmp_path / "artifacts/train/a.zarr.zip", {"a": np.arange(9.0)}, {"k": 1})
     found = list(mutations(tmp_path, tries=60, seed=0, done=0))
     assert [one["case"] for one in found] == [*range(60)]
     assert {one["ending"] for one in found} <= {"same", "refused"}

@@ -41,4 +41,4 @@ def test_five_commands_lead_from_bags_to_a_localiser(clone: Clone) -> None:
         few = ["methods=sci_ring,scan_context"] if step[:2] == ["yearloc", "use"] else []
         said = clone.run(*[word.replace("budget=demo", "budget=tiny") for word in step], *few)
     assert "Sci" in said  # the last one looks at the localiser
-    assert (clone.folder / "artifacts/train/robot/10m/sci_ring.safetensors").is_file()
+    assert (clone.folder / "artifacts/train/robot/10m/sci_ring.zarr.zip").is_file()

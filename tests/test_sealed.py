@@ -83,7 +83,7 @@ def test_writers_in_threads_each_write_all_their_zeros(tmp_path: Path) -> None:
 
 
 def test_a_model_with_a_turned_bit_is_refused_or_the_same(tmp_path: Path) -> None:
-    store.write_model(path := tmp_path / "a.safetensors", MODEL, {"epochs": 3})
+    store.write_model(path := tmp_path / "a.zarr.zip", MODEL, {"epochs": 3})
     rng = np.random.default_rng(0)
     refused = 0
     for _ in range(TRIES):
@@ -99,4 +99,4 @@ def test_a_model_with_a_turned_bit_is_refused_or_the_same(tmp_path: Path) -> Non
         except ArtifactError:
             refused += 1
         path.write_bytes(before)
-    assert refused > 0.9 * TRIES
+    assert refused > 0.8 * TRIES  # a zip has fields that nobody reads, such as dates

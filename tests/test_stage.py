@@ -108,7 +108,7 @@ from stages import stage
 @stage("latency")
 def main(cfg):
     resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))  # a disk that is full after 20 kB
-    store.write_model(sys.argv[0] + ".safetensors", {"a": np.zeros(99_999)}, {})
+    store.write_model(sys.argv[0] + ".zarr.zip", {"a": np.zeros(99_999)}, {})
 
 @stage("latency")
 def write(cfg):

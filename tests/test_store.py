@@ -266,13 +266,13 @@ RECIPE = {
 
 
 def test_a_model_comes_back_with_its_recipe(tmp_path: Path) -> None:
-    store.write_model(tmp_path / "sci.safetensors", MODEL, RECIPE)
-    found = store.read_model(tmp_path / "sci.safetensors")
+    store.write_model(tmp_path / "sci.zarr.zip", MODEL, RECIPE)
+    found = store.read_model(tmp_path / "sci.zarr.zip")
     assert set(found) == set(MODEL)
     for name, array in MODEL.items():
         np.testing.assert_array_equal(found[name], array)
         assert (found[name].shape, found[name].dtype) == (array.shape, array.dtype)
-    assert store.read_recipe(tmp_path / "sci.safetensors") == {
+    assert store.read_recipe(tmp_path / "sci.zarr.zip") == {
         name: str(value) for name, value in RECIPE.items()
     }
 
@@ -285,7 +285,7 @@ def test_a_model_has_the_same_bytes_each_time(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("data", [None, b"", b"no model", b"\xff" * 64])
 def test_a_missing_or_damaged_model_is_one_clear_line(tmp_path: Path, data: bytes | None) -> None:
-    path = tmp_path / "sci.safetensors"
+    path = tmp_path / "sci.zarr.zip"
     if data is not None:
         path.write_bytes(data)
     for read in (store.read_model, store.read_recipe):

@@ -121,7 +121,7 @@ class Gathering:
                 }
                 if not model.posed:
                     learned = store.read_model(
-                        self._path("train", grid, f"{model.name}.safetensors")
+                        self._path("train", grid, f"{model.name}{store.MODEL}")
                     )
                     kind = as_driven[tests[0]].kinds[0]
                     area = held_out_auc(Evidence.of(learned), kind, self.unseen_share)

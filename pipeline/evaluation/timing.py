@@ -24,7 +24,7 @@ from pipeline.matching.ranking import Localizer
 from pipeline.matching.ranking import Rows as Views
 from pipeline.running.settings import Count, within
 from pipeline.running.telemetry import Trace
-from pipeline.store import Artifact, read_model
+from pipeline.store import MODEL, Artifact, read_model
 from pipeline.studies.expansion import ModelName
 
 Samples = Mapping[str, NDArray[np.float64]]  # milliseconds of wall time (query,) by name
@@ -159,7 +159,7 @@ def contenders(
     }
     contenders_by_name = {}
     for method_conf in methods:
-        model = read_model(models / f"{method_conf['name']}.safetensors")
+        model = read_model(models / f"{method_conf['name']}{MODEL}")
         contenders_by_name[method_conf["name"]] = Contender(
             method_conf["view"],
             views[method_conf["view"]],

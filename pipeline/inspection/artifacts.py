@@ -1,4 +1,4 @@
-"""Artifacts: zarr groups of a declared kind, and safetensors models."""
+"""Artifacts: zarr groups of a declared kind, and models."""
 
 import json
 from collections.abc import Callable
@@ -56,7 +56,7 @@ def artifact(path: Path, inspection: Inspection) -> None:
 
 
 def model(path: Path, inspection: Inspection) -> None:
-    """Describe a safetensors file: the named arrays of a model, and its training parameters."""
+    """Describe a model: its named arrays and its training parameters."""
     recipe = store.read_recipe(path)
     arrays = store.read_model(path)
     extents = {

@@ -16,11 +16,12 @@ from pipeline.inspection.inspection import Inspection
 from pipeline.inspection.origin import add_provenance
 from pipeline.readers import keyframes
 from pipeline.readers.folder import Folder
+from pipeline.store import MODEL
 
 KNOWN = (
-    ".zarr, .safetensors, .bin, .csv (NCLT poses, RobotCar vo, ins), .txt (KITTI poses, times, "
-    "calib; TUM poses), .npy, .pcd, .bag, .mcap, .db3, .log and .clf (CARMEN), or a folder of "
-    "these"
+    ".zarr, .zarr.zip (a model), .bin, .csv (NCLT poses, RobotCar vo, ins), .txt (KITTI poses, "
+    "times, calib; TUM poses), .npy, .pcd, .bag, .mcap, .db3, .log and .clf (CARMEN), or a folder "
+    "of these"
 )
 FOREIGN = {
     ".pcap": (
@@ -39,7 +40,7 @@ FOREIGN |= dict.fromkeys(
 FOREIGN[".gz"] = "packed: unpack it with `gunzip FILE`"
 """What files of formats that yearloc does not read hold, and what to do with them."""
 FILES: dict[str, Callable[[Path, Inspection], None]] = {
-    "*.safetensors": artifacts.model,
+    f"*{MODEL}": artifacts.model,
     **{f"*{suffix}": bags.bags for suffix in SUFFIXES},
     "*.pcd": files.pcd_file,
     "*.npy": files.array_file,
@@ -72,7 +73,7 @@ def inspect(
     if as_format not in (None, "nclt", "kitti"):
         raise ConfigError(f"--format {as_format}: the formats are nclt and kitti")
     if not path.exists():
-        if path.suffix in (".zarr", ".safetensors"):
+        if path.name.endswith((".zarr", MODEL)):
             raise ArtifactError(f"{path}: no such artifact; `dvc repro` builds it")
         raise LogError(f"{path}: no such file or folder")
     inspection = Inspection(path)
@@ -83,7 +84,7 @@ def inspect(
         _folder(path, as_format, folder_reader or Folder(), inspection)
     else:
         _file(path, as_format, inspection)
-    add_provenance(inspection, path, lock, is_artifact=is_group or path.suffix == ".safetensors")
+    add_provenance(inspection, path, lock, is_artifact=is_group or path.name.endswith(MODEL))
     return inspection
 
 

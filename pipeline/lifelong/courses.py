@@ -61,7 +61,7 @@ class Course:
             no_places = Places(places.grid, places.cells[:0])
             return surveyed(method, strategy, streets(self.train, first), no_places, None, progress)
         days = dict(zip((self.train, *self.learned), (first, *later), strict=True))
-        trained = self.artifacts / "train" / self.study / self.grid / f"{self.model}.safetensors"
+        trained = self.artifacts / "train" / self.study / self.grid / f"{self.model}{store.MODEL}"
         return surveyed(method, strategy, days, places, store.read_model(trained), progress)
 
     def updates(

@@ -64,7 +64,7 @@ class Packing:
                 f"{name}: its submaps gather several scans or sweeps; a site localises single scans"
             )
         view = read_yaml(self.conf / "view" / f"{method['view']}.yaml")
-        model_path = self.artifacts / "train" / dataset / grid / f"{model_name}.safetensors"
+        model_path = self.artifacts / "train" / dataset / grid / f"{model_name}{store.MODEL}"
         recipe = {key: plain(value) for key, value in store.read_recipe(model_path).items()}
         trained_model = store.read_model(model_path)
         settings = read_yaml(self.conf / "poses.yaml")

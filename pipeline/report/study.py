@@ -237,7 +237,7 @@ class Study:
         relative_path = {
             "labels": f"{self.grid}/{sequence}.zarr",
             "views": f"{views[answerer.method] if answerer else ''}/{sequence}.zarr",
-            "train": f"{self.grid}/{learner}.safetensors",
+            "train": f"{self.grid}/{learner}{store.MODEL}",
         }.get(kind, f"{self.grid}/{model}/{sequence}.zarr" if model else f"{sequence}.zarr")
         return self.artifacts / kind / self.name / relative_path
 

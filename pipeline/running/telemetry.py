@@ -1,7 +1,7 @@
 """Time and memory that a stage used, stored beside its artifact.
 
 Never in it: an artifact's bytes hold no clock and no host. The trace of
-`artifacts/train/sci.safetensors` is `.telemetry/artifacts/train/sci.safetensors.json`, which
+`artifacts/train/sci.zarr.zip` is `.telemetry/artifacts/train/sci.zarr.zip.json`, which
 neither git nor DVC tracks: a clone that pulls the artifact has none. It is of the last time that
 the artifact was built here.
 """

@@ -12,7 +12,7 @@ from pipeline.running.provenance import fingerprint
 
 @dataclass(frozen=True)
 class ArtifactCache:
-    """A folder with one entry a key, such as `train/0f3c…/sci.safetensors`.
+    """A folder with one entry a key, such as `train/0f3c…/sci.zarr.zip`.
 
     Every file of an entry is written whole or not at all, so an entry is finished when all of them
     are there; a lock beside it keeps a second builder waiting. Deleting any of it, or all, costs

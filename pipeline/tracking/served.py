@@ -30,7 +30,6 @@ MODULES = (
     "__init__",
     "errors",
     "frames",
-    "model_file",
     "remote",
     "replacing",
     "schemas",
@@ -73,7 +72,7 @@ OUTPUTS: Mapping[str, tuple[type, Dims]] = {
 class Served:
     """A trained model with everything needed to localise with it."""
 
-    arrays: Path  # the .safetensors file that `stages.train` wrote
+    arrays: Path  # the model that `stages.train` wrote
     method: str  # module and class, as `pipeline.methods.sci:Sci`
     parameters: Mapping[
         str, bool | int | float | str
@@ -82,8 +81,8 @@ class Served:
     k: int = 25  # places ranked unless `predict(views, params={"k": …})` asks for another number
 
     def __post_init__(self) -> None:
-        if self.arrays.suffix != ".safetensors" or not self.arrays.is_file():
-            raise InputError(f"{self.arrays}: no .safetensors file")
+        if not self.arrays.name.endswith(store.MODEL) or not self.arrays.is_file():
+            raise InputError(f"{self.arrays}: no {store.MODEL} file")
         if ":" not in self.method:
             raise InputError(f"method {self.method}: expected module:class")
 

@@ -70,7 +70,7 @@ def artifacts(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("5m", "sci"),
         ("5m", "sad"),
     ):
-        store.write_model(root / f"train/campus/{grid}/{model}.safetensors", EVIDENCE.arrays(), {})
+        store.write_model(root / f"train/campus/{grid}/{model}.zarr.zip", EVIDENCE.arrays(), {})
         for name in (FEB, MAR, RAIN) if grid == "10m" else (FEB, MAR):
             ranking = (
                 M2DP if model == "sad" else WORSE if name == MAR or model == "sci-4way" else SCI
@@ -321,7 +321,7 @@ def test_methods_on_bird_views_are_asked_from_other_headings(
     [
         "evaluate/campus/10m/sci-4way/rain.zarr",
         "evaluate/campus/5m/sad/march.zarr",
-        "train/campus/10m/sad.safetensors",
+        "train/campus/10m/sad.zarr.zip",
         "viewpoints/campus/10m/sad",
         "events/campus/march.csv",
     ],

@@ -269,7 +269,7 @@ def test_the_stage_measures_each_method_of_a_study_with_its_model(
         rng.random((12, 192)).astype(np.float32), np.arange(12), np.tile(np.eye(4), (12, 1, 1))
     )
     model = M2dp().learn(views, np.arange(12), Progress())
-    store.write_model(tmp_path / "artifacts/train/campus/10m/m2dp.safetensors", model, {})
+    store.write_model(tmp_path / "artifacts/train/campus/10m/m2dp.zarr.zip", model, {})
     study = {"tests": ["2012-02-04"], "methods": [{"name": "m2dp", "view": "m2dp"}]}
     monkeypatch.setattr(stage, "studies", lambda conf: {"campus": study})
     cfg = {

@@ -231,7 +231,7 @@ def test_an_artifact_that_lost_a_file_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_model_tells_its_arrays_and_recipe(tmp_path: Path) -> None:
-    path = tmp_path / "sci.safetensors"
+    path = tmp_path / "sci.zarr.zip"
     store.write_model(
         path,
         {"weight": np.array([[1.0, np.nan]], np.float32), "scale": np.array(2.0)},
@@ -267,14 +267,14 @@ def test_a_broken_artifact_is_one_line(tmp_path: Path) -> None:
         ("notes.md", ConfigError, "no kind of file"),
         ("a.laz", ConfigError, "a surveyor's map, not scans"),
         ("a.pcap", ConfigError, "ros2 bag record"),
-        ("bad.safetensors", ArtifactError, "not a safetensors"),
+        ("bad.zarr.zip", ArtifactError, "not a whole model"),
         ("", LogError, r"no artifact, folder of scans.*notes.md"),
     ],
 )
 def test_what_is_missing_or_unknown_is_one_line(
     tmp_path: Path, name: str, kind: type, says: str
 ) -> None:
-    for there in ("notes.md", "bad.safetensors", "a.laz", "a.pcap"):
+    for there in ("notes.md", "bad.zarr.zip", "a.laz", "a.pcap"):
         (tmp_path / there).write_text("x")
     with one_line(kind, says):
         inspect(tmp_path / name)

@@ -62,7 +62,7 @@ def packing(tmp_path_factory: pytest.TempPathFactory) -> Packing:
         "view": "scan_context",
         "candidates": 50,
     }
-    store.write_model(made / "train/three/10m/scan_context.safetensors", model, recipe)
+    store.write_model(made / "train/three/10m/scan_context.zarr.zip", model, recipe)
     return Packing(folder / "conf", made, {"three": STUDY})
 
 

@@ -78,7 +78,7 @@ def study(root: Path, path_xy_m: np.ndarray = PATH_XY_M) -> Any:
             root
             / kind
             / "campus"
-            / (f"{model}/{sequence}.zarr" if sequence else f"{model}.safetensors")
+            / (f"{model}/{sequence}.zarr" if sequence else f"{model}.zarr.zip")
         )
 
     tests = [{"sequence": day, "days": days} for day, days in TESTS.items()]

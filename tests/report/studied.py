@@ -113,7 +113,7 @@ def build(artifacts: Path) -> Study:
             for grid in ("10m", *(["5m"] if not model.variant else [])):
                 learned = EVIDENCE.arrays() | (losses if method["name"] == "sci" else {})
                 store.write_model(
-                    artifacts / f"train/campus/{grid}/{model.name}.safetensors", learned, recipe
+                    artifacts / f"train/campus/{grid}/{model.name}.zarr.zip", learned, recipe
                 )
     (artifacts / "events/campus").mkdir(parents=True)
     for sequence in TESTS:

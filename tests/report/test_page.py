@@ -128,7 +128,7 @@ def test_captions_lead_to_sources_and_models_to_their_recipe(page: str) -> None:
     )
     assert page.count('href="#campus-10m-turned-source"') == 2  # one link a table, none a number
     assert re.search(
-        r'train/campus/sci\.safetensors</code>.*md5 <code>0a1b</code> by <a href="#stage-train-campus">',
+        r'train/campus/sci\.zarr\.zip</code>.*md5 <code>0a1b</code> by <a href="#stage-train-campus">',
         page,
     )
     shown = (

@@ -24,7 +24,7 @@ stages:
       conf/method/sci.yaml:
         rate: 2e-05
     outs:
-    - path: artifacts/models/sci.safetensors
+    - path: artifacts/models/sci.zarr.zip
       md5: 123
   nothing:
     cmd: 'true'
@@ -34,7 +34,7 @@ stages:
 def test_the_lock_knows_who_wrote_a_file(tmp_path: Path) -> None:
     (tmp_path / "dvc.lock").write_text(LOCK)
     lock = DvcLock.read(tmp_path / "dvc.lock")
-    found = lock.entry(Path("artifacts/models/sci.safetensors"))
+    found = lock.entry(Path("artifacts/models/sci.zarr.zip"))
     assert found is not None
     assert found["stage"] == "train@sci"
     assert found["params"] == {"conf/method/sci.yaml": {"rate": 2e-05}}
@@ -50,7 +50,7 @@ def test_an_unknown_file_has_no_entry(tmp_path: Path, text: str | None) -> None:
     lock = tmp_path / "dvc.lock"
     if text is not None:
         lock.write_text(text)
-    assert DvcLock.read(lock).entry(Path("artifacts/models/other.safetensors")) is None
+    assert DvcLock.read(lock).entry(Path("artifacts/models/other.zarr.zip")) is None
 
 
 def test_a_lock_in_parts_is_the_whole(tmp_path: Path) -> None:
@@ -74,8 +74,7 @@ def test_a_lock_in_parts_is_the_whole(tmp_path: Path) -> None:
         == whole.keys()
     )
     assert (
-        DvcLock.read(tmp_path / "dvc.lock").entry(Path("artifacts/models/sci.safetensors"))
-        is not None
+        DvcLock.read(tmp_path / "dvc.lock").entry(Path("artifacts/models/sci.zarr.zip")) is not None
     )
 
 

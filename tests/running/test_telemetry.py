@@ -19,8 +19,8 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_a_trace_lies_beside_its_artifact_in_a_folder_of_its_own() -> None:
-    assert trace_path("artifacts/train/sci.safetensors") == Path(
-        ".telemetry/artifacts/train/sci.safetensors.json"
+    assert trace_path("artifacts/train/sci.zarr.zip") == Path(
+        ".telemetry/artifacts/train/sci.zarr.zip.json"
     )
     assert trace_path(Path("artifacts").absolute() / "views") == Path(
         ".telemetry/artifacts/views.json"

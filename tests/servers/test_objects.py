@@ -30,7 +30,7 @@ MODEL = {"weights": np.arange(6, dtype=np.float32)}
 def write(folder: Path) -> None:
     with store.write(folder / "a.zarr", THINGS, grain_m=0.005) as draft:
         draft.put("points", POINTS)
-    store.write_model(folder / "a.safetensors", MODEL, {"seed": 1})
+    store.write_model(folder / "a.zarr.zip", MODEL, {"seed": 1})
 
 
 def digests(folder: Path) -> dict[str, str]:
@@ -63,7 +63,7 @@ def test_what_dvc_pushed_comes_back_with_the_same_bytes(
     (project / "artifacts").mkdir(parents=True)
     write(project / "artifacts")
     before = digests(project / "artifacts")
-    assert {"a.safetensors", "a.zarr/zarr.json", "a.zarr/points/c.2.0"} <= before.keys()
+    assert {"a.zarr.zip", "a.zarr/zarr.json", "a.zarr/points/c.2.0"} <= before.keys()
     dvc(project, env, "init", "--no-scm")
     dvc(project, env, "remote", "add", "-d", "shelf", f"{object_store.bucket('shelf')}/yearloc")
     dvc(project, env, "add", "artifacts")

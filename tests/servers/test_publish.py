@@ -12,9 +12,9 @@ import numpy as np
 import psutil
 import pytest
 import requests
-from safetensors.numpy import save_file
 
 from pipeline.errors import ConfigError
+from pipeline.store import write_model
 from pipeline.tracking.runs import Published, RunRecord, publish
 from pipeline.tracking.served import Served
 from tests.servers.conftest import ObjectStore, Postgres, free_port, listening, wait
@@ -73,8 +73,8 @@ def record(tmp_path: Path) -> Iterator[Any]:
 
     def make(auc: float = 0.9) -> RunRecord:
         (tmp_path / "sci.svg").write_text("<svg/>")
-        save_file({"first": np.array(5)}, tmp_path / "tiny.safetensors")
-        served = Served(tmp_path / "tiny.safetensors", "pipeline.methods.sci:Sci", {}, (4, 12))
+        write_model(tmp_path / "tiny.zarr.zip", {"first": np.array(5)}, {})
+        served = Served(tmp_path / "tiny.zarr.zip", "pipeline.methods.sci:Sci", {}, (4, 12))
         child = RunRecord("2012-02-04", {}, {}, {})
         series = {"cells/auc_top1": [(20, auc)]}
         return RunRecord(
@@ -96,7 +96,7 @@ def test_published_twice_changes_nothing_and_a_changed_run_is_replaced(
         file.endswith(f"{runs['sci'].info.run_id}/artifacts/figures/sci.svg") for file in files
     )
     assert any(
-        f"/models/{model.model_id}/" in file and file.endswith("tiny.safetensors") for file in files
+        f"/models/{model.model_id}/" in file and file.endswith("tiny.zarr.zip") for file in files
     )
     assert shared.publish(record()) == Published(first.experiment_id, written=0, kept=2)
     assert {name: run.info.run_id for name, run in shared.runs().items()} == {

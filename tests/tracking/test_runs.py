@@ -355,9 +355,9 @@ def tiny(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[int], Run
     (tmp_path / "tiny_method.py").write_text(TINY)
 
     def make(first: int) -> RunRecord:
-        write_model(tmp_path / "tiny.safetensors", {"first": np.array(first)}, {})
+        write_model(tmp_path / "tiny.zarr.zip", {"first": np.array(first)}, {})
         served = Served(
-            tmp_path / "tiny.safetensors",
+            tmp_path / "tiny.zarr.zip",
             "tiny_method:Tiny",
             {"step": 3, "budget": 0.25},
             (4, 12),
@@ -400,8 +400,8 @@ def test_a_logged_model_answers_again_and_holds_its_code_and_no_pickle(
     assert loaded.predict(heights_m, params={"k": 1})["places"].tolist() == [[5], [5]]
     assert loaded.metadata.signature.inputs.inputs[0].shape == (-1, 4, 12)
     assert loaded.metadata.signature.outputs.input_names() == list(answer)
-    assert {path.suffix for path in files} <= {".py", ".yaml", ".txt", ".safetensors", ""}
-    assert [path.name for path in files if path.suffix == ".safetensors"] == ["tiny.safetensors"]
+    assert {path.suffix for path in files} <= {".py", ".yaml", ".txt", ".zarr.zip", ""}
+    assert [path.name for path in files if path.suffix == ".zarr.zip"] == ["tiny.zarr.zip"]
     assert all(
         path.read_bytes()[:1] != b"\x80" for path in files
     )  # as every pickle since protocol 2 begins

@@ -26,12 +26,12 @@ def write(path: Path, recipe: dict[str, object]) -> Path:
 
 def test_a_model_is_served_with_the_parameters_it_was_learned_with(tmp_path: Path) -> None:
     """The recipe's values are words in the file; their types come back."""
-    path = write(tmp_path / "sci.safetensors", RECIPE)
+    path = write(tmp_path / "sci.zarr.zip", RECIPE)
     assert Served.read(path) == Served(path, "pipeline.methods.sci:Sci", PARAMETERS, (40, 120))
 
 
 def test_a_model_that_does_not_name_its_class_is_not_served(tmp_path: Path) -> None:
-    assert Served.read(write(tmp_path / "sci.safetensors", {"n_way": 2})) is None
+    assert Served.read(write(tmp_path / "sci.zarr.zip", {"n_way": 2})) is None
 
 
 def test_a_model_changes_with_its_arrays_and_with_the_code_that_it_ships(
@@ -41,7 +41,7 @@ def test_a_model_changes_with_its_arrays_and_with_the_code_that_it_ships(
     shutil.copytree(served.LIBRARY, library, ignore=shutil.ignore_patterns("__pycache__", ".numba"))
     monkeypatch.setattr(served, "LIBRARY", library)
     monkeypatch.setattr(served, "PYFUNC", library / "tracking/pyfunc.py")
-    model = Served(write(tmp_path / "sci.safetensors", RECIPE), "m:C", {}, (40, 120))
+    model = Served(write(tmp_path / "sci.zarr.zip", RECIPE), "m:C", {}, (40, 120))
     before = model.content()
     assert model.content() == before
     store.write_model(model.arrays, {"image_shape": np.array([40, 60])}, RECIPE)
@@ -64,12 +64,10 @@ def test_all_that_a_method_answers_is_served() -> None:
 
 @pytest.mark.parametrize(
     ("name", "method"),
-    [("sci.pkl", "m:C"), ("gone.safetensors", "m:C"), ("sci.safetensors", "m.C")],
+    [("sci.pkl", "m:C"), ("gone.zarr.zip", "m:C"), ("sci.zarr.zip", "m.C")],
 )
-def test_only_a_safetensors_file_and_a_class_are_served(
-    tmp_path: Path, name: str, method: str
-) -> None:
-    write(tmp_path / "sci.safetensors", RECIPE)
+def test_only_a_model_and_a_class_are_served(tmp_path: Path, name: str, method: str) -> None:
+    write(tmp_path / "sci.zarr.zip", RECIPE)
     (tmp_path / "sci.pkl").touch()
     with pytest.raises(InputError):
         Served(tmp_path / name, method, {}, (40, 120))

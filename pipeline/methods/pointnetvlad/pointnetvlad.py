@@ -45,8 +45,8 @@ class PointNetVlad(DescriptorMethod):
 
     view: str = "cloud"
     weights: str = ""
-    """A safetensors file to start from, or with `epochs` 0 to use as it is: a model of this method,
-    or tensors under its names, with or without net/. Of a TensorFlow checkpoint, every kernel but
+    """A file to start from, or with `epochs` 0 to use as it is: a model of this method, or
+    safetensors under its names, with or without net/. Of a TensorFlow checkpoint, every kernel but
     the centres is transposed to (outputs, inputs)."""
     epochs: Whole = 20
     batch: Count = 2  # queries a step; each brings its positives, its negatives and one cloud more

@@ -1,7 +1,11 @@
-"""Weights that a user brings: a safetensors file read into the network (METHODS 3.2)."""
+"""Weights that a user brings, read into the network (METHODS 3.2)."""
 
 from pathlib import Path
+from typing import Any
 
+from numpy.typing import NDArray
+from safetensors import SafetensorError
+from safetensors.numpy import load_file
 from torch import nn
 
 from pipeline import store
@@ -10,15 +14,14 @@ from pipeline.networks import loop
 
 
 def load(net: nn.Module, path: Path) -> None:
-    """Read tensors under the network's own names, with or without net/ before them.
+    """Read tensors of a model or a safetensors file under the network's own names.
+
+    They may have net/ before them.
 
     Raises ConfigError naming the file and the first tensor that is missing, unknown or of another
     shape.
     """
-    try:
-        stored = store.read_foreign_model(path)
-    except ArtifactError as error:
-        raise ConfigError(f"{str(error).partition(';')[0]}; correct method.weights") from None
+    stored = _stored(path)
     weights = net.state_dict()
     tensors = loop.tensors(stored) or loop.tensors(stored, "")
     tensors = {
@@ -31,3 +34,17 @@ def load(net: nn.Module, path: Path) -> None:
             )
             raise ConfigError(f"method.weights: {path}: tensor {name} is {has}, expected {wants}")
     net.load_state_dict(tensors)
+
+
+def _stored(path: Path) -> dict[str, NDArray[Any]]:
+    """The named arrays of a model of ours or of a safetensors file."""
+    try:
+        return store.read_model(path) if path.name.endswith(store.MODEL) else load_file(path)
+    except ArtifactError as error:
+        raise ConfigError(f"{str(error).partition(';')[0]}; correct method.weights") from None
+    except FileNotFoundError:
+        raise ConfigError(f"{path}: no such file; correct method.weights") from None
+    except (SafetensorError, IsADirectoryError) as error:
+        raise ConfigError(
+            f"{path}: not a safetensors file ({error}); correct method.weights"
+        ) from None
