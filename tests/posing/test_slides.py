@@ -9,7 +9,7 @@ import pytest
 from pipeline import schemas, store
 from pipeline.frames import yaw
 from pipeline.posing.search import Answers, Fixer
-from pipeline.posing.slides import slide
+from pipeline.posing.slides import FAR_M, slide
 from pipeline.posing.targets import GRAIN_M, Targets
 from pipeline.posing.walls import Walls
 from tests.posing.scene import planar, seen_from
@@ -206,6 +206,17 @@ def test_a_search_that_begins_a_house_too_early_ends_at_the_right_one(tmp_path: 
     assert np.linalg.norm(found.hypotheses[0].world_T_query[:2, 3] - AT[:2, 3]) < 0.3
     wrong = Fixer().track(visible(points_m, AT), targets, planar(32.0 - EVERY_M, 0, 0))
     assert np.linalg.norm(wrong.hypotheses[0].world_T_query[:2, 3] - AT[:2, 3]) > 10
+
+
+def test_a_copy_that_becomes_the_likeliest_is_compared_with_its_own_copies(tmp_path: Path) -> None:
+    """The ranking is two houses off; beyond the right one lies a copy too far from it to be its."""
+    points_m, targets = driven(tmp_path, "equal houses", own=True)
+    first_m = AT[0, 3] + 2 * EVERY_M
+    answers = Answers(np.array([[first_m, 0.0]]), np.array([0.0]))
+    found = Fixer(rounds=(1,)).fix(visible(points_m, AT), targets, answers)
+    x_m = [hypothesis.world_T_query[0, 3] for hypothesis in found.hypotheses]
+    assert abs(x_m[0] - AT[0, 3]) < 0.3
+    assert first_m - min(x_m) > FAR_M
 
 
 def test_at_a_crossing_of_equal_corners_the_likest_fit_elsewhere_is_turned(tmp_path: Path) -> None:
