@@ -1,4 +1,7 @@
-"""Distance of a code to the nearest of a place's codes at several headings (METHODS 5.4)."""
+"""A place's reference headings, and the distance of a code to the nearest of their codes (METHODS
+5.4)."""
+
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,6 +9,23 @@ from numpy.typing import NDArray
 from pipeline.errors import InputError
 
 PLACES = 128  # compared at once
+ReferenceHeadings = Literal[1, 2, 4, 8]
+"""How many of a place's headings are kept as reference, evenly around the circle from heading 0."""
+
+
+def reference_headings(headings: int, kept: ReferenceHeadings) -> slice:
+    """Which of a view's headings are a reference place's: `kept` of them, or every second if fewer.
+
+    The headings between stay for queries of paper 2's protocol. Raises InputError where they do not
+    lie evenly around the circle.
+    """
+    step = max(min(2, headings), headings // kept)
+    if headings % step:
+        raise InputError(
+            f"views of {headings} headings: expected a multiple of {step}, to keep {kept} of them "
+            "as reference; change method.reference_headings or view.headings"
+        )
+    return slice(0, None, step)
 
 
 def nearest_heading(

@@ -96,3 +96,11 @@ def start(net: nn.Module) -> None:
 def device() -> torch.device:
     """A GPU where there is one."""
     return torch.device("cuda" if torch.cuda.is_available() else "cpu")
+
+
+def sent(tensor: Tensor) -> Tensor:
+    """A tensor of the processor's on the device, which no step waits for."""
+    torch_device = device()
+    if torch_device.type == "cpu":
+        return tensor
+    return tensor.pin_memory().to(torch_device, non_blocking=True)

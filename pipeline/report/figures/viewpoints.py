@@ -26,6 +26,8 @@ COLLAPSE = {  # curve (round,) of a model and its title
     "code_distance": "mean distance between codes",
     "held_out_error": "held-out reconstruction error",
 }
+BLACK = "black_error"
+"""The curve of a black image's error on the images of `held_out_error`."""
 MOST = 8  # pictures beside each other
 # where no accuracy is higher, curves fill the lower left corner of a panel and leave the upper
 # right one free
@@ -164,7 +166,8 @@ def collapse(curves: Mapping[str, Sequence[Mapping[str, NDArray[np.float64]]]]) 
     """Spread of the codes and reconstruction error over training, a line a seed.
 
     Codes have collapsed where variance and distance fall towards 0: all places look alike to the
-    model. None without any such curve.
+    model. A grey line is the error of a black image, which a reconstruction has to undercut. None
+    without any such curve.
     """
     seeds_by_model = {
         model: [seed_curves for seed_curves in seeds if COLLAPSE.keys() & seed_curves.keys()]
@@ -186,6 +189,23 @@ def collapse(curves: Mapping[str, Sequence[Mapping[str, NDArray[np.float64]]]]) 
                 width = 1.0 if len(seeds_by_model[model]) > 1 else 1.3
                 axis.plot(
                     1 + np.arange(len(curve)), curve, color=tint, ls=dash, marker=few, lw=width
+                )
+        if name == "held_out_error":
+            for black in {
+                float(seed_curves[BLACK][-1])
+                for seeds in seeds_by_model.values()
+                for seed_curves in seeds
+                if BLACK in seed_curves
+            }:
+                axis.axhline(black, **MARK)
+                axis.annotate(
+                    "a black image",
+                    (1, black),
+                    xycoords=("axes fraction", "data"),
+                    ha="right",
+                    va="bottom",
+                    size=6.5,
+                    color="0.4",
                 )
         axis.set(xlabel="round", title=title, ylim=(0, None))
         axis.xaxis.set_major_locator(MaxNLocator(integer=True))
