@@ -14,18 +14,13 @@ ReferenceHeadings = Literal[1, 2, 4, 8]
 
 
 def reference_headings(headings: int, kept: ReferenceHeadings) -> slice:
-    """Which of a view's headings are a reference place's: `kept` of them, or every second if fewer.
+    """Which of a view's headings are a reference place's, heading 0 among them.
 
-    The headings between stay for queries of paper 2's protocol. Raises InputError where they do not
-    lie evenly around the circle.
+    `kept` even ones evenly around the circle, or all even ones where that cannot be: the odd ones
+    stay for the queries of paper 2's protocol.
     """
-    step = max(min(2, headings), headings // kept)
-    if headings % step:
-        raise InputError(
-            f"views of {headings} headings: expected a multiple of {step}, to keep {kept} of them "
-            "as reference; change method.reference_headings or view.headings"
-        )
-    return slice(0, None, step)
+    is_even = headings % (2 * kept) == 0 or kept == 1
+    return slice(0, None, headings // kept if is_even else 2)
 
 
 def nearest_heading(

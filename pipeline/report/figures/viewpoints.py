@@ -11,7 +11,16 @@ from numpy.typing import NDArray
 from pipeline.evaluation.numbers import PRECISE
 from pipeline.evaluation.viewpoints import NUMBERS, Judged
 from pipeline.report.figures.panels import balanced, in_corner, panels, precision_axes, share_limits
-from pipeline.report.figures.style import MARK, WIDTH_IN, below, figure, handles, look, styled
+from pipeline.report.figures.style import (
+    MARK,
+    QUIET,
+    WIDTH_IN,
+    below,
+    figure,
+    handles,
+    look,
+    styled,
+)
 from pipeline.report.table import fixed
 from pipeline.studies.colours import colour
 
@@ -166,7 +175,7 @@ def collapse(curves: Mapping[str, Sequence[Mapping[str, NDArray[np.float64]]]]) 
     """Spread of the codes and reconstruction error over training, a line a seed.
 
     Codes have collapsed where variance and distance fall towards 0: all places look alike to the
-    model. A grey line is the error of a black image, which a reconstruction has to undercut. None
+    model. A dashed line is the error of a black image, which a reconstruction has to undercut. None
     without any such curve.
     """
     seeds_by_model = {
@@ -191,23 +200,31 @@ def collapse(curves: Mapping[str, Sequence[Mapping[str, NDArray[np.float64]]]]) 
                     1 + np.arange(len(curve)), curve, color=tint, ls=dash, marker=few, lw=width
                 )
         if name == "held_out_error":
-            for black in {
-                float(seed_curves[BLACK][-1])
-                for seeds in seeds_by_model.values()
-                for seed_curves in seeds
-                if BLACK in seed_curves
-            }:
-                axis.axhline(black, **MARK)
-                axis.annotate(
-                    "a black image",
-                    (1, black),
-                    xycoords=("axes fraction", "data"),
+            for error in _black_errors(seeds_by_model):
+                axis.axhline(error, **MARK)
+                axis.text(
+                    *(0.98, error, "a black image"),
+                    transform=axis.get_yaxis_transform(),
                     ha="right",
                     va="bottom",
                     size=6.5,
-                    color="0.4",
+                    color=QUIET,
                 )
         axis.set(xlabel="round", title=title, ylim=(0, None))
         axis.xaxis.set_major_locator(MaxNLocator(integer=True))
     below(fig, handles(seeds_by_model))
     return fig
+
+
+def _black_errors(
+    curves: Mapping[str, Sequence[Mapping[str, NDArray[np.float64]]]],
+) -> list[float]:
+    """The different errors of a black image; models judged on the same images have one."""
+    return sorted(
+        {
+            float(seed_curves[BLACK][-1])
+            for seeds in curves.values()
+            for seed_curves in seeds
+            if BLACK in seed_curves
+        }
+    )
