@@ -5,7 +5,6 @@ The part that SCI and its ring share.
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -19,7 +18,7 @@ from pipeline.matching.novelties import novelties
 from pipeline.matching.ranking import Localizer, Model, Ranking, Rows
 from pipeline.networks import loop
 from pipeline.networks.evidence import Prediction
-from pipeline.networks.lenet import device
+from pipeline.networks.lenet import device, sent
 from pipeline.running.settings import (
     Count,
     NotNegative,
@@ -210,7 +209,7 @@ class Classifier(ABC):
     def images(self, heights: Tensor) -> Tensor:
         """Coloured images (n, channels, rings, sectors) in [0, 1] of quantized heights."""
         torch_device = device()
-        table = _table(self.colormap, torch_device)
+        table = sent(torch.from_numpy(colours(self.colormap)), torch_device).float() / 255
         return table[heights.to(torch_device).long()].permute(0, 3, 1, 2)
 
     def whole(self, logits: Tensor) -> Tensor:
@@ -226,10 +225,3 @@ class Classifier(ABC):
     def heights(self, images: NDArray[np.float32]) -> Tensor:
         """Quantized heights (n, rings, sectors) of those in metres."""
         return torch.from_numpy(quantize(images, self.h_min_m, self.h_max_m))
-
-
-@lru_cache
-@torch.inference_mode(False)  # whoever asks first, training may use it
-def _table(colormap: Literal["jet", "grey"], torch_device: torch.device) -> Tensor:
-    """Colour (256, channels) in [0, 1] of each quantized height, once on a device."""
-    return torch.from_numpy(colours(colormap)).to(torch_device).float() / 255

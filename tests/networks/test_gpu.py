@@ -17,7 +17,7 @@ from pipeline.methods.pfl.adversarial import SETTLED
 from pipeline.methods.pfl.game import OBJECTIVES
 from pipeline.methods.sci import Sci
 from pipeline.methods.sci_ring.sci_ring import SciRing
-from pipeline.networks import classifier, loop
+from pipeline.networks import loop
 from pipeline.networks.classifier import Classifier
 from pipeline.running.progress import Progress
 from tests.interrupted import PowerCut
@@ -32,29 +32,29 @@ pytestmark = [
 LONGER: dict[str, Any] = SETTINGS | {"epochs": 16, "dropout": 0.2, "precision": "auto"}
 
 
-@pytest.mark.parametrize("method", [Sci(**LONGER), SciRing(**LONGER)], ids=["sci", "sci_ring"])
-def test_a_gpu_trains_a_model_that_a_processor_answers_with(
-    method: Classifier, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    torch.cuda.reset_peak_memory_stats()
-    model = method.learn(rows(), TRUTH, Progress())
-    assert torch.cuda.max_memory_allocated() > 0  # it was used
-    there = method.localizer(model)(rows(), 4)
-    monkeypatch.setattr(classifier, "device", lambda: torch.device("cpu"))
-    here = method.localizer(model)(rows(), 4)
-    assert (there.places[:, 0] == TRUTH).mean() > 0.9
-    np.testing.assert_array_equal(there.places[:, 0], here.places[:, 0])
-    np.testing.assert_allclose(
-        there.costs, here.costs, atol=0.05
-    )  # bfloat16 on the one, perhaps not on the other
-
-
 @contextmanager
 def processor() -> Iterator[None]:
     """As if there were no GPU."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(torch.cuda, "is_available", lambda: False)
         yield
+
+
+@pytest.mark.parametrize("method", [Sci(**LONGER), SciRing(**LONGER)], ids=["sci", "sci_ring"])
+def test_a_gpu_trains_a_model_that_a_processor_answers_with(
+    method: Classifier,
+) -> None:
+    torch.cuda.reset_peak_memory_stats()
+    model = method.learn(rows(), TRUTH, Progress())
+    assert torch.cuda.max_memory_allocated() > 0  # it was used
+    there = method.localizer(model)(rows(), 4)
+    with processor():
+        here = method.localizer(model)(rows(), 4)
+    assert (there.places[:, 0] == TRUTH).mean() > 0.9
+    np.testing.assert_array_equal(there.places[:, 0], here.places[:, 0])
+    np.testing.assert_allclose(
+        there.costs, here.costs, atol=0.05
+    )  # bfloat16 on the one, perhaps not on the other
 
 
 @pytest.mark.parametrize("kind", [Sci, SciRing])

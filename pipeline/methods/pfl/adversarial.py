@@ -162,7 +162,7 @@ class Training(SequenceMethod):
             for step, rows in enumerate(order if self.epochs else ()):
                 rate = self.learning_rate * share((number + step / iterations) / rounds)
                 seen = pixels(data[rows], torch_device)
-                codes = sent(torch.randn(self.batch, self.code))
+                codes = sent(torch.randn(self.batch, self.code), torch_device)
                 for turn in [
                     *(t for t in turns if not t.repeated),
                     *[t for t in turns if t.repeated] * self.generator_steps,

@@ -63,7 +63,8 @@ class SciRing(Learner):
             shuffled = trained[torch.randperm(len(trained), generator=order).to(device())]
             for rows in torch.split(shuffled, self.batch):
                 if len(rows) > 1 or len(trained) == 1:  # batch norms need two
-                    turns = sent(torch.randint(sectors, (len(rows),), generator=order))
+                    turns = torch.randint(sectors, (len(rows),), generator=order)
+                    turns = sent(turns, device())
                     arc = int(torch.randint(1, widest + 1, (), generator=order)) if widest else 0
                     headings = (columns[rows] - turns) / POOLED
                     yield self.images(rolled(heights[rows], turns)), places[rows], arc, headings
