@@ -1,4 +1,7 @@
-"""Distance of a code to the nearest of a place's codes at several headings (METHODS 5.4)."""
+"""A place's reference headings, and the distance of a code to the nearest of their codes (METHODS
+5.4)."""
+
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,6 +9,18 @@ from numpy.typing import NDArray
 from pipeline.errors import InputError
 
 PLACES = 128  # compared at once
+ReferenceHeadings = Literal[1, 2, 4, 8]
+"""How many of a place's headings are kept as reference, evenly around the circle from heading 0."""
+
+
+def reference_headings(headings: int, kept: ReferenceHeadings) -> slice:
+    """Which of a view's headings are a reference place's, heading 0 among them.
+
+    `kept` even ones evenly around the circle, or all even ones where that cannot be: the odd ones
+    stay for the queries of paper 2's protocol.
+    """
+    is_even = headings % (2 * kept) == 0 or kept == 1
+    return slice(0, None, headings // kept if is_even else 2)
 
 
 def nearest_heading(

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import InputError
 from pipeline.matching.database import Database, MadeAnew
+from pipeline.matching.headings import ReferenceHeadings, reference_headings
 from pipeline.matching.patches import differences, normalised, resized
 from pipeline.matching.ranking import Localizer, Model, Ranking, Rows
 from pipeline.matching.rejection import Evidence
@@ -22,12 +23,15 @@ from pipeline.running.settings import Count, Positive, Side, Whole
 @dataclass(frozen=True)
 class Sad(MadeAnew, SequenceMethod):
     """Views are compared at the robot's own heading, so a turned view is a different image; answers
-    have no heading."""
+    have no heading, unless several are kept of a place."""
 
     view: str = "birdview"
     side_px: Side = 64  # views are brought to this side
     patch_px: Count = 8  # side of the patches that are normalised
     contrast_rows: Whole = 10
+    reference_headings: ReferenceHeadings = 1
+    """Headings of a place whose images are kept: SeqSLAM's one, or up to the eight that PFL's codes
+    have."""
     held_out_every_m: Positive = 80.0
     """Nothing is trained, so held-out blocks cost nothing; between them lies the length of a
     sequence."""
@@ -35,12 +39,16 @@ class Sad(MadeAnew, SequenceMethod):
     def learn(self, views: Rows, places: NDArray[np.int64], progress: Progress) -> Model:
         """The training sequence's normalised images (n, side, side), 4 KB each.
 
-        Raises InputError unless each has a place.
+        With several reference headings (n, heading, side, side). Raises InputError unless each has
+        a place.
         """
         database = Database.learned(views, places)
-        images = self._images(views)
+        images = self._reference(views)
+        own = images if images.ndim == 3 else images[:, 0]
         evidence = self.evidence(
-            database, views, lambda rows, queries: differences(images[rows], images[queries])
+            database,
+            views,
+            lambda rows, queries: nearest_differences(images[rows], own[queries])[0],
         )
         return {"images": images, **database.arrays(), **evidence.arrays()}
 
@@ -50,7 +58,8 @@ class Sad(MadeAnew, SequenceMethod):
         The evidence of its held-out blocks is kept.
         """
         database = Database.learned(views, places)
-        return {"images": self._images(views), **database.arrays(), **Evidence.of(model).arrays()}
+        evidence = Evidence.of(model)
+        return {"images": self._reference(views), **database.arrays(), **evidence.arrays()}
 
     def localizer(self, model: Model) -> Localizer:
         """The training rows along the best sequence; views passed together are one sequence."""
@@ -58,7 +67,10 @@ class Sad(MadeAnew, SequenceMethod):
         images = model["images"]
 
         def localize(views: Rows, k: int) -> Ranking:
-            return self.ranked(database, differences(images, self._images(views)), k)
+            sums, bins = nearest_differences(images, self._images(views, slice(1))[:, 0])
+            if images.ndim == 3:
+                return self.ranked(database, sums, k)
+            return self.ranked(database, sums, k, bins * np.float32(360 / images.shape[1]))
 
         return localize
 
@@ -66,11 +78,44 @@ class Sad(MadeAnew, SequenceMethod):
         """No image: pixels are compared as they are."""
         return images[:0]
 
-    def _images(self, views: Rows) -> NDArray[np.uint8]:
-        """Each view's first heading, the robot's own."""
-        if len(views.images.shape) != 4:
-            raise InputError(
-                f"views of shape {views.images.shape}: expected bird-views (n, heading, row, "
-                "column)"
-            )
-        return normalised(resized(np.asarray(views.images[:, 0]), self.side_px), self.patch_px)
+    def _reference(self, views: Rows) -> NDArray[np.uint8]:
+        """Each view's reference headings (n, heading, side, side); of one (n, side, side)."""
+        _check(views)
+        headings = reference_headings(views.images.shape[1], self.reference_headings)
+        images = self._images(views, headings)
+        return images[:, 0] if self.reference_headings == 1 else images
+
+    def _images(self, views: Rows, headings: slice) -> NDArray[np.uint8]:
+        """Each view's normalised images (n, heading, side, side); the first is the robot's own."""
+        _check(views)
+        images = np.asarray(views.images[:, headings])
+        flat = resized(images.reshape(-1, *images.shape[2:]), self.side_px)
+        return normalised(flat, self.patch_px).reshape(*images.shape[:2], *flat.shape[1:])
+
+
+def nearest_differences(
+    references: NDArray[np.uint8], queries: NDArray[np.uint8]
+) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+    """Differences (n, m) of queries (m, side, side) from the nearest heading of each reference.
+
+    And that heading (n, m), of equally near ones the first. References are (n, heading, side, side)
+    or, of one heading, (n, side, side).
+    """
+    if references.ndim == 3:
+        references = references[:, None]
+    sums = differences(references[:, 0], queries)
+    bins = np.zeros(sums.shape, np.uint8)
+    for heading in range(1, references.shape[1]):
+        other_sums = differences(references[:, heading], queries)
+        nearer = other_sums < sums
+        np.copyto(sums, other_sums, where=nearer)
+        np.copyto(bins, np.uint8(heading), where=nearer)
+    return sums, bins
+
+
+def _check(views: Rows) -> None:
+    """Raise InputError unless the views are bird-views."""
+    if len(views.images.shape) != 4:
+        raise InputError(
+            f"views of shape {views.images.shape}: expected bird-views (n, heading, row, column)"
+        )

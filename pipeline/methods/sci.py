@@ -36,13 +36,15 @@ class Sci(Learner):
                 f"method.n_way={self.n_way}: must divide the {heights.shape[2]} sectors of the view"
             )
         copies = len(trained) * self.n_way
+        heights, places, trained = (part.to(device()) for part in (heights, places, trained))
 
         def epoch(order: torch.Generator) -> Iterator[tuple[Tensor, Tensor]]:
-            for copy_numbers in torch.split(torch.randperm(copies, generator=order), self.batch):
+            shuffled = torch.randperm(copies, generator=order).to(device())
+            for copy_numbers in torch.split(shuffled, self.batch):
                 if len(copy_numbers) > 1 or copies == 1:  # batch norms need two
                     yield (
                         self.images(self._turned(heights, trained, copy_numbers)),
-                        places[trained[copy_numbers // self.n_way]].to(device()),
+                        places[trained[copy_numbers // self.n_way]],
                     )
 
         return epoch, -(-copies // self.batch)

@@ -16,7 +16,9 @@ def neighbours(headings: Tensor, count: int) -> tuple[Tensor, Tensor, Tensor]:
 
 def rolled(heights: Tensor, turns: Tensor) -> Tensor:
     """Heights (n, rings, sectors), each rolled by its own number of columns (n,)."""
-    columns = (torch.arange(heights.shape[2]) - turns[:, None]) % heights.shape[2]
+    turns = turns.to(heights.device)
+    columns = torch.arange(heights.shape[2], device=heights.device) - turns[:, None]
+    columns %= heights.shape[2]
     return heights.gather(2, columns[:, None].expand_as(heights))
 
 

@@ -18,7 +18,7 @@ from pipeline.matching.novelties import novelties
 from pipeline.matching.ranking import Localizer, Model, Ranking, Rows
 from pipeline.networks import loop
 from pipeline.networks.evidence import Prediction
-from pipeline.networks.lenet import device
+from pipeline.networks.lenet import device, sent
 from pipeline.running.settings import (
     Count,
     NotNegative,
@@ -209,7 +209,7 @@ class Classifier(ABC):
     def images(self, heights: Tensor) -> Tensor:
         """Coloured images (n, channels, rings, sectors) in [0, 1] of quantized heights."""
         torch_device = device()
-        table = torch.from_numpy(colours(self.colormap)).to(torch_device).float() / 255
+        table = sent(torch.from_numpy(colours(self.colormap)), torch_device).float() / 255
         return table[heights.to(torch_device).long()].permute(0, 3, 1, 2)
 
     def whole(self, logits: Tensor) -> Tensor:

@@ -96,3 +96,13 @@ def start(net: nn.Module) -> None:
 def device() -> torch.device:
     """A GPU where there is one."""
     return torch.device("cuda" if torch.cuda.is_available() else "cpu")
+
+
+def sent(tensor: Tensor, torch_device: torch.device) -> Tensor:
+    """A tensor of the processor's on a device, without waiting for the copy or for what runs there.
+
+    Plain `to` waits for both.
+    """
+    if torch_device.type == "cpu":
+        return tensor
+    return tensor.pin_memory().to(torch_device, non_blocking=True)

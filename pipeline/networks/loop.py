@@ -38,12 +38,14 @@ CURVES = ("loss", "accuracy", "held_out_loss", "held_out_accuracy")
 def reproducible(threads: int) -> Iterator[None]:
     """A fixed number of threads and a random state of its own, for the block.
 
-    Sums depend on how work is split. The caller's count and random state are put back.
+    Sums depend on how work is split. The caller's count and random state are put back. On a GPU
+    draws are reproducible, and sums only up to their order.
     """
     before = torch.get_num_threads()
     torch.set_num_threads(threads)
     try:
-        with torch.random.fork_rng():
+        gpus = [torch.cuda.current_device()] if torch.cuda.is_available() else []
+        with torch.random.fork_rng(gpus):  # of several GPUs the one in use; else torch warns
             yield
     finally:
         torch.set_num_threads(before)
@@ -155,6 +157,7 @@ def fit(
     that was never interrupted.
     """
     torch_device = next(net.parameters()).device
+    fused = fused or torch_device.type == "cuda"
     optimizer = torch.optim.Adam(net.parameters(), learning_rate, eps=1e-7, fused=fused or None)
 
     def answer(*inputs: Any) -> Tensor:

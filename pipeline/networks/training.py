@@ -38,8 +38,8 @@ class Training:
 
     @cached_property
     def heights(self) -> Tensor:
-        """The images, quantized."""
-        return self.method.heights(self.images)
+        """The images, quantized, on the device."""
+        return self.method.heights(self.images).to(device())
 
     @cached_property
     def xy_m(self) -> NDArray[np.float64]:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pipeline.errors import InputError
-from pipeline.matching.headings import PLACES, nearest_heading
+from pipeline.matching.headings import PLACES, nearest_heading, reference_headings
 
 
 def crowd(n: int, m: int, width: int = 32) -> tuple[np.ndarray, np.ndarray]:
@@ -24,6 +24,17 @@ def test_the_distance_is_the_least_over_the_headings_of_equal_ones_the_first() -
     np.testing.assert_array_equal(bins, away.argmin(axis=1))
     codes = np.repeat(crowd(4, 1)[0][:, :1], 8, axis=1)
     assert not nearest_heading(codes, codes[:, 0].astype(np.float32))[1].any()
+
+
+def test_reference_headings_are_even_ones_evenly_around_the_circle() -> None:
+    views = np.arange(16)
+    assert views[reference_headings(16, 8)].tolist() == [0, 2, 4, 6, 8, 10, 12, 14]
+    assert views[reference_headings(16, 4)].tolist() == [0, 4, 8, 12]
+    assert views[reference_headings(16, 2)].tolist() == [0, 8]
+    assert views[reference_headings(16, 1)].tolist() == [0]
+    assert np.arange(8)[reference_headings(8, 8)].tolist() == [0, 2, 4, 6]
+    assert np.arange(24)[reference_headings(24, 8)].tolist() == [*range(0, 24, 2)]
+    assert np.arange(3)[reference_headings(3, 1)].tolist() == [0]
 
 
 def test_the_order_of_the_headings_changes_nothing_but_their_numbers() -> None:

@@ -2,8 +2,10 @@
 anywhere."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from math import exp, log, log1p
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +13,7 @@ import torch
 from torch import Tensor, nn
 
 from pipeline.errors import ArtifactError, ConfigError
-from pipeline.methods.pfl.adversarial import Training, best_round, health, pixels, settle
+from pipeline.methods.pfl.adversarial import RIGHT, Training, _move, health, pixels, settle
 from pipeline.methods.pfl.bigan import Decoder, Encoder, ImageDiscriminator, JointDiscriminator
 from pipeline.methods.pfl.game import OBJECTIVES, Game, Objective
 from pipeline.networks.loop import reproducible
@@ -76,6 +78,10 @@ LOGISTIC = {
     "joint_discriminator": bce((1.5, 4.5), (5, -3)),
     "joint_generator": bce((5, -3), (1.5, 4.5)),
 }
+# E log D(x, En(x)) + E log(1 − D(De(z), z)): D rises by it, En and De fall by it.
+VALUE = sum(log(1 / (1 + exp(-s))) for s in (1.5, 4.5)) / 2
+VALUE += sum(log(1 - 1 / (1 + exp(-s))) for s in (5, -3)) / 2
+MINIMAX = {"joint_discriminator": -VALUE, "joint_generator": VALUE}
 EXPECTED = {
     "least_squares": JOINT | PRIOR | CYCLES,
     "bce": LOGISTIC
@@ -84,18 +90,28 @@ EXPECTED = {
         "image_generator": 0.1 * bce((3, -1), None),
     }
     | CYCLES,
-    "paper": LOGISTIC
-    | {"image_discriminator": bce((1, 3), (1.5, 2.5)), "image_generator": bce((1.5, 2.5), None)}
+    "paper": MINIMAX
+    | {
+        "image_discriminator": bce((1, 3), None) + bce(None, (1.5, 2.5)),
+        "image_generator": -bce(None, (1.5, 2.5)),
+    }
     | {"image_cycle": 1 / 4, "code_cycle": 5 / 4},
     "author_code": JOINT | PRIOR | {"image_cycle": CYCLES["image_cycle"]},
     "both_fakes": JOINT | BOTH | CYCLES,
-    "afl": JOINT,
 }
+AFL = OBJECTIVES["least_squares"].alone()
 
 
 @pytest.mark.parametrize("name", OBJECTIVES)
 def test_each_objective_has_its_terms(name: str) -> None:
     assert toy(OBJECTIVES[name]) == pytest.approx(EXPECTED[name], rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"), [("least_squares", JOINT), ("bce", LOGISTIC), ("paper", MINIMAX)]
+)
+def test_afl_is_the_joint_game_alone_at_any_cost(name: str, expected: dict[str, float]) -> None:
+    assert toy(OBJECTIVES[name].alone()) == pytest.approx(expected, rel=1e-6)
 
 
 def test_the_authors_code_judges_whole_feature_vectors() -> None:
@@ -146,10 +162,49 @@ def test_a_turn_gives_gradients_to_its_players_and_afl_has_two_turns() -> None:
         ),
         *(("image_generator", {game.decoder}, True), ("joint_generator", makers, True)),
     ]
-    assert [turn.name for turn in small(OBJECTIVES["afl"]).turns()] == [
-        "joint_discriminator",
-        "joint_generator",
+    assert [turn.name for turn in small(AFL).turns()] == ["joint_discriminator", "joint_generator"]
+
+
+def test_the_papers_encoder_and_decoder_take_one_step_down_the_sum_of_all_terms() -> None:
+    game = small(OBJECTIVES["paper"])
+    game.joint.eval()  # without dropout
+    *others, turn = game.turns()
+    assert [(one.name, one.repeated) for one in others] == [
+        ("joint_discriminator", False),
+        ("image_discriminator", False),
     ]
+    assert set(turn.players) == {game.encoder, game.decoder}
+    assert not turn.repeated
+    weights = [game.encoder.dense.weight, game.decoder.dense.weight]
+    terms = turn.terms(pixels(DATA[:4], torch.device("cpu")), torch.randn(4, 6))
+    assert terms.keys() == {"image_cycle", "code_cycle", "image_generator", "joint_generator"}
+    slopes = [
+        torch.stack(torch.autograd.grad(term, weights, retain_graph=True)[:1])
+        for term in terms.values()
+    ]
+    assert all(slope.abs().max() > 0 for slope in slopes)  # eq. 7's and 9's move the encoder too
+    before = game.encoder.dense.weight.detach().clone()
+    optimizer = torch.optim.SGD(weights)
+    _move(optimizer, 0.1, sum(terms.values(), torch.zeros(())))  # type: ignore[arg-type]
+    torch.testing.assert_close(
+        game.encoder.dense.weight.detach(), before - 0.1 * sum(slopes)[0], rtol=1e-4, atol=1e-7
+    )
+
+
+@pytest.mark.parametrize("without", [{"image": 0.0}, {"image_cycle": 0.0}, {"code_cycle": 0.0}])
+def test_each_of_the_papers_terms_is_in_its_step(without: dict[str, float]) -> None:
+    paper = OBJECTIVES["paper"]
+    game, other = small(paper), small(replace(paper, **without))
+    for one in (game, other):
+        train(one, rounds=1)
+    assert not torch.equal(game.encoder.dense.weight, other.encoder.dense.weight)
+
+
+def test_the_paper_has_one_generator_step_whatever_is_set() -> None:
+    game, other = small(OBJECTIVES["paper"]), small(OBJECTIVES["paper"])
+    train(game)
+    train(other, how=replace(HOW, generator_steps=1))
+    assert same(game, other)
 
 
 DATA = np.random.default_rng(0).integers(0, 256, (20, 64, 64)).astype(np.uint8)
@@ -176,9 +231,10 @@ def train(
     progress: Progress | None = None,
     judge: Callable[[Game], dict[str, float]] = looked_at,
     rounds: int = 3,
+    how: Training = HOW,
 ) -> dict[str, np.ndarray]:
     with reproducible(1):
-        return HOW.play(game, DATA, judge, rounds, 2, progress or Progress())
+        return how.play(game, DATA, judge, rounds, 2, progress or Progress())
 
 
 def same(one: nn.Module, other: nn.Module) -> bool:
@@ -187,16 +243,17 @@ def same(one: nn.Module, other: nn.Module) -> bool:
     )
 
 
-@pytest.mark.parametrize("name", ["least_squares", "afl"])
-def test_every_term_of_every_round_is_told(name: str) -> None:
-    game = small(OBJECTIVES[name])
+@pytest.mark.parametrize("objective", [OBJECTIVES["least_squares"], OBJECTIVES["paper"], AFL])
+def test_every_term_of_every_round_is_told(objective: Objective) -> None:
+    game = small(objective)
     curves = train(game)
     told = {
         term
         for turn in game.turns()
         for term in turn.terms(torch.zeros(2, 1, 64, 64), torch.zeros(2, 6))
     }
-    assert curves.keys() == told | {"held_out_error", "code_variance", "code_distance"}
+    healthy = {"held_out_error", "black_error", "code_variance", "code_distance"}
+    assert curves.keys() == told | healthy
     assert all(column.shape == (3,) and np.isfinite(column).all() for column in curves.values())
 
 
@@ -225,11 +282,34 @@ def test_the_makers_of_the_round_that_knew_most_are_kept_of_equals_the_last(tmp_
     right = iter((0.5,))
     resumed = small(OBJECTIVES["least_squares"])
     curves = train(resumed, Progress(checkpoint=tmp_path / "c"), **words)
-    assert best_round(curves) == 2
+    assert HOW.kept_round(curves) == 2
     assert all(
         torch.equal(value, seen[2][name]) for name, value in resumed.encoder.state_dict().items()
     )
     assert not same(resumed.encoder, game.encoder)
+
+
+def test_the_last_round_is_kept_where_places_are_not_to_choose() -> None:
+    right = iter((0.75, 0.5))
+    last = replace(HOW, kept="last")
+    game = small(OBJECTIVES["least_squares"])
+    before = small(OBJECTIVES["least_squares"])
+    curves = train(game, judge=lambda game: {RIGHT: next(right)}, rounds=2, how=last)
+    train(before, judge=lambda game: {"held_out_error": 1.0}, rounds=2)  # the last of equals
+    assert (last.kept_round(curves), HOW.kept_round(curves)) == (1, 0)
+    assert same(game.encoder, before.encoder)
+
+
+@pytest.mark.parametrize("kept", ["best", "last"])
+def test_without_epochs_only_the_batch_norms_are_settled(kept: Any) -> None:
+    game = small(OBJECTIVES["least_squares"])
+    drawn = small(OBJECTIVES["least_squares"])
+    curves = train(game, rounds=1, how=replace(HOW, epochs=0, kept=kept))
+    assert {len(column) for column in curves.values()} == {1}
+    assert "image_cycle" not in curves
+    assert all(map(torch.equal, game.parameters(), drawn.parameters()))
+    assert looked_at(game.eval()) == {name: column[0] for name, column in curves.items()}
+    assert game.encoder.halvings[0][1].running_mean.abs().max() > 0  # type: ignore[index, operator, union-attr]
 
 
 @pytest.mark.parametrize("at", [1, 2, 3])
@@ -249,7 +329,7 @@ def test_an_interrupted_training_goes_on_to_the_same_weights_and_curves(
 
 
 def test_another_trainings_checkpoint_is_refused(tmp_path: Path) -> None:
-    train(small(OBJECTIVES["afl"]), Progress(checkpoint=tmp_path / "c"), rounds=1)
+    train(small(AFL), Progress(checkpoint=tmp_path / "c"), rounds=1)
     with pytest.raises(ArtifactError, match="not a whole checkpoint"):
         train(small(OBJECTIVES["least_squares"]), Progress(checkpoint=tmp_path / "c"))
 
@@ -264,14 +344,14 @@ def test_a_term_that_is_no_number_stops_the_training() -> None:
 def test_a_collapse_is_seen() -> None:
     images = torch.tensor([[[[0.0]]], [[[1.0]]]])
     # Codes (0, 0) and (3, 4): 5 apart, variances 9/2 and 16/2. The decoder answers 1: squares of 1
-    # and 0.
+    # and 0. Black is −1: squares of 1 and 2.
     seen = health(
         Fixed(lambda x: x.flatten(1) * torch.tensor([3.0, 4.0])),
         Fixed(lambda z: torch.ones(2, 1, 1, 1)),
         images,
     )
     assert seen == pytest.approx(
-        {"held_out_error": 0.5, "code_variance": 6.25, "code_distance": 5.0}
+        {"held_out_error": 0.5, "black_error": 2.5, "code_variance": 6.25, "code_distance": 5.0}
     )
     collapsed = health(
         Fixed(lambda x: torch.ones(2, 2)), Fixed(lambda z: torch.ones(2, 1, 1, 1)), images
@@ -280,7 +360,7 @@ def test_a_collapse_is_seen() -> None:
 
 
 def test_running_statistics_are_those_of_what_was_seen() -> None:
-    game = small(OBJECTIVES["afl"])
+    game = small(AFL)
     game.encoder(100 * torch.ones(4, 1, 64, 64))
     images = pixels(DATA, torch.device("cpu"))
     settle(game.encoder, game.decoder, images.split(10))

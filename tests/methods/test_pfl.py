@@ -5,10 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 from scipy.ndimage import gaussian_filter
 
 from pipeline.matching.ranking import Model, Rows
 from pipeline.matching.rejection import Evidence, Rejection
+from pipeline.methods.pfl.bigan import Encoder
+from pipeline.methods.pfl.features import HELD
 from pipeline.methods.pfl.game import OBJECTIVES
 from pipeline.methods.pfl.pfl import Pfl
 from pipeline.running.progress import Progress
@@ -89,6 +92,7 @@ def test_the_model_holds_eight_codes_of_a_kilobyte_a_place_its_pictures_and_all_
         "code_cycle",
         "held_out_accuracy",
         "held_out_error",
+        "black_error",
         "code_variance",
         "code_distance",
     }
@@ -146,6 +150,37 @@ def test_a_model_can_be_moved_to_another_drive(model: Model) -> None:
         rows(4), 1
     )  # the network keeps its own width
     assert np.abs(ranking.xy_m[:, 0, 0] - 500 - 2 * np.arange(ROWS)).mean() < 1
+
+
+def test_an_untrained_encoder_ranks_through_the_same_matching(model: Model) -> None:
+    untrained = replace(SMALL, epochs=0)
+    drawn = untrained.learn(rows(), PLACES, Progress())
+    assert drawn.keys() >= {name for name in model if not name.startswith("curves/")}
+    assert {len(drawn[name]) for name in drawn if name.startswith("curves/")} == {1}
+    assert not np.array_equal(drawn["codes"], model["codes"])
+    torch.manual_seed(0)
+    weights = Encoder(SMALL.width).state_dict()["dense.weight"]
+    assert np.array_equal(drawn["net/encoder.dense.weight"], weights.numpy())
+    ranking = untrained.localizer(drawn)(rows(2), 3)
+    assert ranking.places.shape == (ROWS, 3)
+    assert np.isfinite(ranking.costs).all()
+    assert len(np.unique(ranking.costs[:, 0])) > 1
+
+
+def test_a_black_image_is_judged_on_the_images_that_the_reconstructions_are(model: Model) -> None:
+    images = rows().images[SMALL.held_out(rows())].reshape(-1, 64, 64)
+    assert len(images) <= HELD
+    black = np.square(images / 127.5).mean()
+    np.testing.assert_allclose(model["curves/black_error"], black, rtol=1e-5)
+
+
+def test_of_fewer_reference_headings_fewer_codes_are_kept(model: Model) -> None:
+    views = rows(2)
+    for kept, step in ((1, 8), (2, 4), (4, 2)):
+        few = replace(SMALL, reference_headings=kept).moved(model, rows(), PLACES)
+        assert np.array_equal(few["codes"], model["codes"][:, ::step])
+        told = SMALL.localizer(few)(views, 1).heading_deg
+        assert set(np.unique(told)) <= {-360 / kept * turn for turn in range(-8, 9)}
 
 
 def test_the_objective_is_the_presets() -> None:

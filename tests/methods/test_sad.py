@@ -86,6 +86,19 @@ def test_only_the_first_heading_is_looked_at() -> None:
     assert same(*(Sad().learn(rows(images), PLACES, Progress()) for images in (STREET, blind)))
 
 
+def test_of_several_reference_headings_the_nearest_is_told() -> None:
+    images = STREET.copy()
+    images[:, 2] = images[:, 0, ::-1, ::-1]
+    localize = asked(images, reference_headings=2)
+    for quarters in (0, 2):
+        ranking = localize(rows(np.roll(images[50:150], -quarters, axis=1)), 1)
+        assert (ranking.places[:, 0] == PLACES[50:150]).mean() > 0.9
+        assert (np.abs(ranking.heading_deg[:, 0]) == 90 * quarters).mean() > 0.9
+    model = Sad(reference_headings=2).learn(rows(images), PLACES, Progress())
+    assert model["images"].shape == (N, 2, 64, 64)
+    assert np.array_equal(model["images"][:, 1], normalised(images[:, 2]))
+
+
 def test_a_model_is_the_normalised_images_of_four_kilobytes_each() -> None:
     large = np.repeat(np.repeat(STREET[:30], 2, axis=2), 2, axis=3)  # 128 × 128 pixels
     model = Sad().learn(rows(large), PLACES[:30], Progress())

@@ -13,6 +13,7 @@ from pipeline.mapping.octree import Octree
 from pipeline.mapping.submaps import Accumulated, SingleScan
 from pipeline.matching.sequences import SequenceMethod
 from pipeline.methods.m2dp import M2dp
+from pipeline.methods.pfl.afl import Afl
 from pipeline.methods.pfl.pfl import Pfl
 from pipeline.methods.pointnetvlad.pointnetvlad import PointNetVlad
 from pipeline.methods.sad import Sad
@@ -99,14 +100,17 @@ WRONG = [
         "method",
         {
             "width": 0,
-            "epochs": 0,
+            "epochs": -1,
             "batch": 1,
             "beta1": 1.0,
             "generator_steps": 0,
             "objective": "none",
+            "kept": "first",
+            "reference_headings": 3,
         },
     ),
-    (Sad, "method", {"patch_px": 0, "length": "ten"}),
+    (Afl, "method", {"objective": "author_code"}),
+    (Sad, "method", {"patch_px": 0, "length": "ten", "reference_headings": 0}),
     (
         SequenceMethod,
         "method",

@@ -4,7 +4,7 @@
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import torch
@@ -16,29 +16,32 @@ from pipeline.errors import ConfigError
 from pipeline.matching.sequences import SequenceMethod
 from pipeline.methods.pfl.game import Game
 from pipeline.networks import loop
+from pipeline.networks.lenet import sent
 from pipeline.running.progress import Progress
-from pipeline.running.settings import Count, Positive, Seed
+from pipeline.running.settings import Count, Positive, Seed, Whole
 
 RIGHT = "held_out_accuracy"  # the judge's number that says which round is best, where it gives one
 SETTLED = 16  # batches of a round that the running statistics to localise by are taken from
+BLACK = -1.0  # of a pixel as networks take them
 Health = dict[str, float]  # numbers that tell how a training goes besides its losses
 
 
 def health(encoder: nn.Module, decoder: nn.Module, images: Tensor) -> Health:
     """Health of the networks on held-out images (n, 1, 64, 64), by name.
 
-    The mean squared error of their reconstructions, the codes' variance (mean over the dimensions)
-    and their mean distance from each other; the last two near 0 are a collapse.
+    The mean squared error of their reconstructions, and of a black image in their place, below
+    which a reconstruction tells something; the codes' variance (mean over the dimensions) and their
+    mean distance from each other, both near 0 in a collapse.
     """
     codes = encoder(images).float()
     numbers = (
         mse_loss(decoder(codes).float(), images),
+        (images - BLACK).square().mean(),
         codes.var(0).mean(),
         torch.pdist(codes).mean(),
     )
-    return dict(
-        zip(("held_out_error", "code_variance", "code_distance"), map(float, numbers), strict=True)
-    )
+    names = ("held_out_error", "black_error", "code_variance", "code_distance")
+    return dict(zip(names, map(float, numbers), strict=True))
 
 
 @torch.no_grad()
@@ -48,14 +51,20 @@ def settle(encoder: nn.Module, decoder: nn.Module, batches: Iterable[Tensor]) ->
     Those of training mix both with the fakes of half a round, and a variance that is too small or
     too large by far looks like a collapse.
     """
-    for part in (encoder, decoder):
-        part.train()
-        for layer in part.modules():
-            if isinstance(layer, nn.BatchNorm2d):
-                layer.reset_running_stats()
-                layer.momentum = None  # a plain mean
+    layers = [
+        layer
+        for part in (encoder.train(), decoder.train())
+        for layer in part.modules()
+        if isinstance(layer, nn.BatchNorm2d)
+    ]
+    momenta = [layer.momentum for layer in layers]
+    for layer in layers:
+        layer.reset_running_stats()
+        layer.momentum = None  # a plain mean, for which a GPU is waited for at every batch
     for images in batches:
         decoder(encoder(images))
+    for layer, momentum in zip(layers, momenta, strict=True):
+        layer.momentum = momentum
 
 
 def pixels(images: NDArray[np.uint8] | Tensor, torch_device: torch.device) -> Tensor:
@@ -73,8 +82,9 @@ class Training(SequenceMethod):
     # own width
     width: Count = 64
     code: Count = 512  # numbers in a code: 1 KB as they are stored
-    epochs: Count = 30
-    """Passes over all headings of the training rows.
+    epochs: Whole = 30
+    """Passes over all headings of the training rows; 0 leaves the weights as they were drawn, which
+    shows what matching alone does.
 
     Neither the paper nor its code says how many; BiGAN's authors make 400 over MNIST's 50,000
     images, and 30 over the 120,000 of an NCLT drive are 56,000 iterations.
@@ -86,8 +96,12 @@ class Training(SequenceMethod):
     `learning_rate` is the peak."""
     beta1: float = 0.5
     # of the generators in an iteration, on the same batch; the discriminators and the cycles have
-    # one
+    # one, and so have the generators of an objective that sums their terms, which is the paper's
     generator_steps: Count = 4
+    kept: Literal["best", "last"] = "best"
+    """Which round's weights: of the round that knew the most held-out places, of equals the last;
+    or the last round's. `best` looks at places, so it is not fully unsupervised; `last`, the
+    paper's, looks at none."""
     precision: loop.Precision = "auto"
     threads: Count = 2  # fixed, since the order of sums follows from it and the weights from that
     seed: Seed = 0
@@ -111,10 +125,11 @@ class Training(SequenceMethod):
         """Train the game's networks on images (n, 64, 64); returns terms and judgements by round.
 
         Each term's mean and the judge's numbers. Each turn has an Adam of its own, as in the
-        authors' code. The makers end with their weights of the round that knew the most held-out
-        places, of equals the last: no loss of such a game says which are best, and it swings to its
-        end. Every random draw of a round follows from the seed and the round's number, so a run
-        that goes on from `progress.checkpoint` gives the weights of one that was never interrupted.
+        authors' code. The makers end with their weights of the round that is `kept`: no loss of
+        such a game says which are best, and it swings to its end. Without epochs the judgement is
+        of the weights as they are. The images stay on the networks' device. Every random draw of a
+        round follows from the seed and the round's number, so a run that goes on from
+        `progress.checkpoint` gives the weights of one that was never interrupted.
         """
         torch_device = next(game.parameters()).device
         turns = game.turns()
@@ -125,7 +140,7 @@ class Training(SequenceMethod):
             optimizers[f"adam/{turn.name}"] = torch.optim.Adam(
                 weights, self.learning_rate, (self.beta1, 0.999), fused=True
             )
-        data = torch.from_numpy(images)
+        data = torch.from_numpy(images).to(torch_device)
         curves = dict[str, list[float]]()
         rounds_done = 0
         best_weights = _makers(game)
@@ -134,20 +149,20 @@ class Training(SequenceMethod):
                 name: value.tolist()
                 for name, value in loop.pop_prefixed(checkpoint, "curves/").items()
             }
-            rounds_done = len(curves["joint_generator"])
+            rounds_done = len(next(iter(curves.values())))
             best_weights = loop.pop_prefixed(checkpoint, loop.BEST)
         for number in progress.track(range(rounds_done, rounds), rounds - rounds_done, "train"):
             torch.manual_seed((self.seed << 20) + number)
             passes = torch.cat(
                 [torch.randperm(len(data)) for _ in range(-(-iterations * self.batch // len(data)))]
             )
-            order = passes[: iterations * self.batch].view(iterations, self.batch)
+            order = passes[: iterations * self.batch].view(iterations, self.batch).to(torch_device)
             sums: dict[str, Tensor] = {}
             game.train()
-            for step, rows in enumerate(order):
+            for step, rows in enumerate(order if self.epochs else ()):
                 rate = self.learning_rate * share((number + step / iterations) / rounds)
                 seen = pixels(data[rows], torch_device)
-                codes = torch.randn(self.batch, self.code).to(torch_device)
+                codes = sent(torch.randn(self.batch, self.code), torch_device)
                 for turn in [
                     *(t for t in turns if not t.repeated),
                     *[t for t in turns if t.repeated] * self.generator_steps,
@@ -179,7 +194,7 @@ class Training(SequenceMethod):
                         "method.learning_rate"
                     )
                 curves.setdefault(name, []).append(value)
-            if best_round(curves) == number:
+            if self.kept_round(curves) == number:
                 best_weights = _makers(game)
             progress.note(epoch=number + 1, **row)
             if progress.checkpoint is not None:
@@ -192,11 +207,13 @@ class Training(SequenceMethod):
         game.load_state_dict(best_weights, strict=False)
         return {name: np.array(column) for name, column in curves.items()}
 
-
-def best_round(curves: Mapping[str, Sequence[float] | NDArray[np.float64]]) -> int:
-    """The round whose weights are kept, 0-based."""
-    right = np.asarray(curves.get(RIGHT, np.zeros(len(next(iter(curves.values()))))))
-    return len(right) - 1 - int(right[::-1].argmax())
+    def kept_round(self, curves: Mapping[str, Sequence[float] | NDArray[np.float64]]) -> int:
+        """The round whose weights are kept, 0-based."""
+        rounds = len(next(iter(curves.values())))
+        right = np.asarray(
+            curves[RIGHT] if self.kept == "best" and RIGHT in curves else [0] * rounds
+        )
+        return rounds - 1 - int(right[::-1].argmax())
 
 
 def _makers(game: Game) -> dict[str, Tensor]:

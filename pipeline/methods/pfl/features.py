@@ -1,8 +1,8 @@
 """Place feature learning: codes of bird-views, learned by an adversarial game and matched in
 sequences (METHODS 5).
 
-Yin et al., IROS 2018. A reference place has the codes of eight headings, a query has one; the
-distance is the least of the eight.
+Yin et al., IROS 2018. A reference place has the codes of eight headings, a query has one, of
+heading 0; the distance is the least of the eight.
 """
 
 from abc import ABC, abstractmethod
@@ -17,9 +17,9 @@ from torch import Tensor
 from pipeline.errors import InputError
 from pipeline.matching.database import PREFIX as DATABASE
 from pipeline.matching.database import Database
-from pipeline.matching.headings import nearest_heading
+from pipeline.matching.headings import ReferenceHeadings, nearest_heading, reference_headings
 from pipeline.matching.ranking import Localizer, Model, Ranking, Rows, TrainingSet
-from pipeline.methods.pfl.adversarial import RIGHT, Health, Training, best_round, health, pixels
+from pipeline.methods.pfl.adversarial import RIGHT, SETTLED, Health, Training, health, pixels
 from pipeline.methods.pfl.bigan import (
     SIDE,
     Decoder,
@@ -38,9 +38,6 @@ LEAST_ITERATIONS = 10
 MOST_ITERATIONS = 2000
 """Rounds of a training, and bounds on the iterations of each; after a round the networks are judged
 and kept."""
-REFERENCE = slice(0, None, 2)
-"""Headings of a view whose codes are a reference place's: 0°, 45°, … (METHODS 5.4); a query is
-heading 0."""
 ENCODER = "net/encoder."
 DECODER = "net/decoder."
 AT_ONCE = 256  # images encoded at a time
@@ -52,6 +49,10 @@ PICTURES = 16
 @dataclass(frozen=True)
 class FeatureMethod(Training, ABC):
     """Codes and matching, shared by the variants of place feature learning."""
+
+    reference_headings: ReferenceHeadings = 8
+    """Headings of a place whose codes are kept: the paper's eight bins, or fewer to see what they
+    are worth."""
 
     @abstractmethod
     def terms(self) -> Objective:
@@ -83,10 +84,12 @@ class FeatureMethod(Training, ABC):
             iterations = min(
                 total, max(LEAST_ITERATIONS, min(MOST_ITERATIONS, -(-total // ROUNDS)))
             )
+            if not self.epochs:  # one round of none, judged once its batch norms are settled
+                total = iterations = SETTLED
             curves = self.play(game, data, judge, round(total / iterations), iterations, progress)
             nets = loop.arrays(game.encoder, ENCODER) | loop.arrays(game.decoder, DECODER)
             columns = {f"curves/{name}": column for name, column in curves.items()}
-            model = {**nets, **columns, "best_epoch": np.array(best_round(curves))}
+            model = {**nets, **columns, "best_epoch": np.array(self.kept_round(curves))}
             seen = _spread(judged_images[:, 0], PICTURES)
             pictures = {
                 "pictures/seen": seen,
@@ -107,9 +110,10 @@ class FeatureMethod(Training, ABC):
         """Make the judge of a round: held-out rows known, and health on images (n, 64, 64)."""
         codes = _batched(game.encoder)
         held_out = pixels(sample, device())
+        headings = reference_headings(images.shape[1], self.reference_headings)
 
         def difference(rows: NDArray[np.int64], queries: NDArray[np.int64]) -> NDArray[np.float32]:
-            reference = codes(images[rows, REFERENCE].reshape(-1, SIDE, SIDE)).reshape(
+            reference = codes(images[rows, headings].reshape(-1, SIDE, SIDE)).reshape(
                 len(rows), -1, self.code
             )
             return nearest_heading(reference, codes(images[queries, 0]))[0]
@@ -182,8 +186,8 @@ class FeatureMethod(Training, ABC):
         return ((decoded[:, 0] + 1) * 127.5).round().astype(np.uint8)
 
     def _codes(self, model: Model, images: NDArray[np.uint8]) -> NDArray[np.float16]:
-        """Codes (n, 8, code) of the reference headings."""
-        reference = images[:, REFERENCE]
+        """Codes (n, heading, code) of the reference headings."""
+        reference = images[:, reference_headings(images.shape[1], self.reference_headings)]
         codes = self.encoder(model)(reference.reshape(-1, SIDE, SIDE))
         return codes.reshape(*reference.shape[:2], -1).astype(np.float16)
 
@@ -194,7 +198,7 @@ class FeatureMethod(Training, ABC):
 def _difference(
     codes: NDArray[np.float16],
 ) -> Callable[[NDArray[np.int64], NDArray[np.int64]], NDArray[np.float32]]:
-    """The differences of rows of codes (n, 8, code) from queries at the robot's own heading."""
+    """The differences of rows of codes (n, heading, code) from queries at the robot's own."""
 
     def difference(rows: NDArray[np.int64], queries: NDArray[np.int64]) -> NDArray[np.float32]:
         return nearest_heading(codes[rows], codes[queries, 0].astype(np.float32))[0]
@@ -214,14 +218,17 @@ def _trained(kind: Callable[[int, int, int], loop.Net], model: Model, prefix: st
 
 
 def _batched(net: Callable[[Tensor], Tensor]) -> Callable[[NDArray[np.uint8]], NDArray[np.float32]]:
-    """A network's answers to images (n, 64, 64), AT_ONCE at a time."""
+    """A network's answers to images (n, 64, 64), AT_ONCE at a time; a GPU is waited for once."""
 
     @torch.inference_mode()
     def answer(images: NDArray[np.uint8]) -> NDArray[np.float32]:
         starts = range(0, max(len(images), 1), AT_ONCE)
-        return torch.cat(
-            [net(pixels(images[i : i + AT_ONCE], device())).float().cpu() for i in starts]
-        ).numpy()
+        data = torch.as_tensor(images).to(device())
+        return (
+            torch.cat([net(pixels(data[i : i + AT_ONCE], device())).float() for i in starts])
+            .cpu()
+            .numpy()
+        )
 
     return answer
 

@@ -7,7 +7,7 @@ and by reconstructing images and codes.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import torch
@@ -24,7 +24,9 @@ class Objective:
     A term of weight 0 is not computed.
     """
 
-    loss: Literal["least_squares", "bce"] = "least_squares"
+    loss: Literal["least_squares", "bce", "minimax"] = "least_squares"
+    """What wrong scores cost: their squares, or logistic costs. In `minimax`, the paper's own, the
+    generators maximise what the discriminators minimise, and costs are summed, not averaged."""
     image: float = 0.1  # of the game on images alone
     fakes: Literal["prior", "reconstruction", "both"] = "prior"
     """What the image discriminator takes for fakes: images of random codes, of images' own codes,
@@ -32,29 +34,46 @@ class Objective:
     image_cycle: float = 0.1
     code_cycle: float = 0.1
     head: Head = "scalar"
+    summed: bool = False
+    """Encoder and decoder take one step an iteration, down the sum of all their terms (eq. 11),
+    instead of a turn for each; eq. 7's moves the encoder too."""
+
+    def alone(self) -> "Objective":
+        """The same cost in the joint game alone, which is AFL."""
+        return replace(self, image=0.0, image_cycle=0.0, code_cycle=0.0, head="scalar")
 
     def cost(self, scores: Tensor, right_score: float) -> Tensor:
         """Mean cost of scores that should all be 0 or all be 1."""
         target = torch.full_like(scores, right_score, dtype=torch.float32)
-        if self.loss == "bce":
-            return binary_cross_entropy_with_logits(scores.float(), target)
-        return mse_loss(scores.float(), target)
+        if self.loss == "least_squares":
+            return mse_loss(scores.float(), target)
+        return binary_cross_entropy_with_logits(scores.float(), target)
 
-    def halves(self, should_be_one: Tensor, should_be_zero: Tensor) -> Tensor:
-        """Mean of the costs of scores that should be 1 and scores that should be 0."""
-        return (self.cost(should_be_one, 1.0) + self.cost(should_be_zero, 0.0)) / 2
+    def discriminator_cost(self, seen: Tensor, made: Tensor) -> Tensor:
+        """A discriminator's cost of scores that should be 1 and of scores that should be 0."""
+        both = self.cost(seen, 1.0) + self.cost(made, 0.0)
+        return both if self.loss == "minimax" else both / 2
+
+    def generator_cost(self, scores: Tensor, right_score: float) -> Tensor:
+        """The generators' cost of scores that a discriminator wants to be all 0 or all 1.
+
+        The cost of the other score; in `minimax` what the discriminator gains, log(1 − D) or log D,
+        which saturates where the discriminator is sure.
+        """
+        if self.loss == "minimax":
+            return -self.cost(scores, right_score)
+        return self.cost(scores, 1.0 - right_score)
 
 
 OBJECTIVES: Mapping[str, Objective] = {
     "least_squares": Objective(),
     "bce": Objective("bce"),
-    "paper": Objective("bce", 1.0, "reconstruction", 1.0, 1.0),
+    "paper": Objective("minimax", 1.0, "reconstruction", 1.0, 1.0, summed=True),
     "author_code": Objective(code_cycle=0.0, head="vector"),
     "both_fakes": Objective(fakes="both"),
-    "afl": Objective(image=0.0, image_cycle=0.0, code_cycle=0.0),
 }
-"""`paper` is the text; `author_code` dropped the cycle of codes and judges feature vectors; `afl`
-is the joint game alone."""
+"""`paper` is the text, eq. 7 to 11 as written; `author_code` dropped the cycle of codes and judges
+feature vectors."""
 
 
 class Game(nn.Module):
@@ -79,11 +98,13 @@ class Game(nn.Module):
         self.objective = objective
 
     def turns(self) -> list["Turn"]:
-        """The turns in their order; those of the generators are repeated."""
+        """The turns in their order; those of the generators are repeated, unless summed."""
         makers = (self.encoder, self.decoder)
         turns = [Turn("joint_discriminator", (self.joint,), self.judge_pairs)]
         if self.image is not None:
             turns.append(Turn("image_discriminator", (self.image,), self.judge_images))
+        if self.objective.summed:
+            return [*turns, Turn("generators", makers, self.minimise)]
         if self.objective.image_cycle or self.objective.code_cycle:
             turns.append(Turn("cycle", makers, self.reconstruct))
         if self.image is not None:
@@ -96,20 +117,26 @@ class Game(nn.Module):
             image_codes = self.encoder(images)
             fakes = self.decoder(codes)
         return {
-            "joint_discriminator": self.objective.halves(
+            "joint_discriminator": self.objective.discriminator_cost(
                 self.joint(images, image_codes), self.joint(fakes, codes)
             )
         }
 
+    def minimise(self, images: Tensor, codes: Tensor) -> dict[str, Tensor]:
+        """All of the encoder's and decoder's losses, to be summed (eq. 11)."""
+        terms = self.reconstruct(images, codes)
+        if self.image is not None:
+            terms |= self.fool_images(images, codes)
+        return terms | self.fool_pairs(images, codes)
+
     def fool_pairs(self, images: Tensor, codes: Tensor) -> dict[str, Tensor]:
-        """The encoder's and decoder's loss: the joint discriminator's with 0 and 1 exchanged."""
+        """The encoder's and decoder's loss: 1 for a code's image, 0 for an image with its code."""
         image_codes = self.encoder(images)
         fakes = self.decoder(codes)
-        return {
-            "joint_generator": self.objective.halves(
-                self.joint(fakes, codes), self.joint(images, image_codes)
-            )
-        }
+        made = self.objective.generator_cost(self.joint(fakes, codes), 0.0)
+        seen = self.objective.generator_cost(self.joint(images, image_codes), 1.0)
+        both = made + seen
+        return {"joint_generator": both if self.objective.loss == "minimax" else both / 2}
 
     def judge_images(self, images: Tensor, codes: Tensor) -> dict[str, Tensor]:
         """The image discriminator's loss: 1 for a real image, 0 for a generated one."""
@@ -117,13 +144,16 @@ class Game(nn.Module):
         with torch.no_grad():
             fakes = self._fakes(images, codes)
         real = self.image(images)
-        halves = [self.objective.halves(real, self.image(fake)) for fake in fakes]
-        return {"image_discriminator": self.objective.image * torch.stack(halves).mean()}
+        costs = [self.objective.discriminator_cost(real, self.image(fake)) for fake in fakes]
+        return {"image_discriminator": self.objective.image * torch.stack(costs).mean()}
 
     def fool_images(self, images: Tensor, codes: Tensor) -> dict[str, Tensor]:
-        """The decoder's loss: 1 for a generated image."""
+        """The decoder's loss, and if summed the encoder's: 1 for a generated image."""
         assert self.image is not None
-        costs = [self.objective.cost(self.image(fake), 1.0) for fake in self._fakes(images, codes)]
+        costs = [
+            self.objective.generator_cost(self.image(fake), 0.0)
+            for fake in self._fakes(images, codes)
+        ]
         return {"image_generator": self.objective.image * torch.stack(costs).mean()}
 
     def reconstruct(self, images: Tensor, codes: Tensor) -> dict[str, Tensor]:

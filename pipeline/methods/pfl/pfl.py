@@ -20,7 +20,8 @@ class Pfl(FeatureMethod):
         "least_squares"
     )
     """See pipeline.methods.pfl.game; `least_squares` and `bce` have the code's weights and the
-    paper's terms."""
+    paper's terms. `paper` alone is the paper as written: its one step an iteration takes the place
+    of `generator_steps`."""
 
     def terms(self) -> Objective:
         """All four of eq. 7 to 11."""

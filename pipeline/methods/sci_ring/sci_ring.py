@@ -17,7 +17,7 @@ from pipeline.networks.circle import circular_mean_deg, neighbours, rolled
 from pipeline.networks.classifier import Kinds
 from pipeline.networks.evidence import Prediction
 from pipeline.networks.learner import Learner
-from pipeline.networks.lenet import device
+from pipeline.networks.lenet import device, sent
 from pipeline.running.settings import Count, NotNegative, Share
 
 HEADING_SOFTNESS = 2.0
@@ -55,23 +55,19 @@ class SciRing(Learner):
     ) -> tuple[loop.Batches[Batch], int]:
         """Every trained view once, shuffled, each turned by a random number of columns."""
         sectors = heights.shape[2]
-        columns = self._columns(views, heights.shape[2])
+        columns = self._columns(views, sectors).to(device())
+        heights, places, trained = (part.to(device()) for part in (heights, places, trained))
         widest = min(self.widest_arc, sectors // POOLED - 1) if self.worst_arc else 0
 
         def epoch(order: torch.Generator) -> Iterator[Batch]:
-            for rows in torch.split(
-                trained[torch.randperm(len(trained), generator=order)], self.batch
-            ):
+            shuffled = trained[torch.randperm(len(trained), generator=order).to(device())]
+            for rows in torch.split(shuffled, self.batch):
                 if len(rows) > 1 or len(trained) == 1:  # batch norms need two
                     turns = torch.randint(sectors, (len(rows),), generator=order)
+                    turns = sent(turns, device())
                     arc = int(torch.randint(1, widest + 1, (), generator=order)) if widest else 0
-                    headings = (columns[rows] - turns).to(device()) / POOLED
-                    yield (
-                        self.images(rolled(heights[rows], turns)),
-                        places[rows].to(device()),
-                        arc,
-                        headings,
-                    )
+                    headings = (columns[rows] - turns) / POOLED
+                    yield self.images(rolled(heights[rows], turns)), places[rows], arc, headings
 
         return epoch, -(-len(trained) // self.batch)
 
@@ -120,7 +116,7 @@ class SciRing(Learner):
             if forgotten is not None:
                 logits = logits.masked_fill(forgotten[rows].to(torch_device)[:, None], -torch.inf)
             scores = logits.logsumexp(1)
-            each = torch.arange(len(rows))
+            each = torch.arange(len(rows), device=embedded.device)
             heading_deg = circular_mean_deg((logits / HEADING_SOFTNESS).softmax(1))
             lower, upper, share = neighbours(
                 heading_deg[each, scores.argmax(1)] * (net.headings / 360), net.headings

@@ -11,7 +11,16 @@ from numpy.typing import NDArray
 from pipeline.evaluation.numbers import PRECISE
 from pipeline.evaluation.viewpoints import NUMBERS, Judged
 from pipeline.report.figures.panels import balanced, in_corner, panels, precision_axes, share_limits
-from pipeline.report.figures.style import MARK, WIDTH_IN, below, figure, handles, look, styled
+from pipeline.report.figures.style import (
+    MARK,
+    QUIET,
+    WIDTH_IN,
+    below,
+    figure,
+    handles,
+    look,
+    styled,
+)
 from pipeline.report.table import fixed
 from pipeline.studies.colours import colour
 
@@ -26,6 +35,8 @@ COLLAPSE = {  # curve (round,) of a model and its title
     "code_distance": "mean distance between codes",
     "held_out_error": "held-out reconstruction error",
 }
+BLACK = "black_error"
+"""The curve of a black image's error on the images of `held_out_error`."""
 MOST = 8  # pictures beside each other
 # where no accuracy is higher, curves fill the lower left corner of a panel and leave the upper
 # right one free
@@ -164,7 +175,8 @@ def collapse(curves: Mapping[str, Sequence[Mapping[str, NDArray[np.float64]]]]) 
     """Spread of the codes and reconstruction error over training, a line a seed.
 
     Codes have collapsed where variance and distance fall towards 0: all places look alike to the
-    model. None without any such curve.
+    model. A dashed line is the error of a black image, which a reconstruction has to undercut. None
+    without any such curve.
     """
     seeds_by_model = {
         model: [seed_curves for seed_curves in seeds if COLLAPSE.keys() & seed_curves.keys()]
@@ -187,7 +199,32 @@ def collapse(curves: Mapping[str, Sequence[Mapping[str, NDArray[np.float64]]]]) 
                 axis.plot(
                     1 + np.arange(len(curve)), curve, color=tint, ls=dash, marker=few, lw=width
                 )
+        if name == "held_out_error":
+            for error in _black_errors(seeds_by_model):
+                axis.axhline(error, **MARK)
+                axis.text(
+                    *(0.98, error, "a black image"),
+                    transform=axis.get_yaxis_transform(),
+                    ha="right",
+                    va="bottom",
+                    size=6.5,
+                    color=QUIET,
+                )
         axis.set(xlabel="round", title=title, ylim=(0, None))
         axis.xaxis.set_major_locator(MaxNLocator(integer=True))
     below(fig, handles(seeds_by_model))
     return fig
+
+
+def _black_errors(
+    curves: Mapping[str, Sequence[Mapping[str, NDArray[np.float64]]]],
+) -> list[float]:
+    """The different errors of a black image; models judged on the same images have one."""
+    return sorted(
+        {
+            float(seed_curves[BLACK][-1])
+            for seeds in curves.values()
+            for seed_curves in seeds
+            if BLACK in seed_curves
+        }
+    )

@@ -56,6 +56,7 @@ LEARNED = {
     "code_variance": np.array([0.4, 0.1]),
     "code_distance": np.array([8.0, 2.0]),
     "held_out_error": np.array([0.5, 0.25]),
+    "black_error": np.array([0.125, 0.125]),
 }
 CURVES = {"pfl": [LEARNED, {name: 3 * curve for name, curve in LEARNED.items()}], "sad": [{}]}
 SEEN = np.zeros((16, 4, 4), np.uint8)
@@ -203,6 +204,8 @@ def test_collapse_is_shown_by_a_line_a_seed_of_the_models_that_have_the_curves()
         pytest.approx([1.2, 0.3]),
     ]
     assert lines(fig.axes[1], "pfl")[0].tolist() == [[1, 8.0], [2, 2.0]]
+    assert [set(line.get_ydata()) for line in fig.axes[2].lines[-2:]] == [{0.125}, {0.375}]
+    assert "a black image" in words(fig)
     assert "sad" not in words(fig)
     assert viewpoints.collapse({"sad": [{}]}) is None
 
