@@ -351,7 +351,7 @@ def test_a_simulated_study_of_viewpoints_stands_beside_one_of_the_year(project):
         ("use campus variants=4way", "variants=4way: expected some of engaged"),
         (
             "use suburb question=viewpoints variants=4way",
-            "variants=4way: this question and these methods have none",
+            "variants=4way: expected some of eight_headings, logistic, one_heading, paper, untrained",
         ),
         ("use campus altered=rain", "altered=rain: expected some of glance"),
         (

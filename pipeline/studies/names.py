@@ -183,7 +183,8 @@ def propose(conf: Path, name: str, options: Mapping[str, str]) -> Proposal:
     seeds = options.get("seeds", str(study.get("seeds", 1)))
     if not (seeds.isdecimal() and 1 <= int(seeds) <= MOST_SEEDS):
         raise ConfigError(f"seeds={seeds}: expected a number from 1 to {MOST_SEEDS}")
-    variants = _variants(options, study, method_names)
+    unasked = {"variants": ""} if question == "viewpoints" else {}  # each is a training of minutes
+    variants = _variants({**unasked, **options}, study, method_names)
     settings_of_scale = scale.get("methods", {})
     methods = [
         entry(conf, method, view, int(seeds), variants.get(method), settings_of_scale)
