@@ -357,7 +357,7 @@ def test_a_simulated_study_of_viewpoints_stands_beside_one_of_the_year(project):
         (
             "use campus question=robustness variants=5way",
             "variants=5way: expected some of 1way, 1way200, 24way, 4way, 4way200, 8way, 8way200, "
-            "engaged",
+            "engaged, grey",
         ),
         ("use moon", "expected one of bag, campus"),
         ("use nclt", "root=FOLDER"),
@@ -370,7 +370,7 @@ def test_a_simulated_study_of_viewpoints_stands_beside_one_of_the_year(project):
         ("use campus world=a\x1b[31mb\x07c", "world=a?[31mb?c: expected one of tiny"),
         (
             "use campus budget=rich",
-            "budget=rich: expected one of demo, evening, full, minutes, night, tiny",
+            "budget=rich: expected one of demo, evening, full, minutes, night, papers, tiny",
         ),
         ("inspect nothing.bin", "nothing.bin"),
         ("results", "dvc repro"),
