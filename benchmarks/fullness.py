@@ -22,6 +22,8 @@ from pipeline.world.simulation import Simulation
 
 STRETCHES = 12
 """Stretches of a log, spread evenly over it, of which each figure is the mean."""
+SCANS = 16
+"""Of a stretch."""
 KITTI_HEIGHT_M = 1.73
 NCLT_HEIGHT_M = 0.957
 KEY_FRAMES_LIFT_M = 0.78
@@ -31,7 +33,7 @@ HEIGHTS_M = (0.3, 1.0, 2.0, 3.0, 5.0)
 AUTHORS = ScanContext()
 PAPER = ScanContext(voxel_m=0.0, min_points=1, beyond="drop")
 
-Scan = tuple[NDArray[np.float64], NDArray[np.float64]]
+Scan = tuple[NDArray[np.floating], NDArray[np.float64]]
 """Points (n, 3) of the vehicle's frame, whose origin lies on the ground; and its pose (4, 4)."""
 
 
@@ -81,7 +83,7 @@ def _of_a_stretch(scans: list[Scan], sensor_m: float) -> dict[str, float]:
     return told | {name: float(share) for name, share in zip(names, shares, strict=True)}
 
 
-def heights_m(view: BirdView, points_m: NDArray[np.float64]) -> NDArray[np.float64]:
+def heights_m(view: BirdView, points_m: NDArray[np.floating]) -> NDArray[np.float64]:
     """Heights (n,) of points (n, 3) above the ground plane that a view finds in them."""
     ground = view.standing(points_m, np.eye(4))
     return np.asarray((points_m - ground[:3, 3]) @ ground[:3, 2])
@@ -140,30 +142,32 @@ def key_frames(path: Path) -> Log:
     )
     opened = reader.open(path.parent, path.name)
     stretches = [
-        [(opened.points(row), opened.world_T_scan[row]) for row in range(start, start + 16)]
-        for start in np.linspace(0, len(opened.stamps_ns) - 16, STRETCHES).astype(int)
+        [(opened.points(row), opened.world_T_scan[row]) for row in range(start, start + SCANS)]
+        for start in np.linspace(0, len(opened.stamps_ns) - SCANS, STRETCHES).astype(int)
     ]
     return Log("NCLT key frames", stretches, NCLT_HEIGHT_M)
 
 
-def simulated(path: Path, scans: int = 16) -> Log:
-    """Stretches of the first and of the last sequence in a world's table, which need not be
-    recorded."""
+def simulated(path: Path) -> Log:
+    """The world of a yaml in conf/world, which need not be recorded."""
     settings = yaml.safe_load(path.read_text(encoding="utf-8"))
     del settings["_target_"]
-    world = Simulation(**settings)
-    stretches: list[list[Scan]] = []
+    return stretched(f"simulated {path.stem}", Simulation(**settings), STRETCHES // 2, SCANS)
+
+
+def stretched(name: str, world: Simulation, stretches: int, scans: int) -> Log:
+    """So many stretches of each the first and the last sequence in a world's table."""
+    gathered: list[list[Scan]] = []
     for sequence in dict.fromkeys((world.training, list(world.sequences)[-1])):
         recorder = world.recorder(sequence)
         sensor = recorder.lidar.body_T_sensor
         poses = recorder.drive.world_T_body[recorder.drive.scan_rows]
-        starts = np.linspace(0, len(poses) - scans, STRETCHES // 2).astype(int)
-        for start in starts.tolist():
+        for start in np.linspace(0, len(poses) - scans, stretches).astype(int).tolist():
             returns = recorder.block(start, start + scans)[1]
-            stretches.append(
+            gathered.append(
                 [
                     (scan.points_m @ sensor[:3, :3].T + sensor[:3, 3], poses[row])
                     for row, _, scan in returns
                 ]
             )
-    return Log(f"simulated {path.stem}", stretches, float(sensor[2, 3]))
+    return Log(name, gathered, float(sensor[2, 3]))
