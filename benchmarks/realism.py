@@ -7,6 +7,10 @@ Then it cuts each to 3,000 points, draws Scan Contexts and prints how full they 
 change along the path, as the median distance of two that are so many metres apart; and how alike
 different places look: the distance that one in twenty pairs over 100 m apart stays below. A file of
 NCLT's velodyne_sync may be named too; of it only the first half is known.
+
+`python -m benchmarks.realism full LOG …` prints how full scans, bird-views and Scan Contexts are,
+side by side: a LOG is a world's yaml, KITTI's folder of a sequence with poses, the folder of NCLT's
+key frames, or one scan of either.
 """
 
 import sys
@@ -17,6 +21,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from benchmarks import fullness
 from pipeline import schemas, store
 from pipeline.formats import nclt
 from pipeline.mapping.gathering import submap_points
@@ -140,6 +145,10 @@ def draw(curves: dict[str, NDArray[np.float64]], path: Path) -> None:
 def main(*words: str) -> None:
     """Print a line a sequence; draw them where a picture is named."""
     pictures = [word for word in words if word.endswith((".png", ".svg"))]
+    if words[:1] == ("full",):
+        for line in fullness.table(map(fullness.read, words[1:])):
+            print(line, flush=True)
+        return
     curves = {}
     for word in words:
         if word.endswith(".bin"):

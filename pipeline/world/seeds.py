@@ -34,6 +34,8 @@ class Stream(IntEnum):
     LOOPS = 15
     FURTHER_EVENTS = 16
     TRUTH = 17
+    LINING = 18
+    CLUTTER = 19
 
 
 Noise: TypeAlias = Callable[[Stream], np.random.Generator]

@@ -20,6 +20,7 @@ from pipeline.world.driving.robots import ROBOTS, Robot
 from pipeline.world.layout.blocks import build_campus
 from pipeline.world.layout.campus import Campus
 from pipeline.world.layout.events import Event, simulate_year, visible_changes
+from pipeline.world.layout.lining import Lining
 from pipeline.world.layout.plan import Plan
 from pipeline.world.layout.routes import Routes, loop_routes, training_routes
 from pipeline.world.names import kitti_log
@@ -69,6 +70,9 @@ class Simulation:
     """How far parts of a wall lie in front of its plane, or behind it, at most."""
     twigs_per_m: NotNegative = TWIGS_PER_M
     """Extinction of a bare deciduous tree."""
+    lining: Lining = "sparse"
+    """What stands close along the streets: `street`, narrow and lined with houses, gardens and
+    cars; `campus`, hedges, low walls and bushes beside its ways; or `sparse`, nothing."""
     truth_sd_m: NotNegative = 0.0
     """Standard deviation of the written truth, which wanders about the driven path as SLAM's does;
     0: it is exact."""
@@ -150,6 +154,10 @@ class Simulation:
             scans, points, recorder.drive.metres, plan.unseen, plan.reversed, self._robot.unit
         )
 
+    def recorder(self, sequence: str) -> Recorder:
+        """What records `sequence`, for scans that need no file; raises ConfigError as `record`."""
+        return self._recorder(self._entry_name(sequence), None)[0]
+
     def changes(self, train: str, sequence: str) -> list[Change]:
         """The changes that are visible on the day of `sequence` but not on the training day.
 
@@ -211,7 +219,7 @@ class Simulation:
             round(a_km * routes.route_m / 1000)
             for a_km in (self.events_per_km_of_route, entry.events_per_km)
         )
-        campus = build_campus(routes.seed, self.blocks, routes.streets)
+        campus = build_campus(routes.seed, self.blocks, routes.streets, self.lining)
         line_m = routes.training.line_m
         return simulate_year(
             routes.seed,

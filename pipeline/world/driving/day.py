@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.world import Floats
+from pipeline.world.driving.clutter import clutter
 from pipeline.world.driving.scene import Scene, build_scene
 from pipeline.world.layout.campus import Campus, shapes_on
 from pipeline.world.layout.ground import Ground
@@ -50,6 +51,7 @@ BARE_AND_LEAVES_PER_M = {
     Species.DECIDUOUS: (TWIGS_PER_M, 0.85),
     Species.CONIFER: (1.1, 0.0),
     Species.HEDGE: (0.5, 1.5),
+    Species.PALES: (5.0, 0.0),
 }
 """Extinction per metre of the twigs, and of all leaves, which adds to it; the free path of a ray is
 −log(u) / extinction."""
@@ -153,6 +155,10 @@ def simulate_day(
     rng = generator(seed, Stream.DAY, when)
     boxes, cylinders, crowns = shapes_on(campus, day)
     boxes = np.concatenate([boxes, _parked_cars(rng, campus, day)])
+    if campus.spots:
+        things, people = clutter(generator(seed, Stream.CLUTTER, when), campus, day)
+        boxes = np.concatenate([boxes, things])
+        cylinders = np.concatenate([cylinders, people])
     for porous in (boxes, crowns):
         porous["extinction_per_m"] = extinction_per_m(porous["species"], when, twigs_per_m)
     streets = campus.streets

@@ -13,7 +13,8 @@ from pipeline.world.layout.buildings import houses, templates
 from pipeline.world.layout.campus import Campus, Pole, Slot
 from pipeline.world.layout.furniture import furnish_streets
 from pipeline.world.layout.greenery import Plant, tree
-from pipeline.world.layout.ground import rolling_ground
+from pipeline.world.layout.ground import CELL_M, FINE_CELL_M, banked, rolling_ground
+from pipeline.world.layout.lining import Lining, front, line
 from pipeline.world.layout.shapes import Kind, Species
 from pipeline.world.layout.streets import Streets
 from pipeline.world.layout.structures import Part, Structure
@@ -66,16 +67,32 @@ class Block:
         )
 
 
-def build_campus(seed: int, blocks: int, streets: Streets) -> Campus:
-    """The campus around `streets`, as it stands on the training day."""
+def build_campus(seed: int, blocks: int, streets: Streets, lining: Lining = "sparse") -> Campus:
+    """The campus around `streets`, as it stands on the training day.
+
+    Lined as a `street` its blocks hold nothing but the lots along the streets.
+    """
+    dense = lining != "sparse"
     ground = rolling_ground(
-        generator(seed, Stream.GROUND), streets.nodes_m.min(0), streets.nodes_m.max(0)
+        generator(seed, Stream.GROUND),
+        streets.nodes_m.min(0),
+        streets.nodes_m.max(0),
+        FINE_CELL_M if dense else CELL_M,
     )
     rng = generator(seed, Stream.BLOCKS)
+    lining_rng = generator(seed, Stream.LINING)
     campus = Campus(streets, ground, templates(rng))
-    for block in divide(rng, streets, blocks):
-        fill(rng, block, campus)
-    furnish_streets(generator(seed, Stream.FURNITURE), campus)
+    if dense:
+        campus.ground = banked(lining_rng, ground, streets)
+        campus.fronts = {
+            recipe: front(lining_rng, recipe) for recipe in [*campus.recipes, *houses()]
+        }
+    if lining != "street":
+        for block in divide(rng, streets, blocks):
+            fill(rng, block, campus)
+        furnish_streets(generator(seed, Stream.FURNITURE), campus)
+    if dense:
+        line(lining_rng, campus, lining)
     return campus
 
 

@@ -3,7 +3,7 @@
 Things have the days on which they appear and vanish.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,8 +47,8 @@ class Slot:
 class Campus:
     """The streets, the ground, and everything that stands on it.
 
-    Structures, plants and poles have the days on which they stand, slots the day on which they
-    close.
+    Structures, plants and poles have the days on which they stand, slots and spots the day on which
+    they close.
     """
 
     streets: Streets
@@ -58,14 +58,19 @@ class Campus:
     plants: list[Plant] = field(default_factory=list)
     poles: list[Pole] = field(default_factory=list)
     slots: list[Slot] = field(default_factory=list)
+    fronts: dict[Template, Template] = field(default_factory=dict)
+    """Parts at the walls of a template that need no room of their own: they stand wherever it
+    does."""
+    spots: list[Slot] = field(default_factory=list)
+    """Where clutter stands on some days."""
     taken_m: Floats = field(default_factory=lambda: np.zeros((0, 3)))
     """(n, 3) discs of x, y, radius that buildings cover."""
 
-    def fits(self, structure: Structure) -> bool:
+    def fits(self, structure: Structure, setback_m: float = BUILDING_SETBACK_M) -> bool:
         """Whether a building keeps its distance from streets and from the other buildings."""
         outline_m = structure.outline_m()
         is_clear = (cdist(outline_m, self.taken_m[:, :2]) >= self.taken_m[:, 2]).all()
-        return bool(is_clear and (self.streets.clearance_m(outline_m) > BUILDING_SETBACK_M).all())
+        return bool(is_clear and (self.streets.clearance_m(outline_m) > setback_m).all())
 
     def build(self, structure: Structure) -> None:
         """Add a building, and reserve its ground."""
@@ -93,10 +98,15 @@ def shapes_on(campus: Campus, day: int) -> tuple[Records, Records, Records]:
         [standing(trunks(plants, ground), day), standing(_poles(campus), day)]
     )
     return (
-        standing(boxes(campus.structures, ground), day),
+        standing(boxes([_fronted(campus, thing) for thing in campus.structures], ground), day),
         cylinders,
         standing(crowns(plants, ground), day),
     )
+
+
+def _fronted(campus: Campus, thing: Structure) -> Structure:
+    front = campus.fronts.get(thing.parts)
+    return replace(thing, parts=thing.parts + front) if front else thing
 
 
 def _poles(campus: Campus) -> Records:

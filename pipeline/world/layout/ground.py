@@ -1,17 +1,27 @@
 """The ground: a bilinear height map of a few long waves."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import njit
 
 from pipeline.world import Floats
+from pipeline.world.layout.streets import Streets
 
 CELL_M = 8.0
+FINE_CELL_M = 2.0
+"""Of a dense world, which has more shapes in a cell, and banks."""
 MARGIN_M = 60.0
 WAVES = 4
 WAVE_HEIGHT_M = 2.5
 WAVE_LENGTHS_M = (250.0, 700.0)
+PAVEMENT_M = 0.12
+"""How far pavements lie above the road."""
+BANK_M = 0.6
+"""How far gardens lie above the pavement, at most."""
+BANK_WIDTH_M = 4.0
+BANK_WAVES = 3
+BANK_WAVE_LENGTHS_M = (30.0, 90.0)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -61,12 +71,14 @@ class Ground:
         return np.asarray(_heights_at(self.heights_m, self.x0_m, self.y0_m, self.cell_m, x_m, y_m))
 
 
-def rolling_ground(rng: np.random.Generator, low_m: Floats, high_m: Floats) -> Ground:
+def rolling_ground(
+    rng: np.random.Generator, low_m: Floats, high_m: Floats, cell_m: float = CELL_M
+) -> Ground:
     """Ground below the rectangle from `low_m` to `high_m` (x, y) and a margin around it."""
     x0_m, y0_m = low_m - MARGIN_M
-    cells = ((high_m - low_m + 2 * MARGIN_M) / CELL_M).astype(int) + 1
-    x_m = x0_m + np.arange(cells[0] + 1)[:, None] * CELL_M
-    y_m = y0_m + np.arange(cells[1] + 1)[None, :] * CELL_M
+    cells = ((high_m - low_m + 2 * MARGIN_M) / cell_m).astype(int) + 1
+    x_m = x0_m + np.arange(cells[0] + 1)[:, None] * cell_m
+    y_m = y0_m + np.arange(cells[1] + 1)[None, :] * cell_m
     heights_m = np.zeros((cells[0] + 1, cells[1] + 1))
     for _ in range(WAVES):
         heading, phase = rng.uniform(0, 2 * np.pi, 2)
@@ -74,4 +86,24 @@ def rolling_ground(rng: np.random.Generator, low_m: Floats, high_m: Floats) -> G
         heights_m += WAVE_HEIGHT_M * np.sin(
             2 * np.pi * along_m / rng.uniform(*WAVE_LENGTHS_M) + phase
         )
-    return Ground(heights_m, float(x0_m), float(y0_m))
+    return Ground(heights_m, float(x0_m), float(y0_m), cell_m)
+
+
+def banked(rng: np.random.Generator, ground: Ground, streets: Streets) -> Ground:
+    """The ground with a pavement along all streets and gardens that lie up to BANK_M higher, here
+    more and there less."""
+    rows, columns = ground.heights_m.shape
+    x_m = ground.x0_m + np.arange(rows) * ground.cell_m
+    y_m = ground.y0_m + np.arange(columns) * ground.cell_m
+    share = np.full((rows, columns), 0.5)
+    for _ in range(BANK_WAVES):
+        heading, phase = rng.uniform(0, 2 * np.pi, 2)
+        along_m = x_m[:, None] * np.cos(heading) + y_m * np.sin(heading)
+        wave = np.sin(2 * np.pi * along_m / rng.uniform(*BANK_WAVE_LENGTHS_M) + phase)
+        share += 0.5 / BANK_WAVES * wave
+    off_m = np.stack(
+        [streets.clearance_m(np.column_stack([np.full(columns, x), y_m])) for x in x_m]
+    )
+    bank = ((off_m - ground.cell_m) / BANK_WIDTH_M).clip(0, 1)
+    raised_m = PAVEMENT_M * (off_m / ground.cell_m).clip(0, 1) + BANK_M * share * bank
+    return replace(ground, heights_m=ground.heights_m + raised_m)

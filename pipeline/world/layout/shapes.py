@@ -33,6 +33,8 @@ class Kind(IntEnum):
     """The fence and the mound of a construction site."""
     CLUTTER = 9
     """Bins, benches, cabinets."""
+    BORDER = 10
+    """Garden walls and fences."""
 
 
 class Species(IntEnum):
@@ -43,6 +45,8 @@ class Species(IntEnum):
     DECIDUOUS = 0
     CONIFER = 1
     HEDGE = 2
+    PALES = 3
+    """Pickets, mesh, spokes: half open all year."""
 
 
 def _record(*lengths: str) -> np.dtype[Any]:

@@ -66,9 +66,10 @@ def clear_site(campus: Campus, building: Structure, day: float) -> None:
         inside = (np.abs(offset_m @ np.array([[c, -s], [s, c]])) <= half_m).all()
         return replace(thing, dead_day=min(thing.dead_day, day)) if inside else thing
 
-    small = {Kind.CLUTTER, Kind.LEAF}
-    campus.plants, campus.poles, campus.slots = (
-        list(map(cleared, things)) for things in (campus.plants, campus.poles, campus.slots)
+    small = {Kind.BORDER, Kind.CLUTTER, Kind.LEAF}
+    campus.plants, campus.poles, campus.slots, campus.spots = (
+        list(map(cleared, things))
+        for things in (campus.plants, campus.poles, campus.slots, campus.spots)
     )
     campus.structures = [
         cleared(thing) if thing.kind in small else thing for thing in campus.structures
