@@ -19,7 +19,7 @@ from pipeline.world.simulation import Simulation
 from tests.world.helpers import preset, record, refused
 
 KITTI = {"points": 123205, ".3-5 m": 0.463, "50 m light": 0.131, "50 m lit": 0.237}
-"""Of the recorded log 00: METHODS 12.6, and docs/measured.md, 'How full views are'."""
+"""Of the recorded log 00: docs/measured.md, 'How full views are'."""
 BAND = 1 / 3
 PRESENT = date(2012, 6, 15), date(2012, 10, 28)
 

@@ -3,8 +3,7 @@
 A `street` is narrow, with houses, gardens and cars on both sides, as in an old suburb; a `campus`
 keeps its blocks and has hedges, low walls and bushes beside its ways and at the feet of its
 buildings. The shares, pitches and sizes in capitals were set so that scans and views are about as
-full as recorded ones (METHODS 12.6; docs/measured.md, 'How full views are'), never by the score of
-a method.
+full as recorded ones (docs/measured.md, 'How full views are'), never by the score of a method.
 """
 
 from dataclasses import dataclass, replace
