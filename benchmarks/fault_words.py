@@ -94,7 +94,7 @@ def cases(project: Path, number: int, seed: int, done: int) -> Iterator[dict[str
 
 def _changed(words: list[str], keys: list[str], rng: random.Random) -> list[str]:
     """The command with some words left out and up to two changed, mostly values: a strange option
-    alone only argparse sees."""
+    alone only typer sees."""
     command, *rest = words
     words = [word for word in rest if rng.random() < 0.9]
     for _ in range(rng.choice((0, 1, 1, 2))):

@@ -2,14 +2,17 @@
 
 import fcntl
 import json
+import os
+import re
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 import yaml
 
-from pipeline import cli
-from pipeline.cli import main
+from pipeline.cli import GROUPS, main
 from pipeline.evaluation.rows import COLUMNS, row, table
 from pipeline.report.pages import PAGES
 from tests.readers.logs import carmen_log
@@ -392,16 +395,13 @@ def test_options_may_come_before_words_and_a_study_that_goes_is_named(project, c
     main(["use", "campus", "--keep", "poses=sci_ring"])
     assert studies(project)["campus"]["poses"] == ["sci_ring"]
     assert "town is no longer among the studies; --add keeps" in capsys.readouterr().out
-    with pytest.raises(SystemExit):
-        main(["use", "campus", "--kep"])
-    assert "unrecognized arguments: --kep" in capsys.readouterr().err
 
 
 def test_ctrl_c_is_one_line(project, capsys, monkeypatch):
-    def stopped(given):
+    def stopped(conf):
         raise KeyboardInterrupt
 
-    monkeypatch.setitem(cli.COMMANDS, "methods", stopped)
+    monkeypatch.setattr("pipeline.studies.catalogue.entries", stopped)
     with pytest.raises(SystemExit) as ended:
         main(["methods"])
     assert ended.value.code == 130
@@ -587,8 +587,124 @@ def test_a_picture_of_a_model_that_the_study_has_not_is_left_as_it_is(pages, cap
     )
 
 
-def test_help_names_the_commands(capsys):
-    with pytest.raises(SystemExit):
+def test_every_command_stands_in_a_group_of_the_help_with_a_sentence(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "200")
+    with pytest.raises(SystemExit) as stop:
         main(["--help"])
-    said = capsys.readouterr().out
-    assert all(command in said for command in ("use nclt root=", "inspect", "results", "dvc repro"))
+    assert stop.value.code == 0
+    about, *panels = capsys.readouterr().out.split("╭─ ")
+    assert all(said in about for said in ("use nclt root=", "dvc repro"))
+    rows = {
+        panel.partition(" ")[0]: dict(re.findall(r"^│ (\w+) +(.*\.) +│$", panel, re.MULTILINE))
+        for panel in panels
+    }
+    assert {name: [*rows[name.partition(" ")[0]]] for name in GROUPS} == {
+        name: [command.__name__ for command in commands] for name, commands in GROUPS.items()
+    }
+
+
+def test_heavy_packages_are_imported_by_the_commands_that_need_them():
+    program = (
+        "import sys; from pipeline.cli import main\ntry: main(['--help'])\nfinally: "
+        "print(*sys.modules)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    loaded = set(done.stdout.splitlines()[-1].split())
+    assert "typer" in loaded
+    assert not loaded & {"torch", "mlflow", "pandas", "zarr", "numba", "numpy", "scipy"}
+
+
+@pytest.mark.parametrize(
+    ("name", "words", "mistake"),
+    [
+        ("yearloc", "", "Missing command"),
+        ("yearloc", "metods", "No such command 'metods'. Did you mean 'methods'?"),
+        ("yearloc", "--jsn", "No such option: --jsn"),
+        ("yearloc use", "campus --kep", "No such option: --kep (Possible options: --help, --keep)"),
+        ("yearloc use", "campus --add=yes", "Option '--add' does not take a value"),
+        ("yearloc methods", "sci", "Got unexpected extra argument(s) (sci)"),
+        ("yearloc localize", "", "Missing argument 'SITE'"),
+        ("yearloc pack", "campus/10m/sci", "Missing option '-o' / '--out'"),
+        ("yearloc watch", "a.site log --save", "Option '--save' requires an argument"),
+        ("yearloc results", "--csv --where", "Option '--where' requires an argument"),
+        (
+            "yearloc localize",
+            "a b --threads 1.5",
+            "--threads 1.5: expected a valid integer, unable to parse string as an integer",
+        ),
+        (
+            "yearloc localize",
+            "a b --lift x\x1b[m",
+            "--lift x?[m: expected a valid number, unable to parse string as a number",
+        ),
+        (
+            "yearloc grow",
+            "a b --promise [red]x",
+            "--promise [red]x: expected a valid number, unable to parse string as a number",
+        ),
+        ("yearloc watch", "a b --promise x", "--promise x: expected a share or the word none"),
+        ("yearloc inspect", "a --format pcd", "--format pcd: expected one of 'nclt', 'kitti'"),
+        ("yearloc localize", "a b --json --csv", "--csv: not together with --json"),
+        (
+            "yearloc localize",
+            "a b --lift 0 --body-T-lidar 0",
+            "--body-T-lidar: not together with --lift",
+        ),
+        (
+            "yearloc results",
+            "method=sci",
+            "method=sci: a word of --where or --write, and neither is there",
+        ),
+    ],
+)
+def test_a_mistyped_command_option_or_value_is_one_line(capsys, name, words, mistake):
+    with pytest.raises(SystemExit) as stop:
+        main([*name.split()[1:], *words.split()])
+    assert stop.value.code == 2
+    told = capsys.readouterr()
+    assert told.err == f"{name}: {mistake}; `{name} --help` shows what is needed\n"
+    assert not told.out
+
+
+def test_shells_complete_commands_and_options():
+    for words, found in (("yearloc loc", "localize"), ("yearloc use --ke", "--keep")):
+        asked = {"COMP_WORDS": words, "COMP_CWORD": str(words.count(" "))}
+        done = yearloc(**asked, _YEARLOC_COMPLETE="complete_bash")
+        assert done.stdout.split() == [found]
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_completion_is_installed_for_a_shell(tmp_path, shell):
+    done = yearloc(
+        "--install-completion",
+        shell,
+        HOME=str(tmp_path),
+        _TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION="1",
+    )
+    assert done.stdout.startswith(f"{shell} completion installed in {tmp_path}")
+    scripts = [path for path in tmp_path.rglob("*yearloc*") if path.is_file()]
+    assert ["_YEARLOC_COMPLETE" in script.read_text() for script in scripts] == [True]
+
+
+def test_help_into_a_closed_pipe_is_no_error():
+    done = subprocess.run(
+        ["bash", "-c", '"$0" -m pipeline.cli --help | true; exit ${PIPESTATUS[0]}', sys.executable],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def yearloc(*words: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    """A call in a process of its own."""
+    return subprocess.run(
+        [sys.executable, "-m", "pipeline.cli", *words],
+        cwd=ROOT,
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
+        check=True,
+    )

@@ -75,7 +75,7 @@ def test_messages_known_to_be_printed_are_collected(messages: dict[str, set[str]
         "z points down: it hangs from z = … m to … m; every highest z is the ground's: turn it "
         "by (x, −y, −z)",
         "outside the poses' span",  # why a scan is left out
-        "unrecognized arguments: …",  # of argparse
+        "yearloc…: …; `yearloc… --help` shows what is needed",  # on standard error
         "its own threshold rejects every query",  # a doubt, of a template
         "a scan of more than … bytes",  # the server's
     ):

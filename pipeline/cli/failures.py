@@ -1,56 +1,75 @@
 """`yearloc failures`: pictures of what the verdict got wrong."""
 
-import argparse
 import sys
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
+
+import typer
 
 from pipeline.cli.kernels import tell_cold
-from pipeline.cli.localize import left_out_text, lidar_of
+from pipeline.cli.localize import left_out_text
+from pipeline.cli.options import BodyTLidar, Promise, lidar_of
 from pipeline.cli.outputs import check_folder
 from pipeline.cli.project import read_studies
 from pipeline.errors import ConfigError, LogError
 
 if TYPE_CHECKING:
+    from pipeline.frames import Poses
     from pipeline.online.failures import JudgedFix
     from pipeline.online.site import Site
     from pipeline.posing.targets import Targets
 
 
-def failures(args: argparse.Namespace) -> None:
-    """Draw the worst misjudged fixes: of a log that a site localises, or of a study's test days."""
+def failures(
+    of: Annotated[
+        str,
+        typer.Argument(
+            metavar="SITE|STUDY/GRID/METHOD", help="a site, or a model of a study that has poses"
+        ),
+    ],
+    log: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="LOG|DAY",
+            help="of a site a log with true poses; of a study one test day (all)",
+        ),
+    ] = None,
+    body_T_lidar: BodyTLidar = None,
+    worst: Annotated[int, typer.Option(metavar="N", help="so many at most")] = 20,
+    out: Annotated[
+        Path, typer.Option("-o", "--out", metavar="FOLDER", help="where the pictures go")
+    ] = Path("failures"),
+    promise: Promise = 0.99,
+) -> None:
+    """A picture of each fix that the verdict got wrong."""
     from pipeline.online import failures as cards
 
-    check_folder(args.out)
-    if args.of.count("/") == 2 and not Path(args.of).exists():
-        targets, judged, simulated = _judged_of_study(args)
-        promise_text = (
-            "nothing was promised" if args.promise is None else f"promise {args.promise:g}"
-        )
+    check_folder(out)
+    if of.count("/") == 2 and not Path(of).exists():
+        targets, judged, simulated = _judged_of_study(of, log, promise)
+        promise_text = "nothing was promised" if promise is None else f"promise {promise:g}"
     else:
         from pipeline.online.site import Site
 
-        site = Site.open(Path(args.of))
-        site.check(args.promise)
+        site = Site.open(Path(of))
+        site.check(promise)
         tell_cold()
         targets = site.targets
-        judged = _judged_of_log(args, site)
+        judged = _judged_of_log(site, of, log, lidar_of(body_T_lidar), promise)
         simulated = site.about["simulated"]
         promise_text = "nothing was promised"
-        if args.promise is not None:
-            promise_text = (
-                f"rejected from {site.promises[args.promise][0]:.3f} on (promise {args.promise:g})"
-            )
+        if promise is not None:
+            promise_text = f"rejected from {site.promises[promise][0]:.3f} on (promise {promise:g})"
     fixes = list(judged)
     misjudged_fixes = cards.failures(fixes)
-    args.out.mkdir(parents=True, exist_ok=True)
-    for number, fix in enumerate(misjudged_fixes[: args.worst], start=1):
+    out.mkdir(parents=True, exist_ok=True)
+    for number, fix in enumerate(misjudged_fixes[:worst], start=1):
         cards.draw(
             targets,
             fix,
-            args.out / f"{number:03d}_{fix.file_name}",
+            out / f"{number:03d}_{fix.file_name}",
             promise_text + ", simulated" * simulated,
         )
     accepted_wrong = sum(fix.accepted for fix in misjudged_fixes)
@@ -59,18 +78,24 @@ def failures(args: argparse.Namespace) -> None:
         f"of {len(fixes)} poses {accepted_wrong} were accepted though wrong, {rejected_right} "
         "rejected though right"
     )
-    print(f"{args.out}: {summary}; {min(len(misjudged_fixes), args.worst)} drawn there")
+    print(f"{out}: {summary}; {min(len(misjudged_fixes), worst)} drawn there")
 
 
-def _judged_of_log(args: argparse.Namespace, site: "Site") -> "Iterator[JudgedFix]":
+def _judged_of_log(
+    site: "Site",
+    name: str,
+    log: str | None,
+    body_T_lidar: "Poses | None",
+    promise: float | None,
+) -> "Iterator[JudgedFix]":
     """Localises the scans of a log that have a true pose."""
     import numpy as np
 
     from pipeline.online.failures import of_log
     from pipeline.online.inputs import scans
 
-    if args.log is None:
-        raise ConfigError(f"{args.of} is a site: say which log, `yearloc failures {args.of} LOG`")
+    if log is None:
+        raise ConfigError(f"{name} is a site: say which log, `yearloc failures {name} LOG`")
     skipped: Counter[str] = Counter()
     scan_options = (
         site.about["reader"],
@@ -78,21 +103,23 @@ def _judged_of_log(args: argparse.Namespace, site: "Site") -> "Iterator[JudgedFi
         None,
         None,
         skipped,
-        lidar_of(args),
+        body_T_lidar,
     )
-    log_scans = scans(args.log, *scan_options)
+    log_scans = scans(log, *scan_options)
     posed_scans = [scan for scan in log_scans if np.isfinite(scan.world_T_scan).all()]
     if left_out := left_out_text(skipped):
         print(f"  {left_out}", file=sys.stderr)
     if not posed_scans:
         raise LogError(
-            f"{args.log}: no scan with a true pose: a log that the reader of this site's data set "
+            f"{log}: no scan with a true pose: a log that the reader of this site's data set "
             "opens has them"
         )
-    return of_log(posed_scans, [site.localize(scan.points(), args.promise) for scan in posed_scans])
+    return of_log(posed_scans, [site.localize(scan.points(), promise) for scan in posed_scans])
 
 
-def _judged_of_study(args: argparse.Namespace) -> "tuple[Targets, Iterator[JudgedFix], bool]":
+def _judged_of_study(
+    of: str, day: str | None, promise: float | None
+) -> "tuple[Targets, Iterator[JudgedFix], bool]":
     """Read the map and the fixes of a study's test days, or of one of them.
 
     Also returns whether the study is simulated.
@@ -104,10 +131,10 @@ def _judged_of_study(args: argparse.Namespace) -> "tuple[Targets, Iterator[Judge
     from pipeline.studies.expansion import answerers, folder
 
     studies = read_studies()
-    (dataset, grid, name) = args.of.split("/")
+    (dataset, grid, name) = of.split("/")
     if dataset not in studies or grid not in studies[dataset]["grids"]:
         raise ConfigError(
-            f"{args.of}: no such file, and no such study and grid among {', '.join(studies)}"
+            f"{of}: no such file, and no such study and grid among {', '.join(studies)}"
         )
     study = studies[dataset]
     root = Path("artifacts")
@@ -118,19 +145,19 @@ def _judged_of_study(args: argparse.Namespace) -> "tuple[Targets, Iterator[Judge
             "them"
         )
         raise ConfigError(
-            f"{args.of}: the models with poses are {', '.join(posed_models)}"
+            f"{of}: the models with poses are {', '.join(posed_models)}"
             if posed_models
-            else f"{args.of}: no poses; {remedy}"
+            else f"{of}: no poses; {remedy}"
         )
     days = [*study["tests"], *study.get("stress", {})]
-    if args.log not in (None, *days):
-        raise ConfigError(f"{args.log}: expected one of {', '.join(days)}")
+    if day not in (None, *days):
+        raise ConfigError(f"{day}: expected one of {', '.join(days)}")
     poses, scans, submaps = (
         root / part
         for part in (folder(dataset, grid, model), f"scans/{dataset}", f"submaps/{dataset}")
     )
-    names = [f"{day}.zarr" for day in ([args.log] if args.log else days)]
-    fixes = (of_study(poses / name, scans / name, submaps / name, args.promise) for name in names)
+    names = [f"{day}.zarr" for day in ([day] if day else days)]
+    fixes = (of_study(poses / name, scans / name, submaps / name, promise) for name in names)
     return (
         Targets.read(root / "map" / dataset / f"{study['train']}.zarr"),
         chain.from_iterable(fixes),

@@ -1,13 +1,15 @@
 """`yearloc localize`: from scans to poses."""
 
-import argparse
 import sys
 from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
 
 from pipeline.cli.kernels import tell_cold
+from pipeline.cli.options import BodyTLidar, Promise, SitePath, Topic, lidar_of, only_one
 from pipeline.cli.outputs import check_file
 from pipeline.errors import ConfigError, LogError
 
@@ -19,39 +21,59 @@ if TYPE_CHECKING:
     from pipeline.online.inputs import Scan
     from pipeline.online.site import Fix
 
-KINDS = {
-    "json": "an object a scan, each on a line",
-    "csv": "a row a scan",
-    "tum": "a trajectory of the accepted ones",
-    "mcap": "the accepted ones as PoseWithCovarianceStamped, for Foxglove",
-}
 
-
-def share_or_none(word: str) -> float | None:
-    """Parse the value of `--promise`: a share, or None for the word none."""
-    return None if word == "none" else float(word)
-
-
-def add_lidar(command: Any) -> None:
-    """Add `--body-T-lidar`, the pose of the LiDAR in the body's frame, to a command."""
-    how = (
-        "turns and raises the points, by metres and degrees; in place of a bag's transforms, but "
-        "not of logs"
-    )
-    command.add_argument(
-        "--body-T-lidar", dest="body_T_lidar", metavar="X,Y,Z,ROLL,PITCH,YAW", help=how
-    )
-
-
-def lidar_of(args: argparse.Namespace) -> "Poses | None":
-    """The pose (4, 4) that `--body-T-lidar` gives; None without the option."""
-    from pipeline.online.inputs import placement
-
-    return None if args.body_T_lidar is None else placement("--body-T-lidar", args.body_T_lidar)
-
-
-def localize(args: argparse.Namespace) -> None:
-    """Write a fix of each scan, and print a summary of all of them."""
+def localize(
+    path: SitePath,
+    inputs: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="INPUT", help="scans (.bin .npy .pcd), folders, logs, bags; - reads one scan"
+        ),
+    ],
+    json: Annotated[bool, typer.Option("--json", help="an object a scan, each on a line")] = False,
+    csv: Annotated[bool, typer.Option("--csv", help="a row a scan")] = False,
+    tum: Annotated[bool, typer.Option("--tum", help="a trajectory of the accepted ones")] = False,
+    mcap: Annotated[
+        bool,
+        typer.Option("--mcap", help="the accepted ones as PoseWithCovarianceStamped, for Foxglove"),
+    ] = False,
+    out: Annotated[
+        Path | None,
+        typer.Option("-o", "--out", metavar="FILE", help="instead of standard output"),
+    ] = None,
+    promise: Promise = 0.99,
+    lift: Annotated[
+        float | None,
+        typer.Option(
+            metavar="M", help="raises the points, so that the ground is at 0; of logs as trained"
+        ),
+    ] = None,
+    body_T_lidar: BodyTLidar = None,
+    topic: Topic = None,
+    odometry: Annotated[
+        str | None,
+        typer.Option(metavar="TOPIC", help="of a bag, for --track: poses, or tf:PARENT>CHILD"),
+    ] = None,
+    track: Annotated[
+        bool,
+        typer.Option(
+            "--track", help="scans are one path: follow it, by odometry where the log has some"
+        ),
+    ] = False,
+    follow: Annotated[
+        bool,
+        typer.Option(
+            "--follow",
+            help="INPUT is an .mcap still being recorded; what waits too long is dropped",
+        ),
+    ] = False,
+    idle: Annotated[
+        float,
+        typer.Option(metavar="S", help="of --follow: ends after so long without a byte"),
+    ] = 10.0,
+    threads: Annotated[int, typer.Option(metavar="N", help="for the network")] = 1,
+) -> None:
+    """Where scans were taken, by a site file, and whether to believe it."""
     from pipeline.online.follow import Following
     from pipeline.online.inputs import is_log, scans
     from pipeline.online.localized import localized
@@ -59,43 +81,43 @@ def localize(args: argparse.Namespace) -> None:
     from pipeline.online.site import Site
     from pipeline.online.tracking import Tracker
 
-    if args.odometry and not args.track:
-        raise ConfigError(f"--odometry {args.odometry}: needs --track")
-    if args.threads < 1:
-        raise ConfigError(f"--threads {args.threads}: expected at least 1")
-    site = Site.open(args.site, args.threads)
-    site.check(args.promise)
-    check_file(args.out, whole=args.kind == "mcap")
+    kind = only_one({"json": json, "csv": csv, "tum": tum, "mcap": mcap})
+    only_one({"lift": lift, "body-T-lidar": body_T_lidar})
+    if odometry and not track:
+        raise ConfigError(f"--odometry {odometry}: needs --track")
+    if threads < 1:
+        raise ConfigError(f"--threads {threads}: expected at least 1")
+    site = Site.open(path, threads)
+    site.check(promise)
+    check_file(out, whole=kind == "mcap")
     sensor = site.about["sensor"]
-    if args.lift is not None and not args.follow:
-        logs = [source for source in args.inputs if is_log(source, site.about["reader"])]
+    if lift is not None and not follow:
+        logs = [source for source in inputs if is_log(source, site.about["reader"])]
         if logs:
             raise ConfigError(
-                f"--lift {args.lift:g}: {logs[0]} is a log of the site's data set, whose reader "
+                f"--lift {lift:g}: {logs[0]} is a log of the site's data set, whose reader "
                 "raises its points"
             )
-    lift_m = sensor["lift_m"] if args.lift is None else args.lift
-    body_T_lidar = lidar_of(args)
+    lift_m = sensor["lift_m"] if lift is None else lift
+    placement = lidar_of(body_T_lidar)
     summary = Summary()
-    tracker = Tracker(site, args.promise) if args.track else None
+    tracker = Tracker(site, promise) if track else None
     tell_cold()
-    with writer(args.kind or "text", args.out) as write:
-        for source in args.inputs:
+    with writer(kind or "text", out) as write:
+        for source in inputs:
             follower = None
-            if args.follow:
-                follower = Following(
-                    Path(source), args.topic, lift_m, args.idle, args.odometry, body_T_lidar
-                )
+            if follow:
+                follower = Following(Path(source), topic, lift_m, idle, odometry, placement)
             scan_options = (
                 site.about["reader"],
                 lift_m,
-                args.topic,
-                args.odometry,
+                topic,
+                odometry,
                 summary.skipped,
-                body_T_lidar,
+                placement,
             )
             source_scans = follower.scans() if follower else scans(source, *scan_options)
-            fixes = localized(source_scans, tracker or site, args.promise, summary.broken)
+            fixes = localized(source_scans, tracker or site, promise, summary.broken)
             for scan, points_m, fix in fixes:
                 if not summary.fixes:
                     _tell_unlike(points_m, sensor, scan.body_T_lidar)
@@ -107,7 +129,7 @@ def localize(args: argparse.Namespace) -> None:
                 summary.broken += filter(None, [follower.damage])
     if not summary.fixes:
         raise LogError(
-            summary.broken[0] if summary.broken else f"{' '.join(args.inputs)}: no scan there"
+            summary.broken[0] if summary.broken else f"{' '.join(inputs)}: no scan there"
         )
     if tracker:
         summary.steps = tracker.steps

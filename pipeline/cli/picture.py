@@ -1,11 +1,13 @@
 """`yearloc picture`: a moving picture of one test day."""
 
-import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated
 
+import typer
+
+from pipeline.cli.options import ModelName
 from pipeline.cli.outputs import check_file
 from pipeline.cli.progress import Bar
 from pipeline.cli.project import read_studies
@@ -13,27 +15,6 @@ from pipeline.errors import ConfigError
 
 if TYPE_CHECKING:
     import pandas as pd
-
-
-def add_command(commands: Any) -> None:
-    """Add the command to the parser."""
-    draw = commands.add_parser(
-        "picture", help="a moving picture of one test day: the drive, and which answers are right"
-    )
-    draw.add_argument(
-        "of",
-        metavar="STUDY/GRID/METHOD",
-        help="such as campus/10m/sci_ring; a variant is METHOD-VARIANT",
-    )
-    draw.add_argument("day", nargs="?", metavar="DAY", help="a test day (the last)")
-    draw.add_argument(
-        "-o",
-        "--out",
-        type=Path,
-        required=True,
-        metavar="FILE",
-        help="its name ends in .gif, .webp or .png",
-    )
 
 
 @dataclass(frozen=True)
@@ -77,9 +58,18 @@ class Drawn:
         )
 
 
-def picture(args: argparse.Namespace) -> None:
-    """Write the moving picture, and print its file, right answers and size."""
-    print(draw(args.of, args.day, args.out).line)
+def picture(
+    of: ModelName,
+    out: Annotated[
+        Path,
+        typer.Option("-o", "--out", metavar="FILE", help="its name ends in .gif, .webp or .png"),
+    ],
+    day: Annotated[
+        str | None, typer.Argument(metavar="DAY", help="a test day; without one, the last")
+    ] = None,
+) -> None:
+    """A moving picture of one test day: the drive, and which answers are right."""
+    print(draw(of, day, out).line)
 
 
 def draw(of: str, test_day: str | None, out: Path) -> Drawn:

@@ -1,6 +1,5 @@
-"""`yearloc repro`: `dvc repro` that counts its stages and says how long the rest may take."""
+"""`yearloc repro` and `yearloc repair`: DVC's stages counted, and its files put right."""
 
-import argparse
 import os
 import re
 import subprocess
@@ -32,15 +31,8 @@ ASIDE = re.compile(
 """Lines of DVC that are not shown."""
 
 
-def add_command(commands: Any) -> None:
-    """Add the command, which takes no arguments, to the parser."""
-    commands.add_parser(
-        "repro", help="`dvc repro` that counts its stages and says how long the rest may take"
-    )
-
-
-def repro(args: argparse.Namespace) -> None:
-    """Run `dvc repro`, print its lines with each stage numbered, and exit with its exit code."""
+def repro() -> None:
+    """`dvc repro` that counts its stages and says how long the rest may take."""
     for name in WRITTEN:
         read_yaml(conf_folder() / name)
     counting = Counting(count_instances(Path()))
@@ -71,6 +63,20 @@ def repro(args: argparse.Namespace) -> None:
     if dvc.returncode:
         check_files(conf_folder())  # of which DVC says less
         sys.exit(dvc.returncode)
+
+
+def repair() -> None:
+    """Put right what a kill may leave of DVC's own files; `make demo` does it first."""
+    from pipeline.running import repair as files
+    from pipeline.running.at_work import refuse_at_work
+
+    refuse_at_work(Path())
+    for lock in files.repair(Path()):
+        print(
+            f"{lock}: was torn by a kill and is empty now; what is finished comes back from DVC's "
+            "cache"
+        )
+    check_files(conf_folder())
 
 
 def count_instances(root: Path) -> Counter[str]:

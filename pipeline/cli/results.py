@@ -1,9 +1,10 @@
 """`yearloc results`: the results of the studies in use, for a terminal, a page or a program."""
 
-import argparse
 from pathlib import Path
 from shutil import get_terminal_size
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
 
 from pipeline.cli.project import read_studies
 from pipeline.errors import ArtifactError, ConfigError
@@ -17,65 +18,77 @@ MOVING = Path("docs/year.gif")
 """README's picture."""
 
 
-def add_command(commands: Any) -> None:
-    """Add the command and its options to the parser."""
-    words = commands.add_parser(
-        "results", help="the results in a few lines, all tables, or every number as csv or json"
-    )
-    words.add_argument(
-        "--full", action="store_true", help="all tables of the report, with intervals"
-    )
-    words.add_argument(
-        "--csv", action="store_true", help="every number: a header line and a row a number"
-    )
-    words.add_argument("--json", action="store_true", help="the same as a list of objects")
-    words.add_argument("--markdown", action="store_true", help="all tables, as in docs/RESULTS.md")
-    words.add_argument(
-        "--write",
-        nargs="*",
-        metavar="KIND",
-        help=(
-            "fill the marked blocks of README.md and docs/ (of these kinds: brief, tables, "
-            "bfloat16, float32, picture)"
+def results(
+    words: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="COLUMN=VALUE|KIND",
+            default_factory=list,
+            show_default=False,
+            help="further ones of --where, and the kinds of --write",
         ),
-    )
-    words.add_argument(
-        "--where",
-        nargs="+",
-        default=[],
-        metavar="COLUMN=VALUE",
-        help="only these rows; commas between values",
-    )
-
-
-def results(args: argparse.Namespace) -> None:
-    """Print the results in the form that the options name, or write them into the pages."""
+    ],
+    where: Annotated[
+        list[str],
+        typer.Option(
+            metavar="COLUMN=VALUE",
+            default_factory=list,
+            show_default=False,
+            help="only these rows; commas between values",
+        ),
+    ],
+    full: Annotated[
+        bool, typer.Option("--full", help="all tables of the report, with intervals")
+    ] = False,
+    csv: Annotated[
+        bool, typer.Option("--csv", help="every number: a header line and a row a number")
+    ] = False,
+    json: Annotated[bool, typer.Option("--json", help="the same as a list of objects")] = False,
+    markdown: Annotated[
+        bool, typer.Option("--markdown", help="all tables, as in docs/RESULTS.md")
+    ] = False,
+    write: Annotated[
+        bool,
+        typer.Option(
+            "--write",
+            help="fill the marked blocks of README.md and docs/, of all kinds or these: brief, "
+            "tables, bfloat16, float32, picture",
+        ),
+    ] = False,
+) -> None:
+    """The results in a few lines, all tables, or every number as csv or json."""
+    if words and not (write or where):
+        raise typer.BadParameter(
+            "a word of --where or --write, and neither is there", param_hint=words[0]
+        )
     studies = read_studies()
-    if args.full:
+    if full:
         return _full([(name, grid) for name, study in studies.items() for grid in study["grids"]])
-    from pipeline.evaluation.results import read, where
+    from pipeline.evaluation.results import read
+    from pipeline.evaluation.results import where as selected
     from pipeline.evaluation.rows import COLUMNS
 
     table = read(Path("artifacts"), studies)
-    if args.markdown:
+    if markdown:
         from pipeline.report.document import document
 
         return print(document(table, studies), end="")
-    if args.write is not None:
-        return _write(table, studies, args.write)
-    if not (args.csv or args.json or args.where):
+    if write:
+        return _write(table, studies, words)
+    if not (csv or json or where):
         from pipeline.report.brief import brief
 
         print(brief(table, studies, get_terminal_size().columns))
         return print("all tables: yearloc results --full; a page: artifacts/report/page.html")
-    table = where(table, dict(word.partition("=")[::2] for word in args.where))[[*COLUMNS]]
+    conditions = [*where, *words]
+    table = selected(table, dict(word.partition("=")[::2] for word in conditions))[[*COLUMNS]]
     if table.empty:
         raise ConfigError(
-            f"--where {' '.join(args.where)}: no such row; `yearloc results --csv` has them all"
+            f"--where {' '.join(conditions)}: no such row; `yearloc results --csv` has them all"
         )
-    if args.csv:
+    if csv:
         return print(table.to_csv(index=False), end="")
-    if args.json:
+    if json:
         return print(table.to_json(orient="records"))
     return print(
         table.to_string(

@@ -1,0 +1,110 @@
+"""`yearloc fetch` and `yearloc inspect`: bring data, and look at it."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from pipeline.cli.progress import Bytes
+from pipeline.cli.project import conf_folder
+from pipeline.errors import ConfigError
+from pipeline.replacing import replace
+from pipeline.running.texts import read_yaml, terminal_width
+
+if TYPE_CHECKING:
+    from pipeline.readers.folder import Folder
+
+
+def fetch(
+    dataset: Annotated[
+        str,
+        typer.Argument(
+            metavar="DATASET", help="nclt, carmen or nclt_keyframes: a file in conf/fetch"
+        ),
+    ],
+    words: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="SEQUENCE|KEY=VALUE",
+            default_factory=list,
+            show_default=False,
+            help="dates; root=FOLDER (data/DATASET), base=ADDRESS",
+        ),
+    ],
+) -> None:
+    """Bring official archives: resumed, checked, unpacked, laid as the reader expects them."""
+    from pipeline.fetching.archives import Publisher
+
+    if not (path := conf_folder() / "fetch" / f"{dataset}.yaml").is_file():
+        names = ", ".join(sorted(file.stem for file in path.parent.glob("*.yaml")))
+        raise ConfigError(f"no archives of {dataset}: expected one of {names}")
+    options = dict(word.split("=", 1) for word in words if "=" in word)
+    sequences = [w for w in words if "=" not in w]
+    if unknown := sorted(set(options) - {"root", "base"}):
+        raise ConfigError(f"fetch has no option {unknown[0]}: expected root or base")
+    root = Path(options.pop("root", f"data/{dataset}")).expanduser()
+    publisher = Publisher.of({**read_yaml(path), **options})
+    if not (sequences or publisher.sequences):
+        raise ConfigError(f"which sequences of {dataset}? Say, for example, 2012-01-15")
+    for line in publisher.fetch(root, sequences or publisher.sequences, Bytes()):
+        print(f"  {line}", flush=True)
+    print(f"next: yearloc use {dataset} root={root}")
+
+
+def inspect(
+    path: Annotated[Path, typer.Argument(metavar="FILE-OR-ARTIFACT")],
+    format_name: Annotated[
+        Literal["nclt", "kitti"] | None,
+        typer.Option("--format", help="whose .bin file it is, where its folder does not tell"),
+    ] = None,
+    save: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="of bags: write the data set's yaml that is proposed, for conf/dataset",
+        ),
+    ] = None,
+) -> None:
+    """Say what a file or artifact is: ranges, counts, frames, provenance, warnings."""
+    from pipeline.inspection import report
+
+    if save and (
+        save.parent.resolve() != (conf_folder() / "dataset").resolve() or save.suffix != ".yaml"
+    ):
+        raise ConfigError(
+            f"--save {save}: expected conf/dataset/NAME.yaml, where `yearloc use NAME` finds it"
+        )
+    if save and save.exists():
+        raise ConfigError(f"--save {save}: is there already; remove it first, or give another name")
+    if path.suffix == ".site":
+        from pipeline.online.description import describe
+
+        print(describe(path).text(terminal_width()))
+        return
+    print(report.inspect(path, format_name, folder_reader=_own_reader()).text(terminal_width()))
+    if save:
+        from pipeline.inspection.bags import proposal
+
+        with replace(save) as scratch:
+            scratch.write_text(proposal([path]), encoding="utf-8")
+        print(
+            f"\n{save}: written; next: yearloc use {save.stem} root=FOLDER, where the "
+            "bags of all days are"
+        )
+
+
+def _own_reader() -> "Folder":
+    """The reader of the user's own scan folders.
+
+    It is set up by the project's conf/dataset/folder.yaml, or by its defaults outside of a project.
+    """
+    from pipeline.readers.folder import Folder
+    from pipeline.running.building import build
+
+    path = Path("conf/dataset/folder.yaml")
+    reader = (
+        build(read_yaml(path).get("reader"), ("pipeline.readers.",)) if path.is_file() else Folder()
+    )
+    if not isinstance(reader, Folder):
+        raise ConfigError(f"{path}: expected a reader of the class pipeline.readers.folder.Folder")
+    return reader

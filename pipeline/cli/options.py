@@ -1,0 +1,63 @@
+"""Arguments and options of several commands: types of parameters, and their values."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from pipeline.frames import Poses
+
+
+def share_or_none(word: str) -> float | None:
+    """Parse the value of `--promise`: a share, or None for the word none."""
+    try:
+        return None if word == "none" else float(word)
+    except ValueError:
+        raise ValueError("expected a share or the word none") from None
+
+
+SitePath = Annotated[Path, typer.Argument(metavar="SITE")]
+ModelName = Annotated[
+    str,
+    typer.Argument(
+        metavar="STUDY/GRID/METHOD",
+        help="such as campus/10m/sci_ring; a variant is METHOD-VARIANT",
+    ),
+]
+Promise = Annotated[
+    float | None,
+    typer.Option(
+        metavar="SHARE",
+        parser=share_or_none,
+        help="of right ones among the accepted; none accepts nothing",
+    ),
+]
+BodyTLidar = Annotated[
+    str | None,
+    typer.Option(
+        "--body-T-lidar",
+        metavar="X,Y,Z,ROLL,PITCH,YAW",
+        help="turns and raises the points, by metres and degrees; in place of a bag's transforms, "
+        "but not of logs",
+    ),
+]
+Topic = Annotated[
+    str | None, typer.Option(metavar="TOPIC", help="of a bag, where it has several clouds")
+]
+
+
+def lidar_of(body_T_lidar: str | None) -> "Poses | None":
+    """The pose (4, 4) that `--body-T-lidar` gives; None without the option."""
+    from pipeline.online.inputs import placement
+
+    return None if body_T_lidar is None else placement("--body-T-lidar", body_T_lidar)
+
+
+def only_one(options: Mapping[str, object]) -> str | None:
+    """The name of the option that is given; raises typer.BadParameter for a second one."""
+    names = [name for name, value in options.items() if value is not None and value is not False]
+    if len(names) > 1:
+        raise typer.BadParameter(f"not together with --{names[0]}", param_hint=f"--{names[1]}")
+    return names[0] if names else None
