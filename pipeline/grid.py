@@ -1,4 +1,5 @@
-"""The grid of places: the world's xy plane cut into square cells (SCI paper III-B; METHODS 2.2)."""
+"""The grid of places: the world's xy plane cut into square cells (SCI paper, II-C and IV-A; METHODS
+2.2)."""
 
 import math
 from dataclasses import dataclass

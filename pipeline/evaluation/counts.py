@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pipeline.errors import InputError
 from pipeline.evaluation.protocols import Truth
 
-TOP_N = 25  # both papers look at the first 1, 5 and 25 places
+TOP_N = 25  # the SCI paper looks at the first 1, 5 and 25 places
 N_THRESHOLDS = 200
 
 

@@ -250,8 +250,8 @@ def summary(evaluation: Evaluation) -> dict[str, Any]:
 def metrics(evaluation: Evaluation) -> dict[str, float]:
     """The few numbers that `dvc metrics show` has in the row of a model and sequence.
 
-    auc_top1 is the papers', by cells; the others go by distance. Numbers that are not defined are
-    left out.
+    auc_top1 is the SCI paper's, by cells; the others go by distance. Numbers that are not defined
+    are left out.
     """
     shown = {
         "auc_top1": evaluation.number("cells", "auc_top1")[0],

@@ -63,8 +63,8 @@ NUMBERS = (
 )
 """recall_at_n: share of the seen queries with a right answer among the first n, rejection ignored;
 oracle: the same if each were answered with its nearest training anchor. auc_topn: precision over
-recall as the papers draw it, auc_exact_top1 through every threshold there is; of the oracle, which
-takes the distance to that anchor for novelty. auroc: how well novelty tells unseen from seen.
+recall as the SCI paper draws it, auc_exact_top1 through every threshold there is; of the oracle,
+which takes the distance to that anchor for novelty. auroc: how well novelty tells unseen from seen.
 …_at_threshold: where the model itself rejects. Beside them stand kept_precision, what that
 threshold keeps on held-out blocks, and wanted_precision. …heading…: of the seen that are placed
 right and given a heading, since an answer in another street has none to compare. Of poses:
@@ -100,7 +100,7 @@ class Queries:
 
     novelty: NDArray[np.float32]  # (q, kind); the first kind is the one in use
     reject_from: tuple[float, ...]  # (kind,) the model's own thresholds
-    thresholds: NDArray[np.float64]  # (t,) of the papers' curve, over the first kind
+    thresholds: NDArray[np.float64]  # (t,) of the SCI paper's curve, over the first kind
     error_m: NDArray[np.float64]  # (q,) from the query to its first answer
     turn_deg: NDArray[np.float64]  # (q,) heading against the nearest training anchor's
     nearest_m: NDArray[np.float64]  # (q,) distance to that anchor

@@ -41,7 +41,7 @@ def year(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def precision_recall(gathering: Gathering) -> pd.DataFrame:
-    """A row a method, test sequence and threshold of the papers' curve: top-1, by cells."""
+    """A row a method, test sequence and threshold of the SCI paper's curve: top-1, by cells."""
     frames = []
     for method in gathering.study["methods"] if asks_about_the_year(gathering.study) else ():
         for sequence in gathering.study["tests"]:

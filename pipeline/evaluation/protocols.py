@@ -1,4 +1,4 @@
-"""What is true of each query: by the papers' grid cells, and by distance.
+"""What is true of each query: by the SCI paper's grid cells, and by distance.
 
 Every number names which of the two it speaks of.
 """
@@ -29,7 +29,7 @@ class Truth:
     oracle_right: NDArray[
         np.bool_
     ]  # (q,) seen, and answering the nearest training anchor would be right
-    # recall is of all seen queries; else, as the papers count, of the hits and misses alone
+    # recall is of all seen queries; else, as the SCI paper counts, of the hits and misses alone
     usual_recall: bool = False
 
 

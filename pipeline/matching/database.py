@@ -20,7 +20,7 @@ from pipeline.running.settings import NotNegative, Positive, check
 
 PREFIX = "database/"
 QUERIES = 256  # queries per block when each is compared with the whole database
-# the one kind of novelty: how far the nearest of the database is (RA-L 2019, Sec. IV; METHODS 2.7)
+# the one kind of novelty: how far the nearest of the database is (RA-L 2019, Sec. V-A; METHODS 2.7)
 KIND = "distance"
 Search = Callable[
     [NDArray[np.int64], NDArray[np.bool_]], tuple[NDArray[np.float64], NDArray[np.int64]]

@@ -52,7 +52,8 @@ MAIN = {
     "auc_top1": ("AUC top-1", "oracle_auc_exact_top1", "oracle, exact", "auc_exact_top1"),
 }
 """Number of the models: its heading, the oracle's number beside it and its heading, and the number
-of the paired test whose mark stands behind it: the papers' area and the exact one differ little."""
+of the paired test whose mark stands behind it: the SCI paper's area and the exact one differ
+little."""
 BOTH = PROTOCOLS[::-1]
 """In the order in which people ask."""
 TITLES = {"recall_at_1": "recall@1", "auc_top1": "AUC top-1", "auc_exact_top1": "exact AUC"}

@@ -1,6 +1,6 @@
 """PointNetVLAD's input: a fixed number of points around the sensor, without the ground.
 
-Preprocessing of the SCI paper (RA-L 2019, Sec. V), whose numbers are those of its author's later
+Preprocessing of the SCI paper (RA-L 2019, Sec. IV-B), whose numbers are those of its author's later
 script (METHODS 3.2).
 """
 

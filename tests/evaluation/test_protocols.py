@@ -1,4 +1,4 @@
-"""Who is seen, and which answer is right: by the papers' cells and by distance."""
+"""Who is seen, and which answer is right: by the SCI paper's cells and by distance."""
 
 import numpy as np
 import pytest
