@@ -1,10 +1,14 @@
-"""Computes blocks of rows in parallel by Dask and delivers them in order."""
+"""Computes blocks of rows in parallel and delivers them in order.
+
+In threads or processes of this machine, or by Dask's distributed workers.
+"""
 
 import multiprocessing
 import os
 import signal
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -18,7 +22,8 @@ from pipeline.running.settings import Positive, Whole, check
 Result = TypeVar("Result")
 Item = TypeVar("Item")
 Span = tuple[int, int]
-Run = Callable[[Callable[[int, int], Any], Sequence[Span]], Iterator[Any]]
+Block = Callable[[int, int], Any]
+Run = Callable[[Block, Sequence[Span]], Iterator[Any]]
 """Yields a function of each span, in order."""
 
 
@@ -85,24 +90,28 @@ class Compute:
 
     @contextmanager
     def _started(self, workers: int) -> Iterator[Run]:
-        """Start what computes the blocks, and end it with the block.
-
-        A scheduler that Dask is given by name would import distributed each time.
-        """
+        """Start what computes the blocks, and end it with the block."""
         if self.scheduler == "threads":
-            from dask.threaded import get
+            with ThreadPoolExecutor(workers) as threads:
 
-            yield partial(_groups, get, workers)
+                def run(fn: Block, spans: Sequence[Span]) -> Iterator[Any]:
+                    return _ahead(lambda *span: threads.submit(fn, *span), workers, spans)
+
+                yield run
         elif self.scheduler == "processes":
-            from dask.multiprocessing import get, get_context, initialize_worker_process
+            import cloudpickle
+            from dask.multiprocessing import get_context, initialize_worker_process
 
             with ProcessPoolExecutor(
                 workers, get_context(), _initialize, (initialize_worker_process,)
             ) as pool:
+
+                def run(fn: Block, spans: Sequence[Span]) -> Iterator[Any]:
+                    job = cloudpickle.dumps(fn)
+                    return _ahead(lambda *span: pool.submit(_computed, job, *span), workers, spans)
+
                 try:
-                    yield partial(
-                        _groups, partial(get, pool=pool, chunksize=1), workers
-                    )  # Dask's own 6 would leave some idle
+                    yield run
                 except (KeyboardInterrupt, SystemExit):  # nobody waits for the blocks under way
                     for worker in multiprocessing.active_children():
                         worker.kill()
@@ -112,15 +121,28 @@ class Compute:
                 yield partial(in_order, client, self.scheduler, workers)
 
 
-def _groups(
-    get: Callable[..., object], workers: int, fn: Callable[[int, int], Any], spans: Sequence[Span]
+def _ahead(
+    submit: Callable[[int, int], "Future[Any]"], workers: int, spans: Sequence[Span]
 ) -> Iterator[Any]:
-    """Compute blocks in groups of two a worker, by Dask's function `get` that computes a graph."""
-    import dask
+    """Compute blocks, up to two a worker ahead of the one that is asked for."""
+    waiting = deque[Future[Any]]()
+    try:
+        for span in spans:
+            waiting.append(submit(*span))
+            if len(waiting) == 2 * workers:
+                yield waiting.popleft().result()
+        while waiting:
+            yield waiting.popleft().result()
+    finally:
+        for block in waiting:
+            block.cancel()
 
-    for start in range(0, len(spans), 2 * workers):
-        group = [dask.delayed(fn, pure=False)(*span) for span in spans[start : start + 2 * workers]]
-        yield from dask.compute(*group, scheduler=get, num_workers=workers)
+
+def _computed(job: bytes, start: int, stop: int) -> Any:
+    """A block of a pickled function, in a process of its own."""
+    import cloudpickle
+
+    return cloudpickle.loads(job)(start, stop)
 
 
 def _initialize(dask_s: Callable[[], None]) -> None:
