@@ -52,6 +52,8 @@ class Measure:
 
 
 AUC = Measure("cells", "auc_top1", "AUC top-1 by cells")
+AUC_5 = Measure("cells", "auc_top5", "AUC top-5 by cells")
+AUC_25 = Measure("cells", "auc_top25", "AUC top-25 by cells")
 KEPT = replace(AUC, title="AUC kept, by cells", relative=True)
 RECALL = Measure("cells", "recall_at_1", "recall@1 by cells")
 AUROC = Measure("cells", "auroc", "AUROC by cells")

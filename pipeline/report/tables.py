@@ -36,6 +36,8 @@ from pipeline.studies.expansion import ModelName
 # heading, number, digits: what is shown without intervals
 SHOWN_MEANS = (
     ("AUC exact", "auc_exact_top1", 3),
+    ("AUC top-5", "auc_top5", 3),
+    ("AUC top-25", "auc_top25", 3),
     ("F1max", "f1_max", 3),
     ("R@99%P", "recall_at_99_precision", 3),
     ("AUROC", "auroc", 3),

@@ -8,7 +8,7 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from pipeline.evaluation.protocols import PROTOCOLS
-from pipeline.report.comparison import AUC, FAR, RECALL
+from pipeline.report.comparison import AUC, AUC_5, AUC_25, FAR, RECALL, Measure
 from pipeline.report.figures.panels import (
     balanced,
     name_ends,
@@ -26,15 +26,21 @@ HELD_OUT = "held_out_"
 SHARE_ENDINGS = ("accuracy", "recall")  # curves of these names lie between 0 and 1
 
 
+OVER_THE_YEAR = (AUC, RECALL, FAR)
+FIGURE_8 = (AUC, AUC_5, AUC_25)
+"""The panels of Fig. 8 of the SCI paper."""
+
+
 @styled
-def year(results: Sequence[Result], train: str) -> Figure:
-    """Fig. 8 of the SCI paper: numbers over the days since training.
+def year(
+    results: Sequence[Result], train: str, measures: Sequence[Measure] = OVER_THE_YEAR
+) -> Figure:
+    """Numbers over the days since training, a panel a measure, as in Fig. 8 of the SCI paper.
 
     Bands are 95 % intervals; the oracle's recall@1 is grey.
     """
     groups = by_model(results)
     looks = look(by_model(results))
-    measures = (AUC, RECALL, FAR)
     fig = figure(WIDTH_IN, 6.2, f"The year after training on {day(train)}")
     axes = fig.subplots(len(measures), 1, sharex=True)
     for axis, measure in zip(axes, measures, strict=True):

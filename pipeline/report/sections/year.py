@@ -22,6 +22,7 @@ from pipeline.schemas import VIEWS
 # kinds of figure that the page shows; of those of one model, the best one's
 ON_PAGE = (
     "year",
+    "year_auc",
     "precision_recall",
     "recall_at",
     "montage",
@@ -141,6 +142,7 @@ def illustrations(study: Study, folder: Path) -> Iterator[Illustration]:
     results = study.results
     path_xy_m = study.train_xy_m
     yield from saved("year", curves.year(results, study.train))
+    yield from saved("year_auc", curves.year(results, study.train, curves.FIGURE_8))
     for protocol in tables.BOTH:
         yield from saved(
             "precision_recall",

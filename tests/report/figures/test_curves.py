@@ -72,6 +72,12 @@ def test_the_year_places_each_sequence_at_its_days_with_its_interval_as_a_band_a
         "recall@1 by cells",
         "recall@1 by distance",
     ]
+    areas = curves.year(ONE, "2012-01-15", curves.FIGURE_8)
+    assert [axis.get_ylabel() for axis in areas.axes] == [
+        "AUC top-1 by cells",
+        "AUC top-5 by cells",
+        "AUC top-25 by cells",
+    ]
     assert fig.axes[-1].get_xticks().tolist() == [20, 62]
     assert {"2012-02-04", "2012-03-17", "sci", "oracle recall@1"} <= set(words(fig))
     (band,) = fig.axes[0].collections
