@@ -36,7 +36,7 @@ def written(study: Study, tmp_path_factory: pytest.TempPathFactory) -> Path:
     line = report.write(
         folder, study.artifacts, {"campus": WORDS}, study.table, FEW, lambda name: pytest.fail(name)
     )
-    assert re.fullmatch(r"12 sections and 30 figures of 1 study; page\.html has \d\.\d MB", line)
+    assert re.fullmatch(r"12 sections and 31 figures of 1 study; page\.html has \d\.\d MB", line)
     return folder
 
 
@@ -107,6 +107,6 @@ def test_a_terminal_shows_the_main_numbers_and_where_the_report_lies(
         r"\nscan_context +0\.200 \[\.00, \.50\].* 0\.100 ± \.115\noracle +0\.800 .* 0\.800 ± \.000\n",
         by_cells,
     )
-    assert "campus/10m/report.md, with 30 figures beside it\n" in text
+    assert "campus/10m/report.md, with 31 figures beside it\n" in text
     assert not re.search("[`*]|nan", text)
     assert max(map(len, text.splitlines())) <= 160
