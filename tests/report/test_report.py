@@ -94,7 +94,7 @@ def test_without_studies_there_is_nothing_to_report(study: Study, tmp_path: Path
 def test_a_terminal_shows_the_main_numbers_and_where_the_report_lies(
     study: Study, written: Path
 ) -> None:
-    text = terminal.text(study, 30)
+    text = terminal.text(study, 31)
     assert (written / "campus/10m/results.txt").read_text() == text + "\n"
     assert text.startswith("simulated campus, trained on 2012-01-15 alone, cells of 10 m\n\nmodel ")
     by_distance, _, by_cells = text.partition(
