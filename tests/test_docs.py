@@ -17,7 +17,7 @@ import yaml
 from pipeline import cli
 from pipeline.errors import ConfigError
 from pipeline.evaluation.rows import COLUMNS
-from pipeline.studies.names import propose
+from pipeline.studies.proposal import propose
 
 ROOT = Path(__file__).parents[1]
 FOLDERS = ("pipeline", "stages", "conf", "benchmarks", "docs", "tests")

@@ -141,8 +141,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def _use(args: argparse.Namespace) -> None:
     from pipeline.running.at_work import refuse_at_work
     from pipeline.studies.expansion import expand
-    from pipeline.studies.names import complete, lists_text, propose, studies_text
+    from pipeline.studies.known import refuse_unknown
+    from pipeline.studies.names import lists_text, studies_text
     from pipeline.studies.parts import lay, parted
+    from pipeline.studies.proposal import propose
 
     conf = conf_folder()
     datasets = [word for word in args.words if "=" not in word]
@@ -156,16 +158,17 @@ def _use(args: argparse.Namespace) -> None:
     proposals = {dataset: propose(conf, dataset, options) for dataset in datasets}
     proposed_studies = {dataset: proposal.study for dataset, proposal in proposals.items()}
     is_unchanged = proposed_studies.keys() == listed_studies.keys() and all(
-        proposed_studies[name][word] == listed_studies[name].get(word)
-        for name in proposed_studies
-        for word in ("world", "budget")
+        (proposed.world, proposed.budget)
+        == (listed_studies[name].world, listed_studies[name].budget)
+        for name, proposed in proposed_studies.items()
     )
-    chosen_studies = (
+    studies = (
         listed_studies
         if not datasets or (args.keep and is_unchanged)
         else {**(listed_studies if args.add else {}), **proposed_studies}
     )
-    studies = complete(conf, chosen_studies)
+    for study in studies.values():
+        refuse_unknown(conf, study)
     texts = {conf / "studies.yaml": studies_text(studies), conf / "lists.yaml": lists_text(studies)}
     changed = {
         path: text
@@ -188,8 +191,8 @@ def _use(args: argparse.Namespace) -> None:
     )
     for name, study in studies.items():
         print(
-            f"{name}: trained on {study['train']} with the budget {study['budget']}, tested on "
-            f"{', '.join(study['tests'])}"
+            f"{name}: trained on {study.train_text} with the budget {study.budget}, tested on "
+            f"{', '.join(study.tests)}"
         )
 
 

@@ -294,8 +294,7 @@ def export(args: argparse.Namespace) -> None:
 def pack(args: argparse.Namespace) -> None:
     """Write a site file."""
     from pipeline.online.pack import Packing
+    from pipeline.studies.layout import Layout
 
     check_file(args.out)
-    print(
-        Packing(conf_folder(), Path("artifacts"), read_studies()).pack(args.name, args.out, Lines())
-    )
+    print(Packing(conf_folder(), Layout(), read_studies()).pack(args.name, args.out, Lines()))
