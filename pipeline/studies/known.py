@@ -37,10 +37,10 @@ def read_studies(conf: Path) -> dict[str, Study]:
             f"{path}: expected `studies:` with a study for each data set; `yearloc use campus` "
             "writes it anew"
         )
-    known = {name: Study.of(conf, name, table) for name, table in tables.items()}
-    for study in known.values():
+    studies_by_name = {name: Study.of(conf, name, table) for name, table in tables.items()}
+    for study in studies_by_name.values():
         refuse_unknown(conf, study)
-    return known
+    return studies_by_name
 
 
 def refuse_unknown(conf: Path, study: Study) -> None:
@@ -50,9 +50,9 @@ def refuse_unknown(conf: Path, study: Study) -> None:
     sweeps.
     """
     if study.poses and study.submap.startswith(LEVEL):
-        asked = f"{study.name}: poses={','.join(study.poses)}"
+        posed = f"{study.name}: poses={','.join(study.poses)}"
         raise ConfigError(
-            f"{asked}: level sweeps (submap {study.submap}) have no heights to register; leave "
+            f"{posed}: level sweeps (submap {study.submap}) have no heights to register; leave "
             "poses out"
         )
     for method in study.methods:

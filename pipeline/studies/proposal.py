@@ -99,14 +99,14 @@ def propose(conf: Path, name: str, options: Mapping[str, str]) -> Proposal:
     dataset = read_yaml(file_of(conf, "dataset", name, f"no data set {name}: expected one of"))
     question = options.get("question", QUESTIONS[0])
     _refuse_unknown(name, dataset, question, options)
-    request = Request(conf, options, _with_question(conf, name, dataset["study"], question))
+    request = Request(conf, options, _defaults(conf, name, dataset["study"], question))
     drives = (
         simulated(conf, name, request.defaults, options)
         if dataset["simulated"]
         else recorded(name, dataset["reader"], request.defaults, options)
     )
     study = first_choices(request, name, question, dataset["simulated"], drives)
-    for change in (with_preset, at_scale, with_models, asked, altered, posed, timed):
+    for change in CHANGES:
         study = change(study, request)
     return Proposal(study, drives.notes)
 
@@ -119,7 +119,7 @@ def first_choices(
     defaults = request.defaults
     views = defaults.get("views", {})
     names = request.options["methods"].split(",") if "methods" in request else defaults["methods"]
-    usual_views = {method: str(settings_of(conf, method)["view"]) for method in names}
+    views_of_methods = {method: str(settings_of(conf, method)["view"]) for method in names}
     budget = request.options.get("budget", drives.budget)
     file_of(conf, "budget", budget, f"budget={budget}: expected one of")
     return Study(
@@ -135,7 +135,7 @@ def first_choices(
         grids=tuple(CellSize.read(conf, name, grid) for grid in defaults["grids"]),
         methods=tuple(
             StudyMethod.described(conf, method, views.get(view, view))
-            for method, view in usual_views.items()
+            for method, view in views_of_methods.items()
         ),
         tolerance=Tolerance.read(conf, name, TOLERANCE),
     )
@@ -149,7 +149,7 @@ def with_preset(study: Study, request: Request) -> Study:
     return replace(study, stress=dict(stress))
 
 
-def at_scale(study: Study, request: Request) -> Study:
+def with_scale(study: Study, request: Request) -> Study:
     """What a scale, a file of conf/scale, has instead of the data set's choices.
 
     Its submaps, cells and tolerance, and each method's view and settings.
@@ -166,9 +166,9 @@ def at_scale(study: Study, request: Request) -> Study:
     methods = []
     for method in study.methods:
         view = scale.get("views", {}).get(method.view, method.view)
-        known_settings = settings_of(request.conf, method.name)
+        own_settings = settings_of(request.conf, method.name)
         settings = {
-            key: value for key, value in scale.get("methods", {}).items() if key in known_settings
+            key: value for key, value in scale.get("methods", {}).items() if key in own_settings
         }
         described = StudyMethod.described(request.conf, method.name, view)
         methods.append(replace(described, settings=settings))
@@ -210,7 +210,7 @@ def with_models(study: Study, request: Request) -> Study:
     return replace(study, methods=tuple(methods))
 
 
-def asked(study: Study, request: Request) -> Study:
+def with_question(study: Study, request: Request) -> Study:
     """What a question needs: methods on bird-views, or further days and strategies."""
     if study.question == "viewpoints" and len(study.bird_view_methods) < len(study.methods):
         raise ConfigError(
@@ -233,7 +233,7 @@ def asked(study: Study, request: Request) -> Study:
     return replace(study, methods=tuple(methods))
 
 
-def altered(study: Study, request: Request) -> Study:
+def with_alterations(study: Study, request: Request) -> Study:
     """Altered queries of some test sequences, and further cell sizes."""
     alterable = {
         name: tuple(spread([*study.tests], number))
@@ -253,7 +253,7 @@ def altered(study: Study, request: Request) -> Study:
     )
 
 
-def posed(study: Study, request: Request) -> Study:
+def with_poses(study: Study, request: Request) -> Study:
     """Which models' answers are registered with the map, and how poses are joined along a drive."""
     registered = request.defaults.get("poses", ())
     if study.simulated and registered:
@@ -273,7 +273,7 @@ def posed(study: Study, request: Request) -> Study:
     return replace(study, poses=tuple(poses), paths=tuple(paths))
 
 
-def timed(study: Study, request: Request) -> Study:
+def with_timing(study: Study, request: Request) -> Study:
     """Whether the cost of a query is measured."""
     if (latency := request.options.get("latency", "yes")) not in ("yes", "no"):
         raise ConfigError(f"latency={latency}: expected yes or no")
@@ -300,9 +300,7 @@ def _refuse_unknown(
         )
 
 
-def _with_question(
-    conf: Path, name: str, study: Mapping[str, Any], question: str
-) -> Mapping[str, Any]:
+def _defaults(conf: Path, name: str, study: Mapping[str, Any], question: str) -> Mapping[str, Any]:
     """A data set's study with what a question changes in every study, and in this one.
 
     Raises ConfigError for a question that this data set cannot be asked.
@@ -321,3 +319,15 @@ def spread(tests: list[str], number: int) -> list[str]:
     if number >= len(tests):
         return list(tests)
     return [tests[round(i * (len(tests) - 1) / max(number - 1, 1))] for i in range(number)]
+
+
+CHANGES = (
+    with_preset,
+    with_scale,
+    with_models,
+    with_question,
+    with_alterations,
+    with_poses,
+    with_timing,
+)
+"""From study to study, in the order in which they are applied."""

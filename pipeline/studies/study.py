@@ -239,7 +239,7 @@ class Study:
     """Files of conf/path: how the poses of a drive are joined."""
     latency: bool = True
     """Whether the cost of a query is measured."""
-    said: tuple[str, ...] = field(default=(), compare=False)
+    key_order: tuple[str, ...] = field(default=(), compare=False)
     """The keys that conf/studies.yaml says, in its order; written in that order again."""
 
     @classmethod
@@ -273,7 +273,7 @@ class Study:
             poses=tuple(table.get("poses", ())),
             paths=tuple(table.get("paths", ())),
             latency=table.get("latency", True),
-            said=tuple(table),
+            key_order=tuple(table),
         )
 
     def table(self) -> dict[str, Any]:
@@ -302,12 +302,13 @@ class Study:
             "tolerance": self.tolerance.name,
             "latency": self.latency,
         }
-        usual = {"tolerance": TOLERANCE, "latency": True}
-        keys = dict.fromkeys(("question", *self.said, *values))
+        defaults = {"tolerance": TOLERANCE, "latency": True}
+        keys = dict.fromkeys(("question", *self.key_order, *values))
         return {
             key: values[key]
             for key in keys
-            if key in self.said or (values[key] != usual[key] if key in usual else values[key])
+            if key in self.key_order
+            or (values[key] != defaults[key] if key in defaults else values[key])
         }
 
     @property

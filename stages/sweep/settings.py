@@ -80,7 +80,7 @@ def listed(study: Study, overrides: Mapping[str, str], method_view: str) -> dict
         settings={key: value for key, value in changed_settings.items() if key in own_settings},
     )
     grid = overrides.get("grid", study.grids[0].name)
-    asked = replace(
+    job_study = replace(
         study,
         world=overrides.get("world", study.world),
         submap=overrides.get("submap", study.submap),
@@ -91,7 +91,7 @@ def listed(study: Study, overrides: Mapping[str, str], method_view: str) -> dict
         stress={},
         poses=(),
     )
-    return expand({study.name: asked})
+    return expand({study.name: job_study})
 
 
 class Composer:
