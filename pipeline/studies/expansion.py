@@ -11,7 +11,7 @@ from typing import Any
 from pipeline.studies.courses import instances
 from pipeline.studies.layout import Layout
 from pipeline.studies.models import ModelName
-from pipeline.studies.study import SOURCES, CellSize, Study, StudyMethod
+from pipeline.studies.study import CellSize, Study, StudyMethod
 
 Lists = dict[str, dict[str, dict[str, Any]]]
 
@@ -195,8 +195,7 @@ def _measurements(lists: Lists, study: Study) -> None:
 
 def _drive(study: Study) -> dict[str, str]:
     """What the stages of one drive take from its study."""
-    source, heeds = SOURCES[study.simulated]
-    return {"world": study.world, "source": source, "heeds": heeds, "root": study.root}
+    return {"world": study.world, **study.origin, "root": study.root}
 
 
 def _path(kind: str, *names: str) -> str:

@@ -7,7 +7,7 @@ from typing import Any
 from pipeline.errors import ConfigError
 from pipeline.running.texts import read_yaml
 from pipeline.studies.expansion import expand
-from pipeline.studies.study import SOURCES, Study, named_file, settings_of
+from pipeline.studies.study import RECORDED, SIMULATED, Study, named_file, settings_of
 
 LEVEL = "flat"
 """How the files of conf/submap begin that gather level sweeps: all their points have one height."""
@@ -68,10 +68,10 @@ def refuse_unknown(conf: Path, study: Study) -> None:
     ):
         named_file(conf, study.name, group, name)
     if study.simulated != read_yaml(dataset).get("simulated"):
-        expected = SOURCES[not study.simulated][0]
+        expected = RECORDED if study.simulated else SIMULATED
         raise ConfigError(
-            f"conf/studies.yaml: {study.name}: source={SOURCES[study.simulated][0]}: expected "
-            f"{expected}, by `simulated` in {dataset}"
+            f"conf/studies.yaml: {study.name}: source={study.origin['source']}: expected "
+            f"{expected['source']}, by `simulated` in {dataset}"
         )
 
 

@@ -39,8 +39,9 @@ NEEDED = (
     "grids",
     "methods",
 )
-SOURCES = {True: ("world", "simulated"), False: ("readers", "reader")}
-"""The keys `source` and `heeds` of a simulated and of a recorded study.
+SIMULATED = {"source": "world", "heeds": "simulated"}
+RECORDED = {"source": "readers", "heeds": "reader"}
+"""Where the logs of a simulated and of a recorded study come from.
 
 `source` is a package of pipeline: who makes the logs. `heeds` is what the logs depend on in the
 data set's yaml: the reader, or of a simulated one no more than that it is simulated.
@@ -255,7 +256,7 @@ class Study:
         return cls(
             name=name,
             question=table.get("question", QUESTIONS[0]),
-            simulated=table["source"] == SOURCES[True][0],
+            simulated=table["source"] == SIMULATED["source"],
             world=table["world"],
             root=table["root"],
             train=tuple(table["train"].split()),
@@ -278,13 +279,11 @@ class Study:
 
     def table(self) -> dict[str, Any]:
         """The study as conf/studies.yaml has it, with its question."""
-        source, heeds = SOURCES[self.simulated]
         altered = {name: list(sequences) for name, sequences in self.altered.items()}
         values = {
             "question": self.question,
             "world": self.world,
-            "source": source,
-            "heeds": heeds,
+            **self.origin,
             "root": self.root,
             "train": self.train_text,
             "tests": list(self.tests),
@@ -310,6 +309,11 @@ class Study:
             if key in self.key_order
             or (values[key] != defaults[key] if key in defaults else values[key])
         }
+
+    @property
+    def origin(self) -> Mapping[str, str]:
+        """Where its logs come from: the keys `source` and `heeds`."""
+        return SIMULATED if self.simulated else RECORDED
 
     @property
     def train_text(self) -> str:
@@ -393,11 +397,11 @@ def check_keys(study: str, table: Mapping[str, Any]) -> None:
             f"conf/studies.yaml: {study}: {empty[0]} is empty; `yearloc use {study}` writes the "
             "study anew"
         )
-    heeds = SOURCES[table["source"] == SOURCES[True][0]][1]
-    if table["heeds"] != heeds:
+    origin = SIMULATED if table["source"] == SIMULATED["source"] else RECORDED
+    if table["heeds"] != origin["heeds"]:
         raise ConfigError(
-            f"conf/studies.yaml: {study}: heeds={table['heeds']}: expected {heeds} beside "
-            f"source={table['source']}"
+            f"conf/studies.yaml: {study}: heeds={table['heeds']}: expected {origin['heeds']} "
+            f"beside source={table['source']}"
         )
 
 

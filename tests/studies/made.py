@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+from pipeline.studies.study import RECORDED as RECORDED
 from pipeline.studies.study import Study
 
 CONF = Path(__file__).parents[2] / "conf"
@@ -19,7 +20,6 @@ TABLE: dict[str, Any] = {
     "grids": ["10m"],
     "methods": ["sci"],
 }
-RECORDED = {"source": "readers", "heeds": "reader"}
 
 
 def study(name: str = "campus", **words: Any) -> Study:
