@@ -16,30 +16,27 @@ from omegaconf import DictConfig, OmegaConf
 from pipeline import schemas, store
 from pipeline.evaluation.rows import table
 from pipeline.evaluation.timing import Latency, contenders, cost_rows
-from pipeline.studies.expansion import models_of
 from pipeline.studies.known import studies
+from pipeline.studies.layout import Layout
 from stages import ROOT, build, stage
 
 
 @stage("latency")
 def main(cfg: DictConfig) -> str:
     study = studies(ROOT / "conf")[cfg.study]
-    artifacts = Path(cfg.artifacts)
-    sequence = study["tests"][0]
-    models = artifacts / "train" / cfg.study / cfg.cells
-    scans = store.read(artifacts / "scans" / cfg.study / f"{sequence}.zarr", schemas.SCANS)
-    submaps = store.read(artifacts / "submaps" / cfg.study / f"{sequence}.zarr", schemas.SUBMAPS)
-    methods = contenders(study["methods"], models, lambda view: build("view", view), alone)
+    layout = Layout(Path(cfg.artifacts))
+    sequence = study.tests[0]
+    scans = store.read(layout.path("scans", study.name, sequence), schemas.SCANS)
+    submaps = store.read(layout.path("submaps", study.name, sequence), schemas.SUBMAPS)
+    methods = contenders(study, cfg.cells, layout, lambda view: build("view", view), alone)
     measured = Latency.measure(methods, scans, submaps, cfg.queries, cfg.k)
     trained = {
-        name: models / f"{name.name}{store.MODEL}"
-        for method in study["methods"]
-        for name in models_of(method)
+        model: layout.path("train", study.name, cfg.cells, model.name) for model in study.models
     }
     common = {
-        "study": cfg.study,
-        "dataset": cfg.study,
-        "simulated": cfg.dataset.simulated,
+        "study": study.name,
+        "dataset": study.name,
+        "simulated": study.simulated,
         "grid": cfg.cells,
     }
     with store.replace(cfg.out) as path:

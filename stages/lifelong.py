@@ -15,8 +15,8 @@ from pipeline.lifelong.record import Record
 from pipeline.matching.ranking import Rows
 from pipeline.online.pack import Packing
 from pipeline.schemas_lifelong import LIFELONG
-from pipeline.studies.expansion import model_named
 from pipeline.studies.known import studies
+from pipeline.studies.layout import Layout
 from stages import ROOT, ProgressBar, stage, within_budget
 
 
@@ -27,7 +27,7 @@ def main(cfg: DictConfig) -> str:
     progress = ProgressBar(float(cfg.budget.share))
     queries = {name: Rows.read(Path(cfg.views, f"{name}.zarr")) for name in cfg.asked.split()}
     course = Course(
-        Path(cfg.artifacts),
+        Layout(Path(cfg.artifacts)),
         cfg.study,
         cfg.cells,
         cfg.name,
@@ -35,7 +35,8 @@ def main(cfg: DictConfig) -> str:
         cfg.learned.split(),
         Path(cfg.views),
     )
-    packing = Packing(ROOT / "conf", course.artifacts, studies(ROOT / "conf"))
+    known_studies = studies(ROOT / "conf")
+    packing = Packing(ROOT / "conf", course.layout, known_studies)
     with TemporaryDirectory() as scratch:
         steps = course.steps(
             cfg.order, strategy, instantiate(cfg.method), packing, Path(scratch), progress
@@ -46,11 +47,12 @@ def main(cfg: DictConfig) -> str:
     with store.write(cfg.out, LIFELONG, **attrs) as out:
         for name, column in record.columns.items():
             out.put(name, column)
-    model = model_named(studies(ROOT / "conf")[cfg.study], cfg.name)
+    study = known_studies[cfg.study]
+    model = study.model_named(cfg.name)
     place = {
-        "study": cfg.study,
-        "dataset": cfg.study,
-        "simulated": cfg.dataset.simulated,
+        "study": study.name,
+        "dataset": study.name,
+        "simulated": study.simulated,
         "grid": cfg.cells,
         **model.columns,
     }

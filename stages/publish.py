@@ -8,9 +8,10 @@ from omegaconf import DictConfig
 from pipeline import store
 from pipeline.evaluation import results
 from pipeline.running.dvc_files import DvcLock
-from pipeline.studies.courses import LIFELONG
-from pipeline.studies.expansion import ModelName, answers_of, asks_about_the_year
 from pipeline.studies.known import studies
+from pipeline.studies.layout import Layout
+from pipeline.studies.models import ModelName
+from pipeline.studies.study import LIFELONG
 from pipeline.tracking import further_days, page
 from pipeline.tracking import runs as tracking
 from pipeline.tracking.records import Source, measured, with_model
@@ -20,27 +21,19 @@ from stages import ROOT, stage
 @stage("publish")
 def main(cfg: DictConfig) -> str:
     study = studies(ROOT / "conf")[cfg.study]
-    artifacts = Path(cfg.artifacts)
+    layout = Layout(Path(cfg.artifacts))
     runs = list[tracking.RunRecord]()
-    table = results.read(artifacts, {cfg.study: study})
-    lock = DvcLock.read(artifacts.parent / "dvc.lock")
-    further = study.get("question") == LIFELONG
-    for grid in study["grids"]:
-        figures = artifacts / "report" / cfg.study / grid
-        source = Source(
-            cfg.study,
-            grid,
-            study,
-            cfg.dataset.simulated,
-            table[table["grid"] == grid],
-            figures,
-            lock,
-        )
+    table = results.read(layout, {cfg.study: study})
+    lock = DvcLock.read(layout.root.parent / "dvc.lock")
+    further = study.learns_further_days
+    for grid in study.grid_names:
+        figures = layout.path("report", study.name, grid)
+        source = Source(study, grid, table[table["grid"] == grid], figures, lock)
         runs += further_days.records(source) if further else ()
-        for method in study["methods"] if asks_about_the_year(study) else ():
-            path = artifacts / "train" / cfg.study / grid / f"{method['name']}{store.MODEL}"
-            extra = measured(artifacts, cfg.study, grid, method, path)
-            own_answers, *further_answers = answers_of(study, ModelName(method["name"]))
+        for method in study.methods if study.asks_about_the_year else ():
+            path = layout.path("train", study.name, grid, method.name)
+            extra = measured(layout, study.name, grid, method, path)
+            own_answers, *further_answers = study.answers_of(ModelName(method.name))
             recipe = store.read_recipe(path)
             runs += [
                 source.record(posed, {}, recipe, {}) for posed in further_answers if not posed.path
@@ -48,7 +41,7 @@ def main(cfg: DictConfig) -> str:
             runs.append(
                 with_model(source.record(own_answers, store.read_model(path), recipe, extra), path)
             )
-    name = tracking.experiment_of(cfg.study, cfg.dataset.simulated, LIFELONG if further else "")
+    name = tracking.experiment_of(study.name, study.simulated, LIFELONG if further else "")
     published = tracking.publish(
         cfg.tracking.database,
         name,

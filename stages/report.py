@@ -9,18 +9,19 @@ from pipeline import store
 from pipeline.evaluation import results
 from pipeline.report import report, sweep
 from pipeline.studies.known import studies
+from pipeline.studies.layout import Layout
 from pipeline.sweeps.record import Record
 from stages import ROOT, build, stage
 
 
 @stage("report")
 def main(cfg: DictConfig) -> str:
-    artifacts = Path(cfg.artifacts)
+    layout = Layout(Path(cfg.artifacts))
     known_studies = studies(ROOT / "conf")
-    table = results.read(artifacts, known_studies)
+    table = results.read(layout, known_studies)
     with store.replace(cfg.out) as folder:
         line = report.write(
-            folder, artifacts, known_studies, table, cfg.few, lambda name: build("view", name)
+            folder, layout, known_studies, table, cfg.few, lambda name: build("view", name)
         )
     return f"{line}; open {cfg.out}/page.html in a browser, it needs no network"
 

@@ -10,6 +10,7 @@ from pipeline import store
 from pipeline.evaluation import results
 from pipeline.evaluation.plots import precision_recall, year
 from pipeline.studies.known import studies
+from pipeline.studies.layout import Layout
 from stages import ROOT, stage
 
 
@@ -21,9 +22,7 @@ def main(cfg: DictConfig) -> str:
         "bands": instantiate(cfg.bands),
         "unseen_share": cfg.unseen_share,
     }
-    gathering = results.Gathering(
-        Path(cfg.artifacts), cfg.study, study, cfg.dataset.simulated, **rules
-    )
+    gathering = results.Gathering(Layout(Path(cfg.artifacts)), study, **rules)
     table = gathering.table()
     with store.replace(cfg.out) as folder:
         folder.mkdir()

@@ -10,8 +10,8 @@ from omegaconf import DictConfig
 from pipeline import schemas, store
 from pipeline.evaluation.viewpoints import Judged, line, means
 from pipeline.matching.ranking import Rows
-from pipeline.studies.expansion import models_of, on_bird_views
 from pipeline.studies.known import studies
+from pipeline.studies.layout import Layout
 from stages import ROOT, ProgressBar, build, stage
 
 
@@ -19,21 +19,25 @@ from stages import ROOT, ProgressBar, build, stage
 def main(cfg: DictConfig) -> str:
     study = studies(ROOT / "conf")[cfg.study]
     numbers = dict[str, list[dict[str, dict[str, float | None]]]]()
-    methods = on_bird_views(study["methods"])
-    sequences = study["tests"][: cfg.tests]
+    layout = Layout(Path(cfg.artifacts))
+    methods = study.bird_view_methods
+    sequences = study.tests[: cfg.tests]
     with store.replace(cfg.out) as folder:
         folder.mkdir()
         for method in ProgressBar().track(methods, len(methods), "judge turned robots"):
             for sequence in sequences:
-                views = Rows.read(
-                    Path(cfg.artifacts, "views", cfg.study, method["view"], f"{sequence}.zarr")
-                )
-                models = [model.name for model in models_of({**method, "variants": {}})]
+                views = Rows.read(layout.path("views", study.name, method.view, sequence))
                 seeds_judged = [
-                    judge(cfg, method["name"], model, views, folder / model / f"{sequence}.zarr")
-                    for model in models
+                    judge(
+                        cfg,
+                        method.name,
+                        model.name,
+                        views,
+                        folder / model.name / f"{sequence}.zarr",
+                    )
+                    for model in method.seed_models
                 ]
-                numbers[f"{method['name']} {sequence}"] = [seed.numbers() for seed in seeds_judged]
+                numbers[f"{method.name} {sequence}"] = [seed.numbers() for seed in seeds_judged]
     with store.replace(cfg.metrics) as metrics_path:
         metrics_path.mkdir()
         for name, seeds in numbers.items():
@@ -47,7 +51,7 @@ def main(cfg: DictConfig) -> str:
 def judge(cfg: DictConfig, method: str, model: str, views: Rows, out: Path) -> Judged:
     """One model on one sequence, kept as an artifact."""
     learned = store.read_model(
-        Path(cfg.artifacts, "train", cfg.study, cfg.cells, f"{model}{store.MODEL}")
+        Layout(Path(cfg.artifacts)).path("train", cfg.study, cfg.cells, model)
     )
     judged: Judged = instantiate(cfg.viewpoints).judge(build("method", method), learned, views)
     with store.write(out, schemas.VIEWPOINTS, **judged.attrs()) as artifact:

@@ -20,7 +20,9 @@ from pipeline.evaluation import results
 from pipeline.running.dvc_files import DvcLock, definition
 from pipeline.schemas_lifelong import LIFELONG
 from pipeline.studies.expansion import LISTS
+from pipeline.studies.layout import Layout
 from tests.clone import ROOT, Clone
+from tests.studies.made import study as made_study
 
 
 def test_every_stage_runs_once_and_leaves_its_artifact(built):
@@ -222,7 +224,7 @@ def test_edits_touch_exactly_their_stages(built, edits):
 
 
 def test_poses_are_a_variant_in_the_table_and_place_what_the_model_cannot(built):
-    table = results.read(built.folder / "artifacts", {"campus": {}})
+    table = results.read(Layout(built.folder / "artifacts"), {"campus": made_study()})
     own = table[
         (table["method"] == "scan_context")
         & (table["case"] == "")

@@ -19,7 +19,7 @@ from typer.main import get_command
 from pipeline.cli import app
 from pipeline.errors import ConfigError
 from pipeline.evaluation.rows import COLUMNS
-from pipeline.studies.names import propose
+from pipeline.studies.proposal import propose
 
 ROOT = Path(__file__).parents[1]
 FOLDERS = ("pipeline", "stages", "conf", "benchmarks", "docs", "tests")

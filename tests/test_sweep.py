@@ -6,7 +6,9 @@ import pytest
 
 from pipeline.evaluation import results
 from pipeline.evaluation.rows import table
+from pipeline.studies.layout import Layout
 from tests.clone import Clone
+from tests.studies.made import study as made_study
 from tests.swept import Swept, outcome
 
 
@@ -24,7 +26,7 @@ def test_a_job_of_the_benchmarks_own_settings_is_dvcs_work(built: Clone, cells: 
     assert cells.code == 0
     own = cells.jobs[1]
     assert own["built"] == own["from_sweeps"] == {}
-    known = results.read(built.folder / "artifacts", {"campus": {}})
+    known = results.read(Layout(built.folder / "artifacts"), {"campus": made_study()})
     known = known[(known["method"] == "sci") & (known["variant"] == "") & (known["change"] == "")]
     told, known = (
         frame.set_index(["sequence", "kind", "protocol", "number"])["value"]

@@ -128,17 +128,17 @@ def _judged_of_study(
 
     from pipeline.online.failures import of_study
     from pipeline.posing.targets import Targets
-    from pipeline.studies.expansion import answerers, folder
+    from pipeline.studies.layout import Layout
 
     studies = read_studies()
     (dataset, grid, name) = of.split("/")
-    if dataset not in studies or grid not in studies[dataset]["grids"]:
+    if dataset not in studies or grid not in studies[dataset].grid_names:
         raise ConfigError(
             f"{of}: no such file, and no such study and grid among {', '.join(studies)}"
         )
     study = studies[dataset]
-    root = Path("artifacts")
-    posed_models = {model.name: model for model in answerers(study) if model.posed}
+    layout = Layout()
+    posed_models = {model.name: model for model in study.answerers if model.posed}
     if (model := posed_models.get(name) or posed_models.get(f"{name}-pose")) is None:
         remedy = (
             f"`yearloc use {dataset} poses={name.partition('-')[0]} --add` and `dvc repro` make "
@@ -149,17 +149,20 @@ def _judged_of_study(
             if posed_models
             else f"{of}: no poses; {remedy}"
         )
-    days = [*study["tests"], *study.get("stress", {})]
+    days = study.asked_days
     if day not in (None, *days):
         raise ConfigError(f"{day}: expected one of {', '.join(days)}")
-    poses, scans, submaps = (
-        root / part
-        for part in (folder(dataset, grid, model), f"scans/{dataset}", f"submaps/{dataset}")
+    fixes = (
+        of_study(
+            layout.answers(dataset, grid, model, asked_day),
+            layout.path("scans", dataset, asked_day),
+            layout.path("submaps", dataset, asked_day),
+            promise,
+        )
+        for asked_day in ([day] if day else days)
     )
-    names = [f"{day}.zarr" for day in ([day] if day else days)]
-    fixes = (of_study(poses / name, scans / name, submaps / name, promise) for name in names)
     return (
-        Targets.read(root / "map" / dataset / f"{study['train']}.zarr"),
+        Targets.read(layout.path("map", dataset, study.train_text)),
         chain.from_iterable(fixes),
-        study["source"] == "world",
+        study.simulated,
     )

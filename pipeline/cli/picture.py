@@ -79,34 +79,33 @@ def draw(of: str, test_day: str | None, out: Path) -> Drawn:
     from pipeline.report.figures import picture as moving
     from pipeline.report.figures.drive import Drive
     from pipeline.report.study import Study
-    from pipeline.studies.expansion import answerers, asks_about_the_year
+    from pipeline.studies.layout import Layout
 
     check_file(out)
     animation.check_ending(out)
     studies = read_studies()
     (name, grid, model) = _parts(of)
-    if name not in studies or grid not in studies[name]["grids"]:
+    if name not in studies or grid not in studies[name].grid_names:
         choices = ", ".join(
             f"{study_name}/{study_grid}"
             for study_name, study in studies.items()
-            for study_grid in study["grids"]
+            for study_grid in study.grid_names
         )
         raise ConfigError(
             f"{of}: no such study and grid, expected one of "
             f"{choices or 'none: `yearloc use campus` first'}"
         )
     study = studies[name]
-    if not asks_about_the_year(study):
+    if not study.asks_about_the_year:
         raise ConfigError(f"{of}: this study turns robots where they stand, and drives no test day")
-    if model not in (models := [answers.name for answers in answerers(study)]):
+    if model not in (models := [answers.name for answers in study.answerers]):
         raise ConfigError(f"{of}: no such method, expected one of {', '.join(models)}")
-    days = [*study["tests"], *study.get("stress", {})]
-    artifacts = Path("artifacts")
+    days = study.asked_days
     if test_day and test_day not in days:
         raise ConfigError(f"{test_day}: no such test day, expected one of {', '.join(days)}")
-    table = results.read(artifacts, {name: study})
-    sequence = test_day or last_day(table, study["tests"])
-    drive = Drive.of(Study(artifacts, name, study, grid, table), model, sequence)
+    table = results.read(Layout(), {name: study})
+    sequence = test_day or last_day(table, study.tests)
+    drive = Drive.of(Study(Layout(), study, grid, table), model, sequence)
     frames, _ = moving.write(drive, out, Bar())
     counted = drive.counted[:, -1].tolist()
     return Drawn(out, drive.title, counted[1], counted[0], drive.correct_m, drive.simulated, frames)

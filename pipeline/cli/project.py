@@ -1,10 +1,12 @@
 """The project that the commands are called in: its conf folder and its studies."""
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from pipeline.errors import ConfigError
-from pipeline.running.texts import read_yaml
+
+if TYPE_CHECKING:
+    from pipeline.studies.study import Study
 
 
 def conf_folder() -> Path:
@@ -36,17 +38,8 @@ def refuse_code_of_another() -> None:
         )
 
 
-def read_studies() -> dict[str, dict[str, Any]]:
+def read_studies() -> "dict[str, Study]":
     """The studies of conf/studies.yaml by name; raises ConfigError where it holds none."""
-    path = conf_folder() / "studies.yaml"
-    studies = read_yaml(path).get("studies")
-    if (
-        isinstance(studies, dict)
-        and studies
-        and all(isinstance(study, dict) for study in studies.values())
-    ):
-        return studies
-    raise ConfigError(
-        f"{path}: expected `studies:` with a study for each data set; `yearloc use campus` writes "
-        "it anew"
-    )
+    from pipeline.studies import known
+
+    return known.read_studies(conf_folder())

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 from shutil import get_terminal_size
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -12,6 +12,8 @@ from pipeline.running.texts import folded, terminal_width
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from pipeline.studies.study import Study
 
 
 MOVING = Path("docs/year.gif")
@@ -63,12 +65,13 @@ def results(
         )
     studies = read_studies()
     if full:
-        return _full([(name, grid) for name, study in studies.items() for grid in study["grids"]])
+        return _full([(name, grid) for name, study in studies.items() for grid in study.grid_names])
     from pipeline.evaluation.results import read
     from pipeline.evaluation.results import where as selected
     from pipeline.evaluation.rows import COLUMNS
+    from pipeline.studies.layout import Layout
 
-    table = read(Path("artifacts"), studies)
+    table = read(Layout(), studies)
     if markdown:
         from pipeline.report.document import document
 
@@ -97,7 +100,7 @@ def results(
     )
 
 
-def _write(table: "pd.DataFrame", studies: dict[str, dict[str, Any]], kinds: list[str]) -> None:
+def _write(table: "pd.DataFrame", studies: "dict[str, Study]", kinds: list[str]) -> None:
     """Fill the blocks of the pages that these studies can fill.
 
     Only blocks of these `kinds`; of all kinds if none are given.
@@ -106,7 +109,6 @@ def _write(table: "pd.DataFrame", studies: dict[str, dict[str, Any]], kinds: lis
     from pipeline.networks.loop import arithmetic
     from pipeline.replacing import replace
     from pipeline.report.pages import KINDS, PAGES, PICTURE, blocks, filled, table_texts
-    from pipeline.studies.expansion import answerers
 
     if unknown := [kind for kind in kinds if kind not in KINDS]:
         raise ConfigError(f"--write {unknown[0]}: expected some of {', '.join(KINDS)}")
@@ -132,12 +134,14 @@ def _write(table: "pd.DataFrame", studies: dict[str, dict[str, Any]], kinds: lis
             "holds one"
         )
     for block in pictures if PICTURE in kinds else ():
-        study = studies.get(block.study, {})
-        if study.get("budget") == block.budget and block.model in [
-            answers.name for answers in answerers(study)
-        ]:
+        study = studies.get(block.study)
+        if (
+            study
+            and study.budget == block.budget
+            and block.model in [answers.name for answers in study.answerers]
+        ):
             texts[block] = draw(
-                f"{block.study}/{study['grids'][0]}/{block.model}", None, MOVING
+                f"{block.study}/{study.grids[0].name}/{block.model}", None, MOVING
             ).page
     for path, page in pages.items():
         with replace(path) as scratch:
@@ -150,7 +154,9 @@ def _write(table: "pd.DataFrame", studies: dict[str, dict[str, Any]], kinds: lis
 
 
 def _full(places: list[tuple[str, str]]) -> None:
-    for text in (Path("artifacts/report", *place, "results.txt") for place in places):
+    from pipeline.studies.layout import Layout
+
+    for text in (Layout().path("report", *place, "results.txt") for place in places):
         if not text.is_file():
             raise ArtifactError(f"{text.parent}: no report yet; `dvc repro` writes it")
         print(folded(text.read_text(encoding="utf-8"), terminal_width()))

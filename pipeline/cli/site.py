@@ -208,6 +208,7 @@ def pack(
 ) -> None:
     """One file of all that it takes to localise in a place."""
     from pipeline.online.pack import Packing
+    from pipeline.studies.layout import Layout
 
     check_file(out)
-    print(Packing(conf_folder(), Path("artifacts"), read_studies()).pack(name, out, Lines()))
+    print(Packing(conf_folder(), Layout(), read_studies()).pack(name, out, Lines()))

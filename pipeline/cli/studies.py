@@ -35,8 +35,10 @@ def use(
     """Choose data sets: check what is on disk, write conf/studies.yaml and conf/lists.yaml."""
     from pipeline.running.at_work import refuse_at_work
     from pipeline.studies.expansion import expand
-    from pipeline.studies.names import complete, lists_text, propose, studies_text
+    from pipeline.studies.known import refuse_unknown
+    from pipeline.studies.names import lists_text, studies_text
     from pipeline.studies.parts import lay, parted
+    from pipeline.studies.proposal import propose
 
     conf = conf_folder()
     datasets = [word for word in words if "=" not in word]
@@ -50,16 +52,17 @@ def use(
     proposals = {dataset: propose(conf, dataset, options) for dataset in datasets}
     proposed_studies = {dataset: proposal.study for dataset, proposal in proposals.items()}
     is_unchanged = proposed_studies.keys() == listed_studies.keys() and all(
-        proposed_studies[name][word] == listed_studies[name].get(word)
-        for name in proposed_studies
-        for word in ("world", "budget")
+        (proposed.world, proposed.budget)
+        == (listed_studies[name].world, listed_studies[name].budget)
+        for name, proposed in proposed_studies.items()
     )
-    chosen_studies = (
+    studies = (
         listed_studies
         if not datasets or (keep and is_unchanged)
         else {**(listed_studies if add else {}), **proposed_studies}
     )
-    studies = complete(conf, chosen_studies)
+    for study in studies.values():
+        refuse_unknown(conf, study)
     texts = {conf / "studies.yaml": studies_text(studies), conf / "lists.yaml": lists_text(studies)}
     changed = {
         path: text
@@ -82,8 +85,8 @@ def use(
     )
     for name, study in studies.items():
         print(
-            f"{name}: trained on {study['train']} with the budget {study['budget']}, tested on "
-            f"{', '.join(study['tests'])}"
+            f"{name}: trained on {study.train_text} with the budget {study.budget}, tested on "
+            f"{', '.join(study.tests)}"
         )
 
 

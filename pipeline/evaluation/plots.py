@@ -6,7 +6,7 @@ Wide: one row a point.
 import pandas as pd
 
 from pipeline.evaluation.results import Gathering
-from pipeline.studies.expansion import ModelName, asks_about_the_year
+from pipeline.studies.models import ModelName
 
 YEAR = {
     "auc_top1": ("cells", "auc_top1"),
@@ -43,17 +43,16 @@ def year(table: pd.DataFrame) -> pd.DataFrame:
 def precision_recall(gathering: Gathering) -> pd.DataFrame:
     """A row a method, test sequence and threshold of the SCI paper's curve: top-1, by cells."""
     frames = []
-    for method in gathering.study["methods"] if asks_about_the_year(gathering.study) else ():
-        for sequence in gathering.study["tests"]:
-            evaluation = gathering.evaluation(
-                gathering.study["grids"][0], ModelName(method["name"]), sequence
-            )
+    study = gathering.study
+    for method in study.methods if study.asks_about_the_year else ():
+        for sequence in study.tests:
+            evaluation = gathering.evaluation(study.grids[0].name, ModelName(method.name), sequence)
             columns = {
                 "threshold": evaluation.thresholds,
                 "recall": evaluation.cells.recall[0],
                 "precision": evaluation.cells.precision[0],
             }
-            frames.append(pd.DataFrame({"method": method["name"], "sequence": sequence, **columns}))
+            frames.append(pd.DataFrame({"method": method.name, "sequence": sequence, **columns}))
     return (
         pd.concat(frames)
         if frames

@@ -10,7 +10,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -47,16 +46,9 @@ from pipeline.formats.changes import read_changes
 from pipeline.matching.rejection import PREFIX, Evidence
 from pipeline.schemas_lifelong import LIFELONG
 from pipeline.store import Artifact
-from pipeline.studies.expansion import (
-    ModelName,
-    Study,
-    answerers,
-    asks_about_the_year,
-    grids,
-    is_timed,
-    models_of,
-    on_bird_views,
-)
+from pipeline.studies.layout import Layout
+from pipeline.studies.models import ModelName
+from pipeline.studies.study import Study, StudyMethod
 
 FILE = "results.csv"
 
@@ -68,10 +60,8 @@ class Gathering:
     Raises ArtifactError for an artifact that is missing.
     """
 
-    artifacts: Path
-    name: str
-    study: Mapping[str, Any]
-    simulated: bool
+    layout: Layout
+    study: Study
     ageing: Ageing
     bands: Bands
     unseen_share: float  # of queries, that the held-out AUC expects
@@ -79,18 +69,19 @@ class Gathering:
     def table(self) -> pd.DataFrame:
         """All rows of the study."""
         rows = [*self._answers(), *self._viewpoints(), *self._lifelong()]
-        return table(rows, study=self.name, dataset=self.name, simulated=self.simulated)
+        name = self.study.name
+        return table(rows, study=name, dataset=name, simulated=self.study.simulated)
 
     def _answers(self) -> Rows:
         """Rows of every model at every cell size on every sequence.
 
         For the study's own cells also rows of several evaluations together.
         """
-        tests = self.study["tests"]
-        stress = self.study.get("stress", {})
-        models = answerers(self.study)
-        for grid in grids(self.study) if asks_about_the_year(self.study) else ():
-            is_own_grid = grid in self.study["grids"]
+        tests = self.study.tests
+        stress = self.study.stress
+        models = self.study.answerers
+        for grid in self._all_grids():
+            is_own_grid = grid in self.study.grid_names
             of_methods: dict[str, dict[str, Evaluation]] = {}
             of_variants: dict[tuple[str, str], dict[str, Evaluation]] = {}
             held_out = {}
@@ -120,9 +111,7 @@ class Gathering:
                     for name in sorted(tests, key=lambda name: (as_driven[name].days, name))
                 }
                 if not model.posed:
-                    learned = store.read_model(
-                        self._path("train", grid, f"{model.name}{store.MODEL}")
-                    )
+                    learned = store.read_model(self._path("train", grid, model.name))
                     kind = as_driven[tests[0]].kinds[0]
                     area = held_out_auc(Evidence.of(learned), kind, self.unseen_share)
                     yield place | row("held_out_auc", "cells", area)
@@ -132,7 +121,7 @@ class Gathering:
                         learned.get(f"{PREFIX}seen/{kind}", ()), np.float64
                     )
                     bootstrap = Bootstrap(**artifact.attrs["bootstrap"])
-                elif (self.study["question"] == "year" or model.posed) and not model.seed:
+                elif (self.study.question == "year" or model.posed) and not model.seed:
                     of_variants[model.method, model.answered] = by_day
             if is_own_grid:
                 yield {"grid": grid} | row(
@@ -148,16 +137,15 @@ class Gathering:
     def _together(self, answers: Answers, bootstrap: Bootstrap) -> Rows:
         yield from ageing_rows(answers, self.ageing)
         yield from paired_rows(answers, bootstrap)
-        if self.study["question"] == "robustness":
-            folder = self.artifacts / "events" / self.name
-            changes = {name: read_changes(folder / f"{name}.csv") for name in self.study["tests"]}
+        if self.study.question == "robustness":
+            changes = {name: read_changes(self._path("events", name)) for name in self.study.tests}
             yield from event_rows(answers, changes, self.bands, bootstrap)
 
     def _viewpoints(self) -> Rows:
         """Rows of every model on bird-views, on sequences matched with themselves."""
-        for grid in self.study["grids"]:
+        for grid in self.study.grid_names:
             for method in self._on_bird_views():
-                for model in models_of({**method, "variants": {}}):
+                for model in method.seed_models:
                     place = {"grid": grid, "method": model.method, "seed": model.seed}
                     folder = self._path("viewpoints", grid, model.name)
                     if not folder.is_dir():
@@ -169,17 +157,24 @@ class Gathering:
                             for columns in viewpoint_rows(judged)
                         )
 
-    def _on_bird_views(self) -> Sequence[Mapping[str, Any]]:
-        return on_bird_views(self.study["methods"]) if self.study["question"] != "lifelong" else ()
+    def _all_grids(self) -> list[str]:
+        """The names of all cell sizes at which places are ranked."""
+        grids = self.study.all_grids if self.study.asks_about_the_year else ()
+        return [grid.name for grid in grids]
+
+    def _on_bird_views(self) -> Sequence[StudyMethod]:
+        return self.study.bird_view_methods if not self.study.learns_further_days else ()
 
     def _lifelong(self) -> Rows:
         """Rows of every model after each day that it learned, in each order and strategy."""
-        for grid, method in product(self.study["grids"], self.study["methods"]):
-            for model in models_of(method) if self.study["question"] == "lifelong" else ():
+        if not self.study.learns_further_days:
+            return
+        for grid, method in product(self.study.grid_names, self.study.methods):
+            for model in method.models:
                 place = {"grid": grid, **model.columns}
-                for order, strategies in method["courses"].items():
+                for order, strategies in method.courses.items():
                     for strategy in strategies:
-                        path = self._path("lifelong", grid, model.name, f"{order}-{strategy}.zarr")
+                        path = self._path("lifelong", grid, model.name, f"{order}-{strategy}")
                         yield from (
                             place | columns for columns in lifelong_rows(store.read(path, LIFELONG))
                         )
@@ -189,30 +184,28 @@ class Gathering:
         return Evaluation.read(self._evaluations(grid, model, sequence))
 
     def _evaluations(self, grid: str, model: ModelName, sequence: str) -> Artifact:
-        return store.read(
-            self._path("evaluate", grid, model.name, f"{sequence}.zarr"), schemas.EVALUATIONS
-        )
+        return store.read(self._path("evaluate", grid, model.name, sequence), schemas.EVALUATIONS)
 
     def _path(self, kind: str, *names: str) -> Path:
-        return self.artifacts.joinpath(kind, self.name, *names)
+        return self.layout.path(kind, self.study.name, *names)
 
 
-def read(artifacts: Path, studies: Mapping[str, Study]) -> pd.DataFrame:
+def read(layout: Layout, studies: Mapping[str, Study]) -> pd.DataFrame:
     """Read the table of some studies by name, with their timings.
 
     Raises ArtifactError where a study has none yet.
     """
     frames = []
     for name, study in studies.items():
-        path = artifacts / "results" / name / FILE
+        path = layout.path("results", name, FILE)
         if not path.is_file():
             raise ArtifactError(f"{path}: no results yet; `dvc repro` gathers them")
         courses = sorted(
-            (artifacts / "lifelong" / name).glob("*/*/*.json")
+            layout.path("lifelong", name).glob("*/*/*.json")
         )  # beside the artifacts, not in them
         costs = [cost_rows(json.loads(course.read_text(encoding="utf-8"))) for course in courses]
         frames += [table(row for rows in costs for row in rows)] if costs else []
-        timings = sorted((artifacts / "latency" / name).glob("*.csv")) if is_timed(study) else []
+        timings = sorted(layout.path("latency", name).glob("*.csv")) if study.latency else []
         frames += [_parsed(csv) for csv in (path, *timings)]
     return pd.concat(frames, ignore_index=True) if frames else table([])
 

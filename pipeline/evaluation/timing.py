@@ -8,7 +8,7 @@ import os
 import platform
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from importlib.metadata import distributions
 from pathlib import Path
@@ -24,8 +24,10 @@ from pipeline.matching.ranking import Localizer
 from pipeline.matching.ranking import Rows as Views
 from pipeline.running.settings import Count, within
 from pipeline.running.telemetry import Trace
-from pipeline.store import MODEL, Artifact, read_model
-from pipeline.studies.expansion import ModelName
+from pipeline.store import Artifact, read_model
+from pipeline.studies.layout import Layout
+from pipeline.studies.models import ModelName
+from pipeline.studies.study import Study
 
 Samples = Mapping[str, NDArray[np.float64]]  # milliseconds of wall time (query,) by name
 Laps = dict[
@@ -145,26 +147,22 @@ class Latency:
 
 
 def contenders(
-    methods: Sequence[Mapping[str, Any]],
-    models: Path,
+    study: Study,
+    grid: str,
+    layout: Layout,
     view: Callable[[str], Any],
     method: Callable[[str], Any],
 ) -> dict[str, Contender]:
-    """Each method of a study by name, with its view and its model in `models`.
+    """Each method of a study by name, with its view and its model at one cell size.
 
     `view` and `method` make the drawing and the method of their names.
     """
-    views = {
-        name: view(name) for name in dict.fromkeys(method_conf["view"] for method_conf in methods)
-    }
+    views = {name: view(name) for name in dict.fromkeys(part.view for part in study.methods)}
     contenders_by_name = {}
-    for method_conf in methods:
-        model = read_model(models / f"{method_conf['name']}{MODEL}")
-        contenders_by_name[method_conf["name"]] = Contender(
-            method_conf["view"],
-            views[method_conf["view"]],
-            method(method_conf["name"]).localizer(model),
-        )
+    for part in study.methods:
+        model = read_model(layout.path("train", study.name, grid, part.name))
+        localizer = method(part.name).localizer(model)
+        contenders_by_name[part.name] = Contender(part.view, views[part.view], localizer)
     return contenders_by_name
 
 

@@ -13,6 +13,7 @@ from pipeline.matching.places import Places
 from pipeline.matching.ranking import Method, Rows
 from pipeline.online.pack import Packing
 from pipeline.running.progress import Progress
+from pipeline.studies.layout import Layout
 
 Order = Literal["days", "streets", "updates"]
 
@@ -21,7 +22,7 @@ Order = Literal["days", "streets", "updates"]
 class Course:
     """The days that one model of a study learns."""
 
-    artifacts: Path
+    layout: Layout
     study: str
     grid: str
     model: str
@@ -55,13 +56,13 @@ class Course:
         first, *later = (
             Rows.read(self.views / f"{name}.zarr") for name in (self.train, *self.learned)
         )
-        labels = self.artifacts / "labels" / self.study / self.grid / f"{self.train}.zarr"
+        labels = self.layout.path("labels", self.study, self.grid, self.train)
         places = Places.read(store.read(labels, schemas.LABELS))
         if order == "streets":
             no_places = Places(places.grid, places.cells[:0])
             return surveyed(method, strategy, streets(self.train, first), no_places, None, progress)
         days = dict(zip((self.train, *self.learned), (first, *later), strict=True))
-        trained = self.artifacts / "train" / self.study / self.grid / f"{self.model}{store.MODEL}"
+        trained = self.layout.path("train", self.study, self.grid, self.model)
         return surveyed(method, strategy, days, places, store.read_model(trained), progress)
 
     def updates(
@@ -70,6 +71,4 @@ class Course:
         """The localiser after each day that the model's site learns by itself."""
         site = scratch / "first.site"
         progress.tell(packing.pack(f"{self.study}/{self.grid}/{self.model}", site, progress))
-        return updated(
-            site, strategy, drives.read(self.artifacts, self.study, self.learned), progress
-        )
+        return updated(site, strategy, drives.read(self.layout, self.study, self.learned), progress)

@@ -5,7 +5,6 @@ True poses serve to count errors only.
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,16 +13,17 @@ from pipeline import schemas, store
 from pipeline.mapping.gathering import submap_points
 from pipeline.online.inputs import Scan
 from pipeline.store import Artifact
+from pipeline.studies.layout import Layout
 
 
-def read(artifacts: Path, study: str, sequences: Sequence[str]) -> dict[str, list[Scan]]:
+def read(layout: Layout, study: str, sequences: Sequence[str]) -> dict[str, list[Scan]]:
     """The scans of each sequence: its submaps, each of which is one scan."""
-    return {name: _scans(artifacts, study, name) for name in sequences}
+    return {name: _scans(layout, study, name) for name in sequences}
 
 
-def _scans(artifacts: Path, study: str, sequence: str) -> list[Scan]:
-    scans = store.read(artifacts / "scans" / study / f"{sequence}.zarr", schemas.SCANS)
-    submaps = store.read(artifacts / "submaps" / study / f"{sequence}.zarr", schemas.SUBMAPS)
+def _scans(layout: Layout, study: str, sequence: str) -> list[Scan]:
+    scans = store.read(layout.path("scans", study, sequence), schemas.SCANS)
+    submaps = store.read(layout.path("submaps", study, sequence), schemas.SUBMAPS)
     odom_T_anchor = scans.load("odom_T_scan")[submaps.load("scans")]
     rows = enumerate(
         zip(submaps.load("stamps_ns"), odom_T_anchor, submaps.load("world_T_anchor"), strict=True)

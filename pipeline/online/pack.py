@@ -32,7 +32,8 @@ from pipeline.running.dvc_files import DvcLock
 from pipeline.running.progress import Progress
 from pipeline.running.texts import read_yaml
 from pipeline.store import Artifact
-from pipeline.studies.expansion import models_of
+from pipeline.studies.layout import Layout
+from pipeline.studies.study import Study, StudyMethod
 
 VERSIONS = ("numpy", "numba", "torch", "small_gicp", "safetensors")
 NOT_ASKED = (HELD_OUT, "curves/", "best_epoch")
@@ -44,8 +45,8 @@ class Packing:
     """Packs sites from a project's artifacts, as its conf/ describes them."""
 
     conf: Path
-    artifacts: Path
-    studies: Mapping[str, Mapping[str, Any]]
+    layout: Layout
+    studies: Mapping[str, Study]
 
     def pack(self, name: str, out: Path, progress: Progress) -> str:
         """Write the site of STUDY/GRID/MODEL; returns what it holds, in a line.
@@ -54,17 +55,16 @@ class Packing:
         scans; ArtifactError where an artifact is missing.
         """
         dataset, grid, model_name, method = self._named(name)
-        study = self.studies[dataset]
-        train = study["train"]
-        labels = self._read("labels", schemas.LABELS, dataset, grid, f"{train}.zarr")
-        scans = self._read("scans", schemas.SCANS, dataset, f"{train}.zarr")
-        submaps = self._read("submaps", schemas.SUBMAPS, dataset, f"{train}.zarr")
+        train = self.studies[dataset].train_text
+        labels = self._read("labels", schemas.LABELS, dataset, grid, train)
+        scans = self._read("scans", schemas.SCANS, dataset, train)
+        submaps = self._read("submaps", schemas.SUBMAPS, dataset, train)
         if not (submaps.load("first") == submaps.load("scans")).all():
             raise ConfigError(
                 f"{name}: its submaps gather several scans or sweeps; a site localises single scans"
             )
-        view = read_yaml(self.conf / "view" / f"{method['view']}.yaml")
-        model_path = self.artifacts / "train" / dataset / grid / f"{model_name}{store.MODEL}"
+        view = read_yaml(self.conf / "view" / f"{method.view}.yaml")
+        model_path = self.layout.path("train", dataset, grid, model_name)
         recipe = {key: plain(value) for key, value in store.read_recipe(model_path).items()}
         trained_model = store.read_model(model_path)
         settings = read_yaml(self.conf / "poses.yaml")
@@ -72,7 +72,7 @@ class Packing:
         fixer, held_out = (build(settings[key], site.ROOTS) for key in ("fixer", "held_out"))
         assert isinstance(held_out, HeldOut)
         with ExitStack() as stack:
-            map_path = self.artifacts / "map" / dataset / f"{train}.zarr"
+            map_path = self.layout.path("map", dataset, train)
             if not map_path.is_dir():
                 map_path = Path(stack.enter_context(TemporaryDirectory()), map_path.name)
                 progress.tell(f"thin {submaps['scans'].shape[0]} submaps into a map")
@@ -84,7 +84,7 @@ class Packing:
                 write_map(map_path, scans, submaps, **thinning)
             site_map = store.read(map_path, schemas.MAPS)
             localizer = build(recipe, site.ROOTS).localizer(trained_model)
-            views = Rows.read(self.artifacts / "views" / dataset / method["view"] / f"{train}.zarr")
+            views = Rows.read(self.layout.path("views", dataset, method.view, train))
             drive = Drive(Path(scans.path), Path(submaps.path))
             learned_day = TrainingDay(
                 map_path, drive, views, labels.load("places"), build(view, site.ROOTS), localizer, k
@@ -94,11 +94,10 @@ class Packing:
             arrays = {key: site_map.load(key) for key in schemas.MAPS.columns}
         verdict = Verdict(evidence, settings["unseen_share"])
         limits = {belief: verdict.limits(belief) for belief in BELIEFS}
-        dataset_settings = read_yaml(self.conf / "dataset" / f"{dataset}.yaml")
-        reader = dataset_settings["reader"]
+        reader = read_yaml(self.conf / "dataset" / f"{dataset}.yaml")["reader"]
         about = {
             "name": name,
-            "simulated": bool(dataset_settings["simulated"]),
+            "simulated": self.studies[dataset].simulated,
             "method": recipe,
             "view": view,
             "fixer": settings["fixer"],
@@ -138,7 +137,7 @@ class Packing:
             f"blocks it {promised}"
         )
 
-    def _named(self, name: str) -> tuple[str, str, str, Mapping[str, Any]]:
+    def _named(self, name: str) -> tuple[str, str, str, StudyMethod]:
         """Study, grid, model and the study's entry of its method, from STUDY/GRID/MODEL.
 
         Raises ConfigError where there is no such model.
@@ -151,36 +150,34 @@ class Packing:
             )
         dataset, grid, model_name = words
         study = self.studies[dataset]
-        if grid not in study["grids"]:
-            raise ConfigError(f"{name}: {dataset} has the grids {', '.join(study['grids'])}")
-        models = {model.name: method for method in study["methods"] for model in models_of(method)}
+        if grid not in study.grid_names:
+            raise ConfigError(f"{name}: {dataset} has the grids {', '.join(study.grid_names)}")
+        models = {model.name: method for method in study.methods for model in method.models}
         if model_name not in models:
             if model_name.removesuffix("-pose") in models:
                 raise ConfigError(
                     f"{name}: pack {dataset}/{grid}/{model_name.removesuffix('-pose')}; every site "
                     "makes poses"
                 )
-            packed = [
-                model for model, method in models.items() if method.get("stage") != "birdviews"
-            ]
+            packed = [model for model, method in models.items() if not method.is_on_bird_views]
             raise ConfigError(f"{name}: of {dataset} can be packed {', '.join(packed)}")
-        if models[model_name].get("stage") == "birdviews":
+        if models[model_name].is_on_bird_views:
             raise ConfigError(
                 f"{name}: matches sequences of bird-views; a site localises single scans"
             )
         return dataset, grid, model_name, models[model_name]
 
     def _read(self, kind: str, schema: store.Schema, *names: str) -> Artifact:
-        return store.read(self.artifacts.joinpath(kind, *names), schema)
+        return store.read(self.layout.path(kind, *names), schema)
 
     def _provenance(self, dataset: str, grid: str, train: str, trained: Path) -> dict[str, Any]:
         """What the site was made of: DVC's digests, versions, and the day that was learned."""
         lock = DvcLock.read(self.conf.parent / "dvc.lock")
-        root = self.artifacts.parent
+        root = self.layout.root.parent
         parts = {
             "model": trained,
-            "labels": self.artifacts / "labels" / dataset / grid,
-            "scans": self.artifacts / "scans" / dataset,
+            "labels": self.layout.path("labels", dataset, grid),
+            "scans": self.layout.path("scans", dataset),
         }
         digests = {
             part: lock.of(path.relative_to(root).as_posix())[0] for part, path in parts.items()

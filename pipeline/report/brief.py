@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from io import StringIO
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -20,7 +19,7 @@ from pipeline.report.sections.lifelong_numbers import (
 )
 from pipeline.report.summary import Row, Summary
 from pipeline.report.table import MISSING, average, fixed
-from pipeline.studies.courses import LIFELONG
+from pipeline.studies.study import CellSize, Study
 
 LINES = 30
 WIDEST = 78
@@ -32,13 +31,13 @@ NARROWEST = 64
 """Below these widths the columns that matter less are left out."""
 
 
-def brief(table: pd.DataFrame, studies: Mapping[str, Mapping[str, Any]], width: int) -> str:
+def brief(table: pd.DataFrame, studies: Mapping[str, Study], width: int) -> str:
     """A few lines on each study of a table of results, recorded studies first.
 
     At most LINES lines of at most `width` columns (WIDEST if that is less).
     """
-    study_grids = [(name, grid) for name, study in studies.items() for grid in study["grids"]]
-    study_grids.sort(key=lambda pair: studies[pair[0]]["source"] == "world")
+    study_grids = [(study, grid) for study in studies.values() for grid in study.grids]
+    study_grids.sort(key=lambda pair: pair[0].simulated)
     row_limit = max((LINES - 1) // max(len(study_grids), 1) - AROUND, 2)
     with StringIO() as file:
         console = Console(
@@ -49,24 +48,17 @@ def brief(table: pd.DataFrame, studies: Mapping[str, Mapping[str, Any]], width: 
             emoji=False,
             markup=False,
         )
-        for name, grid in study_grids:
-            rows = table[(table["study"] == name) & (table["grid"] == grid)]
-            if studies[name].get("question") == LIFELONG:
-                _print_learning(console, name, grid, rows, studies[name], row_limit)
+        for study, grid in study_grids:
+            rows = table[(table["study"] == study.name) & (table["grid"] == grid.name)]
+            if study.learns_further_days:
+                _print_learning(console, study, grid, rows, row_limit)
             else:
-                _print(
-                    console, name, grid, Summary.of(rows, studies[name]), studies[name], row_limit
-                )
+                _print(console, study, grid, Summary.of(rows, study), row_limit)
         return "\n".join(line.rstrip() for line in file.getvalue().splitlines())
 
 
 def _print_learning(
-    console: Console,
-    name: str,
-    grid: str,
-    rows: pd.DataFrame,
-    study: Mapping[str, Any],
-    row_limit: int,
+    console: Console, study: Study, grid: CellSize, rows: pd.DataFrame, row_limit: int
 ) -> None:
     """One study of learning further days: recall and forgetting after the last step of each order.
 
@@ -76,11 +68,10 @@ def _print_learning(
     orders = by_order(strategies)
     by_model_and_strategy = by_strategy(strategies)
     numbers = ("recall_of_all", "forgetting")[: 1 if console.width < NARROW else 2]
-    name += ", simulated" if study["source"] == "world" else ", recorded"
+    name = f"{study.name}, {'simulated' if study.simulated else 'recorded'}"
     correct_m = rows.loc[rows["number"] == "correct_m", "value"].max()
     title = (
-        f"{name}: learned further days, cells of {grid.removesuffix('m')} m, right within "
-        f"{correct_m:g} m"
+        f"{name}: learned further days, cells of {grid.cell_m:g} m, right within {correct_m:g} m"
     )
     console.print(title, overflow="ellipsis", no_wrap=True)
     lines = Table("", box=None, pad_edge=False, expand=True, padding=(0, 2, 0, 0))
@@ -103,15 +94,10 @@ def _print_learning(
 
 
 def _print(
-    console: Console,
-    name: str,
-    grid: str,
-    summary: Summary,
-    study: Mapping[str, Any],
-    row_limit: int,
+    console: Console, study: Study, grid: CellSize, summary: Summary, row_limit: int
 ) -> None:
     """One study at one cell size."""
-    name += ", simulated" if study["source"] == "world" else ", recorded"
+    name = f"{study.name}, {'simulated' if study.simulated else 'recorded'}"
     if not summary.rows:
         return console.print(
             f"{name}: judged by viewpoints alone; `yearloc results --full`\n",
@@ -119,10 +105,7 @@ def _print(
             no_wrap=True,
         )
     days = "1 test day" if len(summary.tests) == 1 else f"{len(summary.tests)} test days"
-    title = (
-        f"{name}: learned {day(study['train'].split()[0])}, {days}, cells of "
-        f"{grid.removesuffix('m')} m"
-    )
+    title = f"{name}: learned {day(study.train[0])}, {days}, cells of {grid.cell_m:g} m"
     console.print(title, overflow="ellipsis", no_wrap=True)
     ends = [0, -1] if len(summary.tests) > 1 else [0]
     heads = [

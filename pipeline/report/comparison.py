@@ -11,7 +11,7 @@ import pandas as pd
 
 from pipeline.errors import InputError
 from pipeline.report.measurement import Measurement, deviation
-from pipeline.studies.expansion import ModelName
+from pipeline.studies.models import ModelName
 
 ONE_SEED = 0.02
 """What another seed may do to a model of one seed: means over a simulated year of three seeds

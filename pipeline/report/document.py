@@ -10,7 +10,8 @@ from pipeline.report.result import NONE, Values, day
 from pipeline.report.study import indexed
 from pipeline.report.summary import Summary, scorecard
 from pipeline.report.table import Cell, Table, number, table
-from pipeline.studies.expansion import ModelName
+from pipeline.studies.models import ModelName
+from pipeline.studies.study import Study
 
 SHOWN = (("cells", "recall_at_1"), ("cells", "auc_top1"), ("cells", "auroc"))
 POSES = (
@@ -23,16 +24,15 @@ POSES = (
 )
 
 
-def document(results: pd.DataFrame, studies: Mapping[str, Mapping[str, Any]]) -> str:
+def document(results: pd.DataFrame, studies: Mapping[str, Study]) -> str:
     """All tables, recorded studies first; studies of viewpoints alone are left out."""
     filled_studies = []
-    for name, study in sorted(studies.items(), key=lambda item: item[1]["source"] == "world"):
-        for grid in study["grids"]:
-            study_rows = results[(results["study"] == name) & (results["grid"] == grid)]
+    for study in sorted(studies.values(), key=lambda study: study.simulated):
+        for grid in study.grids:
+            study_rows = results[(results["study"] == study.name) & (results["grid"] == grid.name)]
             if (summary := Summary.of(study_rows, study)).rows:
                 filled_studies.append(
                     {
-                        "name": name,
                         "study": study,
                         "grid": grid,
                         "tables": list(_tables(study_rows, summary)),
@@ -41,11 +41,11 @@ def document(results: pd.DataFrame, studies: Mapping[str, Mapping[str, Any]]) ->
     return template("results.md.j2", studies=filled_studies)
 
 
-def scores(results: pd.DataFrame, studies: Mapping[str, Mapping[str, Any]]) -> str:
+def scores(results: pd.DataFrame, studies: Mapping[str, Study]) -> str:
     """The scorecard of each study alone, without the time of a query."""
     tables = []
     for name, study in studies.items():
-        for grid in study["grids"]:
+        for grid in study.grid_names:
             study_rows = results[
                 (results["study"] == name)
                 & (results["grid"] == grid)

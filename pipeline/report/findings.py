@@ -413,7 +413,7 @@ def scope(study: Study, sequences: int, seeds: int, repeats: int = 1) -> Finding
         "sequences": sequences,
         "seeds": seeds,
         "repeats": repeats,
-        "budget": study.words["budget"],
+        "budget": study.settings.budget,
     }
     return Finding("scope", where=study.where, grid=study.grid, **extent)
 

@@ -2,13 +2,14 @@
 
 import re
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import pandas as pd
 
 from pipeline.errors import ConfigError
 from pipeline.report.brief import WIDEST, brief
 from pipeline.report.document import document, scores
+from pipeline.studies.study import Study
 
 PAGES = "README.md", "docs/index.md", "docs/RESULTS.md"
 MARK = re.compile(
@@ -57,7 +58,7 @@ def filled(page: str, texts: Mapping[Block, str]) -> str:
 
 
 def table_texts(
-    results: pd.DataFrame, studies: Mapping[str, Mapping[str, Any]], arithmetic: str
+    results: pd.DataFrame, studies: Mapping[str, Study], arithmetic: str
 ) -> dict[Block, str]:
     """The texts of all blocks of tables that these studies fill, on a processor of `arithmetic`."""
     texts = {}
@@ -69,5 +70,5 @@ def table_texts(
             ("tables", document(rows, one_study)),
             (arithmetic, scores(rows, one_study)),
         ):
-            texts[Block(name, study["budget"], kind)] = text
+            texts[Block(name, study.budget, kind)] = text
     return texts

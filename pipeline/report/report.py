@@ -3,7 +3,6 @@
 import json
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 
@@ -16,8 +15,8 @@ from pipeline.report.study import Study
 from pipeline.report.web import page
 from pipeline.report.web.front import Front
 from pipeline.running.dvc_files import DvcLock
-from pipeline.studies.courses import LIFELONG
-from pipeline.studies.expansion import asks_about_the_year, on_bird_views
+from pipeline.studies.layout import Layout
+from pipeline.studies.study import Study as StudySettings
 from pipeline.views.birdview import BirdView
 
 # which figure files a study has, and whose they are: MLflow shows them beside model and sequence
@@ -26,8 +25,8 @@ MANIFEST = "figures.json"
 
 def write(
     folder: Path,
-    artifacts: Path,
-    studies: Mapping[str, Any],
+    layout: Layout,
+    studies: Mapping[str, StudySettings],
     table: pd.DataFrame,
     few: int,
     view: Callable[[str], BirdView],
@@ -38,9 +37,9 @@ def write(
     change say little.
     """
     entries = []
-    for name, words in studies.items():
-        for grid in words["grids"]:
-            study = Study(artifacts, name, words, grid, table[table["study"] == name])
+    for name, settings in studies.items():
+        for grid in settings.grid_names:
+            study = Study(layout, settings, grid, table[table["study"] == name])
             study_folder = folder / name / grid
             study_folder.mkdir(parents=True)
             study_sections = list(_sections(study, study_folder, few, view))
@@ -62,14 +61,14 @@ def write(
             )
             entries.append(
                 page.Entry(
-                    study, study_sections, Front(study) if asks_about_the_year(words) else None
+                    study, study_sections, Front(study) if settings.asks_about_the_year else None
                 )
             )
     if not entries:
-        raise ArtifactError(f"{artifacts}: nothing to report yet; `dvc repro` builds the studies")
+        raise ArtifactError(f"{layout.root}: nothing to report yet; `dvc repro` builds the studies")
     path = folder / "page.html"
     path.write_text(
-        page.html(entries, DvcLock.read(artifacts.parent / "dvc.lock")), encoding="utf-8"
+        page.html(entries, DvcLock.read(layout.root.parent / "dvc.lock")), encoding="utf-8"
     )
     sections = [section for entry in entries for section in entry.sections]
     figures = sum(len(section.illustrations) for section in sections)
@@ -84,11 +83,11 @@ def write(
 def _sections(
     study: Study, folder: Path, few: int, view: Callable[[str], BirdView]
 ) -> Iterator[Section]:
-    if asks_about_the_year(study.words):
+    if study.settings.asks_about_the_year:
         yield from year.sections(study, folder)
         yield from poses.sections(study, folder)
         yield from cases.sections(study, folder, few)
-    if study.words["question"] == LIFELONG:
+    if study.settings.learns_further_days:
         yield lifelong.section(study, folder)
-    elif methods := on_bird_views(study.words["methods"]):
-        yield viewpoints.section(study, folder, view(methods[0]["view"]))
+    elif methods := study.settings.bird_view_methods:
+        yield viewpoints.section(study, folder, view(methods[0].view))

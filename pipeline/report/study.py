@@ -17,7 +17,9 @@ from pipeline.evaluation.protocols import Distance
 from pipeline.report.result import Result, Values, by_model
 from pipeline.report.table import average
 from pipeline.store import Artifact
-from pipeline.studies.expansion import ModelName, answerers, folder, models_of
+from pipeline.studies import study as studies
+from pipeline.studies.layout import Layout
+from pipeline.studies.models import ModelName
 
 
 @dataclass(frozen=True)
@@ -83,21 +85,25 @@ def against(rows: pd.DataFrame, protocol: str) -> pd.DataFrame:
 class Study:
     """A study at one of its cell sizes."""
 
-    artifacts: Path
-    name: str
-    words: Mapping[str, Any]  # of conf/studies.yaml
+    layout: Layout
+    settings: studies.Study  # of conf/studies.yaml
     grid: str
     table: pd.DataFrame  # all rows of the study, those of other grids too
 
     @property
+    def name(self) -> str:
+        """The study's name, which is its data set's."""
+        return self.settings.name
+
+    @property
     def train(self) -> str:
         """The name of the training sequence; several are separated by blanks."""
-        return str(self.words["train"])
+        return self.settings.train_text
 
     @property
     def simulated(self) -> bool:
         """Whether the data set is a simulated world."""
-        return bool(self.words["heeds"] == "simulated")
+        return self.settings.simulated
 
     @property
     def where(self) -> str:
@@ -125,11 +131,11 @@ class Study:
 
         Models with poses come too, and in a study of the year the variants.
         """
-        first_seeds = [model for model in answerers(self.words) if not model.seed]
+        first_seeds = [model for model in self.settings.answerers if not model.seed]
         return [
             model.name
             for model in first_seeds
-            if model.posed or not model.variant or self.words["question"] == "year"
+            if model.posed or not model.variant or self.settings.question == "year"
         ]
 
     @cached_property
@@ -140,8 +146,7 @@ class Study:
     @cached_property
     def trained(self) -> dict[str, Path]:
         """The file of every model of the study, variants and seeds too."""
-        names = [model.name for method in self.words["methods"] for model in models_of(method)]
-        return {name: self.find("train", model=name) for name in names}
+        return {model.name: self.find("train", model=model.name) for model in self.settings.models}
 
     def recipe(self, model: str) -> Mapping[str, str]:
         """The parameters that a model was trained with."""
@@ -159,7 +164,7 @@ class Study:
                 group, "protocol", "number"
             )
         for model in self.families:
-            for sequence in self.words["tests"]:
+            for sequence in self.settings.tests:
                 artifact = self.artifact("evaluate", sequence, model)
                 evaluation = Evaluation.read(artifact)
                 wanted_precision = float(artifact.attrs["wanted_precision"])
@@ -195,14 +200,14 @@ class Study:
         """The training path (n, 2)."""
         poses = [
             self.artifact("submaps", sequence).load("world_T_anchor")
-            for sequence in self.train.split()
+            for sequence in self.settings.train
         ]
         return np.asarray(np.concatenate(poses)[:, :2, 3], np.float64)
 
     @cached_property
     def labels(self) -> Artifact:
         """The labels of the (first) training sequence."""
-        return self.artifact("labels", self.train.split()[0])
+        return self.artifact("labels", self.settings.train[0])
 
     @property
     def cell_m(self) -> float:
@@ -213,14 +218,14 @@ class Study:
     def distance(self) -> Distance:
         """The distances that the evaluations were judged by."""
         return Distance(
-            **self.artifact("evaluate", self.words["tests"][0], self.families[0]).attrs["distance"]
+            **self.artifact("evaluate", self.settings.tests[0], self.families[0]).attrs["distance"]
         )
 
     @cached_property
     def bootstrap(self) -> Bootstrap:
         """How the intervals of the evaluations were computed."""
         return Bootstrap(
-            **self.artifact("evaluate", self.words["tests"][0], self.families[0]).attrs["bootstrap"]
+            **self.artifact("evaluate", self.settings.tests[0], self.families[0]).attrs["bootstrap"]
         )
 
     def find(self, kind: str, sequence: str = "", model: str = "") -> Path:
@@ -229,17 +234,17 @@ class Study:
         Scans, submaps and labels go by sequence, models by model, other artifacts by both. The
         answers of a model with poses lie with the poses.
         """
-        views = {method["name"]: method["view"] for method in self.words["methods"]}
-        answerer = {candidate.name: candidate for candidate in answerers(self.words)}.get(model)
+        views = {method.name: method.view for method in self.settings.methods}
+        answerer = {candidate.name: candidate for candidate in self.settings.answerers}.get(model)
         if kind == "localize" and answerer:
-            return self.artifacts / folder(self.name, self.grid, answerer) / f"{sequence}.zarr"
+            return self.layout.answers(self.name, self.grid, answerer, sequence)
         learner = replace(answerer, posed=False, path="").name if answerer else model
-        relative_path = {
-            "labels": f"{self.grid}/{sequence}.zarr",
-            "views": f"{views[answerer.method] if answerer else ''}/{sequence}.zarr",
-            "train": f"{self.grid}/{learner}{store.MODEL}",
-        }.get(kind, f"{self.grid}/{model}/{sequence}.zarr" if model else f"{sequence}.zarr")
-        return self.artifacts / kind / self.name / relative_path
+        names = {
+            "labels": (self.grid, sequence),
+            "views": (views[answerer.method] if answerer else "", sequence),
+            "train": (self.grid, learner),
+        }.get(kind, (self.grid, model, sequence) if model else (sequence,))
+        return self.layout.path(kind, self.name, *names)
 
     def artifact(self, kind: str, sequence: str = "", model: str = "") -> Artifact:
         """Open an artifact; raises ArtifactError where it is missing."""
@@ -247,4 +252,9 @@ class Study:
 
     def source(self, kind: str, sequence: str = "", model: str = "") -> str:
         """The path of an artifact as dvc.lock names it."""
-        return self.find(kind, sequence, model).relative_to(self.artifacts.parent).as_posix()
+        return self.find(kind, sequence, model).relative_to(self.layout.root.parent).as_posix()
+
+    def folder(self, kind: str, *names: str) -> str:
+        """The path of a folder of the study's artifacts, as dvc.lock names it."""
+        path = self.layout.path(kind, self.name, *names)
+        return path.relative_to(self.layout.root.parent).as_posix()

@@ -1,8 +1,8 @@
 """A study in one table: each model's recall@1 on each test day, its share of answers and time."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 import pandas as pd
@@ -10,7 +10,8 @@ import pandas as pd
 from pipeline.errors import ArtifactError
 from pipeline.evaluation.doubts import VOID
 from pipeline.report.table import Cell, Table, average, kept, number, table
-from pipeline.studies.expansion import ModelName
+from pipeline.studies.models import ModelName
+from pipeline.studies.study import Study
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,7 @@ class Summary:
         return any(not np.isnan(row.query_ms) for row in self.rows)
 
     @classmethod
-    def of(cls, results: pd.DataFrame, study: Mapping[str, Any]) -> Self:
+    def of(cls, results: pd.DataFrame, study: Study) -> Self:
         """Summarise the rows of the table of results that are of this study and cell size.
 
         Raises ArtifactError for a table of an earlier version, which does not say how near is
@@ -70,7 +71,7 @@ class Summary:
             & (results["seed"] == 0)
         ]
         test_rows = driven_rows[
-            driven_rows["sequence"].isin(study["tests"]) & (driven_rows["protocol"] == "distance")
+            driven_rows["sequence"].isin(study.tests) & (driven_rows["protocol"] == "distance")
         ]
         days = (
             test_rows.drop_duplicates("sequence")

@@ -31,7 +31,7 @@ from pipeline.report.table import (
     table,
 )
 from pipeline.studies import catalogue
-from pipeline.studies.expansion import ModelName
+from pipeline.studies.models import ModelName
 
 # heading, number, digits: what is shown without intervals
 SHOWN_MEANS = (

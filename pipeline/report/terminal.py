@@ -9,18 +9,16 @@ from pipeline.report.sections import lifelong_tables
 from pipeline.report.sections.lifelong_numbers import by_order, read_strategies
 from pipeline.report.study import Study
 from pipeline.report.table import WIDEST
-from pipeline.studies.courses import LIFELONG
-from pipeline.studies.expansion import asks_about_the_year, on_bird_views
 
 
 def text(study: Study, figures: int) -> str:
     """The text for a study at one cell size; `figures` is the number of figures in its report."""
-    report = study.artifacts / "report" / study.name / study.grid / "report.md"
+    report = study.layout.path("report", study.name, study.grid, "report.md")
     return "\n".join([*_blocks(study), f"  {report}, with {figures} figures beside it\n"])
 
 
 def _blocks(study: Study) -> Iterator[str]:
-    if asks_about_the_year(study.words):
+    if study.settings.asks_about_the_year:
         yield f"{study.where}, trained on {study.train} alone, cells of {study.cell_m:g} m\n"
         yield tables.setup(study, longest=78).text()
         for protocol in tables.BOTH:
@@ -29,14 +27,14 @@ def _blocks(study: Study) -> Iterator[str]:
         yield from (tables.means(study).text(), _wrap(words("terminal")) + "\n")
         if doubts := [_wrap(sentence(doubt)) for doubt in findings.doubts(study)]:
             yield "\n".join(doubts) + "\n"
-    if study.words["question"] == LIFELONG:
+    if study.settings.learns_further_days:
         yield f"{study.where}: after the last step of learning, means over the seeds\n"
         for order, strategies in by_order(read_strategies(study.rows)).items():
             yield from (
                 _wrap(caption(order_table)) + "\n" + order_table.text()
                 for order_table in lifelong_tables.of_order(order, strategies)
             )
-    elif on_bird_views(study.words["methods"]):
+    elif study.settings.bird_view_methods:
         yield (
             f"{study.where}: each sequence matched with itself, from headings between the "
             "reference's\n"

@@ -4,37 +4,36 @@ The strategies are files of conf/strategy.
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 from pipeline.errors import ConfigError
+from pipeline.studies.layout import Layout
+from pipeline.studies.study import Study, StudyMethod
 
-LIFELONG = "lifelong"
 SETTING = "rehearsed"
 """A method that has it trains its network further; of others the database grows."""
 
 
 def instances(
-    entry: Mapping[str, Any],
-    study: Mapping[str, Any],
-    method: Mapping[str, Any],
-    instead: Mapping[str, str],
-) -> Any:
+    entry: Mapping[str, Any], study: Study, method: StudyMethod, instead: Mapping[str, str]
+) -> dict[str, dict[str, Any]]:
     """The instances of the stage `lifelong` for one model: name to entry."""
-    dataset = entry["dataset"]
+    dataset = study.name
+    learned = {"days": study.learned, "updates": study.updates}
     entries = {}
-    for order, strategies in method["courses"].items():
+    for order, strategies in method.courses.items():
         reads_scans = order == "updates"  # its scans are localised, and so read
         drives = {
-            kind: f"artifacts/{kind}/{dataset}" if reads_scans else instead[substitute]
+            kind: Layout().path(kind, dataset).as_posix() if reads_scans else instead[substitute]
             for kind, substitute in INSTEAD_OF.items()
         }
-        learned = " ".join(study.get({"days": "learned"}.get(order, order), ()))
         for strategy in strategies:
             course = {
                 "order": order,
                 "strategy": strategy,
-                "learned": learned,
-                "asked": " ".join(study["tests"]),
+                "learned": " ".join(learned.get(order, ())),
+                "asked": " ".join(study.tests),
             }
             entries[f"{dataset}-{entry['grid']}-{entry['model']}-{order}-{strategy}"] = {
                 **entry,
@@ -47,30 +46,36 @@ def instances(
 INSTEAD_OF = {"scans": "viewed", "submaps": "changed"}
 
 
-def further_days(
-    study: Mapping[str, Any], options: Mapping[str, str], preset: str, tests: list[str]
-) -> dict[str, list[str]]:
-    """The days that a study learns after the first, those learned by itself, and its test days.
+def with_further_days(
+    study: Study, defaults: Mapping[str, Any], preset: str, learned: str
+) -> Study:
+    """The study with the days that it learns after the first, and those left to test.
 
-    Of a recorded data set every second test sequence is learned, unless `learned` says which.
-    Raises ConfigError where no day is left to learn or to test.
+    `defaults` is the study in the data set's yaml, which tells the days of each preset of a world,
+    and those that a site learns by itself. Of a recorded data set every second test sequence is
+    learned, unless `learned` names some, with commas between. Raises ConfigError where no day is
+    left to learn or to test.
     """
-    default = study.get("learned", {}).get(preset, tests[::2])
-    learned = options["learned"].split(",") if "learned" in options else list(default)
-    asked_days = [day for day in tests if day not in learned]
-    if not learned or not asked_days:
+    default = defaults.get("learned", {}).get(preset, study.tests[::2])
+    learned_days = learned.split(",") if learned else list(default)
+    asked_days = [day for day in study.tests if day not in learned_days]
+    if not learned_days or not asked_days:
         raise ConfigError(
-            f"learned={','.join(learned)}: expected some of several test sequences; the others are "
-            "asked after each"
+            f"learned={','.join(learned_days)}: expected some of several test sequences; the "
+            "others are asked after each"
         )
-    updates = [day for day in study.get("updates", {}).get(preset, ()) if day not in asked_days]
-    return {"learned": learned, "tests": asked_days} | ({"updates": updates} if updates else {})
+    updates = [day for day in defaults.get("updates", {}).get(preset, ()) if day not in asked_days]
+    return replace(
+        study, learned=tuple(learned_days), tests=tuple(asked_days), updates=tuple(updates)
+    )
 
 
 def courses(
-    study: Mapping[str, Any], settings: Mapping[str, Any], updates: bool
-) -> dict[str, list[str]]:
+    defaults: Mapping[str, Any], settings: Mapping[str, Any], updates: bool
+) -> dict[str, tuple[str, ...]]:
     """The strategies of each order for a method with these settings."""
     trained = SETTING in settings
-    strategies = dict(study["trained" if trained else "courses"])
-    return {order: list(strategies[order]) for order in strategies if order != "updates" or updates}
+    strategies = dict(defaults["trained" if trained else "courses"])
+    return {
+        order: tuple(strategies[order]) for order in strategies if order != "updates" or updates
+    }

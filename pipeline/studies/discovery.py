@@ -14,6 +14,7 @@ from pipeline.errors import ConfigError
 from pipeline.readers.log import Reader
 from pipeline.readers.parts import Part, names
 from pipeline.running.texts import read_yaml
+from pipeline.studies.layout import Layout
 
 SAFE_PATH = re.compile(r"[\w./~+@ -]+")
 SAFE_NAME = re.compile(r"\w[\w.+-]*")  # of a sequence: it becomes part of stage names and paths
@@ -24,51 +25,53 @@ BUDGETS = {"tiny": "tiny", "year": "full"}
 
 
 @dataclass(frozen=True)
-class Proposal:
-    """A study for conf/studies.yaml, and what a person should know about it."""
+class Drives:
+    """The sequences that a study trains and tests on, and where their logs are."""
 
-    study: dict[str, Any]
+    world: str
+    """A file of conf/world."""
+    root: str
+    """The folder of the logs."""
+    train: str
+    """Training sequences, with blanks between."""
+    tests: list[str]
+    budget: str
+    """What is usual for them: a file of conf/budget."""
     notes: list[str]
+    """What a person should know about them."""
 
 
 def simulated(
-    conf: Path, name: str, study: Mapping[str, Any], options: Mapping[str, str]
-) -> Proposal:
-    """Propose a study of the sequences in the world's table.
+    conf: Path, name: str, defaults: Mapping[str, Any], options: Mapping[str, str]
+) -> Drives:
+    """The sequences of the world's table that a study is proposed of.
 
     Raises ConfigError for a preset or a test sequence that it lacks.
     """
-    tests_of_world: Mapping[str, list[str]] = study["tests"]
+    tests_of_world: Mapping[str, list[str]] = defaults["tests"]
     world = options.get("world", "demo")
     if world not in tests_of_world:
         raise ConfigError(f"world={world}: expected one of {', '.join(tests_of_world)}")
     sequences = read_yaml(conf / "world" / f"{name}_{world}.yaml")["sequences"]
     tests = options["tests"].split(",") if "tests" in options else list(tests_of_world[world])
-    if study.get("parts"):
+    if defaults.get("parts"):
         sequences = [f"{log}-b" for log in sequences]
     if unknown := [test for test in tests if test not in sequences]:
         raise ConfigError(
             f"tests={unknown[0]}: conf/world/{name}_{world}.yaml drives {', '.join(sequences)}"
         )
-    drive = {
-        "world": f"{name}_{world}",
-        "source": "world",
-        "heeds": "simulated",
-        "root": f"artifacts/logs/{name}",
-    }
-    train = study["train"] if isinstance(study["train"], str) else study["train"][world]
-    return Proposal(
-        {**drive, "train": train, "tests": tests, "budget": BUDGETS.get(world, "demo")}, []
-    )
+    train = defaults["train"] if isinstance(defaults["train"], str) else defaults["train"][world]
+    root = Layout().path("logs", name).as_posix()
+    return Drives(f"{name}_{world}", root, train, tests, BUDGETS.get(world, "demo"), [])
 
 
 def recorded(
-    name: str, reader: Mapping[str, Any], study: Mapping[str, Any], options: Mapping[str, str]
-) -> Proposal:
-    """Propose a study of the sequences that can be read below the root.
+    name: str, reader: Mapping[str, Any], defaults: Mapping[str, Any], options: Mapping[str, str]
+) -> Drives:
+    """The sequences below the root that can be read, and that a study is proposed of.
 
-    Options win over the study in the data set's yaml. Raises ConfigError where that leaves no
-    training or no test sequence.
+    Options win over the study in the data set's yaml, `defaults`. Raises ConfigError where that
+    leaves no training or no test sequence.
     """
     if "root" not in options:
         raise ConfigError(f"where is {name}? Say root=FOLDER")
@@ -83,7 +86,7 @@ def recorded(
         )
     lacking = _reader(name, reader).sequences(root)
     if not lacking:
-        raise ConfigError(f"root={root}: no {name} sequence there; expected {study['expected']}")
+        raise ConfigError(f"root={root}: no {name} sequence there; expected {defaults['expected']}")
     odd = [sequence for sequence in lacking if not SAFE_NAME.fullmatch(sequence)]
     lacking |= {sequence: ["a name of letters, digits and ._+-: rename it"] for sequence in odd}
     readable = [sequence for sequence, missing_parts in lacking.items() if not missing_parts]
@@ -92,8 +95,8 @@ def recorded(
         for sequence, missing_parts in lacking.items()
         if missing_parts
     ]
-    train = study["train"]
-    tests = list(study["tests"])
+    train = defaults["train"]
+    tests = list(defaults["tests"])
     named = [
         name
         for option in ("train", "tests")
@@ -104,7 +107,7 @@ def recorded(
         for name in dict.fromkeys(named)
         if (part := Part.named(name))[1] and part[0] in readable
     ]
-    rule = options.get("parts", study.get("parts"))
+    rule = options.get("parts", defaults.get("parts"))
     if "log" in options and not rule:
         raise ConfigError(
             f"log={options['log']}: {name} splits no log; give parts= too, or train= and tests= "
@@ -174,8 +177,7 @@ def recorded(
         )
         advice = f"give tests=, some of {other_sequences}" if other_sequences else need
         raise ConfigError(f"no test sequence can be read below {root}: {advice}{all_notes}")
-    drive = {"world": "recorded", "source": "readers", "heeds": "reader", "root": str(root)}
-    return Proposal({**drive, "train": train, "tests": tests, "budget": "full"}, notes)
+    return Drives("recorded", str(root), train, tests, "full", notes)
 
 
 def _reader(name: str, settings: Mapping[str, Any]) -> Reader:

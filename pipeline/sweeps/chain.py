@@ -10,6 +10,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from pipeline.errors import ConfigError
+from pipeline.studies.layout import ARTIFACTS
 
 REFERENCE = re.compile(r"\$\{([\w.]+)\}")
 
@@ -78,7 +79,7 @@ def inputs(step: Step, makers: Mapping[str, Step]) -> dict[str, Step]:
 
     It may read an artifact whole, a part of it, or a folder of several.
     """
-    read_paths = [PurePosixPath(dep) for dep in step.deps if dep.startswith("artifacts/")]
+    read_paths = [PurePosixPath(dep) for dep in step.deps if dep.startswith(f"{ARTIFACTS}/")]
     return {
         artifact: maker
         for artifact, maker in makers.items()
@@ -91,7 +92,7 @@ def inputs(step: Step, makers: Mapping[str, Step]) -> dict[str, Step]:
 
 def code(step: Step) -> list[Path]:
     """The project's own files and folders that a step runs."""
-    return [Path(dep) for dep in step.deps if not dep.startswith("artifacts/")]
+    return [Path(dep) for dep in step.deps if not dep.startswith(f"{ARTIFACTS}/")]
 
 
 def _filled(node: Any, values: Mapping[str, Any]) -> Any:

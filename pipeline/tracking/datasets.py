@@ -5,12 +5,13 @@ A dataset has a name, a digest and a use.
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from pipeline.running.dvc_files import DvcLock
+from pipeline.studies.layout import Layout
+from pipeline.studies.study import Study
 
 if TYPE_CHECKING:
     from mlflow import MlflowClient
@@ -30,17 +31,17 @@ class UsedSequence:
 
 
 def used_sequences(
-    study: str, words: Mapping[str, Any], tests: Sequence[str], lock: DvcLock, train: bool = True
+    study: Study, tests: Sequence[str], lock: DvcLock, train: bool = True
 ) -> list[UsedSequence]:
     """The training sequence, unless `train` is false, and the test sequences.
 
     A digest is that of the study's submaps in DVC's lock files with the sequence's name; where they
-    record none, that of the study's settings, `words`.
+    record none, that of the study's settings.
     """
-    folder = f"artifacts/submaps/{study}"
-    made_of = lock.of(folder)[0] or json.dumps(words, sort_keys=True, default=str)
+    folder = Layout().path("submaps", study.name).as_posix()
+    made_of = lock.of(folder)[0] or json.dumps(study.table(), sort_keys=True, default=str)
     roles = {
-        **dict.fromkeys(words["train"].split() if train else (), "train"),
+        **dict.fromkeys(study.train if train else (), "train"),
         **dict.fromkeys(tests, "test"),
     }
     sequences = []
@@ -48,7 +49,10 @@ def used_sequences(
         digest = hashlib.sha256(f"{made_of} {sequence}".encode()).hexdigest()[:LENGTH]
         sequences.append(
             UsedSequence(
-                f"{study} {sequence}", digest, context, Path(folder, f"{sequence}.zarr").as_posix()
+                f"{study.name} {sequence}",
+                digest,
+                context,
+                Layout().path("submaps", study.name, sequence).as_posix(),
             )
         )
     return sequences

@@ -4,13 +4,14 @@ Their steps are the days learned.
 """
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 
 from pipeline.evaluation.lifelong import CHANGE
 from pipeline.studies.colours import PALETTE
-from pipeline.studies.expansion import ModelName
+from pipeline.studies.models import ModelName
 from pipeline.tracking.datasets import used_sequences
 from pipeline.tracking.page import COLOUR
 from pipeline.tracking.records import Source
@@ -20,11 +21,11 @@ from pipeline.tracking.texts import filled
 
 def records(source: Source) -> Iterator[RunRecord]:
     """Runs from the study's rows in the table of results: means over the seeds, a point a step."""
-    words = source.words
+    study = source.study
     rows = source.rows
     course_rows = rows[(rows["change"] == CHANGE) & np.isfinite(rows["value"])]
     strategies: list[str] = []
-    data = "simulated" if source.simulated else "recorded"
+    data = "simulated" if study.simulated else "recorded"
     for (kind, method, variant), group in course_rows.groupby(
         ["kind", "method", "variant"], sort=False
     ):
@@ -33,13 +34,18 @@ def records(source: Source) -> Iterator[RunRecord]:
         model = ModelName(str(method), str(variant)).name
         seeds = sorted(set(group["seed"]))
         course = {
-            "dataset": source.study,
+            "dataset": study.name,
             "grid": source.grid,
             "model": model,
             "order": order,
             "strategy": strategy,
         }
-        params = {**course, "train": words["train"], "seeds": len(seeds), "budget": words["budget"]}
+        params = {
+            **course,
+            "train": study.train_text,
+            "seeds": len(seeds),
+            "budget": study.budget,
+        }
         steps = list(
             dict.fromkeys(group.loc[group["number"] == "places"].sort_values("level")["sequence"])
         )
@@ -47,18 +53,12 @@ def records(source: Source) -> Iterator[RunRecord]:
             "course.md.j2",
             **course,
             steps=steps,
-            asked=words["tests"],
+            asked=study.tests,
             seeds=seeds,
-            simulated=source.simulated,
+            simulated=study.simulated,
         )
-        learned = [
-            step
-            for step in steps
-            if step in {words["train"], *words["learned"], *words.get("updates", ())}
-        ]
-        inputs = used_sequences(
-            source.study, {**words, "train": " ".join(learned)}, words["tests"], source.lock
-        )
+        learned = [step for step in steps if step in {*study.train, *study.learned, *study.updates}]
+        inputs = used_sequences(replace(study, train=tuple(learned)), study.tests, source.lock)
         series = dict(_series(group))
         tags = {COLOUR: PALETTE[strategies.index(strategy) % len(PALETTE)], "data": data, **course}
         yield RunRecord(

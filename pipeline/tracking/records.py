@@ -21,7 +21,9 @@ from pipeline.running.dvc_files import DvcLock
 from pipeline.running.telemetry import Trace, costs
 from pipeline.studies.catalogue import what
 from pipeline.studies.colours import colour, darker
-from pipeline.studies.expansion import ModelName
+from pipeline.studies.layout import Layout
+from pipeline.studies.models import ModelName
+from pipeline.studies.study import Study, StudyMethod
 from pipeline.sweeps.record import Record
 from pipeline.tracking.datasets import used_sequences
 from pipeline.tracking.page import COLOUR
@@ -67,10 +69,8 @@ Series = dict[str, list[tuple[int, float]]]
 class Source:
     """The study, table and figures that the runs of one study and grid are published from."""
 
-    study: str
+    study: Study
     grid: str
-    words: Mapping[str, Any]  # of conf/studies.yaml
-    simulated: bool
     rows: pd.DataFrame  # of the table of results, of this study and grid
     figures: Path  # folder of the report's figures, with its list of whose they are
     lock: DvcLock = field(
@@ -95,11 +95,11 @@ class Source:
             & (rows["variant"] == answerer.answered)
             & (rows["seed"] == 0)
         ]
-        place = {"dataset": self.study, "grid": self.grid}
+        place = {"dataset": self.study.name, "grid": self.grid}
         tint = colour(model)
         tags = {COLOUR: darker(tint) if answerer.answered else tint, **place, "method": model}
-        tags["data"] = "simulated" if self.simulated else "recorded"
-        params = {**place, "train": self.words["train"], **recipe}
+        tags["data"] = "simulated" if self.study.simulated else "recorded"
+        params = {**place, "train": self.study.train_text, **recipe}
         rows_as_driven = model_rows[(model_rows["change"] == "") & (model_rows["stress"] == "")]
         curves = {
             f"train/{name.removeprefix('curves/')}": list(enumerate(map(float, values), start=1))
@@ -107,12 +107,12 @@ class Source:
             if name.startswith("curves/")
         }
         children = []
-        for test in self.words["tests"]:
+        for test in self.study.tests:
             day = rows_as_driven[rows_as_driven["sequence"] == test]
             files = self.files(model, test)
             name = tags | {"sequence": test}
             about = self._about("day.md.j2", sequence=test, days=_days(day))
-            inputs = used_sequences(self.study, self.words, [test], self.lock, train=False)
+            inputs = used_sequences(self.study, [test], self.lock, train=False)
             children.append(
                 RunRecord(
                     test,
@@ -124,7 +124,7 @@ class Source:
                     used=inputs,
                 )
             )
-        test_rows = rows_as_driven[rows_as_driven["sequence"].isin(self.words["tests"])]
+        test_rows = rows_as_driven[rows_as_driven["sequence"].isin(self.study.tests)]
         series = (
             over_days(test_rows)
             | means(test_rows)
@@ -142,7 +142,7 @@ class Source:
         }
         about = self._about("run.md.j2", **run_values)
         registered = "" if answerer.posed else self._registered(model)
-        inputs = used_sequences(self.study, self.words, self.words["tests"], self.lock)
+        inputs = used_sequences(self.study, self.study.tests, self.lock)
         return RunRecord(
             self.run(model),
             tags,
@@ -161,19 +161,22 @@ class Source:
 
         Short, since a chart's legend has two lines for all runs.
         """
-        return model if [*self.words.get("grids", ())] == [self.grid] else f"{model} {self.grid}"
+        return model if self.study.grid_names == [self.grid] else f"{model} {self.grid}"
 
     def _registered(self, model: str) -> str:
         """The name of the method's model in the registry, such as campus-sci-simulated."""
-        return "-".join([self.study, *self.run(model).split()] + ["simulated"] * self.simulated)
+        return "-".join(
+            [self.study.name, *self.run(model).split()] + ["simulated"] * self.study.simulated
+        )
 
     def _about(self, template: str, **values: Any) -> str:
         study_values = {
-            "study": self.study,
+            "study": self.study.name,
             "grid": self.grid,
-            "simulated": self.simulated,
-            "budget": "",
-            **self.words,
+            "simulated": self.study.simulated,
+            "train": self.study.train_text,
+            "tests": self.study.tests,
+            "budget": self.study.budget,
         }
         return filled(template, **study_values | values)
 
@@ -270,15 +273,12 @@ def _points(rows: pd.DataFrame, names: pd.Series, step: str) -> Series:
     }
 
 
-def measured(
-    artifacts: Path, study: str, grid: str, method: Mapping[str, Any], model: Path
-) -> Series:
+def measured(layout: Layout, study: str, grid: str, method: StudyMethod, model: Path) -> Series:
     """The costs of a method's stages and the trace of its training, where they ran here."""
-    views = artifacts / "views" / study / method["view"]
+    views = layout.path("views", study, method.view)
     stages = {"views": [views], "train": [model]}
     stages |= {
-        stage: [artifacts / stage / study / grid / method["name"]]
-        for stage in ("localize", "evaluate")
+        stage: [layout.path(stage, study, grid, method.name)] for stage in ("localize", "evaluate")
     }
     trace = Trace.read(model)
     return {f"cost/{name}": [(0, value)] for name, value in costs(stages).items()} | (

@@ -52,8 +52,8 @@ def usual_choices(words: Sequence[str]) -> dict[str, str]:
     chosen_words = dict(word.partition("=")[::2] for word in words)
     defaults = {"dataset": chosen_words.get("dataset", next(iter(all_studies)))}
     if study := all_studies.get(defaults["dataset"]):
-        defaults |= {group: study[group] for group in ("world", "submap", "budget")}
-        defaults |= {"grid": study["grids"][0], "method": study["methods"][0]["name"]}
+        defaults |= {"world": study.world, "submap": study.submap, "budget": study.budget}
+        defaults |= {"grid": study.grids[0].name, "method": study.methods[0].name}
     return {group: choice for group, choice in defaults.items() if group not in chosen_words}
 
 

@@ -90,9 +90,9 @@ def localize_for_a_year(
 
     for study in (
         all_studies[dataset],
-        {**all_studies[dataset], "altered": {}},
+        replace(all_studies[dataset], altered={}),
     ):  # altered queries only where DVC has their answers
-        steps = expand(definition(ROOT), listed(study, dataset, overrides, cfg.method.view))
+        steps = expand(definition(ROOT), listed(study, overrides, cfg.method.view))
         chain_job = Job(steps, UpToDate(ROOT), ArtifactCache(SWEEPS), composer.settings, run)
         at = {step.stage: step for step in steps}
         if chain_job.is_built(at["localize"]):

@@ -1,6 +1,7 @@
 """Composes each stage's settings from a sweep's overrides."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import cache
 from pathlib import PurePath
 from typing import Any
@@ -10,8 +11,8 @@ from hydra import compose
 from omegaconf import DictConfig, OmegaConf
 
 from pipeline.errors import ConfigError
-from pipeline.studies.expansion import asks_about_the_year, expand
-from pipeline.studies.names import entry
+from pipeline.studies.expansion import expand
+from pipeline.studies.study import CellSize, Study, StudyMethod, settings_of
 from pipeline.sweeps.chain import Step
 from stages import ROOT, within_budget
 
@@ -54,42 +55,43 @@ def own_fields() -> dict[str, dict[str, Any]]:
     return {name: fields for name, fields in own_settings.items() if fields}
 
 
-def listed(
-    study: Mapping[str, Any], dataset: str, overrides: Mapping[str, str], method_view: str
-) -> dict[str, Any]:
+def listed(study: Study, overrides: Mapping[str, str], method_view: str) -> dict[str, Any]:
     """The lists for a job of one study, grid and method, unless `overrides` name others.
 
     `method_view` is the view of the job's method in its yaml.
     """
-    study = {
-        **study,
-        **{
-            group: overrides[group] for group in ("world", "submap", "budget") if group in overrides
-        },
-    }
-    if not asks_about_the_year(study):
+    if not study.asks_about_the_year:
         raise ConfigError(
-            f"dataset={dataset}: judges turned robots alone; a sweep compares over the year, see "
-            "`yearloc use`"
+            f"dataset={study.name}: judges turned robots alone; a sweep compares over the year, "
+            "see `yearloc use`"
         )
-    views = {method_entry["name"]: method_entry["view"] for method_entry in study["methods"]}
-    method = overrides.get("method", next(iter(views)))
+    conf = ROOT / "conf"
+    views = {method.name: method.view for method in study.methods}
+    name = overrides.get("method", study.methods[0].name)
     view = overrides.get("view") or (
-        method_view if "method.view" in overrides else views.get(method, method_view)
+        method_view if "method.view" in overrides else views.get(name, method_view)
     )
-    own_lists: dict[str, Any] = {
-        "cells": [],
-        "stress": {},
-        "poses": [],
-        "grids": [overrides.get("grid", study["grids"][0])],
+    changed_settings = {
+        key: value for method in study.methods for key, value in method.settings.items()
     }
-    defaults = {
-        name: value
-        for method_entry in study["methods"]
-        for name, value in method_entry.get("settings", {}).items()
-    }
-    own_lists["methods"] = [entry(ROOT / "conf", method, view, defaults=defaults)]
-    return expand({dataset: study | own_lists})
+    own_settings = settings_of(conf, name)
+    method = replace(
+        StudyMethod.described(conf, name, view),
+        settings={key: value for key, value in changed_settings.items() if key in own_settings},
+    )
+    grid = overrides.get("grid", study.grids[0].name)
+    job_study = replace(
+        study,
+        world=overrides.get("world", study.world),
+        submap=overrides.get("submap", study.submap),
+        budget=overrides.get("budget", study.budget),
+        grids=(CellSize.read(conf, study.name, grid),),
+        methods=(method,),
+        cells=(),
+        stress={},
+        poses=(),
+    )
+    return expand({study.name: job_study})
 
 
 class Composer:

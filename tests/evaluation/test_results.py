@@ -1,6 +1,6 @@
 """The one table of results: the rows of an evaluation, and a study's artifacts gathered into it."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -24,26 +24,22 @@ from pipeline.evaluation.viewpoints import NUMBERS as VIEWPOINT_NUMBERS
 from pipeline.formats.changes import Change, write_changes
 from pipeline.matching.rejection import Evidence
 from pipeline.report.study import against
+from pipeline.studies.layout import Layout
+from pipeline.studies.study import Study
 from tests.evaluation.made import BOOTSTRAP, LABELS, M2DP, SCI, evaluation, judged, write
+from tests.studies.made import study as made_study
 
 FEB = "february"
 MAR = "march"
 RAIN = "rain"
 DAYS = {FEB: 20, MAR: 62, RAIN: 21}
-STUDY: Mapping[str, Any] = {
-    "question": "robustness",
-    **{
-        "train": "2012-01-15",
-        "tests": [MAR, FEB],
-        "grids": ["10m"],
-        "cells": ["5m"],
-        "stress": {RAIN: "wet"},
-    },
-    "methods": [
-        {"name": "sci", "variants": {"4way": "method.n_way=4"}},
-        {"name": "sad", "stage": "birdviews"},
-    ],
-}
+STUDY = made_study(
+    question="robustness",
+    tests=[MAR, FEB],
+    cells=["5m"],
+    stress={RAIN: "wet"},
+    methods=[{"name": "sci", "variants": {"4way": "method.n_way=4"}}, "sad"],
+)
 CASES = (Case(), Case("turned", repeat=1), Case("construction", 2.0, shadow=True))
 WORSE = replace(SCI, places=SCI.places + np.array([[9, 0]] + [[0, 0]] * 6))
 """As SCI, but wrong at the first query too: by cells 2 of 5 instead of 3."""
@@ -54,8 +50,8 @@ EVIDENCE = Evidence(np.ones(3, bool), KNOWN, UNKNOWN, np.arange(3))
 """Right, and told apart."""
 
 
-def gathering(root: Path, study: Mapping[str, Any] = STUDY) -> Gathering:
-    return Gathering(root, "campus", study, True, Ageing(), Bands((25.0,)), 0.2)
+def gathering(root: Path, study: Study = STUDY) -> Gathering:
+    return Gathering(Layout(root), study, Ageing(), Bands((25.0,)), 0.2)
 
 
 @pytest.fixture(scope="module")
@@ -261,7 +257,7 @@ def test_methods_are_compared_with_the_first_on_the_same_queries(gathered: pd.Da
 
 
 def test_in_a_study_of_the_year_variants_are_compared_too(artifacts: Path) -> None:
-    frame = gathering(artifacts, {**STUDY, "question": "year"}).table()
+    frame = gathering(artifacts, replace(STUDY, question="year")).table()
     variant = {"method": "sci", "variant": "4way", "protocol": "cells"}
     assert [
         value(frame, "recall_at_1_difference", sequence=name, **variant) for name in (FEB, MAR)
@@ -312,7 +308,7 @@ def test_methods_on_bird_views_are_asked_from_other_headings(
         value(gathered, "bytes_per_place", **of),
     ) == (2, 8224.0)
     assert set(gathered.loc[gathered["change"] == "viewpoint", "number"]) == set(VIEWPOINT_NUMBERS)
-    alone = gathering(artifacts, {**STUDY, "question": "viewpoints"}).table()
+    alone = gathering(artifacts, replace(STUDY, question="viewpoints")).table()
     assert set(alone["change"]) == {"viewpoint", "viewpoint of all"}
 
 
@@ -348,7 +344,7 @@ def test_the_plots_show_each_methods_own_answers_to_the_tests(
     assert wide["recall_at_1"].tolist() == pytest.approx([2 / 5, 2 / 5, 3 / 5, 2 / 5])
     curve = precision_recall(gathering(artifacts))
     assert curve.groupby(["method", "sequence"]).size().tolist() == [200] * 4
-    none = precision_recall(gathering(artifacts, {**STUDY, "question": "viewpoints"}))
+    none = precision_recall(gathering(artifacts, replace(STUDY, question="viewpoints")))
     assert none.columns.tolist() == curve.columns.tolist()
 
 
@@ -404,7 +400,7 @@ def test_every_digit_comes_back_from_the_csv(gathered: pd.DataFrame, written: Pa
     for frame in (gathered, noisy):
         frame.to_csv(written / "results/campus/results.csv", index=False)
         pd.testing.assert_frame_equal(
-            results.read(written, {"campus": {}}), frame, check_exact=True
+            results.read(Layout(written), {"campus": STUDY}), frame, check_exact=True
         )
 
 
@@ -412,18 +408,20 @@ def test_timings_are_read_with_the_table(gathered: pd.DataFrame, written: Path) 
     (written / "latency/campus").mkdir(parents=True)
     timed = table([{"method": "sci", "number": "query_ms", "value": 3.0}], grid="10m")
     timed.to_csv(written / "latency/campus/10m.csv", index=False)
-    found = results.read(written, {"campus": {}})
+    found = results.read(Layout(written), {"campus": STUDY})
     assert len(found) == len(gathered) + 1
     assert value(found, "query_ms", method="sci") == 3.0
     assert found.dtypes.tolist() == gathered.dtypes.tolist()
     assert (
-        results.read(written, {"campus": {"latency": False}})["number"].ne("query_ms").all()
+        results.read(Layout(written), {"campus": replace(STUDY, latency=False)})["number"]
+        .ne("query_ms")
+        .all()
     )  # measured for another study
-    assert results.read(written, {}).empty
+    assert results.read(Layout(written), {}).empty
     with pytest.raises(
         ArtifactError, match=r"results.csv: no results yet; `dvc repro` gathers them"
     ):
-        results.read(written, {"campus": {}, "town": {}})
+        results.read(Layout(written), {"campus": STUDY, "town": STUDY})
 
 
 @pytest.mark.parametrize(
@@ -443,7 +441,7 @@ def test_a_damaged_table_is_refused(written: Path, damage: Callable[[str], str])
     with pytest.raises(
         ArtifactError, match=r"results.csv: not a table of results .*`dvc repro` writes it anew"
     ):
-        results.read(written, {"campus": {}})
+        results.read(Layout(written), {"campus": STUDY})
 
 
 def test_rows_are_chosen_by_the_text_of_their_columns(gathered: pd.DataFrame) -> None:

@@ -29,9 +29,10 @@ from pipeline.methods.m2dp import M2dp
 from pipeline.running.compute import Compute
 from pipeline.running.progress import Progress
 from pipeline.running.telemetry import Trace
-from pipeline.studies.expansion import ModelName
+from pipeline.studies.models import ModelName
 from pipeline.views.draw import Drawing
 from tests.evaluation.made import standing
+from tests.studies.made import study as made_study
 from tests.views.made import SUITED
 
 BY_HAND = Latency(
@@ -270,7 +271,7 @@ def test_the_stage_measures_each_method_of_a_study_with_its_model(
     )
     model = M2dp().learn(views, np.arange(12), Progress())
     store.write_model(tmp_path / "artifacts/train/campus/10m/m2dp.zarr.zip", model, {})
-    study = {"tests": ["2012-02-04"], "methods": [{"name": "m2dp", "view": "m2dp"}]}
+    study = made_study(tests=["2012-02-04"], methods=["m2dp"])
     monkeypatch.setattr(stage, "studies", lambda conf: {"campus": study})
     cfg = {
         "study": "campus",

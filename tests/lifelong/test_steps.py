@@ -17,8 +17,10 @@ from pipeline.matching.places import Places
 from pipeline.matching.ranking import Rows
 from pipeline.running.progress import Progress
 from pipeline.schemas_lifelong import LIFELONG
-from pipeline.studies.courses import courses, further_days, instances
+from pipeline.studies.courses import courses, instances, with_further_days
+from pipeline.studies.study import StudyMethod
 from tests.methods.test_scan_context import EACH, FIFTY, PLACES, rows
+from tests.studies.made import study as made_study
 
 CELL_M = 2.0 * EACH  # four views a cell
 GRID = Grid(CELL_M, (-1.0, -1.0 + CELL_M * PLACES), (-5.0, 5.0))
@@ -111,28 +113,26 @@ def test_places_of_a_later_day_follow_the_known_ones_and_the_grid_is_extended() 
 
 
 def test_a_study_learns_every_second_day_and_asks_the_others() -> None:
-    assert further_days({}, {}, "", ["a", "b", "c"]) == {"learned": ["a", "c"], "tests": ["b"]}
-    assert further_days({}, {"learned": "b"}, "", ["a", "b", "c"]) == {
-        "learned": ["b"],
-        "tests": ["a", "c"],
-    }
+    study = made_study(tests=["a", "b", "c"])
+    split = with_further_days(study, {}, "", "")
+    assert (split.learned, split.tests) == (("a", "c"), ("b",))
+    split = with_further_days(study, {}, "", "b")
+    assert (split.learned, split.tests) == (("b",), ("a", "c"))
     with pytest.raises(ConfigError, match="learned=a: expected some of several test sequences"):
-        further_days({}, {}, "", ["a"])
+        with_further_days(made_study(tests=["a"]), {}, "", "")
 
 
 def test_only_what_is_trained_is_tuned_and_only_a_study_with_updates_updates() -> None:
-    study = {
+    defaults = {
         "courses": {"days": ["grown"]},
         "trained": {"days": ["grown", "tuned"], "updates": ["updated"]},
     }
-    assert courses(study, {}, updates=True) == {"days": ["grown"]}
-    assert courses(study, {"rehearsed": 2}, updates=False) == {"days": ["grown", "tuned"]}
-    entry = {"dataset": "campus", "grid": "10m", "model": "m"}
-    words = {"tests": ["b"], "learned": ["a"], "updates": ["u"]}
+    assert courses(defaults, {}, updates=True) == {"days": ("grown",)}
+    assert courses(defaults, {"rehearsed": 2}, updates=False) == {"days": ("grown", "tuned")}
     found = instances(
-        entry,
-        words,
-        {"courses": courses(study, {"rehearsed": 2}, updates=True)},
+        {"dataset": "campus", "grid": "10m", "model": "m"},
+        made_study(tests=["b"], learned=["a"], updates=["u"]),
+        StudyMethod("m", "v", "m.py", courses=courses(defaults, {"rehearsed": 2}, updates=True)),
         {"viewed": "v", "changed": "c"},
     )
     assert {name: one["learned"] for name, one in found.items()} == {

@@ -15,19 +15,18 @@ from pipeline.online.description import describe
 from pipeline.online.pack import Packing
 from pipeline.online.site import Site
 from pipeline.running.progress import Progress
+from pipeline.studies.layout import Layout
 from pipeline.views.draw import AS_DRIVEN
 from pipeline.views.scan_context import ScanContext
 from tests.online.made import ANCHORS, GRID, scan
 from tests.posing.scene import planar, scene, seen_from
 from tests.readers.damage import one_line
+from tests.studies.made import RECORDED
+from tests.studies.made import study as made_study
 from tests.views.made import artifacts
 
 ROOT = Path(__file__).parents[2]
-METHODS = [
-    {"name": "scan_context", "view": "scan_context"},
-    {"name": "sad", "view": "birdview", "stage": "birdviews"},
-]
-STUDY = {"train": "monday", "grids": ["10m"], "methods": METHODS}
+STUDY = made_study("three", train="monday", methods=["scan_context", "sad"], **RECORDED)
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +62,7 @@ def packing(tmp_path_factory: pytest.TempPathFactory) -> Packing:
         "candidates": 50,
     }
     store.write_model(made / "train/three/10m/scan_context.zarr.zip", model, recipe)
-    return Packing(folder / "conf", made, {"three": STUDY})
+    return Packing(folder / "conf", Layout(made), {"three": STUDY})
 
 
 def test_what_is_packed_finds_a_scan(packing: Packing, tmp_path: Path) -> None:

@@ -13,46 +13,49 @@ from pipeline.evaluation.ageing import Ageing
 from pipeline.evaluation.events import Bands
 from pipeline.report.study import Study
 from pipeline.schemas_lifelong import LIFELONG
-from pipeline.studies.expansion import models_of
+from pipeline.studies.layout import Layout
 from tests.evaluation.made import standing
 from tests.report.figures.made import TRAIN_XY_M
 from tests.report.studied import put
+from tests.studies.made import study as made_study
 from tests.views.made import SUITED
 
 TRAIN = "2012-01-15"
 LEARNED = "2012-03-17"
 UPDATE = "2013-03-16"
 ASKED = ["2012-02-04", "2013-03-23"]
-WORDS: dict[str, Any] = {
-    "question": "lifelong",
-    "source": "world",
-    "world": "campus_tiny",
-    "heeds": "simulated",
-    "train": TRAIN,
-    "tests": ASKED,
-    "learned": [LEARNED],
-    "updates": [UPDATE],
-    "budget": "tiny",
-    "grids": ["10m"],
-    "methods": [
-        {
-            "name": "sci",
-            "view": "scan_context",
-            "seeds": 2,
-            "courses": {
-                "days": ["frozen", "grown", "tuned", "joint"],
-                "streets": ["grown"],
-                "updates": ["updated", "trusting"],
+SETTINGS = made_study(
+    **{
+        "question": "lifelong",
+        "source": "world",
+        "world": "campus_tiny",
+        "heeds": "simulated",
+        "train": TRAIN,
+        "tests": ASKED,
+        "learned": [LEARNED],
+        "updates": [UPDATE],
+        "budget": "tiny",
+        "grids": ["10m"],
+        "methods": [
+            {
+                "name": "sci",
+                "view": "scan_context",
+                "seeds": 2,
+                "courses": {
+                    "days": ["frozen", "grown", "tuned", "joint"],
+                    "streets": ["grown"],
+                    "updates": ["updated", "trusting"],
+                },
             },
-        },
-        {
-            "name": "sad",
-            "view": "birdview",
-            "stage": "birdviews",
-            "courses": {"days": ["frozen", "grown"], "streets": ["grown"]},
-        },
-    ],
-}
+            {
+                "name": "sad",
+                "view": "birdview",
+                "stage": "birdviews",
+                "courses": {"days": ["frozen", "grown"], "streets": ["grown"]},
+            },
+        ],
+    }
+)
 DAY_NS = 86_400 * 10**9
 DAY = np.array([0, 0, 1, 1, 1])
 KNOWN_FROM = np.array([0, 0, 0, 1, -1])
@@ -82,8 +85,8 @@ def build(artifacts: Path) -> Study:
     rows |= {"stamps_ns": np.arange(n), "world_T_anchor": standing(TRAIN_XY_M)}
     about: dict[str, Any] = {"layout": "world_T_scan", "left_out": {}, "appearance": SUITED}
     put(artifacts / f"submaps/campus/{TRAIN}.zarr", schemas.SUBMAPS, rows, **about)
-    for method in WORDS["methods"]:
-        for model in models_of(method):
+    for method in SETTINGS.methods:
+        for model in method.models:
             place = {
                 "study": "campus",
                 "dataset": "campus",
@@ -91,19 +94,18 @@ def build(artifacts: Path) -> Study:
                 "grid": "10m",
                 **model.columns,
             }
-            for order, strategies in method["courses"].items():
+            for order, strategies in method.courses.items():
                 for strategy in strategies:
                     path = artifacts / f"lifelong/campus/10m/{model.name}/{order}-{strategy}.zarr"
                     attrs = course(path, order, strategy, model.seed)
                     path.with_suffix(".json").write_text(
                         json.dumps({"place": place, **attrs, "cpu_s": [100.0, 2.0]})
                     )
-    table = results.Gathering(
-        artifacts, "campus", WORDS, True, Ageing(), Bands((25.0,)), 0.2
-    ).table()
+    table = results.Gathering(Layout(artifacts), SETTINGS, Ageing(), Bands((25.0,)), 0.2).table()
     (artifacts / "results/campus").mkdir(parents=True)
     table.to_csv(artifacts / "results/campus" / results.FILE, index=False)
-    return Study(artifacts, "campus", WORDS, "10m", results.read(artifacts, {"campus": {}}))
+    layout = Layout(artifacts)
+    return Study(layout, SETTINGS, "10m", results.read(layout, {"campus": SETTINGS}))
 
 
 def course(path: Path, order: str, strategy: str, seed: int = 0) -> dict[str, Any]:

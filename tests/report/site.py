@@ -19,6 +19,7 @@ from pipeline.report.section import Illustration, Section
 from pipeline.report.table import MISSING, Cell, Table, number
 from pipeline.report.web.front import Front
 from pipeline.report.web.page import Entry
+from tests.studies.made import study as made_study
 
 TRAIN = ("2012-01-15", "2012-01-22")
 TESTS = {"2012-02-04": 20, "2012-03-17": 62}
@@ -112,7 +113,7 @@ def study(root: Path, path_xy_m: np.ndarray = PATH_XY_M) -> Any:
     one.train_xy_m = path_xy_m
     one.results = results
     one.rows = one.driven = told()
-    one.words = {"tests": list(TESTS)}
+    one.settings = made_study(train=" ".join(TRAIN), tests=list(TESTS))
     one.families = list(LOOKS)
     learned = {
         "m2dp": SimpleNamespace(rounds=0, recipe={}),

@@ -17,8 +17,9 @@ from pipeline.evaluation.protocols import Distance
 from pipeline.formats.changes import Change, write_changes
 from pipeline.matching.rejection import Evidence
 from pipeline.report.study import Study
-from pipeline.studies.expansion import models_of
+from pipeline.studies.layout import Layout
 from tests.report.figures.made import BOOTSTRAP, PLACES, TRAIN_PLACES, TRAIN_XY_M, evaluation
+from tests.studies.made import study as made_study
 from tests.views.made import SUITED
 
 TRAIN = "2012-01-15"
@@ -27,23 +28,25 @@ REVERSED = "2012-07-01"
 TURNED = [Case(), *(Case("turned", repeat=repeat) for repeat in range(2))]
 WALLS = [Case("construction", level, shadow) for level in (1.0, 2.0) for shadow in (False, True)]
 FEW = 3
-WORDS: dict[str, Any] = {
-    "question": "robustness",
-    "world": "campus_tiny",
-    "heeds": "simulated",
-    "train": TRAIN,
-    "tests": list(TESTS),
-    "budget": "tiny",
-    "submap": "single",
-    "grids": ["10m"],
-    "cells": ["5m"],
-    "methods": [
-        {"name": "sci", "view": "scan_context", "variants": {"4way": "method.n_way=4"}},
-        {"name": "scan_context", "view": "scan_context"},
-    ],
-    "altered": {"turned": list(TESTS)[:2], "construction": list(TESTS)[:1]},
-    "stress": {REVERSED: "all reversed"},
-}
+SETTINGS = made_study(
+    **{
+        "question": "robustness",
+        "world": "campus_tiny",
+        "heeds": "simulated",
+        "train": TRAIN,
+        "tests": list(TESTS),
+        "budget": "tiny",
+        "submap": "single",
+        "grids": ["10m"],
+        "cells": ["5m"],
+        "methods": [
+            {"name": "sci", "view": "scan_context", "variants": {"4way": "method.n_way=4"}},
+            {"name": "scan_context", "view": "scan_context"},
+        ],
+        "altered": {"turned": list(TESTS)[:2], "construction": list(TESTS)[:1]},
+        "stress": {REVERSED: "all reversed"},
+    }
+)
 KNOWN = {"entropy": np.array([0.1, 0.2]), "energy": np.array([1.0, 2.0])}
 EVIDENCE = Evidence(np.array([True, False]), KNOWN, KNOWN, np.arange(2))
 WRONG = {"sci": (), "sci-4way": (1,), "scan_context": (0, 1)}
@@ -101,17 +104,17 @@ def build(artifacts: Path) -> Study:
         "curves/held_out_loss": np.array([3.0, 2.0]),
         "best_epoch": np.array(1),
     }
-    for method in WORDS["methods"]:
-        for model in models_of(method):
+    for method in SETTINGS.methods:
+        for model in method.models:
             recipe = {
-                "_target_": f"pipeline.methods.{method['name']}.A",
+                "_target_": f"pipeline.methods.{method.name}.A",
                 "view": "scan_context",
                 "budget": "0.03",
                 "n_way": "1",
             }
             recipe |= {"n_way": "4"} if model.variant else {}
             for grid in ("10m", *(["5m"] if not model.variant else [])):
-                learned = EVIDENCE.arrays() | (losses if method["name"] == "sci" else {})
+                learned = EVIDENCE.arrays() | (losses if method.name == "sci" else {})
                 store.write_model(
                     artifacts / f"train/campus/{grid}/{model.name}.zarr.zip", learned, recipe
                 )
@@ -121,19 +124,20 @@ def build(artifacts: Path) -> Study:
             artifacts / f"events/campus/{sequence}.csv", [Change("construction", 5, 10, 0.0, 5.0)]
         )
     table = results.Gathering(
-        artifacts, "campus", WORDS, True, Ageing(), Bands((25.0, 50.0)), 0.2
+        Layout(artifacts), SETTINGS, Ageing(), Bands((25.0, 50.0)), 0.2
     ).table()
     (artifacts / "results/campus").mkdir(parents=True)
     table.to_csv(artifacts / "results/campus" / results.FILE, index=False)
-    return Study(artifacts, "campus", WORDS, "10m", results.read(artifacts, {"campus": {}}))
+    layout = Layout(artifacts)
+    return Study(layout, SETTINGS, "10m", results.read(layout, {"campus": SETTINGS}))
 
 
 def judged(path: Path, model: str, sequence: str, days: int) -> None:
     """The evaluation of one model on one sequence in each of its cases; it finds one place less
     from the third day on."""
     found = {}
-    some = WALLS if sequence in WORDS["altered"]["construction"] and "-" not in model else []
-    for case in [*TURNED, *some] if sequence in WORDS["altered"]["turned"] else TURNED[:1]:
+    some = WALLS if sequence in SETTINGS.altered["construction"] and "-" not in model else []
+    for case in [*TURNED, *some] if sequence in SETTINGS.altered["turned"] else TURNED[:1]:
         wrong = (*WRONG[model], *((4,) if (case.change and "-" not in model) or days > 100 else ()))
         found[case] = evaluation(
             days, wrong=wrong, heading_deg=5.0 if model == "scan_context" else np.nan

@@ -7,13 +7,12 @@ import pytest
 from pipeline.errors import ArtifactError
 from pipeline.evaluation.rows import row, table
 from pipeline.report.brief import LINES, brief
+from tests.studies.made import RECORDED
+from tests.studies.made import study as made_study
 
-STUDY = {
-    "source": "world",
-    "train": "2012-01-15",
-    "tests": ["2012-02-04", "2013-04-05"],
-    "grids": ["10m"],
-}
+TESTS = ["2012-02-04", "2013-04-05"]
+CAMPUS = made_study(tests=TESTS)
+ROBOT = made_study("robot", tests=TESTS, **RECORDED)
 
 
 def results(
@@ -39,7 +38,7 @@ def results(
 
 
 def test_the_best_on_the_last_day_comes_first_and_each_number_stands_in_its_column() -> None:
-    text = brief(results("campus", methods=2), {"campus": STUDY}, 200)
+    text = brief(results("campus", methods=2), {"campus": CAMPUS}, 200)
     title, above, heads, first, second, _ = text.split("\n")
     assert title == "campus, simulated: learned 2012-01-15, 2 test days, cells of 10 m"
     assert above.split() == ["within", "15", "m", "answers", "right", "keeps", "of", "ms", "a"]
@@ -60,13 +59,13 @@ def test_the_best_on_the_last_day_comes_first_and_each_number_stands_in_its_colu
 
 def test_where_nothing_was_timed_there_is_no_column_of_times() -> None:
     rows = results("campus")
-    heads = brief(rows[rows["number"] != "query_ms"], {"campus": STUDY}, 200).split("\n")[2]
+    heads = brief(rows[rows["number"] != "query_ms"], {"campus": CAMPUS}, 200).split("\n")[2]
     assert heads.split() == ["2012-02-04", "2013-04-05", "of", "all", "of", "those", "wanted"]
 
 
 def test_many_methods_and_a_narrow_terminal_are_cut_and_say_so() -> None:
     tables = pd.concat([results("campus", methods=40), results("robot", methods=40)])
-    lines = brief(tables, {"campus": STUDY, "robot": STUDY | {"source": "robot"}}, 60).split("\n")
+    lines = brief(tables, {"campus": CAMPUS, "robot": ROBOT}, 60).split("\n")
     assert len(lines) < LINES
     assert max(map(len, lines)) <= 60
     assert any("robot, recorded" in line for line in lines)
@@ -76,7 +75,9 @@ def test_many_methods_and_a_narrow_terminal_are_cut_and_say_so() -> None:
 
 def test_a_score_that_means_nothing_says_so_and_a_tolerance_is_named() -> None:
     text = brief(
-        results("yard", void=True, within_m=2.5), {"yard": STUDY | {"tolerance": "near"}}, 80
+        results("yard", void=True, within_m=2.5),
+        {"yard": made_study("yard", tests=TESTS, tolerance="2m")},
+        80,
     )
     assert text.split("\n")[3].split()[:3] == ["m0", "void", "void"]
     assert "within 2.5 m" in text
@@ -85,10 +86,10 @@ def test_a_score_that_means_nothing_says_so_and_a_tolerance_is_named() -> None:
 def test_a_table_of_an_earlier_version_is_refused() -> None:
     rows = results("campus")
     with pytest.raises(ArtifactError, match="do not say how near is right; `dvc repro`"):
-        brief(rows[rows["number"] != "correct_m"], {"campus": STUDY}, 80)
+        brief(rows[rows["number"] != "correct_m"], {"campus": CAMPUS}, 80)
 
 
 def test_a_study_of_viewpoints_alone_points_to_its_tables() -> None:
-    assert brief(table([]), {"suburb": {**STUDY, "train": "01 02"}}, 80).startswith(
+    assert brief(table([]), {"suburb": made_study("suburb", train="01 02")}, 80).startswith(
         "suburb, simulated: judged by viewpoints alone"
     )

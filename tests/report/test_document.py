@@ -5,9 +5,10 @@ import pandas as pd
 
 from pipeline.evaluation.rows import row, table
 from pipeline.report.document import document
-from tests.report.test_brief import STUDY, results
+from tests.report.test_brief import ROBOT, TESTS, results
+from tests.studies.made import study as made_study
 
-WORDS = STUDY | {"world": "campus_demo", "submap": "single", "budget": "demo"}
+CAMPUS = made_study(tests=TESTS, world="campus_demo", budget="demo")
 
 
 def posed() -> pd.DataFrame:
@@ -30,7 +31,7 @@ def test_recorded_studies_come_first_and_simulated_ones_are_called_so() -> None:
     tables = pd.concat([results("campus", methods=2), results("robot"), posed()])
     text = document(
         tables,
-        {"campus": WORDS, "robot": WORDS | {"source": "readers"}, "suburb": WORDS | {"grids": []}},
+        {"campus": CAMPUS, "robot": ROBOT, "suburb": made_study("suburb")},
     )
     recorded, _, simulated = text.partition("## campus, simulated")
     assert "## robot, recorded" in recorded
@@ -48,7 +49,7 @@ def test_recorded_studies_come_first_and_simulated_ones_are_called_so() -> None:
 
 
 def test_poses_have_a_row_a_day_only_where_there_are_some() -> None:
-    studies = {"robot": WORDS | {"source": "readers"}}
+    studies = {"robot": ROBOT}
     assert "2 m, 5°" not in document(results("robot"), studies)
     found = document(pd.concat([results("robot"), posed()]), studies).partition("Poses by day")[2]
     cells = [

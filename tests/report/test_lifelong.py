@@ -115,8 +115,8 @@ def test_findings_say_by_how_much_and_over_how_many_seeds(every: list[StrategyNu
 def test_the_report_and_the_page_are_whole(study: Study, tmp_path: Path) -> None:
     line = report.write(
         tmp_path / "report",
-        study.artifacts,
-        {"campus": learned.WORDS},
+        study.layout,
+        {"campus": learned.SETTINGS},
         study.table,
         FEW,
         pytest.fail,
@@ -143,7 +143,7 @@ def test_the_report_and_the_page_are_whole(study: Study, tmp_path: Path) -> None
 
 
 def test_a_terminal_shows_strategies_in_a_few_lines(study: Study) -> None:
-    text = brief(study.table, {"campus": learned.WORDS}, 78)
+    text = brief(study.table, {"campus": learned.SETTINGS}, 78)
     lines = text.splitlines()
     assert len(lines) <= 12
     assert max(map(len, lines)) <= 78
@@ -156,7 +156,7 @@ def test_a_terminal_shows_strategies_in_a_few_lines(study: Study) -> None:
         *["–"] * 4,
     ]
     assert "… and 1 more" in text
-    narrow = brief(study.table, {"campus": learned.WORDS}, 60).splitlines()
+    narrow = brief(study.table, {"campus": learned.SETTINGS}, 60).splitlines()
     assert max(map(len, narrow)) <= 60
     assert next(line for line in narrow if "tuned" in line).split() == [
         "sci",
@@ -169,6 +169,8 @@ def test_a_terminal_shows_strategies_in_a_few_lines(study: Study) -> None:
 
 def test_without_rows_nothing_is_printed_but_the_title(study: Study) -> None:
     assert (
-        len(brief(where(study.table, {"grid": "5m"}), {"campus": learned.WORDS}, 78).splitlines())
+        len(
+            brief(where(study.table, {"grid": "5m"}), {"campus": learned.SETTINGS}, 78).splitlines()
+        )
         <= 3
     )

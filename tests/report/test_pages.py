@@ -8,7 +8,8 @@ import pytest
 
 from pipeline.errors import ConfigError
 from pipeline.report.pages import PAGES, Block, blocks, filled, table_texts
-from tests.report.test_brief import STUDY, results
+from tests.report.test_brief import TESTS, results
+from tests.studies.made import study as made_study
 
 ROOT = Path(__file__).parents[2]
 PAGE = """# A page
@@ -21,7 +22,7 @@ between
 """
 CAMPUS = Block("campus", "minutes", "brief")
 TOWN = Block("town", "demo", "tables")
-WORDS = STUDY | {"world": "campus_demo", "submap": "single", "budget": "minutes"}
+STUDY = made_study(tests=TESTS, world="campus_demo", budget="minutes")
 
 
 def test_a_block_is_filled_between_its_marks_and_others_are_left() -> None:
@@ -54,7 +55,7 @@ def test_a_picture_names_its_model_and_no_other_kind_does() -> None:
 
 
 def test_a_study_fills_the_blocks_of_its_budget_and_of_this_machines_arithmetic_alone() -> None:
-    texts = table_texts(results("campus", methods=2), {"campus": WORDS}, "float32")
+    texts = table_texts(results("campus", methods=2), {"campus": STUDY}, "float32")
     assert set(texts) == {CAMPUS, CAMPUS._replace(kind="tables"), CAMPUS._replace(kind="float32")}
     assert texts[CAMPUS].startswith(
         "```\ncampus, simulated: learned 2012-01-15, 2 test days, cells of 10 m\n"

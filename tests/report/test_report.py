@@ -10,7 +10,7 @@ import pytest
 from pipeline.errors import ArtifactError
 from pipeline.report import report, terminal
 from pipeline.report.study import Study
-from tests.report.studied import FEW, WORDS
+from tests.report.studied import FEW, SETTINGS
 
 SECTIONS = [
     "simulated campus",
@@ -34,7 +34,7 @@ def written(study: Study, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of the report, beside the other artifacts."""
     folder = tmp_path_factory.mktemp("written") / "report"
     line = report.write(
-        folder, study.artifacts, {"campus": WORDS}, study.table, FEW, lambda name: pytest.fail(name)
+        folder, study.layout, {"campus": SETTINGS}, study.table, FEW, lambda name: pytest.fail(name)
     )
     assert re.fullmatch(r"12 sections and 31 figures of 1 study; page\.html has \d\.\d MB", line)
     return folder
@@ -86,9 +86,7 @@ def test_the_page_shows_the_best_models_figures_alone_and_every_chapter(written:
 
 def test_without_studies_there_is_nothing_to_report(study: Study, tmp_path: Path) -> None:
     with pytest.raises(ArtifactError, match="nothing to report yet"):
-        report.write(
-            tmp_path, study.artifacts, {}, study.table, FEW, lambda name: pytest.fail(name)
-        )
+        report.write(tmp_path, study.layout, {}, study.table, FEW, lambda name: pytest.fail(name))
 
 
 def test_a_terminal_shows_the_main_numbers_and_where_the_report_lies(

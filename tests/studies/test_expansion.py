@@ -6,10 +6,12 @@ import pytest
 import yaml
 
 from pipeline.errors import ConfigError
-from pipeline.studies.expansion import INSTEAD, LISTS, answerers, expand
+from pipeline.studies.expansion import INSTEAD, LISTS, Lists, expand
 from pipeline.studies.known import checked
 from pipeline.studies.names import lists_text, studies_text
 from pipeline.studies.parts import MOST
+from pipeline.studies.study import Study
+from tests.studies.made import CONF, study
 
 SCI = {"name": "sci", "view": "sc", "code": "sci.py"}
 M2DP = {"name": "m2dp", "view": "cloud", "code": "m2dp.py"}
@@ -29,8 +31,16 @@ SEEN_FROM_ABOVE = {"name": "pfl", "view": "bird", "code": "pfl", "stage": "birdv
 TURNED = OTHER | {"train": "e f", "methods": [SEEN_FROM_ABOVE], "question": "viewpoints"}
 
 
+def made(**tables: dict[str, Any]) -> dict[str, Study]:
+    return {name: Study.of(CONF, name, table) for name, table in tables.items()}
+
+
+def spelled_out(**tables: dict[str, Any]) -> Lists:
+    return expand(made(**tables))
+
+
 def test_every_stage_gets_one_instance_for_each_of_its_names() -> None:
-    lists = expand({"one": ONE, "other": OTHER})
+    lists = spelled_out(one=ONE, other=OTHER)
     counts = {name: len(members) for name, members in lists.items()}
     # drives 3 + 2; submaps 1 + 1; views 2 + 1 (two methods share one); labels 2 + 1; models 2 × 3 +
     # 1; latency 2 + 1
@@ -61,7 +71,7 @@ def test_every_stage_gets_one_instance_for_each_of_its_names() -> None:
 
 
 def test_a_study_of_viewpoints_trains_on_several_sequences_and_ranks_no_places() -> None:
-    lists = expand({"turned": TURNED})
+    lists = spelled_out(turned=TURNED)
     counts = {name: len(members) for name, members in lists.items() if members}
     once = dict.fromkeys(("submaps", "birdviews", "labels", "viewpoints", "results", "report"), 1)
     assert counts == once | {"drives": 3, "models": 2}
@@ -83,7 +93,7 @@ def test_a_study_of_viewpoints_trains_on_several_sequences_and_ranks_no_places()
 
 
 def test_methods_that_look_at_bird_views_are_asked_about_viewpoints_beside_the_year() -> None:
-    lists = expand({"one": ONE | {"methods": [*ONE["methods"], SEEN_FROM_ABOVE]}})
+    lists = spelled_out(one=ONE | {"methods": [*ONE["methods"], SEEN_FROM_ABOVE]})
     assert list(lists["viewpoints"]) == ["one-5m", "one-10m"]
     assert list(lists["birdviews"]) == ["one-bird"]
     assert "one-5m-pfl" in lists["rankings"]
@@ -97,7 +107,7 @@ def test_robustness_adds_sequences_cells_variants_and_alterations() -> None:
         "cells": ["20m"],
         "altered": {"turned": ["d"], "construction": ["d"]},
     }
-    lists = expand({"one": OTHER | {"question": "robustness", "methods": methods, **asked}})
+    lists = spelled_out(one=OTHER | {"question": "robustness", "methods": methods, **asked})
     # of the study's own cells each variant with each seed; of the further ones the methods as they
     # are
     models = (
@@ -150,20 +160,20 @@ def test_robustness_adds_sequences_cells_variants_and_alterations() -> None:
 
 
 def test_without_latency_nothing_is_timed_and_nothing_waits_for_it() -> None:
-    lists = expand({"one": ONE | {"latency": False}})
+    lists = spelled_out(one=ONE | {"latency": False})
     assert lists["latency"] == {}
     assert lists["report"]["all"]["timed"] == INSTEAD["changed"]
-    assert lists["evaluations"] == expand({"one": ONE})["evaluations"]
+    assert lists["evaluations"] == spelled_out(one=ONE)["evaluations"]
 
 
 def test_poses_are_found_within_the_budget_of_their_study() -> None:
-    assert expand({"one": ONE | {"poses": ["sci"]}})["poses"]["one-10m-sci"]["budget"] == "tiny"
+    assert spelled_out(one=ONE | {"poses": ["sci"]})["poses"]["one-10m-sci"]["budget"] == "tiny"
 
 
 def test_poses_are_a_variant_of_the_models_that_a_study_names() -> None:
     sci = SCI | {"seeds": 2, "variants": {"4way": "method.n_way=4"}}
-    study = ONE | {"methods": [sci, M2DP], "poses": ["sci-4way", "m2dp"], "cells": ["20m"]}
-    lists = expand({"one": study})
+    words = ONE | {"methods": [sci, M2DP], "poses": ["sci-4way", "m2dp"], "cells": ["20m"]}
+    lists = spelled_out(one=words)
     posed = [
         f"{grid}-{name}"
         for grid in ("5m", "10m")
@@ -186,61 +196,46 @@ def test_poses_are_a_variant_of_the_models_that_a_study_names() -> None:
         "artifacts/poses/one/5m/sci-4way-seed1",
         "sci-4way-pose-seed1",
     )
-    answers = [(one.method, one.answered, one.seed) for one in answerers(study)]
+    answers = [(one.method, one.answered, one.seed) for one in study("one", **words).answerers]
     assert answers[2:5] == [("sci", "4way", 0), ("sci", "4way-pose", 0), ("sci", "4way", 1)]
     assert answers[-2:] == [("m2dp", "", 0), ("m2dp", "pose", 0)]
 
 
-def test_a_study_without_a_question_asks_about_the_year() -> None:
-    old = {name: word for name, word in ONE.items() if name != "question"}
-    assert (
-        checked({"one": old}, expand({"one": old}))
-        == checked({"one": ONE}, expand({"one": ONE}))
-        == {"one": ONE}
-    )
-
-
-def test_an_unknown_question_is_named() -> None:
-    with pytest.raises(
-        ConfigError, match="question=when: expected year, robustness, viewpoints or lifelong"
-    ):
-        expand({"one": ONE | {"question": "when"}})
-
-
 def test_studies_do_not_mix() -> None:
-    both = expand({"one": ONE, "other": OTHER})
-    alone = expand({"other": OTHER})
+    both = spelled_out(one=ONE, other=OTHER)
+    alone = spelled_out(other=OTHER)
     assert all(members.items() <= both[name].items() for name, members in alone.items())
 
 
 def test_the_files_hold_what_they_were_made_of() -> None:
-    studies = {"one": ONE, "other": OTHER, "turned": TURNED}
+    tables = {"one": ONE, "other": OTHER, "turned": TURNED}
+    studies = made(**tables)
     lists = yaml.safe_load(lists_text(studies))
-    assert (
-        yaml.safe_load(studies_text(studies))["studies"]
-        == studies
-        == checked(studies, lists["lists"])
-    )
+    assert yaml.safe_load(studies_text(studies))["studies"] == tables
+    assert checked(studies, lists["lists"]) == studies
     assert lists["first"] == {"study": "one", "grid": "5m"}
 
 
 def test_a_study_of_many_drives_follows_from_lists_in_parts() -> None:
-    long = ONE | {"tests": [f"test{number}" for number in range(3 * MOST)]}
-    lists = yaml.safe_load(lists_text({"long": long}))["lists"]
+    studies = made(long=ONE | {"tests": [f"test{number}" for number in range(3 * MOST)]})
+    lists = yaml.safe_load(lists_text(studies))["lists"]
     assert [len(lists[name]) for name in ("drives", "drives_2", "drives_3", "drives_4")] == [
         MOST,
         MOST,
         MOST,
         1,
     ]
-    assert checked({"long": long}, lists) == {"long": long}
+    assert checked(studies, lists) == studies
     lists["drives_4"] = {}
     with pytest.raises(ConfigError, match=r"conf/lists.yaml does not follow"):
-        checked({"long": long}, lists)
+        checked(studies, lists)
 
 
 def test_lists_that_a_hand_left_behind_are_refused() -> None:
-    lists = expand({"one": ONE})
-    for edit in ({"tests": ["b", "c", "e"]}, {"methods": ["sci"]}, {"grids": None}):
+    lists = spelled_out(one=ONE)
+    for edit in ({"tests": ["b", "c", "e"]}, {"methods": ["sci"]}, {"grids": ["20m"]}):
         with pytest.raises(ConfigError, match=r"conf/lists.yaml does not follow .* `yearloc use`"):
-            checked({"one": ONE | edit}, lists)
+            checked(made(one=ONE | edit), lists)
+    for broken in (None, [], {"drives": None}):
+        with pytest.raises(ConfigError, match=r"conf/lists.yaml does not follow"):
+            checked(made(one=ONE), broken)

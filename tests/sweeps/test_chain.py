@@ -9,6 +9,7 @@ from dvc.repo import Repo
 from pipeline.errors import ConfigError
 from pipeline.running.dvc_files import definition
 from pipeline.studies.expansion import expand as spelled_out
+from pipeline.studies.study import Study
 from pipeline.sweeps.chain import code, expand, inputs, producers
 
 ROOT = Path(__file__).parents[2]
@@ -38,8 +39,12 @@ def test_other_names_make_another_chain() -> None:
         "tests": ["2013-04-05"],
         "grids": ["5m"],
         "methods": [{"name": "sci", "view": "scan_context_paper", "code": "c"}],
+        "altered": {},
     }
-    steps = expand(DEFINITION, spelled_out({"campus": STUDIES["campus"] | other | {"altered": {}}}))
+    steps = expand(
+        DEFINITION,
+        spelled_out({"campus": Study.of(ROOT / "conf", "campus", STUDIES["campus"] | other)}),
+    )
     (evaluate,) = [step for step in steps if step.stage == "evaluate"]
     assert evaluate.outs == ("artifacts/evaluate/campus/5m/sci", "artifacts/metrics/campus/5m/sci")
     assert evaluate.fields["sequences"] == "2013-04-05"

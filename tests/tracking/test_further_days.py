@@ -17,13 +17,11 @@ from tests.report.studied import FEW
 @pytest.fixture(scope="module")
 def found(tmp_path_factory: pytest.TempPathFactory) -> dict[str, RunRecord]:
     study = learned.build(Path(tmp_path_factory.mktemp("learned"), "artifacts"))
-    folder = study.artifacts / "report"
-    report.write(folder, study.artifacts, {"campus": learned.WORDS}, study.table, FEW, pytest.fail)
+    folder = study.layout.path("report")
+    report.write(folder, study.layout, {"campus": learned.SETTINGS}, study.table, FEW, pytest.fail)
     return {
         one.name: one
-        for one in records(
-            Source("campus", "10m", learned.WORDS, True, study.rows, folder / "campus/10m")
-        )
+        for one in records(Source(learned.SETTINGS, "10m", study.rows, folder / "campus/10m"))
     }
 
 

@@ -11,12 +11,14 @@ import pytest
 from pipeline.errors import ArtifactError
 from pipeline.evaluation.rows import row, table
 from pipeline.running.dvc_files import DvcLock
-from pipeline.studies.expansion import ModelName
+from pipeline.studies.models import ModelName
 from pipeline.sweeps.record import Record
 from pipeline.tracking.datasets import used_sequences
 from pipeline.tracking.page import COLOUR
 from pipeline.tracking.records import Source, of_sweep
 from pipeline.tracking.runs import RunRecord
+from tests.studies.made import RECORDED
+from tests.studies.made import study as made_study
 
 TESTS = {"june": 20.0, "may": 10.0}
 OWNERS = {
@@ -62,11 +64,11 @@ def record(tmp_path: Path) -> RunRecord:
     for file in OWNERS:
         (tmp_path / file).touch()
     found = table(rows, study="campus", grid="10m", method="sci", simulated=True)
-    words = {"train": "april", "tests": [*TESTS], "grids": ["10m"], "budget": "demo"}
+    study = made_study(train="april", tests=[*TESTS], budget="demo")
     lock = DvcLock(
         {"submaps@campus": {"outs": [{"path": "artifacts/submaps/campus", "md5": "0123.dir"}]}}
     )
-    source = Source("campus", "10m", words, True, found, tmp_path, lock)
+    source = Source(study, "10m", found, tmp_path, lock)
     arrays = {"curves/loss": np.array([2.0, 1.0]), "k": np.array(3), "place_xy_m": np.zeros((7, 2))}
     recipe = {"_target_": "pipeline.methods.sci.Sci", "budget": "0.1"}
     return source.record(ModelName("sci"), arrays, recipe, {"cost/s": [(0, 9.0)]})
@@ -125,10 +127,10 @@ def test_a_run_names_its_sequences_and_a_day_its_own(record: RunRecord) -> None:
 
 
 def test_a_digest_changes_with_the_submaps_that_dvc_recorded() -> None:
-    words = {"train": "april", "tests": ["may"]}
+    study = made_study(train="april", tests=["may"])
 
     def digest(lock: DvcLock) -> str:
-        return used_sequences("campus", words, ["may"], lock)[0].digest
+        return used_sequences(study, ["may"], lock)[0].digest
 
     locks = [
         DvcLock({"s": {"outs": [{"path": "artifacts/submaps/campus", "md5": md5}]}})
@@ -139,10 +141,10 @@ def test_a_digest_changes_with_the_submaps_that_dvc_recorded() -> None:
 
 
 def test_with_several_grids_a_run_names_its_own(tmp_path: Path) -> None:
-    words = {"train": "april", "tests": [], "grids": ["5m", "10m"]}
+    study = made_study("nclt", train="april", grids=["5m", "10m"], **RECORDED)
     (tmp_path / "figures.json").write_text("[]")
     rows = table([], study="nclt", grid="5m", method="sci", simulated=False)
-    found = Source("nclt", "5m", words, False, rows, tmp_path).record(ModelName("sci"), {}, {}, {})
+    found = Source(study, "5m", rows, tmp_path).record(ModelName("sci"), {}, {}, {})
     assert (found.name, found.registered) == ("sci 5m", "nclt-sci-5m")
     assert "**Recorded data**" in found.about
 
@@ -206,10 +208,8 @@ def test_what_answers_with_poses_has_a_run_of_its_own_and_no_registered_model(
             "days": 20,
         }
         rows.append(place | row("recall_at_1", "distance", share))
-    words = {"train": "2012-01-15", "tests": ["2012-02-04"], "grids": ["10m"]}
-    source = Source(
-        "nclt", "10m", words, False, table(rows, study="nclt", dataset="nclt"), tmp_path
-    )
+    study = made_study("nclt", tests=["2012-02-04"], **RECORDED)
+    source = Source(study, "10m", table(rows, study="nclt", dataset="nclt"), tmp_path)
     plain, posed = (
         source.record(ModelName("sci", posed=posed), {}, {}, {}) for posed in (False, True)
     )
@@ -223,14 +223,7 @@ def test_what_answers_with_poses_has_a_run_of_its_own_and_no_registered_model(
 
 
 def test_a_report_that_was_interrupted_is_named(tmp_path: Path) -> None:
-    source = Source(
-        "campus",
-        "10m",
-        {"train": "april", "tests": []},
-        True,
-        table([]),
-        tmp_path / "report/campus/10m",
-    )
+    source = Source(made_study(), "10m", table([]), tmp_path / "report/campus/10m")
     with pytest.raises(
         ArtifactError, match=r"report/campus/10m: no report yet; `dvc repro` writes it"
     ):

@@ -400,8 +400,8 @@ def test_a_logged_model_answers_again_and_holds_its_code_and_no_pickle(
     assert loaded.predict(heights_m, params={"k": 1})["places"].tolist() == [[5], [5]]
     assert loaded.metadata.signature.inputs.inputs[0].shape == (-1, 4, 12)
     assert loaded.metadata.signature.outputs.input_names() == list(answer)
-    assert {path.suffix for path in files} <= {".py", ".yaml", ".txt", ".zarr.zip", ""}
-    assert [path.name for path in files if path.suffix == ".zarr.zip"] == ["tiny.zarr.zip"]
+    assert {path.suffix for path in files} <= {".py", ".yaml", ".txt", ".zip", ""}
+    assert [path.name for path in files if path.suffix == ".zip"] == ["tiny.zarr.zip"]
     assert all(
         path.read_bytes()[:1] != b"\x80" for path in files
     )  # as every pickle since protocol 2 begins

@@ -42,7 +42,7 @@ def sections(study: Study, folder: Path, few: int) -> Iterator[Section]:
     rows = study.rows[(study.rows["kind"] == "") & (study.rows["sequence"] != "")]
     recipes = {name: study.recipe(name) for name in study.trained}
     n_way = {name: int(recipe["n_way"]) for name, recipe in recipes.items() if "n_way" in recipe}
-    for alteration, sequences in study.words.get("altered", {}).items():
+    for alteration, sequences in study.settings.altered.items():
         # an alteration that is no change itself has several
         changes = (alteration,) if alteration in CHANGES else CHANGES
         altered_rows = rows[rows["sequence"].isin(sequences) & rows["change"].isin(["", *changes])]
@@ -53,12 +53,12 @@ def sections(study: Study, folder: Path, few: int) -> Iterator[Section]:
         )
         comparison = Comparison(altered_rows.merge(altered_models), n_way)
         yield make_section(study, folder, alteration, comparison)
-    if stress := study.words.get("stress", {}):
+    if stress := study.settings.stress:
         stress_rows = rows[rows["sequence"].isin(stress) & (rows["change"] == "")]
         yield _stress(study, folder, Comparison(stress_rows, n_way), stress)
-    if study.words["question"] == "robustness":
+    if study.settings.question == "robustness":
         yield _events(study, folder, few)
-    if study.words.get("cells"):
+    if study.settings.cells:
         yield _cells(study, folder)
 
 
@@ -81,12 +81,9 @@ def _section(
         findings=(*conclusions, scope),
         illustrations=illustrations,
         tables=section_tables,
-        sources=[
-            f"{study.artifacts.name}/evaluate/{study.name}/{study.grid}/{model}"
-            for model in study.trained
-        ],
+        sources=[study.folder("evaluate", study.grid, model) for model in study.trained],
         parameters={
-            "budget": study.words["budget"],
+            "budget": study.settings.budget,
             "train": study.train,
             "sequences": comparison.sequences,
         },
@@ -237,7 +234,7 @@ def _events(study: Study, folder: Path, few: int) -> Section:
             for protocol in PROTOCOLS
             for number in NEAR
         ],
-        sources=[f"{study.artifacts.name}/events/{study.name}"],
+        sources=[study.folder("events")],
         parameters={"edges_m": list(bands.edges_m), "kinds": list(bands.kinds), "few": few},
     )
 
@@ -257,11 +254,10 @@ def _bands(rows: pd.DataFrame) -> Bands:
 def _cells(study: Study, folder: Path) -> Section:
     """Fig. 11: the effect of the cell size; each method learns its places anew at every size."""
     sides_m = {
-        grid: replace(study, grid=grid).cell_m
-        for grid in (*study.words["grids"], *study.words["cells"])
+        grid.name: replace(study, grid=grid.name).cell_m for grid in study.settings.all_grids
     }
     grids = sorted(sides_m, key=lambda grid: sides_m[grid])
-    methods = [method["name"] for method in study.words["methods"]]
+    methods = [method.name for method in study.settings.methods]
     sizes_m = [sides_m[grid] for grid in grids]
     table = study.table
     driven = table[
@@ -305,5 +301,5 @@ def _cells(study: Study, folder: Path) -> Section:
         tables=[
             case_tables.cells(*values_and_title, sizes_m) for values_and_title in titled_values
         ],
-        sources=[f"{study.artifacts.name}/evaluate/{study.name}/{grid}" for grid in grids],
+        sources=[study.folder("evaluate", grid) for grid in grids],
     )

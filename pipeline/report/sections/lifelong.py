@@ -34,7 +34,7 @@ DRAWN = {"recall_of_all": "recall of all", "forgetting": "forgetting"}
 def section(study: Study, folder: Path) -> Section:
     """Draw the figures into `folder` and return the section."""
     strategies = read_strategies(study.rows)
-    words = study.words
+    settings = study.settings
     orders = by_order(strategies)
     first = strategies[0].model
     illustrations = [
@@ -58,10 +58,10 @@ def section(study: Study, folder: Path) -> Section:
         figures = list(_of_model(study, folder, model, model_orders))
         illustrations += [replace(illustration, on_page=model == first) for illustration in figures]
     sequences = {
-        "train": words["train"],
-        "learned": words["learned"],
-        "updates": words.get("updates", []),
-        "asked": words["tests"],
+        "train": settings.train_text,
+        "learned": [*settings.learned],
+        "updates": [*settings.updates],
+        "asked": [*settings.tests],
     }
     return Section(
         anchor(study.name, study.grid, "lifelong"),
@@ -71,8 +71,8 @@ def section(study: Study, folder: Path) -> Section:
         illustrations=illustrations,
         tables=[table for order, group in orders.items() for table in of_order(order, group)],
         folded=False,
-        sources=[f"{study.artifacts.name}/lifelong/{study.name}/{study.grid}"],
-        parameters={**sequences, "budget": words["budget"]},
+        sources=[study.folder("lifelong", study.grid)],
+        parameters={**sequences, "budget": settings.budget},
     )
 
 

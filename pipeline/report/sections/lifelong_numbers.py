@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pipeline.evaluation.lifelong import CHANGE
 from pipeline.report.table import average
-from pipeline.studies.expansion import ModelName
+from pipeline.studies.models import ModelName
 
 GROWN = "grown"
 TUNED = "tuned"

@@ -14,17 +14,15 @@ from pipeline.report.figures.style import illustrate
 from pipeline.report.render import anchor
 from pipeline.report.section import Section
 from pipeline.report.study import Study, TrainingRecord
-from pipeline.studies.expansion import models_of, on_bird_views
 from pipeline.views.birdview import BirdView
 from pipeline.views.mapped import MappedViews
 
 
 def section(study: Study, folder: Path, view: BirdView) -> Section:
     """Draw paper 2's figures into `folder`; `view` is the bird-view that the methods look at."""
-    view_methods = on_bird_views(study.words["methods"])
     methods = {
-        method["name"]: [model.name for model in models_of({**method, "variants": {}})]
-        for method in view_methods
+        method.name: [model.name for model in method.seed_models]
+        for method in study.settings.bird_view_methods
     }
     judgements_on: dict[
         str, dict[str, list[Judged]]
@@ -115,7 +113,7 @@ def section(study: Study, folder: Path, view: BirdView) -> Section:
             *viewpoint_tables.over(study),
             *(viewpoint_tables.every_heading(study, number) for number in NUMBERS),
         ],
-        sources=[f"{study.artifacts.name}/viewpoints/{study.name}/{study.grid}"],
+        sources=[study.folder("viewpoints", study.grid)],
     )
 
 

@@ -46,13 +46,13 @@ def sections(study: Study, folder: Path) -> Iterator[Section]:
     name = anchor(study.name, study.grid)
     values = {
         "study": study,
-        "tests": len(study.words["tests"]),
+        "tests": len(study.settings.tests),
         "places": int(study.labels["cells"].shape[0]),
     }
     parameters = {
         "protocol by distance": vars(study.distance),
         "bootstrap": vars(study.bootstrap),
-        "budget": study.words["budget"],
+        "budget": study.settings.budget,
     }
     model_sources = [study.source("train", model=model) for model in study.families]
     evaluation_sources = [

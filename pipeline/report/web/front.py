@@ -38,7 +38,7 @@ class Front:
     @cached_property
     def summary(self) -> Summary:
         """The models, the best first."""
-        summary = Summary.of(self.study.rows, self.study.words)
+        summary = Summary.of(self.study.rows, self.study.settings)
         return replace(
             summary, rows=[row for row in summary.rows if row.model in self.study.families]
         )

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-import yaml
 from matplotlib.colors import to_rgb
 from PIL import Image
 
@@ -21,8 +20,11 @@ from pipeline.report.figures.picture import FRAMES, TINTS, Canvas, frames, queri
 from pipeline.report.figures.style import SIMULATED
 from pipeline.report.study import Study
 from pipeline.running.progress import Progress
+from pipeline.studies.layout import Layout
+from pipeline.studies.names import studies_text
 from tests.report.site import heights
-from tests.report.studied import TESTS, TRAIN, WORDS
+from tests.report.studied import SETTINGS, TESTS, TRAIN
+from tests.studies.made import CONF
 
 DAY = "2012-02-04"
 OUTCOMES = [RIGHT, RIGHT, WRONG, RIGHT, RIGHT, NOT_COUNTED, NOT_COUNTED]
@@ -47,9 +49,9 @@ def file(drive: Drive, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def project(study: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder with that study alone, to call the command in."""
-    (tmp_path / "conf/dataset").mkdir(parents=True)
-    (tmp_path / "conf/studies.yaml").write_text(yaml.safe_dump({"studies": {"campus": WORDS}}))
-    (tmp_path / "artifacts").symlink_to(study.artifacts)
+    shutil.copytree(CONF, tmp_path / "conf")
+    (tmp_path / "conf/studies.yaml").write_text(studies_text({"campus": SETTINGS}))
+    (tmp_path / "artifacts").symlink_to(study.layout.root)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -111,8 +113,8 @@ def test_a_matched_view_is_rolled_to_look_like_its_query_and_is_missing_without_
 def test_walls_are_what_stands_high_and_was_seen_often(study: Study, tmp_path: Path) -> None:
     """From each of 50 scans a post at (30.1, 5.1), 3 m high, and a kerb beside it; from the first
     one a passer at (60.1, 5.1)."""
-    own = replace(study, artifacts=tmp_path)
-    assert own.artifacts != study.artifacts
+    own = replace(study, layout=Layout(tmp_path))
+    assert own.layout != study.layout
     shutil.copytree(study.find("submaps", TRAIN), own.find("submaps", TRAIN))
     assert walls(own, TRAIN).shape == (0, 2)  # no scans
     x_m = own.train_xy_m[:, 0]
@@ -207,10 +209,9 @@ def test_answers_that_are_none_are_wrong_and_drawn_as_such(drive: Drive) -> None
 def test_the_command_draws_the_last_day_or_another(
     project: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    backwards = {
-        "studies": {"campus": WORDS | {"tests": [*TESTS][::-1]}}
-    }  # the oldest day, wherever it is listed
-    (project / "conf/studies.yaml").write_text(yaml.safe_dump(backwards))
+    # the oldest day, wherever it is listed
+    backwards = replace(SETTINGS, tests=SETTINGS.tests[::-1])
+    (project / "conf/studies.yaml").write_text(studies_text({"campus": backwards}))
     main(["picture", "campus/10m/sci-4way", "-o", "year.webp"])
     assert f"driven {max(TESTS)}, 287 days later: " in capsys.readouterr().out
     main(["picture", "campus/10m/sci", DAY, "-o", "year.png"])

@@ -1,0 +1,27 @@
+"""Studies as conf/studies.yaml may have them, with the rest as usual."""
+
+from pathlib import Path
+from typing import Any
+
+from pipeline.studies.study import RECORDED as RECORDED
+from pipeline.studies.study import Study
+
+CONF = Path(__file__).parents[2] / "conf"
+TABLE: dict[str, Any] = {
+    "question": "year",
+    "world": "campus_tiny",
+    "source": "world",
+    "heeds": "simulated",
+    "root": "artifacts/logs/campus",
+    "train": "2012-01-15",
+    "tests": ["2012-02-04"],
+    "budget": "tiny",
+    "submap": "single",
+    "grids": ["10m"],
+    "methods": ["sci"],
+}
+
+
+def study(name: str = "campus", **words: Any) -> Study:
+    """The study of these words, which win over those of TABLE."""
+    return Study.of(CONF, name, TABLE | words)

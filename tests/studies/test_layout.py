@@ -1,0 +1,52 @@
+"""The paths of artifacts."""
+
+from pathlib import Path
+
+import pytest
+
+from pipeline import store
+from pipeline.studies.layout import LEVELS, Layout
+from pipeline.studies.models import ModelName
+
+LAYOUT = Layout(Path("artifacts"))
+
+
+@pytest.mark.parametrize(
+    ("names", "path"),
+    [
+        (("scans", "campus"), "scans/campus"),
+        (("scans", "campus", "day"), "scans/campus/day.zarr"),
+        (("views", "campus", "birdview", "day"), "views/campus/birdview/day.zarr"),
+        (("altered", "campus", "birdview", "turned"), "altered/campus/birdview/turned"),
+        (("labels", "campus", "10m", "day"), "labels/campus/10m/day.zarr"),
+        (("train", "campus", "10m", "sci"), "train/campus/10m/sci.zarr.zip"),
+        (("evaluate", "campus", "10m", "sci"), "evaluate/campus/10m/sci"),
+        (
+            ("lifelong", "campus", "10m", "sci", "days-grown"),
+            "lifelong/campus/10m/sci/days-grown.zarr",
+        ),
+        (("events", "campus", "day"), "events/campus/day.csv"),
+        (("latency", "campus", "10m"), "latency/campus/10m.csv"),
+        (("results", "campus", "results.csv"), "results/campus/results.csv"),
+        (("report",), "report"),
+    ],
+)
+def test_an_artifact_lies_below_its_kind_and_data_set(names: tuple[str, ...], path: str) -> None:
+    assert LAYOUT.path(*names) == Path("artifacts", path)
+
+
+def test_a_model_ends_as_the_store_writes_it() -> None:
+    assert LAYOUT.path("train", "campus", "10m", "sci").name == f"sci{store.MODEL}"
+    assert all(levels[0] == "dataset" for levels in LEVELS.values())
+
+
+def test_answers_lie_with_the_stage_that_gave_them() -> None:
+    model = ModelName("sci", "4way", 1)
+    posed = ModelName("sci", "4way", 1, posed=True)
+    followed = ModelName("sci", "4way", 1, posed=True, path="filter")
+    found = [LAYOUT.answers("campus", "10m", one, "day") for one in (model, posed, followed)]
+    assert [path.relative_to("artifacts").as_posix() for path in found] == [
+        "localize/campus/10m/sci-4way-seed1/day.zarr",
+        "poses/campus/10m/sci-4way-seed1/day.zarr",
+        "paths/campus/10m/sci-4way-pose-filter-seed1/day.zarr",
+    ]

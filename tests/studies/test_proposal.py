@@ -1,0 +1,91 @@
+"""Each step of a proposal changes a study in one way, and refuses what it cannot mean."""
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from pipeline.errors import ConfigError
+from pipeline.studies.proposal import (
+    Request,
+    propose,
+    with_alterations,
+    with_models,
+    with_poses,
+    with_preset,
+    with_question,
+    with_scale,
+    with_timing,
+)
+from tests.studies.made import CONF, RECORDED, study
+
+DEFAULTS: dict[str, Any] = {
+    "stress": {"demo": {"s": "all reversed"}, "tiny": {}},
+    "variants": {"sci": {"4way": "method.n_way=4"}, "sad": {"far": "method.far=1"}},
+    "altered": {"turned": 2},
+    "poses": {"demo": ["sci"]},
+}
+PLAIN = study(tests=["a", "b", "c"], methods=["sci", "m2dp"])
+
+
+def asked(**options: str) -> Request:
+    return Request(CONF, options, DEFAULTS)
+
+
+def test_a_preset_has_its_own_stress_and_a_recorded_study_none() -> None:
+    assert with_preset(PLAIN, asked()).stress == {"s": "all reversed"}
+    assert with_preset(PLAIN, asked(world="tiny")) == PLAIN
+    recorded = replace(study(**RECORDED), stress={})
+    assert with_preset(recorded, asked()) == recorded
+
+
+def test_a_scale_replaces_submaps_cells_tolerance_views_and_settings() -> None:
+    assert with_scale(PLAIN, asked()) is PLAIN
+    indoor = with_scale(PLAIN, asked(scale="indoor"))
+    assert (indoor.submap, indoor.grid_names, indoor.tolerance.correct_m) == (
+        "single_20cm",
+        ["2m"],
+        2.0,
+    )
+    sci, m2dp = indoor.methods
+    assert (sci.view, m2dp.view) == ("scan_context_20m", "m2dp")
+    assert "h_max_m" in sci.settings
+    assert "h_max_m" not in m2dp.settings  # its yaml has no such setting
+    assert (indoor.train, indoor.tests, indoor.budget) == (PLAIN.train, PLAIN.tests, PLAIN.budget)
+
+
+def test_only_what_draws_at_random_has_seeds_and_only_listed_methods_have_variants() -> None:
+    sci, m2dp = with_models(PLAIN, asked(seeds="3")).methods
+    assert (sci.seeds, m2dp.seeds) == (3, 1)
+    assert (sci.variants, m2dp.variants) == ({"4way": "method.n_way=4"}, {})
+    assert not with_models(PLAIN, asked(variants="")).methods[0].variants
+    with pytest.raises(ConfigError, match="variants=far: expected some of 4way"):
+        with_models(PLAIN, asked(variants="far"))
+
+
+def test_altered_sequences_are_spread_from_the_first_to_the_last() -> None:
+    assert with_alterations(PLAIN, asked()).altered == {"turned": ("a", "c")}
+    assert with_alterations(PLAIN, asked(altered="")).altered == {}
+    cells = with_alterations(PLAIN, asked(cells="5m,20m")).cells
+    assert [cell.cell_m for cell in cells] == [5.0, 20.0]
+
+
+def test_poses_are_those_of_the_preset_or_those_asked_for() -> None:
+    assert with_poses(PLAIN, asked()).poses == ("sci",)
+    assert with_poses(PLAIN, asked(world="tiny")).poses == ()
+    assert with_poses(PLAIN, asked(poses="m2dp", paths="filter")).paths == ("filter",)
+    with pytest.raises(ConfigError, match="paths=filter: joins poses along a drive"):
+        with_poses(PLAIN, asked(world="tiny", paths="filter"))
+
+
+def test_viewpoints_need_methods_on_bird_views_and_latency_is_yes_or_no() -> None:
+    with pytest.raises(ConfigError, match="methods=sci,m2dp: only methods that look at bird-views"):
+        with_question(replace(PLAIN, question="viewpoints"), asked())
+    assert not with_timing(PLAIN, asked(latency="no")).latency
+    assert with_timing(PLAIN, asked(latency="yes")) == PLAIN
+
+
+def test_a_proposal_is_read_as_it_is_written() -> None:
+    proposal = propose(CONF, "campus", {"question": "lifelong", "scale": "indoor"})
+    again = study("campus", **proposal.study.table())
+    assert again == proposal.study
