@@ -10,9 +10,13 @@ from omegaconf import DictConfig
 from pipeline import schemas, store
 from pipeline.evaluation.viewpoints import Judged, line, means
 from pipeline.matching.ranking import Rows
+from pipeline.running.building import build, plain
 from pipeline.studies.known import studies
 from pipeline.studies.layout import Layout
-from stages import ROOT, ProgressBar, build, stage
+from stages import ROOT, ProgressBar, stage
+
+METHODS = ("pipeline.methods.",)
+"""Where the classes of models lie."""
 
 
 @stage("viewpoints")
@@ -27,17 +31,12 @@ def main(cfg: DictConfig) -> str:
         for method in ProgressBar().track(methods, len(methods), "judge turned robots"):
             for sequence in sequences:
                 views = Rows.read(layout.path("views", study.name, method.view, sequence))
-                seeds_judged = [
-                    judge(
-                        cfg,
-                        method.name,
-                        model.name,
-                        views,
-                        folder / model.name / f"{sequence}.zarr",
-                    )
-                    for model in method.seed_models
-                ]
-                numbers[f"{method.name} {sequence}"] = [seed.numbers() for seed in seeds_judged]
+                for family, models in method.families.items():
+                    seeds_judged = [
+                        judge(cfg, model.name, views, folder / model.name / f"{sequence}.zarr")
+                        for model in models
+                    ]
+                    numbers[f"{family} {sequence}"] = [seed.numbers() for seed in seeds_judged]
     with store.replace(cfg.metrics) as metrics_path:
         metrics_path.mkdir()
         for name, seeds in numbers.items():
@@ -48,12 +47,12 @@ def main(cfg: DictConfig) -> str:
     return "; ".join(f"{key}: {line(seeds)}" for key, seeds in numbers.items())
 
 
-def judge(cfg: DictConfig, method: str, model: str, views: Rows, out: Path) -> Judged:
-    """One model on one sequence, kept as an artifact."""
-    learned = store.read_model(
-        Layout(Path(cfg.artifacts)).path("train", cfg.study, cfg.cells, model)
-    )
-    judged: Judged = instantiate(cfg.viewpoints).judge(build("method", method), learned, views)
+def judge(cfg: DictConfig, model: str, views: Rows, out: Path) -> Judged:
+    """One model on one sequence, asked as it was trained and kept as an artifact."""
+    path = Layout(Path(cfg.artifacts)).path("train", cfg.study, cfg.cells, model)
+    recipe = {name: plain(value) for name, value in store.read_recipe(path).items()}
+    method = build(recipe, METHODS)
+    judged: Judged = instantiate(cfg.viewpoints).judge(method, store.read_model(path), views)
     with store.write(out, schemas.VIEWPOINTS, **judged.attrs()) as artifact:
         for column, values in judged.columns().items():
             artifact.put(column, values)

@@ -145,8 +145,8 @@ class Gathering:
         """Rows of every model on bird-views, on sequences matched with themselves."""
         for grid in self.study.grid_names:
             for method in self._on_bird_views():
-                for model in method.seed_models:
-                    place = {"grid": grid, "method": model.method, "seed": model.seed}
+                for model in method.models:
+                    place = {"grid": grid, **model.columns}
                     folder = self._path("viewpoints", grid, model.name)
                     if not folder.is_dir():
                         raise ArtifactError(f"{folder}: no such artifact; `dvc repro` builds it")

@@ -11,13 +11,11 @@ HEADINGS = ("ROC-AUC", "PR-AUC", "accuracy", "recall")
 
 
 def over(study: Study) -> list[Table]:
-    """A row a sequence and method: means over the headings, and over several seeds.
+    """A row a sequence and model: means over the headings, and over several seeds.
 
     Tables without rows are left out.
     """
-    totals = indexed(
-        study.rows[study.rows["change"] == "viewpoint of all"], "sequence", "method", "number"
-    )
+    totals = indexed(_rows(study, "viewpoint of all"), "sequence", "model", "number")
     of_headings = []
     of_seeds = []
     for key, wide in _numbers(study).items():
@@ -37,7 +35,7 @@ def over(study: Study) -> list[Table]:
             of_seeds.append(
                 (*key, *(spread(seeds[name], 3) for name in NUMBERS), count(len(seeds)))
             )
-    header = ("sequence", "method", *HEADINGS)
+    header = ("sequence", "model", *HEADINGS)
     last = ("headings with ROC-AUC", "queries", "bytes a place")
     candidates = (
         table("viewpoints_over_headings", (*header, *last), of_headings, words=2),
@@ -54,14 +52,20 @@ def every_heading(study: Study, name: str) -> Table:
         (*key, *(spread(groups.get_group(deg), 3) for deg in degrees))
         for key, groups in grouped.items()
     ]
-    header = ("sequence", "method", *(f"{deg:g}°" for deg in degrees))
+    header = ("sequence", "model", *(f"{deg:g}°" for deg in degrees))
     return table("every_heading", header, rows, words=2, title=HEADINGS[NUMBERS.index(name)])
 
 
+def _rows(study: Study, change: str) -> pd.DataFrame:
+    """The rows of a change, with a column `model`: the method, or a variant of it."""
+    rows = study.rows[study.rows["change"] == change]
+    model = rows["method"].where(rows["variant"] == "", rows["method"] + "-" + rows["variant"])
+    return rows.assign(model=model)
+
+
 def _numbers(study: Study) -> dict[tuple[str, str], pd.DataFrame]:
-    """Map sequence and method to a table of numbers: a row a seed and heading (`level`)."""
-    viewpoint_rows = study.rows[study.rows["change"] == "viewpoint"]
-    groups = viewpoint_rows.groupby(["sequence", "method"], sort=False)
+    """Map sequence and model to a table of numbers: a row a seed and heading (`level`)."""
+    groups = _rows(study, "viewpoint").groupby(["sequence", "model"], sort=False)
     return {
         key: group.pivot(index=["seed", "level"], columns="number", values="value")
         for key, group in groups

@@ -169,9 +169,12 @@ class StudyMethod:
         ]
 
     @property
-    def seed_models(self) -> list[ModelName]:
-        """Its own models, without the variants."""
-        return [model for model in self.models if not model.variant]
+    def families(self) -> dict[str, list[ModelName]]:
+        """Its models by family, its own and that of each variant: one model of each seed."""
+        families: dict[str, list[ModelName]] = {}
+        for model in self.models:
+            families.setdefault(model.family, []).append(model)
+        return families
 
     @property
     def is_on_bird_views(self) -> bool:

@@ -21,8 +21,9 @@ from pipeline.views.mapped import MappedViews
 def section(study: Study, folder: Path, view: BirdView) -> Section:
     """Draw paper 2's figures into `folder`; `view` is the bird-view that the methods look at."""
     methods = {
-        method.name: [model.name for model in method.seed_models]
+        family: [model.name for model in models]
         for method in study.settings.bird_view_methods
+        for family, models in method.families.items()
     }
     judgements_on: dict[
         str, dict[str, list[Judged]]
