@@ -92,7 +92,7 @@ def test_a_model_answers_with_poses_and_along_paths_where_its_family_is_posed() 
         "sci-4way-pose-filter-seed1",
         "m2dp",
     ]
-    assert [model.name for model in asked.methods[0].seed_models] == ["sci", "sci-seed1"]
+    assert [model.name for model in asked.methods[0].families["sci"]] == ["sci", "sci-seed1"]
     assert asked.model_named("sci-4way-seed1").seed == 1
 
 
