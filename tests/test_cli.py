@@ -343,7 +343,7 @@ def test_a_simulated_study_of_viewpoints_stands_beside_one_of_the_year(project):
     [
         ("use campus latency=perhaps", "latency=perhaps: expected yes or no"),
         ("use suburb question=viewpoints methods=pfl,sci", "only methods that look at bird-views"),
-        ("use campus question=viewpoints", "question=viewpoints: of campus expected year"),
+        ("use town question=viewpoints", "question=viewpoints: of town expected year"),
         ("use suburb question=train", "expected year or robustness or viewpoints"),
         ("use campus seeds=0", "expected a number from 1 to 100"),
         (
