@@ -202,15 +202,15 @@ class Classifier(ABC):
 
         At the precision of training.
         """
-        with loop.autocast(device(), self.precision):
-            seen: Tensor = net.embed(self.images(heights))
+        torch_device = next(net.parameters()).device
+        with loop.autocast(torch_device, self.precision):
+            seen: Tensor = net.embed(self.images(heights.to(torch_device)))
             return seen.float()
 
     def images(self, heights: Tensor) -> Tensor:
         """Coloured images (n, channels, rings, sectors) in [0, 1] of quantized heights."""
-        torch_device = device()
-        table = sent(torch.from_numpy(colours(self.colormap)), torch_device).float() / 255
-        return table[heights.to(torch_device).long()].permute(0, 3, 1, 2)
+        table = sent(torch.from_numpy(colours(self.colormap)), heights.device).float() / 255
+        return table[heights.long()].permute(0, 3, 1, 2)
 
     def whole(self, logits: Tensor) -> Tensor:
         """The network's logits (n, …, places) for whole images."""

@@ -108,7 +108,7 @@ class SciRing(Learner):
         The features are interpolated at the heading of the first place.
         """
         net.eval()
-        torch_device = device()
+        torch_device = next(net.parameters()).device
         outputs = []
         for rows in torch.split(torch.arange(len(heights)), self.batch):
             embedded = self.embedded(net, heights[rows])
