@@ -125,13 +125,9 @@ class HeldOut:
         compute: Compute,
         progress: Progress,
     ) -> Evidence:
-        """Fix the middle submap of each block that is held out (submap,) at a time.
-
-        Its neighbours in the block would be no further independent evidence.
-        """
+        """Fix the submaps that are held out (submap,) at a time."""
+        rows = np.flatnonzero(held)
         anchors = day.views.world_T_anchor
-        block = numbered(anchors, held, self.every_m, self.length_m)
-        rows = np.flatnonzero(held)[_middle_rows(block)]
         drive = day.drive
         map_path = day.map_path
         view = day.view  # a process gets these, not the model
@@ -166,11 +162,12 @@ class HeldOut:
 
         finished_parts = progress.track(compute.each(fixes, tasks), len(tasks), "held-out blocks")
         all_fixes = [fix for part in finished_parts for fix in part]
+        block = numbered(anchors, held, self.every_m, self.length_m)
         return Evidence(
             all_fixes,
             anchors[rows].repeat(3, axis=0),
             np.tile([False, False, True], len(rows)),
-            np.arange(len(rows)).repeat(3),
+            block.repeat(3),
         )
 
     def _aged(self, points_m: Points, row: int) -> Points:
@@ -181,9 +178,3 @@ class HeldOut:
         """The submaps (submap,) around a row, without which it is asked as a place never seen."""
         away_m = np.linalg.norm(world_T_anchor[:, :2, 3] - world_T_anchor[row, :2, 3], axis=1)
         return np.asarray(away_m < self.around_m[row % len(self.around_m)])
-
-
-def _middle_rows(block: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The middle row of each block, from the ascending numbers of the blocks of all rows (h,)."""
-    _, first_rows, counts = np.unique(block, return_index=True, return_counts=True)
-    return np.asarray(first_rows + counts // 2)
