@@ -168,7 +168,7 @@ def _write(table: "pd.DataFrame", studies: dict[str, dict[str, Any]], kinds: lis
 
 def _write_papers() -> None:
     """Write docs/papers.md from the tables that are kept."""
-    from pipeline.report.papers import page
+    from pipeline.papers import page
 
     page.write()
     print(f"{page.PAGE}: written")
@@ -183,7 +183,7 @@ def _keep(name: str, table: "pd.DataFrame", studies: dict[str, dict[str, Any]]) 
 
     from pipeline.evaluation.timing import processor
     from pipeline.networks.loop import arithmetic
-    from pipeline.report.papers.kept import keep
+    from pipeline.papers.kept import keep
 
     gpu = torch.cuda.get_device_name() if torch.cuda.is_available() else ""
     machine = f"{gpu or processor()}, torch {version('torch')}, {arithmetic()}"

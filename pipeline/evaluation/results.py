@@ -40,6 +40,7 @@ from pipeline.evaluation.study_rows import (
     ageing_rows,
     event_rows,
     paired_rows,
+    reconstruction_rows,
     viewpoint_rows,
 )
 from pipeline.evaluation.viewpoints import Judged
@@ -168,6 +169,10 @@ class Gathering:
                             place | {"sequence": path.stem} | columns
                             for columns in viewpoint_rows(judged)
                         )
+                    learned = store.read_model(
+                        self._path("train", grid, f"{model.name}{store.MODEL}")
+                    )
+                    yield from (place | columns for columns in reconstruction_rows(learned))
 
     def _on_bird_views(self) -> Sequence[Mapping[str, Any]]:
         return on_bird_views(self.study["methods"]) if self.study["question"] != "lifelong" else ()

@@ -2,17 +2,18 @@
 
 from collections.abc import Mapping
 from functools import cache
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import yaml
 
+from pipeline.papers.claims import CLAIMS, Claim
+from pipeline.papers.kept import FOLDER, Kept, read
+from pipeline.papers.rules import CONTRADICTED, Estimate, Outcome, Side
 from pipeline.replacing import replace
 from pipeline.report.comparison import ONE_SEED
-from pipeline.report.papers.findings import FINDINGS, Finding
-from pipeline.report.papers.kept import FOLDER, Kept, read
-from pipeline.report.papers.rules import CONTRADICTED, Estimate, Outcome, Side
-from pipeline.report.render import filled, part, template
+from pipeline.report.render import filled
 from pipeline.report.table import bracket, fixed, signed
 
 PAGE = Path("docs/papers.md")
@@ -21,8 +22,8 @@ UNTRAINED = ("scan_context", "m2dp", "sad")
 
 @cache
 def words() -> Mapping[str, Any]:
-    """The words of the page, templates/papers.yaml."""
-    entries: Mapping[str, Any] = yaml.safe_load(part("papers.yaml"))
+    """The words of the page, templates/words.yaml."""
+    entries: Mapping[str, Any] = yaml.safe_load(_part("words.yaml"))
     return entries
 
 
@@ -31,7 +32,7 @@ def page(kept: Kept) -> str:
     papers = [
         {
             "title": title,
-            "rows": [_row(kept, finding) for finding in FINDINGS if finding.paper == number],
+            "rows": [_row(kept, claim) for claim in CLAIMS if claim.paper == number],
         }
         for number, title in words()["papers"].items()
     ]
@@ -41,9 +42,8 @@ def page(kept: Kept) -> str:
         origin["budgets"] = ", ".join(
             f"{study} `{told['budget']}`" for study, told in origin["studies"].items()
         )
-    return template(
-        "papers.md.j2", papers=papers, headlines=headlines, origins=origins, one_seed=ONE_SEED
-    )
+    values = {"papers": papers, "headlines": headlines, "origins": origins, "one_seed": ONE_SEED}
+    return f"{filled(_part('page.md.j2'), **values)}\n"
 
 
 def write(folder: Path = FOLDER, path: Path = PAGE) -> None:
@@ -52,19 +52,24 @@ def write(folder: Path = FOLDER, path: Path = PAGE) -> None:
         scratch.write_text(page(read(folder)), encoding="utf-8")
 
 
-def _row(kept: Kept, finding: Finding) -> dict[str, Any]:
+def _part(name: str) -> str:
+    """The text of a file in templates/."""
+    return files("pipeline.papers").joinpath("templates", name).read_text(encoding="utf-8")
+
+
+def _row(kept: Kept, claim: Claim) -> dict[str, Any]:
     """The texts of a finding."""
-    text = words()["findings"][finding.name]
-    outcome = kept.outcomes[finding.name]
+    text = words()["findings"][claim.name]
+    outcome = kept.outcomes[claim.name]
     reason = words()["reasons"][outcome.reason]
     values = {
         "outcome": outcome,
-        "difference": _number(outcome.difference, finding.digits, is_difference=True),
+        "difference": _number(outcome.difference, claim.digits, is_difference=True),
         "lacking": _lacking(kept, outcome),
     }
     why = [filled(reason, **values), text.get("note", "")]
     is_headline = "headline" in text and outcome.verdict == CONTRADICTED
-    numbers = [_number(estimate, finding.digits) for _, estimate in outcome.sides]
+    numbers = [_number(estimate, claim.digits) for _, estimate in outcome.sides]
     return {
         "finding": text["finding"],
         "there": text.get("there", words()["no_number"]),
@@ -106,8 +111,8 @@ def _lacking(kept: Kept, outcome: Outcome) -> str:
     texts = []
     for name, sides in tables.items():
         if name in kept.frames:
-            labels = dict.fromkeys(f"{side.label} of {side.study}" for side in sides)
-            texts.append(f"`{name}` has no {' and no '.join(labels)}")
+            labels = dict.fromkeys(f"{side.number} of `{side.model}`" for side in sides)
+            texts.append(f"`{name}` has no {', no '.join(labels)}")
         else:
             texts.append(f"no table `{name}` is kept: {words()['tables'][name]}")
     return "; ".join(texts)

@@ -13,9 +13,9 @@ import yaml
 
 from pipeline.errors import ArtifactError, ConfigError
 from pipeline.evaluation.rows import COLUMNS, NUMERIC, TYPED, TYPES
+from pipeline.papers.claims import CLAIMS
+from pipeline.papers.rules import Outcome, Tables
 from pipeline.replacing import replace
-from pipeline.report.papers.findings import FINDINGS
-from pipeline.report.papers.rules import Outcome, Tables
 from pipeline.running.texts import read_yaml
 
 FOLDER = Path("docs/papers")
@@ -34,12 +34,12 @@ class Kept:
     frames: Mapping[str, pd.DataFrame]
     origins: Mapping[str, Mapping[str, Any]]
     """By table: `use`, the words of `yearloc use`; `cost`; `made`, a date; `machine`; `studies`."""
-    outcomes: Mapping[str, Outcome] = field(init=False)  # by finding
+    outcomes: Mapping[str, Outcome] = field(init=False)  # by claim
 
     def __post_init__(self) -> None:
         """Judge all findings."""
         tables = Tables(dict(self.frames))
-        outcomes = {finding.name: finding.measure(tables) for finding in FINDINGS}
+        outcomes = {claim.name: claim.measure(tables) for claim in CLAIMS}
         object.__setattr__(self, "outcomes", outcomes)
 
     def simulated(self, table: str, study: str) -> bool:
@@ -85,8 +85,8 @@ def kept_rows(name: str, table: pd.DataFrame) -> pd.DataFrame:
     if name not in NAMES:
         raise ConfigError(f"--keep {name}: expected one of {', '.join(NAMES)}")
     tables = Tables({name: table})
-    for finding in FINDINGS:
-        finding.measure(tables)
+    for claim in CLAIMS:
+        claim.measure(tables)
     rows = table.loc[sorted(tables.used[name]), [*KEPT]]
     if rows.empty:
         raise ConfigError(

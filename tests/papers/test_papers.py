@@ -10,9 +10,9 @@ import pytest
 
 from pipeline.errors import ArtifactError, ConfigError
 from pipeline.evaluation.rows import row, table
-from pipeline.report.papers import kept
-from pipeline.report.papers.findings import (
-    FINDINGS,
+from pipeline.papers import kept
+from pipeline.papers.claims import (
+    CLAIMS,
     absent,
     ahead,
     at_every_heading,
@@ -21,9 +21,10 @@ from pipeline.report.papers.findings import (
     steadier,
     untold,
 )
-from pipeline.report.papers.page import page, words
-from pipeline.report.papers.rules import (
+from pipeline.papers.page import page, words
+from pipeline.papers.rules import (
     CONTRADICTED,
+    OF_ALL,
     SHOWN,
     UNDECIDED,
     VIEWPOINT,
@@ -52,7 +53,7 @@ STUDY = {"campus": {"world": "campus_demo", "budget": "demo", "methods": [{"name
 def rows(side: Side, *values: float, half: float = 0.01, **columns: Any) -> list[dict[str, Any]]:
     """A row for each value, one a sequence, with an interval of +-half."""
     level = 0.0 if side.level is None else side.level
-    place = {"grid": side.grid, "method": side.method, "variant": side.variant}
+    place: dict[str, Any] = {"grid": side.grid, "method": side.method, "variant": side.variant}
     place |= {"kind": side.kind, "change": side.change, "level": level, **columns}
     return [
         place
@@ -209,6 +210,21 @@ def test_every_heading_must_agree() -> None:
     assert judged(measure, street(*two_seeds, reference)) == (SHOWN, "all")
 
 
+def test_an_error_is_better_where_it_is_less() -> None:
+    drawn, black = (
+        Side("street", "suburb", "pfl", number, "", change=OF_ALL)
+        for number in ("held_out_error", "black_error")
+    )
+    measure = at_every_heading(drawn, black, sign=-1)
+    for value, expected in (
+        (0.1, (SHOWN, "all")),
+        (0.3, (CONTRADICTED, "all")),
+        (0.21, (UNDECIDED, "mixed")),
+    ):
+        assert judged(measure, street(rows(drawn, value), rows(black, 0.2))) == expected
+    assert (drawn.label, black.label) == ("`pfl`", "a black image")
+
+
 def test_headings_within_and_beyond_an_angle_are_held_against_a_limit() -> None:
     near = at_every_heading(PFL, None, within_deg=30, limit=0.5)
     beyond = at_every_heading(PFL, None, sign=-1, beyond_deg=30, limit=0.5)
@@ -297,8 +313,8 @@ def test_a_broken_table_or_one_of_unknown_origin_is_named(tmp_path: Path) -> Non
 
 def test_every_finding_has_words_and_every_reason_too() -> None:
     texts: Mapping[str, Any] = words()["findings"]
-    assert list(texts) == [finding.name for finding in FINDINGS]
-    assert {finding.paper for finding in FINDINGS} == set(words()["papers"])
+    assert list(texts) == [claim.name for claim in CLAIMS]
+    assert {claim.paper for claim in CLAIMS} == set(words()["papers"])
     assert set(words()["tables"]) == set(kept.NAMES)
     assert all(
         {"finding"} <= set(text) <= {"finding", "there", "note", "headline"}

@@ -19,6 +19,7 @@ SHOWN = "shown"
 CONTRADICTED = "contradicted"
 UNDECIDED = "not decidable here"
 VIEWPOINT = "viewpoint"
+OF_ALL = "viewpoint of all"
 CLEARLY = 1.5  # medians of times without an interval differ clearly by such a factor
 CHOSEN = ("study", "method", "number", "protocol", "variant", "grid", "kind", "change")
 """Columns that a side has a word for."""
@@ -46,11 +47,14 @@ class Side:
 
     @property
     def label(self) -> str:
-        """The model, and what sets it apart: its cells, its novelty, what was done to queries."""
+        """The model, and what sets it apart: its cells, its answers, what was done to queries."""
+        if self.number == "black_error":
+            return "a black image"
         parts = [f"`{self.model}`"]
-        if self.change and not self.change.startswith(VIEWPOINT):
+        if self.change not in ("", VIEWPOINT, OF_ALL):
             parts.append(Kind(self.change, self.level or 0.0).label)
         parts += [f"{self.grid.removesuffix('m')} m"] if self.grid != "10m" else []
+        parts += ["first 25"] if self.number.endswith("25") else []
         return " ".join(parts)
 
 
@@ -98,7 +102,7 @@ class Outcome:
 
     verdict: str
     reason: str
-    """Its key in templates/papers.yaml."""
+    """Its key in templates/words.yaml."""
     sides: tuple[tuple[Side, Estimate], ...] = ()
     difference: Estimate = NOTHING
     seeds: int = 0
