@@ -232,6 +232,7 @@ def _turned(numbers: pd.DataFrame) -> pd.Series:
 
 
 FULL = Side("nway", "campus", "sci")
+ENTROPY = replace(FULL, number="auroc", kind="entropy")
 CUT = Side("compare", "campus", "sci")
 CAMPUS = tuple(Side("compare", "campus", method) for method in DESCRIPTORS)
 TOWN = tuple(Side("compare", "town", method) for method in DESCRIPTORS)
@@ -244,7 +245,6 @@ PFL, AFL, SAD = (
     Side("street", "suburb", method, "accuracy", "distance", change=VIEWPOINT, level=None)
     for method in ("pfl", "afl", "sad")
 )
-
 PFL_ROC, AFL_ROC, SAD_ROC = (replace(side, number="roc_auc") for side in (PFL, AFL, SAD))
 PFL_ERROR, AFL_ERROR = (
     replace(side, number="held_out_error", protocol="", change=OF_ALL, level=0.0)
@@ -284,11 +284,8 @@ CLAIMS = (
         ahead(*_of("auc_top1_per_100_days", FULL, SCAN_CONTEXT), noise=0.0),
     ),
     Claim("top1_against_25", 1, ahead(FULL, *_of("auc_top25", *CAMPUS))),
-    Claim(
-        "entropy",
-        1,
-        ahead(replace(FULL, number="auroc", kind="entropy"), *_of("auroc", *CAMPUS)),
-    ),
+    Claim("entropy", 1, ahead(ENTROPY, *_of("auroc", *CAMPUS))),
+    Claim("entropy_own", 1, ahead(ENTROPY, replace(ENTROPY, kind="feature_distance"))),
     Claim("half_circle", 1, ahead(SCAN_CONTEXT, TOWN[0])),
     Claim(
         "m2dp_walls", 1, ahead(replace(M2DP, change="construction", level=2.0), M2DP, factor=MOST)

@@ -54,6 +54,7 @@ class Side:
         if self.change not in ("", VIEWPOINT, OF_ALL):
             parts.append(Kind(self.change, self.level or 0.0).label)
         parts += [f"{self.grid.removesuffix('m')} m"] if self.grid != "10m" else []
+        parts += [f"by {self.kind.replace('_', ' ')}"] if self.kind else []
         parts += ["first 25"] if self.number.endswith("25") else []
         return " ".join(parts)
 
