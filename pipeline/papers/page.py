@@ -10,7 +10,7 @@ import yaml
 
 from pipeline.papers.claims import CLAIMS, Claim
 from pipeline.papers.kept import FOLDER, Kept, read
-from pipeline.papers.rules import CONTRADICTED, Estimate, Outcome, Side
+from pipeline.papers.rules import Estimate, Outcome, Side
 from pipeline.replacing import replace
 from pipeline.report.comparison import ONE_SEED
 from pipeline.report.render import filled
@@ -68,7 +68,7 @@ def _row(kept: Kept, claim: Claim) -> dict[str, Any]:
         "lacking": _lacking(kept, outcome),
     }
     why = [filled(reason, **values), text.get("note", "")]
-    is_headline = "headline" in text and outcome.verdict == CONTRADICTED
+    is_headline = "headline" in text and outcome.difference.value < 0
     numbers = [_number(estimate, claim.digits) for _, estimate in outcome.sides]
     return {
         "finding": text["finding"],
@@ -77,7 +77,11 @@ def _row(kept: Kept, claim: Claim) -> dict[str, Any]:
         "data": _data(kept, outcome),
         "verdict": outcome.verdict,
         "why": " ".join(sentence.strip() for sentence in why if sentence),
-        "headline": filled(text["headline"], numbers=numbers) if is_headline else "",
+        "headline": (
+            filled(text["headline"], numbers=numbers, verdict=outcome.verdict)
+            if is_headline
+            else ""
+        ),
     }
 
 

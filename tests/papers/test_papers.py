@@ -341,6 +341,17 @@ def test_a_row_says_number_data_and_why_and_headlines_stand_on_top(tmp_path: Pat
     assert "| campus `demo` | a processor | 2026-11-26 |" in text
 
 
+def test_a_headline_says_when_its_interval_is_too_wide(tmp_path: Path) -> None:
+    turned = Side("compare", "campus", "scan_context", change="turned")
+    lines = [*rows(turned, 0.7, half=0.2), *rows(SCAN_CONTEXT, 0.7, half=0.2)]
+    given = table(lines, study="campus", dataset="campus", simulated=True)
+    kept.keep("compare", given, STUDY, "2026-11-26", "a processor", tmp_path)
+    text = page(kept.read(tmp_path))
+    assert "- **Scan Context keeps all when the robot is turned**: its AUC is 0.700" in text
+    assert "lose: not decidable here, for two intervals of the same queries leave" in text
+    assert "0 is inside; that both are of the same queries would narrow it. |" in text
+
+
 def test_the_page_is_what_the_generator_gives() -> None:
     assert (ROOT / "docs/papers.md").read_text(encoding="utf-8") == page(
         kept.read(ROOT / kept.FOLDER)
