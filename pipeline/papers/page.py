@@ -88,8 +88,13 @@ def _row(kept: Kept, claim: Claim) -> dict[str, Any]:
 def _here(outcome: Outcome, numbers: list[str]) -> str:
     if not outcome.sides:
         return "–"
+    sides = [side for side, _ in outcome.sides]
+    is_clear = len({side.label for side in sides}) == len(sides)
+    is_one_study = len({side.study for side in sides}) == 1
+    places = [f"`{side.table}`" if is_one_study else side.study for side in sides]
     texts = [
-        f"{side.label} {number}" for (side, _), number in zip(outcome.sides, numbers, strict=True)
+        f"{side.label} {number}" if is_clear else f"{side.label} of {place} {number}"
+        for side, place, number in zip(sides, places, numbers, strict=True)
     ]
     is_trained = any(side.method not in UNTRAINED for side, _ in outcome.sides)
     seeds = f"{outcome.seeds} seed{'s' * (outcome.seeds != 1)}"
