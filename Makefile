@@ -21,7 +21,7 @@ endif
 endif
 endif
 
-.PHONY: install demo compare studies real year report results test test-all test-learning test-servers audit docs dashboard benchmarks clean
+.PHONY: install demo compare studies real year papers report results test test-all test-learning test-servers audit docs dashboard benchmarks clean
 
 # What every other target does first: the project and its packages, into .venv.
 install: .venv/ready
@@ -68,6 +68,20 @@ year: .venv/ready
 		methods=sci,sci_ring,scan_context,scan_context_all,m2dp variants=1way200,4way200,8way200,engaged
 	@yearloc repro
 	@yearloc results
+
+# What docs/papers.md holds against the papers, a table after the other; their yamls in docs/papers say what each asks and what it
+# costs. It may be stopped at any time and goes on where it was. BUDGET=demo (or another file of conf/budget) trains all of it shorter.
+PAPERS := nway street compare
+PAPERS_BUDGET = $(if $(filter file,$(origin BUDGET)),,budget=$(BUDGET))
+papers: .venv/ready
+	@for table in $(PAPERS); do sed -n "s/^cost: /$$table: /p" docs/papers/$$table.yaml; done
+	@yearloc repair
+	@set -e; for table in $(PAPERS); do \
+		yearloc use $$(sed -n 's/^use: //p' docs/papers/$$table.yaml) $(PAPERS_BUDGET); \
+		yearloc repro; \
+		yearloc results --keep $$table; \
+	done
+	@yearloc results --write papers
 
 report: .venv/ready
 	@python -m stages.report

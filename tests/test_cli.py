@@ -587,6 +587,23 @@ def test_a_picture_of_a_model_that_the_study_has_not_is_left_as_it_is(pages, cap
     )
 
 
+def test_what_the_papers_findings_read_is_kept_and_the_page_is_made_of_it(project, capsys):
+    (project / "artifacts/results/campus").mkdir(parents=True)
+    main(["use", "campus", "methods=sci"])
+    table(RESULTS, study="campus", dataset="campus", grid="10m").to_csv(
+        "artifacts/results/campus/results.csv", index=False
+    )
+    main(["results", "--keep", "compare"])
+    assert "docs/papers/compare.csv: written" in capsys.readouterr().out
+    assert "0.125" in Path("docs/papers/compare.csv").read_text()
+    made = Path("docs/papers/compare.yaml").read_text()
+    assert all(key in made for key in ("made: '20", "torch ", "world: campus_demo"))
+    assert "--keep mine: expected one of nway" in refused(capsys, "results", "--keep", "mine")
+    Path("artifacts/results/campus/results.csv").unlink()  # the page is made of what is kept
+    main(["results", "--write", "papers"])
+    assert "`compare`" in Path("docs/papers.md").read_text()
+
+
 def test_every_command_stands_in_a_group_of_the_help_with_a_sentence(capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "200")
     with pytest.raises(SystemExit) as stop:

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 MOVING = Path("docs/year.gif")
 """README's picture."""
+PAPERS = "papers"
+"""The kind of --write that is a page of its own: what the papers found."""
 
 
 def results(
@@ -54,15 +56,25 @@ def results(
         typer.Option(
             "--write",
             help="fill the marked blocks of README.md and docs/, of all kinds or these: brief, "
-            "tables, bfloat16, float32, picture",
+            "tables, bfloat16, float32, picture, and docs/papers.md: papers",
         ),
     ] = False,
+    keep: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME",
+            show_default=False,
+            help="keep in docs/papers/ what the papers' findings read: nway, street, compare, real",
+        ),
+    ] = "",
 ) -> None:
     """The results in a few lines, all tables, or every number as csv or json."""
     if words and not (write or where):
         raise typer.BadParameter(
             "a word of --where or --write, and neither is there", param_hint=words[0]
         )
+    if write and words == [PAPERS]:
+        return _write_papers()
     studies = read_studies()
     if full:
         return _full([(name, grid) for name, study in studies.items() for grid in study.grid_names])
@@ -76,6 +88,8 @@ def results(
         from pipeline.report.document import document
 
         return print(document(table, studies), end="")
+    if keep:
+        return _keep(keep, table, studies)
     if write:
         return _write(table, studies, words)
     if not (csv or json or where):
@@ -110,9 +124,10 @@ def _write(table: "pd.DataFrame", studies: "dict[str, Study]", kinds: list[str])
     from pipeline.replacing import replace
     from pipeline.report.pages import KINDS, PAGES, PICTURE, blocks, filled, table_texts
 
-    if unknown := [kind for kind in kinds if kind not in KINDS]:
-        raise ConfigError(f"--write {unknown[0]}: expected some of {', '.join(KINDS)}")
-    kinds = kinds or list(KINDS)
+    known = (*KINDS, PAPERS)
+    if unknown := [kind for kind in kinds if kind not in known]:
+        raise ConfigError(f"--write {unknown[0]}: expected some of {', '.join(known)}")
+    kinds = kinds or list(known)
     texts = {
         block: text
         for block, text in table_texts(table, studies, arithmetic()).items()
@@ -151,6 +166,33 @@ def _write(table: "pd.DataFrame", studies: "dict[str, Study]", kinds: list[str])
                 f"{path}: {' '.join(filter(None, block))}: "
                 f"{'written' if block in texts else 'left as it is'}"
             )
+    if PAPERS in kinds and any(Path("docs/papers").glob("*.csv")):
+        _write_papers()
+
+
+def _write_papers() -> None:
+    """Write docs/papers.md from the tables that are kept."""
+    from pipeline.papers import page
+
+    page.write()
+    print(f"{page.PAGE}: written")
+
+
+def _keep(name: str, table: "pd.DataFrame", studies: "dict[str, Study]") -> None:
+    """Keep the rows that the papers' findings read, and say on what machine and when."""
+    from datetime import date
+    from importlib.metadata import version
+
+    import torch
+
+    from pipeline.evaluation.timing import processor
+    from pipeline.networks.loop import arithmetic
+    from pipeline.papers.kept import keep
+
+    gpu = torch.cuda.get_device_name() if torch.cuda.is_available() else ""
+    machine = f"{gpu or processor()}, torch {version('torch')}, {arithmetic()}"
+    path = keep(name, table, studies, date.today().isoformat(), machine)
+    print(f"{path}: written; `yearloc results --write {PAPERS}` fills docs/papers.md")
 
 
 def _full(places: list[tuple[str, str]]) -> None:

@@ -39,6 +39,7 @@ from pipeline.evaluation.study_rows import (
     ageing_rows,
     event_rows,
     paired_rows,
+    reconstruction_rows,
     viewpoint_rows,
 )
 from pipeline.evaluation.viewpoints import Judged
@@ -156,6 +157,8 @@ class Gathering:
                             place | {"sequence": path.stem} | columns
                             for columns in viewpoint_rows(judged)
                         )
+                    learned = store.read_model(self._path("train", grid, model.name))
+                    yield from (place | columns for columns in reconstruction_rows(learned))
 
     def _all_grids(self) -> list[str]:
         """The names of all cell sizes at which places are ranked."""

@@ -34,6 +34,7 @@ AGEING = (
 reversed streets touch it."""
 PER_DAYS = 100  # slopes are of so many days
 ORACLE = "oracle"
+RECONSTRUCTION = ("held_out_error", "black_error")
 SHOWN = "change shown"
 TO_COME = "change to come"
 
@@ -214,3 +215,14 @@ def viewpoint_rows(judged: Judged) -> Rows:
         yield from several(place, "distance", dict(zip(VIEWPOINT_NUMBERS, values, strict=True)))
     numbers = {"queries": judged.valid.sum(), "bytes_per_place": judged.bytes_per_place}
     yield from several({"case": "viewpoint", "change": "viewpoint of all"}, "distance", numbers)
+
+
+def reconstruction_rows(model: Mapping[str, NDArray[Any]]) -> Rows:
+    """Rows of how well a network draws held-out images of training, in the round that was kept.
+
+    Its mean squared error, and a black image's on the same images; none for a method without them.
+    """
+    for name in RECONSTRUCTION:
+        if f"curves/{name}" in model:
+            of_round = model[f"curves/{name}"][int(model["best_epoch"])]
+            yield {"case": "viewpoint", "change": "viewpoint of all"} | row(name, "", of_round)

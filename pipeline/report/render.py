@@ -66,11 +66,12 @@ def words(*path: str, **values: Any) -> str:
     entry: Any = _words()
     for key in path:
         entry = entry.get(key, "") if isinstance(entry, Mapping) else ""
-    return (
-        BLANKS.sub(" ", _environment(False).from_string(entry).render(**values)).strip()
-        if entry
-        else ""
-    )
+    return filled(entry, **values) if entry else ""
+
+
+def filled(text: str, **values: Any) -> str:
+    """A text of a yaml of templates/, filled with values."""
+    return BLANKS.sub(" ", _environment(False).from_string(text).render(**values)).strip()
 
 
 def prose(text: str) -> Markup:

@@ -48,6 +48,12 @@ KNOWN, UNKNOWN = (
 )
 EVIDENCE = Evidence(np.ones(3, bool), KNOWN, UNKNOWN, np.arange(3))
 """Right, and told apart."""
+CURVES = {
+    "curves/held_out_error": np.array([0.5, 0.25, 0.375]),
+    "curves/black_error": np.array([0.125, 0.125, 0.125]),
+    "best_epoch": np.array(1),
+}
+"""Of a network that draws what it sees, three rounds; the second is kept."""
 
 
 def gathering(root: Path, study: Study = STUDY) -> Gathering:
@@ -66,7 +72,8 @@ def artifacts(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("5m", "sci"),
         ("5m", "sad"),
     ):
-        store.write_model(root / f"train/campus/{grid}/{model}.zarr.zip", EVIDENCE.arrays(), {})
+        learned = EVIDENCE.arrays() | (CURVES if model == "sad" else {})
+        store.write_model(root / f"train/campus/{grid}/{model}.zarr.zip", learned, {})
         for name in (FEB, MAR, RAIN) if grid == "10m" else (FEB, MAR):
             ranking = (
                 M2DP if model == "sad" else WORSE if name == MAR or model == "sci-4way" else SCI
@@ -308,6 +315,8 @@ def test_methods_on_bird_views_are_asked_from_other_headings(
         value(gathered, "bytes_per_place", **of),
     ) == (2, 8224.0)
     assert set(gathered.loc[gathered["change"] == "viewpoint", "number"]) == set(VIEWPOINT_NUMBERS)
+    assert value(gathered, "held_out_error", method="sad", sequence="") == 0.25  # the kept round's
+    assert value(gathered, "black_error", method="sad", sequence="") == 0.125
     alone = gathering(artifacts, replace(STUDY, question="viewpoints")).table()
     assert set(alone["change"]) == {"viewpoint", "viewpoint of all"}
 

@@ -1,0 +1,331 @@
+"""What the two papers claim, as comparisons of numbers in kept tables of results.
+
+The words stand in templates/words.yaml, under the same names. Tables: `nway`, SCI in full with N
+headings; `street`, bird-views of a street; `compare`, all methods; `real`, recordings.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pandas as pd
+
+from pipeline.papers.rules import (
+    OF_ALL,
+    UNDECIDED,
+    VIEWPOINT,
+    Estimate,
+    Outcome,
+    Side,
+    Tables,
+    by_interval,
+    common,
+    everywhere,
+    in_order,
+    less,
+    mean,
+    missing,
+)
+from pipeline.report.comparison import ONE_SEED
+
+MOST = 0.9
+"""Who keeps this share of a number has kept it: a finding that something costs nothing, or all, is
+held against nine tenths."""
+HALF = 0.5
+KB = 1024.0
+CODES = 8  # of a place, one a heading
+FEWEST_SEEDS = 3  # that a spread is told of
+CODE_B = 1.05 * KB  # with what else a place takes
+SCAN_MS = 100.0  # between two scans at 10 Hz
+DESCRIPTORS = ("scan_context", "m2dp", "pointnetvlad")
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A finding of a paper, by its name in templates/words.yaml, and how the tables judge it."""
+
+    name: str
+    paper: int
+    measure: Callable[[Tables], Outcome]
+    digits: int = 3
+
+
+def ahead(
+    one: Side, *others: Side, factor: float = 1.0, sign: int = 1, noise: float = ONE_SEED
+) -> Callable[[Tables], Outcome]:
+    """One side is above `factor` of the strongest other one; below it where `sign` is -1.
+
+    On the sequences that both have, if they are of one study and number.
+    """
+
+    def measure(tables: Tables) -> Outcome:
+        numbers = tables.numbers(one)
+        known = {other: tables.numbers(other) for other in others}
+        lacking = [side for side, found in ((one, numbers), *known.items()) if found.empty]
+        if numbers.empty or set(lacking) >= set(others):
+            return missing(*lacking)
+        other = max(
+            (side for side in known if side not in lacking), key=lambda s: mean(known[s]).value
+        )
+        reference = known[other]
+        if one.study == other.study:
+            numbers, reference = common(numbers, reference)
+            if numbers.empty:
+                return missing(one, other)
+        estimate, other_estimate = mean(numbers), mean(reference)
+        difference = less(estimate, other_estimate, factor)
+        difference = difference if sign > 0 else _negative(difference)
+        verdict, reason = by_interval(difference, _by_seed(numbers, reference, factor, sign), noise)
+        sequences = numbers.index.droplevel("seed").nunique()
+        sides = ((one, estimate), (other, other_estimate))
+        return Outcome(verdict, reason, sides, difference, _seeds(numbers), sequences, factor)
+
+    return measure
+
+
+def at_every_heading(
+    one: Side,
+    other: Side | None,
+    sign: int = 1,
+    within_deg: float = 180.0,
+    beyond_deg: float = 0.0,
+    limit: float = 0.0,
+) -> Callable[[Tables], Outcome]:
+    """One side is above the other, or above a limit, at every heading; below it if `sign` is -1.
+
+    Of the headings that are turned by `beyond_deg` to `within_deg` to either side.
+    """
+
+    def measure(tables: Tables) -> Outcome:
+        sides = [one] if other is None else [one, other]
+        found = [tables.numbers(side) for side in sides]
+        if lacking := _lacking(sides, found):
+            return missing(*lacking)
+        found = list(common(*found)) if len(found) > 1 else found
+        turned = [_turned(numbers) for numbers in found]
+        found = [
+            numbers[(angle >= beyond_deg) & (angle <= within_deg)]
+            for numbers, angle in zip(found, turned, strict=True)
+        ]
+        values = found[0]["value"].unstack("seed")
+        reference = (
+            found[1]["value"].groupby(["sequence", "heading"]).mean() if len(found) > 1 else limit
+        )
+        differences = sign * values.sub(reference, axis=0).to_numpy().ravel()
+        differences = differences[np.isfinite(differences)]
+        seeds = values.shape[1]
+        noise = ONE_SEED if other is not None and seeds == 1 else 0.0
+        verdict, reason = everywhere(differences, noise)
+        estimates = tuple(
+            (side, _from_to(numbers["value"])) for side, numbers in zip(sides, found, strict=True)
+        )
+        return Outcome(verdict, reason, estimates, seeds=seeds, pairs=len(values))
+
+    return measure
+
+
+def below(one: Side, limit: float, factor: float = 1.0) -> Callable[[Tables], Outcome]:
+    """`factor` of one side is below a limit on every sequence and seed."""
+
+    def measure(tables: Tables) -> Outcome:
+        numbers = tables.numbers(one)
+        if numbers.empty:
+            return missing(one)
+        values = factor * numbers["value"]
+        verdict, _ = everywhere((limit - values).to_numpy())
+        estimate = Estimate(float(values.mean()))
+        seeds = _seeds(numbers)
+        return Outcome(verdict, "limit", ((one, estimate),), seeds=seeds, pairs=len(values))
+
+    return measure
+
+
+def ordered(*sides: Side) -> Callable[[Tables], Outcome]:
+    """The sides' numbers ascend in this order."""
+
+    def measure(tables: Tables) -> Outcome:
+        found = [tables.numbers(side) for side in sides]
+        if lacking := _lacking(sides, found):
+            return missing(*lacking)
+        values = [mean(numbers).value for numbers in found]
+        verdict, reason = in_order(values)
+        estimates = tuple(zip(sides, map(Estimate, values), strict=True))
+        return Outcome(verdict, reason, estimates, seeds=_seeds(found[0]), pairs=len(values))
+
+    return measure
+
+
+def steadier(one: Side, other: Side) -> Callable[[Tables], Outcome]:
+    """One side deviates less between seeds than the other at every heading; takes three seeds."""
+
+    def measure(tables: Tables) -> Outcome:
+        sides = (one, other)
+        found = [tables.numbers(side) for side in sides]
+        if lacking := _lacking(sides, found):
+            return missing(*lacking)
+        seeds = min(_seeds(numbers) for numbers in found)
+        values = [numbers["value"].groupby(["sequence", "heading"]) for numbers in found]
+        few = seeds < FEWEST_SEEDS
+        told = [of_seeds.mean() if few else of_seeds.std() for of_seeds in values]
+        verdict, reason = everywhere((told[1] - told[0]).to_numpy())
+        verdict, reason = (UNDECIDED, "few_seeds") if few else (verdict, reason)
+        estimates = tuple(zip(sides, map(_from_to, told), strict=True))
+        return Outcome(verdict, reason, estimates, seeds=seeds, pairs=len(told[0]))
+
+    return measure
+
+
+def untold(one: Side, other: Side, factor: float = 1.0) -> Callable[[Tables], Outcome]:
+    """Numbers of a finding whose direction nobody here knows: there is no verdict."""
+
+    def measure(tables: Tables) -> Outcome:
+        outcome = ahead(one, other, factor=factor)(tables)
+        return (
+            outcome
+            if outcome.reason == "missing"
+            else replace(outcome, verdict=UNDECIDED, reason="untold")
+        )
+
+    return measure
+
+
+def absent(_: Tables) -> Outcome:
+    """A finding that is on numbers which no table of results has."""
+    return Outcome(UNDECIDED, "absent")
+
+
+def _lacking(sides: Sequence[Side], found: Sequence[pd.DataFrame]) -> list[Side]:
+    return [side for side, numbers in zip(sides, found, strict=True) if numbers.empty]
+
+
+def _from_to(values: pd.Series) -> Estimate:
+    """The mean, the lowest and the highest, for what has no interval."""
+    return Estimate(float(values.mean()), float(values.min()), float(values.max()))
+
+
+def _seeds(numbers: pd.DataFrame) -> int:
+    return int(numbers.index.get_level_values("seed").nunique())
+
+
+def _negative(difference: Estimate) -> Estimate:
+    return Estimate(-difference.value, -difference.high, -difference.low)
+
+
+def _by_seed(
+    numbers: pd.DataFrame, reference: pd.DataFrame, factor: float, sign: int
+) -> list[float]:
+    """The difference of each seed; a side of one seed stands beside every seed of the other."""
+    means = [side["value"].groupby("seed").mean() for side in (numbers, reference)]
+    seeds = sorted({seed for of_seed in means for seed in of_seed.index})
+    one, other = (
+        of_seed.reindex(seeds) if len(of_seed) > 1 else np.full(len(seeds), of_seed.iloc[0])
+        for of_seed in means
+    )
+    differences = sign * (np.asarray(one, np.float64) - factor * np.asarray(other, np.float64))
+    return [float(value) for value in differences if np.isfinite(value)]
+
+
+def _turned(numbers: pd.DataFrame) -> pd.Series:
+    """By how many degrees each row's queries are turned, to either side."""
+    heading = numbers.index.get_level_values("heading").to_numpy(np.float64)
+    return pd.Series(np.minimum(heading, 360 - heading), index=numbers.index)
+
+
+FULL = Side("nway", "campus", "sci")
+ENTROPY = replace(FULL, number="auroc", kind="entropy")
+CUT = Side("compare", "campus", "sci")
+CAMPUS = tuple(Side("compare", "campus", method) for method in DESCRIPTORS)
+TOWN = tuple(Side("compare", "town", method) for method in DESCRIPTORS)
+RECORDED = tuple(Side("real", "nclt_keyframes", method) for method in DESCRIPTORS)
+SCAN_CONTEXT, M2DP, POINTNETVLAD = CAMPUS
+FOUR, FOUR_200 = (replace(FULL, variant=variant) for variant in ("4way", "4way200"))
+EIGHT, EIGHT_200 = (replace(FULL, variant=variant) for variant in ("8way", "8way200"))
+ONE_WAY, ONE_WAY_200 = (replace(FULL, variant=variant) for variant in ("1way", "1way200"))
+PFL, AFL, SAD = (
+    Side("street", "suburb", method, "accuracy", "distance", change=VIEWPOINT, level=None)
+    for method in ("pfl", "afl", "sad")
+)
+PFL_ROC, AFL_ROC, SAD_ROC = (replace(side, number="roc_auc") for side in (PFL, AFL, SAD))
+PFL_ERROR, AFL_ERROR = (
+    replace(side, number="held_out_error", protocol="", change=OF_ALL, level=0.0)
+    for side in (PFL, AFL)
+)
+BLACK_ERROR = replace(PFL_ERROR, number="black_error")
+SCI_MS, M2DP_MS, POINTNETVLAD_MS, SCAN_CONTEXT_MS, PFL_MS = (
+    Side("compare", "campus", method, "query_ms", "")
+    for method in ("sci", "m2dp", "pointnetvlad", "scan_context", "pfl")
+)
+
+
+def _turned_by_chance(side: Side) -> Side:
+    return replace(side, change="turned")
+
+
+def _of(number: str, *sides: Side) -> tuple[Side, ...]:
+    return tuple(replace(side, number=number) for side in sides)
+
+
+def _four(four: Side, eight: Side, one: Side, end: str) -> tuple[Claim, ...]:
+    """Four ways against eight where queries are turned, and against one as driven."""
+    turned = [_turned_by_chance(side) for side in (four, eight)]
+    return (
+        Claim(f"four_suffice{end}", 1, ahead(*turned, factor=MOST)),
+        Claim(f"four_cost_nothing{end}", 1, ahead(four, one, factor=MOST)),
+    )
+
+
+CLAIMS = (
+    Claim("nclt", 1, ahead(FULL, *CAMPUS)),
+    Claim("nclt_recorded", 1, ahead(Side("real", "nclt_keyframes", "sci"), *RECORDED)),
+    Claim("oxford", 1, ahead(Side("compare", "town", "sci"), *TOWN)),
+    Claim(
+        "steadier",
+        1,
+        ahead(*_of("auc_top1_per_100_days", FULL, SCAN_CONTEXT), noise=0.0),
+    ),
+    Claim("top1_against_25", 1, ahead(FULL, *_of("auc_top25", *CAMPUS))),
+    Claim("entropy", 1, ahead(ENTROPY, *_of("auroc", *CAMPUS))),
+    Claim("entropy_own", 1, ahead(ENTROPY, replace(ENTROPY, kind="feature_distance"))),
+    Claim("half_circle", 1, ahead(SCAN_CONTEXT, TOWN[0])),
+    Claim(
+        "m2dp_walls", 1, ahead(replace(M2DP, change="construction", level=2.0), M2DP, factor=MOST)
+    ),
+    Claim(
+        "m2dp_wedge", 1, untold(replace(M2DP, change="demolition", level=60.0), M2DP, factor=MOST)
+    ),
+    Claim(
+        "scan_context_turned",
+        1,
+        ahead(_turned_by_chance(SCAN_CONTEXT), SCAN_CONTEXT, factor=MOST, sign=-1),
+    ),
+    Claim("m2dp_turned", 1, ahead(_turned_by_chance(M2DP), M2DP, factor=MOST, sign=-1)),
+    *_four(FOUR, EIGHT, ONE_WAY, ""),
+    *_four(FOUR_200, EIGHT_200, ONE_WAY_200, "_200"),
+    Claim("jet", 1, ahead(FULL, replace(FULL, variant="grey"))),
+    Claim("small_cells", 1, ahead(replace(FULL, grid="5m"), POINTNETVLAD)),
+    # Table III, the fastest first
+    Claim("times", 1, ordered(SCI_MS, M2DP_MS, POINTNETVLAD_MS, SCAN_CONTEXT_MS), digits=1),
+    Claim("trained_in_full", 1, ahead(FULL, CUT)),
+    Claim("pfl_accuracy", 2, at_every_heading(PFL, AFL)),
+    Claim("pfl_roc", 2, at_every_heading(PFL_ROC, AFL_ROC)),
+    Claim("afl_accuracy", 2, at_every_heading(AFL, SAD)),
+    Claim("afl_roc", 2, at_every_heading(AFL_ROC, SAD_ROC)),
+    Claim("sad_near", 2, at_every_heading(SAD, None, within_deg=30.0, limit=HALF)),
+    Claim("sad_beyond", 2, at_every_heading(SAD, None, sign=-1, beyond_deg=30.0, limit=HALF)),
+    Claim("nclt_easier", 2, absent),
+    Claim("reconstruction", 2, at_every_heading(PFL_ERROR, AFL_ERROR, sign=-1)),
+    Claim("black_image", 2, at_every_heading(PFL_ERROR, BLACK_ERROR, sign=-1)),
+    Claim("one_heading", 2, at_every_heading(PFL, replace(PFL, variant="one_heading"))),
+    Claim("stable", 2, steadier(PFL, AFL)),
+    Claim("ten_hertz", 2, below(PFL_MS, SCAN_MS), digits=1),
+    Claim(
+        "one_kb",
+        2,
+        below(
+            replace(PFL, number="bytes_per_place", change=OF_ALL, level=0.0),
+            CODE_B,
+            1 / CODES,
+        ),
+        digits=0,
+    ),
+)
