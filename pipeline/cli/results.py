@@ -124,10 +124,10 @@ def _write(table: "pd.DataFrame", studies: "dict[str, Study]", kinds: list[str])
     from pipeline.replacing import replace
     from pipeline.report.pages import KINDS, PAGES, PICTURE, blocks, filled, table_texts
 
-    known = (*KINDS, PAPERS)
-    if unknown := [kind for kind in kinds if kind not in known]:
-        raise ConfigError(f"--write {unknown[0]}: expected some of {', '.join(known)}")
-    kinds = kinds or list(known)
+    all_kinds = (*KINDS, PAPERS)
+    if unknown := [kind for kind in kinds if kind not in all_kinds]:
+        raise ConfigError(f"--write {unknown[0]}: expected some of {', '.join(all_kinds)}")
+    kinds = kinds or list(all_kinds)
     texts = {
         block: text
         for block, text in table_texts(table, studies, arithmetic()).items()

@@ -51,7 +51,7 @@ class Claim:
 
 
 def ahead(
-    one: Side, *others: Side, factor: float = 1.0, sign: int = 1, noise: float = ONE_SEED
+    leader: Side, *rivals: Side, factor: float = 1.0, sign: int = 1, noise: float = ONE_SEED
 ) -> Callable[[Tables], Outcome]:
     """One side is above `factor` of the strongest other one; below it where `sign` is -1.
 
@@ -59,32 +59,34 @@ def ahead(
     """
 
     def measure(tables: Tables) -> Outcome:
-        numbers = tables.numbers(one)
-        known = {other: tables.numbers(other) for other in others}
-        lacking = [side for side, found in ((one, numbers), *known.items()) if found.empty]
-        if numbers.empty or set(lacking) >= set(others):
+        numbers = tables.numbers(leader)
+        numbers_of_rivals = {rival: tables.numbers(rival) for rival in rivals}
+        lacking = _lacking((leader, *rivals), (numbers, *numbers_of_rivals.values()))
+        if numbers.empty or set(lacking) >= set(rivals):
             return missing(*lacking)
-        other = max(
-            (side for side in known if side not in lacking), key=lambda s: mean(known[s]).value
+        strongest = max(
+            (rival for rival in rivals if rival not in lacking),
+            key=lambda rival: mean(numbers_of_rivals[rival]).value,
         )
-        reference = known[other]
-        if one.study == other.study:
+        reference = numbers_of_rivals[strongest]
+        if leader.study == strongest.study:
             numbers, reference = common(numbers, reference)
             if numbers.empty:
-                return missing(one, other)
-        estimate, other_estimate = mean(numbers), mean(reference)
-        difference = less(estimate, other_estimate, factor)
+                return missing(leader, strongest)
+        estimate = mean(numbers)
+        strongest_estimate = mean(reference)
+        difference = less(estimate, strongest_estimate, factor)
         difference = difference if sign > 0 else _negative(difference)
         verdict, reason = by_interval(difference, _by_seed(numbers, reference, factor, sign), noise)
         sequences = numbers.index.droplevel("seed").nunique()
-        sides = ((one, estimate), (other, other_estimate))
+        sides = ((leader, estimate), (strongest, strongest_estimate))
         return Outcome(verdict, reason, sides, difference, _seeds(numbers), sequences, factor)
 
     return measure
 
 
 def at_every_heading(
-    one: Side,
+    side: Side,
     other: Side | None,
     sign: int = 1,
     within_deg: float = 180.0,
@@ -97,19 +99,23 @@ def at_every_heading(
     """
 
     def measure(tables: Tables) -> Outcome:
-        sides = [one] if other is None else [one, other]
-        found = [tables.numbers(side) for side in sides]
-        if lacking := _lacking(sides, found):
+        sides = [side] if other is None else [side, other]
+        numbers_of_sides = [tables.numbers(side) for side in sides]
+        if lacking := _lacking(sides, numbers_of_sides):
             return missing(*lacking)
-        found = list(common(*found)) if len(found) > 1 else found
-        turned = [_turned(numbers) for numbers in found]
-        found = [
+        numbers_of_sides = (
+            list(common(*numbers_of_sides)) if len(numbers_of_sides) > 1 else numbers_of_sides
+        )
+        turned = [_turned(numbers) for numbers in numbers_of_sides]
+        numbers_of_sides = [
             numbers[(angle >= beyond_deg) & (angle <= within_deg)]
-            for numbers, angle in zip(found, turned, strict=True)
+            for numbers, angle in zip(numbers_of_sides, turned, strict=True)
         ]
-        values = found[0]["value"].unstack("seed")
+        values = numbers_of_sides[0]["value"].unstack("seed")
         reference = (
-            found[1]["value"].groupby(["sequence", "heading"]).mean() if len(found) > 1 else limit
+            numbers_of_sides[1]["value"].groupby(["sequence", "heading"]).mean()
+            if len(numbers_of_sides) > 1
+            else limit
         )
         differences = sign * values.sub(reference, axis=0).to_numpy().ravel()
         differences = differences[np.isfinite(differences)]
@@ -117,25 +123,26 @@ def at_every_heading(
         noise = ONE_SEED if other is not None and seeds == 1 else 0.0
         verdict, reason = everywhere(differences, noise)
         estimates = tuple(
-            (side, _from_to(numbers["value"])) for side, numbers in zip(sides, found, strict=True)
+            (side, _from_to(numbers["value"]))
+            for side, numbers in zip(sides, numbers_of_sides, strict=True)
         )
         return Outcome(verdict, reason, estimates, seeds=seeds, pairs=len(values))
 
     return measure
 
 
-def below(one: Side, limit: float, factor: float = 1.0) -> Callable[[Tables], Outcome]:
+def below(side: Side, limit: float, factor: float = 1.0) -> Callable[[Tables], Outcome]:
     """`factor` of one side is below a limit on every sequence and seed."""
 
     def measure(tables: Tables) -> Outcome:
-        numbers = tables.numbers(one)
+        numbers = tables.numbers(side)
         if numbers.empty:
-            return missing(one)
+            return missing(side)
         values = factor * numbers["value"]
         verdict, _ = everywhere((limit - values).to_numpy())
         estimate = Estimate(float(values.mean()))
         seeds = _seeds(numbers)
-        return Outcome(verdict, "limit", ((one, estimate),), seeds=seeds, pairs=len(values))
+        return Outcome(verdict, "limit", ((side, estimate),), seeds=seeds, pairs=len(values))
 
     return measure
 
@@ -144,42 +151,44 @@ def ordered(*sides: Side) -> Callable[[Tables], Outcome]:
     """The sides' numbers ascend in this order."""
 
     def measure(tables: Tables) -> Outcome:
-        found = [tables.numbers(side) for side in sides]
-        if lacking := _lacking(sides, found):
+        numbers_of_sides = [tables.numbers(side) for side in sides]
+        if lacking := _lacking(sides, numbers_of_sides):
             return missing(*lacking)
-        values = [mean(numbers).value for numbers in found]
+        values = [mean(numbers).value for numbers in numbers_of_sides]
         verdict, reason = in_order(values)
         estimates = tuple(zip(sides, map(Estimate, values), strict=True))
-        return Outcome(verdict, reason, estimates, seeds=_seeds(found[0]), pairs=len(values))
+        return Outcome(
+            verdict, reason, estimates, seeds=_seeds(numbers_of_sides[0]), pairs=len(values)
+        )
 
     return measure
 
 
-def steadier(one: Side, other: Side) -> Callable[[Tables], Outcome]:
+def steadier(side: Side, other: Side) -> Callable[[Tables], Outcome]:
     """One side deviates less between seeds than the other at every heading; takes three seeds."""
 
     def measure(tables: Tables) -> Outcome:
-        sides = (one, other)
-        found = [tables.numbers(side) for side in sides]
-        if lacking := _lacking(sides, found):
+        sides = (side, other)
+        numbers_of_sides = [tables.numbers(side) for side in sides]
+        if lacking := _lacking(sides, numbers_of_sides):
             return missing(*lacking)
-        seeds = min(_seeds(numbers) for numbers in found)
-        values = [numbers["value"].groupby(["sequence", "heading"]) for numbers in found]
+        seeds = min(_seeds(numbers) for numbers in numbers_of_sides)
+        values = [numbers["value"].groupby(["sequence", "heading"]) for numbers in numbers_of_sides]
         few = seeds < FEWEST_SEEDS
-        told = [of_seeds.mean() if few else of_seeds.std() for of_seeds in values]
-        verdict, reason = everywhere((told[1] - told[0]).to_numpy())
+        spreads = [of_seeds.mean() if few else of_seeds.std() for of_seeds in values]
+        verdict, reason = everywhere((spreads[1] - spreads[0]).to_numpy())
         verdict, reason = (UNDECIDED, "few_seeds") if few else (verdict, reason)
-        estimates = tuple(zip(sides, map(_from_to, told), strict=True))
-        return Outcome(verdict, reason, estimates, seeds=seeds, pairs=len(told[0]))
+        estimates = tuple(zip(sides, map(_from_to, spreads), strict=True))
+        return Outcome(verdict, reason, estimates, seeds=seeds, pairs=len(spreads[0]))
 
     return measure
 
 
-def untold(one: Side, other: Side, factor: float = 1.0) -> Callable[[Tables], Outcome]:
+def untold(side: Side, other: Side, factor: float = 1.0) -> Callable[[Tables], Outcome]:
     """Numbers of a finding whose direction nobody here knows: there is no verdict."""
 
     def measure(tables: Tables) -> Outcome:
-        outcome = ahead(one, other, factor=factor)(tables)
+        outcome = ahead(side, other, factor=factor)(tables)
         return (
             outcome
             if outcome.reason == "missing"
@@ -194,8 +203,8 @@ def absent(_: Tables) -> Outcome:
     return Outcome(UNDECIDED, "absent")
 
 
-def _lacking(sides: Sequence[Side], found: Sequence[pd.DataFrame]) -> list[Side]:
-    return [side for side, numbers in zip(sides, found, strict=True) if numbers.empty]
+def _lacking(sides: Sequence[Side], numbers_of_sides: Sequence[pd.DataFrame]) -> list[Side]:
+    return [side for side, numbers in zip(sides, numbers_of_sides, strict=True) if numbers.empty]
 
 
 def _from_to(values: pd.Series) -> Estimate:
@@ -217,11 +226,14 @@ def _by_seed(
     """The difference of each seed; a side of one seed stands beside every seed of the other."""
     means = [side["value"].groupby("seed").mean() for side in (numbers, reference)]
     seeds = sorted({seed for of_seed in means for seed in of_seed.index})
-    one, other = (
-        of_seed.reindex(seeds) if len(of_seed) > 1 else np.full(len(seeds), of_seed.iloc[0])
+    of_numbers, of_reference = (
+        np.asarray(
+            of_seed.reindex(seeds) if len(of_seed) > 1 else np.full(len(seeds), of_seed.iloc[0]),
+            np.float64,
+        )
         for of_seed in means
     )
-    differences = sign * (np.asarray(one, np.float64) - factor * np.asarray(other, np.float64))
+    differences = sign * (of_numbers - factor * of_reference)
     return [float(value) for value in differences if np.isfinite(value)]
 
 
@@ -265,12 +277,12 @@ def _of(number: str, *sides: Side) -> tuple[Side, ...]:
     return tuple(replace(side, number=number) for side in sides)
 
 
-def _four(four: Side, eight: Side, one: Side, end: str) -> tuple[Claim, ...]:
+def _four(four: Side, eight: Side, single: Side, end: str) -> tuple[Claim, ...]:
     """Four ways against eight where queries are turned, and against one as driven."""
     turned = [_turned_by_chance(side) for side in (four, eight)]
     return (
         Claim(f"four_suffice{end}", 1, ahead(*turned, factor=MOST)),
-        Claim(f"four_cost_nothing{end}", 1, ahead(four, one, factor=MOST)),
+        Claim(f"four_cost_nothing{end}", 1, ahead(four, single, factor=MOST)),
     )
 
 

@@ -40,7 +40,7 @@ def page(kept: Kept) -> str:
     origins = [{"name": name, "use": "", **origin} for name, origin in kept.origins.items()]
     for origin in origins:
         origin["budgets"] = ", ".join(
-            f"{study} `{told['budget']}`" for study, told in origin["studies"].items()
+            f"{name} `{study['budget']}`" for name, study in origin["studies"].items()
         )
     values = {"papers": papers, "headlines": headlines, "origins": origins, "one_seed": ONE_SEED}
     return f"{filled(_part('page.md.j2'), **values)}\n"

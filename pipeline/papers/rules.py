@@ -125,22 +125,23 @@ def mean(numbers: pd.DataFrame) -> Estimate:
     return Estimate(*(float(numbers[name].mean()) for name in ("value", "low", "high")))
 
 
-def less(one: Estimate, other: Estimate, factor: float = 1.0) -> Estimate:
+def less(estimate: Estimate, other: Estimate, factor: float = 1.0) -> Estimate:
     """One number less `factor` of another, with an interval from those of the two.
 
     Half-widths add as squares do (Zou and Donner, 2008), which is too wide where both numbers are
     of the same queries.
     """
-    value = one.value - factor * other.value
-    below = hypot(one.value - one.low, factor * (other.high - other.value))
-    above = hypot(one.high - one.value, factor * (other.value - other.low))
+    value = estimate.value - factor * other.value
+    below = hypot(estimate.value - estimate.low, factor * (other.high - other.value))
+    above = hypot(estimate.high - estimate.value, factor * (other.value - other.low))
     return Estimate(value, value - below, value + above)
 
 
-def common(one: pd.DataFrame, other: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
+def common(numbers: pd.DataFrame, other: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Both, on the sequences and headings that both have."""
-    one_keys, other_keys = (numbers.index.droplevel("seed") for numbers in (one, other))
-    return one[one_keys.isin(other_keys)], other[other_keys.isin(one_keys)]
+    keys = numbers.index.droplevel("seed")
+    other_keys = other.index.droplevel("seed")
+    return numbers[keys.isin(other_keys)], other[other_keys.isin(keys)]
 
 
 def by_interval(

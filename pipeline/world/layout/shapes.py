@@ -71,7 +71,8 @@ def records(dtype: np.dtype[Any], **columns: object) -> Records:
     """
     length = np.broadcast_shapes(*(np.shape(np.asarray(column)) for column in columns.values()))
     table = np.zeros(length or (1,), dtype)
-    table["born_day"], table["dead_day"], table["species"] = *ALWAYS, Species.SOLID
+    table["born_day"], table["dead_day"] = ALWAYS
+    table["species"] = Species.SOLID
     for name, column in columns.items():
         table[name] = column
     return table
