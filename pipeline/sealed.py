@@ -20,7 +20,7 @@ SEAL = "seal"
 COMPRESSOR = ZstdCodec(level=0, checksum=True)
 REBUILD = "remove it and `dvc repro` it"
 ALL_CHUNKS = {"write_empty_chunks": True}
-"""Chunks of zeros are written too, so that one that is not there is missing."""
+"""Chunks of zeros are written too, so that a file that is not there always means damage."""
 
 
 class Stored:
@@ -63,15 +63,15 @@ class Stored:
         return getattr(self._array, name)
 
 
-def seal(path: Path | str) -> int:
+def metadata_checksum(path: Path | str) -> int:
     """The checksum of the metadata of a group and its arrays."""
     metadata = json.loads(content(f"{path}/zarr.json"))
     metadata["attributes"].pop(SEAL, None)
-    forms = [content(file) for file in listed(path, "*/zarr.json")]
-    return crc32(b"".join([json.dumps(metadata, sort_keys=True).encode(), *forms]))
+    array_metadata = [content(file) for file in listed(path, "*/zarr.json")]
+    return crc32(b"".join([json.dumps(metadata, sort_keys=True).encode(), *array_metadata]))
 
 
-def checked(path: Path | str, group: zarr.Group) -> None:
+def check_metadata(path: Path | str, group: zarr.Group) -> None:
     """Raise ArtifactError unless the metadata are as they were written."""
-    if group.attrs.get(SEAL) != seal(path):
+    if group.attrs.get(SEAL) != metadata_checksum(path):
         raise ArtifactError(f"{path}: its zarr.json are not as they were written; {REBUILD}")

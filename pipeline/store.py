@@ -96,7 +96,7 @@ def read(path: str | Path, *schemas: Schema) -> Artifact:
             f"{path}: expected {expected}, found {kind} version {version}; `dvc repro` builds it "
             "anew"
         )
-    sealed.checked(path, group)
+    sealed.check_metadata(path, group)
     return Artifact(path if remote.is_remote(path) else Path(path), group)
 
 
@@ -169,7 +169,7 @@ class Draft:
 
     def seal(self, path: Path) -> None:
         """Write the checksum of the metadata, once nothing follows."""
-        self._group.attrs[sealed.SEAL] = sealed.seal(path)
+        self._group.attrs[sealed.SEAL] = sealed.metadata_checksum(path)
 
     def _column(self, name: str) -> Column:
         if name not in self._schema.columns:

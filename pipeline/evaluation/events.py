@@ -21,8 +21,8 @@ from pipeline.formats.changes import Change
 from pipeline.running.settings import check
 
 NUMBERS = ("recall_at_1", "oracle", "auc_exact_top1")
-# between the paths of two sequences that are pooled, so that no block holds queries of both
 APART_M = 1e6
+"""Between the paths of two sequences that are pooled: no bootstrap block holds queries of both."""
 
 
 @dataclass(frozen=True)
@@ -86,8 +86,8 @@ def distances(
     """Distances (q,) of queries (q, 2) to the nearest shown change and to one to come, by sequence.
 
     `changes` of each sequence are those that show on its day. Changes that show in other sequences
-    only are to come; NaN where a shown change is nearer: the kind of street that changes, before it
-    does.
+    only are to come, NaN where a shown change is nearer: a control, of streets that change, before
+    they do.
     """
     shown_on_day = {
         sequence: {change for change in changes[sequence] if change.what in kinds}

@@ -1,6 +1,6 @@
-"""Rows of the table of results that need several evaluations.
+"""Rows of the table of results that one evaluation does not give.
 
-Ageing over the year, methods against each other, real changes, viewpoints.
+Ageing over the year, methods against each other, real changes, viewpoints, reconstructions.
 """
 
 from collections.abc import Iterable, Mapping
@@ -47,9 +47,8 @@ class Answers:
     """
 
     evaluations: Mapping[str, Mapping[str, Evaluation]]
-    held_out: Mapping[
-        str, NDArray[np.float64]
-    ]  # novelties (h,) in use of each method's held-out queries of training
+    held_out: Mapping[str, NDArray[np.float64]]
+    """Novelties (h,) in use of each method's held-out queries of training."""
     variants: Mapping[tuple[str, str], Mapping[str, Evaluation]] = field(default_factory=dict)
     """The same of method and variant; they are only compared with the reference."""
 

@@ -190,8 +190,11 @@ class Publisher:
                 digest = self._verified(path, archive)
                 folder.mkdir(exist_ok=True)
                 files += unpack(path, folder, archive.holds) if archive.packed else 1
-                record(path).write_text(f"{digest}  {archive.name}\n", encoding="utf-8")
-                path.unlink() if archive.packed else path.replace(folder / archive.holds)
+                checksum_file(path).write_text(f"{digest}  {archive.name}\n", encoding="utf-8")
+                if archive.packed:
+                    path.unlink()
+                else:
+                    path.replace(folder / archive.holds)
             digest = self._together(store, folder, group, archives) if group.together else digest
             yield f"{name}: {nbytes / 1e6:,.1f} MB, files: {files:,}, sha256 {digest[:16]}…"
 
@@ -211,7 +214,7 @@ class Publisher:
         ).hexdigest()
         if digest != group.together:
             for archive in archives:
-                record(store / archive.name).unlink(missing_ok=True)
+                checksum_file(store / archive.name).unlink(missing_ok=True)
                 (folder / archive.holds).unlink()
             name = f"{archives[0].name} … {archives[-1].name}"
             raise LogError(
@@ -253,10 +256,12 @@ class Publisher:
         with path.open("rb") as file:
             digest = hashlib.file_digest(file, "sha256").hexdigest()
         recorded = (
-            record(path).read_text(encoding="utf-8").split()[:1] if record(path).is_file() else []
+            checksum_file(path).read_text(encoding="utf-8").split()[:1]
+            if checksum_file(path).is_file()
+            else []
         )
         expected = (recorded or [digest])[0]
-        source = str(record(path))
+        source = str(checksum_file(path))
         if archive.path in self.sha256:
             expected = self.sha256[archive.path]
             source = "fetch.sha256"
@@ -269,6 +274,6 @@ class Publisher:
         return digest
 
 
-def record(path: Path) -> Path:
+def checksum_file(path: Path) -> Path:
     """The file with the sha256 of an archive, in the format of `sha256sum -c`."""
     return path.with_name(path.name + ".sha256")

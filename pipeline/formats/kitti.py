@@ -29,7 +29,7 @@ cam0 is 29 cm ahead of the lidar, 5 cm below it and 1 cm to its right, and is no
 """
 FOCAL_PX = 718.856
 CENTRE_PX = (607.1928, 185.2157)
-BASELINES_PX_M = (0.0, -386.1448, 45.38225, -337.2877)
+PROJECTION_OFFSETS_PX_M = (0.0, -386.1448, 45.38225, -337.2877)
 """Last column of P0 to P3 in log 00: −focal length × distance of a camera to the right of cam0."""
 
 
@@ -53,7 +53,7 @@ def decode(numbers: NDArray[np.float32], lift_m: float = 0.0) -> NDArray[np.floa
         x = np.float64(numbers[4 * i])
         y = np.float64(numbers[4 * i + 1])
         z = np.float64(numbers[4 * i + 2])
-        metres[3 * count] = x + 0.0  # no −0, whose angle is another
+        metres[3 * count] = x + 0.0  # makes 0 of −0, whose angle atan2 takes for another
         metres[3 * count + 1] = y + 0.0
         metres[3 * count + 2] = z + lift_m
         count += np.isfinite(x + y + z)
@@ -71,7 +71,7 @@ def write_calib(path: Path) -> None:
         f"P{camera}": np.array(
             [[FOCAL_PX, 0, CENTRE_PX[0], baseline], [0, FOCAL_PX, CENTRE_PX[1], 0], [0, 0, 1, 0]]
         )
-        for camera, baseline in enumerate(BASELINES_PX_M)
+        for camera, baseline in enumerate(PROJECTION_OFFSETS_PX_M)
     }
     _write(
         path,

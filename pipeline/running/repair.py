@@ -18,7 +18,7 @@ def repair(root: Path) -> list[Path]:
 
     DVC writes these in place. The table of locks is removed if none of its holders lives.
     """
-    bring_over(root)
+    move_old_locks(root)
     torn = [lock for lock in files(root / "dvc.lock") if not isinstance(_parsed(lock), dict)]
     for lock in torn:
         lock.write_text(EMPTY, encoding="utf-8")
@@ -28,7 +28,7 @@ def repair(root: Path) -> list[Path]:
     return torn
 
 
-def bring_over(root: Path) -> None:
+def move_old_locks(root: Path) -> None:
     """Move the lock files of an older clone from .dvc/locks to beside their dvc.yaml."""
     old_locks = root / ".dvc/locks"
     for lock in old_locks.glob("*.lock"):

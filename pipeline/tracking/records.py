@@ -110,13 +110,13 @@ class Source:
         for test in self.study.tests:
             day = rows_as_driven[rows_as_driven["sequence"] == test]
             files = self.files(model, test)
-            name = tags | {"sequence": test}
+            day_tags = tags | {"sequence": test}
             about = self._about("day.md.j2", sequence=test, days=_days(day))
             inputs = used_sequences(self.study, [test], self.lock, train=False)
             children.append(
                 RunRecord(
                     test,
-                    name,
+                    day_tags,
                     params | {"test": test},
                     over_days(day),
                     files,

@@ -26,6 +26,7 @@ from pipeline.evaluation.rows import Rows, of_evaluation, row
 from pipeline.matching.rejection import Evidence
 from pipeline.running.dvc_files import definition
 from pipeline.studies.known import studies
+from pipeline.studies.study import Study
 from pipeline.sweeps.cache import ArtifactCache
 from pipeline.sweeps.chain import Step, expand
 from pipeline.sweeps.job import Job
@@ -42,9 +43,9 @@ ConfigStore.instance().store("stage_fields", OmegaConf.create(own_fields()))
 
 @hydra.main(version_base="1.3", config_path=str(ROOT / "conf"), config_name="sweep")
 def job(cfg: DictConfig) -> float:
-    """Run one job; returns its AUC on held-out blocks of training, NaN if it failed.
+    """Run one job; returns what an optimising sweeper maximises: the AUC on held-out blocks.
 
-    For a sweeper that looks for the best.
+    NaN if the job failed.
     """
     of_hydra = HydraConfig.get()
     start_s = time.perf_counter()
@@ -57,10 +58,10 @@ def job(cfg: DictConfig) -> float:
     )
     record = Record(int(of_hydra.job.num), overrides, *labels)
     try:
-        record = replace(record, **localize_for_a_year(cfg, overrides, record.dataset))
+        record = replace(record, **run_chain(cfg, overrides, record.dataset))
     except CORRECTABLE as error:
-        plainest = error.__cause__ if isinstance(error.__cause__, YearlocError) else error
-        record = replace(record, error=" ".join(str(plainest).split()))
+        cause = error.__cause__ if isinstance(error.__cause__, YearlocError) else error
+        record = replace(record, error=" ".join(str(cause).split()))
     except Exception as error:  # one job's bug is no reason to lose the others
         traceback.print_exc()
         record = replace(record, error=f"{type(error).__name__}: {' '.join(str(error).split())}")
@@ -73,9 +74,7 @@ def job(cfg: DictConfig) -> float:
     return math.nan if record.held_out_auc is None else record.held_out_auc
 
 
-def localize_for_a_year(
-    cfg: DictConfig, overrides: Mapping[str, str], dataset: str
-) -> dict[str, Any]:
+def run_chain(cfg: DictConfig, overrides: Mapping[str, str], dataset: str) -> dict[str, Any]:
     """A job's rows of results, and where its artifacts came from."""
     if dataset not in (all_studies := studies(ROOT / "conf")):
         raise ConfigError(
@@ -88,17 +87,17 @@ def localize_for_a_year(
         line = import_module(f"stages.{step.stage}").main.run(composer.config(step, fields))
         print(f"{step.stage}: {line}", flush=True)
 
-    for study in (
-        all_studies[dataset],
-        replace(all_studies[dataset], altered={}),
-    ):  # altered queries only where DVC has their answers
+    def chain(study: Study) -> tuple[Job, dict[str, Step]]:
         steps = expand(definition(ROOT), listed(study, overrides, cfg.method.view))
         chain_job = Job(steps, UpToDate(ROOT), ArtifactCache(SWEEPS), composer.settings, run)
-        at = {step.stage: step for step in steps}
-        if chain_job.is_built(at["localize"]):
-            break
-    unseen_share = composer.config(at["localize"], {}).rejection.unseen_share
-    rows = list(results(chain_job, at["evaluate"], at["train"], unseen_share))
+        return chain_job, {step.stage: step for step in steps}
+
+    study = all_studies[dataset]
+    chain_job, step_of = chain(study)
+    if not chain_job.is_built(step_of["localize"]):  # DVC has no answers to altered queries
+        chain_job, step_of = chain(replace(study, altered={}))
+    unseen_share = composer.config(step_of["localize"], {}).rejection.unseen_share
+    rows = list(results(chain_job, step_of["evaluate"], step_of["train"], unseen_share))
     return {"rows": rows} | {
         name: dict(getattr(chain_job, name)) for name in ("from_dvc", "from_sweeps", "built")
     }
