@@ -230,9 +230,12 @@ def write_model(
         )
     words = {name: str(value) for name, value in recipe.items()}
     group.attrs.update({**MODEL_KIND, sealed.SEAL: _checksum(members), "recipe": words})
-    with replace(path) as scratch, ZipFile(scratch, "w") as archive:
-        for name in sorted(members):
-            archive.writestr(ZipInfo(name), members[name].to_bytes())  # dated 1980, all of them
+    try:
+        with replace(path) as scratch, ZipFile(scratch, "w") as archive:
+            for name in sorted(members):
+                archive.writestr(ZipInfo(name), members[name].to_bytes())  # dated 1980, all of them
+    except OSError as error:
+        raise ArtifactError(f"{path}: cannot be written ({error.strerror or error})") from None
 
 
 def read_model(path: str | Path) -> dict[str, NDArray[Any]]:

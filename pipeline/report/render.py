@@ -69,7 +69,7 @@ def words(*path: str, **values: Any) -> str:
     return filled(entry, **values) if entry else ""
 
 
-def filled(text: str, **values: Any) -> str:
+def filled(text: str, /, **values: Any) -> str:
     """A text of a yaml of templates/, filled with values."""
     return BLANKS.sub(" ", _environment(False).from_string(text).render(**values)).strip()
 
