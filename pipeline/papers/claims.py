@@ -13,6 +13,7 @@ import pandas as pd
 from pipeline.papers.rules import (
     OF_ALL,
     UNDECIDED,
+    UNTRAINED,
     VIEWPOINT,
     Estimate,
     Outcome,
@@ -122,6 +123,14 @@ def at_every_heading(
         seeds = values.shape[1]
         noise = ONE_SEED if other is not None and seeds == 1 else 0.0
         verdict, reason = everywhere(differences, noise)
+        is_network = (
+            other is not None
+            and other.method not in UNTRAINED
+            and other.number != BLACK_ERROR.number
+        )
+        if verdict != UNDECIDED and is_network and seeds < FEWEST_SEEDS:
+            # a training shifts all of its headings at once
+            verdict, reason = UNDECIDED, "one_training"
         estimates = tuple(
             (side, _from_to(numbers["value"]))
             for side, numbers in zip(sides, numbers_of_sides, strict=True)

@@ -10,14 +10,13 @@ import yaml
 
 from pipeline.papers.claims import CLAIMS, Claim
 from pipeline.papers.kept import FOLDER, Kept, read
-from pipeline.papers.rules import Estimate, Outcome, Side
+from pipeline.papers.rules import UNTRAINED, Estimate, Outcome, Side
 from pipeline.replacing import replace
 from pipeline.report.comparison import ONE_SEED
 from pipeline.report.render import filled
 from pipeline.report.table import bracket, fixed, signed
 
 PAGE = Path("docs/papers.md")
-UNTRAINED = ("scan_context", "m2dp", "sad")
 
 
 @cache

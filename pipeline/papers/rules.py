@@ -18,6 +18,8 @@ from pipeline.studies.models import ModelName
 SHOWN = "shown"
 CONTRADICTED = "contradicted"
 UNDECIDED = "not decidable here"
+UNTRAINED = ("scan_context", "m2dp", "sad")
+"""Methods that learn no weights."""
 VIEWPOINT = "viewpoint"
 OF_ALL = "viewpoint of all"
 CLEARLY = 1.5  # medians of times without an interval differ clearly by such a factor

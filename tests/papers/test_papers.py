@@ -43,9 +43,9 @@ ROOT = Path(__file__).parents[2]
 SCI, SCAN_CONTEXT, M2DP = (
     Side("compare", "campus", method) for method in ("sci", "scan_context", "m2dp")
 )
-PFL, AFL = (
+PFL, AFL, SAD = (
     Side("street", "suburb", method, "accuracy", "distance", change=VIEWPOINT, level=None)
-    for method in ("pfl", "afl")
+    for method in ("pfl", "afl", "sad")
 )
 MS = Side("compare", "campus", "sci", "query_ms", "")
 STUDY = {"campus": study(world="campus_demo", budget="demo")}
@@ -195,20 +195,25 @@ def test_what_is_missing_is_named() -> None:
         assert outcome.missing == expected
 
 
-def test_every_heading_must_agree() -> None:
+def test_every_heading_must_agree_and_three_trainings() -> None:
     reference = headings(AFL, [0.4, 0.5, 0.4])
     measure = at_every_heading(PFL, AFL)
     for values, expected in (
         ([0.5, 0.6, 0.5], (SHOWN, "all")),
         ([0.3, 0.4, 0.3], (CONTRADICTED, "all")),
         ([0.5, 0.6, 0.3], (UNDECIDED, "mixed")),
-        ([0.5, 0.6, 0.41], (UNDECIDED, "mixed")),  # one seed may make so much
     ):
-        outcome = measure(street(headings(PFL, values), reference))
+        seeds = [headings(PFL, values, seed=seed) for seed in range(3)]
+        outcome = measure(street(*seeds, reference))
         assert (outcome.verdict, outcome.reason) == expected
         assert outcome.pairs == 3
-    two_seeds = (headings(PFL, [0.5, 0.6, 0.41]), headings(PFL, [0.5, 0.6, 0.42], seed=1))
-    assert judged(measure, street(*two_seeds, reference)) == (SHOWN, "all")
+        of_two = judged(measure, street(*seeds[:2], reference))
+        assert of_two == ((UNDECIDED, "one_training") if expected[1] == "all" else expected)
+    untrained = headings(SAD, [0.1, 0.1, 0.1])
+    of_one = street(headings(PFL, [0.5, 0.6, 0.5]), untrained)
+    assert judged(at_every_heading(PFL, SAD), of_one) == (SHOWN, "all")
+    level = street(headings(PFL, [0.5, 0.6, 0.11]), untrained)  # one seed may make so much
+    assert judged(at_every_heading(PFL, SAD), level) == (UNDECIDED, "mixed")
 
 
 def test_an_error_is_better_where_it_is_less() -> None:
