@@ -54,7 +54,7 @@ def peers(fixer: Fixer, targets: Targets) -> dict[str, Peer]:
             best = np.eye(4)
             most = -1
             for row in _rows(targets, answers_m):
-                cloud = targets.cloud(fixer.fine, row)
+                cloud = targets.cloud(fixer.registration, row)
                 found = fixer.walls.match(targets.chart(fixer.walls, row), turned).target_T_query
                 for reach_m in REACHES_M:
                     result = small_gicp.align(
@@ -90,7 +90,7 @@ def _kiss(fixer: Fixer, targets: Targets) -> dict[str, Peer]:
         return {}
 
     def align(points_m: Points, answers_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        source = fixer.fine.prepare(points_m).xyz_m.astype(np.float32)
+        source = fixer.registration.prepare(points_m).xyz_m.astype(np.float32)
         best = np.eye(4)
         most = -1
         for row in _rows(targets, answers_m):

@@ -23,7 +23,7 @@ ABOUT = "site.json"
 MODEL = "model.safetensors"
 MAP = "map.safetensors"
 VIEWS = "views.safetensors"
-VERSION = 3
+VERSION = 4
 LARGEST_BYTES = 2**32
 KEYS = (
     "version",

@@ -10,10 +10,9 @@ import small_gicp
 from numpy.typing import NDArray
 
 from pipeline import schemas, store
-from pipeline.errors import InputError
 from pipeline.frames import Poses
 from pipeline.mapping.gathering import submap_points
-from pipeline.posing.registration import NOWHERE, Alignment, Cloud, Points, Registration
+from pipeline.posing.registration import Cloud, Points, Registration
 from pipeline.posing.verification import Seen
 from pipeline.posing.walls import Chart, Walls
 from pipeline.store import Artifact
@@ -92,18 +91,6 @@ class Targets:
         artifact = store.read(path, schemas.MAPS)
         attrs = {name: artifact.attrs[name] for name in ("grain_m", "range_m", "single")}
         return cls({name: artifact.load(name) for name in schemas.MAPS.columns}, **attrs)
-
-    def aligned(
-        self, registration: Registration, row: int, query: Cloud, guess: NDArray[np.float64]
-    ) -> Alignment:
-        """Register a prepared query against a row from a first guess (4, 4).
-
-        Returns NOWHERE where the row has too few points.
-        """
-        try:
-            return registration.refine(self.cloud(registration, row), query, guess)
-        except InputError:
-            return NOWHERE
 
     def _chart(self, walls: Walls, row: int) -> Chart:
         """The chart of a row's walls from above."""
