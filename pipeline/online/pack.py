@@ -31,7 +31,7 @@ from pipeline.running.compute import Compute
 from pipeline.running.dvc_files import DvcLock
 from pipeline.running.progress import Progress
 from pipeline.running.texts import read_yaml
-from pipeline.store import Artifact
+from pipeline.store import A
 from pipeline.studies.layout import Layout
 from pipeline.studies.study import Study, StudyMethod
 
@@ -56,9 +56,9 @@ class Packing:
         """
         dataset, grid, model_name, method = self._named(name)
         train = self.studies[dataset].train_text
-        labels = self._read("labels", schemas.LABELS, dataset, grid, train)
-        scans = self._read("scans", schemas.SCANS, dataset, train)
-        submaps = self._read("submaps", schemas.SUBMAPS, dataset, train)
+        labels = self._read("labels", schemas.Labels, dataset, grid, train)
+        scans = self._read("scans", schemas.Scans, dataset, train)
+        submaps = self._read("submaps", schemas.Submaps, dataset, train)
         if not (submaps.load("first") == submaps.load("scans")).all():
             raise ConfigError(
                 f"{name}: its submaps gather several scans or sweeps; a site localises single scans"
@@ -82,7 +82,7 @@ class Packing:
                     if key.endswith("_m")
                 }
                 write_map(map_path, scans, submaps, **thinning)
-            site_map = store.read(map_path, schemas.MAPS)
+            site_map = store.read(map_path, schemas.Maps)
             localizer = build(recipe, site.ROOTS).localizer(trained_model)
             views = Rows.read(self.layout.path("views", dataset, method.view, train))
             drive = Drive(Path(scans.path), Path(submaps.path))
@@ -91,7 +91,7 @@ class Packing:
             )
             compute = stack.enter_context(Compute("processes"))
             evidence = held_out.evidence(fixer, learned_day, compute, progress)
-            arrays = {key: site_map.load(key) for key in schemas.MAPS.columns}
+            arrays = {key: site_map.load(key) for key in schemas.Maps.columns}
         verdict = Verdict(evidence, settings["unseen_share"])
         limits = {belief: verdict.limits(belief) for belief in BELIEFS}
         reader = read_yaml(self.conf / "dataset" / f"{dataset}.yaml")["reader"]
@@ -131,7 +131,7 @@ class Packing:
             if kept_count == len(PROMISES)
             else f", not {', '.join(map(str, PROMISES[kept_count:]))}"
         )
-        places = f"{len(Places.read(labels).cells)} places, {len(arrays['world_T_anchor'])} submaps"
+        places = f"{len(Places.of(labels).cells)} places, {len(arrays['world_T_anchor'])} submaps"
         return (
             f"{out}: {places}, {out.stat().st_size / 1e6:.1f} MB; by {evidence.blocks} held-out "
             f"blocks it {promised}"
@@ -167,8 +167,8 @@ class Packing:
             )
         return dataset, grid, model_name, models[model_name]
 
-    def _read(self, kind: str, schema: store.Schema, *names: str) -> Artifact:
-        return store.read(self.layout.path(kind, *names), schema)
+    def _read(self, kind: str, artifact_kind: type[A], *names: str) -> A:
+        return store.read(self.layout.path(kind, *names), artifact_kind)
 
     def _provenance(self, dataset: str, grid: str, train: str, trained: Path) -> dict[str, Any]:
         """What the site was made of: DVC's digests, versions, and the day that was learned."""
@@ -187,7 +187,7 @@ class Packing:
         return {"train": train, "md5": digests, "versions": versions}
 
     def _sensor(
-        self, scans: Artifact, submaps: Artifact, reader: Mapping[str, Any]
+        self, scans: schemas.Scans, submaps: schemas.Submaps, reader: Mapping[str, Any]
     ) -> dict[str, Any]:
         """What nine training scans look like, and how high the reader raises them."""
         rows = np.unique(np.linspace(0, submaps["scans"].shape[0] - 1, 9).astype(int))

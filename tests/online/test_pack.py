@@ -46,11 +46,11 @@ def packing(tmp_path_factory: pytest.TempPathFactory) -> Packing:
         shutil.move(folder / f"made/{kind}.zarr", made / f"{kind}/three/monday.zarr")
     labels = label(poses, poses, GRID)
     box = {"cell_m": GRID.cell_m, "x_m": GRID.x_m, "y_m": GRID.y_m}
-    with store.write(made / "labels/three/10m/monday.zarr", schemas.LABELS, days=0, **box) as out:
-        for name in schemas.LABELS.columns:
+    with store.draft(made / "labels/three/10m/monday.zarr", schemas.Labels, days=0, **box) as out:
+        for name in schemas.Labels.columns:
             out.put(name, getattr(labels, name))
-    with store.write(
-        made / "views/three/scan_context/monday.zarr", schemas.VIEWS, cases=AS_DRIVEN
+    with store.draft(
+        made / "views/three/scan_context/monday.zarr", schemas.ScanContextViews, cases=AS_DRIVEN
     ) as out:
         out.put("images", images)
         out.put("stamps_ns", np.arange(24))
