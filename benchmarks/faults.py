@@ -81,7 +81,7 @@ def read(path: Path) -> Any:
         }
     if path.suffix == ".site":
         parts = site_file.read(path)
-        return str(parts.about), {
+        return str(parts.description), {
             name: np.asarray(array).tobytes()
             for name, array in {**parts.model, **parts.arrays}.items()
         }
