@@ -132,12 +132,11 @@ def main(dataset: str, model: str, sequence: str, every: str = "6") -> None:
     (path,) = Path("artifacts/map", dataset).glob("*.zarr")
     fixer = instantiate(OmegaConf.load("conf/poses.yaml").fixer)
     rankings = store.read(
-        Path("artifacts/localize", dataset, "10m", model, f"{sequence}.zarr"), schemas.RANKINGS
+        Path("artifacts/localize", dataset, "10m", model, f"{sequence}.zarr"), schemas.Rankings
     )
-    scans, submaps = (
-        store.read(Path(f"artifacts/{kind}", dataset, f"{sequence}.zarr"), schema)
-        for kind, schema in (("scans", schemas.SCANS), ("submaps", schemas.SUBMAPS))
-    )
+    root = Path("artifacts")
+    scans = store.read(root / "scans" / dataset / f"{sequence}.zarr", schemas.Scans)
+    submaps = store.read(root / "submaps" / dataset / f"{sequence}.zarr", schemas.Submaps)
     targets = Targets.read(path)
     world_T_true = submaps.load("world_T_anchor")
     answers_m = rankings.load("xy_m")

@@ -32,10 +32,10 @@ def draw(cfg: DictConfig, sequence: str, folder: Path) -> str:
     view = instantiate(cfg.view)
     alteration = instantiate(cfg.alteration)
     cases = altered(
-        store.read(scans, schemas.SCANS), store.read(submaps, schemas.SUBMAPS), view, alteration
+        store.read(scans, schemas.Scans), store.read(submaps, schemas.Submaps), view, alteration
     )
     listed = [asdict(case) for case in cases]
-    with store.write(folder / f"{sequence}.zarr", view.schema, cases=listed) as out:
+    with store.draft(folder / f"{sequence}.zarr", view.schema, cases=listed) as out:
         for rows in cases.values():
             out.append("images", rows.images)
         for name in ("stamps_ns", "world_T_anchor"):

@@ -23,8 +23,8 @@ def main(cfg: DictConfig) -> str:
 
 def draw(cfg: DictConfig, sequence: str, folder: Path) -> str:
     """The bird-views of one sequence."""
-    scans = store.read(Path(cfg.scans, f"{sequence}.zarr"), schemas.SCANS)
-    submaps = store.read(Path(cfg.submaps, f"{sequence}.zarr"), schemas.SUBMAPS)
+    scans = store.read(Path(cfg.scans, f"{sequence}.zarr"), schemas.Scans)
+    submaps = store.read(Path(cfg.submaps, f"{sequence}.zarr"), schemas.Submaps)
     return (
         f"{sequence}: "
         f"{MappedViews(scans, submaps, instantiate(cfg.view)).write(folder / f'{sequence}.zarr')}"

@@ -10,7 +10,7 @@ from omegaconf import DictConfig
 
 from pipeline import schemas, store
 from pipeline.evaluation.judge import judge_cases
-from pipeline.evaluation.judgement import Evaluation, attrs, columns, metrics, summary
+from pipeline.evaluation.judgement import Evaluation, Evaluations, metrics, summary
 from pipeline.evaluation.numbers import line
 from pipeline.evaluation.protocols import PROTOCOLS
 from stages import stage
@@ -39,30 +39,26 @@ def main(cfg: DictConfig) -> str:
 
 def evaluate(cfg: DictConfig, sequence: str, folder: Path) -> tuple[str, Evaluation]:
     """One sequence's evaluation in every case; returns the one as driven."""
-    kinds = {
-        "rankings": schemas.ANSWERS,
-        "labels": (schemas.LABELS,),
-        "submaps": (schemas.SUBMAPS,),
-    }
     name = f"{sequence}.zarr"
-    artifacts = {kind: store.read(Path(cfg[kind], name), *schema) for kind, schema in kinds.items()}
+    distance = instantiate(cfg.tolerance.distance)
+    bootstrap = instantiate(cfg.tolerance.bootstrap)
     cases = judge_cases(
-        **artifacts,
-        distance=instantiate(cfg.tolerance.distance),
-        bootstrap=instantiate(cfg.tolerance.bootstrap),
+        store.read(Path(cfg.rankings, name), schemas.Rankings, schemas.Fixes),
+        store.read(Path(cfg.labels, name), schemas.Labels),
+        store.read(Path(cfg.submaps, name), schemas.Submaps),
+        distance,
+        bootstrap,
     )
-    rules = {name: asdict(instantiate(cfg.tolerance[name])) for name in ("distance", "bootstrap")}
-    sequence_attrs = {
-        "sequence": sequence,
-        "train": cfg.train,
-        "wanted_precision": artifacts["rankings"].attrs["wanted_precision"],
-    }
-    with store.write(
-        folder / name, schemas.EVALUATIONS, **attrs(cases), **rules, **sequence_attrs
-    ) as out:
-        for column, values in columns([*cases.values()]).items():
-            out.put(column, values)
-    return sequence, next(iter(cases.values()))
+    evaluations = Evaluations(
+        evaluations=tuple(cases.values()),
+        cases=[asdict(case) for case in cases],
+        sequence=sequence,
+        train=cfg.train,
+        distance=asdict(distance),
+        bootstrap=asdict(bootstrap),
+    )
+    store.write(folder / name, evaluations)
+    return sequence, evaluations.case()
 
 
 if __name__ == "__main__":

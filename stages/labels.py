@@ -1,7 +1,6 @@
 """Submaps → places: the grid cells of the training sequence, and which of them each submap of a
 sequence is in."""
 
-from dataclasses import asdict
 from pathlib import Path
 
 from omegaconf import DictConfig
@@ -31,23 +30,18 @@ def labelled(cfg: DictConfig, sequence: str, train: str, folder: Path) -> str:
     Of several training sequences each is labelled by itself.
     """
     submaps, training = (
-        store.read(Path(cfg.submaps, f"{name}.zarr"), schemas.SUBMAPS) for name in (sequence, train)
+        store.read(Path(cfg.submaps, f"{name}.zarr"), schemas.Submaps) for name in (sequence, train)
     )
-    xy_m = training.load("world_T_anchor")[:, :2, 3]
+    xy_m = training.world_T_anchor[:, :2, 3]
     area = cfg.dataset.box
     grid = (
         Grid(cfg.grid.cell_m, tuple(area.x_m), tuple(area.y_m))
         if area
         else around(xy_m, cfg.grid.cell_m)
     )
-    labels = label(submaps.load("world_T_anchor"), training.load("world_T_anchor"), grid)
-    days = days_between(training["stamps_ns"][0], submaps["stamps_ns"][0])
-    box = {"x_m": list(grid.x_m), "y_m": list(grid.y_m)}
-    with store.write(
-        folder / f"{sequence}.zarr", schemas.LABELS, days=days, cell_m=grid.cell_m, **box
-    ) as out:
-        for name, column in asdict(labels).items():
-            out.put(name, column)
+    days = days_between(training.stamps_ns[0], submaps.stamps_ns[0])
+    labels = label(submaps.world_T_anchor, training.world_T_anchor, grid, days)
+    store.write(folder / f"{sequence}.zarr", labels)
     seen = int((labels.places >= 0).sum())
     hint = (
         ""

@@ -26,8 +26,8 @@ def main(cfg: DictConfig) -> str:
     study = studies(ROOT / "conf")[cfg.study]
     layout = Layout(Path(cfg.artifacts))
     sequence = study.tests[0]
-    scans = store.read(layout.path("scans", study.name, sequence), schemas.SCANS)
-    submaps = store.read(layout.path("submaps", study.name, sequence), schemas.SUBMAPS)
+    scans = store.read(layout.path("scans", study.name, sequence), schemas.Scans)
+    submaps = store.read(layout.path("submaps", study.name, sequence), schemas.Submaps)
     methods = contenders(study, cfg.cells, layout, lambda view: build("view", view), alone)
     measured = Latency.measure(methods, scans, submaps, cfg.queries, cfg.k)
     trained = {

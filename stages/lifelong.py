@@ -11,10 +11,9 @@ from omegaconf import DictConfig
 
 from pipeline import store
 from pipeline.lifelong.courses import Course
-from pipeline.lifelong.record import Record
+from pipeline.lifelong.record import line, record
 from pipeline.matching.ranking import Rows
 from pipeline.online.pack import Packing
-from pipeline.schemas_lifelong import LIFELONG
 from pipeline.studies.known import studies
 from pipeline.studies.layout import Layout
 from stages import ROOT, ProgressBar, stage, within_budget
@@ -41,12 +40,15 @@ def main(cfg: DictConfig) -> str:
         steps = course.steps(
             cfg.order, strategy, instantiate(cfg.method), packing, Path(scratch), progress
         )
-        record = Record.of(steps, queries, progress.tell)
-    identity = {"order": cfg.order, "strategy": cfg.strategy.name, "asked": [*queries]}
-    attrs = {**identity, **record.attrs, "correct_m": float(cfg.tolerance.distance.correct_m)}
-    with store.write(cfg.out, LIFELONG, **attrs) as out:
-        for name, column in record.columns.items():
-            out.put(name, column)
+        lifelong, cpu_s = record(
+            steps,
+            queries,
+            progress.tell,
+            cfg.order,
+            cfg.strategy.name,
+            float(cfg.tolerance.distance.correct_m),
+        )
+    store.write(cfg.out, lifelong)
     study = known_studies[cfg.study]
     model = study.model_named(cfg.name)
     place = {
@@ -57,9 +59,9 @@ def main(cfg: DictConfig) -> str:
         **model.columns,
     }
     with store.replace(cfg.timing) as path:
-        timing = {"place": place, **attrs, "cpu_s": [step.cpu_s for step in record.steps]}
+        timing = {"place": place, **lifelong.attrs, "cpu_s": cpu_s}
         path.write_text(json.dumps(timing, allow_nan=False) + "\n", encoding="utf-8")
-    return record.line()
+    return line(lifelong)
 
 
 if __name__ == "__main__":

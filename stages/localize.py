@@ -2,9 +2,9 @@
 one as unseen."""
 
 from dataclasses import asdict
-from math import isnan
 from pathlib import Path
 
+import numpy as np
 from hydra.utils import instantiate
 from omegaconf import DictConfig
 
@@ -38,21 +38,17 @@ def rank(cfg: DictConfig, sequence: str, stored_model: StoredModel, folder: Path
     n_driven = len(next(iter(cases.values())).stamps_ns)
     thresholds = rejection.thresholds(stored_model.model, ranking.kinds)
     reject_from, kept_precision = (
-        [float(value) for value in values] for values in zip(*thresholds, strict=True)
+        tuple(map(float, values)) for values in zip(*thresholds, strict=True)
     )
-    thresholds_attrs = {
-        "thresholds": reject_from,
-        "kept_precision": [None if isnan(precision) else precision for precision in kept_precision],
-    }
-    attrs = {
-        "cases": [asdict(case) for case in cases],
-        "wanted_precision": rejection.wanted_precision,
-        **thresholds_attrs,
-    }
-    with store.write(folder / name, schemas.RANKINGS, kinds=ranking.kinds, **attrs) as out:
-        out.put("turned_deg", turned_deg(cases))
-        for column in schemas.RANKINGS.columns.keys() - {"turned_deg"}:
-            out.put(column, getattr(ranking, column))
+    rankings = schemas.Rankings(
+        **vars(ranking),
+        turned_deg=turned_deg(cases).astype(np.float32),
+        cases=[asdict(case) for case in cases],
+        thresholds=reject_from,
+        wanted_precision=rejection.wanted_precision,
+        kept_precision=kept_precision,
+    )
+    store.write(folder / name, rankings)
     rejected = int((ranking.novelty[:n_driven, 0].astype(float) >= reject_from[0]).sum())
     altered = f" in {len(cases)} cases" if len(cases) > 1 else ""
     summary = rejection.summary(stored_model.model, thresholds[0], rejected)

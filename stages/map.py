@@ -16,8 +16,8 @@ def main(cfg: DictConfig) -> str:
     with store.replace(cfg.out) as folder:
         folder.mkdir()
         for sequence in ProgressBar().track(trained, len(trained), "thin"):
-            scans = store.read(Path(cfg.scans, f"{sequence}.zarr"), schemas.SCANS)
-            submaps = store.read(Path(cfg.submaps, f"{sequence}.zarr"), schemas.SUBMAPS)
+            scans = store.read(Path(cfg.scans, f"{sequence}.zarr"), schemas.Scans)
+            submaps = store.read(Path(cfg.submaps, f"{sequence}.zarr"), schemas.Submaps)
             count, points = write_map(
                 folder / f"{sequence}.zarr",
                 scans,

@@ -26,22 +26,14 @@ def follow(cfg: DictConfig, sequence: str, folder: Path) -> str:
     """Write the poses of one sequence anew; it may run in a process of its own."""
     name = f"{sequence}.zarr"
     train = f"{cfg.train}.zarr"
-    fixes = store.read(Path(cfg.fixes, name), schemas.FIXES)
-    submaps = store.read(Path(cfg.submaps, name), schemas.SUBMAPS)
-    odom_T_scan = store.read(Path(cfg.scans, name), schemas.SCANS).load("odom_T_scan")
-    places = Places.read(store.read(Path(cfg.labels, train), schemas.LABELS))
-    columns, attrs = joined(
-        fixes, odom_T_scan[submaps.load("scans")], instantiate(cfg.path), places
-    )
-    with store.write(folder / name, schemas.FIXES, **attrs) as out:
-        for column in schemas.FIXES.columns:
-            out.put(column, columns[column])
+    fixes = store.read(Path(cfg.fixes, name), schemas.Fixes)
+    submaps = store.read(Path(cfg.submaps, name), schemas.Submaps)
+    odom_T_scan = store.read(Path(cfg.scans, name), schemas.Scans).odom_T_scan
+    places = Places.of(store.read(Path(cfg.labels, train), schemas.Labels))
+    along_path = joined(fixes, odom_T_scan[submaps.scans], instantiate(cfg.path), places)
+    store.write(folder / name, along_path)
     is_accepted, was_accepted = (
-        values[:, 0] < value_attrs["promised"][1]
-        for values, value_attrs in (
-            (columns["novelty"], attrs),
-            (fixes.load("novelty"), fixes.attrs),
-        )
+        answers.novelty[:, 0] < answers.promised[1] for answers in (along_path, fixes)
     )
     return (
         f"{sequence}: {is_accepted.sum()} of {len(is_accepted)} queries accepted along the path, "

@@ -20,7 +20,7 @@ from stages import ProgressBar, build, stage
 
 @stage("poses")
 def main(cfg: DictConfig) -> str:
-    labels = store.read(Path(cfg.labels, f"{cfg.train}.zarr"), schemas.LABELS)
+    labels = store.read(Path(cfg.labels, f"{cfg.train}.zarr"), schemas.Labels)
     sequences = cfg.sequences.split()
     fixer = instantiate(cfg.fixer, **cfg.budget.get("poses", {}))
     map_path = Path(cfg.map, f"{cfg.train}.zarr")
@@ -28,7 +28,7 @@ def main(cfg: DictConfig) -> str:
         map_path,
         Drive(Path(cfg.scans, map_path.name), Path(cfg.submaps, map_path.name)),
         Rows.read(Path(cfg.views, map_path.name)),
-        labels.load("places"),
+        labels.places,
         instantiate(cfg.view),
         instantiate(cfg.method).localizer(store.read_model(cfg.model)),
         cfg.k,
@@ -37,7 +37,7 @@ def main(cfg: DictConfig) -> str:
         folder.mkdir()
         evidence = instantiate(cfg.held_out).evidence(fixer, day, compute, ProgressBar())
         verdict = Verdict(evidence, cfg.unseen_share)
-        posing = Posing(verdict, Places.read(labels), cfg.wanted_precision)
+        posing = Posing(verdict, Places.of(labels), cfg.wanted_precision)
         fixer = replace(fixer, chances=verdict.judge.pose)
         lines = [f"{len(evidence.fixes)} fixes of {evidence.blocks} held-out blocks"]
         fixes_by_sequence = compute.each(
@@ -48,7 +48,7 @@ def main(cfg: DictConfig) -> str:
             ProgressBar().track(fixes_by_sequence, len(sequences), "register"),
             strict=True,
         ):
-            rankings = store.read(Path(cfg.rankings, f"{sequence}.zarr"), schemas.RANKINGS)
+            rankings = store.read(Path(cfg.rankings, f"{sequence}.zarr"), schemas.Rankings)
             lines.append(posing.write(folder / f"{sequence}.zarr", rankings, sequence_fixes))
     return "; ".join(lines)
 

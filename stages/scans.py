@@ -16,7 +16,7 @@ def main(cfg: DictConfig) -> str:
     log = open_part(instantiate(cfg.dataset.reader), Path(cfg.root), cfg.sequence)
     intake = Intake(log, cfg.grain_m, cfg.every_m)
     attrs = {"grain_m": cfg.grain_m, "skipped": intake.skipped, "clipped": intake.clipped}
-    with instantiate(cfg.compute) as compute, store.write(cfg.out, schemas.SCANS, **attrs) as out:
+    with instantiate(cfg.compute) as compute, store.draft(cfg.out, schemas.Scans, **attrs) as out:
         for points, offsets in intake.blocks(compute, ProgressBar()):
             out.append("points", points)
             out.append("offsets", offsets)

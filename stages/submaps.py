@@ -7,7 +7,6 @@ from omegaconf import DictConfig
 
 from pipeline import schemas, store
 from pipeline.errors import ArtifactError
-from pipeline.mapping.appearance import appearance
 from pipeline.running.progress import Progress
 from stages import ProgressBar, stage
 
@@ -24,7 +23,7 @@ def main(cfg: DictConfig) -> str:
 
 def cut(cfg: DictConfig, sequence: str, folder: Path) -> str:
     """The submaps of one sequence."""
-    scans = store.read(Path(cfg.scans, f"{sequence}.zarr"), schemas.SCANS)
+    scans = store.read(Path(cfg.scans, f"{sequence}.zarr"), schemas.Scans)
     submaps = instantiate(cfg.submap).cut(scans, Progress())
     left_out = "".join(
         f", {count} left out ({reason})" for reason, count in sorted(submaps.left_out.items())
@@ -34,16 +33,7 @@ def cut(cfg: DictConfig, sequence: str, folder: Path) -> str:
             f"{scans.path}: no submap of submap.step_m={cfg.submap.step_m} can be cut from "
             f"it{left_out}"
         )
-    attrs = {
-        "layout": submaps.layout,
-        "left_out": dict(submaps.left_out),
-        "appearance": appearance(scans, submaps),
-    }
-    with store.write(folder / f"{sequence}.zarr", schemas.SUBMAPS, **attrs) as out:
-        for name in ("first", "scans", "ground_m", "used"):
-            out.put(name, getattr(submaps, name))
-        out.put("stamps_ns", scans.load("stamps_ns")[submaps.scans])
-        out.put("world_T_anchor", scans.load("world_T_scan")[submaps.scans])
+    store.write(folder / f"{sequence}.zarr", submaps)
     return f"{sequence}: {len(submaps.scans)} submaps of {len(submaps.used)} scans{left_out}"
 
 

@@ -21,7 +21,7 @@ from stages import ProgressBar, stage, within_budget
 def main(cfg: DictConfig) -> str:
     sequences = [f"{sequence}.zarr" for sequence in cfg.sequences.split()]
     views_of_sequences = [Rows.read(Path(cfg.views, name)) for name in sequences]
-    labels = [store.read(Path(cfg.labels, name), schemas.LABELS) for name in sequences]
+    labels = [store.read(Path(cfg.labels, name), schemas.Labels) for name in sequences]
     cfg = within_budget(cfg, HydraConfig.get().overrides.task if HydraConfig.initialized() else ())
     method = instantiate(cfg.method)
     share = float(cfg.budget.share)
@@ -38,7 +38,7 @@ def main(cfg: DictConfig) -> str:
             method,
             store.read_model(cfg["from"]),
             views_of_sequences,
-            Places.read(labels[0]),
+            Places.of(labels[0]),
             progress,
         )
     model = {"image_shape": np.array(views.images.shape[1:]), **learned}

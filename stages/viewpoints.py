@@ -7,8 +7,8 @@ from pathlib import Path
 from hydra.utils import instantiate
 from omegaconf import DictConfig
 
-from pipeline import schemas, store
-from pipeline.evaluation.viewpoints import Judged, line, means
+from pipeline import store
+from pipeline.evaluation.viewpoints import ViewpointMatches, line, means
 from pipeline.matching.ranking import Rows
 from pipeline.running.building import build, plain
 from pipeline.studies.known import studies
@@ -36,7 +36,7 @@ def main(cfg: DictConfig) -> str:
                         judge(cfg, model.name, views, folder / model.name / f"{sequence}.zarr")
                         for model in models
                     ]
-                    numbers[f"{family} {sequence}"] = [seed.numbers() for seed in seeds_judged]
+                    numbers[f"{family} {sequence}"] = [seed.by_heading() for seed in seeds_judged]
     with store.replace(cfg.metrics) as metrics_path:
         metrics_path.mkdir()
         for name, seeds in numbers.items():
@@ -47,16 +47,16 @@ def main(cfg: DictConfig) -> str:
     return "; ".join(f"{key}: {line(seeds)}" for key, seeds in numbers.items())
 
 
-def judge(cfg: DictConfig, model: str, views: Rows, out: Path) -> Judged:
+def judge(cfg: DictConfig, model: str, views: Rows, out: Path) -> ViewpointMatches:
     """One model on one sequence, asked as it was trained and kept as an artifact."""
     path = Layout(Path(cfg.artifacts)).path("train", cfg.study, cfg.cells, model)
     recipe = {name: plain(value) for name, value in store.read_recipe(path).items()}
     method = build(recipe, METHODS)
-    judged: Judged = instantiate(cfg.viewpoints).judge(method, store.read_model(path), views)
-    with store.write(out, schemas.VIEWPOINTS, **judged.attrs()) as artifact:
-        for column, values in judged.columns().items():
-            artifact.put(column, values)
-    return judged
+    matches: ViewpointMatches = instantiate(cfg.viewpoints).judge(
+        method, store.read_model(path), views
+    )
+    store.write(out, matches)
+    return matches
 
 
 if __name__ == "__main__":

@@ -33,8 +33,8 @@ def opened(cfg: DictConfig, sequence: str) -> Drawing:
     scans = Path(cfg.scans, f"{sequence}.zarr")
     submaps = Path(cfg.submaps, f"{sequence}.zarr")
     return Drawing(
-        store.read(scans, schemas.SCANS),
-        store.read(submaps, schemas.SUBMAPS),
+        store.read(scans, schemas.Scans),
+        store.read(submaps, schemas.Submaps),
         instantiate(cfg.view),
     )
 

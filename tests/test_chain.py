@@ -18,7 +18,7 @@ from distributed import LocalCluster
 from pipeline import schemas, store
 from pipeline.evaluation import results
 from pipeline.running.dvc_files import DvcLock, definition
-from pipeline.schemas_lifelong import LIFELONG
+from pipeline.schemas import Lifelong
 from pipeline.studies.expansion import LISTS
 from pipeline.studies.layout import Layout
 from tests.clone import ROOT, Clone
@@ -114,7 +114,7 @@ def test_a_model_of_the_chain_learns_its_day_street_by_street(built, tmp_path):
     )
     line = built.run("python", "-m", "stages.lifelong", *course, *days, *paths)
     assert re.search(r"lifelong: 4 steps to \d+ places: of \d+ queries that can be known", line)
-    artifact = store.read(tmp_path / "grown.zarr", LIFELONG)
+    artifact = store.read(tmp_path / "grown.zarr", Lifelong)
     assert artifact.attrs["places"] == sorted(artifact.attrs["places"])
     assert artifact.load("right").sum(axis=1).argmax() > 0  # more is answered once more is known
     assert len(json.loads((tmp_path / "grown.json").read_text())["cpu_s"]) == 4
@@ -272,7 +272,7 @@ def test_failures_are_drawn_from_a_studys_own_poses(built, tmp_path):
             if "filter" in model
             else "poses/campus/10m/scan_context"
         )
-        artifact = store.read(built.folder / "artifacts" / poses / f"{day}.zarr", schemas.FIXES)
+        artifact = store.read(built.folder / "artifacts" / poses / f"{day}.zarr", schemas.Fixes)
         driven = len(artifact.load("novelty")) // len(artifact.attrs["cases"])
         known = np.isfinite(artifact.load("world_T_query")[:driven]).all((1, 2)).sum()
         assert f": of {known} poses " in out

@@ -59,8 +59,8 @@ def watch(
     )
     tell_cold()
     scan_options = (
-        site.about["reader"],
-        site.about["sensor"]["lift_m"],
+        site.description.reader,
+        site.description.sensor.lift_m,
         None,
         None,
         summary.skipped,
@@ -126,12 +126,7 @@ def serve(
         raise ConfigError(f"--workers {workers}: expected at least 1")
     from pipeline.online.site_file import read
 
-    limits = read(path).about["verdict"]
-    kept_promises = [
-        promise
-        for promise, reject_from in zip(limits["promises"], limits["promised"]["fix"], strict=True)
-        if reject_from > 0
-    ]
+    kept_promises = read(path).description.verdict.kept
     try:
         with socket.create_server((host, port)):
             pass

@@ -24,7 +24,8 @@ from pipeline.matching.ranking import Localizer
 from pipeline.matching.ranking import Rows as Views
 from pipeline.running.settings import Count, within
 from pipeline.running.telemetry import Trace
-from pipeline.store import Artifact, read_model
+from pipeline.schemas import Scans, Submaps
+from pipeline.store import read_model
 from pipeline.studies.layout import Layout
 from pipeline.studies.models import ModelName
 from pipeline.studies.study import Study
@@ -63,8 +64,8 @@ class Latency:
     def measure(
         cls,
         contenders: Mapping[str, Contender],
-        scans: Artifact,
-        submaps: Artifact,
+        scans: Scans,
+        submaps: Submaps,
         queries: int,
         k: int,
     ) -> Self:
@@ -181,7 +182,7 @@ def cost_rows(models: Mapping[ModelName, Path]) -> Rows:
 
 
 def clouds(
-    scans: Artifact, submaps: Artifact, rows: NDArray[np.int64]
+    scans: Scans, submaps: Submaps, rows: NDArray[np.int64]
 ) -> Iterator[NDArray[np.float64]]:
     """Points (n, 3) in metres of some submaps, as a view is drawn from them."""
     for row in rows.tolist():

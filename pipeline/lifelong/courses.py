@@ -57,7 +57,7 @@ class Course:
             Rows.read(self.views / f"{name}.zarr") for name in (self.train, *self.learned)
         )
         labels = self.layout.path("labels", self.study, self.grid, self.train)
-        places = Places.read(store.read(labels, schemas.LABELS))
+        places = Places.of(store.read(labels, schemas.Labels))
         if order == "streets":
             no_places = Places(places.grid, places.cells[:0])
             return surveyed(method, strategy, streets(self.train, first), no_places, None, progress)

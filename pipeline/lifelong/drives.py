@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from pipeline import schemas, store
 from pipeline.mapping.gathering import submap_points
 from pipeline.online.inputs import Scan
-from pipeline.store import Artifact
 from pipeline.studies.layout import Layout
 
 
@@ -22,8 +21,8 @@ def read(layout: Layout, study: str, sequences: Sequence[str]) -> dict[str, list
 
 
 def _scans(layout: Layout, study: str, sequence: str) -> list[Scan]:
-    scans = store.read(layout.path("scans", study, sequence), schemas.SCANS)
-    submaps = store.read(layout.path("submaps", study, sequence), schemas.SUBMAPS)
+    scans = store.read(layout.path("scans", study, sequence), schemas.Scans)
+    submaps = store.read(layout.path("submaps", study, sequence), schemas.Submaps)
     odom_T_anchor = scans.load("odom_T_scan")[submaps.load("scans")]
     rows = enumerate(
         zip(submaps.load("stamps_ns"), odom_T_anchor, submaps.load("world_T_anchor"), strict=True)
@@ -34,7 +33,9 @@ def _scans(layout: Layout, study: str, sequence: str) -> list[Scan]:
     ]
 
 
-def _points(scans: Artifact, submaps: Artifact, row: int) -> Callable[[], NDArray[np.float64]]:
+def _points(
+    scans: schemas.Scans, submaps: schemas.Submaps, row: int
+) -> Callable[[], NDArray[np.float64]]:
     return partial(
         lambda row: np.asarray(
             next(iter(submap_points(scans, submaps, slice(row, row + 1)))), np.float64

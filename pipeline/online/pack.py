@@ -6,7 +6,7 @@ The verdict is learned on held-out blocks of the training day.
 import platform
 from collections.abc import Mapping
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -16,6 +16,7 @@ import numpy as np
 
 from pipeline import schemas, store
 from pipeline.errors import ConfigError
+from pipeline.grid import Grid
 from pipeline.mapping.gathering import submap_points
 from pipeline.matching.places import Places
 from pipeline.matching.ranking import Model, Rows
@@ -23,6 +24,15 @@ from pipeline.matching.rejection import PREFIX as HELD_OUT
 from pipeline.online import site, site_file
 from pipeline.online.sensor import typical
 from pipeline.online.site_file import Arrays
+from pipeline.online.site_json import (
+    Growth,
+    LearnedDay,
+    MapSettings,
+    Promises,
+    Provenance,
+    Sensor,
+    SiteDescription,
+)
 from pipeline.posing.held_out import Drive, HeldOut, TrainingDay
 from pipeline.posing.targets import write_map
 from pipeline.posing.verdict import BELIEFS, PROMISES, Verdict
@@ -31,7 +41,7 @@ from pipeline.running.compute import Compute
 from pipeline.running.dvc_files import DvcLock
 from pipeline.running.progress import Progress
 from pipeline.running.texts import read_yaml
-from pipeline.store import Artifact
+from pipeline.store import A
 from pipeline.studies.layout import Layout
 from pipeline.studies.study import Study, StudyMethod
 
@@ -56,9 +66,9 @@ class Packing:
         """
         dataset, grid, model_name, method = self._named(name)
         train = self.studies[dataset].train_text
-        labels = self._read("labels", schemas.LABELS, dataset, grid, train)
-        scans = self._read("scans", schemas.SCANS, dataset, train)
-        submaps = self._read("submaps", schemas.SUBMAPS, dataset, train)
+        labels = self._read("labels", schemas.Labels, dataset, grid, train)
+        scans = self._read("scans", schemas.Scans, dataset, train)
+        submaps = self._read("submaps", schemas.Submaps, dataset, train)
         if not (submaps.load("first") == submaps.load("scans")).all():
             raise ConfigError(
                 f"{name}: its submaps gather several scans or sweeps; a site localises single scans"
@@ -82,7 +92,7 @@ class Packing:
                     if key.endswith("_m")
                 }
                 write_map(map_path, scans, submaps, **thinning)
-            site_map = store.read(map_path, schemas.MAPS)
+            site_map = store.read(map_path, schemas.Maps)
             localizer = build(recipe, site.ROOTS).localizer(trained_model)
             views = Rows.read(self.layout.path("views", dataset, method.view, train))
             drive = Drive(Path(scans.path), Path(submaps.path))
@@ -91,30 +101,32 @@ class Packing:
             )
             compute = stack.enter_context(Compute("processes"))
             evidence = held_out.evidence(fixer, learned_day, compute, progress)
-            arrays = {key: site_map.load(key) for key in schemas.MAPS.columns}
+            arrays = {key: site_map.load(key) for key in schemas.Maps.columns}
         verdict = Verdict(evidence, settings["unseen_share"])
         limits = {belief: verdict.limits(belief) for belief in BELIEFS}
         reader = read_yaml(self.conf / "dataset" / f"{dataset}.yaml")["reader"]
-        about = {
-            "name": name,
-            "simulated": self.studies[dataset].simulated,
-            "method": recipe,
-            "view": view,
-            "fixer": settings["fixer"],
-            "k": k,
-            "places": {key: labels.attrs[key] for key in ("cell_m", "x_m", "y_m")},
-            "map": {key: site_map.attrs[key] for key in ("grain_m", "range_m", "single")},
-            "verdict": asdict(verdict.judge)
-            | {"promises": PROMISES, "promised": limits}
-            | {"held_out": evidence.blocks, "unseen_share": settings["unseen_share"]},
-            "reader": reader,
-            "sensor": self._sensor(scans, submaps, reader),
-            "provenance": self._provenance(dataset, grid, train, model_path),
-        }
-        about["growth"] = {
-            "voxel_m": site_map.attrs["voxel_m"],
-            "days": [day(train, len(views.stamps_ns))],
-        }
+        description = SiteDescription(
+            name=name,
+            simulated=self.studies[dataset].simulated,
+            method=recipe,
+            view=view,
+            fixer=settings["fixer"],
+            k=k,
+            places=Grid(labels.cell_m, labels.x_m, labels.y_m),
+            map=MapSettings(site_map.grain_m, site_map.range_m, site_map.single),
+            verdict=Promises(
+                verdict.judge.pose,
+                verdict.judge.place,
+                PROMISES,
+                {belief: tuple(limits[belief]) for belief in BELIEFS},
+                evidence.blocks,
+                settings["unseen_share"],
+            ),
+            reader=reader,
+            sensor=self._sensor(scans, submaps, reader),
+            provenance=self._provenance(dataset, grid, train, model_path),
+            growth=Growth(site_map.voxel_m, (LearnedDay(train, len(views.stamps_ns)),)),
+        )
         growth_views = learned_from(views, trained_model)
         model = {
             key: array for key, array in trained_model.items() if not key.startswith(NOT_ASKED)
@@ -122,16 +134,14 @@ class Packing:
         site_file.write(
             out,
             site_file.Parts(
-                about, model, {**arrays, "cells": labels.load("cells")}, None, growth_views
+                description, model, {**arrays, "cells": labels.cells}, None, growth_views
             ),
         )
-        kept_count = sum(reject_from > 0 for reject_from in limits["fix"])
-        promised = f"promises {', '.join(map(str, PROMISES[:kept_count])) or 'nothing'}" + (
-            ""
-            if kept_count == len(PROMISES)
-            else f", not {', '.join(map(str, PROMISES[kept_count:]))}"
-        )
-        places = f"{len(Places.read(labels).cells)} places, {len(arrays['world_T_anchor'])} submaps"
+        kept = description.verdict.kept
+        promised = f"promises {', '.join(map(str, kept)) or 'nothing'}"
+        if len(kept) < len(PROMISES):
+            promised += f", not {', '.join(map(str, PROMISES[len(kept) :]))}"
+        places = f"{len(Places.of(labels).cells)} places, {len(arrays['world_T_anchor'])} submaps"
         return (
             f"{out}: {places}, {out.stat().st_size / 1e6:.1f} MB; by {evidence.blocks} held-out "
             f"blocks it {promised}"
@@ -167,10 +177,10 @@ class Packing:
             )
         return dataset, grid, model_name, models[model_name]
 
-    def _read(self, kind: str, schema: store.Schema, *names: str) -> Artifact:
-        return store.read(self.layout.path(kind, *names), schema)
+    def _read(self, kind: str, artifact_kind: type[A], *names: str) -> A:
+        return store.read(self.layout.path(kind, *names), artifact_kind)
 
-    def _provenance(self, dataset: str, grid: str, train: str, trained: Path) -> dict[str, Any]:
+    def _provenance(self, dataset: str, grid: str, train: str, trained: Path) -> Provenance:
         """What the site was made of: DVC's digests, versions, and the day that was learned."""
         lock = DvcLock.read(self.conf.parent / "dvc.lock")
         root = self.layout.root.parent
@@ -184,20 +194,16 @@ class Packing:
         }
         versions = {"yearloc": version("yearloc"), "python": platform.python_version()}
         versions |= {name: version(name).partition("+")[0] for name in VERSIONS}
-        return {"train": train, "md5": digests, "versions": versions}
+        return Provenance(train, digests, versions)
 
     def _sensor(
-        self, scans: Artifact, submaps: Artifact, reader: Mapping[str, Any]
-    ) -> dict[str, Any]:
+        self, scans: schemas.Scans, submaps: schemas.Submaps, reader: Mapping[str, Any]
+    ) -> Sensor:
         """What nine training scans look like, and how high the reader raises them."""
-        rows = np.unique(np.linspace(0, submaps["scans"].shape[0] - 1, 9).astype(int))
-        typical_scan = typical(
-            next(iter(submap_points(scans, submaps, slice(row, row + 1)))) for row in rows
-        )
-        return {
-            "lift_m": float(reader.get("lidar_height_m", reader.get("lift_m", 0.0))),
-            **typical_scan,
-        }
+        rows = np.unique(np.linspace(0, len(submaps.scans) - 1, 9).astype(int))
+        clouds = (next(iter(submap_points(scans, submaps, slice(row, row + 1)))) for row in rows)
+        lift_m = float(reader.get("lidar_height_m", reader.get("lift_m", 0.0)))
+        return typical(clouds, lift_m)
 
 
 def learned_from(views: Rows, model: Model) -> Arrays:
@@ -213,8 +219,3 @@ def learned_from(views: Rows, model: Model) -> Arrays:
     }
     arrays |= {"days": np.zeros(n, np.int64), "chances": np.ones(n)}
     return arrays | {name: array for name, array in model.items() if name.startswith(HELD_OUT)}
-
-
-def day(name: str, views: int, **counts: int) -> dict[str, Any]:
-    """What a site file records of a day that it learned."""
-    return {"day": name, "views": views, **counts}

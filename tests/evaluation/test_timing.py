@@ -80,8 +80,8 @@ def drive(
         "submaps": {"layout": "odom_T_scan", "left_out": {}, "appearance": SUITED},
     }
     found = []
-    for kind, schema in (("scans", schemas.SCANS), ("submaps", schemas.SUBMAPS)):
-        with store.write(
+    for kind, schema in (("scans", schemas.Scans), ("submaps", schemas.Submaps)):
+        with store.draft(
             folder / kind / "campus" / f"{sequence}.zarr", schema, **attrs[kind]
         ) as draft:
             for name, column in columns[kind].items():

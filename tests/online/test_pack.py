@@ -44,13 +44,10 @@ def packing(tmp_path_factory: pytest.TempPathFactory) -> Packing:
     for kind in ("scans", "submaps"):
         (made / kind / "three").mkdir(parents=True)
         shutil.move(folder / f"made/{kind}.zarr", made / f"{kind}/three/monday.zarr")
-    labels = label(poses, poses, GRID)
-    box = {"cell_m": GRID.cell_m, "x_m": GRID.x_m, "y_m": GRID.y_m}
-    with store.write(made / "labels/three/10m/monday.zarr", schemas.LABELS, days=0, **box) as out:
-        for name in schemas.LABELS.columns:
-            out.put(name, getattr(labels, name))
-    with store.write(
-        made / "views/three/scan_context/monday.zarr", schemas.VIEWS, cases=AS_DRIVEN
+    labels = label(poses, poses, GRID, 0)
+    store.write(made / "labels/three/10m/monday.zarr", labels)
+    with store.draft(
+        made / "views/three/scan_context/monday.zarr", schemas.ScanContextViews, cases=AS_DRIVEN
     ) as out:
         out.put("images", images)
         out.put("stamps_ns", np.arange(24))
@@ -76,9 +73,9 @@ def test_what_is_packed_finds_a_scan(packing: Packing, tmp_path: Path) -> None:
         site.localize(points_m)
     fix = site.localize(points_m, None)
     np.testing.assert_allclose(fix.world_T_sensor, world_T_robot, atol=0.1)
-    assert site.about["reader"]["_target_"] == "pipeline.readers.folder.Folder"
-    assert site.about["sensor"]["ground_m"] == pytest.approx(0, abs=0.05)
-    assert site.about["provenance"]["train"] == "monday"
+    assert site.description.reader["_target_"] == "pipeline.readers.folder.Folder"
+    assert site.description.sensor.ground_m == pytest.approx(0, abs=0.05)
+    assert site.description.provenance.train == "monday"
     assert "site three/10m/scan_context" in describe(tmp_path / "three.site").text()
 
 

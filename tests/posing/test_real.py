@@ -52,8 +52,8 @@ def targets(frames: KeyFrames, tmp_path_factory: pytest.TempPathFactory) -> Targ
     """The way out."""
     path = tmp_path_factory.mktemp("map") / "out.zarr"
     clouds = [frames.points_m(row) for row in OUT]
-    with store.write(
-        path, schemas.MAPS, grain_m=GRAIN_M, voxel_m=0.5, range_m=80.0, single=True
+    with store.draft(
+        path, schemas.Maps, grain_m=GRAIN_M, voxel_m=0.5, range_m=80.0, single=True
     ) as out:
         out.put("points", np.rint(np.concatenate(clouds) / GRAIN_M).astype(np.int64))
         out.put("offsets", np.cumsum([0, *map(len, clouds)]))
