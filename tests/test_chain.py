@@ -81,8 +81,8 @@ def test_the_page_holds_every_section_of_the_studies(built):
 
 
 def test_viewpoints_are_told_by_heading_in_files_and_in_mlflow(built):
-    (path,) = (built.folder / "artifacts/metrics/suburb/10m/viewpoints").iterdir()
-    assert path.name == "sad-00.json"
+    (path,) = (built.folder / "artifacts/metrics/suburb/10m/viewpoints/sad").iterdir()
+    assert path.name == "00.json"
     told = built.run(
         "yearloc", "results", "--json", "--where", "study=suburb", "number=accuracy", "sequence=00"
     )
@@ -102,13 +102,21 @@ def test_a_model_of_the_chain_learns_its_day_street_by_street(built, tmp_path):
     course = (
         "dataset=town",
         "study=town",
+        "simulated=true",
+        "cells=10m",
         "method=scan_context",
-        "name=scan_context",
+        "name={method: scan_context}",
         "order=streets",
         "strategy=grown",
+        "view_name=scan_context",
     )
     paths = (
+        "model=artifacts/train/town/10m/scan_context.zarr.zip",
+        "labels=artifacts/labels/town/10m",
         "views=artifacts/views/town/scan_context",
+        "scans=artifacts/scans/town",
+        "submaps=artifacts/submaps/town",
+        "map=artifacts/map/town",
         f"out={tmp_path}/grown.zarr",
         f"timing={tmp_path}/grown.json",
     )

@@ -202,8 +202,9 @@ def pack(
     name: ModelName, out: Annotated[Path, typer.Option("-o", "--out", metavar="FILE")]
 ) -> None:
     """One file of all that it takes to localise in a place."""
-    from pipeline.online.pack import Packing
+    from pipeline.online.pack import Packing, Trained
     from pipeline.studies.layout import Layout
 
     check_file(out)
-    print(Packing(conf_folder(), Layout(), read_studies()).pack(name, out, Lines()))
+    trained = Trained.named(Layout(), read_studies(), name)
+    print(Packing(conf_folder()).pack(trained, out, Lines()))

@@ -25,10 +25,7 @@ from pipeline.matching.ranking import Rows as Views
 from pipeline.running.settings import Count, within
 from pipeline.running.telemetry import Trace
 from pipeline.schemas import Scans, Submaps
-from pipeline.store import read_model
-from pipeline.studies.layout import Layout
 from pipeline.studies.models import ModelName
-from pipeline.studies.study import Study
 
 Samples = Mapping[str, NDArray[np.float64]]  # milliseconds of wall time (query,) by name
 Laps = dict[
@@ -145,26 +142,6 @@ class Latency:
             method: self.generation[view] + self.retrieval[method]
             for method, view in self.views.items()
         }
-
-
-def contenders(
-    study: Study,
-    grid: str,
-    layout: Layout,
-    view: Callable[[str], Any],
-    method: Callable[[str], Any],
-) -> dict[str, Contender]:
-    """Each method of a study by name, with its view and its model at one cell size.
-
-    `view` and `method` make the drawing and the method of their names.
-    """
-    views = {name: view(name) for name in dict.fromkeys(part.view for part in study.methods)}
-    contenders_by_name = {}
-    for part in study.methods:
-        model = read_model(layout.path("train", study.name, grid, part.name))
-        localizer = method(part.name).localizer(model)
-        contenders_by_name[part.name] = Contender(part.view, views[part.view], localizer)
-    return contenders_by_name
 
 
 def cost_rows(models: Mapping[ModelName, Path]) -> Rows:

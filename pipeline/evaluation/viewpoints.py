@@ -4,6 +4,7 @@ METHODS.md 5.4 and 5.5. Nothing but the heading differs between query and refere
 viewpoints, not about the year.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Annotated, Protocol
@@ -264,20 +265,14 @@ def _bytes_per_place(method: Movable, moved: Model, views: Rows) -> float:
     return (all_bytes - one_place_bytes) / max(len(views.images) - 1, 1)
 
 
-def means(seeds: list[dict[str, dict[str, float | None]]]) -> dict[str, float]:
-    """Means of SHOWN over headings and seeds, by name; those that are not defined are left out."""
-    means_of_numbers = {
-        name: np.mean(
-            [np.nan if numbers[MEAN][name] is None else numbers[MEAN][name] for numbers in seeds]
-        )
-        for name in SHOWN
-    }
-    return {name: float(value) for name, value in means_of_numbers.items() if np.isfinite(value)}
+def means(numbers: Mapping[str, Mapping[str, float | None]]) -> dict[str, float]:
+    """Means of SHOWN over the headings, by name; those that are not defined are left out."""
+    return {name: mean for name in SHOWN if (mean := numbers[MEAN][name]) is not None}
 
 
-def line(seeds: list[dict[str, dict[str, float | None]]]) -> str:
+def line(numbers: Mapping[str, Mapping[str, float | None]]) -> str:
     """The means of SHOWN as one line."""
-    shown = means(seeds)
+    shown = means(numbers)
     return ", ".join(
         f"{name} {shown[name]:.3f}" if name in shown else f"{name} none" for name in SHOWN
     )

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -41,7 +41,6 @@ from pipeline.running.compute import Compute
 from pipeline.running.dvc_files import DvcLock
 from pipeline.running.progress import Progress
 from pipeline.running.texts import read_yaml
-from pipeline.store import A
 from pipeline.studies.layout import Layout
 from pipeline.studies.study import Study, StudyMethod
 
@@ -51,38 +50,81 @@ NOT_ASKED = (HELD_OUT, "curves/", "best_epoch")
 
 
 @dataclass(frozen=True)
+class Trained:
+    """A trained model of a study, and the artifacts of the day that it learned."""
+
+    name: str
+    """STUDY/GRID/MODEL."""
+    simulated: bool
+    train: str
+    """The sequence that was learned."""
+    view: str
+    """What the method looks at: a file of conf/view."""
+    model: Path
+    labels: Path
+    scans: Path
+    submaps: Path
+    views: Path
+    map: Path
+    """The day's map, which is made anew where there is none."""
+
+    @classmethod
+    def named(cls, layout: Layout, studies: Mapping[str, Study], name: str) -> Self:
+        """The model STUDY/GRID/MODEL.
+
+        Raises ConfigError for a name that no study has, and for a model that looks at several
+        scans.
+        """
+        dataset, grid, model_name, method = _named(studies, name)
+        train = studies[dataset].train_text
+        return cls(
+            name,
+            studies[dataset].simulated,
+            train,
+            method.view,
+            layout.path("train", dataset, grid, model_name),
+            layout.path("labels", dataset, grid, train),
+            layout.path("scans", dataset, train),
+            layout.path("submaps", dataset, train),
+            layout.path("views", dataset, method.view, train),
+            layout.path("map", dataset, train),
+        )
+
+    @property
+    def dataset(self) -> str:
+        """A file of conf/dataset."""
+        return self.name.partition("/")[0]
+
+
+@dataclass(frozen=True)
 class Packing:
     """Packs sites from a project's artifacts, as its conf/ describes them."""
 
     conf: Path
-    layout: Layout
-    studies: Mapping[str, Study]
 
-    def pack(self, name: str, out: Path, progress: Progress) -> str:
-        """Write the site of STUDY/GRID/MODEL; returns what it holds, in a line.
+    def pack(self, trained: Trained, out: Path, progress: Progress) -> str:
+        """Write the site of a model; returns what it holds, in a line.
 
-        Raises ConfigError for a name that no study has, and for a model that looks at several
-        scans; ArtifactError where an artifact is missing.
+        Raises ConfigError for a model that looks at several scans; ArtifactError where an artifact
+        is missing.
         """
-        dataset, grid, model_name, method = self._named(name)
-        train = self.studies[dataset].train_text
-        labels = self._read("labels", schemas.Labels, dataset, grid, train)
-        scans = self._read("scans", schemas.Scans, dataset, train)
-        submaps = self._read("submaps", schemas.Submaps, dataset, train)
+        name = trained.name
+        labels = store.read(trained.labels, schemas.Labels)
+        scans = store.read(trained.scans, schemas.Scans)
+        submaps = store.read(trained.submaps, schemas.Submaps)
         if not (submaps.load("first") == submaps.load("scans")).all():
             raise ConfigError(
                 f"{name}: its submaps gather several scans or sweeps; a site localises single scans"
             )
-        view = read_yaml(self.conf / "view" / f"{method.view}.yaml")
-        model_path = self.layout.path("train", dataset, grid, model_name)
-        recipe = {key: plain(value) for key, value in store.read_recipe(model_path).items()}
-        trained_model = store.read_model(model_path)
+        view = read_yaml(self.conf / "view" / f"{trained.view}.yaml")
+        recipe = {key: plain(value) for key, value in store.read_recipe(trained.model).items()}
+        trained_model = store.read_model(trained.model)
         settings = read_yaml(self.conf / "poses.yaml")
         k = int(settings["k"])
         fixer, held_out = (build(settings[key], site.ROOTS) for key in ("fixer", "held_out"))
         assert isinstance(held_out, HeldOut)
         with ExitStack() as stack:
-            map_path = self.layout.path("map", dataset, train)
+            map_path = trained.map
             if not map_path.is_dir():
                 map_path = Path(stack.enter_context(TemporaryDirectory()), map_path.name)
                 progress.tell(f"thin {submaps['scans'].shape[0]} submaps into a map")
@@ -94,7 +136,7 @@ class Packing:
                 write_map(map_path, scans, submaps, **thinning)
             site_map = store.read(map_path, schemas.Maps)
             localizer = build(recipe, site.ROOTS).localizer(trained_model)
-            views = Rows.read(self.layout.path("views", dataset, method.view, train))
+            views = Rows.read(trained.views)
             drive = Drive(Path(scans.path), Path(submaps.path))
             learned_day = TrainingDay(
                 map_path, drive, views, labels.load("places"), build(view, site.ROOTS), localizer, k
@@ -104,10 +146,10 @@ class Packing:
             arrays = {key: site_map.load(key) for key in schemas.Maps.columns}
         verdict = Verdict(evidence, settings["unseen_share"])
         limits = {belief: verdict.limits(belief) for belief in BELIEFS}
-        reader = read_yaml(self.conf / "dataset" / f"{dataset}.yaml")["reader"]
+        reader = read_yaml(self.conf / "dataset" / f"{trained.dataset}.yaml")["reader"]
         description = SiteDescription(
             name=name,
-            simulated=self.studies[dataset].simulated,
+            simulated=trained.simulated,
             method=recipe,
             view=view,
             fixer=settings["fixer"],
@@ -124,8 +166,8 @@ class Packing:
             ),
             reader=reader,
             sensor=self._sensor(scans, submaps, reader),
-            provenance=self._provenance(dataset, grid, train, model_path),
-            growth=Growth(site_map.voxel_m, (LearnedDay(train, len(views.stamps_ns)),)),
+            provenance=self._provenance(trained),
+            growth=Growth(site_map.voxel_m, (LearnedDay(trained.train, len(views.stamps_ns)),)),
         )
         growth_views = learned_from(views, trained_model)
         model = {
@@ -147,54 +189,14 @@ class Packing:
             f"blocks it {promised}"
         )
 
-    def _named(self, name: str) -> tuple[str, str, str, StudyMethod]:
-        """Study, grid, model and the study's entry of its method, from STUDY/GRID/MODEL.
-
-        Raises ConfigError where there is no such model.
-        """
-        words = name.split("/")
-        if len(words) != 3 or words[0] not in self.studies:
-            raise ConfigError(
-                f"{name}: expected STUDY/GRID/METHOD, a study being one of "
-                f"{', '.join(self.studies)}"
-            )
-        dataset, grid, model_name = words
-        study = self.studies[dataset]
-        if grid not in study.grid_names:
-            raise ConfigError(f"{name}: {dataset} has the grids {', '.join(study.grid_names)}")
-        models = {model.name: method for method in study.methods for model in method.models}
-        if model_name not in models:
-            if model_name.removesuffix("-pose") in models:
-                raise ConfigError(
-                    f"{name}: pack {dataset}/{grid}/{model_name.removesuffix('-pose')}; every site "
-                    "makes poses"
-                )
-            packed = [model for model, method in models.items() if not method.is_on_bird_views]
-            raise ConfigError(f"{name}: of {dataset} can be packed {', '.join(packed)}")
-        if models[model_name].is_on_bird_views:
-            raise ConfigError(
-                f"{name}: matches sequences of bird-views; a site localises single scans"
-            )
-        return dataset, grid, model_name, models[model_name]
-
-    def _read(self, kind: str, artifact_kind: type[A], *names: str) -> A:
-        return store.read(self.layout.path(kind, *names), artifact_kind)
-
-    def _provenance(self, dataset: str, grid: str, train: str, trained: Path) -> Provenance:
+    def _provenance(self, trained: Trained) -> Provenance:
         """What the site was made of: DVC's digests, versions, and the day that was learned."""
         lock = DvcLock.read(self.conf.parent / "dvc.lock")
-        root = self.layout.root.parent
-        parts = {
-            "model": trained,
-            "labels": self.layout.path("labels", dataset, grid),
-            "scans": self.layout.path("scans", dataset),
-        }
-        digests = {
-            part: lock.of(path.relative_to(root).as_posix())[0] for part, path in parts.items()
-        }
+        parts = {"model": trained.model, "labels": trained.labels, "scans": trained.scans}
+        digests = {part: lock.of(path.as_posix())[0] for part, path in parts.items()}
         versions = {"yearloc": version("yearloc"), "python": platform.python_version()}
         versions |= {name: version(name).partition("+")[0] for name in VERSIONS}
-        return Provenance(train, digests, versions)
+        return Provenance(trained.train, digests, versions)
 
     def _sensor(
         self, scans: schemas.Scans, submaps: schemas.Submaps, reader: Mapping[str, Any]
@@ -204,6 +206,34 @@ class Packing:
         clouds = (next(iter(submap_points(scans, submaps, slice(row, row + 1)))) for row in rows)
         lift_m = float(reader.get("lidar_height_m", reader.get("lift_m", 0.0)))
         return typical(clouds, lift_m)
+
+
+def _named(studies: Mapping[str, Study], name: str) -> tuple[str, str, str, StudyMethod]:
+    """Study, grid, model and the study's entry of its method, from STUDY/GRID/MODEL.
+
+    Raises ConfigError where there is no such model.
+    """
+    words = name.split("/")
+    if len(words) != 3 or words[0] not in studies:
+        raise ConfigError(
+            f"{name}: expected STUDY/GRID/METHOD, a study being one of {', '.join(studies)}"
+        )
+    dataset, grid, model_name = words
+    study = studies[dataset]
+    if grid not in study.grid_names:
+        raise ConfigError(f"{name}: {dataset} has the grids {', '.join(study.grid_names)}")
+    models = {model.name: method for method in study.methods for model in method.models}
+    if model_name not in models:
+        if model_name.removesuffix("-pose") in models:
+            raise ConfigError(
+                f"{name}: pack {dataset}/{grid}/{model_name.removesuffix('-pose')}; every site "
+                "makes poses"
+            )
+        packed = [model for model, method in models.items() if not method.is_on_bird_views]
+        raise ConfigError(f"{name}: of {dataset} can be packed {', '.join(packed)}")
+    if models[model_name].is_on_bird_views:
+        raise ConfigError(f"{name}: matches sequences of bird-views; a site localises single scans")
+    return dataset, grid, model_name, models[model_name]
 
 
 def learned_from(views: Rows, model: Model) -> Arrays:
