@@ -196,7 +196,7 @@ class Artifact:
             elif name in fields.stacks:
                 value = _Parts(self, fields.stacks[name][1])
             else:
-                raise AttributeError(f"{type(self).__name__} has no field {name}")
+                raise AttributeError(name)
             self.__dict__[name] = value
             return value
 
