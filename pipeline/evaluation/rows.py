@@ -125,6 +125,9 @@ def of_evaluation(evaluation: Evaluation, case: Case = Case()) -> Rows:  # noqa:
     yield from several(
         parts, "cells", dict(zip(("ece_raw", "ece"), evaluation.calibration, strict=True))
     )
+    if evaluation.verdicts:
+        verdicts = {f"{verdict}_99": count for verdict, count in evaluation.verdicts.items()}
+        yield from several(parts, "distance", verdicts | {"pose_ece": evaluation.pose_ece})
 
 
 def row(

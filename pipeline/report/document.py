@@ -5,6 +5,7 @@ from typing import Any
 
 import pandas as pd
 
+from pipeline.report.pose_tables import ANSWERS
 from pipeline.report.render import template
 from pipeline.report.result import NONE, Values, day
 from pipeline.report.study import indexed
@@ -15,12 +16,12 @@ from pipeline.studies.study import Study
 
 SHOWN = (("cells", "recall_at_1"), ("cells", "auc_top1"), ("cells", "auroc"))
 POSES = (
-    "within_2m_5deg",
-    "within_05m_2deg",
-    "error_m",
-    "error_deg",
-    "recall_99",
-    "wrong_of_accepted_99",
+    ("within 2 m, 5°", "within_2m_5deg", 3),
+    ("within .5 m, 2°", "within_05m_2deg", 3),
+    ("error [m]", "error_m", 2),
+    ("error [°]", "error_deg", 2),
+    ("accepted and right at .99", "recall_99", 3),
+    ("wrong of accepted", "wrong_of_accepted_99", 3),
 )
 
 
@@ -78,30 +79,22 @@ def _tables(study_rows: pd.DataFrame, summary: Summary) -> Iterator[Table]:
         ]
         yield table(f"by_{protocol}_{name}", ("method", *dates), rows)
     posed = [
-        model for model in models if (model, "distance", POSES[0], summary.tests[-1]) in values
+        model for model in models if (model, "distance", POSES[0][1], summary.tests[-1]) in values
     ]
-    rows = [
-        (
-            model,
-            date,
-            *(
-                _cell(values, model, "distance", name, test, 2 if "error" in name else 3)
-                for name in POSES
-            ),
-        )
-        for model in posed
-        for test, date in zip(summary.tests, dates, strict=True)
-    ]
-    heads = (
-        "within 2 m, 5°",
-        "within .5 m, 2°",
-        "error [m]",
-        "error [°]",
-        "accepted and right at .99",
-        "wrong of accepted",
-    )
-    if rows:
-        yield table("posed", ("method", "day", *heads), rows, words=2)
+    for kind, columns in (("posed", POSES), ("pose_answers", ANSWERS)) if posed else ():
+        rows = [
+            (
+                model,
+                date,
+                *(
+                    _cell(values, model, "distance", name, test, digits)
+                    for _, name, digits in columns
+                ),
+            )
+            for model in posed
+            for test, date in zip(summary.tests, dates, strict=True)
+        ]
+        yield table(kind, ("method", "day", *(heading for heading, _, _ in columns)), rows, words=2)
 
 
 def _cell(
