@@ -5,15 +5,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pipeline.errors import InputError
 from pipeline.evaluation.doubts import VOID
-from pipeline.evaluation.judgement import Evaluation
+from pipeline.evaluation.judgement import NOT_JUDGED, Evaluation
 
 # a number and its 95 % interval, lowest and highest; NaN where there is none
 Values = tuple[float, float, float]
 DATE = re.compile(r"\d{4}-\d\d-\d\d")
 NONE: Values = (np.nan, np.nan, np.nan)
+PRECISIONS = [percent / 100 for percent in range(50, 101)]
+ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
@@ -31,6 +34,22 @@ class Result:
     def label(self) -> str:
         """The date without a time of day, and the days since training: `2012-02-04, +20 d`."""
         return f"{day(self.sequence)}, {self.days:+d} d"
+
+    @property
+    def id(self) -> str:
+        """The result in the ids of figures: `sci-2012-02-04`."""
+        return re.sub(r"[^0-9A-Za-z]+", "-", f"{self.model}-{self.sequence}")
+
+    @property
+    def coverage(self) -> list[float]:
+        """By distance, for each of PRECISIONS: the largest share that can be accepted at it.
+
+        Judged queries are accepted in the order of their novelty, least first.
+        """
+        judgement = self.evaluation.distance
+        is_judged = judgement.outcome != NOT_JUDGED
+        right = (judgement.seen & (judgement.true_rank == 0))[is_judged]
+        return coverage(self.evaluation.novelty[is_judged, 0], right)
 
     @property
     def posed(self) -> bool:
@@ -60,6 +79,24 @@ class Result:
         """The 95 % interval of one number, lowest and highest; None where there is none."""
         _, low, high = self.numbers.get((protocol, name), NONE)
         return (low, high) if low <= high else None
+
+
+def coverage(novelty: NDArray[np.floating], right: NDArray[np.bool_]) -> list[float]:
+    """For each of PRECISIONS: the largest share of the queries that can be accepted at it.
+
+    Queries (q,) are accepted in the order of their novelty, least first; 0 where none can be.
+    """
+    if not len(novelty):
+        return [np.nan] * len(PRECISIONS)
+    order = np.argsort(novelty, kind="stable")
+    # equal novelties are accepted together
+    whole = np.append(np.flatnonzero(np.diff(novelty[order])), len(order) - 1)
+    accepted = whole + 1
+    precision = np.cumsum(right[order])[whole] / accepted
+    return [
+        float(max(accepted[precision >= least - ROUNDING], default=0) / len(order))
+        for least in PRECISIONS
+    ]
 
 
 def by_model(results: Sequence[Result]) -> dict[str, list[Result]]:
