@@ -10,15 +10,14 @@ from rich.table import Table
 from rich.text import Text
 
 from pipeline.evaluation.doubts import VOID
-from pipeline.report.result import day
+from pipeline.report.result import Scores, day, ranked, read_scores
 from pipeline.report.sections.lifelong_numbers import (
     PROTOCOL,
     by_order,
     by_strategy,
     read_strategies,
 )
-from pipeline.report.summary import Row, Summary
-from pipeline.report.table import MISSING, average, fixed
+from pipeline.report.table import average, fixed
 from pipeline.studies.study import CellSize, Study
 
 LINES = 30
@@ -53,7 +52,7 @@ def brief(table: pd.DataFrame, studies: Mapping[str, Study], width: int) -> str:
             if study.learns_further_days:
                 _print_learning(console, study, grid, rows, row_limit)
             else:
-                _print(console, study, grid, Summary.of(rows, study), row_limit)
+                _print(console, study, grid, read_scores(rows, study.tests), row_limit)
         return "\n".join(line.rstrip() for line in file.getvalue().splitlines())
 
 
@@ -94,43 +93,53 @@ def _print_learning(
 
 
 def _print(
-    console: Console, study: Study, grid: CellSize, summary: Summary, row_limit: int
+    console: Console, study: Study, grid: CellSize, scores: Sequence[Scores], row_limit: int
 ) -> None:
     """One study at one cell size."""
     name = f"{study.name}, {'simulated' if study.simulated else 'recorded'}"
-    if not summary.rows:
+    if not scores:
         return console.print(
             f"{name}: judged by viewpoints alone; `yearloc results --full`\n",
             overflow="ellipsis",
             no_wrap=True,
         )
-    days = "1 test day" if len(summary.tests) == 1 else f"{len(summary.tests)} test days"
+    models = ranked(scores)
+    first, *later = tests = next(iter(models.values()))
+    days = "1 test day" if not later else f"{len(tests)} test days"
     title = f"{name}: learned {day(study.train[0])}, {days}, cells of {grid.cell_m:g} m"
     console.print(title, overflow="ellipsis", no_wrap=True)
-    ends = [0, -1] if len(summary.tests) > 1 else [0]
-    heads = [
-        f"{'' if n else f'within {summary.within_m:g} m'}\n{day(summary.tests[test])}"
-        for n, test in enumerate(ends)
-    ]
+    within = f"within {first.number('distance', 'correct_m'):g} m"
+    heads = [f"{within}\n{day(first.sequence)}", *[f"\n{day(tests[-1].sequence)}"] * bool(later)]
     heads += ["answers\nof all", "right\nof those", "keeps of\nwanted"] * (
         console.width >= NARROWEST
     )
-    heads += ["ms a\nquery"] * (console.width >= NARROW and summary.is_timed)
+    timed = any(np.isfinite(score.number("", "query_ms")) for score in scores)
+    heads += ["ms a\nquery"] * (console.width >= NARROW and timed)
     lines = Table("", box=None, pad_edge=False, expand=True, padding=(0, 2, 0, 0))
     lines.columns[0].ratio = 1
     lines.columns[0].no_wrap = True
     for head in heads:
         lines.add_column(Text(head), justify="right", no_wrap=True)
-    for row in summary.rows[:row_limit]:
-        lines.add_row(Text(row.model), *_cells(row, ends)[: len(heads)])
+    for model, group in list(models.items())[:row_limit]:
+        lines.add_row(Text(model), *_cells(group)[: len(heads)])
     console.print(lines)
-    left = len(summary.rows) - row_limit
+    left = len(models) - row_limit
     console.print(f"  … and {left} more\n" if left > 0 else "")
     return None
 
 
-def _cells(row: Row, ends: Sequence[int]) -> list[str]:
-    right = [VOID if row.void[test] else fixed(row.right[test], 3) for test in ends]
-    ms = MISSING if np.isnan(row.query_ms) else fixed(row.query_ms, 0 if row.query_ms >= 10 else 1)
-    promise = fixed(row.promised, 3) + f" of {row.wanted:g}" * (row.promised < row.wanted)
-    return [*right, fixed(row.answers[-1], 3), fixed(row.kept[-1], 3), promise, ms]
+def _cells(group: Sequence[Scores]) -> list[str]:
+    ends = [group[0], *group[1:][-1:]]
+    right = [
+        VOID if score.void("distance") else fixed(score.number("distance", "recall_at_1"), 3)
+        for score in ends
+    ]
+    last = group[-1]
+    answered, kept = (
+        fixed(last.number("distance", name), 3) for name in ("answered", "precision_at_threshold")
+    )
+    promise = fixed(last.kept, 3) + f" of {last.wanted_precision:g}" * (
+        last.kept < last.wanted_precision
+    )
+    ms = last.number("", "query_ms")
+    return [*right, answered, kept, promise, fixed(ms, 0 if ms >= 10 else 1)]

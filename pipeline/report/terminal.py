@@ -3,7 +3,7 @@
 import textwrap
 from collections.abc import Iterator
 
-from pipeline.report import findings, pose_tables, tables, viewpoint_tables
+from pipeline.report import findings, tables, viewpoint_tables
 from pipeline.report.render import caption, sentence, words
 from pipeline.report.sections import lifelong_tables
 from pipeline.report.sections.lifelong_numbers import by_order, read_strategies
@@ -26,7 +26,7 @@ def _blocks(study: Study) -> Iterator[str]:
                 yield from (_wrap(caption(main_table)), main_table.text())
         yield from (tables.means(study).text(), _wrap(words("terminal")) + "\n")
         if posed := [result for result in study.results if result.posed]:
-            for pose_table in (pose_tables.answers(posed), pose_tables.poses(posed)):
+            for pose_table in tables.poses(posed):
                 yield from (_wrap(caption(pose_table)), pose_table.text())
         if doubts := [_wrap(sentence(doubt)) for doubt in findings.doubts(study)]:
             yield "\n".join(doubts) + "\n"

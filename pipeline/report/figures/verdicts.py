@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from pipeline.evaluation.numbers import WITHIN
 from pipeline.report.figures.panels import balanced, in_corner, panels
 from pipeline.report.figures.style import MARK, WIDTH_IN, below, dot, figure, styled
-from pipeline.report.result import Result, of_one_model
+from pipeline.report.result import Result
 from pipeline.report.table import fixed
 from pipeline.studies.colours import colour
 
@@ -22,12 +22,11 @@ LARGEST = 60.0
 
 
 @styled
-def verdicts(results: Sequence[Result]) -> Figure:
+def verdicts(group: Sequence[Result]) -> Figure:
     """Position error over novelty, a panel a test sequence.
 
     Poses left of the line are accepted with a promise of .99.
     """
-    group = of_one_model(results)
     rows, columns = balanced(len(group), 4)
     kind = group[0].evaluation.kinds[0].replace("_", " ")
     fig = figure(
@@ -63,12 +62,11 @@ def verdicts(results: Sequence[Result]) -> Figure:
 
 
 @styled
-def chances(results: Sequence[Result]) -> Figure:
+def chances(group: Sequence[Result]) -> Figure:
     """Share of right poses over their chance, a panel a test sequence, all queries together.
 
     The area of a marker is the share of the queries with such a chance.
     """
-    group = of_one_model(results)
     rows, columns = balanced(len(group), 5)
     heading = f"{group[0].model}: how often poses of a chance are right"
     fig = figure(WIDTH_IN, 0.6 + 1.7 * rows, heading)

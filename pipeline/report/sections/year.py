@@ -5,8 +5,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import pandas as pd
 from matplotlib.figure import Figure
 
 from pipeline import store
@@ -15,9 +13,9 @@ from pipeline.report import findings, tables
 from pipeline.report.figures import ageing, curves, maps, matches, rejection
 from pipeline.report.figures.style import illustrate
 from pipeline.report.render import anchor
-from pipeline.report.result import NONE, by_model
+from pipeline.report.result import by_model
 from pipeline.report.section import Illustration, Section
-from pipeline.report.study import Study, indexed
+from pipeline.report.study import Study
 from pipeline.schemas import VIEW_KINDS, ScanContextViews, Views
 
 # kinds of figure that the page shows; of those of one model, the best one's
@@ -215,17 +213,13 @@ def ageing_section(study: Study, folder: Path, sources: list[str]) -> Section:
     titled_numbers = [
         (protocol, number, LINES[number].format(protocol)) for protocol, number in AGEING
     ]
-    lines = [
-        line
-        for protocol, number, title in titled_numbers[:DRAWN]
-        for line in _lines(rows, protocol, number, title)
-    ]
+    drawn = titled_numbers[:DRAWN]
     first, second, third = (
         findings.ageing(rows, title, protocol, number, last)
         for protocol, number, title in titled_numbers[:3]
     )
     slope_counts = findings.slopes_counted(
-        rows, [(protocol, number) for protocol, number, _ in titled_numbers[:DRAWN]]
+        rows, [(protocol, number) for protocol, number, _ in drawn]
     )
     return Section(
         anchor(study.name, study.grid, "ageing"),
@@ -235,14 +229,14 @@ def ageing_section(study: Study, folder: Path, sources: list[str]) -> Section:
         illustrations=[
             illustrate(
                 "ageing",
-                ageing.lines(lines),
+                ageing.lines(rows, drawn),
                 study,
                 folder,
                 third,
                 findings.newer(rows),
                 per=str(PER_DAYS),
             ),
-            illustrate("ageing_slopes", ageing.slopes(lines), study, folder, slope_counts),
+            illustrate("ageing_slopes", ageing.slopes(rows, drawn), study, folder, slope_counts),
         ],
         tables=[
             tables.ageing(rows, protocol, number, title)
@@ -250,29 +244,3 @@ def ageing_section(study: Study, folder: Path, sources: list[str]) -> Section:
         ],
         sources=sources,
     )
-
-
-def _lines(
-    rows: pd.DataFrame, protocol: str, number: str, title: str
-) -> Iterator[ageing.AgeingLine]:
-    """The line through one number over the days, for each model and the oracle."""
-    ordered_rows = rows[rows["protocol"] == protocol].sort_values("days")
-    points, lines = (
-        indexed(ordered_rows[ordered_rows["number"] == name], "method", "sequence", "days")
-        for name in (number, f"{number}_line")
-    )
-    slopes = indexed(
-        ordered_rows[ordered_rows["number"] == f"{number}_per_{PER_DAYS}_days"], "method"
-    )
-    for model in dict.fromkeys(
-        rows.loc[(rows["protocol"] == protocol) & (rows["number"] == f"{number}_line"), "method"]
-    ):
-        keys = [key for key in lines if key[0] == model]
-        values, fitted = (
-            np.array([by_key[key] for key in keys]).reshape(-1, 3) for by_key in (points, lines)
-        )
-        days = np.array([day for *_, day in keys])
-        slope = np.array(slopes.get(model, NONE))
-        yield ageing.AgeingLine(
-            model, title, number == "novelty_percentile", days, values, fitted, slope
-        )

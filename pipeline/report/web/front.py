@@ -1,7 +1,7 @@
 """The first screen of a study on the page and the charts below it; templates hold the words."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -15,10 +15,11 @@ from pipeline.report.figures import curves
 from pipeline.report.figures.style import Mark, inline
 from pipeline.report.findings import Finding
 from pipeline.report.render import anchor, percent, words
-from pipeline.report.result import NONE, by_model, dates
-from pipeline.report.study import Study, indexed
-from pipeline.report.summary import Row, Summary, scorecard
+from pipeline.report.result import Result, by_model, dates, ranked
+from pipeline.report.selection import NONE, indexed
+from pipeline.report.study import Study
 from pipeline.report.table import Table, difference, number, table
+from pipeline.report.tables import scorecard
 from pipeline.studies.colours import method_of
 
 CASES = 4  # so many kinds of altered queries have a column
@@ -32,35 +33,26 @@ class Front:
     study: Study
 
     @cached_property
-    def summary(self) -> Summary:
-        """The models, the best first."""
-        summary = Summary.of(self.study.rows, self.study.settings)
-        return replace(
-            summary, rows=[row for row in summary.rows if row.model in self.study.families]
-        )
+    def models(self) -> dict[str, list[Result]]:
+        """The models, the best first, with their result on each test day."""
+        return ranked(self.study.results)
 
     @property
-    def best(self) -> Row:
-        """The best model."""
-        return self.summary.rows[0]
+    def best(self) -> list[Result]:
+        """The best model's results."""
+        return next(iter(self.models.values()))
 
     @property
-    def second(self) -> Row | None:
-        """The best model of another method; None where there is one method."""
-        return next(
-            (
-                row
-                for row in self.summary.rows
-                if method_of(row.model) != method_of(self.best.model)
-            ),
-            None,
-        )
+    def second(self) -> list[Result] | None:
+        """Those of the best model of another method; None where there is one method."""
+        best_method = method_of(self.best[0].model)
+        others = (group for model, group in self.models.items() if method_of(model) != best_method)
+        return next(others, None)
 
     @property
     def dates(self) -> list[str]:
         """The dates of the test days."""
-        date_of = dates(self.study.results)
-        return [date_of[sequence] for sequence in self.summary.tests]
+        return list(dates(self.study.results).values())
 
     @property
     def year(self) -> Markup:
@@ -96,7 +88,7 @@ class Front:
     @property
     def scorecard(self) -> Table:
         """A row a model, a column a test day."""
-        return scorecard(self.summary, self.dates)
+        return scorecard([result for group in self.models.values() for result in group])
 
     @property
     def altered(self) -> Table | None:
@@ -134,8 +126,8 @@ class Front:
             "method",
             "variant",
         )
-        for row in self.summary.rows:
-            method, _, variant = row.model.partition("-")
+        for model in self.models:
+            method, _, variant = model.partition("-")
             values = [
                 means.get((method, variant, kind.change, kind.level, kind.shadow), np.nan)
                 for kind in shown_kinds
@@ -143,7 +135,7 @@ class Front:
             slope, *bounds = slopes.get((method, variant), NONE)
             older = difference(slope, DIGITS, (bounds[0], bounds[1]))
             table_rows += (
-                [(row.model, *(number(value, DIGITS) for value in values), older)]
+                [(model, *(number(value, DIGITS) for value in values), older)]
                 if np.isfinite(values[1:]).any()
                 else []
             )

@@ -32,8 +32,6 @@ def test_errors_stand_over_the_novelty_and_the_promise_is_counted() -> None:
     np.testing.assert_allclose(right, [[0.1, 0.1], [0.8, 0.2], [0.3, 1.0], [0.05, 0.3]], rtol=1e-6)
     np.testing.assert_allclose(wrong, [[0.2, 50.0], [0.4, verdicts.MOST_M], [0.9, 80.0]], rtol=1e-6)
     assert "1 of 4 accepted are wrong" in words(fig)
-    assert POSED[0].posed
-    assert not ONE[0].posed
 
 
 def test_a_map_of_poses_counts_what_was_accepted_and_right() -> None:
@@ -58,7 +56,7 @@ def test_verdicts_count_every_query_once_and_the_most_telling_belief_counts() ->
         kinds=("fix", "place", "several"),
         novelty=np.column_stack([ONE[0].evaluation.novelty[:, 0], doubts]),
         beliefs={"place": 0.2, "several": 0.2},
-        promised=0.15,
+        reject_pose_from=0.15,
     )
     assert evaluation.verdicts == {
         "accepted": 2,  # the first and the fifth, whose novelty is below .15
