@@ -29,7 +29,7 @@ from pipeline.evaluation.rows import (
     TYPED,
     TYPES,
     WORDS,
-    Rows,
+    TableRows,
     of_evaluation,
     row,
     table,
@@ -72,7 +72,7 @@ class Gathering:
         name = self.study.name
         return table(rows, study=name, dataset=name, simulated=self.study.simulated)
 
-    def _answers(self) -> Rows:
+    def _answers(self) -> TableRows:
         """Rows of every model at every cell size on every sequence.
 
         For the study's own cells also rows of several evaluations together.
@@ -132,14 +132,14 @@ class Gathering:
                     )
                 )
 
-    def _together(self, answers: Answers, bootstrap: Bootstrap) -> Rows:
+    def _together(self, answers: Answers, bootstrap: Bootstrap) -> TableRows:
         yield from ageing_rows(answers, self.ageing)
         yield from paired_rows(answers, bootstrap)
         if self.study.question == "robustness":
             changes = {name: read_changes(self._path("events", name)) for name in self.study.tests}
             yield from event_rows(answers, changes, self.bands, bootstrap)
 
-    def _viewpoints(self) -> Rows:
+    def _viewpoints(self) -> TableRows:
         """Rows of every model on bird-views, on sequences matched with themselves."""
         for grid in self.study.grid_names:
             for method in self._on_bird_views():
@@ -165,7 +165,7 @@ class Gathering:
     def _on_bird_views(self) -> Sequence[StudyMethod]:
         return self.study.bird_view_methods if not self.study.learns_further_days else ()
 
-    def _lifelong(self) -> Rows:
+    def _lifelong(self) -> TableRows:
         """Rows of every model after each day that it learned, in each order and strategy."""
         if not self.study.learns_further_days:
             return

@@ -11,7 +11,7 @@ from pipeline.evaluation.judgement import Evaluation
 from pipeline.evaluation.numbers import MEASURES, NUMBERS, POSES
 from pipeline.evaluation.protocols import PROTOCOLS
 
-Rows = Iterator[
+TableRows = Iterator[
     dict[str, Any]
 ]  # rows as they come: columns to values, those that are the same in all rows left out
 COLUMNS = (
@@ -77,7 +77,7 @@ def case_text(case: Case) -> str:
     return f"{case.change}{level}{repeat}{', shadow' if case.shadow else ''}"
 
 
-def of_evaluation(evaluation: Evaluation, case: Case = Case()) -> Rows:  # noqa: B008 (frozen)
+def of_evaluation(evaluation: Evaluation, case: Case = Case()) -> TableRows:  # noqa: B008 (frozen)
     """Rows of one case of an evaluation: counts, numbers with intervals, novelties, calibration."""
     parts = {
         "case": case_text(case),
@@ -143,7 +143,7 @@ def row(
     }
 
 
-def several(place: Mapping[str, Any], protocol: str, numbers: Mapping[str, Any]) -> Rows:
+def several(place: Mapping[str, Any], protocol: str, numbers: Mapping[str, Any]) -> TableRows:
     """One row for each number of a place; a number is a value, or a value with its bounds."""
     for number, values in numbers.items():
         yield {**place, **row(number, protocol, *np.atleast_1d(values))}

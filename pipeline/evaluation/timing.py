@@ -18,19 +18,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from pipeline.evaluation.rows import Rows, several
+from pipeline.evaluation.rows import TableRows, several
 from pipeline.mapping.gathering import submap_points
-from pipeline.matching.ranking import Localizer
-from pipeline.matching.ranking import Rows as Views
+from pipeline.matching.ranking import Localizer, Rows
 from pipeline.running.settings import Count, within
 from pipeline.running.telemetry import Trace
 from pipeline.schemas import Scans, Submaps
 from pipeline.studies.models import ModelName
 
 Samples = Mapping[str, NDArray[np.float64]]  # milliseconds of wall time (query,) by name
-Laps = dict[
-    tuple[str, str], tuple[float, float]
-]  # milliseconds of wall and of CPU time of each view and each method
+Laps = dict[tuple[str, str], tuple[float, float]]
+"""Milliseconds of wall and of CPU time, of each ("view", name) and each ("method", name)."""
 WARM_UP = 3  # calls before the first that counts: they compile, allocate and fill caches
 PACKAGES = ("numpy", "numba", "torch", "faiss-cpu")
 
@@ -39,9 +37,8 @@ PACKAGES = ("numpy", "numba", "torch", "faiss-cpu")
 class Contender:
     """A method with its model and the drawing of its view, ready to answer queries."""
 
-    view: (
-        str  # name of what it looks at; methods that look at the same share the time of drawing it
-    )
+    view: str
+    """Name of what it looks at; methods that look at the same share the time of drawing it."""
     draw: Callable[[NDArray[np.float64]], NDArray[Any]]
     localize: Localizer
 
@@ -70,14 +67,14 @@ class Latency:
 
         Raises InputError where it has none, ConfigError for no queries.
         """
-        for name, number in (("queries", queries), ("k", k)):
-            within(f"latency.{name}", number, Count)
-        number = int(submaps["scans"].shape[0])
-        if not number:
+        within("latency.queries", queries, Count)
+        within("latency.k", k, Count)
+        submap_count = len(submaps.scans)
+        if not submap_count:
             raise InputError(f"{submaps.path}: no submap to measure with")
-        rows = np.unique(np.linspace(0, number - 1, queries).round().astype(np.int64))
-        stamps_ns = submaps.load("stamps_ns")[rows, None]
-        world_T_anchor = submaps.load("world_T_anchor")[rows, None]
+        rows = np.unique(np.linspace(0, submap_count - 1, queries).round().astype(np.int64))
+        stamps_ns = submaps.stamps_ns[rows, None]
+        world_T_anchor = submaps.world_T_anchor[rows, None]
         points: list[int] = []
         laps: list[Laps] = []
         for cloud, stamp_ns, pose in zip(
@@ -97,7 +94,7 @@ class Latency:
         retrieval = {name: wall["method", name] for name in views}
         return cls(generation, retrieval, views, np.array(points), k, machine(float(busy)))
 
-    def rows(self) -> Rows:
+    def rows(self) -> TableRows:
         """Rows of medians and 95th percentiles in milliseconds, a method at a time."""
         for method, view in self.views.items():
             parts = {
@@ -144,7 +141,7 @@ class Latency:
         }
 
 
-def cost_rows(models: Mapping[ModelName, Path]) -> Rows:
+def cost_rows(models: Mapping[ModelName, Path]) -> TableRows:
     """Rows of each model's file size, and of its training's cost where it was trained here."""
     for model, path in models.items():
         place = {"method": model.method, "variant": model.variant, "seed": model.seed}
@@ -214,7 +211,7 @@ def _ask(
         images[view], laps["view", view] = _lap(draw, cloud)
     for name, contender in contenders.items():
         _, laps["method", name] = _lap(
-            contender.localize, Views(images[contender.view][None], stamp_ns, pose), k
+            contender.localize, Rows(images[contender.view][None], stamp_ns, pose), k
         )
     return laps
 
