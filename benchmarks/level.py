@@ -1,23 +1,25 @@
 """Poses from level lasers in recorded buildings, and what their verdict is worth.
 
-`python -m benchmarks.level CARMEN [--logs intel,fhw] [--shares .4,.5] [--queries 60]` maps the
+`python -m benchmarks.level CARMEN [--logs intel,fhw] [--shares .4,.5] [--queries 50]` maps the
 first 40 % of the sweeps of each log, and then the first half, by their corrected poses, and
 localises sweeps of the rest, evenly chosen, each gathered over the raw odometry before it (ODOM
-lines). CARMEN is a folder of NAME-corrected.log.gz. A row a map: how many square metres are free,
-how many queries were seen (the map's path within 2 m); right of the seen, of fix and baseline
-(the best cell of a single sweep in the same likelihood field, as an exhaustive search finds it:
-branch and bound is exact); then for .95 and .99 what share of all queries is accepted, of the seen,
-and how many of these are wrong; CPU time of one thread from points to fix.
+lines). CARMEN is a folder of NAME-corrected.log.gz. A row a map: square metres that are free; the
+share of queries that were seen (the map's path within 2 m); of these the share that is right
+(within 1 m and 10°), by the fix and by the baseline: the best cell of a single sweep in the same
+likelihood field, as an exhaustive search finds it, since branch and bound is exact; then for .95
+and .99 the share of all queries that is accepted, of the seen ones, and how many of the accepted
+are wrong; CPU time of one thread from points to fix, median and 95 %.
 
-Verdicts learn from stretches of the mapped part that are held out, never from queries. Where a log
-has too few of them, the limits are those of verdict.USUAL, which `--usual` prints anew: learned
-from the held-out stretches of the mapped parts of TUNED alone.
+Chances and limits are verdict.USUAL and USUAL_LIMITS, the limits lowered where held-out stretches
+of the mapped part say so; queries have no part in them. `--usual` prints these two anew, from
+held-out stretches of the first halves of TUNED alone.
 """
 
 import os
 
 os.environ["OMP_NUM_THREADS"] = "1"  # before the libraries are loaded
 
+import argparse
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -32,7 +34,9 @@ from pipeline.level.held_out import LevelHeldOut, Sweeps
 from pipeline.level.level_map import Drawing
 from pipeline.level.search import search
 from pipeline.level.sweeps import Gatherer, single
-from pipeline.level.verdict import LevelEvidence
+from pipeline.level.verdict import LevelEvidence, LevelVerdict, pose_is_right
+from pipeline.online.level_pack import OVER_M, UNSEEN_SHARE
+from pipeline.posing.verdict import BELIEFS, PROMISES
 from pipeline.readers.carmen import Carmen
 
 LOGS = ("intel", "fhw", "seattle", "csail", "aces", "freiburg-101", "freiburg-campus")
@@ -40,7 +44,14 @@ TUNED = ("intel", "fhw", "seattle")
 """Whatever was chosen by looking was chosen on these."""
 SHARES = (0.4, 0.5)
 SEEN_M = 2.0
-OVER_M = 5.0
+HELD_OUT = 40
+"""Held-out stretches of a map at most."""
+PROMISED = (0.95, 0.99)
+HEADER = (
+    f"{'log':<16}{'mapped':>7}{'free m²':>9}{'asked':>6}{'seen':>6}{'right':>7}{'single':>7}"
+    + "".join(f"  {promise:>4}: all  seen  wrong" for promise in PROMISED)
+    + f"{'ms':>7}{'95 %':>6}"
+)
 
 
 @dataclass(frozen=True)
@@ -68,17 +79,17 @@ def read(folder: Path, name: str) -> Sweeps:
     return Sweeps(log.points, log.world_T_scan, log.odom_T_scan)
 
 
-def evidence(sweeps: Sweeps, share: float) -> tuple[LevelEvidence, Drawing]:
+def evidence(sweeps: Sweeps, share: float, most: int) -> tuple[LevelEvidence, Drawing]:
     """What held-out stretches of the first part of a log say, and its drawing."""
     mapped = sweeps.part(0, int(share * len(sweeps.world_T_sweep)))
     hits = [mapped.points(row) for row in range(len(mapped.world_T_sweep))]
     drawing = Drawing.of(hits, mapped.world_T_sweep)
-    return LevelHeldOut().evidence(LevelFixer(), mapped, drawing, OVER_M), drawing
+    return LevelHeldOut(most=most).evidence(LevelFixer(), mapped, drawing, OVER_M), drawing
 
 
 def trial(sweeps: Sweeps, name: str, share: float, queries: int) -> Trial:
     """Map the first part of a log and ask for sweeps of the rest."""
-    held_out, drawing = evidence(sweeps, share)
+    held_out, drawing = evidence(sweeps, share, HELD_OUT)
     level_map = drawing.level_map()
     field = Field.of(level_map)
     first = int(share * len(sweeps.world_T_sweep))
@@ -122,3 +133,76 @@ def _pose(field: Field, grid_pose: NDArray[np.float64]) -> NDArray[np.float64]:
     pose[:2, :2] = [[cos, -sin], [sin, cos]]
     pose[:2, 3] = grid_pose[:2]
     return np.asarray(field.world_T_grid @ pose)
+
+
+def row(result: Trial) -> tuple[str, list[float]]:
+    """The row of a trial, and its numbers for the means."""
+    verdict = LevelVerdict(result.evidence, UNSEEN_SHARE)
+    limits = dict(zip(PROMISES, verdict.limits("fix"), strict=True))
+    fixes = [fix.ordered(verdict.judge.pose) for fix in result.fixes]
+    doubts = np.array([verdict.judge.doubts(fix)[0] for fix in fixes]).astype(np.float32)
+    nowhere = np.full((4, 4), np.nan)
+    poses = np.array(
+        [fix.hypotheses[0].world_T_query if fix.hypotheses else nowhere for fix in fixes]
+    )
+    good = pose_is_right(poses, result.world_T_true)
+    good_single = pose_is_right(result.single, result.world_T_true)
+    seen = result.seen
+    numbers = [float(seen.mean()), float(good[seen].mean()), float(good_single[seen].mean())]
+    text = f"{result.name:<16}{result.share:>7.2f}{result.free_m2:>9,.0f}{len(good):>6}"
+    text += f"{numbers[0]:>6.2f}{numbers[1]:>7.3f}{numbers[2]:>7.3f}"
+    for promise in PROMISED:
+        accepted = doubts < limits[promise]
+        wrong = int((accepted & ~good).sum())
+        numbers += [float(accepted.mean()), float(accepted[seen].mean()), wrong, accepted.sum()]
+        text += (
+            f"{accepted.mean():>11.2f}{accepted[seen].mean():>6.2f}{wrong:>3}/{accepted.sum():<3}"
+        )
+    numbers += [float(np.median(result.ms)), float(np.quantile(result.ms, 0.95))]
+    return f"{text}{numbers[-2]:>7.0f}{numbers[-1]:>6.0f}", numbers
+
+
+def usual(folder: Path) -> None:
+    """Print the usual chances and limits, learned anew."""
+    parts = [evidence(read(folder, name), 0.5, 150)[0] for name in TUNED]
+    joined = LevelEvidence.joined(parts)
+    judge = LevelVerdict(joined, UNSEEN_SHARE).learned()
+    verdict = LevelVerdict(joined, UNSEEN_SHARE, judge)
+    print(f"{joined.blocks} held-out stretches of {', '.join(TUNED)}")
+    print(judge)
+    print({belief: verdict.reached(belief) for belief in BELIEFS})
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser("python -m benchmarks.level", description=__doc__)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--logs", default=",".join(LOGS))
+    parser.add_argument("--shares", default=",".join(map(str, SHARES)))
+    parser.add_argument("--queries", type=int, default=50)
+    parser.add_argument("--usual", action="store_true")
+    options = parser.parse_args()
+    if options.usual:
+        usual(options.folder)
+        return
+    print(HEADER, flush=True)
+    rows: list[list[float]] = []
+    for name in options.logs.split(","):
+        for share in map(float, options.shares.split(",")):
+            text, numbers = row(trial(read(options.folder, name), name, share, options.queries))
+            print(text, flush=True)
+            rows.append(numbers)
+    means = np.mean(rows, axis=0)
+    answered = ", ".join(
+        f"{means[3 + 4 * number]:.2f} of all and {means[4 + 4 * number]:.2f} of the seen at "
+        f"{promise}, wrong {sum(each[5 + 4 * number] for each in rows):.0f} of "
+        f"{sum(each[6 + 4 * number] for each in rows):.0f}"
+        for number, promise in enumerate(PROMISED)
+    )
+    print(
+        f"in the mean of maps: right of seen {means[1]:.3f}, single sweep {means[2]:.3f}; accepted "
+        f"{answered}"
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -13,8 +13,8 @@ EXPLAINED_M = 0.3
 """A beam is explained by a wall this near its end."""
 IN_FREE_M = 0.5
 """A hit in known free space and this far from any wall contradicts the map."""
-THROUGH_M = 0.5
-"""A beam that goes on so far behind a wall contradicts it."""
+BEHIND_M = 0.3
+"""A beam that comes so far out behind a wall contradicts it; one that grazes it does not."""
 BEAMS = 600
 """Of a query so many beams are looked at."""
 
@@ -69,7 +69,7 @@ def _shares(distance_m, walls, free, cell_m, starts_m, ends_m, poses):  # type: 
             ) / cell_m
             end_x = (poses[number, 0] + cos * ends_m[beam, 0] - sin * ends_m[beam, 1]) / cell_m
             end_y = (poses[number, 1] + sin * ends_m[beam, 0] + cos * ends_m[beam, 1]) / cell_m
-            if _passes_wall(walls, start_x, start_y, end_x, end_y, THROUGH_M / cell_m):
+            if _passes_wall(distance_m, walls, start_x, start_y, end_x, end_y):
                 shares[number, 2] += 1
                 continue
             distance = distance_at(distance_m, end_x, end_y, FARTHEST_M)[0]
@@ -86,17 +86,20 @@ def _shares(distance_m, walls, free, cell_m, starts_m, ends_m, poses):  # type: 
 
 
 @njit(cache=True, nogil=True, inline="always")
-def _passes_wall(walls, start_x, start_y, end_x, end_y, beyond):  # type: ignore[no-untyped-def]
-    """Whether a beam goes through a wall and on for more than `beyond` cells."""
+def _passes_wall(distance_m, walls, start_x, start_y, end_x, end_y):  # type: ignore[no-untyped-def]
+    """Whether a beam goes through a wall and comes out more than BEHIND_M behind it."""
     rows, cols = walls.shape
     length = np.hypot(end_x - start_x, end_y - start_y)
-    reach = length - beyond
+    is_behind = False
     step = 0
-    while step < reach:
+    while step < length:
         share = step / length
         x = start_x + share * (end_x - start_x)
         y = start_y + share * (end_y - start_y)
-        if 0 <= x < cols and 0 <= y < rows and walls[int(y), int(x)]:
-            return True
+        if 0 <= x < cols and 0 <= y < rows:
+            if walls[int(y), int(x)]:
+                is_behind = True
+            elif is_behind and distance_m[int(y), int(x)] > BEHIND_M:
+                return True
         step += 1
     return False

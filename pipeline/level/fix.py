@@ -8,22 +8,25 @@ from numpy.typing import NDArray
 from pipeline.level.beams import Support, supports
 from pipeline.level.field import Field
 from pipeline.level.refinement import refined
-from pipeline.level.search import APART_DEG, APART_M, search
+from pipeline.level.search import APART_DEG, APART_M, scores, search
 from pipeline.level.sweeps import Gathered
 from pipeline.posing.chances import Chances
-from pipeline.running.settings import Count, Share, check
+from pipeline.running.settings import Count, check
 
-SIGNS = ("explained", "agreeing", "surety", "ahead")
+SIGNS = ("likely", "in_free", "through", "surety", "ahead")
 """What speaks for a hypothesis; more of each is never worse.
 
-The share of beams that the map explains, minus the share that it contradicts, minus log₁₀ of the
-spread in metres, and how much higher its quality is than that of the query's best other hypothesis.
+The score, minus the shares of beams that end in free space and that pass a
+wall, minus log₁₀ of the spread in metres, and how much higher its quality is than that of the
+query's best other hypothesis; without another, as if that were LEAST_RATIO of its own.
 """
-SCALES = np.array([0.15, 0.1, 0.3, 0.1])
+SCALES = np.array([0.15, 0.05, 0.1, 0.3, 0.1])
 """A usual difference of each sign."""
 LEAST_SPREAD_M = 0.01
 LEAST_POINTS = 20
 """A query of fewer thinned hits tells nothing."""
+LEAST_RATIO = 0.75
+"""Poses that score less than this of the best are no hypotheses."""
 CONTRADICTED_COST = 0.5
 """What a contradicted beam takes from the quality, against 1 that an explained one adds."""
 
@@ -37,7 +40,7 @@ class Hypothesis:
     covariance: NDArray[np.float64]
     """(3, 3) of x, y in metres and heading in radians, along the world's axes."""
     score: float
-    """The mean likelihood of the query's hits, where the search left it."""
+    """The mean likelihood of the query's hits, or of its newest sweep's where that is less."""
     support: Support
 
     @property
@@ -69,11 +72,9 @@ class LevelFix:
 class LevelFixer:
     """Finds where gathered sweeps were taken."""
 
-    keep: Count = 8
+    keep: Count = 6
     """Hypotheses that are refined and compared."""
-    least_ratio: Share = 0.6
-    """Hypotheses that score less than this of the best are none."""
-    most_nodes: Count = 150_000
+    most_nodes: Count = 300_000
     """Nodes of the search, after which it ends with what it has."""
 
     def __post_init__(self) -> None:
@@ -83,22 +84,40 @@ class LevelFixer:
         """Search the whole map; no hypothesis where there are too few hits."""
         if len(gathered.points_m) < LEAST_POINTS:
             return LevelFix()
-        found = search(field, gathered.points_m, self.keep, self.least_ratio, self.most_nodes)
-        return self._compared(field, gathered, found.poses, found.scores)
+        found = search(field, gathered.points_m, self.keep, LEAST_RATIO, self.most_nodes)
+        return self._compared(field, gathered, found.poses)
+
+    def track(
+        self, field: Field, gathered: Gathered, world_T_guess: NDArray[np.float64]
+    ) -> LevelFix:
+        """Refine a guessed pose (4, 4) alone: no rival is looked for.
+
+        There is no hypothesis where there are too few hits.
+        """
+        if len(gathered.points_m) < LEAST_POINTS:
+            return LevelFix()
+        grid_T_guess = np.linalg.inv(field.world_T_grid) @ world_T_guess
+        heading_rad = np.arctan2(grid_T_guess[1, 0], grid_T_guess[0, 0])
+        pose = np.array([[*grid_T_guess[:2, 3], heading_rad]])
+        return self._compared(field, gathered, pose)
 
     def _compared(
         self,
         field: Field,
         gathered: Gathered,
         poses: NDArray[np.float64],
-        scores: NDArray[np.float64],
     ) -> LevelFix:
         """Refine poses (k, 3) in the grid, and keep the best of those that are one."""
         poses, covariances = refined(field, gathered.points_m, poses)
+        # the newest sweep alone too: matched badly, it stands elsewhere than those before it
+        likelihoods = scores(field, gathered.points_m, poses)
+        if len(gathered.newest_m):
+            likelihoods = np.minimum(likelihoods, scores(field, gathered.newest_m, poses))
+        supported = supports(field, gathered, poses)
         hypotheses = [
             Hypothesis(_in_world(field, pose), _turned(field, covariance), float(score), support)
             for pose, covariance, score, support in zip(
-                poses, covariances, scores, supports(field, gathered, poses), strict=True
+                poses, covariances, likelihoods, supported, strict=True
             )
         ]
         kept: list[Hypothesis] = []
@@ -113,16 +132,17 @@ def signs(fix: LevelFix) -> NDArray[np.float64]:
     quality = np.array([hypothesis.quality for hypothesis in fix.hypotheses])
     rows = np.zeros((len(quality), len(SIGNS)))
     for row, hypothesis in zip(rows, fix.hypotheses, strict=True):
-        row[:3] = (
-            hypothesis.support.explained,
-            -hypothesis.support.contradicted,
+        row[:-1] = (
+            hypothesis.score,
+            -hypothesis.support.in_free,
+            -hypothesis.support.through,
             -np.log10(max(hypothesis.spread_m, LEAST_SPREAD_M)),
         )
+    farthest = (1 - LEAST_RATIO) * np.maximum(quality, 0)
+    rows[:, -1] = farthest
     if len(quality) > 1:
         others = np.where(np.eye(len(quality), dtype=bool), -np.inf, quality)
-        rows[:, -1] = quality - others.max(axis=1)
-    elif len(quality):
-        rows[:, -1] = (1 - LevelFixer.least_ratio) * quality
+        rows[:, -1] = np.minimum(quality - others.max(axis=1), farthest)
     return rows
 
 

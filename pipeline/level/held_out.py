@@ -57,15 +57,13 @@ class Sweeps:
 class LevelHeldOut:
     """Which sweeps of the training day are held out, as if they were queries of another day."""
 
-    every_m: Positive = 4.0
-    """Path from one query to the next."""
+    every_m: Positive = 2.5
+    """Path from one query to the next: each is a block, as of 3-D fixes."""
     most: Count = 60
     """Queries, evenly along the path."""
     around_m: Sequence[float] = (8.0, 16.0)
     """Each is asked once more without the sweeps nearer than one of these, each in its turn: as a
     place never seen."""
-    block_m: Positive = 8.0
-    """Queries within so much of the path are one block."""
 
     def __post_init__(self) -> None:
         check(self, "level.held_out")
@@ -92,7 +90,7 @@ class LevelHeldOut:
             fixes,
             sweeps.world_T_sweep[rows].repeat(2, axis=0),
             np.tile([False, True], len(rows)),
-            (path_m[rows] / self.block_m).astype(np.int64).repeat(2),
+            np.arange(len(rows)).repeat(2),
         )
 
 

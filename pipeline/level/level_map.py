@@ -18,6 +18,10 @@ WALL_PERCENT = 50
 FINEST_M = 0.01
 COARSEST_M = 0.5
 MOST_CELLS = 50_000_000
+FINE_M = 0.05
+COARSE_M = 0.1
+LARGE_M2 = 12_500.0
+"""Sweeps over a larger box are drawn in cells of COARSE_M."""
 LEAST_SHARE = 0.25
 """A cell is a wall where at least this share of the beams that reached it ended there (gmapping's
 threshold)."""
@@ -104,12 +108,13 @@ class Drawing:
         cls,
         sweeps_m: Sequence[NDArray[np.floating]],
         world_T_sweep: NDArray[np.float64],
-        cell_m: float = 0.05,
+        cell_m: float | None = None,
         range_m: float = 30.0,
     ) -> Self:
         """Count the hits (n, 2 or 3) of sweeps, in the frames of their poses (s, 4, 4).
 
-        Beams of hits farther than `range_m` only pass, up to there. Raises InputError where no hit
+        Cells are FINE_M, of large places COARSE_M, unless `cell_m` says otherwise. Beams of hits
+        farther than `range_m` only pass, up to there. Raises InputError where no hit
         is nearer, or the grid would be too large.
         """
         hits_m = [
@@ -126,6 +131,9 @@ class Drawing:
         share = np.minimum(1, range_m / np.maximum(length_m, 1e-9))
         ends_m = starts_m + (ends_m - starts_m) * share[:, None]
         corners_m = np.stack([starts_m, ends_m])
+        if cell_m is None:
+            area_m2 = float(np.prod(np.ptp(corners_m.reshape(-1, 2), axis=0)))
+            cell_m = FINE_M if area_m2 <= LARGE_M2 else COARSE_M
         lowest = np.floor(corners_m.min(axis=(0, 1)) / cell_m - 1)
         highest = np.ceil(corners_m.max(axis=(0, 1)) / cell_m + 1)
         cols, rows = (highest - lowest).astype(int).tolist()

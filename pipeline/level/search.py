@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from pipeline.level.field import REACH_M, Field
 
-POINTS = 256
+POINTS = 128
 """A query is searched for by so many of its points at most: their sum in 255ths fits 16 bits."""
 HEADINGS = 240
 APART_M = 1.0
@@ -39,9 +39,9 @@ class Found:
 def search(
     field: Field,
     points_m: NDArray[np.float64],
-    keep: int = 12,
-    least_ratio: float = 0.5,
-    most_nodes: int = 400_000,
+    keep: int = 6,
+    least_ratio: float = 0.75,
+    most_nodes: int = 300_000,
 ) -> Found:
     """Find the `keep` best poses of points (n, 2) that score `least_ratio` of the best or more.
 
@@ -84,6 +84,22 @@ def search(
         ]
     )
     return Found(poses, scores / (255 * len(chosen)), bool(exact))
+
+
+def scores(
+    field: Field, points_m: NDArray[np.float64], poses: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """The mean likelihood (k,) of points (n, 2) in poses (k, 3) in the grid."""
+    cos = np.cos(poses[:, 2, None])
+    sin = np.sin(poses[:, 2, None])
+    x_m = poses[:, 0, None] + cos * points_m[:, 0] - sin * points_m[:, 1]
+    y_m = poses[:, 1, None] + sin * points_m[:, 0] + cos * points_m[:, 1]
+    rows = np.floor(y_m / field.cell_m).astype(int) + field.pyramid.margin
+    cols = np.floor(x_m / field.cell_m).astype(int) + field.pyramid.margin
+    likelihood = field.pyramid.levels[0]
+    rows = rows.clip(0, likelihood.shape[0] - 1)
+    cols = cols.clip(0, likelihood.shape[1] - 1)
+    return np.asarray(likelihood[rows, cols].mean(axis=1) / 255)
 
 
 @njit(cache=True, nogil=True)

@@ -42,6 +42,8 @@ class Gathered:
 
     points_m: NDArray[np.float64]
     """(n, 2) thinned."""
+    newest_m: NDArray[np.float64]
+    """(m, 2) thinned, of the newest sweep alone."""
     starts_m: NDArray[np.float64]
     """(b, 2) where each beam comes from."""
     ends_m: NDArray[np.float64]
@@ -100,7 +102,7 @@ class Gatherer:
             ends.append(points @ sweep_T_this[:2, :2].T + sweep_T_this[:2, 2])
             starts.append(np.broadcast_to(sweep_T_this[:2, 2], points.shape))
         ends_m = np.concatenate(ends)
-        return Gathered(thinned(ends_m), np.concatenate(starts), ends_m, path_m)
+        return Gathered(thinned(ends_m), thinned(hits[0]), np.concatenate(starts), ends_m, path_m)
 
     def _matched(
         self, hits: NDArray[np.float64], start_T_sweep: NDArray[np.float64]

@@ -6,14 +6,13 @@ too: the pose, that the robot is near it, or that it has one of several.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.frames import apart
 from pipeline.level.fix import SCALES, LevelFix, signs
-from pipeline.matching.rejection import threshold_for
+from pipeline.matching.rejection import ACCEPT_NOTHING, threshold_for
 from pipeline.posing.chances import Chances, learned
 from pipeline.posing.verdict import BELIEFS, PROMISES, SEVERAL, TIMES, middle
 
@@ -31,6 +30,10 @@ class LevelJudge:
     pose: Chances
     near: Chances
 
+    def chances(self, fix: LevelFix) -> NDArray[np.float64]:
+        """The chance (n,) that each hypothesis is right."""
+        return self.pose.of(signs(fix))
+
     def doubts(self, fix: LevelFix) -> NDArray[np.float64]:
         """One minus the chance (belief,) of each of BELIEFS; 1 without a hypothesis."""
         if not fix.hypotheses:
@@ -45,10 +48,18 @@ class LevelJudge:
 
 
 USUAL = LevelJudge(
-    Chances((6.0, 6.0, 1.0, 20.0), -4.0),
-    Chances((6.0, 6.0, 1.0, 20.0), -4.0),
+    Chances((9.01, 0.0, 8.64, 6.94, 23.67), -17.57),
+    Chances((8.93, 0.0, 8.63, 6.96, 23.39), -17.52),
 )
-"""What a map is judged by that has no evidence of its own."""
+"""Learned from held-out stretches of the first halves of three recorded buildings (`python -m
+benchmarks.level CARMEN --usual`)."""
+USUAL_LIMITS: dict[str, tuple[float, ...]] = {
+    "fix": (0.25, 0.05, ACCEPT_NOTHING),
+    "place": (0.25, 0.05, ACCEPT_NOTHING),
+    "several": (0.25, ACCEPT_NOTHING, ACCEPT_NOTHING),
+}
+"""For each of BELIEFS the doubts from which to reject it, by the same stretches; one of PROMISES
+each."""
 
 
 @dataclass(frozen=True)
@@ -93,16 +104,15 @@ class LevelEvidence:
 
 @dataclass(frozen=True)
 class LevelVerdict:
-    """Learns from evidence how to judge level fixes."""
+    """Judges the fixes of a map: by the usual chances, and limits that its own evidence keeps."""
 
     evidence: LevelEvidence
     unseen_share: float
     """Share of queries to expect from places that the map does not have."""
-    start: LevelJudge = USUAL
+    judge: LevelJudge = USUAL
 
-    @cached_property
-    def judge(self) -> LevelJudge:
-        """The judge, learned from the evidence."""
+    def learned(self) -> LevelJudge:
+        """A judge learned from the evidence, starting from this one."""
         outcomes = [
             right(fix, true)
             for fix, true in zip(self.evidence.fixes, self.evidence.world_T_true, strict=True)
@@ -110,31 +120,44 @@ class LevelVerdict:
         all_signs = [signs(fix) for fix in self.evidence.fixes]
         weight = self.evidence.weight(self.unseen_share)
         return LevelJudge(
-            learned(all_signs, [good for good, _ in outcomes], weight, self.start.pose, SCALES),
-            learned(all_signs, [near for _, near in outcomes], weight, self.start.near, SCALES),
+            learned(all_signs, [good for good, _ in outcomes], weight, self.judge.pose, SCALES),
+            learned(all_signs, [near for _, near in outcomes], weight, self.judge.near, SCALES),
         )
 
-    def limits(self, belief: str) -> list[float]:
-        """For each of PROMISES, the doubt from which to reject one of BELIEFS.
+    def reached(self, belief: str) -> list[float]:
+        """For each of PROMISES, the doubt from which to reject one of BELIEFS, by evidence alone.
 
         As posing/verdict.py: one more of the accepted counts as wrong, the limit stands in the
         middle of the gap to the next that would break the promise, and nothing is accepted that is
         false more than TIMES as often as the promise allows.
         """
-        number = BELIEFS.index(belief)
-        doubts, truths = self._judged
+        doubts, truths = self._judged(belief)
+        weight = self.evidence.weight(self.unseen_share)
+        edges = [threshold_for(promise, doubts, truths, weight, 1.0) for promise in PROMISES]
+        return [
+            min(middle(doubts, edge), TIMES * (1 - promise))
+            for promise, edge in zip(PROMISES, edges, strict=True)
+        ]
+
+    def limits(self, belief: str) -> list[float]:
+        """For each of PROMISES, the doubt from which to reject one of BELIEFS in this map.
+
+        It is the usual limit, or a lower one where that breaks the promise on the map's own
+        evidence: one building has too few blocks to promise anything by itself.
+        """
+        doubts, truths = self._judged(belief)
         weight = self.evidence.weight(self.unseen_share)
         limits = []
-        for promise in PROMISES:
-            edge = threshold_for(
-                promise, doubts[:, number], truths[:, number], weight, wrong_besides=1.0
-            )
-            limits.append(min(middle(doubts[:, number], edge), TIMES * (1 - promise)))
+        for promise, usual in zip(PROMISES, USUAL_LIMITS[belief], strict=True):
+            below = doubts < usual
+            wrong = float(weight[below & ~truths].sum())
+            is_kept = wrong <= (1 - promise) * float(weight[below].sum())
+            kept = threshold_for(promise, doubts[below], truths[below], weight[below])
+            limits.append(usual if is_kept else kept)
         return limits
 
-    @cached_property
-    def _judged(self) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        """The doubts of the evidence (fix, belief), and which beliefs are true."""
+    def _judged(self, belief: str) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """The doubts (fix,) of one belief in the evidence, and whether it is true."""
         doubts = np.ones((len(self.evidence.fixes), len(BELIEFS)))
         truths = np.zeros(doubts.shape, bool)
         for row, (fix, true) in enumerate(
@@ -145,7 +168,8 @@ class LevelVerdict:
             if fix.hypotheses:
                 good, near = right(ordered, true)
                 truths[row] = good[0], near[0], good[:SEVERAL].any()
-        return doubts, truths
+        number = BELIEFS.index(belief)
+        return doubts[:, number], truths[:, number]
 
 
 def right(
@@ -153,10 +177,16 @@ def right(
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Which hypotheses (n,) of a fix are right, and which are near."""
     poses = np.array([hypothesis.world_T_query for hypothesis in fix.hypotheses]).reshape(-1, 4, 4)
-    true = np.broadcast_to(world_T_true, poses.shape)
-    away_m = np.linalg.norm(poses[:, :2, 3] - true[:, :2, 3], axis=1)
-    turn_deg = apart(poses, true)[1]
-    return (away_m < RIGHT_M) & (turn_deg < RIGHT_DEG), away_m < NEAR_M
+    away_m = np.linalg.norm(poses[:, :2, 3] - world_T_true[:2, 3], axis=1)
+    return pose_is_right(poses, np.broadcast_to(world_T_true, poses.shape)), away_m < NEAR_M
+
+
+def pose_is_right(
+    world_T_query: NDArray[np.float64], world_T_true: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """Which poses (n, 4, 4) are right in the plane; a missing one is not."""
+    away_m = np.linalg.norm(world_T_query[:, :2, 3] - world_T_true[:, :2, 3], axis=1)
+    return np.asarray((away_m < RIGHT_M) & (apart(world_T_query, world_T_true)[1] < RIGHT_DEG))
 
 
 def _distances_m(fix: LevelFix) -> NDArray[np.float64]:

@@ -40,7 +40,7 @@ def exhaustive(field: Field, points_m: np.ndarray) -> tuple[float, np.ndarray]:
 def test_the_best_pose_is_the_best_of_all_cells_and_headings(
     field: Field, place: tuple[float, float, float]
 ) -> None:
-    points_m = sweep(*place, beams=40)
+    points_m = sweep(*place, beams=16)
     found = search(field, points_m, keep=2)
     score, pose = exhaustive(field, points_m)
     assert found.exact
