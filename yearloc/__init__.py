@@ -7,12 +7,13 @@
     if fix.verdict == "accepted":
         print(fix.world_T_sensor)
 
-A `Tracker` follows a drive scan by scan. These names keep their meaning from one version to the
-next; whatever else lies in `pipeline` may change.
+A `Tracker` follows a drive scan by scan, a `LevelTracker` that of a level 2-D laser. These names
+keep their meaning from one version to the next; whatever else lies in `pipeline` may change.
 """
 
 from pipeline.errors import YearlocError
+from pipeline.online.level_site import LevelTracker
 from pipeline.online.site import Fix, Site
 from pipeline.online.tracking import Tracker
 
-__all__ = ["Fix", "Site", "Tracker", "YearlocError"]
+__all__ = ["Fix", "LevelTracker", "Site", "Tracker", "YearlocError"]
