@@ -22,7 +22,7 @@ Layout = Literal["odom_T_scan", "world_T_scan"]
 
 
 @dataclass(frozen=True, eq=False)
-class Scans(Artifact, kind="scans", version=1):
+class Scans(Artifact, kind="scans", version=2):
     """The scans of one sequence with their poses; sweeps, of a 2-D LiDAR."""
 
     points: Annotated[
@@ -53,6 +53,15 @@ class Scans(Artifact, kind="scans", version=1):
             ("scan", "row", "col"),
             "the log's own odometry at the stamp; NaN where it has none",
             unit="m",
+        ),
+    ]
+    odom_variance: Annotated[
+        NDArray[np.float64],
+        Array(
+            ("scan", "gathered"),
+            "variance that the odometry says it gathered since its start: of the position (mean of "
+            "x and y), of the heading; NaN where it says nothing",
+            unit="m², rad²",
         ),
     ]
     grain_m: Annotated[float, "metres per unit of points"]

@@ -23,6 +23,7 @@ from pipeline.evaluation.events import Bands
 from pipeline.evaluation.held_out import held_out_auc
 from pipeline.evaluation.judgement import Evaluation, Evaluations
 from pipeline.evaluation.lifelong import cost_rows, lifelong_rows
+from pipeline.evaluation.paired import KEPT, kept_share
 from pipeline.evaluation.rows import (
     COLUMNS,
     NUMERIC,
@@ -30,6 +31,7 @@ from pipeline.evaluation.rows import (
     TYPES,
     WORDS,
     TableRows,
+    case_columns,
     of_evaluation,
     row,
     table,
@@ -106,6 +108,14 @@ class Gathering:
                         )
                         if not case.change:
                             as_driven[sequence] = evaluation
+                            continue
+                        kept = kept_share(
+                            evaluation,
+                            as_driven[sequence],
+                            "cells",
+                            Bootstrap(**artifact.attrs["bootstrap"]),
+                        )
+                        yield place | of_sequence | case_columns(case) | row(KEPT, "cells", *kept)
                 by_day = {
                     name: as_driven[name]
                     for name in sorted(tests, key=lambda name: (as_driven[name].days, name))

@@ -77,15 +77,20 @@ def case_text(case: Case) -> str:
     return f"{case.change}{level}{repeat}{', shadow' if case.shadow else ''}"
 
 
-def of_evaluation(evaluation: Evaluation, case: Case = Case()) -> TableRows:  # noqa: B008 (frozen)
-    """Rows of one case of an evaluation: counts, numbers with intervals, novelties, calibration."""
-    parts = {
+def case_columns(case: Case) -> dict[str, Any]:
+    """The columns that say what was done to the queries."""
+    return {
         "case": case_text(case),
         "change": case.change,
         "level": case.level,
         "shadow": case.shadow,
         "repeat": case.repeat,
     }
+
+
+def of_evaluation(evaluation: Evaluation, case: Case = Case()) -> TableRows:  # noqa: B008 (frozen)
+    """Rows of one case of an evaluation: counts, numbers with intervals, novelties, calibration."""
+    parts = case_columns(case)
     for protocol in PROTOCOLS:
         judgement = evaluation.protocol(protocol)
         counts = {

@@ -9,7 +9,7 @@ import platform
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib.metadata import distributions
 from pathlib import Path
 from typing import Any, Self
@@ -41,6 +41,8 @@ class Contender:
     """Name of what it looks at; methods that look at the same share the time of drawing it."""
     draw: Callable[[NDArray[np.float64]], NDArray[Any]]
     localize: Localizer
+    describe: Callable[[Rows], Any] | None = None
+    """The network that makes the descriptor, where a method has one."""
 
 
 @dataclass(frozen=True)
@@ -48,11 +50,14 @@ class Latency:
     """Times of some queries, each localized alone, by part and method."""
 
     generation: Samples  # by view: from points to the view
-    retrieval: Samples  # by method: from the view to its ranking
+    retrieval: Samples  # by method: from the view, or the network's descriptor, to its ranking
     views: Mapping[str, str]  # what each method looks at
     points: NDArray[np.int64]  # (query,) of its submap
     k: int  # places ranked
     machine: Mapping[str, Any]  # what it was measured on: `machine`
+    description: Samples = field(default_factory=dict)
+    """By method whose network makes the descriptor: from the view to it. The SCI paper counts it as
+    generation."""
 
     @classmethod
     def measure(
@@ -91,14 +96,19 @@ class Latency:
         busy = np.sum([*cpu.values()]) / np.sum([*wall.values()])
         views = {name: contender.view for name, contender in contenders.items()}
         generation = {view: wall["view", view] for view in views.values()}
-        retrieval = {name: wall["method", name] for name in views}
-        return cls(generation, retrieval, views, np.array(points), k, machine(float(busy)))
+        description = {name: wall["network", name] for name in views if ("network", name) in wall}
+        retrieval = {
+            name: np.maximum(wall["method", name] - description.get(name, 0.0), 0.0)
+            for name in views
+        }
+        about = machine(float(busy))
+        return cls(generation, retrieval, views, np.array(points), k, about, description)
 
     def rows(self) -> TableRows:
         """Rows of medians and 95th percentiles in milliseconds, a method at a time."""
         for method, view in self.views.items():
             parts = {
-                "generation": self.generation[view],
+                "generation": self.generation[view] + self.description.get(method, 0.0),
                 "retrieval": self.retrieval[method],
                 "query": self.total[method],
             }
@@ -111,7 +121,12 @@ class Latency:
 
     def record(self) -> dict[str, Any]:
         """Every sample and the machine, as JSON has it."""
-        parts = {"generation": self.generation, "retrieval": self.retrieval, "total": self.total}
+        parts = {
+            "generation": self.generation,
+            "description": self.description,
+            "retrieval": self.retrieval,
+            "total": self.total,
+        }
         samples = {
             part: {name: milliseconds.round(4).tolist() for name, milliseconds in by_name.items()}
             for part, by_name in parts.items()
@@ -134,9 +149,11 @@ class Latency:
 
     @property
     def total(self) -> Samples:
-        """Milliseconds (query,) by method, from points to places: drawing plus retrieval."""
+        """Milliseconds (query,) by method, from points to places: generation plus retrieval."""
         return {
-            method: self.generation[view] + self.retrieval[method]
+            method: self.generation[view]
+            + self.description.get(method, 0.0)
+            + self.retrieval[method]
             for method, view in self.views.items()
         }
 
@@ -210,9 +227,10 @@ def _ask(
     for view, draw in {contender.view: contender.draw for contender in contenders.values()}.items():
         images[view], laps["view", view] = _lap(draw, cloud)
     for name, contender in contenders.items():
-        _, laps["method", name] = _lap(
-            contender.localize, Rows(images[contender.view][None], stamp_ns, pose), k
-        )
+        query = Rows(images[contender.view][None], stamp_ns, pose)
+        if contender.describe:
+            _, laps["network", name] = _lap(contender.describe, query)
+        _, laps["method", name] = _lap(contender.localize, query, k)
     return laps
 
 

@@ -78,16 +78,19 @@ class Trained:
         """
         dataset, grid, model_name, method = _named(studies, name)
         train = studies[dataset].train_text
+        looked_at = next(
+            method.view_of(model.variant) for model in method.models if model.name == model_name
+        )
         return cls(
             name,
             studies[dataset].simulated,
             train,
-            method.view,
+            looked_at,
             layout.path("train", dataset, grid, model_name),
             layout.path("labels", dataset, grid, train),
             layout.path("scans", dataset, train),
             layout.path("submaps", dataset, train),
-            layout.path("views", dataset, method.view, train),
+            layout.path("views", dataset, looked_at, train),
             layout.path("map", dataset, train),
         )
 

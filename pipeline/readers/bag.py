@@ -102,7 +102,9 @@ class Bag:
             *doubts,
             *notes,
         )
-        return Log(clouds.stamps_ns[rows], *poses, points, +skipped, notes)
+        uncertainty = odometry.uncertainty if odometry else None
+        odom_variance = uncertainty.at(clouds.stamps_ns[rows]) if uncertainty else None
+        return Log(clouds.stamps_ns[rows], *poses, points, +skipped, notes, odom_variance)
 
     def sequences(self, root: Path) -> dict[str, list[str]]:
         children = sorted(root.iterdir()) if root.is_dir() else []

@@ -44,6 +44,36 @@ class Log:
     """Scans of the log that were left out: reason to count."""
     notes: tuple[str, ...] = ()
     """Further lines for the user on how complete the log is."""
+    odom_variance: NDArray[np.float64] | None = None
+    """(scan, 2) what the odometry itself says it may be off, gathered since its start: variance of
+    the position in m² (mean of x and y) and of the heading in rad²; NaN where it says nothing, None
+    where it never does."""
+
+    def poses(self, row: int) -> tuple[NDArray[np.float64], ...]:
+        """All that is known of where one scan was taken."""
+        known = (self.world_T_scan[row], self.odom_T_scan[row])
+        return known if self.odom_variance is None else (*known, self.odom_variance[row])
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """The variance that an odometry says it gathered since its start."""
+
+    stamps_ns: Stamps
+    """(n,) increasing."""
+    variance: NDArray[np.float64]
+    """(n, 2) of the position in m² (mean of x and y) and of the heading in rad²."""
+
+    def at(self, stamps_ns: Stamps) -> NDArray[np.float64]:
+        """Variances (m, 2) at stamps (m,), between two rows linearly; NaN beyond the ends."""
+        first_ns = self.stamps_ns[0]  # float64 has 256 ns of what is counted since 1970
+        since_ns = stamps_ns - first_ns
+        known_ns = self.stamps_ns - first_ns
+        columns = [
+            np.interp(since_ns, known_ns, column, left=np.nan, right=np.nan)
+            for column in self.variance.T
+        ]
+        return np.stack(columns, axis=1)
 
 
 EARTH_M = 1e8

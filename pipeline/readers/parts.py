@@ -154,6 +154,7 @@ def open_part(reader: Reader, root: Path, sequence: str) -> Log:
         stamps_ns=log.stamps_ns[rows],
         world_T_scan=log.world_T_scan[rows],
         odom_T_scan=odom_T_scan,
+        odom_variance=None if log.odom_variance is None else log.odom_variance[rows],
         points=lambda row: log.points(rows[row]),
         notes=notes,
     )

@@ -20,7 +20,7 @@ def pick(rows: pd.DataFrame, **entries: object) -> pd.DataFrame:
 
 def values(rows: pd.DataFrame) -> NDArray[np.float64]:
     """Value and interval of each row: (row, 3)."""
-    return rows[["value", "low", "high"]].to_numpy(np.float64)
+    return np.asarray(rows[["value", "low", "high"]], np.float64)
 
 
 def indexed(rows: pd.DataFrame, *columns: str) -> dict[Any, Values]:

@@ -203,14 +203,17 @@ class Study:
         Scans, submaps and labels go by sequence, models by model, other artifacts by both. The
         answers of a model with poses lie with the poses.
         """
-        views = {method.name: method.view for method in self.settings.methods}
+        methods = {method.name: method for method in self.settings.methods}
         answerer = {candidate.name: candidate for candidate in self.settings.answerers}.get(model)
         if kind == "localize" and answerer:
             return self.layout.answers(self.name, self.grid, answerer, sequence)
         learner = replace(answerer, posed=False, path="").name if answerer else model
         names = {
             "labels": (self.grid, sequence),
-            "views": (views[answerer.method] if answerer else "", sequence),
+            "views": (
+                methods[answerer.method].view_of(answerer.variant) if answerer else "",
+                sequence,
+            ),
             "train": (self.grid, learner),
         }.get(kind, (self.grid, model, sequence) if model else (sequence,))
         return self.layout.path(kind, self.name, *names)

@@ -312,7 +312,16 @@ def _defaults(conf: Path, name: str, study: Mapping[str, Any], question: str) ->
     whole_logs = {"parts": False} if question == "viewpoints" else {}
     asked_of_all = conf / "question" / f"{question}.yaml"
     changes = read_yaml(asked_of_all) if asked_of_all.is_file() else {}
-    return {**study, **whole_logs, **changes, **study.get(question, {})}
+    asked_of_this = study.get(question, {})
+    merged = {**study, **whole_logs, **changes, **asked_of_this}
+    if "variants" in changes and "variants" in asked_of_this:
+        general = changes["variants"]
+        further = asked_of_this["variants"]
+        merged["variants"] = {
+            method: {**general.get(method, {}), **further.get(method, {})}
+            for method in (general | further)
+        }
+    return merged
 
 
 def spread(tests: list[str], number: int) -> list[str]:

@@ -26,6 +26,7 @@ LIFELONG = "lifelong"
 QUESTIONS = ("year", "robustness", "viewpoints", LIFELONG)
 VIEWS = "views"
 BIRD_VIEWS = "birdviews"
+VIEW_WORD = "method.view="
 """The stages that draw views: of a submap alone, and of all scans before."""
 TOLERANCE = "15m"
 """How near an answer must be, where a study says nothing: a file of conf/tolerance."""
@@ -159,6 +160,21 @@ class StudyMethod:
             order: tuple(strategies) for order, strategies in table.get("courses", {}).items()
         }
         return cls(**{**table, "stage": stage, "courses": courses})
+
+    def view_of(self, variant: str) -> str:
+        """What a variant looks at: the file of conf/view that its words name as `method.view`, else
+        the method's own."""
+        named = [
+            word.removeprefix(VIEW_WORD)
+            for word in self.variants.get(variant, "").split()
+            if word.startswith(VIEW_WORD)
+        ]
+        return named[-1] if named else self.view
+
+    @property
+    def views(self) -> tuple[str, ...]:
+        """All that it and its variants look at."""
+        return tuple(dict.fromkeys(map(self.view_of, ("", *self.variants))))
 
     @property
     def models(self) -> list[ModelName]:

@@ -1,6 +1,6 @@
 """The sections of a study of the year: answer, set-up, results, figures and ageing."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -8,15 +8,18 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from pipeline import store
+from pipeline.alterations.construction import Construction
 from pipeline.evaluation.study_rows import AGEING, PER_DAYS
+from pipeline.mapping.gathering import submap_points
 from pipeline.report import findings, tables
-from pipeline.report.figures import ageing, curves, maps, matches, rejection
+from pipeline.report.figures import ageing, curves, maps, matches, place, rejection
 from pipeline.report.figures.style import illustrate
 from pipeline.report.render import anchor
 from pipeline.report.result import by_model
 from pipeline.report.section import Illustration, Section
 from pipeline.report.study import Study
-from pipeline.schemas import VIEW_KINDS, ScanContextViews, Views
+from pipeline.schemas import VIEW_KINDS, ScanContextViews, Scans, Submaps, Views
+from pipeline.views.scan_context import ScanContext
 
 # kinds of figure that the page shows; of those of one model, the best one's
 ON_PAGE = (
@@ -40,8 +43,11 @@ LINES = {
 DRAWN = 4  # so many of the numbers that are followed over the days are drawn, the first ones
 
 
-def sections(study: Study, folder: Path) -> Iterator[Section]:
-    """Draw every figure into `folder` and yield the sections in the report's order."""
+def sections(study: Study, folder: Path, view: Callable[[str], Any]) -> Iterator[Section]:
+    """Draw every figure into `folder` and yield the sections in the report's order.
+
+    `view` makes a view of its name.
+    """
     name = anchor(study.name, study.grid)
     values = {
         "study": study,
@@ -116,7 +122,7 @@ def sections(study: Study, folder: Path) -> Iterator[Section]:
             on_page=illustration.kind in ON_PAGE
             and illustration.values.get("model", study.best) == study.best,
         )
-        for illustration in illustrations(study, folder)
+        for illustration in illustrations(study, folder, view)
     ]
     yield Section(
         f"{name}-figures",
@@ -129,7 +135,7 @@ def sections(study: Study, folder: Path) -> Iterator[Section]:
     yield ageing_section(study, folder, evaluation_sources)
 
 
-def illustrations(study: Study, folder: Path) -> Iterator[Illustration]:
+def illustrations(study: Study, folder: Path, view: Callable[[str], Any]) -> Iterator[Illustration]:
     """Draw every figure of the year."""
 
     def saved(
@@ -150,6 +156,7 @@ def illustrations(study: Study, folder: Path) -> Iterator[Illustration]:
             protocol=protocol,
         )
     yield from saved("recall_at", curves.recall_at(results))
+    yield from saved("place", _place(study, view))
     yield from saved("montage", maps.montage(results, path_xy_m), "outcomes")
     for model, group in by_model(results).items():
         model_words = {"model": model, "novelty": group[0].evaluation.kinds[0].replace("_", " ")}
@@ -184,6 +191,24 @@ def illustrations(study: Study, folder: Path) -> Iterator[Illustration]:
 def _views(study: Study, sequence: str, model: str) -> Views:
     """The views of a sequence that a model looks at."""
     return store.read(study.find("views", sequence, model), *VIEW_KINDS)
+
+
+def _place(study: Study, view: Callable[[str], Any]) -> Figure | None:
+    """The middle submap of training as driven and with two new walls, and its Scan Contexts.
+
+    None where no method looks at any, or the scans are not here.
+    """
+    views = {name: view(name) for method in study.settings.methods for name in method.views}
+    scan_contexts = [drawn for drawn in views.values() if isinstance(drawn, ScanContext)]
+    if not scan_contexts or not study.find("scans", study.train).is_dir():
+        return None
+    scans = study.artifact(Scans, "scans", study.train)
+    submaps = study.artifact(Submaps, "submaps", study.train)
+    middle = int(submaps["scans"].shape[0]) // 2
+    (points_m,) = submap_points(scans, submaps, slice(middle, middle + 1))
+    stamp_ns = int(submaps["stamps_ns"][middle])
+    two_walls = Construction(walls=(2,), shadows=(False,))
+    return place.place(place.altered(points_m, two_walls, stamp_ns), scan_contexts[0])
 
 
 def _matches(study: Study, model: str, chosen: list[matches.Example]) -> Figure | None:
