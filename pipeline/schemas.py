@@ -70,6 +70,54 @@ class Scans(Artifact, kind="scans", version=2):
 
 
 @dataclass(frozen=True, eq=False)
+class Estimates(Artifact, kind="slam", version=1):
+    """The poses of one log by its scans alone."""
+
+    stamps_ns: Annotated[NDArray[np.int64], Array(("scan",), "when it was taken", unit=SINCE_1970)]
+    odom_T_scan: Annotated[
+        NDArray[np.float64],
+        Array(
+            ("scan", "row", "col"), "by registration, before any loop; anew after a break", unit="m"
+        ),
+    ]
+    world_T_scan: Annotated[
+        NDArray[np.float64],
+        Array(
+            ("scan", "row", "col"),
+            "the result; NaN of what is not joined with the longest part, or with the map",
+            unit="m",
+        ),
+    ]
+    overlap: Annotated[
+        NDArray[np.float64],
+        Array(("scan",), "share of what stands in it or the scan before that both have"),
+    ]
+    by_log: Annotated[
+        NDArray[np.bool_], Array(("scan",), "the step to it is the log's own odometry")
+    ]
+    breaks: Annotated[
+        NDArray[np.int64], Array(("break",), "scans that nothing joins with the one before")
+    ]
+    fixed: Annotated[
+        NDArray[np.int64], Array(("fix",), "scans that were found on the training sequence's map")
+    ]
+    earlier: Annotated[NDArray[np.int64], Array(("loop",), "the earlier scan of a loop")]
+    later: Annotated[NDArray[np.int64], Array(("loop",), "the later scan of a loop")]
+    earlier_T_later: Annotated[
+        NDArray[np.float64],
+        Array(("loop", "row", "col"), "the later scan's pose in the earlier one's frame", unit="m"),
+    ]
+    residual_m: Annotated[
+        NDArray[np.float64], Array(("loop",), "between that pose and the result", unit="m")
+    ]
+    residual_deg: Annotated[
+        NDArray[np.float64], Array(("loop",), "between that pose and the result", unit="degree")
+    ]
+    used: Annotated[NDArray[np.bool_], Array(("loop",), "False of a loop that the others overrule")]
+    skipped: Annotated[Mapping[str, int], "scans without a pose: reason to count"]
+
+
+@dataclass(frozen=True, eq=False)
 class Submaps(Artifact, kind="submaps", version=3):
     """The submaps of one sequence, in order of time.
 

@@ -1,10 +1,14 @@
 """Progress of a command on the terminal: lines, a bar of items, a bar of bytes."""
 
 import sys
+import time
 from collections.abc import Iterable, Iterator
 from typing import Any
 
 from pipeline.running.progress import Item, Progress
+
+LINE_S = 5.0
+"""Where there is no terminal, a line of progress is written so often."""
 
 
 class Lines(Progress):
@@ -40,6 +44,42 @@ class Bytes(Lines):
             TimeRemainingColumn(),
             TransferSpeedColumn(),
         )
+
+
+class Scans(Lines):
+    """Speed and scans left: a bar on a terminal, a line every tenth of the way where there is none.
+
+    Each line is of what has been done, since work is faster in some stretches than in others.
+    """
+
+    def track(self, items: Iterable[Item], total: int, what: str) -> Iterator[Item]:
+        from rich.progress import MofNCompleteColumn, TimeRemainingColumn
+
+        columns = (MofNCompleteColumn(), _speed_column(), TimeRemainingColumn())
+        start_s = time.monotonic()
+        told = start_s
+        for done, item in enumerate(_tracked(items, total, 1, what, *columns), start=1):
+            yield item
+            now_s = time.monotonic()
+            if now_s - told >= LINE_S and not sys.stderr.isatty():
+                told = now_s
+                speed = done / (now_s - start_s)
+                self.tell(
+                    f"{what}: {done:,} of {total:,} scans, {speed:.3g} a second, "
+                    f"{total - done:,} left: {(total - done) / speed:.0f} s"
+                )
+
+
+def _speed_column() -> Any:
+    """A column with the speed of a bar."""
+    from rich.progress import ProgressColumn, Task
+    from rich.text import Text
+
+    class Speed(ProgressColumn):
+        def render(self, task: Task) -> Text:
+            return Text(f"{task.speed:.3g} a second" if task.speed else "")
+
+    return Speed()
 
 
 def _tracked(

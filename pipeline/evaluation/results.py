@@ -19,11 +19,13 @@ from pipeline.alterations import read_cases
 from pipeline.errors import ArtifactError, ConfigError
 from pipeline.evaluation.ageing import Ageing
 from pipeline.evaluation.bootstrap import Bootstrap
+from pipeline.evaluation.doubts import NO_SURVEY
 from pipeline.evaluation.events import Bands
 from pipeline.evaluation.held_out import held_out_auc
 from pipeline.evaluation.judgement import Evaluation, Evaluations
 from pipeline.evaluation.lifelong import cost_rows, lifelong_rows
 from pipeline.evaluation.paired import KEPT, kept_share
+from pipeline.evaluation.protocols import PROTOCOLS
 from pipeline.evaluation.rows import (
     COLUMNS,
     NUMERIC,
@@ -108,6 +110,10 @@ class Gathering:
                         )
                         if not case.change:
                             as_driven[sequence] = evaluation
+                            yield from (
+                                place | of_sequence | row(NO_SURVEY, protocol, 1.0)
+                                for protocol in (PROTOCOLS if self.study.slam else ())
+                            )
                             continue
                         kept = kept_share(
                             evaluation,

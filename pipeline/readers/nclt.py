@@ -31,6 +31,8 @@ class Nclt:
     """Ground truth further apart than this is a gap; a scan in it is skipped."""
     lift_m: float = 0.0
     """Added to z. The body frame of NCLT has its origin near the ground."""
+    poses: bool = True
+    """False: all scans are taken, without their true poses."""
 
     def __post_init__(self) -> None:
         check(self, "reader")
@@ -38,7 +40,7 @@ class Nclt:
     def open(self, root: Path, sequence: str) -> Log:
         folder = root / sequence / nclt.SCANS
         truth_path = log.located(root, nclt.TRUTH_PLACES, sequence)
-        if truth_path is None:
+        if truth_path is None and self.poses:
             expected_path = root / nclt.TRUTH_PLACES[0].format(sequence=sequence)
             raise LogError(
                 f"{expected_path}: no ground truth there or in its other places; `yearloc fetch "
@@ -54,8 +56,8 @@ class Nclt:
             raise LogError(f"{folder}: holds no readable scan (UTIME.bin)")
         odometry_path = log.located(root, nclt.ODOMETRY_PLACES, sequence)
         odometry = None if odometry_path is None else read_poses(odometry_path, self.max_gap_s)
-        truth = read_poses(truth_path, self.max_gap_s)
-        question = f"is {truth_path.name} of this date?"
+        truth = read_poses(truth_path, self.max_gap_s) if self.poses and truth_path else None
+        question = f"is {truth_path.name if truth_path else 'the truth'} of this date?"
         rows, world_T_scan, odom_T_scan, doubts = log.rows_with_poses(
             folder, utimes * 1000, truth, odometry, skipped, question
         )
@@ -77,7 +79,9 @@ class Nclt:
     def sequences(self, root: Path) -> dict[str, list[str]]:
         names = sorted(path.parent.name for path in root.glob(f"*/{nclt.SCANS}") if path.is_dir())
         return {
-            name: [] if log.located(root, nclt.TRUTH_PLACES, name) else [f"groundtruth_{name}.csv"]
+            name: []
+            if not self.poses or log.located(root, nclt.TRUTH_PLACES, name)
+            else [f"groundtruth_{name}.csv"]
             for name in names
         }
 

@@ -80,6 +80,11 @@ class Part:
             )
         return match["log"], part
 
+    @property
+    def needs_path(self) -> bool:
+        """Whether poses tell which scans it holds."""
+        return self.by != "time"
+
     def rows(self, stamps_ns: NDArray[np.int64], xyz_m: NDArray[np.float64]) -> NDArray[np.int64]:
         """The rows of this part of a log with these stamps (n,) and positions (n, 3).
 

@@ -19,6 +19,7 @@ Lists = dict[str, dict[str, dict[str, Any]]]
 
 LISTS = (
     "drives",
+    "slam",
     "submaps",
     "views",
     "birdviews",
@@ -69,6 +70,15 @@ def _views(lists: Lists, study: Study) -> None:
             "sequence": sequence,
             **drive,
         }
+    if study.slam:
+        lists["slam"][dataset] = {
+            "dataset": dataset,
+            "root": study.root,
+            "train": study.train[0],
+            "sequences": sequences,
+        }
+    else:
+        _add_absent(lists, "slam", dataset)
     lists["submaps"][dataset] = {
         "dataset": dataset,
         "submap": study.submap,

@@ -55,6 +55,7 @@ KEYS: Mapping[str, Any] = {
     "source": Literal["world", "readers"],
     "heeds": Literal["simulated", "reader"],
     "root": str,
+    "slam": bool,
     "train": str,
     "tests": Sequence[str],
     "budget": str,
@@ -260,6 +261,8 @@ class Study:
     """Files of conf/path: how the poses of a drive are joined."""
     latency: bool = True
     """Whether the cost of a query is measured."""
+    slam: bool = False
+    """Whether poses are estimated from the scans, not read from the logs."""
     key_order: tuple[str, ...] = field(default=(), compare=False)
     """The keys that conf/studies.yaml says, in its order; written in that order again."""
 
@@ -294,6 +297,7 @@ class Study:
             poses=tuple(table.get("poses", ())),
             paths=tuple(table.get("paths", ())),
             latency=table.get("latency", True),
+            slam=table.get("slam", False),
             key_order=tuple(table),
         )
 
@@ -305,6 +309,7 @@ class Study:
             "world": self.world,
             **self.origin,
             "root": self.root,
+            "slam": self.slam,
             "train": self.train_text,
             "tests": list(self.tests),
             "budget": self.budget,
