@@ -125,6 +125,7 @@ def of_evaluation(evaluation: Evaluation, case: Case = Case()) -> Rows:  # noqa:
     yield from several(
         parts, "cells", dict(zip(("ece_raw", "ece"), evaluation.calibration, strict=True))
     )
+    yield from several(parts, "distance", evaluation.belief)
 
 
 def row(

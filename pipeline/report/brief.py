@@ -1,4 +1,4 @@
-"""The results in a few lines: each method on the first and last day, and how often it answers."""
+"""The results in a few lines: each method on the first and last day, and what it accepts."""
 
 from collections.abc import Mapping, Sequence
 from io import StringIO
@@ -19,6 +19,7 @@ from pipeline.report.sections.lifelong_numbers import (
 )
 from pipeline.report.summary import Row, Summary
 from pipeline.report.table import MISSING, average, fixed
+from pipeline.studies.colours import method_of
 from pipeline.studies.study import CellSize, Study
 
 LINES = 30
@@ -112,25 +113,32 @@ def _print(
         f"{'' if n else f'within {summary.within_m:g} m'}\n{day(summary.tests[test])}"
         for n, test in enumerate(ends)
     ]
-    heads += ["answers\nof all", "right\nof those", "keeps of\nwanted"] * (
-        console.width >= NARROWEST
-    )
+    heads += ["\naccepted", "wrong\nof those", "wrong ones\nrefused"] * (console.width >= NARROWEST)
     heads += ["ms a\nquery"] * (console.width >= NARROW and summary.is_timed)
     lines = Table("", box=None, pad_edge=False, expand=True, padding=(0, 2, 0, 0))
     lines.columns[0].ratio = 1
     lines.columns[0].no_wrap = True
     for head in heads:
         lines.add_column(Text(head), justify="right", no_wrap=True)
-    for row in summary.rows[:row_limit]:
+    rows = _one_a_method(summary.rows)
+    for row in rows[:row_limit]:
         lines.add_row(Text(row.model), *_cells(row, ends)[: len(heads)])
     console.print(lines)
-    left = len(summary.rows) - row_limit
+    left = len(rows) - row_limit
     console.print(f"  … and {left} more\n" if left > 0 else "")
     return None
+
+
+def _one_a_method(rows: Sequence[Row]) -> list[Row]:
+    """The row of each method's model that has poses, or else of its best one; the best first."""
+    posed_first = sorted(rows, key=lambda row: not row.posed)
+    chosen = {method_of(row.model): row for row in reversed(posed_first)}
+    return [row for row in rows if row in chosen.values()]
 
 
 def _cells(row: Row, ends: Sequence[int]) -> list[str]:
     right = [VOID if row.void[test] else fixed(row.right[test], 3) for test in ends]
     ms = MISSING if np.isnan(row.query_ms) else fixed(row.query_ms, 0 if row.query_ms >= 10 else 1)
-    promise = fixed(row.promised, 3) + f" of {row.wanted:g}" * (row.promised < row.wanted)
-    return [*right, fixed(row.answers[-1], 3), fixed(row.kept[-1], 3), promise, ms]
+    wrong = row.accepted_wrong + row.refused_wrong
+    refused = MISSING if not wrong > 0 else f"{row.refused_wrong:.0f} of {wrong:.0f}"
+    return [*right, fixed(row.accepted, 0), fixed(row.accepted_wrong, 0), refused, ms]

@@ -38,6 +38,16 @@ class Row:
     """The precision that was wanted there."""
     query_ms: float
     """From points to place, the median; NaN where it was not measured."""
+    accepted: float
+    accepted_wrong: float
+    refused_wrong: float
+    """Of all test days: answers that are accepted, wrong ones among them, and wrong ones that are
+    refused; NaN in a table that does not say."""
+
+    @property
+    def posed(self) -> bool:
+        """Whether the answers are poses."""
+        return "pose" in self.model.split("-")
 
 
 @dataclass(frozen=True)
@@ -103,9 +113,12 @@ class Summary:
                     "precision_at_threshold",
                     "kept_precision",
                     "wanted_precision",
+                    "accepted",
+                    "accepted_wrong",
+                    "refused_wrong",
                 )
             }
-            right, answers, kept, promised, wanted = (
+            right, answers, kept, promised, wanted, *belief = (
                 [value for value, *_ in values] for values in daily.values()
             )
             void = [(method, variant, VOID, day) in values_by_key for day in days.index]
@@ -122,6 +135,7 @@ class Summary:
                     promised[-1],
                     wanted[-1],
                     ms,
+                    *map(sum, belief),
                 )
             )
         rows.sort(key=lambda row: -np.nan_to_num(average(row.right), nan=-1.0))

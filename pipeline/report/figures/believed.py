@@ -57,7 +57,7 @@ class BelievedDrive:
         submaps = study.artifact("submaps", sequence)
         world_T_true = submaps.load("world_T_anchor")
         world_T_query, accepted, promise = verdicts(fixes, len(world_T_true), wanted_promise)
-        maps = [study.artifact("map", train_sequence) for train_sequence in study.train.split()]
+        maps = [study.find("map", train_sequence) for train_sequence in study.train.split()]
         return cls(
             where=study.where,
             model=model,
@@ -66,7 +66,7 @@ class BelievedDrive:
             days=Evaluation.read(study.artifact("evaluate", sequence, model)).days,
             simulated=study.simulated,
             promise=promise,
-            map_m=np.concatenate([standing(Targets.read(part.path)) for part in maps]),
+            map_m=np.concatenate([standing(Targets.read(path)) for path in maps]),
             world_T_true=world_T_true,
             world_T_query=world_T_query,
             accepted=accepted,
@@ -95,7 +95,8 @@ class BelievedDrive:
         pose = self.world_T_query[query]
         if not np.isfinite(pose).all():
             return np.empty((0, 3))
-        return _walls(self.points_m(query)) @ pose[:3, :3].T + pose[:3, 3]
+        walls_m = _walls(self.points_m(query))
+        return np.asarray(walls_m @ pose[:3, :3].T + pose[:3, 3])
 
 
 def verdicts(

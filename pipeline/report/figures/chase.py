@@ -106,12 +106,12 @@ def projected(
     """
     seen_m = points_m @ camera_T_world[:3, :3].T + camera_T_world[:3, 3]
     depth_m = seen_m[:, 2]
-    inside = (depth_m > NEAREST_M) & (depth_m < FARTHEST_M)
+    inside = np.asarray((depth_m > NEAREST_M) & (depth_m < FARTHEST_M))
     seen_m = seen_m[inside]
     depth_m = depth_m[inside]
     at_px = seen_m[:, :2] * (FOCAL_PX / depth_m)[:, None] + (WIDTH_PX / 2, HEIGHT_PX / 2)
-    inside = ((at_px >= 0) & (at_px < (WIDTH_PX - 1, HEIGHT_PX - 1))).all(axis=1)
-    return at_px[inside], depth_m[inside]
+    shown = ((at_px >= 0) & (at_px < (WIDTH_PX - 1, HEIGHT_PX - 1))).all(axis=1)
+    return at_px[shown], depth_m[shown]
 
 
 def splat(
