@@ -66,10 +66,11 @@ class Recording:
         self._file = ExitStack()
         self._stream = rerun.RecordingStream("yearloc")
         if out is None:
-            self._stream.spawn(default_blueprint=self._blueprint())
+            self._stream.spawn(default_blueprint=self._blueprint(live=True))
         else:
             self._stream.save(
-                self._file.enter_context(replace(out)), default_blueprint=self._blueprint()
+                self._file.enter_context(replace(out)),
+                default_blueprint=self._blueprint(live=False),
             )
         self._log_what_stays()
 
@@ -166,8 +167,11 @@ class Recording:
             rerun.Arrows3D(vectors=[(6, 0, 0)], origins=[(0, 0, 0.5)], colors=colour, radii=0.5),
         )
 
-    def _blueprint(self) -> Any:
-        """How the panels lie: the robot from behind; from above, runner-up, verdict and chances."""
+    def _blueprint(self, live: bool) -> Any:
+        """How the panels lie: the robot from behind; from above, runner-up, verdict and chances.
+
+        What is `live` shows the newest scan, a file is played from its first.
+        """
         from rerun import blueprint
 
         all_but_runner_up = ["/world/**", f"- /{RUNNER_UP}/**"]
@@ -204,11 +208,16 @@ class Recording:
         )
         return blueprint.Blueprint(
             blueprint.Horizontal(
-                blueprint.Vertical(drive, over_time, row_shares=[3, 1]),
+                blueprint.Vertical(drive, over_time, row_shares=[2, 1]),
                 blueprint.Vertical(scan_on_map, runner_up),
                 column_shares=[3, 2],
             ),
-            blueprint.TimePanel(timeline="scan", state="collapsed", play_state="playing", fps=10.0),
+            blueprint.TimePanel(
+                timeline="scan",
+                state="collapsed",
+                play_state="following" if live else "playing",
+                fps=10.0,
+            ),
             collapse_panels=True,
         )
 
