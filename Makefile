@@ -91,7 +91,7 @@ papers: .venv/ready
 	@yearloc results --write papers
 
 report: .venv/ready
-	@python -m stages.report
+	@dvc repro --force --single-item report@all
 
 # The tables of README.md and docs/RESULTS.md and README's moving picture, as far as they are of the studies in use.
 results: .venv/ready
@@ -137,7 +137,7 @@ docs: .venv/docs
 dashboard: export MLFLOW_BACKEND_STORE_URI = $(or $(patsubst postgresql:%,postgresql+psycopg:%,$(DATABASE)),sqlite:///$(CURDIR)/mlflow.db)
 dashboard: .venv/ready
 	@for study in $$(yearloc use | cut -d: -f1); do \
-		python -m stages.publish dataset=$$study study=$$study tracking.port=$(PORT) \
+		python -m stages.publish study=$$study artifacts=artifacts tracking.port=$(PORT) \
 		$${DATABASE:+"tracking.database='$$DATABASE'" "tracking.artifacts='$$ARTIFACTS'"} || exit 1; done
 	@echo "Ctrl-C stops the server. Where yearloc.localhost is unknown, put 127.0.0.1 in its place."
 	@mlflow server --host 127.0.0.1 --port $(PORT) --workers 1 \

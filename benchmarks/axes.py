@@ -23,8 +23,8 @@ SAME = 0.9
 
 def world_axes(study: str, sequence: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Where submaps are (n, 2), and their principal axes (n, 3, 3) as columns, in the world."""
-    scans = store.read(Path("artifacts/scans", study, f"{sequence}.zarr"), schemas.SCANS)
-    submaps = store.read(Path("artifacts/submaps", study, f"{sequence}.zarr"), schemas.SUBMAPS)
+    scans = store.read(Path("artifacts/scans", study, f"{sequence}.zarr"), schemas.Scans)
+    submaps = store.read(Path("artifacts/submaps", study, f"{sequence}.zarr"), schemas.Submaps)
     poses = submaps.load("world_T_anchor")
     rows = np.arange(0, len(poses), EVERY)
     axes = [

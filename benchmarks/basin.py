@@ -1,8 +1,8 @@
 """How far off and how turned a first guess may be: `python -m benchmarks.basin
 artifacts/map/campus/2012-01-15.zarr [basin.svg]`.
 
-Each of some training submaps is registered, rough and fine, with the nearest one at least 2 m away,
-from guesses that are off by a step in a random direction and a turn to a random side. The share of
+Each of some training submaps is registered with the nearest one at least 2 m away, from guesses
+that are off by a step in a random direction and a turn to a random side. The share of
 them that end within .5 m and 2° of the truth.
 """
 
@@ -38,7 +38,9 @@ def basin(targets: Targets, fixer: Fixer) -> NDArray[np.float64]:
         away_m = np.linalg.norm(world_T_anchor[:, :3, 3] - world_T_anchor[row, :3, 3], axis=1)
         other = int(np.where(away_m < LEAST_M, np.inf, away_m).argmin())
         true = np.linalg.inv(world_T_anchor[other]) @ world_T_anchor[row]
-        rough, fine = (kind.prepare(targets.points_m(row)) for kind in (fixer.rough, fixer.fine))
+        registration = fixer.registration
+        source = registration.prepare(targets.points_m(row))
+        target = targets.cloud(registration, other)
         for (i, step_m), (j, turn_deg) in (
             (a, b) for a in enumerate(STEPS_M) for b in enumerate(TURNS_DEG)
         ):
@@ -46,8 +48,8 @@ def basin(targets: Targets, fixer: Fixer) -> NDArray[np.float64]:
             side = rng.choice([-1, 1])
             step = np.array([[step_m * np.cos(bearing), step_m * np.sin(bearing), 0.0]])
             guess = true @ pose(step, np.array([[0.0, 0.0, side * np.deg2rad(turn_deg)]]))[0]
-            guess = targets.aligned(fixer.rough, other, rough, guess).target_T_source
-            ended = targets.aligned(fixer.fine, other, fine, guess).target_T_source
+            approach = registration.approach(target, source, guess)
+            ended = registration.refine(target, source, approach.target_T_source).target_T_source
             off_m, off_deg = apart(ended[None], true[None])
             found[i, j] += (off_m[0] < 0.5) & (off_deg[0] < 2.0)
     return found / SUBMAPS

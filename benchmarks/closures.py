@@ -103,12 +103,12 @@ class Day:
         (self.map_path,) = (artifacts / "map" / study).glob("*.zarr")
         self.targets = Targets.read(self.map_path)
         self.scans, self.trained = (
-            store.read(artifacts / "scans" / study / each, schemas.SCANS)
+            store.read(artifacts / "scans" / study / each, schemas.Scans)
             for each in (name, self.map_path.name)
         )
-        self.submaps = store.read(artifacts / "submaps" / study / name, schemas.SUBMAPS)
-        self.fixes = store.read(artifacts / "poses" / model / name, schemas.FIXES)
-        self.rankings = store.read(artifacts / "localize" / model / name, schemas.RANKINGS)
+        self.submaps = store.read(artifacts / "submaps" / study / name, schemas.Submaps)
+        self.fixes = store.read(artifacts / "poses" / model / name, schemas.Fixes)
+        self.rankings = store.read(artifacts / "localize" / model / name, schemas.Rankings)
         self.scan_context = artifacts / "localize" / Path(model).parent / "scan_context" / name
         self.rows = np.arange(0, len(self.submaps.load("scans")), every)
         self.world_T_true = self.submaps.load("world_T_anchor")[self.rows]
@@ -157,7 +157,7 @@ def yearloc(day: Day) -> Answers:
     made = day.asked(
         lambda row, points_m: (
             fix(points_m, xy_m[row]),
-            bool(novelty[row] < day.fixes.attrs["promised"][1]),
+            bool(novelty[row] < day.fixes.promised[1]),
         ),
         True,
     )
@@ -167,7 +167,7 @@ def yearloc(day: Day) -> Answers:
 def gicp(day: Day) -> Answers:
     """The candidate of the most inliers; each is tried from its own place and Scan Context's
     heading there."""
-    rankings = store.read(day.scan_context, schemas.RANKINGS)
+    rankings = store.read(day.scan_context, schemas.Rankings)
     xy_m = rankings.load("xy_m")[:, :CANDIDATES]
     heading_deg = rankings.load("heading_deg")[:, :CANDIDATES]
     world_T_anchor = day.targets.world_T_anchor
@@ -240,7 +240,7 @@ def map_closures(day: Day, program: Path, reach_m: float) -> Iterator[tuple[str,
     cut."""
     with TemporaryDirectory() as scratch:
         train, test, out = (Path(scratch, f"{each}.npz") for each in ("train", "test", "out"))
-        layout = day.submaps.attrs["layout"]
+        layout = day.submaps.layout
         last = day.submaps.load("scans")[day.rows]
         for path, scans in ((train, day.trained), (test, day.scans)):
             points_m = scans.load("points").astype(np.float32) * np.float32(scans.attrs["grain_m"])

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pipeline import schemas, store
-from pipeline.mapping.gathering import Gathering, Layout
+from pipeline.mapping.gathering import Gathering
 from pipeline.mapping.submaps import Accumulated
 from pipeline.running.progress import Progress
 from pipeline.views.scan_context import ScanContext
@@ -22,7 +22,7 @@ EVERY = 10
 
 def measure(path: str) -> str:
     """One sequence: medians and 90th percentiles."""
-    scans = store.read(path, schemas.SCANS)
+    scans = store.read(path, schemas.Scans)
     submaps = Accumulated().cut(scans, Progress())
     truth = scans.load("world_T_scan")
     known = np.isfinite(truth).all(axis=(1, 2))
@@ -37,7 +37,7 @@ def measure(path: str) -> str:
     drift_m = np.linalg.norm(error[:, :3, 3], axis=1)
     drift_deg = np.degrees(np.abs(Rotation.from_matrix(error[:, :3, :3]).as_euler("ZYX")[:, 0]))
 
-    def contexts(layout: Layout) -> list[NDArray[np.float32]]:
+    def contexts(layout: schemas.Layout) -> list[NDArray[np.float32]]:
         rows = slice(None, None, EVERY)
         return list(
             map(

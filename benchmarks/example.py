@@ -39,11 +39,11 @@ def main(whole: Path, logs: Path) -> None:
     parts = read(whole)
     write(SITE, parts._replace(arrays=stretch(parts.arrays)))
     site = Site.open(SITE)
-    learned_day = str(site.about["provenance"]["train"])
+    learned_day = site.description.provenance.train
     days = [path.name for path in sorted(logs.iterdir()) if path.is_dir()]
     later = [day for day in days if day != learned_day]
     drives = {
-        day: list(scans(str(logs / day), site.about["reader"], site.about["sensor"]["lift_m"]))
+        day: list(scans(str(logs / day), site.description.reader, site.description.sensor.lift_m))
         for day in later
     }
     last = later[-1]

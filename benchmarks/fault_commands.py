@@ -53,7 +53,7 @@ def swept(project: Path) -> Any:
 
 COMMANDS: dict[str, tuple[str, tuple[str, ...], Callable[[Path], Any]]] = {
     "publish": (
-        f"{sys.executable} -m stages.publish dataset=campus study=campus",
+        f"{sys.executable} -m stages.publish study=campus artifacts=artifacts",
         ("mlflow.db", "mlruns"),
         published,
     ),

@@ -30,10 +30,11 @@ from typing import Any
 import numpy as np
 import yaml
 
-from pipeline import schemas, store
+from pipeline import store
 from pipeline.cli import main as yearloc
 from pipeline.errors import YearlocError
 from pipeline.formats import nclt
+from pipeline.inspection.kinds import KINDS
 from pipeline.online import site_file
 from pipeline.running.dvc_files import DvcLock, files
 
@@ -72,16 +73,15 @@ def read(path: Path) -> Any:
     """What a reader makes of a path, in a form that can be compared; raises what the reader
     raises."""
     if path.suffix == ".zarr":
-        found = store.read(path, *schemas.ALL)
-        schema = next(one for one in schemas.ALL if one.kind == found.attrs["kind"])
-        return found.attrs, {name: found.load(name).tobytes() for name in schema.columns}
+        artifact = store.read(path, *KINDS.values())
+        return artifact.attrs, {name: artifact.load(name).tobytes() for name in artifact.columns}
     if path.name.endswith(store.MODEL):
         return store.read_recipe(path), {
             name: array.tobytes() for name, array in store.read_model(path).items()
         }
     if path.suffix == ".site":
         parts = site_file.read(path)
-        return str(parts.about), {
+        return str(parts.description), {
             name: np.asarray(array).tobytes()
             for name, array in {**parts.model, **parts.arrays}.items()
         }

@@ -54,7 +54,7 @@ def peers(fixer: Fixer, targets: Targets) -> dict[str, Peer]:
             best = np.eye(4)
             most = -1
             for row in _rows(targets, answers_m):
-                cloud = targets.cloud(fixer.fine, row)
+                cloud = targets.cloud(fixer.registration, row)
                 found = fixer.walls.match(targets.chart(fixer.walls, row), turned).target_T_query
                 for reach_m in REACHES_M:
                     result = small_gicp.align(
@@ -90,7 +90,7 @@ def _kiss(fixer: Fixer, targets: Targets) -> dict[str, Peer]:
         return {}
 
     def align(points_m: Points, answers_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        source = fixer.fine.prepare(points_m).xyz_m.astype(np.float32)
+        source = fixer.registration.prepare(points_m).xyz_m.astype(np.float32)
         best = np.eye(4)
         most = -1
         for row in _rows(targets, answers_m):
@@ -132,12 +132,11 @@ def main(dataset: str, model: str, sequence: str, every: str = "6") -> None:
     (path,) = Path("artifacts/map", dataset).glob("*.zarr")
     fixer = instantiate(OmegaConf.load("conf/poses.yaml").fixer)
     rankings = store.read(
-        Path("artifacts/localize", dataset, "10m", model, f"{sequence}.zarr"), schemas.RANKINGS
+        Path("artifacts/localize", dataset, "10m", model, f"{sequence}.zarr"), schemas.Rankings
     )
-    scans, submaps = (
-        store.read(Path(f"artifacts/{kind}", dataset, f"{sequence}.zarr"), schema)
-        for kind, schema in (("scans", schemas.SCANS), ("submaps", schemas.SUBMAPS))
-    )
+    root = Path("artifacts")
+    scans = store.read(root / "scans" / dataset / f"{sequence}.zarr", schemas.Scans)
+    submaps = store.read(root / "submaps" / dataset / f"{sequence}.zarr", schemas.Submaps)
     targets = Targets.read(path)
     world_T_true = submaps.load("world_T_anchor")
     answers_m = rankings.load("xy_m")

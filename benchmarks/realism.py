@@ -94,8 +94,8 @@ def measured(place: Path) -> tuple[str, NDArray[np.float64]]:
     artifacts = place.parents[1]
     study = place.parent.name
     sequence = place.name
-    scans = store.read(artifacts / "scans" / study / f"{sequence}.zarr", schemas.SCANS)
-    submaps = store.read(artifacts / "submaps" / study / f"{sequence}.zarr", schemas.SUBMAPS)
+    scans = store.read(artifacts / "scans" / study / f"{sequence}.zarr", schemas.Scans)
+    submaps = store.read(artifacts / "submaps" / study / f"{sequence}.zarr", schemas.Submaps)
     count = submaps["scans"].shape[0]
     rng = np.random.default_rng(0)
     first = min(count, SUBMAPS)

@@ -72,7 +72,7 @@ def measured(
     method: SciRing = build("method", "sci_ring")
     net = Ring(len(model["place_xy_m"]), *(int(side) for side in model["image_shape"])).eval()
     loop.fill(net, model)
-    labels = store.read(ROOT / "labels" / study / grid / f"{day}.zarr", schemas.LABELS)
+    labels = store.read(ROOT / "labels" / study / grid / f"{day}.zarr", schemas.Labels)
     queries, trained = (
         Rows.read(ROOT / "views" / study / method.view / f"{one}.zarr") for one in (day, train)
     )

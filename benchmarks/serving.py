@@ -48,7 +48,7 @@ def hostile(whole: bytes, rng: np.random.Generator) -> bytes:
 
 
 def main(site: str, folder: str) -> None:
-    found = islice(scans(folder, read(Path(site)).about["reader"], 0.0), SCANS)
+    found = islice(scans(folder, read(Path(site)).description.reader, 0.0), SCANS)
     bodies = [scan.points().astype("<f4").tobytes() for scan in found]
     for workers in (1, os.cpu_count() or 1):
         words = [

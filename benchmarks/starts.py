@@ -41,18 +41,18 @@ class Day:
     def __init__(self, artifacts: Path, model: str, sequence: str) -> None:
         study = model.split("/")[0]
         name = f"{sequence}.zarr"
-        self.fixes = store.read(artifacts / "poses" / model / name, schemas.FIXES)
-        submaps = store.read(artifacts / "submaps" / study / name, schemas.SUBMAPS)
+        self.fixes = store.read(artifacts / "poses" / model / name, schemas.Fixes)
+        submaps = store.read(artifacts / "submaps" / study / name, schemas.Submaps)
         self.world_T_true = submaps.load("world_T_anchor")
         self.stamps_ns = submaps.load("stamps_ns")
-        scans = store.read(artifacts / "scans" / study / name, schemas.SCANS)
+        scans = store.read(artifacts / "scans" / study / name, schemas.Scans)
         self.odom_T_query = scans.load("odom_T_scan")[submaps.load("scans")]
         n = len(self.stamps_ns)
         self.world_T_query = self.fixes.load("world_T_query")[:n]
         self.novelty = self.fixes.load("novelty")[:n, 0].astype(np.float64)
-        self.promised = self.fixes.attrs["promised"][1]
+        self.promised = self.fixes.promised[1]
         sad = artifacts / "localize" / Path(model).parent / "sad" / name
-        self.sad = store.read(sad, schemas.RANKINGS) if sad.is_dir() else None
+        self.sad = store.read(sad, schemas.Rankings) if sad.is_dir() else None
         self.passed_m = np.concatenate(
             [[0.0], np.cumsum(np.linalg.norm(np.diff(self.world_T_true[:, :2, 3], axis=0), axis=1))]
         )
@@ -92,7 +92,7 @@ def sequences(day: Day, rows: NDArray[np.int64], rng: np.random.Generator) -> An
     """SeqSLAM's answers, of the queries that have five others of the same drive on each side."""
     assert day.sad is not None
     off_m = np.linalg.norm(day.sad.load("xy_m")[rows, 0] - day.world_T_true[rows, :2, 3], axis=1)
-    accepted = day.sad.load("novelty")[rows, 0] < day.sad.attrs["thresholds"][0]
+    accepted = day.sad.load("novelty")[rows, 0] < day.sad.thresholds[0]
     inside = (rows - BETWEEN == np.roll(rows, BETWEEN)) & (
         rows + BETWEEN == np.roll(rows, -BETWEEN)
     )

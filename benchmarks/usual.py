@@ -49,11 +49,11 @@ def searched(chain: Path, model: str) -> Iterator[Searched]:
     (mapped,) = (artifacts / "map" / study).glob("*.zarr")
     targets = Targets.read(mapped)
     for path in sorted((artifacts / "localize" / model).glob("*.zarr")):
-        ranking = store.read(path, schemas.RANKINGS)
+        ranking = store.read(path, schemas.Rankings)
         xy_m = ranking.load("xy_m").astype(np.float64)
         heading_deg = ranking.load("heading_deg").astype(np.float64)
-        scans = store.read(artifacts / "scans" / study / path.name, schemas.SCANS)
-        submaps = store.read(artifacts / "submaps" / study / path.name, schemas.SUBMAPS)
+        scans = store.read(artifacts / "scans" / study / path.name, schemas.Scans)
+        submaps = store.read(artifacts / "submaps" / study / path.name, schemas.Submaps)
         world_T_true = submaps.load("world_T_anchor")
         for row in range(0, len(world_T_true), EVERY):
             points_m = next(iter(submap_points(scans, submaps, slice(row, row + 1))))

@@ -60,7 +60,7 @@ def coverage(doubts: NDArray[np.float64], good: NDArray[np.bool_], precision: fl
 
 
 def day(
-    fixes: store.Artifact, world_T_true: NDArray[np.float64], world_T_anchor: NDArray[np.float64]
+    fixes: schemas.Fixes, world_T_true: NDArray[np.float64], world_T_anchor: NDArray[np.float64]
 ) -> list[str]:
     """The rows of one day."""
     n = len(world_T_true)
@@ -80,10 +80,10 @@ def day(
         f"  of all queries, in hindsight, by the doubt alone: {covered}",
     ]
     limits = zip(
-        *(fixes.attrs[name] for name in ("promised", "promised_place", "promised_several")),
+        *(fixes.promised, fixes.promised_place, fixes.promised_several),
         strict=True,
     )
-    for promise, (pose, place, several) in zip(fixes.attrs["promises"], limits, strict=True):
+    for promise, (pose, place, several) in zip(fixes.promises, limits, strict=True):
         accepted = doubts[:, 0] < pose
         close = ~accepted & (doubts[:, 1] < place)
         open_ = ~accepted & ~close & (doubts[:, 2] < several)
@@ -99,7 +99,7 @@ def day(
     return rows
 
 
-def times_ms(site: Site, scans: store.Artifact, submaps: store.Artifact) -> str:
+def times_ms(site: Site, scans: schemas.Scans, submaps: schemas.Submaps) -> str:
     """Mean, median and 95 % of every EVERY-th query."""
     took: list[float] = []
     for row in range(0, submaps["scans"].shape[0], EVERY):
@@ -117,15 +117,15 @@ def main(artifacts: str, model: str, site: str = "") -> None:
     root = Path(artifacts)
     study = model.split("/")[0]
     (mapped,) = (root / "map" / study).glob("*.zarr")
-    world_T_anchor = store.read(mapped, schemas.MAPS).load("world_T_anchor")
+    world_T_anchor = store.read(mapped, schemas.Maps).load("world_T_anchor")
     opened = Site.open(site) if site else None
     for path in sorted((root / "poses" / model).glob("*.zarr")):
-        submaps = store.read(root / "submaps" / study / path.name, schemas.SUBMAPS)
-        fixes = store.read(path, schemas.FIXES)
+        submaps = store.read(root / "submaps" / study / path.name, schemas.Submaps)
+        fixes = store.read(path, schemas.Fixes)
         first, *rows = day(fixes, submaps.load("world_T_anchor"), world_T_anchor)
         print(f"{study} {path.stem}: {first}", *rows, sep="\n", flush=True)
         if opened:
-            scans = store.read(root / "scans" / study / path.name, schemas.SCANS)
+            scans = store.read(root / "scans" / study / path.name, schemas.Scans)
             times_ms(opened, scans, submaps)  # compiles kernels, fills caches
             print(times_ms(opened, scans, submaps), flush=True)
 

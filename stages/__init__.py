@@ -11,9 +11,10 @@ from functools import wraps
 from hashlib import sha256
 from pathlib import Path
 from types import TracebackType
-from typing import Annotated, Any, Protocol, TypeVar, cast
+from typing import Any, Protocol, TypeVar, cast, get_type_hints
 
 import hydra
+from hydra.core.hydra_config import HydraConfig
 from hydra.errors import HydraException, InstantiationException
 from hydra.utils import instantiate
 from omegaconf import DictConfig, OmegaConf
@@ -28,24 +29,30 @@ from rich.progress import (
 from rich.progress import Progress as RichProgress
 
 from pipeline.errors import ConfigError, YearlocError, refusal
+from pipeline.replacing import replace
 from pipeline.running.building import TARGET, target_class
 from pipeline.running.ending import end_when_asked
 from pipeline.running.memory import keep_freed_memory
 from pipeline.running.progress import Progress
-from pipeline.running.settings import Count, NotNegative, Positive, Range, Share, within
+from pipeline.running.settings import Names, filled
 from pipeline.running.telemetry import Telemetry
 from pipeline.running.texts import check_files, one_line, print_anywhere, read_yaml
 
 Item = TypeVar("Item")
+Settings = TypeVar("Settings")
+"""The dataclass of a stage's settings."""
+Prepare = Callable[[DictConfig, Sequence[str]], DictConfig]
 ROOT = Path(__file__).parents[1]
-ABSENT = object()
-OPTIONAL = ("root", "altered", "alterations", "from")
-"""Of the settings that are null in a stage's file, those that may stay so."""
-NUMBERS = {"every_m": NotNegative, "grid.cell_m": Annotated[float, Range(0.1, 10_000)]}
-NUMBERS |= dict.fromkeys(("k", "few", "queries"), Count)
-NUMBERS |= dict.fromkeys(("grain_m", "voxel_m", "range_m", "gathered_m", "budget.share"), Positive)
-NUMBERS |= dict.fromkeys(("unseen_share", "wanted_precision"), Share)
-"""What the numbers may be that stand in a stage's own file, and fill no dataclass."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class EachSequence:
+    """The settings of a stage that writes an artifact of each sequence into a folder."""
+
+    sequences: Names
+    out: Path
+    compute: DictConfig
+    """How many at a time and where: a file of conf/compute, built where it is used."""
 
 
 def _kernels() -> str:
@@ -88,36 +95,40 @@ class Stage(Protocol):
     """What `stage` makes of a function."""
 
     run: Callable[[DictConfig], str]
-    """The function itself, with telemetry: no Hydra, no line printed, errors as they are."""
+    """The function with a configuration's settings, and telemetry.
+
+    No Hydra, no line printed, errors as they are.
+    """
 
     def __call__(self) -> None:
         """Main: compose conf/`name`.yaml with the command line, run, print the line."""
 
 
-def stage(name: str) -> Callable[[Callable[[DictConfig], str]], Stage]:
+def stage(
+    name: str, prepare: Prepare = lambda cfg, _: cfg
+) -> Callable[[Callable[[Settings], str]], Stage]:
     """A stage's main: composes conf/`name`.yaml with the command line, runs, prints its line.
 
-    An error that this project raises on purpose becomes one line and exit code 1; any other keeps
-    its traceback.
+    The function takes one dataclass, the stage's settings; `filled` makes it of the composed
+    configuration, which `prepare` may change by the words of the command line before. An error that
+    this project raises on purpose becomes one line and exit code 1; any other keeps its traceback.
     """
 
-    def decorate(function: Callable[[DictConfig], str]) -> Stage:
+    def decorate(function: Callable[[Settings], str]) -> Stage:
+        (settings_class, _) = get_type_hints(function).values()
+
         @wraps(function)
         def run(cfg: DictConfig) -> str:
-            _check(cfg)
+            for target in _targets(OmegaConf.to_container(cfg)):
+                target_class(target, ("pipeline.",))
+            settings = filled(settings_class, cfg, instantiate)
             with Telemetry(cfg.out) if cfg.get("out") else nullcontext():
-                return function(cfg)
+                return function(settings)
 
         @wraps(function)
         def checked(cfg: DictConfig) -> None:
             with reported(name):
-                if missing := [
-                    str(key) for key, value in cfg.items() if value is None and key not in OPTIONAL
-                ]:
-                    raise ConfigError(
-                        f"not given: {', '.join(missing)}; `dvc repro` gives what a stage needs"
-                    )
-                print(f"{name}: {run(cfg)}", flush=True)
+                print(f"{name}: {run(prepare(cfg, HydraConfig.get().overrides.task))}", flush=True)
 
         composed = hydra.main(version_base="1.3", config_path=str(ROOT / "conf"), config_name=name)(
             checked
@@ -135,6 +146,23 @@ def stage(name: str) -> Callable[[Callable[[DictConfig], str]], Stage]:
         return decorated
 
     return decorate
+
+
+def each_sequence(
+    settings: EachSequence, write: Callable[[str, Path], str], activity: str, apart: bool = False
+) -> str:
+    """Write an artifact of each sequence into the folder `settings.out`; returns their lines.
+
+    `write(sequence, folder)` writes one and returns its line; it may run in a process of its own.
+    The folder is replaced once all are written. `apart`: one at a time in threads
+    (`Compute.apart`).
+    """
+    compute = instantiate(settings.compute)
+    with compute.apart() if apart else compute as started, replace(settings.out) as folder:
+        folder.mkdir()
+        sequences = settings.sequences
+        lines = started.each(lambda sequence: write(sequence, folder), sequences)
+        return "; ".join(ProgressBar().track(lines, len(sequences), activity))
 
 
 @contextmanager
@@ -173,15 +201,6 @@ def _line(error: Exception) -> str:
         return str(broken)
     text = f"{str(error).partition('Config search path')[0]} {cause or ''}"
     return " ".join(text.split()) if isinstance(error, HydraException) and not built else ""
-
-
-def _check(cfg: DictConfig) -> None:
-    """Raise ConfigError for a number out of its range, or a class of another project."""
-    for target in _targets(OmegaConf.to_container(cfg)):
-        target_class(target, ("pipeline.",))
-    for setting, hint in NUMBERS.items():
-        if (number := OmegaConf.select(cfg, setting, default=ABSENT)) is not ABSENT:
-            within(setting, number, hint)
 
 
 def _elsewhere(name: str, overrides: Sequence[str]) -> list[str]:

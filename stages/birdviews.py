@@ -1,34 +1,34 @@
 """Scans, in order → bird-views of the dynamic octree that they grow, one of each submap at each
 heading."""
 
+from dataclasses import dataclass
 from pathlib import Path
-
-from hydra.utils import instantiate
-from omegaconf import DictConfig
+from typing import Any
 
 from pipeline import schemas, store
 from pipeline.views.mapped import MappedViews
-from stages import ProgressBar, stage
+from stages import EachSequence, each_sequence, stage
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings(EachSequence):
+    """What the stage is told."""
+
+    view: Any
+    scans: Path
+    submaps: Path
 
 
 @stage("birdviews")
-def main(cfg: DictConfig) -> str:
-    sequences = cfg.sequences.split()
-    with instantiate(cfg.compute) as compute, store.replace(cfg.out) as folder:
-        folder.mkdir()
-        drawings = compute.each(lambda sequence: draw(cfg, sequence, folder), sequences)
-        lines = list(ProgressBar().track(drawings, len(sequences), "draw"))
-    return "; ".join(lines)
+def main(settings: Settings) -> str:
+    def draw(sequence: str, folder: Path) -> str:
+        """The bird-views of one sequence."""
+        name = f"{sequence}.zarr"
+        scans = store.read(settings.scans / name, schemas.Scans)
+        submaps = store.read(settings.submaps / name, schemas.Submaps)
+        return f"{sequence}: {MappedViews(scans, submaps, settings.view).write(folder / name)}"
 
-
-def draw(cfg: DictConfig, sequence: str, folder: Path) -> str:
-    """The bird-views of one sequence."""
-    scans = store.read(Path(cfg.scans, f"{sequence}.zarr"), schemas.SCANS)
-    submaps = store.read(Path(cfg.submaps, f"{sequence}.zarr"), schemas.SUBMAPS)
-    return (
-        f"{sequence}: "
-        f"{MappedViews(scans, submaps, instantiate(cfg.view)).write(folder / f'{sequence}.zarr')}"
-    )
+    return each_sequence(settings, draw, "draw")
 
 
 if __name__ == "__main__":

@@ -2,67 +2,73 @@
 case of the queries."""
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from hydra.utils import instantiate
-from omegaconf import DictConfig
-
 from pipeline import schemas, store
+from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.judge import judge_cases
-from pipeline.evaluation.judgement import Evaluation, attrs, columns, metrics, summary
+from pipeline.evaluation.judgement import Evaluations, metrics, summary
 from pipeline.evaluation.numbers import line
-from pipeline.evaluation.protocols import PROTOCOLS
-from stages import stage
+from pipeline.evaluation.protocols import PROTOCOLS, Distance
+from stages import EachSequence, each_sequence, stage
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """A file of conf/tolerance."""
+
+    distance: Distance
+    bootstrap: Bootstrap
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings(EachSequence):
+    """What the stage is told."""
+
+    train: str
+    tolerance: Tolerance
+    rankings: Path
+    labels: Path
+    submaps: Path
+    metrics: Path
+    """Folder for the numbers that `dvc metrics` shows."""
 
 
 @stage("evaluate")
-def main(cfg: DictConfig) -> str:
-    lines = []
-    with (
-        instantiate(cfg.compute) as compute,
-        store.replace(cfg.out) as folder,
-        store.replace(cfg.metrics) as metrics_path,
-    ):
-        folder.mkdir()
-        metrics_path.mkdir()
-        for sequence, as_driven in compute.each(
-            lambda sequence: evaluate(cfg, sequence, folder), cfg.sequences.split()
-        ):
+def main(settings: Settings) -> str:
+    with store.replace(settings.metrics) as metrics_folder:
+        metrics_folder.mkdir()
+
+        def evaluate(sequence: str, folder: Path) -> str:
+            """One sequence's evaluation in every case, and the metrics of the one as driven."""
+            name = f"{sequence}.zarr"
+            distance = settings.tolerance.distance
+            bootstrap = settings.tolerance.bootstrap
+            cases = judge_cases(
+                store.read(settings.rankings / name, schemas.Rankings, schemas.Fixes),
+                store.read(settings.labels / name, schemas.Labels),
+                store.read(settings.submaps / name, schemas.Submaps),
+                distance,
+                bootstrap,
+            )
+            evaluations = Evaluations(
+                evaluations=tuple(cases.values()),
+                cases=[asdict(case) for case in cases],
+                sequence=sequence,
+                train=settings.train,
+                distance=asdict(distance),
+                bootstrap=asdict(bootstrap),
+            )
+            store.write(folder / name, evaluations)
+            as_driven = evaluations.case()
             text = json.dumps(metrics(as_driven), indent=2, allow_nan=False)
-            (metrics_path / f"{sequence}.json").write_text(f"{text}\n", encoding="utf-8")
+            (metrics_folder / f"{sequence}.json").write_text(f"{text}\n", encoding="utf-8")
             numbers = summary(as_driven)
             by_protocol = [f"by {protocol} {line(numbers[protocol])}" for protocol in PROTOCOLS]
-            lines.append(f"{sequence}: {', '.join(by_protocol)}")
-    return "; ".join(lines)
+            return f"{sequence}: {', '.join(by_protocol)}"
 
-
-def evaluate(cfg: DictConfig, sequence: str, folder: Path) -> tuple[str, Evaluation]:
-    """One sequence's evaluation in every case; returns the one as driven."""
-    kinds = {
-        "rankings": schemas.ANSWERS,
-        "labels": (schemas.LABELS,),
-        "submaps": (schemas.SUBMAPS,),
-    }
-    name = f"{sequence}.zarr"
-    artifacts = {kind: store.read(Path(cfg[kind], name), *schema) for kind, schema in kinds.items()}
-    cases = judge_cases(
-        **artifacts,
-        distance=instantiate(cfg.tolerance.distance),
-        bootstrap=instantiate(cfg.tolerance.bootstrap),
-    )
-    rules = {name: asdict(instantiate(cfg.tolerance[name])) for name in ("distance", "bootstrap")}
-    sequence_attrs = {
-        "sequence": sequence,
-        "train": cfg.train,
-        "wanted_precision": artifacts["rankings"].attrs["wanted_precision"],
-    }
-    with store.write(
-        folder / name, schemas.EVALUATIONS, **attrs(cases), **rules, **sequence_attrs
-    ) as out:
-        for column, values in columns([*cases.values()]).items():
-            out.put(column, values)
-    return sequence, next(iter(cases.values()))
+        return each_sequence(settings, evaluate, "evaluate")
 
 
 if __name__ == "__main__":

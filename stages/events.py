@@ -2,32 +2,40 @@
 events, else the user's csv."""
 
 from collections import Counter
+from dataclasses import dataclass
 from pathlib import Path
 
-from hydra.utils import instantiate
 from omegaconf import DictConfig
 
-from pipeline import store
 from pipeline.formats.changes import write_changes
-from stages import stage
+from stages import EachSequence, each_sequence, stage
+from stages.logs import DataSet, world_of
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings(EachSequence):
+    """What the stage is told."""
+
+    dataset: DataSet
+    world: DictConfig
+    train: str
+    root: str | None = None
+    """Folder of recorded logs."""
 
 
 @stage("events")
-def main(cfg: DictConfig) -> str:
-    recorded = {} if cfg.dataset.simulated else {"reader": cfg.dataset.reader, "root": cfg.root}
-    world = instantiate(cfg.world, **recorded)
-    lines = []
-    with store.replace(cfg.out) as folder:
-        folder.mkdir()
-        for sequence in cfg.sequences.split():
-            changes = world.changes(cfg.train, sequence)
-            write_changes(Path(folder, f"{sequence}.csv"), changes)
-            counts = sorted(Counter(change.what for change in changes).items())
-            lines.append(
-                f"{sequence}: "
-                f"{', '.join(f'{kind} {count}' for kind, count in counts) or 'nothing changed'}"
-            )
-    return "; ".join(lines)
+def main(settings: Settings) -> str:
+    world = world_of(settings.world, settings.dataset, settings.root)
+
+    def changed(sequence: str, folder: Path) -> str:
+        """Write what has changed by the day of one sequence."""
+        changes = world.changes(settings.train, sequence)
+        write_changes(folder / f"{sequence}.csv", changes)
+        counts = sorted(Counter(change.what for change in changes).items())
+        by_kind = ", ".join(f"{kind} {count}" for kind, count in counts)
+        return f"{sequence}: {by_kind or 'nothing changed'}"
+
+    return each_sequence(settings, changed, "look up changes")
 
 
 if __name__ == "__main__":

@@ -1,63 +1,86 @@
 """Submaps → places: the grid cells of the training sequence, and which of them each submap of a
 sequence is in."""
 
-from dataclasses import asdict
+from dataclasses import dataclass
 from pathlib import Path
-
-from omegaconf import DictConfig
+from typing import Annotated
 
 from pipeline import schemas, store
 from pipeline.frames import days_between
 from pipeline.grid import Grid, around
 from pipeline.matching.places import label
-from stages import stage
+from pipeline.running.settings import Names, Range
+from stages import EachSequence, each_sequence, stage
+
+
+@dataclass(frozen=True)
+class Box:
+    """The rectangle in which a data set's places lie."""
+
+    x_m: tuple[float, float]
+    y_m: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class DataSet:
+    """What the stage takes of a file of conf/dataset."""
+
+    box: Box | None = None
+
+
+@dataclass(frozen=True)
+class Cells:
+    """A file of conf/grid."""
+
+    cell_m: Annotated[float, Range(0.1, 10_000)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings(EachSequence):
+    """What the stage is told."""
+
+    dataset: DataSet
+    grid: Cells
+    train: Names
+    submaps: Path
 
 
 @stage("labels")
-def main(cfg: DictConfig) -> str:
-    trained = cfg.train.split()
-    with store.replace(cfg.out) as folder:
-        folder.mkdir()
-        lines = [
-            labelled(cfg, sequence, sequence if sequence in trained else trained[0], folder)
-            for sequence in cfg.sequences.split()
-        ]
-    return "; ".join(lines)
+def main(settings: Settings) -> str:
+    def labelled(sequence: str, folder: Path) -> str:
+        """The labels of one sequence by a training one.
+
+        Of several training sequences each is labelled by itself.
+        """
+        train = sequence if sequence in settings.train else settings.train[0]
+        submaps, training = (
+            store.read(settings.submaps / f"{name}.zarr", schemas.Submaps)
+            for name in (sequence, train)
+        )
+        grid = grid_of(settings, training)
+        days = days_between(training.stamps_ns[0], submaps.stamps_ns[0])
+        labels = label(submaps.world_T_anchor, training.world_T_anchor, grid, days)
+        store.write(folder / f"{sequence}.zarr", labels)
+        seen = int((labels.places >= 0).sum())
+        hint = (
+            ""
+            if seen
+            else ": no submap lies at a place of training, do the poses of both share a frame?"
+        )
+        return (
+            f"{sequence}: {seen} seen, {len(labels.places) - seen} unseen, {len(labels.cells)} "
+            f"places of {grid.cell_m:g} m{hint}"
+        )
+
+    return each_sequence(settings, labelled, "label")
 
 
-def labelled(cfg: DictConfig, sequence: str, train: str, folder: Path) -> str:
-    """The labels of one sequence by a training one.
-
-    Of several training sequences each is labelled by itself.
-    """
-    submaps, training = (
-        store.read(Path(cfg.submaps, f"{name}.zarr"), schemas.SUBMAPS) for name in (sequence, train)
-    )
-    xy_m = training.load("world_T_anchor")[:, :2, 3]
-    area = cfg.dataset.box
-    grid = (
-        Grid(cfg.grid.cell_m, tuple(area.x_m), tuple(area.y_m))
-        if area
-        else around(xy_m, cfg.grid.cell_m)
-    )
-    labels = label(submaps.load("world_T_anchor"), training.load("world_T_anchor"), grid)
-    days = days_between(training["stamps_ns"][0], submaps["stamps_ns"][0])
-    box = {"x_m": list(grid.x_m), "y_m": list(grid.y_m)}
-    with store.write(
-        folder / f"{sequence}.zarr", schemas.LABELS, days=days, cell_m=grid.cell_m, **box
-    ) as out:
-        for name, column in asdict(labels).items():
-            out.put(name, column)
-    seen = int((labels.places >= 0).sum())
-    hint = (
-        ""
-        if seen
-        else ": no submap lies at a place of training, do the poses of both share a frame?"
-    )
-    return (
-        f"{sequence}: {seen} seen, {len(labels.places) - seen} unseen, {len(labels.cells)} places "
-        f"of {grid.cell_m:g} m{hint}"
-    )
+def grid_of(settings: Settings, training: schemas.Submaps) -> Grid:
+    """The data set's own grid, or one around the training sequence's submaps."""
+    cell_m = settings.grid.cell_m
+    if box := settings.dataset.box:
+        return Grid(cell_m, box.x_m, box.y_m)
+    return around(training.world_T_anchor[:, :2, 3], cell_m)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""The first test sequence's submaps and the models → what a query and a training cost on this
+"""A test sequence's submaps and the models of a study → what a query and a training cost on this
 machine (SCI paper, Table III)."""
 
 import os
@@ -8,53 +8,81 @@ os.environ.update(
 )  # heeded by what is imported from here on
 
 import json
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from omegaconf import DictConfig, OmegaConf
-
 from pipeline import schemas, store
 from pipeline.evaluation.rows import table
-from pipeline.evaluation.timing import Latency, contenders, cost_rows
-from pipeline.studies.known import studies
-from pipeline.studies.layout import Layout
-from stages import ROOT, build, stage
+from pipeline.evaluation.timing import Contender, Latency, cost_rows
+from pipeline.running.building import build as build_plain
+from pipeline.running.building import plain
+from pipeline.running.settings import Count
+from pipeline.studies.models import ModelName
+from stages import build, stage
+
+METHODS = ("pipeline.methods.",)
+"""Where the classes of models lie."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What the stage is told."""
+
+    study: str
+    simulated: bool
+    cells: str
+    """A file of conf/grid."""
+    sequence: str
+    """Whose submaps are the queries."""
+    scans: Path
+    submaps: Path
+    models: Path
+    """Folder of the models."""
+    contenders: Mapping[str, str]
+    """The models that are asked, to what each looks at: a file of conf/view."""
+    trained: tuple[ModelName, ...]
+    """All models, whose training has a cost."""
+    queries: Count
+    k: Count
+    """Places ranked for each query."""
+    out: Path
+    samples: Path
+    """File for the time of each query."""
 
 
 @stage("latency")
-def main(cfg: DictConfig) -> str:
-    study = studies(ROOT / "conf")[cfg.study]
-    layout = Layout(Path(cfg.artifacts))
-    sequence = study.tests[0]
-    scans = store.read(layout.path("scans", study.name, sequence), schemas.SCANS)
-    submaps = store.read(layout.path("submaps", study.name, sequence), schemas.SUBMAPS)
-    methods = contenders(study, cfg.cells, layout, lambda view: build("view", view), alone)
-    measured = Latency.measure(methods, scans, submaps, cfg.queries, cfg.k)
-    trained = {
-        model: layout.path("train", study.name, cfg.cells, model.name) for model in study.models
+def main(settings: Settings) -> str:
+    name = f"{settings.sequence}.zarr"
+    scans = store.read(settings.scans / name, schemas.Scans)
+    submaps = store.read(settings.submaps / name, schemas.Submaps)
+    views = {view: build("view", view) for view in dict.fromkeys(settings.contenders.values())}
+    contenders = {
+        model: Contender(view, views[view], localizer(settings.models / f"{model}{store.MODEL}"))
+        for model, view in settings.contenders.items()
     }
+    measured = Latency.measure(contenders, scans, submaps, settings.queries, settings.k)
+    trained = {model: settings.models / f"{model.name}{store.MODEL}" for model in settings.trained}
     common = {
-        "study": study.name,
-        "dataset": study.name,
-        "simulated": study.simulated,
-        "grid": cfg.cells,
+        "study": settings.study,
+        "dataset": settings.study,
+        "simulated": settings.simulated,
+        "grid": settings.cells,
     }
-    with store.replace(cfg.out) as path:
+    with store.replace(settings.out) as path:
         table([*measured.rows(), *cost_rows(trained)], **common).to_csv(path, index=False)
-    with store.replace(cfg.samples) as path:
-        text = json.dumps({"sequence": sequence, **measured.record()}, allow_nan=False)
+    with store.replace(settings.samples) as path:
+        text = json.dumps({"sequence": settings.sequence, **measured.record()}, allow_nan=False)
         path.write_text(f"{text}\n", encoding="utf-8")
     return measured.line()
 
 
-def alone(method: str) -> Any:
-    """A method on one thread."""
-    threads = (
-        {"threads": 1}
-        if "threads" in OmegaConf.load(ROOT / "conf/method" / f"{method}.yaml")
-        else {}
-    )
-    return build("method", method, **threads)
+def localizer(path: Path) -> Any:
+    """A stored model asked by its method, on one thread where the method has threads."""
+    recipe = {name: plain(value) for name, value in store.read_recipe(path).items()}
+    method = build_plain({**recipe, "threads": 1}, METHODS)
+    return method.localizer(store.read_model(path))
 
 
 if __name__ == "__main__":

@@ -2,64 +2,125 @@
 learning."""
 
 import json
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-
-from hydra.core.hydra_config import HydraConfig
-from hydra.utils import instantiate
-from omegaconf import DictConfig
+from typing import Any, Literal
 
 from pipeline import store
+from pipeline.evaluation.protocols import Distance
 from pipeline.lifelong.courses import Course
-from pipeline.lifelong.record import Record
+from pipeline.lifelong.record import line, record
 from pipeline.matching.ranking import Rows
-from pipeline.online.pack import Packing
-from pipeline.schemas_lifelong import LIFELONG
-from pipeline.studies.known import studies
-from pipeline.studies.layout import Layout
+from pipeline.online.pack import Packing, Trained
+from pipeline.running.settings import Names, Positive
+from pipeline.studies.models import ModelName
 from stages import ROOT, ProgressBar, stage, within_budget
 
 
-@stage("lifelong")
-def main(cfg: DictConfig) -> str:
-    cfg = within_budget(cfg, HydraConfig.get().overrides.task)
-    strategy = instantiate(cfg.strategy.way)
-    progress = ProgressBar(float(cfg.budget.share))
-    queries = {name: Rows.read(Path(cfg.views, f"{name}.zarr")) for name in cfg.asked.split()}
-    course = Course(
-        Layout(Path(cfg.artifacts)),
-        cfg.study,
-        cfg.cells,
-        cfg.name,
-        cfg.train,
-        cfg.learned.split(),
-        Path(cfg.views),
+@dataclass(frozen=True)
+class Strategy:
+    """A file of conf/strategy."""
+
+    name: str
+    way: Any
+
+
+@dataclass(frozen=True)
+class Tolerance:
+    """What the stage takes of a file of conf/tolerance."""
+
+    distance: Distance
+
+
+@dataclass(frozen=True)
+class Budget:
+    """What a file of conf/budget says of the method that is trained."""
+
+    share: Positive
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What the stage is told."""
+
+    method: Any
+    strategy: Strategy
+    tolerance: Tolerance
+    budget: Budget
+    study: str
+    simulated: bool
+    cells: str
+    """A file of conf/grid."""
+    name: ModelName
+    """Of the model: its method, variant and seed."""
+    order: Literal["days", "streets", "updates"]
+    train: str
+    learned: Names
+    """Days that are learned after the first."""
+    asked: Names
+    """Days that are asked after each."""
+    view_name: str
+    """What the method looks at: a file of conf/view."""
+    model: Path
+    """The model of the first day."""
+    labels: Path
+    views: Path
+    scans: Path
+    submaps: Path
+    map: Path
+    """Folder of the first day's map, which is made where there is none; of order `updates`."""
+    out: Path
+    timing: Path
+
+
+@stage("lifelong", within_budget)
+def main(settings: Settings) -> str:
+    first_day = f"{settings.train}.zarr"
+    progress = ProgressBar(float(settings.budget.share))
+    queries = {name: Rows.read(settings.views / f"{name}.zarr") for name in settings.asked}
+    trained = Trained(
+        f"{settings.study}/{settings.cells}/{settings.name.name}",
+        settings.simulated,
+        settings.train,
+        settings.view_name,
+        settings.model,
+        settings.labels / first_day,
+        settings.scans / first_day,
+        settings.submaps / first_day,
+        settings.views / first_day,
+        settings.map / first_day,
     )
-    known_studies = studies(ROOT / "conf")
-    packing = Packing(ROOT / "conf", course.layout, known_studies)
+    course = Course(trained, settings.learned)
     with TemporaryDirectory() as scratch:
         steps = course.steps(
-            cfg.order, strategy, instantiate(cfg.method), packing, Path(scratch), progress
+            settings.order,
+            settings.strategy.way,
+            settings.method,
+            Packing(ROOT / "conf"),
+            Path(scratch),
+            progress,
         )
-        record = Record.of(steps, queries, progress.tell)
-    identity = {"order": cfg.order, "strategy": cfg.strategy.name, "asked": [*queries]}
-    attrs = {**identity, **record.attrs, "correct_m": float(cfg.tolerance.distance.correct_m)}
-    with store.write(cfg.out, LIFELONG, **attrs) as out:
-        for name, column in record.columns.items():
-            out.put(name, column)
-    study = known_studies[cfg.study]
-    model = study.model_named(cfg.name)
+        lifelong, cpu_s = record(
+            steps,
+            queries,
+            progress.tell,
+            settings.order,
+            settings.strategy.name,
+            float(settings.tolerance.distance.correct_m),
+        )
+    store.write(settings.out, lifelong)
     place = {
-        "study": study.name,
-        "dataset": study.name,
-        "simulated": study.simulated,
-        "grid": cfg.cells,
-        **model.columns,
+        "study": settings.study,
+        "dataset": settings.study,
+        "simulated": settings.simulated,
+        "grid": settings.cells,
+        **settings.name.columns,
     }
-    with store.replace(cfg.timing) as path:
-        timing = {"place": place, **attrs, "cpu_s": [step.cpu_s for step in record.steps]}
+    with store.replace(settings.timing) as path:
+        timing = {"place": place, **lifelong.attrs, "cpu_s": cpu_s}
         path.write_text(json.dumps(timing, allow_nan=False) + "\n", encoding="utf-8")
-    return record.line()
+    return line(lifelong)
 
 
 if __name__ == "__main__":

@@ -1,63 +1,71 @@
 """A model and the test sequences' views → a ranking of places for each query, and when to reject
 one as unseen."""
 
-from dataclasses import asdict
-from math import isnan
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
-from hydra.utils import instantiate
-from omegaconf import DictConfig
+import numpy as np
 
 from pipeline import schemas, store
 from pipeline.matching.asking import StoredModel, turned_deg
 from pipeline.matching.ranking import Rows
-from stages import ProgressBar, stage
+from pipeline.running.settings import Count, Names
+from stages import EachSequence, each_sequence, stage
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings(EachSequence):
+    """What the stage is told."""
+
+    method: Any
+    model: Path
+    views: Path
+    altered: Path
+    """Folder of the same view's altered queries."""
+    alterations: Names = ()
+    """Names of the alterations to answer."""
+    k: Count
+    """Places ranked for each query."""
+    rejection: Any
 
 
 @stage("localize")
-def main(cfg: DictConfig) -> str:
-    sequences = cfg.sequences.split()
-    stored_model = StoredModel(
-        cfg.model, instantiate(cfg.method), instantiate(cfg.rejection), cfg.k
-    )
-    with instantiate(cfg.compute).apart() as compute, store.replace(cfg.out) as folder:
-        folder.mkdir()
-        lines = compute.each(lambda sequence: rank(cfg, sequence, stored_model, folder), sequences)
-        return "; ".join(ProgressBar().track(lines, len(sequences), "localize"))
+def main(settings: Settings) -> str:
+    stored_model = StoredModel(str(settings.model), settings.method, settings.rejection, settings.k)
+
+    def rank(sequence: str, folder: Path) -> str:
+        """The rankings of one sequence: as driven, then of each altered case."""
+        name = f"{sequence}.zarr"
+        altered = [settings.altered / alteration / name for alteration in settings.alterations]
+        return ranked(stored_model, Rows.queries(settings.views / name, altered), folder / name)
+
+    return each_sequence(settings, rank, "localize", apart=True)
 
 
-def rank(cfg: DictConfig, sequence: str, stored_model: StoredModel, folder: Path) -> str:
-    """The rankings of one sequence: as driven, then of each altered case."""
-    name = f"{sequence}.zarr"
-    alterations = (cfg.alterations or "").split()
-    cases = Rows.queries(
-        Path(cfg.views, name), [Path(cfg.altered, alteration, name) for alteration in alterations]
-    )
+def ranked(stored_model: StoredModel, cases: dict[Any, Rows], path: Path) -> str:
+    """Write the rankings of the queries of each case of a sequence; returns its line."""
     ranking = stored_model.rank(cases)
     rejection = stored_model.rejection
     n_driven = len(next(iter(cases.values())).stamps_ns)
     thresholds = rejection.thresholds(stored_model.model, ranking.kinds)
     reject_from, kept_precision = (
-        [float(value) for value in values] for values in zip(*thresholds, strict=True)
+        tuple(map(float, values)) for values in zip(*thresholds, strict=True)
     )
-    thresholds_attrs = {
-        "thresholds": reject_from,
-        "kept_precision": [None if isnan(precision) else precision for precision in kept_precision],
-    }
-    attrs = {
-        "cases": [asdict(case) for case in cases],
-        "wanted_precision": rejection.wanted_precision,
-        **thresholds_attrs,
-    }
-    with store.write(folder / name, schemas.RANKINGS, kinds=ranking.kinds, **attrs) as out:
-        out.put("turned_deg", turned_deg(cases))
-        for column in schemas.RANKINGS.columns.keys() - {"turned_deg"}:
-            out.put(column, getattr(ranking, column))
+    rankings = schemas.Rankings(
+        **vars(ranking),
+        turned_deg=turned_deg(cases).astype(np.float32),
+        cases=[asdict(case) for case in cases],
+        thresholds=reject_from,
+        wanted_precision=rejection.wanted_precision,
+        kept_precision=kept_precision,
+    )
+    store.write(path, rankings)
     rejected = int((ranking.novelty[:n_driven, 0].astype(float) >= reject_from[0]).sum())
     altered = f" in {len(cases)} cases" if len(cases) > 1 else ""
     summary = rejection.summary(stored_model.model, thresholds[0], rejected)
     return (
-        f"{sequence}: {ranking.places.shape[1]} places for {n_driven} queries{altered}, {summary}"
+        f"{path.stem}: {ranking.places.shape[1]} places for {n_driven} queries{altered}, {summary}"
     )
 
 

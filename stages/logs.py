@@ -1,7 +1,9 @@
 """A world → raw logs of one sequence, in a data set's own format; or recorded logs → an inventory
 of them."""
 
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from hydra.utils import instantiate
 from omegaconf import DictConfig
@@ -10,14 +12,39 @@ from pipeline import store
 from stages import ProgressBar, stage
 
 
+@dataclass(frozen=True)
+class DataSet:
+    """What the stage takes of a file of conf/dataset."""
+
+    simulated: bool
+    reader: DictConfig
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What the stage is told."""
+
+    dataset: DataSet
+    world: DictConfig
+    sequence: str
+    compute: DictConfig
+    out: Path
+    root: str | None = None
+    """Folder of recorded logs."""
+
+
 @stage("logs")
-def main(cfg: DictConfig) -> str:
-    recorded = {} if cfg.dataset.simulated else {"reader": cfg.dataset.reader, "root": cfg.root}
-    with instantiate(cfg.compute) as compute, store.replace(cfg.out) as folder:
-        line = instantiate(cfg.world, **recorded).record(
-            cfg.sequence, Path(folder), compute, ProgressBar()
-        )
-    return f"{cfg.sequence}: {line}"
+def main(settings: Settings) -> str:
+    world = world_of(settings.world, settings.dataset, settings.root)
+    with instantiate(settings.compute) as compute, store.replace(settings.out) as folder:
+        line = world.record(settings.sequence, Path(folder), compute, ProgressBar())
+    return f"{settings.sequence}: {line}"
+
+
+def world_of(world: DictConfig, dataset: DataSet, root: str | None) -> Any:
+    """The simulated world, or the recorded one with the reader of its logs below `root`."""
+    recorded = {} if dataset.simulated else {"reader": dataset.reader, "root": root}
+    return instantiate(world, **recorded)
 
 
 if __name__ == "__main__":

@@ -1,36 +1,44 @@
 """The training day's submaps → a map of each: its points, thinned, to register queries against."""
 
+from dataclasses import dataclass
 from pathlib import Path
-
-from omegaconf import DictConfig
 
 from pipeline import schemas, store
 from pipeline.posing.targets import write_map
-from stages import ProgressBar, stage
+from pipeline.running.settings import Positive
+from stages import EachSequence, each_sequence, stage
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings(EachSequence):
+    """What the stage is told."""
+
+    scans: Path
+    submaps: Path
+    voxel_m: Positive
+    range_m: Positive
+    gathered_m: Positive
 
 
 @stage("map")
-def main(cfg: DictConfig) -> str:
-    lines = []
-    trained = cfg.train.split()
-    with store.replace(cfg.out) as folder:
-        folder.mkdir()
-        for sequence in ProgressBar().track(trained, len(trained), "thin"):
-            scans = store.read(Path(cfg.scans, f"{sequence}.zarr"), schemas.SCANS)
-            submaps = store.read(Path(cfg.submaps, f"{sequence}.zarr"), schemas.SUBMAPS)
-            count, points = write_map(
-                folder / f"{sequence}.zarr",
-                scans,
-                submaps,
-                cfg.voxel_m,
-                cfg.range_m,
-                cfg.gathered_m,
-            )
-            lines.append(
-                f"{sequence}: {count} submaps, {points / 1e6:.1f} M points in voxels of "
-                f"{cfg.voxel_m} m"
-            )
-    return "; ".join(lines)
+def main(settings: Settings) -> str:
+    def thin(sequence: str, folder: Path) -> str:
+        """The map of one training sequence."""
+        name = f"{sequence}.zarr"
+        n_submaps, n_points = write_map(
+            folder / name,
+            store.read(settings.scans / name, schemas.Scans),
+            store.read(settings.submaps / name, schemas.Submaps),
+            settings.voxel_m,
+            settings.range_m,
+            settings.gathered_m,
+        )
+        return (
+            f"{sequence}: {n_submaps} submaps, {n_points / 1e6:.1f} M points in voxels of "
+            f"{settings.voxel_m} m"
+        )
+
+    return each_sequence(settings, thin, "thin")
 
 
 if __name__ == "__main__":

@@ -1,52 +1,50 @@
 """Poses of single queries and odometry → poses along each test sequence's path."""
 
+from dataclasses import dataclass
 from pathlib import Path
-
-from hydra.utils import instantiate
-from omegaconf import DictConfig
+from typing import Any
 
 from pipeline import schemas, store
 from pipeline.matching.places import Places
 from pipeline.paths.tracks import joined
-from stages import ProgressBar, stage
+from stages import EachSequence, each_sequence, stage
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings(EachSequence):
+    """What the stage is told."""
+
+    path: Any
+    """How poses are joined: a file of conf/path."""
+    train: str
+    fixes: Path
+    """Folder of one model's poses."""
+    labels: Path
+    scans: Path
+    submaps: Path
 
 
 @stage("paths")
-def main(cfg: DictConfig) -> str:
-    sequences = cfg.sequences.split()
-    lines = []
-    with instantiate(cfg.compute) as compute, store.replace(cfg.out) as folder:
-        folder.mkdir()
-        written_lines = compute.each(lambda sequence: follow(cfg, sequence, folder), sequences)
-        lines = list(ProgressBar().track(written_lines, len(sequences), "paths"))
-    return "; ".join(lines)
-
-
-def follow(cfg: DictConfig, sequence: str, folder: Path) -> str:
-    """Write the poses of one sequence anew; it may run in a process of its own."""
-    name = f"{sequence}.zarr"
-    train = f"{cfg.train}.zarr"
-    fixes = store.read(Path(cfg.fixes, name), schemas.FIXES)
-    submaps = store.read(Path(cfg.submaps, name), schemas.SUBMAPS)
-    odom_T_scan = store.read(Path(cfg.scans, name), schemas.SCANS).load("odom_T_scan")
-    places = Places.read(store.read(Path(cfg.labels, train), schemas.LABELS))
-    columns, attrs = joined(
-        fixes, odom_T_scan[submaps.load("scans")], instantiate(cfg.path), places
-    )
-    with store.write(folder / name, schemas.FIXES, **attrs) as out:
-        for column in schemas.FIXES.columns:
-            out.put(column, columns[column])
-    is_accepted, was_accepted = (
-        values[:, 0] < value_attrs["promised"][1]
-        for values, value_attrs in (
-            (columns["novelty"], attrs),
-            (fixes.load("novelty"), fixes.attrs),
+def main(settings: Settings) -> str:
+    def follow(sequence: str, folder: Path) -> str:
+        """Write the poses of one sequence anew; it may run in a process of its own."""
+        name = f"{sequence}.zarr"
+        train = f"{settings.train}.zarr"
+        fixes = store.read(settings.fixes / name, schemas.Fixes)
+        submaps = store.read(settings.submaps / name, schemas.Submaps)
+        odom_T_scan = store.read(settings.scans / name, schemas.Scans).odom_T_scan
+        places = Places.of(store.read(settings.labels / train, schemas.Labels))
+        along_path = joined(fixes, odom_T_scan[submaps.scans], settings.path, places)
+        store.write(folder / name, along_path)
+        is_accepted, was_accepted = (
+            answers.novelty[:, 0] < answers.promised[1] for answers in (along_path, fixes)
         )
-    )
-    return (
-        f"{sequence}: {is_accepted.sum()} of {len(is_accepted)} queries accepted along the path, "
-        f"{was_accepted.sum()} one by one"
-    )
+        return (
+            f"{sequence}: {is_accepted.sum()} of {len(is_accepted)} queries accepted along the "
+            f"path, {was_accepted.sum()} one by one"
+        )
+
+    return each_sequence(settings, follow, "paths")
 
 
 if __name__ == "__main__":

@@ -1,29 +1,47 @@
 """The table of results, models and figures → MLflow, which can be thrown away and published anew at
 any time."""
 
+from dataclasses import dataclass
 from pathlib import Path
-
-from omegaconf import DictConfig
 
 from pipeline import store
 from pipeline.evaluation import results
 from pipeline.running.dvc_files import DvcLock
-from pipeline.studies.known import studies
+from pipeline.studies import measured
 from pipeline.studies.layout import Layout
 from pipeline.studies.models import ModelName
 from pipeline.studies.study import LIFELONG
 from pipeline.tracking import further_days, page
 from pipeline.tracking import runs as tracking
-from pipeline.tracking.records import Source, measured, with_model
-from stages import ROOT, stage
+from pipeline.tracking.records import Source, stage_costs, with_model
+from stages import stage
+
+
+@dataclass(frozen=True)
+class Tracking:
+    """A file of conf/tracking."""
+
+    host: str
+    port: int
+    database: str
+    artifacts: str = ""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What the stage is told."""
+
+    study: str
+    artifacts: Path
+    tracking: Tracking
 
 
 @stage("publish")
-def main(cfg: DictConfig) -> str:
-    study = studies(ROOT / "conf")[cfg.study]
-    layout = Layout(Path(cfg.artifacts))
+def main(settings: Settings) -> str:
+    layout = Layout(settings.artifacts)
+    study = measured.read(layout, settings.study)
     runs = list[tracking.RunRecord]()
-    table = results.read(layout, {cfg.study: study})
+    table = results.read(layout, {study.name: study})
     lock = DvcLock.read(layout.root.parent / "dvc.lock")
     further = study.learns_further_days
     for grid in study.grid_names:
@@ -32,7 +50,7 @@ def main(cfg: DictConfig) -> str:
         runs += further_days.records(source) if further else ()
         for method in study.methods if study.asks_about_the_year else ():
             path = layout.path("train", study.name, grid, method.name)
-            extra = measured(layout, study.name, grid, method, path)
+            extra = stage_costs(layout, study.name, grid, method, path)
             own_answers, *further_answers = study.answers_of(ModelName(method.name))
             recipe = store.read_recipe(path)
             runs += [
@@ -43,13 +61,13 @@ def main(cfg: DictConfig) -> str:
             )
     name = tracking.experiment_of(study.name, study.simulated, LIFELONG if further else "")
     published = tracking.publish(
-        cfg.tracking.database,
+        settings.tracking.database,
         name,
         runs,
         page.FURTHER_DAYS if further else page.YEAR,
-        cfg.tracking.artifacts,
+        settings.tracking.artifacts,
     )
-    address = page.url(published.experiment_id, cfg.tracking.host, cfg.tracking.port)
+    address = page.url(published.experiment_id, settings.tracking.host, settings.tracking.port)
     moved_note = (
         "the folder moved, so the runs were written anew; the old experiment is now "
         f"{published.aside}; "

@@ -1,29 +1,40 @@
-"""Stage `report`: the table of results and artifacts → markdown, SVGs and one HTML page."""
+"""Stage `report`: the tables of results and artifacts → markdown, SVGs and one HTML page."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-
-from omegaconf import DictConfig
 
 from pipeline import store
 from pipeline.evaluation import results
 from pipeline.report import report, sweep
-from pipeline.studies.known import studies
+from pipeline.running.settings import Count, Names
+from pipeline.studies import measured
 from pipeline.studies.layout import Layout
 from pipeline.sweeps.record import Record
-from stages import ROOT, build, stage
+from stages import build, stage
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What the stage is told."""
+
+    studies: Names
+    artifacts: Path
+    few: Count
+    """Fewer seen queries than this near a real change say little."""
+    out: Path
 
 
 @stage("report")
-def main(cfg: DictConfig) -> str:
-    layout = Layout(Path(cfg.artifacts))
-    known_studies = studies(ROOT / "conf")
-    table = results.read(layout, known_studies)
-    with store.replace(cfg.out) as folder:
+def main(settings: Settings) -> str:
+    layout = Layout(settings.artifacts)
+    studies = {name: measured.read(layout, name) for name in settings.studies}
+    table = results.read(layout, studies)
+    with store.replace(settings.out) as folder:
         line = report.write(
-            folder, layout, known_studies, table, cfg.few, lambda name: build("view", name)
+            folder, layout, studies, table, settings.few, lambda name: build("view", name)
         )
-    return f"{line}; open {cfg.out}/page.html in a browser, it needs no network"
+    return f"{line}; open {settings.out}/page.html in a browser, it needs no network"
 
 
 def sweep_report(

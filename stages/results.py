@@ -1,32 +1,47 @@
-"""All that was measured of one study → its table of results, and the plain data of two plots for
-`dvc plots`."""
+"""All that was measured of one study → its table of results, the study that they are of, and the
+plain data of two plots for `dvc plots`."""
 
+from dataclasses import dataclass
 from pathlib import Path
-
-from hydra.utils import instantiate
-from omegaconf import DictConfig
+from typing import Any
 
 from pipeline import store
 from pipeline.evaluation import results
 from pipeline.evaluation.plots import precision_recall, year
-from pipeline.studies.known import studies
+from pipeline.running.settings import Share
+from pipeline.studies import measured
 from pipeline.studies.layout import Layout
-from stages import ROOT, stage
+from pipeline.studies.study import Study
+from stages import stage
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What the stage is told."""
+
+    study: Study
+    artifacts: Path
+    unseen_share: Share
+    """Of queries, that the AUC on held-out blocks of training expects."""
+    ageing: Any
+    bands: Any
+    out: Path
 
 
 @stage("results")
-def main(cfg: DictConfig) -> str:
-    study = studies(ROOT / "conf")[cfg.study]
-    rules = {
-        "ageing": instantiate(cfg.ageing),
-        "bands": instantiate(cfg.bands),
-        "unseen_share": cfg.unseen_share,
-    }
-    gathering = results.Gathering(Layout(Path(cfg.artifacts)), study, **rules)
+def main(settings: Settings) -> str:
+    gathering = results.Gathering(
+        Layout(settings.artifacts),
+        settings.study,
+        settings.ageing,
+        settings.bands,
+        settings.unseen_share,
+    )
     table = gathering.table()
-    with store.replace(cfg.out) as folder:
+    with store.replace(settings.out) as folder:
         folder.mkdir()
         table.to_csv(folder / results.FILE, index=False)
+        measured.write(folder, settings.study)
         year(table).to_csv(folder / "year.csv", index=False, float_format="%.6g")
         precision_recall(gathering).to_csv(
             folder / "precision_recall.csv", index=False, float_format="%.6g"

@@ -1,6 +1,8 @@
 """Raw logs → pose-aligned scans of one sequence."""
 
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from hydra.utils import instantiate
 from omegaconf import DictConfig
@@ -8,21 +10,50 @@ from omegaconf import DictConfig
 from pipeline import schemas, store
 from pipeline.mapping.scans import Intake
 from pipeline.readers.parts import open_part
+from pipeline.running.settings import NotNegative, Positive
 from stages import ProgressBar, stage
 
 
+@dataclass(frozen=True)
+class DataSet:
+    """What the stage takes of a file of conf/dataset."""
+
+    reader: Any
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What the stage is told."""
+
+    dataset: DataSet
+    root: Path
+    """Folder of the logs."""
+    sequence: str
+    grain_m: Positive
+    every_m: NotNegative
+    compute: DictConfig
+    out: Path
+
+
 @stage("scans")
-def main(cfg: DictConfig) -> str:
-    log = open_part(instantiate(cfg.dataset.reader), Path(cfg.root), cfg.sequence)
-    intake = Intake(log, cfg.grain_m, cfg.every_m)
-    attrs = {"grain_m": cfg.grain_m, "skipped": intake.skipped, "clipped": intake.clipped}
-    with instantiate(cfg.compute) as compute, store.write(cfg.out, schemas.SCANS, **attrs) as out:
+def main(settings: Settings) -> str:
+    log = open_part(settings.dataset.reader, settings.root, settings.sequence)
+    intake = Intake(log, settings.grain_m, settings.every_m)
+    attrs = {
+        "grain_m": settings.grain_m,
+        "skipped": intake.skipped,
+        "clipped": intake.clipped,
+    }
+    with (
+        instantiate(settings.compute) as compute,
+        store.draft(settings.out, schemas.Scans, **attrs) as out,
+    ):
         for points, offsets in intake.blocks(compute, ProgressBar()):
             out.append("points", points)
             out.append("offsets", offsets)
         for name, column in intake.poses().items():
             out.put(name, column)
-    return f"{cfg.sequence}: {'; '.join([intake.summary(), *log.notes])}"
+    return f"{settings.sequence}: {'; '.join([intake.summary(), *log.notes])}"
 
 
 if __name__ == "__main__":

@@ -1,50 +1,42 @@
 """Scans → submaps: one every `step_m` of path, each around an anchor pose."""
 
+from dataclasses import dataclass
 from pathlib import Path
-
-from hydra.utils import instantiate
-from omegaconf import DictConfig
+from typing import Any
 
 from pipeline import schemas, store
 from pipeline.errors import ArtifactError
-from pipeline.mapping.appearance import appearance
 from pipeline.running.progress import Progress
-from stages import ProgressBar, stage
+from stages import EachSequence, each_sequence, stage
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings(EachSequence):
+    """What the stage is told."""
+
+    submap: Any
+    scans: Path
 
 
 @stage("submaps")
-def main(cfg: DictConfig) -> str:
-    sequences = cfg.sequences.split()
-    with instantiate(cfg.compute) as compute, store.replace(cfg.out) as folder:
-        folder.mkdir()
-        cuts = compute.each(lambda sequence: cut(cfg, sequence, folder), sequences)
-        lines = list(ProgressBar().track(cuts, len(sequences), "cut"))
-    return "; ".join(lines)
-
-
-def cut(cfg: DictConfig, sequence: str, folder: Path) -> str:
-    """The submaps of one sequence."""
-    scans = store.read(Path(cfg.scans, f"{sequence}.zarr"), schemas.SCANS)
-    submaps = instantiate(cfg.submap).cut(scans, Progress())
-    left_out = "".join(
-        f", {count} left out ({reason})" for reason, count in sorted(submaps.left_out.items())
-    )
-    if not len(submaps.scans):
-        raise ArtifactError(
-            f"{scans.path}: no submap of submap.step_m={cfg.submap.step_m} can be cut from "
-            f"it{left_out}"
+def main(settings: Settings) -> str:
+    def cut(sequence: str, folder: Path) -> str:
+        """The submaps of one sequence."""
+        name = f"{sequence}.zarr"
+        scans = store.read(settings.scans / name, schemas.Scans)
+        submaps = settings.submap.cut(scans, Progress())
+        left_out = "".join(
+            f", {count} left out ({reason})" for reason, count in sorted(submaps.left_out.items())
         )
-    attrs = {
-        "layout": submaps.layout,
-        "left_out": dict(submaps.left_out),
-        "appearance": appearance(scans, submaps),
-    }
-    with store.write(folder / f"{sequence}.zarr", schemas.SUBMAPS, **attrs) as out:
-        for name in ("first", "scans", "ground_m", "used"):
-            out.put(name, getattr(submaps, name))
-        out.put("stamps_ns", scans.load("stamps_ns")[submaps.scans])
-        out.put("world_T_anchor", scans.load("world_T_scan")[submaps.scans])
-    return f"{sequence}: {len(submaps.scans)} submaps of {len(submaps.used)} scans{left_out}"
+        if not len(submaps.scans):
+            raise ArtifactError(
+                f"{scans.path}: no submap of submap.step_m={settings.submap.step_m} can be cut "
+                f"from it{left_out}"
+            )
+        store.write(folder / name, submaps)
+        return f"{sequence}: {len(submaps.scans)} submaps of {len(submaps.used)} scans{left_out}"
+
+    return each_sequence(settings, cut, "cut")
 
 
 if __name__ == "__main__":

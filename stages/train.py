@@ -1,50 +1,77 @@
 """Views and places of the training sequences → a model, or one that was trained before, grown."""
 
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from hydra.core.hydra_config import HydraConfig
-from hydra.utils import instantiate
 from numpy.typing import NDArray
-from omegaconf import DictConfig
 
 from pipeline import schemas, store
 from pipeline.matching import growth
 from pipeline.matching.places import Places
 from pipeline.matching.ranking import Model, Rows, joined_places
+from pipeline.running.building import target_of
 from pipeline.running.provenance import fingerprint
+from pipeline.running.settings import Names, Positive
 from stages import ProgressBar, stage, within_budget
 
 
-@stage("train")
-def main(cfg: DictConfig) -> str:
-    sequences = [f"{sequence}.zarr" for sequence in cfg.sequences.split()]
-    views_of_sequences = [Rows.read(Path(cfg.views, name)) for name in sequences]
-    labels = [store.read(Path(cfg.labels, name), schemas.LABELS) for name in sequences]
-    cfg = within_budget(cfg, HydraConfig.get().overrides.task if HydraConfig.initialized() else ())
-    method = instantiate(cfg.method)
-    share = float(cfg.budget.share)
+@dataclass(frozen=True)
+class Budget:
+    """What a file of conf/budget says of the method that is trained."""
+
+    share: Positive
+    """Of the method's own full training."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings:
+    """What the stage is told."""
+
+    method: Any
+    budget: Budget
+    sequences: Names
+    from_: Path | None = None
+    """A model of the first of the sequences, which then learns the others one after the other."""
+    views: Path
+    labels: Path
+    out: Path
+    checkpoints: Path
+
+
+@stage("train", within_budget)
+def main(settings: Settings) -> str:
+    names = [f"{sequence}.zarr" for sequence in settings.sequences]
+    views_of_sequences = [Rows.read(settings.views / name) for name in names]
+    labels = [store.read(settings.labels / name, schemas.Labels) for name in names]
+    method = settings.method
+    share = float(settings.budget.share)
     views = Rows.joined(views_of_sequences)
     places = joined_places([day_labels.load("places") for day_labels in labels])
     checkpoint_key = fingerprint(
-        method, share, views.images[:], places, views.world_T_anchor, type(method), str(cfg["from"])
+        method,
+        share,
+        views.images[:],
+        places,
+        views.world_T_anchor,
+        type(method),
+        str(settings.from_),
     )
-    progress = ProgressBar(share, Path(cfg.checkpoints, f"{checkpoint_key}.safetensors"))
-    if not cfg["from"]:
+    progress = ProgressBar(share, settings.checkpoints / f"{checkpoint_key}.safetensors")
+    if not settings.from_:
         learned = method.learn(views, places, progress)
     else:
         learned, (_, places) = growth.grown(
             method,
-            store.read_model(cfg["from"]),
+            store.read_model(settings.from_),
             views_of_sequences,
-            Places.read(labels[0]),
+            Places.of(labels[0]),
             progress,
         )
     model = {"image_shape": np.array(views.images.shape[1:]), **learned}
-    store.write_model(
-        cfg.out, model, {"_target_": cfg.method._target_, **asdict(method), "budget": share}
-    )
+    recipe = {"_target_": target_of(method), **asdict(method), "budget": share}
+    store.write_model(settings.out, model, recipe)
     progress.done()
     return _summary(model, places, share)
 

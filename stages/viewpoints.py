@@ -1,62 +1,56 @@
-"""Models of bird-views and test sequences → how well places are known again from other headings
+"""A model of bird-views and test sequences → how well places are known again from other headings
 (DOM and PFL, IROS 2018)."""
 
 import json
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from hydra.utils import instantiate
-from omegaconf import DictConfig
-
-from pipeline import schemas, store
-from pipeline.evaluation.viewpoints import Judged, line, means
+from pipeline import store
+from pipeline.evaluation.viewpoints import line, means
 from pipeline.matching.ranking import Rows
 from pipeline.running.building import build, plain
-from pipeline.studies.known import studies
-from pipeline.studies.layout import Layout
-from stages import ROOT, ProgressBar, stage
+from pipeline.running.settings import Count, Names
+from stages import ProgressBar, stage
 
 METHODS = ("pipeline.methods.",)
 """Where the classes of models lie."""
 
 
+@dataclass(frozen=True)
+class Settings:
+    """What the stage is told."""
+
+    model: Path
+    views: Path
+    sequences: Names
+    tests: Count
+    """How many of the sequences are asked about, the first ones."""
+    viewpoints: Any
+    out: Path
+    metrics: Path
+    """Folder for the numbers that `dvc metrics` shows."""
+
+
 @stage("viewpoints")
-def main(cfg: DictConfig) -> str:
-    study = studies(ROOT / "conf")[cfg.study]
-    numbers = dict[str, list[dict[str, dict[str, float | None]]]]()
-    layout = Layout(Path(cfg.artifacts))
-    methods = study.bird_view_methods
-    sequences = study.tests[: cfg.tests]
-    with store.replace(cfg.out) as folder:
-        folder.mkdir()
-        for method in ProgressBar().track(methods, len(methods), "judge turned robots"):
-            for sequence in sequences:
-                views = Rows.read(layout.path("views", study.name, method.view, sequence))
-                for family, models in method.families.items():
-                    seeds_judged = [
-                        judge(cfg, model.name, views, folder / model.name / f"{sequence}.zarr")
-                        for model in models
-                    ]
-                    numbers[f"{family} {sequence}"] = [seed.numbers() for seed in seeds_judged]
-    with store.replace(cfg.metrics) as metrics_path:
-        metrics_path.mkdir()
-        for name, seeds in numbers.items():
-            text = json.dumps(means(seeds), indent=2, allow_nan=False)
-            (metrics_path / f"{name.replace(' ', '-')}.json").write_text(
-                f"{text}\n", encoding="utf-8"
-            )
-    return "; ".join(f"{key}: {line(seeds)}" for key, seeds in numbers.items())
-
-
-def judge(cfg: DictConfig, model: str, views: Rows, out: Path) -> Judged:
-    """One model on one sequence, asked as it was trained and kept as an artifact."""
-    path = Layout(Path(cfg.artifacts)).path("train", cfg.study, cfg.cells, model)
-    recipe = {name: plain(value) for name, value in store.read_recipe(path).items()}
+def main(settings: Settings) -> str:
+    recipe = {name: plain(value) for name, value in store.read_recipe(settings.model).items()}
     method = build(recipe, METHODS)
-    judged: Judged = instantiate(cfg.viewpoints).judge(method, store.read_model(path), views)
-    with store.write(out, schemas.VIEWPOINTS, **judged.attrs()) as artifact:
-        for column, values in judged.columns().items():
-            artifact.put(column, values)
-    return judged
+    model = store.read_model(settings.model)
+    sequences = settings.sequences[: settings.tests]
+    lines = []
+    with store.replace(settings.out) as folder, store.replace(settings.metrics) as metrics_folder:
+        folder.mkdir()
+        metrics_folder.mkdir()
+        for sequence in ProgressBar().track(sequences, len(sequences), "judge turned robots"):
+            views = Rows.read(settings.views / f"{sequence}.zarr")
+            matches = settings.viewpoints.judge(method, model, views)
+            store.write(folder / f"{sequence}.zarr", matches)
+            numbers = matches.by_heading()
+            text = json.dumps(means(numbers), indent=2, allow_nan=False)
+            (metrics_folder / f"{sequence}.json").write_text(f"{text}\n", encoding="utf-8")
+            lines.append(f"{sequence}: {line(numbers)}")
+    return "; ".join(lines)
 
 
 if __name__ == "__main__":

@@ -1,49 +1,60 @@
 """Submaps → one view of each."""
 
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from hydra.utils import instantiate
-from omegaconf import DictConfig
 
 from pipeline import schemas, store
 from pipeline.running.compute import Compute
 from pipeline.running.progress import Progress
 from pipeline.views.draw import Drawing
-from stages import ProgressBar, stage
+from stages import EachSequence, ProgressBar, each_sequence, stage
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings(EachSequence):
+    """What the stage is told."""
+
+    view: Any
+    scans: Path
+    submaps: Path
 
 
 @stage("views")
-def main(cfg: DictConfig) -> str:
-    sequences = cfg.sequences.split()
-    with instantiate(cfg.compute) as compute, store.replace(cfg.out) as folder:
+def main(settings: Settings) -> str:
+    def draw(sequence: str, folder: Path) -> str:
+        """The views of one sequence, drawn in one thread."""
+        return written(settings, sequence, folder, Compute(workers=1), Progress())
+
+    if not opened(settings, settings.sequences[0]).one_scan_each:
+        # neighbouring submaps share scans: sequences are drawn side by side, not blocks
+        return each_sequence(settings, draw, "draw")
+    with instantiate(settings.compute) as compute, store.replace(settings.out) as folder:
         folder.mkdir()
-        if opened(cfg, sequences[0]).one_scan_each:
-            lines = [draw(cfg, sequence, folder, compute, ProgressBar()) for sequence in sequences]
-        else:  # neighbouring submaps share scans: sequences are drawn side by side, not blocks
-            drawings = compute.each(
-                lambda sequence: draw(cfg, sequence, folder, Compute(workers=1), Progress()),
-                sequences,
-            )
-            lines = list(ProgressBar().track(drawings, len(sequences), "draw"))
-    return "; ".join(lines)
+        return "; ".join(
+            written(settings, sequence, folder, compute, ProgressBar())
+            for sequence in settings.sequences
+        )
 
 
-def opened(cfg: DictConfig, sequence: str) -> Drawing:
+def opened(settings: Settings, sequence: str) -> Drawing:
     """One sequence's scans and submaps, and the view to compute."""
-    scans = Path(cfg.scans, f"{sequence}.zarr")
-    submaps = Path(cfg.submaps, f"{sequence}.zarr")
+    name = f"{sequence}.zarr"
     return Drawing(
-        store.read(scans, schemas.SCANS),
-        store.read(submaps, schemas.SUBMAPS),
-        instantiate(cfg.view),
+        store.read(settings.scans / name, schemas.Scans),
+        store.read(settings.submaps / name, schemas.Submaps),
+        settings.view,
     )
 
 
-def draw(cfg: DictConfig, sequence: str, folder: Path, compute: Compute, progress: Progress) -> str:
-    """The views of one sequence."""
-    return (
-        f"{sequence}: {opened(cfg, sequence).write(folder / f'{sequence}.zarr', compute, progress)}"
-    )
+def written(
+    settings: Settings, sequence: str, folder: Path, compute: Compute, progress: Progress
+) -> str:
+    """Write the views of one sequence; returns its line."""
+    drawing = opened(settings, sequence)
+    return f"{sequence}: {drawing.write(folder / f'{sequence}.zarr', compute, progress)}"
 
 
 if __name__ == "__main__":

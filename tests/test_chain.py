@@ -18,7 +18,7 @@ from distributed import LocalCluster
 from pipeline import schemas, store
 from pipeline.evaluation import results
 from pipeline.running.dvc_files import DvcLock, definition
-from pipeline.schemas_lifelong import LIFELONG
+from pipeline.schemas import Lifelong
 from pipeline.studies.expansion import LISTS
 from pipeline.studies.layout import Layout
 from tests.clone import ROOT, Clone
@@ -81,8 +81,8 @@ def test_the_page_holds_every_section_of_the_studies(built):
 
 
 def test_viewpoints_are_told_by_heading_in_files_and_in_mlflow(built):
-    (path,) = (built.folder / "artifacts/metrics/suburb/10m/viewpoints").iterdir()
-    assert path.name == "sad-00.json"
+    (path,) = (built.folder / "artifacts/metrics/suburb/10m/viewpoints/sad").iterdir()
+    assert path.name == "00.json"
     told = built.run(
         "yearloc", "results", "--json", "--where", "study=suburb", "number=accuracy", "sequence=00"
     )
@@ -102,19 +102,27 @@ def test_a_model_of_the_chain_learns_its_day_street_by_street(built, tmp_path):
     course = (
         "dataset=town",
         "study=town",
+        "simulated=true",
+        "cells=10m",
         "method=scan_context",
-        "name=scan_context",
+        "name={method: scan_context}",
         "order=streets",
         "strategy=grown",
+        "view_name=scan_context",
     )
     paths = (
+        "model=artifacts/train/town/10m/scan_context.zarr.zip",
+        "labels=artifacts/labels/town/10m",
         "views=artifacts/views/town/scan_context",
+        "scans=artifacts/scans/town",
+        "submaps=artifacts/submaps/town",
+        "map=artifacts/map/town",
         f"out={tmp_path}/grown.zarr",
         f"timing={tmp_path}/grown.json",
     )
     line = built.run("python", "-m", "stages.lifelong", *course, *days, *paths)
     assert re.search(r"lifelong: 4 steps to \d+ places: of \d+ queries that can be known", line)
-    artifact = store.read(tmp_path / "grown.zarr", LIFELONG)
+    artifact = store.read(tmp_path / "grown.zarr", Lifelong)
     assert artifact.attrs["places"] == sorted(artifact.attrs["places"])
     assert artifact.load("right").sum(axis=1).argmax() > 0  # more is answered once more is known
     assert len(json.loads((tmp_path / "grown.json").read_text())["cpu_s"]) == 4
@@ -272,7 +280,7 @@ def test_failures_are_drawn_from_a_studys_own_poses(built, tmp_path):
             if "filter" in model
             else "poses/campus/10m/scan_context"
         )
-        artifact = store.read(built.folder / "artifacts" / poses / f"{day}.zarr", schemas.FIXES)
+        artifact = store.read(built.folder / "artifacts" / poses / f"{day}.zarr", schemas.Fixes)
         driven = len(artifact.load("novelty")) // len(artifact.attrs["cases"])
         known = np.isfinite(artifact.load("world_T_query")[:driven]).all((1, 2)).sum()
         assert f": of {known} poses " in out

@@ -9,12 +9,15 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pandas as pd
 import pytest
 import yaml
 
 from pipeline.cli import GROUPS, main
 from pipeline.evaluation.rows import COLUMNS, row, table
 from pipeline.report.pages import PAGES
+from pipeline.studies import measured
+from pipeline.studies.known import read_studies
 from tests.readers.logs import carmen_log
 from tests.report.test_brief import results as brief_results
 from tests.running.test_texts import BROKEN, broken
@@ -55,6 +58,14 @@ def study(project: Path) -> dict[str, object]:
     """The only one."""
     (only,) = studies(project).values()
     return only
+
+
+def keep_results(frame: pd.DataFrame) -> None:
+    """Write a table as the results of the campus's study."""
+    folder = Path("artifacts/results/campus")
+    folder.mkdir(parents=True)
+    frame.to_csv(folder / "results.csv", index=False)
+    measured.write(folder, read_studies(Path("conf"))["campus"])
 
 
 def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
@@ -331,7 +342,9 @@ def test_a_simulated_study_of_viewpoints_stands_beside_one_of_the_year(project):
     main(["use", "campus", "world=tiny"])
     main(["use", "suburb", "world=tiny", "question=viewpoints", "--add"])
     found = lists(project)
-    assert list(found["viewpoints"]) == ["campus-10m", "suburb-10m"]
+    judged = {name: entry["model"] for name, entry in found["viewpoints"].items()}
+    models = {name for name in found["models"] if name.startswith("suburb")}
+    assert judged.keys() == models | {"campus-10m-pfl", "campus-10m-sad"}
     assert list(found["published"]) == ["campus"]
     seeds = [f"suburb-10m-{method}-seed{seed}" for method in ("pfl", "afl") for seed in (1, 2)]
     assert [name for name in found["models"] if "seed" in name] == seeds
@@ -520,11 +533,8 @@ RESULTS = [
 
 
 def test_results_are_printed_for_other_programs(project, capsys):
-    (project / "artifacts/results/campus").mkdir(parents=True)
     main(["use", "campus"])
-    table(RESULTS, study="campus", dataset="campus", grid="10m").to_csv(
-        "artifacts/results/campus/results.csv", index=False
-    )
+    keep_results(table(RESULTS, study="campus", dataset="campus", grid="10m"))
     capsys.readouterr()
     main(["results", "--csv", "--where", "method=sci,sad", "protocol=cells"])
     header, line = capsys.readouterr().out.splitlines()
@@ -542,12 +552,23 @@ def test_results_are_printed_for_other_programs(project, capsys):
     )
 
 
+def test_results_of_a_study_that_was_changed_since_are_called_so(project, capsys):
+    main(["use", "campus", "methods=sci"])
+    keep_results(table(RESULTS, study="campus", dataset="campus", grid="10m"))
+    main(["results", "--csv"])
+    assert capsys.readouterr().err == ""
+    main(["use", "campus", "methods=sci", "budget=full"])
+    main(["results", "--csv"])
+    assert capsys.readouterr().err == (
+        "campus: conf/studies.yaml changed after this was measured; `dvc repro` measures it anew\n"
+    )
+
+
 @pytest.fixture
 def pages(project: Path) -> Path:
     """The page README.md with a block that the study of the project fills; the others have none."""
     main(["use", "campus", "methods=sci"])
-    (project / "artifacts/results/campus").mkdir(parents=True)
-    brief_results("campus").to_csv("artifacts/results/campus/results.csv", index=False)
+    keep_results(brief_results("campus"))
     (project / "docs").mkdir()
     for name in PAGES:
         Path(name).write_text(
@@ -588,11 +609,8 @@ def test_a_picture_of_a_model_that_the_study_has_not_is_left_as_it_is(pages, cap
 
 
 def test_what_the_papers_findings_read_is_kept_and_the_page_is_made_of_it(project, capsys):
-    (project / "artifacts/results/campus").mkdir(parents=True)
     main(["use", "campus", "methods=sci"])
-    table(RESULTS, study="campus", dataset="campus", grid="10m").to_csv(
-        "artifacts/results/campus/results.csv", index=False
-    )
+    keep_results(table(RESULTS, study="campus", dataset="campus", grid="10m"))
     main(["results", "--keep", "compare"])
     assert "docs/papers/compare.csv: written" in capsys.readouterr().out
     assert "0.125" in Path("docs/papers/compare.csv").read_text()

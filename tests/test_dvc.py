@@ -5,6 +5,7 @@ import shlex
 import shutil
 import subprocess
 import tempfile
+from importlib import import_module
 from pathlib import Path
 
 import grimp
@@ -14,6 +15,7 @@ from dvc.repo import Repo
 from hydra import compose, initialize_config_dir
 from omegaconf import DictConfig, OmegaConf
 
+from pipeline.running.settings import filled
 from pipeline.studies.known import read_studies
 from pipeline.studies.names import lists_text, studies_text
 from tests.clone import Clone
@@ -68,8 +70,6 @@ def test_params_are_the_files_that_the_stage_composes(stage):
         if not group.startswith("hydra/")
     }
     used = {name, *(file for group, file in groups.items() if group not in UNTRACKED)}
-    if "pipeline.studies.known" in GRAPH.find_upstream_modules(f"stages.{name}"):
-        used.add("studies")
     assert paths(stage, params=True) == {f"conf/{file}.yaml" for file in used}
 
 
@@ -91,10 +91,8 @@ def test_deps_cover_the_modules_that_the_stage_can_import(stage):
         if isinstance(value, DictConfig) and key not in ("hydra", "tracking")
     }
     plain = {key: OmegaConf.to_container(value) for key, value in groups.items()}
-    if name in ("labels", "latency", "publish", "results") or (
-        name in ("logs", "events") and cfg.dataset.simulated
-    ):
-        plain.pop("dataset")  # they look at the data set's box or label, and build no reader
+    if name == "labels" or (name in ("logs", "events") and cfg.dataset.simulated):
+        plain.pop("dataset")  # they look at the data set's box, and build no reader
     roots = {f"stages.{name}", *targets(plain)}
     needed = (
         roots.union(*(GRAPH.find_upstream_modules(root) for root in roots))
@@ -115,8 +113,20 @@ def test_deps_cover_the_modules_that_the_stage_can_import(stage):
 
 
 @STAGE
+def test_a_command_gives_all_settings_of_its_stage(
+    stage: object, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        monkeypatch.setenv(name, "1")  # stages.latency limits them, and they are put back
+    name, cfg = composed(stage)
+    filled(import_module(f"stages.{name}").Settings, cfg, lambda recipe: recipe)
+
+
+@STAGE
 def test_an_artifact_lies_in_the_folder_of_its_stage(stage):
     name, _ = composed(stage)
+    if name == "absent":
+        return  # in the folder of what there is none of
     folder = {"birdviews": "views"}.get(name, name)
     for out in stage.outs:
         assert Path(out.def_path).is_relative_to(

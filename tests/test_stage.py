@@ -4,13 +4,16 @@ import os
 import re
 import subprocess
 import sys
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hydra import compose, initialize_config_dir
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import OmegaConf
 
 from pipeline.errors import ConfigError, InputError
+from pipeline.running.settings import Count, Names
 from pipeline.running.telemetry import Trace
 from pipeline.sweeps.chain import Step
 from stages import ROOT, stage, within_budget
@@ -22,12 +25,20 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
 
 
+@dataclass(frozen=True)
+class Settings:
+    fails: bool
+    out: Path | None = None
+    names: Names = ()
+    k: Count = 25
+
+
 @stage("views")
-def main(cfg: DictConfig) -> str:
+def main(settings: Settings) -> str:
     """Draw."""
-    if cfg.fails:
+    if settings.fails:
         raise InputError("no")
-    return f"{cfg.out} drawn"
+    return f"{settings.out} drawn"
 
 
 def test_in_process_it_prints_no_line_and_leaves_its_trace_beside_its_artifact(
@@ -43,6 +54,20 @@ def test_in_process_it_prints_no_line_and_leaves_its_trace_beside_its_artifact(
 def test_a_stage_without_an_artifact_leaves_no_trace(tmp_path: Path) -> None:
     main.run(OmegaConf.create({"out": None, "fails": False}))
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("table", "refusal"),
+    [
+        ({"fails": None}, "not given: fails; `dvc repro` gives what a stage needs"),
+        ({"fails": 3}, "fails=3: expected true or false"),
+        ({"fails": True, "k": 0}, "k=0: expected a number above 0"),
+        ({"fails": True, "names": 3}, "names=3: expected a list"),
+    ],
+)
+def test_a_setting_that_its_dataclass_refuses_is_named(table: dict[str, Any], refusal: str) -> None:
+    with pytest.raises(ConfigError, match=f"^{refusal}$"):
+        main.run(OmegaConf.create(table))
 
 
 def test_errors_stay_as_they_are_in_process(tmp_path: Path) -> None:
@@ -103,24 +128,29 @@ import resource, sys
 import numpy as np
 from omegaconf import OmegaConf
 from pipeline import store
+from dataclasses import dataclass
 from stages import stage
 
+@dataclass(frozen=True)
+class Settings:
+    out: str
+
 @stage("latency")
-def main(cfg):
+def main(settings: Settings) -> str:
     resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))  # a disk that is full after 20 kB
     store.write_model(sys.argv[0] + ".zarr.zip", {"a": np.zeros(99_999)}, {})
 
 @stage("latency")
-def write(cfg):
+def write(settings: Settings) -> str:
     resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
     open(sys.argv[0] + ".txt", "wb").write(bytes(99_999))
 
 @stage("latency")
-def stopped(cfg):
+def stopped(settings: Settings) -> str:
     raise KeyboardInterrupt
 
 @stage("latency")
-def large(cfg):
+def large(settings: Settings) -> str:
     np.zeros((10**9, 10**9))
 """
 

@@ -5,28 +5,37 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from pipeline import store
 from pipeline.errors import ArtifactError
-from pipeline.schemas import ALL
-from pipeline.store import Column, Schema
+from pipeline.inspection.kinds import KINDS
+from pipeline.store import Array, Artifact
 
-THINGS = Schema(
-    "things",
-    3,
-    {
-        "points": Column("i2", ("point", "xyz"), "ragged", chunk=4, shard=8),
-        "offsets": Column("i8", ("thing+1",), "thing i is points[offsets[i]:offsets[i + 1]]"),
-        "heights": Column("f4", ("thing",), "metres", chunk=2, shard=4),
-    },
-    {"grain_m": "metres per unit"},
-)
+
+@dataclass(frozen=True, eq=False)
+class Things(Artifact, kind="things", version=3):
+    """Ragged points and a height each."""
+
+    points: Annotated[
+        NDArray[np.int16], Array(("point", "xyz"), "ragged", unit="grain_m", chunk=4, shard=8)
+    ]
+    offsets: Annotated[
+        NDArray[np.int64], Array(("thing+1",), "thing i is points[offsets[i]:offsets[i + 1]]")
+    ]
+    heights: Annotated[
+        NDArray[np.float32], Array(("thing",), "its top", unit="m", chunk=2, shard=4)
+    ]
+    grain_m: Annotated[float, "metres per unit"]
+
+
 POINTS = np.arange(60, dtype=np.int16).reshape(20, 3)
 OFFSETS = np.array([0, 7, 20])
 HEIGHTS = np.array([1.5, -2.5], np.float32)
@@ -39,7 +48,7 @@ def put(
     **changed: np.ndarray | None,
 ) -> None:
     """Write the columns, some of them changed or (None) left out."""
-    with store.write(path, THINGS, **attrs) as draft:
+    with store.draft(path, Things, **attrs) as draft:
         for name, rows in (COLUMNS | changed).items():
             if rows is not None:
                 draft.put(name, rows)
@@ -75,10 +84,10 @@ def test_an_array_is_one_folder_of_files(tmp_path: Path) -> None:
 
 def test_what_was_written_is_read(tmp_path: Path) -> None:
     put(tmp_path / "new" / "a.zarr")
-    found = store.read(tmp_path / "new" / "a.zarr", THINGS)
+    found = store.read(tmp_path / "new" / "a.zarr", Things)
     for name, rows in COLUMNS.items():
         np.testing.assert_array_equal(found.load(name), rows)
-        assert found[name].dtype == np.dtype(THINGS.columns[name].dtype)
+        assert found[name].dtype == np.dtype(Things.columns[name].dtype)
     assert found.attrs == {"kind": "things", "version": 3, "grain_m": 0.005}
     np.testing.assert_array_equal(found["points"][7:9], POINTS[7:9])
     assert found["points"].metadata.dimension_names == ("point", "xyz")
@@ -91,7 +100,7 @@ def test_rows_appended_in_blocks_give_the_bytes_of_rows_put_at_once(
 ) -> None:
     # 20 points in shards of 8: blocks end within, on and beyond a shard's end.
     put(tmp_path / "whole.zarr")
-    with store.write(tmp_path / "streamed.zarr", THINGS, grain_m=lambda: 0.005) as draft:
+    with store.draft(tmp_path / "streamed.zarr", Things, grain_m=lambda: 0.005) as draft:
         for start in range(0, len(POINTS), block):
             draft.append("points", POINTS[start : start + block])
             draft.append("heights", HEIGHTS[start : start + block])
@@ -115,7 +124,7 @@ def test_an_artifact_may_have_no_rows(tmp_path: Path) -> None:
         offsets=np.array([0]),
         heights=np.empty(0, np.float32),
     )
-    assert store.read(tmp_path / "a.zarr", THINGS).load("points").shape == (0, 3)
+    assert store.read(tmp_path / "a.zarr", Things).load("points").shape == (0, 3)
 
 
 @pytest.mark.parametrize(
@@ -172,7 +181,7 @@ def test_a_new_artifact_takes_the_place_of_the_old(tmp_path: Path) -> None:
     put(tmp_path / "a.zarr")
     put(tmp_path / "a.zarr", heights=HEIGHTS + 1)
     np.testing.assert_array_equal(
-        store.read(tmp_path / "a.zarr", THINGS).load("heights"), [2.5, -1.5]
+        store.read(tmp_path / "a.zarr", Things).load("heights"), [2.5, -1.5]
     )
 
 
@@ -206,9 +215,12 @@ def test_what_a_killed_writer_left_is_swept_and_a_living_one_is_not_disturbed(
     assert {found.name for found in tmp_path.iterdir()} == {"a.zarr", living.name, other.name}
 
 
-def make_other(path: Path, kind: str, version: int) -> None:
-    with store.write(path, Schema(kind, version, {})):
-        pass
+def make_other(path: Path, name: str, number: int) -> None:
+    @dataclass(frozen=True)
+    class Other(Artifact, kind=name, version=number):
+        """An artifact without arrays."""
+
+    store.write(path, Other())
 
 
 def make_broken(path: Path) -> None:
@@ -238,17 +250,16 @@ def test_reading_what_is_no_such_artifact_is_one_clear_line(
     path = tmp_path / "a.zarr"
     make(path)
     with pytest.raises(ArtifactError, match=says) as error:
-        store.read(path, THINGS)
+        store.read(path, Things)
     assert str(path) in str(error.value)
     assert "\n" not in str(error.value)
 
 
 def test_every_schema_writes_whole_shards_and_shares_its_dimensions() -> None:
-    for schema in ALL:
+    for schema in KINDS.values():
         for column in schema.columns.values():
             assert column.shard % column.chunk == 0
             assert np.dtype(column.dtype).isnative
-    assert len({schema.kind for schema in ALL}) == len(ALL)
 
 
 MODEL = {
@@ -314,7 +325,10 @@ def test_a_column_with_a_row_a_case_is_not_padded_to_thousands() -> None:
     """Chunks are whole in memory: 65,536 rows of 25 × 200 counts took 15 s and 2.9 GB to write
     two."""
     judged = [
-        column for schema in ALL for column in schema.columns.values() if column.dims[0] == "case"
+        column
+        for schema in KINDS.values()
+        for column in schema.columns.values()
+        if column.dims[0] == "case"
     ]
     assert judged
     assert all(column.chunk == 1 and column.shard <= 64 for column in judged)

@@ -6,7 +6,7 @@ the same random numbers first agree in them: a wider wedge begins where the narr
 two walls are the one wall and another.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -35,12 +35,12 @@ class Case:
     """Number of the random repeat."""
 
 
-def read_cases(attrs: Mapping[str, Any]) -> list[Case]:
-    """The cases of an artifact of views, rankings or evaluations, from its attributes.
+def read_cases(cases: Iterable[Mapping[str, Any]]) -> list[Case]:
+    """The cases of an artifact of views, rankings or evaluations, from its attribute `cases`.
 
     Its rows belong to one case after the other.
     """
-    return [Case(**case) for case in attrs["cases"]]
+    return [Case(**case) for case in cases]
 
 
 class Alteration(Protocol):

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from pipeline.cli.options import some_words
 from pipeline.cli.progress import Bytes
 from pipeline.cli.project import conf_folder
 from pipeline.errors import ConfigError
@@ -24,12 +25,7 @@ def fetch(
     ],
     words: Annotated[
         list[str],
-        typer.Argument(
-            metavar="SEQUENCE|KEY=VALUE",
-            default_factory=list,
-            show_default=False,
-            help="dates; root=FOLDER (data/DATASET), base=ADDRESS",
-        ),
+        some_words("SEQUENCE|KEY=VALUE", "dates; root=FOLDER (data/DATASET), base=ADDRESS"),
     ],
 ) -> None:
     """Bring official archives: resumed, checked, unpacked, laid as the reader expects them."""

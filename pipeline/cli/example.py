@@ -31,7 +31,7 @@ def example() -> None:
     steps_m = np.linalg.norm(np.diff(site.targets.world_T_anchor[:, :2, 3], axis=0), axis=1)
     print(
         f"{SITE.name}, simulated: {steps_m.sum():.0f} m of a campus, learned on "
-        f"{site.about['provenance']['train']}; {SITE.stat().st_size / 1e6:.1f} MB"
+        f"{site.description.provenance.train}; {SITE.stat().st_size / 1e6:.1f} MB"
     )
     tell_cold()
     for scan in scans():

@@ -58,7 +58,7 @@ def failures(
         tell_cold()
         targets = site.targets
         judged = _judged_of_log(site, of, log, lidar_of(body_T_lidar), promise)
-        simulated = site.about["simulated"]
+        simulated = site.description.simulated
         promise_text = "nothing was promised"
         if promise is not None:
             promise_text = f"rejected from {site.promises[promise][0]:.3f} on (promise {promise:g})"
@@ -98,8 +98,8 @@ def _judged_of_log(
         raise ConfigError(f"{name} is a site: say which log, `yearloc failures {name} LOG`")
     skipped: Counter[str] = Counter()
     scan_options = (
-        site.about["reader"],
-        site.about["sensor"]["lift_m"],
+        site.description.reader,
+        site.description.sensor.lift_m,
         None,
         None,
         skipped,

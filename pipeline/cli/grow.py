@@ -70,7 +70,7 @@ def grow(
             "version can grow"
         )
     site = Site(parts, threads=2)
-    sensor = parts.about["sensor"]
+    sensor = parts.description.sensor
     if not surveyed:
         site.check(promise)
     tell_cold()
@@ -79,8 +79,8 @@ def grow(
     log_scans = [
         *scans(
             log,
-            parts.about["reader"],
-            sensor["lift_m"],
+            parts.description.reader,
+            sensor.lift_m,
             topic,
             odometry,
             skipped,
@@ -103,14 +103,14 @@ def grow(
         )
         return
     grown_parts = growth.grown(
-        site, parts, plan, Path(log).name, Lines(parts.about["method"].get("budget", 1.0))
+        site, parts, plan, Path(log).name, Lines(parts.description.method.get("budget", 1.0))
     )
     site_file.write(out, grown_parts)
     print(
         f"{out}: {len(plan.places.cells)} places, {out.stat().st_size / 1e6:.1f} MB; "
         f"{path} stays as it was"
     )
-    verdict = grown_parts.about["verdict"]
+    grown_site = grown_parts.description
     print(
-        f"its promises are by {verdict['held_out']} held-out blocks{first_day(grown_parts.about)}"
+        f"its promises are by {grown_site.verdict.held_out} held-out blocks{first_day(grown_site)}"
     )

@@ -2,9 +2,8 @@
 
 import sys
 from collections import Counter
-from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -31,6 +30,7 @@ if TYPE_CHECKING:
     from pipeline.frames import Poses
     from pipeline.online.inputs import Scan
     from pipeline.online.site import Fix
+    from pipeline.online.site_json import Sensor
 
 
 def localize(
@@ -84,15 +84,15 @@ def localize(
     site = Site.open(path, threads)
     site.check(promise)
     check_file(out, whole=kind == "mcap")
-    sensor = site.about["sensor"]
+    sensor = site.description.sensor
     if lift is not None and not follow:
-        logs = [source for source in inputs if is_log(source, site.about["reader"])]
+        logs = [source for source in inputs if is_log(source, site.description.reader)]
         if logs:
             raise ConfigError(
                 f"--lift {lift:g}: {logs[0]} is a log of the site's data set, whose reader "
                 "raises its points"
             )
-    lift_m = sensor["lift_m"] if lift is None else lift
+    lift_m = sensor.lift_m if lift is None else lift
     placement = lidar_of(body_T_lidar)
     summary = Summary()
     tracker = Tracker(site, promise) if track else None
@@ -103,7 +103,7 @@ def localize(
             if follow:
                 follower = Following(Path(source), topic, lift_m, idle, odometry, placement)
             scan_options = (
-                site.about["reader"],
+                site.description.reader,
                 lift_m,
                 topic,
                 odometry,
@@ -128,12 +128,12 @@ def localize(
     if tracker:
         summary.steps = tracker.steps
     print(summary.text(), file=sys.stderr)
-    if site.about["simulated"]:
+    if site.description.simulated:
         print("the site is simulated, not recorded", file=sys.stderr)
 
 
 def _tell_unlike(
-    points_m: "NDArray[np.float64]", sensor: Mapping[str, Any], body_T_lidar: "Poses | None"
+    points_m: "NDArray[np.float64]", sensor: "Sensor", body_T_lidar: "Poses | None"
 ) -> None:
     """Say in what a scan (n, 3) is unlike those that the site was learned with."""
     from pipeline.online.sensor import unlike

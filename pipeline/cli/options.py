@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -16,6 +16,11 @@ def share_or_none(word: str) -> float | None:
         return None if word == "none" else float(word)
     except ValueError:
         raise ValueError("expected a share or the word none") from None
+
+
+def some_words(metavar: str, help_text: str) -> Any:
+    """An argument of any number of words, none by default."""
+    return typer.Argument(metavar=metavar, default_factory=list, show_default=False, help=help_text)
 
 
 SitePath = Annotated[Path, typer.Argument(metavar="SITE")]

@@ -1,11 +1,13 @@
 """`yearloc results`: the results of the studies in use, for a terminal, a page or a program."""
 
+import sys
 from pathlib import Path
 from shutil import get_terminal_size
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from pipeline.cli.options import some_words
 from pipeline.cli.project import read_studies
 from pipeline.errors import ArtifactError, ConfigError
 from pipeline.running.texts import folded, terminal_width
@@ -25,12 +27,7 @@ PAPERS = "papers"
 def results(
     words: Annotated[
         list[str],
-        typer.Argument(
-            metavar="COLUMN=VALUE|KIND",
-            default_factory=list,
-            show_default=False,
-            help="further ones of --where, and the kinds of --write",
-        ),
+        some_words("COLUMN=VALUE|KIND", "further ones of --where, and the kinds of --write"),
     ],
     where: Annotated[
         list[str],
@@ -82,8 +79,15 @@ def results(
     from pipeline.evaluation.results import where as selected
     from pipeline.evaluation.rows import COLUMNS
     from pipeline.studies.layout import Layout
+    from pipeline.studies.measured import stale
 
     table = read(Layout(), studies)
+    for name in stale(Layout(), studies):
+        print(
+            f"{name}: conf/studies.yaml changed after this was measured; `dvc repro` measures it "
+            "anew",
+            file=sys.stderr,
+        )
     if markdown:
         from pipeline.report.document import document
 

@@ -72,13 +72,13 @@ def watch(
         foxglove.Recording if save is not None and save.suffix == ".mcap" else rerun.Recording
     )
     tell_cold()
-    lift_m = site.about["sensor"]["lift_m"]
+    lift_m = site.description.sensor.lift_m
     placement = lidar_of(body_T_lidar)
     if follow:
         all_scans = Following(Path(log), topic, lift_m, idle, odometry, placement).scans()
     else:
         scan_options = (lift_m, topic, odometry, summary.skipped, placement)
-        all_scans = scans(log, site.about["reader"], *scan_options)
+        all_scans = scans(log, site.description.reader, *scan_options)
     localizer = Tracker(site, promise) if track else site
     with recorder(site, save, promise) as recording:
         fixes = localized(islice(all_scans, 0, None, every), localizer, promise, summary.broken)
@@ -139,12 +139,7 @@ def serve(
         raise ConfigError(f"--workers {workers}: expected at least 1")
     from pipeline.online.site_file import read
 
-    limits = read(path).about["verdict"]
-    kept_promises = [
-        promise
-        for promise, reject_from in zip(limits["promises"], limits["promised"]["fix"], strict=True)
-        if reject_from > 0
-    ]
+    kept_promises = read(path).description.verdict.kept
     try:
         with socket.create_server((host, port)):
             pass
@@ -223,8 +218,9 @@ def pack(
     name: ModelName, out: Annotated[Path, typer.Option("-o", "--out", metavar="FILE")]
 ) -> None:
     """One file of all that it takes to localise in a place."""
-    from pipeline.online.pack import Packing
+    from pipeline.online.pack import Packing, Trained
     from pipeline.studies.layout import Layout
 
     check_file(out)
-    print(Packing(conf_folder(), Layout(), read_studies()).pack(name, out, Bar()))
+    trained = Trained.named(Layout(), read_studies(), name)
+    print(Packing(conf_folder()).pack(trained, out, Bar()))

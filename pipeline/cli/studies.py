@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from pipeline.cli.options import some_words
 from pipeline.cli.project import conf_folder, read_studies
 from pipeline.errors import ConfigError
 from pipeline.replacing import replace
@@ -20,9 +21,7 @@ OPTIONS = (
 def use(
     words: Annotated[
         list[str],
-        typer.Argument(
-            metavar="DATASET|KEY=VALUE", default_factory=list, show_default=False, help=OPTIONS
-        ),
+        some_words("DATASET|KEY=VALUE", OPTIONS),
     ],
     add: Annotated[
         bool, typer.Option("--add", help="beside the studies that are listed already")

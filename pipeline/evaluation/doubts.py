@@ -8,7 +8,7 @@ from scipy.spatial import KDTree
 
 from pipeline.evaluation.protocols import Distance
 from pipeline.matching.rejection import ACCEPT_NOTHING
-from pipeline.store import Artifact
+from pipeline.schemas import Submaps
 
 BLIND = "blind_recall_at_1"
 """What one and the same answer to every query would reach: half of it all, and the score is
@@ -96,18 +96,14 @@ def doubts(
     return {BLIND: blind, **_applying(applies)}
 
 
-def unsuited(submaps: Artifact) -> dict[str, float]:
+def unsuited(submaps: Submaps) -> dict[str, float]:
     """Those of UNSUITED that apply to the submaps of a sequence, as values by name."""
     azimuth_deg, ground_m, highest_m = (
-        np.nan
-        if submaps.attrs["appearance"][name] is None
-        else float(submaps.attrs["appearance"][name])
-        for name in ("azimuth_deg", "ground_m", "highest_m")
+        submaps.appearance[name] for name in ("azimuth_deg", "ground_m", "highest_m")
     )
-    left_out = submaps.attrs["left_out"]
-    share = left_out.get("window not yet whole", 0) / (
-        submaps["scans"].shape[0] + sum(left_out.values())
-    )
+    left_out = submaps.left_out
+    anchors = len(submaps.scans) + sum(left_out.values())
+    share = left_out.get("window not yet whole", 0) / anchors
     return _applying(
         {
             "doubt_not_all_round": (azimuth_deg, azimuth_deg < ROUND_DEG),

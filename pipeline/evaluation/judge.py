@@ -1,7 +1,7 @@
 """Judges a ranking: each query's outcome by both protocols, and every number with its interval."""
 
 from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,11 +35,9 @@ from pipeline.evaluation.numbers import (
 )
 from pipeline.evaluation.protocols import Distance, Truth, by_cells
 from pipeline.frames import Poses, apart, turns, wrapped_deg, yaw
-from pipeline.matching.places import Labels
 from pipeline.matching.ranking import Ranking
 from pipeline.matching.rejection import ACCEPT_NOTHING
-from pipeline.schemas import LABELS
-from pipeline.store import Artifact
+from pipeline.schemas import Fixes, Labels, Rankings, SequenceRanking, Submaps
 
 
 def judge(
@@ -47,19 +45,18 @@ def judge(
     reject_from: Sequence[float],
     labels: Labels,
     world_T_anchor: Poses,
-    days: int,
     distance: Distance,
     bootstrap: Bootstrap,
     turned_deg: NDArray[np.float32] | None = None,
     world_T_query: Poses | None = None,
-    promised: float = np.nan,
+    reject_pose_from: float = np.nan,
 ) -> Evaluation:
     """Judge a ranking of q queries against their labels and poses (q, 4, 4), rows in that order.
 
     The poses are those driven. `reject_from` is the model's threshold on each kind of novelty;
-    `days` are since training; `turned_deg` (q,) is how far the robot was turned to the left for
-    each query; `world_T_query` (q, 4, 4) are poses as estimated, and `promised` the novelty to
-    reject from to keep .99 of them. Raises InputError where ranking, labels and poses do not fit
+    `turned_deg` (q,) is how far the robot was turned to the left for each query; `world_T_query`
+    (q, 4, 4) are poses as estimated, and `reject_pose_from` the novelty to reject from to keep .99
+    of them. Raises InputError where ranking, labels and poses do not fit
     together.
     """
     _check(ranking, reject_from, labels, world_T_anchor)
@@ -91,20 +88,22 @@ def judge(
         ),
         pose_error_m=pose_error_m,
         pose_error_deg=pose_error_deg,
-        promised=promised,
+        reject_pose_from=reject_pose_from,
     )
     novelty_by_cells = np.where(
         ranking.places[:, :1] < 0, np.float32(np.inf), queries.novelty
     )  # an answer outside all places says: unseen
     return Evaluation(
-        cells=_judgement(
-            by_cells(ranking.places, labels.places, labels.oracle),
-            replace(queries, novelty=novelty_by_cells),
-            xy_m,
-            bootstrap,
-        ),
-        distance=_judgement(
-            distance.truth(ranking.xy_m, xy_m, labels.nearest_m), queries, xy_m, bootstrap
+        judgements=(
+            _judgement(
+                by_cells(ranking.places, labels.places, labels.oracle),
+                replace(queries, novelty=novelty_by_cells),
+                xy_m,
+                bootstrap,
+            ),
+            _judgement(
+                distance.truth(ranking.xy_m, xy_m, labels.nearest_m), queries, xy_m, bootstrap
+            ),
         ),
         **vars(queries),
         calibration=_calibration(ranking, labels),
@@ -114,19 +113,19 @@ def judge(
         xy_m=xy_m,
         answer_xy_m=answer_xy_m,
         kinds=ranking.kinds,
-        days=days,
+        days=labels.days,
         block_m=bootstrap.block_m,
         blind=blind(labels.places, labels.nearest_m, xy_m, distance),
         unsuited={},
-        wanted=np.nan,
-        kept=(np.nan,) * len(ranking.kinds),
+        wanted_precision=np.nan,
+        kept_precision=(np.nan,) * len(ranking.kinds),
     )
 
 
 def judge_cases(
-    rankings: Artifact,
-    labels: Artifact,
-    submaps: Artifact,
+    rankings: SequenceRanking,
+    labels: Labels,
+    submaps: Submaps,
     distance: Distance,
     bootstrap: Bootstrap,
 ) -> dict[Case, Evaluation]:
@@ -135,60 +134,47 @@ def judge_cases(
     Labels and submaps are those of the sequence as it was driven. Raises InputError where the
     rankings are not of these submaps in each case.
     """
-    true = Labels(**{name: labels.load(name) for name in LABELS.columns})
-    world_T_anchor = submaps.load("world_T_anchor")
-    days = int(labels.attrs["days"])
-    evaluations = {}
-    cases = read_cases(rankings.attrs)
-    n = len(world_T_anchor)
-    arrays = {
-        name: rankings.load(name)
-        for name in [field.name for field in fields(Ranking) if field.name != "kinds"]
-    }
-    turned_deg = rankings.load("turned_deg")
-    kinds = tuple(rankings.attrs["kinds"])
-    posed = "promised" in rankings.attrs
-    if len(turned_deg) != n * len(cases):
+    cases = read_cases(rankings.cases)
+    n = len(submaps.world_T_anchor)
+    if len(rankings.turned_deg) != n * len(cases):
         raise InputError(
-            f"{rankings.path}: {len(turned_deg)} queries in {len(cases)} cases of {n} submaps"
+            f"{rankings.path}: {len(rankings.turned_deg)} queries in {len(cases)} cases of {n} "
+            "submaps"
         )
+    evaluations = {}
     for i, case in enumerate(cases):
         rows = slice(i * n, (i + 1) * n)
-        ranking = Ranking(**{name: array[rows] for name, array in arrays.items()}, kinds=kinds)
         evaluation = judge(
-            ranking,
-            rankings.attrs["thresholds"],
-            true,
-            world_T_anchor,
-            days,
+            rankings.ranking(rows),
+            rankings.thresholds,
+            labels,
+            submaps.world_T_anchor,
             distance,
             bootstrap,
-            turned_deg[rows],
-            np.asarray(rankings["world_T_query"][rows]) if posed else None,
-            float(rankings.attrs["promised"][1]) if posed else np.nan,
+            rankings.turned_deg[rows],
+            rankings.world_T_query[rows] if isinstance(rankings, Fixes) else None,
+            rankings.promised[1] if isinstance(rankings, Fixes) else np.nan,
         )
         evaluations[case] = replace(
             evaluation,
             unsuited=unsuited(submaps),
-            wanted=float(rankings.attrs["wanted_precision"]),
-            kept=kept_precision(rankings),
+            wanted_precision=rankings.wanted_precision,
+            kept_precision=kept_precision(rankings),
         )
     return evaluations
 
 
-def kept_precision(rankings: Artifact) -> tuple[float, ...]:
+def kept_precision(rankings: SequenceRanking) -> tuple[float, ...]:
     """The precision that each threshold (kind,) keeps on held-out blocks.
 
     NaN where that is not known, or nothing is accepted. The verdict on poses, the first kind, keeps
     what is wanted or accepts nothing.
     """
-    precisions = rankings.attrs.get("kept_precision")
-    if precisions is None:
-        accepts = rankings.attrs["thresholds"][0] > ACCEPT_NOTHING
-        precisions = [rankings.attrs["wanted_precision"] if accepts else None] + [None] * (
-            len(rankings.attrs["kinds"]) - 1
-        )
-    return tuple(np.nan if precision is None else float(precision) for precision in precisions)
+    if isinstance(rankings, Rankings):
+        return rankings.kept_precision
+    accepts = rankings.thresholds[0] > ACCEPT_NOTHING
+    of_poses = rankings.wanted_precision if accepts else np.nan
+    return (of_poses, *[np.nan] * (len(rankings.kinds) - 1))
 
 
 def _calibration(ranking: Ranking, labels: Labels) -> NDArray[np.float64]:

@@ -4,45 +4,81 @@ Every dimension is kept, and the numbers have intervals.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
-from typing import Any, Self
+from dataclasses import dataclass, field
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.alterations import Case
 from pipeline.errors import ArtifactError
 from pipeline.evaluation.bootstrap import blocks
 from pipeline.evaluation.counts import ExactCounts
 from pipeline.evaluation.doubts import doubts
 from pipeline.evaluation.numbers import MEASURES, NUMBERS, SAME_HEADING_DEG, curve, within
 from pipeline.evaluation.protocols import PROTOCOLS, Truth
-from pipeline.schemas import EVALUATIONS
-from pipeline.store import Artifact
+from pipeline.schemas import Cases
+from pipeline.store import Array, Artifact, Stack
 
 HIT, MISS, FALSE_ALARM, CORRECT_REJECTION, NOT_JUDGED = range(5)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Judgement:
-    """Results by one protocol: the columns of an `evaluations` artifact with a row a protocol."""
+    """Results by one protocol, of q queries at t thresholds."""
 
-    hits: NDArray[np.int64]  # (top_n, t)
-    misses: NDArray[np.int64]  # (top_n, t)
-    false_alarms: NDArray[np.int64]  # (top_n, t)
-    correct_rejections: NDArray[np.int64]  # (top_n, t)
-    precision: NDArray[np.float64]  # (top_n, t)
-    recall: NDArray[np.float64]  # (top_n, t)
-    auc: NDArray[np.float64]  # (top_n,)
-    auc_exact: NDArray[np.float64]  # (top_n,)
-    recall_at: NDArray[np.float64]  # (top_n,)
-    true_rank: NDArray[np.int64]  # (q,)
-    seen: NDArray[np.bool_]  # (q,)
-    unseen: NDArray[np.bool_]  # (q,)
-    outcome: NDArray[np.int8]  # (q,)
-    oracle_right: NDArray[np.bool_]  # (q,)
-    numbers: NDArray[np.float64]  # (number, 3)
-    rejection: NDArray[np.float64]  # (kind, measure, 3)
+    hits: Annotated[
+        NDArray[np.int64],
+        Array(("top_n", "threshold"), "accepted, and a true place among the first n"),
+    ]
+    misses: Annotated[NDArray[np.int64], Array(("top_n", "threshold"), "rejected although seen")]
+    false_alarms: Annotated[
+        NDArray[np.int64], Array(("top_n", "threshold"), "accepted, and wrong or unseen")
+    ]
+    correct_rejections: Annotated[
+        NDArray[np.int64], Array(("top_n", "threshold"), "rejected and unseen")
+    ]
+    precision: Annotated[
+        NDArray[np.float64], Array(("top_n", "threshold"), "hits / (hits + false alarms)")
+    ]
+    recall: Annotated[
+        NDArray[np.float64],
+        Array(("top_n", "threshold"), "cells: hits / (hits + misses); distance: hits / seen"),
+    ]
+    auc: Annotated[
+        NDArray[np.float64],
+        Array(("top_n",), "area under precision over recall through these thresholds"),
+    ]
+    auc_exact: Annotated[
+        NDArray[np.float64], Array(("top_n",), "the same through every distinct novelty")
+    ]
+    recall_at: Annotated[
+        NDArray[np.float64],
+        Array(("top_n",), "share of the seen with a true place among the first n; NaN of none"),
+    ]
+    true_rank: Annotated[
+        NDArray[np.int64],
+        Array(("query",), "0-based rank of the first true place; −1 if unseen or not ranked"),
+    ]
+    seen: Annotated[NDArray[np.bool_], Array(("query",), "training went there")]
+    unseen: Annotated[
+        NDArray[np.bool_],
+        Array(("query",), "training never went there; a query that is neither is not judged"),
+    ]
+    outcome: Annotated[
+        NDArray[np.int8],
+        Array(("query",), "0 hit, 1 miss, 2 false alarm, 3 correct rejection, 4 not judged"),
+    ]
+    oracle_right: Annotated[
+        NDArray[np.bool_], Array(("query",), "answering the nearest training anchor would be right")
+    ]
+    numbers: Annotated[
+        NDArray[np.float64],
+        Array(("number", "bound3"), "value, lowest and highest of its 95 % interval; NaN of none"),
+    ]
+    rejection: Annotated[
+        NDArray[np.float64],
+        Array(("kind", "measure", "bound3"), "value, lowest, highest: how each novelty rejects"),
+    ]
 
     @property
     def answered(self) -> float:
@@ -64,47 +100,96 @@ class Judgement:
         )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Evaluation:
-    """One model on the q queries of one case in one test sequence, at t thresholds.
+    """One model on the queries of one case in one test sequence."""
 
-    `schemas.EVALUATIONS` says what each array is.
-    """
+    judgements: Annotated[Sequence[Judgement], Stack("protocol")]
+    """One for each of PROTOCOLS."""
+    thresholds: Annotated[
+        NDArray[np.float64], Array(("threshold",), "novelties from which a query is rejected")
+    ]
+    calibration: Annotated[
+        NDArray[np.float64],
+        Array(("confidence2",), "expected calibration error of 1 − cost and of the confidence"),
+    ]
+    novelty: Annotated[
+        NDArray[np.float32], Array(("query", "kind"), "as ranked; the first kind is the one in use")
+    ]
+    confidence: Annotated[NDArray[np.float32], Array(("query",), "as ranked")]
+    answer: Annotated[NDArray[np.int64], Array(("query",), "the place ranked first")]
+    cost: Annotated[NDArray[np.float32], Array(("query",), "of that place")]
+    xy_m: Annotated[
+        NDArray[np.float64], Array(("query", "xy"), "where the query was taken", unit="m")
+    ]
+    answer_xy_m: Annotated[
+        NDArray[np.float64], Array(("query", "xy"), "where the first answer lies", unit="m")
+    ]
+    error_m: Annotated[
+        NDArray[np.float64], Array(("query",), "distance from the one to the other", unit="m")
+    ]
+    heading_error_deg: Annotated[
+        NDArray[np.float64],
+        Array(
+            ("query",),
+            "heading of the answer against the true one, 0 to 180; NaN of none",
+            unit="degree",
+        ),
+    ]
+    nearest_m: Annotated[
+        NDArray[np.float64], Array(("query",), "distance to the nearest training anchor", unit="m")
+    ]
+    turn_deg: Annotated[
+        NDArray[np.float64],
+        Array(("query",), "heading against the nearest training anchor's", unit="degree"),
+    ]
+    pose_error_m: Annotated[
+        NDArray[np.float64],
+        Array(("query",), "distance of the pose from the true one; NaN of none", unit="m"),
+    ]
+    pose_error_deg: Annotated[
+        NDArray[np.float64],
+        Array(("query",), "turn of the pose against the true one; NaN of none", unit="degree"),
+    ]
+    kinds: Annotated[tuple[str, ...], "name of each kind of novelty"]
+    reject_from: Annotated[tuple[float, ...], "novelty from which the model rejects, for each kind"]
+    reject_pose_from: Annotated[
+        float,
+        "novelty from which to reject to keep .99 of the poses; null of a method that gives none",
+    ]
+    wanted_precision: Annotated[
+        float, "that reject_from was chosen for; null where that is not known"
+    ]
+    kept_precision: Annotated[
+        tuple[float, ...],
+        "that reject_from keeps on held-out blocks of training, for each kind; null where that is "
+        "not known, or nothing is accepted",
+    ]
+    days: Annotated[int, "whole days since the training sequence"]
+    blind: Annotated[
+        Mapping[str, float],
+        "by protocol, recall@1 of one and the same answer to every query; null of none seen",
+    ]
+    block_m: Annotated[float, "side of the blocks that the bootstrap draws"]
+    unsuited: Annotated[
+        Mapping[str, float], "doubts about its submaps, which do not suit the views"
+    ]
 
-    cells: Judgement
-    distance: Judgement
-    thresholds: NDArray[np.float64]  # (t,)
-    calibration: NDArray[np.float64]  # (2,)
-    novelty: NDArray[np.float32]  # (q, kind)
-    confidence: NDArray[np.float32]  # (q,)
-    answer: NDArray[np.int64]  # (q,)
-    cost: NDArray[np.float32]  # (q,)
-    xy_m: NDArray[np.float64]  # (q, 2)
-    answer_xy_m: NDArray[np.float64]  # (q, 2)
-    error_m: NDArray[np.float64]  # (q,)
-    heading_error_deg: NDArray[np.float64]  # (q,)
-    nearest_m: NDArray[np.float64]  # (q,)
-    turn_deg: NDArray[np.float64]  # (q,)
-    pose_error_m: NDArray[np.float64]  # (q,)
-    pose_error_deg: NDArray[np.float64]  # (q,)
-    kinds: tuple[str, ...]
-    reject_from: tuple[float, ...]
-    promised: float
-    wanted: float
-    """Precision that the thresholds were chosen for; NaN where it is not known."""
-    kept: tuple[float, ...]
-    """(kind,) precision that each keeps on held-out blocks of training; NaN where it is not known,
-    or accepts nothing."""
-    days: int
-    blind: Mapping[str, float]
-    block_m: float
-    unsuited: Mapping[str, float]
+    @property
+    def cells(self) -> Judgement:
+        """By grid cells: an answer is right if it is the query's cell."""
+        return self.protocol("cells")
+
+    @property
+    def distance(self) -> Judgement:
+        """By distance: an answer is right if it lies near enough to the query."""
+        return self.protocol("distance")
 
     @property
     def fixes(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Which poses (q,) are accepted with a promise of .99, and which are right."""
         right = within("within_2m_5deg", self.pose_error_m, self.pose_error_deg)
-        return self.novelty[:, 0].astype(np.float64) < self.promised, right
+        return self.novelty[:, 0].astype(np.float64) < self.reject_pose_from, right
 
     @property
     def belief(self) -> dict[str, int]:
@@ -132,7 +217,7 @@ class Evaluation:
 
     def protocol(self, name: str) -> Judgement:
         """The judgement by one of PROTOCOLS."""
-        return {"cells": self.cells, "distance": self.distance}[name]
+        return self.judgements[PROTOCOLS.index(name)]
 
     def doubts(self, name: str) -> dict[str, float]:
         """Conditions by name under which the numbers by that protocol say little or nothing."""
@@ -143,8 +228,8 @@ class Evaluation:
             self.answer,
             self.novelty[:, 0],
             self.reject_from[0],
-            self.kept[0],
-            self.wanted,
+            self.kept_precision[0],
+            self.wanted_precision,
             int(seen.sum()),
             len(blocks_with_seen),
         )
@@ -177,82 +262,43 @@ class Evaluation:
         precision, recall = curve(truth, counts, unit_weight @ truth.seen)
         return precision[0], recall[0]
 
-    @classmethod
-    def read(cls, artifact: Artifact, case: int = 0) -> Self:
-        """Read one case of an `evaluations` artifact; the first is as driven.
 
-        Raises ArtifactError for an artifact of another version.
+@dataclass(frozen=True, eq=False)
+class Evaluations(Artifact, kind="evaluations", version=10):
+    """How a model fared in one test sequence, in each case of its queries."""
+
+    evaluations: Annotated[Sequence[Evaluation], Stack("case")]
+    """The first is as driven."""
+    cases: Cases
+    sequence: Annotated[str, "the test sequence"]
+    train: Annotated[str, "the training sequence"]
+    distance: Annotated[Mapping[str, Any], "the distances of the protocol by distance, in metres"]
+    bootstrap: Annotated[Mapping[str, Any], "how the intervals were computed"]
+    protocols: Annotated[tuple[str, ...], "name of each protocol"] = field(
+        default_factory=lambda: PROTOCOLS
+    )
+    numbers: Annotated[tuple[str, ...], "name of each number"] = field(
+        default_factory=lambda: NUMBERS
+    )
+    measures: Annotated[tuple[str, ...], "name of each measure of rejection"] = field(
+        default_factory=lambda: MEASURES
+    )
+
+    def case(self, i: int = 0) -> Evaluation:
+        """The evaluation of one case; the first is as driven.
+
+        Raises ArtifactError where other protocols, numbers or measures were evaluated.
         """
         for name, expected in (
             ("protocols", PROTOCOLS),
             ("numbers", NUMBERS),
             ("measures", MEASURES),
         ):
-            if tuple(artifact.attrs[name]) != expected:
+            if getattr(self, name) != expected:
                 raise ArtifactError(
-                    f"{artifact.path}: its {name} are not this version's; `dvc repro` it"
+                    f"{self.path}: its {name} are not this version's; `dvc repro` it"
                 )
-        arrays = {name: np.asarray(artifact[name][case]) for name in EVALUATIONS.columns}
-        parts: dict[str, Any] = {
-            field.name: arrays[field.name] for field in fields(cls) if field.name in arrays
-        }
-        for i, name in enumerate(PROTOCOLS):
-            parts[name] = Judgement(
-                **{field.name: arrays[field.name][i] for field in fields(Judgement)}
-            )
-        promised = artifact.attrs["promised"]
-        parts |= {
-            "kinds": tuple(artifact.attrs["kinds"]),
-            "reject_from": tuple(map(float, artifact.attrs["reject_from"])),
-        }
-        parts["promised"] = np.nan if promised is None else float(promised)
-        parts["wanted"] = float(artifact.attrs["wanted_precision"])
-        parts["kept"] = tuple(
-            np.nan if precision is None else float(precision)
-            for precision in artifact.attrs["kept_precision"]
-        )
-        parts["blind"] = {
-            protocol: np.nan if share is None else float(share)
-            for protocol, share in artifact.attrs["blind"].items()
-        }
-        parts["unsuited"] = artifact.attrs["unsuited"]
-        block_m = float(artifact.attrs["bootstrap"]["block_m"])
-        return cls(**parts, days=int(artifact.attrs["days"]), block_m=block_m)
-
-
-def columns(evaluations: Sequence[Evaluation]) -> dict[str, NDArray[Any]]:
-    """The arrays of an artifact that holds these evaluations, a row a case."""
-
-    def rows(name: str) -> list[NDArray[Any]]:
-        if name in {field.name for field in fields(Evaluation)}:
-            return [getattr(evaluation, name) for evaluation in evaluations]
-        return [
-            np.stack([getattr(evaluation.protocol(protocol), name) for protocol in PROTOCOLS])
-            for evaluation in evaluations
-        ]
-
-    return {name: np.stack(rows(name)) for name in EVALUATIONS.columns}
-
-
-def attrs(evaluations: Mapping[Case, Evaluation]) -> dict[str, Any]:
-    """The attributes of that artifact that the evaluations determine."""
-    first = next(iter(evaluations.values()))
-    names = {
-        "protocols": list(PROTOCOLS),
-        "numbers": list(NUMBERS),
-        "measures": list(MEASURES),
-        "kinds": list(first.kinds),
-    }
-    promised = None if np.isnan(first.promised) else first.promised
-    measured = {
-        "days": first.days,
-        "reject_from": list(first.reject_from),
-        "promised": promised,
-        "blind": _valid(first.blind),
-        "unsuited": dict(first.unsuited),
-        "kept_precision": [None if np.isnan(precision) else precision for precision in first.kept],
-    }
-    return {"cases": [asdict(case) for case in evaluations], **measured, **names}
+        return self.evaluations[i]
 
 
 def summary(evaluation: Evaluation) -> dict[str, Any]:
@@ -282,7 +328,7 @@ def metrics(evaluation: Evaluation) -> dict[str, float]:
         "recall_at_1": evaluation.number("distance", "recall_at_1")[0],
         "answered": evaluation.distance.answered,
         "right_of_answered": evaluation.number("distance", "precision_at_threshold")[0],
-        "kept_precision": evaluation.kept[0],
+        "kept_precision": evaluation.kept_precision[0],
         "within_2m_5deg": evaluation.number("distance", "within_2m_5deg")[0],
     }
     return {name: value for name, value in shown.items() if np.isfinite(value)}

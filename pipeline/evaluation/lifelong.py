@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.evaluation.rows import Rows, several
-from pipeline.store import Artifact
+from pipeline.schemas import Lifelong
 
 CHANGE = "lifelong"
 
@@ -33,28 +33,16 @@ class Course:
     """(step, group) whether the group is a day after all that was learned by then."""
 
     @classmethod
-    def of(cls, artifact: Artifact, protocol: str) -> Self:
+    def of(cls, lifelong: Lifelong, protocol: str) -> Self:
         """The course of a `lifelong` artifact, by cells or by distance."""
-        attrs = artifact.attrs
-        known_from = artifact.load("known_from")
-        right = (
-            artifact.load("right")
-            if protocol == "cells"
-            else artifact.load("error_m") <= attrs["correct_m"]
-        )
-        streets = attrs["order"] == "streets"
-        group, groups = (
-            (known_from, attrs["steps"]) if streets else (artifact.load("day"), attrs["asked"])
-        )
-        later = np.greater(*np.ix_(attrs["asked_ns"], attrs["newest_ns"])).T
-        return cls(
-            right,
-            known_from,
-            group,
-            groups,
-            attrs["steps"],
-            np.zeros((len(groups),) * 2, bool) if streets else later,
-        )
+        right_by_distance = lifelong.error_m <= lifelong.correct_m
+        right = lifelong.right if protocol == "cells" else right_by_distance
+        if lifelong.order == "streets":
+            steps = lifelong.steps
+            never = np.zeros((len(steps), len(steps)), bool)
+            return cls(right, lifelong.known_from, lifelong.known_from, steps, steps, never)
+        later = np.greater(*np.ix_(lifelong.asked_ns, lifelong.learned_ns)).T
+        return cls(right, lifelong.known_from, lifelong.day, lifelong.asked, lifelong.steps, later)
 
     def recall(self, step: int, group: int, known_by: int | None = None) -> float:
         """The share of right answers after a step to a group's queries with a known place.
@@ -111,13 +99,12 @@ def _mean(values: Sequence[float]) -> float:
     return float(np.mean(finite)) if finite else np.nan
 
 
-def lifelong_rows(artifact: Artifact) -> Rows:
+def lifelong_rows(lifelong: Lifelong) -> Rows:
     """Rows of one strategy: recall after each step in each group, and over all."""
-    attrs = artifact.attrs
-    for step, name in enumerate(attrs["steps"]):
-        place = _place(attrs, step)
+    for step, name in enumerate(lifelong.steps):
+        place = _place(lifelong.order, lifelong.strategy, step)
         for protocol in ("cells", "distance"):
-            course = Course.of(artifact, protocol)
+            course = Course.of(lifelong, protocol)
             for group, group_name in enumerate(course.groups):
                 yield from several(
                     place | {"sequence": group_name},
@@ -130,26 +117,32 @@ def lifelong_rows(artifact: Artifact) -> Rows:
             }
             numbers |= {"forgetting": course.forgetting(step), "transfer": course.transfer(step)}
             yield from several(place, protocol, numbers)
-        counts = {kind: attrs[kind][step] for kind in ("places", "bytes")} | attrs["counts"][step]
-        yield from several(
-            place | {"sequence": name}, "", counts | {"correct_m": attrs["correct_m"]}
-        )
+        counts = {
+            "places": lifelong.places[step],
+            "bytes": lifelong.bytes[step],
+            **lifelong.counts[step],
+            "correct_m": lifelong.correct_m,
+        }
+        yield from several(place | {"sequence": name}, "", counts)
 
 
 def cost_rows(course: Mapping[str, Any]) -> Rows:
     """Rows of CPU seconds of each step, as the stage keeps them beside the artifact."""
     for step, (name, seconds) in enumerate(zip(course["steps"], course["cpu_s"], strict=True)):
         yield from several(
-            course["place"] | _place(course, step) | {"sequence": name}, "", {"cpu_s": seconds}
+            course["place"]
+            | _place(course["order"], course["strategy"], step)
+            | {"sequence": name},
+            "",
+            {"cpu_s": seconds},
         )
 
 
-def _place(attrs: Mapping[str, Any], step: int) -> dict[str, Any]:
+def _place(order: str, strategy: str, step: int) -> dict[str, Any]:
     """The columns that say which step of which strategy."""
-    case = f"{attrs['order']} {attrs['strategy']} {step}"
     return {
-        "case": case,
+        "case": f"{order} {strategy} {step}",
         "change": CHANGE,
-        "kind": f"{attrs['order']} {attrs['strategy']}",
+        "kind": f"{order} {strategy}",
         "level": float(step),
     }

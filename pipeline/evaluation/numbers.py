@@ -110,7 +110,7 @@ class Queries:
     pose_error_m: NDArray[np.float64]  # (q,) of the pose; NaN where there is none
     pose_error_deg: NDArray[np.float64]  # (q,)
     # reject from this novelty in use on to keep .99 of the poses; NaN of a method without
-    promised: float
+    reject_pose_from: float
 
 
 def numbers(truth: Truth, queries: Queries, weight: Weight) -> dict[str, Number]:
@@ -164,11 +164,11 @@ def poses(truth: Truth, queries: Queries, weight: Weight) -> dict[str, Number]:
 
     All are NaN for a method that gives no poses.
     """
-    if np.isnan(queries.promised):
+    if np.isnan(queries.reject_pose_from):
         return dict.fromkeys(POSES, np.full(len(weight), np.nan))
     off = {"error_m": queries.pose_error_m, "error_deg": queries.pose_error_deg}
     is_within = {name: within(name, *off.values()) for name in WITHIN}
-    accepted = queries.novelty[:, 0].astype(np.float64) < queries.promised
+    accepted = queries.novelty[:, 0].astype(np.float64) < queries.reject_pose_from
     is_right = is_within["within_2m_5deg"]
     values = {name: share(flags, truth.seen, weight) for name, flags in is_within.items()}
     values |= {

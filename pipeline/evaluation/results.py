@@ -14,14 +14,14 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from pipeline import schemas, store
+from pipeline import store
 from pipeline.alterations import read_cases
 from pipeline.errors import ArtifactError, ConfigError
 from pipeline.evaluation.ageing import Ageing
 from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.events import Bands
 from pipeline.evaluation.held_out import held_out_auc
-from pipeline.evaluation.judgement import Evaluation
+from pipeline.evaluation.judgement import Evaluation, Evaluations
 from pipeline.evaluation.lifelong import cost_rows, lifelong_rows
 from pipeline.evaluation.rows import (
     COLUMNS,
@@ -42,11 +42,10 @@ from pipeline.evaluation.study_rows import (
     reconstruction_rows,
     viewpoint_rows,
 )
-from pipeline.evaluation.viewpoints import Judged
+from pipeline.evaluation.viewpoints import ViewpointMatches
 from pipeline.formats.changes import read_changes
 from pipeline.matching.rejection import PREFIX, Evidence
-from pipeline.schemas_lifelong import LIFELONG
-from pipeline.store import Artifact
+from pipeline.schemas import Lifelong
 from pipeline.studies.layout import Layout
 from pipeline.studies.models import ModelName
 from pipeline.studies.study import Study, StudyMethod
@@ -94,8 +93,8 @@ class Gathering:
                 as_driven: dict[str, Evaluation] = {}
                 for sequence in (*tests, *stress) if is_own_grid else tests:
                     artifact = self._evaluations(grid, model, sequence)
-                    for i, case in enumerate(read_cases(artifact.attrs)):
-                        evaluation = Evaluation.read(artifact, i)
+                    for i, case in enumerate(read_cases(artifact.cases)):
+                        evaluation = artifact.case(i)
                         of_sequence = {
                             "sequence": sequence,
                             "days": evaluation.days,
@@ -121,13 +120,11 @@ class Gathering:
                     held_out[model.method] = np.asarray(
                         learned.get(f"{PREFIX}seen/{kind}", ()), np.float64
                     )
-                    bootstrap = Bootstrap(**artifact.attrs["bootstrap"])
+                    bootstrap = Bootstrap(**artifact.bootstrap)
                 elif (self.study.question == "year" or model.posed) and not model.seed:
                     of_variants[model.method, model.answered] = by_day
             if is_own_grid:
-                yield {"grid": grid} | row(
-                    "correct_m", "distance", artifact.attrs["distance"]["correct_m"]
-                )
+                yield {"grid": grid} | row("correct_m", "distance", artifact.distance["correct_m"])
                 yield from (
                     {"grid": grid} | columns
                     for columns in self._together(
@@ -152,7 +149,7 @@ class Gathering:
                     if not folder.is_dir():
                         raise ArtifactError(f"{folder}: no such artifact; `dvc repro` builds it")
                     for path in sorted(folder.glob("*.zarr")):
-                        judged = Judged.read(store.read(path, schemas.VIEWPOINTS))
+                        judged = store.read(path, ViewpointMatches)
                         yield from (
                             place | {"sequence": path.stem} | columns
                             for columns in viewpoint_rows(judged)
@@ -179,15 +176,15 @@ class Gathering:
                     for strategy in strategies:
                         path = self._path("lifelong", grid, model.name, f"{order}-{strategy}")
                         yield from (
-                            place | columns for columns in lifelong_rows(store.read(path, LIFELONG))
+                            place | columns for columns in lifelong_rows(store.read(path, Lifelong))
                         )
 
     def evaluation(self, grid: str, model: ModelName, sequence: str) -> Evaluation:
         """Read a model's evaluation in one sequence as driven."""
-        return Evaluation.read(self._evaluations(grid, model, sequence))
+        return self._evaluations(grid, model, sequence).case()
 
-    def _evaluations(self, grid: str, model: ModelName, sequence: str) -> Artifact:
-        return store.read(self._path("evaluate", grid, model.name, sequence), schemas.EVALUATIONS)
+    def _evaluations(self, grid: str, model: ModelName, sequence: str) -> Evaluations:
+        return store.read(self._path("evaluate", grid, model.name, sequence), Evaluations)
 
     def _path(self, kind: str, *names: str) -> Path:
         return self.layout.path(kind, self.study.name, *names)

@@ -97,14 +97,14 @@ def of_evaluation(evaluation: Evaluation, case: Case = Case()) -> Rows:  # noqa:
             "threshold": evaluation.reject_from[0],
             "turned_share": judgement.turned_share(evaluation.turn_deg),
             "answered": judgement.answered,
-            "kept_precision": evaluation.kept[0],
-            "wanted_precision": evaluation.wanted,
+            "kept_precision": evaluation.kept_precision[0],
+            "wanted_precision": evaluation.wanted_precision,
         }
         numbers = dict(zip(NUMBERS, judgement.numbers, strict=True))
         number_values = {
             name: values
             for name, values in numbers.items()
-            if name not in POSES or not np.isnan(evaluation.promised)
+            if name not in POSES or not np.isnan(evaluation.reject_pose_from)
         }
         yield from several(
             parts,
@@ -114,7 +114,7 @@ def of_evaluation(evaluation: Evaluation, case: Case = Case()) -> Rows:  # noqa:
         for kind, measures, kept_precision in (
             ()
             if case.change
-            else zip(evaluation.kinds, judgement.rejection, evaluation.kept, strict=True)
+            else zip(evaluation.kinds, judgement.rejection, evaluation.kept_precision, strict=True)
         ):
             novelty_parts = parts | {"case": f"novelty {kind}", "kind": kind}
             yield from several(

@@ -19,7 +19,7 @@ from pipeline.evaluation.paired import COMPARED, compare, holm
 from pipeline.evaluation.protocols import PROTOCOLS
 from pipeline.evaluation.rows import Rows, row, several
 from pipeline.evaluation.viewpoints import NUMBERS as VIEWPOINT_NUMBERS
-from pipeline.evaluation.viewpoints import Judged
+from pipeline.evaluation.viewpoints import ViewpointMatches
 from pipeline.formats.changes import Change
 
 AGEING = (
@@ -203,7 +203,7 @@ def event_rows(
                     )
 
 
-def viewpoint_rows(judged: Judged) -> Rows:
+def viewpoint_rows(judged: ViewpointMatches) -> Rows:
     """Rows of one model on one sequence matched with itself, a row a number and query heading."""
     for heading_deg, values in zip(judged.headings_deg, judged.values, strict=True):
         place = {

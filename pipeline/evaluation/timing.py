@@ -24,10 +24,8 @@ from pipeline.matching.ranking import Localizer
 from pipeline.matching.ranking import Rows as Views
 from pipeline.running.settings import Count, within
 from pipeline.running.telemetry import Trace
-from pipeline.store import Artifact, read_model
-from pipeline.studies.layout import Layout
+from pipeline.schemas import Scans, Submaps
 from pipeline.studies.models import ModelName
-from pipeline.studies.study import Study
 
 Samples = Mapping[str, NDArray[np.float64]]  # milliseconds of wall time (query,) by name
 Laps = dict[
@@ -63,8 +61,8 @@ class Latency:
     def measure(
         cls,
         contenders: Mapping[str, Contender],
-        scans: Artifact,
-        submaps: Artifact,
+        scans: Scans,
+        submaps: Submaps,
         queries: int,
         k: int,
     ) -> Self:
@@ -146,26 +144,6 @@ class Latency:
         }
 
 
-def contenders(
-    study: Study,
-    grid: str,
-    layout: Layout,
-    view: Callable[[str], Any],
-    method: Callable[[str], Any],
-) -> dict[str, Contender]:
-    """Each method of a study by name, with its view and its model at one cell size.
-
-    `view` and `method` make the drawing and the method of their names.
-    """
-    views = {name: view(name) for name in dict.fromkeys(part.view for part in study.methods)}
-    contenders_by_name = {}
-    for part in study.methods:
-        model = read_model(layout.path("train", study.name, grid, part.name))
-        localizer = method(part.name).localizer(model)
-        contenders_by_name[part.name] = Contender(part.view, views[part.view], localizer)
-    return contenders_by_name
-
-
 def cost_rows(models: Mapping[ModelName, Path]) -> Rows:
     """Rows of each model's file size, and of its training's cost where it was trained here."""
     for model, path in models.items():
@@ -181,7 +159,7 @@ def cost_rows(models: Mapping[ModelName, Path]) -> Rows:
 
 
 def clouds(
-    scans: Artifact, submaps: Artifact, rows: NDArray[np.int64]
+    scans: Scans, submaps: Submaps, rows: NDArray[np.int64]
 ) -> Iterator[NDArray[np.float64]]:
     """Points (n, 3) in metres of some submaps, as a view is drawn from them."""
     for row in rows.tolist():

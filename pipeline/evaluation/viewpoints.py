@@ -4,9 +4,10 @@ METHODS.md 5.4 and 5.5. Nothing but the heading differs between query and refere
 viewpoints, not about the year.
 """
 
-from dataclasses import dataclass, fields
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Protocol, Self
+from typing import Annotated, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +20,7 @@ from pipeline.evaluation.protocols import Truth
 from pipeline.frames import pose
 from pipeline.matching.ranking import Method, Model, Rows
 from pipeline.running.settings import Positive, check
-from pipeline.schemas import VIEWPOINTS
-from pipeline.store import Artifact
+from pipeline.store import Array, Artifact
 
 NUMBERS = ("roc_auc", "pr_auc", "accuracy", "recall")
 """roc_auc, paper 2's "AUC index": the chance that a correct match scores above a wrong one; none
@@ -46,27 +46,103 @@ class Movable(Method, Protocol):
         """Reconstruct images (n, side, side) by the network; empty without a network."""
 
 
-@dataclass(frozen=True)
-class Judged:
-    """One method in one sequence: each of q queries from each of h headings.
+@dataclass(frozen=True, eq=False)
+class ViewpointMatches(Artifact, kind="viewpoints", version=2):
+    """One method's matches in one sequence: each query from each heading."""
 
-    `schemas.VIEWPOINTS` says what each array is.
-    """
+    headings_deg: Annotated[
+        NDArray[np.float64],
+        Array(
+            ("heading",),
+            "how far the queries are turned against the sequence's own heading",
+            unit="degree",
+            chunk=8,
+            shard=8,
+        ),
+    ]
+    values: Annotated[
+        NDArray[np.float64],
+        Array(("heading", "number"), "each number at each heading; NaN of none", chunk=8, shard=8),
+    ] = field(init=False)
+    row: Annotated[
+        NDArray[np.int64],
+        Array(
+            ("heading", "query"),
+            "of the sequence itself, that the query was matched with",
+            chunk=8,
+            shard=8,
+        ),
+    ]
+    answer_xy_m: Annotated[
+        NDArray[np.float64],
+        Array(
+            ("heading", "query", "xy"),
+            "where the match lies; NaN of none",
+            unit="m",
+            chunk=8,
+            shard=8,
+        ),
+    ]
+    error_m: Annotated[
+        NDArray[np.float64],
+        Array(
+            ("heading", "query"),
+            "distance from the query to it; NaN of none",
+            unit="m",
+            chunk=8,
+            shard=8,
+        ),
+    ]
+    score: Annotated[
+        NDArray[np.float32],
+        Array(
+            ("heading", "query"),
+            "how sure the match is, larger is surer: the novelty in use, negated",
+            chunk=8,
+            shard=8,
+        ),
+    ]
+    correct: Annotated[
+        NDArray[np.bool_],
+        Array(("heading", "query"), "the match lies within correct_m", chunk=8, shard=8),
+    ]
+    valid: Annotated[
+        NDArray[np.bool_],
+        Array(
+            ("query",), "far enough from the sequence's ends for a whole window of rows around it"
+        ),
+    ]
+    xy_m: Annotated[
+        NDArray[np.float64], Array(("query", "xy"), "where the query was taken", unit="m")
+    ]
+    pictures: Annotated[
+        NDArray[np.uint8],
+        Array(
+            ("picture", "row_px", "col_px"),
+            "views of the middle place at the reference's headings",
+            chunk=8,
+            shard=64,
+        ),
+    ]
+    reconstructed: Annotated[
+        NDArray[np.uint8],
+        Array(
+            ("reconstruction", "row_px", "col_px"),
+            "what a network makes of them; none without a network",
+            chunk=8,
+            shard=64,
+        ),
+    ]
+    correct_m: Annotated[float, "largest distance of a correct match, in metres"]
+    length: Annotated[int, "steps in a window of rows"]
+    novelty: Annotated[str, "name of the novelty in use"]
+    bytes_per_place: Annotated[float, "by how much the model grows with a reference place"]
+    numbers: Annotated[tuple[str, ...], "name of each number"] = field(
+        default_factory=lambda: NUMBERS
+    )
 
-    headings_deg: NDArray[np.float64]  # (h,)
-    row: NDArray[np.int64]  # (h, q)
-    answer_xy_m: NDArray[np.float64]  # (h, q, 2)
-    error_m: NDArray[np.float64]  # (h, q)
-    score: NDArray[np.float32]  # (h, q)
-    correct: NDArray[np.bool_]  # (h, q)
-    valid: NDArray[np.bool_]  # (q,)
-    xy_m: NDArray[np.float64]  # (q, 2)
-    pictures: NDArray[np.uint8]  # (h, side, side)
-    reconstructed: NDArray[np.uint8]  # (h or 0, side, side)
-    correct_m: float
-    length: int
-    novelty: str
-    bytes_per_place: float
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "values", self._values())
 
     def curve(self, heading: int) -> tuple[Curve, Curve]:
         """Precision and recall (t,) of the correct matches as every distinct score is accepted.
@@ -76,19 +152,7 @@ class Judged:
         precision, recall = precision_recall(self._counts[heading].count(1))
         return precision[0], recall[0]
 
-    @cached_property
-    def values(self) -> NDArray[np.float64]:
-        """NUMBERS at each heading (h, number); NaN where there is none."""
-        rows = []
-        for heading, correct in enumerate(self.correct[:, self.valid]):
-            precision, recall = self.curve(heading)
-            accuracy = correct.mean() if len(correct) else np.nan
-            area = auc(precision, recall) if correct.any() else np.nan
-            surely = recall_at_precision(precision, recall, PRECISE) * accuracy
-            rows.append((auroc(self._counts[heading].count(1)).item(), area, accuracy, surely))
-        return np.array(rows, np.float64)
-
-    def numbers(self) -> dict[str, dict[str, float | None]]:
+    def by_heading(self) -> dict[str, dict[str, float | None]]:
         """NUMBERS by heading, as `22.5_deg`, and their means over the headings that have them.
 
         None where there is none.
@@ -106,24 +170,16 @@ class Judged:
             for key, row in zip(keys, [*self.values, means], strict=True)
         }
 
-    def columns(self) -> dict[str, NDArray[Any]]:
-        """The arrays of a `viewpoints` artifact."""
-        return {name: np.asarray(getattr(self, name)) for name in VIEWPOINTS.columns}
-
-    def attrs(self) -> dict[str, Any]:
-        """The attributes of a `viewpoints` artifact."""
-        attrs = {name: getattr(self, name) for name in VIEWPOINTS.attrs if name != "numbers"}
-        return {**attrs, "numbers": list(NUMBERS)}
-
-    @classmethod
-    def read(cls, artifact: Artifact) -> Self:
-        """Read a `viewpoints` artifact."""
-        attrs = artifact.attrs
-        names = [field.name for field in fields(cls)]
-        parts: dict[str, Any] = {
-            name: attrs[name] if name in attrs else artifact.load(name) for name in names
-        }
-        return cls(**parts)
+    def _values(self) -> NDArray[np.float64]:
+        """NUMBERS at each heading (h, number); NaN where there is none."""
+        rows = []
+        for heading, correct in enumerate(self.correct[:, self.valid]):
+            precision, recall = self.curve(heading)
+            accuracy = correct.mean() if len(correct) else np.nan
+            area = auc(precision, recall) if correct.any() else np.nan
+            surely = recall_at_precision(precision, recall, PRECISE) * accuracy
+            rows.append((auroc(self._counts[heading].count(1)).item(), area, accuracy, surely))
+        return np.array(rows, np.float64)
 
     @cached_property
     def _counts(self) -> list[ExactCounts]:
@@ -149,7 +205,7 @@ class Viewpoints:
     def __post_init__(self) -> None:
         check(self, "viewpoints")
 
-    def judge(self, method: Movable, model: Model, views: Rows, k: int = 1) -> Judged:
+    def judge(self, method: Movable, model: Model, views: Rows, k: int = 1) -> ViewpointMatches:
         """Localize each row of `views`, bird-views (n, headings, side, side), from odd headings.
 
         The reference is drawn at the even ones; each query lies half way between two of them.
@@ -172,7 +228,7 @@ class Viewpoints:
         error_m = np.linalg.norm(answer_xy_m - xy_m, axis=2)
         before = method.length // 2
         position = np.arange(n)
-        return Judged(
+        return ViewpointMatches(
             headings_deg=np.array(headings) * 360 / images.shape[1],
             row=np.stack([ranking.places[:, 0] for ranking in rankings]),
             answer_xy_m=answer_xy_m,
@@ -209,20 +265,14 @@ def _bytes_per_place(method: Movable, moved: Model, views: Rows) -> float:
     return (all_bytes - one_place_bytes) / max(len(views.images) - 1, 1)
 
 
-def means(seeds: list[dict[str, dict[str, float | None]]]) -> dict[str, float]:
-    """Means of SHOWN over headings and seeds, by name; those that are not defined are left out."""
-    means_of_numbers = {
-        name: np.mean(
-            [np.nan if numbers[MEAN][name] is None else numbers[MEAN][name] for numbers in seeds]
-        )
-        for name in SHOWN
-    }
-    return {name: float(value) for name, value in means_of_numbers.items() if np.isfinite(value)}
+def means(numbers: Mapping[str, Mapping[str, float | None]]) -> dict[str, float]:
+    """Means of SHOWN over the headings, by name; those that are not defined are left out."""
+    return {name: mean for name in SHOWN if (mean := numbers[MEAN][name]) is not None}
 
 
-def line(seeds: list[dict[str, dict[str, float | None]]]) -> str:
+def line(numbers: Mapping[str, Mapping[str, float | None]]) -> str:
     """The means of SHOWN as one line."""
-    shown = means(seeds)
+    shown = means(numbers)
     return ", ".join(
         f"{name} {shown[name]:.3f}" if name in shown else f"{name} none" for name in SHOWN
     )

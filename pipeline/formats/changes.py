@@ -41,11 +41,11 @@ def visible(changes: Iterable[Change], day: int) -> list[Change]:
 
 def write_changes(path: Path, changes: Iterable[Change]) -> None:
     """Write a header and one row per change, with metres to the centimetre."""
-    rows = (
-        f"{what},{from_day},{day},{x_m:.2f},{y_m:.2f}\n"
-        for what, from_day, day, x_m, y_m in map(astuple, changes)
-    )
-    path.write_text(",".join(COLUMNS) + "\n" + "".join(rows), encoding="utf-8")
+    with path.open("w", newline="", encoding="utf-8") as file:
+        rows = csv.writer(file, lineterminator="\n")
+        rows.writerow(COLUMNS)
+        for what, from_day, day, x_m, y_m in map(astuple, changes):
+            rows.writerow((what, from_day, day, f"{x_m:.2f}", f"{y_m:.2f}"))
 
 
 def read_changes(path: Path) -> list[Change]:

@@ -5,25 +5,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.evaluation.judge import kept_precision
-from pipeline.evaluation.judgement import Evaluation, Judgement, summary
+from pipeline.evaluation.judgement import Evaluations, Judgement, summary
 from pipeline.evaluation.numbers import NUMBERS
 from pipeline.evaluation.protocols import PROTOCOLS
 from pipeline.inspection.inspection import Inspection, metres
-from pipeline.store import Artifact
+from pipeline.schemas import Labels, Rankings
 
 OUTCOMES = ("hits", "misses", "false alarms", "correct rejections", "not judged")
 
 
-def labels(artifact: Artifact, inspection: Inspection) -> None:
+def labels(artifact: Labels, inspection: Inspection) -> None:
     """Add the share of the sequence that lies in places of training."""
-    places, oracle, nearest = (artifact.load(name) for name in ("places", "oracle", "nearest_m"))
+    places = artifact.places
+    nearest_m = artifact.nearest_m
     seen = places >= 0
     rows = [
         ("submaps", f"{len(places):,}"),
         (
             "places",
-            f"{artifact['cells'].shape[0]:,} of training, {_distinct(places[seen]):,} met here",
+            f"{len(artifact.cells):,} of training, {_distinct(places[seen]):,} met here",
         ),
     ]
     if len(places):
@@ -35,12 +35,12 @@ def labels(artifact: Artifact, inspection: Inspection) -> None:
             ),
             (
                 "nearest",
-                f"training anchor: median {metres(np.median(nearest))}, farthest "
-                f"{metres(nearest.max())}",
+                f"training anchor: median {metres(np.median(nearest_m))}, farthest "
+                f"{metres(nearest_m.max())}",
             ),
         ]
     if seen.any():
-        share = f"{100 * (oracle == places)[seen].mean():.1f} %"
+        share = f"{100 * (artifact.oracle == places)[seen].mean():.1f} %"
         rows.append(
             ("oracle", f"{share} of the seen have their nearest training anchor in their place")
         )
@@ -52,17 +52,16 @@ def labels(artifact: Artifact, inspection: Inspection) -> None:
     inspection.warn(len(places) and not seen.any(), no_overlap)
 
 
-def rankings(artifact: Artifact, inspection: Inspection) -> None:
+def rankings(artifact: Rankings, inspection: Inspection) -> None:
     """Add numbers on the answers of the method, which are not compared with the truth."""
-    places, costs, novelty, confidence = (
-        artifact.load(name) for name in ("places", "costs", "novelty", "confidence")
-    )
+    places = artifact.places
+    confidence = artifact.confidence
     rows = [("queries", f"{len(places):,}, {places.shape[1]} places each")]
     if not len(places):
         inspection.add("", *rows)
         return
     answers = _distinct(places[:, 0])
-    heading_share = np.isfinite(artifact.load("heading_deg")[:, 0]).mean()
+    heading_share = np.isfinite(artifact.heading_deg[:, 0]).mean()
     inspection.add(
         "",
         *rows,
@@ -70,7 +69,7 @@ def rankings(artifact: Artifact, inspection: Inspection) -> None:
         ("heading", f"estimated for {100 * heading_share:.3g} % of the queries"),
         ("confidence", "none" if np.isnan(confidence).any() else _spread(confidence)),
     )
-    kinds = zip(artifact.attrs["kinds"], artifact.attrs["thresholds"], novelty.T, strict=True)
+    kinds = zip(artifact.kinds, artifact.thresholds, artifact.novelty.T, strict=True)
     rejection = [
         (
             kind,
@@ -80,7 +79,7 @@ def rankings(artifact: Artifact, inspection: Inspection) -> None:
         for (kind, threshold, values), shortfall in zip(kinds, _shortfalls(artifact), strict=True)
     ]
     inspection.add("novelty, the first kind in use", *rejection)
-    costs_fall = (np.diff(costs, axis=1) < 0).any()
+    costs_fall = (np.diff(artifact.costs, axis=1) < 0).any()
     inspection.warn(
         costs_fall,
         "costs do not rise along the ranks: the method ranked wrongly, and its recall means "
@@ -92,32 +91,30 @@ def rankings(artifact: Artifact, inspection: Inspection) -> None:
     inspection.warn(len(places) > 1 and answers == 1, constant_answer)
 
 
-def _shortfalls(artifact: Artifact) -> list[str]:
+def _shortfalls(artifact: Rankings) -> list[str]:
     """A text for each threshold whose precision on held-out blocks is below the wanted one.
 
     Empty for the others.
     """
-    wanted_precision = float(artifact.attrs["wanted_precision"])
-    precisions = kept_precision(artifact)
+    wanted_precision = artifact.wanted_precision
     return [
         f"; keeps {precision:.3f} of the wanted {wanted_precision:g} on held-out blocks"
         if precision < wanted_precision
         else ""
-        for precision in precisions
+        for precision in artifact.kept_precision
     ]
 
 
-def evaluations(artifact: Artifact, inspection: Inspection) -> None:
+def evaluations(artifact: Evaluations, inspection: Inspection) -> None:
     """Add the results of the evaluation, by both protocols."""
-    evaluation = Evaluation.read(artifact)
+    evaluation = artifact.case()
     numbers = summary(evaluation)
-    attrs = artifact.attrs
     inspection.add(
         "",
         ("queries", f"{len(evaluation.answer):,}"),
         (
             "trained",
-            f"on {attrs['train']}, tested on {attrs['sequence']}, {evaluation.days} days later",
+            f"on {artifact.train}, tested on {artifact.sequence}, {evaluation.days} days later",
         ),
         ("threshold", f"{evaluation.reject_from[0]:.4g} on {evaluation.kinds[0]}"),
     )

@@ -3,17 +3,16 @@
 import json
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from pipeline import store
 from pipeline.errors import ArtifactError
 from pipeline.inspection import answers, columns, drives
 from pipeline.inspection.inspection import Inspection, nbytes
+from pipeline.inspection.kinds import KINDS
 from pipeline.inspection.origin import short, size
-from pipeline.schemas import ALL
-from pipeline.store import Schema
 
-KINDS = {schema.kind: schema for schema in ALL}
-KEY_NUMBERS: dict[str, Callable[[store.Artifact, Inspection], None]] = {
+KEY_NUMBERS: dict[str, Callable[[Any, Inspection], None]] = {
     "scans": drives.scans,
     "submaps": drives.submaps,
     "views": drives.views,
@@ -28,30 +27,30 @@ def artifact(path: Path, inspection: Inspection) -> None:
 
     Raises ArtifactError for one of an unknown kind, or one that cannot be read whole.
     """
-    schema = _schema(path)
-    inspection.kind = f"{schema.kind}, version {schema.version}, {nbytes(size(path))} on disk"
-    group = store.read(path, schema)
-    extents = {name: columns.extent(group[name]) for name in schema.columns}
-    first_column = next(iter(schema.columns))
+    kind = _kind(path)
+    inspection.kind = f"{kind.kind}, version {kind.version}, {nbytes(size(path))} on disk"
+    group = store.read(path, kind)
+    extents = {name: columns.extent(group[name]) for name in kind.columns}
+    first_column = next(iter(kind.columns))
     inspection.warn(
         not extents[first_column].shape[0],
         f"no rows: {first_column} is empty; every later stage would have nothing to work on",
     )
-    for name, extent in extents.items() if schema.kind != "rankings" else ():
+    for name, extent in extents.items() if kind.kind != "rankings" else ():
         inspection.warn(
             extent.infinite,
             f"inf in {name}: {extent.infinite:,} values; nothing here writes one: `dvc repro` it",
         )
-    if schema.kind in KEY_NUMBERS:
-        KEY_NUMBERS[schema.kind](group, inspection)
+    if kind.kind in KEY_NUMBERS:
+        KEY_NUMBERS[kind.kind](group, inspection)
     inspection.add(
         "arrays",
-        *(columns.row(name, extents[name], column) for name, column in schema.columns.items()),
+        *(columns.row(name, extents[name], column) for name, column in kind.columns.items()),
     )
-    if schema.attrs:
+    if kind.attributes:
         inspection.add(
             "attributes",
-            *((name, short(group.attrs.get(name)), doc) for name, doc in schema.attrs.items()),
+            *((name, short(group.attrs.get(name)), doc) for name, doc in kind.attributes.items()),
         )
 
 
@@ -79,7 +78,7 @@ def model(path: Path, inspection: Inspection) -> None:
     )
 
 
-def _schema(path: Path) -> Schema:
+def _kind(path: Path) -> type[store.Artifact]:
     try:
         attrs = json.loads((path / "zarr.json").read_text(encoding="utf-8")).get("attributes", {})
     except FileNotFoundError:
@@ -91,11 +90,11 @@ def _schema(path: Path) -> Schema:
             f"{path}/zarr.json: cut short or not JSON; remove it, and `dvc checkout` or `dvc "
             "repro` it"
         ) from None
-    kind = attrs.get("kind") if isinstance(attrs, dict) else None
-    if kind not in KINDS:
+    name = attrs.get("kind") if isinstance(attrs, dict) else None
+    if name not in KINDS:
         kinds = ", ".join(KINDS)
         raise ArtifactError(
-            f"{path}: a zarr group of kind {kind}, which yearloc does not write; its kinds are "
+            f"{path}: a zarr group of kind {name}, which yearloc does not write; its kinds are "
             f"{kinds}"
         )
-    return KINDS[kind]
+    return KINDS[name]

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from pipeline.inspection import symptoms
 from pipeline.inspection.beams import find_beams
 from pipeline.inspection.inspection import Inspection, metres, typographic
+from pipeline.inspection.symptoms import Kind, Symptom
 from pipeline.mapping.appearance import coverage
 from pipeline.mapping.appearance import ground as ground_height
 
@@ -24,7 +25,7 @@ class Diagnosis:
     """Key numbers of one cloud, in metres and in its own frame; NaN or None where unknown."""
 
     points: int
-    warnings: tuple[str, ...]
+    symptoms: tuple[Symptom, ...]
     range_m: tuple[float, ...] = UNKNOWN
     """Median, 99th percentile and largest distance from the origin in the xy plane."""
     z_m: tuple[float, ...] = UNKNOWN
@@ -40,8 +41,13 @@ class Diagnosis:
     has_laser_ids: bool = False
     """Whether `beams` is by the laser ids."""
 
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What to tell its user."""
+        return tuple(symptom.text for symptom in self.symptoms)
+
     def add_to(self, inspection: Inspection, title: str = "cloud") -> None:
-        """Add the numbers as rows of text, and the warnings."""
+        """Add the numbers as rows of text, and the symptoms as warnings."""
         source = "laser ids" if self.has_laser_ids else "with returns, estimated"
         rows = [
             ("points", f"{self.points:,}"),
@@ -84,14 +90,16 @@ def diagnose(
     """
     finite = np.isfinite(points_m).all(axis=1)
     points = np.asarray(points_m[finite], np.float64)
-    warnings: list[str] = []
+    noted: list[Symptom] = []
 
-    def warn(when: object, text: str) -> None:
-        warnings.extend([text] if when else [])
+    def note(when: object, kind: Kind, text: str) -> None:
+        if when:
+            noted.append(Symptom(kind, text))
 
     nonfinite = int((~finite).sum())
-    warn(
+    note(
         nonfinite,
+        Kind.NOT_FINITE,
         f"NaN/inf points: {nonfinite:,} of {len(finite):,} are not finite and poison every maximum "
         "and mean; drop them when reading",
     )
@@ -99,10 +107,10 @@ def diagnose(
         f"fewer than {MANY:,} points: {len(points)}; most bins of a view would be empty: is the "
         "file cut short?"
     )
-    warn(len(points) < MANY, too_few)
+    note(len(points) < MANY, Kind.FEW_POINTS, too_few)
     if not len(points):
-        return Diagnosis(0, tuple(warnings))
-    warnings += symptoms.repeated(points)
+        return Diagnosis(0, tuple(noted))
+    noted += symptoms.repeated(points)
     range_m = np.hypot(points[:, 0], points[:, 1])
     heights = low, _, high = tuple(map(float, np.percentile(points[:, 2], (1, 50, 99))))
     ranges = (float(np.median(range_m)), float(np.percentile(range_m, 99)), float(range_m.max()))
@@ -111,7 +119,7 @@ def diagnose(
     ground = sensor = np.nan
     shape = symptoms.scale(points, range_m) or symptoms.flat(points)
     if shape:
-        warnings.append(shape)
+        noted.append(shape)
     else:
         ground = ground_height(points, range_m)
         is_hanging = (ground - low) > 1.0 and (ground - low) > 2 * (high - ground)
@@ -122,31 +130,35 @@ def diagnose(
             sensor = abs(sensor_z_m - ground)
         if ground < -RAISED_M or np.isfinite(mounted_m):
             sensor = np.nan_to_num(mounted_m) - ground  # the points' origin is the sensor
-        warn(
+        note(
             is_hanging,
+            Kind.DOWN,
             f"z points down: it hangs from z = {_signed(ground)} m to {_signed(low)} m; every "
             "highest z is the ground's: turn it by (x, −y, −z)",
         )
-        warn(
+        note(
             abs(ground) > RAISED_M,
+            Kind.GROUND,
             f"ground at z = {_signed(ground)} m, not 0: heights in every view would be off by as "
             f"much; add {_signed(-ground)} m to lift_m (of KITTI lidar_height_m) in the dataset's "
             "yaml",
         )
-        warn(
+        note(
             covered_deg < 300,
+            Kind.NOT_ROUND,
             f"not all round: {covered_deg:.0f}° of 360° covered; a turned vehicle sees another "
             "part of the place, so no shift of the columns brings it back: gather several scans, "
             "or query in the training's direction",
         )
-        warn(
+        note(
             covered_deg >= 300 and beams is not None and beams <= 20,
+            Kind.BEAMS,
             f"{beams} beams: far rings hold fewer than the 5 points that a bin needs; widen the "
             "rings, or gather several scans into one submap",
         )
     return Diagnosis(
         len(points),
-        tuple(warnings),
+        tuple(noted),
         ranges,
         heights,
         covered_deg,
@@ -189,23 +201,22 @@ def survey(
         head,
         *((str(row), *_cells(diagnosis)) for row, diagnosis in diagnoses.items()),
     )
-    kinds: dict[str, tuple[str, list[int]]] = {}
+    texts: dict[Kind, str] = {}
+    rows_by_kind: dict[Kind, list[int]] = {}
     ground_m = np.nan_to_num([diagnosis.ground_m for diagnosis in diagnoses.values()])
     typical = np.abs(ground_m - np.median(ground_m)).argsort(kind="stable") if len(ground_m) else ()
     for row, diagnosis in [[*diagnoses.items()][i] for i in typical]:
-        for warning in diagnosis.warnings:
-            kind = (
-                "beams"
-                if warning.partition(":")[0].endswith("beams")
-                else " ".join(warning.split()[:2])
-            )
-            kinds.setdefault(kind, (warning, []))[1].append(row)
-    for kind, (warning, rows) in kinds.items():
+        for symptom in diagnosis.symptoms:
+            texts.setdefault(symptom.kind, symptom.text)
+            rows_by_kind.setdefault(symptom.kind, []).append(row)
+    for kind, rows in rows_by_kind.items():
         scans = (
             f"scan{'s' if len(rows) > 1 else ''} {', '.join(map(str, sorted(rows)))} of the "
             f"{len(diagnoses)} looked at"
         )
-        inspection.warn(kind != "beams" or 2 * len(rows) > len(diagnoses), f"{warning} ({scans})")
+        inspection.warn(
+            kind != Kind.BEAMS or 2 * len(rows) > len(diagnoses), f"{texts[kind]} ({scans})"
+        )
 
 
 def _cells(diagnosis: Diagnosis) -> tuple[str, ...]:

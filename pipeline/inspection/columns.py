@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.inspection.inspection import duration, moment, typographic
-from pipeline.store import Column
+from pipeline.store import Array
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ def extent(array: Any) -> Extent:
     return Extent(tuple(array.shape), np.dtype(array.dtype), low, high, nans, infinite)
 
 
-def row(name: str, array_extent: Extent, column: Column | None = None) -> tuple[str, ...]:
+def row(name: str, array_extent: Extent, column: Array | None = None) -> tuple[str, ...]:
     """The cells of an array's row in the table.
 
     Name, type, dimensions with their lengths, range, and the description in the data dictionary.
@@ -91,7 +91,7 @@ def row(name: str, array_extent: Extent, column: Column | None = None) -> tuple[
         str(array_extent.dtype),
         sides or "one number",
         span,
-        *((column.doc,) if column is not None else ()),
+        *((column.says,) if column is not None else ()),
     )
 
 

@@ -6,22 +6,20 @@ from numpy.typing import NDArray
 from pipeline.inspection.cloud import survey
 from pipeline.inspection.columns import blocks
 from pipeline.inspection.inspection import Inspection, box, duration, metres, moment, typographic
-from pipeline.store import Artifact
+from pipeline.schemas import Scans, Submaps, Views
 
 VEHICLE = "vehicle frame: x forward, y left, z up, ground at 0"
 SWEEP_POINTS = 2_000
 """Scans of fewer points are sweeps of a 2-D LiDAR, which are not diagnosed one by one."""
 
 
-def scans(artifact: Artifact, inspection: Inspection) -> None:
+def scans(artifact: Scans, inspection: Inspection) -> None:
     """Add numbers on the drive, and the diagnoses of a few of its clouds."""
     drive = _drive(artifact, inspection, "world_T_scan", "scans")
-    has_truth, has_odometry = (
-        np.isfinite(artifact.load(name)).all(axis=(1, 2))
-        for name in ("world_T_scan", "odom_T_scan")
-    )
-    offsets = artifact.load("offsets")
-    grain_m = float(artifact.attrs["grain_m"])
+    has_truth = np.isfinite(artifact.world_T_scan).all(axis=(1, 2))
+    has_odometry = np.isfinite(artifact.odom_T_scan).all(axis=(1, 2))
+    offsets = artifact.offsets
+    grain_m = artifact.grain_m
     sizes = np.diff(offsets)
     if len(sizes):
         points_a_scan = (
@@ -56,18 +54,18 @@ def scans(artifact: Artifact, inspection: Inspection) -> None:
         survey(inspection, len(sizes), points, VEHICLE)
 
 
-def submaps(artifact: Artifact, inspection: Inspection) -> None:
+def submaps(artifact: Submaps, inspection: Inspection) -> None:
     """Add numbers on the drive, and the number of scans per submap."""
     drive = _drive(artifact, inspection, "world_T_anchor", "submaps")
-    if artifact["scans"].shape[0]:
-        used = np.concatenate([[0], np.cumsum(artifact.load("used"))])
-        gathered = used[artifact.load("scans") + 1] - used[artifact.load("first")]
-        ground_m = artifact.load("ground_m")
+    if len(artifact.scans):
+        used = np.concatenate([[0], np.cumsum(artifact.used)])
+        gathered = used[artifact.scans + 1] - used[artifact.first]
+        ground_m = artifact.ground_m
         drive += [
             (
                 "gathers",
                 f"{gathered.min():,} … {gathered.max():,} scans each, laid out by "
-                f"{artifact.attrs['layout']}",
+                f"{artifact.layout}",
             ),
             (
                 "ground",
@@ -76,13 +74,13 @@ def submaps(artifact: Artifact, inspection: Inspection) -> None:
                 ),
             ),
         ]
-    left_out = artifact.attrs["left_out"].items()
+    left_out = artifact.left_out.items()
     inspection.add(
         "", *drive, *(("left out", f"{count:,} anchors: {reason}") for reason, count in left_out)
     )
 
 
-def views(artifact: Artifact, inspection: Inspection) -> None:
+def views(artifact: Views, inspection: Inspection) -> None:
     """Add numbers on the drive, and the share of empty bins in the images."""
     drive = _drive(artifact, inspection, "world_T_anchor", "views")
     count = int(np.prod(artifact["images"].shape))
@@ -109,10 +107,10 @@ def views(artifact: Artifact, inspection: Inspection) -> None:
 
 
 def _drive(
-    artifact: Artifact, inspection: Inspection, poses: str, row_name: str
+    artifact: Scans | Submaps | Views, inspection: Inspection, poses: str, row_name: str
 ) -> list[tuple[str, str]]:
     """Rows with date, duration, path and step of a drive; warns of its poses and stamps."""
-    stamps = artifact.load("stamps_ns")
+    stamps = artifact.stamps_ns
     xyz = np.asarray(artifact[poses][:, :3, 3])
     rows = [(row_name, f"{len(stamps):,}")]
     if not len(stamps):

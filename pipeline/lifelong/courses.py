@@ -11,9 +11,8 @@ from pipeline.lifelong.steps import Step, streets, surveyed, updated
 from pipeline.lifelong.strategies import Updated
 from pipeline.matching.places import Places
 from pipeline.matching.ranking import Method, Rows
-from pipeline.online.pack import Packing
+from pipeline.online.pack import Packing, Trained
 from pipeline.running.progress import Progress
-from pipeline.studies.layout import Layout
 
 Order = Literal["days", "streets", "updates"]
 
@@ -22,15 +21,10 @@ Order = Literal["days", "streets", "updates"]
 class Course:
     """The days that one model of a study learns."""
 
-    layout: Layout
-    study: str
-    grid: str
-    model: str
-    train: str
+    trained: Trained
+    """The model, and the artifacts of its first day; those of other days lie beside them."""
     learned: Sequence[str]
-    """Sequences to learn after `train`."""
-    views: Path
-    """Folder of what the method looks at."""
+    """Sequences to learn after the first."""
 
     def steps(
         self,
@@ -53,22 +47,23 @@ class Course:
 
         The first day is trained already.
         """
-        first, *later = (
-            Rows.read(self.views / f"{name}.zarr") for name in (self.train, *self.learned)
-        )
-        labels = self.layout.path("labels", self.study, self.grid, self.train)
-        places = Places.read(store.read(labels, schemas.LABELS))
+        train = self.trained.train
+        folder = self.trained.views.parent
+        days = {name: Rows.read(folder / f"{name}.zarr") for name in (train, *self.learned)}
+        places = Places.of(store.read(self.trained.labels, schemas.Labels))
         if order == "streets":
             no_places = Places(places.grid, places.cells[:0])
-            return surveyed(method, strategy, streets(self.train, first), no_places, None, progress)
-        days = dict(zip((self.train, *self.learned), (first, *later), strict=True))
-        trained = self.layout.path("train", self.study, self.grid, self.model)
-        return surveyed(method, strategy, days, places, store.read_model(trained), progress)
+            return surveyed(
+                method, strategy, streets(train, days[train]), no_places, None, progress
+            )
+        first_model = store.read_model(self.trained.model)
+        return surveyed(method, strategy, days, places, first_model, progress)
 
     def updates(
         self, strategy: Updated, packing: Packing, scratch: Path, progress: Progress
     ) -> Iterator[Step]:
         """The localiser after each day that the model's site learns by itself."""
         site = scratch / "first.site"
-        progress.tell(packing.pack(f"{self.study}/{self.grid}/{self.model}", site, progress))
-        return updated(site, strategy, drives.read(self.layout, self.study, self.learned), progress)
+        progress.tell(packing.pack(self.trained, site, progress))
+        days = drives.read(self.trained.scans.parent, self.trained.submaps.parent, self.learned)
+        return updated(site, strategy, days, progress)

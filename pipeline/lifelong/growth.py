@@ -3,18 +3,21 @@
 Scans of that day replace the submaps that they contradict.
 """
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.errors import ConfigError
 from pipeline.lifelong.adoption import Adoption, NothingAdoptedError
 from pipeline.matching.places import Places
 from pipeline.matching.ranking import Rows, TrainingSet
 from pipeline.matching.rejection import PREFIX as HELD_OUT
-from pipeline.online.pack import day, learned_from
+from pipeline.online.pack import learned_from
 from pipeline.online.site import ROOTS, Site
 from pipeline.online.site_file import Arrays, Parts
+from pipeline.online.site_json import Growth as SiteGrowth
+from pipeline.online.site_json import LearnedDay, SiteDescription
 from pipeline.posing.changes import contradicted, usual_contradiction
 from pipeline.posing.targets import thinned
 from pipeline.running.building import build
@@ -83,7 +86,8 @@ def planned(site: Site, adoption: Adoption) -> Growth:
 
 def grown(site: Site, parts: Parts, growth: Growth, name: str, progress: Progress) -> Parts:
     """The parts of a site after it learned the day `name`; `parts` are those before, with views."""
-    about = parts.about
+    description = parts.description
+    before = _growth(description)
     views = parts.views
     used_scans = growth.used
     known_views = learned(site, parts)
@@ -97,23 +101,20 @@ def grown(site: Site, parts: Parts, growth: Growth, name: str, progress: Progres
         growth.scan_places[used_scans],
     )
     held_out = {key: array for key, array in views.items() if key.startswith(HELD_OUT)}
-    method = build(about["method"], ROOTS)
+    method = build(description.method, ROOTS)
     model = method.grow({**parts.model, **held_out}, known_views, new_views, progress)
-    number = len(about["growth"]["days"])
+    number = len(before.days)
     growth_views = dict(learned_from(Rows.joined([known_views.views, new_views.views]), model))
     growth_views["days"] = np.concatenate([views["days"], np.full(len(used_scans), number)])
     growth_views["chances"] = np.concatenate([views["chances"], growth.adoption.chance[used_scans]])
-    counts = {
-        "places": len(growth.places.cells) - len(site.places.cells),
-        "changed": len(growth.changed),
-    }
-    days = [*about["growth"]["days"], day(name, len(used_scans), **counts)]
+    new_places = len(growth.places.cells) - len(site.places.cells)
+    day = LearnedDay(name, len(used_scans), new_places, len(growth.changed))
     return Parts(
-        {
-            **about,
-            "places": asdict(growth.places.grid),
-            "growth": {**about["growth"], "days": days},
-        },
+        replace(
+            description,
+            places=growth.places.grid,
+            growth=replace(before, days=(*before.days, day)),
+        ),
         {key: array for key, array in model.items() if key in parts.model},
         {**mapped(site, parts, growth), "cells": growth.places.cells},
         None,
@@ -135,14 +136,14 @@ def mapped(site: Site, parts: Parts, growth: Growth) -> Arrays:
 
     It lacks changed submaps, and has the scans that replace them or are of new places.
     """
-    about = parts.about
     arrays = parts.arrays
     kept = np.setdiff1d(np.arange(len(arrays["world_T_anchor"])), list(growth.changed))
     added_scans = np.unique([*growth.changed.values(), *growth.added]).astype(np.int64)
-    thinning = about["map"]["range_m"], about["growth"]["voxel_m"]
+    range_m = parts.description.map.range_m
+    voxel_m = _growth(parts.description).voxel_m
     points = [arrays["points"][arrays["offsets"][row] : arrays["offsets"][row + 1]] for row in kept]
     points += [
-        thinned(growth.adoption.points[scan], *thinning).astype(arrays["points"].dtype)
+        thinned(growth.adoption.points[scan], range_m, voxel_m).astype(arrays["points"].dtype)
         for scan in added_scans
     ]
     poses = [arrays["world_T_anchor"][kept], growth.adoption.world_T_scan[added_scans]]
@@ -151,3 +152,12 @@ def mapped(site: Site, parts: Parts, growth: Growth) -> Arrays:
         "offsets": np.cumsum([0, *map(len, points)]),
         "world_T_anchor": np.concatenate(poses),
     }
+
+
+def _growth(description: SiteDescription) -> SiteGrowth:
+    """What the site needs to grow; raises ConfigError for one that was exported."""
+    if description.growth is None:
+        raise ConfigError(
+            f"{description.name}: an exported site cannot grow; grow the site that it came from"
+        )
+    return description.growth

@@ -1,88 +1,76 @@
 """Records what a localiser answers after each step of learning: the artifact of `lifelong`."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, Self
+from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.lifelong.steps import Step
 from pipeline.matching.ranking import Rows
+from pipeline.schemas import Lifelong
 
 K = 25
 """Places ranked for each query."""
 
 
-@dataclass(frozen=True)
-class Record:
-    """A localiser's answers to all query days after each step of learning."""
+def record(
+    steps: Iterator[Step],
+    queries: Mapping[str, Rows],
+    report_line: Callable[[str], None],
+    order: str,
+    strategy: str,
+    correct_m: float,
+) -> tuple[Lifelong, list[float]]:
+    """Localise all query days after every step of learning; `report_line` gets a line a step.
 
-    columns: Mapping[str, NDArray[Any]]
-    """As in schemas_lifelong."""
-    steps: Sequence[Step]
-    asked_ns: Sequence[int]
-    """The first stamp of each asked day."""
+    `order`, `strategy` and `correct_m` are kept as Lifelong says. Returns the answers, and the CPU
+    seconds of each step.
+    """
+    query_xy_m = np.concatenate([views.world_T_anchor[:, :2, 3] for views in queries.values()])
+    query_counts = [len(views.stamps_ns) for views in queries.values()]
+    answers = []
+    errors_m = []
+    done_steps = list[Step]()
+    for step in steps:
+        rankings = [step.localizer(views, K) for views in queries.values()]
+        answer = np.concatenate([ranking.places[:, 0] for ranking in rankings])
+        answer_xy_m = np.concatenate([ranking.xy_m[:, 0] for ranking in rankings])
+        true_place = step.places.at(query_xy_m)
+        seen = true_place >= 0
+        right = np.mean((answer == true_place)[seen])
+        report_line(f"{step.name}: {right:.3f} right of {seen.sum()} seen")
+        answers.append(answer)
+        errors_m.append(np.linalg.norm(answer_xy_m - query_xy_m, axis=1))
+        done_steps.append(step)
+    last_places = done_steps[-1].places
+    true_place = last_places.at(query_xy_m)
+    is_known = np.array([step.places.at(query_xy_m) >= 0 for step in done_steps])
+    lifelong = Lifelong(
+        right=(np.array(answers) == true_place) & (true_place >= 0),
+        error_m=np.array(errors_m),
+        known_from=np.where(is_known.any(axis=0), is_known.argmax(axis=0), -1),
+        day=np.repeat(np.arange(len(queries)), query_counts),
+        xy_m=query_xy_m,
+        place_xy_m=last_places.grid.centre(last_places.cells),
+        newest_ns=done_steps[-1].newest_ns,
+        order=order,
+        strategy=strategy,
+        steps=tuple(step.name for step in done_steps),
+        asked=tuple(queries),
+        learned_ns=tuple(int(step.newest_ns.max()) for step in done_steps),
+        asked_ns=tuple(int(views.stamps_ns[0]) for views in queries.values()),
+        correct_m=correct_m,
+        places=tuple(len(step.places.cells) for step in done_steps),
+        bytes=tuple(step.bytes for step in done_steps),
+        counts=[dict(step.counts) for step in done_steps],
+    )
+    return lifelong, [step.cpu_s for step in done_steps]
 
-    @classmethod
-    def of(
-        cls, steps: Iterator[Step], queries: Mapping[str, Rows], report_line: Callable[[str], None]
-    ) -> Self:
-        """Localise all query days after every step; `report_line` is called with a line a step."""
-        xy_m = np.concatenate([views.world_T_anchor[:, :2, 3] for views in queries.values()])
-        day = np.repeat(
-            np.arange(len(queries)), [len(views.stamps_ns) for views in queries.values()]
-        )
-        answers = []
-        errors = []
-        done_steps = list[Step]()
-        for step in steps:
-            rankings = [step.localizer(views, K) for views in queries.values()]
-            answers.append(np.concatenate([ranking.places[:, 0] for ranking in rankings]))
-            errors.append(
-                np.linalg.norm(
-                    np.concatenate([ranking.xy_m[:, 0] for ranking in rankings]) - xy_m, axis=1
-                )
-            )
-            done_steps.append(step)
-            true = step.places.at(xy_m)
-            report_line(
-                f"{step.name}: {np.mean((answers[-1] == true)[true >= 0]):.3f} right of "
-                f"{(true >= 0).sum()} seen"
-            )
-        true = done_steps[-1].places.at(xy_m)
-        is_known = np.array([step.places.at(xy_m) >= 0 for step in done_steps])
-        columns = {
-            "right": (np.array(answers) == true) & (true >= 0),
-            "error_m": np.array(errors),
-            "known_from": np.where(is_known.any(axis=0), is_known.argmax(axis=0), -1),
-            "day": day,
-            "xy_m": xy_m,
-            "place_xy_m": (last_step := done_steps[-1]).places.grid.centre(last_step.places.cells),
-            "newest_ns": last_step.newest_ns,
-        }
-        return cls(columns, done_steps, [int(views.stamps_ns[0]) for views in queries.values()])
 
-    @property
-    def attrs(self) -> dict[str, Any]:
-        """The attributes of the artifact."""
-        steps = self.steps
-        place_counts = [len(step.places.cells) for step in steps]
-        return {
-            "steps": [step.name for step in steps],
-            "places": place_counts,
-            "newest_ns": [int(step.newest_ns.max()) for step in steps],
-            "asked_ns": [*self.asked_ns],
-            "bytes": [step.bytes for step in steps],
-            "counts": [dict(step.counts) for step in steps],
-        }
-
-    def line(self) -> str:
-        """Summarise the results in a line: the share of right answers at first and at last."""
-        knowable = self.columns["known_from"] >= 0
-        first, last = (float(self.columns["right"][step, knowable].mean()) for step in (0, -1))
-        places = f"{len(self.steps)} steps to {len(self.steps[-1].places.cells)} places"
-        return (
-            f"{places}: of {knowable.sum()} queries that can be known {first:.3f} right at first, "
-            f"{last:.3f} at last"
-        )
+def line(lifelong: Lifelong) -> str:
+    """Summarise the results in a line: the share of right answers at first and at last."""
+    knowable = lifelong.known_from >= 0
+    first, last = (float(lifelong.right[step, knowable].mean()) for step in (0, -1))
+    return (
+        f"{len(lifelong.steps)} steps to {lifelong.places[-1]} places: of {knowable.sum()} queries "
+        f"that can be known {first:.3f} right at first, {last:.3f} at last"
+    )

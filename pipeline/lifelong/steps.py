@@ -102,7 +102,7 @@ def updated(
     """
     parts = site_file.read(path, views=True)
     site = Site(parts, threads=2)
-    yield _of_site(str(parts.about["provenance"]["train"]), site, parts, 0.0)
+    yield _of_site(parts.description.provenance.train, site, parts, 0.0)
     for name, scans in drives.items():
         start = time.process_time()
         counts = {"asked": len(scans), "adopted": 0, "wrong": 0, "changed": 0}

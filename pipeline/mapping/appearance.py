@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.mapping.gathering import Gathering
-from pipeline.mapping.submaps import Submaps
-from pipeline.store import Artifact
+from pipeline.schemas import Layout, Scans
 
 LOOKED_AT = 9
 """Submaps of a sequence, evenly spread."""
@@ -16,31 +15,36 @@ LEVEL_M = 0.02
 """Points no thicker than this lie in one plane, like a sweep of a level 2-D LiDAR."""
 
 
-def appearance(scans: Artifact, submaps: Submaps) -> dict[str, float | None]:
+def appearance(
+    scans: Scans,
+    layout: Layout,
+    first: NDArray[np.int64],
+    last: NDArray[np.int64],
+    ground_m: NDArray[np.float64],
+    used: NDArray[np.bool_],
+) -> dict[str, float]:
     """Medians over a few submaps of `azimuth_deg`, `ground_m` and `highest_m`.
 
-    Degrees with points, and z of the ground and of the top. The ground is None where the points lie
-    in one plane; the top is the 99th percentile of the heights.
+    The submaps gather the `used` (scan,) of scans `first` to `last` (submap,), laid out by these
+    poses; `ground_m` (submap,) is the height of the ground in each anchor's frame.
+
+    The medians are of degrees of azimuth with points, and of z of the ground and of the top. The
+    ground is NaN where the points lie in one plane; the top is the 99th percentile of the heights.
     """
     measures = []
-    for row in np.unique(np.linspace(0, len(submaps.scans) - 1, LOOKED_AT).astype(int)):
+    for row in np.unique(np.linspace(0, len(last) - 1, LOOKED_AT).astype(int)) if len(last) else ():
         rows = slice(row, row + 1)
-        first = submaps.first[rows]
-        last = submaps.scans[rows]
-        ground_m = submaps.ground_m[rows]
-        points = next(iter(Gathering(scans, submaps.layout, first, last, ground_m, submaps.used)))
+        gathering = Gathering(scans, layout, first[rows], last[rows], ground_m[rows], used)
+        points = next(iter(gathering))
         if len(points):
             range_m = np.hypot(points[:, 0], points[:, 1])
-            z_m = ground(points, range_m) if thickness(points) > LEVEL_M else np.nan
-            measures.append(
-                (coverage(points[range_m > 0]), z_m, float(np.percentile(points[:, 2], 99)))
-            )
+            has_ground = thickness(points) > LEVEL_M
+            ground_z_m = ground(points, range_m) if has_ground else np.nan
+            highest_m = float(np.percentile(points[:, 2], 99))
+            measures.append((coverage(points[range_m > 0]), ground_z_m, highest_m))
     medians = np.median(np.reshape(measures, (-1, 3)), axis=0) if measures else [np.nan] * 3
     names = ("azimuth_deg", "ground_m", "highest_m")
-    return {
-        name: None if np.isnan(value) else float(value)
-        for name, value in zip(names, medians, strict=True)
-    }
+    return dict(zip(names, map(float, medians), strict=True))
 
 
 def thickness(points: NDArray[np.float64]) -> float:

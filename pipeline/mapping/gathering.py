@@ -6,18 +6,15 @@ However many submaps it is part of.
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from pipeline.store import Artifact
+from pipeline.schemas import Layout, Scans, Submaps
 
 BLOCK = 256
 """Scans read together."""
-
-Layout = Literal["odom_T_scan", "world_T_scan"]
 
 
 @dataclass(frozen=True)
@@ -27,7 +24,7 @@ class Gathering:
     In memory are those of one window and of one block of scans.
     """
 
-    scans: Artifact
+    scans: Scans
     layout: Layout
     first: NDArray[np.int64]
     """(submap,) the oldest scan of each."""
@@ -59,15 +56,13 @@ class Gathering:
             yield _moved(np.linalg.inv(start_T_scan[last_scan]), inside) - (0.0, 0.0, ground_m)
 
 
-def scan_points(
-    scans: Artifact, start: int, stop: int
-) -> Iterator[tuple[int, NDArray[np.float64]]]:
+def scan_points(scans: Scans, start: int, stop: int) -> Iterator[tuple[int, NDArray[np.float64]]]:
     """Rows start … stop − 1 of a scans artifact, each with its points (n, 3) in metres.
 
     BLOCK scans are read together.
     """
-    offsets = scans.load("offsets")
-    grain_m = float(scans.attrs["grain_m"])
+    offsets = scans.offsets
+    grain_m = scans.grain_m
     for block_start in range(start, stop, BLOCK):
         end = min(block_start + BLOCK, stop)
         points = scans["points"][offsets[block_start] : offsets[end]] * grain_m
@@ -80,7 +75,7 @@ def scan_points(
             )
 
 
-def submap_points(scans: Artifact, submaps: Artifact, rows: slice) -> Iterator[NDArray[np.float64]]:
+def submap_points(scans: Scans, submaps: Submaps, rows: slice) -> Iterator[NDArray[np.float64]]:
     """Points (n, 3) in metres of these rows of a submaps artifact, in each anchor's frame.
 
     z is up from the ground. Submaps of one scan each are read in one slice and never leave the
@@ -90,15 +85,13 @@ def submap_points(scans: Artifact, submaps: Artifact, rows: slice) -> Iterator[N
         np.asarray(submaps[name][rows]) for name in ("first", "scans", "ground_m")
     )
     if (first != last).any():
-        yield from Gathering(
-            scans, submaps.attrs["layout"], first, last, ground_m, submaps.load("used")
-        )
+        yield from Gathering(scans, submaps.layout, first, last, ground_m, submaps.used)
         return
     offsets = np.asarray(scans["offsets"][last[0] : last[-1] + 2])
     points = np.asarray(scans["points"][offsets[0] : offsets[-1]])
     for row, height_m in zip(last - last[0], ground_m, strict=True):
         cloud = points[offsets[row] - offsets[0] : offsets[row + 1] - offsets[0]]
-        yield cloud * float(scans.attrs["grain_m"]) - (0.0, 0.0, height_m)
+        yield cloud * scans.grain_m - (0.0, 0.0, height_m)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

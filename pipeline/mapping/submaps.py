@@ -1,38 +1,19 @@
 """Submaps: which scans make one, around which pose, and how high the ground lies there."""
 
 from collections import Counter
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import ConfigError
 from pipeline.frames import Poses
-from pipeline.mapping.gathering import Gathering, Layout
+from pipeline.mapping.appearance import appearance
+from pipeline.mapping.gathering import Gathering
 from pipeline.running.progress import Progress
 from pipeline.running.settings import NotNegative, Positive, check
-from pipeline.store import Artifact
-
-
-@dataclass(frozen=True)
-class Submaps:
-    """The submaps of one sequence, in order of time.
-
-    A submap gathers the scans `first` to `scans`, both included.
-    """
-
-    layout: Layout
-    """The poses that lay the scans of a submap out around its anchor."""
-    first: NDArray[np.int64]
-    """(submap,) the oldest scan."""
-    scans: NDArray[np.int64]
-    """(submap,) the newest scan, whose frame is the anchor's."""
-    ground_m: NDArray[np.float64]
-    """(submap,) height of the ground in that frame."""
-    used: NDArray[np.bool_]
-    """(scan,) whether a scan goes into the submaps around it."""
-    left_out: Counter[str] = field(default_factory=Counter)
-    """Anchors that make no submap: reason to count."""
+from pipeline.schemas import Layout, Scans, Submaps
 
 
 @dataclass(frozen=True)
@@ -44,13 +25,11 @@ class SingleScan:
     def __post_init__(self) -> None:
         check(self, "submap")
 
-    def cut(self, scans: Artifact, progress: Progress) -> Submaps:
-        """The submaps of a scans artifact."""
-        world_T_scan = scans.load("world_T_scan")
-        rows = self.anchors(world_T_scan)
-        return Submaps(
-            "world_T_scan", rows, rows, np.zeros(len(rows)), np.ones(len(world_T_scan), bool)
-        )
+    def cut(self, scans: Scans, progress: Progress) -> Submaps:
+        """The submaps of a sequence's scans."""
+        rows = self.anchors(scans.world_T_scan)
+        used = np.ones(len(scans.world_T_scan), bool)
+        return submaps(scans, "world_T_scan", rows, rows, np.zeros(len(rows)), used, {})
 
     def anchors(self, world_T_scan: Poses) -> NDArray[np.int64]:
         """Rows of the scans that become submaps."""
@@ -92,13 +71,13 @@ class Accumulated:
                 f"submap.ground_percentile={self.ground_percentile}: expected 0 to 100, or -1"
             )
 
-    def cut(self, scans: Artifact, progress: Progress) -> Submaps:
-        """The submaps of a scans artifact.
+    def cut(self, scans: Scans, progress: Progress) -> Submaps:
+        """The submaps of a sequence's scans.
 
         An anchor without a place, a whole window or any ground makes none, and is counted.
         """
         start_T_scan = scans.load(self.layout)
-        first, rows, left_out = self.windows(start_T_scan, scans.load("world_T_scan"))
+        first, rows, left_out = self.windows(start_T_scan, scans.world_T_scan)
         used = np.zeros(len(start_T_scan), bool)
         used[sample_path(start_T_scan[:, :3, 3], self.still_m)] = True
         used[first] = used[rows] = True
@@ -113,8 +92,14 @@ class Accumulated:
             )
             left_out["no point near the anchor"] = int(np.isnan(ground_m).sum())
         has_ground = np.isfinite(ground_m)
-        return Submaps(
-            self.layout, first[has_ground], rows[has_ground], ground_m[has_ground], used, +left_out
+        return submaps(
+            scans,
+            self.layout,
+            first[has_ground],
+            rows[has_ground],
+            ground_m[has_ground],
+            used,
+            dict(+left_out),
         )
 
     def windows(
@@ -151,6 +136,33 @@ class Accumulated:
             if is_near.any()
             else np.nan
         )
+
+
+def submaps(
+    scans: Scans,
+    layout: Layout,
+    first: NDArray[np.int64],
+    last: NDArray[np.int64],
+    ground_m: NDArray[np.float64],
+    used: NDArray[np.bool_],
+    left_out: Mapping[str, int],
+) -> Submaps:
+    """The submaps that gather scans `first` to `last` (submap,), with what they look like.
+
+    `ground_m` (submap,) is the height of the ground in the last scan's frame; the scans `used`
+    (scan,) go into the submaps around them; `left_out` counts anchors without a submap by reason.
+    """
+    return Submaps(
+        first,
+        last,
+        ground_m,
+        used,
+        scans.stamps_ns[last],
+        scans.world_T_scan[last],
+        layout,
+        left_out,
+        appearance(scans, layout, first, last, ground_m, used),
+    )
 
 
 def sample_path(xyz_m: NDArray[np.float64], step_m: float) -> NDArray[np.int64]:

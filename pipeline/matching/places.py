@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pipeline.frames import Poses, wrapped_deg, yaw
 from pipeline.grid import UNSEEN, Grid
-from pipeline.store import Artifact
+from pipeline.schemas import Labels
 
 
 @dataclass(frozen=True)
@@ -20,12 +20,9 @@ class Places:
     cells: NDArray[np.int64]  # (place,) ascending, those of later days after those of the first
 
     @classmethod
-    def read(cls, labels: Artifact) -> Self:
-        """The places of a labels artifact."""
-        attrs = labels.attrs
-        return cls(
-            Grid(attrs["cell_m"], tuple(attrs["x_m"]), tuple(attrs["y_m"])), labels.load("cells")
-        )
+    def of(cls, labels: Labels) -> Self:
+        """The places of a training sequence, by its labels."""
+        return cls(Grid(labels.cell_m, labels.x_m, labels.y_m), labels.cells)
 
     def at(self, xy_m: NDArray[np.float64]) -> NDArray[np.int64]:
         """The place (n,) of positions (n, 2); −1 in a cell that training never visited."""
@@ -46,21 +43,11 @@ class Places:
         return type(self)(grid, np.concatenate([cells, new_cells]))
 
 
-@dataclass(frozen=True)
-class Labels:
-    """The places of a sequence's submaps, and what its nearest training anchors say."""
+def label(world_T_anchor: Poses, world_T_training: Poses, grid: Grid, days: int) -> Labels:
+    """Labels of submaps at `world_T_anchor` (n, 4, 4) from training anchors (m, 4, 4).
 
-    places: NDArray[np.int64]  # (submap,) −1 where training never went
-    cells: NDArray[np.int64]  # (place,) the grid cell of each place, ascending
-    oracle: NDArray[
-        np.int64
-    ]  # (submap,) place of the geometrically nearest training anchor: the best that can be answered
-    nearest_m: NDArray[np.float64]  # (submap,) distance to that anchor in the xy plane
-    nearest_turn_deg: NDArray[np.float64]  # (submap,) heading against that anchor's, in (−180, 180]
-
-
-def label(world_T_anchor: Poses, world_T_training: Poses, grid: Grid) -> Labels:
-    """Labels of submaps at `world_T_anchor` (n, 4, 4) from training anchors (m, 4, 4)."""
+    `days` are from the training to these submaps.
+    """
     xy = world_T_anchor[:, :2, 3]
     training_xy = world_T_training[:, :2, 3]
     training_cells = grid.cell(training_xy)
@@ -73,4 +60,8 @@ def label(world_T_anchor: Poses, world_T_training: Poses, grid: Grid) -> Labels:
         training_places[nearest].astype(np.int64),
         np.asarray(distance_m),
         wrapped_deg(turn),
+        days,
+        grid.cell_m,
+        grid.x_m,
+        grid.y_m,
     )

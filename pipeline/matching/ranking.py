@@ -1,4 +1,4 @@
-"""The waist: the ranking that every method answers with."""
+"""The waist: the views that every method is asked about, and the ranking that it answers with."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -13,6 +13,7 @@ from pipeline.alterations import Case, read_cases
 from pipeline.errors import InputError
 from pipeline.frames import Poses, Stamps
 from pipeline.running.progress import Progress
+from pipeline.schemas import Ranking as Ranking
 
 Model = Mapping[str, NDArray[Any]]
 """What a method learned: named arrays, among them the evidence of its held-out blocks
@@ -23,7 +24,7 @@ Model = Mapping[str, NDArray[Any]]
 class Rows:
     """A window on a view artifact, a row a submap."""
 
-    # (submap, …) such as (submap, ring, sector) heights in metres; schemas.LOOKED_AT says what
+    # (submap, …) such as (submap, ring, sector) heights in metres; schemas.VIEW_KINDS says what
     # else; slicing reads
     images: Any
     stamps_ns: Stamps
@@ -38,9 +39,9 @@ class Rows:
     @classmethod
     def cases(cls, path: str | Path) -> dict[Case, Self]:
         """The rows of each case of a view artifact."""
-        views = store.read(path, *schemas.LOOKED_AT)
-        cases = read_cases(views.attrs)
-        all_rows = cls(views["images"], views.load("stamps_ns"), views.load("world_T_anchor"))
+        views = store.read(path, *schemas.VIEW_KINDS)
+        cases = read_cases(views.cases)
+        all_rows = cls(views["images"], views.stamps_ns, views.world_T_anchor)
         n = len(all_rows.stamps_ns) // len(cases)
         if len(cases) == 1:
             return {cases[0]: all_rows}
@@ -94,67 +95,6 @@ class TrainingSet(NamedTuple):
         if missing := np.flatnonzero(np.bincount(places) == 0).tolist():
             raise InputError(f"place {missing[0]} of {places.max() + 1} has no view")
         return cls(views, places.astype(np.int64))
-
-
-@dataclass(frozen=True)
-class Ranking:
-    """A method's answer to Q queries: k places each, cheapest first, and their novelty."""
-
-    places: NDArray[np.int64]  # (query, k)
-    costs: NDArray[np.float32]  # (query, k)
-    xy_m: NDArray[
-        np.float64
-    ]  # (query, k, 2) where each answer lies: the matched training row, or the place's mean one
-    novelty: NDArray[
-        np.float32
-    ]  # (query, kind) larger: more likely unseen; the first kind is the one in use
-    confidence: NDArray[
-        np.float32
-    ]  # (query,) chance that the first answer is right, if seen; NaN where the method gives none
-    heading_deg: NDArray[
-        np.float32
-    ]  # (query, k) its yaw in the world, in (−180, 180], if that answer is right; NaN where untold
-    kinds: tuple[str, ...]  # name of each kind of novelty
-
-    def checked(self, n: int) -> Self:
-        """The ranking itself; raises InputError unless its arrays have the shapes of `n` queries.
-
-        So does a novelty that is NaN.
-        """
-        k = self.places.shape[-1]
-        shapes = {
-            "places": (n, k),
-            "costs": (n, k),
-            "xy_m": (n, k, 2),
-            "novelty": (n, len(self.kinds)),
-            "confidence": (n,),
-            "heading_deg": (n, k),
-        }
-        for name, shape in shapes.items():
-            if getattr(self, name).shape != shape:
-                raise InputError(
-                    f"the method answered {name} of shape {getattr(self, name).shape}: expected "
-                    f"{shape}"
-                )
-        if np.isnan(self.novelty).any():
-            raise InputError(
-                f"the method's novelty is NaN for {np.isnan(self.novelty).any(1).sum()} of {n} "
-                "queries"
-            )
-        return self
-
-    def by(self, kind: str) -> Self:
-        """The ranking with this kind of novelty first."""
-        first_column = self.kinds.index(kind)
-        order = [
-            first_column,
-            *(column for column in range(len(self.kinds)) if column != first_column),
-        ]
-        return replace(
-            self,
-            novelty=self.novelty[:, order],
-            kinds=tuple(self.kinds[column] for column in order),
-        )
 
 
 Localizer = Callable[[Rows, int], Ranking]  # ranks the k likeliest places of each view

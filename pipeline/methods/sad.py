@@ -37,14 +37,13 @@ class Sad(MadeAnew, SequenceMethod):
     sequence."""
 
     def learn(self, views: Rows, places: NDArray[np.int64], progress: Progress) -> Model:
-        """The training sequence's normalised images (n, side, side), 4 KB each.
+        """The training sequence's normalised images (n, heading, side, side), 4 KB each.
 
-        With several reference headings (n, heading, side, side). Raises InputError unless each has
-        a place.
+        Raises InputError unless each has a place.
         """
         database = Database.learned(views, places)
         images = self._reference(views)
-        own = images if images.ndim == 3 else images[:, 0]
+        own = images[:, 0]
         evidence = self.evidence(
             database,
             views,
@@ -68,7 +67,7 @@ class Sad(MadeAnew, SequenceMethod):
 
         def localize(views: Rows, k: int) -> Ranking:
             sums, bins = nearest_differences(images, self._images(views, slice(1))[:, 0])
-            if images.ndim == 3:
+            if images.shape[1] == 1:
                 return self.ranked(database, sums, k)
             return self.ranked(database, sums, k, bins * np.float32(360 / images.shape[1]))
 
@@ -79,11 +78,10 @@ class Sad(MadeAnew, SequenceMethod):
         return images[:0]
 
     def _reference(self, views: Rows) -> NDArray[np.uint8]:
-        """Each view's reference headings (n, heading, side, side); of one (n, side, side)."""
+        """The normalised images of each view's reference headings (n, heading, side, side)."""
         _check(views)
         headings = reference_headings(views.images.shape[1], self.reference_headings)
-        images = self._images(views, headings)
-        return images[:, 0] if self.reference_headings == 1 else images
+        return self._images(views, headings)
 
     def _images(self, views: Rows, headings: slice) -> NDArray[np.uint8]:
         """Each view's normalised images (n, heading, side, side); the first is the robot's own."""
@@ -98,11 +96,9 @@ def nearest_differences(
 ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
     """Differences (n, m) of queries (m, side, side) from the nearest heading of each reference.
 
-    And that heading (n, m), of equally near ones the first. References are (n, heading, side, side)
-    or, of one heading, (n, side, side).
+    And that heading (n, m), of equally near ones the first. References are (n, heading, side,
+    side).
     """
-    if references.ndim == 3:
-        references = references[:, None]
     sums = differences(references[:, 0], queries)
     bins = np.zeros(sums.shape, np.uint8)
     for heading in range(1, references.shape[1]):

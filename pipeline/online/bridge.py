@@ -53,9 +53,7 @@ def run(
     Points are placed by `body_T_lidar` (4, 4); by default they are raised as those that the site
     was learned with.
     """
-    body_T_lidar = (
-        raised(float(site.about["sensor"]["lift_m"])) if body_T_lidar is None else body_T_lidar
-    )
+    body_T_lidar = raised(site.description.sensor.lift_m) if body_T_lidar is None else body_T_lidar
     tracker = Tracker(site, promise)
     publisher = session.declare_publisher(f"{key}/fix", encoding=zenoh.Encoding.APPLICATION_JSON)
     scans = session.declare_subscriber(f"{key}/points", zenoh.handlers.RingChannel(1))

@@ -1,13 +1,10 @@
 """Describes a site file for `yearloc inspect`."""
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
-
-import numpy as np
 
 from pipeline.inspection.inspection import Inspection, box, nbytes
 from pipeline.online.site_file import read
+from pipeline.online.site_json import LearnedDay, SiteDescription
 
 
 def describe(path: Path) -> Inspection:
@@ -15,15 +12,21 @@ def describe(path: Path) -> Inspection:
 
     Raises ArtifactError for a file that is no whole site.
     """
-    about, model, arrays, network, _ = read(path)
+    description, model, arrays, network, _ = read(path)
     inspection = Inspection(path)
-    verdict = about["verdict"]
-    sensor = about["sensor"]
+    verdict = description.verdict
+    sensor = description.sensor
     anchors = arrays["world_T_anchor"]
-    provenance = about["provenance"]
-    method, view = (about[part]["_target_"].rpartition(".")[2] for part in ("method", "view"))
+    provenance = description.provenance
+    method, view = (
+        settings["_target_"].rpartition(".")[2]
+        for settings in (description.method, description.view)
+    )
+    days = [provenance.train]
+    if description.growth is not None:
+        days = [_day(day) for day in description.growth.days]
     inspection.describe(
-        f"site {about['name']}{', of a simulated world' if about['simulated'] else ''}",
+        f"site {description.name}{', of a simulated world' if description.simulated else ''}",
         (
             "size",
             f"{nbytes(path.stat().st_size)}; model "
@@ -35,52 +38,49 @@ def describe(path: Path) -> Inspection:
         ),
         (
             "learned on",
-            ", then ".join(map(_day, about["growth"]["days"]))
-            if "growth" in about
-            else provenance["train"],
+            ", then ".join(days),
         ),
         (
             "map",
             f"{len(anchors):,} submaps, {len(arrays['points']) / 1e6:.1f} M points within "
-            f"{about['map']['range_m']:g} m",
+            f"{description.map.range_m:g} m",
         ),
-        ("places", f"{len(arrays['cells']):,} cells of {about['places']['cell_m']:g} m"),
+        ("places", f"{len(arrays['cells']):,} cells of {description.places.cell_m:g} m"),
         ("box", box(anchors[:, :3, 3], "xyz", 0)),
     )
-    limits = zip(verdict["promises"], verdict["promised"]["fix"], strict=True)
-    title = f"promises of a pose, by {verdict['held_out']} held-out blocks"
-    title += f"; of queries {verdict['unseen_share']:g} are expected unseen"
-    title += first_day(about)
+    limits = zip(verdict.promises, verdict.promised["fix"], strict=True)
+    title = f"promises of a pose, by {verdict.held_out} held-out blocks"
+    title += f"; of queries {verdict.unseen_share:g} are expected unseen"
+    title += first_day(description)
     inspection.add(title, *((f"{promise:g}", _promise(float(limit))) for promise, limit in limits))
-    names = {
-        "points": "points a scan",
-        "beams": "beams",
-        "azimuth_deg": "azimuth in °",
-        "sensor_m": "metres over the ground",
+    looks = {
+        "points a scan": sensor.points,
+        "beams": sensor.beams,
+        "azimuth in °": sensor.azimuth_deg,
+        "metres over the ground": sensor.sensor_m,
     }
     sensor_rows = (
-        (label, "unknown" if sensor[name] is None else f"{sensor[name]:,.4g}")
-        for name, label in names.items()
+        (label, "unknown" if value is None else f"{value:,.4g}") for label, value in looks.items()
     )
-    inspection.add("sensor", *sensor_rows, ("raised by", f"{sensor['lift_m']:g} m"))
+    inspection.add("sensor", *sensor_rows, ("raised by", f"{sensor.lift_m:g} m"))
     inspection.add(
-        "made of", *((name, digest or "unknown") for name, digest in provenance["md5"].items())
+        "made of", *((name, digest or "unknown") for name, digest in provenance.md5.items())
     )
-    inspection.add("with", *provenance["versions"].items())
+    inspection.add("with", *provenance.versions.items())
     inspection.warn(
-        not np.greater(verdict["promised"]["fix"], 0).any(),
+        not verdict.kept,
         "no promise can be kept: every fix will be rejected",
     )
     return inspection
 
 
-def first_day(about: Mapping[str, Any]) -> str:
+def first_day(description: SiteDescription) -> str:
     """Name the day whose held-out queries a grown site's promises rest on.
 
     Empty for a site that has not grown.
     """
-    days: list[dict[str, Any]] = about["growth"]["days"] if "growth" in about else []
-    return f"; all of {days[0]['day']}, not of the days since" if len(days) > 1 else ""
+    days = () if description.growth is None else description.growth.days
+    return f"; all of {days[0].day}, not of the days since" if len(days) > 1 else ""
 
 
 def _promise(limit: float) -> str:
@@ -91,9 +91,9 @@ def _promise(limit: float) -> str:
     )
 
 
-def _day(day: Mapping[str, Any]) -> str:
+def _day(day: LearnedDay) -> str:
     """Describe a day that a site learned, in a line."""
-    additions = (
-        f", {day['places']} new places, {day['changed']} submaps changed" if "places" in day else ""
-    )
-    return f"{day['day']} ({day['views']} views{additions})"
+    additions = ""
+    if day.places is not None:
+        additions = f", {day.places} new places, {day.changed} submaps changed"
+    return f"{day.day} ({day.views} views{additions})"

@@ -76,12 +76,12 @@ def export(source: Path, out: Path, compact: bool = False) -> str:
     Returns what was written, in a line. Raises ConfigError for a method without a network, or an
     ending that says neither.
     """
-    about, model, arrays, network, _ = site_file.read(source)
+    description, model, arrays, network, _ = site_file.read(source)
     if out.suffix not in (".onnx", ".site"):
         raise ConfigError(f"-o {out}: expected FILE.onnx or FILE.site")
     if network is not None:
         raise ConfigError(f"{source}: is exported already; export the site that it came from")
-    method = build(about["method"], site.ROOTS)
+    method = build(description.method, site.ROOTS)
     data, parity = exported(method, model, compact)
     comparison = (
         f"on {parity.views} views {parity.largest:.1e} off torch at most, {parity.same_first:.0%} "
@@ -96,8 +96,8 @@ def export(source: Path, out: Path, compact: bool = False) -> str:
                 "network alone"
             )
         other_arrays = {key: array for key, array in model.items() if not key.startswith(loop.NET)}
-        about_answering = {key: value for key, value in about.items() if key != "growth"}
-        site_file.write(out, site_file.Parts(about_answering, other_arrays, arrays, data))
+        answering = replace(description, growth=None)
+        site_file.write(out, site_file.Parts(answering, other_arrays, arrays, data))
     else:
         with replaced(out) as scratch:
             scratch.write_bytes(data)
@@ -108,7 +108,7 @@ def export(source: Path, out: Path, compact: bool = False) -> str:
         }
         with replaced(out.with_suffix(".parity.json")) as scratch:
             scratch.write_text(
-                json.dumps({"site": about["name"], **parity_numbers}, indent=1, allow_nan=False)
+                json.dumps({"site": description.name, **parity_numbers}, indent=1, allow_nan=False)
                 + "\n",
                 encoding="utf-8",
             )

@@ -20,7 +20,6 @@ from pipeline.online.site import Fix
 from pipeline.posing.registration import Points
 from pipeline.posing.targets import Targets
 from pipeline.posing.verdict import RIGHT_DEG, RIGHT_M
-from pipeline.store import Artifact
 
 WALL_M = 0.5
 SHOWN_M = 45.0
@@ -96,9 +95,9 @@ def of_study(fixes: Path, scans: Path, submaps: Path, promise: float | None) -> 
 
     `promise` None accepts nothing. Raises ConfigError for a promise that they cannot make.
     """
-    answers = store.read(fixes, schemas.FIXES)
-    anchors = store.read(submaps, schemas.SUBMAPS)
-    limits = zip(answers.attrs["promises"], answers.attrs["promised"], strict=True)
+    answers = store.read(fixes, schemas.Fixes)
+    anchors = store.read(submaps, schemas.Submaps)
+    limits = zip(answers.promises, answers.promised, strict=True)
     promises = {precision: reject_from for precision, reject_from in limits if reject_from > 0}
     if promise is not None and promise not in promises:
         possible = (
@@ -108,8 +107,8 @@ def of_study(fixes: Path, scans: Path, submaps: Path, promise: float | None) -> 
         )
         raise ConfigError(f"--promise {promise:g}: these poses cannot promise that, {possible}")
     world_T_true = anchors.load("world_T_anchor")
-    recorded = store.read(scans, schemas.SCANS)
-    driven = read_cases(answers.attrs).index(Case())
+    recorded = store.read(scans, schemas.Scans)
+    driven = read_cases(answers.cases).index(Case())
     case_rows = slice(driven * len(world_T_true), (driven + 1) * len(world_T_true))
     world_T_query = answers.load("world_T_query")[case_rows]
     novelty = answers.load("novelty")[case_rows].astype(np.float64)
@@ -127,7 +126,7 @@ def of_study(fixes: Path, scans: Path, submaps: Path, promise: float | None) -> 
         )
 
 
-def _points(scans: Artifact, submaps: Artifact, row: int) -> Points:
+def _points(scans: schemas.Scans, submaps: schemas.Submaps, row: int) -> Points:
     """The points (n, 3) of one submap, in its anchor's frame."""
     return next(iter(submap_points(scans, submaps, slice(row, row + 1))))
 

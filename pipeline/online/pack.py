@@ -6,16 +6,17 @@ The verdict is learned on held-out blocks of the training day.
 import platform
 from collections.abc import Mapping
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
 from pipeline import schemas, store
 from pipeline.errors import ConfigError
+from pipeline.grid import Grid
 from pipeline.mapping.gathering import submap_points
 from pipeline.matching.places import Places
 from pipeline.matching.ranking import Model, Rows
@@ -23,6 +24,15 @@ from pipeline.matching.rejection import PREFIX as HELD_OUT
 from pipeline.online import site, site_file
 from pipeline.online.sensor import typical
 from pipeline.online.site_file import Arrays
+from pipeline.online.site_json import (
+    Growth,
+    LearnedDay,
+    MapSettings,
+    Promises,
+    Provenance,
+    Sensor,
+    SiteDescription,
+)
 from pipeline.posing.held_out import Drive, HeldOut, TrainingDay
 from pipeline.posing.targets import write_map
 from pipeline.posing.verdict import BELIEFS, PROMISES, Verdict
@@ -31,7 +41,6 @@ from pipeline.running.compute import Compute
 from pipeline.running.dvc_files import DvcLock
 from pipeline.running.progress import Progress
 from pipeline.running.texts import read_yaml
-from pipeline.store import Artifact
 from pipeline.studies.layout import Layout
 from pipeline.studies.study import Study, StudyMethod
 
@@ -41,38 +50,81 @@ NOT_ASKED = (HELD_OUT, "curves/", "best_epoch")
 
 
 @dataclass(frozen=True)
+class Trained:
+    """A trained model of a study, and the artifacts of the day that it learned."""
+
+    name: str
+    """STUDY/GRID/MODEL."""
+    simulated: bool
+    train: str
+    """The sequence that was learned."""
+    view: str
+    """What the method looks at: a file of conf/view."""
+    model: Path
+    labels: Path
+    scans: Path
+    submaps: Path
+    views: Path
+    map: Path
+    """The day's map, which is made anew where there is none."""
+
+    @classmethod
+    def named(cls, layout: Layout, studies: Mapping[str, Study], name: str) -> Self:
+        """The model STUDY/GRID/MODEL.
+
+        Raises ConfigError for a name that no study has, and for a model that looks at several
+        scans.
+        """
+        dataset, grid, model_name, method = _named(studies, name)
+        train = studies[dataset].train_text
+        return cls(
+            name,
+            studies[dataset].simulated,
+            train,
+            method.view,
+            layout.path("train", dataset, grid, model_name),
+            layout.path("labels", dataset, grid, train),
+            layout.path("scans", dataset, train),
+            layout.path("submaps", dataset, train),
+            layout.path("views", dataset, method.view, train),
+            layout.path("map", dataset, train),
+        )
+
+    @property
+    def dataset(self) -> str:
+        """A file of conf/dataset."""
+        return self.name.partition("/")[0]
+
+
+@dataclass(frozen=True)
 class Packing:
     """Packs sites from a project's artifacts, as its conf/ describes them."""
 
     conf: Path
-    layout: Layout
-    studies: Mapping[str, Study]
 
-    def pack(self, name: str, out: Path, progress: Progress) -> str:
-        """Write the site of STUDY/GRID/MODEL; returns what it holds, in a line.
+    def pack(self, trained: Trained, out: Path, progress: Progress) -> str:
+        """Write the site of a model; returns what it holds, in a line.
 
-        Raises ConfigError for a name that no study has, and for a model that looks at several
-        scans; ArtifactError where an artifact is missing.
+        Raises ConfigError for a model that looks at several scans; ArtifactError where an artifact
+        is missing.
         """
-        dataset, grid, model_name, method = self._named(name)
-        train = self.studies[dataset].train_text
-        labels = self._read("labels", schemas.LABELS, dataset, grid, train)
-        scans = self._read("scans", schemas.SCANS, dataset, train)
-        submaps = self._read("submaps", schemas.SUBMAPS, dataset, train)
+        name = trained.name
+        labels = store.read(trained.labels, schemas.Labels)
+        scans = store.read(trained.scans, schemas.Scans)
+        submaps = store.read(trained.submaps, schemas.Submaps)
         if not (submaps.load("first") == submaps.load("scans")).all():
             raise ConfigError(
                 f"{name}: its submaps gather several scans or sweeps; a site localises single scans"
             )
-        view = read_yaml(self.conf / "view" / f"{method.view}.yaml")
-        model_path = self.layout.path("train", dataset, grid, model_name)
-        recipe = {key: plain(value) for key, value in store.read_recipe(model_path).items()}
-        trained_model = store.read_model(model_path)
+        view = read_yaml(self.conf / "view" / f"{trained.view}.yaml")
+        recipe = {key: plain(value) for key, value in store.read_recipe(trained.model).items()}
+        trained_model = store.read_model(trained.model)
         settings = read_yaml(self.conf / "poses.yaml")
         k = int(settings["k"])
         fixer, held_out = (build(settings[key], site.ROOTS) for key in ("fixer", "held_out"))
         assert isinstance(held_out, HeldOut)
         with ExitStack() as stack:
-            map_path = self.layout.path("map", dataset, train)
+            map_path = trained.map
             if not map_path.is_dir():
                 map_path = Path(stack.enter_context(TemporaryDirectory()), map_path.name)
                 progress.tell(f"thin {submaps['scans'].shape[0]} submaps into a map")
@@ -82,39 +134,41 @@ class Packing:
                     if key.endswith("_m")
                 }
                 write_map(map_path, scans, submaps, **thinning)
-            site_map = store.read(map_path, schemas.MAPS)
+            site_map = store.read(map_path, schemas.Maps)
             localizer = build(recipe, site.ROOTS).localizer(trained_model)
-            views = Rows.read(self.layout.path("views", dataset, method.view, train))
+            views = Rows.read(trained.views)
             drive = Drive(Path(scans.path), Path(submaps.path))
             learned_day = TrainingDay(
                 map_path, drive, views, labels.load("places"), build(view, site.ROOTS), localizer, k
             )
             compute = stack.enter_context(Compute("processes"))
             evidence = held_out.evidence(fixer, learned_day, compute, progress)
-            arrays = {key: site_map.load(key) for key in schemas.MAPS.columns}
+            arrays = {key: site_map.load(key) for key in schemas.Maps.columns}
         verdict = Verdict(evidence, settings["unseen_share"])
         limits = {belief: verdict.limits(belief) for belief in BELIEFS}
-        reader = read_yaml(self.conf / "dataset" / f"{dataset}.yaml")["reader"]
-        about = {
-            "name": name,
-            "simulated": self.studies[dataset].simulated,
-            "method": recipe,
-            "view": view,
-            "fixer": settings["fixer"],
-            "k": k,
-            "places": {key: labels.attrs[key] for key in ("cell_m", "x_m", "y_m")},
-            "map": {key: site_map.attrs[key] for key in ("grain_m", "range_m", "single")},
-            "verdict": asdict(verdict.judge)
-            | {"promises": PROMISES, "promised": limits}
-            | {"held_out": evidence.blocks, "unseen_share": settings["unseen_share"]},
-            "reader": reader,
-            "sensor": self._sensor(scans, submaps, reader),
-            "provenance": self._provenance(dataset, grid, train, model_path),
-        }
-        about["growth"] = {
-            "voxel_m": site_map.attrs["voxel_m"],
-            "days": [day(train, len(views.stamps_ns))],
-        }
+        reader = read_yaml(self.conf / "dataset" / f"{trained.dataset}.yaml")["reader"]
+        description = SiteDescription(
+            name=name,
+            simulated=trained.simulated,
+            method=recipe,
+            view=view,
+            fixer=settings["fixer"],
+            k=k,
+            places=Grid(labels.cell_m, labels.x_m, labels.y_m),
+            map=MapSettings(site_map.grain_m, site_map.range_m, site_map.single),
+            verdict=Promises(
+                verdict.judge.pose,
+                verdict.judge.place,
+                PROMISES,
+                {belief: tuple(limits[belief]) for belief in BELIEFS},
+                evidence.blocks,
+                settings["unseen_share"],
+            ),
+            reader=reader,
+            sensor=self._sensor(scans, submaps, reader),
+            provenance=self._provenance(trained),
+            growth=Growth(site_map.voxel_m, (LearnedDay(trained.train, len(views.stamps_ns)),)),
+        )
         growth_views = learned_from(views, trained_model)
         model = {
             key: array for key, array in trained_model.items() if not key.startswith(NOT_ASKED)
@@ -122,82 +176,64 @@ class Packing:
         site_file.write(
             out,
             site_file.Parts(
-                about, model, {**arrays, "cells": labels.load("cells")}, None, growth_views
+                description, model, {**arrays, "cells": labels.cells}, None, growth_views
             ),
         )
-        kept_count = sum(reject_from > 0 for reject_from in limits["fix"])
-        promised = f"promises {', '.join(map(str, PROMISES[:kept_count])) or 'nothing'}" + (
-            ""
-            if kept_count == len(PROMISES)
-            else f", not {', '.join(map(str, PROMISES[kept_count:]))}"
-        )
-        places = f"{len(Places.read(labels).cells)} places, {len(arrays['world_T_anchor'])} submaps"
+        kept = description.verdict.kept
+        promised = f"promises {', '.join(map(str, kept)) or 'nothing'}"
+        if len(kept) < len(PROMISES):
+            promised += f", not {', '.join(map(str, PROMISES[len(kept) :]))}"
+        places = f"{len(Places.of(labels).cells)} places, {len(arrays['world_T_anchor'])} submaps"
         return (
             f"{out}: {places}, {out.stat().st_size / 1e6:.1f} MB; by {evidence.blocks} held-out "
             f"blocks it {promised}"
         )
 
-    def _named(self, name: str) -> tuple[str, str, str, StudyMethod]:
-        """Study, grid, model and the study's entry of its method, from STUDY/GRID/MODEL.
-
-        Raises ConfigError where there is no such model.
-        """
-        words = name.split("/")
-        if len(words) != 3 or words[0] not in self.studies:
-            raise ConfigError(
-                f"{name}: expected STUDY/GRID/METHOD, a study being one of "
-                f"{', '.join(self.studies)}"
-            )
-        dataset, grid, model_name = words
-        study = self.studies[dataset]
-        if grid not in study.grid_names:
-            raise ConfigError(f"{name}: {dataset} has the grids {', '.join(study.grid_names)}")
-        models = {model.name: method for method in study.methods for model in method.models}
-        if model_name not in models:
-            if model_name.removesuffix("-pose") in models:
-                raise ConfigError(
-                    f"{name}: pack {dataset}/{grid}/{model_name.removesuffix('-pose')}; every site "
-                    "makes poses"
-                )
-            packed = [model for model, method in models.items() if not method.is_on_bird_views]
-            raise ConfigError(f"{name}: of {dataset} can be packed {', '.join(packed)}")
-        if models[model_name].is_on_bird_views:
-            raise ConfigError(
-                f"{name}: matches sequences of bird-views; a site localises single scans"
-            )
-        return dataset, grid, model_name, models[model_name]
-
-    def _read(self, kind: str, schema: store.Schema, *names: str) -> Artifact:
-        return store.read(self.layout.path(kind, *names), schema)
-
-    def _provenance(self, dataset: str, grid: str, train: str, trained: Path) -> dict[str, Any]:
+    def _provenance(self, trained: Trained) -> Provenance:
         """What the site was made of: DVC's digests, versions, and the day that was learned."""
         lock = DvcLock.read(self.conf.parent / "dvc.lock")
-        root = self.layout.root.parent
-        parts = {
-            "model": trained,
-            "labels": self.layout.path("labels", dataset, grid),
-            "scans": self.layout.path("scans", dataset),
-        }
-        digests = {
-            part: lock.of(path.relative_to(root).as_posix())[0] for part, path in parts.items()
-        }
+        parts = {"model": trained.model, "labels": trained.labels, "scans": trained.scans}
+        digests = {part: lock.of(path.as_posix())[0] for part, path in parts.items()}
         versions = {"yearloc": version("yearloc"), "python": platform.python_version()}
         versions |= {name: version(name).partition("+")[0] for name in VERSIONS}
-        return {"train": train, "md5": digests, "versions": versions}
+        return Provenance(trained.train, digests, versions)
 
     def _sensor(
-        self, scans: Artifact, submaps: Artifact, reader: Mapping[str, Any]
-    ) -> dict[str, Any]:
+        self, scans: schemas.Scans, submaps: schemas.Submaps, reader: Mapping[str, Any]
+    ) -> Sensor:
         """What nine training scans look like, and how high the reader raises them."""
-        rows = np.unique(np.linspace(0, submaps["scans"].shape[0] - 1, 9).astype(int))
-        typical_scan = typical(
-            next(iter(submap_points(scans, submaps, slice(row, row + 1)))) for row in rows
+        rows = np.unique(np.linspace(0, len(submaps.scans) - 1, 9).astype(int))
+        clouds = (next(iter(submap_points(scans, submaps, slice(row, row + 1)))) for row in rows)
+        lift_m = float(reader.get("lidar_height_m", reader.get("lift_m", 0.0)))
+        return typical(clouds, lift_m)
+
+
+def _named(studies: Mapping[str, Study], name: str) -> tuple[str, str, str, StudyMethod]:
+    """Study, grid, model and the study's entry of its method, from STUDY/GRID/MODEL.
+
+    Raises ConfigError where there is no such model.
+    """
+    words = name.split("/")
+    if len(words) != 3 or words[0] not in studies:
+        raise ConfigError(
+            f"{name}: expected STUDY/GRID/METHOD, a study being one of {', '.join(studies)}"
         )
-        return {
-            "lift_m": float(reader.get("lidar_height_m", reader.get("lift_m", 0.0))),
-            **typical_scan,
-        }
+    dataset, grid, model_name = words
+    study = studies[dataset]
+    if grid not in study.grid_names:
+        raise ConfigError(f"{name}: {dataset} has the grids {', '.join(study.grid_names)}")
+    models = {model.name: method for method in study.methods for model in method.models}
+    if model_name not in models:
+        if model_name.removesuffix("-pose") in models:
+            raise ConfigError(
+                f"{name}: pack {dataset}/{grid}/{model_name.removesuffix('-pose')}; every site "
+                "makes poses"
+            )
+        packed = [model for model, method in models.items() if not method.is_on_bird_views]
+        raise ConfigError(f"{name}: of {dataset} can be packed {', '.join(packed)}")
+    if models[model_name].is_on_bird_views:
+        raise ConfigError(f"{name}: matches sequences of bird-views; a site localises single scans")
+    return dataset, grid, model_name, models[model_name]
 
 
 def learned_from(views: Rows, model: Model) -> Arrays:
@@ -213,8 +249,3 @@ def learned_from(views: Rows, model: Model) -> Arrays:
     }
     arrays |= {"days": np.zeros(n, np.int64), "chances": np.ones(n)}
     return arrays | {name: array for name, array in model.items() if name.startswith(HELD_OUT)}
-
-
-def day(name: str, views: int, **counts: int) -> dict[str, Any]:
-    """What a site file records of a day that it learned."""
-    return {"day": name, "views": views, **counts}

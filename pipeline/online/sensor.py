@@ -1,13 +1,14 @@
 """Checks whether scans come from a sensor like the one that a site was learned with."""
 
-from collections.abc import Iterable, Mapping
-from typing import Any
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.frames import Poses, rpy
 from pipeline.inspection.cloud import RAISED_M, Diagnosis, diagnose
+from pipeline.inspection.symptoms import Kind
+from pipeline.online.site_json import Sensor
 from pipeline.online.tilt import LEVEL_DEG, lean
 from pipeline.readers.log import raised
 
@@ -22,36 +23,36 @@ TURN = "--body-T-lidar={}"
 in degrees."""
 OF_LOGS = "{:+.2f} m more of reader.lift_m (of KITTI lidar_height_m)"
 """How the reader of a log raises them."""
-DOWN = "z points"
-"""The kind of warning on a scan that is upside down."""
-NAMES = ("points", "azimuth_deg", "beams", "ground_m", "sensor_m")
+COMPARED_BY_NUMBER = (Kind.GROUND, Kind.BEAMS, Kind.NOT_ROUND)
 
 
-def typical(clouds: Iterable[NDArray[np.float64]]) -> dict[str, Any]:
-    """What scans (n, 3) of a sensor look like: medians, and all kinds of warning they give.
+def typical(clouds: Iterable[NDArray[np.float64]], lift_m: float) -> Sensor:
+    """What scans (n, 3) of a sensor look like, which a reader raised by `lift_m`.
 
     A median is None where most scans have no value.
     """
     diagnoses = [diagnose(cloud) for cloud in clouds]
 
-    def median(values: list[float | None]) -> float | None:
+    def median(name: str) -> float | None:
+        values = [getattr(diagnosis, name) for diagnosis in diagnoses]
         finite_values = [value for value in values if value is not None and np.isfinite(value)]
         return float(np.median(finite_values)) if len(finite_values) * 2 > len(values) else None
 
-    medians = {
-        name: median([getattr(diagnosis, name) for diagnosis in diagnoses]) for name in NAMES
-    }
-    return {
-        **medians,
-        "warnings": sorted(
-            {_kind(warning) for diagnosis in diagnoses for warning in diagnosis.warnings}
-        ),
-    }
+    kinds = {symptom.kind for diagnosis in diagnoses for symptom in diagnosis.symptoms}
+    return Sensor(
+        lift_m=lift_m,
+        points=median("points"),
+        azimuth_deg=median("azimuth_deg"),
+        beams=median("beams"),
+        ground_m=median("ground_m"),
+        sensor_m=median("sensor_m"),
+        warnings=tuple(sorted(kinds)),
+    )
 
 
 def unlike(
     points_m: NDArray[np.float64],
-    trained: Mapping[str, Any],
+    trained: Sensor,
     body_T_lidar: Poses | None,
     ways: tuple[str, str] = (RAISE, TURN),
 ) -> list[str]:
@@ -61,8 +62,9 @@ def unlike(
     `ways` are how to raise or to place them otherwise.
     """
     diagnosis = diagnose(points_m)
-    expected_kinds = {*trained["warnings"], "ground at", "beams", "not all"}  # compared by number
-    down = DOWN not in expected_kinds and any(_kind(line) == DOWN for line in diagnosis.warnings)
+    expected_kinds = {*trained.warnings, *COMPARED_BY_NUMBER}
+    unexpected = [symptom for symptom in diagnosis.symptoms if symptom.kind not in expected_kinds]
+    down = any(symptom.kind == Kind.DOWN for symptom in unexpected)
     if leaning := lean(points_m, down):  # and so heights say nothing
         turned_over = "upside down" if leaning.upside_down else ""
         tilted = f"tilted by about {leaning.tilt_deg:.0f}°" if leaning.tilt_deg >= LEVEL_DEG else ""
@@ -80,7 +82,7 @@ def unlike(
         remedy = _raised(body_T_lidar, diagnosis.ground_m, ways)
     return [
         *_differences(diagnosis, trained, remedy),
-        *(line for line in diagnosis.warnings if _kind(line) not in expected_kinds),
+        *(symptom.text for symptom in unexpected),
     ]
 
 
@@ -105,10 +107,10 @@ def _numbers(pose: Poses) -> str:
     )
 
 
-def _differences(diagnosis: Diagnosis, trained: Mapping[str, Any], remedy: str) -> Iterable[str]:
-    beams = trained["beams"]
-    height_m = trained["sensor_m"]
-    azimuth_deg = trained["azimuth_deg"]
+def _differences(diagnosis: Diagnosis, trained: Sensor, remedy: str) -> Iterable[str]:
+    beams = trained.beams
+    height_m = trained.sensor_m
+    azimuth_deg = trained.azimuth_deg
     if beams and diagnosis.beams and not 1 / BEAMS < diagnosis.beams / beams < BEAMS:
         yield (
             f"{diagnosis.beams} beams, where the site was learned with {beams:.0f}: fewer fixes "
@@ -133,8 +135,3 @@ def _differences(diagnosis: Diagnosis, trained: Mapping[str, Any], remedy: str) 
             f"the ground lies at z = {diagnosis.ground_m:.2f} m, not "
             f"0{f': it would with {remedy}' if remedy else ''}"
         )
-
-
-def _kind(warning: str) -> str:
-    """The kind of a warning: `fewer than 1,000 points: 12; …` is one about `fewer than`."""
-    return "beams" if warning.partition(":")[0].endswith("beams") else " ".join(warning.split()[:2])

@@ -132,7 +132,7 @@ def serving(path: Path, token: str = "") -> FastAPI:
         if (
             sensor_warnings is None and fix.verdict != "no pose"
         ):  # the first scan tells of the sensor
-            sensor_warnings = sensor.unlike(points_m, site.about["sensor"], body_T_lidar, WAYS)
+            sensor_warnings = sensor.unlike(points_m, site.description.sensor, body_T_lidar, WAYS)
         answers.labels(fix.verdict).inc()
         durations.observe(fix.ms / 1e3)
         scan = Scan("", stamp_ns, lambda: points_m, NO_POSE, NO_POSE)
@@ -188,7 +188,7 @@ def _promise(request: Request, site: Site) -> float | None:
 
 def _placement(request: Request, site: Site) -> Poses:
     """The pose (4, 4) of the points in the body."""
-    lift_m = _number(request, "lift_m", float(site.about["sensor"]["lift_m"]))
+    lift_m = _number(request, "lift_m", site.description.sensor.lift_m)
     if (text := request.query_params.get("body_T_lidar")) is None:
         return raised(lift_m)
     if "lift_m" in request.query_params:

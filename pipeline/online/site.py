@@ -10,12 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import ArtifactError, InputError, NotInstalledError, YearlocError
-from pipeline.grid import Grid
 from pipeline.matching.places import Places
 from pipeline.matching.ranking import Localizer, Ranking, Rows
 from pipeline.online.runtime import localizer
 from pipeline.online.site_file import Parts, read
-from pipeline.posing.chances import Chances
 from pipeline.posing.fix import Fix as Registered
 from pipeline.posing.fix import Hypothesis
 from pipeline.posing.search import Answers, Fixer
@@ -82,40 +80,28 @@ class Site:
 
     def __init__(self, parts: Parts, threads: int = 1) -> None:
         """Build a site from the content of its file."""
-        about, model, arrays, network, _ = parts
-        self.about = about
+        description, model, arrays, network, _ = parts
+        self.description = description
         if network is None:
-            self.localizer: Localizer = build(
-                {**about["method"], "threads": threads}, ROOTS
-            ).localizer(model)
+            method = build({**description.method, "threads": threads}, ROOTS)
+            self.localizer: Localizer = method.localizer(model)
         else:
             self.localizer = localizer(network, model, threads)
-        self.view: Callable[[NDArray[np.floating]], NDArray[Any]] = build(about["view"], ROOTS)
-        self.fixer: Fixer = build(about["fixer"], ROOTS)
-        self.targets = Targets(arrays, **about["map"])
-        place = about["places"]
-        self.places = Places(
-            Grid(place["cell_m"], tuple(place["x_m"]), tuple(place["y_m"])), arrays["cells"]
-        )
-        verdict = about["verdict"]
-        self.judged = Judge(
-            *(
-                Chances(tuple(verdict[belief]["weights"]), float(verdict[belief]["offset"]))
-                for belief in ("pose", "place")
-            )
-        )
-        self.fixer = replace(self.fixer, chances=self.judged.pose)
-        limits = zip(
-            verdict["promises"],
-            zip(*(verdict["promised"][belief] for belief in BELIEFS), strict=True),
-            strict=True,
-        )
+        self.view: Callable[[NDArray[np.floating]], NDArray[Any]] = build(description.view, ROOTS)
+        self.targets = Targets(arrays, **vars(description.map))
+        self.places = Places(description.places, arrays["cells"])
+        verdict = description.verdict
+        self.judged = Judge(verdict.pose, verdict.place)
+        self.fixer: Fixer = replace(build(description.fixer, ROOTS), chances=self.judged.pose)
+        limits = zip(*(verdict.promised[belief] for belief in BELIEFS), strict=True)
         self.promises: dict[float, tuple[float, ...]] = {
-            promise: reject_from for promise, reject_from in limits if reject_from[0] > 0
+            promise: reject_from
+            for promise, reject_from in zip(verdict.promises, limits, strict=True)
+            if promise in verdict.kept
         }
         """Each precision that it can promise of a pose, with the doubt to reject each of BELIEFS
         from."""
-        self.k = int(about["k"])
+        self.k = description.k
 
     @classmethod
     def open(cls, path: str | Path, threads: int = 1) -> Self:
@@ -147,7 +133,7 @@ class Site:
     @property
     def name(self) -> str:
         """What was packed: STUDY/GRID/MODEL."""
-        return str(self.about["name"])
+        return self.description.name
 
     def check(self, promise: float | None) -> None:
         """Raise InputError for a promise that the site cannot make."""

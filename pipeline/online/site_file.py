@@ -15,30 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 from safetensors.numpy import load, save
 
-from pipeline.errors import ArtifactError, YearlocError
+from pipeline.errors import ArtifactError, ConfigError, YearlocError
 from pipeline.online.runtime import NETWORK
+from pipeline.online.site_json import VERSION, SiteDescription
 from pipeline.replacing import replace as replaced
 
 ABOUT = "site.json"
 MODEL = "model.safetensors"
 MAP = "map.safetensors"
 VIEWS = "views.safetensors"
-VERSION = 3
 LARGEST_BYTES = 2**32
-KEYS = (
-    "version",
-    "name",
-    "method",
-    "view",
-    "fixer",
-    "k",
-    "places",
-    "map",
-    "verdict",
-    "reader",
-    "sensor",
-    "provenance",
-)
 EPOCH = (1980, 1, 1, 0, 0, 0)  # of every file in the zip: the same site has the same bytes
 Arrays = Mapping[str, NDArray[Any]]
 
@@ -46,8 +32,8 @@ Arrays = Mapping[str, NDArray[Any]]
 class Parts(NamedTuple):
     """The content of a site file."""
 
-    about: dict[str, Any]
-    """The content of site.json (KEYS)."""
+    description: SiteDescription
+    """The content of site.json."""
     model: Arrays
     """The arrays that the method learned."""
     arrays: Arrays
@@ -64,9 +50,7 @@ def write(path: Path, parts: Parts) -> None:
     arrays_by_file = {MODEL: parts.model, MAP: parts.arrays} | (
         {VIEWS: parts.views} if parts.views else {}
     )
-    content = {
-        ABOUT: json.dumps({"version": VERSION, **parts.about}, indent=1, allow_nan=False).encode()
-    }
+    content = {ABOUT: json.dumps(parts.description.as_json(), indent=1, allow_nan=False).encode()}
     content |= {
         name: save({key: np.require(array, requirements="C") for key, array in part.items()})
         for name, part in arrays_by_file.items()
@@ -124,6 +108,8 @@ def read(path: Path, views: bool = False) -> Parts:
             f"{path}: a site of version {version}, this yearloc reads version {VERSION}; pack it "
             "anew"
         )
-    if lacking := [key for key in KEYS if key not in about]:
-        raise ArtifactError(f"{path}: its {ABOUT} has no {lacking[0]}; pack the site anew")
-    return Parts(about, model, arrays, content.get(NETWORK), view_arrays)
+    try:
+        description = SiteDescription.from_json(about)
+    except ConfigError as error:
+        raise ArtifactError(f"{path}: its {ABOUT}: {error}; pack the site anew") from None
+    return Parts(description, model, arrays, content.get(NETWORK), view_arrays)

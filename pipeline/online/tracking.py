@@ -121,7 +121,7 @@ class Tracker:
         site.check(promise)
         self.site = site
         self._promise = promise
-        self.belief = Belief(float(site.about["verdict"]["unseen_share"]))
+        self.belief = Belief(site.description.verdict.unseen_share)
         self.mode: Literal["lost", "tracking"] = "lost"
         self._pose: NDArray[np.float64] | None = None
         self._motion = Motion()

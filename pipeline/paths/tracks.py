@@ -1,21 +1,19 @@
 """Tracks: the fixes of a drive in their order, to be joined with its odometry (METHODS 9.9)."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline import schemas
 from pipeline.alterations import read_cases
 from pipeline.errors import InputError
 from pipeline.frames import Poses, turns, yaw
 from pipeline.matching.places import Places
-from pipeline.matching.ranking import Ranking
 from pipeline.matching.rejection import ACCEPT_NOTHING
 from pipeline.posing.answers import lead
-from pipeline.store import Artifact
+from pipeline.schemas import Fixes
 
 
 @dataclass(frozen=True)
@@ -59,51 +57,41 @@ class Path(Protocol):
         """Estimates for each query of a track."""
 
 
-def joined(
-    fixes: Artifact, odom_T_anchor: Poses, path: Path, places: Places
-) -> tuple[dict[str, Any], dict[str, Any]]:
-    """The columns and attributes of a fixes artifact, with estimates in place of the fixes.
+def joined(fixes: Fixes, odom_T_anchor: Poses, path: Path, places: Places) -> Fixes:
+    """The fixes of one sequence with estimates along its path in place of single poses.
 
     Each case is a drive. An estimate is accepted where its chance alone keeps what is wanted, for
     no held-out blocks tell more. Raises InputError where fixes and odometry (n, 4, 4) are not of
     the same submaps.
     """
-    columns = {
-        name: fixes.load(name)
-        for name in [field.name for field in fields(Ranking) if field.name != "kinds"]
-    }
-    columns |= {
-        name: fixes.load(name) for name in ("turned_deg", "world_T_query", "covariance", "overlap")
-    }
-    cases = len(read_cases(fixes.attrs))
+    cases = len(read_cases(fixes.cases))
     n = len(odom_T_anchor)
-    attrs = fixes.attrs
-    if len(columns["places"]) != n * cases:
+    if len(fixes.places) != n * cases:
         raise InputError(
-            f"{fixes.path}: {len(columns['places'])} queries in {cases} cases of {n} submaps"
+            f"{fixes.path}: {len(fixes.places)} queries in {cases} cases of {n} submaps"
         )
+    answers = {
+        name: getattr(fixes, name).copy() for name in ("places", "costs", "xy_m", "heading_deg")
+    }
+    world_T_query = fixes.world_T_query.copy()
+    novelty = fixes.novelty.copy()
+    confidence = fixes.confidence.copy()
     for case in range(cases):
-        case_rows = slice(case * n, (case + 1) * n)
-        odom_T_query = odom_T_anchor @ turns(
-            np.deg2rad(columns["turned_deg"][case_rows].astype(np.float64))
-        )
-        novelty = columns["novelty"][case_rows].astype(np.float64)
-        world_T_query = columns["world_T_query"][case_rows]
-        accepted = novelty[:, 0] < attrs["promised"][1]
+        rows = slice(case * n, (case + 1) * n)
+        turn_rad = np.deg2rad(fixes.turned_deg[rows].astype(np.float64))
+        doubt = fixes.novelty[rows, 0].astype(np.float64)
         estimates = path.along(
             Track(
-                odom_T_query,
-                world_T_query,
-                1 - novelty[:, 0],
-                accepted,
-                columns["covariance"][case_rows],
+                odom_T_anchor @ turns(turn_rad),
+                fixes.world_T_query[rows],
+                1 - doubt,
+                doubt < fixes.promised[1],
+                fixes.covariance[rows],
             )
         )
-        columns["world_T_query"][case_rows] = estimates.world_T_query
-        columns["confidence"][case_rows] = estimates.chance
-        columns["novelty"][case_rows, 0] = 1 - estimates.chance
-        # the covariance is that of each query's own fix, which the estimate replaces
-        columns["covariance"][case_rows] = np.nan
+        world_T_query[rows] = estimates.world_T_query
+        confidence[rows] = estimates.chance
+        novelty[rows, 0] = 1 - estimates.chance
         for row in np.flatnonzero(np.isfinite(estimates.world_T_query).all((1, 2))).tolist():
             pose = estimates.world_T_query[None, row]
             xy_m = pose[:, :2, 3]
@@ -113,14 +101,19 @@ def joined(
                 "xy_m": xy_m,
                 "heading_deg": np.rad2deg(yaw(pose)),
             }
-            lead(columns, case * n + row, first)
-    thresholds = [1 - attrs["wanted_precision"], *attrs["thresholds"][1:]]
-    fix_attrs = {name: attrs[name] for name in schemas.FIXES.attrs}
-    promised = {"promised": [1 - promise for promise in attrs["promises"]]}
+            lead(answers, case * n + row, first)
     # place and several were judged of another pose
-    accept_nothing = [ACCEPT_NOTHING] * len(attrs["promises"])
-    return columns, fix_attrs | promised | {
-        "thresholds": thresholds,
-        "promised_place": accept_nothing,
-        "promised_several": accept_nothing,
-    }
+    accept_nothing = (ACCEPT_NOTHING,) * len(fixes.promises)
+    return replace(
+        fixes,
+        **answers,
+        world_T_query=world_T_query,
+        novelty=novelty,
+        confidence=confidence,
+        # that of each query's own fix, which the estimate replaces
+        covariance=np.full_like(fixes.covariance, np.nan),
+        thresholds=(1 - fixes.wanted_precision, *fixes.thresholds[1:]),
+        promised=tuple(1 - promise for promise in fixes.promises),
+        promised_place=accept_nothing,
+        promised_several=accept_nothing,
+    )

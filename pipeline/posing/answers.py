@@ -4,21 +4,21 @@ How new each query looks is then judged by its fix.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline import schemas, store
+from pipeline import store
 from pipeline.errors import ConfigError
 from pipeline.frames import yaw
 from pipeline.matching.places import Places
 from pipeline.matching.ranking import Ranking
 from pipeline.posing.fix import Fix, poses
 from pipeline.posing.verdict import BELIEFS, PROMISES, Verdict
-from pipeline.store import Artifact
+from pipeline.schemas import Fixes, Rankings
 
 OWN_KINDS = BELIEFS
 """Kinds of novelty that a fix adds: one minus the chance of each belief in it."""
@@ -98,40 +98,33 @@ class Posing:
                 f"{', '.join(map(str, PROMISES))}"
             )
 
-    def write(self, path: Path, rankings: Artifact, fixes: Sequence[Fix]) -> str:
+    def write(self, path: Path, rankings: Rankings, fixes: Sequence[Fix]) -> str:
         """Write the fixes (q,) of a ranking's queries, in all its cases.
 
         Returns what was done, in a line.
         """
-        names = [field.name for field in fields(Ranking) if field.name != "kinds"]
-        arrays = {name: rankings.load(name) for name in names}
-        ranking = Ranking(**arrays, kinds=tuple(rankings.attrs["kinds"]))
-        answered = posed(ranking, fixes, self.places, self.verdict.judge.of(fixes))
+        answered = posed(rankings.ranking(), fixes, self.places, self.verdict.judge.of(fixes))
         limits = {belief: self.verdict.limits(belief) for belief in BELIEFS}
         promise_number = PROMISES.index(self.wanted_precision)
-        thresholds = dict(zip(ranking.kinds, rankings.attrs["thresholds"], strict=True))
+        thresholds = dict(zip(rankings.kinds, rankings.thresholds, strict=True))
         thresholds |= {belief: limits[belief][promise_number] for belief in BELIEFS}
-        rejection = {
-            "kinds": answered.kinds,
-            "thresholds": [thresholds[kind] for kind in answered.kinds],
-        }
-        verdict = {
-            "promises": PROMISES,
-            "promised": limits["fix"],
-            "held_out": self.verdict.evidence.blocks,
-        }
-        beliefs = {f"promised_{belief}": limits[belief] for belief in BELIEFS[1:]}
-        cases = {"cases": rankings.attrs["cases"], "wanted_precision": self.wanted_precision}
-        with store.write(path, schemas.FIXES, **rejection, **verdict, **beliefs, **cases) as out:
-            for name in names:
-                out.put(name, getattr(answered, name))
-            out.put("turned_deg", rankings.load("turned_deg"))
-            out.put("world_T_query", poses(fixes))
-            out.put("overlap", np.array([fix.alignment.overlap for fix in fixes], np.float32))
-            out.put(
-                "covariance",
-                np.array([fix.alignment.covariance for fix in fixes]).reshape(-1, 6, 6),
-            )
+        covariances = [fix.alignment.covariance for fix in fixes]
+        artifact = Fixes(
+            **vars(answered),
+            turned_deg=rankings.turned_deg,
+            cases=rankings.cases,
+            thresholds=tuple(thresholds[kind] for kind in answered.kinds),
+            wanted_precision=self.wanted_precision,
+            world_T_query=poses(fixes),
+            covariance=np.array(covariances).reshape(-1, 6, 6),
+            overlap=np.array([fix.alignment.overlap for fix in fixes], np.float32),
+            promises=PROMISES,
+            promised=tuple(limits["fix"]),
+            promised_place=tuple(limits["place"]),
+            promised_several=tuple(limits["several"]),
+            held_out=self.verdict.evidence.blocks,
+        )
+        store.write(path, artifact)
         return f"{path.stem}: {self._summary(answered, limits, fixes, promise_number)}"
 
     def _summary(

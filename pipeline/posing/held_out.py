@@ -39,8 +39,8 @@ class Drive:
 
     def points_m(self, row: int) -> Points:
         """The points (n, 3) of a submap, in its anchor's frame, z up from the ground."""
-        scans = store.read(self.scans, schemas.SCANS)
-        submaps = store.read(self.submaps, schemas.SUBMAPS)
+        scans = store.read(self.scans, schemas.Scans)
+        submaps = store.read(self.submaps, schemas.Submaps)
         return next(iter(submap_points(scans, submaps, slice(row, row + 1))))
 
 

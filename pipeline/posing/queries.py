@@ -18,7 +18,7 @@ from pipeline.posing.fix import Fix
 from pipeline.posing.registration import Points
 from pipeline.posing.search import Answers, Fixer
 from pipeline.posing.targets import Targets
-from pipeline.store import Artifact, Schema
+from pipeline.store import A
 
 
 @dataclass(frozen=True)
@@ -40,10 +40,10 @@ class Queries:
         is not of these submaps in these cases, or no alteration has such a case.
         """
         targets = Targets.read(map_path)
-        scans = self._read(self.scans, schemas.SCANS)
-        submaps = self._read(self.submaps, schemas.SUBMAPS)
+        scans = self._read(self.scans, schemas.Scans)
+        submaps = self._read(self.submaps, schemas.Submaps)
         stamps_ns = submaps.load("stamps_ns")
-        cases = read_cases(self._read(self.rankings[0], schemas.RANKINGS).attrs)
+        cases = read_cases(self._read(self.rankings[0], schemas.Rankings).cases)
         every_xy_m, every_heading_deg = self._candidates(len(stamps_ns) * len(cases), k)
         xy_m = every_xy_m.reshape(len(cases), len(stamps_ns), -1, 2)
         heading_deg = every_heading_deg.reshape(len(cases), len(stamps_ns), -1)
@@ -80,7 +80,7 @@ class Queries:
         positions_m = []
         headings_deg = []
         for folder in self.rankings:
-            ranking = self._read(folder, schemas.RANKINGS)
+            ranking = self._read(folder, schemas.Rankings)
             xy_m = ranking.load("xy_m")
             if len(xy_m) != count:
                 raise InputError(
@@ -93,5 +93,5 @@ class Queries:
             headings_deg, axis=2
         ).reshape(count, -1)
 
-    def _read(self, folder: str, schema: Schema) -> Artifact:
-        return store.read(Path(folder, f"{self.sequence}.zarr"), schema)
+    def _read(self, folder: str, kind: type[A]) -> A:
+        return store.read(Path(folder, f"{self.sequence}.zarr"), kind)

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import small_gicp
@@ -47,6 +48,14 @@ class Cloud:
 
     points: small_gicp.PointCloud
     tree: small_gicp.KdTree
+    cell_m: float
+
+    @cached_property
+    def cells(self) -> small_gicp.GaussianVoxelMap:
+        """The Gaussians of the thinned points, one in each cell of `cell_m`."""
+        gaussians = small_gicp.GaussianVoxelMap(self.cell_m)
+        gaussians.insert(self.points)
+        return gaussians
 
     @cached_property
     def xyz_m(self) -> Points:
@@ -77,30 +86,43 @@ class Cloud:
         return np.asarray(rows, np.int64), np.sqrt(np.asarray(squares_m2, np.float64))
 
 
+class Approach(NamedTuple):
+    """Where a source cloud roughly stands in a target's frame."""
+
+    target_T_source: NDArray[np.float64]
+    """(4, 4)."""
+    overlap: float
+    """Share of a sample of the source's voxels that have one of the target's nearer than
+    `reach_m`."""
+
+
 @dataclass(frozen=True)
 class Registration:
-    """Generalised ICP between voxelised clouds (Segal, RSS 2009, in small_gicp).
+    """Generalised ICP between thinned clouds, in two steps (both in small_gicp).
 
-    Each stage has a shorter reach.
+    The approach pairs points with one Gaussian a wide cell of the target (Koide, ICRA 2021): it
+    comes near from some metres away. The refinement pairs points with points (Segal, RSS 2009).
     """
 
     voxel_m: Positive = 0.5
     neighbours: int = 10
     """Points that each covariance is estimated from."""
-    reaches_m: tuple[float, ...] = (4.0, 1.0)
-    """Largest distance of a pair of points, one stage after the other."""
-    iterations: Count = 20
+    cell_m: Positive = 4.0
+    """Width of the approach's cells."""
+    reach_m: Positive = 1.0
+    """Largest distance of a pair of points in the refinement."""
+    iterations: Count = 10
+    """At most, in each step."""
     inlier_m: Positive = 0.5
     least_voxels: int = 100
     """Clouds of fewer voxels have too little to hold on to."""
 
     def __post_init__(self) -> None:
         check(self, "registration")
-        object.__setattr__(self, "reaches_m", tuple(self.reaches_m))  # a yaml has lists
-        if not self.reaches_m or not all(reach > 0 for reach in self.reaches_m):
+        if not self.cell_m > self.reach_m:
             raise ConfigError(
-                f"registration.reaches_m={list(self.reaches_m)}: expected lengths above 0, the "
-                "longest first"
+                f"registration.cell_m={self.cell_m}: expected more than "
+                f"registration.reach_m={self.reach_m}"
             )
         for name, least in (("neighbours", 5), ("least_voxels", self.neighbours)):
             if not getattr(self, name) >= least:
@@ -119,33 +141,51 @@ class Registration:
         guess = np.asarray(target_T_source, np.float64)
         if guess.shape != (4, 4) or not np.isfinite(guess).all():
             raise InputError(f"a first guess of shape {guess.shape}: expected a finite pose (4, 4)")
-        return self.refine(self.prepare(target_points_m), self.prepare(source_points_m), guess)
+        target = self.prepare(target_points_m)
+        source = self.prepare(source_points_m)
+        return self.refine(target, source, self.approach(target, source, guess).target_T_source)
 
     def prepare(self, points_m: Points) -> Cloud:
         """Thin points (n, 3) in metres to a cloud; raises InputError if it cannot be registered."""
         points_m = np.asarray(points_m, np.float64)
         if points_m.ndim != 2 or points_m.shape[1] != 3 or not np.isfinite(points_m).all():
             raise InputError(f"points of shape {points_m.shape}: expected finite ones (n, 3)")
-        cloud = Cloud(*small_gicp.preprocess_points(points_m, self.voxel_m, self.neighbours))
+        thinned, tree = small_gicp.preprocess_points(points_m, self.voxel_m, self.neighbours)
+        cloud = Cloud(thinned, tree, self.cell_m)
         if cloud.points.size() < self.least_voxels:
             content = f"{len(points_m)} points in {cloud.points.size()} voxels of {self.voxel_m} m"
             raise InputError(f"{content}: registration needs {self.least_voxels} voxels")
         return cloud
 
+    def approach(
+        self, target: Cloud, source: Cloud, target_T_source: NDArray[np.float64]
+    ) -> Approach:
+        """Bring a prepared cloud near its pose, from a guess (4, 4) that is metres off."""
+        result = small_gicp.align(
+            target.cells,
+            source.points,
+            target_T_source,
+            max_correspondence_distance=self.cell_m,
+            max_iterations=self.iterations,
+        )
+        poses = (np.asarray(result.T_target_source), target_T_source)  # a guess may be better
+        shares = [self._near(target, source, pose) for pose in poses]
+        best = int(np.argmax(shares))
+        return Approach(poses[best], shares[best])
+
     def refine(
         self, target: Cloud, source: Cloud, target_T_source: NDArray[np.float64]
     ) -> Alignment:
-        """Align two prepared clouds from a first guess (4, 4)."""
-        for reach_m in self.reaches_m:
-            result = small_gicp.align(
-                target.points,
-                source.points,
-                target.tree,
-                target_T_source,
-                max_correspondence_distance=reach_m,
-                max_iterations=self.iterations,
-            )
-            target_T_source = result.T_target_source
+        """Align two prepared clouds from a pose (4, 4) that is nearly right."""
+        result = small_gicp.align(
+            target.points,
+            source.points,
+            target.tree,
+            target_T_source,
+            max_correspondence_distance=self.reach_m,
+            max_iterations=self.iterations,
+        )
+        target_T_source = np.asarray(result.T_target_source)
         moved_m = moved(target_T_source, source.xyz_m)
         nearest, distances_m = target.nearest(moved_m)
         paired = distances_m < self.inlier_m
@@ -155,6 +195,11 @@ class Registration:
             return Alignment(target_T_source, float(paired.mean()), np.full((6, 6), np.inf))
         covariance = _covariance(source.xyz_m[paired], normals @ target_T_source[:3, :3], off_m)
         return Alignment(target_T_source, float(paired.mean()), covariance)
+
+    def _near(self, target: Cloud, source: Cloud, target_T_source: NDArray[np.float64]) -> float:
+        """The share of the source's sample that the target has within `reach_m`."""
+        _, distances_m = target.nearest(moved(target_T_source, source.sample_m))
+        return float((distances_m < self.reach_m).mean())
 
 
 def moved(a_T_b: NDArray[np.float64], points_m: Points) -> Points:

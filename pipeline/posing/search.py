@@ -17,7 +17,7 @@ from pipeline.frames import pose, yaw
 from pipeline.matching.ranking import Ranking
 from pipeline.posing.chances import USUAL, Chances
 from pipeline.posing.fix import Fix, Hypothesis, same
-from pipeline.posing.registration import Alignment, Cloud, Points, Registration
+from pipeline.posing.registration import Alignment, Approach, Cloud, Points, Registration
 from pipeline.posing.slides import slide
 from pipeline.posing.targets import Targets, around
 from pipeline.posing.verification import Seen, agreement
@@ -61,8 +61,7 @@ class Query:
     """A query's points (n, 3), prepared for comparison with training submaps."""
 
     points_m: Points
-    rough: Cloud
-    fine: Cloud
+    cloud: Cloud
     walls: Walls
     single: bool
     """Whether it is one scan, whose sensor saw through what lies before its walls."""
@@ -80,7 +79,7 @@ class Query:
     @cached_property
     def seen(self) -> Seen:
         """What the query's sensor met and saw through."""
-        return Seen.of(self.walls, self.fine, self.chart)
+        return Seen.of(self.walls, self.cloud, self.chart)
 
     @cached_property
     def middles(self) -> NDArray[np.float64]:
@@ -100,16 +99,13 @@ class Fixer:
     coarse: Walls = field(default_factory=lambda: Walls(cell_m=2.0, headings=60))
     """What the whole map is searched by, once the ranking has no more candidates."""
     walls: Walls = field(default_factory=Walls)
-    rough: Registration = field(
-        default_factory=lambda: Registration(1.0, reaches_m=(2.0,), iterations=10, inlier_m=1.0)
-    )
-    fine: Registration = field(default_factory=lambda: Registration(reaches_m=(1.0,)))
+    registration: Registration = field(default_factory=Registration)
     rounds: Sequence[int] = (5, 20)
     """Candidates that are looked at in each round."""
     tries: Count = 5
-    """Rough registrations in each round, of the best matches of walls."""
+    """Approaches in each round, of the best matches of walls."""
     refined: Count = 2
-    """Fine registrations in each round, of the best rough ones."""
+    """Refined registrations in each round, of the best approaches."""
     sure: Share = 0.95
     """A hypothesis of this chance ends the search."""
     least_lead: NotNegative = 0.1
@@ -164,11 +160,10 @@ class Fixer:
         """Prepare the query's clouds; None where there are too few points."""
         points_m = around(points_m, targets.range_m)
         try:
-            fine = self.fine.prepare(points_m)
-            rough = self.rough.prepare(np.ascontiguousarray(fine.xyz_m))
+            cloud = self.registration.prepare(points_m)
         except InputError:
             return None
-        return Query(points_m, rough, fine, self.walls, targets.single)
+        return Query(points_m, cloud, self.walls, targets.single)
 
     def _first_sure(
         self,
@@ -259,7 +254,7 @@ class _Search:
             )
 
     def _round(self, rows: Sequence[int]) -> Iterator[Hypothesis]:
-        """Hypotheses from candidate rows: the best match of walls, then the best rough overlaps."""
+        """Hypotheses from candidate rows: the best match of walls, then the best approaches."""
         fixer = self.fixer
         targets = self.targets
         query = self.query
@@ -268,24 +263,35 @@ class _Search:
         ]
         likely = sorted(matches, key=lambda pair: -pair[1].score)[: fixer.tries]
         for few, refined in ((likely[:1], 1), (likely[1:], fixer.refined - 1)):
-            guesses = [
-                (row, targets.aligned(fixer.rough, row, query.rough, match.target_T_query))
+            approaches = [
+                (row, approach)
                 for row, match in few
+                for approach in self._approached(row, match.target_T_query)
             ]
-            for row, guess in sorted(guesses, key=lambda pair: -pair[1].overlap)[:refined]:
-                yield from self._refined(row, guess)
+            for row, approach in sorted(approaches, key=lambda pair: -pair[1].overlap)[:refined]:
+                yield from self._refined(row, approach)
 
     def _registered(self, row: int, target_T_query: NDArray[np.float64]) -> Iterator[Hypothesis]:
-        """Register from a guess against one submap, roughly, then finely; nothing if it fails."""
-        yield from self._refined(
-            row, self.targets.aligned(self.fixer.rough, row, self.query.rough, target_T_query)
-        )
+        """Register from a guess against one submap; nothing if it fails."""
+        for approach in self._approached(row, target_T_query):
+            yield from self._refined(row, approach)
 
-    def _refined(self, row: int, rough: Alignment) -> Iterator[Hypothesis]:
-        """Refine a rough alignment with one submap; nothing if a direction stays open."""
-        fine = self.targets.aligned(self.fixer.fine, row, self.query.fine, rough.target_T_source)
-        if fine.spread_m <= self.fixer.widest_m:
-            yield self._hypothesis(row, fine)
+    def _approached(self, row: int, target_T_query: NDArray[np.float64]) -> list[Approach]:
+        """The approach to one submap from a guess (4, 4); none where it has too few points."""
+        registration = self.fixer.registration
+        try:
+            target = self.targets.cloud(registration, row)
+        except InputError:
+            return []
+        return [registration.approach(target, self.query.cloud, target_T_query)]
+
+    def _refined(self, row: int, approach: Approach) -> Iterator[Hypothesis]:
+        """Refine the approach to one submap; nothing if a direction stays open."""
+        registration = self.fixer.registration
+        target = self.targets.cloud(registration, row)
+        alignment = registration.refine(target, self.query.cloud, approach.target_T_source)
+        if alignment.spread_m <= self.fixer.widest_m:
+            yield self._hypothesis(row, alignment)
 
     def _hypothesis(self, row: int, alignment: Alignment) -> Hypothesis:
         """The hypothesis of a fine registration against a row, checked against the map."""
@@ -296,8 +302,8 @@ class _Search:
         here, beside = (
             agreement(
                 fixer.walls,
-                fixer.fine.inlier_m,
-                targets.seen(fixer.fine, fixer.walls, submap),
+                fixer.registration.inlier_m,
+                targets.seen(fixer.registration, fixer.walls, submap),
                 seen,
                 np.linalg.inv(targets.world_T_anchor[submap]) @ world_T_query,
             )

@@ -10,13 +10,11 @@ import small_gicp
 from numpy.typing import NDArray
 
 from pipeline import schemas, store
-from pipeline.errors import InputError
 from pipeline.frames import Poses
 from pipeline.mapping.gathering import submap_points
-from pipeline.posing.registration import NOWHERE, Alignment, Cloud, Points, Registration
+from pipeline.posing.registration import Cloud, Points, Registration
 from pipeline.posing.verification import Seen
 from pipeline.posing.walls import Chart, Walls
-from pipeline.store import Artifact
 
 GRAIN_M = 0.01
 APART_M = 5.0
@@ -27,8 +25,8 @@ KEPT = 256
 
 def write_map(
     path: Path,
-    scans: Artifact,
-    submaps: Artifact,
+    scans: schemas.Scans,
+    submaps: schemas.Submaps,
     voxel_m: float,
     range_m: float,
     gathered_m: float,
@@ -43,7 +41,7 @@ def write_map(
     single = bool((submaps.load("first") == submaps.load("scans")).all())
     range_m = range_m if single else gathered_m
     attrs = {"grain_m": GRAIN_M, "voxel_m": voxel_m, "range_m": range_m, "single": single}
-    with store.write(path, schemas.MAPS, **attrs) as out:
+    with store.draft(path, schemas.Maps, **attrs) as out:
         for points_m in submap_points(scans, submaps, slice(0, len(world_T_anchor))):
             points = thinned(points_m, range_m, voxel_m)
             out.append("points", points)
@@ -75,7 +73,7 @@ class Targets:
     def __init__(
         self, arrays: Mapping[str, NDArray[Any]], grain_m: float, range_m: float, single: bool
     ) -> None:
-        """Build them from the columns and attributes of a map artifact (schemas.MAPS)."""
+        """Build them from the columns and attributes of a map artifact (schemas.Maps)."""
         self._points = arrays["points"]
         self._offsets = arrays["offsets"]
         self._grain_m = grain_m
@@ -89,21 +87,9 @@ class Targets:
     @classmethod
     def read(cls, path: Path) -> Self:
         """Read those of a map artifact; raises ArtifactError where there is none."""
-        artifact = store.read(path, schemas.MAPS)
+        artifact = store.read(path, schemas.Maps)
         attrs = {name: artifact.attrs[name] for name in ("grain_m", "range_m", "single")}
-        return cls({name: artifact.load(name) for name in schemas.MAPS.columns}, **attrs)
-
-    def aligned(
-        self, registration: Registration, row: int, query: Cloud, guess: NDArray[np.float64]
-    ) -> Alignment:
-        """Register a prepared query against a row from a first guess (4, 4).
-
-        Returns NOWHERE where the row has too few points.
-        """
-        try:
-            return registration.refine(self.cloud(registration, row), query, guess)
-        except InputError:
-            return NOWHERE
+        return cls({name: artifact.load(name) for name in schemas.Maps.columns}, **attrs)
 
     def _chart(self, walls: Walls, row: int) -> Chart:
         """The chart of a row's walls from above."""

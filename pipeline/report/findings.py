@@ -192,7 +192,7 @@ def novelties(study: Study, protocol: str) -> list[Finding]:
             "clearly": int((low > high).sum()),
         }
         # these thresholds were chosen for the precision that could be kept, not the wanted one
-        below_wanted = np.array(group[0].evaluation.kept) < wanted
+        below_wanted = np.array(group[0].evaluation.kept_precision) < wanted
         chosen = np.isfinite(precision).all(axis=0) & ~below_wanted
         miss = np.where(chosen, np.abs(precision - wanted).mean(axis=0), np.inf)
         best = int(miss.argmin())

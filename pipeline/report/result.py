@@ -35,7 +35,7 @@ class Result:
     @property
     def posed(self) -> bool:
         """Whether the model answers with poses."""
-        return not np.isnan(self.evaluation.promised)
+        return not np.isnan(self.evaluation.reject_pose_from)
 
     @property
     def kept(self) -> float:
@@ -43,7 +43,7 @@ class Result:
 
         NaN where it is unknown or the threshold accepts nothing.
         """
-        return self.evaluation.kept[0]
+        return self.evaluation.kept_precision[0]
 
     def void(self, protocol: str) -> bool:
         """Whether the numbers by that protocol mean nothing.

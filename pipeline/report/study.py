@@ -10,13 +10,14 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from pipeline import schemas, store
+from pipeline import store
 from pipeline.evaluation.bootstrap import Bootstrap
-from pipeline.evaluation.judgement import Evaluation
+from pipeline.evaluation.judgement import Evaluations
 from pipeline.evaluation.protocols import Distance
 from pipeline.report.result import Result, Values, by_model
 from pipeline.report.table import average
-from pipeline.store import Artifact
+from pipeline.schemas import Labels, Submaps
+from pipeline.store import A
 from pipeline.studies import study as studies
 from pipeline.studies.layout import Layout
 from pipeline.studies.models import ModelName
@@ -165,16 +166,14 @@ class Study:
             )
         for model in self.families:
             for sequence in self.settings.tests:
-                artifact = self.artifact("evaluate", sequence, model)
-                evaluation = Evaluation.read(artifact)
-                wanted_precision = float(artifact.attrs["wanted_precision"])
+                evaluation = self.artifact(Evaluations, "evaluate", sequence, model).case()
                 results.append(
                     Result(
                         model,
                         sequence,
                         evaluation.days,
                         evaluation,
-                        wanted_precision,
+                        evaluation.wanted_precision,
                         numbers[model, sequence],
                     )
                 )
@@ -199,33 +198,37 @@ class Study:
     def train_xy_m(self) -> NDArray[np.float64]:
         """The training path (n, 2)."""
         poses = [
-            self.artifact("submaps", sequence).load("world_T_anchor")
+            self.artifact(Submaps, "submaps", sequence).world_T_anchor
             for sequence in self.settings.train
         ]
         return np.asarray(np.concatenate(poses)[:, :2, 3], np.float64)
 
     @cached_property
-    def labels(self) -> Artifact:
+    def labels(self) -> Labels:
         """The labels of the (first) training sequence."""
-        return self.artifact("labels", self.settings.train[0])
+        return self.artifact(Labels, "labels", self.settings.train[0])
 
     @property
     def cell_m(self) -> float:
         """The side of a cell."""
-        return float(self.labels.attrs["cell_m"])
+        return float(self.labels.cell_m)
 
     @cached_property
     def distance(self) -> Distance:
         """The distances that the evaluations were judged by."""
         return Distance(
-            **self.artifact("evaluate", self.settings.tests[0], self.families[0]).attrs["distance"]
+            **self.artifact(
+                Evaluations, "evaluate", self.settings.tests[0], self.families[0]
+            ).distance
         )
 
     @cached_property
     def bootstrap(self) -> Bootstrap:
         """How the intervals of the evaluations were computed."""
         return Bootstrap(
-            **self.artifact("evaluate", self.settings.tests[0], self.families[0]).attrs["bootstrap"]
+            **self.artifact(
+                Evaluations, "evaluate", self.settings.tests[0], self.families[0]
+            ).bootstrap
         )
 
     def find(self, kind: str, sequence: str = "", model: str = "") -> Path:
@@ -246,9 +249,9 @@ class Study:
         }.get(kind, (self.grid, model, sequence) if model else (sequence,))
         return self.layout.path(kind, self.name, *names)
 
-    def artifact(self, kind: str, sequence: str = "", model: str = "") -> Artifact:
-        """Open an artifact; raises ArtifactError where it is missing."""
-        return store.read(self.find(kind, sequence, model), *schemas.ALL)
+    def artifact(self, kind: type[A], stage: str, sequence: str = "", model: str = "") -> A:
+        """Open the artifact of a stage; raises ArtifactError where it is missing."""
+        return store.read(self.find(stage, sequence, model), kind)
 
     def source(self, kind: str, sequence: str = "", model: str = "") -> str:
         """The path of an artifact as dvc.lock names it."""

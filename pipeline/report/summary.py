@@ -54,7 +54,7 @@ class Row:
 class Summary:
     """The models of one study at one cell size, the best first.
 
-    Judged by distance, on queries as driven, with models of the first seed.
+    ViewpointMatches by distance, on queries as driven, with models of the first seed.
     """
 
     tests: Sequence[str]

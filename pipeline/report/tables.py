@@ -262,7 +262,7 @@ def novelties(study: Study, protocol: str) -> Table:
                 small=f"on {day(group[worst_at].sequence)}" * bool(np.isfinite(auroc[worst_at])),
             )
             cells = [number(average(values[:, k, measure]), 3) for measure in range(len(MEASURES))]
-            keeps = kept(group[0].evaluation.kept[k], group[0].wanted_precision)
+            keeps = kept(group[0].evaluation.kept_precision[k], group[0].wanted_precision)
             rows.append((model, kind + ("" if k else ", in use"), *cells, keeps, worst))
     return table(
         "novelties",

@@ -58,6 +58,11 @@ def target_class(target: str, roots: tuple[str, ...]) -> type[Any]:
     return kind
 
 
+def target_of(built: object) -> str:
+    """The `_target_` of an object that was built: its class, as `target_class` expects it."""
+    return f"{type(built).__module__}.{type(built).__name__}"
+
+
 def plain(text: object) -> Any:
     """Parse a value of a model's recipe: `0.002` a number, `True` a switch, `jet` a word."""
     with suppress(ValueError, SyntaxError):

@@ -1,16 +1,21 @@
 """Checks settings of a yaml or command line against the types and ranges of their dataclass."""
 
+import json
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, is_dataclass
-from types import UnionType
-from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
+from pathlib import Path
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from pipeline.errors import ConfigError
 
 NAMES = {float: "a number", int: "a whole number", str: "a word", bool: "true or false"}
 LARGEST = 1e6
 """Of a number whose field says nothing else."""
+Filled = TypeVar("Filled")
+Build = Callable[[Any], Any]
+"""Makes the object that a table with `_target_` describes."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +49,56 @@ Whole = Annotated[int, Range(0)]
 Side = Annotated[int, Range(0, 2_000, above=True)]
 """Of an image, in cells or pixels."""
 Seed = Annotated[int, Range(0, 2**32 - 1)]
+Names = tuple[str, ...]
+"""Of sequences or models; one word on a command line, with blanks between."""
+
+
+def filled(kind: type[Filled], table: Mapping[str, Any], build: Build, parent: str = "") -> Filled:
+    """Fill the dataclass `kind` with the settings in `table`, each checked against its field.
+
+    `parent` comes before a field's name in an error, such as `grid.`. A field `from_` is the
+    setting `from`, which Python keeps for itself. A setting that is null takes its field's default.
+    Settings that `kind` has no field for are left out: a stage takes what it needs of a group.
+    Raises ConfigError for settings that are missing, and for one of a wrong type or out of range.
+    """
+    hints = get_type_hints(kind, include_extras=True)
+    values = {}
+    missing = []
+    for field in fields(kind):  # type: ignore[arg-type]
+        setting = field.name.rstrip("_")
+        value = table.get(setting)
+        if value is not None:
+            values[field.name] = _value(parent + setting, value, hints[field.name], build)
+        elif field.default is MISSING and field.default_factory is MISSING:
+            missing.append(parent + setting)
+    if missing:
+        raise ConfigError(f"not given: {', '.join(missing)}; `dvc repro` gives what a stage needs")
+    return kind(**values)
+
+
+def written(value: Any) -> str:
+    """A value as a word of a command line and as a flow value of YAML; `filled` reads it again.
+
+    A dataclass is a table of the fields that differ from their defaults and are compared, a mapping
+    a list of pairs: keys such as 2012-01-15 are text then, whoever reads them.
+    """
+    if is_dataclass(value):
+        parts = (
+            f"{field.name}: {written(getattr(value, field.name))}"
+            for field in fields(value)
+            if field.compare and not _is_default(field, getattr(value, field.name))
+        )
+        return f"{{{', '.join(parts)}}}"
+    if isinstance(value, Mapping):
+        return f"[{', '.join(f'[{written(key)}, {written(of)}]' for key, of in value.items())}]"
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return f"[{', '.join(map(written, value))}]"
+    return json.dumps(value, ensure_ascii=False)
+
+
+def _is_default(field: Field[Any], value: Any) -> bool:
+    factory = field.default_factory
+    return bool(value == (field.default if factory is MISSING else factory()))
 
 
 def check(settings: Any, group: str) -> None:
@@ -66,6 +121,33 @@ def within(name: str, value: Any, hint: Any) -> None:
     """
     if expected := _expected(value, hint):
         raise ConfigError(f"{name}={value}: expected {expected}")
+
+
+def _value(name: str, value: Any, hint: Any, build: Build) -> Any:
+    """A setting as its field has it: built, a path, a tuple of names, or checked as it is."""
+    origin = get_origin(hint)
+    args = get_args(hint)
+    if origin in (Union, UnionType):
+        (hint,) = (arg for arg in args if arg is not NoneType)
+        return _value(name, value, hint, build)
+    is_recipe = isinstance(value, Mapping) and "_target_" in value
+    if (hint is Any or is_dataclass(hint)) and is_recipe:
+        return build(value)
+    if is_dataclass(hint) and isinstance(hint, type):
+        within(name, value, Mapping[str, Any])
+        return filled(hint, value, build, f"{name}.")
+    if hint is Path:
+        return Path(str(value))
+    if origin is Mapping:
+        pairs = value.items() if isinstance(value, Mapping) else value
+        within(name, pairs, Sequence[Any] if pairs is value else Any)
+        return {str(key): _value(f"{name}.{key}", of, args[1], build) for key, of in pairs}
+    if origin is tuple:
+        items = value.split() if isinstance(value, str) else value
+        within(name, items, Sequence[Any])
+        return tuple(_value(name, item, args[0], build) for item in items)
+    within(name, value, hint)
+    return value
 
 
 def _expected(value: Any, hint: Any) -> str:

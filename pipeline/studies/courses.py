@@ -8,7 +8,6 @@ from dataclasses import replace
 from typing import Any
 
 from pipeline.errors import ConfigError
-from pipeline.studies.layout import Layout
 from pipeline.studies.study import Study, StudyMethod
 
 SETTING = "rehearsed"
@@ -16,18 +15,13 @@ SETTING = "rehearsed"
 
 
 def instances(
-    entry: Mapping[str, Any], study: Study, method: StudyMethod, instead: Mapping[str, str]
+    entry: Mapping[str, Any], study: Study, method: StudyMethod
 ) -> dict[str, dict[str, Any]]:
     """The instances of the stage `lifelong` for one model: name to entry."""
     dataset = study.name
     learned = {"days": study.learned, "updates": study.updates}
     entries = {}
     for order, strategies in method.courses.items():
-        reads_scans = order == "updates"  # its scans are localised, and so read
-        drives = {
-            kind: Layout().path(kind, dataset).as_posix() if reads_scans else instead[substitute]
-            for kind, substitute in INSTEAD_OF.items()
-        }
         for strategy in strategies:
             course = {
                 "order": order,
@@ -38,12 +32,8 @@ def instances(
             entries[f"{dataset}-{entry['grid']}-{entry['model']}-{order}-{strategy}"] = {
                 **entry,
                 **course,
-                **drives,
             }
     return entries
-
-
-INSTEAD_OF = {"scans": "viewed", "submaps": "changed"}
 
 
 def with_further_days(

@@ -4,10 +4,12 @@ DVC can look up no name within another, so all that a stage needs is listed for 
 instances.
 """
 
+import shlex
 from collections.abc import Mapping
 from itertools import product
 from typing import Any
 
+from pipeline.running.settings import written
 from pipeline.studies.courses import instances
 from pipeline.studies.layout import Layout
 from pipeline.studies.models import ModelName
@@ -35,18 +37,11 @@ LISTS = (
     "results",
     "report",
     "published",
+    "absent",
 )
 STRUCTURE = ("demolition", "construction")
 """Alterations that a method's own model answers alone: variants and seeds differ in the headings
 that they learned."""
-INSTEAD = {
-    "evaluated": "pipeline/__init__.py",
-    "viewed": "pipeline/evaluation/__init__.py",
-    "changed": "pipeline/formats/__init__.py",
-    "learned": "pipeline/fetching/__init__.py",
-}
-"""What a stage depends on where a study has no such artifact, an empty file: DVC has no optional
-dependencies."""
 
 
 def expand(studies: Mapping[str, Study]) -> Lists:
@@ -59,12 +54,7 @@ def expand(studies: Mapping[str, Study]) -> Lists:
                 if grid in study.grids or model == ModelName(method.name):
                     _model(lists, study, grid, method, model)
         _measurements(lists, study)
-    lists["report"]["all"] = {
-        "evaluated": _path("evaluate") if lists["rankings"] else INSTEAD["evaluated"],
-        "viewed": _path("viewpoints") if lists["viewpoints"] else INSTEAD["viewed"],
-        "learned": _path("lifelong") if lists["lifelong"] else INSTEAD["learned"],
-        "timed": _path("latency") if lists["latency"] else INSTEAD["changed"],
-    }
+    lists["report"]["all"] = {"studies": " ".join(studies)}
     return lists
 
 
@@ -125,7 +115,8 @@ def _model(
     }
     lists["models"][f"{dataset}-{grid.name}-{model.name}"] = entry | learned
     if study.learns_further_days:
-        lists["lifelong"] |= instances({**entry, **learned, **tolerance}, study, method, INSTEAD)
+        named = {"name": _word("name", model), "simulated": _switch(study.simulated)}
+        lists["lifelong"] |= instances({**entry, **learned, **tolerance, **named}, study, method)
     if not study.asks_about_the_year:
         return
     is_own_grid = grid in study.grids
@@ -135,8 +126,9 @@ def _model(
         if is_own_grid and (name not in STRUCTURE or model == ModelName(model.method))
     ]
     tests = study.asked_days if is_own_grid else study.tests
-    altered_views = _path("altered", dataset, method.view) if altered else INSTEAD["evaluated"]
-    queries = {"tests": " ".join(tests), "alterations": " ".join(altered), "altered": altered_views}
+    if not study.altered:
+        _add_absent(lists, "altered", dataset, method.view)
+    queries = {"tests": " ".join(tests), "alterations": " ".join(altered)}
     lists["rankings"][f"{dataset}-{grid.name}-{model.name}"] = entry | queries
     evaluated = {name: entry[name] for name in ("dataset", "grid", "train")} | {
         "tests": queries["tests"],
@@ -169,28 +161,60 @@ def _measurements(lists: Lists, study: Study) -> None:
     year = study.asks_about_the_year
     robust = study.question == "robustness"
     lifelong = study.learns_further_days
-    bird_views = bool(study.bird_view_methods) and not lifelong
-    by_grid = {
-        f"{dataset}-{grid.name}": {"grid": grid.name, "dataset": dataset} for grid in study.grids
-    }
-    lists["latency"] |= by_grid if year and study.latency else {}
-    lists["viewpoints"] |= by_grid if bird_views else {}
+    bird_views = study.bird_view_methods if not lifelong else []
+    is_timed = year and study.latency
+    for grid in study.grids if is_timed else ():
+        lists["latency"][f"{dataset}-{grid.name}"] = {
+            "grid": grid.name,
+            "dataset": dataset,
+            "simulated": _switch(study.simulated),
+            "sequence": study.tests[0],
+            "contenders": _word("contenders", {part.name: part.view for part in study.methods}),
+            "trained": _word("trained", study.models),
+        }
+    for grid, method in product(study.grids, bird_views):
+        for model in method.models:
+            lists["viewpoints"][f"{dataset}-{grid.name}-{model.name}"] = {
+                "dataset": dataset,
+                "grid": grid.name,
+                "model": model.name,
+                "code": method.code,
+                "view": method.view,
+                "tests": " ".join(study.tests),
+            }
     if robust:
         entry = {"dataset": dataset, "train": study.train_text, "sequences": " ".join(study.tests)}
         lists["events"][dataset] = entry | _drive(study)
-    sources = {
-        "evaluated": ("evaluate", year),
-        "viewed": ("viewpoints", bird_views),
-        "changed": ("events", robust),
-        "learned": ("lifelong", lifelong),
+    present = {
+        "evaluate": year,
+        "viewpoints": bool(bird_views),
+        "events": robust,
+        "lifelong": lifelong,
+        "latency": is_timed,
     }
-    dependencies = {
-        word: _path(kind, dataset) if exists else INSTEAD[word]
-        for word, (kind, exists) in sources.items()
-    }
-    lists["results"][dataset] = {"dataset": dataset, **dependencies}
+    for kind, is_present in present.items():
+        if not is_present:
+            _add_absent(lists, kind, dataset)
+    lists["results"][dataset] = {"dataset": dataset, "study": _word("study", study)}
     if year or lifelong:
         lists["published"][dataset] = {"dataset": dataset}
+
+
+def _add_absent(lists: Lists, kind: str, *names: str) -> None:
+    """Add the empty folder of a kind of artifacts that a study has none of.
+
+    DVC has no optional dependencies: whatever reads the kind finds nothing in there.
+    """
+    lists["absent"]["-".join((*names, kind))] = {"out": _path(kind, *names)}
+
+
+def _word(setting: str, value: Any) -> str:
+    """A setting with a table or a list as a word of a shell's command line."""
+    return shlex.quote(f"{setting}={written(value)}")
+
+
+def _switch(value: bool) -> str:
+    return str(value).lower()
 
 
 def _drive(study: Study) -> dict[str, str]:

@@ -7,6 +7,7 @@ of several stages asks a Layout.
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from pipeline.store import MODEL
 from pipeline.studies.models import ModelName
 
 ARTIFACTS = "artifacts"
@@ -32,8 +33,8 @@ LEVELS = {
     "report": ("dataset", "grid", "file"),
 }
 """The names below the folder of a kind, one folder each; the last one is the artifact's own."""
-ENDINGS = {"train": ".zarr.zip", "events": ".csv", "latency": ".csv"}
-"""How the artifact's own name goes on, if not .zarr; of a model as pipeline.store writes it."""
+ENDINGS = {"train": MODEL, "events": ".csv", "latency": ".csv"}
+"""How the artifact's own name goes on, if not .zarr."""
 PLAIN = ("logs", "results", "report")
 """Kinds whose last name is whole as it is given."""
 

@@ -12,6 +12,8 @@ there.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import reduce
+from operator import getitem
 from pathlib import Path
 from typing import Any, Literal, Self
 
@@ -91,7 +93,7 @@ class CellSize:
     @classmethod
     def read(cls, conf: Path, study: str, name: str) -> Self:
         """Read conf/grid/`name`.yaml of a study; raises ConfigError as `file_of` does."""
-        return cls(name, float(read_yaml(named_file(conf, study, "grid", name))["cell_m"]))
+        return cls(name, number_of(conf, study, "grid", name, "cell_m"))
 
 
 @dataclass(frozen=True)
@@ -104,8 +106,7 @@ class Tolerance:
     @classmethod
     def read(cls, conf: Path, study: str, name: str) -> Self:
         """Read conf/tolerance/`name`.yaml of a study; raises ConfigError as `file_of` does."""
-        rules = read_yaml(named_file(conf, study, "tolerance", name))
-        return cls(name, float(rules["distance"]["correct_m"]))
+        return cls(name, number_of(conf, study, "tolerance", name, "distance", "correct_m"))
 
 
 @dataclass(frozen=True)
@@ -436,6 +437,15 @@ def named_file(conf: Path, study: str, group: str, name: str) -> Path:
     return file_of(
         conf, group, name, f"conf/studies.yaml: {study} names the {group} {name}; expected one of"
     )
+
+
+def number_of(conf: Path, study: str, group: str, name: str, *keys: str) -> float:
+    """The number at a path of keys in a file of conf/ that a study names.
+
+    Raises ConfigError as `file_of` does.
+    """
+    content: Any = read_yaml(named_file(conf, study, group, name))
+    return float(reduce(getitem, keys, content))
 
 
 def file_of(conf: Path, group: str, name: str, refusal: str) -> Path:

@@ -276,7 +276,7 @@ def _points(rows: pd.DataFrame, names: pd.Series, step: str) -> Series:
     }
 
 
-def measured(layout: Layout, study: str, grid: str, method: StudyMethod, model: Path) -> Series:
+def stage_costs(layout: Layout, study: str, grid: str, method: StudyMethod, model: Path) -> Series:
     """The costs of a method's stages and the trace of its training, where they ran here."""
     views = layout.path("views", study, method.view)
     stages = {"views": [views], "train": [model]}

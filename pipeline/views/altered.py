@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from pipeline.alterations import TURNED, Alteration, Case, generator
 from pipeline.frames import Poses, Stamps, turns
-from pipeline.store import Artifact
+from pipeline.schemas import Scans, Submaps
 from pipeline.views.birdview import BirdView
 from pipeline.views.draw import Drawing, View
 from pipeline.views.mapped import MappedViews
@@ -34,7 +34,7 @@ class AlteredRows(NamedTuple):
 
 
 def altered(
-    scans: Artifact, submaps: Artifact, view: View, alteration: Alteration
+    scans: Scans, submaps: Submaps, view: View, alteration: Alteration
 ) -> dict[Case, AlteredRows]:
     """Views of every submap in every case but the one as driven, all of them in memory."""
     stamps_ns = submaps.load("stamps_ns")
@@ -52,7 +52,7 @@ def altered(
 
 
 def _from_points(
-    scans: Artifact, submaps: Artifact, view: View, alteration: Alteration
+    scans: Scans, submaps: Submaps, view: View, alteration: Alteration
 ) -> Iterator[Image]:
     """Draw each case from the submaps' points, which are gathered once for all cases."""
     stamps_ns = submaps.load("stamps_ns")
@@ -65,7 +65,7 @@ def _from_points(
 
 
 def _from_maps(
-    scans: Artifact, submaps: Artifact, view: BirdView, alteration: Alteration
+    scans: Scans, submaps: Submaps, view: BirdView, alteration: Alteration
 ) -> Iterator[Image]:
     """Draw each case from its own octree of all scans.
 

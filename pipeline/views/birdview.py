@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from pipeline import schemas, store
+from pipeline import schemas
 from pipeline.errors import ConfigError, InputError
 from pipeline.mapping.bricks import BRICK, LEAVES, Bricks, corner
 from pipeline.mapping.ground import plane
@@ -35,7 +35,7 @@ class BirdView:
     """Settings of the images of an octree, or of a submap's points alone; an image shows the whole
     width of the root cube."""
 
-    schema: ClassVar[store.Schema] = schemas.BIRDVIEWS
+    schema: ClassVar[type[schemas.Views]] = schemas.BirdViews
     octree: Octree = field(default_factory=Octree)
     """As an Octree, or a mapping of its fields."""
     low_m: float = 0.3

@@ -11,7 +11,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline import schemas, store
+from pipeline import schemas
 from pipeline.errors import ConfigError, InputError
 from pipeline.mapping.ground import plane
 from pipeline.running.settings import Count, NotNegative, Positive, Seed, check
@@ -22,7 +22,7 @@ from pipeline.views import kernels
 class Cloud:
     """Settings of a submap's cloud."""
 
-    schema: ClassVar[store.Schema] = schemas.CLOUDS
+    schema: ClassVar[type[schemas.Views]] = schemas.CloudViews
     points: Count = 4096
     half_m: Positive = 25.0
     """Half the side of the cube around the sensor that is kept."""

@@ -15,7 +15,7 @@ from pipeline.errors import ArtifactError
 from pipeline.mapping.gathering import submap_points
 from pipeline.running.compute import Compute
 from pipeline.running.progress import Progress
-from pipeline.store import Artifact, Schema
+from pipeline.schemas import Scans, Submaps, Views
 
 BLOCK = 64
 SEEN = 0.01
@@ -28,7 +28,7 @@ class View(Protocol):
     """Computes an image of a submap's points (n, 3) in metres, z up from the ground; `schema` is
     that of the artifact."""
 
-    schema: ClassVar[Schema]
+    schema: ClassVar[type[Views]]
 
     def __call__(self, points_m: NDArray[np.floating]) -> NDArray[np.floating]: ...
 
@@ -37,8 +37,8 @@ class View(Protocol):
 class Drawing:
     """Draws the rows of a submaps artifact from the points of a scans artifact."""
 
-    scans: Artifact
-    submaps: Artifact
+    scans: Scans
+    submaps: Submaps
     view: View
 
     def __len__(self) -> int:
@@ -95,8 +95,8 @@ class Drawing:
 
 def write_views(
     path: Path,
-    schema: Schema,
-    submaps: Artifact,
+    schema: type[Views],
+    submaps: Submaps,
     blocks: Iterable[tuple[NDArray[Any], NDArray[np.bool_]]],
     complaint: str,
 ) -> str:
@@ -106,7 +106,7 @@ def write_views(
     Raises ArtifactError with the complaint if all are blank.
     """
     count = blank = 0
-    with store.write(path, schema, cases=AS_DRIVEN) as out:
+    with store.draft(path, schema, cases=AS_DRIVEN) as out:
         for images, shows_something in blocks:
             out.append("images", images)
             count += len(images)

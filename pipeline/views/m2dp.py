@@ -13,7 +13,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline import schemas, store
+from pipeline import schemas
 from pipeline.errors import InputError
 from pipeline.running.settings import Side, check
 from pipeline.views import m2dp_kernel as kernel
@@ -28,7 +28,7 @@ SPOT_M = 1e-6
 class M2dp:
     """The defaults are the authors'."""
 
-    schema: ClassVar[store.Schema] = schemas.SIGNATURES
+    schema: ClassVar[type[schemas.Views]] = schemas.SignatureViews
     azimuths: Side = 4
     elevations: Side = 16
     """A plane for each azimuth from −90° to 90° and each elevation from 0° to 90° of its normal,

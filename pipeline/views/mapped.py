@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from pipeline.frames import Poses
 from pipeline.mapping.gathering import scan_points
 from pipeline.mapping.octree import OctreeMap
-from pipeline.schemas import BIRDVIEWS
-from pipeline.store import Artifact
+from pipeline.schemas import BirdViews, Scans, Submaps
 from pipeline.views.birdview import BirdView
 from pipeline.views.draw import write_views
 
@@ -22,8 +21,8 @@ class MappedViews:
     """The bird-views of a submaps artifact; each shows the octree after the scans up to the
     submap's anchor."""
 
-    scans: Artifact
-    submaps: Artifact
+    scans: Scans
+    submaps: Submaps
     view: BirdView
     alter: Callable[[int, NDArray[np.float64]], NDArray[np.float64]] | None = None
     """Changes the points (n, 3) of a scan, given its row, before they are inserted; z is up from
@@ -45,7 +44,7 @@ class MappedViews:
         complaint = "all bird-views are blank; is the ground at 0, and anything within the z band?"
         return write_views(
             path,
-            BIRDVIEWS,
+            BirdViews,
             self.submaps,
             ((images[None], images[:1] > 0) for images in self),
             complaint,

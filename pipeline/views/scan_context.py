@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from pipeline import schemas
 from pipeline.errors import ConfigError, InputError
 from pipeline.running.settings import NotNegative, Positive, Side, Whole, check
-from pipeline.store import Schema
 from pipeline.views import kernels
 
 
@@ -24,7 +23,7 @@ from pipeline.views import kernels
 class ScanContext:
     """Settings of a submap's Scan Context; the defaults are the authors' Matlab reference."""
 
-    schema: ClassVar[Schema] = schemas.VIEWS
+    schema: ClassVar[type[schemas.Views]] = schemas.ScanContextViews
     rings: Side = 40
     sectors: Side = 120
     max_range_m: Positive = 80.0

@@ -18,10 +18,10 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from pipeline import schemas, store
+from pipeline import store
 from pipeline.errors import ConfigError, YearlocError
 from pipeline.evaluation.held_out import held_out_auc
-from pipeline.evaluation.judgement import Evaluation
+from pipeline.evaluation.judgement import Evaluations
 from pipeline.evaluation.rows import Rows, of_evaluation, row
 from pipeline.matching.rejection import Evidence
 from pipeline.running.dvc_files import definition
@@ -107,7 +107,7 @@ def results(chain_job: Job, evaluate: Step, train: Step, unseen_share: float) ->
     """The job's rows of results: its test sequences as driven, and its AUC on held-out blocks."""
     folder = chain_job.path(evaluate.outs[0])
     for sequence in evaluate.fields["sequences"].split():
-        evaluation = Evaluation.read(store.read(folder / f"{sequence}.zarr", schemas.EVALUATIONS))
+        evaluation = store.read(folder / f"{sequence}.zarr", Evaluations).case()
         yield from (
             {"sequence": sequence, "days": evaluation.days, **columns}
             for columns in of_evaluation(evaluation)

@@ -79,7 +79,7 @@ def test_the_first_case_leaves_everything_as_driven(alteration: Alteration) -> N
 
 def test_cases_come_back_from_the_attributes_of_an_artifact() -> None:
     attrs = json.loads(json.dumps({"cases": [asdict(case) for case in GLANCE.cases]}))
-    assert read_cases(attrs) == [*GLANCE.cases]
+    assert read_cases(attrs["cases"]) == [*GLANCE.cases]
 
 
 @pytest.mark.parametrize("path", CONF, ids=lambda path: path.stem)

@@ -2,7 +2,7 @@
 are written as artifacts."""
 
 from collections.abc import Mapping
-from dataclasses import fields, replace
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,13 +12,12 @@ from pipeline import store
 from pipeline.alterations import Case
 from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.judge import judge
-from pipeline.evaluation.judgement import Evaluation, attrs, columns
+from pipeline.evaluation.judgement import Evaluation, Evaluations
 from pipeline.evaluation.protocols import Distance, Truth
-from pipeline.evaluation.viewpoints import Judged
+from pipeline.evaluation.viewpoints import ViewpointMatches
 from pipeline.frames import pose
-from pipeline.matching.places import Labels
 from pipeline.matching.ranking import Ranking
-from pipeline.schemas import EVALUATIONS
+from pipeline.schemas import Labels
 
 SEEN = np.array([1, 1, 1, 0, 1, 0], bool)
 TOY = Truth(SEEN, ~SEEN, np.array([0, 1, 0, -1, 0, -1]), np.array([1, 1, 1, 0, 0, 0], bool))
@@ -63,6 +62,10 @@ LABELS = Labels(
     oracle=np.array([1, 2, 3, 5, 5, 5, 5]),
     nearest_m=np.array([1.0, 1.0, 1.0, 1.0, 1.0, 100.0, 120.0]),
     nearest_turn_deg=np.array([0.0, 0.0, 0.0, 0.0, 179.0, 0.0, 0.0]),
+    days=20,
+    cell_m=10.0,
+    x_m=(0.0, 100.0),
+    y_m=(0.0, 100.0),
 )
 
 
@@ -71,7 +74,8 @@ def evaluation(
 ) -> Evaluation:
     """Seven queries, the last two unseen."""
     reject_from = (0.5, 6.0)[: len(ranking.kinds)]
-    return judge(ranking, reject_from, labels, standing(XY_M), days, Distance(), BOOTSTRAP, **given)
+    labels = replace(labels, days=days)
+    return judge(ranking, reject_from, labels, standing(XY_M), Distance(), BOOTSTRAP, **given)
 
 
 def standing(xy_m: np.ndarray, yaw_deg: np.ndarray | float = 0.0) -> np.ndarray:
@@ -85,28 +89,36 @@ def rows(whole: Any, index: Any) -> Any:
     arrays = {
         field.name: getattr(whole, field.name)
         for field in fields(whole)
-        if field.name not in ("kinds", "cells")
+        if isinstance(getattr(whole, field.name), np.ndarray) and field.name != "cells"
     }
     return replace(whole, **{name: array[index] for name, array in arrays.items()})
 
 
-def write(path: Path, cases: Mapping[Case, Evaluation], **other: Any) -> store.Artifact:
-    """An `evaluations` artifact; `other` replaces attributes."""
-    named = {"sequence": path.stem, "train": "2012-01-15", "wanted_precision": 0.99}
-    named |= {"distance": vars(Distance(correct_m=12.0)), "bootstrap": vars(BOOTSTRAP)}
-    with store.write(path, EVALUATIONS, **{**attrs(cases), **named, **other}) as draft:
-        for name, column in columns([*cases.values()]).items():
-            draft.put(name, column)
-    return store.read(path, EVALUATIONS)
+def of_cases(cases: Mapping[Case, Evaluation], sequence: str = "2012-02-04") -> Evaluations:
+    """An `evaluations` artifact in memory."""
+    return Evaluations(
+        evaluations=tuple(cases.values()),
+        cases=[asdict(case) for case in cases],
+        sequence=sequence,
+        train="2012-01-15",
+        distance=vars(Distance(correct_m=12.0)),
+        bootstrap=vars(BOOTSTRAP),
+    )
 
 
-def judged(correct: np.ndarray, score: np.ndarray) -> Judged:
+def write(path: Path, cases: Mapping[Case, Evaluation], **other: Any) -> Evaluations:
+    """An `evaluations` artifact on disk; `other` replaces fields."""
+    store.write(path, replace(of_cases(cases, path.stem), **other))
+    return store.read(path, Evaluations)
+
+
+def judged(correct: np.ndarray, score: np.ndarray) -> ViewpointMatches:
     """Queries 2 m apart on a line, each (heading, query) matched 1 m off or 80 m off, with this
     score; all are valid."""
     headings, n = correct.shape
     xy_m = np.stack([2.0 * np.arange(n), np.zeros(n)], axis=1)
     error_m = np.where(correct, 1.0, 80.0)
-    return Judged(
+    return ViewpointMatches(
         headings_deg=(np.arange(headings) + 0.5) * 360 / headings,
         row=np.tile(np.arange(n), (headings, 1)),
         answer_xy_m=xy_m + np.stack([error_m, np.zeros_like(error_m)], axis=2),

@@ -108,7 +108,7 @@ def test_newness_is_where_the_median_seen_novelty_lies_among_the_held_out() -> N
     assert newness(one, np.array([0.1, 0.15, 0.19, 0.3])) == 75
     assert newness(one, np.array([0.1, 0.15, np.float64(np.float32(0.2)), 0.3])) == 62.5
     assert np.isnan(newness(one, np.empty(0)))
-    nothing = replace(one, distance=replace(one.distance, seen=np.zeros(7, bool)))
+    nothing = replace(one, judgements=(one.cells, replace(one.distance, seen=np.zeros(7, bool))))
     assert np.isnan(newness(nothing, np.array([0.1])))
 
 

@@ -106,8 +106,9 @@ def test_no_block_of_the_path_holds_queries_of_two_sequences() -> None:
     # One block a sequence: the first all right, the second all wrong. Drawn are 2, 1 or 0 of the
     # first, so recall runs from 0 to 1. Were both one block, as their common start would have it,
     # there would be no interval at all.
+    base = evaluation()
     right, wrong = (
-        replace(evaluation(), cells=replace(evaluation().cells, true_rank=rank))
+        replace(base, judgements=(replace(base.cells, true_rank=rank), base.distance))
         for rank in (np.zeros(7, int), np.full(7, -1))
     )
     rule = Bootstrap(block_m=1000.0, resamples=200)

@@ -17,18 +17,17 @@ from pipeline.evaluation.judgement import (
     HIT,
     MISS,
     Evaluation,
+    Evaluations,
     Judgement,
-    columns,
     metrics,
     summary,
 )
 from pipeline.evaluation.numbers import MEASURES, NUMBERS
 from pipeline.evaluation.protocols import Distance, Truth
 from pipeline.frames import turns
-from pipeline.matching.places import Labels
 from pipeline.matching.ranking import Ranking, joined
-from pipeline.schemas import EVALUATIONS
-from tests.evaluation.made import rows, standing, write
+from pipeline.schemas import Labels
+from tests.evaluation.made import of_cases, rows, standing, write
 from tests.report.figures.made import evaluation as seven_queries
 from tests.views.made import SUITED
 
@@ -50,6 +49,10 @@ LABELS = Labels(
     oracle=np.array([7, 8, 8, 3, 2]),
     nearest_m=np.array([1.0, 1.0, 4.0, 6.0, 50.0]),
     nearest_turn_deg=np.array([10.0, 180.0, -45.0, 46.0, 0.0]),
+    days=20,
+    cell_m=10.0,
+    x_m=(0.0, 1.0),
+    y_m=(0.0, 1.0),
 )
 
 
@@ -83,7 +86,6 @@ def drive(
         reject_from,
         labels,
         true,
-        20,
         *rules,
         turned_deg,
         poses,
@@ -92,8 +94,11 @@ def drive(
 
 
 def test_an_evaluation_is_what_its_schema_asks_for() -> None:
-    found = columns([drive(), drive(TURNED, turned_deg=LEFT_DEG), drive()])
-    assert found.keys() == EVALUATIONS.columns.keys()
+    turned = Case("turned", repeat=1)
+    again = Case("turned", repeat=2)
+    cases = {Case(): drive(), turned: drive(TURNED, turned_deg=LEFT_DEG), again: drive()}
+    found = of_cases(cases).arrays
+    assert found.keys() == Evaluations.columns.keys()
     lengths = {
         "case": 3,
         "protocol": 2,
@@ -105,7 +110,7 @@ def test_an_evaluation_is_what_its_schema_asks_for() -> None:
         "bound3": 3,
     }
     lengths |= {"number": len(NUMBERS), "measure": len(MEASURES), "confidence2": 2}
-    for name, column in EVALUATIONS.columns.items():
+    for name, column in Evaluations.columns.items():
         assert found[name].dtype == np.dtype(column.dtype), name
         assert found[name].shape == tuple(lengths[dim] for dim in column.dims), name
 
@@ -241,6 +246,10 @@ def test_every_number_lies_in_its_interval() -> None:
         places[:, 1],
         rng.uniform(0, 30, 400),
         rng.uniform(-180, 180, 400),
+        20,
+        10.0,
+        (0.0, 1.0),
+        (0.0, 1.0),
     )
     evaluation = drive(
         ranking, labels, xy_m, (0.5,), poses=standing(xy_m + rng.normal(0, 1, xy_m.shape), 0.0)
@@ -297,18 +306,18 @@ def test_what_is_of_nothing_is_none() -> None:
 def test_each_case_that_is_written_is_read_back(tmp_path: Path) -> None:
     cases = {Case(): drive(), Case("turned", repeat=1): drive(TURNED, turned_deg=LEFT_DEG)}
     artifact = write(tmp_path / "a.zarr", cases)
-    assert read_cases(artifact.attrs) == [*cases]
+    assert read_cases(artifact.cases) == [*cases]
     for i, evaluation in enumerate(cases.values()):
-        again = Evaluation.read(artifact, i)
+        again = artifact.case(i)
         assert (again.kinds, again.reject_from, again.days) == (
             ("entropy", "energy"),
             (0.5, 4.5),
             20,
         )
         assert isinstance(again.distance, Judgement)
-        found = columns([again])
-        expected = columns([evaluation])
-        for name in EVALUATIONS.columns:
+        found = of_cases({Case(): again}).arrays
+        expected = of_cases({Case(): evaluation}).arrays
+        for name in Evaluations.columns:
             np.testing.assert_array_equal(found[name], expected[name], name)
 
 
@@ -318,7 +327,7 @@ def test_an_evaluation_with_other_numbers_is_refused(tmp_path: Path, name: str) 
     with pytest.raises(
         ArtifactError, match=rf"a.zarr: its {name} are not this version's; `dvc repro` it"
     ):
-        Evaluation.read(artifact)
+        artifact.case()
 
 
 def test_a_turned_robot_has_a_turned_pose() -> None:
@@ -353,23 +362,18 @@ def test_a_turned_robot_is_judged_by_its_own_heading() -> None:
 def test_each_case_is_judged_by_its_own_answers(tmp_path: Path) -> None:
     cases = [Case(), Case("turned", repeat=1)]
     ranking = joined([RANKING, TURNED])
-    attrs = {
-        "cases": [asdict(case) for case in cases],
-        "kinds": ["entropy", "energy"],
-        "thresholds": [0.5, 4.5],
-    }
-    attrs |= {"wanted_precision": 0.99, "kept_precision": [0.812, None]}
-    with store.write(tmp_path / "rankings", schemas.RANKINGS, **attrs) as draft:
-        draft.put("turned_deg", np.r_[np.zeros(5), LEFT_DEG])
-        for name in schemas.RANKINGS.columns.keys() - {"turned_deg"}:
-            draft.put(name, getattr(ranking, name))
-    with store.write(
-        tmp_path / "labels", schemas.LABELS, days=20, cell_m=10.0, x_m=[0, 1], y_m=[0, 1]
-    ) as draft:
-        for name in schemas.LABELS.columns:
-            draft.put(name, getattr(LABELS, name))
-    with store.write(
-        tmp_path / "submaps", schemas.SUBMAPS, layout="world_T_scan", left_out={}, appearance=SUITED
+    rankings = schemas.Rankings(
+        **vars(ranking),
+        turned_deg=np.r_[np.zeros(5), LEFT_DEG].astype(np.float32),
+        cases=[asdict(case) for case in cases],
+        thresholds=(0.5, 4.5),
+        wanted_precision=0.99,
+        kept_precision=(0.812, np.nan),
+    )
+    store.write(tmp_path / "rankings", rankings)
+    store.write(tmp_path / "labels", LABELS)
+    with store.draft(
+        tmp_path / "submaps", schemas.Submaps, layout="world_T_scan", left_out={}, appearance=SUITED
     ) as draft:
         draft.put("world_T_anchor", standing(XY_M, YAW_DEG))
         draft.put("ground_m", np.zeros(5))
@@ -377,18 +381,21 @@ def test_each_case_is_judged_by_its_own_answers(tmp_path: Path) -> None:
             draft.put(name, np.arange(5))
         draft.put("used", np.ones(5, bool))
     artifacts = [
-        store.read(tmp_path / name, getattr(schemas, name.upper()))
+        store.read(tmp_path / name, getattr(schemas, name.capitalize()))
         for name in ("rankings", "labels", "submaps")
     ]
     found = judge_cases(*artifacts, Distance(), Bootstrap(block_m=5.0, resamples=40))
     assert list(found) == cases
-    assert [(one.wanted, one.kept[0]) for one in found.values()] == [(0.99, 0.812)] * 2
-    assert np.isnan(found[Case()].kept[1])
+    assert [(one.wanted_precision, one.kept_precision[0]) for one in found.values()] == [
+        (0.99, 0.812)
+    ] * 2
+    assert np.isnan(found[Case()].kept_precision[1])
     for one, alone in zip(
         found.values(), (drive(), drive(TURNED, turned_deg=LEFT_DEG)), strict=True
     ):
-        for name, column in columns([alone]).items():
-            np.testing.assert_allclose(columns([one])[name], column, atol=1e-12, err_msg=name)
+        arrays = of_cases({Case(): one}).arrays
+        for name, column in of_cases({Case(): alone}).arrays.items():
+            np.testing.assert_allclose(arrays[name], column, atol=1e-12, err_msg=name)
     # by cells three of the four seen are right as driven, the third at second rank; swapped, the
     # third alone
     driven, turned = found.values()
@@ -397,7 +404,7 @@ def test_each_case_is_judged_by_its_own_answers(tmp_path: Path) -> None:
         0.25,
     )
     assert turned.answer.tolist() == [1, 1, 9, 1, 1]
-    artifacts[0].attrs["cases"].pop()
+    artifacts[0].cases.pop()
     with pytest.raises(InputError, match="rankings: 10 queries in 1 cases of 5 submaps"):
         judge_cases(*artifacts, Distance(), Bootstrap())
 

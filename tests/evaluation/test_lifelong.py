@@ -8,7 +8,7 @@ import pytest
 
 from pipeline import store
 from pipeline.evaluation.lifelong import Course, cost_rows, lifelong_rows
-from pipeline.schemas_lifelong import LIFELONG
+from pipeline.schemas import Lifelong
 
 RIGHT = np.array([[1, 1, 0, 1, 0, 0], [1, 0, 1, 1, 0, 1], [0, 1, 1, 0, 1, 0]], bool)
 KNOWN_FROM = np.array([0, 0, 0, 1, 2, -1])
@@ -41,7 +41,7 @@ def artifact(path: Path, order: str, steps: list[str]) -> store.Artifact:
         "bytes": [10, 20, 30],
         "counts": [{}, {"asked": 9, "adopted": 8}, {"asked": 7, "adopted": 0}],
     }
-    attrs |= {"newest_ns": [1, 3, 5], "asked_ns": [2, 4]}
+    attrs |= {"learned_ns": [1, 3, 5], "asked_ns": [2, 4]}
     columns = {
         "right": RIGHT,
         "error_m": error_m,
@@ -50,10 +50,10 @@ def artifact(path: Path, order: str, steps: list[str]) -> store.Artifact:
         "xy_m": np.zeros((6, 2)),
     }
     columns |= {"place_xy_m": np.zeros((5, 2)), "newest_ns": np.arange(1, 6)}
-    with store.write(path, LIFELONG, **attrs) as draft:
+    with store.draft(path, Lifelong, **attrs) as draft:
         for name, column in columns.items():
             draft.put(name, column)
-    return store.read(path, LIFELONG)
+    return store.read(path, Lifelong)
 
 
 def test_recall_is_of_the_queries_whose_place_is_known_by_the_step() -> None:
@@ -107,7 +107,7 @@ def test_a_group_without_a_known_place_counts_nowhere() -> None:
 
 def test_streets_are_asked_part_by_part(tmp_path: Path) -> None:
     parts = Course.of(artifact(tmp_path / "a.zarr", "streets", ["1/3", "2/3", "3/3"]), "cells")
-    assert parts.groups == ["1/3", "2/3", "3/3"]
+    assert parts.groups == ("1/3", "2/3", "3/3")
     assert np.array_equal(
         parts.matrix, [[2 / 3, np.nan, np.nan], [2 / 3, 1, np.nan], [2 / 3, 0, 1]], equal_nan=True
     )

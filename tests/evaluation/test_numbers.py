@@ -23,7 +23,7 @@ QUERIES = Queries(
     heading_error_deg=np.array([2.0, 1.0, 10.0, 3.0, 170.0, np.nan]),
     pose_error_m=np.array([0.1, 3.0, 1.9, np.nan, 0.4, 0.3]),
     pose_error_deg=np.array([1.0, 1.0, 4.0, np.nan, 1.5, 1.0]),
-    promised=0.5,
+    reject_pose_from=0.5,
 )
 EVERYONE = np.ones((1, 6))
 
@@ -92,10 +92,10 @@ def test_poses_are_held_against_both_measures_and_the_promise() -> None:
         queries=replace(QUERIES, novelty=QUERIES.novelty[[0, 1, 2, 5, 4, 3]])
     )
     assert right_though_unseen["wrong_of_accepted_99"] == 1 / 4  # 5 in place of 3
-    without = told(queries=replace(QUERIES, promised=np.nan))
+    without = told(queries=replace(QUERIES, reject_pose_from=np.nan))
     assert all(np.isnan(without[name]) for name in POSES)
     assert without == pytest.approx(found | dict.fromkeys(POSES, np.nan), nan_ok=True)
-    none_accepted = told(queries=replace(QUERIES, promised=-1.0))
+    none_accepted = told(queries=replace(QUERIES, reject_pose_from=-1.0))
     assert np.isnan(none_accepted["wrong_of_accepted_99"])
     assert none_accepted["recall_99"] == 0
 

@@ -11,8 +11,8 @@ from pipeline.evaluation.judge import judge
 from pipeline.evaluation.judgement import Evaluation
 from pipeline.evaluation.paired import COMPARED, compare, holm
 from pipeline.evaluation.protocols import Distance
-from pipeline.matching.places import Labels
 from pipeline.matching.ranking import Ranking
+from pipeline.schemas import Labels
 from tests.evaluation.made import standing
 
 METRES = 600
@@ -47,8 +47,12 @@ def method(
         np.zeros(METRES, int),
         np.where(seen, 1.0, 99.0),
         np.zeros(METRES),
+        1,
+        20.0,
+        (0.0, 600.0),
+        (-10.0, 10.0),
     )
-    return judge(ranking, (0.5,), Labels(*own), standing(XY_M), 1, Distance(), bootstrap)
+    return judge(ranking, (0.5,), Labels(*own), standing(XY_M), Distance(), bootstrap)
 
 
 def runs(share: float, seed: int) -> np.ndarray:
@@ -168,7 +172,7 @@ def test_other_queries_are_refused() -> None:
     with pytest.raises(InputError, match="same queries"):
         compare(
             this,
-            replace(this, cells=replace(this.cells, seen=~this.cells.seen)),
+            replace(this, judgements=(replace(this.cells, seen=~this.cells.seen), this.distance)),
             "cells",
             BOOTSTRAP,
         )

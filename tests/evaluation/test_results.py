@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pipeline import schemas, store
+from pipeline import store
 from pipeline.alterations import Case
 from pipeline.errors import ArtifactError, ConfigError, LogError
 from pipeline.evaluation import results
@@ -87,11 +87,7 @@ def artifacts(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name in (FEB, MAR):
         write_changes(root / f"events/campus/{name}.csv", [Change("construction", 1, 2, 0.0, 0.0)])
     turned = judged(np.array([[True, True], [True, False]]), np.array([[2.0, 1.0], [2.0, 1.0]]))
-    with store.write(
-        root / f"viewpoints/campus/10m/sad/{FEB}.zarr", schemas.VIEWPOINTS, **turned.attrs()
-    ) as draft:
-        for column, values in turned.columns().items():
-            draft.put(column, values)
+    store.write(root / f"viewpoints/campus/10m/sad/{FEB}.zarr", turned)
     return root
 
 
@@ -109,7 +105,7 @@ def value(frame: pd.DataFrame, number: str, **where: Any) -> float:
 
 
 def test_an_evaluation_gives_counts_numbers_kinds_of_novelty_and_calibration() -> None:
-    one = replace(evaluation(), kept=(0.731, 0.95), wanted=0.9)
+    one = replace(evaluation(), kept_precision=(0.731, 0.95), wanted_precision=0.9)
     found = {(row["case"], row["protocol"], row["number"]): row for row in of_evaluation(one)}
     names = (
         "queries",

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from sklearn import metrics
 
-from pipeline import schemas, store
+from pipeline import store
 from pipeline.errors import ConfigError, InputError
-from pipeline.evaluation.viewpoints import Judged, Viewpoints, turned
+from pipeline.evaluation.viewpoints import NUMBERS, ViewpointMatches, Viewpoints, turned
 from pipeline.frames import yaw
 from pipeline.matching.ranking import Localizer, Model, Ranking, Rows
 from pipeline.running.progress import Progress
@@ -122,7 +122,7 @@ MODEL = {"evidence": np.ones(5)}
 AS_IS = Viewpoints()
 
 
-def judge(method: Fake, views: Rows = VIEWS, viewpoints: Viewpoints = AS_IS) -> Judged:
+def judge(method: Fake, views: Rows = VIEWS, viewpoints: Viewpoints = AS_IS) -> ViewpointMatches:
     return viewpoints.judge(method, MODEL, views)
 
 
@@ -186,7 +186,7 @@ def test_a_method_that_knows_one_heading_alone_is_right_there_alone() -> None:
 
     found = judge(Scripted(answers))
     np.testing.assert_allclose(found.values, [[np.nan, 1, 1, 1], *[[0, 0.25, 0.5, 0]] * 7])
-    numbers = found.numbers()
+    numbers = found.by_heading()
     assert list(numbers) == [
         *(f"{deg}_deg" for deg in (22.5, 67.5, 112.5, 157.5, 202.5, 247.5, 292.5, 337.5)),
         "mean",
@@ -224,7 +224,7 @@ def test_a_match_is_correct_up_to_ten_metres_off_whatever_the_direction(
     poses = np.tile(np.eye(4), (8, 1, 1))
     views = Rows(VIEWS.images[:8], VIEWS.stamps_ns[:8], poses)
     found = judge(Scripted(lambda _, xy_m: (xy_m + off_m, np.arange(8.0))), views, viewpoints)
-    assert [one["accuracy"] for one in found.numbers().values()] == [accuracy] * 9
+    assert [one["accuracy"] for one in found.by_heading().values()] == [accuracy] * 9
 
 
 def test_only_rows_with_a_whole_window_around_them_are_valid() -> None:
@@ -233,14 +233,14 @@ def test_only_rows_with_a_whole_window_around_them_are_valid() -> None:
     off_m = np.where((np.arange(30) >= 5) & (np.arange(30) <= 24), 0.0, 99.0)[:, None]
     found = judge(Scripted(lambda _, places_m: (places_m + off_m, np.zeros(30)), length=10))
     assert np.flatnonzero(found.valid).tolist() == list(range(5, 25))
-    assert found.numbers()["mean"]["accuracy"] == 1.0
+    assert found.by_heading()["mean"]["accuracy"] == 1.0
     assert found.correct.sum(axis=1).tolist() == [20] * 8
     assert (found.xy_m == xy_m).all()
     short = judge(
         Fake(length=10), Rows(VIEWS.images[:10], VIEWS.stamps_ns[:10], VIEWS.world_T_anchor[:10])
     )
     assert not short.valid.any()
-    assert all(value is None for one in short.numbers().values() for value in one.values())
+    assert all(value is None for one in short.by_heading().values() for value in one.values())
 
 
 @pytest.mark.parametrize("ties", [1000, 7])
@@ -249,7 +249,7 @@ def test_the_areas_are_those_of_scikit_learn(ties: int) -> None:
     correct = rng.random((2, 90)) < 0.6
     score = (rng.integers(0, ties, (2, 90)) + 0.3 * ties * correct).round().astype(np.float32)
     found = judged(correct, score)
-    for i, numbers in enumerate(list(found.numbers().values())[:2]):
+    for i, numbers in enumerate(list(found.by_heading().values())[:2]):
         precision, recall, _ = metrics.precision_recall_curve(correct[i], score[i])
         assert numbers["roc_auc"] == pytest.approx(metrics.roc_auc_score(correct[i], score[i]))
         assert numbers["pr_auc"] == pytest.approx(metrics.auc(recall, precision))
@@ -261,22 +261,22 @@ def test_recall_is_of_all_valid_queries_at_the_last_threshold_that_is_precise() 
     # As the score falls: 100 correct, a wrong (100/101 = .9901), a correct, a wrong (101/103 <
     # .99), 7 correct (108/110 = .982).
     correct = np.array([True] * 100 + [False, True, False] + [True] * 7)
-    told = judged(correct[None], -np.arange(110.0)[None]).numbers()["mean"]
+    told = judged(correct[None], -np.arange(110.0)[None]).by_heading()["mean"]
     assert told["recall"] == pytest.approx(101 / 110)  # and not 101 of the 108 correct
     assert told["accuracy"] == pytest.approx(108 / 110)
-    nothing = judged(np.zeros((1, 5), bool), np.arange(5.0)[None]).numbers()["mean"]
+    nothing = judged(np.zeros((1, 5), bool), np.arange(5.0)[None]).by_heading()["mean"]
     assert nothing == {"roc_auc": None, "pr_auc": None, "accuracy": 0.0, "recall": 0.0}
 
 
 def test_what_is_written_is_read_again(tmp_path: Path) -> None:
     found = judge(Fake())
-    with store.write(tmp_path / "a.zarr", schemas.VIEWPOINTS, **found.attrs()) as draft:
-        for name, column in found.columns().items():
-            draft.put(name, column)
-    again = Judged.read(store.read(tmp_path / "a.zarr", schemas.VIEWPOINTS))
-    assert again.numbers() == found.numbers()
-    assert again.attrs() == found.attrs()
-    assert all((again.columns()[name] == column).all() for name, column in found.columns().items())
+    store.write(tmp_path / "a.zarr", found)
+    again = store.read(tmp_path / "a.zarr", ViewpointMatches)
+    assert again.by_heading() == found.by_heading()
+    assert again.attrs == found.attrs
+    assert again.numbers == NUMBERS
+    for name in ViewpointMatches.columns:
+        np.testing.assert_array_equal(again[name][:], found[name])
 
 
 def test_views_that_were_not_drawn_at_headings_are_refused() -> None:

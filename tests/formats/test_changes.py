@@ -22,6 +22,12 @@ def test_what_is_written_is_read(tmp_path: Path, changes: list[Change]) -> None:
     assert read_changes(path) == changes
 
 
+def test_a_kind_of_change_with_a_comma_is_quoted(tmp_path: Path) -> None:
+    fence = [Change('fence, "high"', 3, 4, 1.0, 2.0)]
+    write_changes(tmp_path / "changes.csv", fence)
+    assert read_changes(tmp_path / "changes.csv") == fence
+
+
 @pytest.mark.parametrize(
     ("text", "says"),
     [

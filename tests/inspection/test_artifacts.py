@@ -7,8 +7,8 @@ from pipeline import store
 from pipeline.errors import ArtifactError, ConfigError, LogError
 from pipeline.evaluation.numbers import MEASURES, NUMBERS
 from pipeline.evaluation.protocols import PROTOCOLS
+from pipeline.inspection.kinds import KINDS
 from pipeline.inspection.report import inspect
-from pipeline.schemas import ALL
 from tests.inspection.scanner import assert_says, scan
 from tests.readers.damage import one_line
 
@@ -50,14 +50,13 @@ ATTRS |= {"blind": dict.fromkeys(PROTOCOLS, 0.1), "unsuited": {}}
 ATTRS |= dict.fromkeys(("thresholds", "reject_from"), (0.5, 2.0))
 ATTRS |= {"kept_precision": (0.731, None)}
 ROWS = 10
-SCHEMAS = {schema.kind: schema for schema in ALL}
 
 
 def write(path: Path, kind: str, **given: np.ndarray) -> Path:
     """An artifact of any kind: rows of plausible numbers, unless given."""
-    schema = SCHEMAS[kind]
-    with store.write(
-        path, schema, **{name: ATTRS.get(name, 1.0) for name in schema.attrs}
+    schema = KINDS[kind]
+    with store.draft(
+        path, schema, **{name: ATTRS.get(name, 1.0) for name in schema.attributes}
     ) as draft:
         for name, column in schema.columns.items():
             shape = [LENGTHS.get(dim, ROWS + dim.endswith("+1")) for dim in column.dims]
@@ -72,7 +71,7 @@ def plain(name: str, shape: list[int], dtype: str) -> np.ndarray:
         poses = np.tile(np.eye(4), (shape[0], 1, 1))
         poses[:, 0, 3] = 2.0 * np.arange(shape[0])  # 2 m a row along x: 18 m of path
         return poses
-    return np.ones(shape, dtype) if dtype != "?" else np.indices(shape).sum(axis=0) % 2 == 0
+    return np.ones(shape, dtype) if dtype != "bool" else np.indices(shape).sum(axis=0) % 2 == 0
 
 
 def scans(path: Path, cloud: np.ndarray, **given: np.ndarray) -> Path:
@@ -81,12 +80,12 @@ def scans(path: Path, cloud: np.ndarray, **given: np.ndarray) -> Path:
     return write(path, "scans", points=points, offsets=len(cloud) * np.arange(ROWS + 1), **given)
 
 
-@pytest.mark.parametrize("kind", [kind for kind in SCHEMAS if kind != "scans"])
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "scans"])
 def test_every_kind_is_described_with_each_array_and_attribute(tmp_path: Path, kind: str) -> None:
     text = inspect(write(tmp_path / "a.zarr", kind)).text()
-    schema = SCHEMAS[kind]
+    schema = KINDS[kind]
     assert f"{schema.kind}, version {schema.version}" in text.splitlines()[0]
-    for name in (*schema.columns, *schema.attrs):
+    for name in (*schema.columns, *schema.attributes):
         assert f"\n  {name} " in text
 
 

@@ -17,11 +17,11 @@ from pipeline.matching.ranking import Rows
 from pipeline.online import site_file
 from pipeline.online.description import describe
 from pipeline.online.inputs import NO_POSE, Scan
-from pipeline.online.pack import day, learned_from
+from pipeline.online.pack import learned_from
 from pipeline.online.site import Site
 from pipeline.running.progress import Progress
 from pipeline.views.scan_context import ScanContext
-from tests.online.made import ANCHORS, about, arrays, packed
+from tests.online.made import ANCHORS, arrays, described, packed
 from tests.posing.scene import planar, scene, seen_from
 
 FOURTH = planar(600, 0, 20)
@@ -33,10 +33,11 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The site of three places, with what it was learned from."""
     model, mapped = arrays()
     views = Rows(np.stack([ScanContext()(scene(seed)) for seed in range(3)]), np.arange(3), ANCHORS)
-    growth = {"voxel_m": 0.25, "days": [day("monday", 3)]}
+    growth = {"voxel_m": 0.25, "days": [{"day": "monday", "views": 3}]}
     path = tmp_path_factory.mktemp("site") / "three.site"
     site_file.write(
-        path, site_file.Parts(about(growth=growth), model, mapped, None, learned_from(views, model))
+        path,
+        site_file.Parts(described(growth=growth), model, mapped, None, learned_from(views, model)),
     )
     return path
 
@@ -165,7 +166,7 @@ def test_a_kill_while_writing_leaves_the_old_site(
     assert copy.read_bytes() == site.read_bytes()
     monkeypatch.undo()
     main(["grow", str(copy), log, "-o", str(copy)])
-    assert [one["day"] for one in site_file.read(copy).about["growth"]["days"]] == [
+    assert [learned.day for learned in site_file.read(copy).description.growth.days] == [
         "monday",
         "friday",
     ]

@@ -1,7 +1,6 @@
 """What a localiser is after each day: growth, a frozen model and a joint one, on scenes 2 m apart
 along x."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -10,13 +9,13 @@ import pytest
 from pipeline import store
 from pipeline.errors import ConfigError
 from pipeline.grid import Grid
-from pipeline.lifelong.record import Record
+from pipeline.lifelong.record import line, record
 from pipeline.lifelong.steps import streets, surveyed
 from pipeline.lifelong.strategies import Frozen, Grown, Joint
 from pipeline.matching.places import Places
 from pipeline.matching.ranking import Rows
 from pipeline.running.progress import Progress
-from pipeline.schemas_lifelong import LIFELONG
+from pipeline.schemas import Lifelong
 from pipeline.studies.courses import courses, instances, with_further_days
 from pipeline.studies.study import StudyMethod
 from tests.methods.test_scan_context import EACH, FIFTY, PLACES, rows
@@ -36,54 +35,46 @@ DAYS = {"first": part(1, 0, 12), "second": part(2, 8, 18)}
 ASKED = {"between": part(3, 0, 12), "later": part(4, 6, 24)}
 
 
-def record(strategy: object) -> Record:
-    return Record.of(
-        surveyed(FIFTY, strategy, DAYS, NONE, None, Progress()), ASKED, lambda line: None
-    )
+def recorded(strategy: object) -> Lifelong:
+    steps = surveyed(FIFTY, strategy, DAYS, NONE, None, Progress())
+    lifelong, cpu_s = record(steps, ASKED, lambda line: None, "days", "grown", 15.0)
+    assert len(cpu_s) == len(lifelong.steps)
+    return lifelong
 
 
-def shares(found: Record) -> list[list[float]]:
+def shares(found: Lifelong) -> list[list[float]]:
     """The share of right answers to queries known by the end, by step and asked day."""
-    known = found.columns["known_from"] >= 0
-    day = found.columns["day"]
+    known = found.known_from >= 0
+    day = found.day
     return [
         [round(float(step[known & (day == one)].mean()), 2) for one in (0, 1)]
-        for step in found.columns["right"]
+        for step in found.right
     ]
 
 
 def test_a_frozen_model_stays_and_a_grown_one_is_the_joint_one_of_a_database() -> None:
     # Of the later day scenes 6 to 11 are of the first day and 12 to 17 of the second; 18 to 23 are
     # never known.
-    frozen, grown, joint = (record(strategy) for strategy in (Frozen(), Grown(), Joint()))
+    frozen, grown, joint = (recorded(strategy) for strategy in (Frozen(), Grown(), Joint()))
     assert shares(frozen) == [[1, 0.5], [1, 0.5]]
     assert shares(grown) == shares(joint) == [[1, 0.5], [1, 1]]
-    assert [step.name for step in grown.steps] == ["first", "second"]
-    assert [len(step.places.cells) for step in frozen.steps] == [12, 18]
-    known_from = grown.columns["known_from"][grown.columns["day"] == 1][::EACH].tolist()
+    assert grown.steps == ("first", "second")
+    assert frozen.places == (12, 18)
+    known_from = grown.known_from[grown.day == 1][::EACH].tolist()
     assert known_from == [0] * 6 + [1] * 6 + [-1] * 6
-    assert grown.attrs["bytes"][1] > grown.attrs["bytes"][0] == frozen.attrs["bytes"][1]
+    assert grown.bytes[1] > grown.bytes[0] == frozen.bytes[1]
 
 
 def test_the_record_fits_its_schema_and_its_line_says_what_came_out(tmp_path: Path) -> None:
-    found = record(Grown())
-    attrs = {
-        "order": "days",
-        "correct_m": 15.0,
-        "strategy": "grown",
-        "asked": [*ASKED],
-        **found.attrs,
-    }
-    with store.write(tmp_path / "grown.zarr", LIFELONG, **attrs) as out:
-        for name, column in found.columns.items():
-            out.put(name, column)
-    assert json.loads(json.dumps(dict(store.read(tmp_path / "grown.zarr", LIFELONG).attrs)))[
-        "steps"
-    ] == ["first", "second"]
+    lifelong = recorded(Grown())
+    store.write(tmp_path / "grown.zarr", lifelong)
+    again = store.read(tmp_path / "grown.zarr", Lifelong)
+    assert again.steps == ("first", "second")
+    assert again.attrs == lifelong.attrs
     # 48 queries of the first asked day and 24 of the second are known at first, 24 more at last: 72
     # / 96 = .75.
     assert (
-        found.line()
+        line(lifelong)
         == "2 steps to 18 places: of 96 queries that can be known 0.750 right at first, 1.000 at last"
     )
 
@@ -133,12 +124,9 @@ def test_only_what_is_trained_is_tuned_and_only_a_study_with_updates_updates() -
         {"dataset": "campus", "grid": "10m", "model": "m"},
         made_study(tests=["b"], learned=["a"], updates=["u"]),
         StudyMethod("m", "v", "m.py", courses=courses(defaults, {"rehearsed": 2}, updates=True)),
-        {"viewed": "v", "changed": "c"},
     )
     assert {name: one["learned"] for name, one in found.items()} == {
         "campus-10m-m-days-grown": "a",
         "campus-10m-m-days-tuned": "a",
         "campus-10m-m-updates-updated": "u",
     }
-    assert found["campus-10m-m-updates-updated"]["scans"] == "artifacts/scans/campus"
-    assert found["campus-10m-m-days-grown"]["scans"] == "v"

@@ -11,10 +11,10 @@ from pipeline import store
 from pipeline.frames import pose
 from pipeline.mapping import gathering
 from pipeline.mapping.gathering import Gathering
-from pipeline.mapping.submaps import Accumulated, Submaps
+from pipeline.mapping.submaps import Accumulated
 from pipeline.running.compute import Compute
 from pipeline.running.progress import Progress
-from pipeline.schemas import SCANS, SUBMAPS
+from pipeline.schemas import Scans, Submaps
 from pipeline.views.draw import Drawing
 from tests.views.made import SUITED
 
@@ -22,16 +22,16 @@ GRAIN_M = 0.005
 NAN4 = np.full((4, 4), np.nan)
 
 
-def scans(folder: Path, points: list[np.ndarray], start_T_scan: np.ndarray) -> store.Artifact:
+def scans(folder: Path, points: list[np.ndarray], start_T_scan: np.ndarray) -> Scans:
     """A scans artifact of points in metres and odometry, which is the truth too."""
     path = folder / "scans.zarr"
-    with store.write(path, SCANS, grain_m=GRAIN_M, skipped={}, clipped=0) as draft:
+    with store.draft(path, Scans, grain_m=GRAIN_M, skipped={}, clipped=0) as draft:
         draft.put("points", np.rint(np.concatenate(points) / GRAIN_M).astype(np.int16))
         draft.put("offsets", np.concatenate([[0], np.cumsum([len(cloud) for cloud in points])]))
         draft.put("stamps_ns", np.arange(len(points)))
         draft.put("world_T_scan", start_T_scan)
         draft.put("odom_T_scan", start_T_scan)
-    return store.read(path, SCANS)
+    return store.read(path, Scans)
 
 
 def driven(n: int, step_m: float = 1.0) -> np.ndarray:
@@ -40,11 +40,11 @@ def driven(n: int, step_m: float = 1.0) -> np.ndarray:
     return pose(xyz, np.column_stack([np.zeros((n, 2)), np.full(n, np.pi / 2)]))
 
 
-def gathered(artifact: store.Artifact, made: Submaps) -> Gathering:
+def gathered(artifact: Scans, made: Submaps) -> Gathering:
     return Gathering(artifact, made.layout, made.first, made.scans, made.ground_m, made.used)
 
 
-def cut(artifact: store.Artifact, **settings: object) -> Submaps:
+def cut(artifact: Scans, **settings: object) -> Submaps:
     return Accumulated(**{"window_m": 2.0, "ground_percentile": -1.0, **settings}).cut(
         artifact, Progress()
     )
@@ -139,14 +139,14 @@ def test_each_scan_is_read_once_and_blocks_of_any_size_say_the_same(
 def test_views_of_accumulated_submaps_are_drawn_from_all_their_scans(tmp_path: Path) -> None:
     artifact = scans(tmp_path, [np.array([[1.0, 0, row / 2]]) for row in range(4)], driven(4))
     made = cut(artifact)
-    with store.write(
-        tmp_path / "submaps.zarr", SUBMAPS, layout=made.layout, left_out={}, appearance=SUITED
+    with store.draft(
+        tmp_path / "submaps.zarr", Submaps, layout=made.layout, left_out={}, appearance=SUITED
     ) as draft:
         for name in ("first", "scans", "ground_m", "used"):
             draft.put(name, getattr(made, name))
         draft.put("stamps_ns", np.arange(2))
         draft.put("world_T_anchor", driven(4)[made.scans])
-    submaps = store.read(tmp_path / "submaps.zarr", SUBMAPS)
+    submaps = store.read(tmp_path / "submaps.zarr", Submaps)
     drawing = Drawing(
         artifact, submaps, lambda points: np.array([len(points), points[:, 2].sum()], np.float32)
     )

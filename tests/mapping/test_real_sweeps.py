@@ -20,7 +20,7 @@ from pipeline.readers.kitti import Kitti
 from pipeline.readers.log import Log
 from pipeline.running.compute import Compute
 from pipeline.running.progress import Progress
-from pipeline.schemas import SCANS, SUBMAPS
+from pipeline.schemas import Scans, Submaps
 from pipeline.views.scan_context import ScanContext
 from stages.views import main
 from tests.views.made import SUITED
@@ -31,15 +31,15 @@ ROOT = Path(__file__).parents[2]
 def taken(path: Path, log: Log) -> store.Artifact:
     """A log as a scans artifact."""
     intake = Intake(log, 0.005, 0)
-    with store.write(
-        path, SCANS, grain_m=0.005, skipped=intake.skipped, clipped=intake.clipped
+    with store.draft(
+        path, Scans, grain_m=0.005, skipped=intake.skipped, clipped=intake.clipped
     ) as draft:
         for points, offsets in intake.blocks(Compute(), Progress()):
             draft.append("points", points)
             draft.append("offsets", offsets)
         for name, column in intake.poses().items():
             draft.put(name, column)
-    return store.read(path, SCANS)
+    return store.read(path, Scans)
 
 
 @pytest.mark.parametrize(("newest", "median_m"), [(1, 0.07), (15, 0.34)])
@@ -107,8 +107,8 @@ def test_views_that_show_nothing_are_refused(
     }
     for percentile, shows in ((5.0, False), (-1.0, True)):
         made = Accumulated(window_m=5.0, ground_percentile=percentile).cut(scans, Progress())
-        with store.write(
-            "submaps/monday.zarr", SUBMAPS, layout=made.layout, left_out={}, appearance=SUITED
+        with store.draft(
+            "submaps/monday.zarr", Submaps, layout=made.layout, left_out={}, appearance=SUITED
         ) as draft:
             for name in ("first", "scans", "ground_m", "used"):
                 draft.put(name, getattr(made, name))

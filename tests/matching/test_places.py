@@ -27,7 +27,7 @@ TRAINING = anchors((25, 5, 0), (5, 5, 90), (25, 6, 0), (35, 25, 180))  # cells 6
 
 
 def test_places_are_the_visited_cells_in_ascending_order() -> None:
-    labels = label(TRAINING, TRAINING, GRID)
+    labels = label(TRAINING, TRAINING, GRID, 0)
     assert labels.cells.tolist() == [0, 6, 11]
     assert labels.places.tolist() == [1, 0, 1, 2]
     assert labels.oracle.tolist() == [1, 0, 1, 2]
@@ -57,7 +57,7 @@ def test_places_are_the_visited_cells_in_ascending_order() -> None:
 def test_a_query_is_labelled_by_its_cell_and_by_its_nearest_anchor(
     query: tuple[float, float, float], place: int, oracle: int, nearest_m: float, turn: float
 ) -> None:
-    labels = label(anchors(query), TRAINING, GRID)
+    labels = label(anchors(query), TRAINING, GRID, 0)
     assert (labels.places.tolist(), labels.oracle.tolist()) == ([place], [oracle])
     np.testing.assert_allclose(labels.nearest_m, nearest_m)
     np.testing.assert_allclose(labels.nearest_turn_deg, turn, atol=1e-9)
@@ -67,12 +67,12 @@ def test_the_oracle_may_lie_across_a_border_height_does_not_count_and_no_queries
     None
 ):
     # (20.5, 5) is in cell 6, a place; the nearest anchor, (19.5, 5), in cell 3, another.
-    labels = label(anchors((20.5, 5, 0)), anchors((19.5, 5, 0), (29, 5, 0)), GRID)
+    labels = label(anchors((20.5, 5, 0)), anchors((19.5, 5, 0), (29, 5, 0)), GRID, 0)
     assert (labels.places.tolist(), labels.oracle.tolist()) == ([1], [0])
     above = anchors((25, 5, 0))
     above[0, 2, 3] = 50
-    np.testing.assert_array_equal(label(above, TRAINING, GRID).nearest_m, [0])
-    labels = label(anchors(), TRAINING, GRID)
+    np.testing.assert_array_equal(label(above, TRAINING, GRID, 0).nearest_m, [0])
+    labels = label(anchors(), TRAINING, GRID, 0)
     assert len(labels.places) == len(labels.oracle) == len(labels.nearest_m) == 0
     assert labels.cells.tolist() == [0, 6, 11]
 
@@ -91,7 +91,7 @@ def sampled(real: Path, date: str) -> np.ndarray:
 def test_a_real_training_sequence_has_546_places(real: Path) -> None:
     training = sampled(real, "2012-01-08")
     assert len(training) == 5624
-    assert len(label(training, training, NCLT).cells) == 546
+    assert len(label(training, training, NCLT, 0).cells) == 546
 
 
 @pytest.mark.parametrize(
@@ -101,7 +101,7 @@ def test_a_real_training_sequence_has_546_places(real: Path) -> None:
 def test_real_test_sequences_are_seen_and_unseen_as_known(
     real: Path, date: str, seen: int, unseen: int
 ) -> None:
-    labels = label(sampled(real, date), sampled(real, "2012-01-08"), NCLT)
+    labels = label(sampled(real, date), sampled(real, "2012-01-08"), NCLT, 0)
     assert (int((labels.places >= 0).sum()), int((labels.places < 0).sum())) == (seen, unseen)
     # The nearest anchor's place is the true one wherever that anchor shares the query's cell, and
     # then within a diagonal.

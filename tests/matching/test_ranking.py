@@ -11,7 +11,7 @@ from pipeline import store
 from pipeline.alterations import Case
 from pipeline.errors import ArtifactError, InputError
 from pipeline.matching.ranking import Ranking, Rows, joined
-from pipeline.schemas import VIEWS
+from pipeline.schemas import ScanContextViews
 
 IMAGES = np.arange(6 * 2 * 3, dtype=np.float32).reshape(6, 2, 3)
 POSES = np.tile(np.eye(4), (6, 1, 1)) * np.arange(6)[:, None, None]
@@ -20,7 +20,7 @@ STAMPS_NS = np.arange(6) * 10**9
 
 def view(path: Path, cases: Sequence[Case] = (Case(),)) -> Path:
     """Six rows, as many of each case."""
-    with store.write(path, VIEWS, cases=[asdict(case) for case in cases]) as draft:
+    with store.draft(path, ScanContextViews, cases=[asdict(case) for case in cases]) as draft:
         draft.put("images", IMAGES)
         draft.put("stamps_ns", STAMPS_NS)
         draft.put("world_T_anchor", POSES)

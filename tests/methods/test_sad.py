@@ -102,11 +102,11 @@ def test_of_several_reference_headings_the_nearest_is_told() -> None:
 def test_a_model_is_the_normalised_images_of_four_kilobytes_each() -> None:
     large = np.repeat(np.repeat(STREET[:30], 2, axis=2), 2, axis=3)  # 128 × 128 pixels
     model = Sad().learn(rows(large), PLACES[:30], Progress())
-    assert model["images"].shape == (30, 64, 64)
+    assert model["images"].shape == (30, 1, 64, 64)
     assert model["images"].dtype == np.uint8
-    np.testing.assert_array_equal(model["images"], normalised(STREET[:30, 0]))
+    np.testing.assert_array_equal(model["images"][:, 0], normalised(STREET[:30, 0]))
     small = Sad(side_px=32, patch_px=4).learn(rows(STREET[:30]), PLACES[:30], Progress())
-    assert small["images"].shape == (30, 32, 32)
+    assert small["images"].shape == (30, 1, 32, 32)
 
 
 def test_a_moved_model_knows_another_street_and_rejects_as_before() -> None:

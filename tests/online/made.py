@@ -1,5 +1,7 @@
 """A site of three places, each another scene, whose bytes are known."""
 
+import json
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +12,7 @@ from pipeline.matching.places import label
 from pipeline.matching.ranking import Rows
 from pipeline.methods.scan_context import ScanContext50
 from pipeline.online import site_file
+from pipeline.online.site_json import VERSION, SiteDescription
 from pipeline.posing.targets import GRAIN_M
 from pipeline.posing.verdict import BELIEFS
 from pipeline.running.progress import Progress
@@ -29,8 +32,13 @@ SENSOR = {
 READER = {"_target_": "pipeline.readers.nclt.Nclt"}
 
 
+def described(**changes: Any) -> SiteDescription:
+    """What the site says of itself, as it is read from JSON; `changes` are to its keys."""
+    return SiteDescription.from_json(about(**changes))
+
+
 def about(**changes: Any) -> dict[str, Any]:
-    """What the site says of itself.
+    """The content of its site.json.
 
     A fix of an overlap of .8 is right by .98, one of .4 by .02; .9 keeps a promise of .99.
 
@@ -43,6 +51,7 @@ def about(**changes: Any) -> dict[str, Any]:
         "promised": dict.fromkeys(BELIEFS, (0.5, 0.1, -1.0)),
     }
     usual = {
+        "version": VERSION,
         "name": "three/10m/scan_context",
         "simulated": True,
         "method": {"_target_": "pipeline.methods.scan_context.ScanContext50", "candidates": 3},
@@ -62,7 +71,7 @@ def about(**changes: Any) -> dict[str, Any]:
 def arrays() -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     """The model and the map."""
     clouds = [scene(seed) for seed in range(3)]
-    labels = label(ANCHORS, ANCHORS, GRID)
+    labels = label(ANCHORS, ANCHORS, GRID, 0)
     views = Rows(np.stack([ScanContext()(cloud) for cloud in clouds]), np.arange(3), ANCHORS)
     model = ScanContext50(candidates=3).learn(views, labels.places, Progress())
     points = np.rint(np.concatenate(clouds) / GRAIN_M).astype(np.int64)
@@ -76,9 +85,20 @@ def arrays() -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
 
 
 def packed(folder: Path, **changes: Any) -> Path:
-    """The site's file."""
-    site_file.write(folder / "three.site", site_file.Parts(about(**changes), *arrays(), None))
-    return folder / "three.site"
+    """The site's file; `changes` are to the keys of its site.json."""
+    return with_content(folder / "three.site", about(**changes))
+
+
+def with_content(path: Path, content: dict[str, Any]) -> Path:
+    """A site file with this site.json, whatever it holds."""
+    site_file.write(path, site_file.Parts(described(), *arrays(), None))
+    with zipfile.ZipFile(path) as file:
+        members = {name: file.read(name) for name in file.namelist()}
+    members[site_file.ABOUT] = json.dumps(content, indent=1).encode()
+    with zipfile.ZipFile(path, "w") as file:
+        for name, data in members.items():
+            file.writestr(zipfile.ZipInfo(name, site_file.EPOCH), data, zipfile.ZIP_DEFLATED, 6)
+    return path
 
 
 def scan(

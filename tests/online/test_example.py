@@ -23,7 +23,7 @@ def site() -> Site:
 
 def test_what_comes_with_the_package_is_small_and_simulated(site: Site) -> None:
     assert sum(path.stat().st_size for path in FOLDER.iterdir() if path.is_file()) < LARGEST_BYTES
-    assert site.about["simulated"]
+    assert site.description.simulated
     assert 0.99 in site.promises
 
 

@@ -18,7 +18,7 @@ from pipeline.online.export import Parity, export
 from pipeline.online.site import Site
 from pipeline.running.progress import Progress
 from pipeline.views.scan_context import ScanContext
-from tests.online.made import ANCHORS, about, arrays, packed, scan
+from tests.online.made import ANCHORS, arrays, described, packed, scan
 from tests.posing.scene import scene
 from tests.readers.damage import one_line
 
@@ -51,7 +51,9 @@ def learned(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
     path = tmp_path_factory.mktemp("learned") / "three.site"
     site_file.write(
         path,
-        site_file.Parts(about(method={"_target_": target, **SETTINGS}), model, arrays()[1], None),
+        site_file.Parts(
+            described(method={"_target_": target, **SETTINGS}), model, arrays()[1], None
+        ),
     )
     return path
 

@@ -12,7 +12,7 @@ from pipeline.matching.places import label
 from pipeline.matching.ranking import Rows
 from pipeline.methods.scan_context import ScanContext50
 from pipeline.online.description import describe
-from pipeline.online.pack import Packing
+from pipeline.online.pack import Packing, Trained
 from pipeline.online.site import Site
 from pipeline.running.progress import Progress
 from pipeline.studies.layout import Layout
@@ -30,7 +30,7 @@ STUDY = made_study("three", train="monday", methods=["scan_context", "sad"], **R
 
 
 @pytest.fixture(scope="module")
-def packing(tmp_path_factory: pytest.TempPathFactory) -> Packing:
+def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A study of three places, eight scans in each, half a metre apart."""
     folder = tmp_path_factory.mktemp("project")
     shutil.copytree(ROOT / "conf", folder / "conf")
@@ -44,13 +44,10 @@ def packing(tmp_path_factory: pytest.TempPathFactory) -> Packing:
     for kind in ("scans", "submaps"):
         (made / kind / "three").mkdir(parents=True)
         shutil.move(folder / f"made/{kind}.zarr", made / f"{kind}/three/monday.zarr")
-    labels = label(poses, poses, GRID)
-    box = {"cell_m": GRID.cell_m, "x_m": GRID.x_m, "y_m": GRID.y_m}
-    with store.write(made / "labels/three/10m/monday.zarr", schemas.LABELS, days=0, **box) as out:
-        for name in schemas.LABELS.columns:
-            out.put(name, getattr(labels, name))
-    with store.write(
-        made / "views/three/scan_context/monday.zarr", schemas.VIEWS, cases=AS_DRIVEN
+    labels = label(poses, poses, GRID, 0)
+    store.write(made / "labels/three/10m/monday.zarr", labels)
+    with store.draft(
+        made / "views/three/scan_context/monday.zarr", schemas.ScanContextViews, cases=AS_DRIVEN
     ) as out:
         out.put("images", images)
         out.put("stamps_ns", np.arange(24))
@@ -62,11 +59,16 @@ def packing(tmp_path_factory: pytest.TempPathFactory) -> Packing:
         "candidates": 50,
     }
     store.write_model(made / "train/three/10m/scan_context.zarr.zip", model, recipe)
-    return Packing(folder / "conf", Layout(made), {"three": STUDY})
+    return folder
 
 
-def test_what_is_packed_finds_a_scan(packing: Packing, tmp_path: Path) -> None:
-    said = packing.pack("three/10m/scan_context", tmp_path / "three.site", Progress())
+def packed(project: Path, name: str, out: Path) -> str:
+    trained = Trained.named(Layout(project / "artifacts"), {"three": STUDY}, name)
+    return Packing(project / "conf").pack(trained, out, Progress())
+
+
+def test_what_is_packed_finds_a_scan(project: Path, tmp_path: Path) -> None:
+    said = packed(project, "three/10m/scan_context", tmp_path / "three.site")
     assert said.startswith(f"{tmp_path / 'three.site'}: 3 places, 24 submaps")
     site = Site.open(tmp_path / "three.site")
     (points_m, world_T_robot) = scan(2, 1.0, 0.5, 20.0)
@@ -76,9 +78,9 @@ def test_what_is_packed_finds_a_scan(packing: Packing, tmp_path: Path) -> None:
         site.localize(points_m)
     fix = site.localize(points_m, None)
     np.testing.assert_allclose(fix.world_T_sensor, world_T_robot, atol=0.1)
-    assert site.about["reader"]["_target_"] == "pipeline.readers.folder.Folder"
-    assert site.about["sensor"]["ground_m"] == pytest.approx(0, abs=0.05)
-    assert site.about["provenance"]["train"] == "monday"
+    assert site.description.reader["_target_"] == "pipeline.readers.folder.Folder"
+    assert site.description.sensor.ground_m == pytest.approx(0, abs=0.05)
+    assert site.description.provenance.train == "monday"
     assert "site three/10m/scan_context" in describe(tmp_path / "three.site").text()
 
 
@@ -94,7 +96,7 @@ def test_what_is_packed_finds_a_scan(packing: Packing, tmp_path: Path) -> None:
     ],
 )
 def test_what_cannot_be_packed_is_named(
-    packing: Packing, tmp_path: Path, name: str, says: str
+    project: Path, tmp_path: Path, name: str, says: str
 ) -> None:
     with one_line(ConfigError, says):
-        packing.pack(name, tmp_path / "a.site", Progress())
+        packed(project, name, tmp_path / "a.site")

@@ -13,13 +13,12 @@ from hypothesis import strategies as st
 
 from pipeline.errors import ArtifactError, InputError
 from pipeline.frames import apart
-from pipeline.online import site_file
 from pipeline.online.description import describe
 from pipeline.online.site import Site
 from pipeline.online.site_file import ABOUT, MAP, MODEL
 from pipeline.online.tracking import Tracker
 from pipeline.posing.fix import Fix as Registered
-from tests.online.made import about, arrays, packed, scan
+from tests.online.made import SENSOR, about, packed, scan, with_content
 from tests.posing.scene import hypothesis, scene
 from tests.readers.damage import damaged, one_line
 
@@ -145,7 +144,7 @@ def test_a_zip_of_something_else_is_refused(
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
-        ({"version": 1}, "a site of version 1, this yearloc reads version 3"),
+        ({"version": 1}, "a site of version 1, this yearloc reads version 4"),
         (
             {"method": {"_target_": "os.system"}},
             "_target_=os.system: expected a class of pipeline.methods",
@@ -160,9 +159,23 @@ def test_a_zip_of_something_else_is_refused(
             },
             "method.candidates=many",
         ),
-        ({"k": None}, "do not fit together"),
-        ({"verdict": {}}, "do not fit together"),
-        ({"map": {"grain_m": 1}}, "do not fit together"),
+        ({"k": None}, "site.json: k=None: expected a whole number; pack the site anew"),
+        ({"verdict": {}}, "site.json: has no verdict.pose; pack"),
+        ({"map": {"grain_m": 1}}, "site.json: has no map.range_m; pack"),
+        ({"simulated": 1}, "simulated=1: expected true or false"),
+        (
+            {"sensor": SENSOR | {"warnings": "z points"}},
+            "sensor.warnings=z points: expected a list",
+        ),
+        ({"sensor": SENSOR | {"warnings": [], "lift_m": True}}, "lift_m=True: expected a number"),
+        (
+            {"places": {"cell_m": 10.0, "x_m": [5.0, -5.0], "y_m": [0.0, 1.0]}},
+            "places: x_m=5.0…-5.0: the box must have a length",
+        ),
+        (
+            {"growth": {"voxel_m": 0.1, "days": [{"day": "monday", "views": "many"}]}},
+            r"growth.days\[0\].views=many: expected a whole number",
+        ),
     ],
 )
 def test_what_a_site_says_of_itself_is_checked(
@@ -175,9 +188,8 @@ def test_what_a_site_says_of_itself_is_checked(
 def test_a_key_that_is_missing_is_named(tmp_path: Path) -> None:
     known = about()
     del known["sensor"]
-    site_file.write(tmp_path / "a.site", site_file.Parts(known, *arrays(), None))
-    with one_line(ArtifactError, "site.json has no sensor"):
-        Site.open(tmp_path / "a.site")
+    with one_line(ArtifactError, "site.json: has no sensor"):
+        Site.open(with_content(tmp_path / "a.site", known))
 
 
 @given(st.data())

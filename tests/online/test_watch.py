@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from pipeline.cli import main
 from pipeline.formats.bag import CLOUD, POSE_COVARIANCE, TRANSFORMS, BagWriter
 from pipeline.formats.bag_file import BagFile
 from pipeline.formats.pointcloud2 import decode
+from pipeline.grid import Grid
 from pipeline.online import site_file
 from pipeline.online.site import Site
 from pipeline.online.watch import whole_map
@@ -82,14 +84,10 @@ def test_points_as_far_out_as_utm_lie_where_the_poses_put_them(tmp_path: Path) -
         name: array + away_m[:2] if name.endswith("xy_m") else array
         for name, array in far["model"].items()
     }
-    places = {
-        "cell_m": GRID.cell_m,
-        "x_m": np.add(GRID.x_m, away_m[0]).tolist(),
-        "y_m": np.add(GRID.y_m, away_m[1]).tolist(),
-    }
-    site_file.write(
-        tmp_path / "far.site", parts._replace(about={**parts.about, "places": places}, **far)
-    )
+    x_m = tuple(np.add(GRID.x_m, away_m[0]).tolist())
+    y_m = tuple(np.add(GRID.y_m, away_m[1]).tolist())
+    description = replace(parts.description, places=Grid(GRID.cell_m, x_m, y_m))
+    site_file.write(tmp_path / "far.site", parts._replace(description=description, **far))
     np.save(tmp_path / "1.npy", scan()[0].astype(np.float32))
     main(
         [

@@ -149,12 +149,12 @@ def test_the_artifact_of_a_drive_is_written_anew(tmp_path: Path) -> None:
     attrs |= {"promises": [0.95, 0.99, 0.999], "promised": [0.7, 0.6, 0.0], "held_out": 300} | {
         key: [0.3, 0.2, 0.1] for key in ("promised_place", "promised_several")
     }
-    with store.write(path, schemas.FIXES, **attrs) as out:
+    with store.draft(path, schemas.Fixes, **attrs) as out:
         for name, values in columns.items():
             out.put(name, values)
-    found, told = joined(store.read(path, schemas.FIXES), seen.odom_T_query, FILTER, places)
-    with store.write(tmp_path / "anew.zarr", schemas.FIXES, **told) as out:
-        for name in schemas.FIXES.columns:
+    found, told = joined(store.read(path, schemas.Fixes), seen.odom_T_query, FILTER, places)
+    with store.draft(tmp_path / "anew.zarr", schemas.Fixes, **told) as out:
+        for name in schemas.Fixes.columns:
             out.put(name, found[name])
     assert found["world_T_query"][22] == pytest.approx(TRUE[22], abs=0.2)
     assert found["places"][22].tolist()[0] == places.at(TRUE[22:23, :2, 3])[0]
@@ -166,4 +166,4 @@ def test_the_artifact_of_a_drive_is_written_anew(tmp_path: Path) -> None:
         max(told["promised_place"] + told["promised_several"]) < 0
     )  # they were judged of each query's own pose
     with pytest.raises(InputError, match="80 queries in 1 cases of 79 submaps"):
-        joined(store.read(path, schemas.FIXES), seen.odom_T_query[1:], FILTER, places)
+        joined(store.read(path, schemas.Fixes), seen.odom_T_query[1:], FILTER, places)

@@ -23,8 +23,8 @@ PLACES = Answers.at(np.array([[400.0, 0.0], [200.0, 0.0], [0.0, 0.0]]))
 def written(path: Path, seeds: range) -> Targets:
     """A map of places, each another scene."""
     clouds = [seen_from(scene(seed), planar(0, 0, 0)) for seed in seeds]
-    with store.write(
-        path, schemas.MAPS, grain_m=GRAIN_M, voxel_m=0.5, range_m=80.0, single=True
+    with store.draft(
+        path, schemas.Maps, grain_m=GRAIN_M, voxel_m=0.5, range_m=80.0, single=True
     ) as out:
         out.put(
             "points",

@@ -32,7 +32,7 @@ def drive(
     clouds = clouds or [seen_from(scene(), at) for at in world_T_anchor]
     rows = np.arange(len(world_T_anchor))
     paths = [folder / kind / f"{name}.zarr" for kind in ("scans", "submaps")]
-    with store.write(paths[0], schemas.SCANS, grain_m=0.005, skipped={}, clipped=0) as out:
+    with store.draft(paths[0], schemas.Scans, grain_m=0.005, skipped={}, clipped=0) as out:
         out.append(
             "points", np.concatenate([np.rint(cloud / 0.005) for cloud in clouds]).astype(np.int16)
         )
@@ -42,8 +42,8 @@ def drive(
             **dict.fromkeys(("world_T_scan", "odom_T_scan"), world_T_anchor),
         }.items():
             out.put(column, values)
-    with store.write(
-        paths[1], schemas.SUBMAPS, layout="world_T_scan", left_out={}, appearance=SUITED
+    with store.draft(
+        paths[1], schemas.Submaps, layout="world_T_scan", left_out={}, appearance=SUITED
     ) as out:
         used = {
             "first": rows,
@@ -57,7 +57,7 @@ def drive(
             "world_T_anchor": world_T_anchor,
         }.items():
             out.put(column, values)
-    return store.read(paths[0], schemas.SCANS), store.read(paths[1], schemas.SUBMAPS)
+    return store.read(paths[0], schemas.Scans), store.read(paths[1], schemas.Submaps)
 
 
 @pytest.fixture
@@ -73,8 +73,8 @@ def folder(tmp_path: Path) -> Path:
         "wanted_precision": 0.9,
     }
     given |= {"kept_precision": (0.9,)}
-    with store.write(tmp_path / "rankings" / "test.zarr", schemas.RANKINGS, **given) as out:
-        for column, kind in schemas.RANKINGS.columns.items():
+    with store.draft(tmp_path / "rankings" / "test.zarr", schemas.Rankings, **given) as out:
+        for column, kind in schemas.Rankings.columns.items():
             shape = {"rank": 1, "xy": 2, "kind": 1}
             out.put(column, np.zeros([4, *(shape[dim] for dim in kind.dims[1:])], kind.dtype))
     return tmp_path

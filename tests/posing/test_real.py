@@ -52,8 +52,8 @@ def targets(frames: KeyFrames, tmp_path_factory: pytest.TempPathFactory) -> Targ
     """The way out."""
     path = tmp_path_factory.mktemp("map") / "out.zarr"
     clouds = [frames.points_m(row) for row in OUT]
-    with store.write(
-        path, schemas.MAPS, grain_m=GRAIN_M, voxel_m=0.5, range_m=80.0, single=True
+    with store.draft(
+        path, schemas.Maps, grain_m=GRAIN_M, voxel_m=0.5, range_m=80.0, single=True
     ) as out:
         out.put("points", np.rint(np.concatenate(clouds) / GRAIN_M).astype(np.int64))
         out.put("offsets", np.cumsum([0, *map(len, clouds)]))
@@ -101,7 +101,8 @@ def test_a_real_reverse_loop_of_kitti_ends_in_one_pose_from_every_start(real: Pa
         bearing = rng.uniform(0, 2 * np.pi)
         turn_deg = rng.choice([-1, 1]) * rng.uniform(3, 6)
         start = planar(2.5 * np.cos(bearing), 2.5 * np.sin(bearing), turn_deg)
-        ended.append(registration.refine(target, query, first @ start).target_T_source)
+        near = registration.approach(target, query, first @ start).target_T_source
+        ended.append(registration.refine(target, query, near).target_T_source)
     away_m, off_deg = apart(np.array(ended), np.array(ended[:1] * len(ended)))
     assert away_m.max() < 0.1
     assert off_deg.max() < 0.3

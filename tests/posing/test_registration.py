@@ -80,7 +80,7 @@ def test_a_guess_that_is_no_pose_is_refused() -> None:
     ("settings", "says"),
     [
         ({"voxel_m": 0}, "registration.voxel_m=0"),
-        ({"reaches_m": []}, "registration.reaches_m"),
+        ({"cell_m": 1.0}, "registration.cell_m=1.0: expected more than registration.reach_m=1.0"),
         ({"neighbours": 2}, "registration.neighbours=2: expected at least 5"),
     ],
 )

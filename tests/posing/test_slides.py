@@ -119,8 +119,8 @@ def driven(folder: Path, kind: str, own: bool) -> tuple[np.ndarray, Targets]:
     if kind.startswith("a crossing"):
         anchors = anchors[6:11]  # 24 to 40 m
     clouds = [visible(points_m, anchor) for anchor in anchors]
-    with store.write(
-        folder / "day.zarr", schemas.MAPS, grain_m=GRAIN_M, voxel_m=0.5, range_m=80.0, single=True
+    with store.draft(
+        folder / "day.zarr", schemas.Maps, grain_m=GRAIN_M, voxel_m=0.5, range_m=80.0, single=True
     ) as out:
         out.put("points", np.rint(np.concatenate(clouds) / GRAIN_M).astype(np.int64))
         out.put("offsets", np.cumsum([0, *map(len, clouds)]))

@@ -12,7 +12,7 @@ from pipeline.evaluation import results
 from pipeline.evaluation.ageing import Ageing
 from pipeline.evaluation.events import Bands
 from pipeline.report.study import Study
-from pipeline.schemas_lifelong import LIFELONG
+from pipeline.schemas import Lifelong
 from pipeline.studies.layout import Layout
 from tests.evaluation.made import standing
 from tests.report.figures.made import TRAIN_XY_M
@@ -84,7 +84,7 @@ def build(artifacts: Path) -> Study:
     }
     rows |= {"stamps_ns": np.arange(n), "world_T_anchor": standing(TRAIN_XY_M)}
     about: dict[str, Any] = {"layout": "world_T_scan", "left_out": {}, "appearance": SUITED}
-    put(artifacts / f"submaps/campus/{TRAIN}.zarr", schemas.SUBMAPS, rows, **about)
+    put(artifacts / f"submaps/campus/{TRAIN}.zarr", schemas.Submaps, rows, **about)
     for method in SETTINGS.methods:
         for model in method.models:
             place = {
@@ -131,7 +131,7 @@ def course(path: Path, order: str, strategy: str, seed: int = 0) -> dict[str, An
         "bytes": [2e6, 3e6],
     }
     attrs["counts"] = [{}, counts]
-    attrs |= {"newest_ns": [20 * DAY_NS, 40 * DAY_NS], "asked_ns": [10 * DAY_NS, 50 * DAY_NS]}
+    attrs |= {"learned_ns": [20 * DAY_NS, 40 * DAY_NS], "asked_ns": [10 * DAY_NS, 50 * DAY_NS]}
     arrays = {
         "right": right,
         "error_m": np.where(right, 1.0, 20.0),
@@ -143,7 +143,7 @@ def course(path: Path, order: str, strategy: str, seed: int = 0) -> dict[str, An
         "place_xy_m": np.stack([10.0 * np.arange(4), np.zeros(4)], axis=1),
         "newest_ns": np.array([10, 40, 40, 20]) * DAY_NS,
     }
-    with store.write(path, LIFELONG, **attrs) as draft:
+    with store.draft(path, Lifelong, **attrs) as draft:
         for name, array in arrays.items():
             draft.put(name, array)
     return attrs

@@ -23,7 +23,7 @@ from tests.studies.made import study as made_study
 
 TRAIN = ("2012-01-15", "2012-01-22")
 TESTS = {"2012-02-04": 20, "2012-03-17": 62}
-LOOKS = {"m2dp": schemas.SIGNATURES, "sci": schemas.VIEWS}
+LOOKS = {"m2dp": schemas.SignatureViews, "sci": schemas.ScanContextViews}
 XY_M = np.array([(0, 0), (10, 0), (10, 0), (30, 0), (40, 0), (40, 100), (40, 120)], float)
 """Queries 2 and 3 of 7 lie on each other: one is placed right, the other 200 m off."""
 ANSWERS_XY_M = XY_M + np.array([(1, 0), (1, 0), (200, 0), (6, 0), (1, 0), (1, 0), (1, 0)])
@@ -66,7 +66,7 @@ def evaluation() -> SimpleNamespace:
         novelty=novelty,
         kinds=("entropy",),
         reject_from=(0.5,),
-        kept=(0.731,),
+        kept_precision=(0.731,),
         **shown,
     )
 
@@ -91,8 +91,8 @@ def study(root: Path, path_xy_m: np.ndarray = PATH_XY_M) -> Any:
     ]
     for model, day in product(LOOKS, (*TRAIN, *TESTS)) if not (root / "views").exists() else ():
         rows = 25 if day in TRAIN else 7
-        with store.write(
-            find("views", day, model), LOOKS[model], **{key: [] for key in LOOKS[model].attrs}
+        with store.draft(
+            find("views", day, model), LOOKS[model], **{key: [] for key in LOOKS[model].attributes}
         ) as draft:
             draft.put(
                 "images", heights(rows) if model == "sci" else np.zeros((rows, 192), np.float32)

@@ -1,7 +1,7 @@
 """The artifacts of a small study of robustness: four test days, two methods, a variant, turned
 queries, walls, stress, cells."""
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ from pipeline.alterations import Case
 from pipeline.evaluation import results
 from pipeline.evaluation.ageing import Ageing
 from pipeline.evaluation.events import Bands
-from pipeline.evaluation.judgement import attrs, columns
+from pipeline.evaluation.judgement import Evaluations
 from pipeline.evaluation.protocols import Distance
 from pipeline.formats.changes import Change, write_changes
 from pipeline.matching.rejection import Evidence
@@ -71,7 +71,7 @@ def build(artifacts: Path) -> Study:
         }
         put(
             artifacts / f"submaps/campus/{sequence}.zarr",
-            schemas.SUBMAPS,
+            schemas.Submaps,
             rows | anchor,
             layout="world_T_scan",
             left_out={},
@@ -79,7 +79,7 @@ def build(artifacts: Path) -> Study:
         )
         images = rng.uniform(0, 16, (n, 40, 120)).astype(np.float32)
         views = artifacts / f"views/campus/scan_context/{sequence}.zarr"
-        put(views, schemas.VIEWS, {"images": images, **anchor}, cases=[asdict(Case())])
+        put(views, schemas.ScanContextViews, {"images": images, **anchor}, cases=[asdict(Case())])
         truth = {
             "places": TRAIN_PLACES if sequence == TRAIN else PLACES,
             "cells": np.arange(10),
@@ -89,7 +89,7 @@ def build(artifacts: Path) -> Study:
         for cell_m in (10, 5):
             own = {"days": days, "cell_m": cell_m, "x_m": [0, 100], "y_m": [0, 100]}
             put(
-                artifacts / f"labels/campus/{cell_m}m/{sequence}.zarr", schemas.LABELS, truth, **own
+                artifacts / f"labels/campus/{cell_m}m/{sequence}.zarr", schemas.Labels, truth, **own
             )
         for model in WRONG if sequence != TRAIN else ():
             judged(
@@ -139,15 +139,17 @@ def judged(path: Path, model: str, sequence: str, days: int) -> None:
     some = WALLS if sequence in SETTINGS.altered["construction"] and "-" not in model else []
     for case in [*TURNED, *some] if sequence in SETTINGS.altered["turned"] else TURNED[:1]:
         wrong = (*WRONG[model], *((4,) if (case.change and "-" not in model) or days > 100 else ()))
-        found[case] = evaluation(
+        judged_case = evaluation(
             days, wrong=wrong, heading_deg=5.0 if model == "scan_context" else np.nan
         )
+        found[case] = replace(judged_case, wanted_precision=0.9)
     rules = {"distance": asdict(Distance()), "bootstrap": asdict(BOOTSTRAP)}
-    own = {**rules, "sequence": sequence, "train": TRAIN, "wanted_precision": 0.9}
-    put(path, schemas.EVALUATIONS, columns([*found.values()]), **attrs(found), **own)
+    own = {**rules, "sequence": sequence, "train": TRAIN}
+    evaluations = Evaluations(tuple(found.values()), [asdict(case) for case in found], **own)
+    store.write(path, evaluations)
 
 
-def put(path: Path, schema: store.Schema, arrays: dict[str, Any], **own: Any) -> None:
-    with store.write(path, schema, **own) as draft:
+def put(path: Path, schema: type[store.Artifact], arrays: dict[str, Any], **own: Any) -> None:
+    with store.draft(path, schema, **own) as draft:
         for name, array in arrays.items():
             draft.put(name, array)

@@ -92,7 +92,10 @@ def test_the_answer_names_the_best_model_by_distance_and_how_the_others_fare(stu
     assert "with 50 %; the others lie between 30 % and 40 %." in sentence(
         findings.answer(reporting(study, [*best, *others]))
     )
-    lower = [replace(one, evaluation=replace(one.evaluation, kept=(0.731, NAN))) for one in best]
+    lower = [
+        replace(one, evaluation=replace(one.evaluation, kept_precision=(0.731, NAN)))
+        for one in best
+    ]
     unkept = (
         "training day and that keeps a precision of 73.1 % there, not the wanted 90 %, it still "
         "places 60 % of them"
@@ -187,20 +190,25 @@ def test_novelties_say_which_kind_tells_unseen_from_seen_best(study: Study) -> N
     )
     one = replace(ONE[0], evaluation=replace(ONE[0].evaluation, kinds=("cost", "ratio")))
     cells = replace(one.evaluation.cells, rejection=one.evaluation.cells.rejection[::-1])
-    used = replace(one, evaluation=replace(one.evaluation, cells=cells))
+    used = replace(
+        one, evaluation=replace(one.evaluation, judgements=(cells, one.evaluation.distance))
+    )
     assert (
         "no other kind tells unseen from seen better than cost, in use (mean AUROC 1.000; next "
         "ratio, 0.900)" in sentence(findings.novelties(reporting(study, [used]), "cells")[0])
     )
     single = replace(cells, rejection=cells.rejection[:1])
-    alone = replace(one, evaluation=replace(one.evaluation, kinds=("cost",), distance=single))
+    alone = replace(
+        one, evaluation=replace(one.evaluation, kinds=("cost",), judgements=(cells, single))
+    )
     text = sentence(findings.novelties(reporting(study, [alone]), "distance")[0])
     assert text == "`sci`, by distance: cost has a mean AUROC of 1.000."
     blind = replace(single, rejection=np.full_like(single.rejection, NAN))
     assert (
         findings.novelties(
             reporting(
-                study, [replace(alone, evaluation=replace(alone.evaluation, distance=blind))]
+                study,
+                [replace(alone, evaluation=replace(alone.evaluation, judgements=(cells, blind)))],
             ),
             "distance",
         )

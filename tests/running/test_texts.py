@@ -82,7 +82,8 @@ LOGS = (
     [
         ("logs", LOGS),
         ("world/campus_tiny", LOGS),
-        ("studies", ("-m", "stages.results", "study=campus", "out=out")),
+        ("results", ("-m", "stages.results", "artifacts=artifacts", "out=out")),
+        ("studies", ("-m", "stages.sweep", "grid.cell_m=5,10")),
         ("method/sci", ("-m", "stages.sweep", "grid.cell_m=5,10")),
     ],
 )

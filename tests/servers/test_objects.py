@@ -6,30 +6,36 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Mapping
+from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from pipeline import remote, store
 from pipeline.errors import ArtifactError
-from pipeline.store import Column, Schema
+from pipeline.schemas import Labels
+from pipeline.store import Array, Artifact
 from tests.servers.conftest import ObjectStore, free_port
 
-THINGS = Schema(
-    "things",
-    1,
-    {"points": Column("i2", ("point", "xyz"), "three a row", chunk=4, shard=8)},
-    {"grain_m": "metres"},
-)
+
+@dataclass(frozen=True, eq=False)
+class Things(Artifact, kind="things", version=1):
+    """Points three a row."""
+
+    points: Annotated[NDArray[np.int16], Array(("point", "xyz"), "three a row", chunk=4, shard=8)]
+    grain_m: Annotated[float, "metres"]
+
+
 POINTS = np.arange(60, dtype=np.int16).reshape(20, 3)
 MODEL = {"weights": np.arange(6, dtype=np.float32)}
 
 
 def write(folder: Path) -> None:
-    with store.write(folder / "a.zarr", THINGS, grain_m=0.005) as draft:
-        draft.put("points", POINTS)
+    store.write(folder / "a.zarr", Things(POINTS, 0.005))
     store.write_model(folder / "a.zarr.zip", MODEL, {"seed": 1})
 
 
@@ -81,8 +87,8 @@ def test_an_artifact_is_read_where_it_lies(keys: ObjectStore, tmp_path: Path) ->
     write(tmp_path)
     url = f"{keys.bucket('read')}/campus/a.zarr"
     upload(tmp_path / "a.zarr", url)
-    there = store.read(url, THINGS)
-    here = store.read(tmp_path / "a.zarr", THINGS)
+    there = store.read(url, Things)
+    here = store.read(tmp_path / "a.zarr", Things)
     np.testing.assert_array_equal(there.load("points"), here.load("points"))
     np.testing.assert_array_equal(there["points"][9:11], POINTS[9:11])  # of two shards
     assert there.attrs == here.attrs
@@ -95,12 +101,12 @@ def test_of_another_kind_or_torn_is_said_as_of_a_local_one(
     write(tmp_path)
     bucket = keys.bucket("torn")
     upload(tmp_path / "a.zarr", f"{bucket}/a.zarr")
-    with pytest.raises(ArtifactError, match="expected others version 1, found things version 1"):
-        store.read(f"{bucket}/a.zarr", Schema("others", 1, {}))
+    with pytest.raises(ArtifactError, match="expected labels version 1, found things version 1"):
+        store.read(f"{bucket}/a.zarr", Labels)
     (tmp_path / "a.zarr/zarr.json").write_text('{"zarr_fo')
     upload(tmp_path / "a.zarr/zarr.json", f"{bucket}/b.zarr/zarr.json")
     with pytest.raises(ArtifactError, match="not a whole zarr group"):
-        store.read(f"{bucket}/b.zarr", THINGS)
+        store.read(f"{bucket}/b.zarr", Things)
 
 
 def test_no_such_key_and_no_such_bucket_are_told_apart(keys: ObjectStore) -> None:
@@ -108,11 +114,11 @@ def test_no_such_key_and_no_such_bucket_are_told_apart(keys: ObjectStore) -> Non
     with pytest.raises(
         ArtifactError, match=r"^s3://empty/a\.zarr/zarr\.json: not in the object store \(empty/a"
     ):
-        store.read(f"{bucket}/a.zarr", THINGS)
+        store.read(f"{bucket}/a.zarr", Things)
     with pytest.raises(
         ArtifactError, match=r"not in the object store \(The specified bucket does not exist\)$"
     ):
-        store.read("s3://nowhere/a.zarr", THINGS)
+        store.read("s3://nowhere/a.zarr", Things)
 
 
 @pytest.mark.parametrize(
@@ -131,7 +137,7 @@ def test_wrong_keys_are_told_and_not_shown(
     with pytest.raises(
         ArtifactError, match=rf"refuses these keys \({reason}\); set AWS_ACCESS_KEY_ID"
     ) as error:
-        store.read("s3://read/campus/a.zarr", THINGS)
+        store.read("s3://read/campus/a.zarr", Things)
     secrets = {*keys.env.values(), *changed.values()} - {"", "us-east-1"}
     assert not [secret for secret in secrets if secret in str(error.value)]
 

@@ -1,12 +1,15 @@
 """Studies spelled out for dvc.yaml."""
 
+import shlex
 from typing import Any
 
 import pytest
 import yaml
+from hydra.core.override_parser.overrides_parser import OverridesParser
 
 from pipeline.errors import ConfigError
-from pipeline.studies.expansion import INSTEAD, LISTS, Lists, expand
+from pipeline.running.settings import filled
+from pipeline.studies.expansion import LISTS, Lists, expand
 from pipeline.studies.known import checked
 from pipeline.studies.names import lists_text, studies_text
 from pipeline.studies.parts import MOST
@@ -54,7 +57,9 @@ def test_every_stage_gets_one_instance_for_each_of_its_names() -> None:
         "latency": 3,
         "results": 2,
     }
-    assert counts == dict.fromkeys(LISTS, 0) | year | {"published": 2, "report": 1}
+    # nothing is altered: views 2 + 1; neither has viewpoints, events or further days: 3 + 3
+    further = {"published": 2, "report": 1, "absent": 9}
+    assert counts == dict.fromkeys(LISTS, 0) | year | further
     place = {"dataset": "one", "grid": "5m", "train": "a", "of": "/a.zarr"}
     own = {
         "method": "m2dp",
@@ -66,15 +71,16 @@ def test_every_stage_gets_one_instance_for_each_of_its_names() -> None:
     }
     assert lists["models"]["one-5m-m2dp"] == place | own
     assert lists["rankings"]["one-5m-m2dp"]["tests"] == "b c"
-    assert lists["rankings"]["one-5m-m2dp"]["altered"] == INSTEAD["evaluated"]
+    assert lists["absent"]["one-cloud-altered"] == {"out": "artifacts/altered/one/cloud"}
+    assert lists["report"] == {"all": {"studies": "one other"}}
     assert lists["views"]["one-cloud"]["sequences"] == "a b c"
 
 
 def test_a_study_of_viewpoints_trains_on_several_sequences_and_ranks_no_places() -> None:
     lists = spelled_out(turned=TURNED)
     counts = {name: len(members) for name, members in lists.items() if members}
-    once = dict.fromkeys(("submaps", "birdviews", "labels", "viewpoints", "results", "report"), 1)
-    assert counts == once | {"drives": 3, "models": 2}
+    once = dict.fromkeys(("submaps", "birdviews", "labels", "results", "report"), 1)
+    assert counts == once | {"drives": 3, "models": 2, "viewpoints": 2, "absent": 4}
     assert lists["birdviews"]["turned-bird"]["sequences"] == "e f d"
     assert (
         lists["labels"]["turned-10m"]["sequences"]
@@ -83,18 +89,26 @@ def test_a_study_of_viewpoints_trains_on_several_sequences_and_ranks_no_places()
     )
     assert lists["models"]["turned-10m-pfl"]["of"] == ""
     assert lists["models"]["turned-10m-pfl-seed1"]["recipe"] == "method=pfl method.seed=1"
-    read = {"evaluated": INSTEAD["evaluated"], "viewed": "artifacts/viewpoints/turned"}
-    read |= {name: INSTEAD[name] for name in ("changed", "learned")}
-    assert lists["results"]["turned"] == {"dataset": "turned", **read}
-    assert (lists["report"]["all"]["viewed"], lists["report"]["all"]["timed"]) == (
-        "artifacts/viewpoints",
-        INSTEAD["changed"],
-    )
+    absent = ("evaluate", "events", "lifelong", "latency")
+    assert lists["absent"] == {
+        f"turned-{kind}": {"out": f"artifacts/{kind}/turned"} for kind in absent
+    }
+
+
+def test_results_are_told_the_whole_study_in_one_word() -> None:
+    (study,) = made(turned=TURNED | {"stress": {"00": 'the driver\'s "detour"'}}).values()
+    (word,) = shlex.split(expand({"turned": study})["results"]["turned"]["study"])
+    name, _, value = word.partition("=")
+    by_hydra = OverridesParser.create().parse_override(word).value()
+    for table in (yaml.safe_load(value), by_hydra):
+        assert filled(Study, table, lambda built: built) == study
+    assert name == "study"
 
 
 def test_methods_that_look_at_bird_views_are_asked_about_viewpoints_beside_the_year() -> None:
     lists = spelled_out(one=ONE | {"methods": [*ONE["methods"], SEEN_FROM_ABOVE]})
-    assert list(lists["viewpoints"]) == ["one-5m", "one-10m"]
+    models = ("5m-pfl", "5m-pfl-seed1", "10m-pfl", "10m-pfl-seed1")
+    assert list(lists["viewpoints"]) == [f"one-{model}" for model in models]
     assert list(lists["birdviews"]) == ["one-bird"]
     assert "one-5m-pfl" in lists["rankings"]
 
@@ -131,20 +145,12 @@ def test_robustness_adds_sequences_cells_variants_and_alterations() -> None:
     own, seed, further = (
         lists["rankings"][f"one-{name}"] for name in ("10m-sci", "10m-sci-seed1", "20m-sci")
     )
-    assert (own["tests"], own["alterations"], own["altered"]) == (
-        "d x",
-        "turned construction",
-        "artifacts/altered/one/sc",
-    )
+    assert (own["tests"], own["alterations"]) == ("d x", "turned construction")
     assert (seed["tests"], seed["alterations"]) == (
         "d x",
         "turned",
     )  # walls are asked about of the method's own model
-    assert (further["tests"], further["alterations"], further["altered"]) == (
-        "d",
-        "",
-        INSTEAD["evaluated"],
-    )
+    assert (further["tests"], further["alterations"]) == ("d", "")
     assert list(lists["altered"]) == [
         f"one-{view}-{name}" for view in ("sc", "cloud") for name in ("turned", "construction")
     ]
@@ -155,14 +161,14 @@ def test_robustness_adds_sequences_cells_variants_and_alterations() -> None:
         "sequences": "d",
     }
     assert lists["events"]["one"]["sequences"] == "d"
-    assert lists["results"]["one"]["changed"] == "artifacts/events/one"
+    assert list(lists["absent"]) == ["one-viewpoints", "one-lifelong"]
     assert list(lists["latency"]) == ["one-10m"]
 
 
 def test_without_latency_nothing_is_timed_and_nothing_waits_for_it() -> None:
     lists = spelled_out(one=ONE | {"latency": False})
     assert lists["latency"] == {}
-    assert lists["report"]["all"]["timed"] == INSTEAD["changed"]
+    assert lists["absent"]["one-latency"] == {"out": "artifacts/latency/one"}
     assert lists["evaluations"] == spelled_out(one=ONE)["evaluations"]
 
 
@@ -204,6 +210,7 @@ def test_poses_are_a_variant_of_the_models_that_a_study_names() -> None:
 def test_studies_do_not_mix() -> None:
     both = spelled_out(one=ONE, other=OTHER)
     alone = spelled_out(other=OTHER)
+    del alone["report"]  # which is of all studies
     assert all(members.items() <= both[name].items() for name, members in alone.items())
 
 

@@ -43,8 +43,8 @@ def artifacts(
     """Scans, and a submap at each, or of the scans `first` to `last`."""
     stamps = np.array(stamps_ns or range(len(points)))
     rows = np.array(last or range(len(points)))
-    with store.write(
-        folder / "scans.zarr", schemas.SCANS, grain_m=0.005, skipped={}, clipped=0
+    with store.draft(
+        folder / "scans.zarr", schemas.Scans, grain_m=0.005, skipped={}, clipped=0
     ) as draft:
         draft.put("points", np.rint(np.concatenate(points) / 0.005).astype(np.int16))
         draft.put("offsets", np.concatenate([[0], np.cumsum([len(cloud) for cloud in points])]))
@@ -52,15 +52,15 @@ def artifacts(
         draft.put("world_T_scan", world_T_scan)
         draft.put("odom_T_scan", world_T_scan if odom_T_scan is None else odom_T_scan)
     attrs = {"layout": "world_T_scan", "left_out": {}, "appearance": SUITED} | attrs
-    with store.write(folder / "submaps.zarr", schemas.SUBMAPS, **attrs) as draft:
+    with store.draft(folder / "submaps.zarr", schemas.Submaps, **attrs) as draft:
         draft.put("first", np.array(first or rows))
         draft.put("scans", rows)
         draft.put("stamps_ns", stamps[rows])
         draft.put("ground_m", np.full(len(rows), ground_m))
         draft.put("used", np.ones(len(points), bool))
         draft.put("world_T_anchor", world_T_scan[rows])
-    return store.read(folder / "scans.zarr", schemas.SCANS), store.read(
-        folder / "submaps.zarr", schemas.SUBMAPS
+    return store.read(folder / "scans.zarr", schemas.Scans), store.read(
+        folder / "submaps.zarr", schemas.Submaps
     )
 
 

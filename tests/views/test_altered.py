@@ -29,7 +29,7 @@ ALL = Several([Turned(repeats=2), Demolition(), Construction()])
 class Points:
     """A view that shows the points themselves."""
 
-    schema = schemas.CLOUDS
+    schema = schemas.CloudViews
 
     def __call__(self, points_m: np.ndarray) -> np.ndarray:
         return points_m

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pipeline import schemas, store
 from pipeline.alterations import Case, read_cases
 from pipeline.errors import ArtifactError
-from pipeline.evaluation.judgement import Evaluation
+from pipeline.evaluation.judgement import Evaluations
 from pipeline.frames import Poses
 from pipeline.mapping.gathering import submap_points
 from pipeline.posing.registration import Points
@@ -20,7 +20,6 @@ from pipeline.posing.verdict import right
 from pipeline.report.figures.drive import titled
 from pipeline.report.result import day
 from pipeline.report.study import Study
-from pipeline.store import Artifact
 
 WALL_M = (0.8, 12.0)
 """Heights above the ground of the points that are drawn."""
@@ -52,9 +51,9 @@ class BelievedDrive:
 
         Raises ArtifactError where it is not built.
         """
-        fixes = store.read(study.find("localize", sequence, model), schemas.FIXES)
-        scans = study.artifact("scans", sequence)
-        submaps = study.artifact("submaps", sequence)
+        fixes = store.read(study.find("localize", sequence, model), schemas.Fixes)
+        scans = study.artifact(schemas.Scans, "scans", sequence)
+        submaps = study.artifact(schemas.Submaps, "submaps", sequence)
         world_T_true = submaps.load("world_T_anchor")
         world_T_query, accepted, promise = verdicts(fixes, len(world_T_true), wanted_promise)
         maps = [study.find("map", train_sequence) for train_sequence in study.train.split()]
@@ -63,7 +62,7 @@ class BelievedDrive:
             model=model,
             trained=" and ".join(map(day, study.train.split())),
             driven=day(sequence),
-            days=Evaluation.read(study.artifact("evaluate", sequence, model)).days,
+            days=study.artifact(Evaluations, "evaluate", sequence, model).case().days,
             simulated=study.simulated,
             promise=promise,
             map_m=np.concatenate([standing(Targets.read(path)) for path in maps]),
@@ -100,14 +99,14 @@ class BelievedDrive:
 
 
 def verdicts(
-    fixes: Artifact, count: int, wanted_promise: float
+    fixes: schemas.Fixes, count: int, wanted_promise: float
 ) -> tuple[Poses, NDArray[np.bool_], float | None]:
     """The poses (count, 4, 4) of queries as driven, which are accepted, and what that promises.
 
     The promise is the highest up to the wanted one; without any, none is accepted. Raises
     ArtifactError for another number of poses.
     """
-    driven = read_cases(fixes.attrs).index(Case())
+    driven = read_cases(fixes.cases).index(Case())
     rows = slice(driven * count, (driven + 1) * count)
     world_T_query = fixes.load("world_T_query")[rows]
     if len(world_T_query) != count:
@@ -117,7 +116,7 @@ def verdicts(
     limits = {
         promise: reject_from
         for promise, reject_from in zip(
-            fixes.attrs["promises"], fixes.attrs["promised"], strict=True
+            fixes.promises, fixes.promised, strict=True
         )
         if reject_from > 0 and promise <= wanted_promise
     }
@@ -137,7 +136,7 @@ def standing(targets: Targets) -> NDArray[np.float64]:
     return points_m[np.sort(first)]
 
 
-def _points(scans: Artifact, submaps: Artifact, query: int) -> Points:
+def _points(scans: schemas.Scans, submaps: schemas.Submaps, query: int) -> Points:
     return next(iter(submap_points(scans, submaps, slice(query, query + 1))))
 
 

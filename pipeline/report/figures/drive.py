@@ -9,7 +9,7 @@ from scipy.spatial import KDTree
 
 from pipeline import schemas, store
 from pipeline.errors import ArtifactError
-from pipeline.evaluation.judgement import Evaluation
+from pipeline.evaluation.judgement import Evaluations
 from pipeline.frames import yaw
 from pipeline.mapping.gathering import submap_points
 from pipeline.report.alike import best_shifts, spectra
@@ -58,14 +58,16 @@ class Drive:
     @classmethod
     def of(cls, study: Study, model: str, sequence: str) -> Self:
         """Read what a model answered on one test day; raises ArtifactError if it is not built."""
-        artifact = study.artifact("evaluate", sequence, model)
-        evaluation = Evaluation.read(artifact)
-        rules = artifact.attrs["distance"]
-        looked_at = store.read(study.find("views", sequence, model), *schemas.LOOKED_AT)
+        artifact = study.artifact(Evaluations, "evaluate", sequence, model)
+        evaluation = artifact.case()
+        rules = artifact.distance
+        looked_at = store.read(study.find("views", sequence, model), *schemas.VIEW_KINDS)
         views = None
-        if looked_at.attrs["kind"] == schemas.VIEWS.kind:
+        if isinstance(looked_at, schemas.ScanContextViews):
             training_images = [
-                store.read(study.find("views", train_sequence, model), schemas.VIEWS).load("images")
+                store.read(
+                    study.find("views", train_sequence, model), schemas.ScanContextViews
+                ).load("images")
                 for train_sequence in study.train.split()
             ]
             views = Views(looked_at.load("images"), np.concatenate(training_images))
@@ -146,9 +148,9 @@ def titled(trained: str, driven: str, days: int) -> str:
 
 def walls(study: Study, sequence: str) -> NDArray[np.float64]:
     """Centres (w, 2) of the site's cells with points well above the ground, on one training day."""
-    submaps = study.artifact("submaps", sequence)
+    submaps = study.artifact(schemas.Submaps, "submaps", sequence)
     try:
-        scans = study.artifact("scans", sequence)
+        scans = study.artifact(schemas.Scans, "scans", sequence)
     except ArtifactError:
         return np.empty((0, 2))
     world_T_anchor = submaps.load("world_T_anchor")

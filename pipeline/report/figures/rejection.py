@@ -164,7 +164,7 @@ def rejection(results: Sequence[Result]) -> Figure:
         kind.replace("_", " ") + " (in use)" * (i == 0 < len(kinds) - 1)
         for i, kind in enumerate(kinds)
     ]
-    kept_precisions = group[0].evaluation.kept[: len(kinds)]
+    kept_precisions = group[0].evaluation.kept_precision[: len(kinds)]
     names = [
         name + f", keeps {precision:.3f}" * (precision < wanted)
         for name, precision in zip(names, kept_precisions, strict=True)

@@ -49,8 +49,8 @@ def verdicts(results: Sequence[Result]) -> Figure:
             yscale="log", ylim=(LEAST_M / 1.5, MOST_M * 1.5), xlim=(-0.03, 1.03), title=result.label
         )
         axis.axhline(WITHIN["within_2m_5deg"][0], color="0.8", lw=0.7, zorder=0)
-        if 0 < evaluation.promised < 1:
-            axis.axvline(evaluation.promised, **MARK)
+        if 0 < evaluation.reject_pose_from < 1:
+            axis.axvline(evaluation.reject_pose_from, **MARK)
         in_corner(
             axis, 0, f"{(accepted & ~right).sum()} of {accepted.sum()} accepted are wrong", "0.25"
         )

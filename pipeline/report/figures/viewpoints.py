@@ -9,7 +9,7 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from pipeline.evaluation.numbers import PRECISE
-from pipeline.evaluation.viewpoints import NUMBERS, Judged
+from pipeline.evaluation.viewpoints import NUMBERS, ViewpointMatches
 from pipeline.report.figures.panels import balanced, in_corner, panels, precision_axes, share_limits
 from pipeline.report.figures.style import (
     MARK,
@@ -24,7 +24,7 @@ from pipeline.report.figures.style import (
 from pipeline.report.table import fixed
 from pipeline.studies.colours import colour
 
-INDICES = {  # number of `Judged` and its title
+INDICES = {  # number of `ViewpointMatches` and its title
     "roc_auc": "ROC-AUC, the paper's index",
     "pr_auc": "PR-AUC, of the correct matches",
     "accuracy": "accuracy within {correct_m:g} m",
@@ -44,7 +44,7 @@ CROWDED = 0.6
 
 
 @styled
-def precision_recall(group: Mapping[str, Sequence[Judged]], sequence: str) -> Figure:
+def precision_recall(group: Mapping[str, Sequence[ViewpointMatches]], sequence: str) -> Figure:
     """Fig. 5: precision over recall in one sequence, a panel a heading, a curve a model and seed.
 
     The model's mean accuracy stands in the panel. Recall is of the model's own correct matches, so

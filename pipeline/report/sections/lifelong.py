@@ -24,7 +24,7 @@ from pipeline.report.sections.lifelong_numbers import (
 )
 from pipeline.report.sections.lifelong_tables import of_order
 from pipeline.report.study import Study
-from pipeline.schemas_lifelong import LIFELONG
+from pipeline.schemas import Lifelong
 from pipeline.store import Artifact
 
 DAY_NS = 86_400 * 10**9
@@ -153,5 +153,5 @@ def _ages(
 def _artifact(study: Study, strategy: StrategyNumbers) -> Artifact:
     """The artifact of a strategy, for the model's first seed."""
     return store.read(
-        study.find("lifelong", f"{strategy.order}-{strategy.name}", strategy.model), LIFELONG
+        study.find("lifelong", f"{strategy.order}-{strategy.name}", strategy.model), Lifelong
     )

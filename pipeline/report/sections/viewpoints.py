@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from pipeline import schemas, store
-from pipeline.evaluation.viewpoints import NUMBERS, Judged
+from pipeline.evaluation.viewpoints import NUMBERS, ViewpointMatches
 from pipeline.report import viewpoint_tables
 from pipeline.report.figures import birdview, viewpoints
 from pipeline.report.figures.style import illustrate
@@ -26,12 +26,12 @@ def section(study: Study, folder: Path, view: BirdView) -> Section:
         for family, models in method.families.items()
     }
     judgements_on: dict[
-        str, dict[str, list[Judged]]
+        str, dict[str, list[ViewpointMatches]]
     ] = {}  # by sequence and method, one of each seed
     for method, models in methods.items():
         for artifact in sorted(study.find("viewpoints", "_", method).parent.glob("*.zarr")):
             seed_paths = (artifact.parents[1] / model / artifact.name for model in models)
-            judgements = [Judged.read(store.read(path, schemas.VIEWPOINTS)) for path in seed_paths]
+            judgements = [store.read(path, ViewpointMatches) for path in seed_paths]
             judgements_on.setdefault(artifact.stem, {})[method] = judgements
     sequence, first_group = next(iter(judgements_on.items()))
     first = next(iter(first_group.values()))[0]
@@ -121,7 +121,9 @@ def section(study: Study, folder: Path, view: BirdView) -> Section:
 def _mapping(study: Study, view: BirdView, sequence: str) -> Figure:
     """How the middle submap of a sequence becomes a bird-view."""
     views = MappedViews(
-        study.artifact("scans", sequence), study.artifact("submaps", sequence), view
+        study.artifact(schemas.Scans, "scans", sequence),
+        study.artifact(schemas.Submaps, "submaps", sequence),
+        view,
     )
     points, octree_map, odom_T_vehicle = next(islice(views.maps(), len(views) // 2, None))
     return birdview.bird_view(points, octree_map, odom_T_vehicle, view)

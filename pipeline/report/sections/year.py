@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
+from pipeline import store
 from pipeline.evaluation.study_rows import AGEING, PER_DAYS
 from pipeline.report import findings, tables
 from pipeline.report.figures import ageing, curves, maps, matches, rejection
@@ -17,7 +18,7 @@ from pipeline.report.render import anchor
 from pipeline.report.result import NONE, by_model
 from pipeline.report.section import Illustration, Section
 from pipeline.report.study import Study, indexed
-from pipeline.schemas import VIEWS
+from pipeline.schemas import VIEW_KINDS, ScanContextViews, Views
 
 # kinds of figure that the page shows; of those of one model, the best one's
 ON_PAGE = (
@@ -182,6 +183,11 @@ def illustrations(study: Study, folder: Path) -> Iterator[Illustration]:
             yield from saved("history", figure, f"history_{model}", model=model)
 
 
+def _views(study: Study, sequence: str, model: str) -> Views:
+    """The views of a sequence that a model looks at."""
+    return store.read(study.find("views", sequence, model), *VIEW_KINDS)
+
+
 def _matches(study: Study, model: str, chosen: list[matches.Example]) -> Figure | None:
     """Queries beside their matches, drawn as Scan Contexts.
 
@@ -190,13 +196,13 @@ def _matches(study: Study, model: str, chosen: list[matches.Example]) -> Figure 
     with_scan_contexts = [
         candidate
         for candidate in (model, *study.families)
-        if study.artifact("views", study.train, candidate).attrs["kind"] == VIEWS.kind
+        if isinstance(_views(study, study.train, candidate), ScanContextViews)
     ]
     if not chosen or not with_scan_contexts:
         return None
 
     def images(sequence: str) -> Any:
-        return study.artifact("views", sequence, with_scan_contexts[0])["images"]
+        return _views(study, sequence, with_scan_contexts[0])["images"]
 
     training = matches.Training(images(study.train), study.labels.load("places"), study.train_xy_m)
     return matches.matches(chosen, training, images, own_views=with_scan_contexts[0] == model)

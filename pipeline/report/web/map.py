@@ -46,7 +46,7 @@ def chart(study: Study) -> dict[str, Any]:
     for sequence, results in by_sequence(study.results).items():
         first = results[0]
         views = Views.read(study.find("views", sequence, view_model)) if train else None
-        looked_at = store.read(study.find("views", sequence, first.model), *schemas.LOOKED_AT)
+        looked_at = store.read(study.find("views", sequence, first.model), *schemas.VIEW_KINDS)
         sequences.append(
             {
                 "name": sequence,
@@ -94,7 +94,7 @@ class Views:
         """Read artifacts one after the other; None where one is missing or holds other views."""
         try:
             heights_m = np.concatenate(
-                [store.read(path, schemas.VIEWS).load("images") for path in paths]
+                [store.read(path, schemas.ScanContextViews).load("images") for path in paths]
             )
         except ArtifactError:
             return None
@@ -156,7 +156,7 @@ def _answers(
     count = len(result.evaluation.xy_m)
     try:
         rankings = store.read(
-            study.find("localize", result.sequence, result.model), schemas.RANKINGS, schemas.FIXES
+            study.find("localize", result.sequence, result.model), schemas.Rankings, schemas.Fixes
         )
         first_deg = rankings.load("heading_deg")[:count, 0]
     except ArtifactError:

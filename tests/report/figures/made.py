@@ -13,11 +13,11 @@ from pipeline.evaluation.judge import judge
 from pipeline.evaluation.judgement import Evaluation
 from pipeline.evaluation.protocols import Distance
 from pipeline.evaluation.rows import of_evaluation, row, table
-from pipeline.matching.places import Labels
 from pipeline.matching.ranking import Ranking
 from pipeline.report.comparison import MEASURES, Comparison, Kind
 from pipeline.report.figures.style import SIMULATED, save
 from pipeline.report.result import Result
+from pipeline.schemas import Labels
 
 TRAIN_XY_M = np.stack([np.linspace(0, 100, 50), np.zeros(50)], axis=1)
 TRAIN_PLACES = np.repeat(np.arange(10), 5)
@@ -64,10 +64,14 @@ def evaluation(
         oracle=np.array([1, 2, 3, 5, 5, 5, 5]),
         nearest_m=np.array([1.0, 1.0, 1.0, 1.0, 1.0, 100.0, 120.0]),
         nearest_turn_deg=np.array([0.0, 0.0, 0.0, 0.0, 179.0, 0.0, 0.0]),
+        days=days,
+        cell_m=10.0,
+        x_m=(0.0, 100.0),
+        y_m=(0.0, 100.0),
     )
     world_T_anchor = np.tile(np.eye(4), (7, 1, 1))
     world_T_anchor[:, :2, 3] = xy_m
-    return judge(ranking, (threshold, 6.0), labels, world_T_anchor, days, Distance(), BOOTSTRAP)
+    return judge(ranking, (threshold, 6.0), labels, world_T_anchor, Distance(), BOOTSTRAP)
 
 
 def result(model: str, sequence: str, days: int, one: Evaluation) -> Result:

@@ -148,10 +148,10 @@ def test_the_highest_promise_that_is_kept_says_what_is_accepted(
         "promised_several": promised,
         "held_out": 200,
     }
-    with store.write(tmp_path / "day.zarr", schemas.FIXES, **attrs) as out:
+    with store.draft(tmp_path / "day.zarr", schemas.Fixes, **attrs) as out:
         for name, values in columns.items():
             out.put(name, values)
-    fixes = store.read(tmp_path / "day.zarr", schemas.FIXES)
+    fixes = store.read(tmp_path / "day.zarr", schemas.Fixes)
     world_T_query, is_accepted, kept = verdicts(fixes, 4, 0.99)
     np.testing.assert_array_equal(world_T_query, FOUND)
     assert (is_accepted.tolist(), kept) == (accepted, promise)

@@ -47,7 +47,7 @@ def test_a_wrong_answer_lies_above_a_right_one_at_the_same_place(
     outcome = np.array([FALSE_ALARM, right], np.int8)[order]
     rank = np.array([-1, 0])[order]
     cells = replace(e.cells, outcome=outcome, true_rank=rank, seen=np.ones(2, bool))
-    same = replace(e, xy_m=np.full((2, 2), 50.0), cells=cells)
+    same = replace(e, xy_m=np.full((2, 2), 50.0), judgements=(cells, e.distance))
     fig = maps.outcome_map(replace(ONE[0], evaluation=same), TRAIN_XY_M)
     fig.set_dpi(400)
     canvas = FigureCanvasAgg(fig)

@@ -23,8 +23,7 @@ def along(novelty: np.ndarray, days: int = 20, outcome: int = FALSE_ALARM) -> An
     }
     wide = replace(
         base,
-        cells=replace(base.cells, **judged),
-        distance=replace(base.distance, **judged),
+        judgements=(replace(base.cells, **judged), replace(base.distance, **judged)),
         novelty=novelty.astype(np.float32)[:, None],
         xy_m=np.stack([10.0 * np.arange(n), np.zeros(n)], axis=1),
         turn_deg=np.zeros(n),

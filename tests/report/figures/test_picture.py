@@ -121,14 +121,14 @@ def test_walls_are_what_stands_high_and_was_seen_often(study: Study, tmp_path: P
     stands = np.array([(30.1, 5.1, 3.0), (30.1, -5.1, 0.5)])
     points_m = stands[None] - np.stack([x_m, 0 * x_m, 0 * x_m], axis=1)[:, None]
     points_m = np.vstack([[(60.1 - x_m[0], 5.1, 3.0)], points_m.reshape(-1, 3)])
-    with store.write(
-        own.find("scans", TRAIN), schemas.SCANS, grain_m=0.005, skipped={}, clipped=0
+    with store.draft(
+        own.find("scans", TRAIN), schemas.Scans, grain_m=0.005, skipped={}, clipped=0
     ) as draft:
         draft.put("points", np.rint(points_m / 0.005).astype(np.int16))
         draft.put("offsets", np.array([0, *range(3, 102, 2)]))
         draft.put("stamps_ns", np.arange(50))
         for name in ("world_T_scan", "odom_T_scan"):
-            draft.put(name, own.artifact("submaps", TRAIN).load("world_T_anchor"))
+            draft.put(name, own.artifact(schemas.Submaps, "submaps", TRAIN).world_T_anchor)
     np.testing.assert_allclose(walls(own, TRAIN), [[30.1, 5.1]], atol=0.3)
 
 

@@ -15,7 +15,7 @@ POSED = [
             one.evaluation,
             pose_error_m=ERROR_M,
             pose_error_deg=np.where(ERROR_M > 2, 90, 0.5),
-            promised=0.35,
+            reject_pose_from=0.35,
         ),
     )
     for one in ONE

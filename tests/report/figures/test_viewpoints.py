@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
-from pipeline.evaluation.viewpoints import Judged
+from pipeline.evaluation.viewpoints import ViewpointMatches
 from pipeline.mapping.octree import Octree
 from pipeline.report.figures import birdview, viewpoints
 from pipeline.report.figures.style import colour
@@ -24,11 +24,11 @@ WRONG = np.zeros(4, bool)
 NO_PICTURES = np.zeros((0, 4, 4), np.uint8)
 
 
-def at(*correct: np.ndarray) -> Judged:
+def at(*correct: np.ndarray) -> ViewpointMatches:
     """Four queries from each of some headings, of falling score, matched 1 m off or 80 m off."""
     right = np.stack(correct)
     nothing = np.zeros((len(correct), 4))
-    return Judged(
+    return ViewpointMatches(
         headings_deg=(np.arange(len(correct)) + 0.5) * 360 / len(correct),
         row=nothing.astype(int),
         answer_xy_m=np.zeros((len(correct), 4, 2)),

@@ -1,0 +1,45 @@
+"""The data dictionary of docs/artifacts.md, generated from the kinds of artifacts."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from pipeline.inspection.kinds import KINDS
+from pipeline.store import Artifact
+
+START = "<!-- generated: the kinds of artifacts -->"
+
+
+def page(text: str) -> str:
+    """The page with what follows START in it replaced by the tables of today's kinds."""
+    head, _, _ = text.partition(START)
+    tables = [line for kind in KINDS.values() for line in _section(kind)]
+    return "\n".join([head + START, *tables]) + "\n"
+
+
+def _section(kind: type[Artifact]) -> Iterator[str]:
+    """The lines of one kind: a table of its arrays and one of its attributes."""
+    yield ""
+    yield f"## {kind.kind}, version {kind.version}"
+    yield ""
+    yield f"{(kind.__doc__ or '').strip().splitlines()[0]}"
+    yield ""
+    yield "| array | type | dimensions | unit | meaning |"
+    yield "|---|---|---|---|---|"
+    for name, array in kind.columns.items():
+        dims = ", ".join(array.dims)
+        yield f"| `{name}` | {array.dtype} | {dims} | {array.unit} | {array.says} |"
+    yield ""
+    yield "| attribute | meaning |"
+    yield "|---|---|"
+    for name, meaning in kind.attributes.items():
+        yield f"| `{name}` | {meaning} |"
+
+
+def main() -> None:
+    """Write the tables of docs/artifacts.md anew."""
+    path = Path(__file__).parents[2] / "docs/artifacts.md"
+    path.write_text(page(path.read_text(encoding="utf-8")), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,25 @@
+"""Nothing → an empty folder, in the place of a kind of artifacts that a study has none of."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from pipeline.replacing import replace
+from stages import stage
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What the stage is told."""
+
+    out: Path
+
+
+@stage("absent")
+def main(settings: Settings) -> str:
+    with replace(settings.out) as folder:
+        folder.mkdir()
+    return f"{settings.out}: none in this study"
+
+
+if __name__ == "__main__":
+    main()
