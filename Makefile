@@ -21,7 +21,7 @@ endif
 endif
 endif
 
-.PHONY: install demo compare studies real year papers report results test test-all test-learning test-servers audit docs dashboard benchmarks clean
+.PHONY: install demo example compare studies real year papers report results test test-all test-learning test-servers audit docs dashboard benchmarks clean
 
 # What every other target does first: the project and its packages, into .venv.
 install: .venv/ready
@@ -36,6 +36,13 @@ demo: .venv/ready
 	@yearloc results
 	@echo "next: source .venv/bin/activate && yearloc pack campus/10m/sci_ring -o campus.site && yearloc localize campus.site \\"
 	@echo "  artifacts/logs/campus/2013-04-05 --track; or make compare, for nine methods side by side"
+
+# What `yearloc example` asks, from the demo: a site that keeps the map of a stretch, and three scans.
+example: demo
+	@mkdir -p artifacts/example
+	@yearloc pack campus/10m/sci_ring -o artifacts/example/whole.site
+	@yearloc export artifacts/example/whole.site -o artifacts/example/compact.site --compact
+	@python -m benchmarks.example artifacts/example/compact.site artifacts/logs/campus
 
 # Everything of both papers side by side: campus and town, all methods, what a query costs, turned and altered queries.
 compare: .venv/ready

@@ -1,6 +1,7 @@
 """`yearloc repro` counts stages and estimates what is left."""
 
 import os
+import re
 import stat
 import subprocess
 import sys
@@ -12,7 +13,7 @@ import psutil
 import pytest
 
 from pipeline.cli import main
-from pipeline.cli.repro import Counting, count_instances
+from pipeline.cli.repro import USUAL_S, Counting, count_instances
 
 STAGES = {
     "dvc.yaml": "report: {foreach: '${lists.report}'}",
@@ -84,6 +85,9 @@ def test_without_dvc_it_says_what_to_do(
 
 
 def test_what_is_left_takes_as_long_as_the_stages_of_its_kind_took(project: Path) -> None:
+    """Trainings of 60 s are a pace of 60 / 45: three more of 60 s and a report of 18 s · 4 / 3 are
+    204 s. After one of 100 s the pace is 160 / 90, and two of (2 · 80 + 160) / 4 s and a report of
+    32 s are 192 s."""
     counting = Counting(count_instances(project) + Counter(train=2))  # four models now
     lines = [
         counting.line(f"Running stage 'dag/train/dvc.yaml:train@{name}':\n", at)
@@ -91,10 +95,24 @@ def test_what_is_left_takes_as_long_as_the_stages_of_its_kind_took(project: Path
     ]
     assert [line.partition(" Running")[0] for line in lines] == [
         "[1/5]",
-        "[2/5, about 4 min left]",
-        "[3/5, about 4 min left]",
+        "[2/5, about 3 min left]",
+        "[3/5, about 3 min left]",
     ]
     assert counting.line("any other line\n", 170) == "any other line\n"
+
+
+def test_what_is_left_does_not_jump_where_quick_stages_come_before_long_ones() -> None:
+    """A machine twice as slow as usual: the estimate is never a fifth off what then remains."""
+    order = ["logs", "scans", "scans", "labels", "train", "train", "localize", "report"]
+    counting = Counting(Counter(order))
+    now_s = 0.0
+    for row, stage in enumerate(order):
+        line = counting.line(f"Running stage '{stage}@a':\n", now_s)
+        left_s = sum(2 * USUAL_S[later] for later in order[row:])
+        if row:
+            number, unit = re.findall(r"about (\d+) (min|s) left", line)[0]
+            assert float(number) * (60 if unit == "min" else 1) == pytest.approx(left_s, rel=0.2)
+        now_s += 2 * USUAL_S[stage]
 
 
 def test_without_lists_lines_are_left_as_they_are(tmp_path: Path) -> None:

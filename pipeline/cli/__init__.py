@@ -10,6 +10,7 @@ from typer.core import TyperCommand
 from typer.main import get_command
 
 from pipeline.cli.data import fetch, inspect
+from pipeline.cli.example import example
 from pipeline.cli.failures import failures
 from pipeline.cli.grow import grow
 from pipeline.cli.localize import localize
@@ -45,6 +46,7 @@ the chain runs on, and looks at what it made.
   yearloc localize campus.site drive.mcap --json
 """
 GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
+    "see it work": (example,),
     "get data": (fetch, inspect, slam),
     "build": (use, repro, repair),
     "look": (results, methods, picture, failures),

@@ -8,7 +8,18 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pipeline.cli.kernels import tell_cold
-from pipeline.cli.options import BodyTLidar, Promise, SitePath, Topic, lidar_of, only_one
+from pipeline.cli.options import (
+    BodyTLidar,
+    Follow,
+    Idle,
+    Odometry,
+    Promise,
+    SitePath,
+    Topic,
+    Track,
+    lidar_of,
+    only_one,
+)
 from pipeline.cli.outputs import check_file
 from pipeline.errors import ConfigError, LogError
 
@@ -50,29 +61,10 @@ def localize(
     ] = None,
     body_T_lidar: BodyTLidar = None,
     topic: Topic = None,
-    odometry: Annotated[
-        str | None,
-        typer.Option(
-            metavar="TOPIC", help="of a bag, for --track or a level site: poses, or tf:PARENT>CHILD"
-        ),
-    ] = None,
-    track: Annotated[
-        bool,
-        typer.Option(
-            "--track", help="scans are one path: follow it, by odometry where the log has some"
-        ),
-    ] = False,
-    follow: Annotated[
-        bool,
-        typer.Option(
-            "--follow",
-            help="INPUT is an .mcap still being recorded; what waits too long is dropped",
-        ),
-    ] = False,
-    idle: Annotated[
-        float,
-        typer.Option(metavar="S", help="of --follow: ends after so long without a byte"),
-    ] = 10.0,
+    odometry: Odometry = None,
+    track: Track = False,
+    follow: Follow = False,
+    idle: Idle = 10.0,
     threads: Annotated[int, typer.Option(metavar="N", help="for the network")] = 1,
 ) -> None:
     """Where scans were taken, by a site file, and whether to believe it."""

@@ -51,6 +51,28 @@ BodyTLidar = Annotated[
 Topic = Annotated[
     str | None, typer.Option(metavar="TOPIC", help="of a bag, where it has several clouds")
 ]
+Odometry = Annotated[
+    str | None,
+    typer.Option(
+        metavar="TOPIC", help="of a bag, for --track or a level site: poses, or tf:PARENT>CHILD"
+    ),
+]
+Track = Annotated[
+    bool,
+    typer.Option(
+        "--track", help="scans are one path: follow it, by odometry where the log has some"
+    ),
+]
+Follow = Annotated[
+    bool,
+    typer.Option(
+        "--follow",
+        help="the input is an .mcap still being recorded; what waits too long is dropped",
+    ),
+]
+Idle = Annotated[
+    float, typer.Option(metavar="S", help="of --follow: ends after so long without a byte")
+]
 
 
 def lidar_of(body_T_lidar: str | None) -> "Poses | None":

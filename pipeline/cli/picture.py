@@ -16,45 +16,38 @@ from pipeline.errors import ConfigError
 if TYPE_CHECKING:
     import pandas as pd
 
+    from pipeline.report.study import Study
+
 
 @dataclass(frozen=True)
 class Drawn:
-    """A moving picture that was written, and the answers that it shows."""
+    """A moving picture that was written, and what it shows."""
 
     path: Path
     title: str
     """The days: `Learned 2012-01-15, driven 2013-04-05, 446 days later`."""
-    right: int
-    counted: int
-    """Answers to seen queries, and how many of them are right."""
-    correct_m: float
+    counts: str
+    """How many answers are right, or how many poses were accepted and refused."""
+    colours: str
+    """What the colours say."""
     simulated: bool
     frames: int
 
     @property
     def line(self) -> str:
-        """The line that the command prints: file, days, right answers, frames and size."""
-        share = (
-            f"{self.right} of {self.counted} answers right within {self.correct_m:g} "
-            f"m{', simulated' * self.simulated}"
-        )
+        """The line that the command prints: file, days, counts, frames and size."""
         return (
-            f"{self.path}: {self.title}: {share}; {self.frames} frames, "
-            f"{self.path.stat().st_size / 1e6:.2f} MB"
+            f"{self.path}: {self.title}: {self.counts}{', simulated' * self.simulated}; "
+            f"{self.frames} frames, {self.path.stat().st_size / 1e6:.2f} MB"
         )
 
     @property
     def page(self) -> str:
         """The picture and its caption for README.md."""
-        share = self.right / self.counted if self.counted else 0.0
-        caption = (
-            f"{self.title}: {self.right} of {self.counted} answers right within {self.correct_m:g} "
-            f"m ({share:.3f})"
-        )
         data = "Simulated" if self.simulated else "Recorded"
         return (
-            f"![{caption}]({self.path.as_posix()})\n\n*{data}. {caption}; answers turn blue where "
-            "they are right.*"
+            f"![{self.title}: {self.counts}]({self.path.as_posix()})\n\n"
+            f"*{data}. {self.title}: {self.counts}. {self.colours}*"
         )
 
 
@@ -68,7 +61,7 @@ def picture(
         str | None, typer.Argument(metavar="DAY", help="a test day; without one, the last")
     ] = None,
 ) -> None:
-    """A moving picture of one test day: the drive, and which answers are right."""
+    """A moving picture of one test day: the drive, and which answers are believed or right."""
     print(draw(of, day, out).line)
 
 
@@ -76,8 +69,6 @@ def draw(of: str, test_day: str | None, out: Path) -> Drawn:
     """Write the moving picture of STUDY/GRID/METHOD on a test day, by default the last."""
     from pipeline.evaluation import results
     from pipeline.report.figures import animation
-    from pipeline.report.figures import picture as moving
-    from pipeline.report.figures.drive import Drive
     from pipeline.report.study import Study
     from pipeline.studies.layout import Layout
 
@@ -105,10 +96,38 @@ def draw(of: str, test_day: str | None, out: Path) -> Drawn:
         raise ConfigError(f"{test_day}: no such test day, expected one of {', '.join(days)}")
     table = results.read(Layout(), {name: study})
     sequence = test_day or last_day(table, study.tests)
-    drive = Drive.of(Study(Layout(), study, grid, table), model, sequence)
+    report_study = Study(Layout(), study, grid, table)
+    posed = any(answers.posed for answers in study.answerers if answers.name == model)
+    return (_of_poses if posed else _of_places)(report_study, model, sequence, out)
+
+
+def _of_poses(study: "Study", model: str, sequence: str, out: Path) -> Drawn:
+    """The drive in 3-D, each scan on the map in the colour of its verdict."""
+    from pipeline.report.figures import chase
+    from pipeline.report.figures.believed import BelievedDrive
+
+    drive = BelievedDrive.of(study, model, sequence)
+    frames, _ = chase.write(drive, out, Bar())
+    accepted, wrong, refused, wrong_refused = drive.counts[:, -1].tolist()
+    counts = (
+        f"{accepted} poses accepted, {wrong} wrong among them; {refused} refused, {wrong_refused} "
+        "wrong among them"
+    )
+    colours = "The map is grey; a scan is blue where its pose is accepted, orange where refused."
+    return Drawn(out, drive.title, counts, colours, drive.simulated, frames)
+
+
+def _of_places(study: "Study", model: str, sequence: str, out: Path) -> Drawn:
+    """The drive from above, each answer a dot."""
+    from pipeline.report.figures import picture as moving
+    from pipeline.report.figures.drive import Drive
+
+    drive = Drive.of(study, model, sequence)
     frames, _ = moving.write(drive, out, Bar())
-    counted = drive.counted[:, -1].tolist()
-    return Drawn(out, drive.title, counted[1], counted[0], drive.correct_m, drive.simulated, frames)
+    counted, right = drive.counted[:, -1].tolist()
+    counts = f"{right} of {counted} answers right within {drive.correct_m:g} m"
+    colours = "Answers turn blue where they are right."
+    return Drawn(out, drive.title, counts, colours, drive.simulated, frames)
 
 
 def last_day(table: "pd.DataFrame", tests: Sequence[str]) -> str:

@@ -19,7 +19,7 @@ class Lines(Progress):
 
 
 class Bar(Lines):
-    """A bar of items on a terminal."""
+    """A bar of items on a terminal, lines now and then elsewhere."""
 
     def track(self, items: Iterable[Item], total: int, what: str) -> Iterator[Item]:
         from rich.progress import MofNCompleteColumn, TimeRemainingColumn
@@ -28,7 +28,7 @@ class Bar(Lines):
 
 
 class Bytes(Lines):
-    """A bar of bytes on a terminal."""
+    """A bar of bytes on a terminal, lines now and then elsewhere."""
 
     def track(self, items: Iterable[Item], total: int, what: str) -> Iterator[Item]:
         from rich.progress import DownloadColumn, TimeRemainingColumn, TransferSpeedColumn
@@ -91,11 +91,25 @@ def _tracked(
     from rich.progress import Progress as RichProgress
 
     console = Console(stderr=True)
+    if not console.is_terminal:
+        yield from _told(items, total, what)
+        return
     shown = (TextColumn(what), BarColumn(24), *columns)
-    with RichProgress(
-        *shown, console=console, transient=True, disable=not console.is_terminal
-    ) as bar:
+    with RichProgress(*shown, console=console, transient=True) as bar:
         task = bar.add_task(what, total=total * advance)
         for item in items:
             yield item
             bar.update(task, advance=advance)
+
+
+def _told(items: Iterable[Item], total: int, what: str) -> Iterator[Item]:
+    """Yield the items, and print a line on how far they are at most every LINE_S, as to a log."""
+    start_s = told_s = time.monotonic()
+    for done, item in enumerate(items, start=1):
+        yield item
+        now_s = time.monotonic()
+        if now_s - told_s > LINE_S and done < total:
+            left_s = (now_s - start_s) / done * (total - done)
+            line = f"  {what}: {done} of {total}, about {left_s:.0f} s left"
+            print(line, file=sys.stderr, flush=True)
+            told_s = now_s

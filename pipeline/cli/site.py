@@ -14,14 +14,19 @@ from pipeline.cli.kernels import tell_cold
 from pipeline.cli.localize import Summary
 from pipeline.cli.options import (
     BodyTLidar,
+    Follow,
+    Idle,
+    Odometry,
     Promise,
     SitePath,
+    Topic,
+    Track,
     lidar_of,
     only_one,
     share_or_none,
 )
 from pipeline.cli.outputs import check_file
-from pipeline.cli.progress import Lines
+from pipeline.cli.progress import Bar
 from pipeline.cli.project import conf_folder, read_studies
 from pipeline.errors import ConfigError, LogError
 
@@ -37,19 +42,28 @@ def watch(
     ] = None,
     promise: Promise = 0.99,
     body_T_lidar: BodyTLidar = None,
+    topic: Topic = None,
+    odometry: Odometry = None,
+    track: Track = False,
+    follow: Follow = False,
+    idle: Idle = 10.0,
     every: Annotated[int, typer.Option(metavar="N", help="only every N-th scan")] = 1,
 ) -> None:
-    """See scans snapped onto the map, with verdicts, in rerun's viewer or as a file."""
+    """See a drive on the map, from behind the robot, with verdicts: rerun's viewer, or a file."""
     from pipeline.online import foxglove
     from pipeline.online import watch as rerun
+    from pipeline.online.follow import Following
     from pipeline.online.inputs import scans
     from pipeline.online.localized import localized
     from pipeline.online.site import Site
+    from pipeline.online.tracking import Tracker
 
     if every < 1:
         raise ConfigError(f"--every {every}: expected at least 1")
     if save is not None and save.suffix not in (".rrd", ".mcap"):
         raise ConfigError(f"--save {save}: expected FILE.rrd or FILE.mcap")
+    if odometry and not track:
+        raise ConfigError(f"--odometry {odometry}: needs --track")
     site = Site.open(path, level=False)
     summary = Summary()
     site.check(promise)
@@ -58,17 +72,16 @@ def watch(
         foxglove.Recording if save is not None and save.suffix == ".mcap" else rerun.Recording
     )
     tell_cold()
-    scan_options = (
-        site.description.reader,
-        site.description.sensor.lift_m,
-        None,
-        None,
-        summary.skipped,
-        lidar_of(body_T_lidar),
-    )
+    lift_m = site.description.sensor.lift_m
+    placement = lidar_of(body_T_lidar)
+    if follow:
+        all_scans = Following(Path(log), topic, lift_m, idle, odometry, placement).scans()
+    else:
+        scan_options = (lift_m, topic, odometry, summary.skipped, placement)
+        all_scans = scans(log, site.description.reader, *scan_options)
+    localizer = Tracker(site, promise) if track else site
     with recorder(site, save, promise) as recording:
-        kept_scans = islice(scans(log, *scan_options), 0, None, every)
-        fixes = localized(kept_scans, site, promise, summary.broken)
+        fixes = localized(islice(all_scans, 0, None, every), localizer, promise, summary.broken)
         for number, (scan, points_m, fix) in enumerate(fixes):
             recording.add(number * every, scan, points_m, fix)
             summary.add(scan, fix)
@@ -190,12 +203,15 @@ def kernels() -> None:
 def export(
     path: SitePath,
     out: Annotated[Path, typer.Option("-o", "--out", metavar="FILE.onnx|FILE.site")],
+    compact: Annotated[
+        bool, typer.Option("--compact", help="weights in 8 bits: a quarter of the size")
+    ] = False,
 ) -> None:
     """A site's network as ONNX; or a site that answers through it, without torch."""
     from pipeline.online import export as networks
 
     check_file(out)
-    print(networks.export(path, out))
+    print(networks.export(path, out, compact))
 
 
 def pack(
@@ -225,4 +241,4 @@ def pack(
     if name is None:
         raise ConfigError("pack: expected STUDY/GRID/METHOD, or --map MAP.yaml")
     trained = Trained.named(Layout(), read_studies(), name)
-    print(Packing(conf_folder()).pack(trained, out, Lines()))
+    print(Packing(conf_folder()).pack(trained, out, Bar()))

@@ -133,6 +133,7 @@ def of_evaluation(evaluation: Evaluation, case: Case = Case()) -> TableRows:  # 
     if evaluation.verdicts:
         verdicts = {f"{verdict}_99": count for verdict, count in evaluation.verdicts.items()}
         yield from several(parts, "distance", verdicts | {"pose_ece": evaluation.pose_ece})
+    yield from several(parts, "distance", evaluation.belief)
 
 
 def row(

@@ -24,6 +24,7 @@ from pipeline.methods.pointnetvlad.pointnetvlad import PointNetVlad
 from pipeline.networks import loop
 from pipeline.networks.classifier import Classifier
 from pipeline.online import site, site_file
+from pipeline.online.compact import with_small_weights, without_notes
 from pipeline.online.runtime import CLASSIFIED, INPUT, session
 from pipeline.replacing import replace as replaced
 from pipeline.running.building import build
@@ -67,8 +68,10 @@ class Scores(nn.Module):
         return tuple(answers)
 
 
-def export(source: Path, out: Path) -> str:
+def export(source: Path, out: Path, compact: bool = False) -> str:
     """Write FILE.onnx with its parity beside it, or FILE.site that answers through it.
+
+    `compact` stores weights in 8 bits, and answers may then differ by more than ALIKE.
 
     Returns what was written, in a line. Raises ConfigError for a method without a network, or an
     ending that says neither.
@@ -79,12 +82,12 @@ def export(source: Path, out: Path) -> str:
     if network is not None:
         raise ConfigError(f"{source}: is exported already; export the site that it came from")
     method = build(description.method, site.ROOTS)
-    data, parity = exported(method, model)
+    data, parity = exported(method, model, compact)
     comparison = (
         f"on {parity.views} views {parity.largest:.1e} off torch at most, {parity.same_first:.0%} "
         "with the same best place"
     )
-    if parity.largest > ALIKE:
+    if parity.largest > ALIKE and not compact:
         raise ConfigError(f"{source}: {comparison}; over {ALIKE:g}, nothing was written")
     if out.suffix == ".site":
         if not isinstance(method, Classifier):
@@ -112,7 +115,9 @@ def export(source: Path, out: Path) -> str:
     return f"{out}: {out.stat().st_size / 1e6:.1f} MB; {comparison}"
 
 
-def exported(method: Any, model: Mapping[str, NDArray[Any]]) -> tuple[bytes, Parity]:
+def exported(
+    method: Any, model: Mapping[str, NDArray[Any]], compact: bool = False
+) -> tuple[bytes, Parity]:
     """Export a method's network as an ONNX file's bytes, and measure its parity with torch.
 
     Raises ConfigError for a method without a network.
@@ -141,7 +146,7 @@ def exported(method: Any, model: Mapping[str, NDArray[Any]]) -> tuple[bytes, Par
             "have one"
         )
     inputs = torch.from_numpy(views.astype(np.float32))
-    data = _onnx(module.eval(), inputs[:1], input_name, names)
+    data = _onnx(module.eval(), inputs[:1], input_name, names, compact)
     run = session(data)
     with torch.no_grad(), loop.reproducible(1):
         torch_answers = [_first(module(view[None])) for view in inputs]
@@ -160,7 +165,9 @@ def _first(answers: Any) -> NDArray[np.float64]:
     return np.asarray(answers if isinstance(answers, Tensor) else answers[0], np.float64)
 
 
-def _onnx(module: nn.Module, example: Tensor, input_name: str, outputs: list[str]) -> bytes:
+def _onnx(
+    module: nn.Module, example: Tensor, input_name: str, outputs: list[str], compact: bool
+) -> bytes:
     """Export a module as an ONNX file's bytes, without the exporter's own messages."""
     logging.getLogger("torch.onnx").setLevel(logging.ERROR)
     with (
@@ -184,4 +191,5 @@ def _onnx(module: nn.Module, example: Tensor, input_name: str, outputs: list[str
                 f"{error.name}: not installed; `pip install 'yearloc[onnx]'`"
             ) from None
     assert program is not None
-    return bytes(program.model_proto.SerializeToString())
+    graph = without_notes(program.model_proto)
+    return bytes((with_small_weights(graph) if compact else graph).SerializeToString())

@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import softmax
 
-from pipeline.errors import NotInstalledError
 from pipeline.matching.outlines import Outlines, outlines, reranked
 from pipeline.matching.ranking import Localizer, Ranking, Rows
 
@@ -17,14 +16,9 @@ CLASSIFIED = ("scores", "features", "heading_deg")
 
 
 def session(data: bytes, threads: int = 1) -> Any:
-    """Open ONNX Runtime's session of a file's bytes, on the processor.
+    """Open ONNX Runtime's session of a file's bytes, on the processor."""
+    import onnxruntime
 
-    Raises NotInstalledError where it is not installed.
-    """
-    try:
-        import onnxruntime
-    except ImportError:
-        raise NotInstalledError("onnxruntime: not installed; `pip install onnxruntime`") from None
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = threads
     options.inter_op_num_threads = 1

@@ -1,6 +1,7 @@
-"""Records a localised drive for rerun's viewer.
+"""Records a localised drive for rerun's viewer, whose camera follows the robot.
 
-It shows the map, each scan where it was placed, the likeliest places, novelty and verdict.
+It shows each scan on the map in the colour of its verdict, the runner-up, and the verdict over
+time. How the panels lie is stored in the recording.
 """
 
 from collections.abc import Iterable
@@ -13,24 +14,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import ConfigError
+from pipeline.frames import Poses
 from pipeline.online.inputs import Scan
 from pipeline.online.site import Fix, Site
 from pipeline.replacing import replace
 
 COLOURS = {
-    "accepted": (46, 125, 50),
-    "near": (30, 110, 200),
-    "ambiguous": (240, 150, 30),
-    "rejected": (198, 40, 40),
+    "accepted": (86, 180, 233),
+    "near": (0, 158, 115),
+    "ambiguous": (230, 159, 0),
+    "rejected": (213, 94, 0),
     "no pose": (120, 120, 120),
 }
+"""Of Okabe and Ito, which colour-blind readers tell apart."""
 MAP_GREY = (150, 150, 150)
-TRUTH = (240, 200, 60)
-SNAPPED = (90, 170, 255)
+PATH_GREY = (90, 90, 90)
+TRUTH = (240, 228, 66)
 MAP_POINTS = 400_000
-LIKELIEST = 5
 WALL_M = 0.3
 """Map points below this are ground, which hides the walls."""
+BEHIND_M = (-22.0, 0.0, 13.0)
+ABOVE_M = (-0.1, 0.0, 70.0)
+AHEAD_M = (10.0, 0.0, 0.0)
+"""Where the cameras are, and what the one behind the robot looks at, in the robot's frame."""
+ROBOT = "world/robot"
+RUNNER_UP = "world/runner_up"
 
 
 class Recording:
@@ -49,33 +57,22 @@ class Recording:
             ) from None
         self._rerun = rerun
         self._site = site
-        self._paths = dict[str, list[NDArray[np.float64]]]()
+        self._fixes_m: dict[str, list[NDArray[np.float64]]] = {word: [] for word in COLOURS}
         self._origin_m = origin(site)
         self._title = f"{site.name}{', simulated' if site.description.simulated else ''}"
         if self._origin_m.any():
             self._title += f", from x {self._origin_m[0]:.0f} m, y {self._origin_m[1]:.0f} m"
+        self._least_chance = None if promise is None else 1 - site.promises[promise][0]
         self._file = ExitStack()
-        self._stream = rerun.RecordingStream(f"yearloc {site.name}")
+        self._stream = rerun.RecordingStream("yearloc")
         if out is None:
-            self._stream.spawn(default_blueprint=self._blueprint())
+            self._stream.spawn(default_blueprint=self._blueprint(live=True))
         else:
             self._stream.save(
-                self._file.enter_context(replace(out)), default_blueprint=self._blueprint()
+                self._file.enter_context(replace(out)),
+                default_blueprint=self._blueprint(live=False),
             )
-        points_m = whole_map(site) - self._origin_m
-        self._stream.log(
-            "world/map", rerun.Points3D(points_m, colors=MAP_GREY, radii=0.08), static=True
-        )
-        anchors_m = site.targets.world_T_anchor[:, :3, 3] - self._origin_m
-        self._stream.log(
-            "world/training", rerun.LineStrips3D([anchors_m], colors=TRUTH, radii=0.15), static=True
-        )
-        self._limit = None if promise is None else site.promises[promise]
-        for path, colour, name in (
-            ("novelty/scan", SNAPPED, "novelty"),
-            ("novelty/threshold", (198, 40, 40), "threshold"),
-        ):
-            self._stream.log(path, rerun.SeriesLines(colors=colour, names=name), static=True)
+        self._log_what_stays()
 
     def __enter__(self) -> Self:
         return self
@@ -97,64 +94,130 @@ class Recording:
         stream.set_time("scan", sequence=number)
         if scan.stamp_ns is not None:
             stream.set_time("time", timestamp=np.datetime64(scan.stamp_ns, "ns"))
+        walls_m = points_m[points_m[:, 2] > WALL_M]
         colour = COLOURS[fix.verdict]
-        placed = np.isfinite(fix.world_T_sensor).all()
-        if placed:
-            position_m = fix.world_T_sensor[:3, 3] - self._origin_m
-            seen_m = points_m @ fix.world_T_sensor[:3, :3].T + position_m
+        self._log_placed(ROBOT, walls_m, fix.world_T_sensor, colour)
+        runner_up = fix.runners_up[0] if fix.runners_up else None
+        runner_up_pose = np.full((4, 4), np.nan) if runner_up is None else runner_up.world_T_sensor
+        self._log_placed(RUNNER_UP, walls_m, runner_up_pose, COLOURS["ambiguous"])
+        if np.isfinite(fix.world_T_sensor).all():
+            fixes_m = self._fixes_m[fix.verdict]
+            fixes_m.append(fix.world_T_sensor[:3, 3] - self._origin_m)
             stream.log(
-                "world/scan",
-                rerun.Points3D(seen_m[points_m[:, 2] > WALL_M], colors=SNAPPED, radii=0.2),
+                f"world/fixes/{fix.verdict.replace(' ', '_')}",
+                rerun.Points3D(fixes_m, colors=colour, radii=0.6),
             )
-            heading = fix.world_T_sensor[:3, 0] * 6
-            stream.log(
-                "world/robot",
-                rerun.Arrows3D(vectors=[heading], origins=[position_m], colors=colour, radii=0.5),
-            )
-            self._paths.setdefault(fix.verdict, []).append(position_m)
-            stream.log(
-                f"world/{fix.verdict}",
-                rerun.Points3D(self._paths[fix.verdict], colors=colour, radii=0.8),
-            )
-        else:
-            stream.log("world/scan", rerun.Clear(recursive=False))
         if np.isfinite(scan.world_T_scan).all():
-            stream.log(
-                "world/truth",
-                rerun.Points3D(
-                    [scan.world_T_scan[:3, 3] - self._origin_m], colors=TRUTH, radii=1.2
-                ),
-            )
-        ranking = self._site.rank(points_m)
-        chances = np.nan_to_num(
-            1 - ranking.costs[0, :LIKELIEST].astype(np.float64), posinf=0, neginf=0
+            truth_m = scan.world_T_scan[:3, 3] - self._origin_m
+            stream.log("world/truth", rerun.Points3D([truth_m], colors=TRUTH, radii=0.8))
+        stream.log("verdict", rerun.StateChange(state=fix.verdict))
+        stream.log("chance/pose", rerun.Scalars(1 - fix.novelty))
+        if runner_up is not None:
+            stream.log("chance/runner_up", rerun.Scalars(runner_up.chance))
+        if self._least_chance is not None:
+            stream.log("chance/accepted_from", rerun.Scalars(self._least_chance))
+
+    def _log_what_stays(self) -> None:
+        """Log the map, the training path, and the names and colours of curves and verdicts."""
+        rerun = self._rerun
+        points_m = whole_map(self._site) - self._origin_m
+        anchors_m = self._site.targets.world_T_anchor[:, :3, 3] - self._origin_m
+        self._stream.log("world", rerun.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        self._stream.log(
+            "world/map", rerun.Points3D(points_m, colors=MAP_GREY, radii=0.06), static=True
         )
-        stream.log("places", rerun.BarChart(chances))
-        stream.log("novelty/scan", rerun.Scalars(fix.novelty))
-        if self._limit is not None:
-            stream.log("novelty/threshold", rerun.Scalars(self._limit))
-        stream.log(
+        self._stream.log(
+            "world/training",
+            rerun.LineStrips3D([anchors_m], colors=PATH_GREY, radii=0.15),
+            static=True,
+        )
+        for path, colour, name in (
+            ("chance/pose", COLOURS["accepted"], "chance of the pose"),
+            ("chance/runner_up", COLOURS["ambiguous"], "chance of the runner-up"),
+            ("chance/accepted_from", COLOURS["rejected"], "accepted from here"),
+        ):
+            self._stream.log(path, rerun.SeriesLines(colors=colour, names=name), static=True)
+        self._stream.log(
             "verdict",
-            rerun.TextLog(
-                f"{fix.verdict}: place {fix.place}, overlap {fix.overlap:.2f}", level=_level(fix)
+            rerun.StateConfiguration(values=[*COLOURS], colors=[*COLOURS.values()]),
+            static=True,
+        )
+
+    def _log_placed(
+        self,
+        path: str,
+        points_m: NDArray[np.float64],
+        world_T_scan: Poses,
+        colour: tuple[int, int, int],
+    ) -> None:
+        """Log a scan at a pose; without a pose the camera stays where it is."""
+        rerun = self._rerun
+        if not np.isfinite(world_T_scan).all():
+            self._stream.log(f"{path}/scan", rerun.Clear(recursive=False))
+            return
+        self._stream.log(
+            path,
+            rerun.Transform3D(
+                translation=world_T_scan[:3, 3] - self._origin_m, mat3x3=world_T_scan[:3, :3]
             ),
         )
+        self._stream.log(f"{path}/scan", rerun.Points3D(points_m, colors=colour, radii=0.12))
+        self._stream.log(
+            f"{path}/heading",
+            rerun.Arrows3D(vectors=[(6, 0, 0)], origins=[(0, 0, 0.5)], colors=colour, radii=0.5),
+        )
 
-    def _blueprint(self) -> Any:
+    def _blueprint(self, live: bool) -> Any:
+        """How the panels lie: the robot from behind; from above, runner-up, verdict and chances.
+
+        What is `live` shows the newest scan, a file is played from its first.
+        """
         from rerun import blueprint
 
-        side = blueprint.Vertical(
-            blueprint.TimeSeriesView(origin="novelty", name="novelty against its threshold"),
-            blueprint.BarChartView(origin="places", name="the five likeliest places"),
-            blueprint.TextLogView(origin="verdict", name="verdicts"),
+        all_but_runner_up = ["/world/**", f"- /{RUNNER_UP}/**"]
+        drive = blueprint.Spatial3DView(
+            origin=ROBOT,
+            contents=all_but_runner_up,
+            name=self._title,
+            eye_controls=blueprint.EyeControls3D(
+                position=BEHIND_M, look_target=AHEAD_M, eye_up=(0, 0, 1)
+            ),
+            line_grid=False,
+        )
+        from_above = blueprint.EyeControls3D(
+            position=ABOVE_M, look_target=(0, 0, 0), eye_up=(1, 0, 0)
+        )
+        scan_on_map = blueprint.Spatial3DView(
+            origin=ROBOT,
+            contents=["/world/map", "/world/training", f"/{ROBOT}/**"],
+            name="the scan on the map, from above",
+            eye_controls=from_above,
+            line_grid=False,
+        )
+        runner_up = blueprint.Spatial3DView(
+            origin=RUNNER_UP,
+            contents=["/world/map", "/world/training", f"/{RUNNER_UP}/**"],
+            name="the runner-up: the next best pose elsewhere",
+            eye_controls=from_above,
+            line_grid=False,
+        )
+        over_time = blueprint.Vertical(
+            blueprint.StateTimelineView(origin="verdict", name="verdict"),
+            blueprint.TimeSeriesView(origin="chance", name="chance of being right"),
+            row_shares=[2, 3],
         )
         return blueprint.Blueprint(
             blueprint.Horizontal(
-                blueprint.Spatial3DView(origin="world", name=self._title),
-                side,
-                column_shares=[3, 1],
+                blueprint.Vertical(drive, over_time, row_shares=[2, 1]),
+                blueprint.Vertical(scan_on_map, runner_up),
+                column_shares=[3, 2],
             ),
-            blueprint.TimePanel(timeline="scan"),
+            blueprint.TimePanel(
+                timeline="scan",
+                state="collapsed",
+                play_state="following" if live else "playing",
+                fps=10.0,
+            ),
             collapse_panels=True,
         )
 
@@ -180,7 +243,3 @@ def whole_map(site: Site) -> NDArray[np.float64]:
 
 def _walls(points_m: NDArray[np.float64]) -> NDArray[np.float64]:
     return points_m[points_m[:, 2] > WALL_M]
-
-
-def _level(fix: Fix) -> str:
-    return {"accepted": "INFO", "rejected": "WARN"}.get(fix.verdict, "DEBUG")

@@ -119,8 +119,8 @@ def doubts(name: str, truth: Trajectory) -> tuple[str, ...]:
     if (tilt_deg > TILTED_DEG).mean() > TILTED_SHARE:
         lines.append(
             f"{name}: the body is tilted by up to {np.percentile(tilt_deg, 95):.0f}°, where a "
-            "vehicle stands upright: is the quaternion written w first, or are its axes a "
-            "camera's?"
+            "vehicle stands upright: is the quaternion written w first (write x y z w), or are its "
+            "axes a camera's (poses_frame: camera)?"
         )
     step_m, ahead = _driven(poses)
     length_m = np.linalg.norm(step_m, axis=1)
@@ -131,23 +131,23 @@ def doubts(name: str, truth: Trajectory) -> tuple[str, ...]:
         if up > ALONG:
             lines.append(
                 f"{name}: the body drives along its own z axis: are its axes a camera's, x right, "
-                "y down, z forward?"
+                "y down, z forward? Set poses_frame: camera, or take the topic of the body's poses"
             )
         elif across > ALONG:
             lines.append(
                 f"{name}: the body drives sideways, along its own y axis: is its heading a quarter "
-                "turn off?"
+                "turn off? Turn its poses, or take the topic of the body's"
             )
         elif abs(np.exp(2j * np.arctan2(ahead[:, 1], ahead[:, 0])).mean()) < ASTRAY:
             lines.append(
                 f"{name}: the body's heading does not follow its way: are its rotations missing, "
-                "or those of the inverse?"
+                "or those of the inverse? Each pose must take points of the body into the world"
             )
         elif climb > STEEP:
             slope_deg = np.rad2deg(np.arcsin(climb))
             lines.append(
                 f"{name}: the path climbs or falls by {slope_deg:.0f}° most of the way: is z up in "
-                "its world?"
+                "its world? Turn the poses so that it is, or set poses_frame: camera"
             )
     rows = jumps(truth)
     if len(rows):

@@ -1,4 +1,4 @@
-"""The results in a few lines: each method on the first and last day, and how often it answers."""
+"""The results in a few lines: each method on the first and last day, and what it accepts."""
 
 from collections.abc import Mapping, Sequence
 from io import StringIO
@@ -17,7 +17,8 @@ from pipeline.report.sections.lifelong_numbers import (
     by_strategy,
     read_strategies,
 )
-from pipeline.report.table import average, fixed
+from pipeline.report.table import MISSING, average, fixed
+from pipeline.studies.colours import method_of
 from pipeline.studies.study import CellSize, Study
 
 LINES = 30
@@ -103,16 +104,14 @@ def _print(
             overflow="ellipsis",
             no_wrap=True,
         )
-    models = ranked(scores)
+    models = _one_a_method(ranked(scores))
     first, *later = tests = next(iter(models.values()))
     days = "1 test day" if not later else f"{len(tests)} test days"
     title = f"{name}: learned {day(study.train[0])}, {days}, cells of {grid.cell_m:g} m"
     console.print(title, overflow="ellipsis", no_wrap=True)
     within = f"within {first.number('distance', 'correct_m'):g} m"
     heads = [f"{within}\n{day(first.sequence)}", *[f"\n{day(tests[-1].sequence)}"] * bool(later)]
-    heads += ["answers\nof all", "right\nof those", "keeps of\nwanted"] * (
-        console.width >= NARROWEST
-    )
+    heads += ["\naccepted", "wrong\nof those", "wrong ones\nrefused"] * (console.width >= NARROWEST)
     timed = any(np.isfinite(score.number("", "query_ms")) for score in scores)
     heads += ["ms a\nquery"] * (console.width >= NARROW and timed)
     lines = Table("", box=None, pad_edge=False, expand=True, padding=(0, 2, 0, 0))
@@ -128,18 +127,30 @@ def _print(
     return None
 
 
+def _one_a_method(models: Mapping[str, list[Scores]]) -> dict[str, list[Scores]]:
+    """The model of each method that has poses, or else its best one; the best first."""
+    posed_first = sorted(models, key=lambda model: not models[model][0].posed)
+    chosen = {method_of(model): model for model in reversed(posed_first)}
+    return {model: group for model, group in models.items() if model in chosen.values()}
+
+
 def _cells(group: Sequence[Scores]) -> list[str]:
     ends = [group[0], *group[1:][-1:]]
     right = [
         VOID if score.void("distance") else fixed(score.number("distance", "recall_at_1"), 3)
         for score in ends
     ]
-    last = group[-1]
-    answered, kept = (
-        fixed(last.number("distance", name), 3) for name in ("answered", "precision_at_threshold")
+    accepted, accepted_wrong, refused_wrong = (
+        sum(score.number("distance", name) for score in group)
+        for name in ("accepted", "accepted_wrong", "refused_wrong")
     )
-    promise = fixed(last.kept, 3) + f" of {last.wanted_precision:g}" * (
-        last.kept < last.wanted_precision
-    )
-    ms = last.number("", "query_ms")
-    return [*right, answered, kept, promise, fixed(ms, 0 if ms >= 10 else 1)]
+    wrong = accepted_wrong + refused_wrong
+    refused = f"{refused_wrong:.0f} of {wrong:.0f}" if wrong > 0 else MISSING
+    ms = group[-1].number("", "query_ms")
+    return [
+        *right,
+        fixed(accepted, 0),
+        fixed(accepted_wrong, 0),
+        refused,
+        fixed(ms, 0 if ms >= 10 else 1),
+    ]

@@ -68,6 +68,9 @@ class View:
 
 
 _YEAR = {
+    "Accepted answers, wrong ones among them, and wrong ones refused": Drawing(
+        ("accepted/accepted", "accepted/accepted_wrong", "accepted/refused_wrong")
+    ),
     "AUC over days since training": Drawing(("cells/auc_top1",)),
     "Means over the test days": Drawing(
         ("mean/cells_auc_top1", "mean/distance_recall_at_1"), columns=2, height=250, bars=True
@@ -111,6 +114,7 @@ _FURTHER_DAYS = {
 }
 _BY = ("cells/forgetting", "cells/transfer", "distance/forgetting", "distance/transfer")
 UNBOUNDED = (
+    "accepted/",
     "ageing/",
     "distance/median_heading_error_deg",
     "calibration/",
@@ -122,6 +126,7 @@ UNBOUNDED = (
 `SCALE`."""
 FOLDED = dict.fromkeys(
     (
+        "accepted",
         "cells",
         "distance",
         "rejection",

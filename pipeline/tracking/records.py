@@ -47,8 +47,11 @@ REJECTION = {
     "recall_at_threshold": "recall",
 }
 """What is charted of each kind of novelty, by cells, and the end of the metric's name."""
+BELIEF = ("accepted", "accepted_wrong", "refused", "refused_wrong")
 GROUPS = {"ece": "calibration", "ece_raw": "calibration", "novelty_percentile": "ageing"}
-"""Of numbers that are not charted under their protocol."""
+GROUPS |= dict.fromkeys(BELIEF, "accepted")
+"""Of numbers that are not charted under their protocol. MLflow lists a run's metrics by name: what
+is believed comes first."""
 MEANS = (
     ("cells", "auc_top1"),
     ("cells", "recall_at_1"),

@@ -28,6 +28,7 @@ from pipeline.frames import turns
 from pipeline.matching.ranking import Ranking, joined
 from pipeline.schemas import Labels
 from tests.evaluation.made import of_cases, rows, standing, write
+from tests.report.figures.made import evaluation as seven_queries
 from tests.views.made import SUITED
 
 XY_M = np.array([(3, 4), (0, 1), (6, 8), (0, 2), (0, 50)], float)
@@ -466,3 +467,26 @@ def test_a_row_of_metrics_has_few_numbers_and_none_that_are_not_there() -> None:
     assert found["auc_top1"] == summary(drive())["cells"]["auc_top1"]
     assert "within_2m_5deg" not in found  # there are no poses
     assert metrics(drive(poses=standing(XY_M, YAW_DEG)))["within_2m_5deg"] == 1.0
+
+
+def test_accepted_places_are_counted_at_the_threshold_and_wrong_ones_among_them() -> None:
+    """Novelties below .5: the first, third, fourth, fifth and sixth; the third is 200 m off and the
+    sixth unseen. Refused: the second, which is right, and the last, unseen."""
+    assert seven_queries().belief == {
+        "accepted": 5,
+        "accepted_wrong": 2,
+        "refused": 2,
+        "refused_wrong": 1,
+    }
+
+
+def test_accepted_poses_are_counted_by_what_they_promise() -> None:
+    """Novelties below .35: the first, third (3 m off), fourth and fifth (6° off). Refused: the
+    second, the sixth (50 m off), and the last, which has no pose and so no wrong one."""
+    posed = replace(
+        seven_queries(),
+        reject_pose_from=0.35,
+        pose_error_m=np.array([0, 0, 3, 0, 0, 50, np.nan]),
+        pose_error_deg=np.array([0, 0, 0, 0, 6, 0, np.nan]),
+    )
+    assert posed.belief == {"accepted": 4, "accepted_wrong": 2, "refused": 3, "refused_wrong": 1}

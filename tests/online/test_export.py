@@ -80,6 +80,21 @@ def test_a_site_answers_without_torch(learned: Path, tmp_path: Path) -> None:
         export(tmp_path / "onnx.site", tmp_path / "again.onnx")
 
 
+def test_a_compact_site_is_a_third_as_large_and_answers_alike(
+    learned: Path, tmp_path: Path
+) -> None:
+    points_m, _ = scan(2)
+    whole, compact = (tmp_path / f"{name}.site" for name in ("whole", "compact"))
+    export(learned, whole)
+    assert "off torch at most" in export(learned, compact, compact=True)
+    networks = [site_file.read(path).network or b"" for path in (whole, compact)]
+    assert len(networks[1]) < len(networks[0]) / 3
+    assert not any(str(Path.cwd()).encode() in network for network in networks)
+    of_whole, of_compact = (Site.open(path).rank(points_m) for path in (whole, compact))
+    assert of_whole.places[0, 0] == of_compact.places[0, 0]
+    np.testing.assert_allclose(of_whole.costs, of_compact.costs, atol=0.1)
+
+
 def test_a_site_that_needs_torch_says_so(learned: Path) -> None:
     words = [sys.executable, "-c", WITHOUT_TORCH, str(learned), "none"]
     told = subprocess.run(words, capture_output=True, text=True, check=False).stderr.splitlines()[
@@ -94,7 +109,7 @@ def test_parity_stands_beside_the_file(
     learned: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     found = b"network", Parity(32, 2e-5, 1.0)
-    monkeypatch.setattr("pipeline.online.export.exported", lambda method, model: found)
+    monkeypatch.setattr("pipeline.online.export.exported", lambda method, model, compact: found)
     assert "on 32 views 2.0e-05 off torch at most" in export(learned, tmp_path / "model.onnx")
     assert (tmp_path / "model.onnx").read_bytes() == b"network"
     beside = json.loads((tmp_path / "model.parity.json").read_text())

@@ -1,5 +1,7 @@
 """Recordings of a log for people: rerun's file, and a bag for Foxglove."""
 
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -7,7 +9,7 @@ import numpy as np
 import pytest
 
 from pipeline.cli import main
-from pipeline.formats.bag import CLOUD, POSE_COVARIANCE, TRANSFORMS
+from pipeline.formats.bag import CLOUD, POSE_COVARIANCE, TRANSFORMS, BagWriter
 from pipeline.formats.bag_file import BagFile
 from pipeline.formats.pointcloud2 import decode
 from pipeline.grid import Grid
@@ -38,8 +40,20 @@ def test_a_file_for_rerun(
     data = (tmp_path / "day.rrd").read_bytes()
     assert data[:3] == b"RRF"
     assert all(
-        name in data for name in (b"world/map", b"world/scan", b"novelty/threshold", b"places")
+        name in data
+        for name in (b"world/map", b"world/robot/scan", b"chance/accepted_from", b"StateChange")
     )
+
+
+def test_the_file_holds_how_the_panels_lie_and_that_the_camera_goes_with_the_robot(
+    drive: tuple[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    main(["watch", *drive, "--save", str(tmp_path / "day.rrd")])
+    assert "WARN" not in capsys.readouterr().err
+    command = (Path(sys.executable).parent / "rerun", "rrd", "print", "-vvv", tmp_path / "day.rrd")
+    text = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    assert text.count("EyeControls3D:position") >= 3
+    assert all(name in text for name in ("StateTimeline", "/world/robot", "/world/runner_up"))
 
 
 def test_a_bag_for_foxglove(drive: tuple[str, str], tmp_path: Path) -> None:
@@ -114,3 +128,16 @@ def test_a_mistake_is_one_line(
     with pytest.raises(SystemExit):
         main(["watch", *drive, *words])
     assert says in capsys.readouterr().err.splitlines()[-1]
+
+
+def test_a_drive_that_is_still_being_recorded_is_watched(
+    drive: tuple[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with BagWriter(tmp_path / "live", "mcap") as bag:
+        points_m = scan()[0].astype(np.float32)
+        zeros = np.zeros(len(points_m), np.int64)
+        bag.points(10**9, "base_link", points_m, zeros.astype(float), zeros, "/points")
+    (recording,) = (tmp_path / "live").glob("*.mcap")
+    live = (str(recording), "--follow", "--track", "--idle", "0.3")
+    main(["watch", drive[0], *live, "--save", str(tmp_path / "day.rrd")])
+    assert "1 scan: 1 accepted" in capsys.readouterr().err

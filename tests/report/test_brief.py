@@ -16,7 +16,11 @@ ROBOT = made_study("robot", tests=TESTS, **RECORDED)
 
 
 def results(
-    name: str, methods: int = 1, void: bool = False, within_m: float = 15.0
+    name: str,
+    methods: int = 1,
+    void: bool = False,
+    within_m: float = 15.0,
+    posed: int | None = None,
 ) -> pd.DataFrame:
     """Method number i is right .5 + i / 100 on the first day and a tenth less often on the last."""
     rows = []
@@ -31,7 +35,10 @@ def results(
             rows.append(place | row("precision_at_threshold", "distance", np.nan if i else 0.875))
             rows.append(place | row("kept_precision", "distance", 0.731 if i else 0.95))
             rows.append(place | row("wanted_precision", "distance", 0.9))
+            for number, count in (("accepted", 40), ("accepted_wrong", 1), ("refused_wrong", 9)):
+                rows.append(place | row(number, "distance", count))
             rows += [place | row("void", "distance", 1.0)] if void else []
+            rows += [place | row("within_2m_5deg", "distance", share)] if i == posed else []
         rows.append({"grid": "10m", "method": f"m{i}"} | row("query_ms", "", 12.4))
     rows.append({"grid": "10m"} | row("correct_m", "distance", within_m))
     return table(rows, study=name, dataset=name)
@@ -41,26 +48,29 @@ def test_the_best_on_the_last_day_comes_first_and_each_number_stands_in_its_colu
     text = brief(results("campus", methods=2), {"campus": CAMPUS}, 200)
     title, above, heads, first, second, _ = text.split("\n")
     assert title == "campus, simulated: learned 2012-01-15, 2 test days, cells of 10 m"
-    assert above.split() == ["within", "15", "m", "answers", "right", "keeps", "of", "ms", "a"]
-    assert heads.split() == [
-        "2012-02-04",
-        "2013-04-05",
-        "of",
-        "all",
-        "of",
-        "those",
-        "wanted",
-        "query",
-    ]
-    assert first.split() == ["m1", "0.510", "0.410", "0.250", "–", "0.731", "of", "0.9", "12"]
-    assert second.split() == ["m0", "0.500", "0.400", "0.250", "0.875", "0.950", "12"]
+    assert above.split() == ["within", "15", "m", "wrong", "wrong", "ones", "ms", "a"]
+    words = ["2012-02-04", "2013-04-05", "accepted", "of", "those", "refused", "query"]
+    assert heads.split() == words
+    # of two days: 2 × 40 accepted, 2 × 1 wrong among them, 2 × 9 wrong ones refused
+    assert first.split() == ["m1", "0.510", "0.410", "80", "2", "18", "of", "20", "12"]
+    assert second.split() == ["m0", "0.500", "0.400", "80", "2", "18", "of", "20", "12"]
     assert max(map(len, text.split("\n"))) <= 78
 
 
 def test_where_nothing_was_timed_there_is_no_column_of_times() -> None:
     rows = results("campus")
     heads = brief(rows[rows["number"] != "query_ms"], {"campus": CAMPUS}, 200).split("\n")[2]
-    assert heads.split() == ["2012-02-04", "2013-04-05", "of", "all", "of", "those", "wanted"]
+    assert heads.split() == ["2012-02-04", "2013-04-05", "accepted", "of", "those", "refused"]
+
+
+def test_a_method_has_one_row_that_of_poses_or_else_of_its_best_variant() -> None:
+    """m2 is better than m1, and m1 than m0."""
+    rows = results("campus", methods=3, posed=1)
+    variant = {"m2": "", "m1": "pose", "m0": "engaged"}
+    rows["variant"] = rows["method"].map(variant).fillna("")
+    rows["method"] = rows["method"].replace({"m2": "sci_ring", "m1": "sci_ring", "m0": "sad"})
+    lines = brief(rows, {"campus": CAMPUS}, 200).split("\n")[3:]
+    assert [line.split()[0] for line in lines if line.strip()] == ["sci_ring-pose", "sad-engaged"]
 
 
 def test_many_methods_and_a_narrow_terminal_are_cut_and_say_so() -> None:

@@ -22,14 +22,14 @@ def view() -> Any:
     return json.loads(zlib.decompress(base64.b64decode(packed)))
 
 
-def test_the_first_chart_is_auc_over_days(view: Any) -> None:
+def test_the_first_chart_is_what_is_accepted_over_days(view: Any) -> None:
     first = view["compareRunSections"][0]
     chart = next(
         chart for chart in view["compareRunCharts"] if chart["metricSectionId"] == first["uuid"]
     )
     expected = {
         "type": "LINE",
-        "metricKey": "cells/auc_top1",
+        "metricKey": "accepted/accepted",
         "xAxisKey": "step",
         "useGlobalXaxisKey": False,
     }
@@ -44,6 +44,7 @@ def test_sections_keep_the_order_given_and_charts_that_the_page_makes_itself_go_
     assert view["isAccordionReordered"]
     shown = [section["name"] for section in view["compareRunSections"] if section["display"]]
     assert shown == [
+        "Accepted answers, wrong ones among them, and wrong ones refused",
         "AUC over days since training",
         "Means over the test days",
         "By distance over days",
@@ -56,6 +57,7 @@ def test_sections_keep_the_order_given_and_charts_that_the_page_makes_itself_go_
     ]
     folded = {section["name"] for section in view["compareRunSections"]} - {*shown}
     assert folded == {
+        "accepted",
         "mean",
         "cells",
         "distance",

@@ -27,6 +27,11 @@ def check_ending(path: Path) -> None:
         raise ConfigError(f"{path}: expected a name that ends in {', '.join(ENDINGS)}")
 
 
+def spread(count: int, most: int) -> NDArray[np.int64]:
+    """At most so many of `count` queries (frame,), evenly over the drive, the last one included."""
+    return np.linspace(0, count - 1, min(count, most)).round().astype(np.int64)
+
+
 def palette(inks: Sequence[str], more_colours: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """At most 256 colours (colour, 3): white, inks with their shades, and `more_colours` (n, 3)."""
     shades = 1 - np.linspace(0, 1, BLENDS)[:, None, None] * (

@@ -101,13 +101,7 @@ class Drive:
     @property
     def title(self) -> str:
         """The days: `Learned 2012-01-15, driven 2013-04-05, 446 days later`."""
-        days = (
-            f"{abs(self.days)} day{'s' * (abs(self.days) != 1)} "
-            f"{'later' if self.days > 0 else 'earlier'}"
-        )
-        return (
-            f"Learned {self.trained}, driven {self.driven}, {days if self.days else 'the same day'}"
-        )
+        return titled(self.trained, self.driven, self.days)
 
     @property
     def driven_m(self) -> NDArray[np.float64]:
@@ -144,6 +138,12 @@ class Drive:
             columns = (np.arange(sectors) - shifts[:, None]) % sectors
             matched[has_answer] = np.take_along_axis(answer_views, columns[:, None], axis=2)
         return np.stack([query_views, matched], axis=1)
+
+
+def titled(trained: str, driven: str, days: int) -> str:
+    """The days: `Learned 2012-01-15, driven 2013-04-05, 446 days later`."""
+    between = f"{abs(days)} day{'s' * (abs(days) != 1)} {'later' if days > 0 else 'earlier'}"
+    return f"Learned {trained}, driven {driven}, {between if days else 'the same day'}"
 
 
 def walls(study: Study, sequence: str) -> NDArray[np.float64]:

@@ -49,17 +49,11 @@ def write(drive: Drive, path: Path, progress: Progress) -> tuple[int, int]:
 
     Raises ConfigError for another ending.
     """
-    frame_queries = queries(drive)
+    frame_queries = animation.spread(len(drive.xy_m), FRAMES)
     table = animation.palette((*TINTS.values(), PATH, WALL, INK, GREY), HEIGHTS)
     return animation.save(
         progress.track(frames(drive, frame_queries), len(frame_queries), "frames"), path, table
     )
-
-
-def queries(drive: Drive) -> NDArray[np.int64]:
-    """The queries (frame,) that have a frame each, evenly over the drive, the last one included."""
-    count = len(drive.xy_m)
-    return np.linspace(0, count - 1, min(count, FRAMES)).round().astype(np.int64)
 
 
 def frames(drive: Drive, frame_queries: NDArray[np.int64]) -> Iterator[NDArray[np.uint8]]:

@@ -14,9 +14,9 @@ from PIL import Image
 from pipeline import schemas, store
 from pipeline.cli import main
 from pipeline.cli.picture import last_day
-from pipeline.report.figures.animation import END_MS, FRAME_MS
+from pipeline.report.figures.animation import END_MS, FRAME_MS, spread
 from pipeline.report.figures.drive import NOT_COUNTED, RIGHT, WRONG, Drive, Views, walls
-from pipeline.report.figures.picture import FRAMES, TINTS, Canvas, frames, queries, write
+from pipeline.report.figures.picture import FRAMES, TINTS, Canvas, frames, write
 from pipeline.report.figures.style import SIMULATED
 from pipeline.report.study import Study
 from pipeline.running.progress import Progress
@@ -134,8 +134,8 @@ def test_walls_are_what_stands_high_and_was_seen_often(study: Study, tmp_path: P
 
 
 def test_a_short_drive_has_a_frame_a_query_and_a_long_one_ends_with_its_last(drive: Drive) -> None:
-    assert queries(drive).tolist() == list(range(7))
-    shown = queries(replace(drive, xy_m=np.zeros((1000, 2))))
+    assert spread(len(drive.xy_m), FRAMES).tolist() == list(range(7))
+    shown = spread(1000, FRAMES)
     assert (len(shown), shown[0], shown[-1]) == (FRAMES, 0, 999)
     assert set(np.diff(shown)) == {7, 8}
 

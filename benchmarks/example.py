@@ -1,0 +1,139 @@
+"""Makes the site and the scans of `yearloc example`, and asks the site about more of those days.
+
+`python -m benchmarks.example SITE LOGS`: `make example` has packed and exported the demo's site
+before, and LOGS are the simulated logs that it was made of. The site keeps the map of the first
+STRETCH_M of training; what its network and its verdict learned stays. Scans are chosen by where
+they were taken and by what has changed there, never by what the site answers.
+"""
+
+import sys
+from collections import Counter
+from datetime import date
+from pathlib import Path
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from pipeline.online.example import SCANS, SITE, ExampleScan
+from pipeline.online.inputs import Scan, scans
+from pipeline.online.site import Site
+from pipeline.online.site_file import Arrays, read, write
+from pipeline.posing.verdict import NEAR_M, right
+from pipeline.replacing import replace
+
+STRETCH_M = 300.0
+SEEN_M = 5.0
+"""A place counts as learned if training passed so near."""
+WALL_M = 0.5
+"""Points below are ground, which does not change."""
+EVERY = 5
+"""Of the drives, every so many scans near the stretch and away from it are asked."""
+CHANGED_M = 0.5
+"""A point has changed if the map has none so near."""
+
+
+def main(whole: Path, logs: Path) -> None:
+    """Cut, choose, write, and ask."""
+    parts = read(whole)
+    write(SITE, parts._replace(arrays=stretch(parts.arrays)))
+    site = Site.open(SITE)
+    learned_day = site.description.provenance.train
+    days = [path.name for path in sorted(logs.iterdir()) if path.is_dir()]
+    later = [day for day in days if day != learned_day]
+    drives = {
+        day: list(scans(str(logs / day), site.description.reader, site.description.sensor.lift_m))
+        for day in later
+    }
+    last = later[-1]
+    chosen = {
+        "learned_place": (middle(site, drives[last]), "a place that was learned"),
+        "changed_place": (most_changed(site, drives[last]), "a learned place that has changed"),
+        "elsewhere": (farthest(site, drives[last]), "a place that the map does not have"),
+    }
+    entries = {}
+    for name, (scan, what) in chosen.items():
+        after = (date.fromisoformat(last) - date.fromisoformat(learned_day)).days
+        example = ExampleScan(name, last, f"{after} days later, {what}", scan.world_T_scan)
+        np.save(example.path, scan.points().astype(np.float32))
+        entries[name] = {
+            "day": example.day,
+            "about": example.about,
+            "world_T_scan": scan.world_T_scan.round(9).tolist(),
+        }
+    with replace(SCANS) as scratch:
+        text = yaml.safe_dump(entries, sort_keys=False, default_flow_style=None, width=100)
+        scratch.write_text(f"# Simulated. Written by `make example`.\n{text}", encoding="utf-8")
+    for day, drive in drives.items():
+        print(f"{day}: {answered(site, drive)}", flush=True)
+
+
+def stretch(arrays: Arrays) -> Arrays:
+    """The arrays of a map without the submaps after the first STRETCH_M of path."""
+    steps_m = np.linalg.norm(np.diff(arrays["world_T_anchor"][:, :2, 3], axis=0), axis=1)
+    count = int(np.searchsorted(np.cumsum(steps_m), STRETCH_M)) + 1
+    return {
+        **arrays,
+        "world_T_anchor": arrays["world_T_anchor"][:count],
+        "offsets": arrays["offsets"][: count + 1],
+        "points": arrays["points"][: arrays["offsets"][count]],
+    }
+
+
+def away_m(site: Site, drive: list[Scan]) -> NDArray[np.float64]:
+    """How far (scan,) each was taken from the nearest submap of training."""
+    tree = KDTree(site.targets.world_T_anchor[:, :2, 3])
+    return np.asarray(tree.query(np.stack([scan.world_T_scan[:2, 3] for scan in drive]))[0])
+
+
+def middle(site: Site, drive: list[Scan]) -> Scan:
+    """The scan half way along the learned part of a drive."""
+    seen = np.flatnonzero(away_m(site, drive) < SEEN_M)
+    return drive[int(seen[len(seen) // 2])]
+
+
+def farthest(site: Site, drive: list[Scan]) -> Scan:
+    """The scan farthest from training."""
+    return drive[int(away_m(site, drive).argmax())]
+
+
+def most_changed(site: Site, drive: list[Scan]) -> Scan:
+    """The scan of a learned place of whose standing things the map has the least share."""
+    parts = [
+        site.targets.points_m(row) @ pose[:3, :3].T + pose[:3, 3]
+        for row, pose in enumerate(site.targets.world_T_anchor)
+    ]
+    tree = KDTree(np.concatenate(parts))
+    shares = np.full(len(drive), np.inf)
+    for row in np.flatnonzero(away_m(site, drive) < SEEN_M).tolist():
+        points_m = drive[row].points()
+        points_m = points_m[points_m[:, 2] > WALL_M]
+        pose = drive[row].world_T_scan
+        distance_m, _ = tree.query(points_m @ pose[:3, :3].T + pose[:3, 3])
+        shares[row] = np.mean(np.asarray(distance_m) < CHANGED_M)
+    return drive[int(shares.argmin())]
+
+
+def answered(site: Site, drive: list[Scan]) -> str:
+    """Count what the site answers to some scans of a drive, and how often that is right.
+
+    An accepted pose is right within 2 m and 5°, another answer within 15 m of the true place.
+    """
+    counts: Counter[str] = Counter()
+    distances_m = away_m(site, drive)
+    for is_known in (True, False):
+        rows = np.flatnonzero((distances_m < SEEN_M) == is_known)
+        for row in rows[:: EVERY if is_known else 2 * EVERY].tolist():
+            scan = drive[row]
+            fix = site.localize(scan.points())
+            away = np.linalg.norm(fix.world_T_sensor[:2, 3] - scan.world_T_scan[:2, 3])
+            good = right(fix.world_T_sensor[None], scan.world_T_scan[None])[0]
+            is_right = good if fix.verdict == "accepted" else away < NEAR_M
+            where = "learned" if is_known else "not in the map"
+            counts[f"{where}, {fix.verdict}, {'right' if is_right else 'wrong'}"] += 1
+    return "; ".join(f"{count} {what}" for what, count in sorted(counts.items()))
+
+
+if __name__ == "__main__":
+    main(*map(Path, sys.argv[1:]))

@@ -1,0 +1,66 @@
+"""`yearloc example`: a site that is ready, asked about three scans."""
+
+from typing import TYPE_CHECKING
+
+from pipeline.cli.kernels import tell_cold
+
+if TYPE_CHECKING:
+    from pipeline.frames import Poses
+    from pipeline.online.example import ExampleScan
+    from pipeline.online.site import Fix, Word
+
+MEANING: dict["Word", str] = {
+    "accepted": "right with the promised precision of {promise:g}",
+    "near": "the pose is not believed, but that it is at most 15 m off is",
+    "ambiguous": "it has this pose or that of a runner-up",
+    "rejected": "nothing is believed; it may be from elsewhere",
+    "no pose": "too few points, or nothing fits",
+}
+"""What each verdict says."""
+PROMISE = 0.99
+
+
+def example() -> None:
+    """Ask a ready site about three scans of later days: simulated, nothing else is needed."""
+    import numpy as np
+
+    from pipeline.online.example import SITE, scans
+    from pipeline.online.site import Site
+
+    site = Site.open(SITE)
+    steps_m = np.linalg.norm(np.diff(site.targets.world_T_anchor[:, :2, 3], axis=0), axis=1)
+    print(
+        f"{SITE.name}, simulated: {steps_m.sum():.0f} m of a campus, learned on "
+        f"{site.description.provenance.train}; {SITE.stat().st_size / 1e6:.1f} MB"
+    )
+    tell_cold()
+    for scan in scans():
+        fix = site.localize(scan.points_m(), PROMISE)
+        print("", *lines(scan, fix), sep="\n", flush=True)
+
+
+def lines(scan: "ExampleScan", fix: "Fix") -> list[str]:
+    """What a site answers to one scan, and how far that is from the truth."""
+    from pipeline.frames import apart
+
+    rows = [("verdict", f"{fix.verdict}: {MEANING[fix.verdict].format(promise=PROMISE)}")]
+    if fix.verdict != "no pose":
+        away_m, turn_deg = apart(fix.world_T_sensor[None], scan.world_T_scan[None])
+        chance = f"chance {1 - fix.novelty:.3f}, {away_m[0]:.2f} m and {turn_deg[0]:.1f}° off"
+        rows.append(("pose", f"{_pose(fix.world_T_sensor)}; {chance}"))
+    rows += [
+        ("runner-up", f"{_pose(other.world_T_sensor)}; chance {other.chance:.3f}")
+        for other in fix.runners_up[:1]
+    ]
+    heading = f"{scan.path.name}, {scan.day}: {scan.about}"
+    return [heading, *(f"  {name:<10} {text}" for name, text in rows)]
+
+
+def _pose(world_T_sensor: "Poses") -> str:
+    import numpy as np
+
+    from pipeline.frames import yaw
+
+    x_m, y_m = world_T_sensor[:2, 3]
+    heading_deg = float(np.rad2deg(yaw(world_T_sensor[None])[0]))
+    return f"x {x_m:.2f} m, y {y_m:.2f} m, heading {heading_deg:.1f}°"

@@ -1,0 +1,48 @@
+"""ONNX models made smaller: without the exporter's notes, with weights as 8-bit integers."""
+
+from typing import Any
+
+import numpy as np
+
+LARGE = 1000
+"""Weights of fewer numbers stay as they are."""
+STEPS = 127
+
+
+def without_notes(model: Any) -> Any:
+    """The onnx.ModelProto itself, without notes on the code and the folders it was exported from.
+
+    So the bytes do not depend on where the project lies.
+    """
+    model.ClearField("metadata_props")
+    graph = model.graph
+    graph.ClearField("metadata_props")
+    for entries in (graph.node, graph.initializer, graph.value_info, graph.input, graph.output):
+        for entry in entries:
+            entry.ClearField("metadata_props")
+            entry.ClearField("doc_string")
+    return model
+
+
+def with_small_weights(model: Any) -> Any:
+    """The onnx.ModelProto itself, its large float32 weights stored in steps of 8 bits.
+
+    Each row along the first axis has a scale of its own, so that its largest weight is STEPS steps.
+    """
+    from onnx import helper, numpy_helper
+
+    graph = model.graph
+    for weights in list(graph.initializer):
+        values = numpy_helper.to_array(weights)
+        if values.dtype != np.float32 or values.size < LARGE:
+            continue
+        rows = values.reshape(len(values), -1)
+        scale = np.maximum(np.abs(rows).max(axis=1), np.finfo(np.float32).tiny) / STEPS
+        steps = np.rint(rows / scale[:, None]).astype(np.int8).reshape(values.shape)
+        name = weights.name
+        graph.initializer.remove(weights)
+        graph.initializer.append(numpy_helper.from_array(steps, f"{name}_steps"))
+        graph.initializer.append(numpy_helper.from_array(scale.astype(np.float32), f"{name}_scale"))
+        inputs = [f"{name}_steps", f"{name}_scale"]
+        graph.node.insert(0, helper.make_node("DequantizeLinear", inputs, [name], axis=0))
+    return model

@@ -1,0 +1,213 @@
+"""The moving picture of one test day in 3-D: the robot seen from behind, driving through its map.
+
+The map is grey. Each scan lies on it where it was registered, in the colour of its verdict. A dot
+stays where the robot was, and the count of accepted, wrong and refused poses runs along.
+"""
+
+from collections.abc import Iterator, Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.font_manager import findfont
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
+
+from pipeline.frames import Poses, yaw
+from pipeline.report.figures import animation
+from pipeline.report.figures.believed import BelievedDrive
+from pipeline.report.figures.style import SIMULATED
+from pipeline.running.progress import Progress
+
+WIDTH_PX = 800
+HEIGHT_PX = 450
+FRAMES = 90
+"""At most so many."""
+BEHIND_M = 26.0
+ABOVE_M = 17.0
+AHEAD_M = 14.0
+"""The camera is so far behind the robot and above it, and looks at a point so far ahead."""
+FOCAL_PX = 520.0
+NEAREST_M = 4.0
+FARTHEST_M = 90.0
+"""Points nearer to the camera or farther off are not drawn."""
+LARGE_M = 45.0
+"""Map points nearer than this are two pixels wide; a scan's all are."""
+ACCEPTED = "#1878C7"
+REFUSED = "#D55E00"
+WRONG = "#000000"
+INK = "#222222"
+GREY = "#6E6E6E"
+GREYS = ("#7A7A7A", "#8E8E8E", "#A3A3A3", "#B8B8B8", "#CCCCCC", "#DDDDDD")
+"""Of map points, from near to far."""
+PLAN_PX = (170, 150)
+"""The plan of the whole drive, in the lower right corner."""
+TEXT_PX = 15
+
+
+def write(drive: BelievedDrive, path: Path, progress: Progress) -> tuple[int, int]:
+    """Write the picture as .gif, .webp or (animated) .png; returns its frames and bytes.
+
+    Same artifacts, same bytes. Raises ConfigError for another ending.
+    """
+    shown = animation.spread(len(drive.accepted), FRAMES)
+    inks = (ACCEPTED, REFUSED, WRONG, INK, GREY)
+    greys = np.array([_rgb(grey) for grey in GREYS], np.uint8)
+    table = animation.palette(inks, greys)
+    drawn = progress.track(frames(drive, shown), len(shown), "frames")
+    return animation.save(drawn, path, table)
+
+
+def frames(drive: BelievedDrive, shown: NDArray[np.int64]) -> Iterator[NDArray[np.uint8]]:
+    """Draw a frame (height, width, 3) for each query of `shown`."""
+    counts = drive.counts
+    for query in shown.tolist():
+        yield frame(drive, query, counts[:, query].tolist())
+
+
+def frame(drive: BelievedDrive, query: int, counts: Sequence[int]) -> NDArray[np.uint8]:
+    """Draw the frame (height, width, 3) at a query, with the counts up to it."""
+    camera_T_world = chase(drive.world_T_true[query])
+    pixels = np.full((HEIGHT_PX, WIDTH_PX, 3), 255, np.uint8)
+    splat(pixels, camera_T_world, drive.map_m, GREYS)
+    ink = ACCEPTED if drive.accepted[query] else REFUSED
+    splat(pixels, camera_T_world, drive.walls_m(query), (ink,), over=True)
+    image = Image.fromarray(pixels)
+    draw = ImageDraw.Draw(image)
+    _dots(draw, drive, query, camera_T_world)
+    _robot(draw, drive.world_T_true[query], camera_T_world)
+    _plan(draw, drive, query)
+    _words(draw, drive, query, counts)
+    return np.asarray(image)
+
+
+def chase(world_T_robot: Poses) -> Poses:
+    """The inverse pose (4, 4) of a camera behind a robot: x right, y down, z ahead."""
+    turn_rad = float(yaw(world_T_robot[None])[0])
+    ahead = np.array([np.cos(turn_rad), np.sin(turn_rad), 0.0])
+    robot_m = world_T_robot[:3, 3]
+    eye_m = robot_m - BEHIND_M * ahead + (0.0, 0.0, ABOVE_M)
+    looks = robot_m + AHEAD_M * ahead - eye_m
+    looks /= np.linalg.norm(looks)
+    to_right = np.array([ahead[1], -ahead[0], 0.0])
+    camera_T_world = np.eye(4)
+    camera_T_world[:3, :3] = [to_right, np.cross(looks, to_right), looks]
+    camera_T_world[:3, 3] = -camera_T_world[:3, :3] @ eye_m
+    return camera_T_world
+
+
+def projected(
+    camera_T_world: Poses, points_m: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The pixels (n, 2) and depths (n,) in metres of points (n, 3) before the camera.
+
+    Points outside the picture, too near or too far are left out.
+    """
+    seen_m = points_m @ camera_T_world[:3, :3].T + camera_T_world[:3, 3]
+    depth_m = seen_m[:, 2]
+    inside = np.asarray((depth_m > NEAREST_M) & (depth_m < FARTHEST_M))
+    seen_m = seen_m[inside]
+    depth_m = depth_m[inside]
+    at_px = seen_m[:, :2] * (FOCAL_PX / depth_m)[:, None] + (WIDTH_PX / 2, HEIGHT_PX / 2)
+    shown = ((at_px >= 0) & (at_px < (WIDTH_PX - 1, HEIGHT_PX - 1))).all(axis=1)
+    return at_px[shown], depth_m[shown]
+
+
+def splat(
+    pixels: NDArray[np.uint8],
+    camera_T_world: Poses,
+    points_m: NDArray[np.float64],
+    inks: Sequence[str],
+    over: bool = False,
+) -> None:
+    """Draw points (n, 3), far ones first, in inks from near to far; `over` makes all large."""
+    at_px, depth_m = projected(camera_T_world, points_m)
+    order = np.argsort(-depth_m, kind="stable")
+    columns, rows = at_px[order].astype(np.int64).T
+    shade = (depth_m[order] / FARTHEST_M * len(inks)).astype(np.int64)
+    colours = np.array([_rgb(ink) for ink in inks], np.uint8)[shade]
+    pixels[rows, columns] = colours
+    large = np.full(len(shade), True) if over else depth_m[order] < LARGE_M
+    for down, along in ((0, 1), (1, 0), (1, 1)):
+        pixels[rows[large] + down, columns[large] + along] = colours[large]
+
+
+def _dots(
+    draw: ImageDraw.ImageDraw, drive: BelievedDrive, query: int, camera_T_world: Poses
+) -> None:
+    """Draw on the ground where the robot was, in the colours of verdicts, refused ones larger."""
+    ground_m = drive.world_T_true[: query + 1, :3, 3]
+    for accepted, ink, radius_m in ((True, ACCEPTED, 0.35), (False, REFUSED, 0.8)):
+        chosen = ground_m[drive.accepted[: query + 1] == accepted]
+        at_px, depth_m = projected(camera_T_world, chosen)
+        for (x, y), radius_px in zip(
+            at_px.tolist(), (radius_m * FOCAL_PX / depth_m).tolist(), strict=True
+        ):
+            flat_px = radius_px * 0.5
+            draw.ellipse((x - radius_px, y - flat_px, x + radius_px, y + flat_px), fill=ink)
+
+
+def _robot(draw: ImageDraw.ImageDraw, world_T_robot: Poses, camera_T_world: Poses) -> None:
+    """Draw the robot as an arrow on the ground."""
+    corners_m = np.array([(3.2, 0, 0), (-2.0, 1.6, 0), (-1.0, 0, 0), (-2.0, -1.6, 0)])
+    at_px, _ = projected(camera_T_world, corners_m @ world_T_robot[:3, :3].T + world_T_robot[:3, 3])
+    draw.polygon([tuple(corner) for corner in at_px.tolist()], fill=INK)
+
+
+def _plan(draw: ImageDraw.ImageDraw, drive: BelievedDrive, query: int) -> None:
+    """Draw the whole drive from above, what lies behind the robot in the colours of verdicts."""
+    xy_m = drive.world_T_true[:, :2, 3]
+    low_m = xy_m.min(axis=0)
+    scale = float((np.array(PLAN_PX) / np.maximum(np.ptp(xy_m, axis=0), 1.0)).min())
+    corner_px = np.array((WIDTH_PX - 14, HEIGHT_PX - 14)) - PLAN_PX
+    at_px = (xy_m - low_m) * scale
+    at_px[:, 1] = np.ptp(xy_m[:, 1]) * scale - at_px[:, 1]
+    at_px += corner_px + PLAN_PX - at_px.max(axis=0)
+    draw.rectangle(
+        (*(at_px.min(axis=0) - 9).tolist(), *(at_px.max(axis=0) + 9).tolist()), fill="#FFFFFF"
+    )
+    draw.line([tuple(at) for at in at_px.tolist()], fill=GREYS[3], width=1)
+    for accepted, ink, radius_px in ((True, ACCEPTED, 1), (False, REFUSED, 2)):
+        for x, y in at_px[: query + 1][drive.accepted[: query + 1] == accepted].tolist():
+            draw.ellipse((x - radius_px, y - radius_px, x + radius_px, y + radius_px), fill=ink)
+    wrong = drive.accepted & ~drive.right
+    for x, y in at_px[: query + 1][wrong[: query + 1]].tolist():
+        draw.line((x - 4, y - 4, x + 4, y + 4), fill=WRONG, width=2)
+        draw.line((x - 4, y + 4, x + 4, y - 4), fill=WRONG, width=2)
+    x, y = at_px[query].tolist()
+    draw.ellipse((x - 4, y - 4, x + 4, y + 4), fill=INK)
+
+
+def _words(
+    draw: ImageDraw.ImageDraw, drive: BelievedDrive, query: int, counts: Sequence[int]
+) -> None:
+    """Write the days, what is promised, the counts so far, and the verdict on this scan."""
+    data = SIMULATED if drive.simulated else "recorded"
+    promise = "nothing can be promised" if drive.promise is None else f"promise {drive.promise:g}"
+    draw.rectangle((0, 0, WIDTH_PX, 50), fill="#FFFFFF")
+    draw.text((14, 8), drive.title, INK, _font(TEXT_PX + 2, bold=True))
+    draw.text((14, 30), f"{drive.where}, {drive.model}, {promise}", GREY, _font(TEXT_PX - 2))
+    draw.text((WIDTH_PX - 14, 8), data, GREY, _font(TEXT_PX), anchor="ra")
+    verdict = ("accepted", ACCEPTED) if drive.accepted[query] else ("refused", REFUSED)
+    draw.text((WIDTH_PX - 14, 29), verdict[0], verdict[1], _font(TEXT_PX, bold=True), anchor="ra")
+    accepted, wrong, refused, wrong_refused = counts
+    rows = (
+        (f"{accepted} accepted", ACCEPTED),
+        (f"{wrong} wrong among them", WRONG),
+        (f"{refused} refused, {wrong_refused} wrong among them", REFUSED),
+    )
+    draw.rectangle((0, HEIGHT_PX - 78, 385, HEIGHT_PX), fill="#FFFFFF")
+    for number, (text, ink) in enumerate(rows):
+        draw.text((14, HEIGHT_PX - 72 + 22 * number), text, ink, _font(TEXT_PX + 2, bold=True))
+
+
+@cache
+def _font(size_px: int, bold: bool = False) -> Any:
+    """A font that comes with matplotlib."""
+    return ImageFont.truetype(findfont(f"DejaVu Sans:{'bold' if bold else 'regular'}"), size_px)
+
+
+def _rgb(ink: str) -> tuple[int, int, int]:
+    red, green, blue = bytes.fromhex(ink.removeprefix("#"))
+    return red, green, blue

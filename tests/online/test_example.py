@@ -1,0 +1,74 @@
+"""The site and the scans that come with the package: what they answer, by command and in Python."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.cli import main
+from pipeline.frames import apart
+from pipeline.online.example import FOLDER, SITE, scans
+from pipeline.online.site import Site
+
+ROOT = Path(__file__).parents[2]
+LARGEST_BYTES = 5e6
+PYTHON = re.compile(r"```python\n(.*?)```", re.DOTALL)
+
+
+@pytest.fixture(scope="module")
+def site() -> Site:
+    return Site.open(SITE)
+
+
+def test_what_comes_with_the_package_is_small_and_simulated(site: Site) -> None:
+    assert sum(path.stat().st_size for path in FOLDER.iterdir() if path.is_file()) < LARGEST_BYTES
+    assert site.description.simulated
+    assert 0.99 in site.promises
+
+
+def test_a_learned_place_is_accepted_and_right_and_one_from_elsewhere_is_not_believed(
+    site: Site,
+) -> None:
+    learned, changed, elsewhere = scans()
+    fix = site.localize(learned.points_m())
+    away_m, turn_deg = apart(fix.world_T_sensor[None], learned.world_T_scan[None])
+    assert fix.verdict == "accepted"
+    assert (away_m[0], turn_deg[0]) < (2.0, 5.0)
+    assert site.localize(elsewhere.points_m()).verdict in ("rejected", "no pose")
+    of_changed = site.localize(changed.points_m())
+    away_m, turn_deg = apart(of_changed.world_T_sensor[None], changed.world_T_scan[None])
+    assert of_changed.verdict != "accepted" or (away_m[0] < 2.0 and turn_deg[0] < 5.0)
+
+
+def test_the_command_tells_pose_chance_verdict_and_how_far_that_is_from_the_truth(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    main(["example"])
+    text = capsys.readouterr().out
+    assert "simulated" in text.splitlines()[0]
+    first, *others = text.split("\n\n")[1:]
+    assert len(others) == 2
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert re.sub(r"\d", "0", text.strip()) in re.sub(r"\d", "0", readme)
+    assert re.search(r"verdict +accepted: ", first)
+    pose = r"pose +x -?\d+\.\d\d m, y -?\d+\.\d\d m, heading -?\d+\.\d°"
+    assert re.search(rf"{pose}; chance [01]\.\d{{3}}, 0\.\d\d m and 0\.\d° off", first)
+    assert "verdict    rejected: " in others[1] or "verdict    no pose: " in others[1]
+
+
+def test_readmes_python_runs_and_prints_an_accepted_pose(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    (code,) = PYTHON.findall((ROOT / "README.md").read_text(encoding="utf-8"))
+    assert len([line for line in code.splitlines() if line]) <= 10
+    exec(code, {})
+    assert re.search(r"\[\[ ?-?\d\.\d+", capsys.readouterr().out)
+
+
+def test_the_scans_are_points_in_metres_with_the_ground_at_0() -> None:
+    for scan in scans():
+        points_m = scan.points_m()
+        assert points_m.ndim == 2
+        assert points_m.dtype == np.float32
+        assert abs(np.median(points_m[np.abs(points_m[:, :2]).max(axis=1) < 5, 2])) < 0.2
