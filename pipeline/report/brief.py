@@ -11,7 +11,7 @@ from rich.text import Text
 
 from pipeline.evaluation.doubts import VOID
 from pipeline.report.result import Scores, day, ranked, read_scores
-from pipeline.report.sections.lifelong_numbers import (
+from pipeline.report.strategies import (
     PROTOCOL,
     by_order,
     by_strategy,

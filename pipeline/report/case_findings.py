@@ -6,9 +6,18 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.report.comparison import AUC, FAR, KEPT, OFF, RECALL, Comparison, Kind, Measure
+from pipeline.report.comparison import (
+    AUC,
+    FAR,
+    KEPT,
+    OFF,
+    RECALL,
+    Comparison,
+    Kind,
+    Measure,
+    Measurement,
+)
 from pipeline.report.findings import Finding
-from pipeline.report.measurement import Measurement
 from pipeline.report.table import average
 
 # who keeps this share of its AUC has kept it, and who is right at this share of the queries is

@@ -5,8 +5,7 @@ from collections.abc import Iterator
 
 from pipeline.report import findings, tables, viewpoint_tables
 from pipeline.report.render import caption, sentence, words
-from pipeline.report.sections import lifelong_tables
-from pipeline.report.sections.lifelong_numbers import by_order, read_strategies
+from pipeline.report.strategies import by_order, of_order, read_strategies
 from pipeline.report.study import Study
 from pipeline.report.table import WIDEST
 
@@ -35,7 +34,7 @@ def _blocks(study: Study) -> Iterator[str]:
         for order, strategies in by_order(read_strategies(study.rows)).items():
             yield from (
                 _wrap(caption(order_table)) + "\n" + order_table.text()
-                for order_table in lifelong_tables.of_order(order, strategies)
+                for order_table in of_order(order, strategies)
             )
     elif study.settings.bird_view_methods:
         yield (

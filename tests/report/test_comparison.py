@@ -5,8 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from pipeline.report.comparison import AUC, FAR, KEPT, OFF, ONE_SEED, Comparison, Kind
-from pipeline.report.measurement import Measurement
+from pipeline.report.comparison import AUC, FAR, KEPT, OFF, ONE_SEED, Comparison, Kind, Measurement
 from tests.report.figures.made import BUILT, COMPARED, DAYS, TURNED, compared
 
 NAN = np.nan

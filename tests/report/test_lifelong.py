@@ -12,9 +12,14 @@ from pipeline.evaluation.results import where
 from pipeline.report import report, terminal
 from pipeline.report.brief import brief
 from pipeline.report.render import sentence
-from pipeline.report.sections.lifelong_findings import findings
-from pipeline.report.sections.lifelong_numbers import StrategyNumbers, read_strategies
-from pipeline.report.sections.lifelong_tables import asked_days, counts, of_order
+from pipeline.report.strategies import (
+    StrategyNumbers,
+    asked_days,
+    counts,
+    findings,
+    of_order,
+    read_strategies,
+)
 from pipeline.report.study import Study
 from tests.report import learned
 from tests.report.studied import FEW

@@ -8,8 +8,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from pipeline.report.comparison import Measurement
 from pipeline.report.figures.style import QUIET, VEIL, folded, look
-from pipeline.report.measurement import Measurement
 from pipeline.studies.colours import marker
 
 LINE_IN = 0.125  # height of a line of text

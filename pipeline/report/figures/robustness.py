@@ -22,6 +22,7 @@ from pipeline.report.comparison import (
     Comparison,
     Kind,
     Measure,
+    Measurement,
 )
 from pipeline.report.figures.panels import (
     LINE_IN,
@@ -44,7 +45,6 @@ from pipeline.report.figures.style import (
     styled,
     tints,
 )
-from pipeline.report.measurement import Measurement
 from pipeline.studies.colours import colour, method_of
 
 MARKERS = "osD^vP"

@@ -18,7 +18,8 @@ MOST_M = 1e3
 RIGHT = "#6BB6E8"
 WRONG = "#B2182B"
 LARGEST = 60.0
-"""Square points of the marker of chances that all queries have."""
+SMALLEST = 4.0
+"""Square points of the marker of chances that all queries have, and that few have."""
 
 
 @styled
@@ -80,7 +81,7 @@ def chances(group: Sequence[Result]) -> Figure:
         axis.plot([0, 1], [0, 1], **MARK)
         axis.vlines(chance, chance, right, color=WRONG, lw=0.9, alpha=0.7, zorder=2)
         axis.plot(chance, right, color=tint, lw=0.8, zorder=2)
-        area = LARGEST * bins.count[full] / bins.count.sum()
+        area = np.maximum(LARGEST * bins.count[full] / bins.count.sum(), SMALLEST)
         axis.scatter(chance, right, area, tint, linewidths=0, alpha=0.8, zorder=3, clip_on=False)
         ece = fixed(result.number("distance", "pose_ece"), 3)
         in_corner(axis, 0, f"ECE {ece}", "0.25")

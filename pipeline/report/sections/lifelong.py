@@ -12,17 +12,17 @@ from pipeline.report.figures import lifelong
 from pipeline.report.figures.style import illustrate
 from pipeline.report.render import anchor
 from pipeline.report.section import Illustration, Section
-from pipeline.report.sections.lifelong_findings import findings
-from pipeline.report.sections.lifelong_numbers import (
+from pipeline.report.strategies import (
     GROWN,
     PROTOCOL,
     UPDATED,
     UPDATES,
     StrategyNumbers,
     by_order,
+    findings,
+    of_order,
     read_strategies,
 )
-from pipeline.report.sections.lifelong_tables import of_order
 from pipeline.report.study import Study
 from pipeline.schemas import Lifelong
 from pipeline.store import Artifact
