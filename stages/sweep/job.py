@@ -36,6 +36,8 @@ from stages import ROOT
 from stages.sweep.settings import Composer, listed, own_fields
 
 SWEEPS = Path(".sweeps")
+EMPTY = "absent"
+"""The stage of empty folders: no work, so it is not counted."""
 CORRECTABLE = (YearlocError, HydraException, OmegaConfBaseException)  # what a person can put right
 
 ConfigStore.instance().store("stage_fields", OmegaConf.create(own_fields()))
@@ -99,7 +101,8 @@ def run_chain(cfg: DictConfig, overrides: Mapping[str, str], dataset: str) -> di
     unseen_share = composer.config(step_of["localize"], {}).rejection.unseen_share
     rows = list(results(chain_job, step_of["evaluate"], step_of["train"], unseen_share))
     return {"rows": rows} | {
-        name: dict(getattr(chain_job, name)) for name in ("from_dvc", "from_sweeps", "built")
+        name: {stage: n for stage, n in getattr(chain_job, name).items() if stage != EMPTY}
+        for name in ("from_dvc", "from_sweeps", "built")
     }
 
 
