@@ -4,6 +4,7 @@ from pipeline.evaluation.judgement import Evaluations
 from pipeline.evaluation.viewpoints import ViewpointMatches
 from pipeline.schemas import (
     VIEW_KINDS,
+    Estimates,
     Fixes,
     Labels,
     Lifelong,
@@ -17,6 +18,7 @@ from pipeline.store import Artifact
 KINDS: dict[str, type[Artifact]] = {
     kind.kind: kind
     for kind in (
+        Estimates,
         Scans,
         Submaps,
         *VIEW_KINDS,
