@@ -122,7 +122,6 @@ def test_a_variant_may_look_at_another_view() -> None:
     for model, view in (("sci", "sc"), ("sci-own", "sc"), ("sci-other", "sc2")):
         assert lists["models"][f"one-10m-{model}"]["view"] == view
         assert lists["rankings"][f"one-10m-{model}"]["view"] == view
-        assert lists["rankings"][f"one-10m-{model}"]["altered"] == f"artifacts/altered/one/{view}"
     assert lists["models"]["one-10m-sci-other"]["recipe"] == "method=sci method.view=sc2"
 
 
