@@ -202,7 +202,7 @@ class Evaluation:
         judged = self.distance.outcome != NOT_JUDGED
         accepted = np.isin(self.distance.outcome, (HIT, FALSE_ALARM))
         wrong = judged & ~(self.distance.seen & (self.distance.true_rank == 0))
-        if not np.isnan(self.promised):
+        if not np.isnan(self.reject_pose_from):
             accepted, right = self.fixes
             judged = np.ones(len(right), bool)
             wrong = ~right & ~np.isnan(self.pose_error_m)

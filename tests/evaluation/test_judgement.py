@@ -485,7 +485,7 @@ def test_accepted_poses_are_counted_by_what_they_promise() -> None:
     second, the sixth (50 m off), and the last, which has no pose and so no wrong one."""
     posed = replace(
         seven_queries(),
-        promised=0.35,
+        reject_pose_from=0.35,
         pose_error_m=np.array([0, 0, 3, 0, 0, 50, np.nan]),
         pose_error_deg=np.array([0, 0, 0, 0, 6, 0, np.nan]),
     )
