@@ -23,7 +23,7 @@ from benchmarks.faults import EVER_S, SIGNALS, digest, stopped
 YEARLOC = f"{sys.executable} -m pipeline.cli"
 MADE = """\
 base: http://127.0.0.1:PORT/
-archives: [{path: made.tar.gz, holds: made}]
+archives: [{path: made.tar.gz, target: made}]
 sequence: made
 sequences: [made]
 """

@@ -22,7 +22,7 @@ Layout = Literal["odom_T_scan", "world_T_scan"]
 
 
 @dataclass(frozen=True, eq=False)
-class Scans(Artifact, kind="scans", version=1):
+class Scans(Artifact, kind="scans", version=2):
     """The scans of one sequence with their poses; sweeps, of a 2-D LiDAR."""
 
     points: Annotated[
@@ -55,9 +55,66 @@ class Scans(Artifact, kind="scans", version=1):
             unit="m",
         ),
     ]
+    odom_variance: Annotated[
+        NDArray[np.float64],
+        Array(
+            ("scan", "gathered"),
+            "variance that the odometry says it gathered since its start: of the position (mean of "
+            "x and y), of the heading; NaN where it says nothing",
+            unit="m², rad²",
+        ),
+    ]
     grain_m: Annotated[float, "metres per unit of points"]
     skipped: Annotated[Mapping[str, int], "scans of the log that are not here: reason to count"]
     clipped: Annotated[int, "points beyond the 16-bit range that were dropped"]
+
+
+@dataclass(frozen=True, eq=False)
+class Estimates(Artifact, kind="slam", version=1):
+    """The poses of one log by its scans alone."""
+
+    stamps_ns: Annotated[NDArray[np.int64], Array(("scan",), "when it was taken", unit=SINCE_1970)]
+    odom_T_scan: Annotated[
+        NDArray[np.float64],
+        Array(
+            ("scan", "row", "col"), "by registration, before any loop; anew after a break", unit="m"
+        ),
+    ]
+    world_T_scan: Annotated[
+        NDArray[np.float64],
+        Array(
+            ("scan", "row", "col"),
+            "the result; NaN of what is not joined with the longest part, or with the map",
+            unit="m",
+        ),
+    ]
+    overlap: Annotated[
+        NDArray[np.float64],
+        Array(("scan",), "share of what stands in it or the scan before that both have"),
+    ]
+    by_log: Annotated[
+        NDArray[np.bool_], Array(("scan",), "the step to it is the log's own odometry")
+    ]
+    breaks: Annotated[
+        NDArray[np.int64], Array(("break",), "scans that nothing joins with the one before")
+    ]
+    fixed: Annotated[
+        NDArray[np.int64], Array(("fix",), "scans that were found on the training sequence's map")
+    ]
+    earlier: Annotated[NDArray[np.int64], Array(("loop",), "the earlier scan of a loop")]
+    later: Annotated[NDArray[np.int64], Array(("loop",), "the later scan of a loop")]
+    earlier_T_later: Annotated[
+        NDArray[np.float64],
+        Array(("loop", "row", "col"), "the later scan's pose in the earlier one's frame", unit="m"),
+    ]
+    residual_m: Annotated[
+        NDArray[np.float64], Array(("loop",), "between that pose and the result", unit="m")
+    ]
+    residual_deg: Annotated[
+        NDArray[np.float64], Array(("loop",), "between that pose and the result", unit="degree")
+    ]
+    used: Annotated[NDArray[np.bool_], Array(("loop",), "False of a loop that the others overrule")]
+    skipped: Annotated[Mapping[str, int], "scans without a pose: reason to count"]
 
 
 @dataclass(frozen=True, eq=False)

@@ -59,7 +59,7 @@ def main(settings: Settings) -> str:
     submaps = store.read(settings.submaps / name, schemas.Submaps)
     views = {view: build("view", view) for view in dict.fromkeys(settings.contenders.values())}
     contenders = {
-        model: Contender(view, views[view], localizer(settings.models / f"{model}{store.MODEL}"))
+        model: contender(view, views[view], settings.models / f"{model}{store.MODEL}")
         for model, view in settings.contenders.items()
     }
     measured = Latency.measure(contenders, scans, submaps, settings.queries, settings.k)
@@ -78,11 +78,13 @@ def main(settings: Settings) -> str:
     return measured.line()
 
 
-def localizer(path: Path) -> Any:
+def contender(view: str, draw: Any, path: Path) -> Contender:
     """A stored model asked by its method, on one thread where the method has threads."""
     recipe = {name: plain(value) for name, value in store.read_recipe(path).items()}
     method = build_plain({**recipe, "threads": 1}, METHODS)
-    return method.localizer(store.read_model(path))
+    model = store.read_model(path)
+    describe = method.describer(model) if hasattr(method, "describer") else None
+    return Contender(view, draw, method.localizer(model), describe)
 
 
 if __name__ == "__main__":

@@ -9,6 +9,7 @@ from omegaconf import DictConfig
 
 from pipeline import schemas, store
 from pipeline.mapping.scans import Intake
+from pipeline.readers.estimated import posed
 from pipeline.readers.parts import open_part
 from pipeline.running.settings import NotNegative, Positive
 from stages import ProgressBar, stage
@@ -29,6 +30,8 @@ class Settings:
     root: Path
     """Folder of the logs."""
     sequence: str
+    slam: Path
+    """Folder of estimated poses; empty where the logs have their own."""
     grain_m: Positive
     every_m: NotNegative
     compute: DictConfig
@@ -38,6 +41,8 @@ class Settings:
 @stage("scans")
 def main(settings: Settings) -> str:
     log = open_part(settings.dataset.reader, settings.root, settings.sequence)
+    estimates = settings.slam / f"{settings.sequence}.zarr"
+    log = posed(log, estimates) if estimates.exists() else log
     intake = Intake(log, settings.grain_m, settings.every_m)
     attrs = {
         "grain_m": settings.grain_m,

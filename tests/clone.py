@@ -139,7 +139,8 @@ class Clone:
     def draw_small(self) -> None:
         """Draw Scan Contexts of 16 × 48, on which a network trains six times as fast."""
         for size, less in (("rings: 40", "rings: 16"), ("sectors: 120", "sectors: 48")):
-            self.edit("conf/view/scan_context.yaml", size, less)
+            for view in ("scan_context", "scan_context_authors"):
+                self.edit(f"conf/view/{view}.yaml", size, less)
 
     def edit(self, path: str, old: str, new: str) -> str:
         before = (self.folder / path).read_text()

@@ -128,7 +128,7 @@ def test_a_study_written_by_hand_may_leave_out_what_follows(project):
     by_hand(project, "    question: year\n", "")
     by_hand(
         project,
-        "    - name: sci\n      view: scan_context\n      code: pipeline/methods/sci.py\n",
+        "    - name: sci\n      view: scan_context_authors\n      code: pipeline/methods/sci.py\n",
         "    - sci\n",
     )
     by_hand(project, "      code: pipeline/methods/sad.py\n      stage: birdviews\n", "")
@@ -361,19 +361,21 @@ def test_a_simulated_study_of_viewpoints_stands_beside_one_of_the_year(project):
         ("use campus seeds=0", "expected a number from 1 to 100"),
         (
             "use campus question=robustness methods=sci variants=engaged",
-            "variants=engaged: expected some of 1way, 1way200, 24way, 4way, 4way200, 8way, 8way200",
+            "variants=engaged: expected some of 1way, 1way200, 24way, 4way, 4way200, 8way, 8way200, "
+            "grey, text",
         ),
         ("use campus question=robustness cells=10m", "cells=10m: expected some of 20m, 2m, 5m"),
-        ("use campus variants=4way", "variants=4way: expected some of engaged"),
+        ("use campus variants=4way", "variants=4way: expected some of authors, engaged"),
         (
             "use suburb question=viewpoints variants=4way",
-            "variants=4way: expected some of eight_headings, logistic, one_heading, paper, untrained",
+            "variants=4way: expected some of 30m, eight_headings, logistic, one_heading, paper, "
+            "per_metre, unforgetting, untrained",
         ),
         ("use campus altered=rain", "altered=rain: expected some of glance"),
         (
             "use campus question=robustness variants=5way",
             "variants=5way: expected some of 1way, 1way200, 24way, 4way, 4way200, 8way, 8way200, "
-            "engaged, grey",
+            "authors, engaged, grey, text",
         ),
         ("use moon", "expected one of bag, campus"),
         ("use nclt", "root=FOLDER"),
@@ -515,7 +517,7 @@ def test_a_slip_in_a_data_sets_yaml_is_one_line(project, capsys, old, new, said)
         ("    grids:", "    cells: [7m]\n    grids:", "the grid 7m; expected one of 10m"),
         ("glance", "rain", "the alteration rain; expected one of construction, demolition"),
         ("name: sci\n", "name: sco\n", "methods=sco: expected some of afl"),
-        ("view: scan_context\n", "view: mirror\n", "the view mirror"),
+        ("view: scan_context_authors\n", "view: mirror\n", "the view mirror"),
         ("single", "dual", "submap"),
         ("campus_demo", "moon", "the world moon"),
     ],

@@ -16,12 +16,12 @@ from pipeline.running.settings import Count, Seed, check
 
 @dataclass(frozen=True)
 class Turned:
-    """Rotates the points, not the columns of a view."""
+    """Turns the robot: its points are rotated, and the view is drawn anew from them."""
 
     repeats: Count = 5
     """Angles of each query."""
     seed: Seed = 0
-    """See pipeline.alterations."""
+    """Of the random angles (pipeline.alterations.generator)."""
 
     def __post_init__(self) -> None:
         check(self, "alteration")
@@ -40,6 +40,7 @@ class Turned:
         """
         if case.change == AS_DRIVEN:
             return points_m, 0.0
+        # each repeat takes a further number of the generator, which is the same for all repeats
         left_rad = float(rng.uniform(0, 2 * math.pi, case.repeat + 1)[-1])
         return turned(points_m, left_rad), left_rad
 
@@ -49,7 +50,7 @@ def turned(points_m: NDArray[np.floating], left_rad: float) -> NDArray[np.floati
     c = math.cos(left_rad)
     s = math.sin(left_rad)
     seen = points_m.copy()
-    (x, y) = points_m.T[:2]
+    x, y = points_m.T[:2]
     seen[:, 0] = c * x + s * y
     seen[:, 1] = c * y - s * x
     return seen

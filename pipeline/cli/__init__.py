@@ -2,7 +2,7 @@
 
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import typer
@@ -19,6 +19,7 @@ from pipeline.cli.project import refuse_code_of_another
 from pipeline.cli.repro import repair, repro
 from pipeline.cli.results import results
 from pipeline.cli.site import export, kernels, pack, serve, watch
+from pipeline.cli.slam import slam
 from pipeline.cli.studies import methods, use
 from pipeline.errors import YearlocError, refusal
 from pipeline.running.ending import end_when_asked
@@ -39,13 +40,14 @@ the chain runs on, and looks at what it made.
   yearloc fetch nclt 2012-01-15              the official archives
   yearloc inspect bags/monday --save conf/dataset/robot.yaml
   yearloc inspect 1326652795280148.bin --format nclt
+  yearloc slam bags/monday -o poses.txt      poses of a log that has none
   yearloc results                            the table; where the figures are
   yearloc pack campus/10m/sci_ring -o campus.site
   yearloc localize campus.site drive.mcap --json
 """
-GROUPS = {
+GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
     "see it work": (example,),
-    "get data": (fetch, inspect),
+    "get data": (fetch, inspect, slam),
     "build": (use, repro, repair),
     "look": (results, methods, picture, failures),
     "deploy": (pack, localize, watch, serve, grow, export, kernels),

@@ -53,7 +53,7 @@ def failures(
     else:
         from pipeline.online.site import Site
 
-        site = Site.open(Path(of))
+        site = Site.open(Path(of), level=False)
         site.check(promise)
         tell_cold()
         targets = site.targets

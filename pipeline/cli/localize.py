@@ -70,19 +70,20 @@ def localize(
     """Where scans were taken, by a site file, and whether to believe it."""
     from pipeline.online.follow import Following
     from pipeline.online.inputs import is_log, scans
-    from pipeline.online.localized import localized
+    from pipeline.online.localized import localized, tracker_of
     from pipeline.online.outputs import writer
     from pipeline.online.site import Site
-    from pipeline.online.tracking import Tracker
 
     kind = only_one({"json": json, "csv": csv, "tum": tum, "mcap": mcap})
     only_one({"lift": lift, "body-T-lidar": body_T_lidar})
-    if odometry and not track:
-        raise ConfigError(f"--odometry {odometry}: needs --track")
     if threads < 1:
         raise ConfigError(f"--threads {threads}: expected at least 1")
     site = Site.open(path, threads)
     site.check(promise)
+    if odometry and not track and not site.is_level:
+        raise ConfigError(f"--odometry {odometry}: needs --track")
+    if site.is_level and follow:
+        raise ConfigError("--follow: follows 3-D scans, and the site is level")
     check_file(out, whole=kind == "mcap")
     sensor = site.description.sensor
     if lift is not None and not follow:
@@ -94,8 +95,8 @@ def localize(
             )
     lift_m = sensor.lift_m if lift is None else lift
     placement = lidar_of(body_T_lidar)
-    summary = Summary()
-    tracker = Tracker(site, promise) if track else None
+    summary = Summary(site.is_level)
+    tracker = tracker_of(site, promise, track)
     tell_cold()
     with writer(kind or "text", out) as write:
         for source in inputs:
@@ -109,11 +110,12 @@ def localize(
                 odometry,
                 summary.skipped,
                 placement,
+                site.is_level,
             )
             source_scans = follower.scans() if follower else scans(source, *scan_options)
             fixes = localized(source_scans, tracker or site, promise, summary.broken)
             for scan, points_m, fix in fixes:
-                if not summary.fixes:
+                if not summary.fixes and not site.is_level:
                     _tell_unlike(points_m, sensor, scan.body_T_lidar)
                 write(scan, fix)
                 summary.add(scan, fix)
@@ -148,7 +150,8 @@ def _tell_unlike(
 class Summary:
     """Counts over all scans of a run: verdicts, times, and accepted fixes that are right."""
 
-    def __init__(self) -> None:
+    def __init__(self, is_level: bool = False) -> None:
+        self.is_level = is_level
         self.fixes: Counter[str] = Counter()
         self.broken: list[str] = []
         self.dropped = 0
@@ -161,12 +164,14 @@ class Summary:
         """Count one more localised scan."""
         import numpy as np
 
+        from pipeline.level import verdict as level
         from pipeline.posing.verdict import right
 
         self.fixes[fix.verdict] += 1
         self._ms.append(fix.ms)
         if fix.verdict == "accepted" and np.isfinite(scan.world_T_scan).all():
-            self._right[bool(right(fix.world_T_sensor[None], scan.world_T_scan[None])[0])] += 1
+            is_right = level.pose_is_right if self.is_level else right
+            self._right[bool(is_right(fix.world_T_sensor[None], scan.world_T_scan[None])[0])] += 1
 
     def text(self) -> str:
         """Lines with the verdicts, the times, and the errors where the true pose is known."""
@@ -183,7 +188,7 @@ class Summary:
         if self._right:
             lines.append(
                 f"of {sum(self._right.values())} accepted with a true pose {self._right[False]} "
-                "are over 2 m or 5° off"
+                f"are over {'1 m or 10°' if self.is_level else '2 m or 5°'} off"
             )
         if self.steps:
             lines.append(

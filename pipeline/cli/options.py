@@ -53,7 +53,9 @@ Topic = Annotated[
 ]
 Odometry = Annotated[
     str | None,
-    typer.Option(metavar="TOPIC", help="of a bag, for --track: poses, or tf:PARENT>CHILD"),
+    typer.Option(
+        metavar="TOPIC", help="of a bag, for --track or a level site: poses, or tf:PARENT>CHILD"
+    ),
 ]
 Track = Annotated[
     bool,

@@ -7,8 +7,8 @@ from typing import Any
 
 from pipeline.running.progress import Item, Progress
 
-QUIET_S = 5.0
-"""What is no terminal gets a line in so many seconds."""
+LINE_S = 5.0
+"""Where there is no terminal, a line of progress is written so often."""
 
 
 class Lines(Progress):
@@ -46,6 +46,44 @@ class Bytes(Lines):
         )
 
 
+class Scans(Lines):
+    """Speed and scans left: a bar on a terminal, a line every tenth of the way where there is none.
+
+    Each line is of what has been done, since work is faster in some stretches than in others.
+    """
+
+    def track(self, items: Iterable[Item], total: int, what: str) -> Iterator[Item]:
+        from rich.progress import MofNCompleteColumn, TimeRemainingColumn
+
+        columns = (MofNCompleteColumn(), _speed_column(), TimeRemainingColumn())
+        start_s = time.monotonic()
+        told = start_s
+        on_terminal = sys.stderr.isatty()
+        shown = _tracked(items, total, 1, what, *columns) if on_terminal else items
+        for done, item in enumerate(shown, start=1):
+            yield item
+            now_s = time.monotonic()
+            if now_s - told >= LINE_S and not on_terminal:
+                told = now_s
+                speed = done / (now_s - start_s)
+                self.tell(
+                    f"{what}: {done:,} of {total:,} scans, {speed:.3g} a second, "
+                    f"{total - done:,} left: {(total - done) / speed:.0f} s"
+                )
+
+
+def _speed_column() -> Any:
+    """A column with the speed of a bar."""
+    from rich.progress import ProgressColumn, Task
+    from rich.text import Text
+
+    class Speed(ProgressColumn):
+        def render(self, task: Task) -> Text:
+            return Text(f"{task.speed:.3g} a second" if task.speed else "")
+
+    return Speed()
+
+
 def _tracked(
     items: Iterable[Item], total: int, advance: int, what: str, *columns: Any
 ) -> Iterator[Item]:
@@ -67,12 +105,12 @@ def _tracked(
 
 
 def _told(items: Iterable[Item], total: int, what: str) -> Iterator[Item]:
-    """Yield the items, and print a line on how far they are at most every QUIET_S, as to a log."""
+    """Yield the items, and print a line on how far they are at most every LINE_S, as to a log."""
     start_s = told_s = time.monotonic()
     for done, item in enumerate(items, start=1):
         yield item
         now_s = time.monotonic()
-        if now_s - told_s > QUIET_S and done < total:
+        if now_s - told_s > LINE_S and done < total:
             left_s = (now_s - start_s) / done * (total - done)
             line = f"  {what}: {done} of {total}, about {left_s:.0f} s left"
             print(line, file=sys.stderr, flush=True)

@@ -16,13 +16,13 @@ from pipeline.cli.options import (
     BodyTLidar,
     Follow,
     Idle,
-    ModelName,
     Odometry,
     Promise,
     SitePath,
     Topic,
     Track,
     lidar_of,
+    only_one,
     share_or_none,
 )
 from pipeline.cli.outputs import check_file
@@ -64,7 +64,7 @@ def watch(
         raise ConfigError(f"--save {save}: expected FILE.rrd or FILE.mcap")
     if odometry and not track:
         raise ConfigError(f"--odometry {odometry}: needs --track")
-    site = Site.open(path)
+    site = Site.open(path, level=False)
     summary = Summary()
     site.check(promise)
     check_file(save)
@@ -137,9 +137,9 @@ def serve(
     online.check_reach(host, token)
     if workers < 1:
         raise ConfigError(f"--workers {workers}: expected at least 1")
-    from pipeline.online.site_file import read
+    from pipeline.online.site_file import read_either
 
-    kept_promises = read(path).description.verdict.kept
+    kept_promises = read_either(path).description.verdict.kept
     try:
         with socket.create_server((host, port)):
             pass
@@ -176,7 +176,7 @@ def _bridge(
         from pipeline.online import bridge
     except ImportError as error:
         raise ConfigError(f"{error.name}: not installed; `pip install 'yearloc[zenoh]'`") from None
-    site = Site.open(path)
+    site = Site.open(path, level=False)
     tell_cold()
     with bridge.connected(endpoint) as session:
         ready_line = f"{path}: {key}/points → {key}/fix at {endpoint}; Ctrl-C stops it"
@@ -215,12 +215,30 @@ def export(
 
 
 def pack(
-    name: ModelName, out: Annotated[Path, typer.Option("-o", "--out", metavar="FILE")]
+    out: Annotated[Path, typer.Option("-o", "--out", metavar="FILE")],
+    name: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="[STUDY/GRID/METHOD]",
+            help="such as campus/10m/sci_ring; a variant is METHOD-VARIANT",
+        ),
+    ] = None,
+    level_map: Annotated[
+        Path | None,
+        typer.Option("--map", metavar="MAP.yaml", help="instead: a Nav2 map, for a level laser"),
+    ] = None,
 ) -> None:
     """One file of all that it takes to localise in a place."""
+    from pipeline.online.level_pack import pack_map
     from pipeline.online.pack import Packing, Trained
     from pipeline.studies.layout import Layout
 
+    only_one({"STUDY/GRID/METHOD": name, "map": level_map})
     check_file(out)
+    if level_map is not None:
+        print(pack_map(level_map, out))
+        return
+    if name is None:
+        raise ConfigError("pack: expected STUDY/GRID/METHOD, or --map MAP.yaml")
     trained = Trained.named(Layout(), read_studies(), name)
     print(Packing(conf_folder()).pack(trained, out, Bar()))

@@ -27,13 +27,15 @@ OF_SCORES = (
     "no_threshold",
     "less_kept",
 )
-DOUBTS = (*(f"doubt_{name}" for name in OF_SCORES), *UNSUITED)
+NO_SURVEY = "doubt_no_survey"
+DOUBTS = (*(f"doubt_{name}" for name in OF_SCORES), *UNSUITED, NO_SURVEY)
 """Rows that are there where they apply: the share of queries that get the commonest answer, if half
 or more; how many queries are seen, if FEW or fewer, and in how many blocks of the path, if
 FEW_BLOCKS or fewer; 1 where all are rejected, none is, or no threshold kept any precision on
 held-out blocks; the precision that it kept there, if less than wanted. Of the submaps: degrees of
 azimuth with points, under ROUND_DEG; z of the ground, farther than GROUND_M from 0; z of the
-highest points, under LOW_M; the share of the drive without a whole window, if half or more."""
+highest points, under LOW_M; the share of the drive without a whole window, if half or more. Last, 1
+where the poses that judge were estimated from the scans themselves."""
 ROUND_DEG = 300.0
 GROUND_M = 0.5
 LOW_M = 1.0

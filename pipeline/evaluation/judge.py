@@ -14,6 +14,7 @@ from pipeline.evaluation.counts import TOP_N, ExactCounts, count, right, spread
 from pipeline.evaluation.curves import auc
 from pipeline.evaluation.doubts import blind, unsuited
 from pipeline.evaluation.judgement import (
+    BELIEFS,
     CORRECT_REJECTION,
     FALSE_ALARM,
     HIT,
@@ -115,6 +116,7 @@ def judge(
         kinds=ranking.kinds,
         days=labels.days,
         block_m=bootstrap.block_m,
+        beliefs={},
         blind=blind(labels.places, labels.nearest_m, xy_m, distance),
         unsuited={},
         wanted_precision=np.nan,
@@ -157,6 +159,7 @@ def judge_cases(
         )
         evaluations[case] = replace(
             evaluation,
+            beliefs=_beliefs(rankings),
             unsuited=unsuited(submaps),
             wanted_precision=rankings.wanted_precision,
             kept_precision=kept_precision(rankings),
@@ -175,6 +178,13 @@ def kept_precision(rankings: SequenceRanking) -> tuple[float, ...]:
     accepts = rankings.thresholds[0] > ACCEPT_NOTHING
     of_poses = rankings.wanted_precision if accepts else np.nan
     return (of_poses, *[np.nan] * (len(rankings.kinds) - 1))
+
+
+def _beliefs(rankings: SequenceRanking) -> dict[str, float]:
+    """The novelty of each of BELIEFS from which to reject it to keep .99; empty without poses."""
+    if not isinstance(rankings, Fixes):
+        return {}
+    return {kind: float(getattr(rankings, f"promised_{kind}")[1]) for kind in BELIEFS}
 
 
 def _calibration(ranking: Ranking, labels: Labels) -> NDArray[np.float64]:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import ArtifactError
 from pipeline.evaluation.bootstrap import blocks
+from pipeline.evaluation.calibration import Reliability, ece, reliability
 from pipeline.evaluation.counts import ExactCounts
 from pipeline.evaluation.doubts import doubts
 from pipeline.evaluation.numbers import MEASURES, NUMBERS, SAME_HEADING_DEG, curve, within
@@ -20,6 +21,13 @@ from pipeline.schemas import Cases
 from pipeline.store import Array, Artifact, Stack
 
 HIT, MISS, FALSE_ALARM, CORRECT_REJECTION, NOT_JUDGED = range(5)
+VERDICTS = ("accepted", "near", "ambiguous", "rejected", "no_pose")
+"""The answers to a query of a method with poses, as a site gives them (METHODS 9.5)."""
+BELIEFS = {"place": "near", "several": "ambiguous"}
+"""Kinds of novelty of what is believed of a query whose pose is not accepted, and the verdict.
+
+The most telling comes first.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,6 +174,11 @@ class Evaluation:
         "not known, or nothing is accepted",
     ]
     days: Annotated[int, "whole days since the training sequence"]
+    beliefs: Annotated[
+        Mapping[str, float],
+        "novelty from which to reject that a query is near or ambiguous, to keep .99, by kind; "
+        "empty of a method that gives no poses",
+    ]
     blind: Annotated[
         Mapping[str, float],
         "by protocol, recall@1 of one and the same answer to every query; null of none seen",
@@ -214,6 +227,39 @@ class Evaluation:
             "refused_wrong": refused & wrong,
         }
         return {name: int(rows.sum()) for name, rows in kinds.items()}
+
+    @property
+    def verdicts(self) -> dict[str, int]:
+        """How many queries, seen or not, got each of VERDICTS with a promise of .99.
+
+        Empty of a method without poses.
+        """
+        if np.isnan(self.reject_pose_from):
+            return {}
+        verdict = np.full(len(self.novelty), VERDICTS.index("rejected"))
+        for kind, word in reversed(BELIEFS.items()):
+            if kind in self.kinds:
+                doubt = self.novelty[:, self.kinds.index(kind)].astype(np.float64)
+                verdict[doubt < self.beliefs[kind]] = VERDICTS.index(word)
+        verdict[self.fixes[0]] = VERDICTS.index("accepted")
+        verdict[np.isnan(self.pose_error_m)] = VERDICTS.index("no_pose")
+        return {word: int((verdict == code).sum()) for code, word in enumerate(VERDICTS)}
+
+    @property
+    def pose_reliability(self) -> Reliability:
+        """The chances of the poses (query,) in bins, with the share that is within 2 m and 5°."""
+        return reliability(self._pose_chances, self.fixes[1])
+
+    @property
+    def pose_ece(self) -> float:
+        """The expected calibration error of the poses' chances; NaN of a method without poses."""
+        if np.isnan(self.reject_pose_from):
+            return np.nan
+        return ece(self._pose_chances, self.fixes[1])
+
+    @property
+    def _pose_chances(self) -> NDArray[np.float64]:
+        return 1 - self.novelty[:, 0].astype(np.float64)
 
     def protocol(self, name: str) -> Judgement:
         """The judgement by one of PROTOCOLS."""
@@ -264,7 +310,7 @@ class Evaluation:
 
 
 @dataclass(frozen=True, eq=False)
-class Evaluations(Artifact, kind="evaluations", version=10):
+class Evaluations(Artifact, kind="evaluations", version=11):
     """How a model fared in one test sequence, in each case of its queries."""
 
     evaluations: Annotated[Sequence[Evaluation], Stack("case")]

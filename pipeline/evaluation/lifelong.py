@@ -11,7 +11,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.evaluation.rows import Rows, several
+from pipeline.evaluation.rows import TableRows, several
 from pipeline.schemas import Lifelong
 
 CHANGE = "lifelong"
@@ -99,7 +99,7 @@ def _mean(values: Sequence[float]) -> float:
     return float(np.mean(finite)) if finite else np.nan
 
 
-def lifelong_rows(lifelong: Lifelong) -> Rows:
+def lifelong_rows(lifelong: Lifelong) -> TableRows:
     """Rows of one strategy: recall after each step in each group, and over all."""
     for step, name in enumerate(lifelong.steps):
         place = _place(lifelong.order, lifelong.strategy, step)
@@ -126,7 +126,7 @@ def lifelong_rows(lifelong: Lifelong) -> Rows:
         yield from several(place | {"sequence": name}, "", counts)
 
 
-def cost_rows(course: Mapping[str, Any]) -> Rows:
+def cost_rows(course: Mapping[str, Any]) -> TableRows:
     """Rows of CPU seconds of each step, as the stage keeps them beside the artifact."""
     for step, (name, seconds) in enumerate(zip(course["steps"], course["cpu_s"], strict=True)):
         yield from several(

@@ -13,6 +13,8 @@ from pipeline.evaluation.numbers import Weight, auc_exact, share
 
 COMPARED = ("recall_at_1", "auc_exact_top1")  # the numbers whose differences are tested
 LEVEL = 0.05
+KEPT = "auc_exact_top1_kept"
+"""The number of `kept_share` in the table of results."""
 
 
 @dataclass(frozen=True)
@@ -76,6 +78,27 @@ def compare(this: Evaluation, reference: Evaluation, protocol: str, bootstrap: B
         only_this=int((this_right & ~reference_right).sum()),
         only_reference=int((reference_right & ~this_right).sum()),
     )
+
+
+def kept_share(
+    altered: Evaluation, driven: Evaluation, protocol: str, bootstrap: Bootstrap
+) -> tuple[float, float, float]:
+    """The share of its area as driven that a model keeps on altered queries, with its bounds.
+
+    The area is `auc_exact_top1`. Both are of the same queries and drawn together, so what is hard
+    in both cancels out. NaN where there is no area as driven. Raises InputError for other queries.
+    """
+    truths = altered.truth(protocol), driven.truth(protocol)
+    if not np.array_equal(altered.xy_m, driven.xy_m):
+        raise InputError("altered queries are compared with the same queries as driven")
+    novelties = altered.novelty[:, 0], driven.novelty[:, 0]
+
+    def share_of_driven(weight: Weight) -> NDArray[np.float64]:
+        of_altered, of_driven = map(auc_exact, truths, novelties, (weight, weight))
+        return (of_altered / np.where(of_driven > 0, of_driven, np.nan))[None]
+
+    ((value, low, high),) = bootstrap.estimates(share_of_driven, driven.xy_m)
+    return float(value), float(low), float(high)
 
 
 def holm(p: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -36,7 +36,8 @@ class Truth:
 def by_cells(
     places: NDArray[np.int64], true_places: NDArray[np.int64], oracle: NDArray[np.int64]
 ) -> Truth:
-    """The papers' protocol: right is the query's cell; seen is a query whose cell training visited.
+    """The SCI paper's protocol: right is the query's cell, and seen a query whose cell training
+    visited.
 
     `places` (q, k) are the answers, cheapest first; `true_places` (q,) is −1 where training never
     went; `oracle` (q,) is the place of the nearest training anchor.

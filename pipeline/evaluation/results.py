@@ -19,17 +19,21 @@ from pipeline.alterations import read_cases
 from pipeline.errors import ArtifactError, ConfigError
 from pipeline.evaluation.ageing import Ageing
 from pipeline.evaluation.bootstrap import Bootstrap
+from pipeline.evaluation.doubts import NO_SURVEY
 from pipeline.evaluation.events import Bands
 from pipeline.evaluation.held_out import held_out_auc
 from pipeline.evaluation.judgement import Evaluation, Evaluations
 from pipeline.evaluation.lifelong import cost_rows, lifelong_rows
+from pipeline.evaluation.paired import KEPT, kept_share
+from pipeline.evaluation.protocols import PROTOCOLS
 from pipeline.evaluation.rows import (
     COLUMNS,
     NUMERIC,
     TYPED,
     TYPES,
     WORDS,
-    Rows,
+    TableRows,
+    case_columns,
     of_evaluation,
     row,
     table,
@@ -72,7 +76,7 @@ class Gathering:
         name = self.study.name
         return table(rows, study=name, dataset=name, simulated=self.study.simulated)
 
-    def _answers(self) -> Rows:
+    def _answers(self) -> TableRows:
         """Rows of every model at every cell size on every sequence.
 
         For the study's own cells also rows of several evaluations together.
@@ -106,6 +110,18 @@ class Gathering:
                         )
                         if not case.change:
                             as_driven[sequence] = evaluation
+                            yield from (
+                                place | of_sequence | row(NO_SURVEY, protocol, 1.0)
+                                for protocol in (PROTOCOLS if self.study.slam else ())
+                            )
+                            continue
+                        kept = kept_share(
+                            evaluation,
+                            as_driven[sequence],
+                            "cells",
+                            Bootstrap(**artifact.attrs["bootstrap"]),
+                        )
+                        yield place | of_sequence | case_columns(case) | row(KEPT, "cells", *kept)
                 by_day = {
                     name: as_driven[name]
                     for name in sorted(tests, key=lambda name: (as_driven[name].days, name))
@@ -132,14 +148,14 @@ class Gathering:
                     )
                 )
 
-    def _together(self, answers: Answers, bootstrap: Bootstrap) -> Rows:
+    def _together(self, answers: Answers, bootstrap: Bootstrap) -> TableRows:
         yield from ageing_rows(answers, self.ageing)
         yield from paired_rows(answers, bootstrap)
         if self.study.question == "robustness":
             changes = {name: read_changes(self._path("events", name)) for name in self.study.tests}
             yield from event_rows(answers, changes, self.bands, bootstrap)
 
-    def _viewpoints(self) -> Rows:
+    def _viewpoints(self) -> TableRows:
         """Rows of every model on bird-views, on sequences matched with themselves."""
         for grid in self.study.grid_names:
             for method in self._on_bird_views():
@@ -165,7 +181,7 @@ class Gathering:
     def _on_bird_views(self) -> Sequence[StudyMethod]:
         return self.study.bird_view_methods if not self.study.learns_further_days else ()
 
-    def _lifelong(self) -> Rows:
+    def _lifelong(self) -> TableRows:
         """Rows of every model after each day that it learned, in each order and strategy."""
         if not self.study.learns_further_days:
             return

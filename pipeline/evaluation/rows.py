@@ -11,7 +11,7 @@ from pipeline.evaluation.judgement import Evaluation
 from pipeline.evaluation.numbers import MEASURES, NUMBERS, POSES
 from pipeline.evaluation.protocols import PROTOCOLS
 
-Rows = Iterator[
+TableRows = Iterator[
     dict[str, Any]
 ]  # rows as they come: columns to values, those that are the same in all rows left out
 COLUMNS = (
@@ -77,15 +77,20 @@ def case_text(case: Case) -> str:
     return f"{case.change}{level}{repeat}{', shadow' if case.shadow else ''}"
 
 
-def of_evaluation(evaluation: Evaluation, case: Case = Case()) -> Rows:  # noqa: B008 (frozen)
-    """Rows of one case of an evaluation: counts, numbers with intervals, novelties, calibration."""
-    parts = {
+def case_columns(case: Case) -> dict[str, Any]:
+    """The columns that say what was done to the queries."""
+    return {
         "case": case_text(case),
         "change": case.change,
         "level": case.level,
         "shadow": case.shadow,
         "repeat": case.repeat,
     }
+
+
+def of_evaluation(evaluation: Evaluation, case: Case = Case()) -> TableRows:  # noqa: B008 (frozen)
+    """Rows of one case of an evaluation: counts, numbers with intervals, novelties, calibration."""
+    parts = case_columns(case)
     for protocol in PROTOCOLS:
         judgement = evaluation.protocol(protocol)
         counts = {
@@ -126,6 +131,9 @@ def of_evaluation(evaluation: Evaluation, case: Case = Case()) -> Rows:  # noqa:
         parts, "cells", dict(zip(("ece_raw", "ece"), evaluation.calibration, strict=True))
     )
     yield from several(parts, "distance", evaluation.belief)
+    if evaluation.verdicts:
+        verdicts = {f"{verdict}_99": count for verdict, count in evaluation.verdicts.items()}
+        yield from several(parts, "distance", verdicts | {"pose_ece": evaluation.pose_ece})
 
 
 def row(
@@ -141,7 +149,7 @@ def row(
     }
 
 
-def several(place: Mapping[str, Any], protocol: str, numbers: Mapping[str, Any]) -> Rows:
+def several(place: Mapping[str, Any], protocol: str, numbers: Mapping[str, Any]) -> TableRows:
     """One row for each number of a place; a number is a value, or a value with its bounds."""
     for number, values in numbers.items():
         yield {**place, **row(number, protocol, *np.atleast_1d(values))}

@@ -17,7 +17,7 @@ from pipeline.evaluation.events import Bands, banded, distances
 from pipeline.evaluation.judgement import Evaluation
 from pipeline.evaluation.paired import COMPARED, compare, holm
 from pipeline.evaluation.protocols import PROTOCOLS
-from pipeline.evaluation.rows import Rows, row, several
+from pipeline.evaluation.rows import TableRows, row, several
 from pipeline.evaluation.viewpoints import NUMBERS as VIEWPOINT_NUMBERS
 from pipeline.evaluation.viewpoints import ViewpointMatches
 from pipeline.formats.changes import Change
@@ -58,7 +58,7 @@ class Answers:
         return next(iter(self.evaluations))
 
 
-def ageing_rows(answers: Answers, ageing: Ageing) -> Rows:
+def ageing_rows(answers: Answers, ageing: Ageing) -> TableRows:
     """Rows of each number of AGEING: its line at each sequence's day, and the line's slope.
 
     Those that the oracle has too are followed for it as well.
@@ -109,7 +109,7 @@ def ageing_rows(answers: Answers, ageing: Ageing) -> Rows:
                 )
 
 
-def paired_rows(answers: Answers, bootstrap: Bootstrap) -> Rows:
+def paired_rows(answers: Answers, bootstrap: Bootstrap) -> TableRows:
     """Rows of every model against the reference on the same queries.
 
     Differences, p after Holm's correction, and how many queries only one of the two answers right.
@@ -157,7 +157,7 @@ def paired_rows(answers: Answers, bootstrap: Bootstrap) -> Rows:
 
 def event_rows(
     answers: Answers, changes: Mapping[str, Iterable[Change]], bands: Bands, bootstrap: Bootstrap
-) -> Rows:
+) -> TableRows:
     """Rows of all test sequences together, by the distance to the nearest real change.
 
     Of changes that show, and of those still to come. `changes` of each sequence are those that show
@@ -203,7 +203,7 @@ def event_rows(
                     )
 
 
-def viewpoint_rows(judged: ViewpointMatches) -> Rows:
+def viewpoint_rows(judged: ViewpointMatches) -> TableRows:
     """Rows of one model on one sequence matched with itself, a row a number and query heading."""
     for heading_deg, values in zip(judged.headings_deg, judged.values, strict=True):
         place = {
@@ -216,7 +216,7 @@ def viewpoint_rows(judged: ViewpointMatches) -> Rows:
     yield from several({"case": "viewpoint", "change": "viewpoint of all"}, "distance", numbers)
 
 
-def reconstruction_rows(model: Mapping[str, NDArray[Any]]) -> Rows:
+def reconstruction_rows(model: Mapping[str, NDArray[Any]]) -> TableRows:
     """Rows of how well a network draws held-out images of training, in the round that was kept.
 
     Its mean squared error, and a black image's on the same images; none for a method without them.

@@ -9,7 +9,7 @@ import platform
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib.metadata import distributions
 from pathlib import Path
 from typing import Any, Self
@@ -18,19 +18,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import InputError
-from pipeline.evaluation.rows import Rows, several
+from pipeline.evaluation.rows import TableRows, several
 from pipeline.mapping.gathering import submap_points
-from pipeline.matching.ranking import Localizer
-from pipeline.matching.ranking import Rows as Views
+from pipeline.matching.ranking import Localizer, Rows
 from pipeline.running.settings import Count, within
 from pipeline.running.telemetry import Trace
 from pipeline.schemas import Scans, Submaps
 from pipeline.studies.models import ModelName
 
 Samples = Mapping[str, NDArray[np.float64]]  # milliseconds of wall time (query,) by name
-Laps = dict[
-    tuple[str, str], tuple[float, float]
-]  # milliseconds of wall and of CPU time of each view and each method
+Laps = dict[tuple[str, str], tuple[float, float]]
+"""Milliseconds of wall and of CPU time, of each ("view", name) and each ("method", name)."""
 WARM_UP = 3  # calls before the first that counts: they compile, allocate and fill caches
 PACKAGES = ("numpy", "numba", "torch", "faiss-cpu")
 
@@ -39,11 +37,12 @@ PACKAGES = ("numpy", "numba", "torch", "faiss-cpu")
 class Contender:
     """A method with its model and the drawing of its view, ready to answer queries."""
 
-    view: (
-        str  # name of what it looks at; methods that look at the same share the time of drawing it
-    )
+    view: str
+    """Name of what it looks at; methods that look at the same share the time of drawing it."""
     draw: Callable[[NDArray[np.float64]], NDArray[Any]]
     localize: Localizer
+    describe: Callable[[Rows], Any] | None = None
+    """The network that makes the descriptor, where a method has one."""
 
 
 @dataclass(frozen=True)
@@ -51,11 +50,14 @@ class Latency:
     """Times of some queries, each localized alone, by part and method."""
 
     generation: Samples  # by view: from points to the view
-    retrieval: Samples  # by method: from the view to its ranking
+    retrieval: Samples  # by method: from the view, or the network's descriptor, to its ranking
     views: Mapping[str, str]  # what each method looks at
     points: NDArray[np.int64]  # (query,) of its submap
     k: int  # places ranked
     machine: Mapping[str, Any]  # what it was measured on: `machine`
+    description: Samples = field(default_factory=dict)
+    """By method whose network makes the descriptor: from the view to it. The SCI paper counts it as
+    generation."""
 
     @classmethod
     def measure(
@@ -70,14 +72,14 @@ class Latency:
 
         Raises InputError where it has none, ConfigError for no queries.
         """
-        for name, number in (("queries", queries), ("k", k)):
-            within(f"latency.{name}", number, Count)
-        number = int(submaps["scans"].shape[0])
-        if not number:
+        within("latency.queries", queries, Count)
+        within("latency.k", k, Count)
+        submap_count = len(submaps.scans)
+        if not submap_count:
             raise InputError(f"{submaps.path}: no submap to measure with")
-        rows = np.unique(np.linspace(0, number - 1, queries).round().astype(np.int64))
-        stamps_ns = submaps.load("stamps_ns")[rows, None]
-        world_T_anchor = submaps.load("world_T_anchor")[rows, None]
+        rows = np.unique(np.linspace(0, submap_count - 1, queries).round().astype(np.int64))
+        stamps_ns = submaps.stamps_ns[rows, None]
+        world_T_anchor = submaps.world_T_anchor[rows, None]
         points: list[int] = []
         laps: list[Laps] = []
         for cloud, stamp_ns, pose in zip(
@@ -94,14 +96,19 @@ class Latency:
         busy = np.sum([*cpu.values()]) / np.sum([*wall.values()])
         views = {name: contender.view for name, contender in contenders.items()}
         generation = {view: wall["view", view] for view in views.values()}
-        retrieval = {name: wall["method", name] for name in views}
-        return cls(generation, retrieval, views, np.array(points), k, machine(float(busy)))
+        description = {name: wall["network", name] for name in views if ("network", name) in wall}
+        retrieval = {
+            name: np.maximum(wall["method", name] - description.get(name, 0.0), 0.0)
+            for name in views
+        }
+        about = machine(float(busy))
+        return cls(generation, retrieval, views, np.array(points), k, about, description)
 
-    def rows(self) -> Rows:
+    def rows(self) -> TableRows:
         """Rows of medians and 95th percentiles in milliseconds, a method at a time."""
         for method, view in self.views.items():
             parts = {
-                "generation": self.generation[view],
+                "generation": self.generation[view] + self.description.get(method, 0.0),
                 "retrieval": self.retrieval[method],
                 "query": self.total[method],
             }
@@ -114,7 +121,12 @@ class Latency:
 
     def record(self) -> dict[str, Any]:
         """Every sample and the machine, as JSON has it."""
-        parts = {"generation": self.generation, "retrieval": self.retrieval, "total": self.total}
+        parts = {
+            "generation": self.generation,
+            "description": self.description,
+            "retrieval": self.retrieval,
+            "total": self.total,
+        }
         samples = {
             part: {name: milliseconds.round(4).tolist() for name, milliseconds in by_name.items()}
             for part, by_name in parts.items()
@@ -137,14 +149,16 @@ class Latency:
 
     @property
     def total(self) -> Samples:
-        """Milliseconds (query,) by method, from points to places: drawing plus retrieval."""
+        """Milliseconds (query,) by method, from points to places: generation plus retrieval."""
         return {
-            method: self.generation[view] + self.retrieval[method]
+            method: self.generation[view]
+            + self.description.get(method, 0.0)
+            + self.retrieval[method]
             for method, view in self.views.items()
         }
 
 
-def cost_rows(models: Mapping[ModelName, Path]) -> Rows:
+def cost_rows(models: Mapping[ModelName, Path]) -> TableRows:
     """Rows of each model's file size, and of its training's cost where it was trained here."""
     for model, path in models.items():
         place = {"method": model.method, "variant": model.variant, "seed": model.seed}
@@ -213,9 +227,10 @@ def _ask(
     for view, draw in {contender.view: contender.draw for contender in contenders.values()}.items():
         images[view], laps["view", view] = _lap(draw, cloud)
     for name, contender in contenders.items():
-        _, laps["method", name] = _lap(
-            contender.localize, Views(images[contender.view][None], stamp_ns, pose), k
-        )
+        query = Rows(images[contender.view][None], stamp_ns, pose)
+        if contender.describe:
+            _, laps["network", name] = _lap(contender.describe, query)
+        _, laps["method", name] = _lap(contender.localize, query, k)
     return laps
 
 

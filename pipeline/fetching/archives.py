@@ -29,32 +29,34 @@ class Archive:
 
     path: str
     """Path below the base address."""
-    holds: str
+    target: str
     """The file or folder in the sequence's folder that exists once the archive is fetched.
 
     Of a .tar.gz, once it is unpacked.
     """
-    swells: Positive = 1.0
+    unpacked_ratio: Positive = 1.0
     """Estimate of the unpacked bytes per byte."""
     numbers: int = 0
-    """Number of files, counted from 0, for which {number} stands in path and holds; 0: one file."""
+    """Number of files, for whose number from 0 on {number} stands in path and target; 0: one."""
     nbytes: int = 0
     """Estimate of the bytes of a file, so that the server need not be asked; 0: it is asked."""
-    together: str = ""
+    listing_sha256: str = ""
     """sha256 of the lines `DIGEST  NAME` of all numbered files, where the publisher's are known."""
 
     def __post_init__(self) -> None:
         check(self, "archives")
-        if not re.fullmatch("([0-9a-f]{64})?", self.together):
-            raise ConfigError(f"archives.together={self.together}: expected 64 hexadecimal digits")
+        if not re.fullmatch("([0-9a-f]{64})?", self.listing_sha256):
+            raise ConfigError(
+                f"archives.listing_sha256={self.listing_sha256}: expected 64 hexadecimal digits"
+            )
         if (
             not self.path
             or self.path[0] == "/"
             or ".." in self.path
-            or not re.fullmatch(r"[\w{}.-]+", self.holds)
+            or not re.fullmatch(r"[\w{}.-]+", self.target)
         ):
             raise ConfigError(
-                f"archives.path={self.path}, holds={self.holds}: expected a path below the base "
+                f"archives.path={self.path}, target={self.target}: expected a path below the base "
                 "and a name"
             )
 
@@ -62,12 +64,12 @@ class Archive:
         """The archives of a sequence: this one, or one for each number."""
 
         def named(number: int) -> "Archive":
-            templates = (self.path, self.holds)
-            path, holds = (
+            templates = (self.path, self.target)
+            path, target = (
                 text.replace("{sequence}", sequence).replace("{number}", str(number))
                 for text in templates
             )
-            return replace(self, path=path, holds=holds, numbers=0, together="")
+            return replace(self, path=path, target=target, numbers=0, listing_sha256="")
 
         return [named(number) for number in range(max(self.numbers, 1))]
 
@@ -127,8 +129,8 @@ class Publisher:
             )
         except (TypeError, KeyError, AttributeError) as error:
             raise ConfigError(
-                f"conf/fetch: {error}; expected base, archives (path, holds, swells) and optional "
-                "keys"
+                f"conf/fetch: {error}; expected base, archives (path, target, unpacked_ratio) and "
+                "optional keys"
             ) from None
 
     def fetch(self, root: Path, sequences: Sequence[str], watch: Progress) -> Iterator[str]:
@@ -166,7 +168,7 @@ class Publisher:
             for group in self.archives
         ]
         missing = [
-            [archive for archive in archives if not (folder / archive.holds).exists()]
+            [archive for archive in archives if not (folder / archive.target).exists()]
             for folder, _, archives in groups
         ]
         self._check_disk(
@@ -189,16 +191,20 @@ class Publisher:
                 nbytes = nbytes + path.stat().st_size
                 digest = self._verified(path, archive)
                 folder.mkdir(exist_ok=True)
-                files += unpack(path, folder, archive.holds) if archive.packed else 1
+                files += unpack(path, folder, archive.target) if archive.packed else 1
                 checksum_file(path).write_text(f"{digest}  {archive.name}\n", encoding="utf-8")
                 if archive.packed:
                     path.unlink()
                 else:
-                    path.replace(folder / archive.holds)
-            digest = self._together(store, folder, group, archives) if group.together else digest
+                    path.replace(folder / archive.target)
+            digest = (
+                self._listing_digest(store, folder, group, archives)
+                if group.listing_sha256
+                else digest
+            )
             yield f"{name}: {nbytes / 1e6:,.1f} MB, files: {files:,}, sha256 {digest[:16]}…"
 
-    def _together(
+    def _listing_digest(
         self, store: Path, folder: Path, group: Archive, archives: Sequence[Archive]
     ) -> str:
         """The digest of all numbered files of a group, as they are in `folder`.
@@ -206,20 +212,20 @@ class Publisher:
         Removes them and raises LogError if it is not the publisher's.
         """
         digests = {
-            archive.name: hashlib.sha256((folder / archive.holds).read_bytes()).hexdigest()
+            archive.name: hashlib.sha256((folder / archive.target).read_bytes()).hexdigest()
             for archive in archives
         }
         digest = hashlib.sha256(
             "".join(f"{file_digest}  {name}\n" for name, file_digest in digests.items()).encode()
         ).hexdigest()
-        if digest != group.together:
+        if digest != group.listing_sha256:
             for archive in archives:
                 checksum_file(store / archive.name).unlink(missing_ok=True)
-                (folder / archive.holds).unlink()
+                (folder / archive.target).unlink()
             name = f"{archives[0].name} … {archives[-1].name}"
             raise LogError(
-                f"{folder}: {name} have the sha256 {digest}, expected {group.together}; removed, "
-                "fetch them anew"
+                f"{folder}: {name} have the sha256 {digest}, expected {group.listing_sha256}; "
+                "removed, fetch them anew"
             )
         return digest
 
@@ -238,7 +244,7 @@ class Publisher:
             arrived = path.stat().st_size if path.is_file() else part.arrived
             known_bytes = arrived if path.is_file() else part.total or archive.nbytes
             total_bytes = known_bytes or downloader.length(urljoin(self.base, archive.path), watch)
-            unpacked_bytes += total_bytes * archive.swells
+            unpacked_bytes += total_bytes * archive.unpacked_ratio
             packed_bytes = max(packed_bytes, total_bytes - arrived if archive.packed else 0)
         free_bytes = shutil.disk_usage(store).free
         if unpacked_bytes + packed_bytes > free_bytes:

@@ -26,11 +26,11 @@ class Stream(gzip.GzipFile):
         return super().read(size)
 
 
-def unpack(path: Path, folder: Path, holds: str) -> int:
-    """Unpack `holds`, and all that lies beside it in the archive, into `folder`.
+def unpack(path: Path, folder: Path, target: str) -> int:
+    """Unpack `target`, and all that lies beside it in the archive, into `folder`.
 
     Returns the number of files in the archive. The archive is unpacked beside itself and its
-    content moved, `holds` last: once that exists, everything does. Raises LogError for a damaged
+    content moved, `target` last: once that exists, everything does. Raises LogError for a damaged
     archive, which is removed, and for one with paths outside, links, devices, or more than the disk
     has room for.
     """
@@ -39,11 +39,11 @@ def unpack(path: Path, folder: Path, holds: str) -> int:
     scratch.mkdir()
     try:
         files = _extract(path, scratch)
-        places = sorted(scratch.rglob(holds), key=lambda place: len(place.parts))
+        places = sorted(scratch.rglob(target), key=lambda place: len(place.parts))
         if not places:
-            raise LogError(f"{path}: holds no {holds}; it is not the archive it should be")
+            raise LogError(f"{path}: holds no {target}; it is not the archive it should be")
         for entry in sorted(
-            places[0].parent.iterdir(), key=lambda entry: (entry.name == holds, entry.name)
+            places[0].parent.iterdir(), key=lambda entry: (entry.name == target, entry.name)
         ):
             if (folder / entry.name).is_dir():
                 raise LogError(

@@ -152,12 +152,17 @@ class BagWriter:
         body_frame: str,
         world_T_body: NDArray[np.float64],
         topic: str = "/odom",
+        covariance: NDArray[np.float64] | None = None,
     ) -> None:
-        """Write a pose 4×4 of the body; velocities and covariances are zero."""
+        """Write a pose 4×4 of the body and its covariance (6, 6), zero by default.
+
+        Velocities and their covariance are zero.
+        """
         position = self._xyz(world_T_body[:3, 3], "Point")
         orientation = self._quaternion(world_T_body)
         pose = self._new("geometry_msgs/msg/Pose", position=position, orientation=orientation)
-        pose = self._new("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=np.zeros(36))
+        numbers = np.zeros(36) if covariance is None else covariance.reshape(36)
+        pose = self._new("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=numbers)
         zero = self._xyz(np.zeros(3))
         twist = self._new("geometry_msgs/msg/Twist", linear=zero, angular=zero)
         twist = self._new(

@@ -89,17 +89,16 @@ def _flaser(laser: Laser, words: list[str], odometry: int) -> Sweep:
     Its words are n, n ranges, the laser's pose, the robot's, stamp, host, stamp.
     """
     beams = _count(words[0])
-    poses = _numbers(words, 1 + beams, 7)
-    angles_rad = np.linspace(-FOV_RAD / 2, FOV_RAD / 2, beams)
+    after_ranges = 1 + beams
     return Sweep(
         laser,
-        _ranges(words, 1, beams),
-        angles_rad,
-        np.nan,
-        poses[:3],
-        poses[3:6],
-        float(poses[6]),
-        odometry,
+        ranges_m=_ranges(words, 1, beams),
+        angles_rad=np.linspace(-FOV_RAD / 2, FOV_RAD / 2, beams),
+        limit_m=np.nan,
+        laser_pose=_numbers(words, after_ranges, 3),
+        robot_pose=_numbers(words, after_ranges + 3, 3),
+        stamp_s=float(_numbers(words, after_ranges + 6, 1)[0]),
+        odometry=odometry,
     )
 
 
@@ -110,20 +109,20 @@ def _robotlaser(laser: Laser, words: list[str], odometry: int) -> Sweep:
     ranges, m, m remissions, the laser's pose, the robot's, five numbers of its motion, stamp, host,
     stamp.
     """
-    start, _, step, limit_m = _numbers(words, 1, 4)
+    first_rad, _, step_rad, limit_m = _numbers(words, 1, 4)
     beams = _count(words[7])
-    after = 8 + beams
-    poses = _numbers(words, after + 1 + _count(words[after]), 12)
-    angles_rad = start + step * np.arange(beams)
+    after_ranges = 8 + beams
+    after_remissions = after_ranges + 1 + _count(words[after_ranges])
+    motion = _numbers(words, after_remissions + 6, 5)
     return Sweep(
         laser,
-        _ranges(words, 8, beams),
-        angles_rad,
-        float(limit_m),
-        poses[:3],
-        poses[3:6],
-        float(poses[11]),
-        odometry,
+        ranges_m=_ranges(words, 8, beams),
+        angles_rad=first_rad + step_rad * np.arange(beams),
+        limit_m=float(limit_m),
+        laser_pose=_numbers(words, after_remissions, 3),
+        robot_pose=_numbers(words, after_remissions + 3, 3),
+        stamp_s=float(_numbers(words, after_remissions + 6 + len(motion), 1)[0]),
+        odometry=odometry,
     )
 
 

@@ -2,6 +2,7 @@
 
 import io
 import math
+import re
 from collections.abc import Sequence
 from decimal import Decimal
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from pipeline.errors import LogError
 from pipeline.formats import pcd, records
@@ -32,6 +34,8 @@ LAYOUTS = {
     ),
 }
 """What to tell of rows that are no TUM poses, by the count of their numbers."""
+AT_END = re.compile(r"(?<![\d.])\d{1,19}(?:\.\d{1,9})?$", re.ASCII)
+"""A number that a name ends in."""
 UNITS = {18: "ns", 15: "us", 12: "ms"}
 """The unit of a stamp since 1970 by its least number of digits."""
 UNIT_NS = {"s": 10**9, "us": 10**3, "ns": 1}
@@ -64,6 +68,29 @@ def stamp_ns(word: str, unit: str) -> int | None:
     except ArithmeticError:
         return None
     return round(stamp) if stamp.is_finite() and abs(stamp) < 2**62 else None
+
+
+def stamp_at_end(stem: str) -> int | None:
+    """The stamp in ns at the end of a file's name; None where it ends in no number.
+
+    Seconds with a point or of up to 11 digits, whole milli-, micro- or nanoseconds since 1970. The
+    number of a scan stands for as many seconds.
+    """
+    number = AT_END.search(stem)
+    if number is None:
+        return None
+    digits = len(number[0].partition(".")[0])
+    unit = next((unit for least, unit in UNITS.items() if digits >= least), "s")
+    if "." in number[0]:
+        unit = "s"
+    return round(Decimal(number[0]) * {**UNIT_NS, "ms": 10**6}[unit])
+
+
+def tum_row(stamp_ns: int, world_T_body: NDArray[np.float64]) -> str:
+    """A row of a TUM file: stamp in s, x y z in m, qx qy qz qw, of a pose (4, 4)."""
+    turn = Rotation.from_matrix(world_T_body[:3, :3]).as_quat(canonical=True)
+    numbers = " ".join(f"{value:.6f}" for value in (*world_T_body[:3, 3], *turn))
+    return f"{stamp_ns // 10**9}.{stamp_ns % 10**9:09d} {numbers}"
 
 
 def tum(path: Path, text: str) -> tuple[list[int], NDArray[np.float64]]:

@@ -10,9 +10,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 RECORD_BYTES = 16
-SCANS, TIMES, CALIB = (
-    f"sequences/{{log}}/{name}" for name in ("velodyne", "times.txt", "calib.txt")
-)
+SCANS = "sequences/{log}/velodyne"
+TIMES = "sequences/{log}/times.txt"
+CALIB = "sequences/{log}/calib.txt"
 POSES = "poses/{log}.txt"
 """The files of a log below the root, as templates."""
 CAM_T_VELO = np.array(
@@ -56,7 +56,7 @@ def decode(numbers: NDArray[np.float32], lift_m: float = 0.0) -> NDArray[np.floa
         metres[3 * count] = x + 0.0  # makes 0 of −0, whose angle atan2 takes for another
         metres[3 * count + 1] = y + 0.0
         metres[3 * count + 2] = z + lift_m
-        count += np.isfinite(x + y + z)
+        count += np.isfinite(x + y + z)  # else the next point is written over this one
     return points[:count]
 
 

@@ -67,6 +67,17 @@ def pose_numbers(message: Any, kind: str) -> tuple[float, ...]:
     return _numbers(pose.position, pose.orientation)
 
 
+def gathered_variance(message: Any, kind: str) -> tuple[float, float]:
+    """Variance of the position in m² (mean of x and y) and of the heading in rad².
+
+    It is that of the pose in an Odometry or PoseWithCovarianceStamped; NaN of any other message.
+    """
+    if kind not in (ODOMETRY, POSE_COVARIANCE):
+        return np.nan, np.nan
+    covariance = message.pose.covariance.reshape(6, 6)
+    return float(covariance[0, 0] + covariance[1, 1]) / 2, float(covariance[5, 5])
+
+
 def transform_numbers(stamped: Any) -> tuple[float, ...]:
     """Translation in metres and quaternion (x, y, z, w) of a TransformStamped."""
     return _numbers(stamped.transform.translation, stamped.transform.rotation)

@@ -21,9 +21,11 @@ BODY_T_VELODYNE_XYZRPH = (0.002, -0.004, -0.957, 0.807, 0.166, -90.703)
 SCANS = "velodyne_sync"
 TRUTH = "groundtruth_{sequence}.csv"
 ODOMETRY = "odometry_mu_100hz.csv"
+COVARIANCE = "odometry_cov.csv"
 """Names of the files in the folder of one sequence."""
 TRUTH_PLACES = (f"{{sequence}}/{TRUTH}", TRUTH, f"ground_truth/{TRUTH}")
 ODOMETRY_PLACES = (f"{{sequence}}/{ODOMETRY}", f"sensor_data/{{sequence}}/{ODOMETRY}")
+COVARIANCE_PLACES = (f"{{sequence}}/{COVARIANCE}", f"sensor_data/{{sequence}}/{COVARIANCE}")
 """Where the files may lie below the root of the data set, in the order of search."""
 
 
@@ -33,10 +35,31 @@ def write_pose_rows(path: Path, utimes: NDArray[np.int64], ned_xyzrph: NDArray[n
     It has no header; rows are utime (µs), x, y, z in metres and roll, pitch, heading in radians.
     `utimes` is (n,), `ned_xyzrph` (n, 6).
     """
+    write_rows(path, utimes, ned_xyzrph)
+
+
+def write_rows(path: Path, utimes: NDArray[np.int64], rows: NDArray[np.float64]) -> None:
+    """Write a file of numbers (n, m), each row after its utime (n,) in µs."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("w", encoding="utf-8") as file:
-        for utime, row in zip(utimes.tolist(), ned_xyzrph.tolist(), strict=True):
+        for utime, row in zip(utimes.tolist(), rows.tolist(), strict=True):
             file.write(f"{utime}, " + ", ".join(f"{value:.9g}" for value in row) + "\n")
+
+
+UPPER = np.triu_indices(6)
+"""Where a row of COVARIANCE has its numbers in the matrix of x, y, z, roll, pitch, heading: row
+after row of the upper triangle, after the utime."""
+COVARIANCE_COLUMNS = 22
+VARIANCE_COLUMNS = (1, 7, 21)
+"""Of x, y and heading."""
+
+
+def write_covariance_rows(
+    path: Path, utimes: NDArray[np.int64], covariances: NDArray[np.float64]
+) -> None:
+    """Write odometry_cov.csv: utimes (n,) in µs and the covariance (n, 6, 6) of the motion since
+    the row before."""
+    write_rows(path, utimes, covariances[:, *UPPER])
 
 
 def encode(

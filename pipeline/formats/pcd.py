@@ -82,6 +82,16 @@ def decode(data: bytes, path: Path, largest: int) -> NDArray[np.float64]:
     return _columns(header, unpacked, interleaved=False)
 
 
+def encode(points_m: NDArray[np.floating]) -> bytes:
+    """A binary PCD of points (n, 3), as 32-bit floats."""
+    count = len(points_m)
+    header = (
+        "VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\n"
+        f"WIDTH {count}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {count}\nDATA binary\n"
+    )
+    return header.encode() + np.ascontiguousarray(points_m, "<f4").tobytes()
+
+
 def parse(data: bytes, path: Path) -> Header:
     """The header from the bytes of a file; raises LogError naming the wrong line."""
     entries: dict[str, list[str]] = {}

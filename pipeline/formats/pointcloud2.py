@@ -32,6 +32,14 @@ Only newer ROS distributions have 9, 10 and 11 (a truth value in a byte).
 FARTHEST = float(np.finfo(np.float32).max)
 """A coordinate that float32 cannot hold counts as infinite."""
 
+TIMES = ("t", "time", "timestamp", "offset_time", "time_stamp")
+"""Fields that say when a point was measured, by several drivers."""
+UNITS_S = (1.0, 1e-3, 1e-6, 1e-9)
+TURN_S = (0.01, 0.5)
+"""A LiDAR turns once, or shows one frame, in a time between these."""
+LATEST_OFFSET_S = 3600.0
+"""A time of a point that is farther from 0 than this is no offset to the stamp."""
+
 
 class Field(Protocol):
     """sensor_msgs/PointField."""
@@ -73,6 +81,40 @@ def decode(message: PointCloud2) -> NDArray[np.floating]:
         y = _float64(y)
         z = _float64(z)
     return np.asarray(finite(x, y, z))
+
+
+def times_s(message: PointCloud2, stamp_ns: int) -> NDArray[np.float64] | None:
+    """Seconds (n,) after the stamp of the message at which each point of `decode` was measured.
+
+    None for a message without a field of TIMES whose numbers span what a turn of a LiDAR takes.
+    Ouster's `t` and Livox' `offset_time` are nanoseconds, Velodyne's `time` seconds, Hesai's
+    `timestamp` seconds since 1970 and Livox' nanoseconds; which of these a driver writes shows in
+    the span of the numbers.
+    """
+    names = [field.name for field in message.fields]
+    name = next((name for name in TIMES if name in names), None)
+    if name is None:
+        return None
+    shape = (_rows(message), message.width)
+    strides = (_row_bytes(message), message.point_step)
+    kind, offset = _column(message, name)
+    times = np.ndarray(shape, kind, message.data, offset, strides).reshape(-1)
+    is_point = np.ones(len(times), bool)
+    for axis in "xyz":
+        kind, offset = _column(message, axis)
+        column = np.ndarray(shape, kind, message.data, offset, strides).reshape(-1)
+        with np.errstate(invalid="ignore"):
+            is_point &= np.abs(column.astype(np.float64)) <= FARTHEST
+    times = times[is_point].astype(np.float64)
+    if not len(times) or not np.isfinite(times).all():
+        return None
+    span = float(np.ptp(times))
+    for unit_s in UNITS_S:
+        if TURN_S[0] <= span * unit_s <= TURN_S[1]:
+            seconds = times * unit_s
+            since_1970 = abs(float(seconds[0])) > LATEST_OFFSET_S
+            return np.asarray(seconds - stamp_ns / 1e9 if since_1970 else seconds)
+    return None
 
 
 def _column(message: PointCloud2, name: str) -> tuple[np.dtype[np.generic], int]:

@@ -31,45 +31,27 @@ def propose(contents: Contents) -> tuple[str, list[str]]:
     The text names points, truth, odometry and extrinsics. Raises LogError for bags without points.
     """
     truth, odometry = _poses(contents)
-    sources = contents.of(CLOUD) or contents.of(SWEEP)
-    points = min(
-        sources, key=lambda source: truth is not None and source.frame == truth.frame, default=None
-    )
-    if points is None:
-        topic_list = (
-            ", ".join(f"{topic.name} ({topic.kind})" for topic in contents.topics) or "nothing"
-        )
-        packet_kind = next(
-            (topic.kind for topic in contents.topics if topic.kind.rpartition("/")[2] in PACKETS),
-            "",
-        )
-        advice = (
-            f"; let the lidar's driver make PointCloud2 of {packet_kind} while `ros2 bag record` "
-            "runs"
-            if packet_kind
-            else ""
-        )
-        message = (
-            "neither a PointCloud2 nor a LaserScan in it; it holds "
-            f"{plain(topic_list, 800)}{advice}"
-        )
-        raise LogError(f"{contents.files[0].path}: {message}")
+    points = points_source(contents, truth)
     is_sweep = points.kind == SWEEP
     warnings: list[str] = []
     if truth is None:
         topic_list = ", ".join(
             f"{topic.name} ({topic.kind.replace('/msg/', '/')})" for topic in contents.topics
         )
-        warnings.append(
-            "no poses: the reader needs an Odometry, PoseStamped, PoseWithCovarianceStamped, or "
-            "moving transforms in tf; run a SLAM or GNSS solution and record its poses beside "
-            f"these. Topics here: {plain(topic_list, 600)}"
+        advice = (
+            "sweeps of a 2-D LiDAR need an Odometry, PoseStamped, PoseWithCovarianceStamped, or "
+            "moving transforms in tf beside them"
+            if is_sweep
+            else "`yearloc use NAME root=FOLDER train=DRIVE poses=slam` estimates them, `yearloc "
+            "slam` of one drive alone"
         )
+        warnings.append(f"no poses: {advice}. Topics here: {plain(topic_list, 600)}")
     elif DRIFTS.search(truth.frame):
         warnings.append(
             f"the only poses are in the frame {truth.frame}, which starts anew with each drive: "
             "sequences share no places; a study over several drives needs poses in one frame, "
-            "such as map"
+            f"such as map; or estimate them: name {truth.name} as odometry, null as truth, and "
+            "call `yearloc use NAME … poses=slam`"
         )
     if is_sweep and odometry is None:
         odometry = truth
@@ -103,6 +85,44 @@ study: # name the sequences yourself: bags, or folders of bags, below the data s
     return "\n".join(
         [first_line, *(f"# Beware: {warning}" for warning in warnings), remainder]
     ), warnings
+
+
+def points_source(contents: Contents, truth: TopicSummary | None) -> TopicSummary:
+    """The topic of clouds, or else of sweeps, that is most likely the LiDAR's.
+
+    It does not lie in the world of the true poses already. Raises LogError for bags without points.
+    """
+    sources = contents.of(CLOUD) or contents.of(SWEEP)
+    points = min(
+        sources, key=lambda source: truth is not None and source.frame == truth.frame, default=None
+    )
+    if points is None:
+        topic_list = (
+            ", ".join(f"{topic.name} ({topic.kind})" for topic in contents.topics) or "nothing"
+        )
+        packet_kind = next(
+            (topic.kind for topic in contents.topics if topic.kind.rpartition("/")[2] in PACKETS),
+            "",
+        )
+        advice = (
+            f"; let the lidar's driver make PointCloud2 of {packet_kind} while `ros2 bag record` "
+            "runs"
+            if packet_kind
+            else ""
+        )
+        message = (
+            "neither a PointCloud2 nor a LaserScan in it; it holds "
+            f"{plain(topic_list, 800)}{advice}"
+        )
+        raise LogError(f"{contents.files[0].path}: {message}")
+    return points
+
+
+def drifting(contents: Contents) -> TopicSummary | None:
+    """The source of poses that is most likely odometry, which never jumps; None without any."""
+    truth, odometry = _poses(contents)
+    is_odometry = truth is not None and DRIFTS.search(f"{truth.frame} {truth.name}")
+    return odometry or (truth if is_odometry else None)
 
 
 def _poses(contents: Contents) -> tuple[TopicSummary | None, TopicSummary | None]:
@@ -151,12 +171,13 @@ def _extrinsic(
     Appends to `warnings`.
     """
     ask = "give x, y, z in m and roll, pitch, yaw in deg"
-    if truth is None or not truth.child:
-        if truth:
-            warnings.append(
-                f"{truth.name} does not name the frame that it poses: {ask} of the LiDAR in it as "
-                "body_T_lidar"
-            )
+    if truth is None:
+        return np.eye(4), "without poses the LiDAR is the body"
+    if not truth.child:
+        warnings.append(
+            f"{truth.name} does not name the frame that it poses: {ask} of the LiDAR in it as "
+            "body_T_lidar"
+        )
         return None, f"the posed frame is unknown: {ask}"
     body_T_lidar = (
         np.eye(4) if truth.child == points.frame else contents.tree.fixed(truth.child, points.frame)

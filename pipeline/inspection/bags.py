@@ -92,7 +92,7 @@ def _try(path: Path, text: str, contents: Contents, inspection: Inspection) -> N
     """
     reader = yaml.safe_load(text)["reader"]
     del reader["_target_"]
-    if reader["truth"] is None:
+    if reader["truth"] is None and not contents.of(CLOUD):
         return
     full_path = path.resolve()
     drive = (

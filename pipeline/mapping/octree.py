@@ -18,6 +18,8 @@ from pipeline.mapping import octree_kernels as kernels
 from pipeline.mapping.bricks import Bricks, bricks_of_a_ray, dense, empty, forget, with_room
 from pipeline.running.settings import NotNegative, Positive, check
 
+Variance = tuple[float, float]
+"""Of a motion: of its position in m² and of its turn in rad², both above 0."""
 LEAST = 1e-3
 """A leaf whose log-odds decayed below this is unknown again."""
 
@@ -40,6 +42,9 @@ class Octree:
     motion: Literal["gaussian", "per_metre", "none"] = "gaussian"
     """Decay of all log-odds by a motion u, in the deviations below: factor exp(−|u|²/2) a scan; or,
     independent of the scan rate, exp(−|u| sigma_m / per_metre_m); or none."""
+    sigma: Literal["log", "constant"] = "constant"
+    """Deviations of `gaussian`: what the log's odometry says of each motion (eq. 4 as written), or
+    the two below; those also where the log says nothing. `per_metre` always takes those below."""
     sigma_m: Positive = 2.0
     sigma_rad: Positive = 0.5
     per_metre_m: Positive = 8.0
@@ -88,10 +93,17 @@ class Octree:
         """The longest ray that hits."""
         return self.max_range_m or math.sqrt(3) / 2 * self.edge_m
 
-    def kept(self, moved_m: float, turned_rad: float) -> float:
-        """The share of all log-odds that is left after a motion (METHODS 4.3): 1 at rest."""
+    def kept(self, moved_m: float, turned_rad: float, variance: Variance | None = None) -> float:
+        """The share of all log-odds that is left after a motion (METHODS 4.3): 1 at rest.
+
+        `variance` is what the log says of this motion.
+        """
         deviations = math.hypot(moved_m / self.sigma_m, turned_rad / self.sigma_rad)
         if self.motion == "gaussian":
+            if self.sigma == "log" and variance is not None:
+                deviations = math.hypot(
+                    moved_m / math.sqrt(variance[0]), turned_rad / math.sqrt(variance[1])
+                )
             return math.exp(-0.5 * deviations**2)
         return (
             math.exp(-deviations * self.sigma_m / self.per_metre_m)
@@ -142,8 +154,15 @@ class OctreeMap:
         """A copy (side, side, side) of all leaves, x-major; 0 is unknown."""
         return dense(self.bricks, self.lowest, self.octree.side)
 
-    def insert(self, points_m: NDArray[np.floating], odom_T_vehicle: NDArray[np.float64]) -> None:
+    def insert(
+        self,
+        points_m: NDArray[np.floating],
+        odom_T_vehicle: NDArray[np.float64],
+        variance: Variance | None = None,
+    ) -> None:
         """Add a scan (n, 3) of the vehicle frame at `odom_T_vehicle` (4, 4): METHODS 4.4.
+
+        `variance` is what the log says of the motion since the last scan, None if nothing.
 
         All log-odds decay by the motion since the last scan, the root cube follows by whole leaves,
         then each leaf that rays of the scan cross misses once and each that holds a point hits
@@ -167,7 +186,7 @@ class OctreeMap:
             raise
         if (is_gone := self._gone(lowest)).any():
             forget(self.bricks, is_gone)
-        kept_share = self._kept(pose)
+        kept_share = self._kept(pose, variance)
         kernels.sweep(
             self.bricks,
             np.float32(kept_share),
@@ -218,7 +237,7 @@ class OctreeMap:
                     "first"
                 )
 
-    def _kept(self, odom_T_vehicle: NDArray[np.float64]) -> float:
+    def _kept(self, odom_T_vehicle: NDArray[np.float64], variance: Variance | None) -> float:
         """The share of all log-odds that is left on the way from the last scan."""
         if self._odom_T_vehicle is None:
             return 1.0
@@ -226,7 +245,7 @@ class OctreeMap:
         after = odom_T_vehicle
         turn = before[:3, :3].T @ after[:3, :3]
         moved_m = float(np.linalg.norm(after[:3, 3] - before[:3, 3]))
-        return self.octree.kept(moved_m, math.atan2(turn[1, 0], turn[0, 0]))
+        return self.octree.kept(moved_m, math.atan2(turn[1, 0], turn[0, 0]), variance)
 
     def _gone(self, lowest: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Which torus coordinates (3, torus) the cube leaves when it moves to `lowest` (3,)."""

@@ -90,7 +90,17 @@ class Intake:
         )
         stamps_ns = self._log.stamps_ns[kept_rows]
         world_T_scan = self._log.world_T_scan[kept_rows]
-        return {"stamps_ns": stamps_ns, "world_T_scan": world_T_scan, "odom_T_scan": odom_T_scan}
+        odom_variance = (
+            np.full((len(kept_rows), 2), np.nan)
+            if self._log.odom_variance is None
+            else self._log.odom_variance[kept_rows]
+        )
+        return {
+            "stamps_ns": stamps_ns,
+            "world_T_scan": world_T_scan,
+            "odom_T_scan": odom_T_scan,
+            "odom_variance": odom_variance,
+        }
 
     def skipped(self) -> dict[str, int]:
         """Scans left out: reason to count."""

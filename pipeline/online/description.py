@@ -2,8 +2,10 @@
 
 from pathlib import Path
 
+import numpy as np
+
 from pipeline.inspection.inspection import Inspection, box, nbytes
-from pipeline.online.site_file import read
+from pipeline.online.site_file import LevelParts, read_either
 from pipeline.online.site_json import LearnedDay, SiteDescription
 
 
@@ -12,7 +14,10 @@ def describe(path: Path) -> Inspection:
 
     Raises ArtifactError for a file that is no whole site.
     """
-    description, model, arrays, network, _ = read(path)
+    parts = read_either(path)
+    if isinstance(parts, LevelParts):
+        return _level(path, parts)
+    description, model, arrays, network, _ = parts
     inspection = Inspection(path)
     verdict = description.verdict
     sensor = description.sensor
@@ -71,6 +76,32 @@ def describe(path: Path) -> Inspection:
         not verdict.kept,
         "no promise can be kept: every fix will be rejected",
     )
+    return inspection
+
+
+def _level(path: Path, parts: LevelParts) -> Inspection:
+    """Describe a level site."""
+    inspection = Inspection(path)
+    description, arrays = parts
+    level = description.level
+    verdict = description.verdict
+    occupancy = arrays["occupancy"]
+    rows, cols = occupancy.shape
+    x_m, y_m, yaw_rad = level.origin
+    inspection.describe(
+        f"level site {description.name}{', of a simulated world' if description.simulated else ''}",
+        ("size", nbytes(path.stat().st_size)),
+        ("made of", description.provenance.train),
+        ("map", f"{cols} x {rows} cells of {level.cell_m:g} m"),
+        ("free", f"{float((occupancy == 0).sum()) * level.cell_m**2:,.0f} m²"),
+        ("origin", f"x {x_m:g} m, y {y_m:g} m, yaw {np.rad2deg(yaw_rad):g}°"),
+        ("gathers", f"sweeps over {level.over_m:g} m of path"),
+    )
+    limits = zip(verdict.promises, verdict.promised["fix"], strict=True)
+    title = f"promises of a pose, by {verdict.held_out} held-out blocks of its own"
+    title += f"; of queries {verdict.unseen_share:g} are expected unseen"
+    inspection.add(title, *((f"{promise:g}", _promise(float(limit))) for promise, limit in limits))
+    inspection.add("with", *description.provenance.versions.items())
     return inspection
 
 

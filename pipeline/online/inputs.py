@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.errors import ConfigError, LogError, YearlocError
-from pipeline.formats import folder, nclt, records
-from pipeline.formats.bag import CLOUD
+from pipeline.formats import carmen, folder, nclt, records
+from pipeline.formats.bag import CLOUD, SWEEP
 from pipeline.formats.bag_file import BagFile, find
 from pipeline.frames import Poses, Stamps
 from pipeline.readers import vehicle
@@ -64,8 +64,9 @@ def scans(
     odometry: str | None = None,
     skipped: Counter[str] | None = None,
     body_T_lidar: Poses | None = None,
+    is_level: bool = False,
 ) -> Iterator[Scan]:
-    """The scans of a path, or of standard input for `-`.
+    """The scans of a path, or of standard input for `-`; if `is_level`, the sweeps of bags.
 
     A log that the site's own reader can open has its poses with it. Otherwise files and messages
     are taken as x forward, y left, z up, and raised by `lift_m`; or placed by `body_T_lidar` (4,
@@ -98,7 +99,14 @@ def scans(
             )
     elif bags := find(path):
         yield from _messages(
-            path, [BagFile(bag) for bag in bags], topic, odometry, lift_m, skipped, body_T_lidar
+            path,
+            [BagFile(bag) for bag in bags],
+            topic,
+            odometry,
+            lift_m,
+            skipped,
+            body_T_lidar,
+            SWEEP if is_level else CLOUD,
         )
     else:
         files = [path] if path.is_file() else _files(path)
@@ -166,10 +174,17 @@ def _log(path: Path, reader: Mapping[str, Any]) -> Log | None:
     for root in (path.parent, *path.parents[1:2]):
         with suppress(YearlocError, OSError):
             opener = build(reader, READERS)
-            if opener.sequences(root).get(path.name) == []:
-                log: Log = opener.open(root, path.name)
+            name = _sequence(path)
+            if opener.sequences(root).get(name) == []:
+                log: Log = opener.open(root, name)
                 return log
     return None
+
+
+def _sequence(path: Path) -> str:
+    """The sequence that a path names; a CARMEN log may be named with its suffix."""
+    suffixes = (suffix for suffix in carmen.SUFFIXES if path.name.endswith(suffix))
+    return path.name.removesuffix(next(suffixes, ""))
 
 
 def _files(path: Path) -> list[Path]:
@@ -205,23 +220,27 @@ def _messages(
     lift_m: float,
     skipped: Counter[str],
     body_T_lidar: Poses | None,
+    kind: str,
 ) -> Iterator[Scan]:
-    """The clouds of bags, with the odometry interpolated at their stamps."""
+    """The clouds or sweeps of bags, with the odometry interpolated at their stamps."""
     cloud_counts = Counter(
         {
             name: bag_topic.count
             for file in files
             for name, bag_topic in file.topics.items()
-            if bag_topic.kind == CLOUD
+            if bag_topic.kind == kind
         }
     )
     if topic is None and not cloud_counts:
+        of_level_site = ", and the site is level" if kind == SWEEP else ""
         raise LogError(
-            f"{path}: no PointCloud2 in it; `yearloc inspect {path.name}` says what it holds"
+            f"{path}: no {kind.rpartition('/')[2]} in it{of_level_site}; `yearloc inspect "
+            f"{path.name}` says what it holds"
         )
     if topic is not None and topic not in cloud_counts:
+        kinds = "sweeps" if kind == SWEEP else "clouds"
         raise ConfigError(
-            f"--topic {topic}: {path} has the clouds {', '.join(cloud_counts) or 'none'}"
+            f"--topic {topic}: {path} has the {kinds} {', '.join(cloud_counts) or 'none'}"
         )
     clouds = Clouds.read(files, topic or cloud_counts.most_common(1)[0][0], skipped)
     tree = Tree.read(files, moving=False)

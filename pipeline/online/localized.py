@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from pipeline.errors import LogError
 from pipeline.online.inputs import Scan
+from pipeline.online.level_site import LevelSite, LevelTracker
 from pipeline.online.site import Fix, Site
 from pipeline.online.tracking import Tracker
 
@@ -22,7 +23,10 @@ class Localized(NamedTuple):
 
 
 def localized(
-    scans: Iterable[Scan], localizer: Site | Tracker, promise: float | None, broken: list[str]
+    scans: Iterable[Scan],
+    localizer: Site | Tracker | LevelTracker,
+    promise: float | None,
+    broken: list[str],
 ) -> Iterator[Localized]:
     """The fix of each scan, one after the other; a tracker has a promise of its own.
 
@@ -35,7 +39,17 @@ def localized(
             reason = str(error)
             broken.append(reason if scan.name in reason else f"{scan.name}: {reason}")
             continue
-        if isinstance(localizer, Tracker):
+        if isinstance(localizer, Tracker | LevelTracker):
             yield Localized(scan, points_m, localizer.follow(scan, points_m))
         else:
             yield Localized(scan, points_m, localizer.localize(points_m, promise))
+
+
+def tracker_of(site: Site, promise: float | None, track: bool) -> Tracker | LevelTracker | None:
+    """What follows the scans of a site; None where each is localised alone.
+
+    The sweeps of a level site are gathered, tracked or not.
+    """
+    if isinstance(site, LevelSite):
+        return LevelTracker(site, promise, is_tracking=track)
+    return Tracker(site, promise) if track else None

@@ -22,6 +22,7 @@ from pipeline.matching.places import Places
 from pipeline.matching.ranking import Model, Rows
 from pipeline.matching.rejection import PREFIX as HELD_OUT
 from pipeline.online import site, site_file
+from pipeline.online.level_pack import is_level, pack_sweeps
 from pipeline.online.sensor import typical
 from pipeline.online.site_file import Arrays
 from pipeline.online.site_json import (
@@ -77,16 +78,19 @@ class Trained:
         """
         dataset, grid, model_name, method = _named(studies, name)
         train = studies[dataset].train_text
+        looked_at = next(
+            method.view_of(model.variant) for model in method.models if model.name == model_name
+        )
         return cls(
             name,
             studies[dataset].simulated,
             train,
-            method.view,
+            looked_at,
             layout.path("train", dataset, grid, model_name),
             layout.path("labels", dataset, grid, train),
             layout.path("scans", dataset, train),
             layout.path("submaps", dataset, train),
-            layout.path("views", dataset, method.view, train),
+            layout.path("views", dataset, looked_at, train),
             layout.path("map", dataset, train),
         )
 
@@ -113,8 +117,14 @@ class Packing:
         scans = store.read(trained.scans, schemas.Scans)
         submaps = store.read(trained.submaps, schemas.Submaps)
         if not (submaps.load("first") == submaps.load("scans")).all():
+            if is_level(scans):
+                reader = read_yaml(self.conf / "dataset" / f"{trained.dataset}.yaml")["reader"]
+                return pack_sweeps(
+                    name, out, scans, trained.train, trained.simulated, reader, progress
+                )
             raise ConfigError(
-                f"{name}: its submaps gather several scans or sweeps; a site localises single scans"
+                f"{name}: its submaps gather several scans, or sweeps that are not level; a site "
+                "localises single scans or level sweeps"
             )
         view = read_yaml(self.conf / "view" / f"{trained.view}.yaml")
         recipe = {key: plain(value) for key, value in store.read_recipe(trained.model).items()}

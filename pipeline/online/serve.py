@@ -130,7 +130,7 @@ def serving(path: Path, token: str = "") -> FastAPI:
                 raise RequestError(400, str(error)) from None
         last_ms = fix.ms
         if (
-            sensor_warnings is None and fix.verdict != "no pose"
+            sensor_warnings is None and fix.verdict != "no pose" and not site.is_level
         ):  # the first scan tells of the sensor
             sensor_warnings = sensor.unlike(points_m, site.description.sensor, body_T_lidar, WAYS)
         answers.labels(fix.verdict).inc()

@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, Literal, Self, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,8 @@ from pipeline.errors import ArtifactError, InputError, NotInstalledError, Yearlo
 from pipeline.matching.places import Places
 from pipeline.matching.ranking import Localizer, Ranking, Rows
 from pipeline.online.runtime import localizer
-from pipeline.online.site_file import Parts, read
+from pipeline.online.site_file import LevelParts, Parts, read, read_either
+from pipeline.online.site_json import Promises
 from pipeline.posing.fix import Fix as Registered
 from pipeline.posing.fix import Hypothesis
 from pipeline.posing.search import Answers, Fixer
@@ -24,6 +25,9 @@ from pipeline.running.building import build
 ROOTS = ("pipeline.methods.", "pipeline.views.", "pipeline.posing.")
 RUNNERS_UP = 3
 FARTHEST_M = 1e3  # no lidar sees farther
+SWEEP_POINTS = 50
+LEVEL_M = 0.01
+"""Points of one height, within LEVEL_M, are a sweep where there are SWEEP_POINTS or more."""
 Word = Literal["accepted", "near", "ambiguous", "rejected", "no pose"]
 """The verdict on a fix, with the promise that was asked for.
 
@@ -78,6 +82,9 @@ class Fix:
 class Site:
     """A place that scans can be localised in: method, map and verdict of one site file."""
 
+    is_level = False
+    """Whether it is asked with the sweeps of a level 2-D laser, not with 3-D scans."""
+
     def __init__(self, parts: Parts, threads: int = 1) -> None:
         """Build a site from the content of its file."""
         description, model, arrays, network, _ = parts
@@ -93,26 +100,25 @@ class Site:
         verdict = description.verdict
         self.judged = Judge(verdict.pose, verdict.place)
         self.fixer: Fixer = replace(build(description.fixer, ROOTS), chances=self.judged.pose)
-        limits = zip(*(verdict.promised[belief] for belief in BELIEFS), strict=True)
-        self.promises: dict[float, tuple[float, ...]] = {
-            promise: reject_from
-            for promise, reject_from in zip(verdict.promises, limits, strict=True)
-            if promise in verdict.kept
-        }
+        self.promises: dict[float, tuple[float, ...]] = promised(verdict)
         """Each precision that it can promise of a pose, with the doubt to reject each of BELIEFS
         from."""
         self.k = description.k
 
     @classmethod
-    def open(cls, path: str | Path, threads: int = 1) -> Self:
-        """Read a site file; `threads` is for the network.
+    def open(cls, path: str | Path, threads: int = 1, level: bool = True) -> Self:
+        """Read a site file; `threads` is for the network, `level` is whether a level site will do.
 
         Raises ArtifactError for one that is not whole or of this version, NotInstalledError where a
         package that it needs is missing.
         """
         path = Path(path)
-        parts = read(path)
+        parts = read_either(path) if level else read(path)
         try:
+            if isinstance(parts, LevelParts):
+                from pipeline.online.level_site import LevelSite  # which is a site too
+
+                return cast(Self, LevelSite(parts))
             return cls(parts, threads)
         except NotInstalledError:
             raise
@@ -156,6 +162,11 @@ class Site:
         start = time.perf_counter()
         self.check(promise)
         points_m = finite(points_m)
+        if _is_sweep(points_m):
+            raise InputError(
+                "a level sweep, all of one height: this site is of 3-D scans; `yearloc pack` makes "
+                "a level site of a data set of level sweeps, or of a Nav2 map"
+            )
         ranking = self.rank(points_m)
         registered = self.register(points_m, Answers.of(ranking))
         return replace(self.judge(registered, promise), ms=1e3 * (time.perf_counter() - start))
@@ -224,6 +235,24 @@ class Site:
 
     def _place(self, hypothesis: Hypothesis) -> int:
         return int(self.places.at(hypothesis.world_T_query[None, :2, 3])[0])
+
+
+def _is_sweep(points_m: NDArray[np.float64]) -> bool:
+    """Whether points (n, 3) are of a level 2-D laser: all of one height, and not of one spot."""
+    if len(points_m) < SWEEP_POINTS:
+        return False
+    along_m, across_m, high_m = np.ptp(points_m, axis=0)
+    return bool(high_m < LEVEL_M and along_m + across_m > 1.0)
+
+
+def promised(verdict: Promises) -> dict[float, tuple[float, ...]]:
+    """Each precision that a site can promise of a pose, with the doubts to reject BELIEFS from."""
+    limits = zip(*(verdict.promised[belief] for belief in BELIEFS), strict=True)
+    return {
+        promise: reject_from
+        for promise, reject_from in zip(verdict.promises, limits, strict=True)
+        if promise in verdict.kept
+    }
 
 
 def finite(points_m: NDArray[np.floating]) -> NDArray[np.float64]:

@@ -17,7 +17,7 @@ from safetensors.numpy import load, save
 
 from pipeline.errors import ArtifactError, ConfigError, YearlocError
 from pipeline.online.runtime import NETWORK
-from pipeline.online.site_json import VERSION, SiteDescription
+from pipeline.online.site_json import VERSION, LevelDescription, SiteDescription
 from pipeline.replacing import replace as replaced
 
 ABOUT = "site.json"
@@ -45,24 +45,51 @@ class Parts(NamedTuple):
     they are asked for."""
 
 
-def write(path: Path, parts: Parts) -> None:
+class LevelParts(NamedTuple):
+    """The content of a level site's file."""
+
+    description: LevelDescription
+    arrays: Arrays
+    """The map: `occupancy` (row, col) in percent, −1 where unknown, row 0 the lowest."""
+
+
+def write(path: Path, parts: Parts | LevelParts) -> None:
     """Write a site file, whole or not at all; with an exported network, `model` has no weights."""
-    arrays_by_file = {MODEL: parts.model, MAP: parts.arrays} | (
-        {VIEWS: parts.views} if parts.views else {}
-    )
+    if isinstance(parts, LevelParts):
+        parts_model: Arrays = {}
+        views: Arrays = {}
+        network = None
+    else:
+        parts_model = parts.model
+        views = parts.views
+        network = parts.network
+    arrays_by_file = {MODEL: parts_model, MAP: parts.arrays} | ({VIEWS: views} if views else {})
     content = {ABOUT: json.dumps(parts.description.as_json(), indent=1, allow_nan=False).encode()}
     content |= {
         name: save({key: np.require(array, requirements="C") for key, array in part.items()})
         for name, part in arrays_by_file.items()
     }
-    content |= {} if parts.network is None else {NETWORK: parts.network}
+    content |= {} if network is None else {NETWORK: network}
     with replaced(path) as scratch, zipfile.ZipFile(scratch, "w") as file:
         for name, data in content.items():
             file.writestr(zipfile.ZipInfo(name, EPOCH), data, zipfile.ZIP_DEFLATED, 6)
 
 
 def read(path: Path, views: bool = False) -> Parts:
-    """Read a site file, its views only if asked for; raises ArtifactError as `Site.open` does."""
+    """Read a site of 3-D scans, its views only if asked for.
+
+    Raises ArtifactError as `Site.open` does, and for a level site.
+    """
+    parts = read_either(path, views)
+    if isinstance(parts, LevelParts):
+        raise ArtifactError(
+            f"{path}: a level site, of a 2-D laser; this works with sites of 3-D scans alone"
+        )
+    return parts
+
+
+def read_either(path: Path, views: bool = False) -> Parts | LevelParts:
+    """Read a site or a level site, its views only if asked for."""
     if path.suffix == ".onnx":
         raise ArtifactError(
             f"{path}: a network alone; `yearloc export SITE -o FILE.site` writes a site that "
@@ -109,6 +136,8 @@ def read(path: Path, views: bool = False) -> Parts:
             "anew"
         )
     try:
+        if "level" in about:
+            return LevelParts(LevelDescription.from_json(about), arrays)
         description = SiteDescription.from_json(about)
     except ConfigError as error:
         raise ArtifactError(f"{path}: its {ABOUT}: {error}; pack the site anew") from None

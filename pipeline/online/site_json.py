@@ -8,6 +8,7 @@ from typing import Any, Self, get_args, get_origin, get_type_hints
 
 from pipeline.errors import ConfigError, InputError
 from pipeline.grid import Grid
+from pipeline.level.fix import LevelFixer
 from pipeline.posing.chances import Chances
 
 VERSION = 4
@@ -146,6 +147,44 @@ class SiteDescription:
                 for day in content["growth"]["days"]
             ]
         return {"version": VERSION, **content}
+
+
+@dataclass(frozen=True)
+class LevelSettings:
+    """The grid of a level site, and how it is asked."""
+
+    cell_m: float
+    """Side of a cell."""
+    origin: tuple[float, ...]
+    """x, y in metres and yaw in radians of the outer corner of cell (0, 0)."""
+    over_m: float
+    """Sweeps are gathered over so many metres of path."""
+    fixer: LevelFixer
+
+
+@dataclass(frozen=True)
+class LevelDescription:
+    """The content of a level site's site.json."""
+
+    name: str
+    """What was packed: the name of a map, or STUDY/GRID/MODEL."""
+    simulated: bool
+    level: LevelSettings
+    verdict: Promises
+    reader: Settings
+    """Of the logs that it is asked with."""
+    sensor: Sensor
+    provenance: Provenance
+
+    @classmethod
+    def from_json(cls, content: Any) -> Self:
+        """Check the content of a level site's site.json, as SiteDescription does."""
+        description: Self = _checked(cls, content, "")
+        return description
+
+    def as_json(self) -> dict[str, Any]:
+        """The content of site.json."""
+        return {"version": VERSION, **asdict(self)}
 
 
 def _checked(hint: Any, value: Any, key: str) -> Any:

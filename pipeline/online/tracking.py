@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pipeline.errors import InputError
 from pipeline.frames import apart
 from pipeline.online import odometry
 from pipeline.online.inputs import Scan
@@ -118,6 +119,8 @@ class Tracker:
 
     def __init__(self, site: Site, promise: float | None = 0.99) -> None:
         """Raises InputError for a promise that the site cannot make; None accepts nothing."""
+        if site.is_level:
+            raise InputError("a level site: a LevelTracker follows its sweeps")
         site.check(promise)
         self.site = site
         self._promise = promise

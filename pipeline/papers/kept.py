@@ -134,11 +134,11 @@ def keep(
 
 
 def _told(study: Study) -> dict[str, Any]:
-    """What the yaml says of a study; of its methods their names, variants and seeds."""
+    """What the yaml says of a study; of its methods their names, views, variants and seeds."""
     table = study.table()
     origin = {key: table[key] for key in TOLD if key in table}
     origin["methods"] = [
-        {key: method[key] for key in ("name", "variants", "seeds") if key in method}
+        {key: method[key] for key in ("name", "view", "variants", "seeds") if key in method}
         for method in table["methods"]
     ]
     return origin

@@ -95,7 +95,7 @@ class Graph:
 
         The chance holds if the fixes that agree are right.
         """
-        gtsam = _gtsam()
+        gtsam = imported_gtsam()
         graph = gtsam.NonlinearFactorGraph()
         values = gtsam.Values()
         nearest = agreeing_rows[np.abs(stretch[:, None] - agreeing_rows[None]).argmin(1)]
@@ -132,7 +132,7 @@ class Graph:
         return poses, 1 - np.exp(-(RIGHT_M**2) / (2 * variance_m2))
 
 
-def _gtsam() -> Any:
+def imported_gtsam() -> Any:
     """Import gtsam, which no other part needs; raises ConfigError where it is not installed."""
     try:
         import gtsam

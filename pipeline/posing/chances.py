@@ -62,12 +62,14 @@ def learned(
     right: Sequence[NDArray[np.bool_]],
     weight: NDArray[np.float64],
     start: Chances = USUAL,
+    scales: NDArray[np.float64] = SCALES,
 ) -> Chances:
     """Learn chances from q queries.
 
     They are given by the signs (n, sign) of each one's hypotheses, which of these (n,) are right,
     and its weight (q,). The weights are the likeliest, given that they stray little from those of
-    `start`; without any query they are those of `start`.
+    `start`, as if signs were divided by their `scales` (sign,); without any query they are those of
+    `start`.
     """
     from scipy.optimize import minimize  # a robot does not learn
 
@@ -75,15 +77,15 @@ def learned(
     most_hypotheses = max(map(len, signs), default=0)
     if not most_hypotheses:
         return start
-    scaled = np.zeros((queries, most_hypotheses, len(SIGNS)))
+    scaled = np.zeros((queries, most_hypotheses, len(scales)))
     present = np.zeros((queries, most_hypotheses), bool)
     good = np.zeros((queries, most_hypotheses), bool)
     for row, (query_signs, query_right) in enumerate(zip(signs, right, strict=True)):
         hypotheses = slice(len(query_signs))
-        scaled[row, hypotheses] = query_signs / SCALES
+        scaled[row, hypotheses] = query_signs / scales
         present[row, hypotheses] = True
         good[row, hypotheses] = query_right
-    first = np.append(np.array(start.weights) * SCALES, start.offset)
+    first = np.append(np.array(start.weights) * scales, start.offset)
     any_good = good.any(axis=1)
 
     def loss(weights: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
@@ -100,6 +102,6 @@ def learned(
         gradient = np.append(np.einsum("qn,qns->s", slope, scaled) + strayed, slope.sum())
         return float(-weight @ likelihood + strayed @ (weights - first)[:-1] / 2), gradient
 
-    bounds = [(0.0, None)] * len(SIGNS) + [(None, None)]
+    bounds = [(0.0, None)] * len(scales) + [(None, None)]
     best = minimize(loss, first, jac=True, bounds=bounds, method="L-BFGS-B").x
-    return Chances(tuple(map(float, best[:-1] / SCALES)), float(best[-1]))
+    return Chances(tuple(map(float, best[:-1] / scales)), float(best[-1]))

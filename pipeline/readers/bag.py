@@ -31,9 +31,9 @@ class Bag:
 
     points: str = "/points"
     """Topic of the clouds (PointCloud2), or of the sweeps of a 2-D LiDAR (LaserScan)."""
-    truth: str = "/odom"
+    truth: str | None = "/odom"
     """Topic of the true poses (Odometry, PoseStamped, PoseWithCovarianceStamped), or
-    tf:PARENT>CHILD."""
+    tf:PARENT>CHILD. None: all messages are taken without."""
     odometry: str | None = None
     """Topic or tf:PARENT>CHILD of poses that drift but never jump; after a gap the odometry starts
     anew."""
@@ -46,13 +46,10 @@ class Bag:
     """Poses further apart than this are a gap."""
 
     def __post_init__(self) -> None:
-        if self.truth is None:
-            raise ConfigError(
-                "reader.truth=null: expected the topic of the true poses, such as /odom; learning "
-                "needs poses"
-            )
         check(self, "reader")
-        for key, name in (("truth", self.truth), ("odometry", self.odometry or "tf:a>b")):
+        for key, name in (("truth", self.truth), ("odometry", self.odometry)):
+            if name is None:
+                continue
             parent, sign, child = name.removeprefix("tf:").partition(">")
             if name.startswith("tf:") and not (parent and sign and child):
                 raise ConfigError(
@@ -74,16 +71,28 @@ class Bag:
         self._check_topics(where, files)
         skipped: Counter[str] = Counter()
         clouds = Clouds.read(files, self.points, skipped)
-        truth = track(files, self.truth, self.max_gap_s)
+        truth = track(files, self.truth, self.max_gap_s) if self.truth else None
         odometry = _parted(track(files, self.odometry, self.max_gap_s)) if self.odometry else None
-        body_T_lidar = self._extrinsic(where, files, clouds.frames, truth)
-        rows, world_T_body, odom_T_body, notes = _rows_with_poses(clouds, truth, odometry, skipped)
-        if not len(rows):
+        body_T_lidar = self._extrinsic(where, files, clouds.frames, truth or odometry)
+        if truth is None:
+            rows, world_T_body, odom_T_body, notes = log.rows_with_poses(
+                where,
+                clouds.stamps_ns,
+                None,
+                odometry.trajectory if odometry else None,
+                skipped,
+                "",
+            )
+        else:
+            rows, world_T_body, odom_T_body, notes = _rows_with_poses(
+                clouds, truth, odometry, skipped
+            )
+        if truth and not len(rows):
             question = f"do {self.points} and {self.truth} share a clock?"
             log.refuse_unposed(
                 where, "messages", clouds.stamps_ns, truth.trajectory, skipped, question
             )
-        if odometry and odometry.child and truth.child and odometry.child != truth.child:
+        if odometry and odometry.child and truth and truth.child and odometry.child != truth.child:
             odom_T_body = odom_T_body @ _fixed_transform(where, files, odometry.child, truth.child)
         vehicle_T_lidar = log.raised(self.lift_m) @ body_T_lidar
 
@@ -94,15 +103,24 @@ class Bag:
             return np.asarray(rotated + vehicle_T_lidar[:3, 3])
 
         poses = (log.lifted(world_T_body, self.lift_m), log.lifted(odom_T_body, self.lift_m))
-        doubts = vehicle.doubts(truth.name, truth.trajectory)
+        doubts = vehicle.doubts(truth.name, truth.trajectory) if truth else ()
         notes = (
             *clouds.notes,
-            *truth.notes,
+            *(truth.notes if truth else ()),
             *(odometry.notes if odometry else ()),
             *doubts,
             *notes,
         )
-        return Log(clouds.stamps_ns[rows], *poses, points, +skipped, notes)
+        uncertainty = odometry.uncertainty if odometry else None
+        return Log(
+            clouds.stamps_ns[rows],
+            *poses,
+            points,
+            +skipped,
+            notes,
+            odom_variance=uncertainty.at(clouds.stamps_ns[rows]) if uncertainty else None,
+            times_s=lambda row: clouds.times_s(int(rows[row])),
+        )
 
     def sequences(self, root: Path) -> dict[str, list[str]]:
         children = sorted(root.iterdir()) if root.is_dir() else []
@@ -154,10 +172,13 @@ class Bag:
                 )
 
     def _extrinsic(
-        self, where: Path, files: Sequence[BagFile], frames: set[str], truth: Track
+        self, where: Path, files: Sequence[BagFile], frames: set[str], truth: Track | None
     ) -> NDArray[np.float64]:
+        """The LiDAR in the body of the poses; without any poses the LiDAR is the body."""
         if self.body_T_lidar is not None:
             return log.extrinsic("reader.body_T_lidar", self.body_T_lidar)
+        if truth is None:
+            return np.eye(4)
         if truth.parent and frames == {truth.parent} and truth.child != truth.parent:
             raise LogError(
                 f"{where}: {self.points} lies in {truth.parent} already, the world of "

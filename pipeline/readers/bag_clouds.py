@@ -11,7 +11,7 @@ from pipeline.errors import LogError
 from pipeline.formats.bag import CLOUD
 from pipeline.formats.bag_file import BagFile, Key
 from pipeline.formats.messages import header, sweep_points
-from pipeline.formats.pointcloud2 import decode
+from pipeline.formats.pointcloud2 import decode, times_s
 from pipeline.frames import Stamps
 from pipeline.readers.bag_poses import message_stamps
 
@@ -92,3 +92,13 @@ class Clouds:
             raise LogError(
                 f"{file.path}: {self.topic} at {self.stamps_ns[row]} ns: {error}"
             ) from None
+
+    def times_s(self, row: int) -> NDArray[np.float64] | None:
+        """Seconds (n,) after the stamp at which each point of a message was measured.
+
+        None where a message does not say. Raises LogError for a broken one.
+        """
+        file, key, _ = self.keys[row]
+        if self.kind != CLOUD:
+            return None
+        return times_s(file.decode(file.read(key), self.kind), int(self.stamps_ns[row]))

@@ -12,9 +12,16 @@ from numpy.typing import NDArray
 from pipeline.errors import LogError
 from pipeline.formats.bag import ODOMETRY, POSE, POSE_COVARIANCE, TRANSFORMS
 from pipeline.formats.bag_file import BagFile
-from pipeline.formats.messages import frame_name, header, pose_numbers, poses, transform_numbers
+from pipeline.formats.messages import (
+    frame_name,
+    gathered_variance,
+    header,
+    pose_numbers,
+    poses,
+    transform_numbers,
+)
 from pipeline.frames import Poses, Stamps, Trajectory
-from pipeline.readers.log import LATEST_NS
+from pipeline.readers.log import LATEST_NS, Uncertainty
 
 KINDS = (ODOMETRY, POSE, POSE_COVARIANCE)
 STILL = 1e-6
@@ -33,6 +40,8 @@ class Track:
     child: str | None
     """The frame of the body; None where the messages do not name it."""
     notes: tuple[str, ...]
+    uncertainty: Uncertainty | None = None
+    """Of the poses; None of transforms, which have none."""
 
 
 def track(files: Sequence[BagFile], name: str, max_gap_s: float) -> Track:
@@ -43,7 +52,7 @@ def track(files: Sequence[BagFile], name: str, max_gap_s: float) -> Track:
     if name.startswith("tf:"):
         parent, _, child = name.removeprefix("tf:").partition(">")
         return Tree.read(files, moving=True).track(parent, child, max_gap_s)
-    messages: list[tuple[int, int, tuple[float, ...]]] = []
+    messages: list[tuple[int, int, tuple[float, ...], tuple[float, float]]] = []
     frames: set[str] = set()
     children: set[str] = set()
     broken = 0
@@ -56,7 +65,14 @@ def track(files: Sequence[BagFile], name: str, max_gap_s: float) -> Track:
             except LogError:
                 broken += 1
                 continue
-            messages.append((key.received_ns, stamp_ns, pose_numbers(message, kind)))
+            messages.append(
+                (
+                    key.received_ns,
+                    stamp_ns,
+                    pose_numbers(message, kind),
+                    gathered_variance(message, kind),
+                )
+            )
             frames.add(frame)
             children.update([frame_name(message.child_frame_id)] if kind == ODOMETRY else [])
     for preposition, frame_names in (("in", frames), ("of", children)):
@@ -69,18 +85,21 @@ def track(files: Sequence[BagFile], name: str, max_gap_s: float) -> Track:
         raise LogError(f"{files[0].path}: {name} holds no pose that can be read")
     messages.sort(key=itemgetter(0))
     times, notes = message_stamps(
-        name, [(stamp_ns, received_ns) for received_ns, stamp_ns, _ in messages]
+        name, [(stamp_ns, received_ns) for received_ns, stamp_ns, *_ in messages]
     )
     notes += (f"{name}: {broken:,} broken messages are left out",) if broken else ()
     topic_trajectory, left_out = trajectory(
-        name, times, poses([numbers for _, _, numbers in messages]), max_gap_s
+        name, times, poses([numbers for _, _, numbers, _ in messages]), max_gap_s
     )
+    rows = longest_increasing(times)
+    variances = np.array([variance for *_, variance in messages], np.float64)[rows]
     return Track(
         name,
         topic_trajectory,
         next(iter(frames), "") or None,
         next(iter(children), "") or None,
         notes + left_out,
+        Uncertainty(times[rows], variances),
     )
 
 

@@ -41,9 +41,10 @@ class Folder:
 
     scans: str = "scans"
     """Below the sequence: a subfolder with .bin, .npy and .pcd scans, or a pattern such as
-    clouds/*.pcd."""
-    poses: str = "poses.txt"
-    """Below the sequence: the true poses of the body."""
+    clouds/*.pcd; a dot for the sequence's own folder."""
+    poses: str | None = "poses.txt"
+    """Below the sequence: the true poses of the body. None: all scans are taken without; then a
+    name ends in a stamp in whatever unit, or in a number, which stands for as many seconds."""
     poses_format: Literal["tum", "kitti"] = "tum"
     poses_frame: Literal["body", "camera"] = "body"
     """Axes of both pose files: body is x forward, y left, z up; camera is x right, y down, z
@@ -74,7 +75,7 @@ class Folder:
         log.extrinsic("reader.body_T_lidar", self.body_T_lidar)
         for name in ("scans", "poses", "odometry"):
             place = getattr(self, name)
-            if place is None and name == "odometry":
+            if place is None and name != "scans":
                 continue
             if (
                 not isinstance(place, str)
@@ -91,9 +92,10 @@ class Folder:
         skipped = Counter[str]()
         if not folder.is_dir():
             raise LogError(f"{folder}: no such folder of a sequence")
-        truth = self._trajectory(folder, self.poses)
+        truth = None if self.poses is None else self._trajectory(folder, self.poses)
         odometry = None if self.odometry is None else self._trajectory(folder, self.odometry)
-        paths, width, notes = self._paths(folder, truth.stamps_ns, skipped)
+        pose_stamps_ns = np.empty(0, np.int64) if truth is None else truth.stamps_ns
+        paths, width, notes = self._paths(folder, pose_stamps_ns, skipped)
         stamps_ns = np.array(sorted(paths), np.int64)
         question = f"is reader.stamps={self.stamps} the unit of the scans' names?"
         rows, world_T_body, odom_T_body, doubts = log.rows_with_poses(
@@ -116,7 +118,7 @@ class Folder:
         names = sorted(path.name for path in root.glob("*") if path.is_dir() and self._files(path))
         needed_files = [
             self.poses,
-            files.TIMES if self.poses_format == "kitti" else None,
+            files.TIMES if self.poses and self.poses_format == "kitti" else None,
             self.odometry,
         ]
         return {
@@ -162,9 +164,10 @@ class Folder:
                 if self.poses_format == "tum"
                 else "row numbers of the poses"
             )
+            names = "a number or a stamp at the end" if self.poses is None else names
             odd_file = next((f"; {path.name} is none" for path in scan_paths), "")
             unit = files.unit_of(scan_paths[0].stem) if scan_paths else ""
-            if unit in files.UNIT_NS and unit != self.stamps:
+            if self.poses and unit in files.UNIT_NS and unit != self.stamps:
                 odd_file += (
                     f": is it in {unit}? Then say reader.stamps={unit} in the dataset's yaml"
                 )
@@ -206,6 +209,8 @@ class Folder:
         )
 
     def _stamp(self, stem: str, pose_stamps_ns: Stamps) -> int | None:
+        if self.poses is None:
+            return files.stamp_at_end(stem)
         if (
             not stem.isascii()
             or not stem.replace(".", "", 1 if self.stamps == "s" else 0).isdecimal()

@@ -37,6 +37,8 @@ class Kitti:
     root_per_sequence: bool = False
     """Whether each sequence has a folder of its own with such a root inside, as in the simulated
     suburb."""
+    poses: bool = True
+    """False: all scans are taken, without their true poses, which the test logs 11 to 21 lack."""
 
     def __post_init__(self) -> None:
         check(self, "reader")
@@ -49,11 +51,13 @@ class Kitti:
                 f"sequence={sequence}: a KITTI sequence is a log, such as 00, or its part 00-a or "
                 "00-b"
             )
-        poses_path = log.located(root, POSES_PLACES, name) or root / kitti.POSES.format(log=name)
-        poses = read_poses(poses_path, root / kitti.CALIB.format(log=name))
         times_path = root / kitti.TIMES.format(log=name)
         times_s = log.table(times_path, 1)[:, 0]
         stamps_ns = log.nanoseconds(times_path, times_s, "s", 10**9)
+        poses_path = log.located(root, POSES_PLACES, name) or root / kitti.POSES.format(log=name)
+        poses = np.full((len(times_s), 4, 4), np.nan)
+        if self.poses:
+            poses = read_poses(poses_path, root / kitti.CALIB.format(log=name))
         if len(times_s) != len(poses):
             raise LogError(
                 f"{times_path}: {len(times_s)} times for {len(poses)} poses in {poses_path}"
@@ -66,7 +70,8 @@ class Kitti:
             if len(rows) < len(poses)
             else ()
         )
-        notes += vehicle.doubts("the true poses", Trajectory(stamps_ns, poses, USUAL_GAP_S))
+        if self.poses:
+            notes += vehicle.doubts("the true poses", Trajectory(stamps_ns, poses, USUAL_GAP_S))
         path_m = np.concatenate(
             [[0.0], np.cumsum(np.linalg.norm(np.diff(poses[rows, :3, 3], axis=0), axis=1))]
         )
@@ -96,10 +101,12 @@ class Kitti:
         names = sorted(
             path.parent.name for path in root.glob("sequences/*/velodyne") if path.is_dir()
         )
-        needed_files = {
-            name: [place.format(log=name) for place in (kitti.CALIB, kitti.TIMES)] for name in names
+        places = (kitti.CALIB, kitti.TIMES) if self.poses else (kitti.TIMES,)
+        needed_files = {name: [place.format(log=name) for place in places] for name in names}
+        has_poses = {
+            name: not self.poses or log.located(root, POSES_PLACES, name) is not None
+            for name in names
         }
-        has_poses = {name: log.located(root, POSES_PLACES, name) is not None for name in names}
         lacking = {
             name: [] if has_poses[name] else [kitti.POSES.format(log=name)] for name in names
         }

@@ -26,14 +26,15 @@ class Log:
     Vehicle and world frames are x forward, y left, z up.
 
     The ground is at z = 0, except in the vehicle frame of a log whose sweeps will be accumulated:
-    there the submap estimates the ground. Each row has at least one of the two poses.
+    there the submap estimates the ground. Each row has at least one of the two poses, but for logs
+    that were opened without the true ones.
     """
 
     stamps_ns: Stamps
     """(scan,) strictly increasing."""
     world_T_scan: Poses
     """(scan, 4, 4) ground truth at the stamps; NaN where there is none, as in an outage of the
-    INS."""
+    INS, or in all of a log whose poses are still to be estimated."""
     odom_T_scan: Poses
     """(scan, 4, 4) odometry at the stamps; NaN where there is none, and in the first row after a
     break in the odometry."""
@@ -44,6 +45,39 @@ class Log:
     """Scans of the log that were left out: reason to count."""
     notes: tuple[str, ...] = ()
     """Further lines for the user on how complete the log is."""
+    odom_variance: NDArray[np.float64] | None = None
+    """(scan, 2) what the odometry itself says it may be off, gathered since its start: variance of
+    the position in m² (mean of x and y) and of the heading in rad²; NaN where it says nothing, None
+    where it never does."""
+    times_s: Callable[[int], NDArray[np.float64] | None] = lambda row: None
+    """Seconds (n,) after the stamp at which each of `points` of one scan was measured; None where
+    the log does not say."""
+
+    def poses(self, row: int) -> tuple[NDArray[np.float64], ...]:
+        """All that is known of where one scan was taken."""
+        known = (self.world_T_scan[row], self.odom_T_scan[row])
+        return known if self.odom_variance is None else (*known, self.odom_variance[row])
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """The variance that an odometry says it gathered since its start."""
+
+    stamps_ns: Stamps
+    """(n,) increasing."""
+    variance: NDArray[np.float64]
+    """(n, 2) of the position in m² (mean of x and y) and of the heading in rad²."""
+
+    def at(self, stamps_ns: Stamps) -> NDArray[np.float64]:
+        """Variances (m, 2) at stamps (m,), between two rows linearly; NaN beyond the ends."""
+        first_ns = self.stamps_ns[0]  # float64 has 256 ns of what is counted since 1970
+        since_ns = stamps_ns - first_ns
+        known_ns = self.stamps_ns - first_ns
+        columns = [
+            np.interp(since_ns, known_ns, column, left=np.nan, right=np.nan)
+            for column in self.variance.T
+        ]
+        return np.stack(columns, axis=1)
 
 
 EARTH_M = 1e8
@@ -272,22 +306,26 @@ def _span(stamps_ns: Stamps) -> str:
 def rows_with_poses(
     where: Path,
     stamps_ns: Stamps,
-    truth: Trajectory,
+    truth: Trajectory | None,
     odometry: Trajectory | None,
     skipped: Counter[str],
     question: str,
 ) -> tuple[NDArray[np.int64], Poses, Poses, tuple[str, ...]]:
     """Rows of `stamps_ns` with a true pose, these poses, their odometry, and notes for the user.
 
-    Counts the other rows in `skipped`. Raises LogError where no row has a pose, which ends in
-    `question` where no scan lies in the time of the poses.
+    Counts the other rows in `skipped`; without a truth, all rows are kept. Raises LogError where no
+    row has a pose, which ends in `question` where no scan lies in the time of the poses.
     """
-    world_T_scan, has_pose = truth.at(stamps_ns)
-    count_unknown(stamps_ns[~has_pose], truth, skipped)
-    rows = np.flatnonzero(has_pose)
-    if not len(rows):
-        refuse_unposed(where, "scans", stamps_ns, truth, skipped, question)
-    notes = vehicle.doubts("the true poses", truth)
+    rows = np.arange(len(stamps_ns))
+    world_T_scan = np.full((len(stamps_ns), 4, 4), np.nan)
+    notes: tuple[str, ...] = ()
+    if truth is not None:
+        world_T_scan, has_pose = truth.at(stamps_ns)
+        count_unknown(stamps_ns[~has_pose], truth, skipped)
+        rows = np.flatnonzero(has_pose)
+        if not len(rows):
+            refuse_unposed(where, "scans", stamps_ns, truth, skipped, question)
+        notes = vehicle.doubts("the true poses", truth)
     if odometry is None:
         return rows, world_T_scan[rows], np.full((len(rows), 4, 4), np.nan), notes
     odometry, break_notes = vehicle.parted("the odometry", odometry)

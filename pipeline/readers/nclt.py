@@ -1,7 +1,8 @@
 """Reads NCLT (METHODS 7.1).
 
-Its files are velodyne_sync scans, velodyne_hits.bin packets, ground truth and wheel odometry. The
-frames in the files are north-east-down; all results are x forward (north), y left (west), z up.
+Its files are velodyne_sync scans, velodyne_hits.bin packets, ground truth and wheel odometry with
+its covariance. The frames in the files are north-east-down; all results are x forward (north), y
+left (west), z up.
 """
 
 from collections import Counter
@@ -16,7 +17,7 @@ from pipeline.errors import LogError
 from pipeline.formats import nclt
 from pipeline.frames import Trajectory, flip_ned, pose
 from pipeline.readers import log
-from pipeline.readers.log import Log
+from pipeline.readers.log import Log, Uncertainty
 from pipeline.running.settings import Positive, check
 
 HEADER_WORDS = nclt.PACKET_HEADER_BYTES // 2
@@ -30,6 +31,8 @@ class Nclt:
     """Ground truth further apart than this is a gap; a scan in it is skipped."""
     lift_m: float = 0.0
     """Added to z. The body frame of NCLT has its origin near the ground."""
+    poses: bool = True
+    """False: all scans are taken, without their true poses."""
 
     def __post_init__(self) -> None:
         check(self, "reader")
@@ -37,7 +40,7 @@ class Nclt:
     def open(self, root: Path, sequence: str) -> Log:
         folder = root / sequence / nclt.SCANS
         truth_path = log.located(root, nclt.TRUTH_PLACES, sequence)
-        if truth_path is None:
+        if truth_path is None and self.poses:
             expected_path = root / nclt.TRUTH_PLACES[0].format(sequence=sequence)
             raise LogError(
                 f"{expected_path}: no ground truth there or in its other places; `yearloc fetch "
@@ -53,23 +56,32 @@ class Nclt:
             raise LogError(f"{folder}: holds no readable scan (UTIME.bin)")
         odometry_path = log.located(root, nclt.ODOMETRY_PLACES, sequence)
         odometry = None if odometry_path is None else read_poses(odometry_path, self.max_gap_s)
-        truth = read_poses(truth_path, self.max_gap_s)
-        question = f"is {truth_path.name} of this date?"
+        truth = read_poses(truth_path, self.max_gap_s) if self.poses and truth_path else None
+        question = f"is {truth_path.name if truth_path else 'the truth'} of this date?"
         rows, world_T_scan, odom_T_scan, doubts = log.rows_with_poses(
             folder, utimes * 1000, truth, odometry, skipped, question
         )
         utimes = utimes[rows]
         notes = doubts if odometry_path is not None else (*doubts, "no odometry_mu_100hz.csv")
+        covariance_path = log.located(root, nclt.COVARIANCE_PLACES, sequence)
+        odom_variance = None
+        if odometry is not None and covariance_path is not None:
+            try:
+                odom_variance = read_uncertainty(covariance_path).at(utimes * 1000)
+            except LogError as error:  # a log is read without it too
+                notes = (*notes, f"{error}: the odometry's covariance is not used")
 
         def points(row: int) -> NDArray[np.float64]:
             return read_velodyne_sync(folder / f"{utimes[row]}.bin", self.lift_m)
 
-        return Log(utimes * 1000, world_T_scan, odom_T_scan, points, +skipped, notes)
+        return Log(utimes * 1000, world_T_scan, odom_T_scan, points, +skipped, notes, odom_variance)
 
     def sequences(self, root: Path) -> dict[str, list[str]]:
         names = sorted(path.parent.name for path in root.glob(f"*/{nclt.SCANS}") if path.is_dir())
         return {
-            name: [] if log.located(root, nclt.TRUTH_PLACES, name) else [f"groundtruth_{name}.csv"]
+            name: []
+            if not self.poses or log.located(root, nclt.TRUTH_PLACES, name)
+            else [f"groundtruth_{name}.csv"]
             for name in names
         }
 
@@ -100,6 +112,21 @@ def read_poses(path: str | Path, max_gap_s: float = 0.5) -> Trajectory:
     world_T_body = np.full((len(rows), 4, 4), np.nan)
     world_T_body[finite] = flip_ned(pose(rows[finite, 1:4], rows[finite, 4:7]))
     return Trajectory(stamps_ns, world_T_body, max_gap_s)
+
+
+def read_uncertainty(path: str | Path) -> Uncertainty:
+    """Read odometry_cov.csv: the covariance of each motion since the row before.
+
+    Motions err independently, so their variances add up; rows that hold a NaN add nothing. Raises
+    LogError naming the row that is not 22 numbers or whose stamp does not increase.
+    """
+    path = Path(path)
+    rows = log.table(path, nclt.COVARIANCE_COLUMNS, ",")
+    rows = rows[np.isfinite(rows).all(axis=1)]
+    x, y, heading = rows[:, nclt.VARIANCE_COLUMNS].T
+    of_motion = np.column_stack([(x + y) / 2, heading])
+    stamps_ns = log.nanoseconds(path, rows[:, 0], "µs", 1000)
+    return Uncertainty(stamps_ns, np.cumsum(of_motion, axis=0))
 
 
 @dataclass(frozen=True)

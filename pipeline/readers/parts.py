@@ -80,6 +80,11 @@ class Part:
             )
         return match["log"], part
 
+    @property
+    def needs_path(self) -> bool:
+        """Whether poses tell which scans it holds."""
+        return self.by != "time"
+
     def rows(self, stamps_ns: NDArray[np.int64], xyz_m: NDArray[np.float64]) -> NDArray[np.int64]:
         """The rows of this part of a log with these stamps (n,) and positions (n, 3).
 
@@ -154,6 +159,7 @@ def open_part(reader: Reader, root: Path, sequence: str) -> Log:
         stamps_ns=log.stamps_ns[rows],
         world_T_scan=log.world_T_scan[rows],
         odom_T_scan=odom_T_scan,
+        odom_variance=None if log.odom_variance is None else log.odom_variance[rows],
         points=lambda row: log.points(rows[row]),
         notes=notes,
     )

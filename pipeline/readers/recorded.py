@@ -44,10 +44,7 @@ class Recorded:
             except LogError:
                 skipped["unreadable scan"] += 1
                 continue
-            data = b"".join(
-                np.ascontiguousarray(part).data
-                for part in (log.world_T_scan[row], log.odom_T_scan[row], points)
-            )
+            data = b"".join(np.ascontiguousarray(part).data for part in (*log.poses(row), points))
             rows.append(f"{stamp},{len(points)},{sha256(data).hexdigest()[:16]}\n")
         folder.mkdir(parents=True)
         (folder / "inventory.csv").write_text("".join(rows), encoding="utf-8")

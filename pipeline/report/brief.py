@@ -10,14 +10,13 @@ from rich.table import Table
 from rich.text import Text
 
 from pipeline.evaluation.doubts import VOID
-from pipeline.report.result import day
+from pipeline.report.result import Scores, day, ranked, read_scores
 from pipeline.report.sections.lifelong_numbers import (
     PROTOCOL,
     by_order,
     by_strategy,
     read_strategies,
 )
-from pipeline.report.summary import Row, Summary
 from pipeline.report.table import MISSING, average, fixed
 from pipeline.studies.colours import method_of
 from pipeline.studies.study import CellSize, Study
@@ -54,7 +53,7 @@ def brief(table: pd.DataFrame, studies: Mapping[str, Study], width: int) -> str:
             if study.learns_further_days:
                 _print_learning(console, study, grid, rows, row_limit)
             else:
-                _print(console, study, grid, Summary.of(rows, study), row_limit)
+                _print(console, study, grid, read_scores(rows, study.tests), row_limit)
         return "\n".join(line.rstrip() for line in file.getvalue().splitlines())
 
 
@@ -95,50 +94,59 @@ def _print_learning(
 
 
 def _print(
-    console: Console, study: Study, grid: CellSize, summary: Summary, row_limit: int
+    console: Console, study: Study, grid: CellSize, scores: Sequence[Scores], row_limit: int
 ) -> None:
     """One study at one cell size."""
     name = f"{study.name}, {'simulated' if study.simulated else 'recorded'}"
-    if not summary.rows:
+    if not scores:
         return console.print(
             f"{name}: judged by viewpoints alone; `yearloc results --full`\n",
             overflow="ellipsis",
             no_wrap=True,
         )
-    days = "1 test day" if len(summary.tests) == 1 else f"{len(summary.tests)} test days"
+    models = ranked(scores)
+    first, *later = tests = next(iter(models.values()))
+    days = "1 test day" if not later else f"{len(tests)} test days"
     title = f"{name}: learned {day(study.train[0])}, {days}, cells of {grid.cell_m:g} m"
     console.print(title, overflow="ellipsis", no_wrap=True)
-    ends = [0, -1] if len(summary.tests) > 1 else [0]
-    heads = [
-        f"{'' if n else f'within {summary.within_m:g} m'}\n{day(summary.tests[test])}"
-        for n, test in enumerate(ends)
-    ]
+    within = f"within {first.number('distance', 'correct_m'):g} m"
+    heads = [f"{within}\n{day(first.sequence)}", *[f"\n{day(tests[-1].sequence)}"] * bool(later)]
     heads += ["\naccepted", "wrong\nof those", "wrong ones\nrefused"] * (console.width >= NARROWEST)
-    heads += ["ms a\nquery"] * (console.width >= NARROW and summary.is_timed)
+    timed = any(np.isfinite(score.number("", "query_ms")) for score in scores)
+    heads += ["ms a\nquery"] * (console.width >= NARROW and timed)
     lines = Table("", box=None, pad_edge=False, expand=True, padding=(0, 2, 0, 0))
     lines.columns[0].ratio = 1
     lines.columns[0].no_wrap = True
     for head in heads:
         lines.add_column(Text(head), justify="right", no_wrap=True)
-    rows = _one_a_method(summary.rows)
-    for row in rows[:row_limit]:
-        lines.add_row(Text(row.model), *_cells(row, ends)[: len(heads)])
+    chosen = _one_a_method(models)
+    for model, group in list(chosen.items())[:row_limit]:
+        lines.add_row(Text(model), *_cells(group)[: len(heads)])
     console.print(lines)
-    left = len(rows) - row_limit
+    left = len(chosen) - row_limit
     console.print(f"  … and {left} more\n" if left > 0 else "")
     return None
 
 
-def _one_a_method(rows: Sequence[Row]) -> list[Row]:
-    """The row of each method's model that has poses, or else of its best one; the best first."""
-    posed_first = sorted(rows, key=lambda row: not row.posed)
-    chosen = {method_of(row.model): row for row in reversed(posed_first)}
-    return [row for row in rows if row in chosen.values()]
+def _one_a_method(models: Mapping[str, Sequence[Scores]]) -> dict[str, Sequence[Scores]]:
+    """The model of each method that has poses, or else its best one; the best first."""
+    posed_first = sorted(models, key=lambda model: not models[model][0].posed)
+    chosen = {method_of(model): model for model in reversed(posed_first)}
+    return {model: group for model, group in models.items() if model in chosen.values()}
 
 
-def _cells(row: Row, ends: Sequence[int]) -> list[str]:
-    right = [VOID if row.void[test] else fixed(row.right[test], 3) for test in ends]
-    ms = MISSING if np.isnan(row.query_ms) else fixed(row.query_ms, 0 if row.query_ms >= 10 else 1)
-    wrong = row.accepted_wrong + row.refused_wrong
-    refused = MISSING if not wrong > 0 else f"{row.refused_wrong:.0f} of {wrong:.0f}"
-    return [*right, fixed(row.accepted, 0), fixed(row.accepted_wrong, 0), refused, ms]
+def _cells(group: Sequence[Scores]) -> list[str]:
+    ends = [group[0], *group[1:][-1:]]
+    right = [
+        VOID if score.void("distance") else fixed(score.number("distance", "recall_at_1"), 3)
+        for score in ends
+    ]
+    accepted, accepted_wrong, refused_wrong = (
+        sum(score.number("distance", name) for score in group)
+        for name in ("accepted", "accepted_wrong", "refused_wrong")
+    )
+    wrong = accepted_wrong + refused_wrong
+    refused = f"{refused_wrong:.0f} of {wrong:.0f}" if wrong > 0 else MISSING
+    ms = group[-1].number("", "query_ms")
+    counts = (fixed(accepted, 0), fixed(accepted_wrong, 0), refused)
+    return [*right, *counts, fixed(ms, 0 if ms >= 10 else 1)]

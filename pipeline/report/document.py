@@ -1,111 +1,60 @@
 """The results of all studies as markdown, from the table of results alone."""
 
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Iterator, Mapping, Sequence
 
 import pandas as pd
 
+from pipeline.report import tables
 from pipeline.report.render import template
-from pipeline.report.result import NONE, Values, day
-from pipeline.report.study import indexed
-from pipeline.report.summary import Summary, scorecard
-from pipeline.report.table import Cell, Table, number, table
-from pipeline.studies.models import ModelName
+from pipeline.report.result import Scores, day, ranked, read_scores
+from pipeline.report.table import Table
 from pipeline.studies.study import Study
 
 SHOWN = (("cells", "recall_at_1"), ("cells", "auc_top1"), ("cells", "auroc"))
 POSES = (
-    "within_2m_5deg",
-    "within_05m_2deg",
-    "error_m",
-    "error_deg",
-    "recall_99",
-    "wrong_of_accepted_99",
+    ("within 2 m, 5°", "within_2m_5deg", 3),
+    ("within .5 m, 2°", "within_05m_2deg", 3),
+    ("error [m]", "error_m", 2),
+    ("error [°]", "error_deg", 2),
+    ("accepted and right at .99", "recall_99", 3),
+    ("wrong of accepted", "wrong_of_accepted_99", 3),
 )
 
 
 def document(results: pd.DataFrame, studies: Mapping[str, Study]) -> str:
     """All tables, recorded studies first; studies of viewpoints alone are left out."""
-    filled_studies = []
-    for study in sorted(studies.values(), key=lambda study: study.simulated):
-        for grid in study.grids:
-            study_rows = results[(results["study"] == study.name) & (results["grid"] == grid.name)]
-            if (summary := Summary.of(study_rows, study)).rows:
-                filled_studies.append(
-                    {
-                        "study": study,
-                        "grid": grid,
-                        "tables": list(_tables(study_rows, summary)),
-                    }
-                )
+    filled_studies = [
+        {"study": study, "grid": grid, "tables": list(_tables(scores))}
+        for study in sorted(studies.values(), key=lambda study: study.simulated)
+        for grid in study.grids
+        if (scores := _scores(results, study, grid.name))
+    ]
     return template("results.md.j2", studies=filled_studies)
 
 
 def scores(results: pd.DataFrame, studies: Mapping[str, Study]) -> str:
     """The scorecard of each study alone, without the time of a query."""
-    tables = []
-    for name, study in studies.items():
-        for grid in study.grid_names:
-            study_rows = results[
-                (results["study"] == name)
-                & (results["grid"] == grid)
-                & (results["number"] != "query_ms")
-            ]
-            summary = Summary.of(study_rows, study)
-            if summary.rows:
-                tables.append(
-                    scorecard(summary, [day(sequence) for sequence in summary.tests]).markdown()
-                )
-    return "\n".join(tables)
-
-
-def _tables(study_rows: pd.DataFrame, summary: Summary) -> Iterator[Table]:
-    dates = [day(sequence) for sequence in summary.tests]
-    yield scorecard(summary, dates)
-    driven = study_rows[
-        (study_rows["change"] == "") & (study_rows["kind"] == "") & (study_rows["seed"] == 0)
-    ]
-    indexed_values = indexed(driven, "method", "variant", "protocol", "number", "sequence")
-    values = {
-        (ModelName(method, variant).name, *key): value
-        for (method, variant, *key), value in indexed_values.items()
-    }
-    models = [row.model for row in summary.rows]
-    for protocol, name in SHOWN:
-        rows = [
-            (model, *(_cell(values, model, protocol, name, test, 3) for test in summary.tests))
-            for model in models
-        ]
-        yield table(f"by_{protocol}_{name}", ("method", *dates), rows)
-    posed = [
-        model for model in models if (model, "distance", POSES[0], summary.tests[-1]) in values
-    ]
-    rows = [
-        (
-            model,
-            date,
-            *(
-                _cell(values, model, "distance", name, test, 2 if "error" in name else 3)
-                for name in POSES
-            ),
-        )
-        for model in posed
-        for test, date in zip(summary.tests, dates, strict=True)
-    ]
-    heads = (
-        "within 2 m, 5°",
-        "within .5 m, 2°",
-        "error [m]",
-        "error [°]",
-        "accepted and right at .99",
-        "wrong of accepted",
+    untimed = results[results["number"] != "query_ms"]
+    return "\n".join(
+        tables.scorecard(scores).markdown()
+        for study in studies.values()
+        for grid in study.grid_names
+        if (scores := _scores(untimed, study, grid))
     )
-    if rows:
-        yield table("posed", ("method", "day", *heads), rows, words=2)
 
 
-def _cell(
-    values: Mapping[Any, Values], model: str, protocol: str, name: str, test: str, digits: int
-) -> Cell:
-    value, low, high = values.get((model, protocol, name, test), NONE)
-    return number(value, digits, (low, high))
+def _scores(results: pd.DataFrame, study: Study, grid: str) -> list[Scores]:
+    """The scores of the study at one cell size, the best model's first."""
+    rows = results[(results["study"] == study.name) & (results["grid"] == grid)]
+    scores = read_scores(rows, study.tests)
+    return [score for group in ranked(scores).values() for score in group] if scores else []
+
+
+def _tables(scores: Sequence[Scores]) -> Iterator[Table]:
+    yield tables.scorecard(scores)
+    for protocol, name in SHOWN:
+        yield tables.over_days(f"by_{protocol}_{name}", scores, protocol, name)
+    posed = [score for score in scores if score.posed]
+    dates = {score.sequence: day(score.sequence) for score in scores}
+    for kind, columns in (("posed", POSES), ("pose_answers", tables.ANSWERS)) if posed else ():
+        yield tables.a_row_a_result(kind, ("method", "day"), posed, dates, columns)

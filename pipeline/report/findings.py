@@ -17,8 +17,9 @@ from pipeline.evaluation.doubts import BLIND, DOUBTS, VOID
 from pipeline.evaluation.paired import COMPARED, LEVEL
 from pipeline.evaluation.protocols import PROTOCOLS
 from pipeline.evaluation.study_rows import ORACLE, PER_DAYS, SHOWN, TO_COME
-from pipeline.report.result import Result, Values, by_model, day
-from pipeline.report.study import Study, against, indexed
+from pipeline.report.result import Result, by_model, day
+from pipeline.report.selection import Values, indexed
+from pipeline.report.study import Study, against
 from pipeline.report.table import average
 from pipeline.report.tables import TITLES
 

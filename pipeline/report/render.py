@@ -16,7 +16,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
 from pipeline.report.findings import Finding
-from pipeline.report.result import day
+from pipeline.report.result import Scores, day
 from pipeline.report.section import Illustration, Section
 from pipeline.report.table import MISSING, Table, fixed, signed
 
@@ -135,6 +135,12 @@ class _Numbers(Formatter):
         return str(super().format_field(value, format_spec))
 
 
+def from_to(results: Sequence[Scores], name: str) -> str:
+    """One number by distance on the first and the last of some test days: `80 % → 60 %`."""
+    ends = results if len(results) == 1 else (results[0], results[-1])
+    return " → ".join(percent(result.number("distance", name), 1) for result in ends)
+
+
 def each(items: Iterable[Any], pattern: str, between: str = ", ") -> str:
     """Fill a pattern with each item, a mapping or a sequence, and join the texts."""
     filled_texts = (
@@ -178,6 +184,7 @@ def _environment(html: bool) -> Environment:
         listing,
         percent,
         each,
+        from_to,
         prose,
         inline,
         sentence,

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
@@ -17,7 +18,6 @@ from pipeline.report.web.front import Front
 from pipeline.running.dvc_files import DvcLock
 from pipeline.studies.layout import Layout
 from pipeline.studies.study import Study as StudySettings
-from pipeline.views.birdview import BirdView
 
 # which figure files a study has, and whose they are: MLflow shows them beside model and sequence
 MANIFEST = "figures.json"
@@ -29,7 +29,7 @@ def write(
     studies: Mapping[str, StudySettings],
     table: pd.DataFrame,
     few: int,
-    view: Callable[[str], BirdView],
+    view: Callable[[str], Any],
 ) -> str:
     """Write every study's report and page.html into `folder`; returns a summary line.
 
@@ -81,10 +81,10 @@ def write(
 
 
 def _sections(
-    study: Study, folder: Path, few: int, view: Callable[[str], BirdView]
+    study: Study, folder: Path, few: int, view: Callable[[str], Any]
 ) -> Iterator[Section]:
     if study.settings.asks_about_the_year:
-        yield from year.sections(study, folder)
+        yield from year.sections(study, folder, view)
         yield from poses.sections(study, folder)
         yield from cases.sections(study, folder, few)
     if study.settings.learns_further_days:

@@ -3,29 +3,34 @@
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
 
-from pipeline.errors import InputError
+from pipeline.errors import ArtifactError, InputError
 from pipeline.evaluation.doubts import VOID
-from pipeline.evaluation.judgement import Evaluation
+from pipeline.evaluation.judgement import NOT_JUDGED, Evaluation
+from pipeline.report.selection import NONE, Values, indexed
+from pipeline.report.table import average
+from pipeline.studies.models import ModelName
 
-# a number and its 95 % interval, lowest and highest; NaN where there is none
-Values = tuple[float, float, float]
 DATE = re.compile(r"\d{4}-\d\d-\d\d")
-NONE: Values = (np.nan, np.nan, np.nan)
+PRECISIONS = [percent / 100 for percent in range(50, 101)]
+ROUNDING = 1e-9
+AnyScores = TypeVar("AnyScores", bound="Scores")
 
 
 @dataclass(frozen=True)
-class Result:
-    """One model on one test sequence as it was driven."""
+class Scores:
+    """The numbers of one model on one test sequence as it was driven."""
 
     model: str  # such as sci or scan_context-engaged
     sequence: str  # the test sequence, named by its date
     days: int  # whole days since the training sequence
-    evaluation: Evaluation
-    wanted_precision: float  # what the thresholds were chosen for, on held-out blocks of training
-    numbers: Mapping[tuple[str, str], Values]  # by protocol and number
+    # by protocol and number; those of all sequences too
+    numbers: Mapping[tuple[str, str], Values]
 
     @property
     def label(self) -> str:
@@ -33,9 +38,9 @@ class Result:
         return f"{day(self.sequence)}, {self.days:+d} d"
 
     @property
-    def posed(self) -> bool:
-        """Whether the model answers with poses."""
-        return not np.isnan(self.evaluation.reject_pose_from)
+    def id(self) -> str:
+        """The result in the ids of figures: `sci-2012-02-04`."""
+        return re.sub(r"[^0-9A-Za-z]+", "-", f"{self.model}-{self.sequence}")
 
     @property
     def kept(self) -> float:
@@ -43,7 +48,17 @@ class Result:
 
         NaN where it is unknown or the threshold accepts nothing.
         """
-        return self.evaluation.kept_precision[0]
+        return self.number("distance", "kept_precision")
+
+    @property
+    def wanted_precision(self) -> float:
+        """The precision that the thresholds were chosen for, on held-out blocks of training."""
+        return self.number("distance", "wanted_precision")
+
+    @property
+    def posed(self) -> bool:
+        """Whether the model answers with poses."""
+        return ("distance", "within_2m_5deg") in self.numbers
 
     def void(self, protocol: str) -> bool:
         """Whether the numbers by that protocol mean nothing.
@@ -62,7 +77,73 @@ class Result:
         return (low, high) if low <= high else None
 
 
-def by_model(results: Sequence[Result]) -> dict[str, list[Result]]:
+@dataclass(frozen=True)
+class Result(Scores):
+    """One model on one test sequence as it was driven, with each of its queries."""
+
+    evaluation: Evaluation
+
+    @property
+    def coverage(self) -> list[float]:
+        """By distance, for each of PRECISIONS: the largest share that can be accepted at it.
+
+        Judged queries are accepted in the order of their novelty, least first.
+        """
+        judgement = self.evaluation.distance
+        is_judged = judgement.outcome != NOT_JUDGED
+        right = (judgement.seen & (judgement.true_rank == 0))[is_judged]
+        return coverage(self.evaluation.novelty[is_judged, 0], right)
+
+
+def read_scores(rows: pd.DataFrame, tests: Sequence[str]) -> list[Scores]:
+    """The scores of each model's first seed on each test sequence, from the rows of a study's grid.
+
+    Raises ArtifactError for a table of an earlier version, which does not say how near is right.
+    """
+    driven = rows[(rows[["change", "kind", "stress"]] == "").all(axis=1) & (rows["seed"] == 0)]
+    judged = driven[driven["sequence"].isin(tests) & (driven["protocol"] == "distance")]
+    days = judged.groupby("sequence")["days"].first().astype(int)
+    numbers: dict[tuple[str, str], dict[tuple[str, str], Values]] = {}
+    for (method, variant, sequence), group in driven.groupby(["method", "variant", "sequence"]):
+        numbers[ModelName(method, variant).name, sequence] = indexed(group, "protocol", "number")
+    answered = judged[judged["number"] == "answered"]
+    models = answered[["method", "variant"]].drop_duplicates().itertuples(index=False)
+    names = [ModelName(*model).name for model in models]
+    if names and ("distance", "correct_m") not in numbers.get(("", ""), ()):
+        raise ArtifactError(
+            "the tables of results do not say how near is right; `dvc repro` gathers them anew"
+        )
+    return [
+        Scores(
+            name,
+            str(sequence),
+            days[sequence],
+            numbers["", ""] | numbers.get((name, ""), {}) | numbers.get((name, sequence), {}),
+        )
+        for name in names
+        for sequence in days.index
+    ]
+
+
+def coverage(novelty: NDArray[np.floating], right: NDArray[np.bool_]) -> list[float]:
+    """For each of PRECISIONS: the largest share of the queries that can be accepted at it.
+
+    Queries (q,) are accepted in the order of their novelty, least first; 0 where none can be.
+    """
+    if not len(novelty):
+        return [np.nan] * len(PRECISIONS)
+    order = np.argsort(novelty, kind="stable")
+    # equal novelties are accepted together
+    whole = np.append(np.flatnonzero(np.diff(novelty[order])), len(order) - 1)
+    accepted = whole + 1
+    precision = np.cumsum(right[order])[whole] / accepted
+    return [
+        float(max(accepted[precision >= least - ROUNDING], default=0) / len(order))
+        for least in PRECISIONS
+    ]
+
+
+def by_model(results: Sequence[AnyScores]) -> dict[str, list[AnyScores]]:
     """Group the results by model, each group in the order of days.
 
     Models stay in the order they come. Raises InputError for no results.
@@ -74,12 +155,19 @@ def by_model(results: Sequence[Result]) -> dict[str, list[Result]]:
     }
 
 
-def of_one_model(results: Sequence[Result]) -> list[Result]:
-    """The results of the first model in the order of days; raises InputError for no results."""
-    return next(iter(by_model(results).values()))
+def ranked(results: Sequence[AnyScores]) -> dict[str, list[AnyScores]]:
+    """Group the results by model, the highest mean recall@1 by distance first."""
+    groups = by_model(results)
+    means = {model: mean(group, "distance", "recall_at_1") for model, group in groups.items()}
+    return dict(sorted(groups.items(), key=lambda item: -np.nan_to_num(means[item[0]], nan=-1.0)))
 
 
-def by_sequence(results: Sequence[Result]) -> dict[str, list[Result]]:
+def mean(results: Sequence[Scores], protocol: str, name: str) -> float:
+    """The mean of one number over some results that have it; NaN where none has."""
+    return average([result.number(protocol, name) for result in results])
+
+
+def by_sequence(results: Sequence[AnyScores]) -> dict[str, list[AnyScores]]:
     """Group the results by test sequence, in the order of days.
 
     Models stay in the order they come. Raises InputError for no results.
@@ -91,7 +179,7 @@ def by_sequence(results: Sequence[Result]) -> dict[str, list[Result]]:
     }
 
 
-def _by_day(results: Sequence[Result]) -> list[Result]:
+def _by_day(results: Sequence[AnyScores]) -> list[AnyScores]:
     if not results:
         raise InputError("a figure needs at least one result")
     return sorted(results, key=lambda result: (result.days, result.sequence))
@@ -105,7 +193,7 @@ def day(sequence: str) -> str:
     return sequence[:10] if DATE.match(sequence) else sequence.partition("+")[2] or sequence
 
 
-def dates(results: Sequence[Result]) -> dict[str, str]:
+def dates(results: Sequence[Scores]) -> dict[str, str]:
     """Map each sequence to its date; to its whole name where two were driven on one day."""
     names = list(by_sequence(results))
     return {name: day(name) if len(set(map(day, names))) == len(names) else name for name in names}

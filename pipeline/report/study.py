@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 import pandas as pd
@@ -14,8 +14,7 @@ from pipeline import store
 from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.judgement import Evaluations
 from pipeline.evaluation.protocols import Distance
-from pipeline.report.result import Result, Values, by_model
-from pipeline.report.table import average
+from pipeline.report.result import Result, by_model, ranked, read_scores
 from pipeline.schemas import Labels, Submaps
 from pipeline.store import A
 from pipeline.studies import study as studies
@@ -54,21 +53,6 @@ class TrainingRecord:
             best_round,
             sum(array.nbytes for array in model.values()) / 1e6,
         )
-
-
-def indexed(rows: pd.DataFrame, *columns: str) -> dict[Any, Values]:
-    """Map the entries of some columns to a row's value and interval.
-
-    The key is a tuple, or the entry itself for a single column.
-    """
-    keys = (
-        rows[columns[0]]
-        if len(columns) == 1
-        else zip(*(rows[name] for name in columns), strict=True)
-    )
-    return dict(
-        zip(keys, rows[["value", "low", "high"]].itertuples(index=False, name=None), strict=True)
-    )
 
 
 def against(rows: pd.DataFrame, protocol: str) -> pd.DataFrame:
@@ -156,38 +140,20 @@ class Study:
     @cached_property
     def results(self) -> list[Result]:
         """The result of each model of the report on each test sequence."""
-        results = []
-        numbers = {}
-        for (method, variant, sequence), group in self.driven.groupby(
-            ["method", "variant", "sequence"]
-        ):
-            numbers[ModelName(method, variant).name, sequence] = indexed(
-                group, "protocol", "number"
-            )
-        for model in self.families:
-            for sequence in self.settings.tests:
-                evaluation = self.artifact(Evaluations, "evaluate", sequence, model).case()
-                results.append(
-                    Result(
-                        model,
-                        sequence,
-                        evaluation.days,
-                        evaluation,
-                        evaluation.wanted_precision,
-                        numbers[model, sequence],
-                    )
-                )
-        return [result for group in by_model(results).values() for result in group]
+        scores = read_scores(self.rows, self.settings.tests)
+        results = [
+            Result(**vars(score), evaluation=artifact.case())
+            for score in scores
+            if score.model in self.families
+            for artifact in [self.artifact(Evaluations, "evaluate", score.sequence, score.model)]
+        ]
+        ordered = sorted(results, key=lambda result: self.families.index(result.model))
+        return [result for group in by_model(ordered).values() for result in group]
 
     @cached_property
     def ranked(self) -> list[str]:
         """The models of the report, the highest mean recall@1 by distance first."""
-        groups = by_model(self.results).items()
-        means = {
-            model: average([result.number("distance", "recall_at_1") for result in group])
-            for model, group in groups
-        }
-        return sorted(means, key=lambda model: -np.nan_to_num(means[model], nan=-1.0))
+        return list(ranked(self.results))
 
     @property
     def best(self) -> str:
@@ -237,14 +203,17 @@ class Study:
         Scans, submaps and labels go by sequence, models by model, other artifacts by both. The
         answers of a model with poses lie with the poses.
         """
-        views = {method.name: method.view for method in self.settings.methods}
+        methods = {method.name: method for method in self.settings.methods}
         answerer = {candidate.name: candidate for candidate in self.settings.answerers}.get(model)
         if kind == "localize" and answerer:
             return self.layout.answers(self.name, self.grid, answerer, sequence)
         learner = replace(answerer, posed=False, path="").name if answerer else model
         names = {
             "labels": (self.grid, sequence),
-            "views": (views[answerer.method] if answerer else "", sequence),
+            "views": (
+                methods[answerer.method].view_of(answerer.variant) if answerer else "",
+                sequence,
+            ),
             "train": (self.grid, learner),
         }.get(kind, (self.grid, model, sequence) if model else (sequence,))
         return self.layout.path(kind, self.name, *names)

@@ -3,7 +3,7 @@
 Every cell is a row of the table of results, or a mean and deviation over some of its rows.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from textwrap import shorten
 from typing import Any
@@ -12,12 +12,14 @@ import numpy as np
 import pandas as pd
 
 from pipeline.evaluation.doubts import VOID
+from pipeline.evaluation.judgement import VERDICTS
 from pipeline.evaluation.numbers import MEASURES
 from pipeline.evaluation.paired import COMPARED, LEVEL
 from pipeline.evaluation.protocols import PROTOCOLS
 from pipeline.evaluation.study_rows import ORACLE, PER_DAYS, SHOWN
-from pipeline.report.result import NONE, Result, by_model, by_sequence, dates, day
-from pipeline.report.study import Study, against, indexed
+from pipeline.report.result import Result, Scores, by_model, by_sequence, dates, day, mean
+from pipeline.report.selection import NONE, indexed
+from pipeline.report.study import Study, against
 from pipeline.report.table import (
     MISSING,
     Cell,
@@ -33,7 +35,8 @@ from pipeline.report.table import (
 from pipeline.studies import catalogue
 from pipeline.studies.models import ModelName
 
-# heading, number, digits: what is shown without intervals
+Columns = Sequence[tuple[str, str, int]]  # heading, number, digits
+# what is shown without intervals
 SHOWN_MEANS = (
     ("AUC exact", "auc_exact_top1", 3),
     ("AUC top-5", "auc_top5", 3),
@@ -69,6 +72,95 @@ COSTS = (
     ("query [ms]", "query_ms", 2),
     ("query, 95 % [ms]", "query_ms_p95", 2),
 )
+
+
+POSES = (
+    ("within 2 m, 5°", "within_2m_5deg", 3),
+    ("training's heading", "within_2m_5deg_same_heading", 3),
+    ("turned", "within_2m_5deg_turned", 3),
+    ("2 m or more beside", "within_2m_5deg_beside", 3),
+    ("within .5 m, 2°", "within_05m_2deg", 3),
+    ("error [m]", "error_m", 2),
+    ("error [°]", "error_deg", 2),
+    ("all poses, RMS [m]", "trajectory_m", 2),
+    ("wrong of accepted at .99", "wrong_of_accepted_99", 4),
+    ("recall at .99", "recall_99", 3),
+)
+ANSWERS = (
+    *((verdict.replace("_", " "), f"{verdict}_99", 0) for verdict in VERDICTS),
+    ("calibration error", "pose_ece", 3),
+)
+
+
+def scorecard(scores: Sequence[Scores]) -> Table:
+    """Recall@1 by distance: a row a model, a column a test day; then columns for the last day.
+
+    These are: share answered, share of those right, precision promised by held-out blocks, time.
+    """
+    right = over_days("scorecard", scores, "distance", "recall_at_1")
+    timed = any(np.isfinite(score.number("", "query_ms")) for score in scores)
+    rows = []
+    for cells, group in zip(right.rows, by_model(scores).values(), strict=True):
+        last = group[-1]
+        answered, precise = (
+            number(last.number("distance", name), 3)
+            for name in ("answered", "precision_at_threshold")
+        )
+        cost = [number(last.number("", "query_ms"), 1)] * timed
+        rows.append((*cells, answered, precise, kept(last.kept, last.wanted_precision), *cost))
+    heads = ("answers", "right of those", "keeps", *["ms a query"] * timed)
+    header = (*right.header, *heads)
+    return table("scorecard", header, rows, last=right.header[-1])
+
+
+def over_days(kind: str, scores: Sequence[Scores], protocol: str, name: str) -> Table:
+    """One number by one protocol: a row a model, a column a test day, with 95 % intervals."""
+    rows = []
+    for model, group in by_model(scores).items():
+        cells = []
+        for score in group:
+            cell = number(score.number(protocol, name), 3, score.interval(protocol, name))
+            void = kind == "scorecard" and score.void(protocol)
+            cells.append(replace(Cell(VOID) if void else cell, of=(model, score.sequence)))
+        rows.append((model, *cells))
+    return table(kind, ("method", *dates(scores).values()), rows)
+
+
+def a_row_a_result(
+    kind: str,
+    words: Sequence[str],
+    scores: Sequence[Scores],
+    names: Mapping[str, str],
+    columns: Columns,
+    protocol: str = "distance",
+    **values: object,
+) -> Table:
+    """Some numbers of each model and test sequence by one protocol, with 95 % intervals.
+
+    `words` head the columns of the model and of the sequence, whose `names` stand there.
+    """
+    rows = [
+        (
+            score.model,
+            names[score.sequence],
+            *(
+                number(score.number(protocol, name), digits, score.interval(protocol, name))
+                for _, name, digits in columns
+            ),
+        )
+        for score in scores
+    ]
+    header = (*words, *(heading for heading, _, _ in columns))
+    return table(kind, header, rows, words=2, **values)
+
+
+def poses(posed: Sequence[Scores]) -> list[Table]:
+    """What a robot is told of the queries of each day, and how good the poses are."""
+    words = ("model", "sequence")
+    return [
+        a_row_a_result(kind, words, posed, dates(posed), columns)
+        for kind, columns in (("pose_answers", ANSWERS), ("poses", POSES))
+    ]
 
 
 def setup(study: Study, longest: int = 400) -> Table:
@@ -177,10 +269,7 @@ def means(study: Study) -> Table:
         (
             model,
             protocol,
-            *(
-                number(average([result.number(protocol, key) for result in group]), digits)
-                for _, key, digits in SHOWN_MEANS
-            ),
+            *(number(mean(group, protocol, key), digits) for _, key, digits in SHOWN_MEANS),
         )
         for protocol in BOTH
         for model, group in by_model(study.results).items()

@@ -25,6 +25,9 @@ def _blocks(study: Study) -> Iterator[str]:
             for main_table in (tables.main(study, protocol, number) for number in tables.MAIN):
                 yield from (_wrap(caption(main_table)), main_table.text())
         yield from (tables.means(study).text(), _wrap(words("terminal")) + "\n")
+        if posed := [result for result in study.results if result.posed]:
+            for pose_table in tables.poses(posed):
+                yield from (_wrap(caption(pose_table)), pose_table.text())
         if doubts := [_wrap(sentence(doubt)) for doubt in findings.doubts(study)]:
             yield "\n".join(doubts) + "\n"
     if study.settings.learns_further_days:

@@ -4,7 +4,8 @@ import numpy as np
 import pandas as pd
 
 from pipeline.evaluation.viewpoints import NUMBERS
-from pipeline.report.study import Study, indexed
+from pipeline.report.selection import indexed
+from pipeline.report.study import Study
 from pipeline.report.table import Table, count, spread, table
 
 HEADINGS = ("ROC-AUC", "PR-AUC", "accuracy", "recall")

@@ -1,4 +1,4 @@
-"""How this process keeps the memory that it has freed."""
+"""Keeps freed memory in this process, so that large arrays are allocated faster."""
 
 import ctypes
 
@@ -9,9 +9,9 @@ M_MMAP_THRESHOLD = -3  # of malloc.h
 def keep_freed_memory() -> None:
     """Let glibc reuse large arrays instead of asking the kernel for zeroed pages each time.
 
-    That is a fifth of a training's CPU time, and half of what it takes to read a scan of 2 MB and
-    draw it. For the whole process, which then stays as large as it once was; without glibc nothing
-    is done.
+    It saves a fifth of a training's CPU time, and half of the time to read a scan of 2 MB and draw
+    it. It holds for the whole process, which then stays as large as it once was. Without glibc
+    nothing is done.
     """
     libc = ctypes.CDLL(None)
     if hasattr(libc, "mallopt"):

@@ -19,6 +19,7 @@ Lists = dict[str, dict[str, dict[str, Any]]]
 
 LISTS = (
     "drives",
+    "slam",
     "submaps",
     "views",
     "birdviews",
@@ -69,20 +70,30 @@ def _views(lists: Lists, study: Study) -> None:
             "sequence": sequence,
             **drive,
         }
+    if study.slam:
+        lists["slam"][dataset] = {
+            "dataset": dataset,
+            "root": study.root,
+            "train": study.train[0],
+            "sequences": sequences,
+        }
+    else:
+        _add_absent(lists, "slam", dataset)
     lists["submaps"][dataset] = {
         "dataset": dataset,
         "submap": study.submap,
         "sequences": sequences,
     }
     for method in study.methods:
-        name = f"{dataset}-{method.view}"
-        view = {"dataset": dataset, "view": method.view}
-        lists[method.stage][name] = view | {"sequences": sequences}
-        for alteration, altered_sequences in study.altered.items():
-            lists["altered"][f"{name}-{alteration}"] = view | {
-                "alteration": alteration,
-                "sequences": " ".join(altered_sequences),
-            }
+        for looked_at in method.views:
+            name = f"{dataset}-{looked_at}"
+            view = {"dataset": dataset, "view": looked_at}
+            lists[method.stage][name] = view | {"sequences": sequences}
+            for alteration, altered_sequences in study.altered.items():
+                lists["altered"][f"{name}-{alteration}"] = view | {
+                    "alteration": alteration,
+                    "sequences": " ".join(altered_sequences),
+                }
     labelled = sequences if study.asks_about_the_year else study.train_text
     for grid in study.all_grids:
         lists["labels"][f"{dataset}-{grid.name}"] = {
@@ -98,6 +109,7 @@ def _model(
 ) -> None:
     """Add the training of a model, its rankings, evaluations, poses and paths."""
     dataset = study.name
+    view = method.view_of(model.variant)
     seed = f"method.seed={model.seed}" if model.seed else ""
     settings = " ".join(f"method.{name}={value}" for name, value in method.settings.items())
     words = (f"method={model.method}", settings, method.variants.get(model.variant, ""), seed)
@@ -105,7 +117,7 @@ def _model(
     entry |= {
         "recipe": " ".join(filter(None, words)),
         "code": method.code,
-        "view": method.view,
+        "view": view,
         "train": study.train_text,
     }
     tolerance = {"tolerance": study.tolerance.name}
@@ -127,7 +139,7 @@ def _model(
     ]
     tests = study.asked_days if is_own_grid else study.tests
     if not study.altered:
-        _add_absent(lists, "altered", dataset, method.view)
+        _add_absent(lists, "altered", dataset, view)
     queries = {"tests": " ".join(tests), "alterations": " ".join(altered)}
     lists["rankings"][f"{dataset}-{grid.name}-{model.name}"] = entry | queries
     evaluated = {name: entry[name] for name in ("dataset", "grid", "train")} | {
@@ -168,7 +180,7 @@ def _measurements(lists: Lists, study: Study) -> None:
             "grid": grid.name,
             "dataset": dataset,
             "simulated": _switch(study.simulated),
-            "sequence": study.tests[0],
+            "sequence": study.tests[-1],  # as the SCI paper's Table III
             "contenders": _word("contenders", {part.name: part.view for part in study.methods}),
             "trained": _word("trained", study.models),
         }
@@ -179,7 +191,7 @@ def _measurements(lists: Lists, study: Study) -> None:
                 "grid": grid.name,
                 "model": model.name,
                 "code": method.code,
-                "view": method.view,
+                "view": method.view_of(model.variant),
                 "tests": " ".join(study.tests),
             }
     if robust:

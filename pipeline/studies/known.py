@@ -63,7 +63,7 @@ def refuse_unknown(conf: Path, study: Study) -> None:
         ("submap", study.submap),
         ("budget", study.budget),
         *(("alteration", alteration) for alteration in study.altered),
-        *(("view", method.view) for method in study.methods),
+        *(("view", view) for method in study.methods for view in method.views),
         *(("path", path) for path in study.paths),
     ):
         named_file(conf, study.name, group, name)

@@ -14,6 +14,7 @@ ARTIFACTS = "artifacts"
 """The project's folder of artifacts."""
 LEVELS = {
     "logs": ("dataset", "sequence"),
+    "slam": ("dataset", "sequence"),
     "scans": ("dataset", "sequence"),
     "submaps": ("dataset", "sequence"),
     "views": ("dataset", "view", "sequence"),

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.errors import ConfigError
+from pipeline.readers.parts import Part
 from pipeline.running.texts import read_yaml
 from pipeline.studies.courses import courses, with_further_days
 from pipeline.studies.discovery import Drives, recorded, simulated
@@ -47,6 +48,8 @@ NEEDLESS = {
     LIFELONG: {"altered", "cells", "poses", "paths", "latency"},
 }
 """Options of `yearloc use` that nothing reads of a study with this question."""
+SLAM = "slam"
+"""Among `poses=`: poses are estimated from the scans; the other words there name models."""
 PRESET = "demo"
 """Of a simulated world, where nothing else is said: a file of conf/world of the data set."""
 
@@ -108,6 +111,7 @@ def propose(conf: Path, name: str, options: Mapping[str, str]) -> Proposal:
     study = first_choices(request, name, question, dataset["simulated"], drives)
     for change in CHANGES:
         study = change(study, request)
+    _refuse_unposed(study, dataset["reader"])
     return Proposal(study, drives.notes)
 
 
@@ -262,16 +266,18 @@ def with_poses(study: Study, request: Request) -> Study:
     if "poses" in NEEDLESS.get(study.question, set()):
         registered = ()
     families = [model.family for model in study.models if not model.seed]
-    poses = request.names(
-        "poses", [name for name in families if "poses" in request or name in registered]
-    )
+    wanted = request.options.get("poses", "").split(",")
+    asked = "poses" in request and wanted != [SLAM]
+    offered = [name for name in families if asked or name in registered]
+    poses = request.names("poses", [*offered, SLAM]) if asked else offered
+    poses = [name for name in poses if name != SLAM]
     offered_paths = [path.stem for path in sorted((request.conf / "path").glob("*.yaml"))]
     paths = request.names("paths", offered_paths if "paths" in request else [])
     if paths and not poses:
         raise ConfigError(
             f"paths={request.options['paths']}: joins poses along a drive; say poses=METHOD too"
         )
-    return replace(study, poses=tuple(poses), paths=tuple(paths))
+    return replace(study, poses=tuple(poses), paths=tuple(paths), slam=SLAM in wanted)
 
 
 def with_timing(study: Study, request: Request) -> Study:
@@ -301,6 +307,24 @@ def _refuse_unknown(
         )
 
 
+def _refuse_unposed(study: Study, reader: Mapping[str, Any]) -> None:
+    """Raise ConfigError for logs without poses that are not to be estimated, or cannot be."""
+    without = [key for key in ("truth", "poses") if key in reader and not reader[key]]
+    if without and not study.slam:
+        raise ConfigError(
+            f"{study.name}: reader.{without[0]} of its yaml names no poses; say poses=slam, and "
+            "they are estimated from the scans"
+        )
+    by_path = [
+        name for name in study.sequences if (part := Part.named(name)[1]) and part.needs_path
+    ]
+    if by_path and study.slam:
+        raise ConfigError(
+            f"{by_path[0]}: a part by path, which is not known before poses=slam has estimated it; "
+            "split the log by time, as in parts=time:2"
+        )
+
+
 def _defaults(conf: Path, name: str, study: Mapping[str, Any], question: str) -> Mapping[str, Any]:
     """A data set's study with what a question changes in every study, and in this one.
 
@@ -312,7 +336,16 @@ def _defaults(conf: Path, name: str, study: Mapping[str, Any], question: str) ->
     whole_logs = {"parts": False} if question == "viewpoints" else {}
     asked_of_all = conf / "question" / f"{question}.yaml"
     changes = read_yaml(asked_of_all) if asked_of_all.is_file() else {}
-    return {**study, **whole_logs, **changes, **study.get(question, {})}
+    asked_of_this = study.get(question, {})
+    merged = {**study, **whole_logs, **changes, **asked_of_this}
+    if "variants" in changes and "variants" in asked_of_this:
+        general = changes["variants"]
+        further = asked_of_this["variants"]
+        merged["variants"] = {
+            method: {**general.get(method, {}), **further.get(method, {})}
+            for method in (general | further)
+        }
+    return merged
 
 
 def spread(tests: list[str], number: int) -> list[str]:

@@ -26,6 +26,7 @@ LIFELONG = "lifelong"
 QUESTIONS = ("year", "robustness", "viewpoints", LIFELONG)
 VIEWS = "views"
 BIRD_VIEWS = "birdviews"
+VIEW_WORD = "method.view="
 """The stages that draw views: of a submap alone, and of all scans before."""
 TOLERANCE = "15m"
 """How near an answer must be, where a study says nothing: a file of conf/tolerance."""
@@ -54,6 +55,7 @@ KEYS: Mapping[str, Any] = {
     "source": Literal["world", "readers"],
     "heeds": Literal["simulated", "reader"],
     "root": str,
+    "slam": bool,
     "train": str,
     "tests": Sequence[str],
     "budget": str,
@@ -160,6 +162,21 @@ class StudyMethod:
         }
         return cls(**{**table, "stage": stage, "courses": courses})
 
+    def view_of(self, variant: str) -> str:
+        """What a variant looks at: the file of conf/view that its words name as `method.view`, else
+        the method's own."""
+        named = [
+            word.removeprefix(VIEW_WORD)
+            for word in self.variants.get(variant, "").split()
+            if word.startswith(VIEW_WORD)
+        ]
+        return named[-1] if named else self.view
+
+    @property
+    def views(self) -> tuple[str, ...]:
+        """All that it and its variants look at."""
+        return tuple(dict.fromkeys(map(self.view_of, ("", *self.variants))))
+
     @property
     def models(self) -> list[ModelName]:
         """Its models: its own, then its variants, each with every seed."""
@@ -244,6 +261,8 @@ class Study:
     """Files of conf/path: how the poses of a drive are joined."""
     latency: bool = True
     """Whether the cost of a query is measured."""
+    slam: bool = False
+    """Whether poses are estimated from the scans, not read from the logs."""
     key_order: tuple[str, ...] = field(default=(), compare=False)
     """The keys that conf/studies.yaml says, in its order; written in that order again."""
 
@@ -278,6 +297,7 @@ class Study:
             poses=tuple(table.get("poses", ())),
             paths=tuple(table.get("paths", ())),
             latency=table.get("latency", True),
+            slam=table.get("slam", False),
             key_order=tuple(table),
         )
 
@@ -289,6 +309,7 @@ class Study:
             "world": self.world,
             **self.origin,
             "root": self.root,
+            "slam": self.slam,
             "train": self.train_text,
             "tests": list(self.tests),
             "budget": self.budget,

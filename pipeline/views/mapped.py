@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pipeline.frames import Poses
 from pipeline.mapping.gathering import scan_points
-from pipeline.mapping.octree import OctreeMap
+from pipeline.mapping.octree import OctreeMap, Variance
 from pipeline.schemas import BirdViews, Scans, Submaps
 from pipeline.views.birdview import BirdView
 from pipeline.views.draw import write_views
@@ -61,6 +61,7 @@ class MappedViews:
         odom_T_scan = self.scans.load("odom_T_scan")
         if not np.isfinite(odom_T_scan).all(axis=(1, 2)).any():
             odom_T_scan = self.scans.load("world_T_scan")
+        variances = motion_variances(self.scans.load("odom_variance"))
         anchors = self.submaps.load("scans")
         ground_m = self.submaps.load("ground_m")
         grown = self.view.octree.grow()
@@ -73,8 +74,21 @@ class MappedViews:
             grown = grown if has_odometry else self.view.octree.grow()
             points = points - scan_T_ground[:3, 3]
             points = self.alter(row, points) if self.alter else points
-            grown.insert(points, pose)
+            grown.insert(points, pose, variances[row])
             if anchors[number] == row:
                 yield points, grown, self.view.standing(points, pose)
                 number += 1
             grown = grown if has_odometry else self.view.octree.grow()
+
+
+def motion_variances(gathered: NDArray[np.float64]) -> list[Variance | None]:
+    """Of each scan, what the log says of the motion since the scan before it.
+
+    From what the odometry had gathered at each scan (scan, 2). None where it says nothing, or
+    gathers nothing: a variance that never grows, as many drivers send, says nothing of a motion.
+    """
+    grown = np.diff(gathered, axis=0, prepend=np.nan)
+    return [
+        (position_m2, heading_rad2) if position_m2 > 0 and heading_rad2 > 0 else None
+        for position_m2, heading_rad2 in grown.tolist()
+    ]

@@ -22,7 +22,7 @@ from pipeline import store
 from pipeline.errors import ConfigError, YearlocError
 from pipeline.evaluation.held_out import held_out_auc
 from pipeline.evaluation.judgement import Evaluations
-from pipeline.evaluation.rows import Rows, of_evaluation, row
+from pipeline.evaluation.rows import TableRows, of_evaluation, row
 from pipeline.matching.rejection import Evidence
 from pipeline.running.dvc_files import definition
 from pipeline.studies.known import studies
@@ -103,7 +103,7 @@ def run_chain(cfg: DictConfig, overrides: Mapping[str, str], dataset: str) -> di
     }
 
 
-def results(chain_job: Job, evaluate: Step, train: Step, unseen_share: float) -> Rows:
+def results(chain_job: Job, evaluate: Step, train: Step, unseen_share: float) -> TableRows:
     """The job's rows of results: its test sequences as driven, and its AUC on held-out blocks."""
     folder = chain_job.path(evaluate.outs[0])
     for sequence in evaluate.fields["sequences"].split():

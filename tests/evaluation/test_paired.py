@@ -9,7 +9,7 @@ from pipeline.errors import InputError
 from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.judge import judge
 from pipeline.evaluation.judgement import Evaluation
-from pipeline.evaluation.paired import COMPARED, compare, holm
+from pipeline.evaluation.paired import COMPARED, compare, holm, kept_share
 from pipeline.evaluation.protocols import Distance
 from pipeline.matching.ranking import Ranking
 from pipeline.schemas import Labels
@@ -187,3 +187,19 @@ def test_holm_multiplies_the_least_by_the_number_of_tests_and_never_falls_and_na
     np.testing.assert_allclose(holm(np.array([0.6, 0.7])), [1.0, 1.0])
     np.testing.assert_allclose(holm(np.array([np.nan, 0.02, 0.04])), [np.nan, 0.04, 0.04])
     assert holm(np.empty(0)).shape == (0,)
+
+
+def test_the_share_kept_of_altered_queries_is_drawn_with_those_as_driven() -> None:
+    # All known queries come first, so the area is that of precision 1: the share right. Half of
+    # what was right before is right still, in every block, so that no resample moves the share.
+    right = np.arange(METRES) % 2 == 0
+    driven = method(right, bootstrap=BOOTSTRAP)
+    altered = method(np.arange(METRES) % 4 == 0, bootstrap=BOOTSTRAP)
+    assert kept_share(driven, driven, "cells", BOOTSTRAP) == pytest.approx((1.0, 1.0, 1.0))
+    value, low, high = kept_share(altered, driven, "cells", BOOTSTRAP)
+    areas = [each.number("cells", "auc_exact_top1")[0] for each in (altered, driven)]
+    assert value == pytest.approx(areas[0] / areas[1])
+    assert low < value < high or low == pytest.approx(high)
+    assert high - low < 0.1
+    lost = kept_share(driven, method(np.zeros(METRES, bool)), "cells", BOOTSTRAP)
+    assert np.isnan(lost).all()

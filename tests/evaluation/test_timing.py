@@ -66,6 +66,7 @@ def drive(
         "scans": {
             "points": (points_m / 0.005).astype(np.int16),
             "offsets": np.r_[0, np.cumsum(lengths)],
+            "odom_variance": np.full((scans, 2), np.nan),
         }
         | {"stamps_ns": 10 * np.arange(scans), "world_T_scan": poses, "odom_T_scan": poses},
         "submaps": {
@@ -135,6 +136,18 @@ def test_each_part_takes_its_own_time(measured: Latency) -> None:
         measured.total["two"], measured.generation["view"] + measured.retrieval["two"]
     )
     assert measured.machine["busy"] < 0.5  # it slept
+
+
+def test_a_network_that_makes_a_descriptor_is_generation(
+    recorder: Recorder, tmp_path: Path
+) -> None:
+    """As the SCI paper's Table III counts PointNetVLAD."""
+    asked = Contender("view", recorder.draw, recorder.localize(0.012), lambda _: time.sleep(0.008))
+    split = Latency.measure({"one": asked}, *drive(tmp_path, "a", 5), queries=3, k=7)
+    rows = {row["number"]: row["value"] for row in split.rows()}
+    assert rows["generation_ms"] >= 12 > 8 > rows["retrieval_ms"] > 2
+    assert rows["query_ms"] == pytest.approx(np.median(split.total["one"]))
+    assert (split.total["one"] >= 16).all()
 
 
 def test_queries_are_spread_over_the_sequence_and_the_first_calls_do_not_count(

@@ -671,13 +671,13 @@ def test_a_sequence_that_cannot_be_is_refused_before_anything_is_asked(
     assert not (tmp_path / "root").exists()
 
 
-NUMBERED = {"path": "frames/{number}.pcd", "holds": "{number}.pcd", "numbers": 3, "nbytes": 1}
+NUMBERED = {"path": "frames/{number}.pcd", "target": "{number}.pcd", "numbers": 3, "nbytes": 1}
 
 
 def test_numbered_files_are_fetched_and_checked_together(served: Served, tmp_path: Path) -> None:
     served.files = {f"frames/{i}.pcd": bytes([i]) for i in range(3)}
     lines = "".join(f"{hashlib.sha256(bytes([i])).hexdigest()}  {i}.pcd\n" for i in range(3))
-    known = NUMBERED | {"together": hashlib.sha256(lines.encode()).hexdigest()}
+    known = NUMBERED | {"listing_sha256": hashlib.sha256(lines.encode()).hexdigest()}
     run = publisher(served, archives=[known], sequence="run", licence="For research.")
     first, licence = run.fetch(tmp_path, ["run"], Progress())
     assert first.startswith("0.pcd … 2.pcd: 0.0 MB, files: 3, sha256")
@@ -698,7 +698,7 @@ def test_numbered_files_are_fetched_and_checked_together(served: Served, tmp_pat
 
 def test_numbered_files_of_another_sum_are_removed(served: Served, tmp_path: Path) -> None:
     served.files = {f"frames/{i}.pcd": bytes([i]) for i in range(3)}
-    run = publisher(served, archives=[NUMBERED | {"together": "0" * 64}], sequence="run")
+    run = publisher(served, archives=[NUMBERED | {"listing_sha256": "0" * 64}], sequence="run")
     with one_line(
         LogError,
         "0.pcd … 2.pcd have the sha256 [0-9a-f]{64}, expected 0{64}; removed, fetch them anew",
@@ -725,12 +725,12 @@ def test_a_date_that_the_publisher_lacks_is_named(nclt: Served, tmp_path: Path) 
         ({"sequence": "("}, "expected a regular expression"),
         ({"sha256": {"a": "123"}}, "fetch.sha256.a: expected 64"),
         ({"mirror": 1}, "unexpected keyword argument 'mirror'"),
-        ({"archives": [{"path": "../x", "holds": "x"}]}, "expected a path below the base"),
-        ({"archives": [{"path": "x", "holds": "../x"}]}, "expected a path below the base"),
+        ({"archives": [{"path": "../x", "target": "x"}]}, "expected a path below the base"),
+        ({"archives": [{"path": "x", "target": "../x"}]}, "expected a path below the base"),
         ({"archives": [{"path": "x"}]}, "missing 1 required"),
         (
-            {"archives": [{"path": "x", "holds": "x", "together": "12"}]},
-            "archives.together=12: expected 64",
+            {"archives": [{"path": "x", "target": "x", "listing_sha256": "12"}]},
+            "archives.listing_sha256=12: expected 64",
         ),
     ],
 )

@@ -46,7 +46,7 @@ ATTRS |= {
     "skipped": {},
     "clipped": 0,
 }
-ATTRS |= {"blind": dict.fromkeys(PROTOCOLS, 0.1), "unsuited": {}}
+ATTRS |= {"blind": dict.fromkeys(PROTOCOLS, 0.1), "unsuited": {}, "beliefs": {}}
 ATTRS |= dict.fromkeys(("thresholds", "reject_from"), (0.5, 2.0))
 ATTRS |= {"kept_precision": (0.731, None)}
 ROWS = 10

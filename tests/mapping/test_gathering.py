@@ -31,6 +31,7 @@ def scans(folder: Path, points: list[np.ndarray], start_T_scan: np.ndarray) -> S
         draft.put("stamps_ns", np.arange(len(points)))
         draft.put("world_T_scan", start_T_scan)
         draft.put("odom_T_scan", start_T_scan)
+        draft.put("odom_variance", np.full((len(points), 2), np.nan))
     return store.read(path, Scans)
 
 

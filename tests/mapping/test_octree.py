@@ -181,6 +181,22 @@ def test_a_motion_takes_all_leaves_towards_unknown(
     assert set(known(made)) == set(known(grown(OCTOMAP, (2.6, 0.1, 0.1))))
 
 
+@pytest.mark.parametrize("pose", [at(2.1, 0.1, 0.1), at(0.1, 0.1, 0.1, yaw=0.5)])
+def test_a_motion_counts_in_the_deviations_that_the_log_gives_it(pose: np.ndarray) -> None:
+    # 2 m of a σ of 4 m, and .5 rad of 1 rad, are half a deviation; without the log one.
+    octree = Octree(**vars(OCTOMAP) | {"motion": "gaussian", "sigma": "log"})
+    for variance, hit in (((16.0, 1.0), 0.678686), (None, 0.625723)):
+        made = grown(octree, (2.6, 0.1, 0.1))
+        made.insert(np.empty((0, 3)), pose, variance)
+        np.testing.assert_allclose(probability(made, *PLACES)[0], hit, atol=1e-6)
+
+
+def test_constant_deviations_do_not_ask_the_log() -> None:
+    made = grown(Octree(**vars(OCTOMAP) | {"motion": "gaussian"}), (2.6, 0.1, 0.1))
+    made.insert(np.empty((0, 3)), at(2.1, 0.1, 0.1), (16.0, 1.0))
+    np.testing.assert_allclose(probability(made, *PLACES)[0], 0.625723, atol=1e-6)
+
+
 def test_decay_per_metre_does_not_know_the_rate_of_scans() -> None:
     octree = Octree(**vars(OCTOMAP) | {"motion": "per_metre", "per_metre_m": 4.0})
     for steps in (1, 2, 5):

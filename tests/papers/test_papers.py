@@ -2,6 +2,7 @@
 gives of the kept tables."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from pipeline.papers.claims import (
     ahead,
     at_every_heading,
     below,
+    keeps_less,
     ordered,
     steadier,
     untold,
@@ -287,7 +289,7 @@ def test_a_kept_table_has_the_rows_that_findings_read_and_says_what_made_it(tmp_
     origin = dict(again.origins["compare"])
     told = origin.pop("studies")["campus"]
     assert (told["world"], told["budget"]) == ("campus_demo", "demo")
-    assert told["methods"] == [{"name": "sci"}]
+    assert told["methods"] == [{"name": "sci", "view": "scan_context_authors"}]
     assert origin == {
         "use": "campus world=demo",
         "cost": "minutes",
@@ -358,6 +360,22 @@ def test_a_headline_says_when_its_interval_is_too_wide(tmp_path: Path) -> None:
     assert "- **Scan Context keeps all when the robot is turned**: its AUC is 0.700" in text
     assert "lose: not decidable here, for two intervals of the same queries leave" in text
     assert "0 is inside; that both are of the same queries would narrow it. |" in text
+
+
+@pytest.mark.parametrize(
+    ("kept_auc", "expected"), [(1.0, CONTRADICTED), (0.7, SHOWN), (0.91, UNDECIDED)]
+)
+def test_altered_queries_are_held_against_the_same_ones_as_driven(
+    kept_auc: float, expected: str
+) -> None:
+    # Two intervals of ±.2 tell nothing; drawn together, the share is known to ±.05.
+    turned = Side("compare", "campus", "scan_context", change="turned")
+    wide = [*rows(turned, 0.7, half=0.2), *rows(SCAN_CONTEXT, 0.7, half=0.2)]
+    measure = keeps_less(turned, SCAN_CONTEXT)
+    assert judged(measure, tables(wide)) == (UNDECIDED, "across")
+    paired = rows(replace(turned, number="auc_exact_top1_kept"), kept_auc, half=0.05)
+    assert judged(measure, tables(wide, paired)) == (expected, "paired")
+    assert judged(measure, tables(paired)) == (UNDECIDED, "missing")
 
 
 def test_the_page_is_what_the_generator_gives() -> None:

@@ -40,6 +40,7 @@ def drive(
         for column, values in {
             "stamps_ns": STAMPS_NS[0] * (1 + rows),
             **dict.fromkeys(("world_T_scan", "odom_T_scan"), world_T_anchor),
+            "odom_variance": np.full((len(rows), 2), np.nan),
         }.items():
             out.put(column, values)
     with store.draft(

@@ -106,7 +106,7 @@ def folder_log(
 def flaser(
     ranges_m: Sequence[float],
     robot: str,
-    stamp: float,
+    stamp: float | str,
     laser: str | None = None,
     kind: str = "FLASER",
 ) -> str:

@@ -59,6 +59,17 @@ def test_sweeps_are_counted_where_stamps_stand_still(tmp_path: Path) -> None:
     assert "its stamps stand still: sweeps are counted, 2 s each" in log.notes
 
 
+def test_sweeps_are_counted_where_stamps_are_too_coarse_to_tell_them_apart(tmp_path: Path) -> None:
+    # as seconds of ten digits written with six: 1.13486e+09 three times, then 1.13487e+09
+    stamps = ("1.13486e+09", "1.13486e+09", "1.13486e+09", "1.13487e+09")
+    lines = [flaser([1], f"{x} 0 0", stamp) for x, stamp in enumerate(stamps)]
+    (tmp_path / "a.log").write_text("".join(lines))
+    log = opened(Carmen(), tmp_path, "a")
+    assert log is not None
+    assert log.world_T_scan[:, 0, 3].tolist() == [0, 1, 2, 3]
+    assert "its stamps stand still: sweeps are counted, 1 s each" in log.notes
+
+
 def test_newer_records_say_their_angles_and_their_limit(tmp_path: Path) -> None:
     new = "ROBOTLASER1 0 -1.5707963267948966 3.14 1.5707963267948966 20 0.01 0 4 1 2 20 nan 1 7 "
     poses = "1.5 2 1.5707963267948966 1 2 1.5707963267948966 "

@@ -7,7 +7,13 @@ import pytest
 
 from pipeline.errors import LogError
 from pipeline.frames import rpy, yaw
-from pipeline.readers.nclt import Nclt, read_packets, read_poses, read_velodyne_sync
+from pipeline.readers.nclt import (
+    Nclt,
+    read_packets,
+    read_poses,
+    read_uncertainty,
+    read_velodyne_sync,
+)
 from tests.readers.damage import one_line
 from tests.readers.logs import DATE, START, nclt_log, packet, sync_bytes
 from tests.readers.logs import nclt_row as row
@@ -168,3 +174,34 @@ def test_ground_truth_is_found_in_its_other_places(tmp_path: Path) -> None:
         tmp_path / "ground_truth" / f"groundtruth_{DATE}.csv"
     )
     assert len(Nclt().open(tmp_path, DATE).stamps_ns) == 1
+
+
+# Covariance of the odometry
+
+
+def covariance_row(step: int, x_m2: float, y_m2: float, heading_rad2: float) -> str:
+    """A row of odometry_cov.csv, a tenth of a second a step: the upper triangle, row after row."""
+    upper = np.zeros(21)
+    upper[[0, 6, 20]] = x_m2, y_m2, heading_rad2
+    return ", ".join(map(str, [START + 100_000 * step, *upper])) + "\n"
+
+
+def test_the_odometrys_variances_add_up_motion_after_motion(tmp_path: Path) -> None:
+    path = tmp_path / "odometry_cov.csv"
+    rows = [covariance_row(0, 0, 0, 0), covariance_row(1, 0.1, 0.3, 0.02)]
+    path.write_text("".join([*rows, covariance_row(2, 0.2, 0.2, 0.01)]))
+    said = read_uncertainty(path).at(1000 * (START + np.array([0, 100_000, 150_000, 200_001])))
+    # (.1 + .3)/2 after the first motion, half of .2 more half a motion on, nothing beyond the end.
+    expected = [[0, 0], [0.2, 0.02], [0.3, 0.025], [np.nan, np.nan]]
+    np.testing.assert_allclose(said, expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("ending", ["", ", 1"])
+def test_a_drive_has_its_odometrys_variance_or_says_why_not(tmp_path: Path, ending: str) -> None:
+    truth = "".join(row(100_000 * step, step, 0, 0, 0, 0, 0) for step in range(11))
+    nclt_log(tmp_path, odometry=truth)
+    rows = [covariance_row(step, 0.1, 0.1, 0.1).rstrip("\n") + ending for step in range(100)]
+    (tmp_path / DATE / "odometry_cov.csv").write_text("\n".join(rows))
+    log = Nclt().open(tmp_path, DATE)
+    assert (log.odom_variance is None) == bool(ending)
+    assert any("expected 22 numbers a row" in note for note in log.notes) == bool(ending)

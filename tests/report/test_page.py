@@ -9,7 +9,6 @@ import subprocess
 from base64 import b64decode
 from collections.abc import Iterator
 from html import unescape
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -19,9 +18,7 @@ from PIL import Image
 
 from pipeline.report import render
 from pipeline.report.alike import best_shift, best_shifts, spectra
-from pipeline.report.web.chart import APART, BEST, Series
-from pipeline.report.web.chart import chart as drawn
-from pipeline.report.web.front import PRECISIONS, coverage
+from pipeline.report.result import PRECISIONS, coverage
 from pipeline.report.web.map import COLUMNS, NONE, chart, picture
 from pipeline.report.web.page import Entry, Picture, html
 from pipeline.views.scan_context import quantize
@@ -186,17 +183,13 @@ def test_coverage_counts_what_can_be_answered_at_a_precision() -> None:
     assert set(coverage(novelty, np.zeros(4, bool))) == {0.0}
 
 
-def test_names_at_the_ends_of_lines_stand_apart_and_only_the_best_has_a_band() -> None:
-    lines = [
-        Series(f"m{i}", [0, 10], [0.5, 0.01 * i], [(0.4, 0.6), (0.0, 0.1)] if i == 0 else ())
-        for i in range(9)
-    ]
-    found = drawn(lines, {"m0": BEST}, (0, 10), {}, 300.0)
-    heights = sorted(line.name_y for line in found.lines)
-    assert min(after - before for before, after in pairwise(heights)) >= APART
-    assert heights[-1] <= 300
-    assert [line.model for line in found.lines if line.band] == ["m0"] == [found.lines[-1].model]
-    assert not drawn([Series("m", [0], [np.nan])], {}, (0, 1), {}, 300.0).lines
+def test_a_dot_of_a_chart_names_its_result_and_opens_it(page: str) -> None:
+    """The same days have a dot in the other chart, whose ids are its own."""
+    first = page.partition("Every method, every day")[0]
+    dot = '<g id="campus-10m-year-sci-2012-03-17" data-model="sci" data-day="2012-03-17">'
+    assert f"{dot}<title>sci, 2012-03-17, +62 d: 73.8 % right</title>" in first
+    assert first.count('<g id="campus-10m-year-') > 4
+    assert "<title>sci, at its own threshold: answers 25 %, 87.5 % of them right; it keeps" in page
 
 
 def test_the_page_shows_what_it_is_given_and_says_what_is_missing(root: Path, page: str) -> None:

@@ -24,6 +24,9 @@ MADE = {
         "main_auc_top1",
         "viewpoints_over_seeds",
         "viewpoints_over_headings",
+        "poses",
+        "posed",
+        "pose_answers",
     },
     "sections": {"turned", "demolition", "construction"},
 }

@@ -21,7 +21,7 @@ def test_every_method_with_a_yaml_is_told_once() -> None:
     assert all(one.description and "METHODS" not in one.description + one.source for one in found)
     sci = next(one for one in found if one.name == "sci")
     what = "SCI localisation: places as classes of a small CNN over Scan Context Images"
-    assert sci == Entry("sci", what, "scan_context", "Kim, Park and Kim, RA-L 2019")
+    assert sci == Entry("sci", what, "scan_context_authors", "Kim, Park and Kim, RA-L 2019")
     assert catalogue.what("pipeline.methods.sci.Sci") == what
     assert catalogue.what("pipeline.methods.none.Such") == catalogue.what("") == ""
 

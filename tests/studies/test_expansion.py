@@ -113,6 +113,19 @@ def test_methods_that_look_at_bird_views_are_asked_about_viewpoints_beside_the_y
     assert "one-5m-pfl" in lists["rankings"]
 
 
+def test_a_variant_may_look_at_another_view() -> None:
+    variants = {"other": "method.view=sc2", "own": "method.n_way=4"}
+    asked = {"question": "robustness", "altered": {"turned": ["d"]}}
+    lists = spelled_out(one=OTHER | {"methods": [SCI | {"variants": variants}], **asked})
+    assert list(lists["views"]) == ["one-sc", "one-sc2"]
+    assert list(lists["altered"]) == ["one-sc-turned", "one-sc2-turned"]
+    for model, view in (("sci", "sc"), ("sci-own", "sc"), ("sci-other", "sc2")):
+        assert lists["models"][f"one-10m-{model}"]["view"] == view
+        assert lists["rankings"][f"one-10m-{model}"]["view"] == view
+        assert lists["rankings"][f"one-10m-{model}"]["altered"] == f"artifacts/altered/one/{view}"
+    assert lists["models"]["one-10m-sci-other"]["recipe"] == "method=sci method.view=sc2"
+
+
 def test_robustness_adds_sequences_cells_variants_and_alterations() -> None:
     variants = {"4way": "method.n_way=4 method.epochs=100"}
     methods = [SCI | {"seeds": 2, "variants": variants}, M2DP]

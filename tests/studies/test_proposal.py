@@ -32,6 +32,15 @@ def asked(**options: str) -> Request:
     return Request(CONF, options, DEFAULTS)
 
 
+def test_a_data_sets_variants_of_a_question_stand_beside_those_of_the_question() -> None:
+    options = {"question": "viewpoints", "methods": "pfl,afl,sad", "variants": "30m,paper,logistic"}
+    pfl, afl, sad = propose(CONF, "suburb", options).study.methods
+    assert pfl.variants.keys() == {"30m", "paper", "logistic"}
+    assert (afl.variants.keys(), sad.variants.keys()) == ({"logistic"}, {"30m"})
+    assert (sad.view_of(""), sad.view_of("30m")) == ("birdview", "birdview_near")
+    assert pfl.views == ("birdview", "birdview_near")
+
+
 def test_a_preset_has_its_own_stress_and_a_recorded_study_none() -> None:
     assert with_preset(PLAIN, asked()).stress == {"s": "all reversed"}
     assert with_preset(PLAIN, asked(world="tiny")) == PLAIN

@@ -53,7 +53,7 @@ def test_what_a_hand_leaves_out_follows_from_conf() -> None:
     assert by_hand.question == "year"
     sad, sci = by_hand.methods
     assert (sad.view, sad.code, sad.stage) == ("birdview", "pipeline/methods/sad.py", "birdviews")
-    assert (sci.view, sci.stage, sci.seeds) == ("scan_context", "views", 1)
+    assert (sci.view, sci.stage, sci.seeds) == ("scan_context_authors", "views", 1)
     assert by_hand.bird_view_methods == [sad]
 
 

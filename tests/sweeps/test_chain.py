@@ -38,7 +38,7 @@ def test_other_names_make_another_chain() -> None:
     other = {
         "tests": ["2013-04-05"],
         "grids": ["5m"],
-        "methods": [{"name": "sci", "view": "scan_context_paper", "code": "c"}],
+        "methods": [{"name": "sci", "view": "scan_context_authors", "code": "c"}],
         "altered": {},
     }
     steps = expand(
@@ -49,7 +49,7 @@ def test_other_names_make_another_chain() -> None:
     assert evaluate.outs == ("artifacts/evaluate/campus/5m/sci", "artifacts/metrics/campus/5m/sci")
     assert evaluate.fields["sequences"] == "2013-04-05"
     (train,) = [step for step in steps if step.stage == "train"]
-    assert "artifacts/views/campus/scan_context_paper/2012-01-15.zarr" in train.deps
+    assert "artifacts/views/campus/scan_context_authors/2012-01-15.zarr" in train.deps
 
 
 def test_a_command_is_read_as_choices_of_files_and_fields() -> None:

@@ -34,6 +34,7 @@ def artifacts(
     world_T_scan: np.ndarray,
     odom_T_scan: np.ndarray | None = None,
     *,
+    odom_variance: np.ndarray | None = None,
     first: Sequence[int] = (),
     last: Sequence[int] = (),
     stamps_ns: Sequence[int] = (),
@@ -51,6 +52,8 @@ def artifacts(
         draft.put("stamps_ns", stamps)
         draft.put("world_T_scan", world_T_scan)
         draft.put("odom_T_scan", world_T_scan if odom_T_scan is None else odom_T_scan)
+        nothing_said = np.full((len(points), 2), np.nan)
+        draft.put("odom_variance", nothing_said if odom_variance is None else odom_variance)
     attrs = {"layout": "world_T_scan", "left_out": {}, "appearance": SUITED} | attrs
     with store.draft(folder / "submaps.zarr", schemas.Submaps, **attrs) as draft:
         draft.put("first", np.array(first or rows))

@@ -1,11 +1,12 @@
 """Bird-views of submaps, drawn of a map that remembers the scans before."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from pipeline.views.mapped import MappedViews
+from pipeline.views.mapped import MappedViews, motion_variances
 from tests.views.made import ALONG, BIRDVIEW, lit, poles
 
 
@@ -35,6 +36,26 @@ def test_a_break_in_the_odometry_begins_a_new_map(
     tmp_path: Path, unknown: int, seen: list[int]
 ) -> None:
     assert lit(views(tmp_path, known=tuple(row != unknown for row in range(3)))) == seen
+
+
+def test_what_the_odometry_gathers_between_two_scans_is_said_of_that_motion() -> None:
+    # From .5 to .75 m² and from .1 to .3 rad²; nothing before the first scan, none where one of the
+    # two does not grow, or is not known.
+    gathered = np.array([[0.5, 0.1], [0.75, 0.3], [0.75, 0.4], [1.0, np.nan], [2.0, 0.5]])
+    none, said, still, unknown, after = motion_variances(gathered)
+    assert said == pytest.approx((0.25, 0.2))
+    assert none is still is unknown is after is None
+
+
+def test_a_map_forgets_what_its_odometry_is_unsure_of(tmp_path: Path) -> None:
+    # Half a metre a scan: of σ = 5 cm ten deviations, exp(−50), so that each scan is seen alone; of
+    # σ = 5 m a tenth, exp(−.005).
+    view = replace(BIRDVIEW, octree=replace(BIRDVIEW.octree, motion="gaussian", sigma="log"))
+    for sigma_m, seen in ((0.05, [1, 1, 1]), (5.0, [1, 2, 3])):
+        gathered = np.outer(np.arange(3), (sigma_m**2, 1.0))
+        (tmp_path / str(sigma_m)).mkdir()
+        drive = poles(tmp_path / str(sigma_m), odom_variance=gathered)
+        assert lit(np.stack(list(MappedViews(*drive, view)))) == seen
 
 
 def test_heights_count_from_the_submaps_ground(tmp_path: Path) -> None:

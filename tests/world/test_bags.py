@@ -34,6 +34,9 @@ def test_a_bag_holds_the_drive_that_nclts_files_hold(
     assert log.stamps_ns.tolist() == nclt.stamps_ns.tolist()
     assert log.world_T_scan == pytest.approx(nclt.world_T_scan, abs=1e-6)
     assert log.odom_T_scan == pytest.approx(nclt.odom_T_scan, abs=1e-6)
+    assert log.odom_variance is not None
+    assert log.odom_variance == pytest.approx(nclt.odom_variance, rel=1e-6)
+    assert (np.diff(log.odom_variance, axis=0) > 0).all()
     for row in (0, len(log.stamps_ns) - 1):
         # NCLT's grain is 5 mm.
         assert log.points(row) == pytest.approx(nclt.points(row), abs=0.0026)

@@ -45,7 +45,12 @@ def scans(logs: Logs) -> dict[int, np.ndarray]:
 
 def test_the_logs_have_the_layout_of_nclt(logs: Logs):
     root, _, recording = logs
-    names = [f"groundtruth_{SUMMER}.csv", "odometry_mu_100hz.csv", "velodyne_sync"]
+    names = [
+        f"groundtruth_{SUMMER}.csv",
+        "odometry_cov.csv",
+        "odometry_mu_100hz.csv",
+        "velodyne_sync",
+    ]
     assert sorted(path.name for path in (root / SUMMER).iterdir()) == names
     scans = sorted((root / SUMMER / "velodyne_sync").iterdir())
     assert len(scans) == recording.scans == 25

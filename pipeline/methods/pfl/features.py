@@ -127,15 +127,20 @@ class FeatureMethod(Training, ABC):
 
     def localizer(self, model: Model) -> Localizer:
         """Rank reference rows by the nearest heading to the query, over a sequence."""
-        encode = self.encoder(model)
+        describe = self.describer(model)
         database = Database.of(model)
         codes = model["codes"]
 
         def rank(views: Rows, k: int) -> Ranking:
-            differences, bins = nearest_heading(codes, encode(_images(views, 0)))
+            differences, bins = nearest_heading(codes, describe(views))
             return self.ranked(database, differences, k, bins * np.float32(360 / codes.shape[1]))
 
         return rank
+
+    def describer(self, model: Model) -> Callable[[Rows], NDArray[np.float32]]:
+        """The encoder alone: the images at the robot's heading to codes (n, code)."""
+        encode = self.encoder(model)
+        return lambda views: encode(_images(views, 0))
 
     def moved(self, model: Model, views: Rows, places: NDArray[np.int64]) -> Model:
         """The same networks with another database.

@@ -137,17 +137,25 @@ class PointNetVlad(DescriptorMethod):
 
     def localizer(self, model: Model) -> Localizer:
         """The nearest training clouds by Euclidean distance between descriptors."""
-        describe = self._trained(model)
+        describe = self.describer(model)
         database = Database.of(model)
         descriptors = model["descriptors"]
-        points = int(model["points"])
 
         def rank(views: Rows, k: int) -> Ranking:
-            with loop.reproducible(self.threads):
-                queries = describe(_clouds(views)[:, :points])
-            return database.nearest(descriptors, queries, k, self.distinct_places)
+            return database.nearest(descriptors, describe(views), k, self.distinct_places)
 
         return rank
+
+    def describer(self, model: Model) -> Callable[[Rows], NDArray[np.float32]]:
+        """The network alone: clouds (n, point, xyz) to descriptors (n, 256)."""
+        describe = self._trained(model)
+        points = int(model["points"])
+
+        def described(views: Rows) -> NDArray[np.float32]:
+            with loop.reproducible(self.threads):
+                return describe(_clouds(views)[:, :points])
+
+        return described
 
     def _train(
         self,

@@ -10,13 +10,16 @@ from torch import nn
 
 from pipeline import store
 from pipeline.errors import ArtifactError, ConfigError
+from pipeline.methods.pointnetvlad.authors import renamed
+from pipeline.methods.pointnetvlad.checkpoint import is_checkpoint, read_checkpoint
 from pipeline.networks import loop
 
 
 def load(net: nn.Module, path: Path) -> None:
     """Read tensors of a model or a safetensors file under the network's own names.
 
-    They may have net/ before them.
+    They may have net/ before them. Or those of a TensorFlow checkpoint of the authors, whose path
+    is that of its files without `.index` and `.data-…`.
 
     Raises ConfigError naming the file and the first tensor that is missing, unknown or of another
     shape.
@@ -37,7 +40,9 @@ def load(net: nn.Module, path: Path) -> None:
 
 
 def _stored(path: Path) -> dict[str, NDArray[Any]]:
-    """The named arrays of a model of ours or of a safetensors file."""
+    """The named arrays of a model of ours, of a safetensors file or of the authors' checkpoint."""
+    if is_checkpoint(path):
+        return renamed(read_checkpoint(path))
     try:
         return store.read_model(path) if path.name.endswith(store.MODEL) else load_file(path)
     except ArtifactError as error:

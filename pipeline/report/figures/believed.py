@@ -115,9 +115,7 @@ def verdicts(
         )
     limits = {
         promise: reject_from
-        for promise, reject_from in zip(
-            fixes.promises, fixes.promised, strict=True
-        )
+        for promise, reject_from in zip(fixes.promises, fixes.promised, strict=True)
         if reject_from > 0 and promise <= wanted_promise
     }
     if not limits:

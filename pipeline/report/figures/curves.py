@@ -1,6 +1,7 @@
 """The papers' curves: numbers over the year, precision over recall, recall@n, and training."""
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -18,9 +19,11 @@ from pipeline.report.figures.panels import (
     share_limits,
 )
 from pipeline.report.figures.style import MARK, WIDTH_IN, below, figure, handles, look, styled
-from pipeline.report.result import Result, by_model, by_sequence, day
+from pipeline.report.result import PRECISIONS, Result, by_model, by_sequence, day
 from pipeline.studies.colours import colour, marker
 
+DOT: Any = {"ls": "", "ms": 4, "mec": "white", "mew": 0.6, "zorder": 4}
+PAGE_IN = (5.2, 3.6)  # of a figure beside the page's text
 FEW = 3  # from so many models on, panels are larger
 HELD_OUT = "held_out_"
 SHARE_ENDINGS = ("accuracy", "recall")  # curves of these names lie between 0 and 1
@@ -33,16 +36,19 @@ FIGURE_8 = (AUC, AUC_5, AUC_25)
 
 @styled
 def year(
-    results: Sequence[Result], train: str, measures: Sequence[Measure] = OVER_THE_YEAR
+    results: Sequence[Result],
+    train: str,
+    measures: Sequence[Measure] = OVER_THE_YEAR,
+    size_in: tuple[float, float] = (WIDTH_IN, 6.2),
 ) -> Figure:
     """Numbers over the days since training, a panel a measure, as in Fig. 8 of the SCI paper.
 
-    Bands are 95 % intervals; the oracle's recall@1 is grey.
+    Bands are 95 % intervals; the oracle's recall@1 is grey. A marker has the id of its result.
     """
     groups = by_model(results)
     looks = look(by_model(results))
-    fig = figure(WIDTH_IN, 6.2, f"The year after training on {day(train)}")
-    axes = fig.subplots(len(measures), 1, sharex=True)
+    fig = figure(*size_in, f"The year after training on {day(train)}")
+    axes = fig.subplots(len(measures), 1, squeeze=False, sharex=True)[:, 0]
     for axis, measure in zip(axes, measures, strict=True):
         lines = []
         protocol = measure.protocol
@@ -58,17 +64,9 @@ def year(
             )
             if len(days) == 1:  # a band has no width there
                 axis.vlines(days, *bounds, color=tint, lw=0.9, alpha=0.6)
-            axis.plot(
-                days,
-                values,
-                color=tint,
-                ls=dash,
-                marker=marker(model),
-                ms=4,
-                mec="white",
-                mew=0.6,
-                zorder=3,
-            )
+            axis.plot(days, values, color=tint, ls=dash, zorder=3)
+            for result, value in zip(group, values, strict=True):
+                axis.plot(result.days, value, marker(model), gid=result.id, color=tint, **DOT)
             lines.append((model, tint, np.stack([days, values], axis=1)))
         first = [group[0] for group in by_sequence(results).values()]
         oracle = [result.number(protocol, "oracle") for result in first]
@@ -78,7 +76,7 @@ def year(
         axis.set_ylabel(measure.title)
         axis.set_ylim(*share_limits(axis.dataLim.intervaly))
         axis.grid(axis="y")
-        name_ends(axis, lines, gap=0.088)
+        name_ends(axis, lines, gap=0.088 * 6.2 / 3 * len(measures) / size_in[1])
     day_labels = {
         result.days: day(result.sequence) for result in results
     }  # two sequences of one day share a label
@@ -86,6 +84,28 @@ def year(
         list(day_labels), list(day_labels.values()), rotation=40, ha="right", rotation_mode="anchor"
     )
     axes[-1].set_xlabel("test sequence, spaced by days since training; bands: 95 % intervals")
+    return fig
+
+
+@styled
+def coverage(results: Sequence[Result]) -> Figure:
+    """The share of one test sequence's queries that can be answered at each wanted precision.
+
+    By distance; the marker, with the id of its result, is the model's own threshold.
+    """
+    looks = look(by_model(results))
+    fig = figure(*PAGE_IN, f"What can be answered on {day(results[0].sequence)}")
+    axis = fig.subplots()
+    for result in reversed(results):
+        tint, dash = looks[result.model]
+        axis.plot(PRECISIONS, result.coverage, color=tint, ls=dash, zorder=3)
+        dot = max(result.number("distance", "precision_at_threshold"), PRECISIONS[0])
+        share = result.number("distance", "answered")
+        axis.plot(dot, share, marker(result.model), gid=result.id, color=tint, **DOT)
+    axis.set(xlim=(PRECISIONS[0], 1.0), ylim=(0, 1.02), ylabel="of the judged queries answered")
+    axis.set_xlabel("of its answers, so many are right, by distance")
+    axis.grid(axis="y")
+    below(fig, handles(looks), 4)
     return fig
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pipeline.evaluation.judgement import FALSE_ALARM, HIT, Evaluation
 from pipeline.report.alike import best_shift
 from pipeline.report.figures.style import WIDTH_IN, figure, styled
-from pipeline.report.result import Result, of_one_model
+from pipeline.report.result import Result
 from pipeline.views.scan_context import colorize
 
 Which = Callable[[Evaluation], NDArray[np.bool_]]
@@ -73,12 +73,11 @@ class Example:
         return all(np.linalg.norm(self.xy_m - example.xy_m) >= APART_M for example in examples)
 
 
-def choose(results: Sequence[Result]) -> list[Example]:
+def choose(group: Sequence[Result]) -> list[Example]:
     """Examples of one model: right ones over the year, one of them turned; wrong ones of each kind.
 
     Wrong ones are those of least novelty.
     """
-    group = of_one_model(results)
     chosen = _right(group)
     for verdict, number, select in WRONG:
         examples: list[Example] = []

@@ -14,7 +14,7 @@ from pipeline.evaluation.numbers import MEASURES
 from pipeline.evaluation.protocols import PROTOCOLS
 from pipeline.report.figures.panels import balanced, panels, points, share_limits
 from pipeline.report.figures.style import MARK, VEIL, WIDTH_IN, below, dot, figure, styled
-from pipeline.report.result import Result, day, of_one_model
+from pipeline.report.result import Result, day
 from pipeline.report.table import fixed
 from pipeline.studies.colours import colour
 
@@ -42,12 +42,11 @@ LONG_BAR = 0.15  # an interval may reach so far below the lowest value; the pane
 
 
 @styled
-def histograms(results: Sequence[Result], protocol: str) -> Figure:
+def histograms(group: Sequence[Result], protocol: str) -> Figure:
     """Fig. 4 of the SCI paper: densities of a model's novelty, a panel a test sequence.
 
     Right and misplaced seen queries are stacked; unseen ones are a line.
     """
-    group = of_one_model(results)
     kind = group[0].evaluation.kinds[0].replace("_", " ")
     novelties = np.concatenate([result.evaluation.novelty[:, 0] for result in group]).astype(
         np.float64
@@ -114,12 +113,11 @@ def _histogram(axis: Axes, result: Result, protocol: str, edges: NDArray[np.floa
 
 
 @styled
-def rejection(results: Sequence[Result]) -> Figure:
+def rejection(group: Sequence[Result]) -> Figure:
     """Precision and recall of a model at the threshold of each kind of novelty.
 
     Thresholds are chosen without a test sequence.
     """
-    group = of_one_model(results)
     kinds = group[0].evaluation.kinds[: len(KINDS)]
     wanted = group[0].wanted_precision
     fig = figure(WIDTH_IN, 4.2, f"{group[0].model}: precision and recall at the chosen thresholds")
@@ -180,7 +178,7 @@ def confidences(results: Sequence[Result]) -> list[tuple[str, Reliability, float
     The scaled one is by temperature. Each with its name, the seen queries (by cells) of all test
     sequences in bins, and its expected calibration error (ECE). Empty where a model has neither.
     """
-    parts = [(result.evaluation, result.evaluation.cells.seen) for result in of_one_model(results)]
+    parts = [(result.evaluation, result.evaluation.cells.seen) for result in results]
     right = np.concatenate([(e.cells.true_rank == 0)[seen] for e, seen in parts])
     raw = np.concatenate([1.0 - e.cost[seen] for e, seen in parts])
     scaled = np.concatenate([e.confidence[seen] for e, seen in parts])

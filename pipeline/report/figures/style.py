@@ -3,12 +3,15 @@
 Files have the same bytes each time.
 """
 
-from collections.abc import Iterable, Sequence
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from io import StringIO
 from pathlib import Path
 from typing import Any, cast
 
 import matplotlib
 import numpy as np
+from markupsafe import Markup, escape
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.colors import to_hex, to_rgb
@@ -38,11 +41,11 @@ STYLE: Any = {
     "legend.frameon": False,
     "legend.handlelength": 1.4,
     "legend.title_fontsize": 7,
-    "svg.fonttype": "path",  # the viewer need not have the font
     "svg.hashsalt": "yearloc",
 }
 TICKS = {"major.width": 0.5, "major.size": 2.5, "color": "0.25", "labelsize": 7.5}
 STYLE |= {f"{axis}tick.{name}": value for axis in "xy" for name, value in TICKS.items()}
+Mark = tuple[str, str, str]  # model, test sequence and tooltip of an artist on the page
 styled = matplotlib.rc_context(STYLE)
 """Decorator of functions that draw a figure."""
 WIDTH_IN = 7.16  # both columns of an IEEE page
@@ -143,7 +146,35 @@ def save(fig: Figure, path: Path, simulated: bool) -> Path:
     """
     if path.suffix != ".svg":
         raise InputError(f"{path.name}: a figure is saved as .svg")
-    with matplotlib.rc_context(STYLE):
+    path.write_text(_svg(fig, simulated), encoding="utf-8")
+    return path
+
+
+def inline(fig: Figure, simulated: bool, name: str, marks: Mapping[str, Mark]) -> Markup:
+    """A figure as an SVG element of a page, where `name` begins all its ids.
+
+    `marks` are what the artists of these ids stand for: a click opens it, and a tooltip names it.
+    Letters stay letters, and nothing is clipped, since a page whose policy is strict loads nothing.
+    """
+    for artist in fig.findobj():
+        artist.set_clip_on(False)
+    text = _svg(fig, simulated, fonttype="none")
+    head, _, body = text[text.index("<svg") :].partition(">")
+    head = re.sub(r' (width|height)="[\d.]+pt"', "", head)
+    label = f' class="chart" role="img" aria-label="{escape(fig.texts[0].get_text())}">'
+    body = re.sub(r"<metadata>.*?</metadata>|<style.*?</style>", "", body, flags=re.DOTALL)
+    body = re.sub(r'\b(id|href)="(#?)', rf'\1="\g<2>{name}-', body)
+    for gid, mark in marks.items():
+        group = f'<g id="{name}-{gid}"'
+        model, sequence, tooltip = map(escape, mark)
+        opens = f' data-model="{model}" data-day="{sequence}"><title>{tooltip}</title>'
+        body = body.replace(f"{group}>", group + opens)
+    return Markup(head + label + re.sub(r"\s+", " ", body))
+
+
+def _svg(fig: Figure, simulated: bool, fonttype: str = "path") -> str:
+    """The text of an SVG; with `fonttype` "path" the viewer need not have the font."""
+    with matplotlib.rc_context(STYLE | {"svg.fonttype": fonttype}), StringIO() as file:
         _head(fig, simulated)
         FigureCanvasAgg(fig)
         cast(ConstrainedLayoutEngine, fig.get_layout_engine()).execute(fig)
@@ -157,8 +188,8 @@ def save(fig: Figure, path: Path, simulated: bool) -> Path:
             axis.set_position((left, bottom, width, height), which="original")
         fig.set_dpi(DPI)  # of its images
         canvas: Any = FigureCanvasSVG(fig)
-        canvas.print_svg(path, metadata={"Date": None})  # `savefig` would draw it twice
-    return path
+        canvas.print_svg(file, metadata={"Date": None})  # `savefig` would draw it twice
+        return file.getvalue()
 
 
 def illustrate(

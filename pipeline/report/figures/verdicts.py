@@ -1,4 +1,4 @@
-"""What a verdict on poses is worth: the error of each pose over its novelty."""
+"""What a verdict on poses is worth: the error of each pose over its novelty, and its chance."""
 
 from collections.abc import Sequence
 
@@ -8,22 +8,25 @@ from matplotlib.figure import Figure
 from pipeline.evaluation.numbers import WITHIN
 from pipeline.report.figures.panels import balanced, in_corner, panels
 from pipeline.report.figures.style import MARK, WIDTH_IN, below, dot, figure, styled
-from pipeline.report.result import Result, of_one_model
+from pipeline.report.result import Result
+from pipeline.report.table import fixed
+from pipeline.studies.colours import colour
 
 LEAST_M = 1e-3
 MOST_M = 1e3
 """Errors are drawn between these; a query without a pose at the upper one."""
 RIGHT = "#6BB6E8"
 WRONG = "#B2182B"
+LARGEST = 60.0
+"""Square points of the marker of chances that all queries have."""
 
 
 @styled
-def verdicts(results: Sequence[Result]) -> Figure:
+def verdicts(group: Sequence[Result]) -> Figure:
     """Position error over novelty, a panel a test sequence.
 
     Poses left of the line are accepted with a promise of .99.
     """
-    group = of_one_model(results)
     rows, columns = balanced(len(group), 4)
     kind = group[0].evaluation.kinds[0].replace("_", " ")
     fig = figure(
@@ -55,4 +58,31 @@ def verdicts(results: Sequence[Result]) -> Figure:
             axis, 0, f"{(accepted & ~right).sum()} of {accepted.sum()} accepted are wrong", "0.25"
         )
     below(fig, [dot("within 2 m and 5°", RIGHT, "o"), dot("off by more", WRONG, "X")], 2)
+    return fig
+
+
+@styled
+def chances(group: Sequence[Result]) -> Figure:
+    """Share of right poses over their chance, a panel a test sequence, all queries together.
+
+    The area of a marker is the share of the queries with such a chance.
+    """
+    rows, columns = balanced(len(group), 5)
+    heading = f"{group[0].model}: how often poses of a chance are right"
+    fig = figure(WIDTH_IN, 0.6 + 1.7 * rows, heading)
+    axes = panels(fig, len(group), columns, x="chance of the pose", y="share that is right")
+    for axis, result in zip(axes, group, strict=True):
+        bins = result.evaluation.pose_reliability
+        tint = colour(result.model)
+        full = bins.count > 0
+        chance = bins.confidence[full]
+        right = bins.right[full]
+        axis.plot([0, 1], [0, 1], **MARK)
+        axis.vlines(chance, chance, right, color=WRONG, lw=0.9, alpha=0.7, zorder=2)
+        axis.plot(chance, right, color=tint, lw=0.8, zorder=2)
+        area = LARGEST * bins.count[full] / bins.count.sum()
+        axis.scatter(chance, right, area, tint, linewidths=0, alpha=0.8, zorder=3, clip_on=False)
+        ece = fixed(result.number("distance", "pose_ece"), 3)
+        in_corner(axis, 0, f"ECE {ece}", "0.25")
+        axis.set(xlim=(0, 1), ylim=(0, 1), aspect="equal", title=result.label)
     return fig

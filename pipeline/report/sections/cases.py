@@ -5,7 +5,6 @@ They are on turned queries, demolition, construction, stress, real changes and c
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +12,7 @@ import pandas as pd
 
 from pipeline.evaluation.events import Bands
 from pipeline.evaluation.protocols import PROTOCOLS
-from pipeline.evaluation.study_rows import SHOWN, TO_COME
+from pipeline.evaluation.study_rows import SHOWN
 from pipeline.report import case_findings as verdicts
 from pipeline.report import case_tables, findings, tables
 from pipeline.report.comparison import AUC, FAR, KEPT, OFF, RECALL, Comparison, Kind
@@ -23,7 +22,8 @@ from pipeline.report.findings import Finding
 from pipeline.report.render import anchor
 from pipeline.report.result import day
 from pipeline.report.section import Illustration, Section
-from pipeline.report.study import Study, indexed
+from pipeline.report.selection import pick
+from pipeline.report.study import Study
 from pipeline.report.table import Table
 
 UNITS = {"demolition": "degrees removed", "construction": "new walls"}
@@ -34,7 +34,6 @@ PANELS = (
     ("distance", "auc_top1"),
     ("distance", "recall_at_1"),
 )
-NEAR = ("recall_at_1", "auc_exact_top1")
 
 
 def sections(study: Study, folder: Path, few: int) -> Iterator[Section]:
@@ -206,23 +205,10 @@ def _events(study: Study, folder: Path, few: int) -> Section:
     rows = study.rows
     bands = _bands(rows)
     names = dict(zip((*bands.edges_m, np.inf), bands.names, strict=True))
-    values = {}
-    values_by_key = indexed(rows, "change", "method", "protocol", "number", "level")
-    models = [
-        model
-        for model in study.families
-        if (SHOWN, model, PROTOCOLS[0], "seen", np.inf) in values_by_key
-    ]
-    for model, protocol, when in product(models, PROTOCOLS, (SHOWN, TO_COME)):
-        arrays = {
-            key: np.array([values_by_key[when, model, protocol, key, edge] for edge in names])
-            for key in ("seen", "unseen", *NEAR)
-        }
-        values[model, protocol, when == SHOWN] = events.BandValues(
-            arrays["seen"][:, 0], arrays["unseen"][:, 0], *(arrays[key] for key in NEAR)
-        )
-    figure = events.by_distance(values, bands.names, few)
-    recall, auc = (findings.near_changes(rows, number, names, few) for number in NEAR)
+    farthest = pick(rows, change=SHOWN, protocol=PROTOCOLS[0], number="seen", level=np.inf)
+    models = [model for model in study.families if model in set(farthest["method"])]
+    figure = events.by_distance(rows, models, names, few)
+    recall, auc = (findings.near_changes(rows, number, names, few) for number in events.NEAR)
     return Section(
         anchor(study.name, study.grid, "events"),
         "events",
@@ -232,7 +218,7 @@ def _events(study: Study, folder: Path, few: int) -> Section:
         tables=[
             tables.near_changes(rows, protocol, number, names)
             for protocol in PROTOCOLS
-            for number in NEAR
+            for number in events.NEAR
         ],
         sources=[study.folder("events")],
         parameters={"edges_m": list(bands.edges_m), "kinds": list(bands.kinds), "few": few},

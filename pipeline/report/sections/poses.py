@@ -3,9 +3,9 @@
 from collections.abc import Iterator
 from pathlib import Path
 
+from pipeline.report import tables
 from pipeline.report.figures import maps, verdicts
 from pipeline.report.figures.style import illustrate
-from pipeline.report.pose_tables import poses
 from pipeline.report.render import anchor
 from pipeline.report.result import Result, by_model
 from pipeline.report.section import Illustration, Section
@@ -21,7 +21,7 @@ def sections(study: Study, folder: Path) -> Iterator[Section]:
             "poses",
             values={"study": study},
             illustrations=list(_illustrations(study, folder, posed)),
-            tables=[poses(posed)],
+            tables=tables.poses(posed),
             sources=[study.source("evaluate", result.sequence, result.model) for result in posed],
         )
 
@@ -35,6 +35,9 @@ def _illustrations(study: Study, folder: Path, posed: list[Result]) -> Iterator[
             folder,
             name=f"verdicts_{model}",
             model=model,
+        )
+        yield illustrate(
+            "chances", verdicts.chances(group), study, folder, name=f"chances_{model}", model=model
         )
         last = group[-1]
         words = {"model": model, "sequence": last.sequence, "label": last.label}

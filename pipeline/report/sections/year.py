@@ -1,24 +1,25 @@
 """The sections of a study of the year: answer, set-up, results, figures and ageing."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import pandas as pd
 from matplotlib.figure import Figure
 
 from pipeline import store
+from pipeline.alterations.construction import Construction
 from pipeline.evaluation.study_rows import AGEING, PER_DAYS
+from pipeline.mapping.gathering import submap_points
 from pipeline.report import findings, tables
-from pipeline.report.figures import ageing, curves, maps, matches, rejection
+from pipeline.report.figures import ageing, curves, maps, matches, place, rejection
 from pipeline.report.figures.style import illustrate
 from pipeline.report.render import anchor
-from pipeline.report.result import NONE, by_model
+from pipeline.report.result import by_model
 from pipeline.report.section import Illustration, Section
-from pipeline.report.study import Study, indexed
-from pipeline.schemas import VIEW_KINDS, ScanContextViews, Views
+from pipeline.report.study import Study
+from pipeline.schemas import VIEW_KINDS, ScanContextViews, Scans, Submaps, Views
+from pipeline.views.scan_context import ScanContext
 
 # kinds of figure that the page shows; of those of one model, the best one's
 ON_PAGE = (
@@ -42,8 +43,11 @@ LINES = {
 DRAWN = 4  # so many of the numbers that are followed over the days are drawn, the first ones
 
 
-def sections(study: Study, folder: Path) -> Iterator[Section]:
-    """Draw every figure into `folder` and yield the sections in the report's order."""
+def sections(study: Study, folder: Path, view: Callable[[str], Any]) -> Iterator[Section]:
+    """Draw every figure into `folder` and yield the sections in the report's order.
+
+    `view` makes a view of its name.
+    """
     name = anchor(study.name, study.grid)
     values = {
         "study": study,
@@ -118,7 +122,7 @@ def sections(study: Study, folder: Path) -> Iterator[Section]:
             on_page=illustration.kind in ON_PAGE
             and illustration.values.get("model", study.best) == study.best,
         )
-        for illustration in illustrations(study, folder)
+        for illustration in illustrations(study, folder, view)
     ]
     yield Section(
         f"{name}-figures",
@@ -131,7 +135,7 @@ def sections(study: Study, folder: Path) -> Iterator[Section]:
     yield ageing_section(study, folder, evaluation_sources)
 
 
-def illustrations(study: Study, folder: Path) -> Iterator[Illustration]:
+def illustrations(study: Study, folder: Path, view: Callable[[str], Any]) -> Iterator[Illustration]:
     """Draw every figure of the year."""
 
     def saved(
@@ -152,6 +156,7 @@ def illustrations(study: Study, folder: Path) -> Iterator[Illustration]:
             protocol=protocol,
         )
     yield from saved("recall_at", curves.recall_at(results))
+    yield from saved("place", _place(study, view))
     yield from saved("montage", maps.montage(results, path_xy_m), "outcomes")
     for model, group in by_model(results).items():
         model_words = {"model": model, "novelty": group[0].evaluation.kinds[0].replace("_", " ")}
@@ -188,6 +193,24 @@ def _views(study: Study, sequence: str, model: str) -> Views:
     return store.read(study.find("views", sequence, model), *VIEW_KINDS)
 
 
+def _place(study: Study, view: Callable[[str], Any]) -> Figure | None:
+    """The middle submap of training as driven and with two new walls, and its Scan Contexts.
+
+    None where no method looks at any, or the scans are not here.
+    """
+    views = {name: view(name) for method in study.settings.methods for name in method.views}
+    scan_contexts = [drawn for drawn in views.values() if isinstance(drawn, ScanContext)]
+    if not scan_contexts or not study.find("scans", study.train).is_dir():
+        return None
+    scans = study.artifact(Scans, "scans", study.train)
+    submaps = study.artifact(Submaps, "submaps", study.train)
+    middle = int(submaps["scans"].shape[0]) // 2
+    (points_m,) = submap_points(scans, submaps, slice(middle, middle + 1))
+    stamp_ns = int(submaps["stamps_ns"][middle])
+    two_walls = Construction(walls=(2,), shadows=(False,))
+    return place.place(place.altered(points_m, two_walls, stamp_ns), scan_contexts[0])
+
+
 def _matches(study: Study, model: str, chosen: list[matches.Example]) -> Figure | None:
     """Queries beside their matches, drawn as Scan Contexts.
 
@@ -215,17 +238,13 @@ def ageing_section(study: Study, folder: Path, sources: list[str]) -> Section:
     titled_numbers = [
         (protocol, number, LINES[number].format(protocol)) for protocol, number in AGEING
     ]
-    lines = [
-        line
-        for protocol, number, title in titled_numbers[:DRAWN]
-        for line in _lines(rows, protocol, number, title)
-    ]
+    drawn = titled_numbers[:DRAWN]
     first, second, third = (
         findings.ageing(rows, title, protocol, number, last)
         for protocol, number, title in titled_numbers[:3]
     )
     slope_counts = findings.slopes_counted(
-        rows, [(protocol, number) for protocol, number, _ in titled_numbers[:DRAWN]]
+        rows, [(protocol, number) for protocol, number, _ in drawn]
     )
     return Section(
         anchor(study.name, study.grid, "ageing"),
@@ -235,14 +254,14 @@ def ageing_section(study: Study, folder: Path, sources: list[str]) -> Section:
         illustrations=[
             illustrate(
                 "ageing",
-                ageing.lines(lines),
+                ageing.lines(rows, drawn),
                 study,
                 folder,
                 third,
                 findings.newer(rows),
                 per=str(PER_DAYS),
             ),
-            illustrate("ageing_slopes", ageing.slopes(lines), study, folder, slope_counts),
+            illustrate("ageing_slopes", ageing.slopes(rows, drawn), study, folder, slope_counts),
         ],
         tables=[
             tables.ageing(rows, protocol, number, title)
@@ -250,29 +269,3 @@ def ageing_section(study: Study, folder: Path, sources: list[str]) -> Section:
         ],
         sources=sources,
     )
-
-
-def _lines(
-    rows: pd.DataFrame, protocol: str, number: str, title: str
-) -> Iterator[ageing.AgeingLine]:
-    """The line through one number over the days, for each model and the oracle."""
-    ordered_rows = rows[rows["protocol"] == protocol].sort_values("days")
-    points, lines = (
-        indexed(ordered_rows[ordered_rows["number"] == name], "method", "sequence", "days")
-        for name in (number, f"{number}_line")
-    )
-    slopes = indexed(
-        ordered_rows[ordered_rows["number"] == f"{number}_per_{PER_DAYS}_days"], "method"
-    )
-    for model in dict.fromkeys(
-        rows.loc[(rows["protocol"] == protocol) & (rows["number"] == f"{number}_line"), "method"]
-    ):
-        keys = [key for key in lines if key[0] == model]
-        values, fitted = (
-            np.array([by_key[key] for key in keys]).reshape(-1, 3) for by_key in (points, lines)
-        )
-        days = np.array([day for *_, day in keys])
-        slope = np.array(slopes.get(model, NONE))
-        yield ageing.AgeingLine(
-            model, title, number == "novelty_percentile", days, values, fitted, slope
-        )

@@ -52,6 +52,24 @@ def wheel_odometry(rng: np.random.Generator, world_T_body: Poses) -> Poses:
     return np.asarray(np.linalg.inv(level[0]) @ level)
 
 
+def wheel_covariances(world_T_body: Poses) -> NDArray[np.float64]:
+    """Covariance (n, 6, 6) of each motion that `wheel_odometry` reports, since the row before.
+
+    Of x, y, z in metres and roll, pitch, heading in radians; zero in the first row. It follows from
+    the model's own deviations. A drive's scale and bias are one draw, so over a drive errors exceed
+    what independent motions would gather.
+    """
+    motion = np.linalg.inv(world_T_body[:-1]) @ world_T_body[1:]
+    moved_m = motion[:, :3, 3]
+    metres = np.linalg.norm(moved_m, axis=1)
+    variances = np.zeros((len(world_T_body), 6))
+    variances[1:, :3] = (SCALE_SD * moved_m) ** 2
+    variances[1:, :2] += SLIP_SD_M_PER_SQRT_M**2 * metres[:, None]
+    yaw_deg2 = (YAW_BIAS_SD_DEG_PER_M * metres) ** 2 + YAW_SD_DEG_PER_SQRT_M**2 * metres
+    variances[1:, 5] = np.deg2rad(1) ** 2 * yaw_deg2
+    return variances[:, :, None] * np.eye(6)
+
+
 def visual_odometry(rng: np.random.Generator, world_T_camera: Poses) -> Poses:
     """Poses (n − 1, 4, 4) of stereo visual odometry, each in the frame of the previous one.
 

@@ -7,12 +7,13 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pipeline.formats.bag import BagWriter
 from pipeline.frames import Poses
 from pipeline.world.driving.drive import Drive
 from pipeline.world.driving.lidar import Returns
-from pipeline.world.driving.odometry import wheel_odometry
+from pipeline.world.driving.odometry import wheel_covariances, wheel_odometry
 from pipeline.world.seeds import Noise, Stream
 from pipeline.world.writers.writer import Writer
 
@@ -40,7 +41,7 @@ class BagWriterInOrder(Writer):
     ) -> None:
         super().__init__(folder, sequence, body_T_sensor)
         self._bag = BagWriter(folder / ("bag.bag" if kind == "ros1" else "bag"), kind).__enter__()
-        self._waiting: list[tuple[int, Poses, Poses]] = []
+        self._waiting: list[tuple[int, Poses, Poses, NDArray[np.float64]]] = []
 
     def write_truth(self, drive: Drive, surveyed: Drive, noise: Noise) -> None:
         """Write the extrinsics, and keep the true poses and the odometry until `write_scan` reaches
@@ -48,7 +49,13 @@ class BagWriterInOrder(Writer):
         self._bag.static_transform(int(drive.utimes[0]) * 1000, BODY, LIDAR, self.body_T_sensor)
         drifted = wheel_odometry(noise(Stream.ODOMETRY), drive.world_T_body)
         self._waiting = list(
-            zip(drive.utimes.tolist(), surveyed.world_T_body, drifted, strict=True)
+            zip(
+                drive.utimes.tolist(),
+                surveyed.world_T_body,
+                drifted,
+                np.cumsum(wheel_covariances(drive.world_T_body), axis=0),
+                strict=True,
+            )
         )[::-1]
 
     def write_scan(self, scan: int, utime: int, returns: Returns) -> None:
@@ -65,6 +72,6 @@ class BagWriterInOrder(Writer):
 
     def _write_poses(self, until: int | None) -> None:
         while self._waiting and (until is None or self._waiting[-1][0] <= until):
-            utime, world_T_body, start_T_body = self._waiting.pop()
+            utime, world_T_body, start_T_body, covariance = self._waiting.pop()
             self._bag.odometry(utime * 1000, WORLD, BODY, world_T_body, TRUTH)
-            self._bag.odometry(utime * 1000, START, BODY, start_T_body, ODOMETRY)
+            self._bag.odometry(utime * 1000, START, BODY, start_T_body, ODOMETRY, covariance)

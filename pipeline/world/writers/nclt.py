@@ -1,13 +1,21 @@
-"""Writes the layout and frames of NCLT: velodyne_sync scans, ground truth and wheel odometry
-(METHODS 7.1)."""
+"""Writes the layout and frames of NCLT: velodyne_sync scans, ground truth and wheel odometry with
+its covariance (METHODS 7.1)."""
 
 import numpy as np
 
-from pipeline.formats.nclt import ODOMETRY, SCANS, TRUTH, encode, write_pose_rows
+from pipeline.formats.nclt import (
+    COVARIANCE,
+    ODOMETRY,
+    SCANS,
+    TRUTH,
+    encode,
+    write_covariance_rows,
+    write_pose_rows,
+)
 from pipeline.frames import flip_ned
 from pipeline.world.driving.drive import Drive
 from pipeline.world.driving.lidar import Returns
-from pipeline.world.driving.odometry import wheel_odometry
+from pipeline.world.driving.odometry import wheel_covariances, wheel_odometry
 from pipeline.world.seeds import Noise, Stream
 from pipeline.world.writers.writer import Writer, xyzrpy
 
@@ -27,6 +35,8 @@ class NcltWriter(Writer):
         write_pose_rows(self.folder / TRUTH.format(sequence=self.sequence), drive.utimes, rows)
         drifted = wheel_odometry(noise(Stream.ODOMETRY), drive.world_T_body)
         write_pose_rows(self.folder / ODOMETRY, drive.utimes, xyzrpy(flip_ned(drifted)))
+        covariances = wheel_covariances(drive.world_T_body)
+        write_covariance_rows(self.folder / COVARIANCE, drive.utimes, covariances)
 
     def write_scan(self, scan: int, utime: int, returns: Returns) -> None:
         """velodyne_sync/<utime>.bin."""

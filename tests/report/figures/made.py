@@ -11,7 +11,7 @@ from matplotlib.text import Text
 from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.judge import judge
 from pipeline.evaluation.judgement import Evaluation
-from pipeline.evaluation.protocols import Distance
+from pipeline.evaluation.protocols import PROTOCOLS, Distance
 from pipeline.evaluation.rows import of_evaluation, row, table
 from pipeline.matching.ranking import Ranking
 from pipeline.report.comparison import MEASURES, Comparison, Kind
@@ -81,7 +81,8 @@ def result(model: str, sequence: str, days: int, one: Evaluation) -> Result:
         (each["protocol"], each["number"]): (each["value"], each["low"], each["high"])
         for each in rows
     }
-    return Result(model, sequence, days, one, 0.9, numbers)
+    wanted = {(by, "wanted_precision"): (0.9, np.nan, np.nan) for by in PROTOCOLS}
+    return Result(model, sequence, days, numbers | wanted, one)
 
 
 def results(*models: str) -> list[Result]:

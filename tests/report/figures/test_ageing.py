@@ -1,43 +1,53 @@
 """Figures of ageing, of real changes and of sweeps."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from pipeline.errors import InputError
+from pipeline.evaluation.rows import row, table
 from pipeline.report.figures import ageing, events
-from pipeline.report.figures.ageing import AgeingLine
 from pipeline.report.figures.style import colour, save
 from pipeline.report.figures.sweep import SweepJob, response
 from tests.report.figures.made import saved_alike, words
 
-DAYS = np.array([0.0, 100.0, 200.0, 300.0])
-NAN = np.full((4, 3), np.nan)
+DAYS = (0.0, 100.0, 200.0, 300.0)
+AUC = ("cells", "auc_top1", "AUC, by cells")
+NOVELTY = ("distance", "novelty_percentile", "novelty, by distance")
+NONE = (np.nan,) * 3
 
 
-def line(model: str, slope: tuple[float, float, float], rises: bool = False) -> AgeingLine:
-    values = NAN.copy()
-    values[:, 0] = (1.0, 0.9, 0.7, 0.6)
-    title = "novelty, by distance" if rises else "AUC, by cells"
-    return AgeingLine(model, title, rises, DAYS, values, values, np.array(slope))
+def line(
+    model: str,
+    slope: tuple[float, float, float],
+    followed: tuple[str, str, str] = AUC,
+    values: tuple[float, ...] = (1.0, 0.9, 0.7, 0.6),
+) -> list[dict[str, Any]]:
+    """Rows of one number of one model on days whose values lie on their line."""
+    protocol, number, _ = followed
+    rows = [{"method": model} | row(f"{number}_per_100_days", protocol, *slope)]
+    for days, value in zip(DAYS, values, strict=False):
+        place = {"method": model, "sequence": f"day {days:g}", "days": days}
+        rows += [place | row(name, protocol, value) for name in (number, f"{number}_line")]
+    return rows
 
 
-ROWS = [
-    *(
-        line("sci", (-0.14, -0.2, -0.08)),
-        line("m2dp", (-0.005, -0.1, 0.1)),
-        line("oracle", (0.0, -0.1, 0.1)),
-    ),
-    *(
-        line("sci", (1.26, np.nan, np.nan), rises=True),
-        AgeingLine("m2dp", "novelty, by distance", True, DAYS, NAN, NAN, NAN[0]),
-    ),
-]
+ROWS = table(
+    [
+        *line("sci", (-0.14, -0.2, -0.08)),
+        *line("m2dp", (-0.005, -0.1, 0.1)),
+        *line("oracle", (0.0, -0.1, 0.1)),
+        *line("sci", (1.26, np.nan, np.nan), NOVELTY),
+        *line("m2dp", NONE, NOVELTY, (np.nan,) * 4),
+    ]
+)
+FOLLOWED = (AUC, NOVELTY)
 
 
 def test_ageing_shows_each_sequence_and_the_slope_bold_where_it_is_clear() -> None:
-    fig = ageing.lines(ROWS)
+    fig = ageing.lines(ROWS, FOLLOWED)
     assert [axis.get_title() for axis in fig.axes] == [
         "AUC\nby cells",
         "novelty\nby distance",
@@ -52,7 +62,7 @@ def test_ageing_shows_each_sequence_and_the_slope_bold_where_it_is_clear() -> No
 
 
 def test_slopes_are_filled_where_they_are_clear() -> None:
-    fig = ageing.slopes(ROWS)
+    fig = ageing.slopes(ROWS, FOLLOWED)
     assert [tick.get_text() for tick in fig.axes[0].get_yticklabels()] == ["sci", "m2dp", "oracle"]
     fills = {
         float(one.get_xdata()[0]): one.get_markerfacecolor()
@@ -64,35 +74,33 @@ def test_slopes_are_filled_where_they_are_clear() -> None:
 
 @pytest.mark.parametrize("draw", [ageing.lines, ageing.slopes])
 def test_ageing_of_nothing_shows_no_nan(draw, tmp_path: Path) -> None:
-    nothing = [
-        AgeingLine("sci", "AUC, by cells", False, days, NAN[: len(days)], NAN[: len(days)], NAN[0])
-        for days in (DAYS, DAYS[:0])
-    ]
-    for rows in (nothing[:1], nothing[1:]):
-        assert not [
-            text
-            for text in words(saved_alike(lambda rows=rows: draw(rows), tmp_path))
-            if "nan" in text.lower()
-        ]
+    for values in ((np.nan,) * 4, (np.nan,)):
+        nothing = table(line("sci", NONE, values=values))
+        fig = saved_alike(lambda rows=nothing: draw(rows, (AUC,)), tmp_path)
+        assert not [text for text in words(fig) if "nan" in text.lower()]
     with pytest.raises(InputError, match="at least one model"):
-        draw([])
+        draw(table(line("oracle", NONE)), (AUC,))
 
 
 def test_bands_of_few_queries_are_pale(tmp_path: Path) -> None:
-    far = (0.9, 0.8, 0.95)
-    nan = (np.nan,) * 3
-    few, many = (
-        events.BandValues(
-            np.array([seen, 500]), np.array([5, 50]), np.array([near, far]), np.array([nan, far])
-        )
-        for seen, near in ((29, (0.2, 0.1, 0.3)), (50, (0.7, 0.6, 0.8)))
-    )
-    given = {
-        ("sci", by, shown): few if shown else many
-        for by in ("cells", "distance")
-        for shown in (True, False)
+    """Of 29 seen queries near a change that shows, and of 50 near one to come; 500 are far off."""
+    bands = {25.0: "0–25 m", np.inf: "over 25 m"}
+    numbers = {
+        ("change shown", 25.0): (29, 5, (0.2, 0.1, 0.3)),
+        ("change to come", 25.0): (50, 5, (0.7, 0.6, 0.8)),
+        **dict.fromkeys(
+            (("change shown", np.inf), ("change to come", np.inf)), (500, 50, (0.9, 0.8, 0.95))
+        ),
     }
-    fig = saved_alike(lambda: events.by_distance(given, ["0–25 m", "over 25 m"], 30), tmp_path)
+    rows = []
+    for (change, level), (seen, unseen, recall) in numbers.items():
+        place = {"method": "sci", "change": change, "level": level}
+        for protocol in ("cells", "distance"):
+            rows += [place | row("seen", protocol, seen), place | row("unseen", protocol, unseen)]
+            rows.append(place | row("recall_at_1", protocol, *recall))
+            auc = NONE if level == 25.0 else recall
+            rows.append(place | row("auc_exact_top1", protocol, *auc))
+    fig = saved_alike(lambda: events.by_distance(table(rows), ["sci"], bands, 30), tmp_path)
     shades = {float(np.asarray(one.get_ydata())[0]): one.get_alpha() for one in fig.axes[0].lines}
     assert (shades[0.2], shades[0.7], shades[0.9]) == (0.3, 1.0, 1.0)
     assert {"recall@1, by cells", "exact AUC, by distance", "0–25", ">25", "29", "550"} <= set(

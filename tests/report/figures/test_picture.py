@@ -129,6 +129,7 @@ def test_walls_are_what_stands_high_and_was_seen_often(study: Study, tmp_path: P
         draft.put("stamps_ns", np.arange(50))
         for name in ("world_T_scan", "odom_T_scan"):
             draft.put(name, own.artifact(schemas.Submaps, "submaps", TRAIN).world_T_anchor)
+        draft.put("odom_variance", np.full((50, 2), np.nan))
     np.testing.assert_allclose(walls(own, TRAIN), [[30.1, 5.1]], atol=0.3)
 
 

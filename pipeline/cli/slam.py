@@ -1,0 +1,83 @@
+"""`yearloc slam`: a log's poses from its scans alone."""
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from pipeline.cli.kernels import tell_cold
+from pipeline.cli.options import Topic
+from pipeline.cli.outputs import check_file
+from pipeline.cli.progress import Scans
+from pipeline.errors import ConfigError
+
+if TYPE_CHECKING:
+    from pipeline.slam.drive import Estimate
+
+
+def slam(
+    log: Annotated[
+        Path,
+        typer.Argument(
+            metavar="LOG", help="a bag, the folder of a log, or one of clouds (.bin .npy .pcd)"
+        ),
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "-o", "--out", metavar="FILE", help="a TUM trajectory: stamp x y z qx qy qz qw"
+        ),
+    ] = None,
+    map_path: Annotated[
+        Path | None,
+        typer.Option("--map", metavar="FILE", help="the points of all scans as a .pcd"),
+    ] = None,
+    picture: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="the trajectory from above as a .png"),
+    ] = None,
+    topic: Topic = None,
+    odometry: Annotated[
+        str | None,
+        typer.Option(
+            metavar="TOPIC",
+            help="of a bag: poses that drift, or tf:PARENT>CHILD; none ignores what the log has",
+        ),
+    ] = None,
+) -> None:
+    """Estimate the poses of a log that has none: odometry by registration, loops, a graph."""
+    from pipeline.inspection.opened import open_unposed
+    from pipeline.replacing import replace
+    from pipeline.slam import outputs
+    from pipeline.slam.drive import Slam, without_truth
+
+    if not (out or map_path or picture):
+        raise ConfigError("nothing to write: expected -o FILE, --map FILE or --picture FILE")
+    for path, ending in ((map_path, ".pcd"), (picture, ".png")):
+        if path and path.suffix != ending:
+            raise ConfigError(f"{path}: expected a file that ends in {ending}")
+    for path in (out, map_path, picture):
+        check_file(path)
+    uses_odometry = odometry != "none"
+    opened = without_truth(open_unposed(log, topic, odometry if uses_odometry else None))
+    tell_cold()
+    watch = Scans()
+    estimate = Slam(use_log_odometry=uses_odometry).estimate(opened, watch)
+    if out:
+        with replace(out) as scratch:
+            scratch.write_text(outputs.tum_text(estimate), encoding="utf-8")
+    if map_path:
+        with replace(map_path) as scratch:
+            scratch.write_bytes(outputs.map_pcd(opened, estimate, watch))
+    if picture:
+        with replace(picture) as scratch:
+            outputs.draw(estimate, scratch, log.name)
+    _tell(estimate, opened.notes, [path for path in (out, map_path, picture) if path])
+
+
+def _tell(estimate: "Estimate", notes: tuple[str, ...], written: list[Path]) -> None:
+    """Say on standard error what is known of the result, and what was written."""
+    for line in (*notes, *estimate.lines()):
+        print(f"  {line}", file=sys.stderr)
+    print(f"written: {', '.join(map(str, written))}", file=sys.stderr)

@@ -1,0 +1,174 @@
+"""Reads a TensorFlow checkpoint without TensorFlow: `PREFIX.index` and its `PREFIX.data-…` shards.
+
+The index is a table as LevelDB writes it (blocks of sorted keys that share their beginnings, and a
+footer), its values protobuf messages: a header under the empty key, else a tensor's type, shape,
+shard, offset and size. The shards hold the numbers as they are.
+"""
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import ConfigError
+
+FOOTER_BYTES = 48
+MAGIC = 0xDB4775248B80FB57
+TYPES: Mapping[int, type[np.generic]] = {
+    1: np.float32,
+    2: np.float64,
+    3: np.int32,
+    9: np.int64,
+}
+"""Of the enum DataType; tensors of other types are passed over."""
+Message = dict[int, list[int | bytes]]
+"""Field number to its values in order: numbers, and bytes of what has a length."""
+
+
+class Entry(NamedTuple):
+    """Where a tensor lies."""
+
+    kind: int
+    shape: tuple[int, ...]
+    shard: int
+    offset: int
+    size: int
+
+
+def is_checkpoint(prefix: Path) -> bool:
+    """Whether a path is the common beginning of a checkpoint's files."""
+    return index_path(prefix).is_file()
+
+
+def index_path(prefix: Path) -> Path:
+    return prefix.with_name(f"{prefix.name}.index")
+
+
+def read_checkpoint(prefix: Path) -> dict[str, NDArray[Any]]:
+    """All tensors of a checkpoint by name.
+
+    Raises ConfigError naming the file that is missing, cut short or no such table.
+    """
+    path = index_path(prefix)
+    try:
+        entries = dict(_entries(path.read_bytes()))
+        shards = int(entries.pop("").get(1, [1])[0])
+        tensors = {name: _entry(message) for name, message in entries.items()}
+    except (IndexError, KeyError, TypeError, UnicodeDecodeError, ValueError) as error:
+        raise ConfigError(
+            f"{path}: no index of a TensorFlow checkpoint ({error}); correct method.weights"
+        ) from None
+    arrays = {}
+    for name, entry in tensors.items():
+        if entry.kind in TYPES:
+            arrays[name] = _tensor(prefix, shards, name, entry)
+    return arrays
+
+
+def _tensor(prefix: Path, shards: int, name: str, entry: Entry) -> NDArray[Any]:
+    path = prefix.with_name(f"{prefix.name}.data-{entry.shard:05d}-of-{shards:05d}")
+    kind = np.dtype(TYPES[entry.kind]).newbyteorder("<")
+    count = int(np.prod(entry.shape, dtype=np.int64))
+    if entry.size != count * kind.itemsize:
+        raise ConfigError(
+            f"{path}: tensor {name} of shape {entry.shape} has {entry.size} bytes, expected "
+            f"{count * kind.itemsize}; fetch the checkpoint anew"
+        )
+    try:
+        return np.fromfile(path, kind, count, offset=entry.offset).reshape(entry.shape)
+    except FileNotFoundError:
+        raise ConfigError(f"{path}: no such file; it belongs to {index_path(prefix)}") from None
+    except ValueError:
+        raise ConfigError(
+            f"{path}: ends before tensor {name}; it is cut short: fetch the checkpoint anew"
+        ) from None
+
+
+def _entry(message: Message) -> Entry:
+    def number(field: int) -> int:
+        return int(message.get(field, [0])[0])
+
+    shape = [
+        int(_message(_bytes(dimension)).get(1, [0])[0])
+        for dimension in _message(_bytes(message.get(2, [b""])[0])).get(2, [])
+    ]
+    return Entry(number(1), tuple(shape), number(3), number(4), number(5))
+
+
+def _entries(table: bytes) -> Iterator[tuple[str, Message]]:
+    """The keys and values of a table."""
+    if len(table) < FOOTER_BYTES or int.from_bytes(table[-8:], "little") != MAGIC:
+        raise ValueError("it does not end as a table does")
+    footer = table[-FOOTER_BYTES:]
+    _, at = _handle(footer, 0)  # of the block that describes the table
+    index, _ = _handle(footer, at)
+    for _, value in _block(table, *index):
+        block, _ = _handle(value, 0)
+        for key, entry in _block(table, *block):
+            yield key.decode("utf-8"), _message(entry)
+
+
+def _handle(data: bytes, at: int) -> tuple[tuple[int, int], int]:
+    """Offset and size of a block, and where the next number begins."""
+    offset, at = _varint(data, at)
+    size, at = _varint(data, at)
+    return (offset, size), at
+
+
+def _block(table: bytes, offset: int, size: int) -> Iterator[tuple[bytes, bytes]]:
+    """The keys and values of a block: a key begins as the one before it does."""
+    if table[offset + size] != 0:
+        raise ValueError("its blocks are compressed, which TensorFlow's are not")
+    block = table[offset : offset + size]
+    restarts = int.from_bytes(block[-4:], "little")
+    end = size - 4 * (restarts + 1)
+    at = 0
+    key = b""
+    while at < end:
+        shared, at = _varint(block, at)
+        own, at = _varint(block, at)
+        length, at = _varint(block, at)
+        key = key[:shared] + block[at : at + own]
+        yield key, block[at + own : at + own + length]
+        at += own + length
+
+
+def _message(data: bytes) -> Message:
+    """The fields of a protobuf message."""
+    fields: Message = {}
+    at = 0
+    while at < len(data):
+        tag, at = _varint(data, at)
+        value: int | bytes
+        if tag & 7 == 0:
+            value, at = _varint(data, at)
+        elif tag & 7 == 2:
+            length, at = _varint(data, at)
+            value = data[at : at + length]
+            at += length
+        elif tag & 7 in (1, 5):
+            length = 8 if tag & 7 == 1 else 4
+            value = int.from_bytes(data[at : at + length], "little")
+            at += length
+        else:
+            raise ValueError(f"a field of wire type {tag & 7}")
+        fields.setdefault(tag >> 3, []).append(value)
+    return fields
+
+
+def _bytes(value: int | bytes) -> bytes:
+    if isinstance(value, int):
+        raise TypeError("a number where a message was expected")
+    return value
+
+
+def _varint(data: bytes, at: int) -> tuple[int, int]:
+    """A number of seven bits a byte, and where the next begins."""
+    value = shift = 0
+    while data[at] & 0x80:
+        value |= (data[at] & 0x7F) << shift
+        shift += 7
+        at += 1
+    return value | data[at] << shift, at + 1

@@ -1,0 +1,140 @@
+"""Packs level sites: of a Nav2 map, or of a training day's level sweeps."""
+
+import hashlib
+import platform
+from collections.abc import Mapping
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipeline.errors import ArtifactError, InputError
+from pipeline.formats import nav2_map
+from pipeline.level.fix import LevelFixer
+from pipeline.level.held_out import LevelHeldOut, Sweeps
+from pipeline.level.level_map import Drawing, LevelMap
+from pipeline.level.verdict import LevelEvidence, LevelVerdict
+from pipeline.online import site_file
+from pipeline.online.site_json import (
+    LevelDescription,
+    LevelSettings,
+    Promises,
+    Provenance,
+    Sensor,
+)
+from pipeline.posing.verdict import BELIEFS, PROMISES
+from pipeline.running.progress import Progress
+from pipeline.schemas import Scans
+
+OVER_M = 5.0
+"""Metres of path over which sweeps are gathered."""
+UNSEEN_SHARE = 0.2
+VERSIONS = ("numpy", "numba", "scipy", "safetensors")
+CARMEN = {"_target_": "pipeline.readers.carmen.Carmen"}
+"""Opens the logs that a site of a map alone is asked with; bags need no reader."""
+SAMPLED = 9
+"""Sweeps that tell whether a data set is level."""
+LEVEL_M = 0.01
+
+
+def is_level(scans: Scans) -> bool:
+    """Whether the scans of an artifact are of a level laser: the points of each of one height."""
+    offsets = scans.load("offsets")
+    rows = np.unique(np.linspace(0, len(offsets) - 2, SAMPLED).astype(int))
+    grain_m = scans.grain_m
+    heights = [
+        scans["points"][offsets[row] : offsets[row + 1]][:, 2] * grain_m for row in rows.tolist()
+    ]
+    seen = [height for height in heights if len(height)]
+    return bool(seen) and all(float(np.ptp(height)) < LEVEL_M for height in seen)
+
+
+def pack_map(map_path: Path, out: Path) -> str:
+    """Write the site of a Nav2 map; returns what it holds, in a line.
+
+    Its verdict is the usual one, as a map has no sweeps to hold out. Raises ArtifactError for a
+    file that is no map of a building.
+    """
+    grid = nav2_map.read(map_path)
+    try:
+        level_map = LevelMap(grid.occupancy, grid.resolution_m, grid.origin)
+    except InputError as error:
+        raise ArtifactError(f"{map_path}: {error}") from None
+    digest = hashlib.md5(map_path.read_bytes(), usedforsecurity=False).hexdigest()
+    verdict = LevelVerdict(LevelEvidence.joined([]), UNSEEN_SHARE)
+    return _write(out, map_path.stem, False, level_map, verdict, CARMEN, map_path.name, digest)
+
+
+def pack_sweeps(
+    name: str,
+    out: Path,
+    scans: Scans,
+    train: str,
+    simulated: bool,
+    reader: Mapping[str, Any],
+    progress: Progress,
+) -> str:
+    """Write the site of a training day's level sweeps; returns what it holds, in a line."""
+    sweeps = of_scans(scans)
+    rows = range(len(sweeps.world_T_sweep))
+    progress.tell(f"draw {len(rows)} sweeps into a map")
+    drawing = Drawing.of([sweeps.points(row) for row in rows], sweeps.world_T_sweep)
+    progress.tell("localise held-out stretches")
+    evidence = LevelHeldOut().evidence(LevelFixer(), sweeps, drawing, OVER_M)
+    verdict = LevelVerdict(evidence, UNSEEN_SHARE)
+    return _write(out, name, simulated, drawing.level_map(), verdict, reader, train, None)
+
+
+def of_scans(scans: Scans) -> Sweeps:
+    """The sweeps of a scans artifact that have true poses."""
+    world_T_scan = scans.load("world_T_scan")
+    posed = np.flatnonzero(np.isfinite(world_T_scan).all(axis=(1, 2)))
+    points = scans.load("points")
+    offsets = scans.load("offsets")
+    grain_m = scans.grain_m
+    return Sweeps(
+        lambda row: points[offsets[posed[row]] : offsets[posed[row] + 1]].astype(float) * grain_m,
+        world_T_scan[posed],
+        scans.load("odom_T_scan")[posed],
+    )
+
+
+def _write(
+    out: Path,
+    name: str,
+    simulated: bool,
+    level_map: LevelMap,
+    verdict: LevelVerdict,
+    reader: Mapping[str, Any],
+    source: str,
+    digest: str | None,
+) -> str:
+    versions = {"yearloc": version("yearloc"), "python": platform.python_version()}
+    versions |= {name: version(name).partition("+")[0] for name in VERSIONS}
+    judge = verdict.judge
+    description = LevelDescription(
+        name=name,
+        simulated=simulated,
+        level=LevelSettings(level_map.cell_m, level_map.origin, OVER_M, LevelFixer()),
+        verdict=Promises(
+            judge.pose,
+            judge.near,
+            PROMISES,
+            {belief: tuple(verdict.limits(belief)) for belief in BELIEFS},
+            verdict.evidence.blocks,
+            UNSEEN_SHARE,
+        ),
+        reader=dict(reader),
+        sensor=Sensor(float(reader.get("lift_m", 0.0)), None, None, None, None, None, ()),
+        provenance=Provenance(source, {"map": digest}, versions),
+    )
+    arrays = {"occupancy": level_map.occupancy}
+    site_file.write(out, site_file.LevelParts(description, arrays))
+    kept = description.verdict.kept
+    return (
+        f"{out}: level, {level_map.free_m2:,.0f} m² of free space in cells of "
+        f"{level_map.cell_m:g} m, {out.stat().st_size / 1e6:.1f} MB; by "
+        f"{verdict.evidence.blocks} held-out blocks of its own it promises "
+        f"{', '.join(map(str, kept)) or 'nothing'}"
+    )

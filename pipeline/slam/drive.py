@@ -1,0 +1,272 @@
+"""A drive's poses from its scans alone: odometry, loops, graph, and what is known of the result."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import LogError
+from pipeline.frames import Poses, Stamps
+from pipeline.mapping.appearance import LEVEL_M, thickness
+from pipeline.posing.registration import Cloud, Registration
+from pipeline.readers.log import Log, lifted
+from pipeline.running.progress import Progress
+from pipeline.slam.graph import DriveGraph, Solution, spread_over_scans
+from pipeline.slam.keys import NEAR_M, Keys
+from pipeline.slam.loops import Loop, LoopSearch
+from pipeline.slam.odometry import LYING, ScanOdometry, Track
+
+LOOKED_AT = 5
+"""Scans that are looked at before the work begins."""
+FARTHEST_M = 500.0
+"""No LiDAR of a robot sees most of its points farther off: they are millimetres."""
+NONE = np.empty(0, np.int64)
+MOST_LINES = 5
+"""Breaks that are described one by one."""
+
+
+@dataclass(frozen=True)
+class Loops:
+    """The loops of a drive, as rows of its log."""
+
+    earlier: NDArray[np.int64]
+    """(loop,)."""
+    later: NDArray[np.int64]
+    """(loop,)."""
+    earlier_T_later: Poses
+    """(loop, 4, 4)."""
+    residual_m: NDArray[np.float64]
+    """(loop,) between this pose and the result."""
+    residual_deg: NDArray[np.float64]
+    used: NDArray[np.bool_]
+    """(loop,) False of one that the others overrule."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """The poses of a log of n scans."""
+
+    stamps_ns: Stamps
+    odom_T_scan: Poses
+    """(n, 4, 4) before any loop; anew after each break."""
+    world_T_scan: Poses
+    """(n, 4, 4); NaN of scans that are not joined with the longest part of the drive, or with the
+    map."""
+    overlap: NDArray[np.float64]
+    """(n,) of each scan with the one before (`odometry.Track`)."""
+    by_log: NDArray[np.bool_]
+    """(n,) steps that are the log's own odometry."""
+    breaks: NDArray[np.int64]
+    """(k,) scans that nothing joins with the one before."""
+    loops: Loops
+    skipped: Mapping[str, int]
+    """Scans without a pose: reason to count."""
+    fixed: NDArray[np.int64]
+    """(m,) scans that were found on the map of another day."""
+
+    @property
+    def path_m(self) -> NDArray[np.float64]:
+        """Metres of path (n,) driven until each scan; breaks and scans without a pose add none."""
+        steps_m = np.linalg.norm(np.diff(self.odom_T_scan[:, :3, 3], axis=0), axis=1)
+        steps_m[self.breaks - 1] = 0.0
+        return np.concatenate([[0.0], np.cumsum(np.where(np.isfinite(steps_m), steps_m, 0.0))])
+
+    @property
+    def posed(self) -> NDArray[np.bool_]:
+        """Which scans (n,) have a pose."""
+        return np.asarray(np.isfinite(self.world_T_scan).all(axis=(1, 2)))
+
+    def lines(self) -> list[str]:
+        """What a person should know of the result."""
+        count = len(self.stamps_ns)
+        path_m = float(self.path_m[-1])
+        lines = [
+            f"{int(self.posed.sum()):,} of {count:,} scans have a pose, {path_m:,.0f} m of path"
+        ]
+        lines += [f"{number:,} without: {reason}" for reason, number in self.skipped.items()]
+        lines += [self._break_line(row) for row in self.breaks[:MOST_LINES].tolist()]
+        if len(self.breaks) > MOST_LINES:
+            lines.append(f"{len(self.breaks) - MOST_LINES} more breaks")
+        if self.by_log.any():
+            lines.append(
+                f"{int(self.by_log.sum()):,} steps are the log's own odometry: neighbouring scans "
+                "show too little of the same there"
+            )
+        lines.append(self._fixed_line() if len(self.fixed) else self._drift_line())
+        return lines
+
+    def _fixed_line(self) -> str:
+        before_m = np.abs(self.path_m[:, None] - self.path_m[self.fixed])
+        farthest_m = float(before_m[self.posed].min(axis=1).max())
+        return (
+            f"{len(self.fixed)} scans were found on the map; the farthest scan is "
+            f"{farthest_m:,.0f} m of path from one of these"
+        )
+
+    def _break_line(self, row: int) -> str:
+        usual = float(np.nanmedian(self.overlap))
+        seconds = (self.stamps_ns[row] - self.stamps_ns[row - 1]) / 1e9
+        return (
+            f"no overlap at scan {row}: {self.overlap[row]:.2f} with the scan before, usually "
+            f"{usual:.2f}; {seconds:.3g} s lie between them, usually {self._spacing()}: a jump, a "
+            "gap, or scans too far apart"
+        )
+
+    def _spacing(self) -> str:
+        step_s = float(np.median(np.diff(self.stamps_ns))) / 1e9
+        steps_m = np.linalg.norm(np.diff(self.odom_T_scan[:, :3, 3], axis=0), axis=1)
+        return f"{step_s:.3g} s and {np.nanmedian(steps_m):.3g} m"
+
+    def _drift_line(self) -> str:
+        loops = self.loops
+        if not loops.used.any():
+            return (
+                f"no loop: the drive comes back to no place, so its drift over "
+                f"{self.path_m[-1]:,.0f} m is unknown"
+            )
+        overruled = int((~loops.used).sum())
+        after_m = float(self.path_m[-1] - self.path_m[loops.later[loops.used].max()])
+        return (
+            f"{int(loops.used.sum())} loops, {overruled} overruled; they agree within "
+            f"{np.median(loops.residual_m[loops.used]):.2f} m in the median, "
+            f"{loops.residual_m[loops.used].max():.2f} m at most; after the last one the drive "
+            f"goes on for {after_m:,.0f} m"
+        )
+
+
+@dataclass(frozen=True)
+class Slam:
+    """How poses are estimated (conf/slam.yaml)."""
+
+    odometry: ScanOdometry = field(default_factory=ScanOdometry)
+    loops: LoopSearch = field(default_factory=LoopSearch)
+    graph: DriveGraph = field(default_factory=DriveGraph)
+    use_log_odometry: bool = True
+    """Whether the log's own odometry, where it has some, is the first guess of each step."""
+
+    def estimate(self, log: Log, watch: Progress) -> Estimate:
+        """The poses of a log, in a world that begins at its first scan, z up from the ground.
+
+        Raises LogError for scans that no pose can come of, ConfigError where gtsam is missing and
+        a loop needs it.
+        """
+        track, keys = self.tracked(log, watch)
+        usual_overlap = float(np.nanmedian(track.overlap)) if len(track.overlap) > 1 else 0.0
+        loops = self.loops.within(keys, usual_overlap, watch)
+        solution = self.graph.solve(keys, loops, track.by_log[keys.rows], ups(keys))
+        return estimated(log, track, keys, loops, solution)
+
+    def tracked(self, log: Log, watch: Progress) -> tuple[Track, Keys]:
+        """The odometry of a log by registration, and its keys."""
+        refuse_unusable(log)
+        track = self.odometry.along(log, watch, self.use_log_odometry)
+        count = len(log.stamps_ns)
+        if len(track.breaks) > count / 2:
+            step_s = float(np.median(np.diff(log.stamps_ns))) / 1e9
+            raise LogError(
+                f"neighbouring scans do not overlap at {len(track.breaks)} of {count} scans, which "
+                f"are {step_s:.3g} s apart: record more scans a second, or drive more slowly"
+            )
+        return track, self.keys(log, track, watch)
+
+    def keys(self, log: Log, track: Track, watch: Progress) -> Keys:
+        """The keys of a log with a track."""
+        return Keys.read(
+            log,
+            track,
+            self.loops.every_m,
+            self.odometry.registration.voxel_m,
+            self.loops.range_m,
+            self.loops.view,
+            watch,
+        )
+
+
+def refuse_unusable(log: Log) -> None:
+    """Raise LogError for a log whose scans no pose can come of: level sweeps, millimetres."""
+    count = len(log.stamps_ns)
+    thicknesses_m = []
+    ranges_m = []
+    for row in np.unique(np.linspace(0, count - 1, LOOKED_AT).astype(int)).tolist():
+        try:
+            points_m = np.asarray(log.points(row), np.float64)
+        except LogError:
+            continue
+        if len(points_m):
+            thicknesses_m.append(thickness(points_m))
+            ranges_m.append(float(np.median(np.linalg.norm(points_m, axis=1))))
+    if thicknesses_m and np.median(thicknesses_m) <= LEVEL_M:
+        raise LogError(
+            "all points of a scan lie in one plane: sweeps of a level 2-D LiDAR, of which no poses "
+            "are estimated here; another program's poses can stand beside them"
+        )
+    if ranges_m and np.median(ranges_m) > FARTHEST_M:
+        raise LogError(
+            f"points lie {np.median(ranges_m):,.0f} m from the sensor in the median: are they in "
+            "millimetres? Expected metres"
+        )
+
+
+def ups(keys: Keys) -> NDArray[np.float64]:
+    """The normal (k, 3) of the ground around each key, in its frame; NaN where little is seen."""
+    registration = Registration()
+    ground = np.full((len(keys.rows), 3), np.nan)
+    for key in range(len(keys.rows)):
+        points_m = keys.points_m(key)
+        near = np.hypot(points_m[:, 0], points_m[:, 1]) < NEAR_M
+        if near.sum() >= registration.least_voxels:
+            ground[key] = _up(registration.prepare(np.ascontiguousarray(points_m[near])))
+    return ground
+
+
+def _up(cloud: Cloud) -> NDArray[np.float64]:
+    normals = cloud.normals * np.where(cloud.normals[:, 2:] < 0, -1.0, 1.0)
+    lying = normals[normals[:, 2] > LYING]
+    if len(lying) < 10:
+        return np.full(3, np.nan)
+    mean = np.median(lying, axis=0)
+    return np.asarray(mean / np.linalg.norm(mean))
+
+
+def estimated(
+    log: Log,
+    track: Track,
+    keys: Keys,
+    loops: list[Loop],
+    solution: Solution,
+    reason: str = "in a part of the drive that no loop joins with the longest",
+    fixed: NDArray[np.int64] = NONE,
+) -> Estimate:
+    """The estimate for all scans, from that of their keys.
+
+    `reason` is why scans with odometry may have no pose; `fixed` (m,) are scans found on a map.
+    """
+    world_T_scan = spread_over_scans(keys, solution.world_T_key, track.odom_T_scan)
+    skipped = dict(track.skipped)
+    apart = int((~np.isfinite(world_T_scan) & np.isfinite(track.odom_T_scan)).all((1, 2)).sum())
+    if apart:
+        skipped[reason] = apart
+    return Estimate(
+        log.stamps_ns,
+        track.odom_T_scan,
+        world_T_scan,
+        track.overlap,
+        track.by_log,
+        track.breaks,
+        Loops(
+            keys.rows[np.array([loop.key for loop in loops], np.int64)],
+            keys.rows[np.array([loop.later for loop in loops], np.int64)],
+            lifted(np.array([loop.key_T_later for loop in loops]).reshape(-1, 4, 4), -keys.lift_m),
+            solution.residual_m,
+            solution.residual_deg,
+            solution.used,
+        ),
+        skipped,
+        fixed,
+    )
+
+
+def without_truth(log: Log) -> Log:
+    """A log as if it had no true poses."""
+    return replace(log, world_T_scan=np.full_like(log.world_T_scan, np.nan))

@@ -1,0 +1,146 @@
+"""Keys: the scans of a drive, one every few metres, that loops and the graph are made of."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.errors import LogError
+from pipeline.frames import Poses
+from pipeline.mapping.appearance import ground
+from pipeline.matching.shifts import Spectra
+from pipeline.posing.registration import Points
+from pipeline.posing.targets import GRAIN_M, Targets, thinned
+from pipeline.readers.log import Log, lifted
+from pipeline.running.progress import Progress
+from pipeline.slam.deskew import deskewed
+from pipeline.slam.odometry import Track
+from pipeline.views.scan_context import ScanContext
+
+LOOKED_AT = 9
+"""Scans, evenly spread, by which the height of the ground is estimated."""
+NEAR_M = 15.0
+"""The ground around the vehicle that says how it is tilted."""
+
+
+@dataclass(frozen=True)
+class Keys:
+    """The k keys of a drive, their points raised so that the ground is at z = 0."""
+
+    rows: NDArray[np.int64]
+    """(k,) of the log."""
+    parts: NDArray[np.int64]
+    """(k,) of the track."""
+    path_m: NDArray[np.float64]
+    """(k,) metres of path driven until each."""
+    odom_T_key: Poses
+    """(k, 4, 4) by the track, of the raised frame."""
+    heights_m: NDArray[np.float32]
+    """(k, ring, sector) Scan Contexts."""
+    points: NDArray[np.int16]
+    """(n, 3) thinned points of all keys, one after the other, in units of GRAIN_M."""
+    offsets: NDArray[np.int64]
+    """(k + 1,) key i has points[offsets[i]:offsets[i + 1]]."""
+    lift_m: float
+    """By which the log's frame was raised."""
+
+    @classmethod
+    def read(
+        cls,
+        log: Log,
+        track: Track,
+        every_m: float,
+        voxel_m: float,
+        range_m: float,
+        view: ScanContext,
+        watch: Progress,
+    ) -> Self:
+        """Read the scans of a track that are `every_m` or more of path apart."""
+        rows, path_m = key_rows(track, every_m)
+        lift_m = -ground_m(log, rows)
+        kept: list[int] = []
+        heights_m = []
+        points: list[NDArray[np.int16]] = []
+        for number, row in enumerate(watch.track(rows.tolist(), len(rows), "keys")):
+            try:
+                points_m = scan_points(log, track, row) + np.array([0.0, 0.0, lift_m])
+            except LogError:
+                continue
+            kept.append(number)
+            heights_m.append(view(points_m))
+            points.append(thinned(points_m, range_m, voxel_m).astype(np.int16))
+        rows = rows[kept]
+        return cls(
+            rows,
+            track.parts[rows],
+            path_m[kept],
+            lifted(track.odom_T_scan[rows], lift_m),
+            np.stack(heights_m),
+            np.concatenate(points),
+            np.cumsum([0, *map(len, points)]),
+            lift_m,
+        )
+
+    def targets(self, world_T_key: Poses, range_m: float) -> Targets:
+        """The keys as training submaps, at these poses (k, 4, 4)."""
+        arrays: dict[str, NDArray[Any]] = {
+            "points": self.points,
+            "offsets": self.offsets,
+            "world_T_anchor": world_T_key,
+        }
+        return Targets(arrays, GRAIN_M, range_m, single=True)
+
+    def points_m(self, key: int) -> Points:
+        """The thinned points (n, 3) of a key, z up from the ground."""
+        return np.asarray(self.points[self.offsets[key] : self.offsets[key + 1]] * GRAIN_M)
+
+    @cached_property
+    def spectra(self) -> Spectra:
+        """Of the Scan Contexts, to compare them."""
+        return Spectra.learned(self.heights_m)
+
+
+def key_rows(track: Track, every_m: float) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """The first scan of each part and then one every `every_m` of path; the path (k,) until each.
+
+    Path is counted on through breaks.
+    """
+    posed = np.flatnonzero(np.isfinite(track.odom_T_scan).all(axis=(1, 2)))
+    xyz_m = track.odom_T_scan[posed, :3, 3]
+    parts = track.parts[posed]
+    same_part = np.diff(parts) == 0
+    steps_m = np.linalg.norm(np.diff(xyz_m, axis=0), axis=1) * same_part
+    path_m = np.concatenate([[0.0], np.cumsum(steps_m)])
+    kept = [0] if len(posed) else []
+    for i in range(1, len(posed)):
+        if parts[i] != parts[kept[-1]] or path_m[i] - path_m[kept[-1]] >= every_m:
+            kept.append(i)
+    return posed[kept], path_m[kept]
+
+
+def scan_points(log: Log, track: Track, row: int) -> Points:
+    """The points (n, 3) of a scan at its stamp, deskewed by the track's own step to it."""
+    points_m = log.points(row)
+    if row == 0:
+        return np.asarray(points_m, np.float64)
+    step = np.linalg.inv(track.odom_T_scan[row - 1]) @ track.odom_T_scan[row]
+    if row in track.breaks:
+        step = np.full((4, 4), np.nan)
+    step_s = float(log.stamps_ns[row] - log.stamps_ns[row - 1]) / 1e9
+    return deskewed(points_m, log.times_s(row), step, step_s)
+
+
+def ground_m(log: Log, rows: Sequence[int] | NDArray[np.int64]) -> float:
+    """The median z of the ground in a few of the scans `rows`; 0 where none can be read."""
+    heights_m = []
+    for row in np.unique(np.linspace(0, len(rows) - 1, LOOKED_AT).astype(int)) if len(rows) else ():
+        try:
+            points_m = np.asarray(log.points(int(rows[row])), np.float64)
+        except LogError:
+            continue
+        if len(points_m):
+            heights_m.append(ground(points_m, np.hypot(points_m[:, 0], points_m[:, 1])))
+    return float(np.median(heights_m)) if heights_m else 0.0

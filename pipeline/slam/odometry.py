@@ -1,0 +1,350 @@
+"""Odometry by registration: each scan is aligned with the voxels of those before it.
+
+Voxelised GICP (Koide et al., ICRA 2021, in small_gicp) finds the nearest minimum from a first
+guess, and says nothing where it is the wrong one. So each step is checked: by the overlap of
+neighbouring scans, against what is usual in the same log.
+"""
+
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+import small_gicp
+from numpy.typing import NDArray
+
+from pipeline.errors import InputError, LogError
+from pipeline.frames import Poses, apart, interpolate, turns
+from pipeline.matching.shifts import Spectra
+from pipeline.posing.registration import Cloud, Points, Registration, moved
+from pipeline.readers.log import Log
+from pipeline.running.progress import Progress
+from pipeline.running.settings import Count, Positive, Share, check
+from pipeline.slam.deskew import deskewed
+from pipeline.views.scan_context import ScanContext
+
+REMEMBERED = 200
+"""Steps whose median overlap is the usual one."""
+REFINED = 4
+"""Of the guesses so many are refined, those that overlap most when they are brought near."""
+REFINED_M = 0.3
+REFINED_DEG = 2.0
+"""A step from a guess is refined on the map only as long as it stays so near."""
+WRONG_DEG = 30.0
+"""Odometry is not wrong by more than this in a step, nor by more than the reach."""
+FIRST_OVERLAP = 0.4
+"""Taken for usual before any step is known."""
+MOST_CARRIED = 3.0
+"""A last step is carried on at most so many times, over a gap."""
+LYING = 0.8
+"""A voxel whose normal is this upright or more is ground or ceiling."""
+FEWEST_STANDING = 30
+SAMPLED = 500
+"""So many voxels tell an overlap."""
+TURNS_DEG = (45.0, -45.0, 90.0, -90.0)
+"""Turns that are guessed where nothing better is known."""
+
+
+@dataclass(frozen=True)
+class Track:
+    """The steps of one drive by registration; n scans."""
+
+    odom_T_scan: Poses
+    """(n, 4, 4); anew from the identity after a break, NaN of a scan that cannot be registered."""
+    overlap: NDArray[np.float64]
+    """(n,) share of what stands in a scan that the scan before has too, or the other way round,
+    whichever is more; NaN of the first, and of a scan that cannot be registered."""
+    by_log: NDArray[np.bool_]
+    """(n,) whether the step to this scan is the log's odometry, as its neighbour shows too little
+    of the same."""
+    breaks: NDArray[np.int64]
+    """(k,) scans that join the one before by nothing: there the odometry starts anew."""
+    skipped: dict[str, int]
+    """Scans without a pose: reason to count."""
+
+    @property
+    def parts(self) -> NDArray[np.int64]:
+        """The part (n,) of each scan: 0 until the first break, then 1 and so on."""
+        return np.searchsorted(self.breaks, np.arange(len(self.overlap)), side="right")
+
+
+@dataclass(frozen=True)
+class ScanOdometry:
+    """Aligns each scan with the voxel map of the last ones (conf/slam.yaml)."""
+
+    registration: Registration = field(default_factory=Registration)
+    """How guesses are tried against the scan before, and how clouds are thinned."""
+    range_m: Positive = 100.0
+    """Points farther off are left out."""
+    map_voxel_m: Positive = 1.0
+    reach_m: Positive = 4.0
+    """Largest distance of a point from its voxel's mean."""
+    iterations: Count = 30
+    forgotten: Count = 100
+    """A voxel that so many scans did not touch is forgotten, so that memory is bounded."""
+    usual: Share = 0.7
+    """Several guesses are tried below this share of the log's median overlap."""
+    least: Share = 0.4
+    """Below this share neighbours do not overlap."""
+    trials: Count = 10
+    """First steps at which all guesses are tried, until a median is known."""
+
+    def __post_init__(self) -> None:
+        check(self, "odometry")
+
+    def along(self, log: Log, watch: Progress, use_log_odometry: bool = True) -> Track:
+        """Register all scans of a log, one after the other.
+
+        Raises LogError where most of them have too few points.
+        """
+        return _Registering(self, log, use_log_odometry).track(watch)
+
+
+@dataclass
+class _Registering:
+    """The state of a drive that is being registered."""
+
+    settings: ScanOdometry
+    log: Log
+    use_log_odometry: bool
+    map: small_gicp.GaussianVoxelMap = field(init=False)
+    last_cloud: Cloud = field(init=False)
+    before_last: tuple[Poses, Cloud] | None = field(default=None, init=False)
+    """The pose and the cloud of the scan before the last."""
+
+    def __post_init__(self) -> None:
+        count = len(self.log.stamps_ns)
+        self.poses = np.full((count, 4, 4), np.nan)
+        self.overlap = np.full(count, np.nan)
+        self.by_log = np.zeros(count, bool)
+        self.breaks: list[int] = []
+        self.sparse = 0
+        self.unreadable = 0
+        self.usual_overlaps: deque[float] = deque(maxlen=REMEMBERED)
+        self.last_row = -1
+        self.last_step = np.eye(4)
+        self.last_step_s = 0.0
+
+    def track(self, watch: Progress) -> Track:
+        count = len(self.log.stamps_ns)
+        for row in watch.track(range(count), count, "odometry"):
+            cloud = self._cloud(row)
+            if cloud is not None:
+                self._add(row, cloud)
+                if self.last_row >= 0:
+                    self.before_last = (self.poses[self.last_row], self.last_cloud)
+                self.last_row = row
+                self.last_cloud = cloud
+        if self.sparse > count / 2:
+            raise LogError(
+                f"{self.sparse} of {count} scans have fewer than "
+                f"{self.settings.registration.least_voxels} voxels of "
+                f"{self.settings.registration.voxel_m} m within {self.settings.range_m:g} m: too "
+                "few points, or points not in metres (millimetres leave none in range)"
+            )
+        reasons = {"too few points": self.sparse, "unreadable scan": self.unreadable}
+        return Track(
+            self.poses,
+            self.overlap,
+            self.by_log,
+            np.array(self.breaks, np.int64),
+            {reason: number for reason, number in reasons.items() if number},
+        )
+
+    def _cloud(self, row: int) -> Cloud | None:
+        """The scan's thinned points at its stamp; None where it has too few."""
+        try:
+            points_m = np.asarray(self.log.points(row), np.float64)
+        except LogError:
+            self.unreadable += 1
+            return None
+        step, step_s = self._motion(row)
+        points_m = deskewed(points_m, self.log.times_s(row), step, step_s)
+        near = np.linalg.norm(points_m, axis=1) < self.settings.range_m
+        try:
+            return self.settings.registration.prepare(np.ascontiguousarray(points_m[near]))
+        except InputError:
+            self.sparse += 1
+            return None
+
+    def _add(self, row: int, cloud: Cloud) -> None:
+        """Find the scan's pose, and add it to the map."""
+        if self.last_row < 0:
+            self._start(row, cloud)
+            return
+        last_T_scan, overlap, is_by_log = self._step(row, cloud)
+        self.overlap[row] = overlap
+        if last_T_scan is None:
+            self.breaks.append(row)
+            self._start(row, cloud)
+            return
+        self.poses[row] = self.poses[self.last_row] @ last_T_scan
+        self.by_log[row] = is_by_log
+        self.map.insert(cloud.points, self.poses[row])
+        self.last_step = last_T_scan
+        self.last_step_s = self._seconds(row)
+        if not is_by_log:
+            self.usual_overlaps.append(overlap)
+
+    def _start(self, row: int, cloud: Cloud) -> None:
+        """Begin a map at this scan."""
+        self.poses[row] = np.eye(4)
+        self.last_step = np.eye(4)
+        self.last_step_s = 0.0
+        self.map = small_gicp.GaussianVoxelMap(self.settings.map_voxel_m)
+        self.map.set_lru(self.settings.forgotten, 10)
+        self.map.insert(cloud.points, self.poses[row])
+
+    def _step(self, row: int, cloud: Cloud) -> tuple[Poses | None, float, bool]:
+        """The scan's pose in the frame of the one before, their overlap, whether it is the log's.
+
+        None where nothing joins the two.
+        """
+        settings = self.settings
+        odometry_step = self._odometry_step(row)
+        first_guess = odometry_step if odometry_step is not None else self._carried_on(row)
+        last_T_scan = self._aligned(cloud, first_guess)
+        overlap = self._overlap(cloud, last_T_scan)
+        usual = self._usual()
+        if len(self.usual_overlaps) < settings.trials or overlap < settings.usual * usual:
+            tried = self._by_guesses(cloud, first_guess)
+            if tried[1] > overlap and self._may_be(tried[0], odometry_step):
+                last_T_scan, overlap = tried
+        if overlap < settings.least * usual:
+            overlap = max(overlap, self._overlap_before_last(cloud, last_T_scan))
+        if overlap >= settings.least * usual:
+            return last_T_scan, overlap, False
+        return odometry_step, overlap, odometry_step is not None
+
+    def _may_be(self, last_T_scan: Poses, odometry_step: Poses | None) -> bool:
+        """Whether the log's odometry, if it has any, allows a step."""
+        if odometry_step is None:
+            return True
+        away_m, turn_deg = apart(last_T_scan[None], odometry_step[None])
+        return bool(away_m[0] < self.settings.reach_m and turn_deg[0] < WRONG_DEG)
+
+    def _by_guesses(self, cloud: Cloud, first_guess: Poses) -> tuple[Poses, float]:
+        """The step of the most overlap from several guesses, refined on the map."""
+        registration = self.settings.registration
+        approaches = [
+            registration.approach(self.last_cloud, cloud, guess)
+            for guess in self._guesses(cloud, first_guess)
+        ]
+        likely = sorted(approaches, key=lambda approach: -approach.overlap)[:REFINED]
+        alignments = [
+            registration.refine(self.last_cloud, cloud, approach.target_T_source)
+            for approach in likely
+        ]
+        best = max(alignments, key=lambda alignment: alignment.overlap).target_T_source
+        refined = self._aligned(cloud, best)
+        moved_m, turned_deg = apart(refined[None], best[None])
+        is_same = moved_m[0] < REFINED_M and turned_deg[0] < REFINED_DEG
+        kept = refined if is_same else best
+        return kept, self._overlap(cloud, kept)
+
+    def _guesses(self, cloud: Cloud, first_guess: Poses) -> Iterator[Poses]:
+        """Where the scan may stand in the frame of the one before."""
+        straight_on = np.eye(4)
+        straight_on[:3, 3] = self.last_step[:3, 3]
+        yield first_guess
+        yield self.last_step
+        yield straight_on
+        yield np.eye(4)
+        for turn_deg in (*self._likely_turns_deg(cloud), *TURNS_DEG):
+            yield straight_on @ turns(np.deg2rad(np.array([turn_deg])))[0]
+
+    def _likely_turns_deg(self, cloud: Cloud) -> list[float]:
+        """The turn against the scan before by Scan Context (Kim and Kim, IROS 2018)."""
+        view = ScanContext(voxel_m=0.0, min_points=1)
+        spectra = Spectra.learned(view(self.last_cloud.xyz_m)[None])
+        turn_deg = spectra.compare(view(cloud.xyz_m), np.array([0]))[1]
+        return [float(turn) for turn in turn_deg if np.isfinite(turn)]
+
+    def _aligned(self, cloud: Cloud, last_T_guess: Poses) -> Poses:
+        """The scan's pose in the frame of the one before by the map, from a guess."""
+        odom_T_last = self.poses[self.last_row]
+        result = small_gicp.align(
+            self.map,
+            cloud.points,
+            odom_T_last @ last_T_guess,
+            max_correspondence_distance=self.settings.reach_m,
+            max_iterations=self.settings.iterations,
+        )
+        return np.asarray(np.linalg.inv(odom_T_last) @ result.T_target_source)
+
+    def _overlap(self, cloud: Cloud, last_T_scan: Poses) -> float:
+        """The share of what stands in this scan or the last that the other has."""
+        inlier_m = self.settings.registration.inlier_m
+        return share_standing(self.last_cloud, cloud, last_T_scan, inlier_m)
+
+    def _overlap_before_last(self, cloud: Cloud, last_T_scan: Poses) -> float:
+        """The same with the scan before the last: a truck hides what one scan alone might see."""
+        if self.before_last is None or self.last_row in self.breaks:
+            return 0.0
+        odom_T_before, before = self.before_last
+        before_T_scan = np.linalg.inv(odom_T_before) @ self.poses[self.last_row] @ last_T_scan
+        inlier_m = self.settings.registration.inlier_m
+        return share_standing(before, cloud, before_T_scan, inlier_m)
+
+    def _usual(self) -> float:
+        return float(np.median(self.usual_overlaps)) if self.usual_overlaps else FIRST_OVERLAP
+
+    def _motion(self, row: int) -> tuple[Poses, float]:
+        """A step of the vehicle about this scan, and the seconds that it takes."""
+        if self.last_row < 0:
+            return np.eye(4), 0.0
+        odometry_step = self._odometry_step(row)
+        if odometry_step is not None:
+            return odometry_step, self._seconds(row)
+        return self.last_step, self.last_step_s
+
+    def _odometry_step(self, row: int) -> Poses | None:
+        """The step from the scan before by the log's odometry; None where it has none."""
+        if not self.use_log_odometry:
+            return None
+        between = self.log.odom_T_scan[self.last_row + 1 : row + 1]
+        if not np.isfinite(between).all():  # NaN marks a break in the odometry, too
+            return None
+        step = np.linalg.inv(self.log.odom_T_scan[self.last_row]) @ between[-1]
+        return step if np.isfinite(step).all() else None
+
+    def _carried_on(self, row: int) -> Poses:
+        """The last step once more, longer or shorter by the time that has passed."""
+        seconds = self._seconds(row)
+        if not self.last_step_s > 0 or not seconds > 0:
+            return self.last_step
+        share = np.array([min(seconds / self.last_step_s, MOST_CARRIED)])
+        from_here = interpolate(np.eye(4)[None], self.last_step[None], share)
+        return np.asarray(from_here[0])
+
+    def _seconds(self, row: int) -> float:
+        return float(self.log.stamps_ns[row] - self.log.stamps_ns[self.last_row]) / 1e9
+
+
+def standing(cloud: Cloud) -> Points:
+    """A sample (m, 3) of the voxels of a cloud that stand: neither ground nor ceiling.
+
+    Ground lies on ground wherever a scan is laid, and so says nothing. Where hardly anything
+    stands, all voxels are taken.
+    """
+    upright = np.abs(cloud.normals[:, 2]) < LYING
+    points_m = cloud.xyz_m[upright] if upright.sum() >= FEWEST_STANDING else cloud.xyz_m
+    return points_m[:: max(len(points_m) // SAMPLED, 1)]
+
+
+def share_standing(target: Cloud, source: Cloud, target_T_source: Poses, inlier_m: float) -> float:
+    """The share of one cloud's standing voxels that the other has nearer than `inlier_m`.
+
+    The larger share of the two, for a truck that stands before the sensor hides from one what the
+    other saw.
+    """
+    source_T_target = np.asarray(np.linalg.inv(target_T_source))
+    return max(
+        _share(target, moved(target_T_source, standing(source)), inlier_m),
+        _share(source, moved(source_T_target, standing(target)), inlier_m),
+    )
+
+
+def _share(cloud: Cloud, points_m: Points, inlier_m: float) -> float:
+    """The share of points (n, 3) that lie nearer than `inlier_m` to a voxel of a cloud."""
+    return float((cloud.nearest(points_m)[1] < inlier_m).mean())

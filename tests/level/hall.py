@@ -1,0 +1,77 @@
+"""A hall made by hand, and what a level laser sees in it."""
+
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.level.held_out import Sweeps
+
+SIZE_M = (20.0, 12.0)
+WALLS = (
+    *((0, 0, 20, 0), (20, 0, 20, 12), (20, 12, 0, 12), (0, 12, 0, 0)),  # the outer ones
+    *((7, 0, 7, 4), (7, 6, 7, 12), (7, 6, 12, 6), (14, 12, 14, 8)),  # rooms of unlike shape
+    *((2, 8, 3, 8), (3, 8, 3, 9.5), (17, 2, 18, 2), (18, 2, 18, 5)),  # furniture
+)
+"""x, y of the start and the end of each wall, in metres."""
+DRIVEN = ((1.5, 1.5), (5, 2), (5.5, 5), (9, 5), (13, 4), (16, 4), (16, 9), (12.5, 9), (12.5, 5))
+"""Corners of the path driven through it."""
+
+
+def sweep(
+    x_m: float,
+    y_m: float,
+    heading_rad: float,
+    beams: int = 180,
+    noise: np.random.Generator | None = None,
+    walls: tuple[tuple[float, ...], ...] = WALLS,
+) -> NDArray[np.float64]:
+    """The hits (n, 2) of a half circle of beams, in the robot's frame."""
+    angles = heading_rad + np.linspace(-np.pi / 2, np.pi / 2, beams)
+    ranges = np.full(beams, np.inf)
+    across = np.column_stack([np.cos(angles), np.sin(angles)])
+    for x0, y0, x1, y1 in walls:
+        along = np.array([x1 - x0, y1 - y0])
+        away = np.array([x0 - x_m, y0 - y_m])
+        # (x, y) + r across = (x0, y0) + s along, by Cramer's rule
+        turn = across[:, 0] * along[1] - across[:, 1] * along[0]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            r = (away[0] * along[1] - away[1] * along[0]) / turn
+            s = (away[0] * across[:, 1] - away[1] * across[:, 0]) / turn
+        hit = (s >= 0) & (s <= 1) & (r > 0)
+        ranges[hit] = np.minimum(ranges[hit], r[hit])
+    if noise is not None:
+        ranges = ranges + noise.normal(0, 0.02, beams)
+    seen = np.isfinite(ranges)
+    local = angles[seen] - heading_rad
+    return np.column_stack([ranges[seen] * np.cos(local), ranges[seen] * np.sin(local)])
+
+
+def pose(x_m: float, y_m: float, heading_rad: float) -> NDArray[np.float64]:
+    """(4, 4)."""
+    world_T_robot = np.eye(4)
+    cos = np.cos(heading_rad)
+    sin = np.sin(heading_rad)
+    world_T_robot[:2, :2] = [[cos, -sin], [sin, cos]]
+    world_T_robot[:2, 3] = x_m, y_m
+    return world_T_robot
+
+
+def drive(
+    corners: tuple[tuple[float, float], ...] = DRIVEN, step_m: float = 0.5, seed: int = 0
+) -> Sweeps:
+    """Sweeps along a path, with exact poses, and odometry that turns 2° too far each metre."""
+    poses = []
+    for (x0, y0), (x1, y1) in pairwise(corners):
+        length_m = float(np.hypot(x1 - x0, y1 - y0))
+        heading = float(np.arctan2(y1 - y0, x1 - x0))
+        for share in np.arange(0, length_m, step_m) / length_m:
+            poses.append((x0 + share * (x1 - x0), y0 + share * (y1 - y0), heading))
+    noise = np.random.default_rng(seed)
+    hits = [sweep(*place, noise=noise) for place in poses]
+    world_T_sweep = np.array([pose(*place) for place in poses])
+    odom_T_sweep = [np.eye(4)]
+    for before, after in pairwise(world_T_sweep):
+        step = np.linalg.inv(before) @ after
+        odom_T_sweep.append(odom_T_sweep[-1] @ step @ pose(0, 0, np.deg2rad(2) * step_m))
+    return Sweeps(lambda row: hits[row], world_T_sweep, np.array(odom_T_sweep))

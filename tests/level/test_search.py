@@ -1,0 +1,83 @@
+"""Branch and bound: what it finds is what an exhaustive search finds."""
+
+import numpy as np
+import pytest
+
+from pipeline.level.field import Field
+from pipeline.level.level_map import Drawing, LevelMap
+from pipeline.level.search import APART_DEG, APART_M, HEADINGS, search
+from tests.level.hall import drive, sweep
+
+
+@pytest.fixture(scope="module")
+def field() -> Field:
+    sweeps = drive()
+    hits = [sweeps.points(row) for row in range(len(sweeps.world_T_sweep))]
+    return Field.of(Drawing.of(hits, sweeps.world_T_sweep).level_map())
+
+
+def exhaustive(field: Field, points_m: np.ndarray) -> tuple[float, np.ndarray]:
+    """The best score of all cells and headings, by looking each up, and its pose."""
+    likelihood = field.pyramid.levels[0].astype(int)
+    rows, cols = np.nonzero(field.stands)
+    best = (-1.0, np.zeros(3))
+    for heading in 2 * np.pi / HEADINGS * np.arange(HEADINGS):
+        cos, sin = np.cos(heading), np.sin(heading)
+        up = np.floor((sin * points_m[:, 0] + cos * points_m[:, 1]) / field.cell_m + 0.5)
+        along = np.floor((cos * points_m[:, 0] - sin * points_m[:, 1]) / field.cell_m + 0.5)
+        totals = np.zeros(len(rows), int)
+        for u, a in zip(up.astype(int), along.astype(int), strict=True):
+            totals += likelihood[rows + field.pyramid.margin + u, cols + field.pyramid.margin + a]
+        top = int(totals.argmax())
+        score = totals[top] / (255 * len(points_m))
+        if score > best[0]:
+            place = np.array([cols[top] + 0.5, rows[top] + 0.5]) * field.cell_m
+            best = (score, np.array([*place, heading]))
+    return best
+
+
+@pytest.mark.parametrize("place", [(4.0, 3.0, 0.3), (16.0, 6.0, 2.0), (12.0, 9.5, -2.5)])
+def test_the_best_pose_is_the_best_of_all_cells_and_headings(
+    field: Field, place: tuple[float, float, float]
+) -> None:
+    points_m = sweep(*place, beams=16)
+    found = search(field, points_m, keep=2)
+    score, pose = exhaustive(field, points_m)
+    assert found.exact
+    assert found.scores[0] == pytest.approx(score)
+    np.testing.assert_allclose(found.poses[0], pose, atol=1e-9)
+    world = field.world_T_grid[:2, 3] + found.poses[0, :2]
+    assert np.linalg.norm(world - place[:2]) < 0.3
+
+
+def test_poses_are_apart_and_fall_in_score(field: Field) -> None:
+    found = search(field, sweep(16.0, 6.0, 2.0), keep=6, least_ratio=0.3)
+    assert (np.diff(found.scores) <= 0).all()
+    assert len(found.poses) > 2
+    for number, pose in enumerate(found.poses):
+        for other in found.poses[:number]:
+            turn_deg = abs((np.rad2deg(pose[2] - other[2]) + 180) % 360 - 180)
+            assert np.linalg.norm(pose[:2] - other[:2]) >= APART_M - 1e-9 or turn_deg >= APART_DEG
+
+
+def test_a_room_that_looks_alike_from_both_sides_has_two_poses() -> None:
+    # a bare room of 8 by 4 m, seen all around from its middle line, looks the same turned by 180°
+    cells = np.zeros((82, 162), np.int8)
+    cells[[0, -1]] = 100
+    cells[:, [0, -1]] = 100
+    room = Field.of(LevelMap(cells, 0.05, (0.0, 0.0, 0.0)))
+    around = np.linspace(0, 2 * np.pi, 120, endpoint=False)
+    edge_m = np.minimum(
+        4 / np.maximum(np.abs(np.cos(around)), 1e-9), 2 / np.maximum(np.abs(np.sin(around)), 1e-9)
+    )
+    points_m = edge_m[:, None] * np.column_stack([np.cos(around), np.sin(around)])
+    found = search(room, points_m, keep=3, least_ratio=0.9)
+    turns = np.rad2deg(found.poses[:2, 2])
+    assert abs(abs(turns[0] - turns[1]) - 180) < 2
+    assert found.scores[1] > 0.97 * found.scores[0]
+
+
+def test_a_limit_of_nodes_is_said(field: Field) -> None:
+    assert not search(field, sweep(4.0, 3.0, 0.3), keep=8, most_nodes=4).exact
+    assert len(search(field, np.empty((0, 2))).poses) == 0
+    assert len(search(field, np.full((50, 2), 500.0)).poses) == 0
