@@ -7,8 +7,8 @@
     if fix.verdict == "accepted":
         print(fix.world_T_sensor)
 
-`EXAMPLE` is a folder with a small simulated site and scans, which `yearloc example` asks about. A
-`Tracker` follows a drive scan by scan, a `LevelTracker` that of a level 2-D laser. These names keep
+A `Tracker` follows a drive scan by scan, a `LevelTracker` that of a level 2-D laser. `EXAMPLE` is a
+folder with a small simulated site and scans, which `yearloc example` asks about. These names keep
 their meaning from one version to the next; whatever else lies in `pipeline` may change.
 """
 

@@ -58,10 +58,12 @@ class Scans(Lines):
         columns = (MofNCompleteColumn(), _speed_column(), TimeRemainingColumn())
         start_s = time.monotonic()
         told = start_s
-        for done, item in enumerate(_tracked(items, total, 1, what, *columns), start=1):
+        on_terminal = sys.stderr.isatty()
+        shown = _tracked(items, total, 1, what, *columns) if on_terminal else items
+        for done, item in enumerate(shown, start=1):
             yield item
             now_s = time.monotonic()
-            if now_s - told >= LINE_S and not sys.stderr.isatty():
+            if now_s - told >= LINE_S and not on_terminal:
                 told = now_s
                 speed = done / (now_s - start_s)
                 self.tell(

@@ -205,6 +205,30 @@ class Evaluation:
         return self.novelty[:, 0].astype(np.float64) < self.reject_pose_from, right
 
     @property
+    def belief(self) -> dict[str, int]:
+        """How many answers are accepted and refused, and how many are wrong among each.
+
+        Poses are accepted with a promise of .99, seen or not, and are wrong where over 2 m or 5°
+        off; of a query without a pose nothing is wrong. Places are accepted at the threshold in
+        use, of the queries judged by distance, and are wrong where they are over `correct_m` off.
+        """
+        judged = self.distance.outcome != NOT_JUDGED
+        accepted = np.isin(self.distance.outcome, (HIT, FALSE_ALARM))
+        wrong = judged & ~(self.distance.seen & (self.distance.true_rank == 0))
+        if not np.isnan(self.reject_pose_from):
+            accepted, right = self.fixes
+            judged = np.ones(len(right), bool)
+            wrong = ~right & ~np.isnan(self.pose_error_m)
+        refused = judged & ~accepted
+        kinds = {
+            "accepted": accepted,
+            "accepted_wrong": accepted & wrong,
+            "refused": refused,
+            "refused_wrong": refused & wrong,
+        }
+        return {name: int(rows.sum()) for name, rows in kinds.items()}
+
+    @property
     def verdicts(self) -> dict[str, int]:
         """How many queries, seen or not, got each of VERDICTS with a promise of .99.
 
@@ -236,30 +260,6 @@ class Evaluation:
     @property
     def _pose_chances(self) -> NDArray[np.float64]:
         return 1 - self.novelty[:, 0].astype(np.float64)
-
-    @property
-    def belief(self) -> dict[str, int]:
-        """How many answers are accepted and refused, and how many are wrong among each.
-
-        Poses are accepted with a promise of .99, seen or not, and are wrong where over 2 m or 5°
-        off; of a query without a pose nothing is wrong. Places are accepted at the threshold in
-        use, of the queries judged by distance, and are wrong where they are over `correct_m` off.
-        """
-        judged = self.distance.outcome != NOT_JUDGED
-        accepted = np.isin(self.distance.outcome, (HIT, FALSE_ALARM))
-        wrong = judged & ~(self.distance.seen & (self.distance.true_rank == 0))
-        if not np.isnan(self.reject_pose_from):
-            accepted, right = self.fixes
-            judged = np.ones(len(right), bool)
-            wrong = ~right & ~np.isnan(self.pose_error_m)
-        refused = judged & ~accepted
-        kinds = {
-            "accepted": accepted,
-            "accepted_wrong": accepted & wrong,
-            "refused": refused,
-            "refused_wrong": refused & wrong,
-        }
-        return {name: int(rows.sum()) for name, rows in kinds.items()}
 
     def protocol(self, name: str) -> Judgement:
         """The judgement by one of PROTOCOLS."""

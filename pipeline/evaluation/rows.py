@@ -130,10 +130,10 @@ def of_evaluation(evaluation: Evaluation, case: Case = Case()) -> TableRows:  # 
     yield from several(
         parts, "cells", dict(zip(("ece_raw", "ece"), evaluation.calibration, strict=True))
     )
+    yield from several(parts, "distance", evaluation.belief)
     if evaluation.verdicts:
         verdicts = {f"{verdict}_99": count for verdict, count in evaluation.verdicts.items()}
         yield from several(parts, "distance", verdicts | {"pose_ece": evaluation.pose_ece})
-    yield from several(parts, "distance", evaluation.belief)
 
 
 def row(

@@ -104,7 +104,7 @@ def _print(
             overflow="ellipsis",
             no_wrap=True,
         )
-    models = _one_a_method(ranked(scores))
+    models = ranked(scores)
     first, *later = tests = next(iter(models.values()))
     days = "1 test day" if not later else f"{len(tests)} test days"
     title = f"{name}: learned {day(study.train[0])}, {days}, cells of {grid.cell_m:g} m"
@@ -119,15 +119,16 @@ def _print(
     lines.columns[0].no_wrap = True
     for head in heads:
         lines.add_column(Text(head), justify="right", no_wrap=True)
-    for model, group in list(models.items())[:row_limit]:
+    chosen = _one_a_method(models)
+    for model, group in list(chosen.items())[:row_limit]:
         lines.add_row(Text(model), *_cells(group)[: len(heads)])
     console.print(lines)
-    left = len(models) - row_limit
+    left = len(chosen) - row_limit
     console.print(f"  … and {left} more\n" if left > 0 else "")
     return None
 
 
-def _one_a_method(models: Mapping[str, list[Scores]]) -> dict[str, list[Scores]]:
+def _one_a_method(models: Mapping[str, Sequence[Scores]]) -> dict[str, Sequence[Scores]]:
     """The model of each method that has poses, or else its best one; the best first."""
     posed_first = sorted(models, key=lambda model: not models[model][0].posed)
     chosen = {method_of(model): model for model in reversed(posed_first)}
@@ -147,10 +148,5 @@ def _cells(group: Sequence[Scores]) -> list[str]:
     wrong = accepted_wrong + refused_wrong
     refused = f"{refused_wrong:.0f} of {wrong:.0f}" if wrong > 0 else MISSING
     ms = group[-1].number("", "query_ms")
-    return [
-        *right,
-        fixed(accepted, 0),
-        fixed(accepted_wrong, 0),
-        refused,
-        fixed(ms, 0 if ms >= 10 else 1),
-    ]
+    counts = (fixed(accepted, 0), fixed(accepted_wrong, 0), refused)
+    return [*right, *counts, fixed(ms, 0 if ms >= 10 else 1)]
