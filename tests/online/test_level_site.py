@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pipeline import schemas, store
 from pipeline.cli import main
 from pipeline.errors import ArtifactError, InputError
 from pipeline.formats import nav2_map
@@ -243,7 +244,8 @@ def test_a_training_day_of_level_sweeps_is_packed(
         np.column_stack([sweeps.points(row), np.full(len(sweeps.points(row)), 7.0)])
         for row in range(len(sweeps.world_T_sweep))
     ]
-    scans, _ = artifacts(tmp_path, flat, sweeps.world_T_sweep)
+    artifacts(tmp_path, flat, sweeps.world_T_sweep)
+    scans = store.read(tmp_path / "scans.zarr", schemas.Scans)
     assert is_level(scans)
     out = tmp_path / "hall.site"
     line = pack_sweeps("hall/10m/sci", out, scans, "monday", True, CARMEN, Progress())
@@ -257,5 +259,6 @@ def test_a_training_day_of_level_sweeps_is_packed(
 
 
 def test_scans_of_several_heights_are_not_level(tmp_path: Path) -> None:
-    scans, _ = artifacts(tmp_path, [scene(0), scene(1)], np.stack([np.eye(4)] * 2))
+    artifacts(tmp_path, [scene(0), scene(1)], np.stack([np.eye(4)] * 2))
+    scans = store.read(tmp_path / "scans.zarr", schemas.Scans)
     assert not is_level(scans)
