@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pipeline import schemas, store
 from pipeline.cli import main
 from pipeline.errors import ArtifactError, InputError
 from pipeline.formats import nav2_map
@@ -15,13 +16,16 @@ from pipeline.formats.nav2_map import GridMap
 from pipeline.level.level_map import Drawing
 from pipeline.level.verdict import pose_is_right
 from pipeline.online.description import describe
+from pipeline.online.level_pack import CARMEN, is_level, pack_sweeps
 from pipeline.online.level_site import LevelSite, LevelTracker
 from pipeline.online.site import Site
 from pipeline.online.tracking import Tracker
+from pipeline.running.progress import Progress
 from tests.level.hall import drive, sweep
 from tests.online.made import packed
 from tests.posing.scene import scene
 from tests.readers.logs import flaser
+from tests.views.made import artifacts
 
 
 @pytest.fixture(scope="module")
@@ -230,3 +234,31 @@ def test_no_wrong_pose_of_a_mutated_sweep_is_accepted(hall: Path) -> None:
     # of a room that looks the same in a mirror nothing tells
     assert wrong["upside down"] <= 2
     assert wrong.total() == wrong["upside down"]
+
+
+def test_a_training_day_of_level_sweeps_is_packed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sweeps = drive(step_m=1.0)
+    flat = [
+        np.column_stack([sweeps.points(row), np.full(len(sweeps.points(row)), 7.0)])
+        for row in range(len(sweeps.world_T_sweep))
+    ]
+    artifacts(tmp_path, flat, sweeps.world_T_sweep)
+    scans = store.read(tmp_path / "scans.zarr", schemas.Scans)
+    assert is_level(scans)
+    out = tmp_path / "hall.site"
+    line = pack_sweeps("hall/10m/sci", out, scans, "monday", True, CARMEN, Progress())
+    assert "level" in line
+    site = Site.open(out)
+    place = (16.0, 6.0, 2.0)
+    fix = site.localize(sweep(*place), promise=None)
+    assert np.linalg.norm(fix.world_T_sensor[:2, 3] - place[:2]) < 0.06
+    main(["inspect", str(out)])
+    assert "level site hall/10m/sci, of a simulated world" in capsys.readouterr().out
+
+
+def test_scans_of_several_heights_are_not_level(tmp_path: Path) -> None:
+    artifacts(tmp_path, [scene(0), scene(1)], np.stack([np.eye(4)] * 2))
+    scans = store.read(tmp_path / "scans.zarr", schemas.Scans)
+    assert not is_level(scans)

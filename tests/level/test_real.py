@@ -1,0 +1,30 @@
+"""A recorded building: its second half is localised in a map of the first, by raw odometry."""
+
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.level.field import Field
+from pipeline.level.fix import LevelFixer
+from pipeline.level.held_out import Sweeps
+from pipeline.level.level_map import Drawing
+from pipeline.level.verdict import USUAL, USUAL_LIMITS, pose_is_right
+from pipeline.readers.carmen import Carmen
+
+HALF = 120
+
+
+def test_seattle_is_found_again(real: Path) -> None:
+    log = Carmen().open(real / "carmen", "seattle-corrected")
+    sweeps = Sweeps(log.points, log.world_T_scan, log.odom_T_scan)
+    mapped = sweeps.part(0, HALF)
+    asked = sweeps.part(HALF, HALF + 100)
+    hits = [mapped.points(row) for row in range(HALF)]
+    field = Field.of(Drawing.of(hits, mapped.world_T_sweep).level_map())
+    rows = [10, 40, 70, 99]
+    gathered = asked.gathered(rows, 5.0)
+    fixes = [LevelFixer().fix(field, gathered[row]).ordered(USUAL.pose) for row in rows]
+    poses = np.array([fix.hypotheses[0].world_T_query for fix in fixes])
+    assert pose_is_right(poses, asked.world_T_sweep[rows]).all()
+    accepted = [USUAL.doubts(fix)[0] < USUAL_LIMITS["fix"][0] for fix in fixes]
+    assert sum(accepted) >= 3

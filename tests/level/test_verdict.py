@@ -1,0 +1,105 @@
+"""Verdicts on level fixes: what is learned from held-out stretches, and what limits they keep."""
+
+import numpy as np
+import pytest
+
+from pipeline.level.beams import Support
+from pipeline.level.fix import Hypothesis, LevelFix, LevelFixer, signs
+from pipeline.level.held_out import LevelHeldOut
+from pipeline.level.level_map import Drawing
+from pipeline.level.verdict import (
+    USUAL,
+    USUAL_LIMITS,
+    LevelEvidence,
+    LevelVerdict,
+    pose_is_right,
+    right,
+)
+from pipeline.posing.verdict import PROMISES
+from tests.level.hall import drive, pose
+
+
+def hypothesis(
+    x_m: float, score: float = 0.95, through: float = 0.0, sd_m: float = 0.03
+) -> Hypothesis:
+    """A hypothesis at (x, 0), heading along x."""
+    covariance = np.diag([sd_m**2, sd_m**2, 0.01**2])
+    return Hypothesis(pose(x_m, 0, 0), covariance, score, Support(0.9, 0.0, through))
+
+
+def fixes_of(*scores: float) -> LevelFix:
+    """Hypotheses of these scores, 10 m apart from (0, 0) on."""
+    return LevelFix(tuple(hypothesis(10.0 * n, score) for n, score in enumerate(scores)))
+
+
+def test_what_speaks_for_a_hypothesis_raises_its_chance() -> None:
+    usual = USUAL.doubts(fixes_of(0.9, 0.75))[0]
+    assert USUAL.doubts(fixes_of(0.95, 0.75))[0] < usual
+    assert USUAL.doubts(fixes_of(0.9, 0.85))[0] > usual
+    loose = LevelFix((hypothesis(0, 0.9, sd_m=0.5), hypothesis(10, 0.75)))
+    assert USUAL.doubts(loose)[0] > usual
+    contradicted = LevelFix((hypothesis(0, 0.9, through=0.3), hypothesis(10, 0.75)))
+    assert USUAL.doubts(contradicted)[0] > usual
+    assert USUAL.doubts(LevelFix()).tolist() == [1, 1, 1]
+
+
+def test_a_lead_counts_as_far_as_hypotheses_are_looked_for() -> None:
+    # alone, the others are below .75 of its quality; so is one that is named but is worse
+    alone = signs(fixes_of(0.8))
+    ahead = signs(fixes_of(0.8, 0.3))
+    assert alone[0, -1] == pytest.approx(0.25 * 0.8)
+    assert ahead[0, -1] == alone[0, -1]
+
+
+def test_two_alike_are_ambiguous_and_not_accepted() -> None:
+    doubts = USUAL.doubts(fixes_of(0.95, 0.95))
+    assert doubts[0] > USUAL_LIMITS["fix"][0]
+    assert doubts[2] < doubts[0] / 2
+
+
+def test_right_is_within_a_metre_and_ten_degrees() -> None:
+    true = np.stack([pose(0, 0, 0)] * 3)
+    asked = np.stack([pose(0.9, 0, 0.15), pose(1.1, 0, 0), pose(0, 0, 0.2)])  # .15 rad is 8.6°
+    assert pose_is_right(asked, true).tolist() == [True, False, False]
+    good, near = right(fixes_of(0.9, 0.8), pose(0.2, 0, 0))
+    assert (good.tolist(), near.tolist()) == ([True, False], [True, False])
+
+
+def evidence(right_count: int, wrong_count: int) -> LevelEvidence:
+    """So many clear fixes, the first ones right."""
+    count = right_count + wrong_count
+    true = np.stack([pose(0 if n < right_count else 30, 0, 0) for n in range(count)])
+    return LevelEvidence(
+        [fixes_of(0.99, 0.5)] * count, true, np.zeros(count, bool), np.arange(count)
+    )
+
+
+def test_a_map_lowers_the_usual_limits_only_where_its_own_stretches_break_a_promise() -> None:
+    none = LevelVerdict(LevelEvidence.joined([]), 0.2)
+    assert none.limits("fix") == list(USUAL_LIMITS["fix"])
+    kept = LevelVerdict(evidence(20, 0), 0.2)
+    assert kept.limits("fix") == list(USUAL_LIMITS["fix"])
+    # 2 of 22 wrong, all of one doubt: neither .95 nor .99 is kept below any limit
+    broken = LevelVerdict(evidence(20, 2), 0.2)
+    assert max(broken.limits("fix")) < 0
+
+
+def test_evidence_alone_promises_what_one_more_wrong_would_not_break() -> None:
+    # 30 right: 30 / 31 is .968, so .95 is kept and .99 is not
+    reached = LevelVerdict(evidence(30, 0), 0.0).reached("fix")
+    assert [limit > 0 for limit in reached] == [True, False, False]
+    assert len(reached) == len(PROMISES)
+
+
+def test_held_out_stretches_are_found_where_the_map_has_them_and_not_where_it_has_not() -> None:
+    sweeps = drive()
+    hits = [sweeps.points(row) for row in range(len(sweeps.world_T_sweep))]
+    drawing = Drawing.of(hits, sweeps.world_T_sweep, cell_m=0.1)
+    held_out = LevelHeldOut(every_m=6.0, around_m=(30.0,))
+    own = held_out.evidence(LevelFixer(), sweeps, drawing, 3.0)
+    assert own.blocks == len(own.fixes) // 2 >= 3
+    # within 30 m lies the whole hall: nothing is left to be found in
+    for fix, true, unseen in zip(own.fixes, own.world_T_true, own.unseen, strict=True):
+        assert bool(fix.hypotheses) != bool(unseen)
+        if not unseen:
+            assert right(fix, true)[0][0]
