@@ -87,6 +87,16 @@ def test_poses_are_those_of_the_preset_or_those_asked_for() -> None:
         with_poses(PLAIN, asked(world="tiny", paths="filter"))
 
 
+def test_slam_among_poses_is_no_model() -> None:
+    """Alone it leaves the models that have poses as they are usual."""
+    alone = with_poses(PLAIN, asked(poses="slam"))
+    assert (alone.poses, alone.slam) == (("sci",), True)
+    both = with_poses(PLAIN, asked(poses="slam,m2dp"))
+    assert (both.poses, both.slam) == (("m2dp",), True)
+    assert not with_poses(PLAIN, asked(poses="m2dp")).slam
+    assert not with_poses(PLAIN, asked(poses="")).slam
+
+
 def test_viewpoints_need_methods_on_bird_views_and_latency_is_yes_or_no() -> None:
     with pytest.raises(ConfigError, match="methods=sci,m2dp: only methods that look at bird-views"):
         with_question(replace(PLAIN, question="viewpoints"), asked())
