@@ -44,7 +44,7 @@ TUNED = ("intel", "fhw", "seattle")
 """Whatever was chosen by looking was chosen on these."""
 SHARES = (0.4, 0.5)
 SEEN_M = 2.0
-HELD_OUT = 40
+HELD_OUT = 24
 """Held-out stretches of a map at most."""
 PROMISED = (0.95, 0.99)
 HEADER = (

@@ -11,7 +11,7 @@ import zarr
 
 from pipeline import sealed, store
 from pipeline.errors import ArtifactError
-from tests.test_store import COLUMNS, THINGS, contents, put
+from tests.test_store import COLUMNS, Things, contents, put
 
 TRIES = 400
 MODEL = {
@@ -39,7 +39,7 @@ def test_an_artifact_with_a_turned_bit_is_refused_or_the_same(tmp_path: Path) ->
         file = files[i % len(files)]
         before = turned(file, rng)
         try:
-            found = store.read(path, THINGS)
+            found = store.read(path, Things)
             assert found.attrs == {"kind": "things", "version": 3, "grain_m": 0.005}
             for name, rows in COLUMNS.items():
                 np.testing.assert_array_equal(found.load(name), rows)
@@ -51,12 +51,12 @@ def test_an_artifact_with_a_turned_bit_is_refused_or_the_same(tmp_path: Path) ->
 
 def test_a_lost_file_is_an_error_and_no_zeros(tmp_path: Path) -> None:
     put(path := tmp_path / "a.zarr", heights=np.zeros(2, np.float32))
-    np.testing.assert_array_equal(store.read(path, THINGS).load("heights"), [0, 0])
+    np.testing.assert_array_equal(store.read(path, Things).load("heights"), [0, 0])
     (path / "points/c.1.0").unlink()
     with pytest.raises(
         ArtifactError, match=r"a\.zarr: 1 of 3 files of points are missing; remove it"
     ):
-        store.read(path, THINGS).load("points")
+        store.read(path, Things).load("points")
 
 
 def test_an_array_that_says_it_is_huge_is_not_read(tmp_path: Path) -> None:
@@ -64,14 +64,14 @@ def test_an_array_that_says_it_is_huge_is_not_read(tmp_path: Path) -> None:
     form = path / "heights/zarr.json"
     form.write_text(json.dumps(json.loads(form.read_text()) | {"shape": [10**12]}))
     with pytest.raises(ArtifactError, match="not as they were written"):
-        store.read(path, THINGS)
+        store.read(path, Things)
     zarr.open_group(path, mode="r+").attrs[sealed.SEAL] = sealed.metadata_checksum(
         path
     )  # by somebody who knows how
     with pytest.raises(
         ArtifactError, match="249999999999 of 250000000000 files of heights are missing"
     ):
-        store.read(path, THINGS).load("heights")
+        store.read(path, Things).load("heights")
 
 
 def test_writers_in_threads_each_write_all_their_zeros(tmp_path: Path) -> None:

@@ -125,7 +125,7 @@ def write(path: Path, grid: GridMap, mode: Mode = "trinary") -> None:
         "free_thresh": FREE_THRESH,
     }
     with replace(path) as scratch:
-        scratch.write_text(yaml.safe_dump(about, sort_keys=False))
+        scratch.write_text(yaml.safe_dump(about, sort_keys=False), encoding="utf-8")
 
 
 def _yaml(path: Path) -> dict[str, Any]:

@@ -42,10 +42,12 @@ def search(
     keep: int = 6,
     least_ratio: float = 0.75,
     most_nodes: int = 300_000,
+    at_least: float = 0.0,
 ) -> Found:
-    """Find the `keep` best poses of points (n, 2) that score `least_ratio` of the best or more.
+    """Find the `keep` best poses of points (n, 2), which score `at_least` so much.
 
-    Points beyond REACH_M are left out. Without points there is no pose.
+    They also score `least_ratio` of the best or more. Points beyond REACH_M are left out. Without
+    points there is no pose.
     """
     near = points_m[np.linalg.norm(points_m, axis=1) <= REACH_M]
     if not len(near):
@@ -75,6 +77,7 @@ def search(
         round(APART_DEG * HEADINGS / 360),
         least_ratio,
         most_nodes,
+        at_least * 255 * len(chosen),
     )
     poses = np.column_stack(
         [
@@ -115,6 +118,7 @@ def _search(  # type: ignore[no-untyped-def]
     apart_headings,
     least_ratio,
     most_nodes,
+    least,
 ):
     """The best leaves (k, 3) as heading, row, column, their scores (k,), and if the limit held."""
     headings = offsets.shape[0]
@@ -132,7 +136,6 @@ def _search(  # type: ignore[no-untyped-def]
     queue.pop()
     following = 0
     exact = True
-    least = 0.0
     while count < keep:
         score = -queue[0][0] if len(queue) else np.int64(-1)
         if following < len(order) and bounds[order[following]] >= score:
@@ -163,7 +166,7 @@ def _search(  # type: ignore[no-untyped-def]
             kept[count, 2] = col
             kept_scores[count] = score
             count += 1
-            least = least_ratio * kept_scores[0]
+            least = max(least, least_ratio * kept_scores[0])
             continue
         if made + 4 > most_nodes:
             exact = False

@@ -42,7 +42,7 @@ class Classifier(ABC):
     """
 
     architecture: ClassVar[type[nn.Module]]
-    view: str = "scan_context"
+    view: str = "scan_context_authors"
     colormap: Literal["jet", "grey"] = "jet"
     h_min_m: float = 0.0
     h_max_m: float = 15.0  # heights are clipped to [h_min_m, h_max_m] before they are coloured

@@ -232,10 +232,9 @@ def _messages(
         }
     )
     if topic is None and not cloud_counts:
-        of_level_site = ", and the site is level" if kind == SWEEP else ""
         raise LogError(
-            f"{path}: no {kind.rpartition('/')[2]} in it{of_level_site}; `yearloc inspect "
-            f"{path.name}` says what it holds"
+            f"{path}: no {kind.rpartition('/')[2]} in it; `yearloc inspect {path.name}` says what "
+            "it holds"
         )
     if topic is not None and topic not in cloud_counts:
         kinds = "sweeps" if kind == SWEEP else "clouds"

@@ -73,7 +73,19 @@ class LevelSite(Site):
         self.check(promise)
         gathered = single(level_points(points_m))
         level_fix = self.level_fixer.fix(self.field, gathered)
-        return replace(self.judge_level(level_fix, promise), ms=1e3 * (perf_counter() - start))
+        fix = self.judge_level(level_fix, promise)
+        return replace(self.upright(fix, gathered, level_fix), ms=1e3 * (perf_counter() - start))
+
+    def upright(self, fix: Fix, gathered: Gathered, level_fix: LevelFix) -> Fix:
+        """The fix, rejected where its sweeps fit better as those of a laser upside down."""
+        if fix.verdict not in WORDS:
+            return fix
+        ordered = level_fix.ordered(self.level_judge.pose)
+        if not self.level_fixer.is_mirrored(self.field, gathered, ordered):
+            return fix
+        return replace(
+            fix, verdict="rejected", novelty=1.0, place_novelty=1.0, promised_precision=None
+        )
 
     def rank(self, points_m: NDArray[np.float64]) -> Ranking:
         """A level site ranks no places; raises InputError."""
@@ -164,6 +176,7 @@ class LevelTracker:
         else:
             level_fix = self.site.level_fixer.fix(self.site.field, gathered)
             fix = self.site.judge_level(level_fix, self._promise)
+            fix = self.site.upright(fix, gathered, level_fix)
         return replace(fix, ms=1e3 * (perf_counter() - start))
 
     def _tracked(self, gathered: Gathered, step: NDArray[np.float64] | None) -> Fix:
@@ -179,6 +192,8 @@ class LevelTracker:
         else:
             level_fix = self.site.level_fixer.fix(self.site.field, gathered)
         fix = self.site.judge_level(level_fix, self._promise)
+        if guess is None:
+            fix = self.site.upright(fix, gathered, level_fix)
         if fix.verdict == "no pose":
             self._pose = guess
             return fix

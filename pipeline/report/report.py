@@ -33,7 +33,7 @@ def write(
 ) -> str:
     """Write every study's report and page.html into `folder`; returns a summary line.
 
-    `view` gives the bird-view of a name of conf/view. Fewer than `few` seen queries near a real
+    `view` makes the view of a name of conf/view. Fewer than `few` seen queries near a real
     change say little.
     """
     entries = []

@@ -16,11 +16,11 @@ def field() -> Field:
     return Field.of(Drawing.of(hits, sweeps.world_T_sweep).level_map())
 
 
-def exhaustive(field: Field, points_m: np.ndarray) -> tuple[float, np.ndarray]:
-    """The best score of all cells and headings, by looking each up, and its pose."""
+def exhaustive(field: Field, points_m: np.ndarray) -> float:
+    """The best score of all cells and headings, by looking each up."""
     likelihood = field.pyramid.levels[0].astype(int)
     rows, cols = np.nonzero(field.stands)
-    best = (-1.0, np.zeros(3))
+    best = 0.0
     for heading in 2 * np.pi / HEADINGS * np.arange(HEADINGS):
         cos, sin = np.cos(heading), np.sin(heading)
         up = np.floor((sin * points_m[:, 0] + cos * points_m[:, 1]) / field.cell_m + 0.5)
@@ -28,11 +28,7 @@ def exhaustive(field: Field, points_m: np.ndarray) -> tuple[float, np.ndarray]:
         totals = np.zeros(len(rows), int)
         for u, a in zip(up.astype(int), along.astype(int), strict=True):
             totals += likelihood[rows + field.pyramid.margin + u, cols + field.pyramid.margin + a]
-        top = int(totals.argmax())
-        score = totals[top] / (255 * len(points_m))
-        if score > best[0]:
-            place = np.array([cols[top] + 0.5, rows[top] + 0.5]) * field.cell_m
-            best = (score, np.array([*place, heading]))
+        best = max(best, float(totals.max()) / (255 * len(points_m)))
     return best
 
 
@@ -42,10 +38,9 @@ def test_the_best_pose_is_the_best_of_all_cells_and_headings(
 ) -> None:
     points_m = sweep(*place, beams=16)
     found = search(field, points_m, keep=2)
-    score, pose = exhaustive(field, points_m)
+    score = exhaustive(field, points_m)
     assert found.exact
-    assert found.scores[0] == pytest.approx(score)
-    np.testing.assert_allclose(found.poses[0], pose, atol=1e-9)
+    assert found.scores[0] == pytest.approx(score)  # of poses that score alike it may be another
     world = field.world_T_grid[:2, 3] + found.poses[0, :2]
     assert np.linalg.norm(world - place[:2]) < 0.3
 

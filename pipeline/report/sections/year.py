@@ -198,9 +198,11 @@ def _place(study: Study, view: Callable[[str], Any]) -> Figure | None:
 
     None where no method looks at any, or the scans are not here.
     """
+    if not study.find("scans", study.train).is_dir():
+        return None
     views = {name: view(name) for method in study.settings.methods for name in method.views}
     scan_contexts = [drawn for drawn in views.values() if isinstance(drawn, ScanContext)]
-    if not scan_contexts or not study.find("scans", study.train).is_dir():
+    if not scan_contexts:
         return None
     scans = study.artifact(Scans, "scans", study.train)
     submaps = study.artifact(Submaps, "submaps", study.train)

@@ -1,0 +1,232 @@
+"""Level sites: of a Nav2 map, asked by Python and by `yearloc localize`; what they refuse."""
+
+import json
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.cli import main
+from pipeline.errors import ArtifactError, InputError
+from pipeline.formats import nav2_map
+from pipeline.formats.bag import BagWriter
+from pipeline.formats.nav2_map import GridMap
+from pipeline.level.level_map import Drawing
+from pipeline.level.verdict import pose_is_right
+from pipeline.online.description import describe
+from pipeline.online.level_site import LevelSite, LevelTracker
+from pipeline.online.site import Site
+from pipeline.online.tracking import Tracker
+from tests.level.hall import drive, sweep
+from tests.online.made import packed
+from tests.posing.scene import scene
+from tests.readers.logs import flaser
+
+
+@pytest.fixture(scope="module")
+def hall_yaml(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A Nav2 map of the hall, by a drive through it."""
+    sweeps = drive()
+    hits = [sweeps.points(row) for row in range(len(sweeps.world_T_sweep))]
+    level_map = Drawing.of(hits, sweeps.world_T_sweep).level_map()
+    path = tmp_path_factory.mktemp("hall") / "hall.yaml"
+    nav2_map.write(path, GridMap(level_map.occupancy, level_map.cell_m, level_map.origin))
+    return path
+
+
+@pytest.fixture(scope="module")
+def hall(hall_yaml: Path) -> Path:
+    """Its site."""
+    out = hall_yaml.with_name("hall.site")
+    main(["pack", "--map", str(hall_yaml), "-o", str(out)])
+    return out
+
+
+def refused(capsys: pytest.CaptureFixture[str], *words: object) -> str:
+    with pytest.raises(SystemExit) as stop:
+        main(list(map(str, words)))
+    assert stop.value.code == 1
+    *_, line = capsys.readouterr().err.splitlines()
+    return line
+
+
+def test_a_site_of_a_map_says_that_it_is_level_and_names_the_pose_of_a_sweep(hall: Path) -> None:
+    site = Site.open(hall)
+    assert isinstance(site, LevelSite)
+    assert site.is_level
+    place = (16.0, 6.0, 2.0)
+    fix = site.localize(sweep(*place, noise=np.random.default_rng(1)), promise=0.95)
+    assert fix.verdict == "accepted"
+    assert np.linalg.norm(fix.world_T_sensor[:2, 3] - place[:2]) < 0.06
+    assert fix.covariance.shape == (6, 6)
+    assert (np.linalg.eigvalsh(fix.covariance) > 0).all()
+    assert fix.promised_precision in site.promises
+    assert "level site hall" in describe(hall).text()
+
+
+def test_the_same_map_makes_the_same_bytes(hall: Path, hall_yaml: Path, tmp_path: Path) -> None:
+    main(["pack", "--map", str(hall_yaml), "-o", str(tmp_path / "again.site")])
+    assert (tmp_path / "again.site").read_bytes() == hall.read_bytes()
+
+
+def hall_log(folder: Path) -> Path:
+    """A CARMEN log of another drive: 361 beams as ranges, odometry that turns too far."""
+    sweeps = drive(seed=9)
+    odometry = [(*odom[:2, 3], np.arctan2(odom[1, 0], odom[0, 0])) for odom in sweeps.odom_T_sweep]
+    lines = ["PARAM robot_front_laser_max 50.0 1 host 1\n"]
+    for row, world in enumerate(sweeps.world_T_sweep[:25]):
+        angles = np.arctan2(*np.asarray(sweeps.points(row)).T[::-1])
+        ranges = np.full(180, 50.0)
+        beams = np.rint((angles + np.pi / 2) / (np.pi / 179)).astype(int)
+        ranges[beams] = np.linalg.norm(sweeps.points(row), axis=1)
+        heading = np.arctan2(world[1, 0], world[0, 0])
+        robot = f"{world[0, 3]} {world[1, 3]} {heading}"
+        reading = " ".join(map(str, odometry[row]))
+        # the reading before a sweep is odometry's, the one after it repeats the corrected pose
+        lines.append(f"ODOM {reading} 1 0 0 {row} host {row}\n")
+        lines.append(flaser(ranges.round(3).tolist(), robot, row + 1))
+        lines.append(f"ODOM {reading} 1 0 0 {row} host {row}\n")
+    path = folder / "hall.log"
+    path.write_text("".join(lines))
+    return path
+
+
+@pytest.mark.parametrize("track", [[], ["--track"]])
+def test_a_log_is_localised_with_its_sweeps_gathered(
+    hall: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], track: list[str]
+) -> None:
+    log = hall_log(tmp_path)
+    main(["localize", str(hall), str(log), "--json", "--promise", "0.95", *track])
+    output = capsys.readouterr()
+    rows = [json.loads(line) for line in output.out.splitlines()]
+    truth = drive(seed=9).world_T_sweep
+    accepted = [number for number, row in enumerate(rows) if row["verdict"] == "accepted"]
+    assert len(rows) == 25
+    assert len(accepted) >= 20
+    for number in accepted:
+        away = np.hypot(
+            rows[number]["x"] - truth[number][0, 3], rows[number]["y"] - truth[number][1, 3]
+        )
+        assert away < 0.3
+    assert "0 are over 1 m or 10° off" in output.err
+
+
+def test_the_laser_scans_of_a_bag_are_localised(
+    hall: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    hits = sweep(16.0, 6.0, 2.0, beams=181)
+    with BagWriter(tmp_path / "drive.bag", "ros1") as bag:
+        ranges_m = np.linalg.norm(hits, axis=1)
+        bag.laser_scan(10**9, "laser", ranges_m, -np.pi / 2, np.pi / 180, 0.1, 30.0)
+    main(["localize", str(hall), str(tmp_path / "drive.bag"), "--json", "--promise", "0.95"])
+    (line,) = capsys.readouterr().out.splitlines()
+    row = json.loads(line)
+    assert row["verdict"] == "accepted"
+    assert np.hypot(row["x"] - 16, row["y"] - 6) < 0.1
+
+
+def test_a_tracker_is_lost_where_odometry_ends_and_finds_itself_again(hall: Path) -> None:
+    site = Site.open(hall)
+    assert isinstance(site, LevelSite)
+    sweeps = drive(seed=4)
+    tracker = LevelTracker(site, 0.95)
+    for row in range(30):
+        step = None if row in (0, 15) else sweeps.step(row if row < 15 else row + 20)
+        at = row if row < 15 else row + 20
+        fix = tracker.localize(sweeps.points(at), step)
+        assert fix.verdict != "accepted" or pose_is_right(
+            fix.world_T_sensor[None], sweeps.world_T_sweep[at, None]
+        )
+    assert fix.verdict == "accepted"
+    with pytest.raises(InputError, match="a LevelTracker follows its sweeps"):
+        Tracker(site)
+
+
+def test_what_is_of_the_other_kind_is_one_line(
+    hall: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(InputError, match="a 3-D scan, its points lie over"):
+        Site.open(hall).localize(scene(0))
+    flat = np.column_stack([sweep(16.0, 6.0, 2.0), np.zeros(180)])
+    with pytest.raises(InputError, match="a level sweep, all of one height"):
+        Site.open(packed(tmp_path)).localize(flat)
+    with pytest.raises(InputError, match="expected numbers"):
+        Site.open(hall).localize(np.zeros(7))
+    assert "a level site, of a 2-D laser" in refused(capsys, "watch", hall, tmp_path)
+    assert "--follow" in refused(capsys, "localize", hall, "x.mcap", "--follow")
+    with pytest.raises(ArtifactError, match="a level site"):
+        Site.open(hall, level=False)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("resolution: 0.05", "resolution: 0.001", "cells of 0.001 m: expected 0.01 to 0.5 m"),
+        ("free_thresh: 0.196", "free_thresh: 0.0", "a map without free space"),
+    ],
+)
+def test_a_map_that_cannot_serve_is_one_line(
+    hall_yaml: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    old: str,
+    new: str,
+    message: str,
+) -> None:
+    text = hall_yaml.read_text()
+    assert old in text
+    (tmp_path / "hall.pgm").write_bytes(hall_yaml.with_suffix(".pgm").read_bytes())
+    (tmp_path / "hall.yaml").write_text(text.replace(old, new))
+    line = refused(capsys, "pack", "--map", tmp_path / "hall.yaml", "-o", tmp_path / "hall.site")
+    assert message in line
+    assert not (tmp_path / "hall.site").exists()
+
+
+def mutated(points_m: np.ndarray, kind: str, rng: np.random.Generator) -> np.ndarray:
+    """A sweep as a broken or wrongly mounted laser gives it."""
+    turn = rng.uniform(np.deg2rad(30), np.deg2rad(180))
+    cos, sin = np.cos(turn), np.sin(turn)
+    if kind == "upside down":
+        return np.asarray(points_m * [1, -1])
+    if kind == "turned":
+        return np.asarray(points_m @ np.array([[cos, sin], [-sin, cos]]))
+    if kind == "twelve beams":
+        return points_m[rng.choice(len(points_m), 12, replace=False)]
+    if kind == "range_max":
+        short = rng.random(len(points_m)) < rng.uniform(0.3, 0.9)
+        far = points_m / np.linalg.norm(points_m, axis=1)[:, None] * 29.9
+        return np.asarray(np.where(short[:, None], far, points_m))
+    if kind == "nan":
+        out = points_m.copy()
+        out[rng.random(len(out)) < rng.uniform(0.5, 1.0)] = np.nan
+        return out
+    if kind == "scaled":
+        return np.asarray(points_m * rng.choice([0.5, 0.7, 1.4, 2.0]))
+    return rng.uniform(-10, 10, points_m.shape)  # noise
+
+
+KINDS = ("upside down", "turned", "twelve beams", "range_max", "nan", "scaled", "noise")
+
+
+def test_no_wrong_pose_of_a_mutated_sweep_is_accepted(hall: Path) -> None:
+    site = Site.open(hall)
+    rng = np.random.default_rng(0)
+    accepted: Counter[str] = Counter()
+    wrong: Counter[str] = Counter()
+    for number in range(210):
+        kind = KINDS[number % len(KINDS)]
+        place = (rng.uniform(8, 19), rng.uniform(0.7, 5.3), rng.uniform(-np.pi, np.pi))
+        points_m = mutated(sweep(*place, noise=rng), kind, rng)
+        fix = site.localize(points_m)
+        if fix.verdict == "accepted":
+            accepted[kind] += 1
+            # where a laser is turned about its own axis, that is the frame it is asked for
+            wrong[kind] += bool(np.linalg.norm(fix.world_T_sensor[:2, 3] - place[:2]) > 1)
+    assert accepted["nan"] >= 10
+    assert accepted["turned"] >= 20
+    for kind in ("twelve beams", "range_max", "scaled", "noise"):
+        assert accepted[kind] == 0
+    # of a room that looks the same in a mirror nothing tells
+    assert wrong["upside down"] <= 2
+    assert wrong.total() == wrong["upside down"]
