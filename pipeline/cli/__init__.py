@@ -33,6 +33,7 @@ The work itself is a chain of stages that DVC runs: `dvc repro` builds
 whatever is out of date, from raw logs to a report. This command chooses what
 the chain runs on, and looks at what it made.
 
+  yearloc example                            one minute: a site that is ready
   yearloc use campus town                    simulated: no data are needed
   yearloc use nclt root=/data/nclt           NCLT as its archives unpack
   yearloc use robotcar root=/data/robotcar   2-D sweeps along the odometry
