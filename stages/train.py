@@ -1,4 +1,4 @@
-"""Views and places of the training sequences → a model, or one that was trained before, grown."""
+"""Views and places of the training sequences → a model, or an earlier one, grown by them."""
 
 from dataclasses import asdict, dataclass
 from pathlib import Path

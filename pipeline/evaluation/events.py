@@ -85,9 +85,9 @@ def distances(
 ) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]:
     """Distances (q,) of queries (q, 2) to the nearest shown change and to one to come, by sequence.
 
-    `changes` of each sequence are those that show on its day. Changes that show in other sequences
-    only are to come, NaN where a shown change is nearer: a control, of streets that change, before
-    they do.
+    `changes` of each sequence are those that show on its day. A change to come shows in other
+    sequences only; its distance is NaN where a shown change is nearer. It is a control: the same
+    streets, before they change.
     """
     shown_on_day = {
         sequence: {change for change in changes[sequence] if change.what in kinds}

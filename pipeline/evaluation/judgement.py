@@ -17,6 +17,7 @@ from pipeline.evaluation.counts import ExactCounts
 from pipeline.evaluation.doubts import doubts
 from pipeline.evaluation.numbers import MEASURES, NUMBERS, SAME_HEADING_DEG, curve, within
 from pipeline.evaluation.protocols import PROTOCOLS, Truth
+from pipeline.matching.rejection import ACCEPT_NOTHING
 from pipeline.schemas import Cases
 from pipeline.store import Array, Artifact, Stack
 
@@ -382,6 +383,6 @@ def metrics(evaluation: Evaluation) -> dict[str, float]:
 
 def _valid(numbers: Mapping[str, float]) -> dict[str, float | None]:
     return {
-        name: number if abs(number) < np.finfo(np.float64).max else None
+        name: number if np.isfinite(number) and number > ACCEPT_NOTHING else None
         for name, number in numbers.items()
     }

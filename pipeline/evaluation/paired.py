@@ -39,11 +39,11 @@ class Paired:
 def compare(this: Evaluation, reference: Evaluation, protocol: str, bootstrap: Bootstrap) -> Paired:
     """Compare two evaluations of the same queries, number by number, on the same resamples.
 
-    What is hard for both methods cancels out. p inverts the percentile interval: twice the smaller
-    share of the resamples in which the difference is at most, or at least, 0, counting the path
-    itself as one more: at least 2 / (1 + resamples), so a test of many sequences needs many
-    resamples. Nor is it less than a sign test of the blocks that hold seen queries can reach, 2 /
-    2**blocks: five blocks never say .05. Raises InputError for other queries.
+    What is hard for both methods cancels out. p is twice the smaller share of resamples with a
+    difference of at most, or at least, 0; the path itself counts as one resample. So p is at least
+    2 / (1 + resamples): a test of many sequences needs many. It is also at least 2 / 2**blocks, the
+    least that a sign test of the blocks with seen queries can reach: with five, .0625. Raises
+    InputError for other queries.
     """
     this_truth = this.truth(protocol)
     reference_truth = reference.truth(protocol)
@@ -114,6 +114,9 @@ def holm(p: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _p(spread: NDArray[np.float64], seen: NDArray[np.bool_], block: NDArray[np.int64]) -> float:
-    fewer = min((spread <= 0).sum(), (spread >= 0).sum())
-    least = 2 / 2.0 ** len(np.unique(block[seen]))
-    return min(1.0, max(least, 2 * (1 + int(fewer)) / (1 + len(spread)))) if len(spread) else np.nan
+    """The p value of differences (resample,), by the definition in `compare`."""
+    if not len(spread):
+        return np.nan
+    smaller_tail = int(min((spread <= 0).sum(), (spread >= 0).sum()))
+    sign_test_floor = 2 / 2.0 ** len(np.unique(block[seen]))
+    return min(1.0, max(sign_test_floor, 2 * (1 + smaller_tail) / (1 + len(spread))))

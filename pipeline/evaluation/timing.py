@@ -28,7 +28,8 @@ from pipeline.studies.models import ModelName
 
 Samples = Mapping[str, NDArray[np.float64]]  # milliseconds of wall time (query,) by name
 Laps = dict[tuple[str, str], tuple[float, float]]
-"""Milliseconds of wall and of CPU time, of each ("view", name) and each ("method", name)."""
+"""Milliseconds of wall and of CPU time of each ("view", name), ("network", name) and ("method",
+name)."""
 WARM_UP = 3  # calls before the first that counts: they compile, allocate and fill caches
 PACKAGES = ("numpy", "numba", "torch", "faiss-cpu")
 
@@ -228,7 +229,7 @@ def _ask(
         images[view], laps["view", view] = _lap(draw, cloud)
     for name, contender in contenders.items():
         query = Rows(images[contender.view][None], stamp_ns, pose)
-        if contender.describe:
+        if contender.describe:  # the method runs it once more: `measure` takes its time off
             _, laps["network", name] = _lap(contender.describe, query)
         _, laps["method", name] = _lap(contender.localize, query, k)
     return laps

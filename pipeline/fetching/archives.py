@@ -37,7 +37,10 @@ class Archive:
     unpacked_ratio: Positive = 1.0
     """Estimate of the unpacked bytes per byte."""
     numbers: int = 0
-    """Number of files, for whose number from 0 on {number} stands in path and target; 0: one."""
+    """How many files: {number} in path and target becomes 0, 1, ….
+
+    0 is a single file.
+    """
     nbytes: int = 0
     """Estimate of the bytes of a file, so that the server need not be asked; 0: it is asked."""
     listing_sha256: str = ""
@@ -136,7 +139,7 @@ class Publisher:
     def fetch(self, root: Path, sequences: Sequence[str], watch: Progress) -> Iterator[str]:
         """Fetch the missing files of `sequences` below `root`, yielding one line per archive.
 
-        A second call fetches nothing. Raises ConfigError for an invalid name of a sequence, and
+        What is there already is not fetched again. Raises ConfigError for an invalid sequence, and
         LogError for errors of the server (after all tries), the disk or an archive; what has
         arrived is kept for the next call.
         """

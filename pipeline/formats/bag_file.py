@@ -170,8 +170,11 @@ class BagFile:
                 raise LogError(
                     f"{self.path}: {plain(topic, 60)} has messages of several types: {kinds}"
                 )
-            is_standard = self.ros == 1 and kind in self._store.fielddefs
-            if is_standard and connection.digest not in ("*", self._store.generate_msgdef(kind)[1]):
+            has_ros1_definition = self.ros == 1 and kind in self._store.fielddefs
+            if has_ros1_definition and connection.digest not in (
+                "*",
+                self._store.generate_msgdef(kind)[1],
+            ):
                 md5 = plain(connection.digest, 32)
                 raise LogError(
                     f"{self.path}: {plain(topic, 60)} is not ROS's own {kind}: its definition has "

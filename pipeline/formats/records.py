@@ -28,7 +28,8 @@ WIDTHS = range(12, 65)
 FARTHEST_M = 500.0
 LEAST_M = 1e-6
 LIKELY = 0.8
-"""Share of the numbers of points from LEAST_M to FARTHEST_M; of other bytes one in nine is.
+"""At least this share of coordinates lies between LEAST_M and FARTHEST_M, or is 0; of other bytes,
+read as floats, one in nine does.
 
 Zeros count too, since a simulator's level ground may be almost all 0.
 """
@@ -75,12 +76,11 @@ def point_bytes(data: bytes) -> int | None:
 
 
 def layout(data: bytes) -> tuple[int | None, bool]:
-    """Bytes of a point in a .bin, and whether the number is no guess.
+    """The bytes of a point in a .bin, None where no width fits, and whether that is certain.
 
-    The points begin with x, y, z as 32-bit floats in metres. 8 are NCLT's; None: no width fits.
-    Where several do, the numbers tell: in the right one heights are spread unlike positions ahead,
-    and neighbours in the file lie nearest to each other. Where they do not, it is the commonest
-    that fits.
+    The points begin with x, y, z as 32-bit floats in metres. 8 are NCLT's. Where several widths
+    fit, the coordinates tell: in the right one heights are spread unlike positions ahead, and
+    neighbours in the file lie nearest to each other. Where they do not, it is the commonest.
     """
     words = np.frombuffer(
         data[: min(len(data), HEAD_BYTES) // NCLT_BYTES * NCLT_BYTES], "<u2"
@@ -93,17 +93,18 @@ def layout(data: bytes) -> tuple[int | None, bool]:
     ):
         return NCLT_BYTES, True
     fitting = _fitting(data)
-    telling = {width: xyz_m for width, xyz_m in fitting.items() if _heights_differ(xyz_m)}
-    if not telling and len(data) < FEW * max(fitting, default=0):
+    by_height = {width: xyz_m for width, xyz_m in fitting.items() if _heights_differ(xyz_m)}
+    if not by_height and len(data) < FEW * max(fitting, default=0):
         commonest = next((width for width in NAMES if width in fitting), None) or next(
             iter(fitting), None
         )
         return commonest, len(fitting) < 2
-    spacing_m = {width: _spacing_m(xyz_m) for width, xyz_m in (telling or fitting).items()}
+    spacing_m = {width: _spacing_m(xyz_m) for width, xyz_m in (by_height or fitting).items()}
+    # a multiple of the right width skips points, but the next ones lie hardly farther: the least
     likely_widths = [
         width for width in spacing_m if spacing_m[width] <= 1.2 * min(spacing_m.values())
-    ]  # two points on are not much farther
-    return (likely_widths[0] if likely_widths else None), bool(telling) or len(fitting) < 2
+    ]
+    return (likely_widths[0] if likely_widths else None), bool(by_height) or len(fitting) < 2
 
 
 def refuse_planar(data: bytes, path: Path) -> None:

@@ -26,7 +26,7 @@ def values(rows: pd.DataFrame) -> NDArray[np.float64]:
 def indexed(rows: pd.DataFrame, *columns: str) -> dict[Any, Values]:
     """Map the entries of some columns to a row's value and interval.
 
-    The key is a tuple, or the entry itself for a single column.
+    The key is a tuple, or the entry itself for a single column. Of equal keys the last row wins.
     """
     keys = rows[columns[0]] if len(columns) == 1 else zip(*(rows[c] for c in columns), strict=True)
     return dict(zip(keys, map(tuple, values(rows).tolist()), strict=True))

@@ -1,6 +1,7 @@
 """Builds the runs that MLflow shows, from the table of results.
 
-A run a method with a child run a day; a run a sweep with a child run a job.
+One run for each method, with a child run for each day; one for each sweep, with a child run for
+each job.
 """
 
 import json
@@ -48,10 +49,16 @@ REJECTION = {
 }
 """What is charted of each kind of novelty, by cells, and the end of the metric's name."""
 BELIEF = ("accepted", "accepted_wrong", "refused", "refused_wrong")
-GROUPS = {"ece": "calibration", "ece_raw": "calibration", "novelty_percentile": "ageing"}
-GROUPS |= dict.fromkeys(BELIEF, "accepted")
-"""Of numbers that are not charted under their protocol. MLflow lists a run's metrics by name: what
-is believed comes first."""
+GROUPS = {
+    **dict.fromkeys(BELIEF, "accepted"),
+    "ece": "calibration",
+    "ece_raw": "calibration",
+    "novelty_percentile": "ageing",
+}
+"""The group that a number is charted in, instead of its protocol's.
+
+MLflow lists a run's metrics by name: what is believed comes first.
+"""
 MEANS = (
     ("cells", "auc_top1"),
     ("cells", "recall_at_1"),

@@ -96,7 +96,8 @@ def run_chain(cfg: DictConfig, overrides: Mapping[str, str], dataset: str) -> di
 
     study = all_studies[dataset]
     chain_job, step_of = chain(study)
-    if not chain_job.is_built(step_of["localize"]):  # DVC has no answers to altered queries
+    # a job that differs from what DVC built would answer altered queries anew: they are left out
+    if not chain_job.is_built(step_of["localize"]):
         chain_job, step_of = chain(replace(study, altered={}))
     unseen_share = composer.config(step_of["localize"], {}).rejection.unseen_share
     rows = list(results(chain_job, step_of["evaluate"], step_of["train"], unseen_share))

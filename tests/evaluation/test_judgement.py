@@ -26,6 +26,7 @@ from pipeline.evaluation.numbers import MEASURES, NUMBERS
 from pipeline.evaluation.protocols import Distance, Truth
 from pipeline.frames import turns
 from pipeline.matching.ranking import Ranking, joined
+from pipeline.matching.rejection import ACCEPT_NOTHING
 from pipeline.schemas import Labels
 from tests.evaluation.made import of_cases, rows, standing, write
 from tests.report.figures.made import evaluation as seven_queries
@@ -286,7 +287,7 @@ def test_sequences_that_are_all_unseen_or_without_queries_give_valid_json() -> N
 
 
 def test_what_is_of_nothing_is_none() -> None:
-    rejecting = summary(drive(reject_from=(float(np.finfo(np.float64).min), 0.0)))["cells"]
+    rejecting = summary(drive(reject_from=(ACCEPT_NOTHING, 0.0)))["cells"]
     assert rejecting["threshold"] is rejecting["precision_at_threshold"] is None
     assert rejecting["recall_at_threshold"] == 0.0
     silent = np.full(5, np.nan, np.float32)

@@ -49,7 +49,8 @@ def index_path(prefix: Path) -> Path:
 def read_checkpoint(prefix: Path) -> dict[str, NDArray[Any]]:
     """All tensors of a checkpoint by name.
 
-    Raises ConfigError naming the file that is missing, cut short or no such table.
+    Raises ConfigError naming the shard that is missing, or the file that is cut short or no such
+    table.
     """
     path = index_path(prefix)
     try:
