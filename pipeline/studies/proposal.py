@@ -111,7 +111,7 @@ def propose(conf: Path, name: str, options: Mapping[str, str]) -> Proposal:
     study = first_choices(request, name, question, dataset["simulated"], drives)
     for change in CHANGES:
         study = change(study, request)
-    _refuse_unposed(study, dataset["reader"])
+    refuse_unposed(study, dataset["reader"])
     return Proposal(study, drives.notes)
 
 
@@ -307,7 +307,7 @@ def _refuse_unknown(
         )
 
 
-def _refuse_unposed(study: Study, reader: Mapping[str, Any]) -> None:
+def refuse_unposed(study: Study, reader: Mapping[str, Any]) -> None:
     """Raise ConfigError for logs without poses that are not to be estimated, or cannot be."""
     without = [key for key in ("truth", "poses") if key in reader and not reader[key]]
     if without and not study.slam:

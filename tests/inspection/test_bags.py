@@ -183,7 +183,7 @@ def test_real_bags_are_told_with_what_they_lack(real: Path) -> None:
     assert_says(
         found, "/scan  360       10.1 a second  sensor_msgs/LaserScan, in laser", "span  35.8 s"
     )
-    assert found.warnings[0].startswith("no poses: the reader needs an Odometry")
+    assert found.warnings[0].startswith("no poses: sweeps of a 2-D LiDAR need an Odometry")
     assert found.warnings[0].endswith("Topics here: /scan (sensor_msgs/LaserScan)")
     assert proposed(real / "bags" / "laserscan_rosbag1_v2.0.bag")["truth"] is None
     left = [

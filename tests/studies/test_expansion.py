@@ -57,8 +57,9 @@ def test_every_stage_gets_one_instance_for_each_of_its_names() -> None:
         "latency": 3,
         "results": 2,
     }
-    # nothing is altered: views 2 + 1; neither has viewpoints, events or further days: 3 + 3
-    further = {"published": 2, "report": 1, "absent": 9}
+    # nothing is altered: views 2 + 1; neither has viewpoints, events, further days or estimated
+    # poses: 4 + 4
+    further = {"published": 2, "report": 1, "absent": 11}
     assert counts == dict.fromkeys(LISTS, 0) | year | further
     place = {"dataset": "one", "grid": "5m", "train": "a", "of": "/a.zarr"}
     own = {
@@ -76,11 +77,21 @@ def test_every_stage_gets_one_instance_for_each_of_its_names() -> None:
     assert lists["views"]["one-cloud"]["sequences"] == "a b c"
 
 
+def test_poses_are_estimated_where_a_study_says_so() -> None:
+    """Then the folder of the scans' stage is no empty one."""
+    lists = spelled_out(one=ONE | {"slam": True}, other=OTHER)
+    assert list(lists["slam"]) == ["one"]
+    assert lists["slam"]["one"]["train"] == "a"
+    assert lists["slam"]["one"]["sequences"] == "a b c"
+    assert "one-slam" not in lists["absent"]
+    assert lists["absent"]["other-slam"] == {"out": "artifacts/slam/other"}
+
+
 def test_a_study_of_viewpoints_trains_on_several_sequences_and_ranks_no_places() -> None:
     lists = spelled_out(turned=TURNED)
     counts = {name: len(members) for name, members in lists.items() if members}
     once = dict.fromkeys(("submaps", "birdviews", "labels", "results", "report"), 1)
-    assert counts == once | {"drives": 3, "models": 2, "viewpoints": 2, "absent": 4}
+    assert counts == once | {"drives": 3, "models": 2, "viewpoints": 2, "absent": 5}
     assert lists["birdviews"]["turned-bird"]["sequences"] == "e f d"
     assert (
         lists["labels"]["turned-10m"]["sequences"]
@@ -89,7 +100,7 @@ def test_a_study_of_viewpoints_trains_on_several_sequences_and_ranks_no_places()
     )
     assert lists["models"]["turned-10m-pfl"]["of"] == ""
     assert lists["models"]["turned-10m-pfl-seed1"]["recipe"] == "method=pfl method.seed=1"
-    absent = ("evaluate", "events", "lifelong", "latency")
+    absent = ("slam", "evaluate", "events", "lifelong", "latency")
     assert lists["absent"] == {
         f"turned-{kind}": {"out": f"artifacts/{kind}/turned"} for kind in absent
     }
@@ -173,7 +184,7 @@ def test_robustness_adds_sequences_cells_variants_and_alterations() -> None:
         "sequences": "d",
     }
     assert lists["events"]["one"]["sequences"] == "d"
-    assert list(lists["absent"]) == ["one-viewpoints", "one-lifelong"]
+    assert list(lists["absent"]) == ["one-slam", "one-viewpoints", "one-lifelong"]
     assert list(lists["latency"]) == ["one-10m"]
 
 

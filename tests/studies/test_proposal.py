@@ -9,6 +9,7 @@ from pipeline.errors import ConfigError
 from pipeline.studies.proposal import (
     Request,
     propose,
+    refuse_unposed,
     with_alterations,
     with_models,
     with_poses,
@@ -95,6 +96,17 @@ def test_slam_among_poses_is_no_model() -> None:
     assert (both.poses, both.slam) == (("m2dp",), True)
     assert not with_poses(PLAIN, asked(poses="m2dp")).slam
     assert not with_poses(PLAIN, asked(poses="")).slam
+
+
+def test_logs_without_poses_need_slam_and_parts_by_time() -> None:
+    without = {"truth": None}
+    with pytest.raises(ConfigError, match=r"reader.truth of its yaml names no poses; say poses="):
+        refuse_unposed(PLAIN, without)
+    refuse_unposed(PLAIN, {"truth": "/odom"})
+    refuse_unposed(replace(PLAIN, slam=True), without)
+    refuse_unposed(replace(PLAIN, slam=True, tests=("a+time2of2",)), without)
+    with pytest.raises(ConfigError, match=r"a\+path2of2: a part by path"):
+        refuse_unposed(replace(PLAIN, slam=True, tests=("a+path2of2",)), without)
 
 
 def test_viewpoints_need_methods_on_bird_views_and_latency_is_yes_or_no() -> None:
