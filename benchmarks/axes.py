@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline import schemas, store
+from pipeline.core import schemas, store
 from pipeline.evaluation.timing import clouds
 from pipeline.views import m2dp_kernel as kernel
 from pipeline.views.m2dp import principal_axes

@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from omegaconf import OmegaConf
 
-from pipeline.frames import apart, pose
+from pipeline.core.frames import apart, pose
 from pipeline.posing.search import Fixer
 from pipeline.posing.targets import Targets
 

@@ -20,14 +20,14 @@ from hydra import compose, initialize_config_dir
 from numpy.typing import NDArray
 
 from benchmarks.fullness import AUTHORS, PAPER
-from pipeline import schemas, store
+from pipeline.core import schemas, store
+from pipeline.core.building import build
+from pipeline.core.compute import Compute
+from pipeline.core.progress import Progress
 from pipeline.evaluation.bootstrap import bounds
 from pipeline.evaluation.held_out import held_out_aucs
 from pipeline.matching.ranking import Rows
 from pipeline.matching.rejection import Evidence, Rejection
-from pipeline.running.building import build
-from pipeline.running.compute import Compute
-from pipeline.running.progress import Progress
 from pipeline.views.draw import Drawing
 from stages import ROOT, within_budget
 

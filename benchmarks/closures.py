@@ -36,8 +36,8 @@ from numpy.typing import NDArray
 from omegaconf import OmegaConf
 
 from benchmarks.posing import REACHES_M, VOXEL_M, peers
-from pipeline import schemas, store
-from pipeline.frames import Poses, turns, wrapped_deg, yaw
+from pipeline.core import schemas, store
+from pipeline.core.frames import Poses, turns, wrapped_deg, yaw
 from pipeline.mapping.gathering import submap_points
 from pipeline.posing.registration import Points
 from pipeline.posing.targets import Targets

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from pipeline import schemas, store
+from pipeline.core import schemas, store
+from pipeline.core.progress import Progress
 from pipeline.mapping.gathering import Gathering
 from pipeline.mapping.submaps import Accumulated
-from pipeline.running.progress import Progress
 from pipeline.views.scan_context import ScanContext
 
 EVERY = 10

@@ -16,12 +16,12 @@ import yaml
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from pipeline.core.replacing import replace
 from pipeline.online.example import SCANS, SITE, ExampleScan
 from pipeline.online.inputs import Scan, scans
 from pipeline.online.site import Site
 from pipeline.online.site_file import Arrays, read, write
 from pipeline.posing.verdict import NEAR_M, right
-from pipeline.replacing import replace
 
 STRETCH_M = 300.0
 SEEN_M = 5.0

@@ -19,7 +19,7 @@ from unittest.mock import patch
 import numpy as np
 
 from benchmarks.faults import mutated, shown
-from pipeline.errors import YearlocError
+from pipeline.core.errors import YearlocError
 from pipeline.running.texts import read_yaml
 
 SAID = (

@@ -30,9 +30,9 @@ from typing import Any
 import numpy as np
 import yaml
 
-from pipeline import store
 from pipeline.cli import main as yearloc
-from pipeline.errors import YearlocError
+from pipeline.core import store
+from pipeline.core.errors import YearlocError
 from pipeline.formats import nclt
 from pipeline.inspection.kinds import KINDS
 from pipeline.online import site_file

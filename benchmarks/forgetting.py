@@ -15,12 +15,12 @@ from typing import Any
 
 import numpy as np
 
-from pipeline import schemas, store
+from pipeline.core import schemas, store
+from pipeline.core.frames import apart
+from pipeline.core.progress import Progress
 from pipeline.evaluation.bootstrap import bounds
-from pipeline.frames import apart
 from pipeline.matching.ranking import Rows
 from pipeline.matching.rejection import Evidence
-from pipeline.running.progress import Progress
 from pipeline.views.birdview import BirdView
 from pipeline.views.mapped import MappedViews, motion_variances
 from stages import build

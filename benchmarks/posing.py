@@ -25,8 +25,8 @@ from hydra.utils import instantiate
 from numpy.typing import NDArray
 from omegaconf import OmegaConf
 
-from pipeline import schemas, store
-from pipeline.frames import Poses, apart, pose
+from pipeline.core import schemas, store
+from pipeline.core.frames import Poses, apart, pose
 from pipeline.mapping.gathering import submap_points
 from pipeline.posing.fix import poses
 from pipeline.posing.registration import Points

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from benchmarks import fullness
-from pipeline import schemas, store
+from pipeline.core import schemas, store
 from pipeline.formats import nclt
 from pipeline.mapping.gathering import submap_points
 from pipeline.matching.shifts import Spectra

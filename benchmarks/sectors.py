@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from omegaconf import OmegaConf
 from scipy.spatial import KDTree
 
-from pipeline import schemas, store
-from pipeline.frames import yaw
+from pipeline.core import schemas, store
+from pipeline.core.frames import yaw
 from pipeline.matching.outlines import outlines
 from pipeline.matching.ranking import Rows
 from pipeline.methods.sci_ring.ring import POOLED, Ring

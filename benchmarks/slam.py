@@ -16,12 +16,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import LogError
-from pipeline.frames import Poses, apart
+from pipeline.core.errors import LogError
+from pipeline.core.frames import Poses, apart
+from pipeline.core.progress import Progress
 from pipeline.readers.keyframes import FILE, KeyFrames
 from pipeline.readers.log import Log
 from pipeline.readers.nclt import Nclt
-from pipeline.running.progress import Progress
 from pipeline.slam.drive import Estimate, Slam, without_truth
 
 BAD_M = 0.5

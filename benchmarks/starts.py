@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from pipeline import schemas, store
+from pipeline.core import schemas, store
 from pipeline.paths.filter import Filter
 from pipeline.paths.tracks import Track
 from pipeline.posing.verdict import right

@@ -21,14 +21,14 @@ from hydra import compose, initialize_config_dir
 from hydra.utils import instantiate
 from numpy.typing import NDArray
 
-from pipeline import schemas, store
+from pipeline.core import schemas, store
+from pipeline.core.compute import Compute
 from pipeline.mapping.gathering import submap_points
 from pipeline.posing.chances import SIGNS, USUAL, learned
 from pipeline.posing.fix import signs
 from pipeline.posing.search import Answers, Fixer
 from pipeline.posing.targets import Targets
 from pipeline.posing.verdict import right
-from pipeline.running.compute import Compute
 
 EVERY = 5
 SURE = 0.999

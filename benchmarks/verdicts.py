@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import beta
 
-from pipeline import schemas, store
+from pipeline.core import schemas, store
 from pipeline.mapping.gathering import submap_points
 from pipeline.online.site import Site
 from pipeline.posing.verdict import BELIEFS, NEAR_M, right

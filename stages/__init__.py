@@ -28,13 +28,13 @@ from rich.progress import (
 )
 from rich.progress import Progress as RichProgress
 
-from pipeline.errors import ConfigError, YearlocError, refusal
-from pipeline.replacing import replace
-from pipeline.running.building import TARGET, target_class
+from pipeline.core.building import TARGET, target_class
+from pipeline.core.errors import ConfigError, YearlocError, refusal
+from pipeline.core.progress import Progress
+from pipeline.core.replacing import replace
+from pipeline.core.settings import Names, filled
 from pipeline.running.ending import end_when_asked
 from pipeline.running.memory import keep_freed_memory
-from pipeline.running.progress import Progress
-from pipeline.running.settings import Names, filled
 from pipeline.running.telemetry import Telemetry
 from pipeline.running.texts import check_files, one_line, print_anywhere, read_yaml
 

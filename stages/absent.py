@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from pipeline.replacing import replace
+from pipeline.core.replacing import replace
 from stages import stage
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline import schemas, store
+from pipeline.core import schemas, store
 from pipeline.views.altered import altered
 from stages import EachSequence, each_sequence, stage
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pipeline import schemas, store
+from pipeline.core import schemas, store
 from pipeline.views.mapped import MappedViews
 from stages import EachSequence, each_sequence, stage
 

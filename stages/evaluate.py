@@ -5,7 +5,7 @@ import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from pipeline import schemas, store
+from pipeline.core import schemas, store
 from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.judge import judge_cases
 from pipeline.evaluation.judgement import Evaluations, metrics, summary

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from pipeline import schemas, store
-from pipeline.frames import days_between
-from pipeline.grid import Grid, around
+from pipeline.core import schemas, store
+from pipeline.core.frames import days_between
+from pipeline.core.grid import Grid, around
+from pipeline.core.settings import Names, Range
 from pipeline.matching.places import label
-from pipeline.running.settings import Names, Range
 from stages import EachSequence, each_sequence, stage
 
 

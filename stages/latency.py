@@ -13,12 +13,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pipeline import schemas, store
+from pipeline.core import schemas, store
+from pipeline.core.building import build as build_plain
+from pipeline.core.building import plain
+from pipeline.core.settings import Count
 from pipeline.evaluation.rows import table
 from pipeline.evaluation.timing import Contender, Latency, cost_rows
-from pipeline.running.building import build as build_plain
-from pipeline.running.building import plain
-from pipeline.running.settings import Count
 from pipeline.studies.models import ModelName
 from stages import build, stage
 

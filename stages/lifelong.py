@@ -7,13 +7,13 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Literal
 
-from pipeline import store
+from pipeline.core import store
+from pipeline.core.settings import Names, Positive
 from pipeline.evaluation.protocols import Distance
 from pipeline.lifelong.courses import Course
 from pipeline.lifelong.record import line, record
 from pipeline.matching.ranking import Rows
 from pipeline.online.pack import Packing, Trained
-from pipeline.running.settings import Names, Positive
 from pipeline.studies.models import ModelName
 from stages import ROOT, ProgressBar, stage, within_budget
 

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from pipeline import schemas, store
+from pipeline.core import schemas, store
+from pipeline.core.settings import Count, Names
 from pipeline.matching.asking import StoredModel, turned_deg
 from pipeline.matching.ranking import Rows
-from pipeline.running.settings import Count, Names
 from stages import EachSequence, each_sequence, stage
 
 

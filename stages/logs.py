@@ -8,7 +8,7 @@ from typing import Any
 from hydra.utils import instantiate
 from omegaconf import DictConfig
 
-from pipeline import store
+from pipeline.core import store
 from stages import ProgressBar, stage
 
 

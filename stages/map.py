@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from pipeline import schemas, store
+from pipeline.core import schemas, store
+from pipeline.core.settings import Positive
 from pipeline.posing.targets import write_map
-from pipeline.running.settings import Positive
 from stages import EachSequence, each_sequence, stage
 
 

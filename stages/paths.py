@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pipeline import schemas, store
+from pipeline.core import schemas, store
 from pipeline.matching.places import Places
 from pipeline.paths.tracks import joined
 from stages import EachSequence, each_sequence, stage

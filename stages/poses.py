@@ -8,7 +8,8 @@ from typing import Any
 from hydra.utils import instantiate
 from omegaconf import DictConfig
 
-from pipeline import schemas, store
+from pipeline.core import schemas, store
+from pipeline.core.settings import Count, Names, Share
 from pipeline.matching.places import Places
 from pipeline.matching.ranking import Rows
 from pipeline.posing.answers import Posing
@@ -17,7 +18,6 @@ from pipeline.posing.held_out import Drive, TrainingDay
 from pipeline.posing.queries import Queries
 from pipeline.posing.search import Fixer
 from pipeline.posing.verdict import Verdict
-from pipeline.running.settings import Count, Names, Share
 from stages import EachSequence, ProgressBar, build, stage
 
 

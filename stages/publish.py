@@ -4,7 +4,7 @@ any time."""
 from dataclasses import dataclass
 from pathlib import Path
 
-from pipeline import store
+from pipeline.core import store
 from pipeline.evaluation import results
 from pipeline.running.dvc_files import DvcLock
 from pipeline.studies import measured

@@ -4,10 +4,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from pipeline import store
+from pipeline.core import store
+from pipeline.core.settings import Count, Names
 from pipeline.evaluation import results
 from pipeline.report import report, sweep
-from pipeline.running.settings import Count, Names
 from pipeline.studies import measured
 from pipeline.studies.layout import Layout
 from pipeline.sweeps.record import Record

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pipeline import store
+from pipeline.core import store
+from pipeline.core.settings import Share
 from pipeline.evaluation import results
 from pipeline.evaluation.plots import precision_recall, year
-from pipeline.running.settings import Share
 from pipeline.studies import measured
 from pipeline.studies.layout import Layout
 from pipeline.studies.study import Study

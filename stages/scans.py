@@ -7,11 +7,11 @@ from typing import Any
 from hydra.utils import instantiate
 from omegaconf import DictConfig
 
-from pipeline import schemas, store
+from pipeline.core import schemas, store
+from pipeline.core.settings import NotNegative, Positive
 from pipeline.mapping.scans import Intake
 from pipeline.readers.estimated import posed
 from pipeline.readers.parts import open_part
-from pipeline.running.settings import NotNegative, Positive
 from stages import ProgressBar, stage
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from hydra.utils import instantiate
 
-from pipeline import store
+from pipeline.core import store
 from pipeline.readers.estimated import poses_of
 from pipeline.readers.log import Log
 from pipeline.readers.parts import open_part

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pipeline import schemas, store
-from pipeline.errors import ArtifactError
-from pipeline.running.progress import Progress
+from pipeline.core import schemas, store
+from pipeline.core.errors import ArtifactError
+from pipeline.core.progress import Progress
 from stages import EachSequence, each_sequence, stage
 
 

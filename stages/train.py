@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline import schemas, store
+from pipeline.core import schemas, store
+from pipeline.core.building import target_of
+from pipeline.core.settings import Names, Positive
 from pipeline.matching import growth
 from pipeline.matching.places import Places
 from pipeline.matching.ranking import Model, Rows, joined_places
-from pipeline.running.building import target_of
 from pipeline.running.provenance import fingerprint
-from pipeline.running.settings import Names, Positive
 from stages import ProgressBar, stage, within_budget
 
 

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pipeline import store
+from pipeline.core import store
+from pipeline.core.building import build, plain
+from pipeline.core.settings import Count, Names
 from pipeline.evaluation.viewpoints import line, means
 from pipeline.matching.ranking import Rows
-from pipeline.running.building import build, plain
-from pipeline.running.settings import Count, Names
 from stages import ProgressBar, stage
 
 METHODS = ("pipeline.methods.",)

@@ -6,9 +6,9 @@ from typing import Any
 
 from hydra.utils import instantiate
 
-from pipeline import schemas, store
-from pipeline.running.compute import Compute
-from pipeline.running.progress import Progress
+from pipeline.core import schemas, store
+from pipeline.core.compute import Compute
+from pipeline.core.progress import Progress
 from pipeline.views.draw import Drawing
 from stages import EachSequence, ProgressBar, each_sequence, stage
 

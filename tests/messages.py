@@ -109,7 +109,7 @@ class Source:
 
 
 class Messages:
-    """The messages of sources, by module: {"pipeline.grid": "…"}."""
+    """The messages of sources, by module: {"pipeline.core.grid": "…"}."""
 
     def __init__(self, sources: Mapping[str, str]) -> None:
         self._sources = {name: Source(name, ast.parse(text)) for name, text in sources.items()}

@@ -15,10 +15,10 @@ import pytest
 import yaml
 from distributed import LocalCluster
 
-from pipeline import schemas, store
+from pipeline.core import schemas, store
+from pipeline.core.schemas import Lifelong
 from pipeline.evaluation import results
 from pipeline.running.dvc_files import DvcLock, definition
-from pipeline.schemas import Lifelong
 from pipeline.studies.expansion import LISTS
 from pipeline.studies.layout import Layout
 from tests.clone import ROOT, Clone

@@ -17,7 +17,7 @@ import yaml
 from typer.main import get_command
 
 from pipeline.cli import app
-from pipeline.errors import ConfigError
+from pipeline.core.errors import ConfigError
 from pipeline.evaluation.rows import COLUMNS
 from pipeline.studies.proposal import propose
 

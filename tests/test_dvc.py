@@ -15,7 +15,7 @@ from dvc.repo import Repo
 from hydra import compose, initialize_config_dir
 from omegaconf import DictConfig, OmegaConf
 
-from pipeline.running.settings import filled
+from pipeline.core.settings import filled
 from pipeline.studies.known import read_studies
 from pipeline.studies.names import lists_text, studies_text
 from tests.clone import Clone
@@ -23,7 +23,7 @@ from tests.clone import Clone
 ROOT = Path(__file__).parents[1]
 UNTRACKED = {"compute", "tracking"}  # groups that cannot change a result
 UNTRACKED_MODULES = {
-    f"pipeline.running.{name}" for name in ("clusters", "ending", "memory", "telemetry", "texts")
+    f"pipeline.running.{name}" for name in ("ending", "memory", "telemetry", "texts")
 }
 """Nor can who computes, what a stage costs, how it ends when asked to, how memory is kept, and what
 is said of a broken file."""

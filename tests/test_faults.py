@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks import fault_commands, fault_words
 from benchmarks.faults import ENDINGS, mutated, mutations
-from pipeline import store
+from pipeline.core import store
 from tests.clone import ROOT
 from tests.inspection.test_artifacts import write
 

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from pipeline.running.compute import Compute
-from pipeline.running.progress import Progress
+from pipeline.core.compute import Compute
+from pipeline.core.progress import Progress
 from pipeline.world.simulation import Simulation
 from tests.clone import ROOT, Clone
 

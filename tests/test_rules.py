@@ -16,9 +16,9 @@ import numpy as np
 import pytest
 import yaml
 
+from pipeline.core.progress import Progress
 from pipeline.matching.ranking import Model, Ranking, Rows
 from pipeline.matching.rejection import Evidence, Rejection
-from pipeline.running.progress import Progress
 
 ROOT = Path(__file__).parents[1]
 MODULES = sorted(ROOT.glob("pipeline/**/*.py"))
@@ -41,7 +41,7 @@ METHODS = sorted(path.stem for path in (ROOT / "conf/method").glob("*.yaml"))
         "yearloc",
         "pipeline",
         "pipeline.cli",
-        "pipeline.store",
+        "pipeline.core.store",
         "pipeline.readers.nclt",
         "pipeline.views.scan_context",
     ],

@@ -12,8 +12,8 @@ import pytest
 from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
-from pipeline.errors import ConfigError, InputError
-from pipeline.running.settings import Count, Names
+from pipeline.core.errors import ConfigError, InputError
+from pipeline.core.settings import Count, Names
 from pipeline.running.telemetry import Trace
 from pipeline.sweeps.chain import Step
 from stages import ROOT, stage, within_budget
@@ -127,7 +127,7 @@ FILLED = """
 import resource, sys
 import numpy as np
 from omegaconf import OmegaConf
-from pipeline import store
+from pipeline.core import store
 from dataclasses import dataclass
 from stages import stage
 
@@ -180,7 +180,7 @@ def test_what_the_machine_refuses_is_one_line(
 
 
 @pytest.mark.parametrize(
-    "target", ["os.system", "builtins.eval", "pipeline.store.Path", "pipeline.cli.os.system"]
+    "target", ["os.system", "builtins.eval", "pipeline.core.store.Path", "pipeline.cli.os.system"]
 )
 def test_no_other_class_is_built_than_this_projects(target: str) -> None:
     with pytest.raises(ConfigError, match=f"^_target_={target}: expected a class of pipeline$"):

@@ -12,7 +12,7 @@ folder with a small simulated site and scans, which `yearloc example` asks about
 their meaning from one version to the next; whatever else lies in `pipeline` may change.
 """
 
-from pipeline.errors import YearlocError
+from pipeline.core.errors import YearlocError
 from pipeline.online.example import FOLDER as EXAMPLE
 from pipeline.online.level_site import LevelTracker
 from pipeline.online.site import Fix, Site

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.alterations import AS_DRIVEN, Case
-from pipeline.errors import ConfigError
-from pipeline.running.settings import Positive, Seed, check
+from pipeline.core.errors import ConfigError
+from pipeline.core.settings import Positive, Seed, check
 
 CONSTRUCTION = "construction"
 OWN_M = 1e-6

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.alterations import Alteration, Case
-from pipeline.errors import ConfigError
-from pipeline.running.settings import check
+from pipeline.core.errors import ConfigError
+from pipeline.core.settings import check
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.alterations import AS_DRIVEN, TURNED, Case
-from pipeline.running.settings import Count, Seed, check
+from pipeline.core.settings import Count, Seed, check
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from pipeline.cli.results import results
 from pipeline.cli.site import export, kernels, pack, serve, watch
 from pipeline.cli.slam import slam
 from pipeline.cli.studies import methods, use
-from pipeline.errors import YearlocError, refusal
+from pipeline.core.errors import YearlocError, refusal
 from pipeline.running.ending import end_when_asked
 from pipeline.running.memory import keep_freed_memory
 from pipeline.running.texts import one_line, print_anywhere

@@ -8,8 +8,8 @@ import typer
 from pipeline.cli.options import some_words
 from pipeline.cli.progress import Bytes
 from pipeline.cli.project import conf_folder
-from pipeline.errors import ConfigError
-from pipeline.replacing import replace
+from pipeline.core.errors import ConfigError
+from pipeline.core.replacing import replace
 from pipeline.running.texts import read_yaml, terminal_width
 
 if TYPE_CHECKING:
@@ -94,8 +94,8 @@ def _own_reader() -> "Folder":
 
     It is set up by the project's conf/dataset/folder.yaml, or by its defaults outside of a project.
     """
+    from pipeline.core.building import build
     from pipeline.readers.folder import Folder
-    from pipeline.running.building import build
 
     path = Path("conf/dataset/folder.yaml")
     reader = (

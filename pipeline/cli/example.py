@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 from pipeline.cli.kernels import tell_cold
 
 if TYPE_CHECKING:
-    from pipeline.frames import Poses
+    from pipeline.core.frames import Poses
     from pipeline.online.example import ExampleScan
     from pipeline.online.site import Fix, Word
 
@@ -41,7 +41,7 @@ def example() -> None:
 
 def lines(scan: "ExampleScan", fix: "Fix") -> list[str]:
     """What a site answers to one scan, and how far that is from the truth."""
-    from pipeline.frames import apart
+    from pipeline.core.frames import apart
 
     rows = [("verdict", f"{fix.verdict}: {MEANING[fix.verdict].format(promise=PROMISE)}")]
     if fix.verdict != "no pose":
@@ -59,7 +59,7 @@ def lines(scan: "ExampleScan", fix: "Fix") -> list[str]:
 def _pose(world_T_sensor: "Poses") -> str:
     import numpy as np
 
-    from pipeline.frames import yaw
+    from pipeline.core.frames import yaw
 
     x_m, y_m = world_T_sensor[:2, 3]
     heading_deg = float(np.rad2deg(yaw(world_T_sensor[None])[0]))

@@ -13,10 +13,10 @@ from pipeline.cli.localize import left_out_text
 from pipeline.cli.options import BodyTLidar, Promise, lidar_of
 from pipeline.cli.outputs import check_folder
 from pipeline.cli.project import read_studies
-from pipeline.errors import ConfigError, LogError
+from pipeline.core.errors import ConfigError, LogError
 
 if TYPE_CHECKING:
-    from pipeline.frames import Poses
+    from pipeline.core.frames import Poses
     from pipeline.online.failures import JudgedFix
     from pipeline.online.site import Site
     from pipeline.posing.targets import Targets

@@ -12,7 +12,7 @@ from pipeline.cli.localize import left_out_text
 from pipeline.cli.options import BodyTLidar, SitePath, Topic, lidar_of
 from pipeline.cli.outputs import check_file
 from pipeline.cli.progress import Lines
-from pipeline.errors import ConfigError
+from pipeline.core.errors import ConfigError
 
 LOG = "log"
 GAP_S = 1.0
@@ -54,7 +54,7 @@ def grow(
     ] = None,
 ) -> None:
     """Learn a later day: new places from surveyed poses, changes from the site's own fixes."""
-    from pipeline.frames import Trajectory
+    from pipeline.core.frames import Trajectory
     from pipeline.lifelong import adoption, growth
     from pipeline.online import site_file
     from pipeline.online.description import first_day

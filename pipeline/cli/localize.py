@@ -21,13 +21,13 @@ from pipeline.cli.options import (
     only_one,
 )
 from pipeline.cli.outputs import check_file
-from pipeline.errors import ConfigError, LogError
+from pipeline.core.errors import ConfigError, LogError
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from pipeline.frames import Poses
+    from pipeline.core.frames import Poses
     from pipeline.online.inputs import Scan
     from pipeline.online.site import Fix
     from pipeline.online.site_json import Sensor

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 if TYPE_CHECKING:
-    from pipeline.frames import Poses
+    from pipeline.core.frames import Poses
 
 
 def share_or_none(word: str) -> float | None:

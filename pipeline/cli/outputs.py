@@ -4,7 +4,7 @@ import os
 from pathlib import Path
 from tempfile import TemporaryFile
 
-from pipeline.errors import ConfigError
+from pipeline.core.errors import ConfigError
 
 
 def check_file(out: Path | None, whole: bool = True) -> None:

@@ -11,7 +11,7 @@ from pipeline.cli.options import ModelName
 from pipeline.cli.outputs import check_file
 from pipeline.cli.progress import Bar
 from pipeline.cli.project import read_studies
-from pipeline.errors import ConfigError
+from pipeline.core.errors import ConfigError
 
 if TYPE_CHECKING:
     import pandas as pd

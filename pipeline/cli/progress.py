@@ -5,7 +5,7 @@ import time
 from collections.abc import Iterable, Iterator
 from typing import Any
 
-from pipeline.running.progress import Item, Progress
+from pipeline.core.progress import Item, Progress
 
 LINE_S = 5.0
 """Where there is no terminal, a line of progress is written so often."""

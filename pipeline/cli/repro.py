@@ -15,7 +15,7 @@ from typing import Any
 import yaml
 
 from pipeline.cli.project import conf_folder
-from pipeline.errors import NotInstalledError
+from pipeline.core.errors import NotInstalledError
 from pipeline.running.ending import end_all
 from pipeline.running.texts import WRITTEN, check_files, read_yaml
 

@@ -9,7 +9,7 @@ import typer
 
 from pipeline.cli.options import some_words
 from pipeline.cli.project import read_studies
-from pipeline.errors import ArtifactError, ConfigError
+from pipeline.core.errors import ArtifactError, ConfigError
 from pipeline.running.texts import folded, terminal_width
 
 if TYPE_CHECKING:
@@ -124,8 +124,8 @@ def _write(table: "pd.DataFrame", studies: "dict[str, Study]", kinds: list[str])
     Only blocks of these `kinds`; of all kinds if none are given.
     """
     from pipeline.cli.picture import draw
+    from pipeline.core.replacing import replace
     from pipeline.networks.loop import arithmetic
-    from pipeline.replacing import replace
     from pipeline.report.pages import KINDS, PAGES, PICTURE, blocks, filled, table_texts
 
     all_kinds = (*KINDS, PAPERS)

@@ -28,7 +28,7 @@ from pipeline.cli.options import (
 from pipeline.cli.outputs import check_file
 from pipeline.cli.progress import Bar
 from pipeline.cli.project import conf_folder, read_studies
-from pipeline.errors import ConfigError, LogError
+from pipeline.core.errors import ConfigError, LogError
 
 
 def watch(

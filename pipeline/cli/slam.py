@@ -10,7 +10,7 @@ from pipeline.cli.kernels import tell_cold
 from pipeline.cli.options import Topic
 from pipeline.cli.outputs import check_file
 from pipeline.cli.progress import Scans
-from pipeline.errors import ConfigError
+from pipeline.core.errors import ConfigError
 
 if TYPE_CHECKING:
     from pipeline.slam.drive import Estimate
@@ -47,8 +47,8 @@ def slam(
     ] = None,
 ) -> None:
     """Estimate the poses of a log that has none: odometry by registration, loops, a graph."""
+    from pipeline.core.replacing import replace
     from pipeline.inspection.opened import open_unposed
-    from pipeline.replacing import replace
     from pipeline.slam import outputs
     from pipeline.slam.drive import Slam, without_truth
 

@@ -7,8 +7,8 @@ import typer
 
 from pipeline.cli.options import some_words
 from pipeline.cli.project import conf_folder, read_studies
-from pipeline.errors import ConfigError
-from pipeline.replacing import replace
+from pipeline.core.errors import ConfigError
+from pipeline.core.replacing import replace
 from pipeline.running.texts import WRITTEN, terminal_width
 
 OPTIONS = (

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtr, stdtrit  # scipy.stats alone takes half a second to import
 
+from pipeline.core.settings import InnerShare, check
 from pipeline.evaluation.judgement import Evaluation
-from pipeline.running.settings import InnerShare, check
 
 TINY = 1e-150  # in place of a standard error of zero, of values that are all equal
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.running.settings import Count, Positive, Seed, check
+from pipeline.core.settings import Count, Positive, Seed, check
 
 BOUNDS = (2.5, 97.5)
 CHUNK = 1 << 17  # weights held at once: a MB in each array between, whatever the number of queries

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import InputError
+from pipeline.core.errors import InputError
 from pipeline.evaluation.protocols import Truth
 
 TOP_N = 25  # the SCI paper looks at the first 1, 5 and 25 places

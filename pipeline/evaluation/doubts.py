@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from pipeline.core.schemas import Submaps
 from pipeline.evaluation.protocols import Distance
 from pipeline.matching.rejection import ACCEPT_NOTHING
-from pipeline.schemas import Submaps
 
 BLIND = "blind_recall_at_1"
 """What one and the same answer to every query would reach: half of it all, and the score is

@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import ConfigError
+from pipeline.core.errors import ConfigError
+from pipeline.core.settings import check
 from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.counts import right
 from pipeline.evaluation.judgement import Evaluation
 from pipeline.evaluation.numbers import Weight, auc_exact, share
 from pipeline.formats.changes import Change
-from pipeline.running.settings import check
 
 NUMBERS = ("recall_at_1", "oracle", "auc_exact_top1")
 APART_M = 1e6

@@ -7,7 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.alterations import Case, read_cases
-from pipeline.errors import InputError
+from pipeline.core.errors import InputError
+from pipeline.core.frames import Poses, apart, turns, wrapped_deg, yaw
+from pipeline.core.schemas import Fixes, Labels, Rankings, SequenceRanking, Submaps
 from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.calibration import chances, ece
 from pipeline.evaluation.counts import TOP_N, ExactCounts, count, right, spread
@@ -35,10 +37,8 @@ from pipeline.evaluation.numbers import (
     where,
 )
 from pipeline.evaluation.protocols import Distance, Truth, by_cells
-from pipeline.frames import Poses, apart, turns, wrapped_deg, yaw
 from pipeline.matching.ranking import Ranking
 from pipeline.matching.rejection import ACCEPT_NOTHING
-from pipeline.schemas import Fixes, Labels, Rankings, SequenceRanking, Submaps
 
 
 def judge(

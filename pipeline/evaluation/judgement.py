@@ -10,7 +10,9 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import ArtifactError
+from pipeline.core.errors import ArtifactError
+from pipeline.core.schemas import Cases
+from pipeline.core.store import Array, Artifact, Stack
 from pipeline.evaluation.bootstrap import blocks
 from pipeline.evaluation.calibration import Reliability, ece, reliability
 from pipeline.evaluation.counts import ExactCounts
@@ -18,8 +20,6 @@ from pipeline.evaluation.doubts import doubts
 from pipeline.evaluation.numbers import MEASURES, NUMBERS, SAME_HEADING_DEG, curve, within
 from pipeline.evaluation.protocols import PROTOCOLS, Truth
 from pipeline.matching.rejection import ACCEPT_NOTHING
-from pipeline.schemas import Cases
-from pipeline.store import Array, Artifact, Stack
 
 HIT, MISS, FALSE_ALARM, CORRECT_REJECTION, NOT_JUDGED = range(5)
 VERDICTS = ("accepted", "near", "ambiguous", "rejected", "no_pose")

@@ -11,8 +11,8 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.core.schemas import Lifelong
 from pipeline.evaluation.rows import TableRows, several
-from pipeline.schemas import Lifelong
 
 CHANGE = "lifelong"
 

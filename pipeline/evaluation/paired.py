@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import InputError
+from pipeline.core.errors import InputError
 from pipeline.evaluation.bootstrap import Bootstrap, blocks, bounds
 from pipeline.evaluation.counts import right
 from pipeline.evaluation.judgement import Evaluation

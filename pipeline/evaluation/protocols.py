@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import ConfigError
-from pipeline.running.settings import Positive, check
+from pipeline.core.errors import ConfigError
+from pipeline.core.settings import Positive, check
 
 PROTOCOLS = ("cells", "distance")
 

@@ -14,9 +14,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from pipeline import store
 from pipeline.alterations import read_cases
-from pipeline.errors import ArtifactError, ConfigError
+from pipeline.core import store
+from pipeline.core.errors import ArtifactError, ConfigError
+from pipeline.core.schemas import Lifelong
 from pipeline.evaluation.ageing import Ageing
 from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.doubts import NO_SURVEY
@@ -49,7 +50,6 @@ from pipeline.evaluation.study_rows import (
 from pipeline.evaluation.viewpoints import ViewpointMatches
 from pipeline.formats.changes import read_changes
 from pipeline.matching.rejection import PREFIX, Evidence
-from pipeline.schemas import Lifelong
 from pipeline.studies.layout import Layout
 from pipeline.studies.models import ModelName
 from pipeline.studies.study import Study, StudyMethod

@@ -17,13 +17,13 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import InputError
+from pipeline.core.errors import InputError
+from pipeline.core.schemas import Scans, Submaps
+from pipeline.core.settings import Count, within
 from pipeline.evaluation.rows import TableRows, several
 from pipeline.mapping.gathering import submap_points
 from pipeline.matching.ranking import Localizer, Rows
-from pipeline.running.settings import Count, within
 from pipeline.running.telemetry import Trace
-from pipeline.schemas import Scans, Submaps
 from pipeline.studies.models import ModelName
 
 Samples = Mapping[str, NDArray[np.float64]]  # milliseconds of wall time (query,) by name

@@ -12,15 +12,15 @@ from typing import Annotated, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import InputError
+from pipeline.core.errors import InputError
+from pipeline.core.frames import pose
+from pipeline.core.settings import Positive, check
+from pipeline.core.store import Array, Artifact
 from pipeline.evaluation.counts import ExactCounts
 from pipeline.evaluation.curves import Curve, auc, auroc, precision_recall, recall_at_precision
 from pipeline.evaluation.numbers import PRECISE
 from pipeline.evaluation.protocols import Truth
-from pipeline.frames import pose
 from pipeline.matching.ranking import Method, Model, Rows
-from pipeline.running.settings import Positive, check
-from pipeline.store import Array, Artifact
 
 NUMBERS = ("roc_auc", "pr_auc", "accuracy", "recall")
 """roc_auc, paper 2's "AUC index": the chance that a correct match scores above a wrong one; none

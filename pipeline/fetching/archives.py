@@ -16,11 +16,11 @@ from urllib.parse import urljoin, urlsplit
 
 from filelock import FileLock, Timeout
 
-from pipeline.errors import ConfigError, LogError
+from pipeline.core.errors import ConfigError, LogError
+from pipeline.core.progress import Progress
+from pipeline.core.settings import Count, Positive, check
 from pipeline.fetching.download import Downloader, Part
 from pipeline.fetching.unpacking import unpack
-from pipeline.running.progress import Progress
-from pipeline.running.settings import Count, Positive, check
 
 
 @dataclass(frozen=True)

@@ -17,8 +17,8 @@ import requests
 from requests import exceptions
 from urllib3.exceptions import NewConnectionError
 
-from pipeline.errors import LogError
-from pipeline.running.progress import Progress
+from pipeline.core.errors import LogError
+from pipeline.core.progress import Progress
 
 Result = TypeVar("Result")
 

@@ -10,7 +10,7 @@ import tarfile
 import zlib
 from pathlib import Path
 
-from pipeline.errors import LogError
+from pipeline.core.errors import LogError
 
 LARGEST_HEADER = 2**20
 """Limit in bytes for the header of a member: a longer one is an attack on the memory."""

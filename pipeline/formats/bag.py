@@ -18,7 +18,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 from scipy.spatial.transform import Rotation
 
-from pipeline.errors import LogError
+from pipeline.core.errors import LogError
 
 CLOUD = "sensor_msgs/msg/PointCloud2"
 SWEEP = "sensor_msgs/msg/LaserScan"

@@ -19,7 +19,7 @@ from typing import Any
 from rosbags import rosbag1, rosbag2
 from rosbags.interfaces import Connection
 
-from pipeline.errors import LogError, YearlocError
+from pipeline.core.errors import LogError, YearlocError
 from pipeline.formats.bag import TRANSFORMS, typestore
 
 SUFFIXES = (".bag", ".mcap", ".db3")

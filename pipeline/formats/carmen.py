@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import LogError
+from pipeline.core.errors import LogError
 
 SUFFIXES = (".log.gz", ".log", ".clf.gz", ".clf")
 LARGEST_BYTES = 2**29

@@ -9,7 +9,7 @@ from dataclasses import astuple, dataclass, fields
 from math import isfinite, nan
 from pathlib import Path
 
-from pipeline.errors import LogError
+from pipeline.core.errors import LogError
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from pipeline.errors import LogError
+from pipeline.core.errors import LogError
 from pipeline.formats import pcd, records
 
 SCANS = (".bin", ".npy", ".pcd")

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from pipeline.errors import LogError
+from pipeline.core.errors import LogError
+from pipeline.core.frames import Poses
 from pipeline.formats.bag import ODOMETRY, POSE_COVARIANCE, typestore
 from pipeline.formats.bag_file import plain
-from pipeline.frames import Poses
 
 FARTHEST_M = 1e8
 """A position further than this from its origin is damage: the centre of the Earth is 6.4e6 m

@@ -14,8 +14,8 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from pipeline.errors import ArtifactError, ConfigError
-from pipeline.replacing import replace
+from pipeline.core.errors import ArtifactError, ConfigError
+from pipeline.core.replacing import replace
 
 Mode = Literal["trinary", "scale", "raw"]
 UNKNOWN = -1

@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from pipeline.errors import LogError
+from pipeline.core.errors import LogError
 
 HEADER_BYTES = 65_536
 """Limit for the header, which usually has a few hundred bytes.

@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from pipeline.errors import LogError
+from pipeline.core.errors import LogError
 
 DATATYPES = {
     1: "i1",

@@ -10,7 +10,7 @@ import numpy as np
 import scipy  # loads a part of it when that is first used
 from numpy.typing import NDArray
 
-from pipeline.errors import LogError
+from pipeline.core.errors import LogError
 
 NCLT_BYTES = 8
 """Of NCLT's records: x, y, z as 16-bit integers, intensity, laser id."""

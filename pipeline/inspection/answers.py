@@ -5,11 +5,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.core.schemas import Labels, Rankings
 from pipeline.evaluation.judgement import Evaluations, Judgement, summary
 from pipeline.evaluation.numbers import NUMBERS
 from pipeline.evaluation.protocols import PROTOCOLS
 from pipeline.inspection.inspection import Inspection, metres
-from pipeline.schemas import Labels, Rankings
 
 OUTCOMES = ("hits", "misses", "false alarms", "correct rejections", "not judged")
 

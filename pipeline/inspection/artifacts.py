@@ -5,8 +5,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from pipeline import store
-from pipeline.errors import ArtifactError
+from pipeline.core import store
+from pipeline.core.errors import ArtifactError
 from pipeline.inspection import answers, columns, drives
 from pipeline.inspection.inspection import Inspection, nbytes
 from pipeline.inspection.kinds import KINDS

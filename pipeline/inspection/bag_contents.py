@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import LogError
+from pipeline.core.errors import LogError
 from pipeline.formats.bag import CLOUD, ODOMETRY, SWEEP
 from pipeline.formats.bag_file import BagFile
 from pipeline.formats.messages import frame_name, header

@@ -9,7 +9,7 @@ import re
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import LogError
+from pipeline.core.errors import LogError
 from pipeline.formats.bag import CLOUD, SWEEP, TRANSFORMS
 from pipeline.formats.bag_file import plain
 from pipeline.inspection.bag_contents import Contents, TopicSummary

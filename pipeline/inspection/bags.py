@@ -8,7 +8,7 @@ from pathlib import Path
 
 import yaml
 
-from pipeline.errors import LogError
+from pipeline.core.errors import LogError
 from pipeline.formats.bag import CLOUD
 from pipeline.formats.bag_file import find, is_bag, plain
 from pipeline.inspection.bag_contents import Contents

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.core.store import Array
 from pipeline.inspection.inspection import duration, moment, typographic
-from pipeline.store import Array
 
 
 @dataclass(frozen=True)

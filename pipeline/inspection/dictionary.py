@@ -3,8 +3,8 @@
 from collections.abc import Iterator
 from pathlib import Path
 
+from pipeline.core.store import Artifact
 from pipeline.inspection.kinds import KINDS
-from pipeline.store import Artifact
 
 START = "<!-- generated: the kinds of artifacts -->"
 

@@ -3,10 +3,10 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.core.schemas import Scans, Submaps, Views
 from pipeline.inspection.cloud import survey
 from pipeline.inspection.columns import blocks
 from pipeline.inspection.inspection import Inspection, box, duration, metres, moment, typographic
-from pipeline.schemas import Scans, Submaps, Views
 
 VEHICLE = "vehicle frame: x forward, y left, z up, ground at 0"
 SWEEP_POINTS = 2_000

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.errors import LogError
+from pipeline.core.errors import LogError
+from pipeline.core.frames import flip_ned, pose, transform
 from pipeline.formats import kitti, nclt, pcd, records
 from pipeline.formats.folder import LARGEST_BYTES, refuse_array
-from pipeline.frames import flip_ned, pose, transform
 from pipeline.inspection.cloud import diagnose
 from pipeline.inspection.inspection import Inspection, duration, moment, nbytes
 from pipeline.readers.kitti import Kitti, read_velodyne

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import LogError
+from pipeline.core.errors import LogError
 from pipeline.formats import carmen, folder, kitti, nclt, records
 from pipeline.inspection.cloud import spread, survey
 from pipeline.inspection.drives import VEHICLE

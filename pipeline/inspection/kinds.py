@@ -1,8 +1,6 @@
 """Every kind of artifact, as docs/artifacts.md lists them."""
 
-from pipeline.evaluation.judgement import Evaluations
-from pipeline.evaluation.viewpoints import ViewpointMatches
-from pipeline.schemas import (
+from pipeline.core.schemas import (
     VIEW_KINDS,
     Estimates,
     Fixes,
@@ -13,7 +11,9 @@ from pipeline.schemas import (
     Scans,
     Submaps,
 )
-from pipeline.store import Artifact
+from pipeline.core.store import Artifact
+from pipeline.evaluation.judgement import Evaluations
+from pipeline.evaluation.viewpoints import ViewpointMatches
 
 KINDS: dict[str, type[Artifact]] = {
     kind.kind: kind

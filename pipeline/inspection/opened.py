@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from pipeline.errors import LogError
+from pipeline.core.errors import LogError
 from pipeline.formats import carmen
 from pipeline.formats import folder as files
 from pipeline.formats.bag_file import find

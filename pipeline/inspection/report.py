@@ -6,7 +6,8 @@ The description is its kind, ranges, counts, frames and provenance.
 from collections.abc import Callable
 from pathlib import Path
 
-from pipeline.errors import ArtifactError, ConfigError, LogError
+from pipeline.core.errors import ArtifactError, ConfigError, LogError
+from pipeline.core.store import MODEL
 from pipeline.formats import carmen
 from pipeline.formats.bag_file import SUFFIXES, find
 from pipeline.formats.folder import SCANS
@@ -16,7 +17,6 @@ from pipeline.inspection.inspection import Inspection
 from pipeline.inspection.origin import add_provenance
 from pipeline.readers import keyframes
 from pipeline.readers.folder import Folder
-from pipeline.store import MODEL
 
 KNOWN = (
     ".zarr, .zarr.zip (a model), .bin, .csv (NCLT poses, RobotCar vo, ins), .txt (KITTI poses, "

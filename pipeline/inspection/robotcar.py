@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import LogError
+from pipeline.core.errors import LogError
 from pipeline.formats import robotcar
 from pipeline.inspection import folders
 from pipeline.inspection.cloud import spread

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import ConfigError, LogError
+from pipeline.core.errors import ConfigError, LogError
+from pipeline.core.frames import Trajectory
 from pipeline.formats import kitti
-from pipeline.frames import Trajectory
 from pipeline.inspection.inspection import Inspection, box, clock, duration, path_length
 from pipeline.readers import log, vehicle
 from pipeline.readers.folder import BODY_T_CAMERA, read_tum

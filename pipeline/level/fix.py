@@ -5,13 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.core.settings import Count, check
 from pipeline.level.beams import Support, supports
 from pipeline.level.field import Field
 from pipeline.level.refinement import refined
 from pipeline.level.search import APART_DEG, APART_M, scores, search
 from pipeline.level.sweeps import Gathered
 from pipeline.posing.chances import Chances
-from pipeline.running.settings import Count, check
 
 SIGNS = ("likely", "in_free", "through", "surety", "ahead")
 """What speaks for a hypothesis; more of each is never worse.

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import InputError
+from pipeline.core.errors import InputError
+from pipeline.core.settings import Count, Positive, check
 from pipeline.level.field import Field
 from pipeline.level.fix import LevelFix, LevelFixer
 from pipeline.level.level_map import Drawing
 from pipeline.level.sweeps import Gathered, Gatherer
 from pipeline.level.verdict import LevelEvidence
-from pipeline.running.settings import Count, Positive, check
 
 
 @dataclass(frozen=True)

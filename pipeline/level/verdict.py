@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.frames import apart
+from pipeline.core.frames import apart
 from pipeline.level.fix import SCALES, LevelFix, signs
 from pipeline.matching.rejection import ACCEPT_NOTHING, threshold_for
 from pipeline.posing.chances import Chances, learned

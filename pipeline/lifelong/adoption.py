@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
-from pipeline.errors import LogError
-from pipeline.frames import Poses, Stamps, Trajectory, apart
+from pipeline.core.errors import LogError
+from pipeline.core.frames import Poses, Stamps, Trajectory, apart
 from pipeline.matching.ranking import Rows
 from pipeline.online.inputs import NO_POSE, Scan
 from pipeline.online.site import Fix, Site, finite

@@ -5,14 +5,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from pipeline import schemas, store
+from pipeline.core import schemas, store
+from pipeline.core.progress import Progress
 from pipeline.lifelong import drives
 from pipeline.lifelong.steps import Step, streets, surveyed, updated
 from pipeline.lifelong.strategies import Updated
 from pipeline.matching.places import Places
 from pipeline.matching.ranking import Method, Rows
 from pipeline.online.pack import Packing, Trained
-from pipeline.running.progress import Progress
 
 Order = Literal["days", "streets", "updates"]
 

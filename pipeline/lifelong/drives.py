@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline import schemas, store
+from pipeline.core import schemas, store
 from pipeline.mapping.gathering import submap_points
 from pipeline.online.inputs import Scan
 

@@ -8,7 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import ConfigError
+from pipeline.core.building import build
+from pipeline.core.errors import ConfigError
+from pipeline.core.progress import Progress
 from pipeline.lifelong.adoption import Adoption, NothingAdoptedError
 from pipeline.matching.places import Places
 from pipeline.matching.ranking import Rows, TrainingSet
@@ -20,8 +22,6 @@ from pipeline.online.site_json import Growth as SiteGrowth
 from pipeline.online.site_json import LearnedDay, SiteDescription
 from pipeline.posing.changes import contradicted, usual_contradiction
 from pipeline.posing.targets import thinned
-from pipeline.running.building import build
-from pipeline.running.progress import Progress
 
 
 @dataclass(frozen=True)

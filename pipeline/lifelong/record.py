@@ -4,9 +4,9 @@ from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 
+from pipeline.core.schemas import Lifelong
 from pipeline.lifelong.steps import Step
 from pipeline.matching.ranking import Rows
-from pipeline.schemas import Lifelong
 
 K = 25
 """Places ranked for each query."""

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.core.progress import Progress
 from pipeline.lifelong import adoption, growth
 from pipeline.lifelong.adoption import NothingAdoptedError
 from pipeline.lifelong.strategies import Updated
@@ -18,7 +19,6 @@ from pipeline.matching.ranking import Localizer, Method, Model, Rows, TrainingSe
 from pipeline.online import site_file
 from pipeline.online.inputs import Scan
 from pipeline.online.site import Site
-from pipeline.running.progress import Progress
 
 STREETS = 4
 """Parts of the training day that are learned one after the other, as InCloud's steps are (Knights

@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from pipeline.core.progress import Progress
+from pipeline.core.settings import SomeShare, check
 from pipeline.matching.ranking import Method, Model, TrainingSet
-from pipeline.running.progress import Progress
-from pipeline.running.settings import SomeShare, check
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,8 @@ They describe what the submaps of a sequence look like.
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.core.schemas import Layout, Scans
 from pipeline.mapping.gathering import Gathering
-from pipeline.schemas import Layout, Scans
 
 LOOKED_AT = 9
 """Submaps of a sequence, evenly spread."""

@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from pipeline.schemas import Layout, Scans, Submaps
+from pipeline.core.schemas import Layout, Scans, Submaps
 
 BLOCK = 256
 """Scans read together."""

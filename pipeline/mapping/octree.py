@@ -13,10 +13,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import ConfigError, InputError
+from pipeline.core.errors import ConfigError, InputError
+from pipeline.core.settings import NotNegative, Positive, check
 from pipeline.mapping import octree_kernels as kernels
 from pipeline.mapping.bricks import Bricks, bricks_of_a_ray, dense, empty, forget, with_room
-from pipeline.running.settings import NotNegative, Positive, check
 
 Variance = tuple[float, float]
 """Of a motion: of its position in m² and of its turn in rad², both above 0."""

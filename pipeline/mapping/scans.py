@@ -7,11 +7,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import ConfigError, LogError
+from pipeline.core.compute import Compute
+from pipeline.core.errors import ConfigError, LogError
+from pipeline.core.progress import Progress
 from pipeline.mapping.submaps import sample_path
 from pipeline.readers.log import Log
-from pipeline.running.compute import Compute
-from pipeline.running.progress import Progress
 
 BLOCK = 32
 LARGEST = 32_767

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import ConfigError
-from pipeline.frames import Poses
+from pipeline.core.errors import ConfigError
+from pipeline.core.frames import Poses
+from pipeline.core.progress import Progress
+from pipeline.core.schemas import Layout, Scans, Submaps
+from pipeline.core.settings import NotNegative, Positive, check
 from pipeline.mapping.appearance import appearance
 from pipeline.mapping.gathering import Gathering
-from pipeline.running.progress import Progress
-from pipeline.running.settings import NotNegative, Positive, check
-from pipeline.schemas import Layout, Scans, Submaps
 
 
 @dataclass(frozen=True)

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import ConfigError, InputError
+from pipeline.core.errors import ConfigError, InputError
+from pipeline.core.settings import Count, Positive, Whole, check
 from pipeline.matching.sequence import GRAIN, contrast, least, runner_up, runs, search
-from pipeline.running.settings import Count, Positive, Whole, check
 
 QUERIES = 256  # searched at once, so that no cost of every row with every query is kept
 LARGEST = float(np.finfo(np.float32).max)

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline import store
 from pipeline.alterations import Case
-from pipeline.frames import wrapped_deg, yaw
+from pipeline.core import store
+from pipeline.core.frames import wrapped_deg, yaw
 from pipeline.matching.ranking import Localizer, Method, Model, Ranking, Rows, joined
 from pipeline.matching.rejection import Rejection
 

@@ -9,14 +9,14 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from pipeline.errors import InputError
-from pipeline.frames import wrapped_deg, yaw
+from pipeline.core.errors import InputError
+from pipeline.core.frames import wrapped_deg, yaw
+from pipeline.core.progress import Progress
+from pipeline.core.settings import NotNegative, Positive, check
 from pipeline.matching import holdout
 from pipeline.matching.nearest import first_of_each, nearest
 from pipeline.matching.ranking import Model, Ranking, Rows, TrainingSet, joined
 from pipeline.matching.rejection import Evidence, near
-from pipeline.running.progress import Progress
-from pipeline.running.settings import NotNegative, Positive, check
 
 PREFIX = "database/"
 QUERIES = 256  # queries per block when each is compared with the whole database

@@ -2,10 +2,10 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 
-from pipeline.errors import InputError
+from pipeline.core.errors import InputError
+from pipeline.core.progress import Progress
 from pipeline.matching.places import Places
 from pipeline.matching.ranking import Method, Model, Rows, TrainingSet
-from pipeline.running.progress import Progress
 
 
 def in_order(days: Iterable[Rows], places: Places) -> Iterator[tuple[TrainingSet, Places]]:

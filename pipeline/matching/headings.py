@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import InputError
+from pipeline.core.errors import InputError
 
 PLACES = 128  # compared at once
 ReferenceHeadings = Literal[1, 2, 4, 8]

@@ -6,7 +6,7 @@ Never on a test sequence.
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.frames import Poses
+from pipeline.core.frames import Poses
 
 
 def blocks(

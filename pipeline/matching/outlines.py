@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from pipeline.frames import wrapped_deg
+from pipeline.core.frames import wrapped_deg
 
 STANDS_M = 1.5
 """A bin whose highest point is higher holds something that stands."""

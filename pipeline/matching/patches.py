@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from pipeline.errors import InputError
+from pipeline.core.errors import InputError
 
 GREY = 127  # what a patch's mean becomes; one standard deviation is 1 more
 TILE = 64  # queries at a time: few enough to stay in the L2 cache while every reference passes

@@ -7,9 +7,9 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from pipeline.frames import Poses, wrapped_deg, yaw
-from pipeline.grid import UNSEEN, Grid
-from pipeline.schemas import Labels
+from pipeline.core.frames import Poses, wrapped_deg, yaw
+from pipeline.core.grid import UNSEEN, Grid
+from pipeline.core.schemas import Labels
 
 
 @dataclass(frozen=True)

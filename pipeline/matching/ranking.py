@@ -8,12 +8,12 @@ from typing import Any, NamedTuple, Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline import schemas, store
 from pipeline.alterations import Case, read_cases
-from pipeline.errors import InputError
-from pipeline.frames import Poses, Stamps
-from pipeline.running.progress import Progress
-from pipeline.schemas import Ranking as Ranking
+from pipeline.core import schemas, store
+from pipeline.core.errors import InputError
+from pipeline.core.frames import Poses, Stamps
+from pipeline.core.progress import Progress
+from pipeline.core.schemas import Ranking as Ranking
 
 Model = Mapping[str, NDArray[Any]]
 """What a method learned: named arrays, among them the evidence of its held-out blocks

@@ -10,9 +10,9 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import ConfigError, InputError
+from pipeline.core.errors import ConfigError, InputError
+from pipeline.core.settings import Share, check
 from pipeline.matching.ranking import Model, Ranking
-from pipeline.running.settings import Share, check
 
 ACCEPT_NOTHING = float(
     np.finfo(np.float32).min

@@ -11,14 +11,14 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import InputError
+from pipeline.core.errors import InputError
+from pipeline.core.settings import NotNegative, Positive
 from pipeline.matching import holdout
 from pipeline.matching.alignment import Aligned, Alignment
 from pipeline.matching.database import Database
 from pipeline.matching.ranking import Ranking, Rows, joined
 from pipeline.matching.rejection import Evidence, near
 from pipeline.matching.sequence import cheapest
-from pipeline.running.settings import NotNegative, Positive
 
 Differences = Callable[[NDArray[np.int64], NDArray[np.int64]], NDArray[np.float32]]
 """Differences (n, m) of training rows (m,) as queries from other training rows (n,)."""

@@ -6,12 +6,12 @@ With all of training, or with its likeliest rows. Kim and Kim, IROS 2018; METHOD
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import ConfigError
+from pipeline.core.errors import ConfigError
+from pipeline.core.progress import Progress
 from pipeline.matching.database import Database, DescriptorMethod
 from pipeline.matching.nearest import nearest
 from pipeline.matching.ranking import Localizer, Model, Ranking, Rows
 from pipeline.matching.shifts import Spectra
-from pipeline.running.progress import Progress
 
 
 class ShiftMethod(DescriptorMethod):

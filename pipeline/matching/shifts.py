@@ -19,7 +19,7 @@ import scipy
 from numpy.typing import NDArray
 from scipy.linalg import circulant
 
-from pipeline.errors import InputError
+from pipeline.core.errors import InputError
 from pipeline.matching import shift_kernels as kernels
 from pipeline.matching.database import QUERIES, Database
 from pipeline.matching.nearest import first_of_each

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import InputError
+from pipeline.core.errors import InputError
+from pipeline.core.progress import Progress
 from pipeline.matching.database import Database, DescriptorMethod, euclidean
 from pipeline.matching.ranking import Localizer, Model, Ranking, Rows
-from pipeline.running.progress import Progress
 
 
 @dataclass(frozen=True)

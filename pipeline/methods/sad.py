@@ -9,15 +9,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import InputError
+from pipeline.core.errors import InputError
+from pipeline.core.progress import Progress
+from pipeline.core.settings import Count, Positive, Side, Whole
 from pipeline.matching.database import Database, MadeAnew
 from pipeline.matching.headings import ReferenceHeadings, reference_headings
 from pipeline.matching.patches import differences, normalised, resized
 from pipeline.matching.ranking import Localizer, Model, Ranking, Rows
 from pipeline.matching.rejection import Evidence
 from pipeline.matching.sequences import SequenceMethod
-from pipeline.running.progress import Progress
-from pipeline.running.settings import Count, Positive, Side, Whole
 
 
 @dataclass(frozen=True)

@@ -3,8 +3,8 @@ IROS 2018; METHODS 1.4)."""
 
 from dataclasses import dataclass
 
+from pipeline.core.settings import Count
 from pipeline.matching.shift_method import ShiftMethod
-from pipeline.running.settings import Count
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor, nn
 
-from pipeline.errors import ConfigError
+from pipeline.core.errors import ConfigError
 from pipeline.matching.ranking import Rows
 from pipeline.networks import loop
 from pipeline.networks.circle import rolled

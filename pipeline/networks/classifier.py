@@ -13,13 +13,8 @@ from numpy.typing import NDArray
 from scipy.special import softmax
 from torch import Tensor, nn
 
-from pipeline.errors import ConfigError, InputError
-from pipeline.matching.novelties import novelties
-from pipeline.matching.ranking import Localizer, Model, Ranking, Rows
-from pipeline.networks import loop
-from pipeline.networks.evidence import Prediction
-from pipeline.networks.lenet import device, sent
-from pipeline.running.settings import (
+from pipeline.core.errors import ConfigError, InputError
+from pipeline.core.settings import (
     Count,
     NotNegative,
     Positive,
@@ -29,6 +24,11 @@ from pipeline.running.settings import (
     Whole,
     check,
 )
+from pipeline.matching.novelties import novelties
+from pipeline.matching.ranking import Localizer, Model, Ranking, Rows
+from pipeline.networks import loop
+from pipeline.networks.evidence import Prediction
+from pipeline.networks.lenet import device, sent
 from pipeline.views.scan_context import colours, quantize
 
 Kinds = dict[str, NDArray[np.float64]]  # kind of novelty to its values (n,)

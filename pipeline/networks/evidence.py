@@ -8,9 +8,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from pipeline.core.progress import Progress
 from pipeline.matching.rejection import Evidence, near
 from pipeline.matching.temperature import determined, temperature
-from pipeline.running.progress import Progress
 
 Novelties = Callable[
     [NDArray[np.float64], float, NDArray[np.float64]], Mapping[str, NDArray[np.float64]]

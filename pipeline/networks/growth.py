@@ -9,12 +9,12 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from pipeline.core.progress import Progress
 from pipeline.matching.ranking import Model, TrainingSet
 from pipeline.networks import loop
 from pipeline.networks.classifier import Classifier
 from pipeline.networks.lenet import device
 from pipeline.networks.training import Training, blocks
-from pipeline.running.progress import Progress
 
 SOFTNESS = 2.0
 """Temperature at which the answers of two networks are compared (Hinton et al., 2015)."""

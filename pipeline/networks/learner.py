@@ -3,10 +3,10 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.core.progress import Progress
 from pipeline.matching.ranking import Model, Rows, TrainingSet
 from pipeline.networks import growth, training
 from pipeline.networks.classifier import Classifier
-from pipeline.running.progress import Progress
 
 
 class Learner(Classifier):

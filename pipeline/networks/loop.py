@@ -13,10 +13,10 @@ from safetensors import SafetensorError
 from safetensors.torch import load_file, save_file
 from torch import Tensor, nn
 
-from pipeline import store
-from pipeline.errors import ArtifactError, ConfigError
+from pipeline.core import store
+from pipeline.core.errors import ArtifactError, ConfigError
+from pipeline.core.progress import Progress
 from pipeline.networks.lenet import device
-from pipeline.running.progress import Progress
 
 Net = TypeVar("Net", bound=nn.Module)
 Batch = TypeVar("Batch")

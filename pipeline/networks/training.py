@@ -9,6 +9,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from pipeline.core.progress import Progress
 from pipeline.matching import holdout
 from pipeline.matching.ranking import Model, TrainingSet
 from pipeline.matching.rejection import Evidence
@@ -16,7 +17,6 @@ from pipeline.networks import loop
 from pipeline.networks.classifier import Classifier
 from pipeline.networks.evidence import KnownViews, Prediction, judge_held_out
 from pipeline.networks.lenet import device
-from pipeline.running.progress import Progress
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import LogError
+from pipeline.core.errors import LogError
 from pipeline.formats.bag import CLOUD
 from pipeline.formats.messages import from_cdr, header
 from pipeline.formats.pointcloud2 import decode

@@ -5,8 +5,8 @@ from collections.abc import Callable
 
 import zenoh
 
-from pipeline.errors import ConfigError, YearlocError
-from pipeline.frames import Poses
+from pipeline.core.errors import ConfigError, YearlocError
+from pipeline.core.frames import Poses
 from pipeline.online.bodies import CDR, FLOATS, points
 from pipeline.online.inputs import NO_POSE, Scan, placed
 from pipeline.online.outputs import person, record

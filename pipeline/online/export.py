@@ -18,7 +18,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from pipeline.errors import ConfigError
+from pipeline.core.building import build
+from pipeline.core.errors import ConfigError
+from pipeline.core.replacing import replace as replaced
 from pipeline.methods.pointnetvlad.netvlad import Describer
 from pipeline.methods.pointnetvlad.pointnetvlad import PointNetVlad
 from pipeline.networks import loop
@@ -26,8 +28,6 @@ from pipeline.networks.classifier import Classifier
 from pipeline.online import site, site_file
 from pipeline.online.compact import with_small_weights, without_notes
 from pipeline.online.runtime import CLASSIFIED, INPUT, session
-from pipeline.replacing import replace as replaced
-from pipeline.running.building import build
 
 ALIKE = 1e-4
 """Largest difference allowed between scores or descriptors of ONNX Runtime and of torch."""

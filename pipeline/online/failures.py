@@ -10,10 +10,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from pipeline import schemas, store
 from pipeline.alterations import Case, read_cases
-from pipeline.errors import ConfigError
-from pipeline.frames import Poses, apart
+from pipeline.core import schemas, store
+from pipeline.core.errors import ConfigError
+from pipeline.core.frames import Poses, apart
 from pipeline.mapping.gathering import submap_points
 from pipeline.online.inputs import Scan
 from pipeline.online.site import Fix

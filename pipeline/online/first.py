@@ -5,16 +5,16 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.core.frames import pose
+from pipeline.core.progress import Progress
 from pipeline.formats import kitti, nclt
 from pipeline.formats.pointcloud2 import finite
-from pipeline.frames import pose
 from pipeline.matching.outlines import Outlines, outlines, reranked
 from pipeline.matching.ranking import Rows
 from pipeline.methods.scan_context import ScanContext50
 from pipeline.online.tilt import lean
 from pipeline.posing.search import Answers, Fixer
 from pipeline.posing.targets import GRAIN_M, Targets
-from pipeline.running.progress import Progress
 from pipeline.views.m2dp import M2dp
 from pipeline.views.scan_context import ScanContext
 

@@ -15,7 +15,8 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import ConfigError, LogError
+from pipeline.core.errors import ConfigError, LogError
+from pipeline.core.frames import Poses
 from pipeline.formats.bag import CLOUD, ODOMETRY, TRANSFORMS
 from pipeline.formats.messages import (
     frame_name,
@@ -26,7 +27,6 @@ from pipeline.formats.messages import (
     transform_numbers,
 )
 from pipeline.formats.pointcloud2 import decode
-from pipeline.frames import Poses
 from pipeline.online.inputs import NO_POSE, Scan, child_T_body, extrinsic, placed
 from pipeline.online.odometry import AHEAD_S, Newest
 from pipeline.readers.bag_poses import KINDS, Tree

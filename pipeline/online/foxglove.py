@@ -12,12 +12,12 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.core.replacing import replace
 from pipeline.formats.bag import BagWriter
 from pipeline.online.inputs import Scan
 from pipeline.online.outputs import in_world
 from pipeline.online.site import Fix, Site
 from pipeline.online.watch import origin, whole_map
-from pipeline.replacing import replace
 
 FRAME = "map"
 SITE = "site"

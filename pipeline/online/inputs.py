@@ -14,17 +14,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import ConfigError, LogError, YearlocError
+from pipeline.core.building import build
+from pipeline.core.errors import ConfigError, LogError, YearlocError
+from pipeline.core.frames import Poses, Stamps
 from pipeline.formats import carmen, folder, nclt, records
 from pipeline.formats.bag import CLOUD, SWEEP
 from pipeline.formats.bag_file import BagFile, find
-from pipeline.frames import Poses, Stamps
 from pipeline.readers import vehicle
 from pipeline.readers.bag_clouds import Clouds
 from pipeline.readers.bag_poses import KINDS, Tree, track
 from pipeline.readers.log import Log, raised
 from pipeline.readers.log import extrinsic as given_extrinsic
-from pipeline.running.building import build
 
 READERS = ("pipeline.readers.",)
 SCANS = ("velodyne_sync", "velodyne", "scans", "points")

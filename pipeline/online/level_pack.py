@@ -9,7 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.errors import ArtifactError, InputError
+from pipeline.core.errors import ArtifactError, InputError
+from pipeline.core.progress import Progress
+from pipeline.core.schemas import Scans
 from pipeline.formats import nav2_map
 from pipeline.level.fix import LevelFixer
 from pipeline.level.held_out import LevelHeldOut, Sweeps
@@ -24,8 +26,6 @@ from pipeline.online.site_json import (
     Sensor,
 )
 from pipeline.posing.verdict import BELIEFS, PROMISES
-from pipeline.running.progress import Progress
-from pipeline.schemas import Scans
 
 OVER_M = 5.0
 """Metres of path over which sweeps are gathered."""

@@ -11,7 +11,7 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import InputError
+from pipeline.core.errors import InputError
 from pipeline.level.field import Field
 from pipeline.level.fix import Hypothesis, LevelFix
 from pipeline.level.level_map import LevelMap

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import LogError
+from pipeline.core.errors import LogError
 from pipeline.online.inputs import Scan
 from pipeline.online.level_site import LevelSite, LevelTracker
 from pipeline.online.site import Fix, Site

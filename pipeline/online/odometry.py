@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.frames import Trajectory, interpolate
+from pipeline.core.frames import Trajectory, interpolate
 from pipeline.online.inputs import NO_POSE, ODOMETRY_GAP_S, Scan
 
 AHEAD_S = 0.2

@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from pipeline.errors import ConfigError
+from pipeline.core.errors import ConfigError
+from pipeline.core.frames import yaw
+from pipeline.core.replacing import replace
 from pipeline.formats.bag import BagWriter
-from pipeline.frames import yaw
 from pipeline.online.inputs import Scan
 from pipeline.online.site import Fix
-from pipeline.replacing import replace
 
 POSE = ("x", "y", "z", "qx", "qy", "qz", "qw")
 COLUMNS = (

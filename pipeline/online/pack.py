@@ -14,9 +14,12 @@ from typing import Any, Self
 
 import numpy as np
 
-from pipeline import schemas, store
-from pipeline.errors import ConfigError
-from pipeline.grid import Grid
+from pipeline.core import schemas, store
+from pipeline.core.building import build, plain
+from pipeline.core.compute import Compute
+from pipeline.core.errors import ConfigError
+from pipeline.core.grid import Grid
+from pipeline.core.progress import Progress
 from pipeline.mapping.gathering import submap_points
 from pipeline.matching.places import Places
 from pipeline.matching.ranking import Model, Rows
@@ -37,10 +40,7 @@ from pipeline.online.site_json import (
 from pipeline.posing.held_out import Drive, HeldOut, TrainingDay
 from pipeline.posing.targets import write_map
 from pipeline.posing.verdict import BELIEFS, PROMISES, Verdict
-from pipeline.running.building import build, plain
-from pipeline.running.compute import Compute
 from pipeline.running.dvc_files import DvcLock
-from pipeline.running.progress import Progress
 from pipeline.running.texts import read_yaml
 from pipeline.studies.layout import Layout
 from pipeline.studies.study import Study, StudyMethod

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.frames import Poses, rpy
+from pipeline.core.frames import Poses, rpy
 from pipeline.inspection.cloud import RAISED_M, Diagnosis, diagnose
 from pipeline.inspection.symptoms import Kind
 from pipeline.online.site_json import Sensor

@@ -18,8 +18,8 @@ from prometheus_client.multiprocess import MultiProcessCollector
 from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
 
-from pipeline.errors import ConfigError, InputError, LogError, YearlocError
-from pipeline.frames import Poses
+from pipeline.core.errors import ConfigError, InputError, LogError, YearlocError
+from pipeline.core.frames import Poses
 from pipeline.online import sensor
 from pipeline.online.bodies import CDR, FLOATS, LARGEST_BYTES, points
 from pipeline.online.inputs import NO_POSE, Scan, placed, placement

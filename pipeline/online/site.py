@@ -10,7 +10,8 @@ from typing import Any, Literal, Self, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import ArtifactError, InputError, NotInstalledError, YearlocError
+from pipeline.core.building import build
+from pipeline.core.errors import ArtifactError, InputError, NotInstalledError, YearlocError
 from pipeline.matching.places import Places
 from pipeline.matching.ranking import Localizer, Ranking, Rows
 from pipeline.online.runtime import localizer
@@ -21,7 +22,6 @@ from pipeline.posing.fix import Hypothesis
 from pipeline.posing.search import Answers, Fixer
 from pipeline.posing.targets import Targets
 from pipeline.posing.verdict import BELIEFS, Judge
-from pipeline.running.building import build
 
 ROOTS = ("pipeline.methods.", "pipeline.views.", "pipeline.posing.")
 LEVEL_SITE = ("pipeline.online.level_site", "LevelSite")

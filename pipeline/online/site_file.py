@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 from safetensors.numpy import load, save
 
-from pipeline.errors import ArtifactError, ConfigError, YearlocError
+from pipeline.core.errors import ArtifactError, ConfigError, YearlocError
+from pipeline.core.replacing import replace as replaced
 from pipeline.online.runtime import NETWORK
 from pipeline.online.site_json import VERSION, LevelDescription, SiteDescription
-from pipeline.replacing import replace as replaced
 
 ABOUT = "site.json"
 MODEL = "model.safetensors"

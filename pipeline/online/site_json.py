@@ -6,15 +6,15 @@ from dataclasses import MISSING, asdict, dataclass, fields, is_dataclass
 from types import UnionType
 from typing import Any, Self, get_args, get_origin, get_type_hints
 
-from pipeline.errors import ConfigError, InputError
-from pipeline.grid import Grid
+from pipeline.core.errors import ConfigError, InputError
+from pipeline.core.grid import Grid
 from pipeline.level.fix import LevelFixer
 from pipeline.posing.chances import Chances
 
 VERSION = 4
 NAMES = {float: "a number", int: "a whole number", str: "a text", bool: "true or false"}
 Settings = Mapping[str, Any]
-"""Of one object: its `_target_` and parameters, as `pipeline.running.building.build` takes them."""
+"""Of one object: its `_target_` and parameters, as `pipeline.core.building.build` takes them."""
 
 
 @dataclass(frozen=True)

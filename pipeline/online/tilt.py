@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.frames import pose
+from pipeline.core.frames import pose
 from pipeline.mapping.ground import plane
 
 LEVEL_DEG = 4.0

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from pipeline.errors import InputError
-from pipeline.frames import apart
+from pipeline.core.errors import InputError
+from pipeline.core.frames import apart
 from pipeline.online import odometry
 from pipeline.online.inputs import Scan
 from pipeline.online.site import Fix, Site, Word, finite

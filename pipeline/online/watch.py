@@ -13,11 +13,11 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import ConfigError
-from pipeline.frames import Poses
+from pipeline.core.errors import ConfigError
+from pipeline.core.frames import Poses
+from pipeline.core.replacing import replace
 from pipeline.online.inputs import Scan
 from pipeline.online.site import Fix, Site
-from pipeline.replacing import replace
 
 COLOURS = {
     "accepted": (86, 180, 233),

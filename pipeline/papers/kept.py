@@ -11,11 +11,11 @@ from typing import Any
 import pandas as pd
 import yaml
 
-from pipeline.errors import ArtifactError, ConfigError
+from pipeline.core.errors import ArtifactError, ConfigError
+from pipeline.core.replacing import replace
 from pipeline.evaluation.rows import COLUMNS, NUMERIC, TYPED, TYPES
 from pipeline.papers.claims import CLAIMS
 from pipeline.papers.rules import Outcome, Tables
-from pipeline.replacing import replace
 from pipeline.running.texts import read_yaml
 from pipeline.studies.study import Study
 

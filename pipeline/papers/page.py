@@ -8,10 +8,10 @@ from typing import Any
 
 import yaml
 
+from pipeline.core.replacing import replace
 from pipeline.papers.claims import CLAIMS, Claim
 from pipeline.papers.kept import FOLDER, Kept, read
 from pipeline.papers.rules import UNTRAINED, Estimate, Outcome, Side
-from pipeline.replacing import replace
 from pipeline.report.comparison import ONE_SEED
 from pipeline.report.render import filled
 from pipeline.report.table import bracket, fixed, signed

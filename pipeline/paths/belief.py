@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import erf
 
-from pipeline.frames import Poses, apart
+from pipeline.core.frames import Poses, apart
 from pipeline.posing.verdict import RIGHT_DEG, RIGHT_M
 
 DRIFT = 0.05

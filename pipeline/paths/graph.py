@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import ConfigError
-from pipeline.frames import Poses, apart
+from pipeline.core.errors import ConfigError
+from pipeline.core.frames import Poses, apart
+from pipeline.core.settings import Positive, check
 from pipeline.paths.belief import REPEATS
 from pipeline.paths.tracks import Estimates, Track
 from pipeline.posing.verdict import RIGHT_DEG, RIGHT_M
-from pipeline.running.settings import Positive, check
 
 
 @dataclass(frozen=True)

@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.alterations import read_cases
-from pipeline.errors import InputError
-from pipeline.frames import Poses, turns, yaw
+from pipeline.core.errors import InputError
+from pipeline.core.frames import Poses, turns, yaw
+from pipeline.core.schemas import Fixes
 from pipeline.matching.places import Places
 from pipeline.matching.rejection import ACCEPT_NOTHING
 from pipeline.posing.answers import lead
-from pipeline.schemas import Fixes
 
 
 @dataclass(frozen=True)

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.alterations.construction import Construction
-from pipeline.errors import ConfigError
+from pipeline.core.errors import ConfigError
+from pipeline.core.settings import NotNegative, Share, check
 from pipeline.posing.registration import Points
-from pipeline.running.settings import NotNegative, Share, check
 
 AWAY_M = (5.0, 30.0)
 """Distance from the sensor to what came or went."""

@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline import store
-from pipeline.errors import ConfigError
-from pipeline.frames import yaw
+from pipeline.core import store
+from pipeline.core.errors import ConfigError
+from pipeline.core.frames import yaw
+from pipeline.core.schemas import Fixes, Rankings
 from pipeline.matching.places import Places
 from pipeline.matching.ranking import Ranking
 from pipeline.posing.fix import Fix, poses
 from pipeline.posing.verdict import BELIEFS, PROMISES, Verdict
-from pipeline.schemas import Fixes, Rankings
 
 OWN_KINDS = BELIEFS
 """Kinds of novelty that a fix adds: one minus the chance of each belief in it."""

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from pipeline.frames import Poses
+from pipeline.core.frames import Poses
 from pipeline.posing.registration import Points, moved
 from pipeline.posing.targets import Targets
 from pipeline.posing.walls import SEEN_THROUGH, Chart, Walls

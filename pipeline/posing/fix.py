@@ -7,7 +7,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.frames import Poses, apart
+from pipeline.core.frames import Poses, apart
 from pipeline.posing.chances import SIGNS, USUAL, Chances
 from pipeline.posing.registration import NOWHERE, Alignment
 from pipeline.posing.slides import Slide

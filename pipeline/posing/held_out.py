@@ -11,8 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline import schemas, store
-from pipeline.errors import ConfigError, InputError
+from pipeline.core import schemas, store
+from pipeline.core.compute import Compute
+from pipeline.core.errors import ConfigError, InputError
+from pipeline.core.progress import Progress
+from pipeline.core.settings import Count, Positive, Seed, check
 from pipeline.mapping.gathering import submap_points
 from pipeline.matching.holdout import blocks, numbered
 from pipeline.matching.ranking import Localizer, Rows
@@ -22,9 +25,6 @@ from pipeline.posing.registration import Points
 from pipeline.posing.search import Answers, Fixer
 from pipeline.posing.targets import Targets
 from pipeline.posing.verdict import Evidence
-from pipeline.running.compute import Compute
-from pipeline.running.progress import Progress
-from pipeline.running.settings import Count, Positive, Seed, check
 
 PART = 76
 """Queries that a process takes at a time."""

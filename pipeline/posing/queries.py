@@ -10,15 +10,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline import schemas, store
 from pipeline.alterations import Alteration, Case, generator, read_cases
-from pipeline.errors import InputError
+from pipeline.core import schemas, store
+from pipeline.core.errors import InputError
+from pipeline.core.store import A
 from pipeline.mapping.gathering import submap_points
 from pipeline.posing.fix import Fix
 from pipeline.posing.registration import Points
 from pipeline.posing.search import Answers, Fixer
 from pipeline.posing.targets import Targets
-from pipeline.store import A
 
 
 @dataclass(frozen=True)

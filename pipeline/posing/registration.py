@@ -8,8 +8,8 @@ import numpy as np
 import small_gicp
 from numpy.typing import NDArray
 
-from pipeline.errors import ConfigError, InputError
-from pipeline.running.settings import Count, Positive, check
+from pipeline.core.errors import ConfigError, InputError
+from pipeline.core.settings import Count, Positive, check
 
 Points = NDArray[np.float64]
 LEAST_ALONG = 0.005

@@ -12,8 +12,9 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import ConfigError, InputError
-from pipeline.frames import pose, yaw
+from pipeline.core.errors import ConfigError, InputError
+from pipeline.core.frames import pose, yaw
+from pipeline.core.settings import Count, NotNegative, Share, check
 from pipeline.matching.ranking import Ranking
 from pipeline.posing.chances import USUAL, Chances
 from pipeline.posing.fix import Fix, Hypothesis, same
@@ -22,7 +23,6 @@ from pipeline.posing.slides import slide
 from pipeline.posing.targets import Targets, around
 from pipeline.posing.verification import Seen, agreement
 from pipeline.posing.walls import Chart, Walls
-from pipeline.running.settings import Count, NotNegative, Share, check
 
 BESIDE_M = (2.5, 15.0)
 """A pose is checked against a second submap, so far from the first at least and from the pose at

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.frames import pose
+from pipeline.core.frames import pose
 from pipeline.posing.targets import APART_M, Targets
 from pipeline.posing.walls import Walls
 

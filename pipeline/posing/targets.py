@@ -9,8 +9,8 @@ import numpy as np
 import small_gicp
 from numpy.typing import NDArray
 
-from pipeline import schemas, store
-from pipeline.frames import Poses
+from pipeline.core import schemas, store
+from pipeline.core.frames import Poses
 from pipeline.mapping.gathering import submap_points
 from pipeline.posing.registration import Cloud, Points, Registration
 from pipeline.posing.verification import Seen

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit, logit
 
-from pipeline.frames import Poses, apart
+from pipeline.core.frames import Poses, apart
 from pipeline.matching.rejection import threshold_for
 from pipeline.posing.chances import Chances, learned
 from pipeline.posing.fix import Fix, signs

@@ -12,9 +12,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from pipeline.errors import ConfigError
+from pipeline.core.errors import ConfigError
+from pipeline.core.settings import Count, NotNegative, Positive, check
 from pipeline.posing.ground import heights_m
-from pipeline.running.settings import Count, NotNegative, Positive, check
 
 Chart = NDArray[np.int8]
 """(2, cell, cell): WALL, BESIDE, SEEN_THROUGH or 0 where nothing is known, x along the first axis,

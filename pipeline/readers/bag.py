@@ -13,16 +13,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import ConfigError, LogError
+from pipeline.core.errors import ConfigError, LogError
+from pipeline.core.frames import ROUNDED_NS, Poses
+from pipeline.core.settings import Positive, check
 from pipeline.formats import bag_file
 from pipeline.formats.bag import CLOUD, SWEEP
 from pipeline.formats.bag_file import BagFile
-from pipeline.frames import ROUNDED_NS, Poses
 from pipeline.readers import log, vehicle
 from pipeline.readers.bag_clouds import Clouds
 from pipeline.readers.bag_poses import KINDS, Track, Tree, track
 from pipeline.readers.log import Log
-from pipeline.running.settings import Positive, check
 
 
 @dataclass(frozen=True)

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import LogError
+from pipeline.core.errors import LogError
+from pipeline.core.frames import Stamps
 from pipeline.formats.bag import CLOUD
 from pipeline.formats.bag_file import BagFile, Key
 from pipeline.formats.messages import header, sweep_points
 from pipeline.formats.pointcloud2 import decode, times_s
-from pipeline.frames import Stamps
 from pipeline.readers.bag_poses import message_stamps
 
 

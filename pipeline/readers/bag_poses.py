@@ -9,7 +9,8 @@ from operator import itemgetter
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import LogError
+from pipeline.core.errors import LogError
+from pipeline.core.frames import Poses, Stamps, Trajectory
 from pipeline.formats.bag import ODOMETRY, POSE, POSE_COVARIANCE, TRANSFORMS
 from pipeline.formats.bag_file import BagFile
 from pipeline.formats.messages import (
@@ -20,7 +21,6 @@ from pipeline.formats.messages import (
     poses,
     transform_numbers,
 )
-from pipeline.frames import Poses, Stamps, Trajectory
 from pipeline.readers.log import LATEST_NS, Uncertainty
 
 KINDS = (ODOMETRY, POSE, POSE_COVARIANCE)

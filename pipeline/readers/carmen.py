@@ -14,13 +14,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import ConfigError, LogError
+from pipeline.core.errors import ConfigError, LogError
+from pipeline.core.frames import Poses, Stamps, pose
+from pipeline.core.settings import Positive, check
 from pipeline.formats import carmen
 from pipeline.formats.carmen import Laser, Records, Sweep
-from pipeline.frames import Poses, Stamps, pose
 from pipeline.readers import log
 from pipeline.readers.log import Log
-from pipeline.running.settings import Positive, check
 
 LIMIT_PARAMS: dict[Laser, str] = {"front": "robot_front_laser_max", "rear": "robot_rear_laser_max"}
 NEAR_LIMIT_M = 0.02

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import LogError
-from pipeline.frames import Stamps
+from pipeline.core.errors import LogError
+from pipeline.core.frames import Stamps
 from pipeline.readers import log
 
 Table = dict[str, tuple[str, ...]]

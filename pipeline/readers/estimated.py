@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline import schemas, store
-from pipeline.errors import LogError
-from pipeline.frames import Poses
+from pipeline.core import schemas, store
+from pipeline.core.errors import LogError
+from pipeline.core.frames import Poses
 from pipeline.readers.log import Log
 
 

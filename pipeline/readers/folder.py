@@ -19,13 +19,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from pipeline.errors import ConfigError, LogError
+from pipeline.core.errors import ConfigError, LogError
+from pipeline.core.frames import Poses, Stamps, Trajectory
+from pipeline.core.settings import Positive, check
 from pipeline.formats import folder as files
 from pipeline.formats import kitti, records
-from pipeline.frames import Poses, Stamps, Trajectory
 from pipeline.readers import log
 from pipeline.readers.log import Log
-from pipeline.running.settings import Positive, check
 
 BODY_T_CAMERA = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
 """From x right, y down, z forward to x forward, y left, z up."""

@@ -13,12 +13,12 @@ from typing import Literal
 
 import numpy as np
 
-from pipeline.errors import LogError
-from pipeline.frames import Trajectory
+from pipeline.core import settings
+from pipeline.core.errors import LogError
+from pipeline.core.frames import Trajectory
 from pipeline.readers import log, vehicle
 from pipeline.readers.folder import from_quaternions, read_scan
 from pipeline.readers.log import Log
-from pipeline.running import settings
 
 FILE = "keyframes.txt"
 COLUMNS = 33

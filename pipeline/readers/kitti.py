@@ -13,12 +13,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import ConfigError, LogError
+from pipeline.core.errors import ConfigError, LogError
+from pipeline.core.frames import Trajectory
+from pipeline.core.settings import Positive, Share, check
 from pipeline.formats import kitti
-from pipeline.frames import Trajectory
 from pipeline.readers import log, vehicle
 from pipeline.readers.log import Log
-from pipeline.running.settings import Positive, Share, check
 
 POSES_PLACES = ("poses/{sequence}.txt", "sequences/{sequence}/poses.txt")
 """Where the poses of a log are: KITTI's place, and SemanticKITTI's."""

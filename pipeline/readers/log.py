@@ -14,8 +14,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import ConfigError, LogError
-from pipeline.frames import Poses, Stamps, Trajectory, pose
+from pipeline.core.errors import ConfigError, LogError
+from pipeline.core.frames import Poses, Stamps, Trajectory, pose
 from pipeline.readers import vehicle
 
 

@@ -13,12 +13,12 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from pipeline.errors import LogError
+from pipeline.core.errors import LogError
+from pipeline.core.frames import Trajectory, flip_ned, pose
+from pipeline.core.settings import Positive, check
 from pipeline.formats import nclt
-from pipeline.frames import Trajectory, flip_ned, pose
 from pipeline.readers import log
 from pipeline.readers.log import Log, Uncertainty
-from pipeline.running.settings import Positive, check
 
 HEADER_WORDS = nclt.PACKET_HEADER_BYTES // 2
 

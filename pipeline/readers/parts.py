@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from pipeline.errors import ConfigError, LogError
+from pipeline.core.errors import ConfigError, LogError
 from pipeline.readers.log import Log, Reader
 
 SHARE = r"(?P<by>path|time)(?P<number>[1-9]\d?)of(?P<of>[1-9]\d?)"

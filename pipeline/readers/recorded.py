@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.errors import LogError
+from pipeline.core.compute import Compute
+from pipeline.core.errors import LogError
+from pipeline.core.frames import days_between
+from pipeline.core.progress import Progress
 from pipeline.formats.changes import Change, read_changes, visible
-from pipeline.frames import days_between
 from pipeline.readers.log import Reader
 from pipeline.readers.parts import open_part
-from pipeline.running.compute import Compute
-from pipeline.running.progress import Progress
 
 
 @dataclass(frozen=True)

@@ -14,14 +14,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import ConfigError, LogError
+from pipeline.core.errors import ConfigError, LogError
+from pipeline.core.frames import NED_FLIP
+from pipeline.core.settings import Positive, check
 from pipeline.formats import robotcar
-from pipeline.frames import NED_FLIP
 from pipeline.readers import log, vehicle
 from pipeline.readers.columns import utimes_ns
 from pipeline.readers.log import Log
 from pipeline.readers.robotcar_poses import read_extrinsics, read_ins, read_vo
-from pipeline.running.settings import Positive, check
 
 NEAREST_M = 0.01
 FARTHEST_M = 1000.0

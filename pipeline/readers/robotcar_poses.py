@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import LogError
+from pipeline.core.errors import LogError
+from pipeline.core.frames import Poses, Stamps, Trajectory, flip_ned, pose
 from pipeline.formats import robotcar
-from pipeline.frames import Poses, Stamps, Trajectory, flip_ned, pose
 from pipeline.readers import log
 from pipeline.readers.columns import columns, numbers, utimes_ns
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.frames import ROUNDED_NS, Poses, Stamps, Trajectory, apart
+from pipeline.core.frames import ROUNDED_NS, Poses, Stamps, Trajectory, apart
 
 TILTED_DEG = 45.0
 TILTED_SHARE = 0.1

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import pandas as pd
 
-from pipeline.errors import ConfigError
+from pipeline.core.errors import ConfigError
 from pipeline.report.brief import WIDEST, brief
 from pipeline.report.document import document, scores
 from pipeline.studies.study import Study

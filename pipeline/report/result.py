@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from pipeline.errors import ArtifactError, InputError
+from pipeline.core.errors import ArtifactError, InputError
 from pipeline.evaluation.doubts import VOID
 from pipeline.evaluation.judgement import NOT_JUDGED, Evaluation
 from pipeline.report.selection import NONE, Values, indexed

@@ -10,13 +10,13 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from pipeline import store
+from pipeline.core import store
+from pipeline.core.schemas import Labels, Submaps
+from pipeline.core.store import A
 from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.judgement import Evaluations
 from pipeline.evaluation.protocols import Distance
 from pipeline.report.result import Result, by_model, ranked, read_scores
-from pipeline.schemas import Labels, Submaps
-from pipeline.store import A
 from pipeline.studies import study as studies
 from pipeline.studies.layout import Layout
 from pipeline.studies.models import ModelName

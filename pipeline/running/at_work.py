@@ -11,7 +11,7 @@ from typing import Any
 
 import psutil
 
-from pipeline.errors import ConfigError
+from pipeline.core.errors import ConfigError
 
 TABLE = ".dvc/tmp/rwlock"
 """Which process reads or writes which output."""

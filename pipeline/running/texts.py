@@ -13,7 +13,7 @@ from typing import Any
 
 import yaml
 
-from pipeline.errors import ConfigError
+from pipeline.core.errors import ConfigError
 
 LOADER: Any = getattr(
     yaml, "CSafeLoader", yaml.SafeLoader

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from pipeline.frames import Poses
+from pipeline.core.frames import Poses
 
 SLICES = 64
 """A scan is cut into so many slices of equal time, each moved as one rigid piece: at 20 m/s and

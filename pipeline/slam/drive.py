@@ -6,12 +6,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import LogError
-from pipeline.frames import Poses, Stamps
+from pipeline.core.errors import LogError
+from pipeline.core.frames import Poses, Stamps
+from pipeline.core.progress import Progress
 from pipeline.mapping.appearance import LEVEL_M, thickness
 from pipeline.posing.registration import Cloud, Registration
 from pipeline.readers.log import Log, lifted
-from pipeline.running.progress import Progress
 from pipeline.slam.graph import DriveGraph, Solution, spread_over_scans
 from pipeline.slam.keys import NEAR_M, Keys
 from pipeline.slam.loops import Loop, LoopSearch

@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.frames import Poses, apart, interpolate
+from pipeline.core.frames import Poses, apart, interpolate
+from pipeline.core.settings import Positive, check
 from pipeline.paths.graph import imported_gtsam
 from pipeline.readers.log import lifted
-from pipeline.running.settings import Positive, check
 from pipeline.slam.keys import Keys
 from pipeline.slam.loops import Loop
 

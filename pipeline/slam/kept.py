@@ -1,6 +1,6 @@
 """Estimates as artifacts."""
 
-from pipeline import schemas
+from pipeline.core import schemas
 from pipeline.slam.drive import Estimate
 
 

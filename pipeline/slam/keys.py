@@ -8,14 +8,14 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import LogError
-from pipeline.frames import Poses
+from pipeline.core.errors import LogError
+from pipeline.core.frames import Poses
+from pipeline.core.progress import Progress
 from pipeline.mapping.appearance import ground
 from pipeline.matching.shifts import Spectra
 from pipeline.posing.registration import Points
 from pipeline.posing.targets import GRAIN_M, Targets, thinned
 from pipeline.readers.log import Log, lifted
-from pipeline.running.progress import Progress
 from pipeline.slam.deskew import deskewed
 from pipeline.slam.odometry import Track
 from pipeline.views.scan_context import ScanContext

@@ -10,12 +10,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.frames import Poses, apart, yaw
+from pipeline.core.frames import Poses, apart, yaw
+from pipeline.core.progress import Progress
+from pipeline.core.settings import Count, NotNegative, Positive, Share, check
 from pipeline.posing.fix import Hypothesis
 from pipeline.posing.search import Answers, Fixer
 from pipeline.posing.targets import Targets
-from pipeline.running.progress import Progress
-from pipeline.running.settings import Count, NotNegative, Positive, Share, check
 from pipeline.slam.keys import Keys
 from pipeline.slam.odometry import share_standing
 from pipeline.views.scan_context import ScanContext

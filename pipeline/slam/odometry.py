@@ -13,13 +13,13 @@ import numpy as np
 import small_gicp
 from numpy.typing import NDArray
 
-from pipeline.errors import InputError, LogError
-from pipeline.frames import Poses, apart, interpolate, turns
+from pipeline.core.errors import InputError, LogError
+from pipeline.core.frames import Poses, apart, interpolate, turns
+from pipeline.core.progress import Progress
+from pipeline.core.settings import Count, Positive, Share, check
 from pipeline.matching.shifts import Spectra
 from pipeline.posing.registration import Cloud, Points, Registration, moved
 from pipeline.readers.log import Log
-from pipeline.running.progress import Progress
-from pipeline.running.settings import Count, Positive, Share, check
 from pipeline.slam.deskew import deskewed
 from pipeline.views.scan_context import ScanContext
 

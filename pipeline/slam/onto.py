@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import LogError
-from pipeline.frames import Poses
+from pipeline.core.errors import LogError
+from pipeline.core.frames import Poses
+from pipeline.core.progress import Progress
 from pipeline.readers.log import Log
-from pipeline.running.progress import Progress
 from pipeline.slam.drive import Estimate, Slam, estimated, ups
 from pipeline.slam.keys import Keys
 from pipeline.slam.odometry import Track

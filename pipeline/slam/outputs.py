@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 import small_gicp
 
-from pipeline.errors import LogError
+from pipeline.core.errors import LogError
+from pipeline.core.progress import Progress
 from pipeline.formats import folder, pcd
 from pipeline.posing.registration import Points, moved
 from pipeline.readers.log import Log
-from pipeline.running.progress import Progress
 from pipeline.slam.drive import Estimate
 from pipeline.slam.keys import scan_points
 from pipeline.slam.odometry import Track

@@ -10,7 +10,7 @@ from pathlib import Path
 from pydoc import locate
 from typing import Any
 
-from pipeline.errors import ConfigError
+from pipeline.core.errors import ConfigError
 from pipeline.readers.log import Reader
 from pipeline.readers.parts import Part, names
 from pipeline.running.texts import read_yaml

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from itertools import product
 from typing import Any
 
-from pipeline.running.settings import written
+from pipeline.core.settings import written
 from pipeline.studies.courses import instances
 from pipeline.studies.layout import Layout
 from pipeline.studies.models import ModelName

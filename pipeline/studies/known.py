@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from pipeline.errors import ConfigError
+from pipeline.core.errors import ConfigError
 from pipeline.running.texts import read_yaml
 from pipeline.studies.expansion import expand
 from pipeline.studies.study import RECORDED, SIMULATED, Study, named_file, settings_of

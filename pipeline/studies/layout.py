@@ -7,7 +7,7 @@ of several stages asks a Layout.
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from pipeline.store import MODEL
+from pipeline.core.store import MODEL
 from pipeline.studies.models import ModelName
 
 ARTIFACTS = "artifacts"

@@ -6,8 +6,8 @@ What reads results asks for the study that was measured, whatever conf/studies.y
 from collections.abc import Mapping
 from pathlib import Path
 
-from pipeline.errors import ArtifactError, ConfigError
-from pipeline.running.settings import filled, written
+from pipeline.core.errors import ArtifactError, ConfigError
+from pipeline.core.settings import filled, written
 from pipeline.running.texts import read_yaml
 from pipeline.studies.layout import Layout
 from pipeline.studies.study import Study

@@ -11,7 +11,7 @@ from typing import Any
 
 import yaml
 
-from pipeline.replacing import replace
+from pipeline.core.replacing import replace
 from pipeline.running.dvc_files import Yaml
 
 LIST = "drives"

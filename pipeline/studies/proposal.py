@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from pipeline.errors import ConfigError
+from pipeline.core.errors import ConfigError
 from pipeline.readers.parts import Part
 from pipeline.running.texts import read_yaml
 from pipeline.studies.courses import courses, with_further_days

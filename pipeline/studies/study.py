@@ -17,8 +17,8 @@ from operator import getitem
 from pathlib import Path
 from typing import Any, Literal, Self
 
-from pipeline.errors import ConfigError
-from pipeline.running.settings import Count, within
+from pipeline.core.errors import ConfigError
+from pipeline.core.settings import Count, within
 from pipeline.running.texts import read_yaml
 from pipeline.studies.models import ModelName
 

@@ -9,7 +9,7 @@ from operator import getitem
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from pipeline.errors import ConfigError
+from pipeline.core.errors import ConfigError
 from pipeline.studies.layout import ARTIFACTS
 
 REFERENCE = re.compile(r"\$\{([\w.]+)\}")

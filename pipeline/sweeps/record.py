@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from pipeline import store
+from pipeline.core import store
 
 
 @dataclass(frozen=True)

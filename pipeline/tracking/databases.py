@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 from filelock import FileLock
 
-from pipeline import remote
-from pipeline.errors import ArtifactError, ConfigError, NotInstalledError
+from pipeline.core import remote
+from pipeline.core.errors import ArtifactError, ConfigError, NotInstalledError
 
 if TYPE_CHECKING:
     from sqlalchemy import URL

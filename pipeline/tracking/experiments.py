@@ -5,7 +5,7 @@ It is found by name, and brought back from MLflow's bin if need be.
 
 from typing import TYPE_CHECKING
 
-from pipeline.errors import ConfigError
+from pipeline.core.errors import ConfigError
 from pipeline.tracking import served
 from pipeline.tracking.databases import Database
 

@@ -12,7 +12,7 @@ import mlflow
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline import store
+from pipeline.core import store
 from pipeline.matching.ranking import Rows
 
 

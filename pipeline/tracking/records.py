@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from pipeline.errors import ArtifactError
+from pipeline.core.errors import ArtifactError
 from pipeline.evaluation.rows import table
 from pipeline.evaluation.study_rows import AGEING
 from pipeline.running.dvc_files import DvcLock

@@ -20,8 +20,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
-from pipeline.errors import InputError
-from pipeline.replacing import replace
+from pipeline.core.errors import InputError
+from pipeline.core.replacing import replace
 from pipeline.tracking import datasets, experiments, page, registry, served, texts
 from pipeline.tracking.databases import Database, database
 from pipeline.tracking.experiments import KEY as KEY

@@ -18,9 +18,9 @@ from urllib.request import url2pathname
 
 import numpy as np
 
-from pipeline import remote, store
-from pipeline.errors import InputError
-from pipeline.running.building import plain
+from pipeline.core import remote, store
+from pipeline.core.building import plain
+from pipeline.core.errors import InputError
 
 if TYPE_CHECKING:
     from mlflow import MlflowClient

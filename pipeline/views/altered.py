@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.alterations import TURNED, Alteration, Case, generator
-from pipeline.frames import Poses, Stamps, turns
-from pipeline.schemas import Scans, Submaps
+from pipeline.core.frames import Poses, Stamps, turns
+from pipeline.core.schemas import Scans, Submaps
 from pipeline.views.birdview import BirdView
 from pipeline.views.draw import Drawing, View
 from pipeline.views.mapped import MappedViews

@@ -13,12 +13,12 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from pipeline import schemas
-from pipeline.errors import ConfigError, InputError
+from pipeline.core import schemas
+from pipeline.core.errors import ConfigError, InputError
+from pipeline.core.settings import Count, NotNegative, Seed, Side, check
 from pipeline.mapping.bricks import BRICK, LEAVES, Bricks, corner
 from pipeline.mapping.ground import plane
 from pipeline.mapping.octree import Octree, OctreeMap, log_odds
-from pipeline.running.settings import Count, NotNegative, Seed, Side, check
 
 NEAR_M = 0.2
 STEEPEST_DEG = 20.0

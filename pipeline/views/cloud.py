@@ -11,10 +11,10 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline import schemas
-from pipeline.errors import ConfigError, InputError
+from pipeline.core import schemas
+from pipeline.core.errors import ConfigError, InputError
+from pipeline.core.settings import Count, NotNegative, Positive, Seed, check
 from pipeline.mapping.ground import plane
-from pipeline.running.settings import Count, NotNegative, Positive, Seed, check
 from pipeline.views import kernels
 
 

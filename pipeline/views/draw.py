@@ -9,13 +9,13 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline import store
 from pipeline.alterations import Case
-from pipeline.errors import ArtifactError
+from pipeline.core import store
+from pipeline.core.compute import Compute
+from pipeline.core.errors import ArtifactError
+from pipeline.core.progress import Progress
+from pipeline.core.schemas import Scans, Submaps, Views
 from pipeline.mapping.gathering import submap_points
-from pipeline.running.compute import Compute
-from pipeline.running.progress import Progress
-from pipeline.schemas import Scans, Submaps, Views
 
 BLOCK = 64
 SEEN = 0.01

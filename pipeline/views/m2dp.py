@@ -13,9 +13,9 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline import schemas
-from pipeline.errors import InputError
-from pipeline.running.settings import Side, check
+from pipeline.core import schemas
+from pipeline.core.errors import InputError
+from pipeline.core.settings import Side, check
 from pipeline.views import m2dp_kernel as kernel
 
 LAST_EDGE_M = 0.001

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.frames import Poses
+from pipeline.core.frames import Poses
+from pipeline.core.schemas import BirdViews, Scans, Submaps
 from pipeline.mapping.gathering import scan_points
 from pipeline.mapping.octree import OctreeMap, Variance
-from pipeline.schemas import BirdViews, Scans, Submaps
 from pipeline.views.birdview import BirdView
 from pipeline.views.draw import write_views
 

@@ -13,9 +13,9 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline import schemas
-from pipeline.errors import ConfigError, InputError
-from pipeline.running.settings import NotNegative, Positive, Side, Whole, check
+from pipeline.core import schemas
+from pipeline.core.errors import ConfigError, InputError
+from pipeline.core.settings import NotNegative, Positive, Side, Whole, check
 from pipeline.views import kernels
 
 

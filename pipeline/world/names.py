@@ -3,7 +3,7 @@
 import re
 from datetime import UTC, date, datetime
 
-from pipeline.errors import ConfigError
+from pipeline.core.errors import ConfigError
 
 KITTI_DATE = date(2011, 9, 26)
 """The date of all logs, that of the first KITTI log, since the number of a log is not a date."""

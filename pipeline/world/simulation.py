@@ -7,11 +7,11 @@ from functools import partial
 from pathlib import Path
 from typing import Literal
 
-from pipeline.errors import ConfigError
+from pipeline.core.compute import Compute
+from pipeline.core.errors import ConfigError
+from pipeline.core.progress import Progress
+from pipeline.core.settings import Count, NotNegative, Positive, Share, check
 from pipeline.formats.changes import Change
-from pipeline.running.compute import Compute
-from pipeline.running.progress import Progress
-from pipeline.running.settings import Count, NotNegative, Positive, Share, check
 from pipeline.world.driving.day import TWIGS_PER_M, simulate_day
 from pipeline.world.driving.drive import drive, survey
 from pipeline.world.driving.entry import Entry

@@ -12,7 +12,7 @@ from pathlib import Path
 from hydra import compose, initialize_config_dir
 from omegaconf import DictConfig
 
-from pipeline.errors import ConfigError, YearlocError
+from pipeline.core.errors import ConfigError, YearlocError
 from pipeline.running.texts import check_files
 from pipeline.studies.known import studies
 from pipeline.sweeps.record import Record, cost, read

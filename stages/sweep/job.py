@@ -18,8 +18,8 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from pipeline import store
-from pipeline.errors import ConfigError, YearlocError
+from pipeline.core import store
+from pipeline.core.errors import ConfigError, YearlocError
 from pipeline.evaluation.held_out import held_out_auc
 from pipeline.evaluation.judgement import Evaluations
 from pipeline.evaluation.rows import TableRows, of_evaluation, row

@@ -10,7 +10,7 @@ import yaml
 from hydra import compose
 from omegaconf import DictConfig, OmegaConf
 
-from pipeline.errors import ConfigError
+from pipeline.core.errors import ConfigError
 from pipeline.studies.expansion import expand
 from pipeline.studies.study import CellSize, Study, StudyMethod, settings_of
 from pipeline.sweeps.chain import Step

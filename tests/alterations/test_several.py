@@ -16,7 +16,7 @@ from pipeline.alterations.construction import Construction
 from pipeline.alterations.demolition import Demolition
 from pipeline.alterations.several import Several
 from pipeline.alterations.turned import Turned
-from pipeline.errors import ConfigError
+from pipeline.core.errors import ConfigError
 from tests.alterations.made import altered
 
 CONF = sorted((Path(__file__).parents[2] / "conf/alteration").glob("*.yaml"))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline.alterations.turned import Turned, turned
-from pipeline.frames import pose
+from pipeline.core.frames import pose
 from pipeline.views.scan_context import ScanContext
 from tests.alterations.made import altered
 

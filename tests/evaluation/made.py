@@ -8,16 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from pipeline import store
 from pipeline.alterations import Case
+from pipeline.core import store
+from pipeline.core.frames import pose
+from pipeline.core.schemas import Labels
 from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.judge import judge
 from pipeline.evaluation.judgement import Evaluation, Evaluations
 from pipeline.evaluation.protocols import Distance, Truth
 from pipeline.evaluation.viewpoints import ViewpointMatches
-from pipeline.frames import pose
 from pipeline.matching.ranking import Ranking
-from pipeline.schemas import Labels
 
 SEEN = np.array([1, 1, 1, 0, 1, 0], bool)
 TOY = Truth(SEEN, ~SEEN, np.array([0, 1, 0, -1, 0, -1]), np.array([1, 1, 1, 0, 0, 0], bool))

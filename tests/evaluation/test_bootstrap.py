@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from pipeline.errors import ConfigError
+from pipeline.core.errors import ConfigError
 from pipeline.evaluation import bootstrap
 from pipeline.evaluation.bootstrap import Bootstrap, blocks
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.errors import InputError
+from pipeline.core.errors import InputError
 from pipeline.evaluation.counts import ExactCounts, count, spread
 from pipeline.evaluation.protocols import Truth
 from tests.evaluation.made import NOVELTY, THRESHOLDS, TOY

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipeline.errors import ConfigError
+from pipeline.core.errors import ConfigError
 from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.events import NUMBERS, Bands, banded, distances, nearest_m
 from pipeline.formats.changes import Change

@@ -8,9 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pipeline import schemas, store
 from pipeline.alterations import Case, read_cases
-from pipeline.errors import ArtifactError, InputError
+from pipeline.core import schemas, store
+from pipeline.core.errors import ArtifactError, InputError
+from pipeline.core.frames import turns
+from pipeline.core.schemas import Labels
 from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.judge import judge, judge_cases, outcomes
 from pipeline.evaluation.judgement import (
@@ -24,10 +26,8 @@ from pipeline.evaluation.judgement import (
 )
 from pipeline.evaluation.numbers import MEASURES, NUMBERS
 from pipeline.evaluation.protocols import Distance, Truth
-from pipeline.frames import turns
 from pipeline.matching.ranking import Ranking, joined
 from pipeline.matching.rejection import ACCEPT_NOTHING
-from pipeline.schemas import Labels
 from tests.evaluation.made import of_cases, rows, standing, write
 from tests.report.figures.made import evaluation as seven_queries
 from tests.views.made import SUITED

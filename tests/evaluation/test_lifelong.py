@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pipeline import store
+from pipeline.core import store
+from pipeline.core.schemas import Lifelong
 from pipeline.evaluation.lifelong import Course, cost_rows, lifelong_rows
-from pipeline.schemas import Lifelong
 
 RIGHT = np.array([[1, 1, 0, 1, 0, 0], [1, 0, 1, 1, 0, 1], [0, 1, 1, 0, 1, 0]], bool)
 KNOWN_FROM = np.array([0, 0, 0, 1, 2, -1])

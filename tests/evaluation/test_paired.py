@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipeline.errors import InputError
+from pipeline.core.errors import InputError
+from pipeline.core.schemas import Labels
 from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.judge import judge
 from pipeline.evaluation.judgement import Evaluation
 from pipeline.evaluation.paired import COMPARED, compare, holm, kept_share
 from pipeline.evaluation.protocols import Distance
 from pipeline.matching.ranking import Ranking
-from pipeline.schemas import Labels
 from tests.evaluation.made import standing
 
 METRES = 600

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pipeline.errors import ConfigError
+from pipeline.core.errors import ConfigError
 from pipeline.evaluation.protocols import Distance, by_cells
 
 

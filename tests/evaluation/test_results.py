@@ -9,9 +9,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pipeline import store
 from pipeline.alterations import Case
-from pipeline.errors import ArtifactError, ConfigError, LogError
+from pipeline.core import store
+from pipeline.core.errors import ArtifactError, ConfigError, LogError
 from pipeline.evaluation import results
 from pipeline.evaluation.ageing import Ageing
 from pipeline.evaluation.events import Bands

@@ -13,8 +13,10 @@ import pandas as pd
 import pytest
 from omegaconf import OmegaConf
 
-from pipeline import schemas, store
-from pipeline.errors import ConfigError, InputError
+from pipeline.core import schemas, store
+from pipeline.core.compute import Compute
+from pipeline.core.errors import ConfigError, InputError
+from pipeline.core.progress import Progress
 from pipeline.evaluation.rows import COLUMNS, TYPED
 from pipeline.evaluation.timing import (
     WARM_UP,
@@ -27,8 +29,6 @@ from pipeline.evaluation.timing import (
 )
 from pipeline.matching.ranking import Ranking, Rows
 from pipeline.methods.m2dp import M2dp
-from pipeline.running.compute import Compute
-from pipeline.running.progress import Progress
 from pipeline.running.telemetry import Trace
 from pipeline.studies.models import ModelName
 from pipeline.views.draw import Drawing

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from sklearn import metrics
 
-from pipeline import store
-from pipeline.errors import ConfigError, InputError
+from pipeline.core import store
+from pipeline.core.errors import ConfigError, InputError
+from pipeline.core.frames import yaw
+from pipeline.core.progress import Progress
 from pipeline.evaluation.viewpoints import NUMBERS, ViewpointMatches, Viewpoints, turned
-from pipeline.frames import yaw
 from pipeline.matching.ranking import Localizer, Model, Ranking, Rows
-from pipeline.running.progress import Progress
 from tests.evaluation.made import judged, standing
 
 STEP_M = 3.0

@@ -20,12 +20,12 @@ import pytest
 import requests
 import yaml
 
-from pipeline.errors import ConfigError, LogError
+from pipeline.core.errors import ConfigError, LogError
+from pipeline.core.progress import Progress
 from pipeline.fetching.archives import Archive, Publisher
 from pipeline.fetching.download import CHUNK, Downloader
 from pipeline.fetching.unpacking import unpack
 from pipeline.readers.nclt import Nclt
-from pipeline.running.progress import Progress
 from tests.readers.damage import one_line
 
 ROOT = Path(__file__).parents[2]
@@ -271,7 +271,7 @@ def test_a_killed_process_leaves_what_the_next_goes_on_from(big: Served, tmp_pat
     big.answers = [stalls]
     code = (
         "from pathlib import Path; from pipeline.fetching.download import Downloader\nfrom "
-        "pipeline.running.progress import Progress\nDownloader(1, 60.0, "
+        "pipeline.core.progress import Progress\nDownloader(1, 60.0, "
         f"1.0).fetch({big.address + 'big'!r}, Path({str(tmp_path / 'big')!r}), Progress())"
     )
     process = subprocess.Popen([sys.executable, "-c", code], cwd=ROOT)

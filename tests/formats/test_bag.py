@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 
-from pipeline.errors import LogError
+from pipeline.core.errors import LogError
 from pipeline.formats.bag import CLOUD, ODOMETRY, SWEEP, BagWriter, typestore
 from pipeline.formats.messages import header, poses, sweep_points
 from pipeline.formats.pointcloud2 import decode

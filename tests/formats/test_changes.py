@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.errors import LogError
+from pipeline.core.errors import LogError
 from pipeline.formats.changes import Change, read_changes, write_changes
 from tests.readers.damage import one_line
 

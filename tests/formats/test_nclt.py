@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from pipeline.core.frames import pose
 from pipeline.formats import nclt
-from pipeline.frames import pose
 from pipeline.readers.nclt import read_poses, read_velodyne_sync
 
 

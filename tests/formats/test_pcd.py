@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from pipeline.errors import LogError
+from pipeline.core.errors import LogError
 from pipeline.formats import pcd
 from tests.readers.damage import one_line
 

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from pipeline.errors import LogError
+from pipeline.core.errors import LogError
 from pipeline.formats.bag import CLOUD, typestore
 from pipeline.formats.pointcloud2 import DATATYPES, decode
 from tests.readers.damage import one_line

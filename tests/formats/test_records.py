@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.errors import LogError
+from pipeline.core.errors import LogError
 from pipeline.formats.records import layout, point_bytes, points, refuse_planar
 
 EXTRA = {

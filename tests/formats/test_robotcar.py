@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pipeline.core.frames import flip_ned, pose, rpy
 from pipeline.formats import robotcar
-from pipeline.frames import flip_ned, pose, rpy
 from pipeline.readers.robotcar import RobotCar
 
 SEQUENCE = "2014-07-14-14-49-50"

@@ -3,8 +3,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline import store
-from pipeline.errors import ArtifactError, ConfigError, LogError
+from pipeline.core import store
+from pipeline.core.errors import ArtifactError, ConfigError, LogError
 from pipeline.evaluation.numbers import MEASURES, NUMBERS
 from pipeline.evaluation.protocols import PROTOCOLS
 from pipeline.inspection.kinds import KINDS

@@ -9,7 +9,7 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pipeline.errors import LogError, YearlocError
+from pipeline.core.errors import LogError, YearlocError
 from pipeline.formats.bag import BagWriter
 from pipeline.inspection.bag_contents import Contents, TopicSummary
 from pipeline.inspection.bag_proposal import propose

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.errors import ConfigError, LogError
+from pipeline.core.errors import ConfigError, LogError
+from pipeline.core.frames import flip_ned, pose, transform
 from pipeline.formats import nclt
-from pipeline.frames import flip_ned, pose, transform
 from pipeline.inspection.report import inspect
 from tests.inspection.scanner import assert_says, scan
 from tests.readers.damage import one_line

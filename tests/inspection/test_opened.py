@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.errors import LogError
+from pipeline.core.errors import LogError
 from pipeline.formats import pcd
 from pipeline.inspection.opened import open_unposed
 from tests.readers.bags import KINDS, START_NS, STEP_NS, bag_path, drive

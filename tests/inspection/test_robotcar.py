@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.errors import LogError
+from pipeline.core.errors import LogError
 from pipeline.inspection.report import inspect
 from tests.inspection.scanner import assert_says
 from tests.readers.damage import one_line

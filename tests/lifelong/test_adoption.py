@@ -4,8 +4,8 @@ between two of them."""
 import numpy as np
 import pytest
 
-from pipeline.errors import LogError
-from pipeline.frames import Trajectory
+from pipeline.core.errors import LogError
+from pipeline.core.frames import Trajectory
 from pipeline.lifelong.adoption import Adoption, adopted, bridge, surveyed
 from pipeline.online.inputs import NO_POSE, Scan
 from pipeline.online.site import Site

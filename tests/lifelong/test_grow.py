@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline import replacing
 from pipeline.cli import main
+from pipeline.core import replacing
+from pipeline.core.progress import Progress
 from pipeline.lifelong.adoption import Adoption, NothingAdoptedError, adopted
 from pipeline.lifelong.growth import Growth, mapped, planned
 from pipeline.lifelong.steps import updated
@@ -19,7 +20,6 @@ from pipeline.online.description import describe
 from pipeline.online.inputs import NO_POSE, Scan
 from pipeline.online.pack import learned_from
 from pipeline.online.site import Site
-from pipeline.running.progress import Progress
 from pipeline.views.scan_context import ScanContext
 from tests.online.made import ANCHORS, arrays, described, packed
 from tests.posing.scene import planar, scene, seen_from

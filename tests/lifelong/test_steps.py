@@ -6,16 +6,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline import store
-from pipeline.errors import ConfigError
-from pipeline.grid import Grid
+from pipeline.core import store
+from pipeline.core.errors import ConfigError
+from pipeline.core.grid import Grid
+from pipeline.core.progress import Progress
+from pipeline.core.schemas import Lifelong
 from pipeline.lifelong.record import line, record
 from pipeline.lifelong.steps import streets, surveyed
 from pipeline.lifelong.strategies import Frozen, Grown, Joint
 from pipeline.matching.places import Places
 from pipeline.matching.ranking import Rows
-from pipeline.running.progress import Progress
-from pipeline.schemas import Lifelong
 from pipeline.studies.courses import courses, instances, with_further_days
 from pipeline.studies.study import StudyMethod
 from tests.methods.test_scan_context import EACH, FIFTY, PLACES, rows

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.frames import pose
+from pipeline.core.frames import pose
 from pipeline.mapping.appearance import appearance
 from tests.views.made import artifacts
 

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pipeline import frames
-from pipeline.errors import InputError
+from pipeline.core import frames
+from pipeline.core.errors import InputError
 from pipeline.mapping.bricks import BRICK, LEAVES, NONE, Bricks
 from pipeline.mapping.octree import Octree, OctreeMap
 from tests.mapping.dense_octree import DenseOctree

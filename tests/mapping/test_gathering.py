@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline import store
-from pipeline.frames import pose
+from pipeline.core import store
+from pipeline.core.compute import Compute
+from pipeline.core.frames import pose
+from pipeline.core.progress import Progress
+from pipeline.core.schemas import Scans, Submaps
 from pipeline.mapping import gathering
 from pipeline.mapping.gathering import Gathering
 from pipeline.mapping.submaps import Accumulated
-from pipeline.running.compute import Compute
-from pipeline.running.progress import Progress
-from pipeline.schemas import Scans, Submaps
 from pipeline.views.draw import Drawing
 from tests.views.made import SUITED
 

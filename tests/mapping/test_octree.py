@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pipeline.errors import InputError
+from pipeline.core.errors import InputError
 from pipeline.mapping.octree import Octree, OctreeMap
 from pipeline.readers.kitti import Kitti
 

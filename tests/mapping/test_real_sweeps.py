@@ -9,8 +9,11 @@ import yaml
 from omegaconf import OmegaConf
 from scipy.spatial import cKDTree
 
-from pipeline import store
-from pipeline.errors import ArtifactError
+from pipeline.core import store
+from pipeline.core.compute import Compute
+from pipeline.core.errors import ArtifactError
+from pipeline.core.progress import Progress
+from pipeline.core.schemas import Scans, Submaps
 from pipeline.formats.bag import BagWriter
 from pipeline.mapping.gathering import Gathering
 from pipeline.mapping.scans import Intake
@@ -18,9 +21,6 @@ from pipeline.mapping.submaps import Accumulated
 from pipeline.readers.bag import Bag
 from pipeline.readers.kitti import Kitti
 from pipeline.readers.log import Log
-from pipeline.running.compute import Compute
-from pipeline.running.progress import Progress
-from pipeline.schemas import Scans, Submaps
 from pipeline.views.scan_context import ScanContext
 from stages.views import main
 from tests.views.made import SUITED
@@ -103,7 +103,7 @@ def test_views_that_show_nothing_are_refused(
     drawn = stage | {
         "out": "views",
         "view": view,
-        "compute": {"_target_": "pipeline.running.compute.Compute"},
+        "compute": {"_target_": "pipeline.core.compute.Compute"},
     }
     for percentile, shows in ((5.0, False), (-1.0, True)):
         made = Accumulated(window_m=5.0, ground_percentile=percentile).cut(scans, Progress())

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipeline.errors import ConfigError, LogError
+from pipeline.core.compute import Compute
+from pipeline.core.errors import ConfigError, LogError
+from pipeline.core.progress import Progress
 from pipeline.mapping.scans import Intake
 from pipeline.readers.log import Log
-from pipeline.running.compute import Compute
-from pipeline.running.progress import Progress
 
 
 def log(clouds: Sequence[np.ndarray | None], xs: Sequence[float] | None = None) -> Log:

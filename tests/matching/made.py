@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.frames import pose
+from pipeline.core.frames import pose
 from pipeline.matching.ranking import Rows
 
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from pipeline.errors import InputError
-from pipeline.frames import pose
+from pipeline.core.errors import InputError
+from pipeline.core.frames import pose
 from pipeline.matching.database import Database, euclidean
 from pipeline.matching.ranking import Rows
 from pipeline.methods.m2dp import M2dp

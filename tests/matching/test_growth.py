@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from pipeline.errors import InputError
+from pipeline.core.errors import InputError
+from pipeline.core.progress import Progress
 from pipeline.matching.growth import grown, in_order
-from pipeline.running.progress import Progress
 from tests.lifelong.test_steps import DAYS, NONE
 from tests.methods.test_scan_context import FIFTY
 

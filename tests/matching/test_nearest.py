@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pipeline.errors import InputError
+from pipeline.core.errors import InputError
 from pipeline.matching.nearest import first_of_each, nearest
 
 LINE = np.array([[0.0], [1.0], [3.0], [3.0], [7.0]], np.float32)

@@ -4,7 +4,7 @@ numpy."""
 import numpy as np
 import pytest
 
-from pipeline.errors import InputError
+from pipeline.core.errors import InputError
 from pipeline.matching.patches import differences, normalised, resized
 
 

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.frames import pose
-from pipeline.grid import Grid
+from pipeline.core.frames import pose
+from pipeline.core.grid import Grid
 from pipeline.mapping.submaps import sample_path
 from pipeline.matching.places import label
 

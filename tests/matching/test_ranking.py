@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline import store
 from pipeline.alterations import Case
-from pipeline.errors import ArtifactError, InputError
+from pipeline.core import store
+from pipeline.core.errors import ArtifactError, InputError
+from pipeline.core.schemas import ScanContextViews
 from pipeline.matching.ranking import Ranking, Rows, joined
-from pipeline.schemas import ScanContextViews
 
 IMAGES = np.arange(6 * 2 * 3, dtype=np.float32).reshape(6, 2, 3)
 POSES = np.tile(np.eye(4), (6, 1, 1)) * np.arange(6)[:, None, None]

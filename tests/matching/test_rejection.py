@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pipeline.errors import ConfigError, InputError
+from pipeline.core.errors import ConfigError, InputError
 from pipeline.matching.ranking import Ranking
 from pipeline.matching.rejection import (
     ACCEPT_NOTHING,

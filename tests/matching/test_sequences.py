@@ -4,7 +4,7 @@ looks."""
 import numpy as np
 import pytest
 
-from pipeline.errors import InputError
+from pipeline.core.errors import InputError
 from pipeline.matching import alignment
 from pipeline.matching.database import Database
 from pipeline.matching.ranking import Ranking, Rows

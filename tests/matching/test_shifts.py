@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pipeline.errors import InputError
+from pipeline.core.errors import InputError
 from pipeline.matching.database import Database
 from pipeline.matching.ranking import Rows
 from pipeline.matching.shift_kernels import packed

@@ -12,12 +12,12 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from pipeline.errors import ArtifactError, ConfigError
+from pipeline.core.errors import ArtifactError, ConfigError
+from pipeline.core.progress import Progress
 from pipeline.methods.pfl.adversarial import RIGHT, Training, _move, health, pixels, settle
 from pipeline.methods.pfl.bigan import Decoder, Encoder, ImageDiscriminator, JointDiscriminator
 from pipeline.methods.pfl.game import OBJECTIVES, Game, Objective
 from pipeline.networks.loop import reproducible
-from pipeline.running.progress import Progress
 from tests.interrupted import PowerCut
 
 

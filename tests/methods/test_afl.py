@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 import torch
 
+from pipeline.core.progress import Progress
 from pipeline.methods.pfl.afl import Afl
 from pipeline.methods.pfl.pfl import Pfl
-from pipeline.running.progress import Progress
 from tests.matching.made import along
 
 

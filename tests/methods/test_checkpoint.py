@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from pipeline.errors import ConfigError
+from pipeline.core.errors import ConfigError
 from pipeline.methods.pointnetvlad.authors import renamed
 from pipeline.methods.pointnetvlad.checkpoint import is_checkpoint, read_checkpoint
 from pipeline.methods.pointnetvlad.netvlad import Describer

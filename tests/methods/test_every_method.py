@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pipeline.errors import InputError
+from pipeline.core.errors import InputError
+from pipeline.core.progress import Progress
 from pipeline.matching.ranking import Model, Rows, TrainingSet
 from pipeline.methods.m2dp import M2dp
 from pipeline.methods.sad import Sad
-from pipeline.running.progress import Progress
 from tests.interrupted import PowerCut, same
 from tests.matching.made import along
 from tests.methods import test_pfl as pfl

@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pipeline.core.progress import Progress
 from pipeline.matching.ranking import Rows
 from pipeline.matching.rejection import ACCEPT_NOTHING, Evidence, Rejection
 from pipeline.methods.m2dp import M2dp
 from pipeline.readers.kitti import read_velodyne
-from pipeline.running.progress import Progress
 from pipeline.views import m2dp as views
 from tests.matching.made import along
 

@@ -8,13 +8,13 @@ import pytest
 import torch
 from scipy.ndimage import gaussian_filter
 
+from pipeline.core.progress import Progress
 from pipeline.matching.ranking import Model, Rows
 from pipeline.matching.rejection import Evidence, Rejection
 from pipeline.methods.pfl.bigan import Encoder
 from pipeline.methods.pfl.features import HELD
 from pipeline.methods.pfl.game import OBJECTIVES
 from pipeline.methods.pfl.pfl import Pfl
-from pipeline.running.progress import Progress
 from tests.learning import Clears
 from tests.matching.made import along
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from safetensors.numpy import save_file
 
-from pipeline.errors import ConfigError
+from pipeline.core.errors import ConfigError
+from pipeline.core.progress import Progress
 from pipeline.matching import holdout
 from pipeline.matching.ranking import Model, Ranking, Rows
 from pipeline.matching.rejection import Evidence, Rejection
 from pipeline.methods.pointnetvlad.pointnetvlad import PointNetVlad
-from pipeline.running.progress import Progress
 from tests.interrupted import same
 from tests.learning import Clears
 from tests.matching.made import along

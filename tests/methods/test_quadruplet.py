@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from pipeline.errors import InputError
+from pipeline.core.errors import InputError
 from pipeline.methods.pointnetvlad.quadruplet import Tuples, lazy_quadruplet
 
 LINE = np.column_stack([np.arange(300.0), np.zeros(300)])

@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pipeline.errors import InputError
+from pipeline.core.errors import InputError
+from pipeline.core.progress import Progress
 from pipeline.matching.patches import differences, normalised
 from pipeline.matching.ranking import Localizer
 from pipeline.matching.rejection import ACCEPT_NOTHING, Evidence, Rejection
 from pipeline.methods.sad import Sad
 from pipeline.readers.kitti import read_velodyne
-from pipeline.running.progress import Progress
 from tests.interrupted import same
 from tests.matching.made import along as rows
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pipeline.core.progress import Progress
 from pipeline.matching.database import Database
 from pipeline.matching.ranking import Localizer, Ranking, Rows
 from pipeline.matching.rejection import ACCEPT_NOTHING, Evidence, Rejection
@@ -17,7 +18,6 @@ from pipeline.methods.scan_context import ScanContext50
 from pipeline.methods.scan_context_all import ScanContextAll
 from pipeline.readers.kitti import read_poses, read_velodyne
 from pipeline.readers.nclt import read_velodyne_sync
-from pipeline.running.progress import Progress
 from pipeline.views.scan_context import ScanContext
 from tests.matching.made import along
 

@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipeline.errors import ConfigError
+from pipeline.core.errors import ConfigError
+from pipeline.core.progress import Progress
 from pipeline.matching.ranking import Model, Ranking, Rows
 from pipeline.matching.rejection import ACCEPT_NOTHING, Evidence, Rejection
 from pipeline.methods.sci import Sci
-from pipeline.running.progress import Progress
 from tests.learning import Clears
 from tests.matching.made import along
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 import torch
 
-from pipeline.errors import InputError
+from pipeline.core.errors import InputError
+from pipeline.core.progress import Progress
 from pipeline.matching import holdout
 from pipeline.matching.ranking import Model, Ranking, Rows
 from pipeline.matching.rejection import ACCEPT_NOTHING, Evidence, Rejection
 from pipeline.methods.sci_ring.sci_ring import SciRing
-from pipeline.running.progress import Progress
 from pipeline.views.scan_context import ScanContext
 from tests.interrupted import PowerCut, same
 from tests.learning import Clears

@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pipeline.errors import ArtifactError, InputError
+from pipeline.core.errors import ArtifactError, InputError
+from pipeline.core.progress import Progress
 from pipeline.matching.ranking import Rows
 from pipeline.methods.sci import Sci
 from pipeline.methods.sci_ring.sci_ring import SciRing
 from pipeline.networks import loop
 from pipeline.networks.classifier import Classifier
-from pipeline.running.progress import Progress
 from tests.matching.made import along
 
 SETTINGS: dict[str, Any] = {

@@ -13,13 +13,13 @@ import pytest
 import torch
 from torch import nn
 
+from pipeline.core.progress import Progress
 from pipeline.methods.pfl.adversarial import SETTLED
 from pipeline.methods.pfl.game import OBJECTIVES
 from pipeline.methods.sci import Sci
 from pipeline.methods.sci_ring.sci_ring import SciRing
 from pipeline.networks import loop
 from pipeline.networks.classifier import Classifier
-from pipeline.running.progress import Progress
 from tests.interrupted import PowerCut
 from tests.methods import test_adversarial as adversarial
 from tests.methods import test_pfl as pfl

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from pipeline.errors import InputError
+from pipeline.core.errors import InputError
 from pipeline.methods.sci_ring.ring import Ring
 from pipeline.networks.lenet import LeNet
 

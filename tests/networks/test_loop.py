@@ -10,9 +10,9 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from pipeline.errors import ConfigError
+from pipeline.core.errors import ConfigError
+from pipeline.core.progress import Progress
 from pipeline.networks.loop import CURVES, arrays, fit, one_cycle, reproducible
-from pipeline.running.progress import Progress
 from tests.interrupted import PowerCut, same
 
 IMAGES = torch.randn(24, 6, generator=torch.Generator().manual_seed(1))

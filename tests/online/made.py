@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.grid import Grid
+from pipeline.core.grid import Grid
+from pipeline.core.progress import Progress
 from pipeline.matching.places import label
 from pipeline.matching.ranking import Rows
 from pipeline.methods.scan_context import ScanContext50
@@ -15,7 +16,6 @@ from pipeline.online import site_file
 from pipeline.online.site_json import VERSION, SiteDescription
 from pipeline.posing.targets import GRAIN_M
 from pipeline.posing.verdict import BELIEFS
-from pipeline.running.progress import Progress
 from pipeline.views.scan_context import ScanContext
 from tests.posing.scene import planar, scene, seen_from
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from pipeline.cli import main
-from pipeline.frames import apart
+from pipeline.core.frames import apart
 from pipeline.online.example import FOLDER, SITE, scans
 from pipeline.online.site import Site
 

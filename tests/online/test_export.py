@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.errors import ConfigError
+from pipeline.core.errors import ConfigError
+from pipeline.core.progress import Progress
 from pipeline.matching.ranking import Rows
 from pipeline.methods.sci import Sci
 from pipeline.methods.sci_ring.sci_ring import SciRing
@@ -16,7 +17,6 @@ from pipeline.networks.classifier import Classifier
 from pipeline.online import site_file
 from pipeline.online.export import Parity, export
 from pipeline.online.site import Site
-from pipeline.running.progress import Progress
 from pipeline.views.scan_context import ScanContext
 from tests.online.made import ANCHORS, arrays, described, packed, scan
 from tests.posing.scene import scene
@@ -100,7 +100,7 @@ def test_a_site_that_needs_torch_says_so(learned: Path) -> None:
     told = subprocess.run(words, capture_output=True, text=True, check=False).stderr.splitlines()[
         -1
     ]
-    assert told.startswith("pipeline.errors.NotInstalledError")
+    assert told.startswith("pipeline.core.errors.NotInstalledError")
     assert "torch: not installed" in told
     assert "pip install 'yearloc[site]'" in told
 

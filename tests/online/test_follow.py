@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from pipeline.cli import main
-from pipeline.errors import LogError
+from pipeline.core.errors import LogError
+from pipeline.core.frames import pose
 from pipeline.formats.bag import BagWriter
-from pipeline.frames import pose
 from pipeline.online.follow import Following
 from pipeline.online.odometry import Newest
 from tests.online.made import packed, scan

@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline import schemas, store
 from pipeline.cli import main
-from pipeline.errors import ArtifactError, InputError
+from pipeline.core import schemas, store
+from pipeline.core.errors import ArtifactError, InputError
+from pipeline.core.progress import Progress
 from pipeline.formats import nav2_map
 from pipeline.formats.bag import BagWriter
 from pipeline.formats.nav2_map import GridMap
@@ -20,7 +21,6 @@ from pipeline.online.level_pack import CARMEN, is_level, pack_sweeps
 from pipeline.online.level_site import LevelSite, LevelTracker
 from pipeline.online.site import Site
 from pipeline.online.tracking import Tracker
-from pipeline.running.progress import Progress
 from tests.level.hall import drive, sweep
 from tests.online.made import packed
 from tests.posing.scene import scene

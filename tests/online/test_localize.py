@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline import replacing
 from pipeline.cli import main
+from pipeline.core import replacing
+from pipeline.core.frames import pose
 from pipeline.formats import nclt
 from pipeline.formats.bag import POSE_COVARIANCE, BagWriter
 from pipeline.formats.bag_file import BagFile
-from pipeline.frames import pose
 from pipeline.inspection.report import inspect
 from pipeline.online.outputs import COLUMNS
 from pipeline.online.tilt import lean

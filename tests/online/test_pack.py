@@ -6,15 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline import schemas, store
-from pipeline.errors import ConfigError, InputError
+from pipeline.core import schemas, store
+from pipeline.core.errors import ConfigError, InputError
+from pipeline.core.progress import Progress
 from pipeline.matching.places import label
 from pipeline.matching.ranking import Rows
 from pipeline.methods.scan_context import ScanContext50
 from pipeline.online.description import describe
 from pipeline.online.pack import Packing, Trained
 from pipeline.online.site import Site
-from pipeline.running.progress import Progress
 from pipeline.studies.layout import Layout
 from pipeline.views.draw import AS_DRIVEN
 from pipeline.views.scan_context import ScanContext

@@ -14,7 +14,7 @@ import psutil
 import pytest
 import requests
 
-from pipeline.errors import ConfigError
+from pipeline.core.errors import ConfigError
 from pipeline.formats.bag import BagWriter
 from pipeline.formats.bag_file import BagFile
 from pipeline.online.bodies import CDR, FLOATS, LARGEST_BYTES

@@ -11,8 +11,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from pipeline.errors import ArtifactError, InputError
-from pipeline.frames import apart
+from pipeline.core.errors import ArtifactError, InputError
+from pipeline.core.frames import apart
 from pipeline.online.description import describe
 from pipeline.online.site import Site
 from pipeline.online.site_file import ABOUT, MAP, MODEL

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from pipeline.cli import main
+from pipeline.core.grid import Grid
 from pipeline.formats.bag import CLOUD, POSE_COVARIANCE, TRANSFORMS, BagWriter
 from pipeline.formats.bag_file import BagFile
 from pipeline.formats.pointcloud2 import decode
-from pipeline.grid import Grid
 from pipeline.online import site_file
 from pipeline.online.site import Site
 from pipeline.online.watch import whole_map

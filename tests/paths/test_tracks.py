@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pipeline import schemas, store
-from pipeline.errors import InputError
-from pipeline.grid import Grid
+from pipeline.core import schemas, store
+from pipeline.core.errors import InputError
+from pipeline.core.grid import Grid
 from pipeline.matching.places import Places
 from pipeline.paths import tracks
 from pipeline.paths.filter import Filter

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.frames import pose
+from pipeline.core.frames import pose
 from pipeline.posing.fix import Hypothesis
 from pipeline.posing.registration import Alignment
 from pipeline.posing.slides import Slide

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline import schemas, store
-from pipeline.errors import ArtifactError, ConfigError
-from pipeline.frames import apart
+from pipeline.core import schemas, store
+from pipeline.core.errors import ArtifactError, ConfigError
+from pipeline.core.frames import apart
 from pipeline.posing.chances import Chances
 from pipeline.posing.fix import Fix, signs
 from pipeline.posing.registration import NOWHERE

@@ -7,15 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.errors import ConfigError, InputError
+from pipeline.core.compute import Compute
+from pipeline.core.errors import ConfigError, InputError
+from pipeline.core.progress import Progress
 from pipeline.matching.ranking import Ranking, Rows
 from pipeline.posing.ageing import Ageing
 from pipeline.posing.held_out import Drive, HeldOut, TrainingDay
 from pipeline.posing.search import Fixer
 from pipeline.posing.targets import write_map
 from pipeline.posing.verdict import Evidence
-from pipeline.running.compute import Compute
-from pipeline.running.progress import Progress
 from tests.posing.scene import planar, scene, seen_from
 from tests.posing.test_queries import drive
 

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline import schemas, store
 from pipeline.alterations import Case, generator
 from pipeline.alterations.turned import Turned
-from pipeline.errors import InputError
-from pipeline.frames import apart, turns
+from pipeline.core import schemas, store
+from pipeline.core.errors import InputError
+from pipeline.core.frames import apart, turns
 from pipeline.posing.fix import poses
 from pipeline.posing.queries import Queries
 from pipeline.posing.search import Fixer

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pipeline import schemas, store
+from pipeline.core import schemas, store
+from pipeline.core.frames import apart, yaw
 from pipeline.formats import pcd
-from pipeline.frames import apart, yaw
 from pipeline.posing.fix import Fix, poses
 from pipeline.posing.registration import Registration
 from pipeline.posing.search import Fixer

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from pipeline.errors import ConfigError, InputError
-from pipeline.frames import apart
+from pipeline.core.errors import ConfigError, InputError
+from pipeline.core.frames import apart
 from pipeline.posing.registration import Registration
 from tests.posing.scene import planar, scene, seen_from
 

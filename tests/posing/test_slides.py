@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline import schemas, store
-from pipeline.frames import yaw
+from pipeline.core import schemas, store
+from pipeline.core.frames import yaw
 from pipeline.posing.search import Answers, Fixer
 from pipeline.posing.slides import FAR_M, slide
 from pipeline.posing.targets import GRAIN_M, Targets

@@ -4,7 +4,7 @@ match."""
 import numpy as np
 import pytest
 
-from pipeline.errors import ConfigError
+from pipeline.core.errors import ConfigError
 from pipeline.posing.walls import SEEN_THROUGH, WALL, Walls
 from tests.posing.scene import planar, scene, seen_from
 

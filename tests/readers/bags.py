@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
+from pipeline.core.frames import pose
 from pipeline.formats.bag import BagWriter
-from pipeline.frames import pose
 
 KINDS = ("ros1", "sqlite3", "mcap")
 START_NS = 1_700_000_000_000_000_000

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 
-from pipeline.errors import YearlocError
+from pipeline.core.errors import YearlocError
 from pipeline.readers.log import Log, Reader
 
 KINDS = (

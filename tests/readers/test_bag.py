@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 from rosbags import rosbag1, rosbag2
 
-from pipeline.errors import LogError
+from pipeline.core.compute import Compute
+from pipeline.core.errors import LogError
+from pipeline.core.frames import transform, yaw
 from pipeline.formats.bag import BagWriter
 from pipeline.formats.bag_file import BagFile
-from pipeline.frames import transform, yaw
 from pipeline.readers.bag import Bag
 from pipeline.readers.bag_poses import Tree, longest_increasing
-from pipeline.running.compute import Compute
 from tests.readers import by_hand
 from tests.readers.bags import BODY_T_LIDAR, KINDS, START_NS, STEP_NS, at, bag_path, drive
 from tests.readers.damage import one_line

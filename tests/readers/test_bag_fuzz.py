@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.interfaces import Connection
 
-from pipeline.errors import LogError
+from pipeline.core.errors import LogError
 from pipeline.formats.bag import BagWriter
 from pipeline.readers.bag import Bag
 from tests.readers.bags import KINDS, START_NS, STEP_NS, at, bag_path, drive, fill

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.errors import LogError
-from pipeline.frames import yaw
+from pipeline.core.errors import LogError
+from pipeline.core.frames import yaw
 from pipeline.readers.carmen import Carmen
 from tests.readers.damage import one_line, opened
 from tests.readers.logs import carmen_log, flaser

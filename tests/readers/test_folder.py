@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.errors import LogError
+from pipeline.core.errors import LogError
+from pipeline.core.frames import rpy, yaw
 from pipeline.formats import folder as files
-from pipeline.frames import rpy, yaw
 from pipeline.readers.folder import Folder, read_kitti, read_scan, read_tum
 from tests.readers.damage import one_line
 from tests.readers.logs import folder_log

@@ -15,7 +15,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pipeline.errors import LogError, YearlocError
+from pipeline.core.errors import LogError, YearlocError
 from pipeline.readers.carmen import Carmen
 from pipeline.readers.folder import Folder, read_scan, read_tum
 from pipeline.readers.keyframes import KeyFrames

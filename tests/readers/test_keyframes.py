@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.errors import LogError
-from pipeline.frames import yaw
+from pipeline.core.errors import LogError
+from pipeline.core.frames import yaw
 from pipeline.readers.keyframes import KeyFrames
 from tests.readers.damage import one_line, opened
 from tests.readers.logs import key_frames

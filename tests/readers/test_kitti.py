@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
-from pipeline.errors import ConfigError, LogError
-from pipeline.frames import transform, yaw
+from pipeline.core.errors import ConfigError, LogError
+from pipeline.core.frames import transform, yaw
 from pipeline.readers.kitti import Kitti, read_poses, read_velodyne
 from tests.readers.damage import one_line
 from tests.readers.logs import TR, kitti_log

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.errors import LogError
-from pipeline.frames import rpy, yaw
+from pipeline.core.errors import LogError
+from pipeline.core.frames import rpy, yaw
 from pipeline.readers.nclt import (
     Nclt,
     read_packets,

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.errors import ConfigError, LogError
+from pipeline.core.errors import ConfigError, LogError
 from pipeline.readers.log import Log
 from pipeline.readers.parts import Part, names, open_part
 from tests.readers.damage import one_line

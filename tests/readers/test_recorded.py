@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.errors import LogError
+from pipeline.core.compute import Compute
+from pipeline.core.errors import LogError
+from pipeline.core.progress import Progress
 from pipeline.formats.changes import Change
 from pipeline.readers.kitti import Kitti
 from pipeline.readers.log import Log
 from pipeline.readers.recorded import Recorded
-from pipeline.running.compute import Compute
-from pipeline.running.progress import Progress
 from tests.readers.logs import kitti_log
 
 

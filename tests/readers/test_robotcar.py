@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pipeline.errors import LogError
-from pipeline.frames import NED_FLIP, rpy, yaw
+from pipeline.core.errors import LogError
+from pipeline.core.frames import NED_FLIP, rpy, yaw
 from pipeline.readers.log import Log
 from pipeline.readers.robotcar import RobotCar, read_sweep
 from pipeline.readers.robotcar_poses import read_extrinsics, read_vo

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 import yaml
 
-from pipeline.errors import ConfigError
+from pipeline.core.errors import ConfigError
 from pipeline.readers.bag import Bag
 from pipeline.readers.carmen import Carmen
 from pipeline.readers.folder import Folder

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pipeline.core.frames import Trajectory, pose
 from pipeline.formats.bag import BagWriter
-from pipeline.frames import Trajectory, pose
 from pipeline.readers.bag import Bag
 from pipeline.readers.folder import Folder
 from pipeline.readers.vehicle import breaks_ns, doubts, jumps, parted

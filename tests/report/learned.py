@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from pipeline import schemas, store
+from pipeline.core import schemas, store
+from pipeline.core.schemas import Lifelong
 from pipeline.evaluation import results
 from pipeline.evaluation.ageing import Ageing
 from pipeline.evaluation.events import Bands
 from pipeline.report.study import Study
-from pipeline.schemas import Lifelong
 from pipeline.studies.layout import Layout
 from tests.evaluation.made import standing
 from tests.report.figures.made import TRAIN_XY_M

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from pipeline import schemas, store
+from pipeline.core import schemas, store
 from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.protocols import Distance
 from pipeline.evaluation.rows import row, table

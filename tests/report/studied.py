@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from pipeline import schemas, store
 from pipeline.alterations import Case
+from pipeline.core import schemas, store
 from pipeline.evaluation import results
 from pipeline.evaluation.ageing import Ageing
 from pipeline.evaluation.events import Bands

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pipeline.errors import ArtifactError
+from pipeline.core.errors import ArtifactError
 from pipeline.evaluation.rows import row, table
 from pipeline.report.brief import LINES, brief
 from tests.studies.made import RECORDED

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.errors import ConfigError
+from pipeline.core.errors import ConfigError
 from pipeline.report.pages import PAGES, Block, blocks, filled, table_texts
 from tests.report.test_brief import TESTS, results
 from tests.studies.made import study as made_study

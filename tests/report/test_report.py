@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.errors import ArtifactError
+from pipeline.core.errors import ArtifactError
 from pipeline.report import report, terminal
 from pipeline.report.study import Study
 from tests.report.studied import FEW, SETTINGS

@@ -12,7 +12,7 @@ from tests.online.made import packed, scan
 
 POOL = """
 import time
-from pipeline.running.compute import Compute
+from pipeline.core.compute import Compute
 from pipeline.running.ending import end_when_asked
 
 def slow(start, stop):

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.errors import ConfigError
+from pipeline.core.errors import ConfigError
 from pipeline.evaluation.rows import row, table
 from pipeline.running.texts import check_files, folded, read_yaml
 from tests.clone import Clone

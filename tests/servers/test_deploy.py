@@ -17,7 +17,7 @@ import psutil
 import pytest
 import yaml
 
-from pipeline.running.compute import Compute
+from pipeline.core.compute import Compute
 from tests.servers.conftest import ObjectStore, Postgres, free_port, wait
 
 ROOT = Path(__file__).parents[2]

@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pipeline import remote, store
-from pipeline.errors import ArtifactError
-from pipeline.schemas import Labels
-from pipeline.store import Array, Artifact
+from pipeline.core import remote, store
+from pipeline.core.errors import ArtifactError
+from pipeline.core.schemas import Labels
+from pipeline.core.store import Array, Artifact
 from tests.servers.conftest import ObjectStore, free_port
 
 

@@ -13,8 +13,8 @@ import psutil
 import pytest
 import requests
 
-from pipeline.errors import ConfigError
-from pipeline.store import write_model
+from pipeline.core.errors import ConfigError
+from pipeline.core.store import write_model
 from pipeline.tracking.runs import Published, RunRecord, publish
 from pipeline.tracking.served import Served
 from tests.servers.conftest import ObjectStore, Postgres, free_port, listening, wait

@@ -5,7 +5,7 @@ from collections import Counter
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.frames import pose
+from pipeline.core.frames import pose
 from pipeline.readers.log import Log
 
 RADIUS_M = 16.0

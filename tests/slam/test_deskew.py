@@ -1,6 +1,6 @@
 import numpy as np
 
-from pipeline.frames import pose
+from pipeline.core.frames import pose
 from pipeline.slam.deskew import deskewed
 
 

@@ -4,12 +4,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.errors import LogError
+from pipeline.core.errors import LogError
+from pipeline.core.frames import apart
+from pipeline.core.progress import Progress
 from pipeline.formats import folder, pcd
-from pipeline.frames import apart
 from pipeline.readers.folder import read_tum
 from pipeline.readers.log import Log
-from pipeline.running.progress import Progress
 from pipeline.slam import outputs
 from pipeline.slam.drive import Estimate, Slam
 from tests.slam.round import RADIUS_M, ROUND, circle, drive

@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline import schemas, store
-from pipeline.errors import LogError
-from pipeline.frames import apart
+from pipeline.core import schemas, store
+from pipeline.core.errors import LogError
+from pipeline.core.frames import apart
+from pipeline.core.progress import Progress
 from pipeline.readers.estimated import posed
-from pipeline.running.progress import Progress
 from pipeline.slam.drive import Slam
 from pipeline.slam.kept import artifact
 from pipeline.slam.onto import estimate_onto

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.errors import ConfigError
+from pipeline.core.errors import ConfigError
 from pipeline.studies import catalogue
 from pipeline.studies.catalogue import Entry, entries, table
 

@@ -7,8 +7,8 @@ import pytest
 import yaml
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
-from pipeline.errors import ConfigError
-from pipeline.running.settings import filled
+from pipeline.core.errors import ConfigError
+from pipeline.core.settings import filled
 from pipeline.studies.expansion import LISTS, Lists, expand
 from pipeline.studies.known import checked
 from pipeline.studies.names import lists_text, studies_text

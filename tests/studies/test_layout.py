@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from pipeline import store
+from pipeline.core import store
 from pipeline.studies.layout import LEVELS, Layout
 from pipeline.studies.models import ModelName
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.errors import ArtifactError
+from pipeline.core.errors import ArtifactError
 from pipeline.studies import measured
 from pipeline.studies.layout import Layout
 from tests.studies.made import study

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 import yaml
 
-from pipeline.errors import ConfigError
+from pipeline.core.errors import ConfigError
 from pipeline.studies.known import refuse_unknown
 from pipeline.studies.study import CellSize, Study, Tolerance
 from tests.studies.made import CONF, RECORDED, TABLE, study

@@ -6,7 +6,7 @@ import pytest
 import yaml
 from dvc.repo import Repo
 
-from pipeline.errors import ConfigError
+from pipeline.core.errors import ConfigError
 from pipeline.running.dvc_files import definition
 from pipeline.studies.expansion import expand as spelled_out
 from pipeline.studies.study import Study

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.errors import ConfigError, NotInstalledError
+from pipeline.core.errors import ConfigError, NotInstalledError
 from pipeline.tracking.databases import database
 from stages.sweep.__main__ import apart, tracking_of
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pipeline.errors import ArtifactError
+from pipeline.core.errors import ArtifactError
 from pipeline.evaluation.rows import row, table
 from pipeline.running.dvc_files import DvcLock
 from pipeline.studies.models import ModelName

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pipeline.errors import InputError
-from pipeline.store import write_model
+from pipeline.core.errors import InputError
+from pipeline.core.store import write_model
 from pipeline.tracking import page
 from pipeline.tracking.datasets import UsedSequence
 from pipeline.tracking.runs import KEY, Published, RunRecord, experiment_of, publish

@@ -9,8 +9,8 @@ import grimp
 import numpy as np
 import pytest
 
-from pipeline import store
-from pipeline.errors import InputError
+from pipeline.core import store
+from pipeline.core.errors import InputError
 from pipeline.matching.ranking import Ranking
 from pipeline.tracking import served
 from pipeline.tracking.served import OUTPUTS, REQUIREMENTS, Served

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from pipeline import schemas, store
-from pipeline.frames import pose
+from pipeline.core import schemas, store
+from pipeline.core.frames import pose
 from pipeline.mapping.octree import Octree
 from pipeline.views.birdview import BirdView
 

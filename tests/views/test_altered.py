@@ -8,16 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline import schemas
 from pipeline.alterations import AS_DRIVEN, TURNED, Case
 from pipeline.alterations.construction import Construction
 from pipeline.alterations.demolition import Demolition
 from pipeline.alterations.several import Several
 from pipeline.alterations.turned import Turned, turned
-from pipeline.frames import pose, yaw
+from pipeline.core import schemas
+from pipeline.core.compute import Compute
+from pipeline.core.frames import pose, yaw
 from pipeline.mapping import gathering
 from pipeline.matching.ranking import Rows
-from pipeline.running.compute import Compute
 from pipeline.views.altered import AlteredRows, altered
 from pipeline.views.draw import Drawing
 from pipeline.views.mapped import MappedViews

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import yaml
 
-from pipeline import frames
-from pipeline.errors import InputError
+from pipeline.core import frames
+from pipeline.core.errors import InputError
 from pipeline.mapping.octree import Octree
 from pipeline.views.birdview import BirdView
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.running.compute import Compute
+from pipeline.core.compute import Compute
 from pipeline.views import draw
 from pipeline.views.draw import Drawing
 from tests.views.made import artifacts

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.errors import InputError
+from pipeline.core.errors import InputError
 from pipeline.readers.kitti import read_velodyne
 from pipeline.readers.nclt import read_velodyne_sync
 from pipeline.views import m2dp_kernel

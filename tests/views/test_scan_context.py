@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pipeline.errors import InputError
+from pipeline.core.errors import InputError
 from pipeline.readers.nclt import read_velodyne_sync
 from pipeline.views.scan_context import ScanContext, quantize
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import yaml
 
-from pipeline.errors import ConfigError
-from pipeline.running.compute import Compute
-from pipeline.running.progress import Progress
+from pipeline.core.compute import Compute
+from pipeline.core.errors import ConfigError
+from pipeline.core.progress import Progress
 from pipeline.world.driving.entry import Entry
 from pipeline.world.driving.recorder import Recording
 from pipeline.world.layout.campus import shapes_on

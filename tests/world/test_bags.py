@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pipeline.core.compute import Compute
+from pipeline.core.progress import Progress
 from pipeline.readers.bag import Bag
 from pipeline.readers.log import Log
 from pipeline.readers.nclt import Nclt
-from pipeline.running.compute import Compute
-from pipeline.running.progress import Progress
 from pipeline.world.simulation import Simulation
 from tests.world.helpers import contents, record
 

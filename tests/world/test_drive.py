@@ -3,7 +3,7 @@ from datetime import UTC, date, datetime
 import numpy as np
 import pytest
 
-from pipeline.frames import Trajectory, rpy
+from pipeline.core.frames import Trajectory, rpy
 from pipeline.world.driving.drive import CAR, SEGWAY, Drive, Motion, drive
 from pipeline.world.layout.ground import Ground
 from tests.world.helpers import FLAT

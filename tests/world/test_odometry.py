@@ -3,7 +3,7 @@ from datetime import date
 import numpy as np
 import pytest
 
-from pipeline.frames import Poses
+from pipeline.core.frames import Poses
 from pipeline.world.driving.drive import CAR, drive
 from pipeline.world.driving.odometry import simulate_ins, visual_odometry, wheel_odometry
 from tests.world.helpers import FLAT

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pipeline.running.compute import Compute
+from pipeline.core.compute import Compute
 from pipeline.world import simulation
 from pipeline.world.driving.recorder import Recording
 from pipeline.world.layout.shapes import Kind

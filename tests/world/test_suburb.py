@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pipeline.core.compute import Compute
 from pipeline.readers.kitti import Kitti, read_poses
-from pipeline.running.compute import Compute
 from pipeline.world.driving.drive import CAR, drive
 from pipeline.world.driving.recorder import Recording
 from pipeline.world.layout.blocks import build_campus

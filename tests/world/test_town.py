@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import yaml
 
+from pipeline.core.compute import Compute
 from pipeline.formats.robotcar import decode_sweep
 from pipeline.readers.log import Log
 from pipeline.readers.robotcar import RobotCar
-from pipeline.running.compute import Compute
 from pipeline.world.layout.shapes import Kind
 from pipeline.world.simulation import Simulation
 from pipeline.world.writers.robotcar import ORIGIN_M

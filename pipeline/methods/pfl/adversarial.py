@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn.functional import mse_loss
 
-from pipeline.errors import ConfigError
+from pipeline.core.errors import ConfigError
+from pipeline.core.progress import Progress
+from pipeline.core.settings import Count, Positive, Seed, Whole
 from pipeline.matching.sequences import SequenceMethod
 from pipeline.methods.pfl.game import Game
 from pipeline.networks import loop
 from pipeline.networks.lenet import sent
-from pipeline.running.progress import Progress
-from pipeline.running.settings import Count, Positive, Seed, Whole
 
 RIGHT = "held_out_accuracy"  # the judge's number that says which round is best, where it gives one
 SETTLED = 16  # batches of a round that the running statistics to localise by are taken from

@@ -14,7 +14,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from pipeline.errors import InputError
+from pipeline.core.errors import InputError
+from pipeline.core.progress import Progress
 from pipeline.matching.database import PREFIX as DATABASE
 from pipeline.matching.database import Database
 from pipeline.matching.headings import ReferenceHeadings, nearest_heading, reference_headings
@@ -31,7 +32,6 @@ from pipeline.methods.pfl.bigan import (
 from pipeline.methods.pfl.game import Game, Objective
 from pipeline.networks import loop
 from pipeline.networks.lenet import device
-from pipeline.running.progress import Progress
 
 ROUNDS = 8
 LEAST_ITERATIONS = 10

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import ConfigError
+from pipeline.core.errors import ConfigError
 
 Arrays = Mapping[str, NDArray[Any]]
 AVERAGE = "ExponentialMovingAverage"

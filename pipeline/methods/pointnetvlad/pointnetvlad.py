@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 from torch import Tensor
 
-from pipeline.errors import ConfigError, InputError
+from pipeline.core.errors import ConfigError, InputError
+from pipeline.core.progress import Progress
+from pipeline.core.settings import Count, NotNegative, Positive, Seed, Whole
 from pipeline.matching import holdout
 from pipeline.matching.database import Database, DescriptorMethod, euclidean
 from pipeline.matching.ranking import Localizer, Model, Ranking, Rows, TrainingSet
@@ -21,8 +23,6 @@ from pipeline.methods.pointnetvlad.quadruplet import Tuples, lazy_quadruplet
 from pipeline.methods.pointnetvlad.weights import load
 from pipeline.networks import loop
 from pipeline.networks.lenet import device
-from pipeline.running.progress import Progress
-from pipeline.running.settings import Count, NotNegative, Positive, Seed, Whole
 
 ROUNDS = 4
 LEAST_STEPS = 10

@@ -8,8 +8,8 @@ from safetensors import SafetensorError
 from safetensors.numpy import load_file
 from torch import nn
 
-from pipeline import store
-from pipeline.errors import ArtifactError, ConfigError
+from pipeline.core import store
+from pipeline.core.errors import ArtifactError, ConfigError
 from pipeline.methods.pointnetvlad.authors import renamed
 from pipeline.methods.pointnetvlad.checkpoint import is_checkpoint, read_checkpoint
 from pipeline.networks import loop

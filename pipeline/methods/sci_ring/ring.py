@@ -10,7 +10,7 @@ from itertools import pairwise
 import torch
 from torch import Tensor, nn
 
-from pipeline.errors import InputError
+from pipeline.core.errors import InputError
 from pipeline.networks.lenet import FILTERS, start, trunk
 
 # three poolings by two: columns of the image to a sector of the features, and so to a heading

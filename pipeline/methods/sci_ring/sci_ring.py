@@ -8,7 +8,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from pipeline.frames import yaw
+from pipeline.core.frames import yaw
+from pipeline.core.settings import Count, NotNegative, Share
 from pipeline.matching.outlines import Outlines, outlines, reranked
 from pipeline.matching.ranking import Model, Rows
 from pipeline.methods.sci_ring.ring import POOLED, Ring
@@ -18,7 +19,6 @@ from pipeline.networks.classifier import Kinds
 from pipeline.networks.evidence import Prediction
 from pipeline.networks.learner import Learner
 from pipeline.networks.lenet import device, sent
-from pipeline.running.settings import Count, NotNegative, Share
 
 HEADING_SOFTNESS = 2.0
 """Temperature of the softmax over a place's headings, whose circular mean is the answer: at 1 the

@@ -11,7 +11,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from pipeline.frames import Poses
+from pipeline.core.frames import Poses
 
 FOLDER = Path(__file__).parent
 SITE = FOLDER / "campus.site"

@@ -8,7 +8,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from pipeline.errors import InputError
+from pipeline.core.errors import InputError
 from pipeline.evaluation.study_rows import ORACLE, PER_DAYS
 from pipeline.report.figures.panels import name_rows, points
 from pipeline.report.figures.style import QUIET, VEIL, WIDTH_IN, figure, folded, styled, tints

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from PIL import Image
 from scipy.spatial import KDTree
 
-from pipeline.errors import ConfigError
-from pipeline.store import replace
+from pipeline.core.errors import ConfigError
+from pipeline.core.store import replace
 
 ENDINGS = {".gif": "GIF", ".webp": "WEBP", ".png": "PNG"}
 FRAME_MS = 80

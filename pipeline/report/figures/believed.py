@@ -8,11 +8,11 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline import schemas, store
 from pipeline.alterations import Case, read_cases
-from pipeline.errors import ArtifactError
+from pipeline.core import schemas, store
+from pipeline.core.errors import ArtifactError
+from pipeline.core.frames import Poses
 from pipeline.evaluation.judgement import Evaluations
-from pipeline.frames import Poses
 from pipeline.mapping.gathering import submap_points
 from pipeline.posing.registration import Points
 from pipeline.posing.targets import Targets

@@ -14,11 +14,11 @@ from matplotlib.font_manager import findfont
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from pipeline.frames import Poses, yaw
+from pipeline.core.frames import Poses, yaw
+from pipeline.core.progress import Progress
 from pipeline.report.figures import animation
 from pipeline.report.figures.believed import BelievedDrive
 from pipeline.report.figures.style import SIMULATED
-from pipeline.running.progress import Progress
 
 WIDTH_PX = 800
 HEIGHT_PX = 450

@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from pipeline import schemas, store
-from pipeline.errors import ArtifactError
+from pipeline.core import schemas, store
+from pipeline.core.errors import ArtifactError
+from pipeline.core.frames import yaw
 from pipeline.evaluation.judgement import Evaluations
-from pipeline.frames import yaw
 from pipeline.mapping.gathering import submap_points
 from pipeline.report.alike import best_shifts, spectra
 from pipeline.report.result import day

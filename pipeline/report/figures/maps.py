@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from pipeline.errors import InputError
+from pipeline.core.errors import InputError
 from pipeline.evaluation.judgement import FALSE_ALARM, HIT
 from pipeline.report.figures.panels import balanced, panels
 from pipeline.report.figures.style import WIDTH_IN, dot, figure, folded, styled

@@ -15,11 +15,11 @@ from matplotlib.lines import Line2D
 from matplotlib.text import Text
 from numpy.typing import NDArray
 
+from pipeline.core.progress import Progress
 from pipeline.report.figures import animation
 from pipeline.report.figures.drive import NOT_COUNTED, RIGHT, WRONG, Drive
 from pipeline.report.figures.maps import scale_bar
 from pipeline.report.figures.style import SIMULATED, dot, styled
-from pipeline.running.progress import Progress
 from pipeline.studies.colours import PALETTE
 from pipeline.views.scan_context import colours, quantize
 

@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 
-from pipeline.errors import InputError
+from pipeline.core.errors import InputError
 from pipeline.report.findings import Finding
 from pipeline.report.section import Illustration
 from pipeline.report.study import Study

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from pipeline.errors import InputError
+from pipeline.core.errors import InputError
 from pipeline.report.comparison import AUC, FAR, Measure
 from pipeline.report.figures.style import DASHES, WIDTH_IN, below, figure, styled
 from pipeline.report.table import MISSING

@@ -7,7 +7,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline import store
+from pipeline.core import store
+from pipeline.core.schemas import Lifelong
+from pipeline.core.store import Artifact
 from pipeline.report.figures import lifelong
 from pipeline.report.figures.style import illustrate
 from pipeline.report.render import anchor
@@ -24,8 +26,6 @@ from pipeline.report.strategies import (
     read_strategies,
 )
 from pipeline.report.study import Study
-from pipeline.schemas import Lifelong
-from pipeline.store import Artifact
 
 DAY_NS = 86_400 * 10**9
 DRAWN = {"recall_of_all": "recall of all", "forgetting": "forgetting"}

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from pipeline import schemas, store
+from pipeline.core import schemas, store
 from pipeline.evaluation.viewpoints import NUMBERS, ViewpointMatches
 from pipeline.report import viewpoint_tables
 from pipeline.report.figures import birdview, viewpoints

@@ -7,8 +7,9 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from pipeline import store
 from pipeline.alterations.construction import Construction
+from pipeline.core import store
+from pipeline.core.schemas import VIEW_KINDS, ScanContextViews, Scans, Submaps, Views
 from pipeline.evaluation.study_rows import AGEING, PER_DAYS
 from pipeline.mapping.gathering import submap_points
 from pipeline.report import findings, tables
@@ -18,7 +19,6 @@ from pipeline.report.render import anchor
 from pipeline.report.result import by_model
 from pipeline.report.section import Illustration, Section
 from pipeline.report.study import Study
-from pipeline.schemas import VIEW_KINDS, ScanContextViews, Scans, Submaps, Views
 from pipeline.views.scan_context import ScanContext
 
 # kinds of figure that the page shows; of those of one model, the best one's

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from PIL import Image
 from scipy.spatial import KDTree
 
-from pipeline import schemas, store
-from pipeline.errors import ArtifactError
-from pipeline.frames import yaw
+from pipeline.core import schemas, store
+from pipeline.core.errors import ArtifactError
+from pipeline.core.frames import yaw
 from pipeline.report.alike import best_shifts, spectra
 from pipeline.report.figures.maps import ANSWERS
 from pipeline.report.result import Result, by_sequence, dates

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from pipeline.frames import Poses, Stamps, Trajectory, pose
+from pipeline.core.frames import Poses, Stamps, Trajectory, pose
 from pipeline.world import Floats
 from pipeline.world.layout.ground import Ground
 from pipeline.world.layout.streets import driven_m, points_along

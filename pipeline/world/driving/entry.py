@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Self
 
-from pipeline.errors import ConfigError
-from pipeline.running.settings import check
+from pipeline.core.errors import ConfigError
+from pipeline.core.settings import check
 from pipeline.world.driving.drive import OFFSET_CLIP_M
 
 

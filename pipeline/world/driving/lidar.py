@@ -6,8 +6,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from pipeline.core.frames import NED_FLIP, Poses, pose
 from pipeline.formats.robotcar import EXTRINSICS
-from pipeline.frames import NED_FLIP, Poses, pose
 from pipeline.world import Floats
 from pipeline.world.driving.hits import hash_u
 from pipeline.world.driving.raycast import cast

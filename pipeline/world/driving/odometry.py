@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from pipeline.frames import Poses
+from pipeline.core.frames import Poses
 from pipeline.world.layout.streets import driven_m
 
 SCALE_SD = 0.01

@@ -9,8 +9,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.core.frames import Poses
 from pipeline.formats.bag import BagWriter
-from pipeline.frames import Poses
 from pipeline.world.driving.drive import Drive
 from pipeline.world.driving.lidar import Returns
 from pipeline.world.driving.odometry import wheel_covariances, wheel_odometry

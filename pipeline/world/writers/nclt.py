@@ -3,6 +3,7 @@ its covariance (METHODS 7.1)."""
 
 import numpy as np
 
+from pipeline.core.frames import flip_ned
 from pipeline.formats.nclt import (
     COVARIANCE,
     ODOMETRY,
@@ -12,7 +13,6 @@ from pipeline.formats.nclt import (
     write_covariance_rows,
     write_pose_rows,
 )
-from pipeline.frames import flip_ned
 from pipeline.world.driving.drive import Drive
 from pipeline.world.driving.lidar import Returns
 from pipeline.world.driving.odometry import wheel_covariances, wheel_odometry

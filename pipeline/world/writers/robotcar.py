@@ -6,8 +6,8 @@ Each sequence has a folder of its own, with the extrinsics of the SDK inside.
 
 import numpy as np
 
+from pipeline.core.frames import flip_ned, pose
 from pipeline.formats import robotcar
-from pipeline.frames import flip_ned, pose
 from pipeline.world.driving.drive import Drive
 from pipeline.world.driving.lidar import CAMERA_HEIGHT_M, Returns, raised
 from pipeline.world.driving.odometry import simulate_ins, visual_odometry

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from pipeline.frames import Poses, rpy
+from pipeline.core.frames import Poses, rpy
 from pipeline.world import Floats
 from pipeline.world.driving.drive import Drive
 from pipeline.world.driving.lidar import Returns

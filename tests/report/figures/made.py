@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
+from pipeline.core.schemas import Labels
 from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.judge import judge
 from pipeline.evaluation.judgement import Evaluation
@@ -17,7 +18,6 @@ from pipeline.matching.ranking import Ranking
 from pipeline.report.comparison import MEASURES, Comparison, Kind
 from pipeline.report.figures.style import SIMULATED, save
 from pipeline.report.result import Result
-from pipeline.schemas import Labels
 
 TRAIN_XY_M = np.stack([np.linspace(0, 100, 50), np.zeros(50)], axis=1)
 TRAIN_PLACES = np.repeat(np.arange(10), 5)

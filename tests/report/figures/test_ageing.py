@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pipeline.errors import InputError
+from pipeline.core.errors import InputError
 from pipeline.evaluation.rows import row, table
 from pipeline.report.figures import ageing, events
 from pipeline.report.figures.style import colour, save

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from pipeline import schemas, store
-from pipeline.errors import ArtifactError
+from pipeline.core import schemas, store
+from pipeline.core.errors import ArtifactError
+from pipeline.core.progress import Progress
 from pipeline.report.figures.believed import BelievedDrive, verdicts
 from pipeline.report.figures.chase import (
     ACCEPTED,
@@ -22,7 +23,6 @@ from pipeline.report.figures.chase import (
     projected,
     write,
 )
-from pipeline.running.progress import Progress
 from tests.posing.scene import planar
 
 TRUE = np.array([planar(x, 0, 0) for x in (0, 10, 20, 30)])

@@ -11,15 +11,15 @@ import pytest
 from matplotlib.colors import to_rgb
 from PIL import Image
 
-from pipeline import schemas, store
 from pipeline.cli import main
 from pipeline.cli.picture import last_day
+from pipeline.core import schemas, store
+from pipeline.core.progress import Progress
 from pipeline.report.figures.animation import END_MS, FRAME_MS, spread
 from pipeline.report.figures.drive import NOT_COUNTED, RIGHT, WRONG, Drive, Views, walls
 from pipeline.report.figures.picture import FRAMES, TINTS, Canvas, frames, write
 from pipeline.report.figures.style import SIMULATED
 from pipeline.report.study import Study
-from pipeline.running.progress import Progress
 from pipeline.studies.layout import Layout
 from pipeline.studies.names import studies_text
 from tests.report.site import heights

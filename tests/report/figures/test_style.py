@@ -10,7 +10,7 @@ import pytest
 from matplotlib.figure import Figure
 from scipy.spatial.distance import pdist
 
-from pipeline.errors import InputError
+from pipeline.core.errors import InputError
 from pipeline.report.comparison import AUC, FAR, KEPT, OFF
 from pipeline.report.figures import curves, maps, matches, rejection, robustness
 from pipeline.report.figures.panels import balanced, name_ends, share_limits

@@ -11,8 +11,8 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.errors import InputError
-from pipeline.store import Array, Artifact
+from pipeline.core.errors import InputError
+from pipeline.core.store import Array, Artifact
 
 SINCE_1970 = "nanoseconds since 1970-01-01"
 """As xarray and CF name the unit of a stamp."""

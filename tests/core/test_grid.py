@@ -7,8 +7,8 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from pipeline.errors import InputError
-from pipeline.grid import Grid, around
+from pipeline.core.errors import InputError
+from pipeline.core.grid import Grid, around
 
 NCLT = Grid(10.0, (-350.0, 130.0), (-730.0, 120.0))
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Self, TypeVar
 
-from pipeline.running.settings import Positive, within
+from pipeline.core.settings import Positive, within
 
 Item = TypeVar("Item")
 

@@ -11,7 +11,7 @@ import numpy as np
 import scipy  # loads a part of it when that is first used: most stages need none
 from numpy.typing import NDArray
 
-from pipeline.errors import InputError
+from pipeline.core.errors import InputError
 
 Poses = NDArray[np.float64]
 Stamps = NDArray[np.int64]

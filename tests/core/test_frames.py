@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from pipeline.errors import InputError
-from pipeline.frames import Trajectory, days_between, flip_ned, pose, rpy, transform, yaw
+from pipeline.core.errors import InputError
+from pipeline.core.frames import Trajectory, days_between, flip_ned, pose, rpy, transform, yaw
 
 SECOND = 10**9
 

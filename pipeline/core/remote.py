@@ -7,7 +7,7 @@ AWS_SECRET_ACCESS_KEY, and AWS_ENDPOINT_URL for another store than Amazon's.
 from pathlib import Path
 from typing import Any
 
-from pipeline.errors import ArtifactError, NotInstalledError
+from pipeline.core.errors import ArtifactError, NotInstalledError
 
 S3 = "s3://"
 # s3fs itself tries again

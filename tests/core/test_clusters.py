@@ -19,10 +19,10 @@ import yaml
 from hydra import compose, initialize_config_dir
 from hydra.utils import instantiate
 
-from pipeline.errors import ComputeError, ConfigError, LogError, NotInstalledError
-from pipeline.running import clusters
-from pipeline.running.clusters import pods
-from pipeline.running.compute import Compute
+from pipeline.core import clusters
+from pipeline.core.clusters import pods
+from pipeline.core.compute import Compute
+from pipeline.core.errors import ComputeError, ConfigError, LogError, NotInstalledError
 from stages import _elsewhere
 from tests.listening import addresses
 
@@ -130,7 +130,7 @@ def test_an_error_of_a_block_comes_as_it_is(local: Compute) -> None:
 
 STAGE = """
 import os, pathlib, sys, time
-from pipeline.running.compute import Compute
+from pipeline.core.compute import Compute
 def work(start, stop):
     pathlib.Path(FOLDER, str(os.getpid())).touch()
     time.sleep(60)

@@ -8,7 +8,10 @@ import pytest
 from pipeline.alterations.construction import Construction
 from pipeline.alterations.demolition import Demolition
 from pipeline.alterations.turned import Turned
-from pipeline.errors import ConfigError
+from pipeline.core.compute import Compute
+from pipeline.core.errors import ConfigError
+from pipeline.core.progress import Progress
+from pipeline.core.settings import check
 from pipeline.mapping.octree import Octree
 from pipeline.mapping.submaps import Accumulated, SingleScan
 from pipeline.matching.sequences import SequenceMethod
@@ -21,9 +24,6 @@ from pipeline.methods.scan_context import ScanContext50
 from pipeline.methods.scan_context_all import ScanContextAll
 from pipeline.methods.sci import Sci
 from pipeline.methods.sci_ring.sci_ring import SciRing
-from pipeline.running.compute import Compute
-from pipeline.running.progress import Progress
-from pipeline.running.settings import check
 from pipeline.views.birdview import BirdView
 from pipeline.views.cloud import Cloud
 from pipeline.views.m2dp import M2dp as M2dpView

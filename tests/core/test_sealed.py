@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import zarr
 
-from pipeline import sealed, store
-from pipeline.errors import ArtifactError
-from tests.test_store import COLUMNS, Things, contents, put
+from pipeline.core import sealed, store
+from pipeline.core.errors import ArtifactError
+from tests.core.test_store import COLUMNS, Things, contents, put
 
 TRIES = 400
 MODEL = {

@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any, TypeVar, cast
 from uuid import uuid4
 
-from pipeline.errors import ComputeError, ConfigError, NotInstalledError
-from pipeline.running.settings import Count, within
+from pipeline.core.errors import ComputeError, ConfigError, NotInstalledError
+from pipeline.core.settings import Count, within
 
 Result = TypeVar("Result")
 LIBRARY = Path(__file__).parents[1]

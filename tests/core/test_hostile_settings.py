@@ -11,8 +11,8 @@ from hydra.utils import get_class, instantiate
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from pipeline.errors import ConfigError, YearlocError
-from pipeline.running.settings import Count, NotNegative, Positive, Share, within
+from pipeline.core.errors import ConfigError, YearlocError
+from pipeline.core.settings import Count, NotNegative, Positive, Share, within
 
 ROOT = Path(__file__).parents[2]
 HOSTILE = (-1, 0, 10**9, float("nan"), float("inf"), True, "ten", None, [1])

@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pipeline import store
-from pipeline.errors import ArtifactError
+from pipeline.core import store
+from pipeline.core.errors import ArtifactError
+from pipeline.core.store import Array, Artifact
 from pipeline.inspection.kinds import KINDS
-from pipeline.store import Array, Artifact
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,7 +187,7 @@ def test_a_new_artifact_takes_the_place_of_the_old(tmp_path: Path) -> None:
 
 KILLED = """
 import os, signal, sys
-from pipeline import store
+from pipeline.core import store
 with store.replace(sys.argv[1]) as scratch:
     scratch.mkdir()
     (scratch / "half").write_text("written")
@@ -200,7 +200,7 @@ def test_what_a_killed_writer_left_is_swept_and_a_living_one_is_not_disturbed(
 ) -> None:
     path = tmp_path / "a.zarr"
     killed = subprocess.run(
-        [sys.executable, "-c", KILLED, str(path)], cwd=Path(__file__).parents[1], check=False
+        [sys.executable, "-c", KILLED, str(path)], cwd=Path(__file__).parents[2], check=False
     )
     assert killed.returncode == -9
     (left,) = tmp_path.iterdir()

@@ -11,8 +11,8 @@ import numpy as np
 import psutil
 import pytest
 
-from pipeline.errors import ConfigError
-from pipeline.running.compute import Compute
+from pipeline.core.compute import Compute
+from pipeline.core.errors import ConfigError
 
 SCHEDULERS = ("threads", "processes")
 
@@ -72,7 +72,7 @@ def test_processes_share_the_blocks() -> None:
 
 def test_workers_end_with_a_stage_that_is_killed(tmp_path: Path) -> None:
     code = (
-        "import os, pathlib, sys, time\nfrom pipeline.running.compute import Compute\ndef "
+        "import os, pathlib, sys, time\nfrom pipeline.core.compute import Compute\ndef "
         "work(start, stop):\n    pathlib.Path(sys.argv[1], str(os.getpid())).touch()\n    "
         "time.sleep(60)\nif __name__ == '__main__':\n    list(Compute('processes', "
         "workers=2).rows(work, 2, 1))\n"

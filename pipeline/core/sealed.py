@@ -13,8 +13,8 @@ from zlib import crc32
 import zarr
 from zarr.codecs import ZstdCodec
 
-from pipeline.errors import ArtifactError
-from pipeline.remote import content, listed
+from pipeline.core.errors import ArtifactError
+from pipeline.core.remote import content, listed
 
 SEAL = "seal"
 COMPRESSOR = ZstdCodec(level=0, checksum=True)

@@ -10,7 +10,7 @@ from dataclasses import fields, is_dataclass
 from importlib import import_module
 from typing import Any
 
-from pipeline.errors import ConfigError, NotInstalledError
+from pipeline.core.errors import ConfigError, NotInstalledError
 
 TARGET = "_target_"
 

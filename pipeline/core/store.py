@@ -1,7 +1,7 @@
 """Artifacts on disk, written whole or not at all: zarr groups of a declared kind, and models.
 
-A kind of artifact is a frozen dataclass (pipeline/schemas.py): its fields say what each array and
-each attribute is, and are how it is read and written.
+A kind of artifact is a frozen dataclass (pipeline/core/schemas.py): its fields say what each array
+and each attribute is, and are how it is read and written.
 
 A model is a zarr group too, of arrays by any names, and lies in one zip: a network has some two
 hundred arrays, and each would be a folder.
@@ -35,9 +35,9 @@ from numpy.typing import NDArray
 from zarr.abc.buffer import Buffer
 from zarr.storage import MemoryStore, ZipStore
 
-from pipeline import remote, sealed
-from pipeline.errors import ArtifactError
-from pipeline.replacing import replace as replace
+from pipeline.core import remote, sealed
+from pipeline.core.errors import ArtifactError
+from pipeline.core.replacing import replace as replace
 
 MODEL = ".zarr.zip"
 """How the file of a model ends."""

@@ -8,7 +8,7 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
-from pipeline.errors import ConfigError
+from pipeline.core.errors import ConfigError
 
 NAMES = {float: "a number", int: "a whole number", str: "a word", bool: "true or false"}
 LARGEST = 1e6

@@ -16,8 +16,8 @@ from threading import Thread
 from types import TracebackType
 from typing import Any, Literal, Self, TypeVar
 
-from pipeline.running.clusters import connected, in_order
-from pipeline.running.settings import Positive, Whole, check
+from pipeline.core.clusters import connected, in_order
+from pipeline.core.settings import Positive, Whole, check
 
 Result = TypeVar("Result")
 Item = TypeVar("Item")
