@@ -152,18 +152,15 @@ def test_the_artifact_of_a_drive_is_written_anew(tmp_path: Path) -> None:
     with store.draft(path, schemas.Fixes, **attrs) as out:
         for name, values in columns.items():
             out.put(name, values)
-    found, told = joined(store.read(path, schemas.Fixes), seen.odom_T_query, FILTER, places)
-    with store.draft(tmp_path / "anew.zarr", schemas.Fixes, **told) as out:
-        for name in schemas.Fixes.columns:
-            out.put(name, found[name])
-    assert found["world_T_query"][22] == pytest.approx(TRUE[22], abs=0.2)
-    assert found["places"][22].tolist()[0] == places.at(TRUE[22:23, :2, 3])[0]
-    assert found["novelty"][22, 0] < told["promised"][1] == pytest.approx(0.01)
-    assert found["novelty"][22, 1] == columns["novelty"][22, 1]
-    assert told["thresholds"] == pytest.approx([0.1, 0.5])
-    assert np.isnan(found["covariance"]).all()
-    assert (
-        max(told["promised_place"] + told["promised_several"]) < 0
-    )  # they were judged of each query's own pose
+    fixes = joined(store.read(path, schemas.Fixes), seen.odom_T_query, FILTER, places)
+    store.write(tmp_path / "anew.zarr", fixes)
+    assert fixes.world_T_query[22] == pytest.approx(TRUE[22], abs=0.2)
+    assert fixes.places[22].tolist()[0] == places.at(TRUE[22:23, :2, 3])[0]
+    assert fixes.novelty[22, 0] < fixes.promised[1] == pytest.approx(0.01)
+    assert fixes.novelty[22, 1] == columns["novelty"][22, 1]
+    assert fixes.thresholds == pytest.approx([0.1, 0.5])
+    assert np.isnan(fixes.covariance).all()
+    # place and several were judged of each query's own pose
+    assert max((*fixes.promised_place, *fixes.promised_several)) < 0
     with pytest.raises(InputError, match="80 queries in 1 cases of 79 submaps"):
         joined(store.read(path, schemas.Fixes), seen.odom_T_query[1:], FILTER, places)

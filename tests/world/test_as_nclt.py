@@ -83,7 +83,7 @@ def test_a_truth_that_is_off_leaves_scans_and_odometry_as_they_are(
         for path in exact.rglob("*")
         if path.is_file() and not path.name.startswith("groundtruth")
     ]
-    assert len(same) == 26
+    assert len(same) == 27
     assert all((exact / path).read_bytes() == (off / path).read_bytes() for path in same)
     rows = [
         np.loadtxt(path / TRUTH.format(sequence="2012-02-04"), delimiter=",")[5:, 1:4]
