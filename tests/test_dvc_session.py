@@ -12,7 +12,18 @@ from tests.clone import Clone
 
 WITHIN = "conf/tolerance/15m.yaml:distance.correct_m"
 METRICS = ("answered", "auc_top1", "recall_at_1", "right_of_answered")
-LOCKS = ("evaluate", "labels", "localize", "logs", "results", "scans", "submaps", "train", "views")
+LOCKS = (
+    "absent",
+    "evaluate",
+    "labels",
+    "localize",
+    "logs",
+    "results",
+    "scans",
+    "submaps",
+    "train",
+    "views",
+)
 
 
 @pytest.fixture(scope="module")

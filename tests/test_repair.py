@@ -34,7 +34,8 @@ def test_a_new_test_sequence_trains_nothing_and_drives_only_itself(built, tmp_pa
         "latency",
         "publish",
     }
-    assert {stage.partition("@")[0] for stage in set(ran) - own} == asked
+    # an empty folder stands where the study has no poses any more
+    assert {stage.partition("@")[0] for stage in set(ran) - own} - {"absent"} == asked
     assert not [stage for stage in ran if "town" in stage]
 
 

@@ -256,7 +256,7 @@ def test_the_environment_chooses_for_stages_that_compute_blocks(
     monkeypatch.setenv("YEARLOC_COMPUTE", "local")
     assert _elsewhere("scans", ["out=a"]) == ["compute=local"]
     assert _elsewhere("scans", ["compute=threads"]) == []
-    assert _elsewhere("evaluate", []) == []
+    assert _elsewhere("train", []) == []
     monkeypatch.delenv("YEARLOC_COMPUTE")
     assert _elsewhere("scans", []) == []
 

@@ -406,7 +406,7 @@ def test_a_logged_model_answers_again_and_holds_its_code_and_no_pickle(
         path.read_bytes()[:1] != b"\x80" for path in files
     )  # as every pickle since protocol 2 begins
     (root,) = [path.parent for path in files if path.name == "MLmodel"]
-    assert (root / "code" / "pipeline" / "store.py").is_file()
+    assert (root / "code" / "pipeline" / "core" / "store.py").is_file()
     assert "torch==" in (root / "requirements.txt").read_text()
     assert "float32 (query, 4, 12)" in own.model.tags["mlflow.note.content"]
 
