@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from mlflow import MlflowClient
 
 LIBRARY = Path(__file__).parents[1]
-FOLDERS = ("alterations", "core", "matching", "methods", "networks", "running", "views")
+FOLDERS = ("alterations", "core", "matching", "methods", "networks", "views")
 """Folders of the library that localising imports; a test compares them with the import graph."""
 REQUIREMENTS = (
     "faiss-cpu",
