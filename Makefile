@@ -150,7 +150,7 @@ benchmarks: .venv/ready
 .venv/ready: pyproject.toml constraints.txt
 	@test -x $(BIN)/python || $(PYTHON) -m venv .venv
 	@$(BIN)/python -c "import sys; assert (3, 11) <= sys.version_info < (3, 14), 'yearloc needs Python 3.11 to 3.13, this is ' + sys.version"
-	@echo "installing into .venv (2.3 GB; minutes): PyTorch for the CPU"
+	@echo "installing into .venv (2.4 GB; minutes): PyTorch for the CPU"
 	@$(PIP) torch==2.13.0
 	@echo "installing into .venv: yearloc and what its chain of stages needs"
 	@$(PIP) --editable '.[chain]'
