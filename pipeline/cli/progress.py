@@ -57,14 +57,14 @@ class Scans(Lines):
 
         columns = (MofNCompleteColumn(), _speed_column(), TimeRemainingColumn())
         start_s = time.monotonic()
-        told = start_s
+        shown_s = start_s
         on_terminal = sys.stderr.isatty()
         shown = _tracked(items, total, 1, what, *columns) if on_terminal else items
         for done, item in enumerate(shown, start=1):
             yield item
             now_s = time.monotonic()
-            if now_s - told >= LINE_S and not on_terminal:
-                told = now_s
+            if now_s - shown_s >= LINE_S and not on_terminal:
+                shown_s = now_s
                 speed = done / (now_s - start_s)
                 self.tell(
                     f"{what}: {done:,} of {total:,} scans, {speed:.3g} a second, "

@@ -86,8 +86,8 @@ class LevelFixer:
         """Search the whole map; no hypothesis where there are too few hits."""
         if len(gathered.points_m) < LEAST_POINTS:
             return LevelFix()
-        found = search(field, gathered.points_m, self.keep, LEAST_RATIO, self.most_nodes)
-        return self._compared(field, gathered, found.poses)
+        best = search(field, gathered.points_m, self.keep, LEAST_RATIO, self.most_nodes)
+        return self._compared(field, gathered, best.poses)
 
     def track(
         self, field: Field, gathered: Gathered, world_T_guess: NDArray[np.float64]

@@ -25,7 +25,7 @@ APART_DEG = 20.0
 
 
 @dataclass(frozen=True)
-class Found:
+class BestPoses:
     """The best poses of a query on the cells of a field."""
 
     poses: NDArray[np.float64]
@@ -43,7 +43,7 @@ def search(
     least_ratio: float = 0.75,
     most_nodes: int = 300_000,
     at_least: float = 0.0,
-) -> Found:
+) -> BestPoses:
     """Find the `keep` best poses of points (n, 2), which score `at_least` so much.
 
     They also score `least_ratio` of the best or more. Points beyond REACH_M are left out. Without
@@ -51,7 +51,7 @@ def search(
     """
     near = points_m[np.linalg.norm(points_m, axis=1) <= REACH_M]
     if not len(near):
-        return Found(np.empty((0, 3)), np.empty(0), True)
+        return BestPoses(np.empty((0, 3)), np.empty(0), True)
     chosen = near[np.linspace(0, len(near) - 1, min(POINTS, len(near))).round().astype(int)]
     pyramid = field.pyramid
     headings_rad = 2 * np.pi / HEADINGS * np.arange(HEADINGS)
@@ -86,7 +86,7 @@ def search(
             headings_rad[rows[:, 0]],
         ]
     )
-    return Found(poses, scores / (255 * len(chosen)), bool(exact))
+    return BestPoses(poses, scores / (255 * len(chosen)), bool(exact))
 
 
 def scores(

@@ -37,20 +37,20 @@ def test_the_best_pose_is_the_best_of_all_cells_and_headings(
     field: Field, place: tuple[float, float, float]
 ) -> None:
     points_m = sweep(*place, beams=16)
-    found = search(field, points_m, keep=2)
+    best = search(field, points_m, keep=2)
     score = exhaustive(field, points_m)
-    assert found.exact
-    assert found.scores[0] == pytest.approx(score)  # of poses that score alike it may be another
-    world = field.world_T_grid[:2, 3] + found.poses[0, :2]
+    assert best.exact
+    assert best.scores[0] == pytest.approx(score)  # of poses that score alike it may be another
+    world = field.world_T_grid[:2, 3] + best.poses[0, :2]
     assert np.linalg.norm(world - place[:2]) < 0.3
 
 
 def test_poses_are_apart_and_fall_in_score(field: Field) -> None:
-    found = search(field, sweep(16.0, 6.0, 2.0), keep=6, least_ratio=0.3)
-    assert (np.diff(found.scores) <= 0).all()
-    assert len(found.poses) > 2
-    for number, pose in enumerate(found.poses):
-        for other in found.poses[:number]:
+    best = search(field, sweep(16.0, 6.0, 2.0), keep=6, least_ratio=0.3)
+    assert (np.diff(best.scores) <= 0).all()
+    assert len(best.poses) > 2
+    for number, pose in enumerate(best.poses):
+        for other in best.poses[:number]:
             turn_deg = abs((np.rad2deg(pose[2] - other[2]) + 180) % 360 - 180)
             assert np.linalg.norm(pose[:2] - other[:2]) >= APART_M - 1e-9 or turn_deg >= APART_DEG
 
@@ -66,10 +66,10 @@ def test_a_room_that_looks_alike_from_both_sides_has_two_poses() -> None:
         4 / np.maximum(np.abs(np.cos(around)), 1e-9), 2 / np.maximum(np.abs(np.sin(around)), 1e-9)
     )
     points_m = edge_m[:, None] * np.column_stack([np.cos(around), np.sin(around)])
-    found = search(room, points_m, keep=3, least_ratio=0.9)
-    turns = np.rad2deg(found.poses[:2, 2])
+    best = search(room, points_m, keep=3, least_ratio=0.9)
+    turns = np.rad2deg(best.poses[:2, 2])
     assert abs(abs(turns[0] - turns[1]) - 180) < 2
-    assert found.scores[1] > 0.97 * found.scores[0]
+    assert best.scores[1] > 0.97 * best.scores[0]
 
 
 def test_a_limit_of_nodes_is_said(field: Field) -> None:
