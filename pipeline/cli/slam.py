@@ -49,7 +49,6 @@ def slam(
     """Estimate the poses of a log that has none: odometry by registration, loops, a graph."""
     from pipeline.core.replacing import replace
     from pipeline.inspection.opened import open_unposed
-    from pipeline.paths.graph import imported_gtsam
     from pipeline.slam import outputs
     from pipeline.slam.drive import Slam, without_truth
 
@@ -60,7 +59,6 @@ def slam(
             raise ConfigError(f"{path}: expected a file that ends in {ending}")
     for path in (out, map_path, picture):
         check_file(path)
-    imported_gtsam()  # what is missing is said before the odometry, which takes minutes
     uses_odometry = odometry != "none"
     opened = without_truth(open_unposed(log, topic, odometry if uses_odometry else None))
     tell_cold()

@@ -131,10 +131,11 @@ def _write(
     )
     arrays = {"occupancy": level_map.occupancy}
     site_file.write(out, site_file.LevelParts(description, arrays))
-    kept = description.verdict.kept
+    promises = ", ".join(map(str, description.verdict.kept)) or "nothing"
+    blocks = verdict.evidence.blocks
+    checked = f"checked on {blocks} held-out blocks" if blocks else "not checked in this one"
     return (
         f"{out}: level, {level_map.free_m2:,.0f} m² of free space in cells of "
-        f"{level_map.cell_m:g} m, {out.stat().st_size / 1e6:.1f} MB; by "
-        f"{verdict.evidence.blocks} held-out blocks of its own it promises "
-        f"{', '.join(map(str, kept)) or 'nothing'}"
+        f"{level_map.cell_m:g} m, {out.stat().st_size / 1e6:.1f} MB; it promises {promises}, "
+        f"learned in other buildings and {checked}"
     )

@@ -21,7 +21,6 @@ from pipeline.matching.ranking import Ranking
 from pipeline.online import odometry
 from pipeline.online.inputs import Scan
 from pipeline.online.site import (
-    NO_LIMITS,
     RUNNERS_UP,
     WORDS,
     Fix,
@@ -101,15 +100,7 @@ class LevelSite(Site):
             )
         best = ordered.hypotheses[0]
         doubts = self.level_judge.doubts(ordered).astype(np.float32).astype(np.float64)
-        limits = NO_LIMITS if promise is None else self.promises.get(promise, NO_LIMITS)
-        believed = [
-            word for word, doubt, limit in zip(WORDS, doubts, limits, strict=True) if doubt < limit
-        ]
-        kept_promises = [
-            precision
-            for precision, (reject_from, *_) in self.promises.items()
-            if doubts[0] < reject_from
-        ]
+        verdict, promised_precision = self.believed(doubts, promise)
         chances = self.level_judge.chances(ordered)
         runners_up = tuple(
             RunnerUp(NO_PLACE, other.world_T_query, other.support.explained, float(chance))
@@ -118,14 +109,14 @@ class LevelSite(Site):
             ]
         )
         return Fix(
-            believed[0] if believed else "rejected",
+            verdict,
             NO_PLACE,
             best.world_T_query,
             _covariance(best),
             best.support.explained,
             float(doubts[0]),
             float(doubts[1]),
-            max(kept_promises, default=None),
+            promised_precision,
             runners_up,
             0.0,
         )

@@ -34,9 +34,10 @@ LEVEL_M = 0.01
 Word = Literal["accepted", "near", "ambiguous", "rejected", "no pose"]
 """The verdict on a fix, with the promise that was asked for.
 
-Accepted: the pose is right within 2 m and 5°. Near: that is not believed, but that the robot is
-within 15 m of the pose is. Ambiguous: it has the pose or that of a runner-up. Rejected: nothing is
-believed. No pose: too few points, or nothing fits.
+Accepted: the pose is right within 2 m and 5°, of a level site within 1 m and 10°. Near: that is
+not believed, but that the robot is within 15 m of the pose is, of a level site within 5 m.
+Ambiguous: it has the pose or that of a runner-up. Rejected: nothing is believed. No pose: too few
+points, or nothing fits.
 """
 NO_LIMITS = (0.0,) * len(BELIEFS)
 """Limits that accept nothing: no doubt is below them."""
@@ -69,15 +70,16 @@ class Fix:
     frame of the points; what `yearloc localize` and the server write is x, y, z first, along the
     world's axes, as in ROS."""
     overlap: float
-    """Share of the scan's voxels that the map has within half a metre."""
+    """Share of the scan's voxels that the map has within half a metre; of a level site, of the
+    beams that end at a wall of the map."""
     novelty: float
     """One minus the chance that the pose is right."""
     place_novelty: float
-    """One minus the chance that the robot is within 15 m of it."""
+    """One minus the chance that the robot is within 15 m of it; of a level site, within 5 m."""
     promised_precision: float | None
     """The highest precision promised on held-out blocks that this fix keeps; None of none."""
     runners_up: tuple[RunnerUp, ...]
-    """Poses elsewhere, 5 m or more away, the likeliest first."""
+    """Poses elsewhere, the likeliest first: 5 m or more away, of a level site 1 m or 20°."""
     ms: float
     """Milliseconds from points to fix."""
 
@@ -201,28 +203,20 @@ class Site:
             )
         best = registered.hypotheses[0]
         doubts = self.judged.doubts(registered).astype(np.float32).astype(np.float64)
-        limits = NO_LIMITS if promise is None else self.promises.get(promise, NO_LIMITS)
-        believed = [
-            word for word, doubt, limit in zip(WORDS, doubts, limits, strict=True) if doubt < limit
-        ]
-        kept_promises = [
-            precision
-            for precision, (reject_from, *_) in self.promises.items()
-            if doubts[0] < reject_from
-        ]
+        verdict, promised_precision = self.believed(doubts, promise)
         runner_up_pairs = [
             (registered.hypotheses[i], registered.chances[i])
             for i in registered.elsewhere[:RUNNERS_UP]
         ]
         return Fix(
-            believed[0] if believed else "rejected",
+            verdict,
             self._place(best),
             best.world_T_query,
             best.alignment.covariance,
             best.alignment.overlap,
             float(doubts[0]),
             float(doubts[1]),
-            max(kept_promises, default=None),
+            promised_precision,
             tuple(
                 RunnerUp(
                     self._place(hypothesis),
@@ -234,6 +228,24 @@ class Site:
             ),
             0.0,
         )
+
+    def believed(
+        self, doubts: NDArray[np.float64], promise: float | None
+    ) -> tuple[Word, float | None]:
+        """The verdict that a promise allows on the doubts (belief,) of a fix with a pose.
+
+        And the highest promise that its pose keeps, None of none.
+        """
+        limits = NO_LIMITS if promise is None else self.promises.get(promise, NO_LIMITS)
+        words = [
+            word for word, doubt, limit in zip(WORDS, doubts, limits, strict=True) if doubt < limit
+        ]
+        kept_promises = [
+            precision
+            for precision, (reject_from, *_) in self.promises.items()
+            if doubts[0] < reject_from
+        ]
+        return words[0] if words else "rejected", max(kept_promises, default=None)
 
     def _place(self, hypothesis: Hypothesis) -> int:
         return int(self.places.at(hypothesis.world_T_query[None, :2, 3])[0])

@@ -10,6 +10,7 @@ from pipeline.core.errors import LogError
 from pipeline.core.frames import Poses, Stamps
 from pipeline.core.progress import Progress
 from pipeline.mapping.appearance import LEVEL_M, thickness
+from pipeline.paths.graph import imported_gtsam
 from pipeline.posing.registration import Cloud, Registration
 from pipeline.readers.log import Log, lifted
 from pipeline.slam.graph import DriveGraph, Solution, spread_over_scans
@@ -148,8 +149,7 @@ class Slam:
     def estimate(self, log: Log, watch: Progress) -> Estimate:
         """The poses of a log, in a world that begins at its first scan, z up from the ground.
 
-        Raises LogError for scans that no pose can come of, ConfigError where gtsam is missing and
-        a loop needs it.
+        Raises LogError for scans that no pose can come of, ConfigError where gtsam is missing.
         """
         track, keys = self.tracked(log, watch)
         usual_overlap = float(np.nanmedian(track.overlap)) if len(track.overlap) > 1 else 0.0
@@ -158,7 +158,11 @@ class Slam:
         return estimated(log, track, keys, loops, solution)
 
     def tracked(self, log: Log, watch: Progress) -> tuple[Track, Keys]:
-        """The odometry of a log by registration, and its keys."""
+        """The odometry of a log by registration, and its keys.
+
+        Raises LogError and ConfigError as `estimate`.
+        """
+        imported_gtsam()  # what the graph lacks is said before the odometry, which takes minutes
         refuse_unusable(log)
         track = self.odometry.along(log, watch, self.use_log_odometry)
         count = len(log.stamps_ns)
@@ -244,9 +248,9 @@ def estimated(
     """
     world_T_scan = spread_over_scans(keys, solution.world_T_key, track.odom_T_scan)
     skipped = dict(track.skipped)
-    apart = int((~np.isfinite(world_T_scan) & np.isfinite(track.odom_T_scan)).all((1, 2)).sum())
-    if apart:
-        skipped[reason] = apart
+    without_pose = (~np.isfinite(world_T_scan) & np.isfinite(track.odom_T_scan)).all((1, 2))
+    if without_pose.any():
+        skipped[reason] = int(without_pose.sum())
     return Estimate(
         log.stamps_ns,
         track.odom_T_scan,

@@ -90,8 +90,8 @@ class LoopSearch:
         targets = keys.targets(keys.odom_T_key, self.range_m)
         loops: list[Loop] = []
         between_parts: list[Loop] = []
-        asked = self.asked(keys)
-        for key in watch.track(asked, len(asked), "loops"):
+        queries = self.queries(keys)
+        for key in watch.track(queries, len(queries), "loops"):
             earlier = self.within_drift(keys, targets, key)
             loop = self._loop(keys, targets, key, earlier, usual_overlap)
             if loop and self._is_drift(keys, loop):
@@ -113,17 +113,17 @@ class LoopSearch:
         heading_deg = np.rad2deg(yaw(world_T_anchor)) + turned_deg[order]
         return Answers(world_T_anchor[:, :2, 3], (heading_deg + 180.0) % 360.0 - 180.0)
 
-    def asked(self, keys: Keys) -> list[int]:
+    def queries(self, keys: Keys) -> list[int]:
         """The keys that are asked for loops."""
-        asked: list[int] = []
+        queried: list[int] = []
         for key, path_m in enumerate(keys.path_m.tolist()):
             if (
-                not asked
-                or keys.parts[key] != keys.parts[asked[-1]]
-                or path_m - keys.path_m[asked[-1]] >= self.asked_m
+                not queried
+                or keys.parts[key] != keys.parts[queried[-1]]
+                or path_m - keys.path_m[queried[-1]] >= self.asked_m
             ):
-                asked.append(key)
-        return asked
+                queried.append(key)
+        return queried
 
     def _loop(
         self,
@@ -163,9 +163,9 @@ class LoopSearch:
     def _is_drift(self, keys: Keys, loop: Loop) -> bool:
         """Whether odometry may have drifted as far as the loop says."""
         between_m = float(keys.path_m[loop.later] - keys.path_m[loop.key])
-        said = (keys.odom_T_key[loop.key] @ loop.key_T_later)[None]
-        odom_T_later = keys.odom_T_key[loop.later][None]
-        return bool(self.drifted(said, odom_T_later, np.array([between_m]))[0])
+        by_loop = (keys.odom_T_key[loop.key] @ loop.key_T_later)[None]
+        by_odometry = keys.odom_T_key[loop.later][None]
+        return bool(self.drifted(by_loop, by_odometry, np.array([between_m]))[0])
 
     def drifted(self, a: Poses, b: Poses, between_m: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Whether odometry may have drifted from a to b (n, 4, 4) over so much path (n,)."""
@@ -182,12 +182,13 @@ class LoopSearch:
         parts allows it.
         """
         kept: list[Loop] = []
-        for pair in sorted({(keys.parts[x.key], keys.parts[x.later]) for x in loops}):
-            of_pair = [x for x in loops if (keys.parts[x.key], keys.parts[x.later]) == pair]
-            near = np.array([self._agree(keys, x, of_pair) for x in of_pair])
+        pairs = [(int(keys.parts[loop.key]), int(keys.parts[loop.later])) for loop in loops]
+        for parts in sorted(set(pairs)):
+            of_parts = [loop for loop, pair in zip(loops, pairs, strict=True) if pair == parts]
+            near = np.array([self._agree(keys, loop, of_parts) for loop in of_parts])
             best = near[near.sum(axis=1).argmax()]
             if best.sum() >= self.agreeing:
-                kept += [loop for loop, is_near in zip(of_pair, best, strict=True) if is_near]
+                kept += [loop for loop, is_near in zip(of_parts, best, strict=True) if is_near]
         return kept
 
     def _agree(self, keys: Keys, loop: Loop, others: list[Loop]) -> NDArray[np.bool_]:
@@ -195,10 +196,10 @@ class LoopSearch:
         part_T_later_part = keys.odom_T_key[loop.key] @ (
             loop.key_T_later @ np.linalg.inv(keys.odom_T_key[loop.later])
         )
-        later = np.array([x.later for x in others])
-        key = np.array([x.key for x in others])
-        says = keys.odom_T_key[key] @ np.stack([x.key_T_later for x in others])
+        later = np.array([other.later for other in others])
+        key = np.array([other.key for other in others])
+        part_T_later = keys.odom_T_key[key] @ np.stack([other.key_T_later for other in others])
         driven_m = np.abs(keys.path_m[later] - keys.path_m[loop.later]) + np.abs(
             keys.path_m[key] - keys.path_m[loop.key]
         )
-        return self.drifted(part_T_later_part @ keys.odom_T_key[later], says, driven_m)
+        return self.drifted(part_T_later_part @ keys.odom_T_key[later], part_T_later, driven_m)

@@ -67,8 +67,8 @@ def key_fixes(
     targets = map_keys.targets(map_keys.odom_T_key, search.range_m)
     rows = np.arange(len(map_keys.rows))
     fixes = []
-    asked = search.asked(keys)
-    for key in watch.track(asked, len(asked), "fixes"):
+    queries = search.queries(keys)
+    for key in watch.track(queries, len(queries), "fixes"):
         answers = search.candidates(map_keys, targets, keys.heights_m[key], rows)
         fix = search.fixer.fix(keys.points_m(key), targets, answers)
         if not fix.hypotheses or fix.chance < search.sure:
