@@ -34,24 +34,24 @@ def renamed(tensors: Arrays) -> dict[str, NDArray[np.float32]]:
 
 
 def _named(tensors: Arrays) -> dict[str, NDArray[Any]]:
-    found: dict[str, NDArray[Any]] = {}
+    arrays: dict[str, NDArray[Any]] = {}
     for ours, (theirs, last) in TNETS.items():
         layers = [(f"points.{2 * i}", f"tconv{i + 1}") for i in range(3)]
         layers += [(f"cloud.{2 * i}", f"tfc{i + 1}") for i in range(2)]
         for layer, scope in layers:
             place = f"pointnet.{ours}.{layer}"
-            found |= _dense(tensors, f"{place}.0", f"{theirs}/{scope}")
-            found |= _moving(tensors, f"{place}.1", f"{theirs}/{scope}/bn")
+            arrays |= _dense(tensors, f"{place}.0", f"{theirs}/{scope}")
+            arrays |= _moving(tensors, f"{place}.1", f"{theirs}/{scope}/bn")
         base = _dense(tensors, f"pointnet.{ours}.base", f"{theirs}/{last}")
         bias = base[f"pointnet.{ours}.base.bias"]
         base[f"pointnet.{ours}.base.bias"] = bias + np.eye(round(len(bias) ** 0.5)).ravel()
-        found |= base
+        arrays |= base
     for ours, scopes in TRUNK.items():
         for i, scope in enumerate(scopes):
-            found |= _dense(tensors, f"pointnet.{ours}.{2 * i}", scope)
+            arrays |= _dense(tensors, f"pointnet.{ours}.{2 * i}", scope)
     for ours, scope in MATRICES.items():
-        found[f"netvlad.{ours}.weight"] = _tensor(tensors, scope).T
-    found["netvlad.centres"] = _tensor(tensors, "cluster_weights2")[0]
+        arrays[f"netvlad.{ours}.weight"] = _tensor(tensors, scope).T
+    arrays["netvlad.centres"] = _tensor(tensors, "cluster_weights2")[0]
     for ours, scope in NORMS.items():
         for name, theirs in (
             ("weight", "gamma"),
@@ -59,8 +59,8 @@ def _named(tensors: Arrays) -> dict[str, NDArray[Any]]:
             ("running_mean", "moving_mean"),
             ("running_var", "moving_variance"),
         ):
-            found[f"netvlad.{ours}.{name}"] = _tensor(tensors, f"{scope}/{theirs}")
-    return found
+            arrays[f"netvlad.{ours}.{name}"] = _tensor(tensors, f"{scope}/{theirs}")
+    return arrays
 
 
 def _dense(tensors: Arrays, place: str, scope: str) -> dict[str, NDArray[Any]]:

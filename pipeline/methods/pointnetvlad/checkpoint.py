@@ -30,7 +30,8 @@ Message = dict[int, list[int | bytes]]
 class Entry(NamedTuple):
     """Where a tensor lies."""
 
-    kind: int
+    dtype_code: int
+    """A key of TYPES, if it is read."""
     shape: tuple[int, ...]
     shard: int
     offset: int
@@ -43,6 +44,7 @@ def is_checkpoint(prefix: Path) -> bool:
 
 
 def index_path(prefix: Path) -> Path:
+    """The file that names a checkpoint's tensors."""
     return prefix.with_name(f"{prefix.name}.index")
 
 
@@ -54,31 +56,31 @@ def read_checkpoint(prefix: Path) -> dict[str, NDArray[Any]]:
     """
     path = index_path(prefix)
     try:
-        entries = dict(_entries(path.read_bytes()))
-        shards = int(entries.pop("").get(1, [1])[0])
-        tensors = {name: _entry(message) for name, message in entries.items()}
+        messages = dict(_entries(path.read_bytes()))
+        shards = int(messages.pop("").get(1, [1])[0])
+        tensor_entries = {name: _entry(message) for name, message in messages.items()}
     except (IndexError, KeyError, TypeError, UnicodeDecodeError, ValueError) as error:
         raise ConfigError(
             f"{path}: no index of a TensorFlow checkpoint ({error}); correct method.weights"
         ) from None
     arrays = {}
-    for name, entry in tensors.items():
-        if entry.kind in TYPES:
+    for name, entry in tensor_entries.items():
+        if entry.dtype_code in TYPES:
             arrays[name] = _tensor(prefix, shards, name, entry)
     return arrays
 
 
 def _tensor(prefix: Path, shards: int, name: str, entry: Entry) -> NDArray[Any]:
     path = prefix.with_name(f"{prefix.name}.data-{entry.shard:05d}-of-{shards:05d}")
-    kind = np.dtype(TYPES[entry.kind]).newbyteorder("<")
+    dtype = np.dtype(TYPES[entry.dtype_code]).newbyteorder("<")
     count = int(np.prod(entry.shape, dtype=np.int64))
-    if entry.size != count * kind.itemsize:
+    if entry.size != count * dtype.itemsize:
         raise ConfigError(
             f"{path}: tensor {name} of shape {entry.shape} has {entry.size} bytes, expected "
-            f"{count * kind.itemsize}; fetch the checkpoint anew"
+            f"{count * dtype.itemsize}; fetch the checkpoint anew"
         )
     try:
-        return np.fromfile(path, kind, count, offset=entry.offset).reshape(entry.shape)
+        return np.fromfile(path, dtype, count, offset=entry.offset).reshape(entry.shape)
     except FileNotFoundError:
         raise ConfigError(f"{path}: no such file; it belongs to {index_path(prefix)}") from None
     except ValueError:
@@ -103,7 +105,7 @@ def _entries(table: bytes) -> Iterator[tuple[str, Message]]:
     if len(table) < FOOTER_BYTES or int.from_bytes(table[-8:], "little") != MAGIC:
         raise ValueError("it does not end as a table does")
     footer = table[-FOOTER_BYTES:]
-    _, at = _handle(footer, 0)  # of the block that describes the table
+    _, at = _handle(footer, 0)  # the metaindex block's, which TensorFlow leaves empty
     index, _ = _handle(footer, at)
     for _, value in _block(table, *index):
         block, _ = _handle(value, 0)
@@ -119,7 +121,7 @@ def _handle(data: bytes, at: int) -> tuple[tuple[int, int], int]:
 
 
 def _block(table: bytes, offset: int, size: int) -> Iterator[tuple[bytes, bytes]]:
-    """The keys and values of a block: a key begins as the one before it does."""
+    """The keys and values of a block: of each key only what differs from the one before is stored."""
     if table[offset + size] != 0:
         raise ValueError("its blocks are compressed, which TensorFlow's are not")
     block = table[offset : offset + size]
@@ -129,11 +131,11 @@ def _block(table: bytes, offset: int, size: int) -> Iterator[tuple[bytes, bytes]
     key = b""
     while at < end:
         shared, at = _varint(block, at)
-        own, at = _varint(block, at)
+        unshared, at = _varint(block, at)
         length, at = _varint(block, at)
-        key = key[:shared] + block[at : at + own]
-        yield key, block[at + own : at + own + length]
-        at += own + length
+        key = key[:shared] + block[at : at + unshared]
+        yield key, block[at + unshared : at + unshared + length]
+        at += unshared + length
 
 
 def _message(data: bytes) -> Message:
