@@ -121,7 +121,7 @@ def _handle(data: bytes, at: int) -> tuple[tuple[int, int], int]:
 
 
 def _block(table: bytes, offset: int, size: int) -> Iterator[tuple[bytes, bytes]]:
-    """The keys and values of a block: of each key only what differs from the one before is stored."""
+    """The keys and values of a block, which stores of each key what the one before lacks."""
     if table[offset + size] != 0:
         raise ValueError("its blocks are compressed, which TensorFlow's are not")
     block = table[offset : offset + size]
