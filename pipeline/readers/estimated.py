@@ -42,11 +42,8 @@ def posed(log: Log, path: Path) -> Log:
     unposed = len(world_T_scan) - len(rows)
     skipped = Counter({"no pose by slam": unposed}) if unposed else Counter()
     return replace(
-        log,
-        stamps_ns=log.stamps_ns[rows],
+        log.of(rows),
         world_T_scan=world_T_scan[rows],
         odom_T_scan=odom_T_posed,
-        points=lambda row: log.points(int(rows[row])),
         skipped=log.skipped + skipped,
-        times_s=lambda row: log.times_s(int(rows[row])),
     )

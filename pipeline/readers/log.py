@@ -7,9 +7,9 @@ import os
 import warnings
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,8 +55,20 @@ class Log:
 
     def poses(self, row: int) -> tuple[NDArray[np.float64], ...]:
         """All that is known of where one scan was taken."""
-        known = (self.world_T_scan[row], self.odom_T_scan[row])
-        return known if self.odom_variance is None else (*known, self.odom_variance[row])
+        poses = (self.world_T_scan[row], self.odom_T_scan[row])
+        return poses if self.odom_variance is None else (*poses, self.odom_variance[row])
+
+    def of(self, rows: NDArray[np.int64]) -> Self:
+        """The log of some of its scans (m,), in order; breaks in the odometry are the caller's."""
+        return replace(
+            self,
+            stamps_ns=self.stamps_ns[rows],
+            world_T_scan=self.world_T_scan[rows],
+            odom_T_scan=self.odom_T_scan[rows],
+            points=lambda row: self.points(int(rows[row])),
+            odom_variance=None if self.odom_variance is None else self.odom_variance[rows],
+            times_s=lambda row: self.times_s(int(rows[row])),
+        )
 
 
 @dataclass(frozen=True)

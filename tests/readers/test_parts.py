@@ -30,6 +30,8 @@ class Laps:
             poses.copy(),
             lambda row: np.full((1, 3), float(row)),
             Counter(),
+            odom_variance=np.full((250, 2), np.arange(250.0)[:, None]),
+            times_s=lambda row: np.array([row / 1000]),
         )
 
     def sequences(self, root: Path) -> dict[str, list[str]]:
@@ -72,6 +74,9 @@ def test_the_whole_log_is_a_sequence_too() -> None:
 def test_points_and_breaks_are_of_the_part() -> None:
     found = part("later+10s")
     assert found.points(0).tolist() == [[106.0] * 3]
+    assert found.times_s(0).tolist() == [0.106]
+    assert found.odom_variance is not None
+    assert found.odom_variance[0].tolist() == [106.0, 106.0]
     assert "144 of the 250 scans of laps" in found.notes
     again = Part("later", apart_s=10).rows(
         np.arange(250) * 10**9, np.where(np.arange(250)[:, None] == 200, np.nan, XYZ_M)
