@@ -115,8 +115,9 @@ def definition(cls: type) -> Definition:
             continue
         field_type, meaning = get_args(hint)
         if isinstance(meaning, Array):
-            _, dtype = get_args(field_type)
-            arrays[name] = changed(meaning, dtype=np.dtype(get_args(dtype)[0]).name)
+            last = get_args(field_type)[-1]  # dtype[float32]; float32 itself since numpy 2.5
+            scalar = (get_args(last) or (last,))[0]
+            arrays[name] = changed(meaning, dtype=np.dtype(scalar).name)
         elif isinstance(meaning, Stack):
             stacks[name] = (meaning, get_args(field_type)[0])
         else:

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
+from types import GenericAlias, MappingProxyType
 from typing import Annotated, Any
 
 import numpy as np
@@ -68,6 +68,22 @@ def contents(path: Path) -> dict[str, bytes]:
         for file in path.rglob("*")
         if file.is_file()
     }
+
+
+def test_a_dtype_is_read_of_both_forms_of_an_array_type() -> None:
+    """NDArray[float32] had the arguments shape and dtype[float32]; since numpy 2.5 it has one."""
+    meaning = Array(("thing",), "its top")
+
+    @dataclass(frozen=True)
+    class Before:
+        heights: Annotated[np.ndarray[tuple[int], np.dtype[np.float32]], meaning]
+
+    @dataclass(frozen=True)
+    class Since:
+        heights: Annotated[GenericAlias(np.ndarray, (np.float32,)), meaning]  # type: ignore[valid-type]
+
+    assert store.definition(Before).arrays["heights"].dtype == "float32"
+    assert store.definition(Since).arrays["heights"].dtype == "float32"
 
 
 def test_an_array_is_one_folder_of_files(tmp_path: Path) -> None:
