@@ -352,6 +352,11 @@ CLAIMS = (
     Claim("pfl_accuracy", 2, at_every_heading(PFL, AFL)),
     Claim("pfl_roc", 2, at_every_heading(PFL_ROC, AFL_ROC)),
     Claim(
+        "pfl_logistic",
+        2,
+        at_every_heading(replace(PFL, variant="logistic"), replace(AFL, variant="logistic")),
+    ),
+    Claim(
         "as_written",
         2,
         at_every_heading(replace(PFL, variant="paper"), replace(AFL, variant="logistic")),
