@@ -29,7 +29,7 @@ from rich.progress import (
 from rich.progress import Progress as RichProgress
 
 from pipeline.core.building import TARGET, target_class
-from pipeline.core.errors import ConfigError, YearlocError, refusal
+from pipeline.core.errors import ConfigError, YearlocError, machine_refusal
 from pipeline.core.progress import Progress
 from pipeline.core.replacing import replace
 from pipeline.core.settings import Names, filled
@@ -193,7 +193,7 @@ def _line(error: Exception) -> str:
         cause, YearlocError | TypeError
     ):  # Hydra wraps what a constructor raised
         return str(cause)
-    if line := str(error) if isinstance(error, YearlocError) else refusal(error):
+    if line := str(error) if isinstance(error, YearlocError) else machine_refusal(error):
         return line
     try:
         check_files(ROOT / "conf")

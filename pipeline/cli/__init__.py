@@ -21,7 +21,7 @@ from pipeline.cli.results import results
 from pipeline.cli.site import export, kernels, pack, serve, watch
 from pipeline.cli.slam import slam
 from pipeline.cli.studies import methods, use
-from pipeline.core.errors import YearlocError, refusal
+from pipeline.core.errors import YearlocError, machine_refusal
 from pipeline.running.ending import end_when_asked
 from pipeline.running.memory import keep_freed_memory
 from pipeline.running.texts import one_line, print_anywhere
@@ -117,7 +117,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except BrokenPipeError:  # a reader such as head has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except (OSError, MemoryError) as error:
-        if not (line := refusal(error)):
+        if not (line := machine_refusal(error)):
             raise
         print(f"yearloc{command}: {one_line(line)}", file=sys.stderr)
         sys.exit(1)

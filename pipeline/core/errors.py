@@ -12,7 +12,7 @@ YearlocError
 
 import errno
 
-MACHINE = {
+MACHINE_ERRNOS = {
     getattr(errno, name)
     for name in (
         "EACCES",
@@ -35,11 +35,11 @@ No bug of ours, and nothing that we could mend.
 """
 
 
-def refusal(error: BaseException) -> str:
+def machine_refusal(error: BaseException) -> str:
     """What the machine refused, in a line with the file; nothing for any other error."""
     if isinstance(error, MemoryError):
         return "not enough memory: fewer workers or a smaller view need less"
-    if isinstance(error, OSError) and error.errno in MACHINE:
+    if isinstance(error, OSError) and error.errno in MACHINE_ERRNOS:
         return (
             f"{error.filename or 'a file'}: {str(error.strerror).lower()}; mend that and run it "
             "again"

@@ -55,7 +55,7 @@ class Latency:
     views: Mapping[str, str]  # what each method looks at
     points: NDArray[np.int64]  # (query,) of its submap
     k: int  # places ranked
-    machine: Mapping[str, Any]  # what it was measured on: `machine`
+    machine: Mapping[str, Any]  # what it was measured on: `machine_record`
     description: Samples = field(default_factory=dict)
     """By method whose network makes the descriptor: from the view to it. The SCI paper counts it as
     generation."""
@@ -102,7 +102,7 @@ class Latency:
             name: np.maximum(wall["method", name] - description.get(name, 0.0), 0.0)
             for name in views
         }
-        about = machine(float(busy))
+        about = machine_record(float(busy))
         return cls(generation, retrieval, views, np.array(points), k, about, description)
 
     def rows(self) -> TableRows:
@@ -181,7 +181,7 @@ def clouds(
         yield from submap_points(scans, submaps, slice(row, row + 1))
 
 
-def machine(busy: float) -> dict[str, Any]:
+def machine_record(busy: float) -> dict[str, Any]:
     """Describe this machine as it is now.
 
     `gpu` is the one that torch has used, empty for none; `load` the processes that ran or wanted

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pipeline.core.errors import LogError
-from pipeline.formats import pcd, records
+from pipeline.formats import bin_layout, pcd
 
 SCANS = (".bin", ".npy", ".pcd")
 TIMES = "times.txt"
@@ -55,7 +55,7 @@ def points(data: bytes, path: Path, point_bytes: int | None = None) -> NDArray[n
             return pcd.decode(data, path, LARGEST_BYTES)
         if path.suffix == ".npy":
             return _npy(data, path)
-        return records.points(data, path, point_bytes).astype(np.float64)
+        return bin_layout.points(data, path, point_bytes).astype(np.float64)
 
 
 def stamp_ns(word: str, unit: str) -> int | None:

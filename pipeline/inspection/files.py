@@ -9,7 +9,7 @@ import numpy as np
 
 from pipeline.core.errors import LogError
 from pipeline.core.frames import flip_ned, pose, transform
-from pipeline.formats import kitti, nclt, pcd, records
+from pipeline.formats import bin_layout, kitti, nclt, pcd
 from pipeline.formats.folder import LARGEST_BYTES, refuse_array
 from pipeline.inspection.cloud import diagnose
 from pipeline.inspection.inspection import Inspection, duration, moment, nbytes
@@ -33,7 +33,8 @@ def format_of(path: Path, as_format: str | None) -> str:
     example = next(iter(sorted(path.glob("*.bin"))), path) if path.is_dir() else path
     return (
         "nclt"
-        if example.is_file() and records.point_bytes(example.read_bytes()) == records.NCLT_BYTES
+        if example.is_file()
+        and bin_layout.point_bytes(example.read_bytes()) == bin_layout.NCLT_BYTES
         else "folder"
     )
 
@@ -107,9 +108,9 @@ def _kitti_scan(path: Path, inspection: Inspection) -> None:
 def _own_scan(path: Path, inspection: Inspection) -> None:
     """Describe the .bin of another robot: records that begin with x, y, z as 32-bit floats."""
     data = path.read_bytes()
-    points = records.points(data, path).astype(np.float64)
-    width = records.point_bytes(data) or 0
-    layout_name = f" ({records.NAMES[width]})" if width in records.NAMES else ""
+    points = bin_layout.points(data, path).astype(np.float64)
+    width = bin_layout.point_bytes(data) or 0
+    layout_name = f" ({bin_layout.NAMES[width]})" if width in bin_layout.NAMES else ""
     inspection.describe(
         "points of 32-bit floats",
         (

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.errors import LogError
-from pipeline.formats import carmen, folder, kitti, nclt, records
+from pipeline.formats import bin_layout, carmen, folder, kitti, nclt
 from pipeline.inspection.cloud import spread, survey
 from pipeline.inspection.drives import VEHICLE
 from pipeline.inspection.files import FORMATS, format_of
@@ -117,8 +117,8 @@ def _own_scans(path: Path, inspection: Inspection) -> None:
     width = None
     if bin_file:
         data = bin_file.read_bytes()
-        records.refuse_planar(data, bin_file)
-        width = records.point_bytes(data)
+        bin_layout.refuse_planar(data, bin_file)
+        width = bin_layout.point_bytes(data)
         rows.insert(
             1,
             (

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pipeline.core.building import build
 from pipeline.core.errors import ConfigError, LogError, YearlocError
 from pipeline.core.frames import Poses, Stamps
-from pipeline.formats import carmen, folder, nclt, records
+from pipeline.formats import bin_layout, carmen, folder, nclt
 from pipeline.formats.bag import CLOUD, SWEEP
 from pipeline.formats.bag_file import BagFile, find
 from pipeline.readers import vehicle
@@ -127,7 +127,7 @@ def decoded(data: bytes, path: Path) -> NDArray[np.float64]:
     if (
         path.suffix == ".bin"
         and len(data) <= folder.LARGEST_BYTES
-        and records.point_bytes(data) == records.NCLT_BYTES
+        and bin_layout.point_bytes(data) == bin_layout.NCLT_BYTES
     ):
         return np.asarray(nclt.decode(np.frombuffer(data, "<u2")))
     return folder.points(data, path)

@@ -22,8 +22,8 @@ from scipy.spatial.transform import Rotation
 from pipeline.core.errors import ConfigError, LogError
 from pipeline.core.frames import Poses, Stamps, Trajectory
 from pipeline.core.settings import Positive, check
+from pipeline.formats import bin_layout, kitti
 from pipeline.formats import folder as files
-from pipeline.formats import kitti, records
 from pipeline.readers import log
 from pipeline.readers.log import Log
 
@@ -192,10 +192,10 @@ class Folder:
         guess: tuple[int, Path] | None = None
         for path in islice(whole, LOOKED_AT):
             data = path.read_bytes()
-            records.refuse_planar(data, path)
+            bin_layout.refuse_planar(data, path)
             if self.point_bytes:
                 return self.point_bytes, ()
-            width, is_told = records.layout(data)
+            width, is_told = bin_layout.layout(data)
             if width and is_told:
                 return width, ()
             if width and guess is None:

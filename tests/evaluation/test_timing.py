@@ -24,7 +24,7 @@ from pipeline.evaluation.timing import (
     Latency,
     clouds,
     cost_rows,
-    machine,
+    machine_record,
     processor,
 )
 from pipeline.matching.ranking import Ranking, Rows
@@ -258,7 +258,7 @@ def test_every_sample_is_recorded() -> None:
 
 def test_this_machine_has_a_processor_with_a_name() -> None:
     assert processor().strip()
-    here = machine(busy=0.987)
+    here = machine_record(busy=0.987)
     assert (here["processor"], here["busy"]) == (processor(), 0.99)
     assert here["versions"]["numpy"] == np.__version__
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline.core.errors import LogError
-from pipeline.formats.records import layout, point_bytes, points, refuse_planar
+from pipeline.formats.bin_layout import layout, point_bytes, points, refuse_planar
 
 EXTRA = {
     12: [],
