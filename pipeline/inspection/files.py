@@ -217,7 +217,8 @@ def array_file(path: Path, inspection: Inspection) -> None:
     refuse_array(path, array.dtype, array.shape)
     if not array.size:
         raise LogError(f"{path}: an array without points, {array.dtype}{array.shape}")
-    shape, array = array.shape, array.reshape(-1, array.shape[-1])
+    shape = array.shape
+    array = array.reshape(-1, shape[-1])
     stride = max(1, len(array) // MOST_POINTS)
     inspection.describe(
         "array of points",
