@@ -20,6 +20,8 @@ CONTRADICTED = "contradicted"
 UNDECIDED = "not decidable here"
 UNTRAINED = ("scan_context", "m2dp", "sad")
 """Methods that learn no weights."""
+BLACK_ERROR = "black_error"
+"""Number of an image that is black everywhere."""
 VIEWPOINT = "viewpoint"
 OF_ALL = "viewpoint of all"
 CLEARLY = 1.5  # medians of times without an interval differ clearly by such a factor
@@ -43,6 +45,11 @@ class Side:
     level: float | None = 0.0  # None: every heading of a sequence that is matched with itself
 
     @property
+    def is_trained(self) -> bool:
+        """Whether another seed would give another number."""
+        return self.method not in UNTRAINED and self.number != BLACK_ERROR
+
+    @property
     def model(self) -> str:
         """The model's name, such as sci-4way."""
         return ModelName(self.method, self.variant).name
@@ -50,7 +57,7 @@ class Side:
     @property
     def label(self) -> str:
         """The model, and what sets it apart: its cells, its answers, what was done to queries."""
-        if self.number == "black_error":
+        if self.number == BLACK_ERROR:
             return "a black image"
         parts = [f"`{self.model}`"]
         if self.change not in ("", VIEWPOINT, OF_ALL):
@@ -127,7 +134,7 @@ def mean(numbers: pd.DataFrame) -> Estimate:
     return Estimate(*(float(numbers[name].mean()) for name in ("value", "low", "high")))
 
 
-def less(estimate: Estimate, other: Estimate, factor: float = 1.0) -> Estimate:
+def difference_of(estimate: Estimate, other: Estimate, factor: float = 1.0) -> Estimate:
     """One number less `factor` of another, with an interval from those of the two.
 
     Half-widths add as squares do (Zou and Donner, 2008), which is too wide where both numbers are

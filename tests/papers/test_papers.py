@@ -12,16 +12,16 @@ import pytest
 from pipeline.core.errors import ArtifactError, ConfigError
 from pipeline.evaluation.rows import row, table
 from pipeline.papers import kept
-from pipeline.papers.claims import (
-    CLAIMS,
-    absent,
-    ahead,
+from pipeline.papers.claims import CLAIMS
+from pipeline.papers.judging import (
+    ascend,
     at_every_heading,
-    below,
+    has_no_verdict,
+    is_ahead,
+    is_below,
+    is_not_measured,
     keeps_less,
-    ordered,
-    steadier,
-    untold,
+    spreads_less,
 )
 from pipeline.papers.page import page, words
 from pipeline.papers.rules import (
@@ -35,9 +35,9 @@ from pipeline.papers.rules import (
     Side,
     Tables,
     by_interval,
+    difference_of,
     everywhere,
     in_order,
-    less,
 )
 from tests.studies.made import study
 
@@ -109,9 +109,9 @@ def test_an_interval_and_all_seeds_must_exclude_0(
 
 
 def test_half_widths_add_as_squares_do() -> None:
-    difference = less(Estimate(0.8, 0.77, 0.81), Estimate(0.5, 0.4, 0.54), 1.0)
+    difference = difference_of(Estimate(0.8, 0.77, 0.81), Estimate(0.5, 0.4, 0.54), 1.0)
     assert difference == pytest.approx((0.3, 0.25, 0.3 + (0.01**2 + 0.1**2) ** 0.5))
-    assert less(Estimate(0.9, 0.9, 0.9), Estimate(0.5, 0.4, 0.6), 0.9) == pytest.approx(
+    assert difference_of(Estimate(0.9, 0.9, 0.9), Estimate(0.5, 0.4, 0.6), 0.9) == pytest.approx(
         (0.45, 0.36, 0.54)
     )
 
@@ -139,7 +139,7 @@ def test_an_order_is_contradicted_where_it_is_clearly_another() -> None:
 
 def test_one_method_is_held_against_the_strongest_of_the_others() -> None:
     others = (rows(SCAN_CONTEXT, 0.6, 0.7), rows(M2DP, 0.2, 0.3))
-    measure = ahead(SCI, SCAN_CONTEXT, M2DP)
+    measure = is_ahead(SCI, SCAN_CONTEXT, M2DP)
     for values, expected in (
         ((0.8, 0.9), (SHOWN, "interval")),
         ((0.4, 0.5), (CONTRADICTED, "interval")),
@@ -149,7 +149,7 @@ def test_one_method_is_held_against_the_strongest_of_the_others() -> None:
         assert (outcome.verdict, outcome.reason) == expected
         assert [side for side, _ in outcome.sides] == [SCI, SCAN_CONTEXT]
         assert (outcome.seeds, outcome.pairs) == (1, 2)
-    assert judged(ahead(SCI, SCAN_CONTEXT, sign=-1), tables(rows(SCI, 0.4), *others)) == (
+    assert judged(is_ahead(SCI, SCAN_CONTEXT, sign=-1), tables(rows(SCI, 0.4), *others)) == (
         SHOWN,
         "interval",
     )
@@ -157,7 +157,7 @@ def test_one_method_is_held_against_the_strongest_of_the_others() -> None:
 
 def test_seeds_of_one_method_stand_beside_the_only_one_of_another() -> None:
     first, second = rows(SCI, 0.9), rows(SCI, 0.5, seed=1)
-    outcome = ahead(SCI, SCAN_CONTEXT)(tables(first, second, rows(SCAN_CONTEXT, 0.6)))
+    outcome = is_ahead(SCI, SCAN_CONTEXT)(tables(first, second, rows(SCAN_CONTEXT, 0.6)))
     assert (outcome.verdict, outcome.reason, outcome.seeds) == (UNDECIDED, "seed", 2)
 
 
@@ -166,7 +166,7 @@ def test_only_sequences_that_both_have_are_compared_and_repeats_are_one() -> Non
     given = tables(
         rows(turned, 0.5), rows(turned, 0.7, repeat=1), rows(M2DP, 0.6, 0.1, 0.1), rows(SCI, 0.9)
     )
-    outcome = ahead(turned, M2DP, factor=0.9)(given)
+    outcome = is_ahead(turned, M2DP, factor=0.9)(given)
     assert [estimate.value for _, estimate in outcome.sides] == pytest.approx([0.6, 0.6])
     assert outcome.difference.value == pytest.approx(0.06)
     assert (outcome.verdict, outcome.pairs) == (SHOWN, 1)
@@ -182,7 +182,7 @@ def test_a_number_of_another_kind_cells_or_protocol_is_not_taken() -> None:
         rows(Side("compare", "campus", "sci", protocol="distance"), 0.1),
         rows(SCAN_CONTEXT, 0.6),
     )
-    assert ahead(SCI, SCAN_CONTEXT)(given).sides[0][1].value == pytest.approx(0.9)
+    assert is_ahead(SCI, SCAN_CONTEXT)(given).sides[0][1].value == pytest.approx(0.9)
     assert given.used["compare"] == {0, 6}
 
 
@@ -192,7 +192,7 @@ def test_what_is_missing_is_named() -> None:
         (tables(rows(M2DP, 0.9)), (SCI, SCAN_CONTEXT)),
         (Tables({}), (SCI, SCAN_CONTEXT, M2DP)),
     ):
-        outcome = ahead(SCI, SCAN_CONTEXT, M2DP)(given)
+        outcome = is_ahead(SCI, SCAN_CONTEXT, M2DP)(given)
         assert (outcome.verdict, outcome.reason) == (UNDECIDED, "missing")
         assert outcome.missing == expected
 
@@ -246,28 +246,28 @@ def test_headings_within_and_beyond_an_angle_are_held_against_a_limit() -> None:
 
 def test_a_limit_and_an_order_of_times() -> None:
     for values, verdict in (((40, 50), SHOWN), ((140, 150), CONTRADICTED), ((40, 150), UNDECIDED)):
-        assert judged(below(MS, 100), tables(rows(MS, *values))) == (verdict, "limit")
+        assert judged(is_below(MS, 100), tables(rows(MS, *values))) == (verdict, "limit")
     other = Side("compare", "campus", "m2dp", "query_ms", "")
     for value, verdict in ((9, SHOWN), (4, CONTRADICTED), (7, UNDECIDED)):
         given = tables(rows(MS, 8), rows(other, value))
-        assert judged(ordered(MS, other), given) == (verdict, "order")
+        assert judged(ascend(MS, other), given) == (verdict, "order")
 
 
 def test_stability_takes_three_seeds() -> None:
     wild = [headings(AFL, [0.50 + 0.10 * seed, 0.6 + 0.1 * seed], seed) for seed in range(3)]
     calm = [headings(PFL, [0.50 + 0.01 * seed, 0.6 + 0.01 * seed], seed) for seed in range(3)]
-    assert judged(steadier(PFL, AFL), street(*calm, *wild)) == (SHOWN, "all")
-    assert judged(steadier(AFL, PFL), street(*calm, *wild)) == (CONTRADICTED, "all")
-    assert judged(steadier(PFL, AFL), street(*calm[:2], *wild)) == (UNDECIDED, "few_seeds")
+    assert judged(spreads_less(PFL, AFL), street(*calm, *wild)) == (SHOWN, "all")
+    assert judged(spreads_less(AFL, PFL), street(*calm, *wild)) == (CONTRADICTED, "all")
+    assert judged(spreads_less(PFL, AFL), street(*calm[:2], *wild)) == (UNDECIDED, "few_seeds")
 
 
 def test_a_finding_of_unknown_direction_or_without_numbers_has_no_verdict() -> None:
     given = tables(rows(SCI, 0.9), rows(M2DP, 0.2))
-    outcome = untold(SCI, M2DP)(given)
+    outcome = has_no_verdict(SCI, M2DP)(given)
     assert (outcome.verdict, outcome.reason) == (UNDECIDED, "untold")
     assert outcome.sides[1][1].value == pytest.approx(0.2)
-    assert judged(untold(SCI, SCAN_CONTEXT), given) == (UNDECIDED, "missing")
-    assert judged(absent, given) == (UNDECIDED, "absent")
+    assert judged(has_no_verdict(SCI, SCAN_CONTEXT), given) == (UNDECIDED, "missing")
+    assert judged(is_not_measured, given) == (UNDECIDED, "absent")
 
 
 def results() -> pd.DataFrame:
