@@ -30,7 +30,7 @@ class Settings:
 
 @stage("results")
 def main(settings: Settings) -> str:
-    gathering = results.Gathering(
+    gathering = results.ResultsTable(
         Layout(settings.artifacts),
         settings.study,
         settings.ageing,

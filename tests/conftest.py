@@ -9,10 +9,14 @@ from pathlib import Path
 
 import pytest
 from filelock import FileLock
+from hypothesis import settings
 from xdist.scheduler import LoadScopeScheduling
 
 import stages  # noqa: F401 (before torch and numba are loaded: it sets where kernels are kept and how threads wait)
 from tests.clone import Clone
+
+settings.register_profile("any machine", deadline=None)
+settings.load_profile("any machine")  # how long an example takes is the machine's doing
 
 CHAIN = "tests/test_chain.py"
 SWEEP = "tests/test_sweep.py"

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.schemas import Lifelong
-from pipeline.evaluation.rows import TableRows, several
+from pipeline.evaluation.rows import TableRows, number_rows
 
 CHANGE = "lifelong"
 
@@ -106,7 +106,7 @@ def lifelong_rows(lifelong: Lifelong) -> TableRows:
         for protocol in ("cells", "distance"):
             course = Course.of(lifelong, protocol)
             for group, group_name in enumerate(course.groups):
-                yield from several(
+                yield from number_rows(
                     place | {"sequence": group_name},
                     protocol,
                     {"recall_at_1": course.recall(step, group)},
@@ -116,20 +116,20 @@ def lifelong_rows(lifelong: Lifelong) -> TableRows:
                 "recall_of_all": course.of_all(step),
             }
             numbers |= {"forgetting": course.forgetting(step), "transfer": course.transfer(step)}
-            yield from several(place, protocol, numbers)
+            yield from number_rows(place, protocol, numbers)
         counts = {
             "places": lifelong.places[step],
             "bytes": lifelong.bytes[step],
             **lifelong.counts[step],
             "correct_m": lifelong.correct_m,
         }
-        yield from several(place | {"sequence": name}, "", counts)
+        yield from number_rows(place | {"sequence": name}, "", counts)
 
 
 def cost_rows(course: Mapping[str, Any]) -> TableRows:
     """Rows of CPU seconds of each step, as the stage keeps them beside the artifact."""
     for step, (name, seconds) in enumerate(zip(course["steps"], course["cpu_s"], strict=True)):
-        yield from several(
+        yield from number_rows(
             course["place"]
             | _place(course["order"], course["strategy"], step)
             | {"sequence": name},

@@ -5,7 +5,7 @@ Wide: one row a point.
 
 import pandas as pd
 
-from pipeline.evaluation.results import Gathering
+from pipeline.evaluation.results import ResultsTable
 from pipeline.studies.models import ModelName
 
 YEAR = {
@@ -40,7 +40,7 @@ def year(table: pd.DataFrame) -> pd.DataFrame:
     return wide.reset_index().sort_values(["method", "days", "sequence"])
 
 
-def precision_recall(gathering: Gathering) -> pd.DataFrame:
+def precision_recall(gathering: ResultsTable) -> pd.DataFrame:
     """A row a method, test sequence and threshold of the SCI paper's curve: top-1, by cells."""
     frames = []
     study = gathering.study

@@ -1,8 +1,8 @@
-"""The one table of results: every number that anyone reads is a row of it, gathered from artifacts.
+"""The one table of results, gathered from artifacts: two kinds of csv a study, joined on reading.
 
 Reports, the page, MLflow, `yearloc results` and sweeps read this table and compute no metric of
-their own. Its rows are kept as csv, a file a study; timings, which differ from run to run, have a
-csv of their own and are added when the table is read.
+their own. Timings differ from run to run and stand in files of their own, so that the others have
+the same bytes each time.
 """
 
 import json
@@ -10,9 +10,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from pipeline.alterations import read_cases
 from pipeline.core import store
@@ -28,14 +30,14 @@ from pipeline.evaluation.lifelong import cost_rows, lifelong_rows
 from pipeline.evaluation.paired import KEPT, kept_share
 from pipeline.evaluation.protocols import PROTOCOLS
 from pipeline.evaluation.rows import (
+    CASE_COLUMNS,
+    COLUMN_TYPES,
     COLUMNS,
-    NUMERIC,
-    TYPED,
-    TYPES,
-    WORDS,
+    FLOAT_COLUMNS,
+    TEXT_COLUMNS,
     TableRows,
     case_columns,
-    of_evaluation,
+    evaluation_rows,
     row,
     table,
 )
@@ -49,7 +51,7 @@ from pipeline.evaluation.study_rows import (
 )
 from pipeline.evaluation.viewpoints import ViewpointMatches
 from pipeline.formats.changes import read_changes
-from pipeline.matching.rejection import PREFIX, Evidence
+from pipeline.matching.rejection import HELD_OUT, Evidence
 from pipeline.studies.layout import Layout
 from pipeline.studies.models import ModelName
 from pipeline.studies.study import Study, StudyMethod
@@ -58,8 +60,8 @@ FILE = "results.csv"
 
 
 @dataclass(frozen=True)
-class Gathering:
-    """Gathers the table of one study of conf/studies.yaml.
+class ResultsTable:
+    """The table of one study of conf/studies.yaml, gathered from its artifacts.
 
     Raises ArtifactError for an artifact that is missing.
     """
@@ -68,7 +70,8 @@ class Gathering:
     study: Study
     ageing: Ageing
     bands: Bands
-    unseen_share: float  # of queries, that the held-out AUC expects
+    unseen_share: float
+    """Share of unseen queries that the held-out AUC assumes."""
 
     def table(self) -> pd.DataFrame:
         """All rows of the study."""
@@ -77,78 +80,93 @@ class Gathering:
         return table(rows, study=name, dataset=name, simulated=self.study.simulated)
 
     def _answers(self) -> TableRows:
-        """Rows of every model at every cell size on every sequence.
-
-        For the study's own cells also rows of several evaluations together.
-        """
-        tests = self.study.tests
-        stress = self.study.stress
+        """Rows of every model at every cell size on every sequence."""
         models = self.study.answerers
         for grid in self._all_grids():
-            is_own_grid = grid in self.study.grid_names
-            of_methods: dict[str, dict[str, Evaluation]] = {}
-            of_variants: dict[tuple[str, str], dict[str, Evaluation]] = {}
-            held_out = {}
-            bootstrap = Bootstrap()
-            for model in (
-                models if is_own_grid else [model for model in models if model.name == model.method]
-            ):
-                place = {"grid": grid, **model.columns}
-                as_driven: dict[str, Evaluation] = {}
-                for sequence in (*tests, *stress) if is_own_grid else tests:
-                    artifact = self._evaluations(grid, model, sequence)
-                    for i, case in enumerate(read_cases(artifact.cases)):
-                        evaluation = artifact.case(i)
-                        of_sequence = {
-                            "sequence": sequence,
-                            "days": evaluation.days,
-                            "stress": stress.get(sequence, ""),
-                        }
-                        yield from (
-                            place | of_sequence | columns
-                            for columns in of_evaluation(evaluation, case)
-                        )
-                        if not case.change:
-                            as_driven[sequence] = evaluation
-                            yield from (
-                                place | of_sequence | row(NO_SURVEY, protocol, 1.0)
-                                for protocol in (PROTOCOLS if self.study.slam else ())
-                            )
-                            continue
-                        kept = kept_share(
-                            evaluation,
-                            as_driven[sequence],
-                            "cells",
-                            Bootstrap(**artifact.attrs["bootstrap"]),
-                        )
-                        yield place | of_sequence | case_columns(case) | row(KEPT, "cells", *kept)
-                by_day = {
-                    name: as_driven[name]
-                    for name in sorted(tests, key=lambda name: (as_driven[name].days, name))
-                }
-                if not model.posed:
-                    learned = store.read_model(self._path("train", grid, model.name))
-                    kind = as_driven[tests[0]].kinds[0]
-                    area = held_out_auc(Evidence.of(learned), kind, self.unseen_share)
-                    yield place | row("held_out_auc", "cells", area)
+            if grid in self.study.grid_names:
+                yield from self._answers_at_own_grid(grid, models)
+                continue
+            for model in models:
                 if model.name == model.method:
-                    of_methods[model.method] = by_day
-                    held_out[model.method] = np.asarray(
-                        learned.get(f"{PREFIX}seen/{kind}", ()), np.float64
-                    )
-                    bootstrap = Bootstrap(**artifact.bootstrap)
-                elif (self.study.question == "year" or model.posed) and not model.seed:
-                    of_variants[model.method, model.answered] = by_day
-            if is_own_grid:
-                yield {"grid": grid} | row("correct_m", "distance", artifact.distance["correct_m"])
-                yield from (
-                    {"grid": grid} | columns
-                    for columns in self._together(
-                        Answers(of_methods, held_out, of_variants), bootstrap
-                    )
-                )
+                    yield from self._model_rows(grid, model, self.study.tests)
 
-    def _together(self, answers: Answers, bootstrap: Bootstrap) -> TableRows:
+    def _answers_at_own_grid(self, grid: str, models: Sequence[ModelName]) -> TableRows:
+        """Rows of every model at a cell size of the study, and rows of several evaluations."""
+        sequences = (*self.study.tests, *self.study.stress)
+        by_method: dict[str, dict[str, Evaluation]] = {}
+        held_out: dict[str, NDArray[np.float64]] = {}
+        by_variant: dict[tuple[str, str], dict[str, Evaluation]] = {}
+        bootstrap = Bootstrap()
+        for model in models:
+            yield from self._model_rows(grid, model, sequences)
+            evaluations = self._tests_in_order_of_days(grid, model)
+            if model.name == model.method:
+                by_method[model.method] = evaluations
+                held_out[model.method] = self._held_out_novelty(grid, model)
+                bootstrap = self._bootstrap(grid, model)
+            elif (self.study.question == "year" or model.posed) and not model.seed:
+                by_variant[model.method, model.answered] = evaluations
+        correct_m = self._evaluations(grid, models[-1], sequences[-1]).distance["correct_m"]
+        yield {"grid": grid} | row("correct_m", "distance", correct_m)
+        answers = Answers(by_method, held_out, by_variant)
+        for columns in self._rows_across_sequences(answers, bootstrap):
+            yield {"grid": grid} | columns
+
+    def _model_rows(self, grid: str, model: ModelName, sequences: Sequence[str]) -> TableRows:
+        """Rows of one model on every sequence, and of its held-out places."""
+        model_columns = {"grid": grid, **model.columns}
+        for sequence in sequences:
+            for columns in self._sequence_rows(grid, model, sequence):
+                yield model_columns | columns
+        if not model.posed:
+            evidence = Evidence.of(self._trained(grid, model))
+            area = held_out_auc(evidence, self._novelty_kind(grid, model), self.unseen_share)
+            yield model_columns | row("held_out_auc", "cells", area)
+
+    def _sequence_rows(self, grid: str, model: ModelName, sequence: str) -> TableRows:
+        """Rows of one model on one sequence, as driven and altered."""
+        evaluations = self._evaluations(grid, model, sequence)
+        as_driven = evaluations.case()
+        sequence_columns = {
+            "sequence": sequence,
+            "days": as_driven.days,
+            "stress": self.study.stress.get(sequence, ""),
+        }
+        for i, case in enumerate(read_cases(evaluations.cases)):
+            evaluation = evaluations.case(i)
+            for columns in evaluation_rows(evaluation, case):
+                yield sequence_columns | columns
+            if case.change:
+                resampling = Bootstrap(**evaluations.attrs["bootstrap"])
+                kept = kept_share(evaluation, as_driven, "cells", resampling)
+                yield sequence_columns | case_columns(case) | row(KEPT, "cells", *kept)
+            elif self.study.slam:
+                for protocol in PROTOCOLS:
+                    yield sequence_columns | row(NO_SURVEY, protocol, 1.0)
+
+    def _tests_in_order_of_days(self, grid: str, model: ModelName) -> dict[str, Evaluation]:
+        evaluations = {
+            sequence: self.evaluation(grid, model, sequence) for sequence in self.study.tests
+        }
+        return dict(sorted(evaluations.items(), key=lambda item: (item[1].days, item[0])))
+
+    def _held_out_novelty(self, grid: str, model: ModelName) -> NDArray[np.float64]:
+        """Novelty of held-out places that were learned; empty where the method holds none out."""
+        name = f"{HELD_OUT}seen/{self._novelty_kind(grid, model)}"
+        return np.asarray(self._trained(grid, model).get(name, ()), np.float64)
+
+    def _novelty_kind(self, grid: str, model: ModelName) -> str:
+        """The kind of novelty by which the model's answers are refused."""
+        return self.evaluation(grid, model, self.study.tests[0]).kinds[0]
+
+    def _bootstrap(self, grid: str, model: ModelName) -> Bootstrap:
+        sequences = (*self.study.tests, *self.study.stress)
+        return Bootstrap(**self._evaluations(grid, model, sequences[-1]).bootstrap)
+
+    def _trained(self, grid: str, model: ModelName) -> dict[str, NDArray[Any]]:
+        return store.read_model(self._path("train", grid, model.name))
+
+    def _rows_across_sequences(self, answers: Answers, bootstrap: Bootstrap) -> TableRows:
         yield from ageing_rows(answers, self.ageing)
         yield from paired_rows(answers, bootstrap)
         if self.study.question == "robustness":
@@ -160,18 +178,20 @@ class Gathering:
         for grid in self.study.grid_names:
             for method in self._on_bird_views():
                 for model in method.models:
-                    place = {"grid": grid, **model.columns}
+                    model_columns = {"grid": grid, **model.columns}
                     folder = self._path("viewpoints", grid, model.name)
                     if not folder.is_dir():
                         raise ArtifactError(f"{folder}: no such artifact; `dvc repro` builds it")
                     for path in sorted(folder.glob("*.zarr")):
                         judged = store.read(path, ViewpointMatches)
                         yield from (
-                            place | {"sequence": path.stem} | columns
+                            model_columns | {"sequence": path.stem} | columns
                             for columns in viewpoint_rows(judged)
                         )
-                    learned = store.read_model(self._path("train", grid, model.name))
-                    yield from (place | columns for columns in reconstruction_rows(learned))
+                    yield from (
+                        model_columns | columns
+                        for columns in reconstruction_rows(self._trained(grid, model))
+                    )
 
     def _all_grids(self) -> list[str]:
         """The names of all cell sizes at which places are ranked."""
@@ -187,12 +207,13 @@ class Gathering:
             return
         for grid, method in product(self.study.grid_names, self.study.methods):
             for model in method.models:
-                place = {"grid": grid, **model.columns}
+                model_columns = {"grid": grid, **model.columns}
                 for order, strategies in method.courses.items():
                     for strategy in strategies:
                         path = self._path("lifelong", grid, model.name, f"{order}-{strategy}")
                         yield from (
-                            place | columns for columns in lifelong_rows(store.read(path, Lifelong))
+                            model_columns | columns
+                            for columns in lifelong_rows(store.read(path, Lifelong))
                         )
 
     def evaluation(self, grid: str, model: ModelName, sequence: str) -> Evaluation:
@@ -216,23 +237,22 @@ def read(layout: Layout, studies: Mapping[str, Study]) -> pd.DataFrame:
         path = layout.path("results", name, FILE)
         if not path.is_file():
             raise ArtifactError(f"{path}: no results yet; `dvc repro` gathers them")
-        courses = sorted(
-            layout.path("lifelong", name).glob("*/*/*.json")
-        )  # beside the artifacts, not in them
+        # the stage writes its timings as json beside each artifact
+        courses = sorted(layout.path("lifelong", name).glob("*/*/*.json"))
         costs = [cost_rows(json.loads(course.read_text(encoding="utf-8"))) for course in courses]
-        frames += [table(row for rows in costs for row in rows)] if costs else []
+        frames += [table(columns for rows in costs for columns in rows)] if costs else []
         timings = sorted(layout.path("latency", name).glob("*.csv")) if study.latency else []
-        frames += [_parsed(csv) for csv in (path, *timings)]
+        frames += [_read_csv(csv) for csv in (path, *timings)]
     return pd.concat(frames, ignore_index=True) if frames else table([])
 
 
-def _parsed(path: Path) -> pd.DataFrame:
+def _read_csv(path: Path) -> pd.DataFrame:
     try:
-        na_values = {name: [""] for name in NUMERIC}
-        frame = pd.read_csv(path, dtype=TYPES, keep_default_na=False, na_values=na_values)[
-            [*COLUMNS, *TYPED]
+        na_values = {name: [""] for name in FLOAT_COLUMNS}
+        frame = pd.read_csv(path, dtype=COLUMN_TYPES, keep_default_na=False, na_values=na_values)[
+            [*COLUMNS, *CASE_COLUMNS]
         ]
-        if frame[[*WORDS]].isna().any(axis=None):
+        if frame[[*TEXT_COLUMNS]].isna().any(axis=None):
             raise ValueError("a row is cut off")
         return frame
     except (ValueError, KeyError) as error:
@@ -255,6 +275,6 @@ def where(frame: pd.DataFrame, conditions: Mapping[str, str]) -> pd.DataFrame:
         text = frame[column].astype(str)
         texts = condition.split(",")
         frame = frame[
-            text.isin(texts) | (column in NUMERIC and text.str.removesuffix(".0").isin(texts))
+            text.isin(texts) | (column in FLOAT_COLUMNS and text.str.removesuffix(".0").isin(texts))
         ]
     return frame

@@ -11,9 +11,8 @@ from pipeline.evaluation.judgement import Evaluation
 from pipeline.evaluation.numbers import MEASURES, NUMBERS, POSES
 from pipeline.evaluation.protocols import PROTOCOLS
 
-TableRows = Iterator[
-    dict[str, Any]
-]  # rows as they come: columns to values, those that are the same in all rows left out
+TableRows = Iterator[dict[str, Any]]
+"""Rows as they come: columns to values, those that are the same in all rows left out."""
 COLUMNS = (
     "study",
     "dataset",
@@ -36,12 +35,12 @@ COLUMNS = (
 `case` is empty for queries as they were driven, `variant` for a method's own recipe, `sequence` for
 a number of all test sequences together; low and high bound a 95 % interval, where there is one.
 """
-TYPED = ("change", "level", "shadow", "repeat", "kind", "stress")
+CASE_COLUMNS = ("change", "level", "shadow", "repeat", "kind", "stress")
 """The parts of a case, so that nobody takes its text apart: an alteration (or `change shown`,
 `change to come`, of real changes within `level` metres), its level, whether walls hide what is
 behind them, the repeat; the `kind` of novelty, or the method that is compared with; and what is
 hard about a sequence of stress."""
-WORDS = (
+TEXT_COLUMNS = (
     "study",
     "dataset",
     "grid",
@@ -55,10 +54,10 @@ WORDS = (
     "kind",
     "stress",
 )
-NUMERIC = ("days", "level", "value", "low", "high")
-TYPES: Mapping[str, type] = {
-    **dict.fromkeys(WORDS, str),
-    **dict.fromkeys(NUMERIC, float),
+FLOAT_COLUMNS = ("days", "level", "value", "low", "high")
+COLUMN_TYPES: Mapping[str, type] = {
+    **dict.fromkeys(TEXT_COLUMNS, str),
+    **dict.fromkeys(FLOAT_COLUMNS, float),
     **dict.fromkeys(("seed", "repeat"), int),
     **dict.fromkeys(("simulated", "shadow"), bool),
 }
@@ -88,9 +87,9 @@ def case_columns(case: Case) -> dict[str, Any]:
     }
 
 
-def of_evaluation(evaluation: Evaluation, case: Case = Case()) -> TableRows:  # noqa: B008 (frozen)
+def evaluation_rows(evaluation: Evaluation, case: Case = Case()) -> TableRows:  # noqa: B008 (frozen)
     """Rows of one case of an evaluation: counts, numbers with intervals, novelties, calibration."""
-    parts = case_columns(case)
+    columns = case_columns(case)
     for protocol in PROTOCOLS:
         judgement = evaluation.protocol(protocol)
         counts = {
@@ -98,7 +97,7 @@ def of_evaluation(evaluation: Evaluation, case: Case = Case()) -> TableRows:  # 
             "seen": judgement.seen.sum(),
             "unseen": judgement.unseen.sum(),
         }
-        shares = {
+        rejection = {
             "threshold": evaluation.reject_from[0],
             "turned_share": judgement.turned_share(evaluation.turn_deg),
             "answered": judgement.answered,
@@ -111,29 +110,32 @@ def of_evaluation(evaluation: Evaluation, case: Case = Case()) -> TableRows:  # 
             for name, values in numbers.items()
             if name not in POSES or not np.isnan(evaluation.reject_pose_from)
         }
-        yield from several(
-            parts,
+        yield from number_rows(
+            columns,
             protocol,
-            counts | shares | number_values | ({} if case.change else evaluation.doubts(protocol)),
+            counts
+            | rejection
+            | number_values
+            | ({} if case.change else evaluation.doubts(protocol)),
         )
-        for kind, measures, kept_precision in (
-            ()
-            if case.change
-            else zip(evaluation.kinds, judgement.rejection, evaluation.kept_precision, strict=True)
+        if case.change:
+            continue
+        for kind, measures, kept_precision in zip(
+            evaluation.kinds, judgement.rejection, evaluation.kept_precision, strict=True
         ):
-            novelty_parts = parts | {"case": f"novelty {kind}", "kind": kind}
-            yield from several(
-                novelty_parts,
+            novelty_columns = columns | {"case": f"novelty {kind}", "kind": kind}
+            yield from number_rows(
+                novelty_columns,
                 protocol,
                 dict(zip(MEASURES, measures, strict=True)) | {"kept_precision": kept_precision},
             )
-    yield from several(
-        parts, "cells", dict(zip(("ece_raw", "ece"), evaluation.calibration, strict=True))
+    yield from number_rows(
+        columns, "cells", dict(zip(("ece_raw", "ece"), evaluation.calibration, strict=True))
     )
-    yield from several(parts, "distance", evaluation.belief)
+    yield from number_rows(columns, "distance", evaluation.belief)
     if evaluation.verdicts:
         verdicts = {f"{verdict}_99": count for verdict, count in evaluation.verdicts.items()}
-        yield from several(parts, "distance", verdicts | {"pose_ece": evaluation.pose_ece})
+        yield from number_rows(columns, "distance", verdicts | {"pose_ece": evaluation.pose_ece})
 
 
 def row(
@@ -149,15 +151,15 @@ def row(
     }
 
 
-def several(place: Mapping[str, Any], protocol: str, numbers: Mapping[str, Any]) -> TableRows:
-    """One row for each number of a place; a number is a value, or a value with its bounds."""
+def number_rows(columns: Mapping[str, Any], protocol: str, numbers: Mapping[str, Any]) -> TableRows:
+    """One row for each number, a value or a value with its bounds, with these columns."""
     for number, values in numbers.items():
-        yield {**place, **row(number, protocol, *np.atleast_1d(values))}
+        yield {**columns, **row(number, protocol, *np.atleast_1d(values))}
 
 
 def table(rows: Iterable[Mapping[str, Any]], **common: Any) -> pd.DataFrame:
     """A frame of rows with all columns, each of its type; `common` values stand in every row."""
-    defaults = dict.fromkeys(WORDS, "") | {
+    defaults = dict.fromkeys(TEXT_COLUMNS, "") | {
         "simulated": False,
         "seed": 0,
         "days": np.nan,
@@ -166,6 +168,6 @@ def table(rows: Iterable[Mapping[str, Any]], **common: Any) -> pd.DataFrame:
         "repeat": 0,
     }
     frame = pd.DataFrame(
-        [defaults | common | dict(columns) for columns in rows], columns=[*COLUMNS, *TYPED]
+        [defaults | common | dict(columns) for columns in rows], columns=[*COLUMNS, *CASE_COLUMNS]
     )
-    return frame.astype(TYPES)
+    return frame.astype(COLUMN_TYPES)

@@ -17,7 +17,7 @@ from pipeline.evaluation.events import Bands, banded, distances
 from pipeline.evaluation.judgement import Evaluation
 from pipeline.evaluation.paired import COMPARED, compare, holm
 from pipeline.evaluation.protocols import PROTOCOLS
-from pipeline.evaluation.rows import TableRows, row, several
+from pipeline.evaluation.rows import TableRows, number_rows, row
 from pipeline.evaluation.viewpoints import NUMBERS as VIEWPOINT_NUMBERS
 from pipeline.evaluation.viewpoints import ViewpointMatches
 from pipeline.formats.changes import Change
@@ -102,7 +102,7 @@ def ageing_rows(answers: Answers, ageing: Ageing) -> TableRows:
                 of_line: dict[str, Any] = slopes | {"_day_0": line.intercept, "_slope_p": line.p}
                 if number != "novelty_percentile" and (lost := line.lost(ageing.loss)):
                     of_line["_retrain_after_days"] = lost
-                yield from several(
+                yield from number_rows(
                     {"method": method},
                     protocol,
                     {number + end: values for end, values in of_line.items()},
@@ -146,13 +146,13 @@ def paired_rows(answers: Answers, bootstrap: Bootstrap) -> TableRows:
                         ),
                         f"{number}_difference_p": p,
                     }
-                    yield from several(places[sequence], protocol, numbers)
+                    yield from number_rows(places[sequence], protocol, numbers)
             for sequence, comparison in comparisons.items():
                 right_alone = {
                     "only_this_right": comparison.only_this,
                     "only_reference_right": comparison.only_reference,
                 }
-                yield from several(places[sequence], protocol, right_alone)
+                yield from number_rows(places[sequence], protocol, right_alone)
 
 
 def event_rows(
@@ -196,7 +196,7 @@ def event_rows(
                         "level": edge_m,
                     }
                     counts = {"seen": in_bands.seen[band], "unseen": in_bands.unseen[band]}
-                    yield from several(
+                    yield from number_rows(
                         place,
                         protocol,
                         counts | dict(zip(NEAR_CHANGES, in_bands.values[band], strict=True)),
@@ -211,9 +211,9 @@ def viewpoint_rows(judged: ViewpointMatches) -> TableRows:
             "change": "viewpoint",
             "level": float(heading_deg),
         }
-        yield from several(place, "distance", dict(zip(VIEWPOINT_NUMBERS, values, strict=True)))
+        yield from number_rows(place, "distance", dict(zip(VIEWPOINT_NUMBERS, values, strict=True)))
     numbers = {"queries": judged.valid.sum(), "bytes_per_place": judged.bytes_per_place}
-    yield from several({"case": "viewpoint", "change": "viewpoint of all"}, "distance", numbers)
+    yield from number_rows({"case": "viewpoint", "change": "viewpoint of all"}, "distance", numbers)
 
 
 def reconstruction_rows(model: Mapping[str, NDArray[Any]]) -> TableRows:

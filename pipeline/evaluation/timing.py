@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from pipeline.core.errors import InputError
 from pipeline.core.schemas import Scans, Submaps
 from pipeline.core.settings import Count, within
-from pipeline.evaluation.rows import TableRows, several
+from pipeline.evaluation.rows import TableRows, number_rows
 from pipeline.mapping.gathering import submap_points
 from pipeline.matching.ranking import Localizer, Rows
 from pipeline.running.telemetry import Trace
@@ -118,7 +118,7 @@ class Latency:
                     f"{part}_ms": np.median(milliseconds),
                     f"{part}_ms_p95": np.percentile(milliseconds, 95),
                 }
-                yield from several({"method": method}, "", numbers)
+                yield from number_rows({"method": method}, "", numbers)
 
     def record(self) -> dict[str, Any]:
         """Every sample and the machine, as JSON has it."""
@@ -170,7 +170,7 @@ def cost_rows(models: Mapping[ModelName, Path]) -> TableRows:
                 "train_wall_s": trace.wall_s,
                 "train_peak_memory_mb": trace.peak_memory_mb,
             }
-        yield from several(place, "", costs)
+        yield from number_rows(place, "", costs)
 
 
 def clouds(

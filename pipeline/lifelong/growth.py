@@ -14,7 +14,7 @@ from pipeline.core.progress import Progress
 from pipeline.lifelong.adoption import Adoption, NothingAdoptedError
 from pipeline.matching.places import Places
 from pipeline.matching.ranking import Rows, TrainingSet
-from pipeline.matching.rejection import PREFIX as HELD_OUT
+from pipeline.matching.rejection import HELD_OUT
 from pipeline.online.pack import learned_from
 from pipeline.online.site import ROOTS, Site
 from pipeline.online.site_file import Arrays, Parts

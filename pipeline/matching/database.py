@@ -16,7 +16,7 @@ from pipeline.core.settings import NotNegative, Positive, check
 from pipeline.matching import holdout
 from pipeline.matching.nearest import first_of_each, nearest
 from pipeline.matching.ranking import Model, Ranking, Rows, TrainingSet, joined
-from pipeline.matching.rejection import Evidence, near
+from pipeline.matching.rejection import Evidence, is_near
 
 PREFIX = "database/"
 QUERIES = 256  # queries per block when each is compared with the whole database
@@ -108,7 +108,7 @@ class Database:
             if is_held_out.all()
             else np.broadcast_to(~is_held_out, (len(queries), len(is_held_out)))
         )
-        allowed_and_far = allowed & ~near(self.xy_m[queries], self.xy_m, method.neighbour_m)
+        allowed_and_far = allowed & ~is_near(self.xy_m[queries], self.xy_m, method.neighbour_m)
         seen, nearest_rows = search(queries, allowed)
         has_far = allowed_and_far.any(axis=1, keepdims=True)
         unseen, _ = search(queries, np.where(has_far, allowed_and_far, allowed))

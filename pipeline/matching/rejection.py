@@ -14,13 +14,22 @@ from pipeline.core.errors import ConfigError, InputError
 from pipeline.core.settings import Share, check
 from pipeline.matching.ranking import Model, Ranking
 
-ACCEPT_NOTHING = float(
-    np.finfo(np.float32).min
-)  # the threshold that rejects every query; a novelty is a float32
-PREFIX = "held_out/"
+ACCEPT_NOTHING = float(np.finfo(np.float32).min)
+"""The threshold that rejects every query; a novelty is a float32."""
+HELD_OUT = "held_out/"
+"""Prefix of the evidence within a model."""
 LEAST_BLOCKS = 10
-"""Blocks to accept before less than the wanted precision is offered: the best of many thresholds on
-few blocks is luck."""
+"""Fewest held-out blocks that a threshold must accept if it keeps less than the wanted precision:
+the best of many thresholds on few blocks is luck."""
+
+
+class Threshold(NamedTuple):
+    """A threshold on one kind of novelty, chosen on held-out blocks."""
+
+    reject_from: float
+    """ACCEPT_NOTHING where not even LEAST_BLOCKS tell of a precision."""
+    kept_precision: float
+    """Precision on these blocks with one false alarm added; NaN where nothing is accepted."""
 
 
 @dataclass(frozen=True)
@@ -31,26 +40,24 @@ class Evidence:
     from a place that training never saw.
     """
 
-    right: NDArray[
-        np.bool_
-    ]  # (h,) whether the first answer was the true place, with the whole database
-    seen: Mapping[
-        str, NDArray[np.float64]
-    ]  # kind of novelty to its values (h,) with the whole database
-    unseen: Mapping[str, NDArray[np.float64]]  # the same without the places around the query
-    block: NDArray[
-        np.int64
-    ]  # (h,) the held-out block of each, from 0: neighbours are no independent evidence
+    right: NDArray[np.bool_]
+    """(h,) whether the first answer was the true place, with the whole database."""
+    seen: Mapping[str, NDArray[np.float64]]
+    """Kind of novelty to its values (h,) with the whole database."""
+    unseen: Mapping[str, NDArray[np.float64]]
+    """The same without the places around the query."""
+    block: NDArray[np.int64]
+    """(h,) the held-out block of each, from 0: neighbours are no independent evidence."""
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Its arrays, as they are stored in a model."""
         parts: dict[str, NDArray[Any]] = {
-            f"{PREFIX}right": self.right,
-            f"{PREFIX}block": self.block,
+            f"{HELD_OUT}right": self.right,
+            f"{HELD_OUT}block": self.block,
         }
         for name, kinds in (("seen", self.seen), ("unseen", self.unseen)):
             parts |= {
-                f"{PREFIX}{name}/{kind}": values.astype(np.float32)
+                f"{HELD_OUT}{name}/{kind}": values.astype(np.float32)
                 for kind, values in kinds.items()
             }
         return parts
@@ -58,14 +65,14 @@ class Evidence:
     @classmethod
     def of(cls, model: Model) -> Self:
         """The evidence in a model; raises InputError where it, or its blocks, are missing."""
-        if PREFIX + "right" not in model:
+        if HELD_OUT + "right" not in model:
             raise InputError(
-                f"the model has no {PREFIX}right: a method must store its evidence of held-out "
+                f"the model has no {HELD_OUT}right: a method must store its evidence of held-out "
                 "blocks"
             )
-        if PREFIX + "block" not in model:
+        if HELD_OUT + "block" not in model:
             raise InputError(
-                f"the model has no {PREFIX}block: an earlier version made it; train it anew"
+                f"the model has no {HELD_OUT}block: an earlier version made it; train it anew"
             )
         seen, unseen = (
             {
@@ -73,13 +80,13 @@ class Evidence:
                 for name in model
                 if name.startswith(part)
             }
-            for part in (f"{PREFIX}seen/", f"{PREFIX}unseen/")
+            for part in (f"{HELD_OUT}seen/", f"{HELD_OUT}unseen/")
         )
         return cls(
-            model[PREFIX + "right"].astype(bool),
+            model[HELD_OUT + "right"].astype(bool),
             seen,
             unseen,
-            model[PREFIX + "block"].astype(np.int64),
+            model[HELD_OUT + "block"].astype(np.int64),
         )
 
     @classmethod
@@ -89,9 +96,9 @@ class Evidence:
         unseen = {
             kind: np.concatenate([part.unseen[kind] for part in parts]) for kind in parts[0].unseen
         }
-        before = np.cumsum([0, *(part.block.max(initial=-1) + 1 for part in parts)])
+        first_blocks = np.cumsum([0, *(part.block.max(initial=-1) + 1 for part in parts)])
         block = np.concatenate(
-            [part.block + offset for part, offset in zip(parts, before[:-1], strict=True)]
+            [part.block + offset for part, offset in zip(parts, first_blocks[:-1], strict=True)]
         )
         return cls(np.concatenate([part.right for part in parts]), seen, unseen, block)
 
@@ -108,19 +115,23 @@ class Evidence:
         right = np.concatenate([self.right, np.zeros_like(self.right)])
         return novelty, right, np.repeat([1 - unseen_share, unseen_share], len(self.right))
 
-    def threshold(self, kind: str, unseen_share: float, wanted_precision: float) -> "Threshold":
+    def threshold(self, kind: str, unseen_share: float, wanted_precision: float) -> Threshold:
         """Choose the threshold on one kind of novelty.
 
         The queries of a block share a weight of 1.
         """
         novelty, right, weight = self.queries(kind, unseen_share)
-        of_block = 1 / np.bincount(self.block)[self.block]
-        return reachable(
-            wanted_precision, novelty, right, weight * np.tile(of_block, 2), np.tile(self.block, 2)
+        share_of_block = 1 / np.bincount(self.block)[self.block]
+        return reachable_threshold(
+            wanted_precision,
+            novelty,
+            right,
+            weight * np.tile(share_of_block, 2),
+            np.tile(self.block, 2),
         )
 
 
-def near(
+def is_near(
     xy_m: NDArray[np.float64], others_m: NDArray[np.float64], radius_m: float
 ) -> NDArray[np.bool_]:
     """Whether others (m, 2) lie nearer than `radius_m` to each query (h, 2): (h, m).
@@ -132,22 +143,15 @@ def near(
     return np.asarray(close & ~close.all(axis=1, keepdims=True))
 
 
-class Threshold(NamedTuple):
-    """A threshold on one kind of novelty, chosen on held-out blocks."""
-
-    reject_from: float  # ACCEPT_NOTHING where not even LEAST_BLOCKS tell of a precision
-    kept_precision: (
-        float  # on these blocks, one more accepted counted wrong; NaN where nothing is accepted
-    )
-
-
 @dataclass(frozen=True)
 class Rejection:
     """Which novelty to reject by, and the precision to keep among what is accepted."""
 
-    novelty: str = "own"  # the method's own choice, or another of its kinds
+    novelty: str = "own"
+    """The method's own choice, or another of its kinds."""
     wanted_precision: Share = 0.9
-    unseen_share: Share = 0.2  # share of unseen queries to expect
+    unseen_share: Share = 0.2
+    """Share of unseen queries to expect."""
 
     def __post_init__(self) -> None:
         check(self, "rejection")
@@ -183,16 +187,15 @@ class Rejection:
                 f"all rejected: no threshold keeps the wanted {wanted_precision} on held-out "
                 f"blocks, {condition}"
             )
-        shortfall = (
-            f"; keeps {threshold.kept_precision:.3f} of the wanted {wanted_precision} on "
-            f"{blocks} held-out blocks"
-        )
+        if threshold.kept_precision >= self.wanted_precision:
+            return f"{rejected} rejected"
         return (
-            f"{rejected} rejected{shortfall * (threshold.kept_precision < self.wanted_precision)}"
+            f"{rejected} rejected; keeps {threshold.kept_precision:.3f} of the wanted "
+            f"{wanted_precision} on {blocks} held-out blocks"
         )
 
 
-def reachable(
+def reachable_threshold(
     precision: float,
     novelty: NDArray[np.float64],
     right: NDArray[np.bool_],
@@ -204,9 +207,9 @@ def reachable(
     A query (n,) of a `block` (n,) is accepted below the threshold, and then is `right` or a false
     alarm; `weight` (n,) says how much it counts. One more is counted as a false alarm. So conformal
     prediction bounds the risk of a further query (Angelopoulos et al., Conformal Risk Control, ICLR
-    2024). The threshold lies midway from the last accepted novelty to the next, which would break
-    the precision; without a next, it lies just above the last, since of newer queries nothing is
-    known.
+    2024). The threshold lies midway between the last novelty that it accepts and the next one, with
+    which the precision would be lost. If there is no next one it lies just above the last: nothing
+    is known of queries beyond.
 
     Less than the wanted precision takes LEAST_BLOCKS, and is given in thousandths, rounded down.
     """
@@ -216,12 +219,12 @@ def reachable(
     kept_precision = (hits / (accepted + 1))[finite].round(9)
     candidates = np.flatnonzero(kept_precision >= precision)
     if not len(candidates):
-        begins = np.sort(
-            [novelty[block == block_number].min() for block_number in np.unique(block)]
-        )
-        enough = np.searchsorted(begins, novelties, side="right") >= LEAST_BLOCKS
-        most = kept_precision[enough].max(initial=0.0)
-        candidates = np.flatnonzero(enough & (kept_precision > 0) & (kept_precision >= most))
+        least_of_blocks = np.sort([novelty[block == number].min() for number in np.unique(block)])
+        accepted_blocks = np.searchsorted(least_of_blocks, novelties, side="right")
+        enough = accepted_blocks >= LEAST_BLOCKS
+        best_precision = kept_precision[enough].max(initial=0.0)
+        is_best = enough & (kept_precision > 0) & (kept_precision >= best_precision)
+        candidates = np.flatnonzero(is_best)
         kept_precision = np.floor(1000 * kept_precision + 1e-6) / 1000
     if not len(candidates):
         return Threshold(ACCEPT_NOTHING, np.nan)

@@ -17,7 +17,7 @@ from pipeline.matching import holdout
 from pipeline.matching.alignment import Aligned, Alignment
 from pipeline.matching.database import Database
 from pipeline.matching.ranking import Ranking, Rows, joined
-from pipeline.matching.rejection import Evidence, near
+from pipeline.matching.rejection import Evidence, is_near
 from pipeline.matching.sequence import cheapest
 
 Differences = Callable[[NDArray[np.int64], NDArray[np.int64]], NDArray[np.float32]]
@@ -115,7 +115,7 @@ class SequenceMethod(Alignment):
             best_row = sums.argmin(axis=1)
             right.append(database.places[even[best_row]] == database.places[rows])
             seen.append(aligned.novelty(sums, best_row))
-            is_far = ~near(
+            is_far = ~is_near(
                 database.xy_m[rows], database.xy_m[even], self.neighbour_m
             ) & np.isfinite(sums)
             sums = np.where(is_far | ~is_far.any(axis=1, keepdims=True), sums, np.float32(np.inf))

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from pipeline.core.progress import Progress
-from pipeline.matching.rejection import Evidence, near
+from pipeline.matching.rejection import Evidence, is_near
 from pipeline.matching.temperature import determined, temperature
 
 Novelties = Callable[
@@ -60,7 +60,7 @@ def judge_held_out(
     """
     heights, places, xy_m = held_out
     seen = predict(heights, None)
-    unseen = predict(heights, torch.from_numpy(near(xy_m, place_xy_m, neighbour_m)))
+    unseen = predict(heights, torch.from_numpy(is_near(xy_m, place_xy_m, neighbour_m)))
     softness = temperature(seen.scores, places)
     if fallback is not None and not determined(softness, seen.scores, places):
         softness = fallback
@@ -71,7 +71,7 @@ def judge_held_out(
         (prediction.features.numpy() @ memory.seen.numpy().T).astype(np.float64)
         for prediction in (seen, unseen)
     )
-    unseen_cosines[near(xy_m, memory.xy_m, neighbour_m)] = -1
+    unseen_cosines[is_near(xy_m, memory.xy_m, neighbour_m)] = -1
     return softness, Evidence(
         seen.scores.argmax(axis=1) == places,
         novelties(seen.scores, softness, seen_cosines.max(axis=1)),

@@ -23,7 +23,7 @@ from pipeline.core.progress import Progress
 from pipeline.mapping.gathering import submap_points
 from pipeline.matching.places import Places
 from pipeline.matching.ranking import Model, Rows
-from pipeline.matching.rejection import PREFIX as HELD_OUT
+from pipeline.matching.rejection import HELD_OUT
 from pipeline.online import site, site_file
 from pipeline.online.level_pack import is_level, pack_sweeps
 from pipeline.online.sensor import typical

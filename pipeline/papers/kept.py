@@ -13,14 +13,14 @@ import yaml
 
 from pipeline.core.errors import ArtifactError, ConfigError
 from pipeline.core.replacing import replace
-from pipeline.evaluation.rows import COLUMNS, NUMERIC, TYPED, TYPES
+from pipeline.evaluation.rows import CASE_COLUMNS, COLUMN_TYPES, COLUMNS, FLOAT_COLUMNS
 from pipeline.papers.claims import CLAIMS
 from pipeline.papers.rules import Outcome, Tables
 from pipeline.running.texts import read_yaml
 from pipeline.studies.study import Study
 
 FOLDER = Path("docs/papers")
-KEPT = tuple(name for name in (*COLUMNS, *TYPED) if name not in ("dataset", "case", "days"))
+KEPT = tuple(name for name in (*COLUMNS, *CASE_COLUMNS) if name not in ("dataset", "case", "days"))
 DIGITS = 6
 NAMES = ("nway", "street", "compare", "real")
 """Of the tables that findings read."""
@@ -60,9 +60,9 @@ def read(folder: Path) -> Kept:
         try:
             frames[path.stem] = pd.read_csv(
                 path,
-                dtype={name: TYPES[name] for name in KEPT},
+                dtype={name: COLUMN_TYPES[name] for name in KEPT},
                 keep_default_na=False,
-                na_values={name: [""] for name in NUMERIC},
+                na_values={name: [""] for name in FLOAT_COLUMNS},
             )[[*KEPT]]
         except (ValueError, KeyError) as error:
             raise ArtifactError(

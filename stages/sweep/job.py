@@ -22,7 +22,7 @@ from pipeline.core import store
 from pipeline.core.errors import ConfigError, YearlocError
 from pipeline.evaluation.held_out import held_out_auc
 from pipeline.evaluation.judgement import Evaluations
-from pipeline.evaluation.rows import TableRows, of_evaluation, row
+from pipeline.evaluation.rows import TableRows, evaluation_rows, row
 from pipeline.matching.rejection import Evidence
 from pipeline.running.dvc_files import definition
 from pipeline.studies.known import studies
@@ -114,7 +114,7 @@ def results(chain_job: Job, evaluate: Step, train: Step, unseen_share: float) ->
         evaluation = store.read(folder / f"{sequence}.zarr", Evaluations).case()
         yield from (
             {"sequence": sequence, "days": evaluation.days, **columns}
-            for columns in of_evaluation(evaluation)
+            for columns in evaluation_rows(evaluation)
         )
     learned = Evidence.of(store.read_model(chain_job.path(train.outs[0])))
     yield row("held_out_auc", "cells", held_out_auc(learned, evaluation.kinds[0], unseen_share))

@@ -65,7 +65,7 @@ def test_on_a_border_the_lower_cell_wins(grid: Grid) -> None:
     st.lists(st.tuples(st.floats(-400, 200), st.floats(-800, 200)), min_size=1, max_size=5),
     st.sampled_from([5.0, 10.0, 20.0]),
 )
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_no_other_centre_is_nearer(positions: list[tuple[float, float]], cell_m: float) -> None:
     grid = Grid(cell_m, NCLT.x_m, NCLT.y_m)
     xy = np.array(positions)
@@ -101,7 +101,7 @@ EIGHTHS = st.integers(-4_000, 4_000).map(lambda eighths: eighths / 8)  # metres,
     st.lists(st.tuples(EIGHTHS, EIGHTHS), min_size=1, max_size=8),
     st.sampled_from([1.0, 5.0, 10.0, 12.5]),
 )
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_a_grid_around_positions_leaves_its_border_empty(
     positions: list[tuple[float, float]], cell_m: float
 ) -> None:

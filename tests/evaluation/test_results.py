@@ -17,8 +17,8 @@ from pipeline.evaluation.ageing import Ageing
 from pipeline.evaluation.events import Bands
 from pipeline.evaluation.numbers import MEASURES, NUMBERS, POSES
 from pipeline.evaluation.plots import precision_recall, year
-from pipeline.evaluation.results import Gathering
-from pipeline.evaluation.rows import COLUMNS, TYPED, case_text, of_evaluation, table
+from pipeline.evaluation.results import ResultsTable
+from pipeline.evaluation.rows import CASE_COLUMNS, COLUMNS, case_text, evaluation_rows, table
 from pipeline.evaluation.study_rows import AGEING, Answers, ageing_rows, paired_rows
 from pipeline.evaluation.viewpoints import NUMBERS as VIEWPOINT_NUMBERS
 from pipeline.formats.changes import Change, write_changes
@@ -56,8 +56,8 @@ CURVES = {
 """Of a network that draws what it sees, three rounds; the second is kept."""
 
 
-def gathering(root: Path, study: Study = STUDY) -> Gathering:
-    return Gathering(Layout(root), study, Ageing(), Bands((25.0,)), 0.2)
+def gathering(root: Path, study: Study = STUDY) -> ResultsTable:
+    return ResultsTable(Layout(root), study, Ageing(), Bands((25.0,)), 0.2)
 
 
 @pytest.fixture(scope="module")
@@ -106,7 +106,7 @@ def value(frame: pd.DataFrame, number: str, **where: Any) -> float:
 
 def test_an_evaluation_gives_counts_numbers_kinds_of_novelty_and_calibration() -> None:
     one = replace(evaluation(), kept_precision=(0.731, 0.95), wanted_precision=0.9)
-    found = {(row["case"], row["protocol"], row["number"]): row for row in of_evaluation(one)}
+    found = {(row["case"], row["protocol"], row["number"]): row for row in evaluation_rows(one)}
     names = (
         "queries",
         "seen",
@@ -152,7 +152,7 @@ def test_an_evaluation_gives_counts_numbers_kinds_of_novelty_and_calibration() -
 
 
 def test_rows_of_an_altered_case_say_what_was_done_and_leave_novelties_out() -> None:
-    found = list(of_evaluation(evaluation(), Case("construction", 2.0, shadow=True, repeat=0)))
+    found = list(evaluation_rows(evaluation(), Case("construction", 2.0, shadow=True, repeat=0)))
     others = Case(), Case("turned", repeat=3), Case("demolition", 60.0), Case("construction", 2.0)
     assert [*map(case_text, others)] == ["", "turned 3", "demolition 60°", "construction 2 walls"]
     parts = {
@@ -165,7 +165,7 @@ def test_rows_of_an_altered_case_say_what_was_done_and_leave_novelties_out() -> 
 def test_the_table_holds_every_column_of_its_type_and_whose_study_it_is(
     gathered: pd.DataFrame,
 ) -> None:
-    assert gathered.columns.tolist() == [*COLUMNS, *TYPED]
+    assert gathered.columns.tolist() == [*COLUMNS, *CASE_COLUMNS]
     kinds = {
         name: gathered[name].dtype.kind
         for name in ("simulated", "seed", "days", "level", "shadow", "repeat", "value")

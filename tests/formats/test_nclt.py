@@ -23,7 +23,7 @@ def test_a_hit_is_eight_bytes_of_the_data_sets_own_frame() -> None:
 
 
 @given(st.lists(st.tuples(*[st.floats(-99.5, 99.5, width=32)] * 3), min_size=1, max_size=20))
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_points_come_back_within_half_a_grain(
     tmp_path_factory: pytest.TempPathFactory, points: list[tuple[float, ...]]
 ) -> None:

@@ -153,7 +153,7 @@ def test_a_copy_may_reach_eight_thousand_bytes_back() -> None:
 
 @pytest.mark.parametrize("data", ["ascii", "binary", "binary_compressed"])
 @given(st.lists(st.tuples(*[st.floats(-1e4, 1e4, width=32)] * 3), max_size=40))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_points_come_back(data: str, points: list[tuple[float, ...]]) -> None:
     cloud = np.array(points, np.float32).reshape(-1, 3)
     np.testing.assert_array_equal(read(written(cloud, data)), cloud.astype(np.float64))

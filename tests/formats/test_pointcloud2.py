@@ -191,7 +191,7 @@ def layouts(draw: st.DrawFn) -> tuple[Message, NDArray[np.float64]]:
 
 
 @given(layouts())
-@settings(max_examples=200, deadline=None, derandomize=True)
+@settings(max_examples=200, derandomize=True)
 def test_any_layout_is_read(laid: tuple[Message, NDArray[np.float64]]) -> None:
     made, points = laid
     np.testing.assert_array_equal(decode(made), points)
@@ -212,7 +212,7 @@ STEPS = st.one_of(st.just(12), SIZES)
         Message, DATA, SIZES, FIELDS, st.one_of(st.just(1), SIZES), st.booleans(), STEPS, STEPS
     )
 )
-@settings(max_examples=200, deadline=None, derandomize=True)
+@settings(max_examples=200, derandomize=True)
 def test_a_damaged_message_is_points_or_a_line(made: Message) -> None:
     try:
         found = decode(made)

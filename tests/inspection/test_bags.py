@@ -205,7 +205,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 
 
 @given(data=st.data())
-@settings(max_examples=100, deadline=None, derandomize=True)
+@settings(max_examples=100, derandomize=True)
 def test_a_damaged_bag_is_told_of_or_refused(whole: list[Path], data: st.DataObject) -> None:
     path = data.draw(st.sampled_from(whole))
     file = data.draw(st.sampled_from(files(path)))

@@ -50,7 +50,7 @@ def test_steps_are_measured_in_three_dimensions() -> None:
 
 
 @given(st.lists(st.one_of(st.floats(-50, 50), st.just(NAN)), max_size=40), st.floats(0.1, 20))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_samples_are_known_and_at_least_a_step_of_path_apart(
     xs: list[float], step_m: float
 ) -> None:
@@ -103,7 +103,7 @@ def test_an_anchor_without_a_place_makes_no_submap_but_its_scans_serve_others() 
 
 
 @given(st.lists(st.one_of(st.floats(-50, 50), st.just(NAN)), max_size=60), st.floats(0.5, 20))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_a_window_is_unbroken_and_the_shortest_that_is_long_enough(
     xs: list[float], window_m: float
 ) -> None:

@@ -57,7 +57,7 @@ def test_held_out_submaps_are_numbered_by_their_block() -> None:
     st.floats(0, 50),
     st.integers(0, 2**32),
 )
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_whatever_is_held_out_every_place_is_trained(
     n: int, places: int, every_m: float, length_m: float, seed: int
 ) -> None:

@@ -16,7 +16,7 @@ from pipeline.matching.rejection import (
     Evidence,
     Rejection,
     Threshold,
-    reachable,
+    reachable_threshold,
     threshold_for,
 )
 
@@ -114,7 +114,7 @@ def offered(
     given."""
     n = np.arange(len(right))
     given = n.astype(float) if novelty is None else np.array(novelty)
-    return reachable(
+    return reachable_threshold(
         wanted,
         given,
         np.array(right, bool),
@@ -273,7 +273,7 @@ def test_a_query_counts_as_often_as_it_weighs() -> None:
     ),
     st.floats(0.05, 1),
 )
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_what_is_said_to_be_kept_is_kept_and_no_larger_threshold_keeps_it(
     queries: list[tuple[float, bool]], wanted: float
 ) -> None:
@@ -299,7 +299,7 @@ def test_what_is_said_to_be_kept_is_kept_and_no_larger_threshold_keeps_it(
     ),
     st.floats(0.05, 1),
 )
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_no_larger_threshold_keeps_the_precision(
     queries: list[tuple[float, bool]], precision: float
 ) -> None:

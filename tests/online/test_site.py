@@ -193,9 +193,7 @@ def test_a_key_that_is_missing_is_named(tmp_path: Path) -> None:
 
 
 @given(st.data())
-@settings(
-    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_a_damaged_site_is_opened_as_it_was_or_refused(
     path: Path, tmp_path: Path, data: Any
 ) -> None:

@@ -38,7 +38,7 @@ def whole(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
 
 
 @given(data=st.data())
-@settings(max_examples=100, deadline=None, derandomize=True)
+@settings(max_examples=100, derandomize=True)
 def test_a_damaged_bag_is_a_log_or_a_line(
     tmp_path_factory: pytest.TempPathFactory, whole: Path, data: st.DataObject
 ) -> None:
@@ -81,7 +81,7 @@ print(next(line.split()[1] for line in open("/proc/self/status") if line.startsw
 
 
 @given(kind=st.sampled_from(["ros1", "mcap"]), data=st.data())
-@settings(max_examples=100, deadline=None, derandomize=True)
+@settings(max_examples=100, derandomize=True)
 def test_a_damaged_message_in_a_whole_bag_is_a_log_or_a_line(
     tmp_path_factory: pytest.TempPathFactory, kind: str, data: st.DataObject
 ) -> None:
@@ -116,7 +116,7 @@ def test_a_damaged_message_in_a_whole_bag_is_a_log_or_a_line(
         max_size=12,
     ),
 )
-@settings(max_examples=100, deadline=None, derandomize=True)
+@settings(max_examples=100, derandomize=True)
 def test_stamps_in_any_order_give_the_first_cloud_of_each_between_poses(
     tmp_path_factory: pytest.TempPathFactory,
     clouds: list[tuple[int, float]],

@@ -129,7 +129,7 @@ FILES = [
     ids=[f"{type(row[1]).__name__} {row[3]}" for row in FILES],
 )
 @given(data=st.data())
-@settings(max_examples=60, deadline=None, derandomize=True)
+@settings(max_examples=60, derandomize=True)
 def test_a_log_with_a_damaged_file_keeps_its_promises_or_is_one_line(
     tmp_path_factory: pytest.TempPathFactory,
     make: Callable[[Path], Path],
@@ -200,7 +200,7 @@ def own_scan(path: Path) -> np.ndarray:
     ],
 )
 @given(data=st.data())
-@settings(max_examples=120, deadline=None, derandomize=True)
+@settings(max_examples=120, derandomize=True)
 def test_a_damaged_scan_is_read_or_refused(
     tmp_path_factory: pytest.TempPathFactory,
     read: Callable[[Path], np.ndarray],

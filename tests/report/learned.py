@@ -101,7 +101,7 @@ def build(artifacts: Path) -> Study:
                     path.with_suffix(".json").write_text(
                         json.dumps({"place": place, **attrs, "cpu_s": [100.0, 2.0]})
                     )
-    table = results.Gathering(Layout(artifacts), SETTINGS, Ageing(), Bands((25.0,)), 0.2).table()
+    table = results.ResultsTable(Layout(artifacts), SETTINGS, Ageing(), Bands((25.0,)), 0.2).table()
     (artifacts / "results/campus").mkdir(parents=True)
     table.to_csv(artifacts / "results/campus" / results.FILE, index=False)
     layout = Layout(artifacts)

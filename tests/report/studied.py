@@ -123,7 +123,7 @@ def build(artifacts: Path) -> Study:
         write_changes(
             artifacts / f"events/campus/{sequence}.csv", [Change("construction", 5, 10, 0.0, 5.0)]
         )
-    table = results.Gathering(
+    table = results.ResultsTable(
         Layout(artifacts), SETTINGS, Ageing(), Bands((25.0, 50.0)), 0.2
     ).table()
     (artifacts / "results/campus").mkdir(parents=True)

@@ -31,7 +31,7 @@ def test_points_of_one_cube_become_their_mean() -> None:
     st.sampled_from([0.1, 0.5, 2.0, 100.0]),
     st.floats(0.5, 200),
 )
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 def test_means_are_those_of_numpy(
     dtype: type, seed: int, n: int, side_m: float, reach_m: float
 ) -> None:

@@ -116,7 +116,7 @@ def test_every_bin_is_exact(shape: tuple[int, int, float], beyond: str, dtype: t
     st.floats(1, 120),
     st.integers(0, 6),
 )
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 def test_every_bin_is_exact_at_any_resolution(
     seed: int, rings: int, sectors: int, max_range_m: float, least: int
 ) -> None:

@@ -13,7 +13,7 @@ from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.judge import judge
 from pipeline.evaluation.judgement import Evaluation
 from pipeline.evaluation.protocols import PROTOCOLS, Distance
-from pipeline.evaluation.rows import of_evaluation, row, table
+from pipeline.evaluation.rows import evaluation_rows, row, table
 from pipeline.matching.ranking import Ranking
 from pipeline.report.comparison import MEASURES, Comparison, Kind
 from pipeline.report.figures.style import SIMULATED, save
@@ -76,7 +76,7 @@ def evaluation(
 
 def result(model: str, sequence: str, days: int, one: Evaluation) -> Result:
     """Its numbers are those of the table of results."""
-    rows = [each for each in of_evaluation(one) if not each.get("kind")]
+    rows = [each for each in evaluation_rows(one) if not each.get("kind")]
     numbers = {
         (each["protocol"], each["number"]): (each["value"], each["low"], each["high"])
         for each in rows
