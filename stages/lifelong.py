@@ -1,16 +1,15 @@
-"""A model of the first day, and further days → what it answers after each, by a strategy of
-learning."""
+"""A model learns further days by one strategy → what it answers after each."""
 
 import json
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Literal
+from typing import Any
 
 from pipeline.core import store
 from pipeline.core.settings import Names, Positive
 from pipeline.evaluation.protocols import Distance
-from pipeline.lifelong.courses import Course
+from pipeline.lifelong.courses import Course, Order
 from pipeline.lifelong.record import line, record
 from pipeline.matching.ranking import Rows
 from pipeline.online.pack import Packing, Trained
@@ -54,11 +53,11 @@ class Settings:
     """A file of conf/grid."""
     name: ModelName
     """Of the model: its method, variant and seed."""
-    order: Literal["days", "streets", "updates"]
+    order: Order
     train: str
-    learned: Names
+    later_days: Names
     """Days that are learned after the first."""
-    asked: Names
+    query_days: Names
     """Days that are asked after each."""
     view_name: str
     """What the method looks at: a file of conf/view."""
@@ -69,16 +68,17 @@ class Settings:
     scans: Path
     submaps: Path
     map: Path
-    """Folder of the first day's map, which is made where there is none; of order `updates`."""
+    """Folder of the first day's map, made where there is none; read by order `updates` alone."""
     out: Path
     timing: Path
+    """File for the CPU time of each step."""
 
 
 @stage("lifelong", within_budget)
 def main(settings: Settings) -> str:
     first_day = f"{settings.train}.zarr"
     progress = ProgressBar(float(settings.budget.share))
-    queries = {name: Rows.read(settings.views / f"{name}.zarr") for name in settings.asked}
+    queries = {name: Rows.read(settings.views / f"{name}.zarr") for name in settings.query_days}
     trained = Trained(
         f"{settings.study}/{settings.cells}/{settings.name.name}",
         settings.simulated,
@@ -91,7 +91,7 @@ def main(settings: Settings) -> str:
         settings.views / first_day,
         settings.map / first_day,
     )
-    course = Course(trained, settings.learned)
+    course = Course(trained, settings.later_days)
     with TemporaryDirectory() as scratch:
         steps = course.steps(
             settings.order,
@@ -101,7 +101,7 @@ def main(settings: Settings) -> str:
             Path(scratch),
             progress,
         )
-        lifelong, cpu_s = record(
+        lifelong, cpu_s_of_steps = record(
             steps,
             queries,
             progress.tell,
@@ -110,7 +110,7 @@ def main(settings: Settings) -> str:
             float(settings.tolerance.distance.correct_m),
         )
     store.write(settings.out, lifelong)
-    place = {
+    columns = {
         "study": settings.study,
         "dataset": settings.study,
         "simulated": settings.simulated,
@@ -118,7 +118,7 @@ def main(settings: Settings) -> str:
         **settings.name.columns,
     }
     with store.replace(settings.timing) as path:
-        timing = {"place": place, **lifelong.attrs, "cpu_s": cpu_s}
+        timing = {"place": columns, **lifelong.attrs, "cpu_s": cpu_s_of_steps}
         path.write_text(json.dumps(timing, allow_nan=False) + "\n", encoding="utf-8")
     return line(lifelong)
 

@@ -29,11 +29,10 @@ APART_M = 1e6
 class Bands:
     """How queries are grouped (conf/results.yaml)."""
 
-    edges_m: Sequence[float] = (25.0, 50.0, 100.0)  # rising; the last band has no end
-    kinds: Sequence[str] = (
-        "construction",
-        "demolition",
-    )  # which changes count; trees change everywhere
+    edges_m: Sequence[float] = (25.0, 50.0, 100.0)
+    """Rising; the last band has no end."""
+    kinds: Sequence[str] = ("construction", "demolition")
+    """Which changes count. Trees are left out: they change everywhere."""
 
     def __post_init__(self) -> None:
         check(self, "bands")
@@ -50,7 +49,7 @@ class Bands:
         edges = [f"{edge:g}" for edge in (0.0, *self.edges_m)]
         return [f"{low}–{high} m" for low, high in pairwise(edges)] + [f"over {edges[-1]} m"]
 
-    def of(self, away_m: NDArray[np.float64]) -> NDArray[np.int64]:
+    def band_of(self, away_m: NDArray[np.float64]) -> NDArray[np.int64]:
         """The band (q,) of each distance (q,), on an edge the nearer one; −1 of NaN."""
         return np.where(
             np.isnan(away_m),
@@ -60,14 +59,15 @@ class Bands:
 
 
 @dataclass(frozen=True)
-class Banded:
+class BandResults:
     """One method's results by one protocol in each band of distance, over all its sequences."""
 
-    seen: NDArray[np.int64]  # (band,)
-    unseen: NDArray[np.int64]  # (band,)
-    values: NDArray[
-        np.float64
-    ]  # (band, number, 3): NUMBERS, each with its lowest and highest; NaN where there is none
+    seen: NDArray[np.int64]
+    """Queries (band,)."""
+    unseen: NDArray[np.int64]
+    """Queries (band,)."""
+    values: NDArray[np.float64]
+    """(band, number, 3): NUMBERS, each with its lowest and highest; NaN where there is none."""
 
 
 def nearest_m(xy_m: NDArray[np.float64], changes: Iterable[Change]) -> NDArray[np.float64]:
@@ -102,49 +102,46 @@ def distances(
     return distances_m
 
 
-def banded(
+def judge_by_band(
     evaluations: Sequence[Evaluation],
     away_m: Sequence[NDArray[np.float64]],
     bands: Bands,
     protocol: str,
     bootstrap: Bootstrap,
-) -> Banded:
+) -> BandResults:
     """Judge one method's queries of all sequences together, in each band of distance to a change.
 
     Each query counts once; `away_m` (q,) of each evaluation is its distance, NaN to leave it out.
     The threshold of the exact curve passes the novelties of all sequences together.
     """
-    band = bands.of(np.concatenate(away_m))
+    band = bands.band_of(np.concatenate(away_m))
     novelty = np.concatenate([evaluation.novelty[:, 0] for evaluation in evaluations])
     truths = [evaluation.truth(protocol) for evaluation in evaluations]
-    flags = ("seen", "unseen", "true_rank", "oracle_right")
+    fields = ("seen", "unseen", "true_rank", "oracle_right")
     pooled: dict[str, Any] = {
-        name: np.concatenate([getattr(truth, name) for truth in truths]) for name in flags
+        name: np.concatenate([getattr(truth, name) for truth in truths]) for name in fields
     }
-    queries_of = [np.flatnonzero(band == number) for number in range(len(bands.names))]
+    queries_of_band = [np.flatnonzero(band == i) for i in range(len(bands.names))]
     parts = [
         replace(truths[0], **{name: array[queries] for name, array in pooled.items()})
-        for queries in queries_of
+        for queries in queries_of_band
     ]
 
     def numbers(weight: Weight) -> NDArray[np.float64]:
-        values = []
-        for queries, part in zip(queries_of, parts, strict=True):
+        values = []  # in the order of NUMBERS
+        for queries, part in zip(queries_of_band, parts, strict=True):
             band_weight = weight[:, queries]
             values.append(share(right(part, 1), part.seen, band_weight))
             values.append(share(part.oracle_right, part.seen, band_weight))
             values.append(auc_exact(part, novelty[queries], band_weight))
         return np.stack(values)
 
-    apart_m = np.concatenate(
-        [
-            evaluation.xy_m + np.array([APART_M * number, 0.0])
-            for number, evaluation in enumerate(evaluations)
-        ]
+    separated_xy_m = np.concatenate(
+        [evaluation.xy_m + np.array([APART_M * i, 0.0]) for i, evaluation in enumerate(evaluations)]
     )
-    seen, unseen = (
-        np.array([getattr(part, name).sum() for part in parts]) for name in ("seen", "unseen")
-    )
-    return Banded(
-        seen, unseen, bootstrap.estimates(numbers, apart_m).reshape(len(parts), len(NUMBERS), 3)
+    estimates = bootstrap.estimates(numbers, separated_xy_m)
+    return BandResults(
+        seen=np.array([part.seen.sum() for part in parts]),
+        unseen=np.array([part.unseen.sum() for part in parts]),
+        values=estimates.reshape(len(parts), len(NUMBERS), 3),
     )

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pipeline.evaluation.ageing import Ageing, newness
 from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.events import NUMBERS as NEAR_CHANGES
-from pipeline.evaluation.events import Bands, banded, distances
+from pipeline.evaluation.events import Bands, distances, judge_by_band
 from pipeline.evaluation.judgement import Evaluation
 from pipeline.evaluation.paired import COMPARED, compare, holm
 from pipeline.evaluation.protocols import PROTOCOLS
@@ -181,7 +181,7 @@ def event_rows(
     for method, group in answers.evaluations.items():
         for protocol in PROTOCOLS:
             for i, change_time in enumerate((SHOWN, TO_COME)):
-                in_bands = banded(
+                in_bands = judge_by_band(
                     [*group.values()],
                     [away_m[name][i] for name in group],
                     bands,

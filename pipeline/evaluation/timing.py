@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import distributions
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,11 +26,21 @@ from pipeline.matching.ranking import Localizer, Rows
 from pipeline.running.telemetry import Trace
 from pipeline.studies.models import ModelName
 
-Samples = Mapping[str, NDArray[np.float64]]  # milliseconds of wall time (query,) by name
-Laps = dict[tuple[str, str], tuple[float, float]]
-"""Milliseconds of wall and of CPU time of each ("view", name), ("network", name) and ("method",
-name)."""
-WARM_UP = 3  # calls before the first that counts: they compile, allocate and fill caches
+MillisecondsByName = Mapping[str, NDArray[np.float64]]
+"""Wall time (query,) in milliseconds."""
+
+
+class Lap(NamedTuple):
+    """What one call took."""
+
+    wall_ms: float
+    cpu_ms: float
+
+
+Laps = dict[tuple[str, str], Lap]
+"""Of each ("view", name), ("network", name) and ("method", name)."""
+WARM_UP = 3
+"""Calls before the first that counts: they compile, allocate and fill caches."""
 PACKAGES = ("numpy", "numba", "torch", "faiss-cpu")
 
 
@@ -50,15 +60,23 @@ class Contender:
 class Latency:
     """Times of some queries, each localized alone, by part and method."""
 
-    generation: Samples  # by view: from points to the view
-    retrieval: Samples  # by method: from the view, or the network's descriptor, to its ranking
-    views: Mapping[str, str]  # what each method looks at
-    points: NDArray[np.int64]  # (query,) of its submap
-    k: int  # places ranked
-    machine: Mapping[str, Any]  # what it was measured on: `machine_record`
-    description: Samples = field(default_factory=dict)
-    """By method whose network makes the descriptor: from the view to it. The SCI paper counts it as
-    generation."""
+    generation: MillisecondsByName
+    """By view: from points to the view."""
+    retrieval: MillisecondsByName
+    """By method: from the view, or the network's descriptor, to its ranking."""
+    views: Mapping[str, str]
+    """What each method looks at."""
+    points: NDArray[np.int64]
+    """Points (query,) of each submap."""
+    k: int
+    """Places ranked."""
+    machine: Mapping[str, Any]
+    """What it was measured on: `machine_record`."""
+    description: MillisecondsByName = field(default_factory=dict)
+    """By method whose network makes the descriptor: from the view to it.
+
+    The SCI paper counts it as generation. It is measured apart and taken off the method's time.
+    """
 
     @classmethod
     def measure(
@@ -81,19 +99,18 @@ class Latency:
         rows = np.unique(np.linspace(0, submap_count - 1, queries).round().astype(np.int64))
         stamps_ns = submaps.stamps_ns[rows, None]
         world_T_anchor = submaps.world_T_anchor[rows, None]
-        points: list[int] = []
+        point_counts: list[int] = []
         laps: list[Laps] = []
         for cloud, stamp_ns, pose in zip(
             clouds(scans, submaps, rows), stamps_ns, world_T_anchor, strict=True
         ):
-            for _ in range(0 if laps else WARM_UP):
-                _ask(contenders, cloud, stamp_ns, pose, k)
+            if not laps:
+                for _ in range(WARM_UP):
+                    _ask(contenders, cloud, stamp_ns, pose, k)
             laps.append(_ask(contenders, cloud, stamp_ns, pose, k))
-            points.append(len(cloud))
-        wall, cpu = (
-            {key: np.array([lap[key][clock] for lap in laps]) for key in laps[0]}
-            for clock in (0, 1)
-        )
+            point_counts.append(len(cloud))
+        wall = {key: np.array([lap[key].wall_ms for lap in laps]) for key in laps[0]}
+        cpu = {key: np.array([lap[key].cpu_ms for lap in laps]) for key in laps[0]}
         busy = np.sum([*cpu.values()]) / np.sum([*wall.values()])
         views = {name: contender.view for name, contender in contenders.items()}
         generation = {view: wall["view", view] for view in views.values()}
@@ -102,8 +119,8 @@ class Latency:
             name: np.maximum(wall["method", name] - description.get(name, 0.0), 0.0)
             for name in views
         }
-        about = machine_record(float(busy))
-        return cls(generation, retrieval, views, np.array(points), k, about, description)
+        machine = machine_record(float(busy))
+        return cls(generation, retrieval, views, np.array(point_counts), k, machine, description)
 
     def rows(self) -> TableRows:
         """Rows of medians and 95th percentiles in milliseconds, a method at a time."""
@@ -149,7 +166,7 @@ class Latency:
         return f"{medians}; medians of {len(self.points)} queries, from points to places"
 
     @property
-    def total(self) -> Samples:
+    def total(self) -> MillisecondsByName:
         """Milliseconds (query,) by method, from points to places: generation plus retrieval."""
         return {
             method: self.generation[view]
@@ -162,7 +179,7 @@ class Latency:
 def cost_rows(models: Mapping[ModelName, Path]) -> TableRows:
     """Rows of each model's file size, and of its training's cost where it was trained here."""
     for model, path in models.items():
-        place = {"method": model.method, "variant": model.variant, "seed": model.seed}
+        columns = {"method": model.method, "variant": model.variant, "seed": model.seed}
         costs = {"model_mb": path.stat().st_size / 1e6}
         if trace := Trace.read(path):
             costs |= {
@@ -170,7 +187,7 @@ def cost_rows(models: Mapping[ModelName, Path]) -> TableRows:
                 "train_wall_s": trace.wall_s,
                 "train_peak_memory_mb": trace.peak_memory_mb,
             }
-        yield from number_rows(place, "", costs)
+        yield from number_rows(columns, "", costs)
 
 
 def clouds(
@@ -184,9 +201,9 @@ def clouds(
 def machine_record(busy: float) -> dict[str, Any]:
     """Describe this machine as it is now.
 
-    `gpu` is the one that torch has used, empty for none; `load` the processes that ran or wanted
-    to, over the last minute; `busy` the CPU time over the wall time of what was measured: above 1
-    if threads ran side by side, below if others had the processor.
+    `gpu` is the one that torch has used, empty for none. `load` is the mean number of processes
+    that ran or wanted to, over the last minute. `busy` is CPU time over wall time of what was
+    measured: above 1 if threads ran side by side, below if others had the processor.
     """
     cuda = getattr(sys.modules.get("torch"), "cuda", None)
     gpu = cuda.get_device_name() if cuda and cuda.is_initialized() else ""
@@ -235,8 +252,8 @@ def _ask(
     return laps
 
 
-def _lap(call: Callable[..., Any], *arguments: Any) -> tuple[Any, tuple[float, float]]:
+def _lap(call: Callable[..., Any], *arguments: Any) -> tuple[Any, Lap]:
     wall = time.perf_counter()
     cpu = time.process_time()
     result = call(*arguments)
-    return result, (1e3 * (time.perf_counter() - wall), 1e3 * (time.process_time() - cpu))
+    return result, Lap(1e3 * (time.perf_counter() - wall), 1e3 * (time.process_time() - cpu))

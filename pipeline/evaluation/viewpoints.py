@@ -23,16 +23,21 @@ from pipeline.evaluation.protocols import Truth
 from pipeline.matching.ranking import Method, Model, Rows
 
 NUMBERS = ("roc_auc", "pr_auc", "accuracy", "recall")
-"""roc_auc, paper 2's "AUC index": the chance that a correct match scores above a wrong one; none
-without both. pr_auc: precision over recall, where recall is of the *correct matches*, so that a
-method with few of them can have a fine curve; none without any. accuracy: correct matches among all
-valid queries. recall: correct matches among all valid queries, at the threshold that accepts most
-of them at a precision of 0.99 or more; with everything accepted it would be the accuracy."""
+"""Of all valid queries.
+
+- roc_auc, paper 2's "AUC index": the chance that a correct match scores above a wrong one; none
+  without both.
+- pr_auc: area of precision over the share of *correct matches* that are accepted, so that a method
+  with few of them can have a fine curve; none without any.
+- accuracy: share of correct matches.
+- recall: share of correct matches that are accepted at a precision of 0.99 or more. So it is at
+  most the accuracy.
+"""
 MEAN = "mean"
 SHOWN = ("roc_auc", "accuracy")
 
 
-class Movable(Method, Protocol):
+class BirdViewMethod(Method, Protocol):
     """A method on sequences of bird-views that can take another sequence for its reference."""
 
     @property
@@ -68,7 +73,7 @@ class ViewpointMatches(Artifact, kind="viewpoints", version=2):
         NDArray[np.int64],
         Array(
             ("heading", "query"),
-            "of the sequence itself, that the query was matched with",
+            "row of the sequence itself that the query was matched with",
             chunk=8,
             shard=8,
         ),
@@ -174,19 +179,28 @@ class ViewpointMatches(Artifact, kind="viewpoints", version=2):
         """NUMBERS at each heading (h, number); NaN where there is none."""
         rows = []
         for heading, correct in enumerate(self.correct[:, self.valid]):
-            precision, recall = self.curve(heading)
+            precision, share_accepted = self.curve(heading)
             accuracy = correct.mean() if len(correct) else np.nan
-            area = auc(precision, recall) if correct.any() else np.nan
-            surely = recall_at_precision(precision, recall, PRECISE) * accuracy
-            rows.append((auroc(self._counts[heading].count(1)).item(), area, accuracy, surely))
-        return np.array(rows, np.float64)
+            numbers = {
+                "roc_auc": auroc(self._counts[heading].count(1)).item(),
+                "pr_auc": auc(precision, share_accepted) if correct.any() else np.nan,
+                "accuracy": accuracy,
+                "recall": recall_at_precision(precision, share_accepted, PRECISE) * accuracy,
+            }
+            rows.append([numbers[name] for name in NUMBERS])
+        return np.array(rows, np.float64).reshape(len(rows), len(NUMBERS))
 
     @cached_property
     def _counts(self) -> list[ExactCounts]:
         """Counts by heading: a correct match is a seen query, a wrong one unseen."""
         return [
             ExactCounts(
-                Truth(correct, ~correct, np.where(correct, 0, -1), correct),
+                Truth(
+                    seen=correct,
+                    unseen=~correct,
+                    true_rank=np.where(correct, 0, -1),
+                    oracle_right=correct,
+                ),
                 -score,
                 np.ones((1, len(score))),
             )
@@ -200,12 +214,13 @@ class ViewpointMatches(Artifact, kind="viewpoints", version=2):
 class Viewpoints:
     """Judges matches of bird-views from other headings."""
 
-    correct_m: Positive = 10.0  # a match is correct if it lies at most this far from the query
+    correct_m: Positive = 10.0
+    """A match is correct if it lies at most this far from the query."""
 
     def __post_init__(self) -> None:
         check(self, "viewpoints")
 
-    def judge(self, method: Movable, model: Model, views: Rows, k: int = 1) -> ViewpointMatches:
+    def judge(self, method: BirdViewMethod, model: Model, views: Rows) -> ViewpointMatches:
         """Localize each row of `views`, bird-views (n, headings, side, side), from odd headings.
 
         The reference is drawn at the even ones; each query lies half way between two of them.
@@ -219,10 +234,10 @@ class Viewpoints:
                 "headings, side, side)"
             )
         views = Rows(images, views.stamps_ns, views.world_T_anchor)
-        moved = method.moved(model, views, np.arange(n))
-        ask = method.localizer(moved)
+        own_reference = method.moved(model, views, np.arange(n))
+        ask = method.localizer(own_reference)
         headings = range(1, images.shape[1], 2)
-        rankings = [ask(turned(views, heading), k) for heading in headings]
+        rankings = [ask(turned(views, heading), 1) for heading in headings]
         xy_m = views.world_T_anchor[:, :2, 3].astype(np.float64)
         answer_xy_m = np.stack([ranking.xy_m[:, 0] for ranking in rankings]).astype(np.float64)
         error_m = np.linalg.norm(answer_xy_m - xy_m, axis=2)
@@ -242,7 +257,7 @@ class Viewpoints:
             correct_m=float(self.correct_m),
             length=method.length,
             novelty=rankings[0].kinds[0],
-            bytes_per_place=_bytes_per_place(method, moved, views),
+            bytes_per_place=_bytes_per_place(method, own_reference, views),
         )
 
 
@@ -257,7 +272,7 @@ def turned(views: Rows, heading: int) -> Rows:
     return Rows(images, views.stamps_ns, views.world_T_anchor @ vehicle_T_turned)
 
 
-def _bytes_per_place(method: Movable, moved: Model, views: Rows) -> float:
+def _bytes_per_place(method: BirdViewMethod, moved: Model, views: Rows) -> float:
     """Bytes by which the model grows with a place: its codes or image, and its position."""
     of_one_place = method.moved(moved, views.some(slice(1)), np.arange(1))
     all_bytes = sum(array.nbytes for array in moved.values())

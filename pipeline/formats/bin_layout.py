@@ -5,6 +5,7 @@ It is found from the size of the file, and from what its numbers would be in eac
 
 from itertools import pairwise
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import scipy  # loads a part of it when that is first used
@@ -14,32 +15,33 @@ from pipeline.core.errors import LogError
 
 NCLT_BYTES = 8
 """Of NCLT's records: x, y, z as 16-bit integers, intensity, laser id."""
-NAMES = {
+NAMES_BY_COMMONNESS = {
     16: "as KITTI's",
     20: "as nuScenes'",
     12: "x, y, z",
     22: "as HeLiPR's Velodyne's",
     26: "as HeLiPR's Ouster's",
 }
-"""Layouts that begin with x, y, z as 32-bit floats, by the bytes of a record."""
-FEW = 50
-"""Fewer points than this tell no layout: the commonest one that fits is taken."""
+"""Layouts that begin with x, y, z as 32-bit floats, by the bytes of a record; commonest first."""
+MIN_POINTS = 50
+"""Fewer points tell no layout: the commonest one that fits is taken."""
 WIDTHS = range(12, 65)
 FARTHEST_M = 500.0
 LEAST_M = 1e-6
-LIKELY = 0.8
-"""At least this share of coordinates lies between LEAST_M and FARTHEST_M, or is 0; of other bytes,
-read as floats, one in nine does.
+LIKELY_SHARE = 0.8
+"""Of points at least this share of coordinates lies between LEAST_M and FARTHEST_M, or is 0. Of
+random bytes read as floats, one in nine does.
 
 Zeros count too, since a simulator's level ground may be almost all 0.
 """
 HEAD_BYTES = 2**20
-LASERS = 32  # of NCLT's sensor
-COLUMNS = (4, 3, 5, 6, 7, 8)
+LASERS = 32
+"""Of NCLT's sensor."""
+NUMBERS_PER_POINT = (4, 3, 5, 6, 7, 8)
 """Numbers of a point in a .bin that holds all x first, the commonest first."""
-ENOUGH = 5_000
+MAX_SAMPLES = 5_000
 """This many numbers tell a distribution well enough: of more, only every n-th is compared."""
-ALIKE = 0.1
+MAX_KS_DISTANCE = 0.1
 """Many numbers of one distribution have a smaller Kolmogorov–Smirnov distance than this."""
 
 
@@ -49,8 +51,8 @@ def points(data: bytes, path: Path, width: int | None = None) -> NDArray[np.floa
     None: the width is found from the bytes. Raises LogError where they cannot be such records.
     """
     if not width:
-        width, is_told = layout(data)
-        if not is_told:
+        width, is_certain = width_of(data)
+        if not is_certain:
             refuse_planar(data, path)
     if width == NCLT_BYTES:
         raise LogError(
@@ -71,16 +73,24 @@ def points(data: bytes, path: Path, width: int | None = None) -> NDArray[np.floa
 
 
 def point_bytes(data: bytes) -> int | None:
-    """Bytes of a point in a .bin, as `layout` finds them; None: no width fits."""
-    return layout(data)[0]
+    """Bytes of a point in a .bin, certain or not; None where no width fits."""
+    return width_of(data).nbytes
 
 
-def layout(data: bytes) -> tuple[int | None, bool]:
-    """The bytes of a point in a .bin, None where no width fits, and whether that is certain.
+class Width(NamedTuple):
+    """The bytes of a point."""
 
-    The points begin with x, y, z as 32-bit floats in metres. 8 are NCLT's. Where several widths
-    fit, the coordinates tell: in the right one heights are spread unlike positions ahead, and
-    neighbours in the file lie nearest to each other. Where they do not, it is the commonest.
+    nbytes: int | None
+    """None where no width fits."""
+    is_certain: bool
+
+
+def width_of(data: bytes) -> Width:
+    """The bytes of a point in a .bin.
+
+    8 of NCLT's; others begin with x, y, z as 32-bit floats in metres. Where several widths fit, the
+    coordinates tell: in the right one heights are spread unlike positions ahead, and neighbours in
+    the file lie nearest to each other. Where they do not tell, it is the commonest width.
     """
     words = np.frombuffer(
         data[: min(len(data), HEAD_BYTES) // NCLT_BYTES * NCLT_BYTES], "<u2"
@@ -88,23 +98,31 @@ def layout(data: bytes) -> tuple[int | None, bool]:
     if (
         len(data) % NCLT_BYTES == 0
         and len(words)
-        and (words[:, 3] >> 8).max() < LASERS
+        and (words[:, 3] >> 8).max() < LASERS  # its high byte is the laser
         and (words[:, :3] > 0).all()
     ):
-        return NCLT_BYTES, True
-    fitting = _fitting(data)
-    by_height = {width: xyz_m for width, xyz_m in fitting.items() if _heights_differ(xyz_m)}
-    if not by_height and len(data) < FEW * max(fitting, default=0):
-        commonest = next((width for width in NAMES if width in fitting), None) or next(
-            iter(fitting), None
-        )
-        return commonest, len(fitting) < 2
-    spacing_m = {width: _spacing_m(xyz_m) for width, xyz_m in (by_height or fitting).items()}
-    # a multiple of the right width skips points, but the next ones lie hardly farther: the least
+        return Width(NCLT_BYTES, is_certain=True)
+    points_by_width = _fitting(data)
+    with_distinct_heights = {
+        width: xyz_m for width, xyz_m in points_by_width.items() if _heights_differ(xyz_m)
+    }
+    if not with_distinct_heights and len(data) < MIN_POINTS * max(points_by_width, default=0):
+        commonest = next(
+            (width for width in NAMES_BY_COMMONNESS if width in points_by_width), None
+        ) or next(iter(points_by_width), None)
+        return Width(commonest, is_certain=len(points_by_width) < 2)
+    spacing_m = {
+        width: _spacing_m(xyz_m)
+        for width, xyz_m in (with_distinct_heights or points_by_width).items()
+    }
+    # multiples of the right width give nearly the same spacing: the smallest of them is right
     likely_widths = [
         width for width in spacing_m if spacing_m[width] <= 1.2 * min(spacing_m.values())
     ]
-    return (likely_widths[0] if likely_widths else None), bool(by_height) or len(fitting) < 2
+    return Width(
+        likely_widths[0] if likely_widths else None,
+        is_certain=bool(with_distinct_heights) or len(points_by_width) < 2,
+    )
 
 
 def refuse_planar(data: bytes, path: Path) -> None:
@@ -115,11 +133,15 @@ def refuse_planar(data: bytes, path: Path) -> None:
     if not data or len(data) % 4:
         return
     numbers = np.frombuffer(data, "<f4")
-    fitting = _fitting(data)
-    whole = (numbers.reshape(-1, width // 4) for width in fitting if width % 4 == 0)
-    if any(map(_heights_differ, fitting.values())) or not all(map(_columns_alike, whole)):
+    points_by_width = _fitting(data)
+    four_byte_records = (
+        numbers.reshape(-1, width // 4) for width in points_by_width if width % 4 == 0
+    )
+    if any(map(_heights_differ, points_by_width.values())) or not all(
+        map(_columns_alike, four_byte_records)
+    ):
         return
-    for columns in COLUMNS:
+    for columns in NUMBERS_PER_POINT:
         if len(numbers) % columns:
             continue
         xyz_m = numbers.reshape(columns, -1)[:3].T
@@ -154,8 +176,8 @@ def _may_be_points(xyz_m: NDArray[np.float32]) -> bool:
     size_m = np.abs(xyz_m)
     with np.errstate(invalid="ignore"):
         likely = (size_m < FARTHEST_M) & ((size_m > LEAST_M) | (size_m == 0))
-    varied = len(xyz_m) < FEW or all((a != b).any() for a, b in pairwise(xyz_m.T))
-    return bool(likely.mean() > LIKELY and (xyz_m != 0).any() and varied)
+    varied = len(xyz_m) < MIN_POINTS or all((a != b).any() for a, b in pairwise(xyz_m.T))
+    return bool(likely.mean() > LIKELY_SHARE and (xyz_m != 0).any() and varied)
 
 
 def _columns_alike(rows: NDArray[np.float32]) -> bool:
@@ -177,14 +199,14 @@ def _heights_differ(xyz_m: NDArray[np.float32]) -> bool:
 
 
 def _differ(a: NDArray[np.float32], b: NDArray[np.float32]) -> bool:
-    """Whether `a` (n,) and `b` (n,) are of two distributions; False for fewer than FEW numbers."""
-    if len(a) < FEW:
+    """Whether `a` (n,) and `b` (n,) are of two distributions; of fewer than MIN_POINTS, False."""
+    if len(a) < MIN_POINTS:
         return False
     stride = (
-        len(a) // ENOUGH | 1
+        len(a) // MAX_SAMPLES | 1
     )  # odd, as the lasers of a sensor, which stand one after another, are an even number
     distance = scipy.stats.ks_2samp(a[::stride], b[::stride], method="asymp").statistic
-    return bool(distance > ALIKE + 1.5 * np.sqrt(2 / len(a[::stride])))
+    return bool(distance > MAX_KS_DISTANCE + 1.5 * np.sqrt(2 / len(a[::stride])))
 
 
 def _spacing_m(xyz_m: NDArray[np.float32]) -> float:

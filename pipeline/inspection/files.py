@@ -110,7 +110,11 @@ def _own_scan(path: Path, inspection: Inspection) -> None:
     data = path.read_bytes()
     points = bin_layout.points(data, path).astype(np.float64)
     width = bin_layout.point_bytes(data) or 0
-    layout_name = f" ({bin_layout.NAMES[width]})" if width in bin_layout.NAMES else ""
+    layout_name = (
+        f" ({bin_layout.NAMES_BY_COMMONNESS[width]})"
+        if width in bin_layout.NAMES_BY_COMMONNESS
+        else ""
+    )
     inspection.describe(
         "points of 32-bit floats",
         (

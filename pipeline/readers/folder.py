@@ -195,8 +195,8 @@ class Folder:
             bin_layout.refuse_planar(data, path)
             if self.point_bytes:
                 return self.point_bytes, ()
-            width, is_told = bin_layout.layout(data)
-            if width and is_told:
+            width, is_certain = bin_layout.width_of(data)
+            if width and is_certain:
                 return width, ()
             if width and guess is None:
                 guess = (width, path)

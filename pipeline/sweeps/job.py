@@ -4,7 +4,7 @@ import json
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path, PurePosixPath
-from typing import Any
+from typing import Any, NamedTuple
 
 from pipeline.running.provenance import fingerprint
 from pipeline.sweeps.cache import ArtifactCache
@@ -12,11 +12,19 @@ from pipeline.sweeps.chain import Step, code, inputs, producers
 from pipeline.sweeps.lock import UpToDate, digest
 
 
-class Job:
-    """Finds or builds artifacts; `from_dvc`, `from_sweeps` and `built` count them by stage.
+class StepSettings(NamedTuple):
+    """The parameters that a step's result depends on."""
 
-    `settings` gives every parameter that a step's result depends on, and whether all equal those of
-    the files in conf/; `run` executes the step with its paths and names as {field: value}.
+    values: Mapping[str, Any]
+    follows_conf: bool
+    """Whether all are those of the files in conf/."""
+
+
+class ArtifactResolver:
+    """Finds the artifacts of one job, or builds them.
+
+    `from_dvc`, `from_sweeps` and `built` count them by stage. `settings` gives the parameters that
+    a step's result depends on; `run` executes the step with its paths and names as {field: value}.
     """
 
     def __init__(
@@ -24,11 +32,11 @@ class Job:
         steps: Sequence[Step],
         lock: UpToDate,
         cache: ArtifactCache,
-        settings: Callable[[Step], tuple[Mapping[str, Any], bool]],
+        settings: Callable[[Step], StepSettings],
         run: Callable[[Step, Mapping[str, str]], None],
     ) -> None:
-        self._makers = producers(steps)
-        self._inputs = {step.command: inputs(step, self._makers) for step in steps}
+        self._producers = producers(steps)
+        self._inputs = {step.command: inputs(step, self._producers) for step in steps}
         self._lock = lock
         self._cache = cache
         self._settings = settings
@@ -39,14 +47,11 @@ class Job:
         self.from_sweeps = Counter[str]()
         self.built = Counter[str]()
 
-    def path(self, artifact: str) -> Path:
-        """Where an artifact lies for this job, which is built if it must be.
-
-        It is named as in dvc.yaml.
-        """
+    def obtain(self, artifact: str) -> Path:
+        """Where an artifact, named as in dvc.yaml, lies for this job; it is built if it must be."""
         if artifact not in self._paths:
-            step = self._makers[artifact]
-            self._paths |= dict(zip(step.outs, self._obtain(step), strict=True))
+            step = self._producers[artifact]
+            self._paths |= dict(zip(step.outs, self._found_or_built(step), strict=True))
         return self._paths[artifact]
 
     def key(self, step: Step) -> str:
@@ -54,13 +59,14 @@ class Job:
         name = step.outs[0]
         if name not in self._keys:
             keys = {
-                artifact: self.key(maker) for artifact, maker in self._inputs[step.command].items()
+                artifact: self.key(producer)
+                for artifact, producer in self._inputs[step.command].items()
             }
-            fields = self._fields_with_paths(
+            fields = self._substituted_fields(
                 step, keys, lambda parts: fingerprint(sorted(parts.items()))
             )
             sources = [(path.as_posix(), digest(path)) for path in code(step)]
-            values, _ = self._settings(step)
+            values = self._settings(step).values
             self._keys[name] = fingerprint(
                 step.stage, json.dumps(values, sort_keys=True), sorted(fields.items()), sources
             )
@@ -68,34 +74,35 @@ class Job:
 
     def follows_conf(self, step: Step) -> bool:
         """Whether this step and all before it have just the parameters of the files in conf/."""
-        return self._settings(step)[1] and all(
+        return self._settings(step).follows_conf and all(
             map(self.follows_conf, self._inputs[step.command].values())
         )
 
-    def is_built(self, step: Step) -> bool:
+    def dvc_has(self, step: Step) -> bool:
         """Whether DVC has this step's artifacts just as this job wants them."""
         return (
             self.follows_conf(step)
-            and self._lock.vouches(step, self._makers)
+            and self._lock.vouches(step, self._producers)
             and self._lock.intact(step)
         )
 
-    def _obtain(self, step: Step) -> list[Path]:
-        if self.is_built(step):
+    def _found_or_built(self, step: Step) -> list[Path]:
+        if self.dvc_has(step):
             self.from_dvc[step.stage] += 1
             return [Path(out) for out in step.outs]
-        names = own_names(step.outs)
+        names = distinct_names(step.outs)
 
         def build(folder: Path) -> None:
             paths = {
-                artifact: self.path(artifact).as_posix() for artifact in self._inputs[step.command]
+                artifact: self.obtain(artifact).as_posix()
+                for artifact in self._inputs[step.command]
             }
             written = {
                 out: (folder / name).as_posix() for out, name in zip(step.outs, names, strict=True)
             }
             self._run(
                 step,
-                self._fields_with_paths(
+                self._substituted_fields(
                     step, paths | written, lambda parts: self._cache.gather(parts).as_posix()
                 ),
             )
@@ -104,34 +111,37 @@ class Job:
         (self.built if built else self.from_sweeps)[step.stage] += 1
         return [folder / name for name in names]
 
-    def _fields_with_paths(
+    def _substituted_fields(
         self,
         step: Step,
         replacements: Mapping[str, str],
         gather: Callable[[Mapping[str, str]], str],
     ) -> dict[str, str]:
-        """A step's fields with each path to an artifact replaced, by `replacements`.
+        """A step's fields with each path to an artifact substituted.
 
-        A path may also lead to a part of an artifact, or to a folder of several.
+        By another path to run the step, by a key to fingerprint it.
+
+        A path may also lead to a part of an artifact, or to a folder of several, which `gather`
+        makes one. Artifacts that the step makes are left out of its key: they are not there yet.
         """
 
         def replaced(value: str) -> str:
             if not value:
                 return value  # no path: as one it would hold every artifact
             path = PurePosixPath(value)
-            for artifact, place in replacements.items():
+            for artifact, replacement in replacements.items():
                 if path.is_relative_to(artifact):
-                    return (PurePosixPath(place) / path.relative_to(artifact)).as_posix()
+                    return (PurePosixPath(replacement) / path.relative_to(artifact)).as_posix()
             inside = {
-                artifact: place
-                for artifact, place in replacements.items()
+                artifact: replacement
+                for artifact, replacement in replacements.items()
                 if PurePosixPath(artifact).is_relative_to(path)
             }
             parts = {
-                PurePosixPath(artifact).relative_to(path).as_posix(): place
-                for artifact, place in inside.items()
+                PurePosixPath(artifact).relative_to(path).as_posix(): replacement
+                for artifact, replacement in inside.items()
             }
-            folders = {place.removesuffix(f"/{name}") for name, place in parts.items()}
+            folders = {replacement.removesuffix(f"/{name}") for name, replacement in parts.items()}
             if len(folders) == 1:
                 return folders.pop()  # side by side already, as DVC leaves them
             return gather(parts) if parts else value
@@ -143,9 +153,10 @@ class Job:
         }
 
 
-def own_names(outs: Sequence[str]) -> list[str]:
+def distinct_names(outs: Sequence[str]) -> list[str]:
     """A name for each artifact of one step, with its kind before it where two have one name."""
     names: list[str] = []
     for path in map(PurePosixPath, outs):
+        # artifacts/KIND/…
         names.append(f"{path.parts[1]}-{path.name}" if path.name in names else path.name)
     return names

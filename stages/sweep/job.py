@@ -29,7 +29,7 @@ from pipeline.studies.known import studies
 from pipeline.studies.study import Study
 from pipeline.sweeps.cache import ArtifactCache
 from pipeline.sweeps.chain import Step, expand
-from pipeline.sweeps.job import Job
+from pipeline.sweeps.job import ArtifactResolver
 from pipeline.sweeps.lock import UpToDate
 from pipeline.sweeps.record import Record
 from stages import ROOT
@@ -37,8 +37,9 @@ from stages.sweep.settings import Composer, listed, own_fields
 
 SWEEPS = Path(".sweeps")
 EMPTY = "absent"
-"""The stage of empty folders: no work, so it is not counted."""
-CORRECTABLE = (YearlocError, HydraException, OmegaConfBaseException)  # what a person can put right
+"""The stage that makes empty folders: it is no work and is not counted."""
+CORRECTABLE = (YearlocError, HydraException, OmegaConfBaseException)
+"""Errors that a person can put right."""
 
 ConfigStore.instance().store("stage_fields", OmegaConf.create(own_fields()))
 
@@ -49,16 +50,18 @@ def job(cfg: DictConfig) -> float:
 
     NaN if the job failed.
     """
-    of_hydra = HydraConfig.get()
+    hydra_run = HydraConfig.get()
     start_s = time.perf_counter()
-    used_s = time.process_time()
-    overrides = dict(override.split("=", 1) for override in of_hydra.overrides.task)
-    labels = (
-        of_hydra.runtime.choices["dataset"],
+    start_cpu_s = time.process_time()
+    overrides = dict(override.split("=", 1) for override in hydra_run.overrides.task)
+    choices = hydra_run.runtime.choices
+    record = Record(
+        int(hydra_run.job.num),
+        overrides,
+        choices["dataset"],
         cfg.dataset.simulated,
-        of_hydra.runtime.choices["method"],
+        choices["method"],
     )
-    record = Record(int(of_hydra.job.num), overrides, *labels)
     try:
         record = replace(record, **run_chain(cfg, overrides, record.dataset))
     except CORRECTABLE as error:
@@ -68,17 +71,21 @@ def job(cfg: DictConfig) -> float:
         traceback.print_exc()
         record = replace(record, error=f"{type(error).__name__}: {' '.join(str(error).split())}")
     record = replace(
-        record, wall_s=time.perf_counter() - start_s, cpu_s=time.process_time() - used_s
+        record, wall_s=time.perf_counter() - start_s, cpu_s=time.process_time() - start_cpu_s
     )
-    record.write(Path(of_hydra.sweep.dir))
+    record.write(Path(hydra_run.sweep.dir))
     if record.error:
         print(f"job {record.number} failed: {record.error}", file=sys.stderr, flush=True)
     return math.nan if record.held_out_auc is None else record.held_out_auc
 
 
 def run_chain(cfg: DictConfig, overrides: Mapping[str, str], dataset: str) -> dict[str, Any]:
-    """A job's rows of results, and where its artifacts came from."""
-    if dataset not in (all_studies := studies(ROOT / "conf")):
+    """Build a job's artifacts or find them: its rows of results, and where the artifacts came from.
+
+    The keys are fields of `Record`. Raises ConfigError for a data set that is no study.
+    """
+    all_studies = studies(ROOT / "conf")
+    if dataset not in all_studies:
         raise ConfigError(
             f"dataset={dataset}: conf/studies.yaml has {', '.join(all_studies)}; "
             "`yearloc use` changes it"
@@ -89,32 +96,41 @@ def run_chain(cfg: DictConfig, overrides: Mapping[str, str], dataset: str) -> di
         line = import_module(f"stages.{step.stage}").main.run(composer.config(step, fields))
         print(f"{step.stage}: {line}", flush=True)
 
-    def chain(study: Study) -> tuple[Job, dict[str, Step]]:
+    def plan(study: Study) -> tuple[ArtifactResolver, dict[str, Step]]:
         steps = expand(definition(ROOT), listed(study, overrides, cfg.method.view))
-        chain_job = Job(steps, UpToDate(ROOT), ArtifactCache(SWEEPS), composer.settings, run)
-        return chain_job, {step.stage: step for step in steps}
+        artifacts = ArtifactResolver(
+            steps, UpToDate(ROOT), ArtifactCache(SWEEPS), composer.settings, run
+        )
+        return artifacts, {step.stage: step for step in steps}
 
     study = all_studies[dataset]
-    chain_job, step_of = chain(study)
-    # a job that differs from what DVC built would answer altered queries anew: they are left out
-    if not chain_job.is_built(step_of["localize"]):
-        chain_job, step_of = chain(replace(study, altered={}))
+    artifacts, step_of = plan(study)
+    # a job that differs from what DVC built leaves altered queries out: it would answer them anew
+    if not artifacts.dvc_has(step_of["localize"]):
+        artifacts, step_of = plan(replace(study, altered={}))
     unseen_share = composer.config(step_of["localize"], {}).rejection.unseen_share
-    rows = list(results(chain_job, step_of["evaluate"], step_of["train"], unseen_share))
+    rows = list(results(artifacts, step_of["evaluate"], step_of["train"], unseen_share))
     return {"rows": rows} | {
-        name: {stage: n for stage, n in getattr(chain_job, name).items() if stage != EMPTY}
+        name: {stage: n for stage, n in getattr(artifacts, name).items() if stage != EMPTY}
         for name in ("from_dvc", "from_sweeps", "built")
     }
 
 
-def results(chain_job: Job, evaluate: Step, train: Step, unseen_share: float) -> TableRows:
+def results(
+    artifacts: ArtifactResolver, evaluate: Step, train: Step, unseen_share: float
+) -> TableRows:
     """The job's rows of results: its test sequences as driven, and its AUC on held-out blocks."""
-    folder = chain_job.path(evaluate.outs[0])
-    for sequence in evaluate.fields["sequences"].split():
-        evaluation = store.read(folder / f"{sequence}.zarr", Evaluations).case()
+    folder = artifacts.obtain(evaluate.outs[0])
+    sequences = evaluate.fields["sequences"].split()
+    evaluations = {
+        sequence: store.read(folder / f"{sequence}.zarr", Evaluations).case()
+        for sequence in sequences
+    }
+    kind = evaluations[sequences[-1]].kinds[0]
+    for sequence, evaluation in evaluations.items():
         yield from (
             {"sequence": sequence, "days": evaluation.days, **columns}
             for columns in evaluation_rows(evaluation)
         )
-    learned = Evidence.of(store.read_model(chain_job.path(train.outs[0])))
-    yield row("held_out_auc", "cells", held_out_auc(learned, evaluation.kinds[0], unseen_share))
+    evidence = Evidence.of(store.read_model(artifacts.obtain(train.outs[0])))
+    yield row("held_out_auc", "cells", held_out_auc(evidence, kind, unseen_share))

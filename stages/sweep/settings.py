@@ -14,6 +14,7 @@ from pipeline.core.errors import ConfigError
 from pipeline.studies.expansion import expand
 from pipeline.studies.study import CellSize, Study, StudyMethod, settings_of
 from pipeline.sweeps.chain import Step
+from pipeline.sweeps.job import StepSettings
 from stages import ROOT, within_budget
 
 GROUPS = {path.name for path in (ROOT / "conf").iterdir() if path.is_dir() and path.name != "hydra"}
@@ -100,15 +101,13 @@ class Composer:
     def __init__(self, overrides: Mapping[str, str]) -> None:
         self._overrides = overrides
 
-    def settings(self, step: Step) -> tuple[dict[str, Any], bool]:
-        """All settings that the step's result depends on, and whether they are those of conf/.
-
-        Inputs and code are not among them.
-        """
+    def settings(self, step: Step) -> StepSettings:
+        """All settings that the step's result depends on; inputs and code are not among them."""
         choices, changes = self._words(step)
         files = tuple((PurePath(file).parts, keys) for file, keys in step.params.items())
         values = _values(step.stage, choices + changes, files)
-        return values, not changes or values == _values(step.stage, choices, files)
+        follows_conf = not changes or values == _values(step.stage, choices, files)
+        return StepSettings(values, follows_conf)
 
     def config(self, step: Step, fields: Mapping[str, str]) -> DictConfig:
         """The step's whole configuration, with `fields` for its paths and names."""

@@ -7,7 +7,7 @@ import pytest
 
 from pipeline.core.errors import ConfigError
 from pipeline.evaluation.bootstrap import Bootstrap
-from pipeline.evaluation.events import NUMBERS, Bands, banded, distances, nearest_m
+from pipeline.evaluation.events import NUMBERS, Bands, distances, judge_by_band, nearest_m
 from pipeline.formats.changes import Change
 from tests.evaluation.made import BOOTSTRAP, evaluation
 
@@ -46,7 +46,7 @@ def test_what_shows_in_later_sequences_alone_is_to_come_unless_something_that_sh
 def test_bands_end_at_their_edges() -> None:
     bands = Bands((25.0, 50.0))
     assert bands.names == ["0–25 m", "25–50 m", "over 50 m"]
-    assert bands.of(np.array([0.0, 25.0, 25.1, 50.0, np.inf, np.nan])).tolist() == [
+    assert bands.band_of(np.array([0.0, 25.0, 25.1, 50.0, np.inf, np.nan])).tolist() == [
         0,
         0,
         1,
@@ -70,7 +70,9 @@ def test_each_band_counts_its_own_queries_over_all_sequences_and_an_empty_one_ha
     # is all far.
     near = np.array([1.0, 1, 1, np.nan, 99, 99, 99])
     far = np.full(7, 99.0)
-    one = banded([evaluation(), evaluation(62)], [near, far], Bands((25.0,)), "cells", BOOTSTRAP)
+    one = judge_by_band(
+        [evaluation(), evaluation(62)], [near, far], Bands((25.0,)), "cells", BOOTSTRAP
+    )
     assert one.seen.tolist() == [3, 6]
     assert one.unseen.tolist() == [0, 4]
     recall, oracle, area = one.values[:, :, 0].T
@@ -80,7 +82,7 @@ def test_each_band_counts_its_own_queries_over_all_sequences_and_an_empty_one_ha
     # Near, as the threshold rises past .1, .2, .8, (recall, precision): (1/3, 1) with two seen
     # rejected, (1/2, 1/2), (1, 2/3); from (0, 1) on the area is 1/3 + 1/8 + 7/24
     assert area[0] == pytest.approx(0.75)
-    one = banded([evaluation()], [np.full(7, 99.0)], Bands((25.0,)), "distance", BOOTSTRAP)
+    one = judge_by_band([evaluation()], [np.full(7, 99.0)], Bands((25.0,)), "distance", BOOTSTRAP)
     assert np.isnan(one.values[0]).all()
     assert (one.seen[0], one.unseen[0]) == (0, 0)
 
@@ -95,7 +97,9 @@ def test_the_threshold_passes_the_novelties_of_all_sequences_together() -> None:
     nowhere = np.full(7, 99.0)
     at = NUMBERS.index("auc_exact_top1")
     alone, twice, apart = (
-        banded(each, [nowhere] * len(each), Bands((25.0,)), "cells", BOOTSTRAP).values[1, at, 0]
+        judge_by_band(each, [nowhere] * len(each), Bands((25.0,)), "cells", BOOTSTRAP).values[
+            1, at, 0
+        ]
         for each in ([one], [one, other], [one, newer])
     )
     assert twice == pytest.approx(alone)
@@ -112,7 +116,7 @@ def test_no_block_of_the_path_holds_queries_of_two_sequences() -> None:
         for rank in (np.zeros(7, int), np.full(7, -1))
     )
     rule = Bootstrap(block_m=1000.0, resamples=200)
-    found = banded(
+    found = judge_by_band(
         [right, wrong], [np.zeros(7), np.zeros(7)], Bands((25.0,)), "cells", rule
     ).values[0, 0]
     assert found == pytest.approx([0.5, 0.0, 1.0])

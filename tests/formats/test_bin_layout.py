@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline.core.errors import LogError
-from pipeline.formats.bin_layout import layout, point_bytes, points, refuse_planar
+from pipeline.formats.bin_layout import point_bytes, points, refuse_planar, width_of
 
 EXTRA = {
     12: [],
@@ -63,14 +63,14 @@ def test_the_width_is_found_of_points_in_no_order_whatever_their_count(width: in
     data, _ = sweep(width, 1980)
     rows = np.frombuffer(data, np.uint8).reshape(-1, width)
     mixed = np.random.default_rng(1).permutation(rows).tobytes()
-    assert layout(mixed) == (width, True)
+    assert width_of(mixed) == (width, True)
 
 
 def test_where_nothing_tells_the_width_it_is_a_guess() -> None:
     """A cube filled evenly: heights are spread as positions are, and 500 points of 16 bytes are 400
     of 20."""
     cube = np.random.default_rng(0).uniform(-20, 20, (500, 4)).astype("<f4").tobytes()
-    assert layout(cube) == (16, False)
+    assert width_of(cube) == (16, False)
 
 
 def test_a_cloud_as_high_as_it_is_wide_is_not_taken_for_one_by_columns() -> None:

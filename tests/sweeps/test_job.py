@@ -9,7 +9,7 @@ import yaml
 
 from pipeline.sweeps.cache import ArtifactCache
 from pipeline.sweeps.chain import Step, expand
-from pipeline.sweeps.job import Job
+from pipeline.sweeps.job import ArtifactResolver, StepSettings
 from pipeline.sweeps.lock import UpToDate, digest
 
 CHAIN = yaml.safe_load("""
@@ -85,12 +85,12 @@ class Project:
         Path("dvc.lock").write_text(yaml.safe_dump({"schema": "2.0", "stages": stages}))
         self.ran.clear()
 
-    def job(self, **changes: int) -> Job:
-        def settings(step: Step) -> tuple[dict[str, int], bool]:
+    def job(self, **changes: int) -> ArtifactResolver:
+        def settings(step: Step) -> StepSettings:
             values = self.values(step, **changes)
-            return values, values == self.values(step)
+            return StepSettings(values, values == self.values(step))
 
-        return Job(
+        return ArtifactResolver(
             self.steps, UpToDate(self.root), ArtifactCache(Path(".sweeps")), settings, self.run
         )
 
@@ -107,17 +107,17 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Project:
 def test_a_job_of_unchanged_settings_is_dvcs_own(project: Project) -> None:
     project.repro()
     job = project.job()
-    assert (job.path(MODEL), job.from_dvc) == (Path(MODEL), {"train": 1})
+    assert (job.obtain(MODEL), job.from_dvc) == (Path(MODEL), {"train": 1})
     assert project.ran == []
 
 
 def test_a_setting_costs_what_lies_after_it(project: Project) -> None:
     project.repro()
     job = project.job(rings=8)
-    assert "train {'rate': 1} of" in job.path(MODEL).read_text()
+    assert "train {'rate': 1} of" in job.obtain(MODEL).read_text()
     assert project.ran == ["views", "train"]
     assert (job.from_dvc, job.built) == ({"scans": 1}, {"views": 1, "train": 1})
-    assert job.path(MODEL).is_relative_to(".sweeps/train")
+    assert job.obtain(MODEL).is_relative_to(".sweeps/train")
 
 
 def test_a_tiny_number_is_the_same_in_the_lock_and_in_conf(project: Project) -> None:
@@ -126,23 +126,23 @@ def test_a_tiny_number_is_the_same_in_the_lock_and_in_conf(project: Project) -> 
     Path("dvc.lock").write_text(
         Path("dvc.lock").read_text().replace("2.0e-05", "2e-05")
     )  # as DVC writes it
-    project.job().path(MODEL)
+    project.job().obtain(MODEL)
     assert project.ran == []
 
 
 def test_a_second_job_takes_all_from_the_first(project: Project) -> None:
     project.repro()
-    first = project.job(rings=8).path(MODEL)
+    first = project.job(rings=8).obtain(MODEL)
     project.ran.clear()
     job = project.job(rings=8)
-    assert (job.path(MODEL), job.from_sweeps, job.built) == (first, {"train": 1}, {})
+    assert (job.obtain(MODEL), job.from_sweeps, job.built) == (first, {"train": 1}, {})
     assert project.ran == []
-    assert project.job(rings=8, rate=2).path(MODEL) != first
+    assert project.job(rings=8, rate=2).obtain(MODEL) != first
     assert project.ran == ["train"]
 
 
 def test_without_dvc_everything_is_built_and_the_same(project: Project) -> None:
-    built = project.job().path(MODEL).read_text()
+    built = project.job().obtain(MODEL).read_text()
     assert project.ran == ["scans", "views", "train"]
     project.repro()
     assert Path(MODEL).read_text().replace("'", "") == built.replace("'", "")
@@ -169,14 +169,14 @@ def test_an_edit_since_the_last_repro_is_seen(
     project.repro()
     Path(path).parent.mkdir(parents=True, exist_ok=True)
     Path(path).write_text(text)
-    project.job().path(MODEL)
+    project.job().obtain(MODEL)
     assert project.ran == ran
 
 
 def test_a_damaged_input_is_not_read(project: Project) -> None:
     project.repro()
     Path("artifacts/views/day.txt").write_text("damaged")
-    assert "damaged" not in project.job(rate=2).path(MODEL).read_text()
+    assert "damaged" not in project.job(rate=2).obtain(MODEL).read_text()
     assert project.ran == ["views", "train"]
 
 
@@ -225,8 +225,8 @@ def test_digests_are_those_of_dvc(tmp_path: Path) -> None:
 
 def test_what_dvc_has_is_known_before_anything_is_built(project: Project) -> None:
     _, views, train = project.steps
-    assert not project.job().is_built(views)
+    assert not project.job().dvc_has(views)
     project.repro()
-    assert project.job().is_built(train)
-    assert [project.job(rate=2).is_built(step) for step in (views, train)] == [True, False]
+    assert project.job().dvc_has(train)
+    assert [project.job(rate=2).dvc_has(step) for step in (views, train)] == [True, False]
     assert project.ran == []

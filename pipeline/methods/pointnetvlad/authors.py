@@ -1,8 +1,10 @@
 """The weights of PointNetVLAD's authors under this network's names (METHODS 3.2).
 
-Their names are those of `pointnetvlad_cls.py`, `transform_nets.py` and `loupe.py`, below any scope,
-such as `query_triplets/`. A dense layer is a convolution of one point there, its weights
-transposed; the T-Nets' last biases are the difference from the identity.
+Their names are those of `pointnetvlad_cls.py`, `transform_nets.py` and `loupe.py`; the scope before
+them, such as `query_triplets/`, is ignored. A dense layer is a convolution of one point there, its
+weights transposed. The T-Nets' last biases are their difference from the identity. Batch norms of
+the trunk keep moving averages, named after the operation that computed the statistic, which
+TensorFlow's versions call differently; those of `loupe.py` keep `moving_mean`.
 """
 
 from collections.abc import Mapping
@@ -29,22 +31,22 @@ def renamed(tensors: Arrays) -> dict[str, NDArray[np.float32]]:
     Raises ConfigError naming a tensor that the checkpoint lacks.
     """
     return {
-        name: np.ascontiguousarray(value, np.float32) for name, value in _named(tensors).items()
+        name: np.ascontiguousarray(value, np.float32) for name, value in _collected(tensors).items()
     }
 
 
-def _named(tensors: Arrays) -> dict[str, NDArray[Any]]:
+def _collected(tensors: Arrays) -> dict[str, NDArray[Any]]:
     arrays: dict[str, NDArray[Any]] = {}
-    for ours, (theirs, last) in TNETS.items():
+    for ours, (scope, last) in TNETS.items():
         layers = [(f"points.{2 * i}", f"tconv{i + 1}") for i in range(3)]
         layers += [(f"cloud.{2 * i}", f"tfc{i + 1}") for i in range(2)]
-        for layer, scope in layers:
-            place = f"pointnet.{ours}.{layer}"
-            arrays |= _dense(tensors, f"{place}.0", f"{theirs}/{scope}")
-            arrays |= _moving(tensors, f"{place}.1", f"{theirs}/{scope}/bn")
-        base = _dense(tensors, f"pointnet.{ours}.base", f"{theirs}/{last}")
-        bias = base[f"pointnet.{ours}.base.bias"]
-        base[f"pointnet.{ours}.base.bias"] = bias + np.eye(round(len(bias) ** 0.5)).ravel()
+        for layer, their_layer in layers:
+            prefix = f"pointnet.{ours}.{layer}"
+            arrays |= _dense(tensors, f"{prefix}.0", f"{scope}/{their_layer}")
+            arrays |= _averaged_norm(tensors, f"{prefix}.1", f"{scope}/{their_layer}/bn")
+        base = _dense(tensors, f"pointnet.{ours}.base", f"{scope}/{last}")
+        bias_key = f"pointnet.{ours}.base.bias"
+        base[bias_key] = base[bias_key] + np.eye(round(len(base[bias_key]) ** 0.5)).ravel()
         arrays |= base
     for ours, scopes in TRUNK.items():
         for i, scope in enumerate(scopes):
@@ -53,36 +55,39 @@ def _named(tensors: Arrays) -> dict[str, NDArray[Any]]:
         arrays[f"netvlad.{ours}.weight"] = _tensor(tensors, scope).T
     arrays["netvlad.centres"] = _tensor(tensors, "cluster_weights2")[0]
     for ours, scope in NORMS.items():
-        for name, theirs in (
+        for name, suffix in (
             ("weight", "gamma"),
             ("bias", "beta"),
             ("running_mean", "moving_mean"),
             ("running_var", "moving_variance"),
         ):
-            arrays[f"netvlad.{ours}.{name}"] = _tensor(tensors, f"{scope}/{theirs}")
+            arrays[f"netvlad.{ours}.{name}"] = _tensor(tensors, f"{scope}/{suffix}")
     return arrays
 
 
-def _dense(tensors: Arrays, place: str, scope: str) -> dict[str, NDArray[Any]]:
+def _dense(tensors: Arrays, prefix: str, scope: str) -> dict[str, NDArray[Any]]:
     weights = _tensor(tensors, f"{scope}/weights")
     return {
-        f"{place}.weight": weights.reshape(-1, weights.shape[-1]).T,
-        f"{place}.bias": _tensor(tensors, f"{scope}/biases"),
+        f"{prefix}.weight": weights.reshape(-1, weights.shape[-1]).T,
+        f"{prefix}.bias": _tensor(tensors, f"{scope}/biases"),
     }
 
 
-def _moving(tensors: Arrays, place: str, scope: str) -> dict[str, NDArray[Any]]:
+def _averaged_norm(tensors: Arrays, prefix: str, scope: str) -> dict[str, NDArray[Any]]:
     """A batch norm whose statistics are moving averages, named by where they were computed."""
     return {
-        f"{place}.weight": _tensor(tensors, f"{scope}/gamma"),
-        f"{place}.bias": _tensor(tensors, f"{scope}/beta"),
-        f"{place}.running_mean": _tensor(tensors, *(f"{scope}/{end}{AVERAGE}" for end in MEAN)),
-        f"{place}.running_var": _tensor(tensors, *(f"{scope}/{end}{AVERAGE}" for end in VARIANCE)),
+        f"{prefix}.weight": _tensor(tensors, f"{scope}/gamma"),
+        f"{prefix}.bias": _tensor(tensors, f"{scope}/beta"),
+        f"{prefix}.running_mean": _tensor(tensors, *(f"{scope}/{end}{AVERAGE}" for end in MEAN)),
+        f"{prefix}.running_var": _tensor(tensors, *(f"{scope}/{end}{AVERAGE}" for end in VARIANCE)),
     }
 
 
 def _tensor(tensors: Arrays, *endings: str) -> NDArray[Any]:
-    """The tensor whose name ends in one of these words; what an optimizer keeps ends in others."""
+    """The tensor whose name ends in one of these words, under the fewest scopes.
+
+    What an optimizer keeps of a tensor ends in other words.
+    """
     for ending in endings:
         names = [name for name in tensors if f"/{name}".endswith(f"/{ending}")]
         if names:
