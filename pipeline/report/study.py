@@ -157,8 +157,22 @@ class Study:
 
     @property
     def best(self) -> str:
-        """The model of the highest mean recall@1."""
-        return self.ranked[0]
+        """The model that a robot would be given.
+
+        Of those with poses, else of all, it has the highest mean recall@1.
+        """
+        posed = {result.model for result in self.results if result.posed}
+        return next((model for model in self.ranked if model in posed), self.ranked[0])
+
+    @cached_property
+    def cut_short(self) -> dict[str, float]:
+        """The models that had less than their own full training, with their share of it."""
+        shares = {
+            name: float(record.recipe.get("budget", 1.0))
+            for name, record in self.models.items()
+            if record.rounds
+        }
+        return {name: share for name, share in shares.items() if share < 1}
 
     @cached_property
     def train_xy_m(self) -> NDArray[np.float64]:

@@ -1,0 +1,101 @@
+"""What the laser saw, from above: the footprint of the training drive, and scans to lay on it."""
+
+import io
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from pipeline.core.errors import ArtifactError
+from pipeline.core.schemas import Scans, Submaps
+from pipeline.mapping.gathering import submap_points
+from pipeline.report.study import Study
+
+STANDING_M = (0.8, 12.0)
+"""Heights above the ground of what is drawn: walls and trunks, no ground and no crowns."""
+FLAT_M = 0.5  # points within less height are of a laser that sweeps one plane: all are drawn
+APART_M = 4.0  # the training submaps that make the footprint
+CELL_M = 0.5
+LARGEST_PX = 2_000  # the longer side of a footprint
+ALONE = 1  # points in a cell that are taken for noise
+REACH_M = 63.0
+POINTS = 350  # of a scan, at most
+
+
+@dataclass(frozen=True, eq=False)
+class Footprint:
+    """Which cells of the ground something stood on when training drove there."""
+
+    occupied: NDArray[np.bool_]  # (row, column), the southernmost row first
+    corner_m: NDArray[np.float64]  # (2,) south-western corner in the world
+    cell_m: float
+
+    @classmethod
+    def read(cls, study: Study) -> Self | None:
+        """Read it from the training drives; None where their scans are not here."""
+        clouds = []
+        for sequence in study.settings.train:
+            try:
+                drive = Drive.read(study, sequence)
+            except ArtifactError:
+                return None
+            world_T_anchor = drive.world_T_anchor
+            steps_m = np.linalg.norm(np.diff(world_T_anchor[:, :2, 3], axis=0), axis=1)
+            strides = np.floor(np.concatenate([[0.0], np.cumsum(steps_m)]) / APART_M)
+            rows = np.unique(strides, return_index=True)[1]
+            clouds += [
+                drive.standing_m(row) @ world_T_anchor[row, :2, :3].T + world_T_anchor[row, :2, 3]
+                for row in rows
+            ]
+        xy_m = np.concatenate(clouds)
+        if not len(xy_m):
+            return None
+        corner_m = xy_m.min(axis=0)
+        cell_m = max(CELL_M, float(np.ptp(xy_m, axis=0).max()) / LARGEST_PX)
+        column, row = np.floor((xy_m - corner_m) / cell_m).astype(np.int64).T
+        counts = np.zeros((row.max() + 1, column.max() + 1), np.int64)
+        np.add.at(counts, (row, column), 1)
+        return cls(counts > ALONE, corner_m, cell_m)
+
+    def png(self) -> bytes:
+        """A PNG of one bit a cell, north up, transparent where nothing stood."""
+        file = io.BytesIO()
+        image = Image.fromarray(self.occupied[::-1])
+        image.save(file, "PNG", optimize=True, transparency=0)
+        return file.getvalue()
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """The scans of one drive, gathered into submaps."""
+
+    scans: Scans
+    submaps: Submaps
+    world_T_anchor: NDArray[np.float64]  # (n, 4, 4)
+
+    @classmethod
+    def read(cls, study: Study, sequence: str) -> Self:
+        """Open a drive; raises ArtifactError where its scans or submaps are not here."""
+        submaps = study.artifact(Submaps, "submaps", sequence)
+        scans = study.artifact(Scans, "scans", sequence)
+        return cls(scans, submaps, submaps.load("world_T_anchor"))
+
+    def standing_m(self, row: int) -> NDArray[np.float64]:
+        """The points (n, 3) of a submap that stand on the ground, in the frame of its anchor."""
+        points_m = next(iter(submap_points(self.scans, self.submaps, slice(row, row + 1))))
+        heights_m = points_m[:, 2]
+        low_m, high_m = STANDING_M
+        if not len(points_m) or np.ptp(heights_m) < FLAT_M:
+            return points_m
+        return points_m[(heights_m > low_m) & (heights_m < high_m)]
+
+    def cells(self, row: int) -> NDArray[np.int8]:
+        """The cells (n, 2) of CELL_M that a submap's points stand in, from its anchor."""
+        xy_m = self.standing_m(row)[:, :2]
+        near_m = xy_m[np.abs(xy_m).max(axis=1, initial=0.0) < REACH_M]
+        cells = np.unique(np.rint(near_m / CELL_M).astype(np.int8), axis=0)
+        if len(cells) > POINTS:
+            cells = np.random.default_rng(0).choice(cells, POINTS, replace=False)
+        return cells
