@@ -21,7 +21,7 @@ CELL_M = 0.5
 LARGEST_PX = 2_000  # the longer side of a footprint
 ALONE = 1  # points in a cell that are taken for noise
 REACH_M = 63.0
-POINTS = 350  # of a scan, at most
+POINTS = 300  # of a scan, at most
 
 
 @dataclass(frozen=True, eq=False)

@@ -74,7 +74,10 @@ def test_no_more_points_than_a_page_holds_are_kept_of_a_scan(tmp_path: Path) -> 
     east_m, north_m = np.meshgrid(side, side)
     low_m = np.stack([east_m.ravel(), north_m.ravel(), np.full(east_m.size, 1.0)], axis=1)
     drive = Drive.read(
-        study(tmp_path, [np.concatenate([low_m, low_m + (0, 0, 3)])], planar(0, 0, 0)[None]), ""
+        study(
+            tmp_path, [np.concatenate([low_m, low_m + np.array([0, 0, 3])])], planar(0, 0, 0)[None]
+        ),
+        "",
     )
     cells = drive.cells(0)
     assert len(cells) == POINTS

@@ -20,8 +20,8 @@ from PIL import Image
 from pipeline.report import render
 from pipeline.report.alike import best_shift, best_shifts, spectra
 from pipeline.report.result import PRECISIONS, coverage
-from pipeline.report.web.map import COLUMNS, LEVELS, chart, indices, picture, quantized
 from pipeline.report.web.front import Front
+from pipeline.report.web.map import COLUMNS, LEVELS, chart, indices, picture, quantized
 from pipeline.report.web.page import Entry, Picture, html
 from pipeline.views.scan_context import quantize
 from tests.report.site import EVIL, LOCK, SVG, TRAIN, WORDS, XY_M, entries, heights, sections, study

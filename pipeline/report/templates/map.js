@@ -202,14 +202,15 @@
       return entry;
     }));
     get("query").replaceChildren(...(i < 0 ? [hint] : [make("h3", `Query ${i + 1} of ${points.length}`), list]));
-    get("scans").replaceChildren(...(i < 0 ? [] : scans(i)));
+    const keeps = i < 0 || isKept(i) ? "" : `This page keeps what the sensor saw of ${day.kept.length} of this day's ${points.length} queries, and of this one its place.`;
+    get("scans").replaceChildren(...(i < 0 ? [] : [...scans(i), make("p", keeps, { className: "quiet" })]));
     get("views").replaceChildren(...(i < 0 ? [] : views(i)));
     get("network").hidden = !day.views;
     draw();
   }
   function scans(i) { // the scan on the map: where the answer says, and if that is wrong where it was taken
     if (!ground) return [];
-    const at = day.scans ? day.scans.query.indexOf(i) : -1, placed = hasRow(answers, i), kind = kinds[points[i]];
+    const at = day.scans ? day.kept.indexOf(i) : -1, placed = hasRow(answers, i), kind = kinds[points[i]];
     const heading = answers.heading ? answers.heading[i] : NaN, off = placed ? metres(error_m(i)) : "";
     const taken = { xy: day.xy, heading: day.heading[i], colour: tone("--taken"), caption: placed ? "The same scan where it was taken" : "Where the scan was taken: no answer" };
     const answer = { xy: answers.xy, heading: isFinite(heading) ? heading : day.heading[i], colour: kind.wrong ? tone("--wrong") : tone("--right"),
@@ -221,8 +222,7 @@
       requestAnimationFrame(() => lay(painted, [xy[2 * i], xy[2 * i + 1]], heading, at, colour));
       return figure;
     });
-    const left_out = at < 0 ? [make("p", `This page keeps the points of ${day.scans ? day.scans.query.length : 0} of this day's ${points.length} scans, of this one only its place.`, { className: "quiet" })] : [];
-    return [...figures, ...left_out, make("p", mapped.dataset.scan, { className: "quiet" })];
+    return [...figures, make("p", mapped.dataset.scan, { className: "quiet" })];
   }
   function lay(painted, [x, y], heading, at, colour) { // north up, the robot in the middle
     const { clientWidth: width, clientHeight: height } = painted, ratio = window.devicePixelRatio || 1, scale = height / 2 / REACH_M;
@@ -257,7 +257,7 @@
   function views(i) {
     if (!day.views || !study.train) return [];
     const rolled = (shift) => shift ? `, rolled by ${degrees(around(shift * 360 / day.views.sectors))}` : "";
-    const shown = [[day.views, i, 0, "The query"]];
+    const shown = [[day.views, day.kept.indexOf(i), 0, "The query"]].filter(([, row]) => row >= 0);
     const training = ({ row, shift }, what) => shown.push([study.train, row[i], shift[i], `${what}: training's view${rolled(shift[i])}`]);
     if (hasRow(answers, i)) training(answers, "The answer");
     if (day.row[i] !== answers.row[i] && day.nearest_m[i] <= study.correct_m) training(day, "The truth");
@@ -294,7 +294,7 @@
     const best = away.reduce((least, one, i) => one < (least < 0 ? 24 : away[least]) ? i : least, -1);
     if (best >= 0) choose(best);
   });
-  const isKept = (i) => !day.scans || day.scans.query.includes(i);
+  const isKept = (i) => day.kept.includes(i);
   const acts = { in: () => plane.call(zoom.scaleBy, 1.4), out: () => plane.call(zoom.scaleBy, 1 / 1.4), all: showAll,
     next: () => step(1), previous: () => step(-1), wrong: () => step(1, (i) => kinds[points[i]].wrong && isKept(i)) || step(1, (i) => kinds[points[i]].wrong), believed: () => step(1, (i) => accepted[i] && (points[i] === 0) && isKept(i)) };
   const keys = { ArrowRight: "next", ArrowDown: "next", ArrowLeft: "previous", ArrowUp: "previous", "+": "in", "=": "in", "-": "out", 0: "all", f: "wrong", F: "wrong", b: "believed", B: "believed" };

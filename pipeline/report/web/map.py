@@ -5,6 +5,7 @@ Arrays and pictures are written in base64, which map.js reads back.
 
 import io
 from base64 import b64encode
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
@@ -27,7 +28,7 @@ from pipeline.views.scan_context import colours, quantize
 
 COLUMNS = 16  # views beside each other in a picture
 LEVELS = 32  # of the heights in a picture
-SCANS = 280  # of a study whose points a page keeps, on all days together
+KEPT = 240  # queries of a study whose view and points a page keeps, on all days together
 STEP_M = 0.05
 STEP_DEG = 0.1
 NOVELTY_STEPS = 30_000
@@ -60,9 +61,10 @@ def chart(study: Study) -> dict[str, Any]:
     answers: dict[str, dict[str, Any]] = {model: {} for model in study.models}
     for sequence, results in by_sequence(study.results).items():
         first = results[0].evaluation
+        best = next((result for result in results if result.model == study.best), results[0])
+        kept = _kept(best.evaluation.believed, KEPT // len(days))
         views = Views.read(study.find("views", sequence, view_model)) if train else None
         looked_at = store.read(study.find("views", sequence, results[0].model), *schemas.VIEW_KINDS)
-        best = next((result for result in results if result.model == study.best), results[0])
         sequences.append(
             {
                 "name": sequence,
@@ -71,8 +73,9 @@ def chart(study: Study) -> dict[str, Any]:
                 "heading": quantized(np.rad2deg(yaw(looked_at.load("world_T_anchor"))), STEP_DEG),
                 "nearest_m": quantized(first.nearest_m, STEP_M),
                 **training.nearest(first.xy_m, views),
-                "views": views.picture if views else None,
-                "scans": _scans(study, best, SCANS // len(days)) if footprint else None,
+                "kept": indices(kept),
+                "views": views.picture(kept) if views else None,
+                "scans": _scans(study, sequence, kept) if footprint else None,
             }
         )
         for result in results:
@@ -88,7 +91,7 @@ def chart(study: Study) -> dict[str, Any]:
             "corner": (footprint.corner_m - origin_m).round(2).tolist(),
             "cell_m": footprint.cell_m,
         },
-        "train": train.picture if train else None,
+        "train": train.picture() if train else None,
         "sequences": sequences,
         "answers": {
             model: model_answers for model, model_answers in answers.items() if model_answers
@@ -124,9 +127,9 @@ def indices(values: NDArray[np.integer]) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Views:
-    """The Scan Contexts of a sequence or of all training sequences, as a picture and as spectra."""
+    """The Scan Contexts of a sequence or of all training sequences."""
 
-    picture: dict[str, Any]
+    heights_m: NDArray[np.float32]  # (view, ring, sector)
     spectra: NDArray[np.complex64]
 
     @classmethod
@@ -138,11 +141,14 @@ class Views:
             )
         except ArtifactError:
             return None
+        return cls(heights_m, spectra(heights_m))
+
+    def picture(self, rows: NDArray[np.int64] | slice = slice(None)) -> dict[str, Any]:
+        """Some of the views as map.js draws them, in one picture."""
+        heights_m = self.heights_m[rows]
         _, rings, sectors = heights_m.shape
         png = b64encode(picture(heights_m)).decode()
-        return cls(
-            {"png": png, "columns": COLUMNS, "rings": rings, "sectors": sectors}, spectra(heights_m)
-        )
+        return {"png": png, "columns": COLUMNS, "rings": rings, "sectors": sectors}
 
 
 def picture(heights_m: NDArray[np.float32]) -> bytes:
@@ -178,7 +184,7 @@ class Training:
         rows[finite] = self.tree.query(xy_m[finite])[1]
         if views and self.views:
             shifts[finite] = best_shifts(
-                views.spectra[finite], self.views.spectra[rows[finite]], views.picture["sectors"]
+                views.spectra[finite], self.views.spectra[rows[finite]], views.heights_m.shape[2]
             )
         return {"row": indices(rows), "shift": indices(shifts)}
 
@@ -236,25 +242,27 @@ def _belief(evaluation: Evaluation) -> NDArray[np.int64]:
     return code + ACCEPTED * believed["accepted"]
 
 
-def _scans(study: Study, result: Result, most: int) -> dict[str, Any] | None:
-    """The points of some queries of a day: of the believed wrong ones, and of others evenly.
+def _kept(believed: Mapping[str, NDArray[np.bool_]], most: int) -> NDArray[np.int64]:
+    """The queries of a day to look at: the believed wrong ones, some refused ones, others evenly.
 
-    None where the day's scans are not here.
+    There are at most `most`, or as many as were believed wrongly.
     """
+    wrong = np.flatnonzero(believed["accepted_wrong"])
+    refused = np.flatnonzero(believed["refused_wrong"])
+    refused = refused[:: max(-(-3 * len(refused) // most), 1)]
+    room = max(most - len(wrong) - len(refused), 1)
+    evenly = np.linspace(0, len(believed["accepted"]) - 1, room).astype(np.int64)
+    return np.asarray(np.unique(np.concatenate([wrong, refused, evenly])), np.int64)
+
+
+def _scans(study: Study, sequence: str, rows: NDArray[np.int64]) -> dict[str, Any] | None:
+    """The points of some submaps of a drive; None where its scans are not here."""
     try:
-        drive = Drive.read(study, result.sequence)
+        drive = Drive.read(study, sequence)
     except ArtifactError:
         return None
-    believed = result.evaluation.believed
-    wrong = np.flatnonzero(believed["accepted_wrong"])[:most]
-    refused = np.flatnonzero(believed["refused_wrong"])
-    refused = refused[:: -(-len(refused) // max((most - len(wrong)) // 3, 1)) or 1]
-    count = len(believed["accepted"])
-    evenly = np.linspace(0, count - 1, max(most - len(wrong) - len(refused), 1)).astype(np.int64)
-    queries = np.unique(np.concatenate([wrong, refused, evenly]))
-    cells = [drive.cells(query) for query in queries]
+    cells = [drive.cells(row) for row in rows]
     return {
-        "query": indices(queries),
         "first": indices(np.cumsum([0, *map(len, cells)])),
         "cells": packed(np.concatenate(cells), "i1"),
         "cell_m": CELL_M,
