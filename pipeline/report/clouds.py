@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from pipeline.core.errors import ArtifactError
+from pipeline.core.frames import Poses
 from pipeline.core.schemas import Scans, Submaps
 from pipeline.mapping.gathering import submap_points
 from pipeline.report.study import Study
@@ -35,21 +36,10 @@ class Footprint:
     @classmethod
     def read(cls, study: Study) -> Self | None:
         """Read it from the training drives; None where their scans are not here."""
-        clouds = []
-        for sequence in study.settings.train:
-            try:
-                drive = Drive.read(study, sequence)
-            except ArtifactError:
-                return None
-            world_T_anchor = drive.world_T_anchor
-            steps_m = np.linalg.norm(np.diff(world_T_anchor[:, :2, 3], axis=0), axis=1)
-            strides = np.floor(np.concatenate([[0.0], np.cumsum(steps_m)]) / APART_M)
-            rows = np.unique(strides, return_index=True)[1]
-            clouds += [
-                drive.standing_m(row) @ world_T_anchor[row, :2, :3].T + world_T_anchor[row, :2, 3]
-                for row in rows
-            ]
-        xy_m = np.concatenate(clouds)
+        try:
+            xy_m = trained_m(study)[:, :2]
+        except ArtifactError:
+            return None
         if not len(xy_m):
             return None
         corner_m = xy_m.min(axis=0)
@@ -67,13 +57,33 @@ class Footprint:
         return file.getvalue()
 
 
+def trained_m(study: Study) -> NDArray[np.float64]:
+    """What stood along the training drives: points (n, 3) in the world.
+
+    Raises ArtifactError where their scans or submaps are not here.
+    """
+    clouds = []
+    for sequence in study.settings.train:
+        drive = Drive.read(study, sequence)
+        steps_m = np.linalg.norm(np.diff(drive.world_T_anchor[:, :2, 3], axis=0), axis=1)
+        strides = np.floor(np.concatenate([[0.0], np.cumsum(steps_m)]) / APART_M)
+        rows = np.unique(strides, return_index=True)[1]
+        clouds += [laid(drive.world_T_anchor[row], drive.standing_m(row)) for row in rows]
+    return np.concatenate(clouds)
+
+
+def laid(world_T_points: Poses, points_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Points (n, 3) in the world, given in the frame of a pose (4, 4)."""
+    return np.asarray(points_m @ world_T_points[:3, :3].T + world_T_points[:3, 3])
+
+
 @dataclass(frozen=True, eq=False)
 class Drive:
     """The scans of one drive, gathered into submaps."""
 
     scans: Scans
     submaps: Submaps
-    world_T_anchor: NDArray[np.float64]  # (n, 4, 4)
+    world_T_anchor: Poses  # (n, 4, 4)
 
     @classmethod
     def read(cls, study: Study, sequence: str) -> Self:

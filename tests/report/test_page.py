@@ -39,7 +39,7 @@ listen("securitypolicyviolation", (event) => event.blockedURI);
 console.error = console.warn = (...words) => faults.push(words.join(" "));
 </script>"""
 WORK = """<script>
-addEventListener("load", () => {
+const run = () => {
   const get = (name) => document.getElementById(`map-${name}`), canvas = get("canvas"), shown = { faults, evil: window.evil };
   document.querySelector("#campus-10m-turned").open = true;
   const words = (parent) => [...parent.children].map((one) => one.textContent);
@@ -80,7 +80,9 @@ addEventListener("load", () => {
     shown.overflow = document.documentElement.scrollWidth - document.documentElement.clientWidth;
     document.title = JSON.stringify(shown);
   }, 300);
-});
+};
+const wait = () => document.getElementById("map-query").textContent ? run() : setTimeout(wait, 20);
+addEventListener("load", wait);
 </script>"""
 
 

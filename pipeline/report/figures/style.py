@@ -59,7 +59,7 @@ MARGIN_IN = 0.04  # of the heading
 COLOURS = 128  # of the images within an SVG
 COORDINATES = re.compile(r' (?:d|x|y|points)="[^"]*"|translate\([^)]*\)')
 DECIMALS = re.compile(r"-?\d+\.\d+")
-DPI = 200  # of PNG files, and of the dense points within an SVG
+DPI = 150  # of PNG files, and of the dense points within an SVG
 SIMULATED = "simulated, not recorded data"
 QUIET = "0.45"  # grey of labels and lines of less weight
 VEIL: Any = {

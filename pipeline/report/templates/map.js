@@ -7,10 +7,15 @@
   const KINDS = ["right", "wrong", "unseen", "none"]; // of an answer, as in web/map.py; ACCEPTED is added
   const ACCEPTED = 4, REACH_M = 42;
   const TYPES = { i4: Int32Array, u4: Uint32Array, i2: Int16Array, u2: Uint16Array, u1: Uint8Array, i1: Int8Array };
+  const bytes = (base64) => Uint8Array.from(atob(base64), (letter) => letter.charCodeAt(0));
   const revive = (_, value) => {
     if (!value || value.base64 === undefined) return value;
-    const array = new TYPES[value.dtype](Uint8Array.from(atob(value.base64), (letter) => letter.charCodeAt(0)).buffer);
+    const array = new TYPES[value.dtype](bytes(value.base64).buffer);
     return value.step ? Float32Array.from(array, (steps) => steps === value.missing ? NaN : steps * value.step) : array;
+  };
+  const read = async (id) => { // the data of a study, which lie packed in the page
+    const stream = new Blob([bytes(document.getElementById(id).textContent)]).stream().pipeThrough(new DecompressionStream("deflate"));
+    return JSON.parse(await new Response(stream).text(), revive);
   };
   const make = (name, text = "", attributes = {}) => Object.assign(document.createElement(name), { textContent: text }, attributes);
   const tone = (name) => getComputedStyle(canvas).getPropertyValue(name);
@@ -23,13 +28,15 @@
     return images.get(sheet);
   };
 
-  function chooseStudy(article) { // it opens on an answer of the last day that was believed
+  async function chooseStudy(article) { // it opens on an answer of the last day that was believed
     const name = article.dataset.chart;
     if (!name) return;
+    if (!studies.has(name)) studies.set(name, read(name));
+    const chart = await studies.get(name);
+    if (article.hidden) return; // another one was chosen meanwhile
     article.querySelector(".slot").append(mapped);
     mapped.hidden = false;
-    if (!studies.has(name)) studies.set(name, JSON.parse(document.getElementById(name).textContent, revive));
-    study = studies.get(name);
+    study = chart;
     ground = null;
     const { footprint } = study;
     if (footprint) image(footprint).then((loaded) => { if (study.footprint === footprint) { ground = loaded; choose(chosen); } });

@@ -2,6 +2,8 @@
 
 import json
 import re
+import zlib
+from base64 import b64encode
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -88,7 +90,7 @@ def html(entries: Sequence[Entry], lock: DvcLock, stale: Collection[str] = ()) -
         entries=entries,
         fronts=fronts,
         pictures=pictures,
-        charts={entry.id: _json(chart(entry.study)) for entry in entries if entry.front},
+        charts={entry.id: _packed(chart(entry.study)) for entry in entries if entry.front},
         missing=lines,
         stale=stale,
         artifacts=artifacts,
@@ -133,9 +135,10 @@ def _artifacts(
     return recipes | {path: {} for path in source_paths if path not in recipes}
 
 
-def _json(value: Any) -> Markup:
-    """JSON for a script element, escaped so that no text in it ends the element."""
-    return Markup(json.dumps(value, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c"))
+def _packed(value: Any) -> Markup:
+    """The JSON of a value as map.js reads it: a zlib stream in base64."""
+    text = json.dumps(value, separators=(",", ":"), allow_nan=False)
+    return Markup(b64encode(zlib.compress(text.encode(), 9)).decode())
 
 
 def _yaml(files: Mapping[str, Any]) -> str:
