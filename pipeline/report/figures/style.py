@@ -56,7 +56,9 @@ WIDTH_IN = 7.16  # both columns of an IEEE page
 WIDE_IN = 6.0  # from this width on, a heading and SIMULATED stand in one line
 LINE_IN = 0.17
 MARGIN_IN = 0.04  # of the heading
-COLOURS = 128  # of the images within an SVG
+COLOURS = 64  # of the images within an SVG
+FAMILY = f"font-family: {FONT}, Verdana, sans-serif"
+UNUSED_IDS = re.compile(r' id="[A-Za-z.0-9]+_\d+"')  # matplotlib's own; what is linked has others
 COORDINATES = re.compile(r' (?:d|x|y|points)="[^"]*"|translate\([^)]*\)')
 DECIMALS = re.compile(r"-?\d+\.\d+")
 DPI = 150  # of PNG files, and of the dense points within an SVG
@@ -201,7 +203,8 @@ def _svg(fig: Figure, simulated: bool) -> str:
         canvas.print_svg(file, metadata={"Date": None})  # `savefig` would draw it twice
         text = file.getvalue()
     text = re.sub(r"<metadata>.*?</metadata>|<!--.*?-->", "", text, flags=re.DOTALL)
-    text = text.replace(f"'{FONT}'", f"{FONT}, Verdana, sans-serif")
+    text = re.sub(rf" font-family: '{FONT}';| transform=\"rotate\(-0 [^\"]*\"", "", text)
+    text = UNUSED_IDS.sub("", text).replace("<svg ", f'<svg style="{FAMILY}" ', 1)
     text = COORDINATES.sub(lambda part: DECIMALS.sub(_tenth, part[0]), text)
     return re.sub(r"(?<=base64,)[^\"]+", lambda png: _fewer_colours(png[0]), text)
 

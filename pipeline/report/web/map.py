@@ -28,7 +28,7 @@ from pipeline.views.scan_context import colours, quantize
 
 COLUMNS = 16  # views beside each other in a picture
 LEVELS = 32  # of the heights in a picture
-KEPT = 240  # queries of a study whose view and points a page keeps, on all days together
+KEPT = 200  # queries of a study whose view and points a page keeps, on all days together
 STEP_M = 0.05
 STEP_DEG = 0.1
 NOVELTY_STEPS = 30_000
