@@ -239,7 +239,7 @@ def _belief(evaluation: Evaluation) -> NDArray[np.int64]:
     code[~(believed["accepted"] | believed["refused"])] = NOT_JUDGED
     if not np.isnan(evaluation.reject_pose_from):
         code[np.isnan(evaluation.pose_error_m)] = NOT_JUDGED
-    return code + ACCEPTED * believed["accepted"]
+    return np.asarray(code + ACCEPTED * believed["accepted"])
 
 
 def _kept(believed: Mapping[str, NDArray[np.bool_]], most: int) -> NDArray[np.int64]:
