@@ -5,11 +5,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pipeline.core import store
-from pipeline.core.settings import Count, Names
+from pipeline.core.settings import Count
 from pipeline.evaluation import results
 from pipeline.report import report, sweep
 from pipeline.studies import measured
 from pipeline.studies.layout import Layout
+from pipeline.studies.study import Study
 from pipeline.sweeps.record import Record
 from stages import build, stage
 
@@ -18,7 +19,8 @@ from stages import build, stage
 class Settings:
     """What the stage is told."""
 
-    studies: Names
+    studies: tuple[Study, ...]
+    """As conf/studies.yaml has them; the numbers are of those that were measured."""
     artifacts: Path
     few: Count
     """Fewer seen queries than this near a real change say little."""
@@ -28,11 +30,13 @@ class Settings:
 @stage("report")
 def main(settings: Settings) -> str:
     layout = Layout(settings.artifacts)
-    studies = {name: measured.read(layout, name) for name in settings.studies}
+    named = {study.name: study for study in settings.studies}
+    studies = {name: measured.read(layout, name) for name in named}
     table = results.read(layout, studies)
+    stale = measured.stale(layout, named)
     with store.replace(settings.out) as folder:
         line = report.write(
-            folder, layout, studies, table, settings.few, lambda name: build("view", name)
+            folder, layout, studies, table, settings.few, lambda name: build("view", name), stale
         )
     return f"{line}; open {settings.out}/page.html in a browser, it needs no network"
 

@@ -16,8 +16,6 @@ from pipeline.core.errors import ConfigError
 if TYPE_CHECKING:
     import pandas as pd
 
-    from pipeline.report.study import Study
-
 
 @dataclass(frozen=True)
 class Drawn:
@@ -27,7 +25,7 @@ class Drawn:
     title: str
     """The days: `Learned 2012-01-15, driven 2013-04-05, 446 days later`."""
     counts: str
-    """How many answers are right, or how many poses were accepted and refused."""
+    """How many answers were accepted and refused, and how many wrong among each."""
     colours: str
     """What the colours say."""
     simulated: bool
@@ -61,14 +59,15 @@ def picture(
         str | None, typer.Argument(metavar="DAY", help="a test day; without one, the last")
     ] = None,
 ) -> None:
-    """A moving picture of one test day: the drive, and which answers are believed or right."""
+    """A moving picture of one test day: the drive, and which answers are believed."""
     print(draw(of, day, out).line)
 
 
 def draw(of: str, test_day: str | None, out: Path) -> Drawn:
     """Write the moving picture of STUDY/GRID/METHOD on a test day, by default the last."""
     from pipeline.evaluation import results
-    from pipeline.report.figures import animation
+    from pipeline.report.figures import animation, chase
+    from pipeline.report.figures.believed import BelievedDrive
     from pipeline.report.study import Study
     from pipeline.studies.layout import Layout
 
@@ -96,37 +95,15 @@ def draw(of: str, test_day: str | None, out: Path) -> Drawn:
         raise ConfigError(f"{test_day}: no such test day, expected one of {', '.join(days)}")
     table = results.read(Layout(), {name: study})
     sequence = test_day or last_day(table, study.tests)
-    report_study = Study(Layout(), study, grid, table)
-    posed = any(answers.posed for answers in study.answerers if answers.name == model)
-    return (_of_poses if posed else _of_places)(report_study, model, sequence, out)
-
-
-def _of_poses(study: "Study", model: str, sequence: str, out: Path) -> Drawn:
-    """The drive in 3-D, each scan on the map in the colour of its verdict."""
-    from pipeline.report.figures import chase
-    from pipeline.report.figures.believed import BelievedDrive
-
-    drive = BelievedDrive.of(study, model, sequence)
+    drive = BelievedDrive.of(Study(Layout(), study, grid, table), model, sequence)
     frames, _ = chase.write(drive, out, Bar())
     accepted, wrong, refused, wrong_refused = drive.counts[:, -1].tolist()
+    noun = "pose" if drive.posed else "answer"
     counts = (
-        f"{accepted} poses accepted, {wrong} wrong among them; {refused} refused, {wrong_refused} "
-        "wrong among them"
+        f"{accepted} {noun}s accepted, {wrong} wrong among them; {refused} refused, "
+        f"{wrong_refused} wrong among them"
     )
-    colours = "The map is grey; a scan is blue where its pose is accepted, orange where refused."
-    return Drawn(out, drive.title, counts, colours, drive.simulated, frames)
-
-
-def _of_places(study: "Study", model: str, sequence: str, out: Path) -> Drawn:
-    """The drive from above, each answer a dot."""
-    from pipeline.report.figures import picture as moving
-    from pipeline.report.figures.drive import Drive
-
-    drive = Drive.of(study, model, sequence)
-    frames, _ = moving.write(drive, out, Bar())
-    counted, right = drive.counted[:, -1].tolist()
-    counts = f"{right} of {counted} answers right within {drive.correct_m:g} m"
-    colours = "Answers turn blue where they are right."
+    colours = f"The map is grey; a scan is blue where its {noun} is accepted, orange where refused."
     return Drawn(out, drive.title, counts, colours, drive.simulated, frames)
 
 

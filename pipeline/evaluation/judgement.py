@@ -206,8 +206,8 @@ class Evaluation:
         return self.novelty[:, 0].astype(np.float64) < self.reject_pose_from, right
 
     @property
-    def belief(self) -> dict[str, int]:
-        """How many answers are accepted and refused, and how many are wrong among each.
+    def believed(self) -> dict[str, NDArray[np.bool_]]:
+        """Which answers (q,) are accepted and refused, and which are wrong among each.
 
         Poses are accepted with a promise of .99, seen or not, and are wrong where over 2 m or 5°
         off; of a query without a pose nothing is wrong. Places are accepted at the threshold in
@@ -221,13 +221,17 @@ class Evaluation:
             judged = np.ones(len(right), bool)
             wrong = ~right & ~np.isnan(self.pose_error_m)
         refused = judged & ~accepted
-        kinds = {
+        return {
             "accepted": accepted,
             "accepted_wrong": accepted & wrong,
             "refused": refused,
             "refused_wrong": refused & wrong,
         }
-        return {name: int(rows.sum()) for name, rows in kinds.items()}
+
+    @property
+    def belief(self) -> dict[str, int]:
+        """How many answers are accepted and refused, and how many are wrong among each."""
+        return {name: int(rows.sum()) for name, rows in self.believed.items()}
 
     @property
     def verdicts(self) -> dict[str, int]:

@@ -74,23 +74,18 @@ def _print_learning(
         f"{name}: learned further days, cells of {grid.cell_m:g} m, right within {correct_m:g} m"
     )
     console.print(title, overflow="ellipsis", no_wrap=True)
-    lines = Table("", box=None, pad_edge=False, expand=True, padding=(0, 2, 0, 0))
-    lines.columns[0].ratio = 1
-    lines.columns[0].no_wrap = True
-    for order in orders:
-        for heading in (f"{order}:\nof all", "for-\ngetting")[: len(numbers)]:
-            lines.add_column(Text(heading), justify="right", no_wrap=True)
-    shown_count = min(row_limit, SHORT)
-    for (model, strategy), numbers_in in [*by_model_and_strategy.items()][:shown_count]:
+    heads = [
+        head for order in orders for head in (f"{order}:\nof all", "for-\ngetting")[: len(numbers)]
+    ]
+    rows = []
+    for (model, strategy), numbers_in in by_model_and_strategy.items():
         cells = [
             average(numbers_in[order].last(key, PROTOCOL)) if order in numbers_in else np.nan
             for order in orders
             for key in numbers
         ]
-        lines.add_row(Text(f"{model} {strategy}"), *(fixed(cell, 3) for cell in cells))
-    console.print(lines)
-    left = len(by_model_and_strategy) - shown_count
-    return console.print(f"  … and {left} more\n" if left > 0 else "")
+        rows.append([f"{model} {strategy}", *(fixed(cell, 3) for cell in cells)])
+    _print_table(console, heads, rows, min(row_limit, SHORT))
 
 
 def _print(
@@ -114,18 +109,25 @@ def _print(
     heads += ["\naccepted", "wrong\nof those", "wrong ones\nrefused"] * (console.width >= NARROWEST)
     timed = any(np.isfinite(score.number("", "query_ms")) for score in scores)
     heads += ["ms a\nquery"] * (console.width >= NARROW and timed)
+    rows = [[model, *_cells(group)[: len(heads)]] for model, group in _one_a_method(models).items()]
+    _print_table(console, heads, rows, row_limit)
+    return None
+
+
+def _print_table(
+    console: Console, heads: Sequence[str], rows: Sequence[Sequence[str]], most: int
+) -> None:
+    """Print at most so many rows, a name and numbers each, and how many are left."""
     lines = Table("", box=None, pad_edge=False, expand=True, padding=(0, 2, 0, 0))
     lines.columns[0].ratio = 1
     lines.columns[0].no_wrap = True
     for head in heads:
         lines.add_column(Text(head), justify="right", no_wrap=True)
-    chosen = _one_a_method(models)
-    for model, group in list(chosen.items())[:row_limit]:
-        lines.add_row(Text(model), *_cells(group)[: len(heads)])
+    for name, *cells in rows[:most]:
+        lines.add_row(Text(name), *cells)
     console.print(lines)
-    left = len(chosen) - row_limit
+    left = len(rows) - most
     console.print(f"  … and {left} more\n" if left > 0 else "")
-    return None
 
 
 def _one_a_method(models: Mapping[str, Sequence[Scores]]) -> dict[str, Sequence[Scores]]:

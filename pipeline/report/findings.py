@@ -67,13 +67,13 @@ def answer(study: Study) -> Finding:
             "kept": group[0].kept,
         }
 
-    record = study.models[study.best]
+    record = study.models[study.ranked[0]]
     (first, *other_models) = map(shares, study.ranked)
     budget = float(record.recipe["budget"]) if record.rounds and "budget" in record.recipe else None
     context = {
         "where": study.where,
         "train": day(study.train),
-        "tests": len(groups[study.best]),
+        "tests": len(groups[study.ranked[0]]),
         "budget": budget,
     }
     return Finding(

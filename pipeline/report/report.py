@@ -1,7 +1,7 @@
 """The whole report: markdown and figures of every study, and one HTML page."""
 
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -30,11 +30,12 @@ def write(
     table: pd.DataFrame,
     few: int,
     view: Callable[[str], Any],
+    stale: Collection[str] = (),
 ) -> str:
     """Write every study's report and page.html into `folder`; returns a summary line.
 
     `view` makes the view of a name of conf/view. Fewer than `few` seen queries near a real
-    change say little.
+    change say little. The page names the `stale` studies, which changed since they were measured.
     """
     entries = []
     for name, settings in studies.items():
@@ -68,7 +69,7 @@ def write(
         raise ArtifactError(f"{layout.root}: nothing to report yet; `dvc repro` builds the studies")
     path = folder / "page.html"
     path.write_text(
-        page.html(entries, DvcLock.read(layout.root.parent / "dvc.lock")), encoding="utf-8"
+        page.html(entries, DvcLock.read(layout.root.parent / "dvc.lock"), stale), encoding="utf-8"
     )
     sections = [section for entry in entries for section in entry.sections]
     figures = sum(len(section.illustrations) for section in sections)

@@ -16,6 +16,7 @@ from pipeline.core.store import A
 from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.judgement import Evaluations
 from pipeline.evaluation.protocols import Distance
+from pipeline.report.clouds import Footprint
 from pipeline.report.result import Result, by_model, ranked, read_scores
 from pipeline.studies import study as studies
 from pipeline.studies.layout import Layout
@@ -157,8 +158,22 @@ class Study:
 
     @property
     def best(self) -> str:
-        """The model of the highest mean recall@1."""
-        return self.ranked[0]
+        """The model that a robot would be given.
+
+        Of those with poses, else of all, it has the highest mean recall@1.
+        """
+        posed = {result.model for result in self.results if result.posed}
+        return next((model for model in self.ranked if model in posed), self.ranked[0])
+
+    @cached_property
+    def cut_short(self) -> dict[str, float]:
+        """The models that had less than their own full training, with their share of it."""
+        shares = {
+            name: float(record.recipe.get("budget", 1.0))
+            for name, record in self.models.items()
+            if record.rounds
+        }
+        return {name: share for name, share in shares.items() if share < 1}
 
     @cached_property
     def train_xy_m(self) -> NDArray[np.float64]:
@@ -168,6 +183,11 @@ class Study:
             for sequence in self.settings.train
         ]
         return np.asarray(np.concatenate(poses)[:, :2, 3], np.float64)
+
+    @cached_property
+    def footprint(self) -> Footprint | None:
+        """What stood where training drove; None where its scans are not here."""
+        return Footprint.read(self)
 
     @cached_property
     def labels(self) -> Labels:

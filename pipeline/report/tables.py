@@ -86,6 +86,11 @@ POSES = (
     ("wrong of accepted at .99", "wrong_of_accepted_99", 4),
     ("recall at .99", "recall_99", 3),
 )
+BELIEVED = {
+    "believed": "accepted",
+    "wrong": "accepted_wrong",
+    "wrong refused": "refused_wrong",
+}
 ANSWERS = (
     *((verdict.replace("_", " "), f"{verdict}_99", 0) for verdict in VERDICTS),
     ("calibration error", "pose_ece", 3),
@@ -111,6 +116,19 @@ def scorecard(scores: Sequence[Scores]) -> Table:
     heads = ("answers", "right of those", "keeps", *["ms a query"] * timed)
     header = (*right.header, *heads)
     return table("scorecard", header, rows, last=right.header[-1])
+
+
+def believed(scores: Sequence[Scores]) -> Table:
+    """How many answers of a model were believed on each day, and what the verdict got wrong."""
+    days = dates(scores)
+    rows = [
+        (
+            replace(Cell(days[score.sequence]), of=(score.model, score.sequence)),
+            *(count(score.number("distance", name)) for name in BELIEVED.values()),
+        )
+        for score in scores
+    ]
+    return table("believed", ("day", *BELIEVED), rows)
 
 
 def over_days(kind: str, scores: Sequence[Scores], protocol: str, name: str) -> Table:

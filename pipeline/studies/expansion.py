@@ -55,7 +55,7 @@ def expand(studies: Mapping[str, Study]) -> Lists:
                 if grid in study.grids or model == ModelName(method.name):
                     _model(lists, study, grid, method, model)
         _measurements(lists, study)
-    lists["report"]["all"] = {"studies": " ".join(studies)}
+    lists["report"]["all"] = {"studies": _word("studies", [*studies.values()])}
     return lists
 
 

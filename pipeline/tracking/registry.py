@@ -4,8 +4,8 @@ Its one version published here is the model in its run.
 """
 
 import json
-from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 from pipeline.tracking import served
 
@@ -31,11 +31,11 @@ def settle(
     """
     registered = {
         registered_model.name: registered_model
-        for registered_model in _all_results(client.search_registered_models)
+        for registered_model in served.all_results(client.search_registered_models)
     }
     own_versions = [
         version
-        for version in _all_results(client.search_model_versions)
+        for version in served.all_results(client.search_model_versions)
         if version.tags.get(EXPERIMENT) == experiment
     ]
     present = {(version.name, version.tags.get(MODEL)) for version in own_versions}
@@ -54,7 +54,9 @@ def settle(
         number = version.tags.get(MODEL)
         if alive.get(number) != version.name and number not in unnamed:
             client.delete_model_version(version.name, version.version)
-    names_with_version = {version.name for version in _all_results(client.search_model_versions)}
+    names_with_version = {
+        version.name for version in served.all_results(client.search_model_versions)
+    }
     for name, registered_model in registered.items():
         if name not in names_with_version and registered_model.tags.get(EXPERIMENT) == experiment:
             client.delete_registered_model(name)
@@ -76,11 +78,3 @@ def _register(client: "MlflowClient", name: str, model: "LoggedModel", experimen
     client.set_logged_model_tags(
         model.model_id, {VERSIONS: json.dumps([{"name": name, "version": int(version.version)}])}
     )
-
-
-def _all_results(search: Any) -> Iterator[Any]:
-    token = None
-    while page := search(page_token=token):
-        yield from page
-        if not (token := page.token):
-            return

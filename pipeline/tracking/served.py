@@ -220,10 +220,11 @@ def owners(client: "MlflowClient", experiment_id: str) -> dict[str, list[Any]]:
     return models_of_run
 
 
-def all_results(search: Callable[..., Any], experiment_id: str) -> Iterator[Any]:
-    """All results of an MLflow search in an experiment, page by page; nothing deleted."""
+def all_results(search: Callable[..., Any], *experiment_ids: str) -> Iterator[Any]:
+    """All results of an MLflow search, in an experiment if given, page by page; nothing deleted."""
     token = None
-    while page := search([experiment_id], page_token=token):
+    within = [[*experiment_ids]] if experiment_ids else []
+    while page := search(*within, page_token=token):
         yield from page
         if not (token := page.token):
             return

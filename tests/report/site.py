@@ -13,6 +13,7 @@ from pipeline.core import schemas, store
 from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.protocols import Distance
 from pipeline.evaluation.rows import row, table
+from pipeline.report.clouds import Footprint
 from pipeline.report.findings import Finding
 from pipeline.report.result import Result
 from pipeline.report.section import Illustration, Section
@@ -21,6 +22,7 @@ from pipeline.report.table import MISSING, Cell, Table, number
 from pipeline.report.web.front import Front
 from pipeline.report.web.page import Entry
 from tests.studies.made import study as made_study
+from tests.views.made import artifacts
 
 TRAIN = ("2012-01-15", "2012-01-22")
 TESTS = {"2012-02-04": 20, "2012-03-17": 62}
@@ -30,6 +32,7 @@ XY_M = np.array([(0, 0), (10, 0), (10, 0), (30, 0), (40, 0), (40, 100), (40, 120
 ANSWERS_XY_M = XY_M + np.array([(1, 0), (1, 0), (200, 0), (6, 0), (1, 0), (1, 0), (1, 0)])
 PATH_XY_M = np.stack([np.linspace(100, 0, 50), np.zeros(50)], axis=1)
 """Training drove it on two days, 25 submaps each."""
+WALL_M = np.stack([np.arange(-5, 5, 0.25), np.full(40, 10.0), np.full(40, 2.0)], axis=1)
 SVG = '<svg width="72pt" height="36pt" xmlns="http://www.w3.org/2000/svg"><path id="p" d="M0 0h72" stroke="#f00"/></svg>'
 EVIL = 'a </script><script>window.evil = 1</script> & "b"'
 WORDS: dict[str, Any] = {
@@ -68,6 +71,13 @@ def evaluation() -> SimpleNamespace:
         kinds=("entropy",),
         reject_from=(0.5,),
         kept_precision=(0.731,),
+        reject_pose_from=np.nan,
+        believed={
+            "accepted": np.arange(7) < 6,
+            "accepted_wrong": np.isin(np.arange(7), (2, 5)),
+            "refused": np.arange(7) == 6,
+            "refused_wrong": np.arange(7) == 6,
+        },
         **shown,
     )
 
@@ -93,6 +103,8 @@ def study(root: Path, path_xy_m: np.ndarray = PATH_XY_M) -> Any:
     ]
     for model, day in product(LOOKS, (*TRAIN, *TESTS)) if not (root / "views").exists() else ():
         rows = 25 if day in TRAIN else 7
+        if not (root / "drives" / day).exists():
+            drive(root / "drives" / day, PATH_XY_M[:25] if day in TRAIN else XY_M)
         with store.draft(
             find("views", day, model), LOOKS[model], **{key: [] for key in LOOKS[model].attributes}
         ) as draft:
@@ -110,6 +122,10 @@ def study(root: Path, path_xy_m: np.ndarray = PATH_XY_M) -> Any:
         best="sci",
         find=find,
     )
+    one.artifact = lambda kind, stage, sequence: store.read(
+        root / "drives" / sequence / f"{stage}.zarr", kind
+    )
+    one.cut_short = {"sci": 0.1}
     one.distance = Distance(correct_m=12.0)
     one.bootstrap = Bootstrap()
     one.train_xy_m = path_xy_m
@@ -125,9 +141,17 @@ def study(root: Path, path_xy_m: np.ndarray = PATH_XY_M) -> Any:
     one.trained = {"sci": find("train", model="sci"), "not_there": find("train")}
     one.recipe = lambda model: {"epochs": "2", "_target_": "Sci"}
     one.source = lambda *names, **model: find(*names, **model).as_posix()
+    one.footprint = Footprint.read(one)
     one.trained["sci"].parent.mkdir(parents=True, exist_ok=True)
     one.trained["sci"].touch()
     return one
+
+
+def drive(folder: Path, xy_m: np.ndarray) -> None:
+    """Scans at these positions (n, 2), each of which sees a wall 10 m to its left."""
+    world_T_scan = np.tile(np.eye(4), (len(xy_m), 1, 1))
+    world_T_scan[:, :2, 3] = xy_m
+    artifacts(folder, [WALL_M] * len(xy_m), world_T_scan)
 
 
 def numbers_of(model: str, day: str) -> dict[tuple[str, str], tuple[float, float, float]]:
@@ -145,6 +169,10 @@ def told() -> pd.DataFrame:
         numbers = {
             "recall_at_1": share - days / 1000,
             "answered": 0.25,
+            "accepted": 6,
+            "accepted_wrong": 2,
+            "refused": 1,
+            "refused_wrong": 1,
             "precision_at_threshold": 0.875,
             "kept_precision": 0.731,
             "wanted_precision": 0.9,

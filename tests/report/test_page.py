@@ -10,6 +10,7 @@ from base64 import b64decode
 from collections.abc import Iterator
 from html import unescape
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,7 +20,8 @@ from PIL import Image
 from pipeline.report import render
 from pipeline.report.alike import best_shift, best_shifts, spectra
 from pipeline.report.result import PRECISIONS, coverage
-from pipeline.report.web.map import COLUMNS, NONE, chart, picture
+from pipeline.report.web.front import Front
+from pipeline.report.web.map import COLUMNS, LEVELS, chart, indices, picture, quantized
 from pipeline.report.web.page import Entry, Picture, html
 from pipeline.views.scan_context import quantize
 from tests.report.site import EVIL, LOCK, SVG, TRAIN, WORDS, XY_M, entries, heights, sections, study
@@ -37,7 +39,7 @@ listen("securitypolicyviolation", (event) => event.blockedURI);
 console.error = console.warn = (...words) => faults.push(words.join(" "));
 </script>"""
 WORK = """<script>
-addEventListener("load", () => {
+const run = () => {
   const get = (name) => document.getElementById(`map-${name}`), canvas = get("canvas"), shown = { faults, evil: window.evil };
   document.querySelector("#campus-10m-turned").open = true;
   const words = (parent) => [...parent.children].map((one) => one.textContent);
@@ -46,6 +48,10 @@ addEventListener("load", () => {
   const rows = () => [...table.tBodies[0].rows, ...table.tFoot.rows].map((row) => row.cells[0].textContent.trim());
   const head = table.tHead.rows[0].cells[1];
   for (let n = 0; n < 3; n++) { head.firstElementChild.click(); shown[head.getAttribute("aria-sort")] = rows(); }
+  shown.believed = words(get("legend"));
+  shown.opened = [...query().slice(0, 3), words(get("scans"))[0]];
+  get("by").value = "distance";
+  get("by").dispatchEvent(new Event("change"));
   const box = canvas.getBoundingClientRect(), { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
   const isRed = (_, i) => data[4 * i] === 200 && data[4 * i + 1] === 64 && data[4 * i + 2] === 10; // of wrong answers
   const red = [...Array(data.length / 4).keys()].filter(isRed), middle = red[Math.floor(red.length / 2)] || 0;
@@ -53,7 +59,6 @@ addEventListener("load", () => {
   const at = { clientX: x, clientY: y, bubbles: true, cancelable: true };
   const wheel = () => !canvas.dispatchEvent(new WheelEvent("wheel", { deltaY: -300, ...at }));
   Object.assign(shown, { red: red.length, "by distance": words(get("legend")) });
-  shown.opened = query().slice(0, 3);
   get("next").click();
   shown.first = query().slice(1, 4);
   get("wrong").click();
@@ -75,7 +80,9 @@ addEventListener("load", () => {
     shown.overflow = document.documentElement.scrollWidth - document.documentElement.clientWidth;
     document.title = JSON.stringify(shown);
   }, 300);
-});
+};
+const wait = () => document.getElementById("map-query").textContent ? run() : setTimeout(wait, 20);
+addEventListener("load", wait);
 </script>"""
 
 
@@ -150,11 +157,14 @@ def test_simulated_data_are_called_so_and_text_stays_text(page: str) -> None:
 def test_the_first_screen_answers_before_all_else(page: str) -> None:
     first, _, below = page.partition("Every method, every day")
     assert "<h1>Learned in one day. Still right after 62\N{NO-BREAK SPACE}days?</h1>" in first
+    believed, recall = re.findall(r'<section class="card.*?</section>', first, re.DOTALL)
     assert [re.sub("<.*?>", "", one) for one in re.findall(r'<p class="big">(.*?)</p>', first)] == [
-        one.replace(" %", "\N{NO-BREAK SPACE}%")
-        for one in ("78 % → 73.8 %", "38 % → 33.8 %", "25 %")
+        "12 answers, 4 of them wrong",
+        "78\N{NO-BREAK SPACE}% → 73.8\N{NO-BREAK SPACE}%",
     ]
-    assert "<code>sci</code>" in first.partition("Right most often")[2][:60]
+    assert re.findall(r'data-key="(\d)"', believed) == ["6", "2", "1"] * 2  # day by day
+    assert "2 wrong answers were refused." in believed
+    assert "<code>m2dp</code>: 38\N{NO-BREAK SPACE}% → 33.8\N{NO-BREAK SPACE}%" in recall
     assert below.index('data-model="sci" data-day="2012-03-17"') < below.index(
         'data-model="m2dp" data-day="2012-02-04"'
     )
@@ -168,6 +178,25 @@ def test_the_first_screen_answers_before_all_else(page: str) -> None:
     turned = re.search(r"Turned, rebuilt, older.*?<tbody>(.*?)</tbody>", below, re.DOTALL)
     assert turned
     assert re.findall(r'data-key="([\d.]+)"', turned[1]) == ["0.78", "0.2", "0.38", "0.1"]
+
+
+def test_a_method_trained_too_little_is_folded_away_with_the_reason(root: Path) -> None:
+    given = study(root)
+    given.cut_short = {"m2dp": 0.05}
+    shown = html([Entry(given, [], Front(given))], LOCK)
+    first, _, below = shown.partition("Every method, every day")
+    assert "<code>m2dp</code> had 5\N{NO-BREAK SPACE}% of its own full training" in first
+    assert "No baseline had its full training." in first
+    assert '"m2dp, 2012-03-17' not in first
+    compared, _, folded = below.partition("Trained too little to be compared: <code>m2dp</code>")
+    assert 'data-model="m2dp"' not in compared
+    assert 'data-model="m2dp"' in folded
+
+
+def test_a_study_that_changed_since_it_was_measured_is_named(root: Path) -> None:
+    says = "was changed in conf/studies.yaml after this was measured"
+    assert says in html(entries(root), LOCK, ["campus"])
+    assert says not in html(entries(root), LOCK, ["town"])
 
 
 def test_coverage_counts_what_can_be_answered_at_a_precision() -> None:
@@ -188,7 +217,7 @@ def test_a_dot_of_a_chart_names_its_result_and_opens_it(page: str) -> None:
     first = page.partition("Every method, every day")[0]
     dot = '<g id="campus-10m-year-sci-2012-03-17" data-model="sci" data-day="2012-03-17">'
     assert f"{dot}<title>sci, 2012-03-17, +62 d: 73.8 % right</title>" in first
-    assert first.count('<g id="campus-10m-year-') > 4
+    assert first.count('<g id="campus-10m-year-') == 4  # of two models on two days
     assert "<title>sci, at its own threshold: answers 25 %, 87.5 % of them right; it keeps" in page
 
 
@@ -229,12 +258,12 @@ def test_a_picture_holds_every_view_as_quantized() -> None:
     image = Image.open(io.BytesIO(picture(images)))
     assert (image.mode, image.size) == ("P", (COLUMNS * 120, 80))
     assert image.getpalette()[:3] == [0, 0, 131]  # an empty bin (METHODS 2.1)
+    wide = 256 // LEVELS
     for n in (0, COLUMNS - 1, COLUMNS, COLUMNS + 2):
         row, column = divmod(n, COLUMNS)
-        assert (
-            np.asarray(image)[40 * row : 40 * row + 40, 120 * column : 120 * column + 120]
-            == quantize(images[n])
-        ).all()
+        drawn = np.asarray(image)[40 * row : 40 * row + 40, 120 * column : 120 * column + 120]
+        rounded = drawn.astype(int) - quantize(images[n])
+        assert (rounded.min(), rounded.max()) == (0, wide - 1)  # upwards: nothing seen is lost
 
 
 def test_views_are_rolled_to_where_they_look_most_alike() -> None:
@@ -245,6 +274,19 @@ def test_views_are_rolled_to_where_they_look_most_alike() -> None:
     )
     assert best_shifts(spectra(turned), spectra(images), 120).tolist() == by
     assert [best_shift(one, other) for one, other in zip(turned, images, strict=True)] == by
+
+
+def unpacked(pack: dict[str, Any]) -> np.ndarray:
+    """An array as map.js reads it."""
+    return np.frombuffer(b64decode(pack["base64"]), f"<{pack['dtype']}") * pack.get("step", 1)
+
+
+def test_numbers_are_packed_in_steps_and_none_is_the_lowest() -> None:
+    pack = quantized(np.array([0.26, -1.0, np.nan]), 0.05)
+    assert (pack["dtype"], unpacked(pack)[:2].tolist()) == ("i2", pytest.approx([0.25, -1.0]))
+    assert unpacked(pack)[2] == pytest.approx(pack["missing"] * 0.05)
+    assert quantized(np.array([1e4]), 0.05)["dtype"] == "i4"  # 200,000 steps
+    assert indices(np.array([3, -1]))["dtype"] == "u2"
 
 
 def test_the_map_tells_training_rows_beyond_65535_apart(tmp_path: Path) -> None:
@@ -258,15 +300,10 @@ def test_the_map_tells_training_rows_beyond_65535_apart(tmp_path: Path) -> None:
     true = shown["sequences"][0]["row"]
     answered = shown["answers"]["sci"]["2012-02-04"]["row"]
     positions = shown["sequences"][0]["xy"]
-    first, last, xy = (
-        np.frombuffer(b64decode(one["base64"]), f"<{one['dtype']}")
-        for one in (true, answered, positions)
-    )
-    assert (first[0], last[-1], (xy.reshape(-1, 2) - (34_990, 0)).tolist()) == (
-        69_990,
-        NONE,
-        XY_M.tolist(),
-    )  # from the path's middle
+    first, last, xy_m = map(unpacked, (true, answered, positions))
+    assert (first[0], last[-1]) == (69_990, 2**32 - 1)  # which no row has
+    from_middle_m = xy_m.reshape(-1, 2) - (34_990, 0)
+    assert from_middle_m == pytest.approx(XY_M)
 
 
 def test_the_map_tells_apart_what_lies_as_far_out_as_utm(tmp_path: Path) -> None:
@@ -277,7 +314,7 @@ def test_the_map_tells_apart_what_lies_as_far_out_as_utm(tmp_path: Path) -> None
     one.results[0].evaluation.answer_xy_m[0] = path_xy_m[0] + (0.1, 0.0)
     shown = chart(one)
     packs = shown["path"], shown["answers"]["sci"]["2012-02-04"]["xy"]
-    path, answered = (np.frombuffer(b64decode(one["base64"]), f"<{one['dtype']}") for one in packs)
+    path, answered = map(unpacked, packs)
     assert answered[0] - path[0] == pytest.approx(0.1, abs=0.001)
 
 
@@ -305,27 +342,42 @@ def test_a_browser_sorts_tables_and_shows_a_query_beside_its_match(
     shown = subprocess.run(asked, capture_output=True, text=True, timeout=120, check=True).stdout
     seen = json.loads(unescape(shown.partition("<title>")[2].partition("</title>")[0]))
     assert seen.pop("red") > 10  # a right answer at the same spot does not cover the wrong one
-    assert min(seen.pop("colours")) > 50  # of the query's view and of the training view beside it
+    assert min(seen.pop("colours")) > 5  # of the query's view and of the training view beside it
     assert seen == {
         "faults": [],
         "descending": ["late <b>", "sci", "m2dp", "mean"],
         "ascending": ["sci", "late <b>", "m2dp", "mean"],
         "null": ["sci", "m2dp", "late <b>", "mean"],
-        "by distance": ["right 4", "wrong 1", "unseen 2", "faint: rejected", "training path"],
-        "by cells": ["right 3", "wrong 2", "unseen 2", "faint: rejected", "training path"],
+        "believed": ["right, believed 4", "wrong, believed 2", "wrong, refused 1", "training path"],
         "opened": [
-            "Query 3 of 7",
-            "wrong: seen, but placed elsewhere",
-            "200 m from query to answer",
+            "Query 5 of 7",  # the first believed one from the middle on
+            "believed, and right: within 12 m",
+            "1.0 m from query to answer",
+            "Laid where the answer says, 1.0 m off (its true heading): believed",
+        ],
+        "by distance": [
+            "right, accepted 4",
+            "wrong, accepted 1",
+            "unseen, accepted 1",
+            "unseen, rejected 1",
+            "training path",
+        ],
+        "by cells": [
+            "right, accepted 2",
+            "right, rejected 1",
+            "wrong, accepted 2",
+            "unseen, accepted 1",
+            "unseen, rejected 1",
+            "training path",
         ],
         "first": [
-            "right: within 12 m",
-            "6.0 m from query to answer",
-            "0.300 (entropy); accepted: threshold 0.500",
+            "accepted, and unseen: training was never there",
+            "1.0 m from query to answer",
+            "0.400 (entropy); threshold 0.500",
         ],
         "wrong": [
             "Query 3 of 7",
-            "wrong: seen, but placed elsewhere",
+            "accepted, and wrong: seen, but placed elsewhere",
             "200 m from query to answer",
         ],
         "picked": "Query 2 of 7",

@@ -1,8 +1,7 @@
 """One test day of a model with poses: where each scan was laid, and whether that was believed."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from typing import Self
 
 import numpy as np
@@ -13,16 +12,11 @@ from pipeline.core import schemas, store
 from pipeline.core.errors import ArtifactError
 from pipeline.core.frames import Poses
 from pipeline.evaluation.judgement import Evaluations
-from pipeline.mapping.gathering import submap_points
-from pipeline.posing.registration import Points
-from pipeline.posing.targets import Targets
 from pipeline.posing.verdict import right
-from pipeline.report.figures.drive import titled
+from pipeline.report.clouds import Drive, laid, trained_m
 from pipeline.report.result import day
 from pipeline.report.study import Study
 
-WALL_M = (0.8, 12.0)
-"""Heights above the ground of the points that are drawn."""
 VOXEL_M = 0.6
 """One map point is drawn of each voxel."""
 
@@ -37,46 +31,63 @@ class BelievedDrive:
     driven: str  # the test day
     days: int  # whole days between them
     simulated: bool
+    posed: bool  # whether the answers are poses, or else places
     promise: float | None  # that the verdict keeps; None where no precision can be promised
     map_m: NDArray[np.float64]  # (n, 3) what stood there at training, in the world
     world_T_true: Poses  # (q, 4, 4)
     world_T_query: Poses  # (q, 4, 4) NaN where there is no pose
     accepted: NDArray[np.bool_]  # (q,)
     right: NDArray[np.bool_]  # (q,) within 2 m and 5° of the true pose
-    points_m: Callable[[int], Points]  # reads the points (n, 3) of a query, ground at z = 0
+    points_m: Callable[[int], NDArray[np.float64]]  # reads what a query saw standing (n, 3)
 
     @classmethod
     def of(cls, study: Study, model: str, sequence: str, wanted_promise: float = 0.99) -> Self:
         """Read what a model answered on one test day, by the highest promise up to the wanted one.
 
-        Raises ArtifactError where it is not built.
+        A model without poses lays a scan where its place is, as it was turned. Raises
+        ArtifactError where an artifact is not built.
         """
-        fixes = store.read(study.find("localize", sequence, model), schemas.Fixes)
-        scans = study.artifact(schemas.Scans, "scans", sequence)
-        submaps = study.artifact(schemas.Submaps, "submaps", sequence)
-        world_T_true = submaps.load("world_T_anchor")
-        world_T_query, accepted, promise = verdicts(fixes, len(world_T_true), wanted_promise)
-        maps = [study.find("map", train_sequence) for train_sequence in study.train.split()]
+        scans = Drive.read(study, sequence)
+        world_T_true = scans.world_T_anchor
+        evaluation = study.artifact(Evaluations, "evaluate", sequence, model).case()
+        posed = not np.isnan(evaluation.reject_pose_from)
+        if posed:
+            fixes = store.read(study.find("localize", sequence, model), schemas.Fixes)
+            poses, accepted, promise = verdicts(fixes, len(world_T_true), wanted_promise)
+            is_right = right(poses, world_T_true)
+        else:
+            believed = evaluation.believed
+            accepted = believed["accepted"]
+            is_right = ~(believed["accepted_wrong"] | believed["refused_wrong"])
+            promise = None
+            poses = world_T_true.copy()
+            poses[:, :2, 3] = evaluation.answer_xy_m
+        map_m = trained_m(study)
+        _, first = np.unique(np.floor(map_m / VOXEL_M), axis=0, return_index=True)
         return cls(
             where=study.where,
             model=model,
             trained=" and ".join(map(day, study.train.split())),
             driven=day(sequence),
-            days=study.artifact(Evaluations, "evaluate", sequence, model).case().days,
+            days=evaluation.days,
             simulated=study.simulated,
+            posed=posed,
             promise=promise,
-            map_m=np.concatenate([standing(Targets.read(path)) for path in maps]),
+            map_m=map_m[np.sort(first)],
             world_T_true=world_T_true,
-            world_T_query=world_T_query,
+            world_T_query=poses,
             accepted=accepted,
-            right=right(world_T_query, world_T_true),
-            points_m=partial(_points, scans, submaps),
+            right=is_right,
+            points_m=scans.standing_m,
         )
 
     @property
     def title(self) -> str:
         """The days: `Learned 2012-01-15, driven 2013-04-05, 446 days later`."""
-        return titled(self.trained, self.driven, self.days)
+        between = f"{abs(self.days)} day{'s' * (abs(self.days) != 1)} "
+        between += "later" if self.days > 0 else "earlier"
+        when = between if self.days else "the same day"
+        return f"Learned {self.trained}, driven {self.driven}, {when}"
 
     @property
     def counts(self) -> NDArray[np.int64]:
@@ -87,15 +98,11 @@ class BelievedDrive:
         return np.cumsum(kinds, axis=1)
 
     def walls_m(self, query: int) -> NDArray[np.float64]:
-        """The points (n, 3) of a query that are no ground, in the world where it was laid.
-
-        None without a pose.
-        """
+        """The points (n, 3) of a query in the world, where it was laid; none without a pose."""
         pose = self.world_T_query[query]
         if not np.isfinite(pose).all():
             return np.empty((0, 3))
-        walls_m = _walls(self.points_m(query))
-        return np.asarray(walls_m @ pose[:3, :3].T + pose[:3, 3])
+        return laid(pose, self.points_m(query))
 
 
 def verdicts(
@@ -124,24 +131,3 @@ def verdicts(
     doubt = fixes.load("novelty")[rows, 0].astype(np.float64)
     placed = np.isfinite(world_T_query).all(axis=(1, 2))
     return world_T_query, placed & (doubt < limits[promise]), promise
-
-
-def standing(targets: Targets) -> NDArray[np.float64]:
-    """The points (n, 3) of a map that are no ground, in the world, one a voxel."""
-    points_m = np.concatenate(list(_in_world(targets)))
-    voxels = np.floor(points_m / VOXEL_M).astype(np.int64)
-    _, first = np.unique(voxels, axis=0, return_index=True)
-    return points_m[np.sort(first)]
-
-
-def _points(scans: schemas.Scans, submaps: schemas.Submaps, query: int) -> Points:
-    return next(iter(submap_points(scans, submaps, slice(query, query + 1))))
-
-
-def _in_world(targets: Targets) -> Iterator[NDArray[np.float64]]:
-    for row, pose in enumerate(targets.world_T_anchor):
-        yield _walls(targets.points_m(row)) @ pose[:3, :3].T + pose[:3, 3]
-
-
-def _walls(points_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    return points_m[(points_m[:, 2] > WALL_M[0]) & (points_m[:, 2] < WALL_M[1])]

@@ -184,7 +184,8 @@ def _words(
 ) -> None:
     """Write the days, what is promised, the counts so far, and the verdict on this scan."""
     data = SIMULATED if drive.simulated else "recorded"
-    promise = "nothing can be promised" if drive.promise is None else f"promise {drive.promise:g}"
+    unpromised = "nothing can be promised" if drive.posed else "at its own threshold"
+    promise = unpromised if drive.promise is None else f"promise {drive.promise:g}"
     draw.rectangle((0, 0, WIDTH_PX, 50), fill="#FFFFFF")
     draw.text((14, 8), drive.title, INK, _font(TEXT_PX + 2, bold=True))
     draw.text((14, 30), f"{drive.where}, {drive.model}, {promise}", GREY, _font(TEXT_PX - 2))

@@ -12,6 +12,7 @@ from pipeline.evaluation.protocols import PROTOCOLS
 from pipeline.report.comparison import AUC, AUC_5, AUC_25, FAR, RECALL, Measure
 from pipeline.report.figures.panels import (
     balanced,
+    course,
     name_ends,
     oracle_line,
     panels,
@@ -177,9 +178,8 @@ def recall_at(results: Sequence[Result]) -> Figure:
             curves = curves[np.isfinite(curves).all(axis=1)]
             (tint, dash) = looks[model]
             if len(curves):
-                axis.plot(n, curves.T, color=tint, lw=0.5, alpha=0.45, zorder=2)
-                axis.plot(n, curves.mean(axis=0), color=tint, ls=dash, lw=1.6, zorder=3)
-                means.append((model, tint, np.stack([n, curves.mean(axis=0)], axis=1)))
+                mean = course(axis, n, curves, tint, ls=dash, lw=1.6)
+                means.append((model, tint, np.stack([n, mean], axis=1)))
         axis.set(
             xlim=(1, 1.05 * len(n)),
             xlabel="n",

@@ -6,17 +6,16 @@ from typing import Any
 
 import matplotlib
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from pipeline.report.figures.maps import bounds_m, scale_bar
-from pipeline.report.figures.panels import balanced, panels, share_limits
+from pipeline.report.figures.panels import balanced, course, panels, share_limits
 from pipeline.report.figures.style import MARK, QUIET, WIDTH_IN, below, dot, figure, styled
 from pipeline.report.result import day
-from pipeline.report.table import MISSING, average, short
+from pipeline.report.table import MISSING, short
 from pipeline.studies.colours import MARKERS, PALETTE
 
 DARK = 0.6
@@ -101,7 +100,9 @@ def over_steps(
         row[0].set_ylabel(title)
         for axis, order in zip(row, orders, strict=True):
             for strategy in (strategy for line_order, strategy in values if line_order == order):
-                _line(axis, values[order, strategy], *looks[strategy])
+                tint, form = looks[strategy]
+                seeds = values[order, strategy]
+                course(axis, np.arange(seeds.shape[1]), seeds, tint, lw=1.3, marker=form, ms=4)
             axis.grid(axis="y")
     for column, (order, steps) in zip(axes.T, orders.items(), strict=True):
         column[0].set_title(order, pad=4)
@@ -205,15 +206,6 @@ def _maps(
         )
     scale_bar(fig.axes[0], around)
     return fig
-
-
-def _line(axis: Axes, seeds: NDArray[np.float64], tint: str, form: str) -> None:
-    """Draw the means of (seed, step) as a line, and each seed as a thin one."""
-    x = np.arange(seeds.shape[1])
-    for seed in seeds if len(seeds) > 1 else ():
-        axis.plot(x, seed, color=tint, lw=0.5, alpha=0.5, zorder=2)
-    means = [average(step) for step in seeds.T]
-    axis.plot(x, means, color=tint, lw=1.3, marker=form, ms=4, mec="white", mew=0.5, zorder=3)
 
 
 def _short_names(names: Sequence[str]) -> list[str]:

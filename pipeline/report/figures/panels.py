@@ -8,10 +8,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from pipeline.evaluation.calibration import Reliability
 from pipeline.report.comparison import Measurement
-from pipeline.report.figures.style import QUIET, VEIL, folded, look
+from pipeline.report.figures.style import MARK, QUIET, VEIL, folded, look
 from pipeline.studies.colours import marker
 
+OFF = "#B2182B"  # of what is off
+SMALLEST = 4.0
+EVEN = 12.0
+"""Square points of the marker of a bin that few queries are in, and of any where all are alike."""
 LINE_IN = 0.125  # height of a line of text
 Line = tuple[str, str, NDArray[np.float64]]  # name, colour and points (n, 2)
 
@@ -102,6 +107,41 @@ def points(
         "clip_on": False,
     }
     axis.plot(x, value, color=tint, alpha=alpha, **(look | options))
+
+
+def course(
+    axis: Axes, x: Any, members: NDArray[np.float64], tint: str, dots: bool = False, **line: Any
+) -> NDArray[np.float64]:
+    """Draw a line through the means of the finite members (member, x), and return them (x,).
+
+    Members, where there are several, are faint lines, or faint dots.
+    """
+    finite = np.ma.masked_invalid(members)
+    if dots:
+        faint: Any = {"alpha": 0.35, "linewidths": 0, "zorder": 2}
+        axis.scatter(np.broadcast_to(x, finite.shape), finite, 6, tint, **faint)
+    elif len(members) > 1:
+        axis.plot(x, members.T, color=tint, lw=0.5, alpha=0.45, zorder=2)
+    means = np.asarray(finite.mean(axis=0).filled(np.nan))
+    axis.plot(x, means, color=tint, mec="white", mew=0.5, zorder=3, **line)
+    return means
+
+
+def calibration(axis: Axes, bins: Reliability, tint: str, largest: float = 0.0) -> None:
+    """Draw the share that is right over the chance, and by how much each bin is off, in red.
+
+    With `largest`, the area in square points of a marker is its share of the queries.
+    """
+    full = bins.count > 0
+    chance = bins.confidence[full]
+    right = bins.right[full]
+    axis.plot([0, 1], [0, 1], **MARK)
+    axis.vlines(chance, chance, right, color=OFF, lw=0.9, alpha=0.7, zorder=2)
+    axis.plot(chance, right, color=tint, lw=0.8, zorder=2)
+    shares = bins.count[full] / bins.count.sum()
+    area = np.maximum(largest * shares, SMALLEST) if largest else EVEN
+    axis.scatter(chance, right, area, tint, linewidths=0, alpha=0.8, zorder=3, clip_on=False)
+    axis.set(xlim=(0, 1), ylim=(0, 1))
 
 
 def model_lines(axis: Axes, rows: Mapping[str, Sequence[Measurement]]) -> list[Line]:

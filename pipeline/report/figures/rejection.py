@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pipeline.evaluation.calibration import BINS, Reliability, chances, ece, reliability
 from pipeline.evaluation.numbers import MEASURES
 from pipeline.evaluation.protocols import PROTOCOLS
-from pipeline.report.figures.panels import balanced, panels, points, share_limits
+from pipeline.report.figures.panels import balanced, calibration, panels, points, share_limits
 from pipeline.report.figures.style import MARK, VEIL, WIDTH_IN, below, dot, figure, styled
 from pipeline.report.result import Result, day
 from pipeline.report.table import fixed
@@ -22,7 +22,6 @@ STEPS = 25  # of a histogram
 RIGHT = "#8CC8EE"
 MISPLACED = "#D9604C"
 UNSEEN = "#1B3C73"
-OFF = "#B2182B"
 LEGEND = (
     Patch(color=RIGHT, label="seen, placed right"),
     Patch(color=MISPLACED, label="seen, misplaced"),
@@ -214,28 +213,8 @@ def diagram(results: Sequence[Result]) -> Figure | None:
         2, len(calibrations), sharex=True, sharey="row", squeeze=False, height_ratios=(3.2, 1)
     )
     for (upper, lower), (name, bins, error) in zip(axes.T, calibrations, strict=True):
-        full = bins.count > 0
-        upper.plot([0, 1], [0, 1], **MARK)
-        upper.vlines(
-            bins.confidence[full],
-            bins.confidence[full],
-            bins.right[full],
-            color=OFF,
-            lw=0.9,
-            alpha=0.7,
-            zorder=2,
-        )
-        upper.plot(
-            bins.confidence[full],
-            bins.right[full],
-            "-o",
-            ms=3.6,
-            color=colour(model),
-            mec="white",
-            mew=0.5,
-            zorder=3,
-        )
-        upper.set(xlim=(0, 1), ylim=(0, 1), title=name)
+        calibration(upper, bins, colour(model))
+        upper.set_title(name)
         upper.text(0.04, 0.95, f"ECE {error:.3f}", transform=upper.transAxes, va="top")
         lower.stairs(
             bins.count / bins.count.sum(), np.linspace(0, 1, BINS + 1), fill=True, color="0.75"

@@ -146,15 +146,11 @@ def levels(comparison: Comparison, heading: str, unit: str) -> Figure:
         for axis, shadow in zip(column, shadows, strict=True):
             changed = [kind for kind in comparison.changes if kind.shadow == shadow]
             kinds = [Kind(), *sorted(changed, key=lambda kind: kind.level)]
-            ends.append(
-                model_lines(
-                    axis,
-                    {
-                        m: [comparison.measurement(m, kind, measure) for kind in kinds]
-                        for m in models
-                    },
-                )
-            )
+            rows = {
+                model: [comparison.measurement(model, kind, measure) for kind in kinds]
+                for model in models
+            }
+            ends.append(model_lines(axis, rows))
             axis.set_xticks(range(len(kinds)), [f"{kind.level:g}" for kind in kinds])
             axis.tick_params(labelbottom=True)
             axis.set_title(measure.title, loc="left", pad=9)

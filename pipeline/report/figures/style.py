@@ -4,8 +4,9 @@ Files have the same bytes each time.
 """
 
 import re
+from base64 import b64decode, b64encode
 from collections.abc import Iterable, Mapping, Sequence
-from io import StringIO
+from io import BytesIO, StringIO
 from pathlib import Path
 from typing import Any, cast
 
@@ -18,6 +19,7 @@ from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
+from PIL import Image
 
 from pipeline.core.errors import InputError
 from pipeline.report.findings import Finding
@@ -25,8 +27,9 @@ from pipeline.report.section import Illustration
 from pipeline.report.study import Study
 from pipeline.studies.colours import colour, marker, method_of
 
+FONT = "DejaVu Sans"  # the one font that comes with matplotlib
 STYLE: Any = {
-    "font.family": "DejaVu Sans",  # the one font that comes with matplotlib
+    "font.family": FONT,
     "font.size": 8,
     "axes.titlesize": 8,
     "axes.linewidth": 0.5,
@@ -42,6 +45,7 @@ STYLE: Any = {
     "legend.handlelength": 1.4,
     "legend.title_fontsize": 7,
     "svg.hashsalt": "yearloc",
+    "svg.fonttype": "none",
 }
 TICKS = {"major.width": 0.5, "major.size": 2.5, "color": "0.25", "labelsize": 7.5}
 STYLE |= {f"{axis}tick.{name}": value for axis in "xy" for name, value in TICKS.items()}
@@ -52,7 +56,12 @@ WIDTH_IN = 7.16  # both columns of an IEEE page
 WIDE_IN = 6.0  # from this width on, a heading and SIMULATED stand in one line
 LINE_IN = 0.17
 MARGIN_IN = 0.04  # of the heading
-DPI = 200  # of PNG files, and of the dense points within an SVG
+COLOURS = 64  # of the images within an SVG
+FAMILY = f"font-family: {FONT}, Verdana, sans-serif"
+UNUSED_IDS = re.compile(r' id="[A-Za-z.0-9]+_\d+"')  # matplotlib's own; what is linked has others
+COORDINATES = re.compile(r' (?:d|x|y|points)="[^"]*"|translate\([^)]*\)')
+DECIMALS = re.compile(r"-?\d+\.\d+")
+DPI = 150  # of PNG files, and of the dense points within an SVG
 SIMULATED = "simulated, not recorded data"
 QUIET = "0.45"  # grey of labels and lines of less weight
 VEIL: Any = {
@@ -154,15 +163,15 @@ def inline(fig: Figure, simulated: bool, name: str, marks: Mapping[str, Mark]) -
     """A figure as an SVG element of a page, where `name` begins all its ids.
 
     `marks` are what the artists of these ids stand for: a click opens it, and a tooltip names it.
-    Letters stay letters, and nothing is clipped, since a page whose policy is strict loads nothing.
+    Nothing is clipped, since a page whose policy is strict loads nothing.
     """
     for artist in fig.findobj():
         artist.set_clip_on(False)
-    text = _svg(fig, simulated, fonttype="none")
+    text = _svg(fig, simulated)
     head, _, body = text[text.index("<svg") :].partition(">")
     head = re.sub(r' (width|height)="[\d.]+pt"', "", head)
     label = f' class="chart" role="img" aria-label="{escape(fig.texts[0].get_text())}">'
-    body = re.sub(r"<metadata>.*?</metadata>|<style.*?</style>", "", body, flags=re.DOTALL)
+    body = re.sub(r"<style.*?</style>", "", body, flags=re.DOTALL)
     body = re.sub(r'\b(id|href)="(#?)', rf'\1="\g<2>{name}-', body)
     for gid, mark in marks.items():
         group = f'<g id="{name}-{gid}"'
@@ -172,9 +181,12 @@ def inline(fig: Figure, simulated: bool, name: str, marks: Mapping[str, Mark]) -
     return Markup(head + label + re.sub(r"\s+", " ", body))
 
 
-def _svg(fig: Figure, simulated: bool, fonttype: str = "path") -> str:
-    """The text of an SVG; with `fonttype` "path" the viewer need not have the font."""
-    with matplotlib.rc_context(STYLE | {"svg.fonttype": fonttype}), StringIO() as file:
+def _svg(fig: Figure, simulated: bool) -> str:
+    """The text of an SVG, light enough to be one of many on a page.
+
+    Letters stay letters, in the figures' font or in Verdana, which is as wide.
+    """
+    with matplotlib.rc_context(STYLE), StringIO() as file:
         _head(fig, simulated)
         FigureCanvasAgg(fig)
         cast(ConstrainedLayoutEngine, fig.get_layout_engine()).execute(fig)
@@ -189,7 +201,25 @@ def _svg(fig: Figure, simulated: bool, fonttype: str = "path") -> str:
         fig.set_dpi(DPI)  # of its images
         canvas: Any = FigureCanvasSVG(fig)
         canvas.print_svg(file, metadata={"Date": None})  # `savefig` would draw it twice
-        return file.getvalue()
+        text = file.getvalue()
+    text = re.sub(r"<metadata>.*?</metadata>|<!--.*?-->", "", text, flags=re.DOTALL)
+    text = re.sub(rf" font-family: '{FONT}';| transform=\"rotate\(-0 [^\"]*\"", "", text)
+    text = UNUSED_IDS.sub("", text).replace("<svg ", f'<svg style="{FAMILY}" ', 1)
+    text = COORDINATES.sub(lambda part: DECIMALS.sub(_tenth, part[0]), text)
+    return re.sub(r"(?<=base64,)[^\"]+", lambda png: _fewer_colours(png[0]), text)
+
+
+def _tenth(number: re.Match[str]) -> str:
+    """A coordinate to a tenth of a point."""
+    return f"{float(number[0]):z.1f}".removesuffix(".0")
+
+
+def _fewer_colours(png: str) -> str:
+    """A PNG in base64 with a palette of COLOURS, which dense points and small views fit into."""
+    file = BytesIO()
+    image = Image.open(BytesIO(b64decode(png))).convert("RGBA")
+    image.quantize(COLOURS, Image.Quantize.FASTOCTREE).save(file, "PNG", optimize=True)
+    return b64encode(file.getvalue()).decode()
 
 
 def illustrate(
@@ -210,19 +240,14 @@ def illustrate(
 def _head(fig: Figure, simulated: bool) -> None:
     """Make room for the heading, and for SIMULATED beside it or, in a narrow figure, above it."""
     width_in, height_in = fig.get_size_inches()
-    above_in = LINE_IN * (simulated and width_in < WIDE_IN)
+    is_narrow = width_in < WIDE_IN
+    above_in = LINE_IN * (simulated and is_narrow)
+    margin = MARGIN_IN / width_in
     top = 1.0 - MARGIN_IN / height_in
-    if simulated:
-        fig.text(
-            1.0 - MARGIN_IN / width_in,
-            top,
-            SIMULATED,
-            ha="right",
-            va="top",
-            size=7,
-            style="italic",
-            color=QUIET,
-        )
+    if simulated:  # on the left where the right may be out of sight
+        x, side = (margin, "left") if is_narrow else (1.0 - margin, "right")
+        look: Any = {"ha": side, "va": "top", "size": 7, "style": "italic", "color": QUIET}
+        fig.text(x, top, SIMULATED, **look)
     fig.texts[0].set_y(top - above_in / height_in)
     cast(ConstrainedLayoutEngine, fig.get_layout_engine()).set(
         rect=(0.0, 0.0, 1.0, 1.0 - (LINE_IN + above_in) / height_in)

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from pipeline.evaluation.numbers import WITHIN
-from pipeline.report.figures.panels import balanced, in_corner, panels
+from pipeline.report.figures.panels import OFF, balanced, calibration, in_corner, panels
 from pipeline.report.figures.style import MARK, WIDTH_IN, below, dot, figure, styled
 from pipeline.report.result import Result
 from pipeline.report.table import fixed
@@ -16,10 +16,7 @@ LEAST_M = 1e-3
 MOST_M = 1e3
 """Errors are drawn between these; a query without a pose at the upper one."""
 RIGHT = "#6BB6E8"
-WRONG = "#B2182B"
-LARGEST = 60.0
-SMALLEST = 4.0
-"""Square points of the marker of chances that all queries have, and that few have."""
+LARGEST = 60.0  # square points of the marker of chances that all queries have
 
 
 @styled
@@ -39,7 +36,7 @@ def verdicts(group: Sequence[Result]) -> Figure:
         evaluation = result.evaluation
         (accepted, right) = result.evaluation.fixes
         error_m = np.nan_to_num(evaluation.pose_error_m, nan=MOST_M).clip(LEAST_M, MOST_M)
-        for mask, tint, marker in ((right, RIGHT, "o"), (~right, WRONG, "X")):
+        for mask, tint, marker in ((right, RIGHT, "o"), (~right, OFF, "X")):
             axis.scatter(
                 evaluation.novelty[mask, 0],
                 error_m[mask],
@@ -58,7 +55,7 @@ def verdicts(group: Sequence[Result]) -> Figure:
         in_corner(
             axis, 0, f"{(accepted & ~right).sum()} of {accepted.sum()} accepted are wrong", "0.25"
         )
-    below(fig, [dot("within 2 m and 5°", RIGHT, "o"), dot("off by more", WRONG, "X")], 2)
+    below(fig, [dot("within 2 m and 5°", RIGHT, "o"), dot("off by more", OFF, "X")], 2)
     return fig
 
 
@@ -73,17 +70,8 @@ def chances(group: Sequence[Result]) -> Figure:
     fig = figure(WIDTH_IN, 0.6 + 1.7 * rows, heading)
     axes = panels(fig, len(group), columns, x="chance of the pose", y="share that is right")
     for axis, result in zip(axes, group, strict=True):
-        bins = result.evaluation.pose_reliability
-        tint = colour(result.model)
-        full = bins.count > 0
-        chance = bins.confidence[full]
-        right = bins.right[full]
-        axis.plot([0, 1], [0, 1], **MARK)
-        axis.vlines(chance, chance, right, color=WRONG, lw=0.9, alpha=0.7, zorder=2)
-        axis.plot(chance, right, color=tint, lw=0.8, zorder=2)
-        area = np.maximum(LARGEST * bins.count[full] / bins.count.sum(), SMALLEST)
-        axis.scatter(chance, right, area, tint, linewidths=0, alpha=0.8, zorder=3, clip_on=False)
+        calibration(axis, result.evaluation.pose_reliability, colour(result.model), LARGEST)
         ece = fixed(result.number("distance", "pose_ece"), 3)
         in_corner(axis, 0, f"ECE {ece}", "0.25")
-        axis.set(xlim=(0, 1), ylim=(0, 1), aspect="equal", title=result.label)
+        axis.set(aspect="equal", title=result.label)
     return fig

@@ -10,7 +10,14 @@ from numpy.typing import NDArray
 
 from pipeline.evaluation.numbers import PRECISE
 from pipeline.evaluation.viewpoints import NUMBERS, ViewpointMatches
-from pipeline.report.figures.panels import balanced, in_corner, panels, precision_axes, share_limits
+from pipeline.report.figures.panels import (
+    balanced,
+    course,
+    in_corner,
+    panels,
+    precision_axes,
+    share_limits,
+)
 from pipeline.report.figures.style import (
     MARK,
     QUIET,
@@ -100,30 +107,9 @@ def indices(
         panels(fig, len(INDICES), 2, shared=False), INDICES.items(), strict=True
     ):
         for i, (model, (tint, dash)) in enumerate(looks.items()):
-            finite = np.ma.masked_invalid(values[model, name])
             x = positions + 0.5 * ((i + 0.5) / len(looks) - 0.5)
-            axis.scatter(
-                np.broadcast_to(x, finite.shape),
-                finite,
-                6,
-                tint,
-                alpha=0.35,
-                linewidths=0,
-                zorder=2,
-            )
-            means = finite.mean(axis=0).filled(np.nan)
-            axis.plot(
-                x,
-                means,
-                color=tint,
-                ls=dash,
-                lw=0.7,
-                marker="o",
-                ms=4,
-                mec="white",
-                mew=0.5,
-                zorder=3,
-            )
+            line: Any = {"ls": dash, "lw": 0.7, "marker": "o", "ms": 4}
+            course(axis, x, values[model, name], tint, dots=True, **line)
         axis.set_ylim(*share_limits(*(values[model, name] for model in looks)))
         if name == "roc_auc":
             axis.axhline(0.5, **MARK)

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from pipeline.report import tables
-from pipeline.report.figures import maps, verdicts
+from pipeline.report.figures import failures, maps, verdicts
 from pipeline.report.figures.style import illustrate
 from pipeline.report.render import anchor
 from pipeline.report.result import Result, by_model
@@ -39,6 +39,10 @@ def _illustrations(study: Study, folder: Path, posed: list[Result]) -> Iterator[
         yield illustrate(
             "chances", verdicts.chances(group), study, folder, name=f"chances_{model}", model=model
         )
+        if figure := failures.cards(study, group):
+            yield illustrate(
+                "failures", figure, study, folder, name=f"failures_{model}", model=model
+            )
         last = group[-1]
         words = {"model": model, "sequence": last.sequence, "label": last.label}
         yield illustrate(

@@ -19,7 +19,7 @@ from pipeline.report.result import Result, by_model, dates, ranked
 from pipeline.report.selection import NONE, indexed
 from pipeline.report.study import Study
 from pipeline.report.table import Table, difference, number, table
-from pipeline.report.tables import scorecard
+from pipeline.report.tables import believed, scorecard
 from pipeline.studies.colours import method_of
 
 CASES = 4  # so many kinds of altered queries have a column
@@ -39,15 +39,50 @@ class Front:
 
     @property
     def best(self) -> list[Result]:
-        """The best model's results."""
-        return next(iter(self.models.values()))
+        """The results of the model that a robot would be given, one a test day."""
+        return self.models[self.study.best]
+
+    @cached_property
+    def folded(self) -> dict[str, float]:
+        """The models that had too little training to be compared, with their share of it.
+
+        The best model's own method stays: with more training it would be no worse.
+        """
+        best_method = method_of(self.study.best)
+        return {
+            model: share
+            for model, share in self.study.cut_short.items()
+            if method_of(model) != best_method
+        }
 
     @property
-    def second(self) -> list[Result] | None:
-        """Those of the best model of another method; None where there is one method."""
-        best_method = method_of(self.best[0].model)
-        others = (group for model, group in self.models.items() if method_of(model) != best_method)
+    def compared(self) -> list[Result]:
+        """The results of the models that are not folded away, the best model first."""
+        groups = [group for model, group in self.models.items() if model not in self.folded]
+        return [result for group in groups for result in group]
+
+    @property
+    def baseline(self) -> list[Result] | None:
+        """The results of the best compared model of another family; None without one.
+
+        Methods of a family begin with the same word: `sci_ring` is of the family of `sci`.
+        """
+        own_family = _family(self.study.best)
+        others = (
+            group
+            for model, group in self.models.items()
+            if model not in self.folded and _family(model) != own_family
+        )
         return next(others, None)
+
+    @property
+    def believed(self) -> Table:
+        """A row a test day: how many answers were believed, and what the verdict got wrong."""
+        return believed(self.best)
+
+    def counted(self, number: str) -> int:
+        """The sum of a number of what is believed over the test days, such as `accepted`."""
+        return int(sum(result.number("distance", number) for result in self.best))
 
     @property
     def dates(self) -> list[str]:
@@ -60,7 +95,7 @@ class Front:
 
         For a single test day it is drawn over the number of places instead.
         """
-        results = self.study.results
+        results = self.compared
         if len(self.dates) == 1:
             return self._inline("year", curves.recall_at(results), {})
         marks = {}
@@ -74,7 +109,7 @@ class Front:
     @property
     def knows(self) -> Markup:
         """On the last day: the share of queries that can be answered at each wanted precision."""
-        last = [group[-1] for group in by_model(self.study.results).values()]
+        last = [group[-1] for group in by_model(self.compared).values()]
         marks = {
             result.id: (result.model, result.sequence, words("front", "threshold", result=result))
             for result in last
@@ -86,9 +121,10 @@ class Front:
         return inline(figure, self.study.simulated, page_name, marks)
 
     @property
-    def scorecard(self) -> Table:
-        """A row a model, a column a test day."""
-        return scorecard([result for group in self.models.values() for result in group])
+    def scorecards(self) -> list[Table]:
+        """A row a model, a column a test day: the compared models, then those folded away."""
+        folded = [result for model in self.folded for result in self.models[model]]
+        return [scorecard(results) for results in (self.compared, folded) if results]
 
     @property
     def altered(self) -> Table | None:
@@ -144,17 +180,10 @@ class Front:
         return table("altered", header, table_rows, days=day_names) if table_rows else None
 
     @property
-    def cut_short(self) -> list[tuple[str, float]]:
-        """The models that had less than their full training, and their share of it."""
-        trained_models = (
-            (name, model)
-            for name, model in self.study.models.items()
-            if name in self.study.trained and model.rounds
-        )
-        shares = ((name, float(model.recipe.get("budget", 1.0))) for name, model in trained_models)
-        return [(name, share) for name, share in shares if share < 1]
-
-    @property
     def doubts(self) -> list[Finding]:
         """The findings on numbers that say little or nothing."""
         return findings.doubts(self.study)
+
+
+def _family(model: str) -> str:
+    return method_of(model).partition("_")[0]

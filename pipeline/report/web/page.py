@@ -2,7 +2,9 @@
 
 import json
 import re
-from collections.abc import Mapping, Sequence
+import zlib
+from base64 import b64encode
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -38,7 +40,8 @@ class Picture:
     def of(cls, svg: str) -> "Picture":
         """Build a picture from the text of an SVG file."""
         width = re.search(r'<svg[^>]*?\bwidth="([\d.]+)pt"', svg)
-        url = "data:image/svg+xml," + quote(re.sub(r"\s+", " ", svg), safe=UNQUOTED)
+        single_quoted = re.sub(r"=\"([^\"']*)\"", r"='\1'", re.sub(r"\s+", " ", svg))
+        url = "data:image/svg+xml," + quote(single_quoted.replace("> <", "><"), safe=UNQUOTED)
         return cls(Markup(url), round(float(width[1]) * POINT_PX) if width else 860)
 
 
@@ -56,8 +59,11 @@ class Entry:
         return anchor(self.study.name, self.study.grid)
 
 
-def html(entries: Sequence[Entry], lock: DvcLock) -> str:
-    """The whole file, for these studies; it names the figures that could not be read."""
+def html(entries: Sequence[Entry], lock: DvcLock, stale: Collection[str] = ()) -> str:
+    """The whole file, for these studies; it names the figures that could not be read.
+
+    Studies named in `stale` were changed after they were measured.
+    """
     lines = list[str]()
     pictures = dict[Path, Picture]()
     sections = [section for entry in entries for section in entry.sections]
@@ -84,8 +90,9 @@ def html(entries: Sequence[Entry], lock: DvcLock) -> str:
         entries=entries,
         fronts=fronts,
         pictures=pictures,
-        charts={entry.id: _json(chart(entry.study)) for entry in entries if entry.front},
+        charts={entry.id: _packed(chart(entry.study)) for entry in entries if entry.front},
         missing=lines,
+        stale=stale,
         artifacts=artifacts,
         stages={stage: _yaml(lock.params(stage)) for stage in stages},
         css=Markup(part("page.css")),
@@ -128,9 +135,10 @@ def _artifacts(
     return recipes | {path: {} for path in source_paths if path not in recipes}
 
 
-def _json(value: Any) -> Markup:
-    """JSON for a script element, escaped so that no text in it ends the element."""
-    return Markup(json.dumps(value, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c"))
+def _packed(value: Any) -> Markup:
+    """The JSON of a value as map.js reads it: a zlib stream in base64."""
+    text = json.dumps(value, separators=(",", ":"), allow_nan=False)
+    return Markup(b64encode(zlib.compress(text.encode(), 9)).decode())
 
 
 def _yaml(files: Mapping[str, Any]) -> str:

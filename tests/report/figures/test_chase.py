@@ -42,6 +42,7 @@ def drive() -> BelievedDrive:
         driven="tuesday",
         days=1,
         simulated=True,
+        posed=True,
         promise=0.99,
         map_m=WALL_M + np.array((15.0, -14.0, 0.0)),
         world_T_true=TRUE,

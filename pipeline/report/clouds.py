@@ -1,0 +1,113 @@
+"""What the laser saw, from above: the footprint of the training drive, and scans to lay on it."""
+
+import io
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from pipeline.core.errors import ArtifactError
+from pipeline.core.frames import Poses
+from pipeline.core.schemas import Scans, Submaps
+from pipeline.mapping.gathering import submap_points
+
+if TYPE_CHECKING:
+    from pipeline.report.study import Study
+
+STANDING_M = (0.8, 12.0)
+"""Heights above the ground of what is drawn: walls and trunks, no ground and no crowns."""
+FLAT_M = 0.5  # points within less height are of a laser that sweeps one plane: all are drawn
+APART_M = 4.0  # the training submaps that make the footprint
+CELL_M = 0.5
+LARGEST_PX = 2_000  # the longer side of a footprint
+ALONE = 1  # points in a cell that are taken for noise
+REACH_M = 63.0
+POINTS = 300  # of a scan, at most
+
+
+@dataclass(frozen=True, eq=False)
+class Footprint:
+    """Which cells of the ground something stood on when training drove there."""
+
+    occupied: NDArray[np.bool_]  # (row, column), the southernmost row first
+    corner_m: NDArray[np.float64]  # (2,) south-western corner in the world
+    cell_m: float
+
+    @classmethod
+    def read(cls, study: "Study") -> Self | None:
+        """Read it from the training drives; None where their scans are not here."""
+        try:
+            xy_m = trained_m(study)[:, :2]
+        except ArtifactError:
+            return None
+        if not len(xy_m):
+            return None
+        corner_m = xy_m.min(axis=0)
+        cell_m = max(CELL_M, float(np.ptp(xy_m, axis=0).max()) / LARGEST_PX)
+        column, row = np.floor((xy_m - corner_m) / cell_m).astype(np.int64).T
+        counts = np.zeros((row.max() + 1, column.max() + 1), np.int64)
+        np.add.at(counts, (row, column), 1)
+        return cls(counts > ALONE, corner_m, cell_m)
+
+    def png(self) -> bytes:
+        """A PNG of one bit a cell, north up, transparent where nothing stood."""
+        file = io.BytesIO()
+        image = Image.fromarray(self.occupied[::-1])
+        image.save(file, "PNG", optimize=True, transparency=0)
+        return file.getvalue()
+
+
+def trained_m(study: "Study") -> NDArray[np.float64]:
+    """What stood along the training drives: points (n, 3) in the world.
+
+    Raises ArtifactError where their scans or submaps are not here.
+    """
+    clouds = []
+    for sequence in study.settings.train:
+        drive = Drive.read(study, sequence)
+        steps_m = np.linalg.norm(np.diff(drive.world_T_anchor[:, :2, 3], axis=0), axis=1)
+        strides = np.floor(np.concatenate([[0.0], np.cumsum(steps_m)]) / APART_M)
+        rows = np.unique(strides, return_index=True)[1]
+        clouds += [laid(drive.world_T_anchor[row], drive.standing_m(row)) for row in rows]
+    return np.concatenate(clouds)
+
+
+def laid(world_T_points: Poses, points_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Points (n, 3) in the world, given in the frame of a pose (4, 4)."""
+    return np.asarray(points_m @ world_T_points[:3, :3].T + world_T_points[:3, 3])
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """The scans of one drive, gathered into submaps."""
+
+    scans: Scans
+    submaps: Submaps
+    world_T_anchor: Poses  # (n, 4, 4)
+
+    @classmethod
+    def read(cls, study: "Study", sequence: str) -> Self:
+        """Open a drive; raises ArtifactError where its scans or submaps are not here."""
+        submaps = study.artifact(Submaps, "submaps", sequence)
+        scans = study.artifact(Scans, "scans", sequence)
+        return cls(scans, submaps, submaps.load("world_T_anchor"))
+
+    def standing_m(self, row: int) -> NDArray[np.float64]:
+        """The points (n, 3) of a submap that stand on the ground, in the frame of its anchor."""
+        points_m = next(iter(submap_points(self.scans, self.submaps, slice(row, row + 1))))
+        heights_m = points_m[:, 2]
+        low_m, high_m = STANDING_M
+        if not len(points_m) or np.ptp(heights_m) < FLAT_M:
+            return points_m
+        return points_m[(heights_m > low_m) & (heights_m < high_m)]
+
+    def cells(self, row: int) -> NDArray[np.int8]:
+        """The cells (n, 2) of CELL_M that a submap's points stand in, from its anchor."""
+        xy_m = self.standing_m(row)[:, :2]
+        near_m = xy_m[np.abs(xy_m).max(axis=1, initial=0.0) < REACH_M]
+        cells = np.unique(np.rint(near_m / CELL_M).astype(np.int8), axis=0)
+        if len(cells) > POINTS:
+            cells = np.random.default_rng(0).choice(cells, POINTS, replace=False)
+        return cells

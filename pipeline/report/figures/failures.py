@@ -1,0 +1,108 @@
+"""What the verdict got wrong: scans laid on the map where they were believed, or refused."""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap
+from matplotlib.figure import Figure
+
+from pipeline.core import schemas, store
+from pipeline.core.errors import ArtifactError
+from pipeline.core.frames import Poses
+from pipeline.report.clouds import CELL_M, Drive, Footprint, laid
+from pipeline.report.figures.panels import balanced, panels
+from pipeline.report.figures.style import QUIET, WIDTH_IN, figure, styled
+from pipeline.report.result import Result
+from pipeline.report.study import Study
+
+MOST = 6
+SHOWN_M = 40.0  # from the middle of a card to its edge
+INKS = {True: "#C8400A", False: "#0072B2"}
+"""Of a pose that was believed and is wrong, and of one that is right and was refused."""
+GREYS = ListedColormap(["#C4C3BD"])
+
+
+class Failure(NamedTuple):
+    """A pose whose verdict is wrong."""
+
+    result: Result
+    query: int
+    accepted: bool
+
+    @property
+    def surprise(self) -> float:
+        """Its novelty, negative where the pose was refused: the lower, the surer the verdict."""
+        novelty = float(self.result.evaluation.novelty[self.query, 0])
+        return novelty if self.accepted else -novelty
+
+
+def misjudged(group: Sequence[Result]) -> list[Failure]:
+    """At most MOST poses of a model whose verdict is wrong: the surest believed ones come first.
+
+    Right ones follow that were refused, of the highest novelty.
+    """
+    failures = []
+    for result in group:
+        believed = result.evaluation.believed
+        right = ~np.isnan(result.evaluation.pose_error_m) & ~believed["refused_wrong"]
+        refused_right = believed["refused"] & right
+        for mask, accepted in ((believed["accepted_wrong"], True), (refused_right, False)):
+            failures += [Failure(result, int(query), accepted) for query in np.flatnonzero(mask)]
+    failures.sort(key=lambda failure: (not failure.accepted, failure.surprise))
+    return failures[:MOST]
+
+
+def cards(study: Study, group: Sequence[Result]) -> Figure | None:
+    """A card a failure: its scan where it was laid, and an arrow where it was taken.
+
+    None where no verdict of the model is wrong, or the scans are not here.
+    """
+    footprint = study.footprint
+    failures = misjudged(group)
+    if not failures or footprint is None:
+        return None
+    try:
+        return _cards(study, failures, footprint)
+    except ArtifactError:
+        return None
+
+
+@styled
+def _cards(study: Study, failures: Sequence[Failure], footprint: Footprint) -> Figure:
+    rows, columns = balanced(len(failures), 3)
+    side_in = WIDTH_IN / 3
+    model = failures[0].result.model
+    fig = figure(WIDTH_IN, rows * (side_in + 0.2) + 0.3, f"{model}: what its verdict got wrong")
+    low_m = footprint.corner_m
+    high_m = low_m + np.array(footprint.occupied.shape[::-1]) * footprint.cell_m
+    extent: Any = (low_m[0], high_m[0], low_m[1], high_m[1])
+    ground = np.ma.masked_equal(footprint.occupied.astype(float), 0.0)
+    axes = panels(fig, len(failures), columns, shared=False)
+    for axis, (result, query, accepted) in zip(axes, failures, strict=True):
+        drive = Drive.read(study, result.sequence)
+        fixes = store.read(study.find("localize", result.sequence, model), schemas.Fixes)
+        placed = np.asarray(fixes["world_T_query"][query])
+        ink = INKS[accepted]
+        axis.imshow(ground, cmap=GREYS, extent=extent, origin="lower", interpolation="nearest")
+        xy_m = np.unique(np.rint(laid(placed, drive.standing_m(query))[:, :2] / CELL_M), axis=0)
+        axis.plot(*(xy_m * CELL_M).T, ".", ms=2.2, mew=0, color=ink, rasterized=True)
+        _arrow(axis, placed, ink)
+        _arrow(axis, drive.world_T_anchor[query], "black")
+        x_m, y_m = placed[:2, 3]
+        axis.set(xlim=(x_m - SHOWN_M, x_m + SHOWN_M), ylim=(y_m - SHOWN_M, y_m + SHOWN_M))
+        axis.set(xticks=[], yticks=[], aspect="equal")
+        error_m = result.evaluation.pose_error_m[query]
+        verdict = "believed" if accepted else "refused"
+        axis.set_title(f"{result.label}: {verdict}, {error_m:.1f} m off", size=7, pad=3)
+        axis.spines[:].set(visible=True, color=QUIET)
+    return fig
+
+
+def _arrow(axis: Axes, world_T_robot: Poses, ink: str) -> None:
+    """Draw an arrow of 8 m at a robot, along its heading."""
+    start_m = world_T_robot[:2, 3] - 3.0 * world_T_robot[:2, 0]
+    end_m = start_m + 8.0 * world_T_robot[:2, 0]
+    style: Any = {"arrowstyle": "->", "color": ink, "lw": 1.4}
+    axis.annotate("", tuple(end_m), tuple(start_m), arrowprops=style)
