@@ -68,7 +68,6 @@ def localize(
     threads: Annotated[int, typer.Option(metavar="N", help="for the network")] = 1,
 ) -> None:
     """Where scans were taken, by a site file, and whether to believe it."""
-    from pipeline.online.follow import Following
     from pipeline.online.inputs import is_log, scans
     from pipeline.online.localized import localized, tracker_of
     from pipeline.online.outputs import writer
@@ -102,6 +101,8 @@ def localize(
         for source in inputs:
             follower = None
             if follow:
+                from pipeline.online.follow import Following
+
                 follower = Following(Path(source), topic, lift_m, idle, odometry, placement)
             scan_options = (
                 site.description.reader,
@@ -164,13 +165,14 @@ class Summary:
         """Count one more localised scan."""
         import numpy as np
 
-        from pipeline.level import verdict as level
-        from pipeline.posing.verdict import right
+        if self.is_level:
+            from pipeline.level.verdict import pose_is_right as is_right
+        else:
+            from pipeline.posing.verdict import right as is_right
 
         self.fixes[fix.verdict] += 1
         self._ms.append(fix.ms)
         if fix.verdict == "accepted" and np.isfinite(scan.world_T_scan).all():
-            is_right = level.pose_is_right if self.is_level else right
             self._right[bool(is_right(fix.world_T_sensor[None], scan.world_T_scan[None])[0])] += 1
 
     def text(self) -> str:
