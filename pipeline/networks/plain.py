@@ -132,10 +132,8 @@ class Plain:
             count, count, width
         )
         slices = np.arange(count)
-        embedded = np.array(
-            [products[(slices - heading) % count, slices].sum(axis=0) for heading in slices]
-        )
-        embedded = embedded + weights["fc1_bias"]
+        sectors = (slices - slices[:, None]) % count  # of each heading, slice by slice
+        embedded = products[sectors, slices].sum(axis=1) + weights["fc1_bias"]
         logits = embedded @ weights["fc2.weight"].T + weights["fc2.bias"]
         scores = logsumexp(logits, axis=0)
         heading_deg = _circular_mean_deg(softmax(logits / HEADING_SOFTNESS, axis=0))
