@@ -1,7 +1,10 @@
 """`yearloc localize`: from scans to poses."""
 
+import gc
 import sys
 from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -68,10 +71,11 @@ def localize(
     threads: Annotated[int, typer.Option(metavar="N", help="for the network")] = 1,
 ) -> None:
     """Where scans were taken, by a site file, and whether to believe it."""
-    from pipeline.online.inputs import is_log, scans
-    from pipeline.online.localized import localized, tracker_of
-    from pipeline.online.outputs import writer
-    from pipeline.online.site import Site
+    with uncollected():
+        from pipeline.online.inputs import is_log, scans
+        from pipeline.online.localized import localized, tracker_of
+        from pipeline.online.outputs import writer
+        from pipeline.online.site import Site
 
     kind = only_one({"json": json, "csv": csv, "tum": tum, "mcap": mcap})
     only_one({"lift": lift, "body-T-lidar": body_T_lidar})
@@ -133,6 +137,17 @@ def localize(
     print(summary.text(), file=sys.stderr)
     if site.description.simulated:
         print("the site is simulated, not recorded", file=sys.stderr)
+
+
+@contextmanager
+def uncollected() -> Iterator[None]:
+    """Import without looking for garbage, of which modules make none: a tenth of a start."""
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.freeze()  # modules stay, so no later collection need look at them
+        gc.enable()
 
 
 def _tell_unlike(
