@@ -10,11 +10,10 @@ import stat
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any
 
 CACHE_VARIABLE = "NUMBA_CACHE_DIR"
 SOURCE = Path(__file__).parent
-CHECKED_PACKAGE = "views"
-"""Package whose kernels every first scan needs: `cold` looks at them."""
 
 
 def settle() -> str:
@@ -36,15 +35,14 @@ def settle() -> str:
     return "nowhere"
 
 
-def cold() -> bool:
-    """Whether a scan's kernels are still to be compiled: none is kept, or the source is newer."""
-    folders = [SOURCE / CHECKED_PACKAGE / "__pycache__"]
-    for folder in (os.environ.get(CACHE_VARIABLE), str(_user_folder())):
-        folders += Path(folder).glob(f"{CHECKED_PACKAGE}_*") if folder else ()
-    kept = [file.stat().st_mtime for folder in folders for file in folder.glob("*.nbi")]
-    return max(kept, default=0.0) < max(
-        file.stat().st_mtime for file in (SOURCE / CHECKED_PACKAGE).glob("*.py")
-    )
+def cold(kernel: Any) -> bool:
+    """Whether a kernel is still to be compiled on this machine.
+
+    It is unless numba's own index has it, compiled for this processor from the source as it is.
+    """
+    file = getattr(kernel._cache, "_cache_file", None)
+    compiled_for = {processor for _, processor, _ in file._load_index()} if file else set()
+    return kernel.targetctx.codegen().magic_tuple() not in compiled_for
 
 
 def _usual_folders() -> list[Path]:

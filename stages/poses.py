@@ -77,7 +77,7 @@ def main(settings: Settings) -> str:
         evidence = settings.held_out.evidence(fixer, day, compute, ProgressBar())
         verdict = Verdict(evidence, settings.unseen_share)
         posing = Posing(verdict, Places.of(labels), settings.wanted_precision)
-        fixer = replace(fixer, chances=verdict.judge.pose)
+        fixer = replace(fixer, chances=verdict.judge.pose, least_overlap=evidence.least_overlap)
         lines = [f"{len(evidence.fixes)} fixes of {evidence.blocks} held-out blocks"]
         sequences = settings.sequences
         fixes_by_sequence = compute.each(

@@ -1,10 +1,13 @@
 """Compiled kernels are kept where a folder can be written, and a cold start is told."""
 
+import importlib.util
 import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
+import numba
 import numpy as np
 import pytest
 
@@ -49,23 +52,39 @@ def test_without_a_home_kernels_are_kept_in_a_temporary_folder_of_this_user(tmp_
     assert run(tmp_path) == "nowhere"
 
 
-def test_a_cold_start_is_told_once(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+def test_a_cold_start_is_told(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    views = tmp_path / "source" / "views"
-    views.mkdir(parents=True)
-    (views / "kernels.py").write_text("")
-    monkeypatch.setattr(kernel_cache, "SOURCE", views.parent)
-    monkeypatch.setenv(kernel_cache.CACHE_VARIABLE, str(tmp_path / "kept"))
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "home"))
+    monkeypatch.setitem(tell_cold.__globals__, "cold", lambda kernel: True)
     tell_cold()
     assert "compiling kernels, once per machine: half a minute" in capsys.readouterr().err
-    kept = tmp_path / "kept" / "views_0" / "kernels.bin-1.nbi"
-    kept.parent.mkdir(parents=True)
-    kept.write_text("")
-    os.utime(views / "kernels.py", (0, 0))
+    monkeypatch.setitem(tell_cold.__globals__, "cold", lambda kernel: False)
     tell_cold()
     assert not capsys.readouterr().err
+
+
+def test_a_kernel_is_cold_until_numba_keeps_it_wherever_that_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "kept"))
+    source = tmp_path / "kernel.py"
+    source.write_text("from numba import njit\n@njit(cache=True)\ndef one(x): return x + 1\n")
+
+    def kernel() -> Any:
+        spec = importlib.util.spec_from_file_location("kernel", source)
+        assert spec is not None
+        assert spec.loader is not None
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+        return module.one
+
+    assert kernel_cache.cold(kernel())
+    assert kernel()(1) == 2
+    (tmp_path / "beside.py").write_text("")  # newer than what is kept, and no kernel's source
+    assert not kernel_cache.cold(kernel())
+    source.write_text(source.read_text() + "# another source")
+    os.utime(source, (0, 0))
+    assert kernel_cache.cold(kernel())
 
 
 def test_a_folder_that_can_be_written_is_left_to_numba(

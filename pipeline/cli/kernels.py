@@ -16,7 +16,9 @@ def tell_cold() -> None:
             flush=True,
         )
         return
-    if cold():
+    from pipeline.views.kernels import bin_heights  # which every first scan needs
+
+    if cold(bin_heights):
         folder_note = (
             f", kept in {pipeline.KERNELS}: set {CACHE_VARIABLE} to a folder that lasts"
             if pipeline.KERNELS

@@ -1,7 +1,10 @@
 """`yearloc localize`: from scans to poses."""
 
+import gc
 import sys
 from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -68,11 +71,11 @@ def localize(
     threads: Annotated[int, typer.Option(metavar="N", help="for the network")] = 1,
 ) -> None:
     """Where scans were taken, by a site file, and whether to believe it."""
-    from pipeline.online.follow import Following
-    from pipeline.online.inputs import is_log, scans
-    from pipeline.online.localized import localized, tracker_of
-    from pipeline.online.outputs import writer
-    from pipeline.online.site import Site
+    with uncollected():
+        from pipeline.online.inputs import is_log, scans
+        from pipeline.online.localized import localized, tracker_of
+        from pipeline.online.outputs import writer
+        from pipeline.online.site import Site
 
     kind = only_one({"json": json, "csv": csv, "tum": tum, "mcap": mcap})
     only_one({"lift": lift, "body-T-lidar": body_T_lidar})
@@ -102,6 +105,8 @@ def localize(
         for source in inputs:
             follower = None
             if follow:
+                from pipeline.online.follow import Following
+
                 follower = Following(Path(source), topic, lift_m, idle, odometry, placement)
             scan_options = (
                 site.description.reader,
@@ -134,6 +139,17 @@ def localize(
         print("the site is simulated, not recorded", file=sys.stderr)
 
 
+@contextmanager
+def uncollected() -> Iterator[None]:
+    """Import without looking for garbage, of which modules make none: a tenth of a start."""
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.freeze()  # modules stay, so no later collection need look at them
+        gc.enable()
+
+
 def _tell_unlike(
     points_m: "NDArray[np.float64]", sensor: "Sensor", body_T_lidar: "Poses | None"
 ) -> None:
@@ -164,13 +180,14 @@ class Summary:
         """Count one more localised scan."""
         import numpy as np
 
-        from pipeline.level import verdict as level
-        from pipeline.posing.verdict import right
+        if self.is_level:
+            from pipeline.level.verdict import pose_is_right as is_right
+        else:
+            from pipeline.posing.verdict import right as is_right
 
         self.fixes[fix.verdict] += 1
         self._ms.append(fix.ms)
         if fix.verdict == "accepted" and np.isfinite(scan.world_T_scan).all():
-            is_right = level.pose_is_right if self.is_level else right
             self._right[bool(is_right(fix.world_T_sensor[None], scan.world_T_scan[None])[0])] += 1
 
     def text(self) -> str:

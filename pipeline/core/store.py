@@ -30,14 +30,15 @@ from zipfile import ZipFile, ZipInfo
 from zlib import crc32
 
 import numpy as np
-import zarr
 from numpy.typing import NDArray
-from zarr.abc.buffer import Buffer
-from zarr.storage import MemoryStore, ZipStore
 
 from pipeline.core import remote, sealed
 from pipeline.core.errors import ArtifactError
 from pipeline.core.replacing import replace as replace
+
+if TYPE_CHECKING:  # a robot that localises in a site reads no artifact
+    import zarr
+    from zarr.abc.buffer import Buffer
 
 MODEL = ".zarr.zip"
 """How the file of a model ends."""
@@ -141,7 +142,7 @@ class Artifact:
     """What each attribute means."""
     path: Path | str = ""
     """Where it was read from; empty if it was not."""
-    _group: zarr.Group | None = None
+    _group: Any = None
     _stored_attrs: dict[str, Any]
 
     def __init_subclass__(cls, kind: str = "", version: int = 0) -> None:
@@ -175,7 +176,7 @@ class Artifact:
         return np.asarray(self[name][:])
 
     @classmethod
-    def _opened(cls, path: Path | str, group: zarr.Group) -> Self:
+    def _opened(cls, path: Path | str, group: "zarr.Group") -> Self:
         """The artifact in a group, whose arrays are yet to be read."""
         artifact = cls.__new__(cls)
         artifact.__dict__["path"] = path
@@ -210,6 +211,8 @@ def read(path: str | Path, *kinds: type[A]) -> A:
 
     Raises ArtifactError if it is missing or not of one of the kinds, in its version.
     """
+    import zarr
+
     if remote.is_remote(path):
         remote.look(f"{path}/zarr.json")
     elif not Path(path, "zarr.json").is_file():
@@ -244,6 +247,8 @@ def draft(path: str | Path, kind: type[Artifact], **attrs: object) -> Iterator["
 
     An attribute that is known only at the end may be a callable without arguments.
     """
+    import zarr
+
     with replace(path) as scratch:
         out = Draft(zarr.create_group(scratch), kind)
         yield out
@@ -254,7 +259,7 @@ def draft(path: str | Path, kind: type[Artifact], **attrs: object) -> Iterator["
 class Draft:
     """An artifact being written: `put` takes a whole column, `append` the next rows of one."""
 
-    def __init__(self, group: zarr.Group, kind: type[Artifact]) -> None:
+    def __init__(self, group: "zarr.Group", kind: type[Artifact]) -> None:
         self._group = group
         self._kind = kind
         self._waiting: dict[str, list[NDArray[Any]]] = {}
@@ -340,7 +345,7 @@ class Draft:
                 chunk_key_encoding={"name": "default", "separator": "."},
                 dimension_names=column.dims,
                 attributes={"units": column.unit} if column.unit else {},
-                compressors=sealed.COMPRESSOR,
+                compressors=sealed.compressor(),
                 config=sealed.ALL_CHUNKS,
             )
         if len(rows):
@@ -357,6 +362,9 @@ def write_model(
 
     The group's attribute `recipe` has the parameters that they were learned with, as texts.
     """
+    import zarr
+    from zarr.storage import MemoryStore
+
     members: dict[str, Buffer] = {}
     group = zarr.create_group(MemoryStore(members))
     for name, array in model.items():
@@ -379,6 +387,9 @@ def write_model(
 
 def read_model(path: str | Path) -> dict[str, NDArray[Any]]:
     """Read a model's named arrays; raises ArtifactError if the file is missing or damaged."""
+    import zarr
+    from zarr.storage import ZipStore
+
     read_recipe(path)
     with _whole(path), ZipStore(path, mode="r") as zip_store:
         members = zarr.open_group(zip_store, mode="r").members(max_depth=None)

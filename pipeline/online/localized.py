@@ -1,16 +1,18 @@
 """The one loop from scans to fixes: of a site that is asked scan by scan, or of a tracker."""
 
 from collections.abc import Iterable, Iterator
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.errors import LogError
 from pipeline.online.inputs import Scan
-from pipeline.online.level_site import LevelSite, LevelTracker
 from pipeline.online.site import Fix, Site
 from pipeline.online.tracking import Tracker
+
+if TYPE_CHECKING:
+    from pipeline.online.level_site import LevelSite, LevelTracker
 
 
 class Localized(NamedTuple):
@@ -24,7 +26,7 @@ class Localized(NamedTuple):
 
 def localized(
     scans: Iterable[Scan],
-    localizer: Site | Tracker | LevelTracker,
+    localizer: "Site | Tracker | LevelTracker",
     promise: float | None,
     broken: list[str],
 ) -> Iterator[Localized]:
@@ -39,17 +41,19 @@ def localized(
             reason = str(error)
             broken.append(reason if scan.name in reason else f"{scan.name}: {reason}")
             continue
-        if isinstance(localizer, Tracker | LevelTracker):
-            yield Localized(scan, points_m, localizer.follow(scan, points_m))
-        else:
+        if isinstance(localizer, Site):
             yield Localized(scan, points_m, localizer.localize(points_m, promise))
+        else:
+            yield Localized(scan, points_m, localizer.follow(scan, points_m))
 
 
-def tracker_of(site: Site, promise: float | None, track: bool) -> Tracker | LevelTracker | None:
+def tracker_of(site: Site, promise: float | None, track: bool) -> "Tracker | LevelTracker | None":
     """What follows the scans of a site; None where each is localised alone.
 
     The sweeps of a level site are gathered, tracked or not.
     """
-    if isinstance(site, LevelSite):
-        return LevelTracker(site, promise, is_tracking=track)
+    if site.is_level:
+        from pipeline.online.level_site import LevelTracker  # which other sites never need
+
+        return LevelTracker(cast("LevelSite", site), promise, is_tracking=track)
     return Tracker(site, promise) if track else None

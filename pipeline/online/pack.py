@@ -162,7 +162,7 @@ class Packing:
             simulated=trained.simulated,
             method=recipe,
             view=view,
-            fixer=settings["fixer"],
+            fixer=settings["fixer"] | {"least_overlap": evidence.least_overlap},
             k=k,
             places=Grid(labels.cell_m, labels.x_m, labels.y_m),
             map=MapSettings(site_map.grain_m, site_map.range_m, site_map.single),

@@ -1,6 +1,9 @@
-"""Localises with an exported network of SCI or its ring through ONNX Runtime, without torch."""
+"""Localises with a network of SCI or its ring without torch.
 
-from collections.abc import Mapping
+An exported one runs through ONNX Runtime, any other in plain NumPy.
+"""
+
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -13,6 +16,9 @@ from pipeline.matching.ranking import Localizer, Ranking, Rows
 NETWORK = "network.onnx"
 INPUT = "heights_m"
 CLASSIFIED = ("scores", "features", "heading_deg")
+Network = Callable[[NDArray[np.float32]], tuple[NDArray[np.float32], ...]]
+"""From heights (rings, sectors) in metres to scores (places,), features (64,) and headings
+(places,) in degrees."""
 
 
 def session(data: bytes, threads: int = 1) -> Any:
@@ -25,24 +31,29 @@ def session(data: bytes, threads: int = 1) -> Any:
     return onnxruntime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
 
 
-def localizer(data: bytes, model: Mapping[str, NDArray[Any]], threads: int) -> Localizer:
+def exported(data: bytes, threads: int) -> Network:
+    """The network of an ONNX file's bytes."""
+    run = session(data, threads)
+
+    def answer(heights_m: NDArray[np.float32]) -> tuple[NDArray[np.float32], ...]:
+        outputs = run.run(list(CLASSIFIED), {INPUT: heights_m[None]})
+        return tuple(output[0] for output in outputs)
+
+    return answer
+
+
+def localizer(network: Network, model: Mapping[str, NDArray[Any]]) -> Localizer:
     """A localizer that answers the k places of highest softmax; novelty is one minus the highest.
 
     A network with headings is the ring's, whose first answer lies at the training view most like
     the query (METHODS 8).
     """
-    run = session(data, threads)
     place_xy_m = model["place_xy_m"]
     training_outlines = Outlines.of(model) if Outlines.there(model) else None
 
     def localize(views: Rows, k: int) -> Ranking:
-        answers = [
-            run.run(list(CLASSIFIED), {INPUT: np.asarray(image, np.float32)[None]})
-            for image in views.images
-        ]
-        scores, features, heading_deg = (
-            np.concatenate(parts) for parts in zip(*answers, strict=True)
-        )
+        answers = [network(np.asarray(image, np.float32)) for image in views.images]
+        scores, features, heading_deg = (np.stack(parts) for parts in zip(*answers, strict=True))
         if training_outlines:
             scores, heading_deg = reranked(
                 scores.astype(np.float64), heading_deg, outlines(views.images), training_outlines

@@ -14,7 +14,8 @@ from pipeline.core.building import build
 from pipeline.core.errors import ArtifactError, InputError, NotInstalledError, YearlocError
 from pipeline.matching.places import Places
 from pipeline.matching.ranking import Localizer, Ranking, Rows
-from pipeline.online.runtime import localizer
+from pipeline.networks.plain import Plain
+from pipeline.online.runtime import exported, localizer
 from pipeline.online.site_file import LevelParts, Parts, read, read_either
 from pipeline.online.site_json import Promises
 from pipeline.posing.fix import Fix as Registered
@@ -26,6 +27,8 @@ from pipeline.posing.verdict import BELIEFS, Judge
 ROOTS = ("pipeline.methods.", "pipeline.views.", "pipeline.posing.")
 LEVEL_SITE = ("pipeline.online.level_site", "LevelSite")
 """What a level site is opened as: a Site too, so its module imports this one."""
+LOOKS = ("colormap", "h_min_m", "h_max_m")
+"""Settings of a method by which a network looks at heights."""
 RUNNERS_UP = 3
 FARTHEST_M = 1e3  # no lidar sees farther
 SWEEP_POINTS = 50
@@ -91,14 +94,20 @@ class Site:
     """Whether it is asked with the sweeps of a level 2-D laser, not with 3-D scans."""
 
     def __init__(self, parts: Parts, threads: int = 1) -> None:
-        """Build a site from the content of its file."""
+        """Build a site from the content of its file.
+
+        Networks of SCI and of its ring answer on one thread without torch.
+        """
         description, model, arrays, network, _ = parts
         self.description = description
-        if network is None:
-            method = build({**description.method, "threads": threads}, ROOTS)
-            self.localizer: Localizer = method.localizer(model)
+        if network is not None:
+            self.localizer: Localizer = localizer(exported(network, threads), model)
+        elif threads == 1 and Plain.there(model):
+            looks = {key: description.method[key] for key in LOOKS if key in description.method}
+            self.localizer = localizer(Plain.of(model, **looks), model)
         else:
-            self.localizer = localizer(network, model, threads)
+            method = build({**description.method, "threads": threads}, ROOTS)
+            self.localizer = method.localizer(model)
         self.view: Callable[[NDArray[np.floating]], NDArray[Any]] = build(description.view, ROOTS)
         self.targets = Targets(arrays, **vars(description.map))
         self.places = Places(description.places, arrays["cells"])

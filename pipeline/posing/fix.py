@@ -41,6 +41,8 @@ class Hypothesis:
     """Angle between the query's and the submap's upward axes."""
     slide: Slide
     """Where else along its street the walls fit best."""
+    approached: float = 1.0
+    """The overlap of the approach that it was refined from."""
 
     @property
     def quality(self) -> float:

@@ -15,6 +15,9 @@ Points = NDArray[np.float64]
 LEAST_ALONG = 0.005
 """Share of the squared normals that looks along a direction; of a bare plane, whose normals are
 noisy, it is less."""
+NEAR_ENOUGH_M = 0.02
+NEAR_ENOUGH_RAD = 0.01
+"""An approach ends with a step and a turn below these: the refinement does the rest."""
 LEAST_OFF_M = 0.01
 """Clouds are not believed to fit better than this."""
 
@@ -49,6 +52,13 @@ class Cloud:
     points: small_gicp.PointCloud
     tree: small_gicp.KdTree
     cell_m: float
+    rough_m: float
+    neighbours: int
+
+    @cached_property
+    def rough(self) -> small_gicp.PointCloud:
+        """The points once more, one a voxel of `rough_m`: as many as an approach takes."""
+        return small_gicp.preprocess_points(self.xyz_m, self.rough_m, self.neighbours)[0]
 
     @cached_property
     def cells(self) -> small_gicp.GaussianVoxelMap:
@@ -92,15 +102,14 @@ class Approach(NamedTuple):
     target_T_source: NDArray[np.float64]
     """(4, 4)."""
     overlap: float
-    """Share of a sample of the source's voxels that have one of the target's nearer than
-    `reach_m`."""
+    """Share of the source's rough points that have one of the target's nearer than `reach_m`."""
 
 
 @dataclass(frozen=True)
 class Registration:
     """Generalised ICP between thinned clouds, in two steps (both in small_gicp).
 
-    The approach pairs points with one Gaussian a wide cell of the target (Koide, ICRA 2021): it
+    The approach pairs few points with one Gaussian a wide cell of the target (Koide, ICRA 2021): it
     comes near from some metres away. The refinement pairs points with points (Segal, RSS 2009).
     """
 
@@ -109,6 +118,8 @@ class Registration:
     """Points that each covariance is estimated from."""
     cell_m: Positive = 4.0
     """Width of the approach's cells."""
+    rough_m: Positive = 2.0
+    """The approach takes one point of the source a voxel of this width."""
     reach_m: Positive = 1.0
     """Largest distance of a pair of points in the refinement."""
     iterations: Count = 10
@@ -151,7 +162,7 @@ class Registration:
         if points_m.ndim != 2 or points_m.shape[1] != 3 or not np.isfinite(points_m).all():
             raise InputError(f"points of shape {points_m.shape}: expected finite ones (n, 3)")
         thinned, tree = small_gicp.preprocess_points(points_m, self.voxel_m, self.neighbours)
-        cloud = Cloud(thinned, tree, self.cell_m)
+        cloud = Cloud(thinned, tree, self.cell_m, self.rough_m, self.neighbours)
         if cloud.points.size() < self.least_voxels:
             content = f"{len(points_m)} points in {cloud.points.size()} voxels of {self.voxel_m} m"
             raise InputError(f"{content}: registration needs {self.least_voxels} voxels")
@@ -163,10 +174,12 @@ class Registration:
         """Bring a prepared cloud near its pose, from a guess (4, 4) that is metres off."""
         result = small_gicp.align(
             target.cells,
-            source.points,
+            source.rough,
             target_T_source,
             max_correspondence_distance=self.cell_m,
             max_iterations=self.iterations,
+            translation_epsilon=NEAR_ENOUGH_M,
+            rotation_epsilon=NEAR_ENOUGH_RAD,
         )
         poses = (np.asarray(result.T_target_source), target_T_source)  # a guess may be better
         shares = [self._near(target, source, pose) for pose in poses]
@@ -197,8 +210,9 @@ class Registration:
         return Alignment(target_T_source, float(paired.mean()), covariance)
 
     def _near(self, target: Cloud, source: Cloud, target_T_source: NDArray[np.float64]) -> float:
-        """The share of the source's sample that the target has within `reach_m`."""
-        _, distances_m = target.nearest(moved(target_T_source, source.sample_m))
+        """The share of the source's rough points that the target has within `reach_m`."""
+        rough_m = np.asarray(source.rough.points())[:, :3]
+        _, distances_m = target.nearest(moved(target_T_source, rough_m))
         return float((distances_m < self.reach_m).mean())
 
 

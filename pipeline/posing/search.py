@@ -29,7 +29,8 @@ BESIDE_M = (2.5, 15.0)
 most."""
 
 LIKELY = 0.05
-"""A hypothesis of less chance is not compared with its slid copies."""
+"""A hypothesis of less chance is not compared with its slid copies, nor with poses of little
+overlap."""
 
 
 class Answers(NamedTuple):
@@ -110,6 +111,8 @@ class Fixer:
     """A hypothesis of this chance ends the search."""
     least_lead: NotNegative = 0.1
     """The slid copies of the likeliest hypothesis are registered too unless it leads by so much."""
+    least_overlap: Share = 0.0
+    """An approach of less overlap is not refined; learned from held-out blocks (`held_out`)."""
     widest_m: NotNegative = 0.5
     """A position of a wider spread is not believed: some direction is open, as along a bare
     wall."""
@@ -140,7 +143,7 @@ class Fixer:
             return Fix()
         left_out = np.zeros(len(targets.world_T_anchor), bool) if left_out is None else left_out
         search = _Search(self, query, targets, left_out)
-        return self._first_sure(search.everywhere(answers), search.copies)
+        return self._first_sure(lambda least: search.everywhere(answers, least), search.copies)
 
     def track(
         self, points_m: Points, targets: Targets, world_T_guess: NDArray[np.float64], rows: int = 2
@@ -154,7 +157,9 @@ class Fixer:
         if query is None:
             return Fix()
         search = _Search(self, query, targets, np.zeros(len(targets.world_T_anchor), bool))
-        return self._first_sure(search.around(world_T_guess, rows), lambda hypothesis: [])
+        return self._first_sure(
+            lambda least: search.around(world_T_guess, rows), lambda hypothesis: []
+        )
 
     def _prepared(self, points_m: Points, targets: Targets) -> Query | None:
         """Prepare the query's clouds; None where there are too few points."""
@@ -167,10 +172,13 @@ class Fixer:
 
     def _first_sure(
         self,
-        candidates: Iterator[Hypothesis],
+        candidates: Callable[[Callable[[], float]], Iterator[Hypothesis]],
         copies: Callable[[Hypothesis], list[Hypothesis]],
     ) -> Fix:
         """Build the fix from as many candidates as it takes to be sure of one.
+
+        Candidates are asked for with the least overlap of an approach as it is at that time: once
+        there is a likely hypothesis, any pose is worth a comparison.
 
         The slid copies of the likeliest are tried too, unless it leads them or is hardly likely;
         where one of them becomes the likeliest, so are its own.
@@ -178,7 +186,11 @@ class Fixer:
         hypotheses: list[Hypothesis] = []
         compared: list[Hypothesis] = []
         fix = Fix()
-        for hypothesis in candidates:
+
+        def least() -> float:
+            return 0.0 if fix.chance >= LIKELY else self.least_overlap
+
+        for hypothesis in candidates(least):
             hypotheses.append(hypothesis)
             fix = Fix.of(hypotheses, self.chances)
             while self._has_rivals(fix, compared):
@@ -209,13 +221,16 @@ class _Search:
     targets: Targets
     left_out: NDArray[np.bool_]
 
-    def everywhere(self, answers: Answers) -> Iterator[Hypothesis]:
-        """Hypotheses all over the map: the ranking's own pose, then candidates by their walls."""
+    def everywhere(self, answers: Answers, least: Callable[[], float]) -> Iterator[Hypothesis]:
+        """Hypotheses all over the map: the ranking's own pose, then candidates by their walls.
+
+        Only approaches of the `least` overlap are refined.
+        """
         nearest = self.targets.nearest(answers.xy_m, self.left_out)
         alike = self.targets.alike(self.fixer.coarse, self.query.walls_m, self.left_out)
         rows = self.targets.apart(chain(nearest, alike))
-        rounds = (self._round(list(islice(rows, count))) for count in self.fixer.rounds)
-        return chain(self._straight(answers), chain.from_iterable(rounds))
+        rounds = (self._round(list(islice(rows, count)), least) for count in self.fixer.rounds)
+        return chain(self._straight(answers, least), chain.from_iterable(rounds))
 
     def around(self, world_T_guess: NDArray[np.float64], rows: int) -> Iterator[Hypothesis]:
         """Hypotheses from one guessed pose, against the nearest submaps."""
@@ -232,7 +247,7 @@ class _Search:
         registered = (self._registered(copy.row, copy.target_T_query) for copy in slid)
         return list(chain.from_iterable(registered))
 
-    def _straight(self, answers: Answers) -> Iterator[Hypothesis]:
+    def _straight(self, answers: Answers, least: Callable[[], float]) -> Iterator[Hypothesis]:
         """Hypotheses from the position and heading of the ranking's first answer.
 
         There are none where it lacks one of them.
@@ -249,11 +264,10 @@ class _Search:
                 answers.xy_m[0] - world_T_anchor[:2, 3], 0.0
             )
             at_m = ahead_m * (np.abs(ahead_m[:2]) <= self.fixer.walls.offset_m).all()
-            yield from self._registered(
-                row, pose(np.array([[*at_m[:2], 0.0]]), np.array([[0.0, 0.0, turn_rad]]))[0]
-            )
+            guess = pose(np.array([[*at_m[:2], 0.0]]), np.array([[0.0, 0.0, turn_rad]]))[0]
+            yield from self._registered(row, guess, least())
 
-    def _round(self, rows: Sequence[int]) -> Iterator[Hypothesis]:
+    def _round(self, rows: Sequence[int], least: Callable[[], float]) -> Iterator[Hypothesis]:
         """Hypotheses from candidate rows: the best match of walls, then the best approaches."""
         fixer = self.fixer
         targets = self.targets
@@ -267,14 +281,18 @@ class _Search:
                 (row, approach)
                 for row, match in few
                 for approach in self._approached(row, match.target_T_query)
+                if approach.overlap >= least()
             ]
             for row, approach in sorted(approaches, key=lambda pair: -pair[1].overlap)[:refined]:
                 yield from self._refined(row, approach)
 
-    def _registered(self, row: int, target_T_query: NDArray[np.float64]) -> Iterator[Hypothesis]:
+    def _registered(
+        self, row: int, target_T_query: NDArray[np.float64], least_overlap: float = 0.0
+    ) -> Iterator[Hypothesis]:
         """Register from a guess against one submap; nothing if it fails."""
         for approach in self._approached(row, target_T_query):
-            yield from self._refined(row, approach)
+            if approach.overlap >= least_overlap:
+                yield from self._refined(row, approach)
 
     def _approached(self, row: int, target_T_query: NDArray[np.float64]) -> list[Approach]:
         """The approach to one submap from a guess (4, 4); none where it has too few points."""
@@ -291,9 +309,9 @@ class _Search:
         target = self.targets.cloud(registration, row)
         alignment = registration.refine(target, self.query.cloud, approach.target_T_source)
         if alignment.spread_m <= self.fixer.widest_m:
-            yield self._hypothesis(row, alignment)
+            yield self._hypothesis(row, alignment, approach.overlap)
 
-    def _hypothesis(self, row: int, alignment: Alignment) -> Hypothesis:
+    def _hypothesis(self, row: int, alignment: Alignment, approached: float) -> Hypothesis:
         """The hypothesis of a fine registration against a row, checked against the map."""
         fixer = self.fixer
         targets = self.targets
@@ -311,7 +329,7 @@ class _Search:
         )
         tilt_deg = float(np.rad2deg(np.arccos(np.clip(alignment.target_T_source[2, 2], -1, 1))))
         slid = slide(fixer.walls, targets, self.query.middles, world_T_query, self.left_out)
-        return Hypothesis(row, world_T_query, alignment, here, beside, tilt_deg, slid)
+        return Hypothesis(row, world_T_query, alignment, here, beside, tilt_deg, slid, approached)
 
     def _beside(self, row: int, world_T_query: NDArray[np.float64]) -> int:
         """The submap nearest to a pose that is not where `row` is; `row` where there is none."""

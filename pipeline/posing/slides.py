@@ -66,12 +66,12 @@ def slide(
     offsets_m = (np.arange(2 * walls.reach + 1) - walls.reach) * walls.cell_m
     own_score = -np.inf
     fits: list[tuple[float, int, float, float, float]] = []
-    for row in near_rows[_spaced(anchors_m[near_rows])].tolist():
-        target_T_query = np.linalg.inv(targets.world_T_anchor[row]) @ world_T_query
-        heading = np.arctan2(target_T_query[1, 0], target_T_query[0, 0])
-        off_m = np.hypot(
-            offsets_m[:, None] - target_T_query[0, 3], offsets_m - target_T_query[1, 3]
-        )
+    rows = near_rows[_spaced(anchors_m[near_rows])]
+    targets_T_query = np.linalg.inv(targets.world_T_anchor[rows]) @ world_T_query
+    headings = np.arctan2(targets_T_query[:, 1, 0], targets_T_query[:, 0, 0])
+    x_m, y_m = targets_T_query[:, :2, 3].T[:, :, None, None]
+    every_off_m = np.hypot(offsets_m[:, None] - x_m, offsets_m - y_m)
+    for row, heading, off_m in zip(rows.tolist(), headings.tolist(), every_off_m, strict=True):
         for turn_deg in (0.0, *(TURNS_DEG if row == near_rows[0] else ())):
             turned = heading + np.deg2rad(turn_deg)
             scores = walls.scores(targets.chart(walls, row), middles, turned)

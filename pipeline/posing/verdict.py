@@ -6,7 +6,6 @@ Both are learned from held-out blocks.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,19 +74,8 @@ class Evidence:
     """(fix,) whether it was asked without its surroundings."""
     block: NDArray[np.int64]
     """(fix,) the stretch of path that it is of: neighbours are no independent evidence."""
-
-    @classmethod
-    def joined(cls, parts: Sequence[Self]) -> Self:
-        """Join the evidence of several sets of blocks that have none in common."""
-        numbers = np.cumsum([0, *(part.block.max(initial=-1) + 1 for part in parts)])
-        block = [part.block + first for part, first in zip(parts, numbers, strict=False)]
-        true, unseen = (
-            np.concatenate([getattr(part, name) for part in parts])
-            for name in ("world_T_true", "unseen")
-        )
-        return cls(
-            [fix for part in parts for fix in part.fixes], true, unseen, np.concatenate(block)
-        )
+    least_overlap: float = 0.0
+    """From which overlap on an approach was refined (Fixer.least_overlap)."""
 
     @property
     def blocks(self) -> int:

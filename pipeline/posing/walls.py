@@ -99,7 +99,10 @@ class Walls:
 
     def middles(self, walls_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """The middles (n, 2), in cells, of the cells that walls (m, 3) lie in."""
-        return np.unique(np.floor(walls_m[:, :2] / self.cell_m), axis=0) + 0.5
+        # one number a cell: unique is slow on rows
+        cells = np.floor(walls_m[:, :2] / self.cell_m) + self.half
+        numbers = np.unique(cells[:, 0] * (2 * self.half) + cells[:, 1])
+        return np.column_stack(np.divmod(numbers, 2 * self.half)) - self.half + 0.5
 
     def scores(
         self, chart: Chart, middles: NDArray[np.float64], heading: float

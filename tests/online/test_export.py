@@ -95,8 +95,23 @@ def test_a_compact_site_is_a_third_as_large_and_answers_alike(
     np.testing.assert_allclose(of_whole.costs, of_compact.costs, atol=0.1)
 
 
+def test_a_packed_site_answers_on_one_thread_without_torch_as_with_it(
+    learned: Path, tmp_path: Path
+) -> None:
+    points_m, world_T_robot = scan(2)
+    np.save(tmp_path / "scan.npy", points_m)
+    words = [sys.executable, "-c", WITHOUT_TORCH, str(learned), str(tmp_path / "scan.npy")]
+    verdict, x, y = subprocess.run(words, capture_output=True, text=True, check=True).stdout.split()
+    assert verdict == "accepted"
+    np.testing.assert_allclose([float(x), float(y)], world_T_robot[:2, 3], atol=0.1)
+    plain, torchs = (Site.open(learned, threads).rank(points_m) for threads in (1, 2))
+    np.testing.assert_array_equal(plain.places, torchs.places)
+    np.testing.assert_allclose(plain.xy_m, torchs.xy_m)
+
+
 def test_a_site_that_needs_torch_says_so(learned: Path) -> None:
-    words = [sys.executable, "-c", WITHOUT_TORCH, str(learned), "none"]
+    program = WITHOUT_TORCH.replace("Site.open(sys.argv[1])", "Site.open(sys.argv[1], threads=2)")
+    words = [sys.executable, "-c", program, str(learned), "none"]
     told = subprocess.run(words, capture_output=True, text=True, check=False).stderr.splitlines()[
         -1
     ]

@@ -80,6 +80,7 @@ def test_what_is_packed_finds_a_scan(project: Path, tmp_path: Path) -> None:
     np.testing.assert_allclose(fix.world_T_sensor, world_T_robot, atol=0.1)
     assert site.description.reader["_target_"] == "pipeline.readers.folder.Folder"
     assert site.description.sensor.ground_m == pytest.approx(0, abs=0.05)
+    assert 0 < site.fixer.least_overlap <= 0.3  # held-out blocks tell it
     assert site.description.provenance.train == "monday"
     assert "site three/10m/scan_context" in describe(tmp_path / "three.site").text()
 

@@ -75,6 +75,20 @@ def test_a_place_that_the_map_does_not_have_overlaps_little(targets: Targets) ->
     assert elsewhere.chance < 0.5 < 0.99 < here.chance
 
 
+def test_approaches_of_little_overlap_are_refined_only_beside_a_likely_hypothesis(
+    targets: Targets,
+) -> None:
+    """Of a place that is not there nothing is refined. Of one that is there the other two are, to
+    compare it with, as far as a search goes that is never sure."""
+    there, elsewhere = (seen_from(scene(seed), planar(1, 1, 20)) for seed in (0, 7))
+    fixer = Fixer(least_overlap=0.7, sure=1.0)
+    assert len(Fixer().fix(elsewhere, targets, PLACES).hypotheses) > 0
+    assert fixer.fix(elsewhere, targets, PLACES) == Fix()
+    found = fixer.fix(there, targets, PLACES)
+    assert found.hypotheses[0].approached > 0.7
+    assert min(other.approached for other in found.hypotheses[1:]) < 0.7
+
+
 @pytest.mark.parametrize(
     "points_m",
     [

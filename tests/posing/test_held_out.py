@@ -12,11 +12,13 @@ from pipeline.core.errors import ConfigError, InputError
 from pipeline.core.progress import Progress
 from pipeline.matching.ranking import Ranking, Rows
 from pipeline.posing.ageing import Ageing
-from pipeline.posing.held_out import Drive, HeldOut, TrainingDay
+from pipeline.posing.chances import Chances
+from pipeline.posing.fix import Fix
+from pipeline.posing.held_out import Drive, HeldOut, TrainingDay, gated, least_overlap
 from pipeline.posing.search import Fixer
 from pipeline.posing.targets import write_map
 from pipeline.posing.verdict import Evidence
-from tests.posing.scene import planar, scene, seen_from
+from tests.posing.scene import hypothesis, planar, scene, seen_from
 from tests.posing.test_queries import drive
 
 ANCHORS = np.array([planar(x_m, y_m, 0) for y_m in (0, 400) for x_m in (0, 2, 4, 6)])
@@ -73,6 +75,27 @@ def test_blocks_are_right_with_their_surroundings_aged_or_not_and_wrong_without(
     chance = np.array([fix.chance for fix in evidence.fixes])
     assert chance[~evidence.unseen].min() > chance[evidence.unseen].max()
     assert (chance[1::3] < chance[::3]).mean() > 0.5  # an aged one is less like the map
+
+
+def test_approaches_are_refined_from_four_fifths_of_the_least_overlap_of_right_ones() -> None:
+    def approached(overlap: float, x_m: float = 0.0) -> Fix:
+        return Fix((replace(hypothesis(x_m, 0.8), approached=overlap),), (0.9,))
+
+    true = np.eye(4)[None].repeat(2, axis=0)
+    assert least_overlap([approached(0.25), approached(0.1, x_m=9.0)], true) == pytest.approx(0.2)
+    assert least_overlap([approached(0.9), approached(0.8)], true) == 0.3  # not over this
+    assert least_overlap([approached(0.9, x_m=9.0)], true[:1]) == 0.0  # none is right
+
+
+def test_a_fix_lacks_what_a_search_with_a_least_overlap_does_not_refine() -> None:
+    hypotheses = [
+        replace(hypothesis(x_m, 0.5), approached=overlap)
+        for x_m, overlap in ((0.0, 0.4), (50.0, 0.1))
+    ]
+    unlikely = Chances((0.0,) * 6, -9.0)
+    likely = Chances((0.0,) * 6, 0.0)
+    assert len(gated(Fix.of(hypotheses, unlikely), 0.2, unlikely).hypotheses) == 1
+    assert len(gated(Fix.of(hypotheses, likely), 0.2, likely).hypotheses) == 2
 
 
 def test_evidence_stands_for_as_many_queries_as_there_are_blocks(path: Path) -> None:

@@ -19,10 +19,8 @@ from pipeline.networks.classifier import Kinds
 from pipeline.networks.evidence import Prediction
 from pipeline.networks.learner import Learner
 from pipeline.networks.lenet import device, sent
+from pipeline.networks.plain import HEADING_SOFTNESS
 
-HEADING_SOFTNESS = 2.0
-"""Temperature of the softmax over a place's headings, whose circular mean is the answer: at 1 the
-mean leans to the nearest heading. Chosen on held-out blocks of two simulated worlds."""
 Batch = tuple[Tensor, Tensor, int, Tensor]
 """Images (b, channels, rings, sectors), their places (b,), sectors of an arc, and the images' yaw
 (b,) in headings."""

@@ -1,0 +1,166 @@
+"""The trained networks of SCI and of its ring in plain NumPy: they answer without torch.
+
+torch takes over a second to be imported, more than all else that a first fix needs. The layers are
+those of `lenet` and of the ring (METHODS 2.4, 8.1), the arithmetic is float32.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp, softmax
+
+from pipeline.core.frames import wrapped_deg
+from pipeline.views.scan_context import colours, quantize
+
+Floats = NDArray[np.float32]
+Weights = Mapping[str, NDArray[Any]]
+NET = "net/"
+"""Prefix of the weights within a model."""
+RING = f"{NET}fc1"
+"""FC1's weights, a slice a heading, which only the ring has."""
+LENET = f"{NET}head.2.weight"
+"""FC1's weights, which only SCI's network has."""
+CONVOLUTIONS = (("features.0", "features.3"), ("features.4", "features.7"), ("features.8", ""))
+"""Names of each convolution and of the batch norm behind it; the last has none."""
+EPSILON = 1e-3
+"""What the batch norms add to a variance."""
+HEADING_SOFTNESS = 2.0
+"""Temperature of the softmax over a place's headings, whose circular mean is the answer: at 1 the
+mean leans to the nearest heading. Chosen on held-out blocks of two simulated worlds."""
+
+
+@dataclass(frozen=True)
+class Layer:
+    """A convolution, then the largest of 2 × 2, the ReLU and the batch norm, as one affine map."""
+
+    kernels: Floats
+    """(rows · columns · channels, filters)."""
+    bias: Floats
+    """(filters,)."""
+    rows: int
+    columns: int
+    wraps: bool
+    """Whether the image goes on at its other side, along the sectors."""
+    scale: Floats
+    """(filters,) of the batch norm."""
+    offset: Floats
+    """(filters,) of the batch norm."""
+
+    def __call__(self, image: Floats) -> Floats:
+        """The features of an image (rings, sectors, channels), with half of both sides."""
+        above = self.rows // 2
+        aside = self.columns // 2
+        beyond: Literal["wrap", "constant"] = "wrap" if self.wraps else "constant"
+        padded = np.pad(image, ((above, above), (0, 0), (0, 0)))
+        padded = np.pad(padded, ((0, 0), (aside, aside), (0, 0)), mode=beyond)
+        rings, sectors, channels = image.shape
+        # a window of a row is one piece of memory
+        windows = np.lib.stride_tricks.as_strided(
+            padded,
+            (rings, sectors, self.rows, self.columns * channels),
+            (*padded.strides[:2], padded.strides[0], padded.strides[2]),
+            writeable=False,
+        )
+        filtered = windows.reshape(rings * sectors, -1) @ self.kernels
+        filtered = filtered.reshape(rings, sectors, -1)[: rings // 2 * 2, : sectors // 2 * 2]
+        wide = np.maximum(filtered[0::2], filtered[1::2])
+        largest = np.maximum(wide[:, 0::2], wide[:, 1::2]) + self.bias
+        return np.asarray(np.maximum(largest, np.float32(0)) * self.scale + self.offset)
+
+
+@dataclass(frozen=True)
+class Plain:
+    """A trained network of SCI or of its ring."""
+
+    weights: Weights
+    layers: tuple[Layer, ...]
+    colour: Floats
+    """(256, channels) of each quantized height."""
+    h_min_m: float
+    h_max_m: float
+
+    @classmethod
+    def there(cls, model: Weights) -> bool:
+        """Whether a model has such a network."""
+        return RING in model or LENET in model
+
+    @classmethod
+    def of(
+        cls,
+        model: Weights,
+        colormap: Literal["jet", "grey"] = "jet",
+        h_min_m: float = 0.0,
+        h_max_m: float = 15.0,
+    ) -> Self:
+        """The network of a model, with the settings by which it looks at heights."""
+        weights = {
+            name.removeprefix(NET): np.asarray(array)
+            for name, array in model.items()
+            if name.startswith(NET)
+        }
+        layers = tuple(_layer(weights, *names, wraps=RING in model) for names in CONVOLUTIONS)
+        colour = (colours(colormap).astype(np.float32) / np.float32(255)).astype(np.float32)
+        return cls(weights, layers, colour, h_min_m, h_max_m)
+
+    def __call__(self, heights_m: NDArray[np.float32]) -> tuple[Floats, Floats, Floats]:
+        """Scores (places,), features (64,) of length 1 and headings (places,) in degrees.
+
+        Heights (rings, sectors) are in metres; headings are NaN of a network without them.
+        """
+        image = self.colour[quantize(heights_m, self.h_min_m, self.h_max_m)]
+        for layer in self.layers:
+            image = layer(image)
+        return self._ring(image) if "fc1" in self.weights else self._lenet(image)
+
+    def _lenet(self, features: Floats) -> tuple[Floats, Floats, Floats]:
+        """The dense layers of SCI's network."""
+        weights = self.weights
+        embedded = weights["head.2.weight"] @ features.transpose(2, 0, 1).ravel()
+        embedded = embedded + weights["head.2.bias"]
+        scores = weights["head.4.weight"] @ embedded + weights["head.4.bias"]
+        return scores, _of_length_1(embedded), np.full_like(scores, np.nan)
+
+    def _ring(self, features: Floats) -> tuple[Floats, Floats, Floats]:
+        """The dense layers of the ring, at every heading."""
+        weights = self.weights
+        count, width, _ = weights["fc1"].shape
+        columns = features.transpose(1, 0, 2).reshape(count, -1)
+        products = (columns @ weights["fc1"].reshape(count * width, -1).T).reshape(
+            count, count, width
+        )
+        slices = np.arange(count)
+        sectors = (slices - slices[:, None]) % count  # of each heading, slice by slice
+        embedded = products[sectors, slices].sum(axis=1) + weights["fc1_bias"]
+        logits = embedded @ weights["fc2.weight"].T + weights["fc2.bias"]
+        scores = logsumexp(logits, axis=0)
+        heading_deg = _circular_mean_deg(softmax(logits / HEADING_SOFTNESS, axis=0))
+        at = heading_deg[scores.argmax()] * (count / 360)
+        lower = int(np.floor(at))
+        share = np.float32(at - lower)
+        lower_row, upper_row = embedded[lower % count], embedded[(lower + 1) % count]
+        return scores, _of_length_1(lower_row + share * (upper_row - lower_row)), heading_deg
+
+
+def _layer(weights: Weights, convolution: str, norm: str, wraps: bool) -> Layer:
+    kernels = weights[f"{convolution}.weight"]  # (filters, channels, rows, columns)
+    filters, _, rows, columns = kernels.shape
+    scale: NDArray[Any] = np.ones(filters, np.float32)
+    offset: NDArray[Any] = np.zeros(filters, np.float32)
+    if norm:
+        scale = weights[f"{norm}.weight"] / np.sqrt(weights[f"{norm}.running_var"] + EPSILON)
+        offset = weights[f"{norm}.bias"] - weights[f"{norm}.running_mean"] * scale
+    flat = np.ascontiguousarray(kernels.transpose(2, 3, 1, 0).reshape(-1, filters))
+    return Layer(flat, weights[f"{convolution}.bias"], rows, columns, wraps, scale, offset)
+
+
+def _circular_mean_deg(chances: NDArray[Any]) -> NDArray[Any]:
+    """The circular mean (n,) of chances (heading, n)."""
+    angles = np.linspace(0, 2 * np.pi, len(chances), endpoint=False, dtype=np.float32)
+    return wrapped_deg(np.rad2deg(np.arctan2(np.sin(angles) @ chances, np.cos(angles) @ chances)))
+
+
+def _of_length_1(vector: NDArray[Any]) -> NDArray[Any]:
+    return vector / max(float(np.linalg.norm(vector)), 1e-12)
