@@ -15,8 +15,8 @@ from pipeline.mapping.appearance import ground
 from pipeline.matching.shifts import Spectra
 from pipeline.posing.registration import Points
 from pipeline.posing.targets import GRAIN_M, Targets, thinned
+from pipeline.readers.deskew import deskewed
 from pipeline.readers.log import Log, lifted
-from pipeline.slam.deskew import deskewed
 from pipeline.slam.odometry import Track
 from pipeline.views.scan_context import ScanContext
 

@@ -19,8 +19,8 @@ from pipeline.core.progress import Progress
 from pipeline.core.settings import Count, Positive, Share, check
 from pipeline.matching.shifts import Spectra
 from pipeline.posing.registration import Cloud, Points, Registration, moved
+from pipeline.readers.deskew import deskewed
 from pipeline.readers.log import Log
-from pipeline.slam.deskew import deskewed
 from pipeline.views.scan_context import ScanContext
 
 REMEMBERED = 200

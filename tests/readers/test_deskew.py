@@ -1,7 +1,7 @@
 import numpy as np
 
 from pipeline.core.frames import pose
-from pipeline.slam.deskew import deskewed
+from pipeline.readers.deskew import deskewed
 
 
 def test_a_point_ahead_is_carried_as_far_as_the_vehicle_drove_meanwhile() -> None:
