@@ -9,10 +9,9 @@ from pipeline.core.errors import LogError
 from pipeline.core.progress import Progress
 from pipeline.formats import folder, pcd
 from pipeline.posing.registration import Points, moved
+from pipeline.readers.deskew import scan_at_stamp
 from pipeline.readers.log import Log
 from pipeline.slam.drive import Estimate
-from pipeline.slam.keys import scan_points
-from pipeline.slam.odometry import Track
 
 MAP_VOXEL_M = 0.2
 MAP_EVERY_M = 1.0
@@ -31,7 +30,6 @@ def tum_text(estimate: Estimate) -> str:
 
 def map_pcd(log: Log, estimate: Estimate, watch: Progress) -> bytes:
     """A PCD of the points of a drive in its world, one a voxel of MAP_VOXEL_M."""
-    track = Track(estimate.odom_T_scan, estimate.overlap, estimate.by_log, estimate.breaks, {})
     rows = [
         row
         for row in np.unique(estimate.path_m // MAP_EVERY_M, return_index=True)[1].tolist()
@@ -41,7 +39,7 @@ def map_pcd(log: Log, estimate: Estimate, watch: Progress) -> bytes:
     gathered: list[Points] = []
     for number, row in enumerate(watch.track(rows, len(rows), "map"), start=1):
         try:
-            points_m = scan_points(log, track, row)
+            points_m = scan_at_stamp(log, estimate.odom_T_scan, estimate.breaks, row)
         except LogError:
             continue
         near = points_m[np.linalg.norm(points_m, axis=1) < MAP_RANGE_M]

@@ -1,5 +1,6 @@
 """Further days: laid onto the map of the training day."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -57,6 +58,21 @@ def test_scans_without_a_pose_are_counted_and_break_the_odometry(tmp_path: Path)
     assert log.skipped == {"no pose by slam": 1}
     assert np.isfinite(log.odom_T_scan).all()  # its own, which knows the fifth too
     assert len(log.points(8)) == len(drive(circle(10)).points(9))
+
+
+def test_scans_are_handed_on_as_they_lay_at_their_stamp(tmp_path: Path) -> None:
+    """Points measured half a step after the stamp lie half a step on: .5 m of 1 m."""
+    estimate = Slam().estimate(drive(circle(6)), Progress())
+    store.write(tmp_path / "day.zarr", artifact(estimate))
+    skewed = replace(
+        drive(circle(6)),
+        times_s=lambda row: np.linspace(0, 0.25, len(drive(circle(6)).points(row))),
+    )
+    log = posed(skewed, tmp_path / "day.zarr")
+    assert log.times_s(2) is None
+    moved_m = np.linalg.norm(log.points(2) - skewed.points(2), axis=1)
+    assert moved_m[0] < 0.02
+    assert moved_m[-1] > 0.4
 
 
 def test_a_day_elsewhere_is_refused() -> None:
