@@ -22,12 +22,13 @@ from numpy.typing import NDArray
 from pipeline.core.errors import LogError
 from pipeline.core.frames import Poses, apart
 from pipeline.core.progress import Progress
+from pipeline.core.schemas import Estimates
 from pipeline.formats import bag_file
 from pipeline.readers.bag import Bag
 from pipeline.readers.keyframes import FILE, KeyFrames
 from pipeline.readers.log import Log
 from pipeline.readers.nclt import Nclt
-from pipeline.slam.drive import Estimate, Slam, without_truth
+from pipeline.slam.drive import Slam, without_truth
 
 BAD_M = 0.5
 BAD_DEG = 5.0
@@ -115,7 +116,7 @@ def scores(name: str, log: Log, with_peer: bool) -> Iterator[Score]:
             len(estimate.breaks),
             len(wrong),
             int(wrong.sum()),
-            int((wrong & estimate.loops.used).sum()),
+            int((wrong & estimate.used).sum()),
         )
     if with_peer:
         for way, deskews in (("kiss-icp", True), ("kiss-icp, not deskewed", False)):
@@ -163,11 +164,10 @@ def steps(poses: Poses) -> Poses:
     return np.asarray(np.linalg.inv(poses[:-1]) @ poses[1:])
 
 
-def is_wrong(truth: Poses, estimate: Estimate) -> NDArray[np.bool_]:
+def is_wrong(truth: Poses, estimate: Estimates) -> NDArray[np.bool_]:
     """Which loops (k,) are wrong."""
-    loops = estimate.loops
-    true = np.linalg.inv(truth[loops.earlier]) @ truth[loops.later]
-    away_m, turn_deg = apart(loops.earlier_T_later, true)
+    true = np.linalg.inv(truth[estimate.earlier]) @ truth[estimate.later]
+    away_m, turn_deg = apart(estimate.earlier_T_later, true)
     return np.asarray((away_m > WRONG_M) | (turn_deg > WRONG_DEG))
 
 
