@@ -11,8 +11,9 @@ deskewing. A peer, kiss-icp (Vizzo et al., RA-L 2023), runs beside where it is i
 
 import argparse
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -63,7 +64,7 @@ class Score:
     path_m: float
     errors: Errors
     ms: float = 0.0
-    """CPU time a scan, reading included; 0 where nothing is computed."""
+    """CPU time a scan, reading included."""
     before_loops_m: float = np.nan
     """The ATE of the odometry."""
     breaks: int = 0
@@ -79,7 +80,7 @@ class Score:
             "–" if np.isnan(self.before_loops_m) else f"{self.before_loops_m:.3f}",
             f"{self.errors.piece_m:.3f}",
             self.errors.bad_steps,
-            f"{self.ms:.0f}" if self.ms else "–",
+            f"{self.ms:.0f}" if self.ms > 1 else "–",
             self.breaks,
             self.loops,
             self.wrong_loops,
@@ -88,60 +89,82 @@ class Score:
         return f"| {self.log} | {self.way} | {' | '.join(map(str, numbers))} |"
 
 
-def scores(name: str, log: Log, with_peer: bool) -> Iterator[Score]:
-    """Score the log's own odometry, ours with and without it, and kiss-icp where installed."""
+def scores(name: str, log: Log, only: list[str]) -> Iterator[Score]:
+    """Score the log's own odometry, ours with and without it, and kiss-icp where installed.
+
+    Of these the ways in `only`; all where it is empty.
+    """
     truth = log.world_T_scan
     path_m = float(steps_m(truth).sum())
-    has_odometry = bool(np.isfinite(log.odom_T_scan).all())
-    if has_odometry:
-        yield Score(name, "the log's odometry", path_m, errors(truth, log.odom_T_scan))
-    ways = [("scans alone", log, False)]
-    if has_odometry:
-        ways.insert(0, ("scans and odometry", log, True))
-    if log.times_s(0) is not None:
-        skewed = replace(log, times_s=lambda row: None)
-        ways += [(f"{way}, not deskewed", skewed, use) for way, _, use in ways]
-    for way, version, use in ways:
+    for way, poses_of in ways(log).items():
+        if only and way not in only:
+            continue
         started_s = time.process_time()
-        estimate = Slam(use_log_odometry=use).estimate(without_truth(version), Progress())
+        result = poses_of()
         ms = 1000 * (time.process_time() - started_s) / len(truth)
-        wrong = is_wrong(truth, estimate)
+        if not isinstance(result, Estimates):
+            yield Score(name, way, path_m, errors(truth, result), ms)
+            continue
+        wrong = is_wrong(truth, result)
         yield Score(
             name,
             way,
             path_m,
-            errors(truth, estimate.world_T_scan),
+            errors(truth, result.world_T_scan),
             ms,
-            errors(truth, estimate.odom_T_scan).ate_m,
-            len(estimate.breaks),
+            errors(truth, result.odom_T_scan).ate_m,
+            len(result.breaks),
             len(wrong),
             int(wrong.sum()),
-            int((wrong & estimate.used).sum()),
+            int((wrong & result.used).sum()),
         )
-    if with_peer:
-        for way, deskews in (("kiss-icp", True), ("kiss-icp, not deskewed", False)):
-            if deskews or log.times_s(0) is not None:
-                started_s = time.process_time()
-                poses = by_kiss_icp(log, deskews)
-                ms = 1000 * (time.process_time() - started_s) / len(truth)
-                yield Score(name, way, path_m, errors(truth, poses), ms)
+
+
+def ways(log: Log) -> dict[str, Callable[[], Poses | Estimates]]:
+    """What estimates the poses of a log, by name."""
+    has_odometry = bool(np.isfinite(log.odom_T_scan[1:]).all())
+    skewed = replace(log, times_s=lambda row: None)
+    versions = {"": log} if log.times_s(0) is None else {"": log, ", not deskewed": skewed}
+    named: dict[str, Callable[[], Poses | Estimates]] = {}
+    if has_odometry:
+        named["the log's odometry"] = lambda: log.odom_T_scan
+    for suffix, version in versions.items():
+        if has_odometry:
+            named["scans and odometry" + suffix] = partial(ours, version, True)
+        named["scans alone" + suffix] = partial(ours, version, False)
+        if find_spec("kiss_icp") is not None:
+            named["kiss-icp" + suffix] = partial(by_kiss_icp, version)
+    return named
+
+
+def ours(log: Log, use_log_odometry: bool) -> Estimates:
+    return Slam(use_log_odometry=use_log_odometry).estimate(without_truth(log), Progress())
 
 
 def errors(truth: Poses, estimate: Poses) -> Errors:
-    """The errors of poses (n, 4, 4); Umeyama's rigid transform (PAMI 1991) lays them on the
-    truth."""
+    """The errors of poses (n, 4, 4), laid on the true ones."""
     known = np.isfinite(estimate).all((1, 2)) & np.isfinite(truth).all((1, 2))
     truth = truth[known]
     estimate = estimate[known]
-    estimate_m = estimate[:, :3, 3] - estimate[:, :3, 3].mean(axis=0)
-    truth_m = truth[:, :3, 3] - truth[:, :3, 3].mean(axis=0)
-    U, _, Vt = np.linalg.svd(estimate_m.T @ truth_m)
-    mirror = np.diag([1.0, 1.0, np.sign(np.linalg.det(Vt.T @ U.T))])
-    off_m = estimate_m @ (Vt.T @ mirror @ U.T).T - truth_m
-    ate_m = float(np.sqrt((off_m**2).sum(axis=1).mean()))
+    off_m = apart(laid(estimate, truth) @ estimate, truth)[0]
+    ate_m = float(np.sqrt((off_m**2).mean()))
     away_m, turn_deg = apart(steps(truth), steps(estimate))
     bad_steps = int(((away_m > BAD_M) | (turn_deg > BAD_DEG)).sum())
     return Errors(ate_m, piece_m(truth, estimate), bad_steps)
+
+
+def laid(estimate: Poses, truth: Poses) -> Poses:
+    """The rigid transform (4, 4) that lays poses (n, 4, 4) on true ones (Umeyama, PAMI 1991)."""
+    estimate_m = estimate[:, :3, 3]
+    truth_m = truth[:, :3, 3]
+    covariance = (estimate_m - estimate_m.mean(axis=0)).T @ (truth_m - truth_m.mean(axis=0))
+    U, _, Vt = np.linalg.svd(covariance)
+    mirror = np.diag([1.0, 1.0, np.sign(np.linalg.det(Vt.T @ U.T))])
+    truth_T_estimate = np.eye(4)
+    truth_T_estimate[:3, :3] = Vt.T @ mirror @ U.T
+    moved_m = truth_T_estimate[:3, :3] @ estimate_m.mean(axis=0)
+    truth_T_estimate[:3, 3] = truth_m.mean(axis=0) - moved_m
+    return truth_T_estimate
 
 
 def piece_m(truth: Poses, estimate: Poses) -> float:
@@ -149,6 +172,8 @@ def piece_m(truth: Poses, estimate: Poses) -> float:
     path_m = np.concatenate([[0.0], np.cumsum(steps_m(truth))])
     ends = np.searchsorted(path_m, path_m + PIECE_M)
     starts = np.flatnonzero(ends < len(truth))
+    if not len(starts):
+        return np.nan
     true = np.linalg.inv(truth[starts]) @ truth[ends[starts]]
     estimated = np.linalg.inv(estimate[starts]) @ estimate[ends[starts]]
     return float(np.linalg.norm((true - estimated)[:, :3, 3], axis=1).mean())
@@ -171,19 +196,19 @@ def is_wrong(truth: Poses, estimate: Estimates) -> NDArray[np.bool_]:
     return np.asarray((away_m > WRONG_M) | (turn_deg > WRONG_DEG))
 
 
-def by_kiss_icp(log: Log, deskews: bool) -> Poses:
+def by_kiss_icp(log: Log) -> Poses:
     """The poses (n, 4, 4) by the peer, with the settings of its authors but a range of 80 m."""
     from kiss_icp.config import KISSConfig
     from kiss_icp.kiss_icp import KissICP
 
     config = KISSConfig()
     config.data.max_range = 80.0
-    config.data.deskew = deskews
+    config.data.deskew = log.times_s(0) is not None
     config.mapping.voxel_size = 0.8  # a hundredth of the range, as its command line takes
     odometry = KissICP(config)
     poses: list[NDArray[np.float64]] = []
     for row in range(len(log.stamps_ns)):
-        times_s = log.times_s(row) if deskews else None
+        times_s = log.times_s(row)
         times_s = np.empty(0) if times_s is None else times_s
         odometry.register_frame(np.asarray(log.points(row), np.float64), times_s)
         poses.append(odometry.last_pose.copy())
@@ -206,9 +231,10 @@ def opened(path: Path) -> Log:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser("python -m benchmarks.slam", description=__doc__)
     parser.add_argument("logs", nargs="+", metavar="NAME=FOLDER")
+    parser.add_argument("--way", action="append", default=[], help="this row alone, by its name")
+    words = parser.parse_args()
     print(HEAD)
-    for word in parser.parse_args().logs:
+    for word in words.logs:
         log_name, _, folder = word.partition("=")
-        opened_log = opened(Path(folder).resolve())
-        for score in scores(log_name, opened_log, find_spec("kiss_icp") is not None):
+        for score in scores(log_name, opened(Path(folder).resolve()), words.way):
             print(score.line(), flush=True)

@@ -260,6 +260,7 @@ class Simulation:
             self.step_m,
             robot.motion,
             entry.lateral_m,
+            rocks_smoothly=self.turn_s > 0,
         )
         side = TruthWriter(truth) if truth else None
         if side:
