@@ -32,11 +32,11 @@ class Settings:
     sequence: str
     train: str
     """The training sequence, whose own poses make the world."""
-    map: Path | None
-    """Its estimated poses; None where it is estimated itself."""
     slam: Slam
     picture: Path
     out: Path
+    map: Path | None = None
+    """The training sequence's estimated poses; None where it is estimated itself."""
 
 
 @stage("slam")
