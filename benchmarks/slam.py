@@ -1,16 +1,20 @@
 """How well poses are estimated from scans: drift, loops and time on logs whose poses are known.
 
-    python -m benchmarks.slam campus=artifacts/logs/campus/2012-01-15 keyframes=data/nclt_keyframes
+    python -m stages.logs sequence="'2012-01-15'" out=logs/2012-01-15
+    python -m stages.logs dataset=suburb world=drive_10hz sequence="'00'" out=logs/00
+    python -m benchmarks.slam campus=logs/2012-01-15 drive=logs/00 keys=data/nclt_keyframes
 
-Each log is an NCLT sequence, simulated or recorded, or a folder of key frames. It is estimated with
-its own odometry as guess and without. A peer, kiss-icp (Vizzo et al., RA-L 2023), runs beside where
-it is installed.
+Each log is an NCLT sequence, simulated or recorded, a folder of key frames, or a simulated bag. It
+is estimated with its own odometry as guess and without, and, where its points have times, without
+deskewing. A peer, kiss-icp (Vizzo et al., RA-L 2023), runs beside where it is installed.
 """
 
 import argparse
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -19,10 +23,13 @@ from numpy.typing import NDArray
 from pipeline.core.errors import LogError
 from pipeline.core.frames import Poses, apart
 from pipeline.core.progress import Progress
+from pipeline.core.schemas import Estimates
+from pipeline.formats import bag_file
+from pipeline.readers.bag import Bag
 from pipeline.readers.keyframes import FILE, KeyFrames
 from pipeline.readers.log import Log
 from pipeline.readers.nclt import Nclt
-from pipeline.slam.drive import Estimate, Slam, without_truth
+from pipeline.slam.drive import Slam, without_truth
 
 BAD_M = 0.5
 BAD_DEG = 5.0
@@ -30,10 +37,22 @@ BAD_DEG = 5.0
 WRONG_M = 2.0
 WRONG_DEG = 5.0
 """A loop off by more is wrong."""
+PIECE_M = 100.0
 HEAD = (
-    f"{'log':<24} {'poses by':<22} {'path m':>7} {'ATE m':>7} {'/100 m':>7} {'bad':>4} "
-    f"{'ms/scan':>7} {'breaks':>6} {'loops':>5} {'wrong':>5}"
+    "| log | poses by | path m | ATE m | before loops m | in 100 m | bad steps | CPU-ms a scan "
+    "| breaks | loops | wrong | wrong and kept |\n|" + "---|" * 12
 )
+
+
+@dataclass(frozen=True)
+class Errors:
+    """How far poses are off the truth; scans without a pose are left out."""
+
+    ate_m: float
+    """Root mean square of the positions' errors after one rigid transform."""
+    piece_m: float
+    """Mean distance of the end of a piece of PIECE_M of path, seen from its start."""
+    bad_steps: int
 
 
 @dataclass(frozen=True)
@@ -43,62 +62,126 @@ class Score:
     log: str
     way: str
     path_m: float
-    ate_m: float
-    """Root mean square of the positions' errors after one rigid transform."""
-    bad_steps: int
-    ms: float
+    errors: Errors
+    ms: float = 0.0
     """CPU time a scan, reading included."""
+    before_loops_m: float = np.nan
+    """The ATE of the odometry."""
     breaks: int = 0
     loops: int = 0
     wrong_loops: int = 0
+    wrong_kept: int = 0
 
     def line(self) -> str:
         """A row of the table."""
-        return (
-            f"{self.log:<24} {self.way:<22} {self.path_m:>7.0f} {self.ate_m:>7.3f} "
-            f"{100 * self.ate_m / self.path_m:>7.3f} {self.bad_steps:>4} {self.ms:>7.0f} "
-            f"{self.breaks:>6} {self.loops:>5} {self.wrong_loops:>5}"
+        numbers = (
+            f"{self.path_m:.0f}",
+            f"{self.errors.ate_m:.3f}",
+            "–" if np.isnan(self.before_loops_m) else f"{self.before_loops_m:.3f}",
+            f"{self.errors.piece_m:.3f}",
+            self.errors.bad_steps,
+            f"{self.ms:.0f}" if self.ms > 1 else "–",
+            self.breaks,
+            self.loops,
+            self.wrong_loops,
+            self.wrong_kept,
+        )
+        return f"| {self.log} | {self.way} | {' | '.join(map(str, numbers))} |"
+
+
+def scores(name: str, log: Log, only: list[str]) -> Iterator[Score]:
+    """Score the log's own odometry, ours with and without it, and kiss-icp where installed.
+
+    Of these the ways in `only`; all where it is empty.
+    """
+    truth = log.world_T_scan
+    path_m = float(steps_m(truth).sum())
+    for way, poses_of in ways(log).items():
+        if only and way not in only:
+            continue
+        started_s = time.process_time()
+        result = poses_of()
+        ms = 1000 * (time.process_time() - started_s) / len(truth)
+        if not isinstance(result, Estimates):
+            yield Score(name, way, path_m, errors(truth, result), ms)
+            continue
+        wrong = is_wrong(truth, result)
+        yield Score(
+            name,
+            way,
+            path_m,
+            errors(truth, result.world_T_scan),
+            ms,
+            errors(truth, result.odom_T_scan).ate_m,
+            len(result.breaks),
+            len(wrong),
+            int(wrong.sum()),
+            int((wrong & result.used).sum()),
         )
 
 
-def scores(name: str, log: Log) -> Iterator[Score]:
-    """Score the log's own odometry, ours with and without it, and kiss-icp where installed."""
-    truth = log.world_T_scan
-    path_m = float(np.linalg.norm(np.diff(truth[:, :3, 3], axis=0), axis=1).sum())
-    if np.isfinite(log.odom_T_scan).all():
-        yield Score(name, "the log's odometry", path_m, *errors(truth, log.odom_T_scan), 0.0)
-    for use in (True, False):
-        started_s = time.process_time()
-        estimate = Slam(use_log_odometry=use).estimate(without_truth(log), Progress())
-        ms = 1000 * (time.process_time() - started_s) / len(truth)
-        way = "with odometry" if use else "without"
-        loops = len(estimate.loops.used)
-        wrong = wrong_loops(truth, estimate)
-        counts = (len(estimate.breaks), loops, wrong)
-        before = errors(truth, estimate.odom_T_scan)
-        yield Score(name, f"{way}, before loops", path_m, *before, ms, *counts)
-        yield Score(name, way, path_m, *errors(truth, estimate.world_T_scan), ms, *counts)
-    if peer := kiss_icp():
-        started_s = time.process_time()
-        poses = peer(log)
-        ms = 1000 * (time.process_time() - started_s) / len(truth)
-        yield Score(name, "kiss-icp", path_m, *errors(truth, poses), ms)
+def ways(log: Log) -> dict[str, Callable[[], Poses | Estimates]]:
+    """What estimates the poses of a log, by name."""
+    has_odometry = bool(np.isfinite(log.odom_T_scan[1:]).all())
+    skewed = replace(log, times_s=lambda row: None)
+    versions = {"": log} if log.times_s(0) is None else {"": log, ", not deskewed": skewed}
+    named: dict[str, Callable[[], Poses | Estimates]] = {}
+    if has_odometry:
+        named["the log's odometry"] = lambda: log.odom_T_scan
+    for suffix, version in versions.items():
+        if has_odometry:
+            named["scans and odometry" + suffix] = partial(ours, version, True)
+        named["scans alone" + suffix] = partial(ours, version, False)
+        if find_spec("kiss_icp") is not None:
+            named["kiss-icp" + suffix] = partial(by_kiss_icp, version)
+    return named
 
 
-def errors(truth: Poses, estimate: Poses) -> tuple[float, int]:
-    """The ATE in metres of poses (n, 4, 4) and the number of bad steps; unknown ones are left out.
+def ours(log: Log, use_log_odometry: bool) -> Estimates:
+    return Slam(use_log_odometry=use_log_odometry).estimate(without_truth(log), Progress())
 
-    Umeyama's rigid transform (PAMI 1991) lays them on the truth.
-    """
+
+def errors(truth: Poses, estimate: Poses) -> Errors:
+    """The errors of poses (n, 4, 4), laid on the true ones."""
     known = np.isfinite(estimate).all((1, 2)) & np.isfinite(truth).all((1, 2))
-    estimate_m = estimate[known, :3, 3] - estimate[known, :3, 3].mean(axis=0)
-    truth_m = truth[known, :3, 3] - truth[known, :3, 3].mean(axis=0)
-    U, _, Vt = np.linalg.svd(estimate_m.T @ truth_m)
+    truth = truth[known]
+    estimate = estimate[known]
+    off_m = apart(laid(estimate, truth) @ estimate, truth)[0]
+    ate_m = float(np.sqrt((off_m**2).mean()))
+    away_m, turn_deg = apart(steps(truth), steps(estimate))
+    bad_steps = int(((away_m > BAD_M) | (turn_deg > BAD_DEG)).sum())
+    return Errors(ate_m, piece_m(truth, estimate), bad_steps)
+
+
+def laid(estimate: Poses, truth: Poses) -> Poses:
+    """The rigid transform (4, 4) that lays poses (n, 4, 4) on true ones (Umeyama, PAMI 1991)."""
+    estimate_m = estimate[:, :3, 3]
+    truth_m = truth[:, :3, 3]
+    covariance = (estimate_m - estimate_m.mean(axis=0)).T @ (truth_m - truth_m.mean(axis=0))
+    U, _, Vt = np.linalg.svd(covariance)
     mirror = np.diag([1.0, 1.0, np.sign(np.linalg.det(Vt.T @ U.T))])
-    off_m = estimate_m @ (Vt.T @ mirror @ U.T).T - truth_m
-    ate_m = float(np.sqrt((off_m**2).sum(axis=1).mean()))
-    away_m, turn_deg = apart(steps(truth[known]), steps(estimate[known]))
-    return ate_m, int(((away_m > BAD_M) | (turn_deg > BAD_DEG)).sum())
+    truth_T_estimate = np.eye(4)
+    truth_T_estimate[:3, :3] = Vt.T @ mirror @ U.T
+    moved_m = truth_T_estimate[:3, :3] @ estimate_m.mean(axis=0)
+    truth_T_estimate[:3, 3] = truth_m.mean(axis=0) - moved_m
+    return truth_T_estimate
+
+
+def piece_m(truth: Poses, estimate: Poses) -> float:
+    """How far poses (n, 4, 4) are off in the mean after PIECE_M of path."""
+    path_m = np.concatenate([[0.0], np.cumsum(steps_m(truth))])
+    ends = np.searchsorted(path_m, path_m + PIECE_M)
+    starts = np.flatnonzero(ends < len(truth))
+    if not len(starts):
+        return np.nan
+    true = np.linalg.inv(truth[starts]) @ truth[ends[starts]]
+    estimated = np.linalg.inv(estimate[starts]) @ estimate[ends[starts]]
+    return float(np.linalg.norm((true - estimated)[:, :3, 3], axis=1).mean())
+
+
+def steps_m(poses: Poses) -> NDArray[np.float64]:
+    """Metres (n − 1,) between neighbouring poses."""
+    return np.asarray(np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1))
 
 
 def steps(poses: Poses) -> Poses:
@@ -106,52 +189,52 @@ def steps(poses: Poses) -> Poses:
     return np.asarray(np.linalg.inv(poses[:-1]) @ poses[1:])
 
 
-def wrong_loops(truth: Poses, estimate: Estimate) -> int:
-    """How many loops that are used are wrong."""
-    loops = estimate.loops
-    true = np.linalg.inv(truth[loops.earlier]) @ truth[loops.later]
-    away_m, turn_deg = apart(loops.earlier_T_later, true)
-    return int((((away_m > WRONG_M) | (turn_deg > WRONG_DEG)) & loops.used).sum())
+def is_wrong(truth: Poses, estimate: Estimates) -> NDArray[np.bool_]:
+    """Which loops (k,) are wrong."""
+    true = np.linalg.inv(truth[estimate.earlier]) @ truth[estimate.later]
+    away_m, turn_deg = apart(estimate.earlier_T_later, true)
+    return np.asarray((away_m > WRONG_M) | (turn_deg > WRONG_DEG))
 
 
-def kiss_icp() -> Callable[[Log], Poses] | None:
-    """The peer as a function of a log; None where it is not installed."""
-    try:
-        from kiss_icp.config import KISSConfig
-        from kiss_icp.kiss_icp import KissICP
-    except ImportError:
-        return None
+def by_kiss_icp(log: Log) -> Poses:
+    """The poses (n, 4, 4) by the peer, with the settings of its authors but a range of 80 m."""
+    from kiss_icp.config import KISSConfig
+    from kiss_icp.kiss_icp import KissICP
 
-    def estimated(log: Log) -> Poses:
-        config = KISSConfig()
-        config.data.max_range = 80.0
-        config.data.deskew = False
-        config.mapping.voxel_size = 0.5
-        odometry = KissICP(config)
-        poses: list[NDArray[np.float64]] = []
-        for row in range(len(log.stamps_ns)):
-            odometry.register_frame(np.asarray(log.points(row), np.float64), np.empty(0))
-            poses.append(odometry.last_pose.copy())
-        return np.array(poses)
-
-    return estimated
+    config = KISSConfig()
+    config.data.max_range = 80.0
+    config.data.deskew = log.times_s(0) is not None
+    config.mapping.voxel_size = 0.8  # a hundredth of the range, as its command line takes
+    odometry = KissICP(config)
+    poses: list[NDArray[np.float64]] = []
+    for row in range(len(log.stamps_ns)):
+        times_s = log.times_s(row)
+        times_s = np.empty(0) if times_s is None else times_s
+        odometry.register_frame(np.asarray(log.points(row), np.float64), times_s)
+        poses.append(odometry.last_pose.copy())
+    return np.array(poses)
 
 
 def opened(path: Path) -> Log:
-    """An NCLT sequence or a folder of key frames with its true poses."""
+    """An NCLT sequence, a folder of key frames, or a simulated bag, with its true poses."""
     if (path / FILE).is_file():
         turned = (0.0, 0.0, 0.0, 0.0, 0.0, 90.0)  # the stored frame drives along −y (METHODS 7.6)
         return KeyFrames(body_T_lidar=turned, lift_m=0.78).open(path.parent, path.name)
     if not path.is_dir():
         raise LogError(f"{path}: no such folder of a log")
+    if bag_file.find(path):
+        bag = Bag(truth="/ground_truth", odometry="/odom")
+        return bag.open(path.parent, path.name)
     return Nclt(max_gap_s=3.0).open(path.parent, path.name)
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser("python -m benchmarks.slam", description=__doc__)
     parser.add_argument("logs", nargs="+", metavar="NAME=FOLDER")
+    parser.add_argument("--way", action="append", default=[], help="this row alone, by its name")
+    words = parser.parse_args()
     print(HEAD)
-    for word in parser.parse_args().logs:
+    for word in words.logs:
         log_name, _, folder = word.partition("=")
-        for score in scores(log_name, opened(Path(folder).resolve())):
+        for score in scores(log_name, opened(Path(folder).resolve()), words.way):
             print(score.line(), flush=True)

@@ -31,7 +31,7 @@ class Settings:
     """Folder of the logs."""
     sequence: str
     slam: Path
-    """Folder of estimated poses; empty where the logs have their own."""
+    """Its estimated poses; an empty folder where the logs have their own."""
     grain_m: Positive
     every_m: NotNegative
     compute: DictConfig
@@ -41,8 +41,7 @@ class Settings:
 @stage("scans")
 def main(settings: Settings) -> str:
     log = open_part(settings.dataset.reader, settings.root, settings.sequence)
-    estimates = settings.slam / f"{settings.sequence}.zarr"
-    log = posed(log, estimates) if estimates.exists() else log
+    log = posed(log, settings.slam) if any(settings.slam.iterdir()) else log
     intake = Intake(log, settings.grain_m, settings.every_m)
     attrs = {
         "grain_m": settings.grain_m,

@@ -34,7 +34,9 @@ def project() -> Path:
     has an instance."""
     clone = Clone(Path(tempfile.mkdtemp(prefix="yearloc-dvc-")))
     atexit.register(shutil.rmtree, clone.folder)
-    clone.run("yearloc", "use", "campus", "world=tiny", "poses=sci_ring", "paths=filter,graph_all")
+    clone.run(
+        "yearloc", "use", "campus", "world=tiny", "poses=slam,sci_ring", "paths=filter,graph_all"
+    )
     clone.run("yearloc", "use", "town", "world=tiny", "question=robustness", "--add")
     clone.run("yearloc", "use", "suburb", "world=tiny", "question=viewpoints", "--add")
     return clone.folder

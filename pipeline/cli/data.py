@@ -83,8 +83,10 @@ def inspect(
 
         with replace(save) as scratch:
             scratch.write_text(proposal([path]), encoding="utf-8")
+        has_truth = read_yaml(save)["reader"]["truth"] is not None
+        further = "" if has_truth else " train=DRIVE poses=slam"
         print(
-            f"\n{save}: written; next: yearloc use {save.stem} root=FOLDER, where the "
+            f"\n{save}: written; next: yearloc use {save.stem} root=FOLDER{further}, where the "
             "bags of all days are"
         )
 

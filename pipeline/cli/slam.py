@@ -13,7 +13,7 @@ from pipeline.cli.progress import Scans
 from pipeline.core.errors import ConfigError
 
 if TYPE_CHECKING:
-    from pipeline.slam.drive import Estimate
+    from pipeline.core.schemas import Estimates
 
 
 def slam(
@@ -76,8 +76,10 @@ def slam(
     _tell(estimate, opened.notes, [path for path in (out, map_path, picture) if path])
 
 
-def _tell(estimate: "Estimate", notes: tuple[str, ...], written: list[Path]) -> None:
+def _tell(estimate: "Estimates", notes: tuple[str, ...], written: list[Path]) -> None:
     """Say on standard error what is known of the result, and what was written."""
-    for line in (*notes, *estimate.lines()):
+    from pipeline.slam import summary
+
+    for line in (*notes, *summary.lines(estimate)):
         print(f"  {line}", file=sys.stderr)
     print(f"written: {', '.join(map(str, written))}", file=sys.stderr)

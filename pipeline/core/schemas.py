@@ -116,6 +116,18 @@ class Estimates(Artifact, kind="slam", version=1):
     used: Annotated[NDArray[np.bool_], Array(("loop",), "False of a loop that the others overrule")]
     skipped: Annotated[Mapping[str, int], "scans without a pose: reason to count"]
 
+    @property
+    def path_m(self) -> NDArray[np.float64]:
+        """Metres of path (scan,) driven until each; breaks and scans without odometry add none."""
+        steps_m = np.linalg.norm(np.diff(self.odom_T_scan[:, :3, 3], axis=0), axis=1)
+        steps_m[self.breaks - 1] = 0.0
+        return np.concatenate([[0.0], np.cumsum(np.where(np.isfinite(steps_m), steps_m, 0.0))])
+
+    @property
+    def posed(self) -> NDArray[np.bool_]:
+        """Which scans (scan,) have a pose."""
+        return np.asarray(np.isfinite(self.world_T_scan).all(axis=(1, 2)))
+
 
 @dataclass(frozen=True, eq=False)
 class Submaps(Artifact, kind="submaps", version=3):

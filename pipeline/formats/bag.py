@@ -28,6 +28,8 @@ POSE_COVARIANCE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
 POINT = np.dtype([("xyz", "<f4", 3), ("intensity", "<f4"), ("ring", "<u2"), ("pad", "V2")])
 """A point as written: 20 bytes."""
+TIMED_POINT = np.dtype([*POINT.descr, ("t", "<u4")])
+"""A point with its time: 24 bytes."""
 
 
 @cache
@@ -86,12 +88,14 @@ class BagWriter:
         intensity: NDArray[np.floating],
         ring: NDArray[np.integer],
         topic: str = "/points",
+        times_s: NDArray[np.float64] | None = None,
     ) -> None:
         """Write a cloud (n, 3) in metres.
 
-        Each point has an intensity and a ring, the number of its beam.
+        Each point has an intensity and a ring, the number of its beam, and with `times_s` (n,) the
+        nanoseconds after the stamp at which it was measured, as Ouster's driver writes them.
         """
-        data = np.zeros(len(points_m), POINT)
+        data = np.zeros(len(points_m), POINT if times_s is None else TIMED_POINT)
         data["xyz"] = points_m
         data["intensity"] = intensity
         data["ring"] = ring
@@ -99,6 +103,9 @@ class BagWriter:
             ("intensity", 12, 7),
             ("ring", 16, 4),
         ]
+        if times_s is not None:
+            data["t"] = np.rint(1e9 * times_s)
+            layout.append(("t", POINT.itemsize, 6))
         fields = [
             self._new("sensor_msgs/msg/PointField", name=n, offset=at, datatype=kind, count=1)
             for n, at, kind in layout
@@ -106,7 +113,7 @@ class BagWriter:
         shape = {
             "height": 1,
             "width": len(data),
-            "point_step": POINT.itemsize,
+            "point_step": data.itemsize,
             "row_step": data.nbytes,
         }
         flags = {"is_bigendian": False, "is_dense": True}

@@ -47,17 +47,22 @@ def propose(contents: Contents) -> tuple[str, list[str]]:
         )
         warnings.append(f"no poses: {advice}. Topics here: {plain(topic_list, 600)}")
     elif DRIFTS.search(truth.frame):
+        drift = f"the only poses are in the frame {truth.frame}, which starts anew with each drive"
         warnings.append(
-            f"the only poses are in the frame {truth.frame}, which starts anew with each drive: "
-            "sequences share no places; a study over several drives needs poses in one frame, "
-            f"such as map; or estimate them: name {truth.name} as odometry, null as truth, and "
-            "call `yearloc use NAME … poses=slam`"
+            f"{drift}: sequences share no places; a study over several drives needs poses in one "
+            "frame, such as map"
+            if is_sweep
+            else f"{drift}: they are the odometry; `yearloc use NAME root=FOLDER train=DRIVE "
+            "poses=slam` estimates poses in one frame from the scans. To split a single drive, "
+            f"{truth.name} may be named as truth"
         )
-    if is_sweep and odometry is None:
+    posed = truth
+    if odometry is None and (is_sweep or (truth is not None and DRIFTS.search(truth.frame))):
         odometry = truth
-    body_T_lidar, extrinsic = _extrinsic(contents, points, truth, warnings)
+        truth = truth if is_sweep else None
+    body_T_lidar, extrinsic = _extrinsic(contents, points, posed, warnings)
     lift_m, lift = _lift(contents, points, body_T_lidar)
-    gap_s = max(0.5, round(3 / truth.rate_hz, 1)) if truth and truth.rate_hz > 0 else 0.5
+    gap_s = max(0.5, round(3 / posed.rate_hz, 1)) if posed and posed.rate_hz > 0 else 0.5
     shape = "LaserScan: a row is one sweep" if is_sweep else "PointCloud2"
     name = contents.files[0].path.name
     frame = points.frame or "?"

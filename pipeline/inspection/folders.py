@@ -274,7 +274,9 @@ def describe_log(inspection: Inspection, log: Log, title: str, scans: str) -> No
         ("odometry", f"at {posed:.3g} % of the {scans}"),
     )
     inspection.warn(
-        not placed, "no scan has a true pose: such a log can neither be learned nor judge answers"
+        not placed,
+        "no scan has a true pose: such a log can be learned, and judge answers, only by poses that "
+        "are estimated (poses=slam)",
     )
 
 

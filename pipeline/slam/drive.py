@@ -1,14 +1,13 @@
 """A drive's poses from its scans alone: odometry, loops, graph, and what is known of the result."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.errors import LogError
-from pipeline.core.frames import Poses, Stamps
 from pipeline.core.progress import Progress
+from pipeline.core.schemas import Estimates
 from pipeline.mapping.appearance import LEVEL_M, thickness
 from pipeline.paths.graph import imported_gtsam
 from pipeline.posing.registration import Cloud, Registration
@@ -23,117 +22,6 @@ LOOKED_AT = 5
 FARTHEST_M = 500.0
 """No LiDAR of a robot sees most of its points farther off: they are millimetres."""
 NONE = np.empty(0, np.int64)
-MOST_LINES = 5
-"""Breaks that are described one by one."""
-
-
-@dataclass(frozen=True)
-class Loops:
-    """The loops of a drive, as rows of its log."""
-
-    earlier: NDArray[np.int64]
-    """(loop,)."""
-    later: NDArray[np.int64]
-    """(loop,)."""
-    earlier_T_later: Poses
-    """(loop, 4, 4)."""
-    residual_m: NDArray[np.float64]
-    """(loop,) between this pose and the result."""
-    residual_deg: NDArray[np.float64]
-    used: NDArray[np.bool_]
-    """(loop,) False of one that the others overrule."""
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """The poses of a log of n scans."""
-
-    stamps_ns: Stamps
-    odom_T_scan: Poses
-    """(n, 4, 4) before any loop; anew after each break."""
-    world_T_scan: Poses
-    """(n, 4, 4); NaN of scans that are not joined with the longest part of the drive, or with the
-    map."""
-    overlap: NDArray[np.float64]
-    """(n,) of each scan with the one before (`odometry.Track`)."""
-    by_log: NDArray[np.bool_]
-    """(n,) steps that are the log's own odometry."""
-    breaks: NDArray[np.int64]
-    """(k,) scans that nothing joins with the one before."""
-    loops: Loops
-    skipped: Mapping[str, int]
-    """Scans without a pose: reason to count."""
-    fixed: NDArray[np.int64]
-    """(m,) scans that were found on the map of another day."""
-
-    @property
-    def path_m(self) -> NDArray[np.float64]:
-        """Metres of path (n,) driven until each scan; breaks and scans without a pose add none."""
-        steps_m = np.linalg.norm(np.diff(self.odom_T_scan[:, :3, 3], axis=0), axis=1)
-        steps_m[self.breaks - 1] = 0.0
-        return np.concatenate([[0.0], np.cumsum(np.where(np.isfinite(steps_m), steps_m, 0.0))])
-
-    @property
-    def posed(self) -> NDArray[np.bool_]:
-        """Which scans (n,) have a pose."""
-        return np.asarray(np.isfinite(self.world_T_scan).all(axis=(1, 2)))
-
-    def lines(self) -> list[str]:
-        """What a person should know of the result."""
-        count = len(self.stamps_ns)
-        path_m = float(self.path_m[-1])
-        lines = [
-            f"{int(self.posed.sum()):,} of {count:,} scans have a pose, {path_m:,.0f} m of path"
-        ]
-        lines += [f"{number:,} without: {reason}" for reason, number in self.skipped.items()]
-        lines += [self._break_line(row) for row in self.breaks[:MOST_LINES].tolist()]
-        if len(self.breaks) > MOST_LINES:
-            lines.append(f"{len(self.breaks) - MOST_LINES} more breaks")
-        if self.by_log.any():
-            lines.append(
-                f"{int(self.by_log.sum()):,} steps are the log's own odometry: neighbouring scans "
-                "show too little of the same there"
-            )
-        lines.append(self._fixed_line() if len(self.fixed) else self._drift_line())
-        return lines
-
-    def _fixed_line(self) -> str:
-        before_m = np.abs(self.path_m[:, None] - self.path_m[self.fixed])
-        farthest_m = float(before_m[self.posed].min(axis=1).max())
-        return (
-            f"{len(self.fixed)} scans were found on the map; the farthest scan is "
-            f"{farthest_m:,.0f} m of path from one of these"
-        )
-
-    def _break_line(self, row: int) -> str:
-        usual = float(np.nanmedian(self.overlap))
-        seconds = (self.stamps_ns[row] - self.stamps_ns[row - 1]) / 1e9
-        return (
-            f"no overlap at scan {row}: {self.overlap[row]:.2f} with the scan before, usually "
-            f"{usual:.2f}; {seconds:.3g} s lie between them, usually {self._spacing()}: a jump, a "
-            "gap, or scans too far apart"
-        )
-
-    def _spacing(self) -> str:
-        step_s = float(np.median(np.diff(self.stamps_ns))) / 1e9
-        steps_m = np.linalg.norm(np.diff(self.odom_T_scan[:, :3, 3], axis=0), axis=1)
-        return f"{step_s:.3g} s and {np.nanmedian(steps_m):.3g} m"
-
-    def _drift_line(self) -> str:
-        loops = self.loops
-        if not loops.used.any():
-            return (
-                f"no loop: the drive comes back to no place, so its drift over "
-                f"{self.path_m[-1]:,.0f} m is unknown"
-            )
-        overruled = int((~loops.used).sum())
-        after_m = float(self.path_m[-1] - self.path_m[loops.later[loops.used].max()])
-        return (
-            f"{int(loops.used.sum())} loops, {overruled} overruled; they agree within "
-            f"{np.median(loops.residual_m[loops.used]):.2f} m in the median, "
-            f"{loops.residual_m[loops.used].max():.2f} m at most; after the last one the drive "
-            f"goes on for {after_m:,.0f} m"
-        )
 
 
 @dataclass(frozen=True)
@@ -146,7 +34,7 @@ class Slam:
     use_log_odometry: bool = True
     """Whether the log's own odometry, where it has some, is the first guess of each step."""
 
-    def estimate(self, log: Log, watch: Progress) -> Estimate:
+    def estimate(self, log: Log, watch: Progress) -> Estimates:
         """The poses of a log, in a world that begins at its first scan, z up from the ground.
 
         Raises LogError for scans that no pose can come of, ConfigError where gtsam is missing.
@@ -241,7 +129,7 @@ def estimated(
     solution: Solution,
     reason: str = "in a part of the drive that no loop joins with the longest",
     fixed: NDArray[np.int64] = NONE,
-) -> Estimate:
+) -> Estimates:
     """The estimate for all scans, from that of their keys.
 
     `reason` is why scans with odometry may have no pose; `fixed` (m,) are scans found on a map.
@@ -251,23 +139,22 @@ def estimated(
     without_pose = (~np.isfinite(world_T_scan) & np.isfinite(track.odom_T_scan)).all((1, 2))
     if without_pose.any():
         skipped[reason] = int(without_pose.sum())
-    return Estimate(
-        log.stamps_ns,
-        track.odom_T_scan,
-        world_T_scan,
-        track.overlap,
-        track.by_log,
-        track.breaks,
-        Loops(
-            keys.rows[np.array([loop.key for loop in loops], np.int64)],
-            keys.rows[np.array([loop.later for loop in loops], np.int64)],
-            lifted(np.array([loop.key_T_later for loop in loops]).reshape(-1, 4, 4), -keys.lift_m),
-            solution.residual_m,
-            solution.residual_deg,
-            solution.used,
-        ),
-        skipped,
-        fixed,
+    key_T_later = np.array([loop.key_T_later for loop in loops]).reshape(-1, 4, 4)
+    return Estimates(
+        stamps_ns=log.stamps_ns,
+        odom_T_scan=track.odom_T_scan,
+        world_T_scan=world_T_scan,
+        overlap=track.overlap,
+        by_log=track.by_log,
+        breaks=track.breaks,
+        fixed=fixed,
+        earlier=keys.rows[np.array([loop.key for loop in loops], np.int64)],
+        later=keys.rows[np.array([loop.later for loop in loops], np.int64)],
+        earlier_T_later=lifted(key_T_later, -keys.lift_m),
+        residual_m=solution.residual_m,
+        residual_deg=solution.residual_deg,
+        used=solution.used,
+        skipped=skipped,
     )
 
 

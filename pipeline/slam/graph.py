@@ -39,6 +39,9 @@ class DriveGraph:
     """Standard deviation of a step: this share of its length, and so much besides."""
     turn_deg_per_m: Positive = 0.05
     turn_deg: Positive = 0.2
+    tilt: Positive = 0.15
+    """Roll and pitch are surer than the heading, for all of the ground is seen: of its deviation
+    they have this share."""
     by_log: Positive = 5.0
     """A step that is the log's own odometry has so many times these deviations."""
     loop_m: Positive = 0.1
@@ -102,13 +105,10 @@ class DriveGraph:
     def _add_step(self, gtsam: Any, graph: Any, keys: Keys, key: int, by_log: float) -> None:
         step = np.linalg.inv(keys.odom_T_key[key - 1]) @ keys.odom_T_key[key]
         length_m = float(np.linalg.norm(step[:3, 3]))
-        sds = np.repeat(
-            [
-                np.deg2rad(self.turn_deg_per_m * length_m + self.turn_deg),
-                self.step * length_m + self.step_m,
-            ],
-            3,
-        ) * (self.by_log if by_log else 1.0)
+        turn = np.deg2rad(self.turn_deg_per_m * length_m + self.turn_deg)
+        away_m = self.step * length_m + self.step_m
+        sds = np.array([self.tilt * turn, self.tilt * turn, turn, away_m, away_m, away_m])
+        sds *= self.by_log if by_log else 1.0
         graph.add(
             gtsam.BetweenFactorPose3(
                 key - 1, key, gtsam.Pose3(step), gtsam.noiseModel.Diagonal.Sigmas(sds)

@@ -15,8 +15,8 @@ from pipeline.mapping.appearance import ground
 from pipeline.matching.shifts import Spectra
 from pipeline.posing.registration import Points
 from pipeline.posing.targets import GRAIN_M, Targets, thinned
+from pipeline.readers.deskew import scan_at_stamp
 from pipeline.readers.log import Log, lifted
-from pipeline.slam.deskew import deskewed
 from pipeline.slam.odometry import Track
 from pipeline.views.scan_context import ScanContext
 
@@ -66,7 +66,8 @@ class Keys:
         points: list[NDArray[np.int16]] = []
         for number, row in enumerate(watch.track(rows.tolist(), len(rows), "keys")):
             try:
-                points_m = scan_points(log, track, row) + np.array([0.0, 0.0, lift_m])
+                points_m = scan_at_stamp(log, track.odom_T_scan, track.breaks, row)
+                points_m[:, 2] += lift_m
             except LogError:
                 continue
             kept.append(number)
@@ -119,18 +120,6 @@ def key_rows(track: Track, every_m: float) -> tuple[NDArray[np.int64], NDArray[n
         if parts[i] != parts[kept[-1]] or path_m[i] - path_m[kept[-1]] >= every_m:
             kept.append(i)
     return posed[kept], path_m[kept]
-
-
-def scan_points(log: Log, track: Track, row: int) -> Points:
-    """The points (n, 3) of a scan at its stamp, deskewed by the track's own step to it."""
-    points_m = log.points(row)
-    if row == 0:
-        return np.asarray(points_m, np.float64)
-    step = np.linalg.inv(track.odom_T_scan[row - 1]) @ track.odom_T_scan[row]
-    if row in track.breaks:
-        step = np.full((4, 4), np.nan)
-    step_s = float(log.stamps_ns[row] - log.stamps_ns[row - 1]) / 1e9
-    return deskewed(points_m, log.times_s(row), step, step_s)
 
 
 def ground_m(log: Log, rows: Sequence[int] | NDArray[np.int64]) -> float:

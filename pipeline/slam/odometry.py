@@ -19,8 +19,8 @@ from pipeline.core.progress import Progress
 from pipeline.core.settings import Count, Positive, Share, check
 from pipeline.matching.shifts import Spectra
 from pipeline.posing.registration import Cloud, Points, Registration, moved
+from pipeline.readers.deskew import deskewed, scan_at_stamp
 from pipeline.readers.log import Log
-from pipeline.slam.deskew import deskewed
 from pipeline.views.scan_context import ScanContext
 
 REMEMBERED = 200
@@ -37,6 +37,7 @@ MOST_CARRIED = 3.0
 LYING = 0.8
 """A voxel whose normal is this upright or more is ground or ceiling."""
 FEWEST_STANDING = 30
+NO_BREAKS = np.empty(0, np.int64)
 SAMPLED = 500
 """So many voxels tell an overlap."""
 TURNS_DEG = (45.0, -45.0, 90.0, -90.0)
@@ -152,18 +153,23 @@ class _Registering:
     def _cloud(self, row: int) -> Cloud | None:
         """The scan's thinned points at its stamp; None where it has too few."""
         try:
-            points_m = np.asarray(self.log.points(row), np.float64)
+            points_m = self._points(row)
         except LogError:
             self.unreadable += 1
             return None
-        step, step_s = self._motion(row)
-        points_m = deskewed(points_m, self.log.times_s(row), step, step_s)
         near = np.linalg.norm(points_m, axis=1) < self.settings.range_m
         try:
             return self.settings.registration.prepare(np.ascontiguousarray(points_m[near]))
         except InputError:
             self.sparse += 1
             return None
+
+    def _points(self, row: int) -> Points:
+        """The scan's points (n, 3) at its stamp, by the log's odometry or by steady motion."""
+        if self.use_log_odometry and np.isfinite(self.log.odom_T_scan[row]).all():
+            return scan_at_stamp(self.log, self.log.odom_T_scan, NO_BREAKS, row)
+        points_m = self.log.points(row)
+        return deskewed(points_m, self.log.times_s(row), self.last_step, self.last_step_s)
 
     def _add(self, row: int, cloud: Cloud) -> None:
         """Find the scan's pose, and add it to the map."""
@@ -296,15 +302,6 @@ class _Registering:
 
     def _usual(self) -> float:
         return float(np.median(self.usual_overlaps)) if self.usual_overlaps else FIRST_OVERLAP
-
-    def _motion(self, row: int) -> tuple[Poses, float]:
-        """A step of the vehicle about this scan, and the seconds that it takes."""
-        if self.last_row < 0:
-            return np.eye(4), 0.0
-        odometry_step = self._odometry_step(row)
-        if odometry_step is not None:
-            return odometry_step, self._seconds(row)
-        return self.last_step, self.last_step_s
 
     def _odometry_step(self, row: int) -> Poses | None:
         """The step from the scan before by the log's odometry; None where it has none."""

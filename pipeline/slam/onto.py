@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 from pipeline.core.errors import LogError
 from pipeline.core.frames import Poses
 from pipeline.core.progress import Progress
+from pipeline.core.schemas import Estimates
 from pipeline.readers.log import Log
-from pipeline.slam.drive import Estimate, Slam, estimated, ups
+from pipeline.slam.drive import Slam, estimated, ups
 from pipeline.slam.keys import Keys
 from pipeline.slam.odometry import Track
 
@@ -30,7 +31,7 @@ class KeyFix:
 
 def estimate_onto(
     slam: Slam, log: Log, map_log: Log, map_poses: Poses, watch: Progress
-) -> Estimate:
+) -> Estimates:
     """The poses of a drive in the world of a map, whose log has these poses (m, 4, 4).
 
     Raises LogError where no scan of the drive is found on it.

@@ -20,6 +20,7 @@ Lists = dict[str, dict[str, dict[str, Any]]]
 LISTS = (
     "drives",
     "slam",
+    "slam_further",
     "submaps",
     "views",
     "birdviews",
@@ -68,16 +69,19 @@ def _views(lists: Lists, study: Study) -> None:
         lists["drives"][f"{dataset}-{sequence}"] = {
             "dataset": dataset,
             "sequence": sequence,
+            "slam": _path("slam", dataset, *([sequence] if study.slam else [])),
             **drive,
         }
-    if study.slam:
-        lists["slam"][dataset] = {
+    for sequence in study.sequences if study.slam else ():
+        train = study.train[0]
+        kind = "slam" if sequence == train else "slam_further"
+        lists[kind][f"{dataset}-{sequence}"] = {
             "dataset": dataset,
             "root": study.root,
-            "train": study.train[0],
-            "sequences": sequences,
+            "sequence": sequence,
+            "train": train,
         }
-    else:
+    if not study.slam:
         _add_absent(lists, "slam", dataset)
     lists["submaps"][dataset] = {
         "dataset": dataset,

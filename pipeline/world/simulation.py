@@ -25,7 +25,7 @@ from pipeline.world.layout.plan import Plan
 from pipeline.world.layout.routes import Routes, loop_routes, training_routes
 from pipeline.world.names import kitti_log
 from pipeline.world.seeds import Stream, generator
-from pipeline.world.writers import Format, origin_m, writer
+from pipeline.world.writers import BAGS, Format, origin_m, writer
 from pipeline.world.writers.truth import TruthWriter
 
 BLOCK_RAYS = 400_000
@@ -73,6 +73,9 @@ class Simulation:
     lining: Lining = "sparse"
     """What stands close along the streets: `street`, narrow and lined with houses, gardens and
     cars; `campus`, hedges, low walls and bushes beside its ways; or `sparse`, nothing."""
+    turn_s: NotNegative = 0.0
+    """How long the scanner takes for a turn, in which the robot drives on; bags say when each point
+    was measured. 0: a scan is taken at one moment."""
     truth_sd_m: NotNegative = 0.0
     """Standard deviation of the written truth, which wanders about the driven path as SLAM's does;
     0: it is exact."""
@@ -83,6 +86,11 @@ class Simulation:
             raise ConfigError(
                 f"world.logs={self.logs}: the robot {self.robot} writes "
                 f"{' or '.join(self._robot.logs)}"
+            )
+        if self.turn_s and self.logs not in BAGS:
+            raise ConfigError(
+                f"world.turn_s={self.turn_s}: logs={self.logs} have no times of points; expected "
+                f"{', '.join(BAGS)}, or 0"
             )
         if self.route_file is not None and self._robot.loops:
             raise ConfigError(
@@ -252,6 +260,7 @@ class Simulation:
             self.step_m,
             robot.motion,
             entry.lateral_m,
+            rocks_smoothly=self.turn_s > 0,
         )
         side = TruthWriter(truth) if truth else None
         if side:
@@ -261,6 +270,5 @@ class Simulation:
                 {"unseen": plan.unseen, "reversed": plan.reversed, "coverage": plan.coverage},
             )
         today = simulate_day(seed, campus, when, day, self.relief_m, self.twigs_per_m)
-        return Recorder(
-            seed, when, today, driven, robot.motion.keep_off_m, robot.lidar(self.azimuths), side
-        ), plan
+        lidar = replace(robot.lidar(self.azimuths), turn_s=self.turn_s)
+        return Recorder(seed, when, today, driven, robot.motion.keep_off_m, lidar, side), plan

@@ -161,8 +161,10 @@ def test_poses_that_only_drift_and_extrinsics_that_lack_are_told(tmp_path: Path)
         bag.points(START_NS, "os_lidar", np.ones((2, 3), np.float32), np.zeros(2), np.zeros(2))
     drift, extrinsic = inspect(tmp_path / "drive.bag").warnings
     assert drift.startswith("the only poses are in the frame odom, which starts anew")
+    assert "poses=slam" in drift
     assert extrinsic.startswith("no fixed transforms lead from base_link to os_lidar: give x, y, z")
-    assert proposed(tmp_path / "drive.bag")["truth"] == "/odom"
+    reader = proposed(tmp_path / "drive.bag")
+    assert (reader["truth"], reader["odometry"]) == (None, "/odom")
 
 
 def test_a_bag_without_points_says_what_it_holds(tmp_path: Path) -> None:

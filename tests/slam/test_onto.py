@@ -1,5 +1,6 @@
 """Further days: laid onto the map of the training day."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,13 +8,12 @@ import pytest
 
 from pipeline.core import schemas, store
 from pipeline.core.errors import LogError
-from pipeline.core.frames import apart
+from pipeline.core.frames import apart, interpolate
 from pipeline.core.progress import Progress
 from pipeline.readers.estimated import posed
-from pipeline.slam.drive import Slam
-from pipeline.slam.kept import artifact
 from pipeline.slam.onto import estimate_onto
-from tests.slam.round import circle, drive
+from pipeline.slam.summary import lines
+from tests.slam.round import QUICK, circle, drive
 
 pytest.importorskip("gtsam")
 
@@ -24,13 +24,13 @@ def test_a_further_day_is_laid_onto_the_map_and_kept(tmp_path: Path) -> None:
     """It begins 10 m on, drives the other way, and its odometry knows no world."""
     later_poses = circle(COUNT)[10:34][::-1]
     later = drive(later_poses)
-    estimate = estimate_onto(Slam(), later, drive(circle(COUNT)), circle(COUNT), Progress())
+    estimate = estimate_onto(QUICK, later, drive(circle(COUNT)), circle(COUNT), Progress())
     assert len(estimate.fixed) >= 2
     assert apart(estimate.world_T_scan, later_poses)[0].max() < 0.2
-    assert any("were found on the map" in line for line in estimate.lines())
+    assert any("were found on the map" in line for line in lines(estimate))
 
     path = tmp_path / "later.zarr"
-    store.write(path, artifact(estimate))
+    store.write(path, estimate)
     np.testing.assert_array_equal(
         store.read(path, schemas.Estimates).world_T_scan, estimate.world_T_scan
     )
@@ -43,15 +43,11 @@ def test_a_further_day_is_laid_onto_the_map_and_kept(tmp_path: Path) -> None:
 
 def test_scans_without_a_pose_are_counted_and_break_the_odometry(tmp_path: Path) -> None:
     """Of ten scans the fifth has no pose: the sixth begins the odometry anew."""
-    estimate = Slam().estimate(drive(circle(10)), Progress())
+    estimate = QUICK.estimate(drive(circle(10)), Progress())
     world_T_scan = estimate.world_T_scan.copy()
     world_T_scan[4] = np.nan
-    written = artifact(estimate)
-    columns = {**written.arrays, "world_T_scan": world_T_scan}
     path = tmp_path / "day.zarr"
-    with store.draft(path, schemas.Estimates, skipped={}) as out:
-        for name, column in columns.items():
-            out.put(name, column)
+    store.write(path, replace(estimate, world_T_scan=world_T_scan))
     log = posed(drive(circle(10), circle(10)), path)
     assert len(log.stamps_ns) == 9
     assert log.skipped == {"no pose by slam": 1}
@@ -59,7 +55,25 @@ def test_scans_without_a_pose_are_counted_and_break_the_odometry(tmp_path: Path)
     assert len(log.points(8)) == len(drive(circle(10)).points(9))
 
 
+def test_scans_are_handed_on_as_they_lay_at_their_stamp(tmp_path: Path) -> None:
+    """All points are measured half a step after the stamp, and are seen from .5 m on by then."""
+    estimate = QUICK.estimate(drive(circle(6)), Progress())
+    store.write(tmp_path / "day.zarr", estimate)
+    skewed = replace(
+        drive(circle(6)),
+        times_s=lambda row: np.full(len(drive(circle(6)).points(row)), 0.25),
+    )
+    log = posed(skewed, tmp_path / "day.zarr")
+    assert log.times_s(2) is None
+    half = interpolate(circle(6)[2:3], circle(6)[3:4], np.array([0.5]))[0]
+    scan_T_last = np.linalg.inv(circle(6)[2]) @ half
+    expected_m = skewed.points(2) @ scan_T_last[:3, :3].T + scan_T_last[:3, 3]
+    off_m = np.linalg.norm(log.points(2) - expected_m, axis=1)
+    skew_m = np.linalg.norm(skewed.points(2) - expected_m, axis=1)
+    assert np.median(off_m) < 0.1 < 0.4 < np.median(skew_m)
+
+
 def test_a_day_elsewhere_is_refused() -> None:
     elsewhere = drive(circle(12), seed=7)
     with pytest.raises(LogError, match="none of 12 scans was found on the map"):
-        estimate_onto(Slam(), elsewhere, drive(circle(COUNT)), circle(COUNT), Progress())
+        estimate_onto(QUICK, elsewhere, drive(circle(COUNT)), circle(COUNT), Progress())

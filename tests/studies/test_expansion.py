@@ -80,11 +80,15 @@ def test_every_stage_gets_one_instance_for_each_of_its_names() -> None:
 
 
 def test_poses_are_estimated_where_a_study_says_so() -> None:
-    """Then the folder of the scans' stage is no empty one."""
+    """The training day first, the others on its map; elsewhere the scans get an empty folder."""
     lists = spelled_out(one=ONE | {"slam": True}, other=OTHER)
-    assert list(lists["slam"]) == ["one"]
-    assert lists["slam"]["one"]["train"] == "a"
-    assert lists["slam"]["one"]["sequences"] == "a b c"
+    assert list(lists["slam"]) == ["one-a"]
+    assert list(lists["slam_further"]) == ["one-b", "one-c"]
+    assert lists["slam_further"]["one-b"]["train"] == "a"
+    assert lists["drives"]["one-b"]["slam"] == "artifacts/slam/one/b.zarr"
+    assert {drive["slam"] for name, drive in lists["drives"].items() if "other" in name} == {
+        "artifacts/slam/other"
+    }
     assert "one-slam" not in lists["absent"]
     assert lists["absent"]["other-slam"] == {"out": "artifacts/slam/other"}
 

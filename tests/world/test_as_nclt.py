@@ -31,7 +31,7 @@ def wall_m(relief_m: float, seed: int) -> np.ndarray:
     )
     scene = build_scene(wall, np.zeros(0, CYLINDER), np.zeros(0, CROWN), FLAT, relief_m)
     lidar = replace(hdl32(720), range_sd_m=0.0, drop_out=0.0)
-    returns = lidar.scan(scene, np.zeros(0, CYLINDER), np.eye(4), np.uint64(seed))
+    returns = lidar.scan(scene, np.zeros(0, CYLINDER), np.eye(4)[None], np.uint64(seed))
     near = (returns.kind == Kind.BUILDING) & (np.abs(returns.points_m[:, 0]) < 4.0)
     return np.asarray(returns.points_m[near])
 

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -24,9 +26,8 @@ def scan(
     lidar: Lidar, boxes: np.ndarray = NOTHING, world_T_body: np.ndarray | None = None
 ) -> Returns:
     scene = build_scene(boxes, np.zeros(0, CYLINDER), np.zeros(0, CROWN), FLAT)
-    return lidar.scan(
-        scene, np.zeros(0, CYLINDER), np.eye(4) if world_T_body is None else world_T_body, SEED
-    )
+    poses = np.eye(4)[None] if world_T_body is None else world_T_body.reshape(-1, 4, 4)
+    return lidar.scan(scene, np.zeros(0, CYLINDER), poses, SEED)
 
 
 @pytest.mark.parametrize(("range_m", "share"), [(50.0, 0.9394), (100.0, 0.3679), (120.0, 0.1257)])
@@ -49,6 +50,24 @@ def test_ground_rings_end_near_thirty_metres():
     reach_m = np.hypot(*returns.points_m[:, :2].T)
     assert 20 < np.percentile(reach_m, 99.5) < 40
     assert abs(np.median(returns.points_m[:, 2]) + 1.3) < 0.02
+
+
+def test_a_turning_scanner_measures_each_azimuth_from_where_the_robot_is_by_then():
+    """At 10 m/s, .1 s a turn: the wall 20 m ahead is 20 m away at first, 19 m at the end."""
+    size = {"half_length_m": 1.0, "half_width_m": 30.0, "top_m": 9.0, "cos_yaw": 1.0}
+    wall = records(BOX, x_m=21.0, reflectance=0.4, kind=Kind.BUILDING, **size)
+    lidar = replace(hdl32(360), range_sd_m=0.0, drop_out=0.0, turn_s=0.1)
+    poses = np.tile(np.eye(4), (360, 1, 1))
+    poses[:, 0, 3] = 10.0 * lidar.fired_s
+    returns = scan(lidar, wall, poses)
+    on_wall = (returns.kind == Kind.BUILDING) & (np.abs(returns.points_m[:, 1]) < 5)
+    assert returns.times_s is not None
+    times_s = returns.times_s[on_wall]
+    assert (times_s.min(), times_s.max()) == pytest.approx((0.0, 0.1 * 359 / 360))
+    np.testing.assert_allclose(returns.points_m[on_wall, 0], 20.0 - 10.0 * times_s, atol=1e-6)
+    azimuth = np.arctan2(returns.points_m[:, 1], returns.points_m[:, 0]) % (2 * np.pi)
+    late = returns.times_s * 2 * np.pi / 0.1
+    assert np.abs((azimuth - late + np.pi) % (2 * np.pi) - np.pi).max() < 1e-6
 
 
 def test_a_tilted_body_sees_level_ground_tilted():

@@ -24,7 +24,7 @@ def test_level_ground_is_met_where_trigonometry_says():
     scene = build_scene(np.zeros(0, BOX), NOTHING, np.zeros(0, CROWN), flat)
     rays = np.array([[np.cos(np.pi / 6), 0.0, -0.5], [1.0, 0.0, 0.0]])
     ranges, kinds, brightness = cast(
-        scene, NOTHING, np.array([0.0, 0.0, 1.3]), np.eye(3), rays, 90.0, SEED
+        scene, NOTHING, np.array([[0.0, 0.0, 1.3]]), np.eye(3)[None], rays, 90.0, SEED
     )
     assert ranges == pytest.approx([2.6, 0.0])
     assert kinds.tolist() == [Kind.GROUND, Kind.NOTHING]
@@ -45,15 +45,21 @@ def test_a_mover_hides_what_is_behind_it():
     person = records(CYLINDER, x_m=5.0, y_m=0.0, radius_m=0.25, top_m=1.8, kind=Kind.PERSON)
     scene = build_scene(wall, NOTHING, np.zeros(0, CROWN), flat)
     ranges, kinds, _ = cast(
-        scene, person, np.array([0.0, 0.0, 1.3]), np.eye(3), np.array([[1.0, 0.0, 0.0]]), 90.0, SEED
+        scene,
+        person,
+        np.array([[0.0, 0.0, 1.3]]),
+        np.eye(3)[None],
+        np.array([[1.0, 0.0, 0.0]]),
+        90.0,
+        SEED,
     )
     # The person's side is at 5 − 0.25, the wall's at 20 − 1.
     assert (ranges[0], kinds[0]) == (4.75, Kind.PERSON)
     ranges, kinds, _ = cast(
         scene,
         NOTHING,
-        np.array([0.0, 0.0, 1.3]),
-        np.eye(3),
+        np.array([[0.0, 0.0, 1.3]]),
+        np.eye(3)[None],
         np.array([[1.0, 0.0, 0.0]]),
         90.0,
         SEED,
@@ -73,7 +79,7 @@ def test_the_grid_walk_sees_what_brute_force_sees(campus_and_plan: tuple[Campus,
         place = plan.line_m[leg] + rng.random() * (plan.line_m[leg + 1] - plan.line_m[leg])
         origin = np.array([*place, day.ground.at(*place[:, None])[0] + 1.3])
         movers = day.movers(float(leg), place, 0.3)
-        ranges, kinds, _ = cast(day.scene, movers, origin, np.eye(3), rays, 90.0, SEED)
+        ranges, kinds, _ = cast(day.scene, movers, origin[None], np.eye(3)[None], rays, 90.0, SEED)
         expected, expected_kinds = reference.cast(day.scene, movers, origin, rays, 90.0, SEED)
         agrees = (np.abs(ranges - expected) < 0.01) & (kinds == expected_kinds)
         ground.append(agrees[np.isin(expected_kinds, [Kind.GROUND, Kind.NOTHING])])

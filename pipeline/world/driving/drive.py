@@ -34,6 +34,8 @@ TILT_CORRELATION_M = 3.0
 TILT_CLIP_DEG = 5.0
 HEADING_CORRELATION_M = 6.0
 HEADING_CLIP_DEG = 11.5
+ROCKING_SMOOTHING_S = 1.0
+"""A body has mass: between moments a tenth of a second apart it does not start and stop turning."""
 
 PILOT_BEHIND_M = 1.7
 PILOT_RANGE_SD_M = 0.3
@@ -124,12 +126,14 @@ def drive(
     step_m: float,
     motion: Motion,
     lateral_m: float = 0.0,
+    rocks_smoothly: bool = False,
 ) -> Drive:
     """Drive the polyline `line_m` (n, 2) for `route_m` metres, or to its end, with a scan every
     `step_m`.
 
     It departs at `when`, or on that date at DEPARTURE. It drives `lateral_m` left of its usual
-    line, but on the street.
+    line, but on the street. With `rocks_smoothly` it turns steadily from one moment to the next, as
+    scans need that are taken on the move.
     """
     rng = generator(seed, Stream.DRIVE, when)
     path_m, heading = _path(rng, line_m, motion, lateral_m)
@@ -140,6 +144,10 @@ def drive(
 
     grid_m = np.arange(0, end_m, motion.knot_m)
     rocking = _rocking(rng, len(grid_m), motion)
+    if rocks_smoothly:
+        knots = round(ROCKING_SMOOTHING_S * KNOTS_HZ)
+        smooth = np.stack([_smooth(angle, knots) for angle in rocking.T], 1)
+        rocking = smooth * rocking.std(axis=0) / smooth.std(axis=0)
     scan_us = np.rint(1e6 * (lead_m + np.arange(scans) * step_m) / motion.speed_mps).astype(
         np.int64
     )

@@ -44,6 +44,9 @@ class Returns:
     """(n,) 0 is the lowest beam."""
     kind: NDArray[np.uint8]
     """(n,) the `shapes.Kind` of the surface of each point."""
+    times_s: Floats | None = None
+    """(n,) after the stamp at which each point was measured, in the sensor's frame of that moment;
+    None: all at the stamp."""
 
 
 @dataclass(frozen=True)
@@ -63,19 +66,38 @@ class Lidar:
     reach_m: float = 100.0
     """Range at which a surface of reflectance × cosine 0.1 returns with probability 1/e; 100 m ends
     ground rings near 30 m."""
+    turn_s: float = 0.0
+    """How long a turn takes, in which the robot moves on; 0: all rays are fired at once."""
+
+    @property
+    def fired_s(self) -> Floats:
+        """Moments (p,) after the stamp at which the beams are fired: one for each azimuth, or one
+        for all."""
+        if not self.turn_s:
+            return np.zeros(1)
+        azimuths = len(self.directions) // self.beams
+        return np.asarray(np.arange(azimuths) * (self.turn_s / azimuths), np.float64)
 
     def scan(self, scene: Scene, movers: Records, world_T_body: Poses, seed: np.uint64) -> Returns:
-        """One scan of a robot at `world_T_body` (4, 4), all rays at the same instant."""
-        origin = world_T_body[:3, 3] + world_T_body[:3, :3] @ self.body_T_sensor[:3, 3]
-        rotation = np.ascontiguousarray(world_T_body[:3, :3] @ self.body_T_sensor[:3, :3])
+        """One scan of a robot at `world_T_body` (p, 4, 4), its poses at the moments `fired_s`.
+
+        People and cars stand still meanwhile.
+        """
+        poses = list(world_T_body)
+        origins = np.stack(
+            [pose[:3, 3] + pose[:3, :3] @ self.body_T_sensor[:3, 3] for pose in poses]
+        )
+        rotations = np.stack([pose[:3, :3] @ self.body_T_sensor[:3, :3] for pose in poses])
         true_m, kinds, brightness = cast(
-            scene, movers, origin, rotation, self.directions, self.max_range_m, seed
+            scene, movers, origins, rotations, self.directions, self.max_range_m, seed
         )
         ranges_m = measure(true_m, brightness, self.range_sd_m, self.drop_out, self.reach_m, seed)
         back = np.flatnonzero(ranges_m > self.min_range_m)
         intensity = np.rint(255 * brightness[back]).clip(0, 255).astype(np.uint8)
         points_m = self.directions[back] * ranges_m[back, None]
-        return Returns(points_m, intensity, (back % self.beams).astype(np.uint8), kinds[back])
+        laser = (back % self.beams).astype(np.uint8)
+        times_s = self.fired_s[back // self.beams] if self.turn_s else None
+        return Returns(points_m, intensity, laser, kinds[back], times_s)
 
 
 def hdl32(azimuths: int) -> Lidar:

@@ -28,14 +28,15 @@ _NEVER = 1e30
 def cast(
     scene: Scene,
     movers: Records,
-    origin: Floats,
-    world_R_body: Floats,
+    origins: Floats,
+    world_R_bodies: Floats,
     directions: Floats,
     max_range_m: float,
     seed: np.uint64,
 ) -> tuple[Floats, NDArray[np.uint8], Floats]:
-    """Cast rays from `origin` (3,) in the world along `directions` (n, 3), unit vectors in the
-    body's frame.
+    """Cast rays from `origins` (p, 3) in the world along `directions` (n, 3), unit vectors in the
+    body's frame, whose rotations are `world_R_bodies` (p, 3, 3): n / p rays each, one after the
+    other.
 
     `movers` are moving cylinders, which are in no cell. Returns (n,) ranges in metres (0: no hit),
     the `shapes.Kind` that each ray hit, and its reflectance × cosine of incidence.
@@ -44,8 +45,11 @@ def cast(
     ranges = np.zeros(n)
     kinds = np.zeros(n, np.uint8)
     brightness = np.zeros(n)
-    start = origin[0], origin[1], origin[2]
+    rays_each = n // origins.shape[0]
     for ray in range(n):
+        origin = origins[ray // rays_each]
+        start = origin[0], origin[1], origin[2]
+        world_R_body = world_R_bodies[ray // rays_each]
         body = directions[ray]
         dx = (
             world_R_body[0, 0] * body[0]

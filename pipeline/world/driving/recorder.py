@@ -82,6 +82,8 @@ class Recorder:
                 self.drive.pilot_m[scan][None], np.array([PILOT_HEIGHT_M]), self.day.ground
             )
             movers = np.concatenate([movers, pilot])
-        return self.lidar.scan(
-            self.day.scene, movers, world_T_body, scan_seed(self.seed, self.when, scan)
-        )
+        poses = world_T_body[None]
+        if self.lidar.turn_s:
+            fired_us = np.rint(1e6 * self.lidar.fired_s).astype(np.int64)
+            poses = self.drive.at(self.drive.scan_utimes[scan] + fired_us)
+        return self.lidar.scan(self.day.scene, movers, poses, scan_seed(self.seed, self.when, scan))

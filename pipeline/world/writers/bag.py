@@ -63,7 +63,9 @@ class BagWriterInOrder(Writer):
         self._write_poses(utime)
         points_m = returns.points_m.astype(np.float32)
         intensity = returns.intensity.astype(np.float32)
-        self._bag.points(utime * 1000, LIDAR, points_m, intensity, returns.laser, CLOUDS)
+        self._bag.points(
+            utime * 1000, LIDAR, points_m, intensity, returns.laser, CLOUDS, returns.times_s
+        )
 
     def close(self) -> None:
         """Write the poses after the last scan, and the index of the bag."""

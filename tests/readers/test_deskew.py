@@ -1,7 +1,11 @@
+from collections import Counter
+from dataclasses import replace
+
 import numpy as np
 
 from pipeline.core.frames import pose
-from pipeline.slam.deskew import deskewed
+from pipeline.readers.deskew import deskewed, scan_at_stamp
+from pipeline.readers.log import Log
 
 
 def test_a_point_ahead_is_carried_as_far_as_the_vehicle_drove_meanwhile() -> None:
@@ -31,3 +35,29 @@ def test_without_times_or_motion_points_stay() -> None:
         deskewed(points_m, times_s, np.full((4, 4), np.nan), 0.1),
     ):
         np.testing.assert_array_equal(moved_m, points_m)
+
+
+def test_a_scan_is_undone_by_the_steps_to_it_and_from_it() -> None:
+    """It comes with 5 m/s and goes on with 10: a point .05 s before lies .25 m back, one .05 s
+    after .5 m on. After a break, and at the end of the log, only one of both is known."""
+    x_m = np.array([0.0, 0.5, 1.5])
+    log = Log(
+        np.array([0, 1, 2]) * 10**8,
+        np.full((3, 4, 4), np.nan),
+        np.full((3, 4, 4), np.nan),
+        lambda row: np.array([[3.0, 0.0, 0.0], [3.0, 0.0, 0.0]]),
+        Counter(),
+        times_s=lambda row: np.array([-0.05, 0.05]),
+    )
+    poses = pose(np.column_stack([x_m, 0 * x_m, 0 * x_m]), np.zeros((3, 3)))
+    none = np.empty(0, np.int64)
+    for row, breaks, expected in (
+        (1, none, [2.75, 3.5]),
+        (1, np.array([1]), [2.5, 3.5]),
+        (2, none, [2.5, 3.5]),
+        (2, np.array([2]), [3.0, 3.0]),
+    ):
+        points_m = scan_at_stamp(log, poses, breaks, row)
+        np.testing.assert_allclose(points_m[:, 0], expected, atol=0.02)
+    timeless = replace(log, times_s=lambda row: None)
+    np.testing.assert_array_equal(scan_at_stamp(timeless, poses, none, 1), log.points(1))
