@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from pipeline.alterations import Case, read_cases
 from pipeline.core import schemas, store
 from pipeline.core.errors import ArtifactError
-from pipeline.core.frames import Poses
+from pipeline.core.frames import Poses, apart
 from pipeline.evaluation.judgement import Evaluations
+from pipeline.evaluation.numbers import within
 from pipeline.mapping.gathering import submap_points
 from pipeline.posing.registration import Points
 from pipeline.posing.targets import Targets
-from pipeline.posing.verdict import right
 from pipeline.report.figures.drive import titled
 from pipeline.report.result import day
 from pipeline.report.study import Study
@@ -42,7 +42,7 @@ class BelievedDrive:
     world_T_true: Poses  # (q, 4, 4)
     world_T_query: Poses  # (q, 4, 4) NaN where there is no pose
     accepted: NDArray[np.bool_]  # (q,)
-    right: NDArray[np.bool_]  # (q,) within 2 m and 5° of the true pose
+    right: NDArray[np.bool_]  # (q,) near enough to the true pose
     points_m: Callable[[int], Points]  # reads the points (n, 3) of a query, ground at z = 0
 
     @classmethod
@@ -69,7 +69,7 @@ class BelievedDrive:
             world_T_true=world_T_true,
             world_T_query=world_T_query,
             accepted=accepted,
-            right=right(world_T_query, world_T_true),
+            right=within(fixes.right_within, *apart(world_T_query, world_T_true)),
             points_m=partial(_points, scans, submaps),
         )
 
