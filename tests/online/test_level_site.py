@@ -18,7 +18,7 @@ from pipeline.formats.bag_file import BagFile
 from pipeline.formats.nav2_map import GridMap
 from pipeline.formats.pointcloud2 import decode
 from pipeline.level.held_out import Sweeps
-from pipeline.level.level_map import Drawing
+from pipeline.level.level_map import Drawing, LevelMap
 from pipeline.level.verdict import pose_is_right
 from pipeline.online.description import describe
 from pipeline.online.level_pack import CARMEN, pack_sweeps
@@ -152,13 +152,21 @@ def test_walls_of_the_plan_lie_where_they_are_in_the_world(hall: Path) -> None:
     assert corners_px[0, 0] < corners_px[1, 0]
     assert corners_px[0, 1] > corners_px[1, 1]  # y points up, rows of pixels down
     assert plan.px(20) == pytest.approx(corners_px[1, 0] - corners_px[0, 0])
-    left_wall = plan.image.getpixel(
-        tuple(np.rint(plan.at_px(np.array([[0.02, 6.0]]))[0]).astype(int).tolist())
-    )
-    assert max(left_wall) < 0xA0
-    assert plan.image.getpixel(
-        tuple(plan.at_px(np.array([[16.0, 6.0]]))[0].astype(int).tolist())
-    ) == (255, 255, 255)
+    left_px, middle_px = plan.at_px(np.array([[0.02, 6.0], [16.0, 6.0]])).astype(int).tolist()
+    assert plan.image.getpixel(tuple(left_px)) == (0x4A, 0x4A, 0x4A)
+    assert plan.image.getpixel(tuple(middle_px)) == (255, 255, 255)
+
+
+def test_a_building_that_is_longer_in_y_lies_across(hall: Path) -> None:
+    """Then y of the map runs to the right."""
+    site = Site.open(hall)
+    assert isinstance(site, LevelSite)
+    occupancy = np.ascontiguousarray(np.rot90(site.level_map.occupancy, -1))  # row 0 lies below
+    upright = Plan(LevelMap(occupancy, site.level_map.cell_m, (0.0, 0.0, 0.0)))
+    assert upright.image.width == 800
+    assert upright.image.height < 600
+    right_px, above_px = upright.at_px(np.array([[11.0, 1.0], [1.0, 19.0]])).tolist()
+    assert right_px[0] < above_px[0]
 
 
 def test_a_picture_of_a_site_needs_a_level_one_and_a_log(
@@ -287,6 +295,23 @@ def test_no_wrong_pose_of_a_mutated_sweep_is_accepted(hall: Path) -> None:
     # of a room that looks the same in a mirror nothing tells
     assert wrong["upside down"] <= 2
     assert wrong.total() == wrong["upside down"]
+
+
+OFFICE = (
+    *((0, 0, 30, 0), (0, 2.5, 10, 2.5), (11, 2.5, 22, 2.5), (23, 2.5, 30, 2.5)),  # a corridor
+    *((0, 0, 0, 9), (10, 2.5, 10, 7), (11, 2.5, 11, 9), (22, 2.5, 22, 8), (30, 0, 30, 9)),
+    *((0, 9, 8, 7), (8, 7, 10, 7), (11, 9, 17, 7.5), (17, 7.5, 22, 8), (23, 2.5, 27, 6)),
+)
+"""Walls of another building."""
+
+
+def test_no_pose_of_another_building_s_sweeps_is_accepted(hall: Path) -> None:
+    site = Site.open(hall)
+    rng = np.random.default_rng(3)
+    for _ in range(24):
+        place = (rng.uniform(1, 29), rng.uniform(0.7, 1.8), rng.uniform(-np.pi, np.pi))
+        fix = site.localize(sweep(*place, noise=rng, walls=OFFICE))
+        assert fix.verdict != "accepted"
 
 
 def test_a_training_day_of_level_sweeps_is_packed(

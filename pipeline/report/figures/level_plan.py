@@ -30,6 +30,8 @@ FREE = "#FFFFFF"
 WALL = "#4A4A4A"
 INK = "#222222"
 GREY = "#6E6E6E"
+WALL_SHARE = 0.15
+"""A pixel is a wall from this share of it on."""
 ROBOT_M = 0.9
 """Length of the robot's arrow, so that it can be seen."""
 
@@ -45,32 +47,39 @@ class Seen(NamedTuple):
 
 
 class Plan:
-    """A level map as pixels, with its known cells as large as the picture allows."""
+    """A level map as pixels, its longer side across, its known cells as large as there is room."""
 
     def __init__(self, level_map: LevelMap) -> None:
-        known = np.argwhere(level_map.walls | level_map.free)
+        walls, free = level_map.walls, level_map.free
+        self._plan_T_world = np.linalg.inv(level_map.world_T_grid)
+        known = np.argwhere(walls | free)
+        if np.ptp(known[:, 0]) > np.ptp(known[:, 1]):
+            # a quarter turn to the right: x of the plan is y of the map, its y runs against x
+            plan_T_grid = np.array([[0.0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+            plan_T_grid[1, 3] = walls.shape[1] * level_map.cell_m
+            self._plan_T_world = plan_T_grid @ self._plan_T_world
+            walls, free = walls.T[::-1], free.T[::-1]
+            known = np.argwhere(walls | free)
         margin = round(MARGIN_M / level_map.cell_m)
         low = np.maximum(known.min(axis=0) - margin, 0)
-        high = np.minimum(known.max(axis=0) + 1 + margin, level_map.occupancy.shape)
+        high = np.minimum(known.max(axis=0) + 1 + margin, walls.shape)
         rows, cols = (slice(*ends) for ends in zip(low.tolist(), high.tolist(), strict=True))
-        pixels = np.full((*(high - low).tolist(), 3), _rgb(UNKNOWN), np.uint8)
-        pixels[level_map.free[rows, cols]] = _rgb(FREE)
-        pixels[level_map.walls[rows, cols]] = _rgb(WALL)
         height, width = (high - low).tolist()
         scale = min(WIDTH_PX / width, (MOST_HEIGHT_PX - HEAD_PX) / height)
         size = (max(1, round(width * scale)), max(1, round(height * scale)))
-        # row 0 of a map lies below
-        image = Image.fromarray(pixels[::-1]).resize(size, Image.Resampling.BOX)
+        pixels = np.full((size[1], size[0], 3), _rgb(UNKNOWN), np.uint8)
+        pixels[_shares(free[rows, cols], size) > 0.5] = _rgb(FREE)
+        # a wall is thinner than a pixel
+        pixels[_shares(walls[rows, cols], size) > WALL_SHARE] = _rgb(WALL)
         self._scale = scale / level_map.cell_m
         self._corner_m = low[::-1] * level_map.cell_m
-        self._grid_T_world = np.linalg.inv(level_map.world_T_grid)
         self.image = Image.new("RGB", (WIDTH_PX, HEAD_PX + size[1]), FREE)
-        self.image.paste(image, (0, HEAD_PX))
+        self.image.paste(Image.fromarray(pixels), (0, HEAD_PX))
 
     def at_px(self, points_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """The pixels (n, 2) of points (n, 2) in the world."""
-        grid_m = points_m @ self._grid_T_world[:2, :2].T + self._grid_T_world[:2, 3]
-        at_px = (grid_m - self._corner_m) * self._scale
+        plan_m = points_m @ self._plan_T_world[:2, :2].T + self._plan_T_world[:2, 3]
+        at_px = (plan_m - self._corner_m) * self._scale
         at_px[:, 1] = self.image.height - at_px[:, 1]
         return np.asarray(at_px)
 
@@ -155,6 +164,12 @@ def _arrow(
     in_world_m = corners_m @ world_T_robot[:2, :2].T + world_T_robot[:2, 3]
     corners_px = [tuple(corner) for corner in plan.at_px(in_world_m).tolist()]
     draw.polygon(corners_px, fill=colour, outline=INK)
+
+
+def _shares(cells: NDArray[np.bool_], size: tuple[int, int]) -> NDArray[np.float64]:
+    """The share (height, width) of each pixel that is set; row 0 of the cells lies below."""
+    image = Image.fromarray(255 * cells[::-1].astype(np.uint8))
+    return np.asarray(image.resize(size, Image.Resampling.BOX)) / 255
 
 
 def _rgb(ink: str) -> tuple[int, int, int]:
