@@ -53,10 +53,15 @@ def appearance(
 
 def is_level(sweeps: Iterable[NDArray[np.floating]]) -> bool:
     """Whether most of some scans' points (n, 3) lie in one plane each: those of a level laser."""
-    thicknesses_m = [
-        thickness(points[:: max(1, len(points) // TELLING)]) for points in sweeps if len(points)
-    ]
+    thicknesses_m = [thickness(_some(points)) for points in sweeps if len(points)]
     return bool(thicknesses_m) and float(np.median(thicknesses_m)) <= LEVEL_M
+
+
+def _some(points: NDArray[np.floating]) -> NDArray[np.floating]:
+    """TELLING of the points (n, 3), drawn at random: each 32nd may be of one ring."""
+    if len(points) <= TELLING:
+        return points
+    return points[np.random.default_rng(0).integers(len(points), size=TELLING)]
 
 
 def thickness(points: NDArray[np.floating]) -> float:
