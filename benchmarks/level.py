@@ -3,16 +3,22 @@
 `python -m benchmarks.level CARMEN [--logs intel,fhw] [--shares .4,.5] [--queries 50]` maps the
 first 40 % of the sweeps of each log, and then the first half, by their corrected poses, and
 localises sweeps of the rest, evenly chosen, each gathered over the raw odometry before it (ODOM
-lines). CARMEN is a folder of NAME-corrected.log.gz. A row a map: square metres that are free; the
-share of queries that were seen (the map's path within 2 m); of these the share that is right
-(within 1 m and 10°), by the fix and by the baseline: the best cell of a single sweep in the same
-likelihood field, as an exhaustive search finds it, since branch and bound is exact; then for .95
-and .99 the share of all queries that is accepted, of the seen ones, and how many of the accepted
-are wrong; CPU time of one thread from points to fix, median and 95 %.
+lines). CARMEN is a folder of NAME-corrected.log.gz, as `yearloc fetch carmen` lays it. It prints
+the table of docs/how-to/level.md, a row a map: square metres that are free; the share of queries
+that were seen (the map's path within 2 m); of these the share that is right (within 1 m and 10°),
+by the fix and by two baselines: the best cell of a single sweep in the same likelihood field, as
+an exhaustive search finds it, since branch and bound is exact, and ICP (Besl and McKay, PAMI 1992)
+of the sweep from there; then for .95 and .99 the share of all queries that is accepted, of the
+seen ones, and how many of the accepted are wrong; CPU time of one thread from points to verdict,
+median and 95 %.
 
 Chances and limits are verdict.USUAL and USUAL_LIMITS, the limits lowered where held-out stretches
 of the mapped part say so; queries have no part in them. `--usual` prints these two anew, from
 held-out stretches of the first halves of TUNED alone.
+
+`--kidnapped FILE.gif` draws instead how a robot is lost and found again: it follows the second half
+of a log by its odometry, and is carried over CARRIED sweeps in the middle, of which odometry says
+nothing.
 """
 
 import os
@@ -24,20 +30,30 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
+from pipeline.core.progress import Progress
+from pipeline.formats import nav2_map
+from pipeline.formats.nav2_map import GridMap
+from pipeline.level.day import LevelDay
 from pipeline.level.field import Field
-from pipeline.level.fix import LevelFix, LevelFixer
+from pipeline.level.fix import LevelFixer
 from pipeline.level.held_out import LevelHeldOut, Sweeps
 from pipeline.level.level_map import Drawing
 from pipeline.level.search import search
-from pipeline.level.sweeps import Gatherer, single
+from pipeline.level.sweeps import OVER_M, Gatherer, single
 from pipeline.level.verdict import LevelEvidence, LevelVerdict, pose_is_right
-from pipeline.online.level_pack import OVER_M, UNSEEN_SHARE
+from pipeline.online.level_pack import UNSEEN_SHARE, pack_map
+from pipeline.online.level_site import LevelSite, LevelTracker
+from pipeline.online.site import Site
+from pipeline.posing.answers import PosedQuery
 from pipeline.posing.verdict import BELIEFS, PROMISES
 from pipeline.readers.carmen import Carmen
+from pipeline.report.figures import level_plan
 
 LOGS = ("intel", "fhw", "seattle", "csail", "aces", "freiburg-101", "freiburg-campus")
 TUNED = ("intel", "fhw", "seattle")
@@ -47,10 +63,21 @@ SEEN_M = 2.0
 HELD_OUT = 24
 """Held-out stretches of a map at most."""
 PROMISED = (0.95, 0.99)
+ICP_STEPS = 30
+ICP_M = 1.0
+"""Hits and walls farther apart are no pair."""
+CARRIED = 30
 HEADER = (
-    f"{'log':<16}{'mapped':>7}{'free m²':>9}{'asked':>6}{'seen':>6}{'right':>7}{'single':>7}"
-    + "".join(f"  {promise:>4}: all  seen  wrong" for promise in PROMISED)
-    + f"{'ms':>7}{'95 %':>6}"
+    "log",
+    "mapped",
+    "free m²",
+    "asked",
+    "seen",
+    "right of seen",
+    "best cell",
+    "ICP from it",
+    *(f"at {promise:g}: of all, of seen, wrong" for promise in PROMISED),
+    "ms: median, 95 %",
 )
 
 
@@ -60,17 +87,18 @@ class Trial:
 
     name: str
     share: float
-    free_m2: float
-    evidence: LevelEvidence
-    fixes: Sequence[LevelFix]
-    single: NDArray[np.float64]
+    day: LevelDay
+    queries: Sequence[PosedQuery]
+    cells: NDArray[np.float64]
     """(query, 4, 4) the best cell of a single sweep."""
+    icp: NDArray[np.float64]
+    """(query, 4, 4) the sweep registered from there."""
     world_T_true: NDArray[np.float64]
     """(query, 4, 4)."""
     seen: NDArray[np.bool_]
     """(query,)."""
     ms: NDArray[np.float64]
-    """(query,) CPU time from points to fix, matching of the newest sweep included."""
+    """(query,) CPU time from points to verdict, matching of the newest sweep included."""
 
 
 def read(folder: Path, name: str) -> Sweeps:
@@ -79,55 +107,76 @@ def read(folder: Path, name: str) -> Sweeps:
     return Sweeps(log.points, log.world_T_scan, log.odom_T_scan)
 
 
-def evidence(sweeps: Sweeps, share: float, most: int) -> tuple[LevelEvidence, Drawing]:
-    """What held-out stretches of the first part of a log say, and its drawing."""
-    mapped = sweeps.part(0, int(share * len(sweeps.world_T_sweep)))
-    hits = [mapped.points(row) for row in range(len(mapped.world_T_sweep))]
-    drawing = Drawing.of(hits, mapped.world_T_sweep)
-    return LevelHeldOut(most=most).evidence(LevelFixer(), mapped, drawing, OVER_M), drawing
-
-
 def trial(sweeps: Sweeps, name: str, share: float, queries: int) -> Trial:
     """Map the first part of a log and ask for sweeps of the rest."""
-    held_out, drawing = evidence(sweeps, share, HELD_OUT)
-    level_map = drawing.level_map()
-    field = Field.of(level_map)
     first = int(share * len(sweeps.world_T_sweep))
+    day = LevelDay.learned(sweeps.part(0, first), UNSEEN_SHARE, LevelHeldOut(most=HELD_OUT))
     asked = sweeps.part(first, len(sweeps.world_T_sweep))
     count = len(asked.world_T_sweep)
     rows = np.unique(np.linspace(0, count - 1, min(queries, count)).round().astype(int))
-    fixer = LevelFixer()
-    fixer.fix(field, single(asked.points(0)))  # compiles kernels
+    walls = KDTree(np.argwhere(day.field.walls)[:, ::-1] * day.field.cell_m + day.field.cell_m / 2)
+    day.query(single(asked.points(0)))  # compiles kernels
     gatherer = Gatherer()
-    fixes = []
+    answers = []
     ms = []
     cells = []
+    icp = []
     for row in range(count):
         points_m = np.asarray(asked.points(row), np.float64)
         start = time.process_time()
         gatherer.add(points_m, asked.step(row))
         if row in rows:
-            fixes.append(fixer.fix(field, gatherer.gathered(OVER_M)))
+            answers.append(day.query(gatherer.gathered(OVER_M)))
             ms.append(1e3 * (time.process_time() - start))
-            best = search(field, single(points_m).points_m, keep=1).poses
-            cells.append(_pose(field, best[0]) if len(best) else np.full((4, 4), np.nan))
+            hits_m = single(points_m).points_m
+            best = search(day.field, hits_m, keep=1).poses
+            pose = best[0] if len(best) else np.full(3, np.nan)
+            cells.append(_in_world(day.field, pose))
+            icp.append(_in_world(day.field, registered(walls, hits_m, pose)))
     true = asked.world_T_sweep[rows]
     path_m = sweeps.world_T_sweep[:first, :2, 3]
     away_m = np.linalg.norm(true[:, None, :2, 3] - path_m, axis=2).min(axis=1)
     return Trial(
         name,
         share,
-        level_map.free_m2,
-        held_out,
-        fixes,
+        day,
+        answers,
         np.array(cells),
+        np.array(icp),
         true,
         away_m < SEEN_M,
         np.array(ms),
     )
 
 
-def _pose(field: Field, grid_pose: NDArray[np.float64]) -> NDArray[np.float64]:
+def registered(
+    walls: KDTree, hits_m: NDArray[np.float64], pose: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """The pose (3,) of hits (n, 2) after ICP, point to point, with the middles of wall cells."""
+    if not np.isfinite(pose).all():
+        return pose
+    pose = pose.copy()
+    for _ in range(ICP_STEPS):
+        cos, sin = np.cos(pose[2]), np.sin(pose[2])
+        placed_m = hits_m @ np.array([[cos, sin], [-sin, cos]]) + pose[:2]
+        distance_m, nearest = walls.query(placed_m, distance_upper_bound=ICP_M)
+        paired = np.asarray(np.isfinite(distance_m))
+        if paired.sum() < 3:
+            break
+        here_m, there_m = hits_m[paired], walls.data[np.asarray(nearest)[paired]]
+        off_m = here_m - here_m.mean(axis=0)
+        wanted_m = there_m - there_m.mean(axis=0)
+        turn = np.arctan2(
+            (off_m[:, 0] * wanted_m[:, 1] - off_m[:, 1] * wanted_m[:, 0]).sum(),
+            (off_m * wanted_m).sum(),
+        )
+        cos, sin = np.cos(turn), np.sin(turn)
+        at_m = there_m.mean(axis=0) - here_m.mean(axis=0) @ np.array([[cos, sin], [-sin, cos]])
+        pose = np.array([*at_m, turn])
+    return pose
+
+
+def _in_world(field: Field, grid_pose: NDArray[np.float64]) -> NDArray[np.float64]:
     pose = np.eye(4)
     cos, sin = np.cos(grid_pose[2]), np.sin(grid_pose[2])
     pose[:2, :2] = [[cos, -sin], [sin, cos]]
@@ -135,42 +184,107 @@ def _pose(field: Field, grid_pose: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(field.world_T_grid @ pose)
 
 
-def row(result: Trial) -> tuple[str, list[float]]:
-    """The row of a trial, and its numbers for the means."""
-    verdict = LevelVerdict(result.evidence, UNSEEN_SHARE)
-    limits = dict(zip(PROMISES, verdict.limits("fix"), strict=True))
-    fixes = [fix.ordered(verdict.judge.pose) for fix in result.fixes]
-    doubts = np.array([verdict.judge.doubts(fix)[0] for fix in fixes]).astype(np.float32)
-    nowhere = np.full((4, 4), np.nan)
-    poses = np.array(
-        [fix.hypotheses[0].world_T_query if fix.hypotheses else nowhere for fix in fixes]
-    )
-    good = pose_is_right(poses, result.world_T_true)
-    good_single = pose_is_right(result.single, result.world_T_true)
+def numbers(result: Trial) -> list[float]:
+    """What a row is made of: shares, and for each of PROMISED of all, of seen, wrong, accepted."""
+    limits = dict(zip(PROMISES, result.day.verdict.limits("fix"), strict=True))
+    doubts = np.array([query.doubts[0] for query in result.queries]).astype(np.float32)
+    good = pose_is_right(np.array([query.pose for query in result.queries]), result.world_T_true)
     seen = result.seen
-    numbers = [float(seen.mean()), float(good[seen].mean()), float(good_single[seen].mean())]
-    text = f"{result.name:<16}{result.share:>7.2f}{result.free_m2:>9,.0f}{len(good):>6}"
-    text += f"{numbers[0]:>6.2f}{numbers[1]:>7.3f}{numbers[2]:>7.3f}"
+    values = [float(seen.mean()), float(good[seen].mean())]
+    for poses in (result.cells, result.icp):
+        values.append(float(pose_is_right(poses, result.world_T_true)[seen].mean()))
     for promise in PROMISED:
         accepted = doubts < limits[promise]
         wrong = int((accepted & ~good).sum())
-        numbers += [float(accepted.mean()), float(accepted[seen].mean()), wrong, accepted.sum()]
-        text += (
-            f"{accepted.mean():>11.2f}{accepted[seen].mean():>6.2f}{wrong:>3}/{accepted.sum():<3}"
-        )
-    numbers += [float(np.median(result.ms)), float(np.quantile(result.ms, 0.95))]
-    return f"{text}{numbers[-2]:>7.0f}{numbers[-1]:>6.0f}", numbers
+        values += [float(accepted.mean()), float(accepted[seen].mean()), wrong, accepted.sum()]
+    return [*values, float(np.median(result.ms)), float(np.quantile(result.ms, 0.95))]
+
+
+def cells_of(values: Sequence[float]) -> list[str]:
+    """The cells of a row, from the share of the seen on."""
+    texts = [f"{values[0]:.2f}", *(f"{share:.3f}" for share in values[1:4])]
+    for first in range(4, 4 + 4 * len(PROMISED), 4):
+        of_all, of_seen, wrong, accepted = values[first : first + 4]
+        texts.append(f"{of_all:.2f} {of_seen:.2f} {wrong:.0f}/{accepted:.0f}")
+    return [*texts, f"{values[-2]:.0f}, {values[-1]:.0f}"]
+
+
+def line(cells: Sequence[str]) -> str:
+    """A row of a markdown table."""
+    return f"| {' | '.join(cells)} |"
+
+
+def table(folder: Path, logs: Sequence[str], shares: Sequence[float], queries: int) -> None:
+    """Print the table, and in its last row means over the maps and sums of wrong and accepted."""
+    print(line(HEADER))
+    print(line(["---"] * len(HEADER)), flush=True)
+    rows: list[list[float]] = []
+    for name in logs:
+        for share in shares:
+            result = trial(read(folder, name), name, share, queries)
+            rows.append(numbers(result))
+            tuned = " (tuned on)" if name in TUNED else ""
+            free_m2 = f"{result.day.level_map.free_m2:,.0f}"
+            head = [f"{name}{tuned}", f"{share:.0%}", free_m2, str(len(result.ms))]
+            print(line([*head, *cells_of(rows[-1])]), flush=True)
+    means = np.mean(rows, axis=0)
+    for counts in range(6, 4 + 4 * len(PROMISED), 4):
+        means[counts : counts + 2] = np.sum(rows, axis=0)[counts : counts + 2]
+    print(line(["mean", "", "", "", *cells_of(means.tolist())]))
 
 
 def usual(folder: Path) -> None:
     """Print the usual chances and limits, learned anew."""
-    parts = [evidence(read(folder, name), 0.5, 150)[0] for name in TUNED]
+    parts = []
+    for name in TUNED:
+        sweeps = read(folder, name)
+        mapped = sweeps.part(0, len(sweeps.world_T_sweep) // 2)
+        hits = [mapped.points(row) for row in range(len(mapped.world_T_sweep))]
+        drawing = Drawing.of(hits, mapped.world_T_sweep)
+        parts.append(LevelHeldOut(most=150).evidence(LevelFixer(), mapped, drawing, OVER_M))
     joined = LevelEvidence.joined(parts)
     judge = LevelVerdict(joined, UNSEEN_SHARE).learned()
     verdict = LevelVerdict(joined, UNSEEN_SHARE, judge)
     print(f"{joined.blocks} held-out stretches of {', '.join(TUNED)}")
     print(judge)
     print({belief: verdict.reached(belief) for belief in BELIEFS})
+
+
+def kidnapped(folder: Path, name: str, out: Path) -> str:
+    """Draw how the robot of a log is lost and found again; returns what happened, in a line."""
+    sweeps = read(folder, name)
+    half = len(sweeps.world_T_sweep) // 2
+    mapped = sweeps.part(0, half)
+    hits = [mapped.points(row) for row in range(half)]
+    level_map = Drawing.of(hits, mapped.world_T_sweep).level_map()
+    driven = sweeps.part(half, len(sweeps.world_T_sweep))
+    middle = len(driven.world_T_sweep) // 2
+    rows = [*range(middle), *range(middle + CARRIED, len(driven.world_T_sweep))]
+    with TemporaryDirectory() as scratch:
+        map_path = Path(scratch, f"{name}.yaml")
+        nav2_map.write(map_path, GridMap(level_map.occupancy, level_map.cell_m, level_map.origin))
+        pack_map(map_path, map_path.with_suffix(".site"))
+        site = Site.open(map_path.with_suffix(".site"))
+    assert isinstance(site, LevelSite)
+    tracker = LevelTracker(site)
+    drive = []
+    for row in rows:
+        points_m = np.asarray(driven.points(row), np.float64)
+        fix = tracker.localize(points_m, driven.step(row))
+        drive.append(level_plan.Seen(points_m, fix, driven.world_T_sweep[row]))
+    accepted = np.array([seen.fix.verdict == "accepted" for seen in drive])
+    good = pose_is_right(
+        np.array([seen.fix.world_T_sensor for seen in drive]),
+        np.array([seen.world_T_true for seen in drive]),
+    )
+    found = np.flatnonzero((accepted & good)[middle:])
+    title = f"{name}, recorded: carried away after sweep {middle}"
+    frames, size_bytes = level_plan.write(level_map, drive, title, out, Progress())
+    again = f"found {found[0]} sweeps later" if len(found) else "not found again"
+    return (
+        f"{out}: {title}, {again}; {accepted.sum()} of {len(drive)} accepted, "
+        f"{(accepted & ~good).sum()} of them wrong; {frames} frames, {size_bytes / 1e6:.2f} MB"
+    )
 
 
 def main() -> None:
@@ -180,28 +294,16 @@ def main() -> None:
     parser.add_argument("--shares", default=",".join(map(str, SHARES)))
     parser.add_argument("--queries", type=int, default=50)
     parser.add_argument("--usual", action="store_true")
+    parser.add_argument("--kidnapped", type=Path, metavar="FILE.gif")
     options = parser.parse_args()
+    logs = options.logs.split(",")
     if options.usual:
         usual(options.folder)
-        return
-    print(HEADER, flush=True)
-    rows: list[list[float]] = []
-    for name in options.logs.split(","):
-        for share in map(float, options.shares.split(",")):
-            text, numbers = row(trial(read(options.folder, name), name, share, options.queries))
-            print(text, flush=True)
-            rows.append(numbers)
-    means = np.mean(rows, axis=0)
-    answered = ", ".join(
-        f"{means[3 + 4 * number]:.2f} of all and {means[4 + 4 * number]:.2f} of the seen at "
-        f"{promise}, wrong {sum(each[5 + 4 * number] for each in rows):.0f} of "
-        f"{sum(each[6 + 4 * number] for each in rows):.0f}"
-        for number, promise in enumerate(PROMISED)
-    )
-    print(
-        f"in the mean of maps: right of seen {means[1]:.3f}, single sweep {means[2]:.3f}; accepted "
-        f"{answered}"
-    )
+    elif options.kidnapped is not None:
+        print(kidnapped(options.folder, logs[0], options.kidnapped))
+    else:
+        shares = [float(share) for share in options.shares.split(",")]
+        table(options.folder, logs, shares, options.queries)
 
 
 if __name__ == "__main__":

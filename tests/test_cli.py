@@ -280,19 +280,16 @@ def test_studies_do_not_change_while_dvc_works_on_them(project, capsys):
     main(["use", "town"])
 
 
-def test_poses_of_level_sweeps_are_refused(project, capsys):
-    """A sweep of one height has nothing to register; chosen or written by hand, it is one line."""
+def test_level_sweeps_have_poses_as_driven_alone(project, capsys):
+    """They are gathered along the path, which an altered query has none of."""
     carmen_log(project / "logs", name="drive.log")
-    use = ("use", "carmen", f"root={project / 'logs'}")
-    for scale, submap in ((), "flat_20m"), (("scale=indoor",), "flat_10m"):
-        line = refused(capsys, *use, *scale, "poses=sci_ring")
-        assert (
-            f"carmen: poses=sci_ring: level sweeps (submap {submap}) have no heights to register; "
-            "leave poses out" in line
-        )
-    main([*use, "poses="])
-    by_hand(project, "    budget: full\n", "    budget: full\n    poses:\n    - sci\n")
-    assert "carmen: poses=sci: level sweeps" in refused(capsys, "use")
+    use = ("use", "carmen", f"root={project / 'logs'}", "poses=sci_ring")
+    main([*use, "scale=indoor"])
+    text = (project / "conf/studies.yaml").read_text()
+    assert "    poses:\n    - sci_ring\n" in text
+    assert "submap: flat_10m" in text
+    line = refused(capsys, *use, "question=robustness", "altered=turned")
+    assert "carmen: poses=sci_ring: level sweeps (submap flat_20m) are localised as driven" in line
 
 
 def test_an_option_that_nothing_would_read_is_refused(project, capsys):

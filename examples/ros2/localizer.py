@@ -3,43 +3,65 @@ stamp of the cloud.
 
     python localizer.py campus.site --ros-args -r points:=/velodyne_points \\
         -p odometry:=/odom -p tf:=true
+    python localizer.py hall.site --ros-args -r scan:=/scan -p odometry:=/odom
+
+Of a level site it takes LaserScan instead, and publishes /initialpose too, which AMCL starts from:
+once the robot has been found, and each time that it is found again after it was lost.
 
 Parameters: promise (.99), lift_m (0: raises the points so that the ground is at 0) or body_T_lidar
 (x,y,z,roll,pitch,yaw in m and degrees, from the body that the odometry is of), frame (map),
-odometry (a topic of Odometry; none is constant motion), tf (false: whether to broadcast frame to
-the odometry's frame). Of the clouds that arrive while one is localised the newest is next, the
-others are dropped.
+odometry (a topic of Odometry; none is constant motion, of a level site each sweep alone), tf
+(false: whether to broadcast frame to the odometry's frame). Of the clouds that arrive while one is
+localised the newest is next, the others are dropped.
 """
 
 import sys
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from pipeline.formats.bag import ODOMETRY
-from pipeline.formats.messages import pose_numbers, poses
+from pipeline.formats.messages import pose_numbers, poses, sweep_points
 from pipeline.formats.pointcloud2 import decode
 from pipeline.kernel_cache import cold
 from pipeline.online.inputs import NO_POSE, placed, placement
+from pipeline.online.level_site import LevelSite
 from pipeline.online.odometry import Newest
 from pipeline.online.outputs import in_world
 from pipeline.readers.log import raised
 from pipeline.running.memory import keep_freed_memory
-from yearloc import Site, Tracker, YearlocError
+from yearloc import Fix, LevelTracker, Site, Tracker, YearlocError
 
 
 def stamp_ns(header: Any) -> int:
     return int(header.stamp.sec * 10**9 + header.stamp.nanosec)
 
 
+@dataclass(frozen=True)
+class Accepted:
+    """The numbers of a pose message."""
+
+    map_T_body: np.ndarray
+    """(4, 4)."""
+    covariance: np.ndarray
+    """(36,) as ROS has it."""
+    map_T_odom: np.ndarray
+    """(4, 4) the odometry's frame; NaN without odometry."""
+    is_initial: bool
+    """Whether a level robot was lost before."""
+
+
 class Localizer:
-    """What the node does, without ROS: a cloud becomes the numbers of a pose message, or
+    """What the node does, without ROS: a cloud or sweep becomes the numbers of a pose message, or
     nothing."""
 
     def __init__(
         self, site: Site, promise: float = 0.99, lift_m: float = 0.0, body_T_lidar: str = ""
     ) -> None:
-        self._tracker = Tracker(site, promise)
+        self._tracker = (
+            LevelTracker(site, promise) if isinstance(site, LevelSite) else Tracker(site, promise)
+        )
         self._odometry = Newest()
         self._body_T_lidar = (
             placement("body_T_lidar", body_T_lidar) if body_T_lidar else raised(lift_m)
@@ -50,9 +72,8 @@ class Localizer:
         """One more Odometry."""
         self._odometry.add(stamp_ns(odometry.header), poses([pose_numbers(odometry, ODOMETRY)])[0])
 
-    def pose(self, cloud: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-        """Pose (4, 4) and covariance (36,) of a PointCloud2 as ROS has them, and the pose (4, 4) of
-        the odometry's frame in the map, NaN without odometry; None where no fix is accepted."""
+    def pose(self, cloud: Any) -> Accepted | None:
+        """The pose of a PointCloud2, of a level site of a LaserScan; None if none is accepted."""
         time_ns = stamp_ns(cloud.header)
         odom_T_body = self._odometry.at(time_ns)
         step = (
@@ -60,19 +81,23 @@ class Localizer:
             if np.isfinite(self._before + odom_T_body).all()
             else None
         )
-        fix = self._tracker.localize(
-            placed(decode(cloud), self._body_T_lidar), step, time_ns or None
-        )
+        was_lost = isinstance(self._tracker, LevelTracker) and self._tracker.is_lost
+        fix = self._fix(cloud, step, time_ns)
         self._before = odom_T_body
+        if fix.verdict != "accepted":
+            return None
         map_T_odom = (
             fix.world_T_sensor @ np.linalg.inv(odom_T_body)
             if np.isfinite(odom_T_body).all()
             else NO_POSE
         )
-        return (
-            (fix.world_T_sensor, in_world(fix).ravel(), map_T_odom)
-            if fix.verdict == "accepted"
-            else None
+        return Accepted(fix.world_T_sensor, in_world(fix).ravel(), map_T_odom, was_lost)
+
+    def _fix(self, cloud: Any, step: np.ndarray | None, time_ns: int) -> Fix:
+        if isinstance(self._tracker, LevelTracker):
+            return self._tracker.localize(placed(sweep_points(cloud), self._body_T_lidar), step)
+        return self._tracker.localize(
+            placed(decode(cloud), self._body_T_lidar), step, time_ns or None
         )
 
 
@@ -91,7 +116,7 @@ def main() -> None:
     from rclpy.node import Node
     from rclpy.qos import QoSProfile, ReliabilityPolicy
     from rclpy.utilities import remove_ros_args
-    from sensor_msgs.msg import PointCloud2
+    from sensor_msgs.msg import LaserScan, PointCloud2
     from tf2_ros import TransformBroadcaster
 
     keep_freed_memory()
@@ -110,12 +135,16 @@ def main() -> None:
         node.declare_parameter(name, usual[name]).value for name in usual
     )
     try:
-        localizer = Localizer(
-            Site.open(remove_ros_args(sys.argv)[1]), promise, lift_m, body_T_lidar
-        )
+        site = Site.open(remove_ros_args(sys.argv)[1])
+        localizer = Localizer(site, promise, lift_m, body_T_lidar)
     except YearlocError as error:
         sys.exit(f"yearloc: {error}")
     publisher = node.create_publisher(PoseWithCovarianceStamped, "fix", 10)
+    initial = (
+        node.create_publisher(PoseWithCovarianceStamped, "/initialpose", 10)
+        if site.is_level
+        else None
+    )
     broadcaster = TransformBroadcaster(node)
 
     def moved(message: Any) -> None:
@@ -131,25 +160,29 @@ def main() -> None:
             return
         if found is None:
             return
-        world_T_sensor, covariance, map_T_odom = found
         message = PoseWithCovarianceStamped()
         message.header.stamp = cloud.header.stamp
         message.header.frame_id = frame
-        fill(message.pose.pose.position, message.pose.pose.orientation, world_T_sensor)
-        message.pose.covariance = covariance.tolist()
+        fill(message.pose.pose.position, message.pose.pose.orientation, found.map_T_body)
+        message.pose.covariance = found.covariance.tolist()
         publisher.publish(message)
-        if tf and np.isfinite(map_T_odom).all():
+        if initial is not None and found.is_initial:
+            initial.publish(message)
+        if tf and np.isfinite(found.map_T_odom).all():
             leads = TransformStamped()
             leads.header.stamp = cloud.header.stamp
             leads.header.frame_id = frame
             leads.child_frame_id = odom_frame
-            fill(leads.transform.translation, leads.transform.rotation, map_T_odom)
+            fill(leads.transform.translation, leads.transform.rotation, found.map_T_odom)
             broadcaster.sendTransform(leads)
 
     if cold():
         node.get_logger().info("compiling kernels, once per machine: about a minute")
     newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-    node.create_subscription(PointCloud2, "points", arrived, newest)
+    if site.is_level:
+        node.create_subscription(LaserScan, "scan", arrived, newest)
+    else:
+        node.create_subscription(PointCloud2, "points", arrived, newest)
     if odometry:
         node.create_subscription(
             Odometry,

@@ -1,5 +1,6 @@
 """`yearloc picture`: a moving picture of one test day."""
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -7,11 +8,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pipeline.cli.options import ModelName
+from pipeline.cli.options import Odometry, Promise, Topic
 from pipeline.cli.outputs import check_file
 from pipeline.cli.progress import Bar
 from pipeline.cli.project import read_studies
-from pipeline.core.errors import ConfigError
+from pipeline.core.errors import ConfigError, LogError
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -50,17 +51,34 @@ class Drawn:
 
 
 def picture(
-    of: ModelName,
+    of: Annotated[
+        str,
+        typer.Argument(
+            metavar="STUDY/GRID/METHOD|SITE", help="such as campus/10m/sci_ring; or a level site"
+        ),
+    ],
     out: Annotated[
         Path,
         typer.Option("-o", "--out", metavar="FILE", help="its name ends in .gif, .webp or .png"),
     ],
     day: Annotated[
-        str | None, typer.Argument(metavar="DAY", help="a test day; without one, the last")
+        str | None,
+        typer.Argument(
+            metavar="DAY|LOG", help="a test day, without one the last; of a site what it is asked"
+        ),
     ] = None,
+    promise: Promise = 0.99,
+    topic: Topic = None,
+    odometry: Odometry = None,
 ) -> None:
-    """A moving picture of one test day: the drive, and which answers are believed."""
-    print(draw(of, day, out).line)
+    """A moving picture of one test day: the drive, and which answers are believed.
+
+    Of a level site it shows the drive of a log or bag in the plan of the building, tracked.
+    """
+    if of.endswith(".site"):
+        print(_of_site(Path(of), day, out, promise, topic, odometry))
+    else:
+        print(draw(of, day, out).line)
 
 
 def draw(of: str, test_day: str | None, out: Path) -> Drawn:
@@ -105,6 +123,50 @@ def draw(of: str, test_day: str | None, out: Path) -> Drawn:
     )
     colours = f"The map is grey; a scan is blue where its {noun} is accepted, orange where refused."
     return Drawn(out, drive.title, counts, colours, drive.simulated, frames)
+
+
+def _of_site(
+    path: Path,
+    log: str | None,
+    out: Path,
+    promise: float | None,
+    topic: str | None,
+    odometry: str | None,
+) -> str:
+    """Write the moving picture of a drive through a level site; returns what it shows, in a line.
+
+    Raises ConfigError for a site of 3-D scans.
+    """
+    from pipeline.online.inputs import scans
+    from pipeline.online.level_site import LevelSite, LevelTracker
+    from pipeline.online.localized import localized
+    from pipeline.online.site import Site
+    from pipeline.report.figures import animation, level_plan
+
+    check_file(out)
+    animation.check_ending(out)
+    site = Site.open(path)
+    if not isinstance(site, LevelSite):
+        raise ConfigError(f"{path}: a site of 3-D scans; `yearloc watch` shows its drives")
+    if log is None:
+        raise ConfigError(f"{path}: expected a log or a bag after it")
+    skipped: Counter[str] = Counter()
+    broken: list[str] = []
+    lift_m = site.description.sensor.lift_m
+    sweeps = scans(log, site.description.reader, lift_m, topic, odometry, skipped, None, True)
+    drive = [
+        level_plan.Seen(points_m, fix, scan.world_T_scan)
+        for scan, points_m, fix in localized(sweeps, LevelTracker(site, promise), promise, broken)
+    ]
+    if not drive:
+        raise LogError(broken[0] if broken else f"{log}: no scan there")
+    title = f"{site.name}{', simulated' * site.description.simulated}: {Path(log).name}"
+    frames, size_bytes = level_plan.write(site.level_map, drive, title, out, Bar())
+    accepted = sum(seen.fix.verdict == "accepted" for seen in drive)
+    return (
+        f"{out}: {title}: {accepted} of {len(drive)} sweeps accepted; {frames} frames, "
+        f"{size_bytes / 1e6:.2f} MB"
+    )
 
 
 def last_day(table: "pd.DataFrame", tests: Sequence[str]) -> str:

@@ -54,18 +54,19 @@ def watch(
     from pipeline.online import watch as rerun
     from pipeline.online.follow import Following
     from pipeline.online.inputs import scans
-    from pipeline.online.localized import localized
+    from pipeline.online.localized import localized, tracker_of
     from pipeline.online.site import Site
-    from pipeline.online.tracking import Tracker
 
     if every < 1:
         raise ConfigError(f"--every {every}: expected at least 1")
     if save is not None and save.suffix not in (".rrd", ".mcap"):
         raise ConfigError(f"--save {save}: expected FILE.rrd or FILE.mcap")
-    if odometry and not track:
+    site = Site.open(path)
+    if odometry and not track and not site.is_level:
         raise ConfigError(f"--odometry {odometry}: needs --track")
-    site = Site.open(path, level=False)
-    summary = Summary()
+    if site.is_level and follow:
+        raise ConfigError("--follow: follows 3-D scans, and the site is level")
+    summary = Summary(site.is_level)
     site.check(promise)
     check_file(save)
     recorder: Any = (
@@ -77,9 +78,9 @@ def watch(
     if follow:
         all_scans = Following(Path(log), topic, lift_m, idle, odometry, placement).scans()
     else:
-        scan_options = (lift_m, topic, odometry, summary.skipped, placement)
+        scan_options = (lift_m, topic, odometry, summary.skipped, placement, site.is_level)
         all_scans = scans(log, site.description.reader, *scan_options)
-    localizer = Tracker(site, promise) if track else site
+    localizer = tracker_of(site, promise, track) or site
     with recorder(site, save, promise) as recording:
         fixes = localized(islice(all_scans, 0, None, every), localizer, promise, summary.broken)
         for number, (scan, points_m, fix) in enumerate(fixes):

@@ -412,7 +412,7 @@ class Rankings(SequenceRanking, kind="rankings", version=5):
 
 
 @dataclass(frozen=True, eq=False)
-class Fixes(SequenceRanking, kind="fixes", version=4):
+class Fixes(SequenceRanking, kind="fixes", version=5):
     """Answers whose first are registered poses, and whose first kinds of novelty are doubts."""
 
     world_T_query: Annotated[
@@ -454,6 +454,10 @@ class Fixes(SequenceRanking, kind="fixes", version=4):
         int,
         "how many of those blocks there are, each asked as driven, aged, and without its "
         "surroundings",
+    ]
+    right_within: Annotated[
+        tuple[float, float],
+        "metres and degrees within which a pose is right: 2 and 5, of level sweeps 1 and 10",
     ]
 
 

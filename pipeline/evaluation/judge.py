@@ -28,6 +28,7 @@ from pipeline.evaluation.judgement import (
 from pipeline.evaluation.numbers import (
     MEASURES,
     NUMBERS,
+    RIGHT_WITHIN,
     Queries,
     Weight,
     curve,
@@ -51,14 +52,15 @@ def judge(
     turned_deg: NDArray[np.float32] | None = None,
     world_T_query: Poses | None = None,
     reject_pose_from: float = np.nan,
+    right_within: tuple[float, float] = RIGHT_WITHIN,
 ) -> Evaluation:
     """Judge a ranking of q queries against their labels and poses (q, 4, 4), rows in that order.
 
     The poses are those driven. `reject_from` is the model's threshold on each kind of novelty;
     `turned_deg` (q,) is how far the robot was turned to the left for each query; `world_T_query`
     (q, 4, 4) are poses as estimated, and `reject_pose_from` the novelty to reject from to keep .99
-    of them. Raises InputError where ranking, labels and poses do not fit
-    together.
+    of them; they are right within so many metres and degrees. Raises InputError where ranking,
+    labels and poses do not fit together.
     """
     _check(ranking, reject_from, labels, world_T_anchor)
     turn_deg = np.asarray(labels.nearest_turn_deg, np.float64)
@@ -90,6 +92,7 @@ def judge(
         pose_error_m=pose_error_m,
         pose_error_deg=pose_error_deg,
         reject_pose_from=reject_pose_from,
+        right_within=right_within,
     )
     novelty_by_cells = np.where(
         ranking.places[:, :1] < 0, np.float32(np.inf), queries.novelty
@@ -156,6 +159,7 @@ def judge_cases(
             rankings.turned_deg[rows],
             rankings.world_T_query[rows] if isinstance(rankings, Fixes) else None,
             rankings.promised[1] if isinstance(rankings, Fixes) else np.nan,
+            rankings.right_within if isinstance(rankings, Fixes) else RIGHT_WITHIN,
         )
         evaluations[case] = replace(
             evaluation,

@@ -166,6 +166,7 @@ class Evaluation:
         float,
         "novelty from which to reject to keep .99 of the poses; null of a method that gives none",
     ]
+    right_within: Annotated[tuple[float, float], "metres and degrees within which a pose is right"]
     wanted_precision: Annotated[
         float, "that reject_from was chosen for; null where that is not known"
     ]
@@ -202,7 +203,7 @@ class Evaluation:
     @property
     def fixes(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Which poses (q,) are accepted with a promise of .99, and which are right."""
-        right = within("within_2m_5deg", self.pose_error_m, self.pose_error_deg)
+        right = within(self.right_within, self.pose_error_m, self.pose_error_deg)
         return self.novelty[:, 0].astype(np.float64) < self.reject_pose_from, right
 
     @property
@@ -210,8 +211,9 @@ class Evaluation:
         """Which answers (q,) are accepted and refused, and which are wrong among each.
 
         Poses are accepted with a promise of .99, seen or not, and are wrong where over 2 m or 5°
-        off; of a query without a pose nothing is wrong. Places are accepted at the threshold in
-        use, of the queries judged by distance, and are wrong where they are over `correct_m` off.
+        off, of level sweeps 1 m or 10°; of a query without a pose nothing is wrong. Places are
+        accepted at the threshold in use, of the queries judged by distance, and are wrong where
+        they are over `correct_m` off.
         """
         judged = self.distance.outcome != NOT_JUDGED
         accepted = np.isin(self.distance.outcome, (HIT, FALSE_ALARM))
@@ -252,7 +254,7 @@ class Evaluation:
 
     @property
     def pose_reliability(self) -> Reliability:
-        """The chances of the poses (query,) in bins, with the share that is within 2 m and 5°."""
+        """The chances of the poses (query,) in bins, with the share that is right."""
         return reliability(self._pose_chances, self.fixes[1])
 
     @property
@@ -315,7 +317,7 @@ class Evaluation:
 
 
 @dataclass(frozen=True, eq=False)
-class Evaluations(Artifact, kind="evaluations", version=11):
+class Evaluations(Artifact, kind="evaluations", version=12):
     """How a model fared in one test sequence, in each case of its queries."""
 
     evaluations: Annotated[Sequence[Evaluation], Stack("case")]

@@ -8,7 +8,7 @@ import pandas as pd
 
 from pipeline.alterations import Case
 from pipeline.evaluation.judgement import Evaluation
-from pipeline.evaluation.numbers import MEASURES, NUMBERS, POSES
+from pipeline.evaluation.numbers import LEVEL_POSES, MEASURES, NUMBERS, POSES, WITHIN
 from pipeline.evaluation.protocols import PROTOCOLS
 
 TableRows = Iterator[dict[str, Any]]
@@ -109,6 +109,7 @@ def evaluation_rows(evaluation: Evaluation, case: Case = Case()) -> TableRows:  
             name: values
             for name, values in numbers.items()
             if name not in POSES or not np.isnan(evaluation.reject_pose_from)
+            if name != LEVEL_POSES or evaluation.right_within == WITHIN[LEVEL_POSES]
         }
         yield from number_rows(
             columns,

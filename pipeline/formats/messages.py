@@ -122,7 +122,7 @@ def sweep_points(message: Any) -> NDArray[np.float64]:
     near = near if np.isfinite(near) else 0.0
     far = far if np.isfinite(far) and far > 0 else np.inf
     with np.errstate(invalid="ignore"):
-        ranges_m = message.ranges.astype(np.float64)
+        ranges_m = np.asarray(message.ranges, np.float64)
         beams = np.flatnonzero(np.isfinite(ranges_m) & (near <= ranges_m) & (ranges_m <= far))
     angles = start + step * beams
     directions = np.stack([np.cos(angles), np.sin(angles), np.zeros(len(beams))], axis=1)

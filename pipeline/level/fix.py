@@ -23,6 +23,8 @@ query's best other hypothesis; without another, as if that were LEAST_RATIO of i
 SCALES = np.array([0.15, 0.05, 0.1, 0.3, 0.1])
 """A usual difference of each sign."""
 LEAST_SPREAD_M = 0.01
+HELD = 1e-9
+"""Variance of what a level pose does not tell: height, roll and pitch are those of the map."""
 LEAST_POINTS = 20
 """A query of fewer thinned hits tells nothing."""
 LEAST_RATIO = 0.75
@@ -49,6 +51,17 @@ class Hypothesis:
     def quality(self) -> float:
         """By which the hypotheses of a query are compared."""
         return self.score - CONTRADICTED_COST * self.support.contradicted
+
+    @property
+    def pose_covariance(self) -> NDArray[np.float64]:
+        """The covariance (6, 6) as 3-D fixes have it, in the frame of the points."""
+        axes = np.eye(3)
+        axes[:2, :2] = self.world_T_query[:2, :2].T
+        turned = axes @ self.covariance @ axes.T
+        covariance = HELD * np.eye(6)
+        rows = [3, 4, 2]
+        covariance[np.ix_(rows, rows)] = turned
+        return covariance
 
     @property
     def spread_m(self) -> float:

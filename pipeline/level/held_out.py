@@ -2,17 +2,20 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.errors import InputError
+from pipeline.core.schemas import Scans
 from pipeline.core.settings import Count, Positive, check
 from pipeline.level.field import Field
 from pipeline.level.fix import LevelFix, LevelFixer
 from pipeline.level.level_map import Drawing
 from pipeline.level.sweeps import Gathered, Gatherer
 from pipeline.level.verdict import LevelEvidence
+from pipeline.mapping.appearance import LOOKED_AT, is_level
 
 
 @dataclass(frozen=True)
@@ -25,6 +28,28 @@ class Sweeps:
     """(sweep, 4, 4)."""
     odom_T_sweep: NDArray[np.float64]
     """(sweep, 4, 4) by odometry alone; NaN where there is none."""
+
+    @classmethod
+    def of(cls, scans: Scans, is_posed: bool = False) -> Self:
+        """The sweeps of a scans artifact; of those with a true pose alone if `is_posed`."""
+        world_T_scan = scans.load("world_T_scan")
+        rows = np.arange(len(world_T_scan))
+        if is_posed:
+            rows = np.flatnonzero(np.isfinite(world_T_scan).all(axis=(1, 2)))
+        points = scans.load("points")
+        offsets = scans.load("offsets")
+        grain_m = scans.grain_m
+        return cls(
+            lambda row: points[offsets[rows[row]] : offsets[rows[row] + 1]] * grain_m,
+            world_T_scan[rows],
+            scans.load("odom_T_scan")[rows],
+        )
+
+    @property
+    def is_level(self) -> bool:
+        """Whether they are of a level laser, by some of them."""
+        rows = np.unique(np.linspace(0, len(self.world_T_sweep) - 1, LOOKED_AT).astype(int))
+        return is_level(self.points(row) for row in rows.tolist())
 
     def step(self, row: int) -> NDArray[np.float64] | None:
         """The odometry (4, 4) since the sweep before; None if unknown."""

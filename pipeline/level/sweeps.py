@@ -16,6 +16,8 @@ from pipeline.level.refinement import refine_in
 
 THINNED_M = 0.1
 """Of hits in one square of this side one is searched for."""
+OVER_M = 5.0
+"""Metres of path over which sweeps are gathered."""
 MOVED_M = 0.2
 MOVED_DEG = 10.0
 """A sweep taken after less motion replaces the one before it."""
@@ -83,6 +85,12 @@ class Gatherer:
             start_T_sweep = self._matched(hits, start_T_sweep)
         self._hits.append(hits)
         self._poses.append(start_T_sweep)
+
+    def restart(self) -> None:
+        """Forget all sweeps but the newest: the robot was carried, or its odometry is wrong."""
+        while len(self._hits) > 1:
+            self._hits.popleft()
+            self._poses.popleft()
 
     def gathered(self, over_m: float) -> Gathered:
         """The hits of the last `over_m` metres of path, the newest sweep first."""

@@ -19,6 +19,7 @@ from pipeline.posing.verdict import BELIEFS, PROMISES, SEVERAL, TIMES, middle
 RIGHT_M = 1.0
 RIGHT_DEG = 10.0
 """A level fix is right within RIGHT_M and RIGHT_DEG."""
+RIGHT_WITHIN = (RIGHT_M, RIGHT_DEG)
 NEAR_M = 5.0
 """A robot is near its pose within this."""
 
@@ -60,6 +61,8 @@ USUAL_LIMITS: dict[str, tuple[float, ...]] = {
 }
 """For each of BELIEFS the doubts from which to reject it, by the same stretches; one of PROMISES
 each."""
+LARGEST_DOUBT = max(limit for limits in USUAL_LIMITS.values() for limit in limits)
+"""From this doubt on nothing is believed in any map."""
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,8 @@
 They describe what the submaps of a sequence look like.
 """
 
+from collections.abc import Iterable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,6 +13,8 @@ from pipeline.mapping.gathering import Gathering
 
 LOOKED_AT = 9
 """Submaps of a sequence, evenly spread."""
+TELLING = 2000
+"""So many of a scan's points tell whether it is a sweep."""
 LEVEL_M = 0.02
 """Points no thicker than this lie in one plane, like a sweep of a level 2-D LiDAR."""
 
@@ -47,7 +51,20 @@ def appearance(
     return dict(zip(names, map(float, medians), strict=True))
 
 
-def thickness(points: NDArray[np.float64]) -> float:
+def is_level(sweeps: Iterable[NDArray[np.floating]]) -> bool:
+    """Whether most of some scans' points (n, 3) lie in one plane each: those of a level laser."""
+    thicknesses_m = [thickness(_some(points)) for points in sweeps if len(points)]
+    return bool(thicknesses_m) and float(np.median(thicknesses_m)) <= LEVEL_M
+
+
+def _some(points: NDArray[np.floating]) -> NDArray[np.floating]:
+    """TELLING of the points (n, 3), drawn at random: each 32nd may be of one ring."""
+    if len(points) <= TELLING:
+        return points
+    return points[np.random.default_rng(0).integers(len(points), size=TELLING)]
+
+
+def thickness(points: NDArray[np.floating]) -> float:
     """Standard deviation in metres of points (n, 3) across their best plane; 1 of too few."""
     return (
         float(np.sqrt(np.linalg.eigvalsh(np.cov(points.T)).clip(0))[0]) if len(points) > 3 else 1.0

@@ -19,7 +19,7 @@ from pipeline.online.inputs import Scan
 from pipeline.online.site import Fix
 from pipeline.posing.registration import Points
 from pipeline.posing.targets import Targets
-from pipeline.posing.verdict import RIGHT_DEG, RIGHT_M
+from pipeline.posing.verdict import RIGHT_WITHIN
 
 WALL_M = 0.5
 SHOWN_M = 45.0
@@ -40,6 +40,8 @@ class JudgedFix:
     accepted: bool
     overlap: float
     novelty: float
+    right_within: tuple[float, float] = RIGHT_WITHIN
+    """Metres and degrees."""
 
     @property
     def off(self) -> tuple[float, float]:
@@ -51,7 +53,8 @@ class JudgedFix:
     def fails(self) -> bool:
         """Whether the verdict is wrong: a wrong pose accepted, or a right one rejected."""
         away_m, turn_deg = self.off
-        return (away_m < RIGHT_M and turn_deg < RIGHT_DEG) != self.accepted
+        right_m, right_deg = self.right_within
+        return (away_m < right_m and turn_deg < right_deg) != self.accepted
 
     @property
     def kind(self) -> str:
@@ -123,6 +126,7 @@ def of_study(fixes: Path, scans: Path, submaps: Path, promise: float | None) -> 
             novelty[row, 0] < reject_from,
             overlap[row],
             novelty[row, 0],
+            answers.right_within,
         )
 
 

@@ -7,15 +7,15 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from pipeline.core.errors import ArtifactError, InputError
 from pipeline.core.progress import Progress
 from pipeline.core.schemas import Scans
 from pipeline.formats import nav2_map
+from pipeline.level.day import LevelDay
 from pipeline.level.fix import LevelFixer
 from pipeline.level.held_out import LevelHeldOut, Sweeps
-from pipeline.level.level_map import Drawing, LevelMap
+from pipeline.level.level_map import LevelMap
+from pipeline.level.sweeps import OVER_M
 from pipeline.level.verdict import LevelEvidence, LevelVerdict
 from pipeline.online import site_file
 from pipeline.online.site_json import (
@@ -27,27 +27,10 @@ from pipeline.online.site_json import (
 )
 from pipeline.posing.verdict import BELIEFS, PROMISES
 
-OVER_M = 5.0
-"""Metres of path over which sweeps are gathered."""
 UNSEEN_SHARE = 0.2
 VERSIONS = ("numpy", "numba", "scipy", "safetensors")
 CARMEN = {"_target_": "pipeline.readers.carmen.Carmen"}
 """Opens the logs that a site of a map alone is asked with; bags need no reader."""
-SAMPLED = 9
-"""Sweeps that tell whether a data set is level."""
-LEVEL_M = 0.01
-
-
-def is_level(scans: Scans) -> bool:
-    """Whether the scans of an artifact are of a level laser: the points of each of one height."""
-    offsets = scans.load("offsets")
-    rows = np.unique(np.linspace(0, len(offsets) - 2, SAMPLED).astype(int))
-    grain_m = scans.grain_m
-    heights = [
-        scans["points"][offsets[row] : offsets[row + 1]][:, 2] * grain_m for row in rows.tolist()
-    ]
-    seen = [height for height in heights if len(height)]
-    return bool(seen) and all(float(np.ptp(height)) < LEVEL_M for height in seen)
 
 
 def pack_map(map_path: Path, out: Path) -> str:
@@ -76,28 +59,10 @@ def pack_sweeps(
     progress: Progress,
 ) -> str:
     """Write the site of a training day's level sweeps; returns what it holds, in a line."""
-    sweeps = of_scans(scans)
-    rows = range(len(sweeps.world_T_sweep))
-    progress.tell(f"draw {len(rows)} sweeps into a map")
-    drawing = Drawing.of([sweeps.points(row) for row in rows], sweeps.world_T_sweep)
-    progress.tell("localise held-out stretches")
-    evidence = LevelHeldOut().evidence(LevelFixer(), sweeps, drawing, OVER_M)
-    verdict = LevelVerdict(evidence, UNSEEN_SHARE)
-    return _write(out, name, simulated, drawing.level_map(), verdict, reader, train, None)
-
-
-def of_scans(scans: Scans) -> Sweeps:
-    """The sweeps of a scans artifact that have true poses."""
-    world_T_scan = scans.load("world_T_scan")
-    posed = np.flatnonzero(np.isfinite(world_T_scan).all(axis=(1, 2)))
-    points = scans.load("points")
-    offsets = scans.load("offsets")
-    grain_m = scans.grain_m
-    return Sweeps(
-        lambda row: points[offsets[posed[row]] : offsets[posed[row] + 1]].astype(float) * grain_m,
-        world_T_scan[posed],
-        scans.load("odom_T_scan")[posed],
-    )
+    sweeps = Sweeps.of(scans, is_posed=True)
+    progress.tell(f"draw {len(sweeps.world_T_sweep)} sweeps, localise held-out stretches")
+    day = LevelDay.learned(sweeps, UNSEEN_SHARE, LevelHeldOut())
+    return _write(out, name, simulated, day.level_map, day.verdict, reader, train, None)
 
 
 def _write(

@@ -6,6 +6,7 @@ gathers the sweeps of the last metres over the robot's own odometry.
 
 from collections import Counter
 from dataclasses import replace
+from functools import cached_property
 from time import perf_counter
 
 import numpy as np
@@ -13,10 +14,11 @@ from numpy.typing import NDArray
 
 from pipeline.core.errors import InputError
 from pipeline.level.field import Field
-from pipeline.level.fix import Hypothesis, LevelFix
+from pipeline.level.fix import LevelFix
 from pipeline.level.level_map import LevelMap
 from pipeline.level.sweeps import Gathered, Gatherer, single
 from pipeline.level.verdict import LevelJudge
+from pipeline.mapping.appearance import is_level
 from pipeline.matching.ranking import Ranking
 from pipeline.online import odometry
 from pipeline.online.inputs import Scan
@@ -33,10 +35,8 @@ from pipeline.online.site_file import LevelParts
 from pipeline.online.site_json import LevelDescription
 from pipeline.paths.belief import Belief
 
-HELD = 1e-9
-"""Variance of what a level pose does not tell: height, roll and pitch are those of the map."""
-FLAT_M = 0.05
-"""A sweep's points are of one height within this."""
+FEW = 20
+"""So few points may be of any laser; they make no pose."""
 NO_PLACE = -1
 PATIENCE = 3
 """Sweeps in a row that may fail to be followed before the robot is lost."""
@@ -62,6 +62,15 @@ class LevelSite(Site):
         verdict = parts.description.verdict
         self.level_judge = LevelJudge(verdict.pose, verdict.place)
         self.promises = promised(verdict)
+
+    @cached_property
+    def walls_m(self) -> NDArray[np.float64]:
+        """The middles (n, 3) of the cells that are walls, in the world, at z = 0."""
+        cells = np.argwhere(self.level_map.walls)[:, ::-1]
+        grid_m = (cells + 0.5) * self.level_map.cell_m
+        world_T_grid = self.level_map.world_T_grid
+        world_m = grid_m @ world_T_grid[:2, :2].T + world_T_grid[:2, 3]
+        return np.column_stack([world_m, np.zeros(len(world_m))])
 
     def localize(self, points_m: NDArray[np.floating], promise: float | None = 0.99) -> Fix:
         """Localise a single sweep's hits (n, 2) or (n, 3) in metres: x forward, y left.
@@ -112,7 +121,7 @@ class LevelSite(Site):
             verdict,
             NO_PLACE,
             best.world_T_query,
-            _covariance(best),
+            best.pose_covariance,
             best.support.explained,
             float(doubts[0]),
             float(doubts[1]),
@@ -144,6 +153,11 @@ class LevelTracker:
         self._pose: NDArray[np.float64] | None = None
         self._misses = 0
         self._previous_scan: Scan | None = None
+
+    @property
+    def is_lost(self) -> bool:
+        """Whether no pose is believed from which to go on."""
+        return self._pose is None
 
     def follow(self, scan: Scan, points_m: NDArray[np.floating]) -> Fix:
         """The fix of the next sweep and its hits (n, 3), by its own odometry."""
@@ -197,7 +211,10 @@ class LevelTracker:
             self._misses = 0
         elif guess is not None:
             self._misses += 1
-            self._pose = guess if self._misses < PATIENCE else None
+            self._pose = guess
+            if self._misses >= PATIENCE:
+                self._pose = None
+                self._gatherer.restart()
         elif fix.verdict in ("near", "ambiguous"):
             verdict = fix.verdict
         return replace(
@@ -221,23 +238,9 @@ def level_points(points_m: NDArray[np.floating]) -> NDArray[np.float64]:
         )
     points_m = points_m.astype(np.float64)
     points_m = points_m[np.isfinite(points_m).all(axis=1)]
-    if points_m.shape[1] == 3 and len(points_m):
-        low_m, high_m = np.quantile(points_m[:, 2], (0.1, 0.9))
-        if high_m - low_m > FLAT_M:
-            raise InputError(
-                f"a 3-D scan, its points lie over {high_m - low_m:.1f} m of height: this site is "
-                "level, it takes the sweeps of a level 2-D laser"
-            )
+    if points_m.shape[1] == 3 and len(points_m) > FEW and not is_level([points_m]):
+        raise InputError(
+            f"a 3-D scan, its points lie over {np.ptp(points_m[:, 2]):.1f} m of height: this site "
+            "is level, it takes the sweeps of a level 2-D laser"
+        )
     return np.ascontiguousarray(points_m[:, :2])
-
-
-def _covariance(hypothesis: Hypothesis) -> NDArray[np.float64]:
-    """The covariance (6, 6) of a hypothesis as fixes have it, in the frame of its points."""
-    world_R_query = hypothesis.world_T_query[:2, :2]
-    axes = np.eye(3)
-    axes[:2, :2] = world_R_query.T
-    turned = axes @ hypothesis.covariance @ axes.T
-    covariance = HELD * np.eye(6)
-    rows = [3, 4, 2]
-    covariance[np.ix_(rows, rows)] = turned
-    return covariance

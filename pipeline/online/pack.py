@@ -20,12 +20,13 @@ from pipeline.core.compute import Compute
 from pipeline.core.errors import ConfigError
 from pipeline.core.grid import Grid
 from pipeline.core.progress import Progress
+from pipeline.level.held_out import Sweeps
 from pipeline.mapping.gathering import submap_points
 from pipeline.matching.places import Places
 from pipeline.matching.ranking import Model, Rows
 from pipeline.matching.rejection import HELD_OUT
 from pipeline.online import site, site_file
-from pipeline.online.level_pack import is_level, pack_sweeps
+from pipeline.online.level_pack import pack_sweeps
 from pipeline.online.sensor import typical
 from pipeline.online.site_file import Arrays
 from pipeline.online.site_json import (
@@ -117,7 +118,7 @@ class Packing:
         scans = store.read(trained.scans, schemas.Scans)
         submaps = store.read(trained.submaps, schemas.Submaps)
         if not (submaps.load("first") == submaps.load("scans")).all():
-            if is_level(scans):
+            if Sweeps.of(scans).is_level:
                 reader = read_yaml(self.conf / "dataset" / f"{trained.dataset}.yaml")["reader"]
                 return pack_sweeps(
                     name, out, scans, trained.train, trained.simulated, reader, progress

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from pipeline.core.building import build
 from pipeline.core.errors import ArtifactError, InputError, NotInstalledError, YearlocError
+from pipeline.mapping.appearance import is_level
 from pipeline.matching.places import Places
 from pipeline.matching.ranking import Localizer, Ranking, Rows
 from pipeline.networks.plain import Plain
@@ -32,8 +33,7 @@ LOOKS = ("colormap", "h_min_m", "h_max_m")
 RUNNERS_UP = 3
 FARTHEST_M = 1e3  # no lidar sees farther
 SWEEP_POINTS = 50
-LEVEL_M = 0.01
-"""Points of one height, within LEVEL_M, are a sweep where there are SWEEP_POINTS or more."""
+"""Fewer points may be of any laser; they make no pose."""
 Word = Literal["accepted", "near", "ambiguous", "rejected", "no pose"]
 """The verdict on a fix, with the promise that was asked for.
 
@@ -175,9 +175,9 @@ class Site:
         start = time.perf_counter()
         self.check(promise)
         points_m = finite(points_m)
-        if _is_sweep(points_m):
+        if len(points_m) >= SWEEP_POINTS and is_level([points_m]):
             raise InputError(
-                "a level sweep, all of one height: this site is of 3-D scans; `yearloc pack` makes "
+                "a level sweep, all in one plane: this site is of 3-D scans; `yearloc pack` makes "
                 "a level site of a data set of level sweeps, or of a Nav2 map"
             )
         ranking = self.rank(points_m)
@@ -258,14 +258,6 @@ class Site:
 
     def _place(self, hypothesis: Hypothesis) -> int:
         return int(self.places.at(hypothesis.world_T_query[None, :2, 3])[0])
-
-
-def _is_sweep(points_m: NDArray[np.float64]) -> bool:
-    """Whether points (n, 3) are of a level 2-D laser: all of one height, and not of one spot."""
-    if len(points_m) < SWEEP_POINTS:
-        return False
-    along_m, across_m, high_m = np.ptp(points_m, axis=0)
-    return bool(high_m < LEVEL_M and along_m + across_m > 1.0)
 
 
 def promised(verdict: Promises) -> dict[float, tuple[float, ...]]:

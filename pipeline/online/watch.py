@@ -17,6 +17,7 @@ from pipeline.core.errors import ConfigError
 from pipeline.core.frames import Poses
 from pipeline.core.replacing import replace
 from pipeline.online.inputs import Scan
+from pipeline.online.level_site import LevelSite
 from pipeline.online.site import Fix, Site
 
 COLOURS = {
@@ -94,7 +95,7 @@ class Recording:
         stream.set_time("scan", sequence=number)
         if scan.stamp_ns is not None:
             stream.set_time("time", timestamp=np.datetime64(scan.stamp_ns, "ns"))
-        walls_m = points_m[points_m[:, 2] > WALL_M]
+        walls_m = points_m if self._site.is_level else _walls(points_m)
         colour = COLOURS[fix.verdict]
         self._log_placed(ROBOT, walls_m, fix.world_T_sensor, colour)
         runner_up = fix.runners_up[0] if fix.runners_up else None
@@ -121,16 +122,17 @@ class Recording:
         """Log the map, the training path, and the names and colours of curves and verdicts."""
         rerun = self._rerun
         points_m = whole_map(self._site) - self._origin_m
-        anchors_m = self._site.targets.world_T_anchor[:, :3, 3] - self._origin_m
         self._stream.log("world", rerun.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         self._stream.log(
             "world/map", rerun.Points3D(points_m, colors=MAP_GREY, radii=0.06), static=True
         )
-        self._stream.log(
-            "world/training",
-            rerun.LineStrips3D([anchors_m], colors=PATH_GREY, radii=0.15),
-            static=True,
-        )
+        if not isinstance(self._site, LevelSite):  # of a level site no path is kept
+            anchors_m = self._site.targets.world_T_anchor[:, :3, 3] - self._origin_m
+            self._stream.log(
+                "world/training",
+                rerun.LineStrips3D([anchors_m], colors=PATH_GREY, radii=0.15),
+                static=True,
+            )
         for path, colour, name in (
             ("chance/pose", COLOURS["accepted"], "chance of the pose"),
             ("chance/runner_up", COLOURS["ambiguous"], "chance of the runner-up"),
@@ -227,12 +229,16 @@ def origin(site: Site) -> NDArray[np.float64]:
 
     Viewers use float32, in which coordinates as large as UTM's are off by decimetres.
     """
-    middle_m = np.rint(site.targets.world_T_anchor[:, :2, 3].mean(axis=0))
-    return np.append(middle_m, 0.0)
+    places_m = (
+        site.walls_m if isinstance(site, LevelSite) else site.targets.world_T_anchor[:, :3, 3]
+    )
+    return np.append(np.rint(places_m[:, :2].mean(axis=0)), 0.0)
 
 
 def whole_map(site: Site) -> NDArray[np.float64]:
     """Walls (n, 3) of the map in the world, thinned to MAP_POINTS."""
+    if isinstance(site, LevelSite):
+        return site.walls_m[:: max(1, len(site.walls_m) // MAP_POINTS)]
     parts: Iterable[NDArray[np.float64]] = (
         _walls(site.targets.points_m(row)) @ pose[:3, :3].T + pose[:3, 3]
         for row, pose in enumerate(site.targets.world_T_anchor)

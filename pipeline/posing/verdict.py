@@ -21,6 +21,7 @@ PROMISES = (0.95, 0.99, 0.999)
 RIGHT_M = 2.0
 RIGHT_DEG = 5.0
 """A fix is right within RIGHT_M and RIGHT_DEG: the field's measure."""
+RIGHT_WITHIN = (RIGHT_M, RIGHT_DEG)
 NEAR_M = 15.0
 """A place is right within this: the distance protocol's measure."""
 SEVERAL = 3

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import pandas as pd
 
+from pipeline.evaluation.numbers import LEVEL_POSES
 from pipeline.report import tables
 from pipeline.report.render import template
 from pipeline.report.result import Scores, day, ranked, read_scores
@@ -13,6 +14,7 @@ from pipeline.studies.study import Study
 SHOWN = (("cells", "recall_at_1"), ("cells", "auc_top1"), ("cells", "auroc"))
 POSES = (
     ("within 2 m, 5°", "within_2m_5deg", 3),
+    ("within 1 m, 10°", LEVEL_POSES, 3),
     ("within .5 m, 2°", "within_05m_2deg", 3),
     ("error [m]", "error_m", 2),
     ("error [°]", "error_deg", 2),
@@ -56,5 +58,8 @@ def _tables(scores: Sequence[Scores]) -> Iterator[Table]:
         yield tables.over_days(f"by_{protocol}_{name}", scores, protocol, name)
     posed = [score for score in scores if score.posed]
     dates = {score.sequence: day(score.sequence) for score in scores}
-    for kind, columns in (("posed", POSES), ("pose_answers", tables.ANSWERS)) if posed else ():
+    columns_of_poses = tables.pose_columns(posed, POSES)
+    for kind, columns in (
+        (("posed", columns_of_poses), ("pose_answers", tables.ANSWERS)) if posed else ()
+    ):
         yield tables.a_row_a_result(kind, ("method", "day"), posed, dates, columns)

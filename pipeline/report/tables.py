@@ -13,7 +13,7 @@ import pandas as pd
 
 from pipeline.evaluation.doubts import VOID
 from pipeline.evaluation.judgement import VERDICTS
-from pipeline.evaluation.numbers import MEASURES
+from pipeline.evaluation.numbers import LEVEL_POSES, MEASURES
 from pipeline.evaluation.paired import COMPARED, LEVEL
 from pipeline.evaluation.protocols import PROTOCOLS
 from pipeline.evaluation.study_rows import ORACLE, PER_DAYS, SHOWN
@@ -76,6 +76,7 @@ COSTS = (
 
 POSES = (
     ("within 2 m, 5°", "within_2m_5deg", 3),
+    ("within 1 m, 10°", LEVEL_POSES, 3),
     ("training's heading", "within_2m_5deg_same_heading", 3),
     ("turned", "within_2m_5deg_turned", 3),
     ("2 m or more beside", "within_2m_5deg_beside", 3),
@@ -177,8 +178,14 @@ def poses(posed: Sequence[Scores]) -> list[Table]:
     words = ("model", "sequence")
     return [
         a_row_a_result(kind, words, posed, dates(posed), columns)
-        for kind, columns in (("pose_answers", ANSWERS), ("poses", POSES))
+        for kind, columns in (("pose_answers", ANSWERS), ("poses", pose_columns(posed, POSES)))
     ]
+
+
+def pose_columns(posed: Sequence[Scores], columns: Columns) -> Columns:
+    """The columns of poses, without that of level sweeps where there are none."""
+    has_level = any(("distance", LEVEL_POSES) in score.numbers for score in posed)
+    return tuple(column for column in columns if has_level or column[1] != LEVEL_POSES)
 
 
 def setup(study: Study, longest: int = 400) -> Table:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pipeline.core.errors import LogError
 from pipeline.core.progress import Progress
 from pipeline.core.schemas import Estimates
-from pipeline.mapping.appearance import LEVEL_M, thickness
+from pipeline.mapping.appearance import is_level
 from pipeline.paths.graph import imported_gtsam
 from pipeline.posing.registration import Cloud, Registration
 from pipeline.readers.log import Log, lifted
@@ -78,7 +78,7 @@ class Slam:
 def refuse_unusable(log: Log) -> None:
     """Raise LogError for a log whose scans no pose can come of: level sweeps, millimetres."""
     count = len(log.stamps_ns)
-    thicknesses_m = []
+    clouds_m = []
     ranges_m = []
     for row in np.unique(np.linspace(0, count - 1, LOOKED_AT).astype(int)).tolist():
         try:
@@ -86,9 +86,9 @@ def refuse_unusable(log: Log) -> None:
         except LogError:
             continue
         if len(points_m):
-            thicknesses_m.append(thickness(points_m))
+            clouds_m.append(points_m)
             ranges_m.append(float(np.median(np.linalg.norm(points_m, axis=1))))
-    if thicknesses_m and np.median(thicknesses_m) <= LEVEL_M:
+    if is_level(clouds_m):
         raise LogError(
             "all points of a scan lie in one plane: sweeps of a level 2-D LiDAR, of which no poses "
             "are estimated here; another program's poses can stand beside them"

@@ -46,14 +46,13 @@ def read_studies(conf: Path) -> dict[str, Study]:
 def refuse_unknown(conf: Path, study: Study) -> None:
     """Raise ConfigError for a study that names a file which conf/ has not.
 
-    Nor can it say that it is simulated where its data set is recorded, or want poses of level
-    sweeps.
+    Nor can it say that it is simulated where its data set is recorded, or want poses of altered
+    level sweeps.
     """
-    if study.poses and study.submap.startswith(LEVEL):
-        posed = f"{study.name}: poses={','.join(study.poses)}"
+    if study.poses and study.altered and study.submap.startswith(LEVEL):
         raise ConfigError(
-            f"{posed}: level sweeps (submap {study.submap}) have no heights to register; leave "
-            "poses out"
+            f"{study.name}: poses={','.join(study.poses)}: level sweeps (submap {study.submap}) "
+            "are localised as driven alone; leave poses or altered out"
         )
     for method in study.methods:
         settings_of(conf, method.name)

@@ -88,6 +88,10 @@ def test_poses_are_held_against_both_measures_and_the_promise() -> None:
     assert found["recall_99"] == 2 / 4
     # √((.01 + 9 + 3.61 + .16 + .09) / 5) over the five that have a pose
     assert found["trajectory_m"] == pytest.approx(np.sqrt(12.87 / 5))
+    assert np.isnan(found["within_1m_10deg"])  # of level sweeps alone
+    level = told(queries=replace(QUERIES, right_within=(1.0, 10.0)))
+    assert level["within_1m_10deg"] == 2 / 4  # 1 and 2 are 3 and 1.9 m off
+    assert level["wrong_of_accepted_99"] == 3 / 4
     right_though_unseen = told(
         queries=replace(QUERIES, novelty=QUERIES.novelty[[0, 1, 2, 5, 4, 3]])
     )
@@ -160,7 +164,10 @@ def test_a_number_of_nothing_is_missing() -> None:
     assert found.pop("trajectory_m") > 0  # of all queries
     assert all(np.isnan(value) for value in found.values())
     found = told(Truth(SEEN, np.zeros(6, bool), TOY.true_rank, TOY.oracle_right))
-    assert [name for name, value in found.items() if np.isnan(value)] == ["auroc"]
+    assert [name for name, value in found.items() if np.isnan(value)] == [
+        "auroc",
+        "within_1m_10deg",  # of level sweeps alone
+    ]
     found = told(queries=replace(QUERIES, turn_deg=np.zeros(6)))
     assert np.isnan(found["recall_at_1_turned"])
     assert np.isnan(found["oracle_turned"])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline.core.frames import pose
-from pipeline.mapping.appearance import appearance
+from pipeline.mapping.appearance import appearance, is_level
 from tests.views.made import artifacts
 
 RNG = np.random.default_rng(0)
@@ -48,3 +48,21 @@ def test_scans_without_a_point_have_no_looks(tmp_path: Path) -> None:
     found = looks(tmp_path, np.empty((0, 3)))
     assert list(found) == ["azimuth_deg", "ground_m", "highest_m"]
     assert np.isnan(list(found.values())).all()
+
+
+def test_a_scan_of_rings_is_no_sweep_although_each_ring_is_flat() -> None:
+    """64,000 points in turn of 32 rings, of which every 32nd is of the one at the sensor's height."""
+    elevation = np.tile(np.deg2rad(np.linspace(-20, 11, 32)), 2000)
+    elevation -= elevation[0]
+    azimuth = np.repeat(np.linspace(0, 2 * np.pi, 2000), 32)
+    rings = 10 * np.column_stack([np.cos(azimuth), np.sin(azimuth), np.tan(elevation)])
+    assert not is_level([rings])
+    assert is_level([rings[::32]])
+    assert not is_level([rings[::32], rings, rings])  # most are not
+    assert not is_level([])
+
+
+def test_a_tilted_laser_is_level_too() -> None:
+    azimuth = np.linspace(0, np.pi, 180)
+    sweep = 5 * np.column_stack([np.cos(azimuth), np.sin(azimuth), 0.1 * np.sin(azimuth)])
+    assert is_level([sweep])

@@ -8,10 +8,11 @@ import pytest
 from PIL import Image
 
 from pipeline.cli import main
-from pipeline.online.failures import draw, failures, of_log
+from pipeline.online.failures import JudgedFix, draw, failures, of_log
 from pipeline.online.inputs import NO_POSE, Scan
 from pipeline.online.site import Site
 from tests.online.made import packed, scan
+from tests.posing.scene import planar
 
 
 @pytest.fixture(scope="module")
@@ -76,3 +77,22 @@ def test_a_site_needs_a_log(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
     with pytest.raises(SystemExit):
         main(["failures", str(packed(tmp_path)), "-o", str(tmp_path / "cards")])
     assert "say which log" in capsys.readouterr().err
+
+
+def test_a_level_pose_fails_by_measures_of_its_own() -> None:
+    """1.5 m and 8° off: right of no level sweep, whose heading may be 10° off; nor of a 3-D scan."""
+    level = JudgedFix(
+        "sweep",
+        lambda: np.zeros((0, 3)),
+        planar(1.5, 0, 0),
+        planar(0, 0, 0),
+        True,
+        0.9,
+        0.01,
+        (1.0, 10.0),
+    )
+    assert level.fails
+    assert not replace(level, accepted=False).fails
+    turned = replace(level, world_T_found=planar(0.5, 0, 8))
+    assert not turned.fails
+    assert replace(turned, right_within=(2.0, 5.0)).fails

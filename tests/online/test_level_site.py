@@ -6,21 +6,26 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from pipeline.cli import main
 from pipeline.core import schemas, store
 from pipeline.core.errors import ArtifactError, InputError
 from pipeline.core.progress import Progress
 from pipeline.formats import nav2_map
-from pipeline.formats.bag import BagWriter
+from pipeline.formats.bag import CLOUD, BagWriter
+from pipeline.formats.bag_file import BagFile
 from pipeline.formats.nav2_map import GridMap
-from pipeline.level.level_map import Drawing
+from pipeline.formats.pointcloud2 import decode
+from pipeline.level.held_out import Sweeps
+from pipeline.level.level_map import Drawing, LevelMap
 from pipeline.level.verdict import pose_is_right
 from pipeline.online.description import describe
-from pipeline.online.level_pack import CARMEN, is_level, pack_sweeps
+from pipeline.online.level_pack import CARMEN, pack_sweeps
 from pipeline.online.level_site import LevelSite, LevelTracker
 from pipeline.online.site import Site
 from pipeline.online.tracking import Tracker
+from pipeline.report.figures.level_plan import Plan
 from tests.level.hall import drive, sweep
 from tests.online.made import packed
 from tests.posing.scene import scene
@@ -116,6 +121,62 @@ def test_a_log_is_localised_with_its_sweeps_gathered(
     assert "0 are over 1 m or 10° off" in output.err
 
 
+def test_a_drive_is_watched_in_both_viewers_and_drawn_in_the_plan_of_the_building(
+    hall: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = hall_log(tmp_path)
+    words = ["watch", str(hall), str(log), "--promise", "0.95", "--every", "5", "--save"]
+    main([*words, str(tmp_path / "drive.rrd")])
+    assert b"world/map" in (tmp_path / "drive.rrd").read_bytes()
+    main([*words, str(tmp_path / "drive.mcap")])
+    bag = BagFile(tmp_path / "drive.mcap")
+    (_, walls) = next(iter(bag.messages("/map")))
+    assert len(decode(bag.decode(walls, CLOUD))) == len(Site.open(hall).walls_m)
+    capsys.readouterr()
+    main(["picture", str(hall), str(log), "-o", str(tmp_path / "found.gif"), "--promise", "0.95"])
+    assert "found.gif: hall: hall.log: 2" in capsys.readouterr().out
+    with Image.open(tmp_path / "found.gif") as picture:
+        assert picture.n_frames == 25
+        assert picture.width == 800
+
+
+def test_walls_of_the_plan_lie_where_they_are_in_the_world(hall: Path) -> None:
+    """The hall is 20 by 12 m; a cell is 5 cm."""
+    site = Site.open(hall)
+    assert isinstance(site, LevelSite)
+    low_m, high_m = site.walls_m.min(axis=0), site.walls_m.max(axis=0)
+    np.testing.assert_allclose(low_m, (0, 0, 0), atol=0.15)
+    np.testing.assert_allclose(high_m, (20, 12, 0), atol=0.15)
+    plan = Plan(site.level_map)
+    corners_px = plan.at_px(np.array([[0.0, 0.0], [20.0, 12.0]]))
+    assert corners_px[0, 0] < corners_px[1, 0]
+    assert corners_px[0, 1] > corners_px[1, 1]  # y points up, rows of pixels down
+    assert plan.px(20) == pytest.approx(corners_px[1, 0] - corners_px[0, 0])
+    left_px, middle_px = plan.at_px(np.array([[0.02, 6.0], [16.0, 6.0]])).astype(int).tolist()
+    assert plan.image.getpixel(tuple(left_px)) == (0x4A, 0x4A, 0x4A)
+    assert plan.image.getpixel(tuple(middle_px)) == (255, 255, 255)
+
+
+def test_a_building_that_is_longer_in_y_lies_across(hall: Path) -> None:
+    """Then y of the map runs to the right."""
+    site = Site.open(hall)
+    assert isinstance(site, LevelSite)
+    occupancy = np.ascontiguousarray(np.rot90(site.level_map.occupancy, -1))  # row 0 lies below
+    upright = Plan(LevelMap(occupancy, site.level_map.cell_m, (0.0, 0.0, 0.0)))
+    assert upright.image.width == 800
+    assert upright.image.height < 600
+    right_px, above_px = upright.at_px(np.array([[11.0, 1.0], [1.0, 19.0]])).tolist()
+    assert right_px[0] < above_px[0]
+
+
+def test_a_picture_of_a_site_needs_a_level_one_and_a_log(
+    hall: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "found.gif"
+    assert "a site of 3-D scans" in refused(capsys, "picture", packed(tmp_path), "x", "-o", out)
+    assert "expected a log or a bag" in refused(capsys, "picture", hall, "-o", out)
+
+
 def test_the_laser_scans_of_a_bag_are_localised(
     hall: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -153,11 +214,11 @@ def test_what_is_of_the_other_kind_is_one_line(
     with pytest.raises(InputError, match="a 3-D scan, its points lie over"):
         Site.open(hall).localize(scene(0))
     flat = np.column_stack([sweep(16.0, 6.0, 2.0), np.zeros(180)])
-    with pytest.raises(InputError, match="a level sweep, all of one height"):
+    with pytest.raises(InputError, match="a level sweep, all in one plane"):
         Site.open(packed(tmp_path)).localize(flat)
     with pytest.raises(InputError, match="expected numbers"):
         Site.open(hall).localize(np.zeros(7))
-    assert "a level site, of a 2-D laser" in refused(capsys, "watch", hall, tmp_path)
+    assert "a level site, of a 2-D laser" in refused(capsys, "failures", hall, tmp_path)
     assert "--follow" in refused(capsys, "localize", hall, "x.mcap", "--follow")
     with pytest.raises(ArtifactError, match="a level site"):
         Site.open(hall, level=False)
@@ -236,6 +297,23 @@ def test_no_wrong_pose_of_a_mutated_sweep_is_accepted(hall: Path) -> None:
     assert wrong.total() == wrong["upside down"]
 
 
+OFFICE = (
+    *((0, 0, 30, 0), (0, 2.5, 10, 2.5), (11, 2.5, 22, 2.5), (23, 2.5, 30, 2.5)),  # a corridor
+    *((0, 0, 0, 9), (10, 2.5, 10, 7), (11, 2.5, 11, 9), (22, 2.5, 22, 8), (30, 0, 30, 9)),
+    *((0, 9, 8, 7), (8, 7, 10, 7), (11, 9, 17, 7.5), (17, 7.5, 22, 8), (23, 2.5, 27, 6)),
+)
+"""Walls of another building."""
+
+
+def test_no_pose_of_another_building_s_sweeps_is_accepted(hall: Path) -> None:
+    site = Site.open(hall)
+    rng = np.random.default_rng(3)
+    for _ in range(24):
+        place = (rng.uniform(1, 29), rng.uniform(0.7, 1.8), rng.uniform(-np.pi, np.pi))
+        fix = site.localize(sweep(*place, noise=rng, walls=OFFICE))
+        assert fix.verdict != "accepted"
+
+
 def test_a_training_day_of_level_sweeps_is_packed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -246,7 +324,7 @@ def test_a_training_day_of_level_sweeps_is_packed(
     ]
     artifacts(tmp_path, flat, sweeps.world_T_sweep)
     scans = store.read(tmp_path / "scans.zarr", schemas.Scans)
-    assert is_level(scans)
+    assert Sweeps.of(scans).is_level
     out = tmp_path / "hall.site"
     line = pack_sweeps("hall/10m/sci", out, scans, "monday", True, CARMEN, Progress())
     assert "level" in line
@@ -256,9 +334,3 @@ def test_a_training_day_of_level_sweeps_is_packed(
     assert np.linalg.norm(fix.world_T_sensor[:2, 3] - place[:2]) < 0.06
     main(["inspect", str(out)])
     assert "level site hall/10m/sci, of a simulated world" in capsys.readouterr().out
-
-
-def test_scans_of_several_heights_are_not_level(tmp_path: Path) -> None:
-    artifacts(tmp_path, [scene(0), scene(1)], np.stack([np.eye(4)] * 2))
-    scans = store.read(tmp_path / "scans.zarr", schemas.Scans)
-    assert not is_level(scans)

@@ -3,6 +3,7 @@ place of ROS."""
 
 import importlib.util
 import sys
+from array import array
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
@@ -11,9 +12,14 @@ from unittest.mock import MagicMock
 import numpy as np
 import pytest
 
+from pipeline.formats import nav2_map
 from pipeline.formats.bag import CLOUD, ODOMETRY, BagWriter
 from pipeline.formats.bag_file import BagFile
+from pipeline.formats.nav2_map import GridMap
+from pipeline.level.level_map import Drawing
+from pipeline.online.level_pack import pack_map
 from pipeline.online.site import Site
+from tests.level.hall import drive, sweep
 from tests.online.made import ANCHORS, packed, scan
 from tests.posing.scene import planar, scene, seen_from
 
@@ -97,11 +103,10 @@ def test_an_accepted_cloud_becomes_a_pose_and_others_nothing(
     node = example.Localizer(Site.open(site))
     elsewhere, here = map(node.pose, sent(tmp_path / "day", scene(7), scan()[0])[0])
     assert elsewhere is None
-    pose, covariance, map_T_odom = here
-    np.testing.assert_allclose(pose, scan()[1], atol=0.1)
-    assert covariance.shape == (36,)
-    assert (np.diag(covariance.reshape(6, 6)) > 0).all()
-    assert np.isnan(map_T_odom).all()  # nothing is known of the odometry
+    np.testing.assert_allclose(here.map_T_body, scan()[1], atol=0.1)
+    assert here.covariance.shape == (36,)
+    assert (np.diag(here.covariance.reshape(6, 6)) > 0).all()
+    assert np.isnan(here.map_T_odom).all()  # nothing is known of the odometry
 
 
 def test_odometry_is_followed_and_led_to_the_map(
@@ -119,11 +124,11 @@ def test_odometry_is_followed_and_led_to_the_map(
     )[1]
     for message in odometry:
         node.moved(message)
-    _, (pose, _, map_T_odom) = map(node.pose, clouds)
+    _, here = map(node.pose, clouds)
     assert steps[0] == (None, START_NS)
     np.testing.assert_allclose(steps[1][0], planar(1, 0, 0), atol=1e-6)
-    np.testing.assert_allclose(pose, ANCHORS[1] @ planar(1, 0, 0), atol=0.1)
-    np.testing.assert_allclose(map_T_odom, ANCHORS[1] @ planar(-7, 0, 0), atol=0.2)
+    np.testing.assert_allclose(here.map_T_body, ANCHORS[1] @ planar(1, 0, 0), atol=0.1)
+    np.testing.assert_allclose(here.map_T_odom, ANCHORS[1] @ planar(-7, 0, 0), atol=0.2)
 
 
 def test_the_node_copies_the_stamp_and_broadcasts_the_odometrys_frame(
@@ -161,3 +166,79 @@ def test_a_promise_that_the_site_cannot_make_is_one_line(
     faked(monkeypatch, site, promise=0.999)
     with pytest.raises(SystemExit, match="this site cannot promise that, it can"):
         example.main()
+
+
+@pytest.fixture(scope="module")
+def hall(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A level site of the hall."""
+    sweeps = drive()
+    hits = [sweeps.points(row) for row in range(len(sweeps.world_T_sweep))]
+    level_map = Drawing.of(hits, sweeps.world_T_sweep).level_map()
+    path = tmp_path_factory.mktemp("hall") / "hall.yaml"
+    nav2_map.write(path, GridMap(level_map.occupancy, level_map.cell_m, level_map.origin))
+    pack_map(path, path.with_name("hall.site"))
+    return path.with_name("hall.site")
+
+
+def laser_scan(row: int, *place: float) -> SimpleNamespace:
+    """What a laser half a metre ahead of the robot sees, as ROS delivers it; a second a row."""
+    x_m, y_m, heading_rad = place
+    laser = (x_m + 0.5 * np.cos(heading_rad), y_m + 0.5 * np.sin(heading_rad), heading_rad)
+    ranges_m = np.linalg.norm(sweep(*laser, beams=181), axis=1)
+    stamp = SimpleNamespace(sec=1 + row, nanosec=0)
+    return SimpleNamespace(
+        header=SimpleNamespace(stamp=stamp),
+        angle_min=-np.pi / 2,
+        angle_increment=np.pi / 180,
+        range_min=0.1,
+        range_max=30.0,
+        ranges=array("f", ranges_m),
+    )
+
+
+def test_a_level_robot_is_started_once_and_again_after_it_was_carried_away(
+    example: ModuleType, hall: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Odometry says that it stands still all the time. It is carried at the fifth sweep, and three
+    fail before the whole map is asked again."""
+    fakes = faked(monkeypatch, hall, odometry="/wheels", promise=0.95, body_T_lidar="0.5,0,0,0,0,0")
+    node = fakes["rclpy.node"].Node.return_value
+    publishers: dict[str, MagicMock] = {}
+    node.create_publisher.side_effect = lambda _, topic, __: publishers.setdefault(
+        topic, MagicMock()
+    )
+    example.main()
+    (kind, topic, arrived, _), (_, _, moved, _) = (
+        call.args for call in node.create_subscription.call_args_list
+    )
+    assert kind is fakes["sensor_msgs.msg"].LaserScan
+    assert topic == "scan"
+    places = [(16.0, 6.0, 2.0)] * 4 + [(3.0, 4.0, 0.5)] * 10
+    poses = []
+    for row, place in enumerate(places):
+        odometry = SimpleNamespace(
+            header=SimpleNamespace(stamp=SimpleNamespace(sec=1 + row, nanosec=0), frame_id="odom"),
+            child_frame_id="base_link",
+            pose=SimpleNamespace(
+                pose=SimpleNamespace(
+                    position=SimpleNamespace(x=0.0, y=0.0, z=0.0),
+                    orientation=SimpleNamespace(x=0.0, y=0.0, z=0.0, w=1.0),
+                )
+            ),
+        )
+        moved(odometry)
+        message = fakes["geometry_msgs.msg"].PoseWithCovarianceStamped.return_value = MagicMock()
+        arrived(laser_scan(row, *place))
+        poses.append(message)
+    initial = [call.args[0] for call in publishers["/initialpose"].publish.call_args_list]
+    numbers = [next(i for i, pose in enumerate(poses) if pose is each) for each in initial]
+    assert numbers[0] < 4
+    assert len(numbers) == 2
+    for message, (x_m, y_m, heading_rad) in zip(initial, (places[0], places[-1]), strict=True):
+        position = message.pose.pose.position
+        turn = message.pose.pose.orientation
+        assert np.hypot(position.x - x_m, position.y - y_m) < 0.1
+        assert 2 * np.arctan2(turn.z, turn.w) == pytest.approx(heading_rad, abs=0.03)
+        # x, y and heading lie at these three of AMCL's 36 numbers
+        assert all(0 < message.pose.covariance[number] < 1 for number in (0, 7, 35))
+        assert message.header.frame_id == "map"

@@ -145,6 +145,7 @@ def test_the_artifact_of_a_drive_is_written_anew(tmp_path: Path) -> None:
         "kinds": ["fix", "place"],
         "thresholds": [0.6, 0.5],
         "wanted_precision": 0.9,
+        "right_within": [2.0, 5.0],
     }
     attrs |= {"promises": [0.95, 0.99, 0.999], "promised": [0.7, 0.6, 0.0], "held_out": 300} | {
         key: [0.3, 0.2, 0.1] for key in ("promised_place", "promised_several")

@@ -9,9 +9,10 @@ import pytest
 from pipeline.core.grid import Grid
 from pipeline.matching.places import Places
 from pipeline.matching.ranking import Ranking
-from pipeline.posing.answers import OWN_KINDS, posed
+from pipeline.posing.answers import OWN_KINDS, PosedQuery, posed
 from pipeline.posing.chances import Chances
 from pipeline.posing.fix import Fix, poses
+from pipeline.posing.verdict import Judge
 from tests.methods.test_sci_ring import KINDS as RING_KINDS
 from tests.posing.scene import hypothesis
 
@@ -39,8 +40,17 @@ DOUBTS = np.array([[0.1, 0.05, 0.01], [1.0, 1.0, 1.0], [0.4, 0.3, 0.4]])
 """In the pose, that it is near, that it is one of several."""
 
 
+def queries() -> list[PosedQuery]:
+    """The fixes with these doubts."""
+    judge = Judge(OVERLAPS, OVERLAPS)
+    return [
+        replace(PosedQuery.of(fix, judge), doubts=row)
+        for fix, row in zip(FIXES, DOUBTS, strict=True)
+    ]
+
+
 def test_registered_places_lead_the_ranking() -> None:
-    found = posed(RANKING, FIXES, PLACES, DOUBTS)
+    found = posed(RANKING, queries(), PLACES)
     assert found.places.tolist() == [[2, 4, 1, 0], [1, 4, 2, 0], [-1, 1, 4, 2]]
     assert found.xy_m[0, :2] == pytest.approx(np.array([[25, 0], [45, 0]]))
     assert found.xy_m[1].tolist() == RANKING.xy_m[1].tolist()
@@ -55,7 +65,7 @@ def test_registered_places_lead_the_ranking() -> None:
 
 
 def test_a_place_that_is_named_twice_is_answered_once() -> None:
-    found = posed(replace(RANKING, places=np.array([[1, 1, 2, 2]] * 3)), FIXES, PLACES, DOUBTS)
+    found = posed(replace(RANKING, places=np.array([[1, 1, 2, 2]] * 3)), queries(), PLACES)
     assert found.places[0].tolist() == [2, 4, 1, -1]
     assert found.costs[0, 3] == np.inf
     assert np.isnan(found.xy_m[0, 3]).all()
@@ -69,3 +79,5 @@ def test_no_novelty_of_the_ring_is_called_as_one_of_a_fix() -> None:
 
 def test_a_query_without_a_pose_has_none() -> None:
     assert np.isfinite(poses(FIXES)).all(axis=(1, 2)).tolist() == [True, False, True]
+    has_pose = [bool(np.isfinite(query.pose).all()) for query in queries()]
+    assert has_pose == [True, False, True]

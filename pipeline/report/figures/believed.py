@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from pipeline.alterations import Case, read_cases
 from pipeline.core import schemas, store
 from pipeline.core.errors import ArtifactError
-from pipeline.core.frames import Poses
+from pipeline.core.frames import Poses, apart
 from pipeline.evaluation.judgement import Evaluations
-from pipeline.posing.verdict import right
+from pipeline.evaluation.numbers import within
 from pipeline.report.clouds import Drive, laid, trained_m
 from pipeline.report.result import day
 from pipeline.report.study import Study
@@ -37,7 +37,7 @@ class BelievedDrive:
     world_T_true: Poses  # (q, 4, 4)
     world_T_query: Poses  # (q, 4, 4) NaN where there is no pose
     accepted: NDArray[np.bool_]  # (q,)
-    right: NDArray[np.bool_]  # (q,) within 2 m and 5° of the true pose
+    right: NDArray[np.bool_]  # (q,) near enough to the true pose
     points_m: Callable[[int], NDArray[np.float64]]  # reads what a query saw standing (n, 3)
 
     @classmethod
@@ -54,7 +54,7 @@ class BelievedDrive:
         if posed:
             fixes = store.read(study.find("localize", sequence, model), schemas.Fixes)
             poses, accepted, promise = verdicts(fixes, len(world_T_true), wanted_promise)
-            is_right = right(poses, world_T_true)
+            is_right = within(fixes.right_within, *apart(poses, world_T_true))
         else:
             believed = evaluation.believed
             accepted = believed["accepted"]

@@ -187,11 +187,11 @@ def _words(
     unpromised = "nothing can be promised" if drive.posed else "at its own threshold"
     promise = unpromised if drive.promise is None else f"promise {drive.promise:g}"
     draw.rectangle((0, 0, WIDTH_PX, 50), fill="#FFFFFF")
-    draw.text((14, 8), drive.title, INK, _font(TEXT_PX + 2, bold=True))
-    draw.text((14, 30), f"{drive.where}, {drive.model}, {promise}", GREY, _font(TEXT_PX - 2))
-    draw.text((WIDTH_PX - 14, 8), data, GREY, _font(TEXT_PX), anchor="ra")
+    draw.text((14, 8), drive.title, INK, font(TEXT_PX + 2, bold=True))
+    draw.text((14, 30), f"{drive.where}, {drive.model}, {promise}", GREY, font(TEXT_PX - 2))
+    draw.text((WIDTH_PX - 14, 8), data, GREY, font(TEXT_PX), anchor="ra")
     verdict = ("accepted", ACCEPTED) if drive.accepted[query] else ("refused", REFUSED)
-    draw.text((WIDTH_PX - 14, 29), verdict[0], verdict[1], _font(TEXT_PX, bold=True), anchor="ra")
+    draw.text((WIDTH_PX - 14, 29), verdict[0], verdict[1], font(TEXT_PX, bold=True), anchor="ra")
     accepted, wrong, refused, wrong_refused = counts
     rows = (
         (f"{accepted} accepted", ACCEPTED),
@@ -200,11 +200,11 @@ def _words(
     )
     draw.rectangle((0, HEIGHT_PX - 78, 385, HEIGHT_PX), fill="#FFFFFF")
     for number, (text, ink) in enumerate(rows):
-        draw.text((14, HEIGHT_PX - 72 + 22 * number), text, ink, _font(TEXT_PX + 2, bold=True))
+        draw.text((14, HEIGHT_PX - 72 + 22 * number), text, ink, font(TEXT_PX + 2, bold=True))
 
 
 @cache
-def _font(size_px: int, bold: bool = False) -> Any:
+def font(size_px: int, bold: bool = False) -> Any:
     """A font that comes with matplotlib."""
     return ImageFont.truetype(findfont(f"DejaVu Sans:{'bold' if bold else 'regular'}"), size_px)
 

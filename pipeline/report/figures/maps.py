@@ -42,7 +42,8 @@ def fix_map(result: Result, train_xy_m: NDArray[np.float64]) -> Figure:
     Faint where a pose was not accepted with a promise of .99.
     """
     accepted, right = result.evaluation.fixes
-    heading = f"{result.model} on {result.label}: poses, right within 2 m and 5°"
+    far_m, far_deg = result.evaluation.right_within
+    heading = f"{result.model} on {result.label}: poses, right within {far_m:g} m and {far_deg:g}°"
     return _single(
         result, np.where(right, RIGHT, WRONG), accepted, ("right", "wrong"), train_xy_m, heading
     )

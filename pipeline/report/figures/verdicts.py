@@ -5,7 +5,6 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from pipeline.evaluation.numbers import WITHIN
 from pipeline.report.figures.panels import OFF, balanced, calibration, in_corner, panels
 from pipeline.report.figures.style import MARK, WIDTH_IN, below, dot, figure, styled
 from pipeline.report.result import Result
@@ -49,13 +48,15 @@ def verdicts(group: Sequence[Result]) -> Figure:
         axis.set(
             yscale="log", ylim=(LEAST_M / 1.5, MOST_M * 1.5), xlim=(-0.03, 1.03), title=result.label
         )
-        axis.axhline(WITHIN["within_2m_5deg"][0], color="0.8", lw=0.7, zorder=0)
+        axis.axhline(evaluation.right_within[0], color="0.8", lw=0.7, zorder=0)
         if 0 < evaluation.reject_pose_from < 1:
             axis.axvline(evaluation.reject_pose_from, **MARK)
         in_corner(
             axis, 0, f"{(accepted & ~right).sum()} of {accepted.sum()} accepted are wrong", "0.25"
         )
-    below(fig, [dot("within 2 m and 5°", RIGHT, "o"), dot("off by more", OFF, "X")], 2)
+    far_m, far_deg = group[0].evaluation.right_within
+    right_words = f"within {far_m:g} m and {far_deg:g}°"
+    below(fig, [dot(right_words, RIGHT, "o"), dot("off by more", OFF, "X")], 2)
     return fig
 
 

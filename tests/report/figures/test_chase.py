@@ -148,6 +148,7 @@ def test_the_highest_promise_that_is_kept_says_what_is_accepted(
         "promised_place": promised,
         "promised_several": promised,
         "held_out": 200,
+        "right_within": [2.0, 5.0],
     }
     with store.draft(tmp_path / "day.zarr", schemas.Fixes, **attrs) as out:
         for name, values in columns.items():

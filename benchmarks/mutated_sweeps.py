@@ -1,0 +1,177 @@
+"""Whether a level site accepts a wrong pose of sweeps that are broken, or of another building.
+
+`python -m benchmarks.mutated_sweeps CARMEN [--count 2000]` maps the first half of each of six
+recorded buildings, as the site of a Nav2 map is, and asks it for sweeps of the other half, drawn at
+random and mutated in one of KINDS, every other one gathered over its odometry and the others alone.
+CARMEN is as of benchmarks.level. A row a kind: how many were asked, accepted with the promise of
+.99, and how many of these are wrong: over 1 m or 10° off. A laser that is turned about its own axis
+asks for the pose of its own frame. Of another building's sweeps each accepted pose is wrong. The
+first row is of sweeps as they were recorded.
+"""
+
+import os
+
+os.environ["OMP_NUM_THREADS"] = "1"  # before the libraries are loaded
+
+import argparse
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.level import LOGS, line, read
+from pipeline.level.day import LevelDay
+from pipeline.level.fix import LevelFixer
+from pipeline.level.held_out import Sweeps
+from pipeline.level.level_map import Drawing
+from pipeline.level.sweeps import OVER_M
+from pipeline.level.verdict import LevelEvidence, LevelVerdict, pose_is_right
+from pipeline.online.level_pack import UNSEEN_SHARE
+from pipeline.posing.verdict import PROMISES
+
+BUILDINGS = LOGS[:6]
+PROMISE = 0.99
+BEFORE = 15
+"""Sweeps before a query at most, from which it is gathered."""
+RANGE_MAX_M = 29.9
+
+Points = NDArray[np.float64]
+Mutation = Callable[[Points, np.random.Generator], Points]
+
+
+def without_beams(points_m: Points, rng: np.random.Generator) -> Points:
+    """Some 30 to 95 % of the beams are dropped."""
+    is_kept = rng.random(len(points_m)) > rng.uniform(0.3, 0.95)
+    return np.asarray(points_m[is_kept])
+
+
+def twelve_beams(points_m: Points, rng: np.random.Generator) -> Points:
+    rows = rng.choice(len(points_m), min(12, len(points_m)), replace=False)
+    return np.asarray(points_m[rows])
+
+
+def hits_at_range_max(points_m: Points, rng: np.random.Generator) -> Points:
+    """Some 30 to 90 % of the beams say range_max, as if they had hit something there."""
+    far_m = points_m / np.maximum(np.linalg.norm(points_m, axis=1), 1e-6)[:, None] * RANGE_MAX_M
+    return np.where((rng.random(len(points_m)) < rng.uniform(0.3, 0.9))[:, None], far_m, points_m)
+
+
+def turned(points_m: Points, rng: np.random.Generator) -> Points:
+    """The laser is mounted a quarter turn to the left."""
+    return np.asarray(points_m @ TURNED[:2, :2])
+
+
+def upside_down(points_m: Points, rng: np.random.Generator) -> Points:
+    return points_m * (1.0, -1.0)
+
+
+def noisy(points_m: Points, rng: np.random.Generator) -> Points:
+    """Ranges are off by a standard deviation of .3 to 2 m."""
+    ranges_m = np.maximum(np.linalg.norm(points_m, axis=1), 1e-6)
+    off_m = rng.normal(0, rng.uniform(0.3, 2.0), len(points_m))
+    return np.asarray(points_m * (1 + off_m / ranges_m)[:, None])
+
+
+def not_numbers(points_m: Points, rng: np.random.Generator) -> Points:
+    """Some 50 to 100 % of the beams are NaN."""
+    points_m = points_m.copy()
+    points_m[rng.random(len(points_m)) < rng.uniform(0.5, 1.0)] = np.nan
+    return points_m
+
+
+def scaled(points_m: Points, rng: np.random.Generator) -> Points:
+    """Not in metres."""
+    return points_m * float(rng.choice([0.3048, 0.7, 1.4, 3.28]))
+
+
+def anything(points_m: Points, rng: np.random.Generator) -> Points:
+    """Points that no building made."""
+    return rng.uniform(-10, 10, points_m.shape)
+
+
+TURNED = np.array([[0.0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+"""robot_T_laser (4, 4) of a laser that is turned."""
+AS_RECORDED = "as recorded"
+OTHER = "of another building"
+KINDS: dict[str, Mutation] = {
+    AS_RECORDED: lambda points_m, rng: points_m,
+    "beams dropped": without_beams,
+    "twelve beams": twelve_beams,
+    "hits at range_max": hits_at_range_max,
+    "turned by 90°": turned,
+    "upside down": upside_down,
+    "noise": noisy,
+    "NaN": not_numbers,
+    "not in metres": scaled,
+    "random points": anything,
+    OTHER: lambda points_m, rng: points_m,
+}
+
+
+def building(sweeps: Sweeps) -> tuple[LevelDay, Sweeps]:
+    """The map of the first half of a log with the usual verdict, and the other half."""
+    half = len(sweeps.world_T_sweep) // 2
+    mapped = sweeps.part(0, half)
+    drawing = Drawing.of([mapped.points(row) for row in range(half)], mapped.world_T_sweep)
+    verdict = LevelVerdict(LevelEvidence.joined([]), UNSEEN_SHARE)
+    asked = sweeps.part(half, len(sweeps.world_T_sweep))
+    return LevelDay(drawing.level_map(), verdict, LevelFixer()), asked
+
+
+def mutated(
+    sweeps: Sweeps, row: int, before: int, mutation: Mutation, rng: np.random.Generator
+) -> Sweeps:
+    """A sweep and those before it, each mutated."""
+    first = max(0, row - before)
+    part = sweeps.part(first, row + 1)
+    count = len(part.world_T_sweep)
+    points = [
+        mutation(np.asarray(part.points(number), np.float64)[:, :2], rng) for number in range(count)
+    ]
+    return Sweeps(points.__getitem__, part.world_T_sweep, part.odom_T_sweep)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser("python -m benchmarks.mutated_sweeps", description=__doc__)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--count", type=int, default=2000)
+    options = parser.parse_args()
+    buildings = [building(read(options.folder, name)) for name in BUILDINGS]
+    rng = np.random.default_rng(0)
+    asked: Counter[str] = Counter()
+    accepted: Counter[str] = Counter()
+    wrong: Counter[str] = Counter()
+    kinds = [name for name in KINDS if name != AS_RECORDED]
+    recorded = [AS_RECORDED] * (options.count // len(kinds))
+    mutations = [kinds[number % len(kinds)] for number in range(options.count)]
+    for number, kind in enumerate(recorded + mutations):
+        here = int(rng.integers(len(buildings)))
+        day, sweeps = buildings[here]
+        if kind == OTHER:
+            sweeps = buildings[(here + int(rng.integers(1, len(buildings)))) % len(buildings)][1]
+        row = int(rng.integers(len(sweeps.world_T_sweep)))
+        before = BEFORE if number % 2 else 0
+        part = mutated(sweeps, row, before, KINDS[kind], rng)
+        last = len(part.world_T_sweep) - 1
+        query = day.query(part.gathered([last], OVER_M)[last])
+        asked[kind] += 1
+        limit = dict(zip(PROMISES, day.verdict.limits("fix"), strict=True))[PROMISE]
+        if np.float32(query.doubts[0]) < limit:
+            accepted[kind] += 1
+            true = part.world_T_sweep[last]
+            if KINDS[kind] is turned:
+                true = true @ TURNED
+            is_right = kind != OTHER and bool(pose_is_right(query.pose[None], true[None])[0])
+            wrong[kind] += not is_right
+    print(line(["sweeps", "asked", "accepted", "wrong"]))
+    print(line(["---"] * 4))
+    for kind in KINDS:
+        print(line([kind, *(str(counts[kind]) for counts in (asked, accepted, wrong))]))
+    total = [sum(counts[kind] for kind in kinds) for counts in (asked, accepted, wrong)]
+    print(line(["all that are mutated", *map(str, total)]))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,181 @@
+"""The moving picture of a level drive: the plan of the building, and what is believed of the robot.
+
+Walls are dark, known free space is white. Each sweep lies where its fix lays it, in the colour of
+its verdict; where the robot was by the log is a ring, and accepted poses leave a dot.
+"""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw
+
+from pipeline.core.progress import Progress
+from pipeline.level.level_map import LevelMap
+from pipeline.online.site import Fix
+from pipeline.online.watch import COLOURS
+from pipeline.report.figures import animation
+from pipeline.report.figures.chase import font
+
+WIDTH_PX = 800
+MOST_HEIGHT_PX = 700
+HEAD_PX = 56
+FRAMES = 120
+"""At most so many."""
+MARGIN_M = 1.0
+UNKNOWN = "#E4E4E4"
+FREE = "#FFFFFF"
+WALL = "#4A4A4A"
+INK = "#222222"
+GREY = "#6E6E6E"
+WALL_SHARE = 0.15
+"""A pixel is a wall from this share of it on."""
+ROBOT_M = 0.9
+"""Length of the robot's arrow, so that it can be seen."""
+
+
+class Seen(NamedTuple):
+    """A sweep and what was made of it."""
+
+    points_m: NDArray[np.float64]
+    """(n, 2) or (n, 3) hits, in the robot's frame."""
+    fix: Fix
+    world_T_true: NDArray[np.float64]
+    """(4, 4); NaN where it is not known."""
+
+
+class Plan:
+    """A level map as pixels, its longer side across, its known cells as large as there is room."""
+
+    def __init__(self, level_map: LevelMap) -> None:
+        walls, free = level_map.walls, level_map.free
+        self._plan_T_world = np.linalg.inv(level_map.world_T_grid)
+        known = np.argwhere(walls | free)
+        if np.ptp(known[:, 0]) > np.ptp(known[:, 1]):
+            # a quarter turn to the right: x of the plan is y of the map, its y runs against x
+            plan_T_grid = np.array([[0.0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+            plan_T_grid[1, 3] = walls.shape[1] * level_map.cell_m
+            self._plan_T_world = plan_T_grid @ self._plan_T_world
+            walls, free = walls.T[::-1], free.T[::-1]
+            known = np.argwhere(walls | free)
+        margin = round(MARGIN_M / level_map.cell_m)
+        low = np.maximum(known.min(axis=0) - margin, 0)
+        high = np.minimum(known.max(axis=0) + 1 + margin, walls.shape)
+        rows, cols = (slice(*ends) for ends in zip(low.tolist(), high.tolist(), strict=True))
+        height, width = (high - low).tolist()
+        scale = min(WIDTH_PX / width, (MOST_HEIGHT_PX - HEAD_PX) / height)
+        size = (max(1, round(width * scale)), max(1, round(height * scale)))
+        pixels = np.full((size[1], size[0], 3), _rgb(UNKNOWN), np.uint8)
+        pixels[_shares(free[rows, cols], size) > 0.5] = _rgb(FREE)
+        # a wall is thinner than a pixel
+        pixels[_shares(walls[rows, cols], size) > WALL_SHARE] = _rgb(WALL)
+        self._scale = scale / level_map.cell_m
+        self._corner_m = low[::-1] * level_map.cell_m
+        self.image = Image.new("RGB", (WIDTH_PX, HEAD_PX + size[1]), FREE)
+        self.image.paste(Image.fromarray(pixels), (0, HEAD_PX))
+
+    def at_px(self, points_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The pixels (n, 2) of points (n, 2) in the world."""
+        plan_m = points_m @ self._plan_T_world[:2, :2].T + self._plan_T_world[:2, 3]
+        at_px = (plan_m - self._corner_m) * self._scale
+        at_px[:, 1] = self.image.height - at_px[:, 1]
+        return np.asarray(at_px)
+
+    def px(self, length_m: float) -> float:
+        """A length in pixels."""
+        return float(length_m * self._scale)
+
+
+def write(
+    level_map: LevelMap, drive: Sequence[Seen], title: str, path: Path, progress: Progress
+) -> tuple[int, int]:
+    """Write the picture as .gif, .webp or (animated) .png; returns its frames and bytes.
+
+    Same input, same bytes. Raises ConfigError for another ending.
+    """
+    shown = animation.spread(len(drive), FRAMES)
+    inks = (INK, GREY, WALL, UNKNOWN, *map(_hex, COLOURS.values()))
+    table = animation.palette(inks, np.array([_rgb(FREE)], np.uint8))
+    drawn = progress.track(_frames(Plan(level_map), drive, title, shown), len(shown), "frames")
+    return animation.save(drawn, path, table)
+
+
+def _frames(
+    plan: Plan, drive: Sequence[Seen], title: str, shown: NDArray[np.int64]
+) -> Iterator[NDArray[np.uint8]]:
+    for number in shown.tolist():
+        yield frame(plan, drive[: number + 1], title)
+
+
+def frame(plan: Plan, drive: Sequence[Seen], title: str) -> NDArray[np.uint8]:
+    """Draw the frame (height, width, 3) at the last of some sweeps."""
+    image = plan.image.copy()
+    draw = ImageDraw.Draw(image)
+    for seen in drive:
+        if seen.fix.verdict == "accepted":
+            _dot(draw, plan, seen.fix.world_T_sensor, 1.5, COLOURS["accepted"])
+    points_m, fix, world_T_true = drive[-1]
+    colour = COLOURS[fix.verdict]
+    if np.isfinite(fix.world_T_sensor).all():
+        world_T_robot = fix.world_T_sensor
+        hits_m = points_m[:, :2] @ world_T_robot[:2, :2].T + world_T_robot[:2, 3]
+        for x, y in plan.at_px(hits_m).tolist():
+            draw.rectangle((x - 1, y - 1, x + 1, y + 1), fill=colour)
+        for other in fix.runners_up if fix.verdict == "ambiguous" else ():
+            _arrow(draw, plan, other.world_T_sensor, None)
+        _arrow(draw, plan, world_T_robot, colour)
+    if np.isfinite(world_T_true).all():
+        (x, y) = plan.at_px(world_T_true[None, :2, 3])[0].tolist()
+        radius_px = max(7.0, plan.px(0.8))
+        ends = (x - radius_px, y - radius_px, x + radius_px, y + radius_px)
+        draw.ellipse(ends, outline=INK, width=2)
+    draw.text((12, 7), title, INK, font(16, bold=True))
+    counts = {word: sum(seen.fix.verdict == word for seen in drive) for word in COLOURS}
+    counted = ", ".join(f"{count} {word}" for word, count in counts.items() if count)
+    draw.text((12, 31), f"sweep {len(drive)}: {counted}", GREY, font(13))
+    draw.text((WIDTH_PX - 12, 7), fix.verdict, colour, font(18, bold=True), anchor="ra")
+    chance = f"chance of the pose {1 - fix.novelty:.2f}"
+    draw.text((WIDTH_PX - 12, 31), chance, GREY, font(13), anchor="ra")
+    return np.asarray(image)
+
+
+def _dot(
+    draw: ImageDraw.ImageDraw,
+    plan: Plan,
+    world_T_robot: NDArray[np.float64],
+    radius_px: float,
+    colour: tuple[int, int, int],
+) -> None:
+    (x, y) = plan.at_px(world_T_robot[None, :2, 3])[0].tolist()
+    draw.ellipse((x - radius_px, y - radius_px, x + radius_px, y + radius_px), fill=colour)
+
+
+def _arrow(
+    draw: ImageDraw.ImageDraw,
+    plan: Plan,
+    world_T_robot: NDArray[np.float64],
+    colour: tuple[int, int, int] | None,
+) -> None:
+    """Draw the robot as an arrow, hollow without a colour."""
+    length_m = max(ROBOT_M, 14 / plan.px(1.0))
+    corners_m = length_m * np.array([(0.7, 0.0), (-0.4, 0.4), (-0.2, 0.0), (-0.4, -0.4)])
+    in_world_m = corners_m @ world_T_robot[:2, :2].T + world_T_robot[:2, 3]
+    corners_px = [tuple(corner) for corner in plan.at_px(in_world_m).tolist()]
+    draw.polygon(corners_px, fill=colour, outline=INK)
+
+
+def _shares(cells: NDArray[np.bool_], size: tuple[int, int]) -> NDArray[np.float64]:
+    """The share (height, width) of each pixel that is set; row 0 of the cells lies below."""
+    image = Image.fromarray(255 * cells[::-1].astype(np.uint8))
+    return np.asarray(image.resize(size, Image.Resampling.BOX)) / 255
+
+
+def _rgb(ink: str) -> tuple[int, int, int]:
+    red, green, blue = bytes.fromhex(ink.removeprefix("#"))
+    return red, green, blue
+
+
+def _hex(colour: tuple[int, int, int]) -> str:
+    return f"#{bytes(colour).hex()}"
