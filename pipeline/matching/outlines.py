@@ -41,7 +41,7 @@ class Outlines(NamedTuple):
         return cls(*(model[f"{PREFIX}{name}"] for name in cls._fields))
 
     @classmethod
-    def there(cls, model: Mapping[str, NDArray[Any]]) -> bool:
+    def is_in(cls, model: Mapping[str, NDArray[Any]]) -> bool:
         """Whether a model has outlines."""
         return f"{PREFIX}rings" in model
 

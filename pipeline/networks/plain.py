@@ -83,7 +83,7 @@ class Plain:
     h_max_m: float
 
     @classmethod
-    def there(cls, model: Weights) -> bool:
+    def is_in(cls, model: Weights) -> bool:
         """Whether a model has such a network."""
         return RING in model or LENET in model
 

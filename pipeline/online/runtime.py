@@ -49,7 +49,7 @@ def localizer(network: Network, model: Mapping[str, NDArray[Any]]) -> Localizer:
     the query (METHODS 8).
     """
     place_xy_m = model["place_xy_m"]
-    training_outlines = Outlines.of(model) if Outlines.there(model) else None
+    training_outlines = Outlines.of(model) if Outlines.is_in(model) else None
 
     def localize(views: Rows, k: int) -> Ranking:
         answers = [network(np.asarray(image, np.float32)) for image in views.images]

@@ -102,7 +102,7 @@ class Site:
         self.description = description
         if network is not None:
             self.localizer: Localizer = localizer(exported(network, threads), model)
-        elif threads == 1 and Plain.there(model):
+        elif threads == 1 and Plain.is_in(model):
             looks = {key: description.method[key] for key in LOOKS if key in description.method}
             self.localizer = localizer(Plain.of(model, **looks), model)
         else:

@@ -40,4 +40,4 @@ def test_scores_features_and_headings_are_torchs(
 
 
 def test_a_network_of_another_kind_is_none_of_these() -> None:
-    assert not Plain.there({"net/features.0.weight": np.zeros(1, np.float32)})
+    assert not Plain.is_in({"net/features.0.weight": np.zeros(1, np.float32)})
