@@ -63,15 +63,18 @@ class Front:
 
     @property
     def baseline(self) -> list[Result] | None:
-        """The results of the best compared model of another family; None without one.
+        """The results of the best compared method of another family; None without one.
 
-        Methods of a family begin with the same word: `sci_ring` is of the family of `sci`.
+        Methods of a family begin with the same word: `sci_ring` is of the family of `sci`. Our
+        variants of other families' methods are no baselines.
         """
         own_family = _family(self.study.best)
         others = (
             group
             for model, group in self.models.items()
-            if model not in self.folded and _family(model) != own_family
+            if model == method_of(model)
+            and model not in self.folded
+            and _family(model) != own_family
         )
         return next(others, None)
 
