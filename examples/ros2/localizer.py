@@ -31,6 +31,7 @@ from pipeline.online.odometry import Newest
 from pipeline.online.outputs import in_world
 from pipeline.readers.log import raised
 from pipeline.running.memory import keep_freed_memory
+from pipeline.views.kernels import bin_heights
 from yearloc import Fix, LevelTracker, Site, Tracker, YearlocError
 
 
@@ -176,7 +177,7 @@ def main() -> None:
             fill(leads.transform.translation, leads.transform.rotation, found.map_T_odom)
             broadcaster.sendTransform(leads)
 
-    if cold():
+    if cold(bin_heights):
         node.get_logger().info("compiling kernels, once per machine: about a minute")
     newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
     if site.is_level:

@@ -140,7 +140,8 @@ class Plain:
         at = heading_deg[scores.argmax()] * (count / 360)
         lower = int(np.floor(at))
         share = np.float32(at - lower)
-        lower_row, upper_row = embedded[lower % count], embedded[(lower + 1) % count]
+        lower_row = embedded[lower % count]
+        upper_row = embedded[(lower + 1) % count]
         return scores, _of_length_1(lower_row + share * (upper_row - lower_row)), heading_deg
 
 

@@ -2,7 +2,7 @@
 
 import io
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,9 +12,7 @@ from pipeline.core.errors import ArtifactError
 from pipeline.core.frames import Poses
 from pipeline.core.schemas import Scans, Submaps
 from pipeline.mapping.gathering import submap_points
-
-if TYPE_CHECKING:
-    from pipeline.report.study import Study
+from pipeline.report.study import Study
 
 STANDING_M = (0.8, 12.0)
 """Heights above the ground of what is drawn: walls and trunks, no ground and no crowns."""
@@ -36,7 +34,7 @@ class Footprint:
     cell_m: float
 
     @classmethod
-    def read(cls, study: "Study") -> Self | None:
+    def read(cls, study: Study) -> Self | None:
         """Read it from the training drives; None where their scans are not here."""
         try:
             xy_m = trained_m(study)[:, :2]
@@ -59,7 +57,7 @@ class Footprint:
         return file.getvalue()
 
 
-def trained_m(study: "Study") -> NDArray[np.float64]:
+def trained_m(study: Study) -> NDArray[np.float64]:
     """What stood along the training drives: points (n, 3) in the world.
 
     Raises ArtifactError where their scans or submaps are not here.
@@ -88,7 +86,7 @@ class Drive:
     world_T_anchor: Poses  # (n, 4, 4)
 
     @classmethod
-    def read(cls, study: "Study", sequence: str) -> Self:
+    def read(cls, study: Study, sequence: str) -> Self:
         """Open a drive; raises ArtifactError where its scans or submaps are not here."""
         submaps = study.artifact(Submaps, "submaps", sequence)
         scans = study.artifact(Scans, "scans", sequence)

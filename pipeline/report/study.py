@@ -16,7 +16,6 @@ from pipeline.core.store import A
 from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.judgement import Evaluations
 from pipeline.evaluation.protocols import Distance
-from pipeline.report.clouds import Footprint
 from pipeline.report.result import Result, by_model, ranked, read_scores
 from pipeline.studies import study as studies
 from pipeline.studies.layout import Layout
@@ -183,11 +182,6 @@ class Study:
             for sequence in self.settings.train
         ]
         return np.asarray(np.concatenate(poses)[:, :2, 3], np.float64)
-
-    @cached_property
-    def footprint(self) -> Footprint | None:
-        """What stood where training drove; None where its scans are not here."""
-        return Footprint.read(self)
 
     @cached_property
     def labels(self) -> Labels:

@@ -48,7 +48,7 @@ ATTRS |= {
 }
 ATTRS |= {"blind": dict.fromkeys(PROTOCOLS, 0.1), "unsuited": {}, "beliefs": {}}
 ATTRS |= dict.fromkeys(("thresholds", "reject_from"), (0.5, 2.0))
-ATTRS |= {"kept_precision": (0.731, None)}
+ATTRS |= {"kept_precision": (0.731, None), "right_within": (2.0, 5.0)}
 ROWS = 10
 
 

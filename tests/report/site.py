@@ -13,7 +13,6 @@ from pipeline.core import schemas, store
 from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.protocols import Distance
 from pipeline.evaluation.rows import row, table
-from pipeline.report.clouds import Footprint
 from pipeline.report.findings import Finding
 from pipeline.report.result import Result
 from pipeline.report.section import Illustration, Section
@@ -141,7 +140,6 @@ def study(root: Path, path_xy_m: np.ndarray = PATH_XY_M) -> Any:
     one.trained = {"sci": find("train", model="sci"), "not_there": find("train")}
     one.recipe = lambda model: {"epochs": "2", "_target_": "Sci"}
     one.source = lambda *names, **model: find(*names, **model).as_posix()
-    one.footprint = Footprint.read(one)
     one.trained["sci"].parent.mkdir(parents=True, exist_ok=True)
     one.trained["sci"].touch()
     return one

@@ -199,7 +199,7 @@ def test_a_folder_of_artifacts_is_where_they_are(
     def gathered(parts: Mapping[str, str]) -> str:
         return " and ".join(f"{name} at {place}" for name, place in sorted(parts.items()))
 
-    assert project.job()._fields_with_paths(project.steps[0], stands_for, gathered)["root"] == root
+    assert project.job()._substituted_fields(project.steps[0], stands_for, gathered)["root"] == root
 
 
 def test_artifacts_from_several_places_are_shown_in_one_folder(tmp_path: Path) -> None:

@@ -59,7 +59,7 @@ def cards(study: Study, group: Sequence[Result]) -> Figure | None:
 
     None where no verdict of the model is wrong, or the scans are not here.
     """
-    footprint = study.footprint
+    footprint = Footprint.read(study)
     failures = misjudged(group)
     if not failures or footprint is None:
         return None

@@ -50,7 +50,8 @@ class Plan:
     """A level map as pixels, its longer side across, its known cells as large as there is room."""
 
     def __init__(self, level_map: LevelMap) -> None:
-        walls, free = level_map.walls, level_map.free
+        walls = level_map.walls
+        free = level_map.free
         self._plan_T_world = np.linalg.inv(level_map.world_T_grid)
         known = np.argwhere(walls | free)
         if np.ptp(known[:, 0]) > np.ptp(known[:, 1]):
@@ -58,7 +59,8 @@ class Plan:
             plan_T_grid = np.array([[0.0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
             plan_T_grid[1, 3] = walls.shape[1] * level_map.cell_m
             self._plan_T_world = plan_T_grid @ self._plan_T_world
-            walls, free = walls.T[::-1], free.T[::-1]
+            walls = walls.T[::-1]
+            free = free.T[::-1]
             known = np.argwhere(walls | free)
         margin = round(MARGIN_M / level_map.cell_m)
         low = np.maximum(known.min(axis=0) - margin, 0)

@@ -21,7 +21,7 @@ from pipeline.core.frames import yaw
 from pipeline.evaluation import judgement as judged
 from pipeline.evaluation.judgement import Evaluation
 from pipeline.report.alike import best_shifts, spectra
-from pipeline.report.clouds import CELL_M, Drive
+from pipeline.report.clouds import CELL_M, Drive, Footprint
 from pipeline.report.result import Result, by_sequence, dates
 from pipeline.report.study import Study
 from pipeline.views.scan_context import colours, quantize
@@ -53,7 +53,7 @@ def chart(study: Study) -> dict[str, Any]:
     )
     view_model, train = next(((model, views) for model, views in candidates if views), ("", None))
     training = Training(train, KDTree(study.train_xy_m))
-    footprint = study.footprint
+    footprint = Footprint.read(study)
     # of what is packed, for few digits
     origin_m = np.rint(study.train_xy_m.mean(axis=0))
     days = dates(study.results)
