@@ -84,8 +84,11 @@ class Front:
         return believed(self.best)
 
     def counted(self, number: str) -> int:
-        """The sum of a number of what is believed over the test days, such as `accepted`."""
-        return int(sum(result.number("distance", number) for result in self.best))
+        """The sum of a number of what is believed over the test days, such as `accepted`.
+
+        0 of a number that the results have not.
+        """
+        return int(np.nansum([result.number("distance", number) for result in self.best]))
 
     @property
     def dates(self) -> list[str]:
