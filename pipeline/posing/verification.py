@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.posing.registration import Cloud, Points, moved
-from pipeline.posing.walls import SEEN_THROUGH, Chart, Walls
+from pipeline.posing.walls import SEEN_THROUGH, Chart, Walls, cell_numbers
 
 
 @dataclass(frozen=True)
@@ -88,8 +88,5 @@ def _shares(walls: Walls, inlier_m: float, seen: Seen, points_m: Points) -> tupl
 
 def _per_column(cells: NDArray[np.int64]) -> NDArray[np.float64]:
     """The weight (n,) of points in cells (n, 2): each column of a cell counts 1 in all."""
-    # one number a cell: unique is slow on rows
-    width = int(np.ptp(cells[:, 1])) + 1
-    numbers = cells[:, 0] * width + (cells[:, 1] - cells[:, 1].min())
-    _, column, count = np.unique(numbers, return_inverse=True, return_counts=True)
+    _, column, count = np.unique(cell_numbers(cells), return_inverse=True, return_counts=True)
     return np.asarray(1.0 / count[column])

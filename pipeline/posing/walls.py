@@ -99,10 +99,9 @@ class Walls:
 
     def middles(self, walls_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """The middles (n, 2), in cells, of the cells that walls (m, 3) lie in."""
-        # one number a cell: unique is slow on rows
-        cells = np.floor(walls_m[:, :2] / self.cell_m) + self.half
-        numbers = np.unique(cells[:, 0] * (2 * self.half) + cells[:, 1])
-        return np.column_stack(np.divmod(numbers, 2 * self.half)) - self.half + 0.5
+        cells = np.floor(walls_m[:, :2] / self.cell_m).astype(np.int64)
+        _, first = np.unique(cell_numbers(cells), return_index=True)
+        return np.asarray(cells[first] + 0.5, np.float64)
 
     def scores(
         self, chart: Chart, middles: NDArray[np.float64], heading: float
@@ -126,6 +125,14 @@ class Walls:
         pose[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
         pose[:2, 3] = x * self.cell_m, y * self.cell_m
         return Match(score / (WALL * turned.shape[1]), pose)
+
+
+def cell_numbers(cells: NDArray[np.int64]) -> NDArray[np.int64]:
+    """A number (n,) for each cell (n, 2), rising by row: `np.unique` is slow on pairs."""
+    if not len(cells):
+        return np.empty(0, np.int64)
+    rows, columns = (cells - cells.min(axis=0)).T
+    return np.asarray(rows * (columns.max() + 1) + columns)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

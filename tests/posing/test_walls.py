@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from pipeline.core.errors import ConfigError
-from pipeline.posing.walls import SEEN_THROUGH, WALL, Walls
+from pipeline.posing.walls import SEEN_THROUGH, WALL, Walls, cell_numbers
 from tests.posing.scene import planar, scene, seen_from
 
 
@@ -78,3 +78,17 @@ def test_branch_and_bound_finds_what_an_exhaustive_search_finds(seed: int) -> No
     shifted = turned[:, :, None, None] + np.stack(np.mgrid[-4:5, -4:5], axis=2)
     sums = chart[0][shifted[..., 0], shifted[..., 1]].sum(axis=1, dtype=int)
     assert walls.match(chart, turned).score == sums.max() / (WALL * turned.shape[1])
+
+
+def test_cells_beyond_the_range_are_told_apart_too() -> None:
+    """Changed places are looked for among walls of another scan, which may lie anywhere."""
+    rng = np.random.default_rng(0)
+    walls_m = rng.uniform(-300, 300, (2000, 3))
+    rows = np.unique(np.floor(walls_m[:, :2]), axis=0) + 0.5
+    np.testing.assert_array_equal(Walls(cell_m=1.0, range_m=40.0).middles(walls_m), rows)
+    assert Walls().middles(np.empty((0, 3))).shape == (0, 2)
+
+
+def test_equal_cells_have_one_number() -> None:
+    cells = np.array([[2, -5], [2, 7], [-1, 0], [2, -5]])
+    assert cell_numbers(cells).tolist() == [39, 51, 5, 39]  # columns -5 to 7 are 13 a row
