@@ -20,7 +20,7 @@ def scan_at_stamp(
     Between two scans the vehicle moves steadily. `breaks` (k,) are scans at which the poses start
     anew. Raises LogError where the scan cannot be read.
     """
-    points_m = np.asarray(log.points(row), np.float64)
+    points_m = np.array(log.points(row), np.float64)  # a copy: a log may hand out what it keeps
     times_s = log.times_s(row)
     if times_s is None:
         return points_m

@@ -59,5 +59,8 @@ def test_a_scan_is_undone_by_the_steps_to_it_and_from_it() -> None:
     ):
         points_m = scan_at_stamp(log, poses, breaks, row)
         np.testing.assert_allclose(points_m[:, 0], expected, atol=0.02)
+    kept_m = np.array([[3.0, 0.0, 0.0], [3.0, 0.0, 0.0]])
+    scan_at_stamp(replace(log, points=lambda row: kept_m), poses, none, 1)
+    np.testing.assert_array_equal(kept_m, log.points(1))  # what a log keeps stays as it is
     timeless = replace(log, times_s=lambda row: None)
     np.testing.assert_array_equal(scan_at_stamp(timeless, poses, none, 1), log.points(1))
