@@ -40,9 +40,12 @@ def cold(kernel: Any) -> bool:
 
     It is unless numba's own index has it, compiled for this processor from the source as it is.
     """
-    file = getattr(kernel._cache, "_cache_file", None)
-    compiled_for = {processor for _, processor, _ in file._load_index()} if file else set()
-    return kernel.targetctx.codegen().magic_tuple() not in compiled_for
+    try:
+        file = getattr(kernel._cache, "_cache_file", None)
+        compiled_for = {processor for _, processor, _ in file._load_index()} if file else set()
+        return kernel.targetctx.codegen().magic_tuple() not in compiled_for
+    except AttributeError:  # nothing is compiled (NUMBA_DISABLE_JIT), or another numba's inside
+        return False
 
 
 def _usual_folders() -> list[Path]:

@@ -63,6 +63,11 @@ def test_a_cold_start_is_told(
     assert not capsys.readouterr().err
 
 
+def test_a_function_that_is_not_compiled_is_not_cold() -> None:
+    """NUMBA_DISABLE_JIT leaves kernels as plain functions."""
+    assert not kernel_cache.cold(lambda x: x)
+
+
 def test_a_kernel_is_cold_until_numba_keeps_it_wherever_that_is(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
