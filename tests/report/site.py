@@ -70,6 +70,7 @@ def evaluation() -> SimpleNamespace:
         kinds=("entropy",),
         reject_from=(0.5,),
         kept_precision=(0.731,),
+        right_within=(2.0, 5.0),
         reject_pose_from=np.nan,
         believed={
             "accepted": np.arange(7) < 6,

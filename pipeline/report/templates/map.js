@@ -68,7 +68,7 @@
     mapped.scrollIntoView({ block: "nearest" });
   }
   function colour() {
-    const by = choices.by.value, near = answers.posed && by === "believed" ? "within 2 m and 5°" : by === "cells" ? "the very cell" : `within ${study.correct_m} m`;
+    const by = choices.by.value, near = answers.posed && by === "believed" ? `within ${answers.right_within[0]} m and ${answers.right_within[1]}°` : by === "cells" ? "the very cell" : `within ${study.correct_m} m`;
     const says = { right: near, wrong: by === "believed" ? `not ${near}` : "seen, but placed elsewhere", unseen: "training was never there", none: by === "believed" ? "no answer to judge" : "between seen and unseen" };
     kinds = KINDS.map((name) => ({ name: name === "none" ? "not judged" : name, colour: tone(`--${name}`), says: says[name], wrong: name === "wrong" }));
     const { code } = answers[by];

@@ -214,6 +214,7 @@ def _answers(
     threshold = evaluation.reject_pose_from if result.posed else evaluation.reject_from[0]
     answers = {
         "posed": result.posed,
+        "right_within": list(evaluation.right_within),
         "xy": quantized(evaluation.answer_xy_m - origin_m, STEP_M),
         "novelty": quantized(novelty, largest / NOVELTY_STEPS),
         "kind": evaluation.kinds[0],
