@@ -163,7 +163,8 @@ def registered(
         paired = np.asarray(np.isfinite(distance_m))
         if paired.sum() < 3:
             break
-        here_m, there_m = hits_m[paired], walls.data[np.asarray(nearest)[paired]]
+        here_m = hits_m[paired]
+        there_m = walls.data[np.asarray(nearest)[paired]]
         off_m = here_m - here_m.mean(axis=0)
         wanted_m = there_m - there_m.mean(axis=0)
         turn = np.arctan2(

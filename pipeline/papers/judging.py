@@ -131,7 +131,8 @@ def at_every_heading(
         verdict, reason = everywhere(differences, noise)
         if verdict != UNDECIDED and other is not None and other.is_trained and seeds < FEWEST_SEEDS:
             # a training shifts all of its headings at once
-            verdict, reason = UNDECIDED, "one_training"
+            verdict = UNDECIDED
+            reason = "one_training"
         estimates = tuple(
             (each, _from_to(numbers["value"]))
             for each, numbers in zip(sides, numbers_of_sides, strict=True)
