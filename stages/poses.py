@@ -123,7 +123,12 @@ def learned_standing(settings: Settings, labels: schemas.Labels, compute: Comput
     evidence = settings.held_out.evidence(fixer, day, compute, ProgressBar())
     verdict = Verdict(evidence, settings.unseen_share)
     judge = verdict.judge
-    fixer = replace(fixer, chances=judge.pose, least_overlap=evidence.least_overlap)
+    fixer = replace(
+        fixer,
+        chances=judge.pose,
+        least_overlap=evidence.least_overlap,
+        expectations=evidence.expectations,
+    )
 
     def queries(sequence: str) -> list[PosedQuery]:
         """The queries of one sequence; it may run in a process of its own."""

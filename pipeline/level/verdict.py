@@ -14,7 +14,7 @@ from pipeline.core.frames import apart
 from pipeline.level.fix import SCALES, LevelFix, signs
 from pipeline.matching.rejection import ACCEPT_NOTHING, threshold_for
 from pipeline.posing.chances import Chances, learned
-from pipeline.posing.verdict import BELIEFS, PROMISES, SEVERAL, TIMES, middle
+from pipeline.posing.verdict import BELIEFS, PROMISES, SEVERAL, middle
 
 RIGHT_M = 1.0
 RIGHT_DEG = 10.0
@@ -22,6 +22,9 @@ RIGHT_DEG = 10.0
 RIGHT_WITHIN = (RIGHT_M, RIGHT_DEG)
 NEAR_M = 5.0
 """A robot is near its pose within this."""
+TIMES = 5.0
+"""No single belief is accepted whose doubt is over so many times what a promise allows in the mean
+(METHODS 13)."""
 
 
 @dataclass(frozen=True)

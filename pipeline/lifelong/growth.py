@@ -116,7 +116,11 @@ def grown(site: Site, parts: Parts, growth: Growth, name: str, progress: Progres
             growth=replace(before, days=(*before.days, day)),
         ),
         {key: array for key, array in model.items() if key in parts.model},
-        {**mapped(site, parts, growth), "cells": growth.places.cells},
+        {
+            **mapped(site, parts, growth),
+            "cells": growth.places.cells,
+            **site.fixer.expectations.arrays,
+        },
         None,
         growth_views,
     )

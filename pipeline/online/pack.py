@@ -187,7 +187,11 @@ class Packing:
         site_file.write(
             out,
             site_file.Parts(
-                description, model, {**arrays, "cells": labels.cells}, None, growth_views
+                description,
+                model,
+                {**arrays, "cells": labels.cells, **evidence.expectations.arrays},
+                None,
+                growth_views,
             ),
         )
         kept = description.verdict.kept

@@ -19,6 +19,7 @@ from pipeline.networks.plain import Plain
 from pipeline.online.runtime import exported, localizer
 from pipeline.online.site_file import LevelParts, Parts, read, read_either
 from pipeline.online.site_json import Promises
+from pipeline.posing.expectations import Expectations
 from pipeline.posing.fix import Fix as Registered
 from pipeline.posing.fix import Hypothesis
 from pipeline.posing.search import Answers, Fixer
@@ -113,7 +114,11 @@ class Site:
         self.places = Places(description.places, arrays["cells"])
         verdict = description.verdict
         self.judged = Judge(verdict.pose, verdict.place)
-        self.fixer: Fixer = replace(build(description.fixer, ROOTS), chances=self.judged.pose)
+        self.fixer: Fixer = replace(
+            build(description.fixer, ROOTS),
+            chances=self.judged.pose,
+            expectations=Expectations.of_arrays(arrays),
+        )
         self.promises: dict[float, tuple[float, ...]] = promised(verdict)
         """Each precision that it can promise of a pose, with the doubt to reject each of BELIEFS
         from."""

@@ -37,7 +37,7 @@ class Parts(NamedTuple):
     model: Arrays
     """The arrays that the method learned."""
     arrays: Arrays
-    """The map, and the cells of the places."""
+    """The map, the cells of the places, and what is expected of fixes (Expectations)."""
     network: bytes | None
     """Exported to ONNX, in place of weights in `model`."""
     views: Arrays = MappingProxyType({})

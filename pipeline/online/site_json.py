@@ -11,7 +11,7 @@ from pipeline.core.grid import Grid
 from pipeline.level.fix import LevelFixer
 from pipeline.posing.chances import Chances
 
-VERSION = 4
+VERSION = 5
 NAMES = {float: "a number", int: "a whole number", str: "a text", bool: "true or false"}
 Settings = Mapping[str, Any]
 """Of one object: its `_target_` and parameters, as `pipeline.core.building.build` takes them."""

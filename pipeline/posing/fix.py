@@ -1,7 +1,7 @@
 """Fixes: the poses that a query may have, likeliest first, with their chances (METHODS 9.5)."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Self
 
 import numpy as np
@@ -43,6 +43,8 @@ class Hypothesis:
     """Where else along its street the walls fit best."""
     approached: float = 1.0
     """The overlap of the approach that it was refined from."""
+    expected: NDArray[np.float64] = field(default_factory=lambda: np.zeros(len(SIGNS)))
+    """By how much the signs (sign,) of right fixes around it exceed the usual (Expectations)."""
 
     @property
     def quality(self) -> float:
@@ -51,7 +53,7 @@ class Hypothesis:
 
     @property
     def signs(self) -> NDArray[np.float64]:
-        """The signs (sign,) in the order of chances.SIGNS.
+        """The signs (sign,) in the order of chances.SIGNS, less what is expected there.
 
         The last is left at 0, as it takes all hypotheses of the query.
         """
@@ -59,7 +61,8 @@ class Hypothesis:
         seen_again = (self.here.seen_again + self.beside.seen_again) / 2
         surety = -np.log10(max(self.alignment.spread_m, LEAST_SPREAD_M))
         upright = -min(self.tilt_deg, MOST_TILT_DEG) / MOST_TILT_DEG
-        return np.array([overlap, seen_again, surety, upright, self.slide.lead, 0.0])
+        measured = np.array([overlap, seen_again, surety, upright, self.slide.lead, 0.0])
+        return measured - self.expected
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ from pipeline.matching.holdout import blocks, numbered
 from pipeline.matching.ranking import Localizer, Rows
 from pipeline.posing.ageing import Ageing
 from pipeline.posing.chances import Chances
+from pipeline.posing.expectations import Expectations
 from pipeline.posing.fix import Fix
 from pipeline.posing.registration import Points
 from pipeline.posing.search import LIKELY, Answers, Fixer
@@ -143,8 +144,9 @@ class HeldOut:
         """Fix all held-out submaps: as driven, aged, and without their surroundings in the map.
 
         The map is that of the other blocks. An aged submap is drawn and ranked anew. At places
-        never seen an approach is refined from the `least_overlap` of those that were right. Raises
-        InputError for a map of another day.
+        never seen an approach is refined from the `least_overlap` of those that were right. Signs
+        are less what right fixes of other blocks lead to expect. Raises InputError for a map of
+        another day.
         """
         mapped = Targets.read(day.map_path).world_T_anchor
         anchors = day.views.world_T_anchor
@@ -166,13 +168,14 @@ class HeldOut:
             replace(fixer, least_overlap=least), day, unseen, compute, progress, "places never seen"
         )
         triples = zip(seen_fixes[::2], seen_fixes[1::2], unseen_fixes, strict=True)
-        return Evidence(
+        evidence = Evidence(
             [gated(fix, least, fixer.chances) for triple in triples for fix in triple],
             world_T_true[::2].repeat(3, axis=0),
             np.tile([False, False, True], len(unseen)),
             np.concatenate([held.block for held in held_sets]).repeat(3),
             least,
         )
+        return with_expectations(evidence)
 
     def _held_sets(self, day: TrainingDay) -> Iterator[HeldSet]:
         """The sets of blocks that are held out together, until there are enough blocks."""
@@ -268,6 +271,41 @@ def least_overlap(fixes: Sequence[Fix], world_T_true: Poses) -> float:
     if not overlaps:
         return 0.0
     return min(KEPT * float(np.quantile(overlaps, LOST)), MOST_LEAST)
+
+
+def with_expectations(evidence: Evidence) -> Evidence:
+    """The same evidence, with the signs of its right fixes as expectations.
+
+    Each fix is judged by those of other blocks, as a query of another day is by all of them.
+    """
+    right_fixes = [
+        (block, hypothesis)
+        for fix, true, unseen, block in zip(
+            evidence.fixes, evidence.world_T_true, evidence.unseen, evidence.block, strict=True
+        )
+        for hypothesis in fix.hypotheses
+        if not unseen and right(hypothesis.world_T_query[None], true[None])[0]
+    ]
+    if not right_fixes:
+        return evidence
+    blocks_of_right = np.array([block for block, _ in right_fixes])
+    xy_m = np.array([hypothesis.world_T_query[:2, 3] for _, hypothesis in right_fixes])
+    all_signs = np.array([hypothesis.signs for _, hypothesis in right_fixes])
+    judged_fixes = []
+    for fix, block in zip(evidence.fixes, evidence.block, strict=True):
+        is_other = blocks_of_right != block
+        expectations = Expectations(xy_m[is_other], all_signs[is_other])
+        judged_fixes.append(
+            Fix.of(
+                [
+                    replace(
+                        hypothesis, expected=expectations.excess(hypothesis.world_T_query[:2, 3])
+                    )
+                    for hypothesis in fix.hypotheses
+                ]
+            )
+        )
+    return replace(evidence, fixes=judged_fixes, expectations=Expectations(xy_m, all_signs))
 
 
 def gated(fix: Fix, least: float, chances: Chances) -> Fix:

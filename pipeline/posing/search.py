@@ -17,6 +17,7 @@ from pipeline.core.frames import pose, yaw
 from pipeline.core.settings import Count, NotNegative, Share, check
 from pipeline.matching.ranking import Ranking
 from pipeline.posing.chances import USUAL, Chances
+from pipeline.posing.expectations import Expectations
 from pipeline.posing.fix import Fix, Hypothesis, same
 from pipeline.posing.registration import Alignment, Approach, Cloud, Points, Registration
 from pipeline.posing.slides import slide
@@ -118,6 +119,8 @@ class Fixer:
     wall."""
     chances: Chances = USUAL
     """Learned from held-out blocks (`held_out`)."""
+    expectations: Expectations = field(default_factory=Expectations)
+    """Learned from held-out blocks too."""
 
     def __post_init__(self) -> None:
         check(self, "fixer")
@@ -329,7 +332,17 @@ class _Search:
         )
         tilt_deg = float(np.rad2deg(np.arccos(np.clip(alignment.target_T_source[2, 2], -1, 1))))
         slid = slide(fixer.walls, targets, self.query.middles, world_T_query, self.left_out)
-        return Hypothesis(row, world_T_query, alignment, here, beside, tilt_deg, slid, approached)
+        return Hypothesis(
+            row,
+            world_T_query,
+            alignment,
+            here,
+            beside,
+            tilt_deg,
+            slid,
+            approached,
+            fixer.expectations.excess(world_T_query[:2, 3]),
+        )
 
     def _beside(self, row: int, world_T_query: NDArray[np.float64]) -> int:
         """The submap nearest to a pose that is not where `row` is; `row` where there is none."""

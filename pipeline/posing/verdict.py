@@ -4,7 +4,7 @@ Both are learned from held-out blocks.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -14,6 +14,7 @@ from scipy.special import expit, logit
 from pipeline.core.frames import Poses, apart
 from pipeline.matching.rejection import threshold_for
 from pipeline.posing.chances import Chances, learned
+from pipeline.posing.expectations import Expectations
 from pipeline.posing.fix import Fix, signs
 
 PROMISES = (0.95, 0.99, 0.999)
@@ -31,7 +32,7 @@ BELIEFS = ("fix", "place", "several")
 """What may be believed of a query, the most telling first: its pose; that it is within NEAR_M of
 it; that it has one of SEVERAL poses."""
 LEAST_DOUBT = 1e-9
-TIMES = 5.0
+TIMES = 10.0
 """No single belief is accepted whose doubt is over so many times what a promise allows in the mean
 (METHODS 9.5)."""
 
@@ -77,6 +78,8 @@ class Evidence:
     """(fix,) the stretch of path that it is of: neighbours are no independent evidence."""
     least_overlap: float = 0.0
     """From which overlap on an approach was refined (Fixer.least_overlap)."""
+    expectations: Expectations = field(default_factory=Expectations)
+    """The signs of the right fixes, by which later ones are judged."""
 
     @property
     def blocks(self) -> int:

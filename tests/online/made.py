@@ -14,6 +14,7 @@ from pipeline.matching.ranking import Rows
 from pipeline.methods.scan_context import ScanContext50
 from pipeline.online import site_file
 from pipeline.online.site_json import VERSION, SiteDescription
+from pipeline.posing.expectations import Expectations
 from pipeline.posing.targets import GRAIN_M
 from pipeline.posing.verdict import BELIEFS
 from pipeline.views.scan_context import ScanContext
@@ -81,6 +82,7 @@ def arrays() -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
         "offsets": offsets,
         "world_T_anchor": ANCHORS,
         "cells": labels.cells,
+        **Expectations().arrays,
     }
 
 

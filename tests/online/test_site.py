@@ -144,7 +144,7 @@ def test_a_zip_of_something_else_is_refused(
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
-        ({"version": 1}, "a site of version 1, this yearloc reads version 4"),
+        ({"version": 1}, "a site of version 1, this yearloc reads version 5"),
         (
             {"method": {"_target_": "os.system"}},
             "_target_=os.system: expected a class of pipeline.methods",

@@ -85,14 +85,14 @@ def test_wrong_ones_among_the_right_break_a_promise() -> None:
 
 def test_no_fix_is_accepted_whose_own_doubt_is_far_over_what_a_promise_allows() -> None:
     """All are right, those of little overlap too, and no limit breaks a promise: .05 allows a doubt
-    of a quarter, .01 a twentieth."""
+    of a half, .01 a tenth."""
     fixes = [Fix.of([hypothesis(0, overlap)], OVERLAPS) for overlap in np.linspace(0.3, 0.9, 2000)]
     sure = Verdict(
         Evidence(fixes, np.tile(np.eye(4), (2000, 1, 1)), np.zeros(2000, bool), np.arange(2000)),
         0.2,
     )
     sure.__dict__["judge"] = Judge(OVERLAPS, OVERLAPS)
-    assert sure.limits("fix") == pytest.approx([0.25, 0.05, 0.005])
+    assert sure.limits("fix") == pytest.approx([0.5, 0.1, 0.01])
 
 
 def test_a_limit_stands_in_the_middle_of_a_gap() -> None:
