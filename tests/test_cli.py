@@ -17,7 +17,7 @@ from pipeline.cli import GROUPS, main
 from pipeline.evaluation.rows import COLUMNS, row, table
 from pipeline.report.pages import PAGES
 from pipeline.studies import measured
-from pipeline.studies.known import read_studies
+from pipeline.studies.studies_file import read_studies
 from tests.readers.logs import carmen_log
 from tests.report.test_brief import results as brief_results
 from tests.running.test_texts import BROKEN, broken

@@ -16,8 +16,8 @@ from hydra import compose, initialize_config_dir
 from omegaconf import DictConfig, OmegaConf
 
 from pipeline.core.settings import filled
-from pipeline.studies.known import read_studies
 from pipeline.studies.names import lists_text, studies_text
+from pipeline.studies.studies_file import read_studies
 from tests.clone import Clone
 
 ROOT = Path(__file__).parents[1]

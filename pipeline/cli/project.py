@@ -40,6 +40,6 @@ def refuse_code_of_another() -> None:
 
 def read_studies() -> "dict[str, Study]":
     """The studies of conf/studies.yaml by name; raises ConfigError where it holds none."""
-    from pipeline.studies import known
+    from pipeline.studies import studies_file
 
-    return known.read_studies(conf_folder())
+    return studies_file.read_studies(conf_folder())

@@ -1,7 +1,9 @@
 """`yearloc use` and `yearloc methods`: what the chain runs on, and what it can compare."""
 
 from contextlib import suppress
-from typing import Annotated
+from itertools import chain
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -10,6 +12,11 @@ from pipeline.cli.project import conf_folder, read_studies
 from pipeline.core.errors import ConfigError
 from pipeline.core.replacing import replace
 from pipeline.running.texts import WRITTEN, terminal_width
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from pipeline.studies.study import Study
 
 OPTIONS = (
     "names of files in conf/dataset, and root, log, parts, train, tests, learned, methods, world, "
@@ -32,12 +39,8 @@ def use(
     ] = False,
 ) -> None:
     """Choose data sets: check what is on disk, write conf/studies.yaml and conf/lists.yaml."""
-    from pipeline.running.at_work import refuse_at_work
-    from pipeline.studies.expansion import expand
-    from pipeline.studies.known import refuse_unknown
-    from pipeline.studies.names import lists_text, studies_text
-    from pipeline.studies.parts import lay, parted
     from pipeline.studies.proposal import propose
+    from pipeline.studies.studies_file import refuse_unknown
 
     conf = conf_folder()
     datasets = [word for word in words if "=" not in word]
@@ -46,42 +49,21 @@ def use(
         raise ConfigError(
             f"{next(iter(options))}=: of which data set? Call `yearloc use DATASET KEY=VALUE`"
         )
-    keeps_listed = (add or keep) and (conf / WRITTEN[0]).exists()
-    listed_studies = read_studies() if keeps_listed or not datasets else {}
+    is_listed = (conf / WRITTEN[0]).exists()
+    listed_studies = read_studies() if (is_listed and (add or keep)) or not datasets else {}
     proposals = {dataset: propose(conf, dataset, options) for dataset in datasets}
     proposed_studies = {dataset: proposal.study for dataset, proposal in proposals.items()}
-    is_unchanged = proposed_studies.keys() == listed_studies.keys() and all(
-        (proposed.world, proposed.budget)
-        == (listed_studies[name].world, listed_studies[name].budget)
-        for name, proposed in proposed_studies.items()
-    )
-    studies = (
-        listed_studies
-        if not datasets or (keep and is_unchanged)
-        else {**(listed_studies if add else {}), **proposed_studies}
-    )
+    if not datasets or (keep and _have_same_choices(proposed_studies, listed_studies)):
+        studies = listed_studies
+    elif add:
+        studies = {**listed_studies, **proposed_studies}
+    else:
+        studies = proposed_studies
     for study in studies.values():
         refuse_unknown(conf, study)
-    texts = {conf / "studies.yaml": studies_text(studies), conf / "lists.yaml": lists_text(studies)}
-    changed = {
-        path: text
-        for path, text in texts.items()
-        if not path.is_file() or path.read_bytes() != text.encode()
-    }
-    if changed:
-        refuse_at_work(conf.parent)
-    with suppress(ConfigError):  # a broken list is written anew
-        for name in sorted(read_studies().keys() - studies.keys()):
-            print(f"  {name} is no longer among the studies; --add keeps what is there")
-    for path, text in changed.items():
-        with replace(path) as scratch:
-            scratch.write_text(text, encoding="utf-8")
-    lay(conf.parent, parted(expand(studies)))
-    print(
-        *(f"  {note}\n" for proposal in proposals.values() for note in proposal.notes),
-        sep="",
-        end="",
-    )
+    _write(conf, studies)
+    for note in chain.from_iterable(proposal.notes for proposal in proposals.values()):
+        print(f"  {note}")
     for name, study in studies.items():
         print(
             f"{name}: trained on {study.train_text} with the budget {study.budget}, tested on "
@@ -89,13 +71,48 @@ def use(
         )
 
 
+def _have_same_choices(proposed: "Mapping[str, Study]", listed: "Mapping[str, Study]") -> bool:
+    """Whether two lists of studies are of the same data sets, worlds and budgets."""
+    return proposed.keys() == listed.keys() and all(
+        (study.world, study.budget) == (listed[name].world, listed[name].budget)
+        for name, study in proposed.items()
+    )
+
+
+def _write(conf: Path, studies: "Mapping[str, Study]") -> None:
+    """Write conf/studies.yaml, conf/lists.yaml, and what of dag/ a long list of drives needs.
+
+    Tells which studies are no longer there. Raises ConfigError while DVC works in the project.
+    """
+    from pipeline.running.at_work import refuse_at_work
+    from pipeline.studies.expansion import expand
+    from pipeline.studies.names import lists_text, studies_text
+    from pipeline.studies.parts import split_drives, write_parts
+
+    texts = {conf / "studies.yaml": studies_text(studies), conf / "lists.yaml": lists_text(studies)}
+    changed_texts = {
+        path: text
+        for path, text in texts.items()
+        if not path.is_file() or path.read_bytes() != text.encode()
+    }
+    if changed_texts:
+        refuse_at_work(conf.parent)
+    with suppress(ConfigError):  # a broken list is written anew
+        for name in sorted(read_studies().keys() - studies.keys()):
+            print(f"  {name} is no longer among the studies; --add keeps what is there")
+    for path, text in changed_texts.items():
+        with replace(path) as scratch:
+            scratch.write_text(text, encoding="utf-8")
+    write_parts(conf.parent, split_drives(expand(studies)))
+
+
 def methods() -> None:
     """What can be compared: each method, what it looks at, and where it comes from."""
     from pipeline.studies.catalogue import entries, listing, table
 
     catalogue = entries(conf_folder())
-    whole = table(catalogue)
+    text = table(catalogue)
     width = terminal_width()
-    print(
-        whole if max(map(len, whole.splitlines())) <= width else listing(catalogue, width), end=""
-    )
+    if max(map(len, text.splitlines())) > width:
+        text = listing(catalogue, width)
+    print(text, end="")

@@ -1,13 +1,14 @@
-"""The provenance of a file in dvc.lock.
+"""The provenance of a file: dvc.lock in; for `yearloc inspect`, the stage that wrote the file out.
 
-The stage that wrote it, and whether the file is still as that stage wrote it.
+And whether the file is still as that stage wrote it.
 """
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from pipeline.inspection.inspection import Inspection, nbytes
-from pipeline.running.dvc_files import DvcLock
+from pipeline.running.dvc_files import DvcLock, LockedFile, LockEntry
 
 
 def add_provenance(inspection: Inspection, path: Path, lock: Path, is_artifact: bool) -> None:
@@ -32,20 +33,14 @@ def add_provenance(inspection: Inspection, path: Path, lock: Path, is_artifact: 
         inspection.add(
             "provenance", ("unknown", by_hand if lock.is_file() else f"there is no {lock}")
         )
-    out: dict[str, Any] = next(
-        (
-            out
-            for out in (entry or {}).get("outs", [])
-            if out.get("path") == relative_path.as_posix()
-        ),
-        {},
-    )
-    if not is_artifact or "size" not in out:
+    outs = {out.path: out for out in entry.outs} if entry else {}
+    out = outs.get(relative_path.as_posix())
+    if not is_artifact or out is None or out.size is None:
         return
     files = sum(1 for file in path.rglob("*") if file.is_file()) if path.is_dir() else 1
     nbytes_on_disk = size(path)
-    if (files, nbytes_on_disk) != (int(out.get("nfiles", 1)), int(out["size"])):
-        recorded = f"{int(out.get('nfiles', 1))} with {int(out['size']):,}"
+    if (files, nbytes_on_disk) != (out.file_count, out.size):
+        recorded = f"{out.file_count} with {out.size:,}"
         remedy = (
             "a lost one reads as zeros: remove the artifact and `dvc checkout` it, or `dvc repro`"
         )
@@ -56,22 +51,21 @@ def add_provenance(inspection: Inspection, path: Path, lock: Path, is_artifact: 
         inspection.warnings = (warning, *inspection.warnings)
 
 
-def _settings(values: dict[str, Any]) -> str:
+def _settings(values: Mapping[str, Any]) -> str:
     """The settings of a file that have a value."""
     return ", ".join(
         f"{key}={short(value)}" for key, value in values.items() if _is_set(key, value)
     )
 
 
-def _rows(entry: dict[str, Any]) -> list[tuple[str, str]]:
+def _rows(entry: LockEntry) -> list[tuple[str, str]]:
+    """Stage, command, parameters, inputs and code, each in one row or several."""
     params = [
-        f"{file}: {_settings(values) or 'nothing set'}"
-        for file, values in (entry.get("params") or {}).items()
+        f"{file}: {_settings(values) or 'nothing set'}" for file, values in entry.params.items()
     ]
-    deps = {str(dep.get("path")): dep for dep in entry.get("deps") or []}
-    code = [name for name in deps if name.startswith(("pipeline", "stages"))]
-    data = [f"{name} ({_digest(dep)})" for name, dep in deps.items() if name not in code]
-    rows = [("stage", str(entry["stage"])), ("cmd", " ".join(str(entry.get("cmd", "")).split()))]
+    code = [dep.path for dep in entry.deps if dep.path.startswith(("pipeline", "stages"))]
+    data = [f"{dep.path} ({_digest(dep)})" for dep in entry.deps if dep.path not in code]
+    rows = [("stage", entry.stage), ("cmd", " ".join(entry.command.split()))]
     rows += [
         (title if i == 0 else "", line)
         for title, lines in (("params", params), ("deps", data))
@@ -110,8 +104,8 @@ def _is_set(key: str, value: object) -> bool:
     return value is not None and key != "defaults"
 
 
-def _digest(dep: dict[str, Any]) -> str:
+def _digest(dep: LockedFile) -> str:
     """Hash, size and files of a dependency."""
-    count = f", {dep['nfiles']} files" if "nfiles" in dep else ""
-    length = f", {nbytes(int(dep['size']))}" if "size" in dep else ""
-    return f"{str(dep.get('md5', dep.get('hash', '')))[:8]}{length}{count}"
+    count = f", {dep.file_count} files" if dep.is_folder else ""
+    length = "" if dep.size is None else f", {nbytes(dep.size)}"
+    return f"{dep.md5[:8]}{length}{count}"

@@ -1,4 +1,4 @@
-"""Reads DVC's own files as one: those in the root and those of each folder dag/STAGE."""
+"""Reads DVC's own files: dvc.lock and dvc.yaml of the root and of each folder dag/STAGE, as one."""
 
 import re
 from collections.abc import Mapping
@@ -22,6 +22,56 @@ Yaml.add_implicit_resolver(
 
 
 @dataclass(frozen=True)
+class LockedFile:
+    """A file or folder that a stage read or wrote, as a lock file records it."""
+
+    path: str
+    """Relative to the root."""
+    md5: str
+    """Empty where none is recorded."""
+    size: int | None
+    """Bytes of the file, or of all files of the folder; None where it is not recorded."""
+    file_count: int
+    """1 of a file."""
+    is_folder: bool
+
+    @classmethod
+    def of(cls, recorded: Mapping[str, Any]) -> Self:
+        """Read an entry of deps or outs."""
+        return cls(
+            path=str(recorded.get("path")),
+            md5=str(recorded.get("md5") or ""),
+            size=int(recorded["size"]) if "size" in recorded else None,
+            file_count=int(recorded.get("nfiles", 1)),
+            is_folder="nfiles" in recorded,
+        )
+
+
+@dataclass(frozen=True)
+class LockEntry:
+    """A finished stage as a lock file records it."""
+
+    stage: str
+    """Its name, such as train@campus-10m-sci."""
+    command: str
+    deps: tuple[LockedFile, ...]
+    params: Mapping[str, Mapping[str, Any]]
+    """File of conf/ to the values of its keys."""
+    outs: tuple[LockedFile, ...]
+
+    @classmethod
+    def of(cls, stage: str, recorded: Mapping[str, Any]) -> Self:
+        """Read the entry of a stage."""
+        return cls(
+            stage=stage,
+            command=str(recorded.get("cmd", "")),
+            deps=tuple(map(LockedFile.of, recorded.get("deps") or ())),
+            params=recorded.get("params") or {},
+            outs=tuple(map(LockedFile.of, recorded.get("outs") or ())),
+        )
+
+
+@dataclass(frozen=True)
 class DvcLock:
     """All that the lock files record; empty without readable ones."""
 
@@ -41,18 +91,12 @@ class DvcLock:
         )
 
     @cached_property
-    def entries(self) -> dict[str, dict[str, Any]]:
-        """Each recorded output's path, with the entry of the stage that wrote it.
+    def entries(self) -> dict[str, LockEntry]:
+        """The path of each recorded output, with the entry of the stage that wrote it."""
+        entries = (LockEntry.of(stage, recorded) for stage, recorded in self.stages.items())
+        return {out.path: entry for entry in entries for out in entry.outs}
 
-        The stage's name is in it as "stage".
-        """
-        return {
-            out["path"]: {"stage": name, **entry}
-            for name, entry in self.stages.items()
-            for out in entry.get("outs", ())
-        }
-
-    def entry(self, path: Path) -> dict[str, Any] | None:
+    def entry(self, path: Path) -> LockEntry | None:
         """The entry of the stage that wrote `path` or the nearest folder around it, else None."""
         candidates = (folder.as_posix() for folder in (path, *path.parents))
         return next(
@@ -61,16 +105,12 @@ class DvcLock:
 
     def of(self, path: str) -> tuple[str, str]:
         """md5 and stage of an artifact, or of the nearest folder around it; empty if unknown."""
-        entry = self.entry(Path(path)) or {}
+        entry = self.entry(Path(path))
+        if entry is None:
+            return "", ""
         containing = {path, *map(str, Path(path).parents)}
-        return next(
-            (
-                (out.get("md5", ""), entry["stage"])
-                for out in entry.get("outs", ())
-                if out["path"] in containing
-            ),
-            ("", ""),
-        )
+        md5 = next((out.md5 for out in entry.outs if out.path in containing), "")
+        return md5, entry.stage
 
     def params(self, stage: str) -> Mapping[str, Any]:
         """The parameters of a stage, by file."""
@@ -90,16 +130,13 @@ def files(front: Path) -> list[Path]:
 def definition(root: Path) -> dict[str, Any]:
     """The stages of all dvc.yaml files, as parsed: {"stages": {name: body}}.
 
-    Of parts the first.
+    Of a stage that is split into parts (`studies.parts`) it is the first part.
     """
-    parsed = [
-        yaml.load(path.read_text(encoding="utf-8"), Yaml) for path in files(root / "dvc.yaml")
-    ]
-    return {
-        "stages": {
-            name: body for content in reversed(parsed) for name, body in content["stages"].items()
-        }
-    }
+    stages: dict[str, Any] = {}
+    for path in files(root / "dvc.yaml"):
+        content = yaml.load(path.read_text(encoding="utf-8"), Yaml)
+        stages = {**content["stages"], **stages}
+    return {"stages": stages}
 
 
 @lru_cache(maxsize=64)

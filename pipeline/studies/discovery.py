@@ -1,10 +1,11 @@
-"""Which sequences of a data set a study can use.
+"""Finds the sequences of a data set: options of `yearloc use` in; which train and test out.
 
-From a simulated world's table, or from what lies on disk.
+Of a simulated data set they are those that its world's table drives, of a recorded one those that
+lie on disk and can be read. `proposal` makes a study of them.
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from pydoc import locate
@@ -17,9 +18,9 @@ from pipeline.running.texts import read_yaml
 from pipeline.studies.layout import Layout
 
 SAFE_PATH = re.compile(r"[\w./~+@ -]+")
-SAFE_NAME = re.compile(r"\w[\w.+-]*")  # of a sequence: it becomes part of stage names and paths
-
-
+"""A root that no shell or yaml misreads."""
+SAFE_NAME = re.compile(r"\w[\w.+-]*")
+"""Of a sequence, whose name becomes part of stages' names and of paths."""
 BUDGETS = {"tiny": "tiny", "year": "full"}
 """Of the presets of simulated worlds; others train as the demo does."""
 
@@ -73,6 +74,34 @@ def recorded(
     Options win over the study in the data set's yaml, `defaults`. Raises ConfigError where that
     leaves no training or no test sequence.
     """
+    root = _root(name, options)
+    lacking = _lacking(name, reader, root, defaults["expected"])
+    notes = [
+        f"{sequence}: lacks {', '.join(missing_parts)}"
+        for sequence, missing_parts in lacking.items()
+        if missing_parts
+    ]
+    readable = [sequence for sequence, missing_parts in lacking.items() if not missing_parts]
+    train = defaults["train"]
+    tests = list(defaults["tests"])
+    named_parts = _named_parts(options, readable)
+    rule = _rule(name, defaults, options)
+    if rule and readable:
+        log = options.get("log", _usual_log(train, readable))
+        train, *tests = [f"{log}-a", f"{log}-b"] if rule == "halves" else names(log, rule)
+        readable = [train, *tests] if log in readable else []
+        notes.append(
+            f"logs found: {', '.join(lacking)}; each has its own frame, this study is on {log} "
+            "(log=NN chooses another, parts=time:2 splits it otherwise)"
+        )
+    readable = list(dict.fromkeys([*readable, *named_parts]))
+    trained = _trained(root, options, train, readable, notes)
+    tests = _tested(root, options, tests, trained, readable, lacking, notes)
+    return Drives("recorded", str(root), " ".join(trained), tests, "full", notes)
+
+
+def _root(name: str, options: Mapping[str, str]) -> Path:
+    """The folder of the logs; raises ConfigError where it is not given or cannot be."""
     if "root" not in options:
         raise ConfigError(f"where is {name}? Say root=FOLDER")
     root = Path(options["root"]).expanduser()
@@ -84,30 +113,46 @@ def recorded(
             f"root={root}: a path of letters, digits, blanks and ./_-+@~ is needed; a link with "
             "such a name will do"
         )
+    return root
+
+
+def _lacking(
+    name: str, reader: Mapping[str, Any], root: Path, expected: str
+) -> dict[str, list[str]]:
+    """The sequences below the root, each with what it lacks to be read; nothing where it can be.
+
+    Raises ConfigError where there is no sequence.
+    """
     lacking = _reader(name, reader).sequences(root)
     if not lacking:
-        raise ConfigError(f"root={root}: no {name} sequence there; expected {defaults['expected']}")
+        raise ConfigError(f"root={root}: no {name} sequence there; expected {expected}")
     odd = [sequence for sequence in lacking if not SAFE_NAME.fullmatch(sequence)]
-    lacking |= {sequence: ["a name of letters, digits and ._+-: rename it"] for sequence in odd}
-    readable = [sequence for sequence, missing_parts in lacking.items() if not missing_parts]
-    notes = [
-        f"{sequence}: lacks {', '.join(missing_parts)}"
-        for sequence, missing_parts in lacking.items()
-        if missing_parts
-    ]
-    train = defaults["train"]
-    tests = list(defaults["tests"])
-    named = [
+    return lacking | {
+        sequence: ["a name of letters, digits and ._+-: rename it"] for sequence in odd
+    }
+
+
+def _named(options: Mapping[str, str]) -> list[str]:
+    """All names after train= and tests=."""
+    return [
         name
         for option in ("train", "tests")
         for name in options.get(option, "").replace(",", " ").split()
     ]
-    named_parts = [
-        name
-        for name in dict.fromkeys(named)
-        if (part := Part.named(name))[1] and part[0] in readable
-    ]
-    rule = options.get("parts", defaults.get("parts"))
+
+
+def _named_parts(options: Mapping[str, str], readable: Sequence[str]) -> list[str]:
+    """The names after train= and tests= that are parts of readable logs."""
+    log_of = {name: Part.named(name) for name in _named(options)}
+    return [name for name, (log, part) in log_of.items() if part and log in readable]
+
+
+def _rule(name: str, defaults: Mapping[str, Any], options: Mapping[str, str]) -> str | None:
+    """How a log is split into parts, of which a study trains on one; None where it is not.
+
+    Raises ConfigError for options that contradict it.
+    """
+    rule: str | None = options.get("parts", defaults.get("parts"))
     if "log" in options and not rule:
         raise ConfigError(
             f"log={options['log']}: {name} splits no log; give parts= too, or train= and tests= "
@@ -117,23 +162,29 @@ def recorded(
         raise ConfigError(
             f"parts={rule}: train= and tests= name the parts already; leave one of the two out"
         )
-    if rule and readable:
-        log = options.get(
-            "log",
-            train.partition("-")[0]
-            if train and train.partition("-")[0] in readable
-            else (readable or [""])[0],
-        )
-        parts = [f"{log}-a", f"{log}-b"] if rule == "halves" else names(log, rule)
-        train = parts[0]
-        tests = parts[1:]
-        readable = parts if log in readable else []
-        notes += [
-            f"logs found: {', '.join(lacking)}; each has its own frame, this study is on {log} "
-            "(log=NN chooses another, parts=time:2 splits it otherwise)"
-        ]
-    readable = list(dict.fromkeys([*readable, *named_parts]))
-    trained = options.get("train", train or (readable or [""])[0]).replace(",", " ").split()
+    return rule
+
+
+def _usual_log(train: str | None, readable: Sequence[str]) -> str:
+    """The log to split: that of the data set's usual training part, else the first readable one."""
+    log = (train or "").partition("-")[0]
+    return log if log in readable else readable[0]
+
+
+def _trained(
+    root: Path,
+    options: Mapping[str, str],
+    usual: str | None,
+    readable: Sequence[str],
+    notes: list[str],
+) -> list[str]:
+    """The training sequences; of several only those that can be read, and a note on the others.
+
+    They are those after train=, or the data set's `usual` one, or the first that can be read.
+    Raises ConfigError where none can be read, or a test sequence holds what one is a part of.
+    """
+    first = readable[0] if readable else ""
+    trained = options.get("train", usual or first).replace(",", " ").split()
     if len(trained) > 1:
         notes += [
             f"{sequence}: not below {root}, not trained on"
@@ -143,32 +194,52 @@ def recorded(
         trained = [sequence for sequence in trained if sequence in readable]
     train = " ".join(trained)
     logs = [Part.named(sequence)[0] for sequence in trained]
-    if overlapping := [name for name in named if name in logs and name not in trained]:
+    if overlapping := [name for name in _named(options) if name in logs and name not in trained]:
         raise ConfigError(
             f"tests={overlapping[0]}: holds what the training sequence {train} is a part of; "
             "give another part"
         )
-    tests = (
-        options["tests"].split(",")
-        if "tests" in options
-        else tests or [name for name in readable if name not in (*trained, *logs)]
-    )
-    all_notes = "".join(f"; {note}" for note in notes)
     if not trained or not set(trained) <= set(readable):
         advice = (
             f"give train=, one of {', '.join(readable)}" if readable else "no sequence there can"
         )
         raise ConfigError(
-            f"the training sequence {train} cannot be read below {root}: {advice}{all_notes}"
+            f"the training sequence {train} cannot be read below {root}: {advice}{_listed(notes)}"
         )
+    return trained
+
+
+def _tested(
+    root: Path,
+    options: Mapping[str, str],
+    usual: Sequence[str],
+    trained: Sequence[str],
+    readable: Sequence[str],
+    lacking: Mapping[str, list[str]],
+    notes: list[str],
+) -> list[str]:
+    """The test sequences that can be read, and a note on each other one that is asked for.
+
+    They are those after tests=, or the data set's `usual` ones, or all that training leaves. Raises
+    ConfigError where none is left.
+    """
+    trained_logs = [Part.named(sequence)[0] for sequence in trained]
+    tests = (
+        options["tests"].split(",")
+        if "tests" in options
+        else usual or [name for name in readable if name not in (*trained, *trained_logs)]
+    )
+    train = " ".join(trained)
     if tests == [train]:
         raise ConfigError(f"tests={train}: is the training sequence; give others")
-    absent = [sequence for sequence in tests if sequence not in readable]
+    listed_notes = _listed(notes)
     notes += [
-        f"{sequence}: not below {root}, left out" for sequence in absent if sequence not in lacking
+        f"{sequence}: not below {root}, left out"
+        for sequence in tests
+        if sequence not in readable and sequence not in lacking
     ]
-    tests = [test for test in tests if test in readable and test not in trained]
-    if not tests:
+    readable_tests = [test for test in tests if test in readable and test not in trained]
+    if not readable_tests:
         other_sequences = ", ".join(sequence for sequence in readable if sequence not in trained)
         need = (
             "one more is needed, or parts=path:2 splits it"
@@ -176,8 +247,13 @@ def recorded(
             else "one more is needed"
         )
         advice = f"give tests=, some of {other_sequences}" if other_sequences else need
-        raise ConfigError(f"no test sequence can be read below {root}: {advice}{all_notes}")
-    return Drives("recorded", str(root), train, tests, "full", notes)
+        raise ConfigError(f"no test sequence can be read below {root}: {advice}{listed_notes}")
+    return readable_tests
+
+
+def _listed(notes: Sequence[str]) -> str:
+    """The notes behind an error's line."""
+    return "".join(f"; {note}" for note in notes)
 
 
 def _reader(name: str, settings: Mapping[str, Any]) -> Reader:

@@ -1,7 +1,7 @@
-"""Expands conf/studies.yaml to the lists of dvc.yaml, one entry an instance of a stage.
+"""Expands studies to conf/lists.yaml: a list for each `foreach` of dvc.yaml, an entry an instance.
 
-DVC can look up no name within another, so all that a stage needs is listed for each of its
-instances.
+An instance is one run of a stage: of a sequence, a view, or a model at a cell size. DVC can look up
+no name within another, so each entry holds all names and settings that its command line needs.
 """
 
 import shlex
@@ -16,6 +16,7 @@ from pipeline.studies.models import ModelName
 from pipeline.studies.study import CellSize, Study, StudyMethod
 
 Lists = dict[str, dict[str, dict[str, Any]]]
+"""List, such as models, to instance, such as campus-10m-sci, to the names and settings it takes."""
 
 LISTS = (
     "drives",
@@ -42,12 +43,14 @@ LISTS = (
     "absent",
 )
 STRUCTURE = ("demolition", "construction")
-"""Alterations that a method's own model answers alone: variants and seeds differ in the headings
-that they learned."""
+"""Alterations that only a method's own model is asked about.
+
+Variants and seeds differ in the headings that they learned, which buildings have no part in.
+"""
 
 
 def expand(studies: Mapping[str, Study]) -> Lists:
-    """The entries of each list, by the name of a stage's instance, such as campus-10m-sci."""
+    """The lists of all studies together."""
     lists: Lists = {name: {} for name in LISTS}
     for study in studies.values():
         _views(lists, study)
@@ -89,12 +92,13 @@ def _views(lists: Lists, study: Study) -> None:
         "sequences": sequences,
     }
     for method in study.methods:
-        for looked_at in method.views:
-            name = f"{dataset}-{looked_at}"
-            view = {"dataset": dataset, "view": looked_at}
-            lists[method.stage][name] = view | {"sequences": sequences}
+        for view in method.views:
+            instance = f"{dataset}-{view}"
+            names = {"dataset": dataset, "view": view}
+            lists[method.stage][instance] = {**names, "sequences": sequences}
             for alteration, altered_sequences in study.altered.items():
-                lists["altered"][f"{name}-{alteration}"] = view | {
+                lists["altered"][f"{instance}-{alteration}"] = {
+                    **names,
                     "alteration": alteration,
                     "sequences": " ".join(altered_sequences),
                 }
@@ -111,84 +115,113 @@ def _views(lists: Lists, study: Study) -> None:
 def _model(
     lists: Lists, study: Study, grid: CellSize, method: StudyMethod, model: ModelName
 ) -> None:
-    """Add the training of a model, its rankings, evaluations, poses and paths."""
-    dataset = study.name
-    view = method.view_of(model.variant)
-    seed = f"method.seed={model.seed}" if model.seed else ""
-    settings = " ".join(f"method.{name}={value}" for name, value in method.settings.items())
-    words = (f"method={model.method}", settings, method.variants.get(model.variant, ""), seed)
-    entry = {"dataset": dataset, "grid": grid.name, "method": model.method, "model": model.name}
-    entry |= {
-        "recipe": " ".join(filter(None, words)),
-        "code": method.code,
-        "view": view,
-        "train": study.train_text,
-    }
-    tolerance = {"tolerance": study.tolerance.name}
-    learned = {
+    """Add the training of a model, what it learns further, and what it is asked."""
+    trained = _trained(study, grid, method, model)
+    training = {
         "budget": study.budget,
         "of": "" if len(study.train) > 1 else f"/{study.train_text}.zarr",
     }
-    lists["models"][f"{dataset}-{grid.name}-{model.name}"] = entry | learned
+    lists["models"][_instance(study, grid, model)] = trained | training
     if study.learns_further_days:
-        named = {"name": _word("name", model), "simulated": _switch(study.simulated)}
-        lists["lifelong"] |= instances({**entry, **learned, **tolerance, **named}, study, method)
-    if not study.asks_about_the_year:
-        return
+        course = {
+            **trained,
+            **training,
+            "tolerance": study.tolerance.name,
+            "name": _word("name", model),
+            "simulated": _switch(study.simulated),
+        }
+        lists["lifelong"] |= instances(course, study, method)
+    if study.asks_about_the_year:
+        _questions(lists, study, grid, model, trained)
+
+
+def _trained(study: Study, grid: CellSize, method: StudyMethod, model: ModelName) -> dict[str, Any]:
+    """What every stage is told of a model: its names, and the words that make its method."""
+    settings = " ".join(f"method.{name}={value}" for name, value in method.settings.items())
+    seed = f"method.seed={model.seed}" if model.seed else ""
+    recipe = (f"method={model.method}", settings, method.variants.get(model.variant, ""), seed)
+    return {
+        "dataset": study.name,
+        "grid": grid.name,
+        "method": model.method,
+        "model": model.name,
+        "recipe": " ".join(filter(None, recipe)),
+        "code": method.code,
+        "view": method.view_of(model.variant),
+        "train": study.train_text,
+    }
+
+
+def _questions(
+    lists: Lists, study: Study, grid: CellSize, model: ModelName, trained: Mapping[str, Any]
+) -> None:
+    """Add a model's rankings, poses and paths, and the evaluation of each.
+
+    At the cell sizes of `cells` it is asked about the tests alone, as driven, without poses.
+    """
+    dataset = study.name
+    instance = _instance(study, grid, model)
     is_own_grid = grid in study.grids
-    altered = [
+    alterations = [
         name
         for name in study.altered
         if is_own_grid and (name not in STRUCTURE or model == ModelName(model.method))
     ]
-    tests = study.asked_days if is_own_grid else study.tests
+    tests = " ".join(study.asked_days if is_own_grid else study.tests)
+    asked = {"tests": tests, "alterations": " ".join(alterations)}
     if not study.altered:
-        _add_absent(lists, "altered", dataset, view)
-    queries = {"tests": " ".join(tests), "alterations": " ".join(altered)}
-    lists["rankings"][f"{dataset}-{grid.name}-{model.name}"] = entry | queries
-    evaluated = {name: entry[name] for name in ("dataset", "grid", "train")} | {
-        "tests": queries["tests"],
-        **tolerance,
-    }
+        _add_absent(lists, "altered", dataset, trained["view"])
+    lists["rankings"][instance] = {**trained, **asked}
+    if is_own_grid and model.family in study.poses:
+        lists["maps"][dataset] = {"dataset": dataset, "train": study.train_text}
+        lists["poses"][instance] = {**trained, **asked, "budget": study.budget}
     for answers in study.answers_of(model) if is_own_grid else [model]:
-        lists["evaluations"][f"{dataset}-{grid.name}-{answers.name}"] = evaluated | {
+        lists["evaluations"][_instance(study, grid, answers)] = {
+            "dataset": dataset,
+            "grid": grid.name,
+            "train": study.train_text,
+            "tests": tests,
+            "tolerance": study.tolerance.name,
             "model": answers.name,
             "rankings": Layout().answers(dataset, grid.name, answers).as_posix(),
         }
         if answers.path:
-            followed = {name: entry[name] for name in ("dataset", "grid", "model", "train")} | {
-                "path": answers.path
-            }
-            lists["paths"][f"{dataset}-{grid.name}-{answers.name}"] = followed | {
+            lists["paths"][_instance(study, grid, answers)] = {
+                "dataset": dataset,
+                "grid": grid.name,
+                "model": model.name,
+                "train": study.train_text,
+                "path": answers.path,
                 "out": answers.name,
-                "tests": queries["tests"],
+                "tests": tests,
             }
-        elif answers.posed:
-            lists["maps"][dataset] = {"dataset": dataset, "train": study.train_text}
-            lists["poses"][f"{dataset}-{grid.name}-{model.name}"] = entry | {
-                **{name: queries[name] for name in ("tests", "alterations")},
-                "budget": study.budget,
-            }
+
+
+def _instance(study: Study, grid: CellSize, answers: ModelName) -> str:
+    """The name of a stage's instance for one model: campus-10m-sci."""
+    return f"{study.name}-{grid.name}-{answers.name}"
 
 
 def _measurements(lists: Lists, study: Study) -> None:
     """Add timings, viewpoints and events, and the results that gather all numbers."""
     dataset = study.name
-    year = study.asks_about_the_year
-    robust = study.question == "robustness"
-    lifelong = study.learns_further_days
-    bird_views = study.bird_view_methods if not lifelong else []
-    is_timed = year and study.latency
+    is_evaluated = study.asks_about_the_year
+    is_lifelong = study.learns_further_days
+    is_robustness = study.question == "robustness"
+    is_timed = is_evaluated and study.latency
+    bird_view_methods = study.bird_view_methods if not is_lifelong else []
     for grid in study.grids if is_timed else ():
         lists["latency"][f"{dataset}-{grid.name}"] = {
             "grid": grid.name,
             "dataset": dataset,
             "simulated": _switch(study.simulated),
             "sequence": study.tests[-1],  # as the SCI paper's Table III
-            "contenders": _word("contenders", {part.name: part.view for part in study.methods}),
+            "contenders": _word(
+                "contenders", {method.name: method.view for method in study.methods}
+            ),
             "trained": _word("trained", study.models),
         }
-    for grid, method in product(study.grids, bird_views):
+    for grid, method in product(study.grids, bird_view_methods):
         for model in method.models:
             lists["viewpoints"][f"{dataset}-{grid.name}-{model.name}"] = {
                 "dataset": dataset,
@@ -198,21 +231,25 @@ def _measurements(lists: Lists, study: Study) -> None:
                 "view": method.view_of(model.variant),
                 "tests": " ".join(study.tests),
             }
-    if robust:
-        entry = {"dataset": dataset, "train": study.train_text, "sequences": " ".join(study.tests)}
-        lists["events"][dataset] = entry | _drive(study)
+    if is_robustness:
+        lists["events"][dataset] = {
+            "dataset": dataset,
+            "train": study.train_text,
+            "sequences": " ".join(study.tests),
+            **_drive(study),
+        }
     present = {
-        "evaluate": year,
-        "viewpoints": bool(bird_views),
-        "events": robust,
-        "lifelong": lifelong,
+        "evaluate": is_evaluated,
+        "viewpoints": bool(bird_view_methods),
+        "events": is_robustness,
+        "lifelong": is_lifelong,
         "latency": is_timed,
     }
     for kind, is_present in present.items():
         if not is_present:
             _add_absent(lists, kind, dataset)
     lists["results"][dataset] = {"dataset": dataset, "study": _word("study", study)}
-    if year or lifelong:
+    if is_evaluated or is_lifelong:
         lists["published"][dataset] = {"dataset": dataset}
 
 

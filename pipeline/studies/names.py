@@ -10,7 +10,7 @@ from typing import Any
 import yaml
 
 from pipeline.studies.expansion import expand
-from pipeline.studies.parts import parted
+from pipeline.studies.parts import split_drives
 from pipeline.studies.study import Study
 
 STUDIES = """\
@@ -34,7 +34,7 @@ def lists_text(studies: Mapping[str, Study]) -> str:
     return LISTS + _dumped(
         {
             "first": {"study": first.name, "grid": first.grids[0].name},
-            "lists": parted(expand(studies)),
+            "lists": split_drives(expand(studies)),
         }
     )
 

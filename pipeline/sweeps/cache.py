@@ -1,4 +1,7 @@
-"""Stores what sweeps build under a digest of code, parameters and inputs: each is built once."""
+"""The cache of sweeps: a key of code, parameters and inputs in; a folder with the artifacts out.
+
+What one job has built no later one builds again.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -24,17 +27,20 @@ class ArtifactCache:
     def get(
         self, kind: str, key: str, names: Sequence[str], build: Callable[[Path], None]
     ) -> tuple[Path, bool]:
-        """The folder of an entry with the files `names`, and whether `build` had to write them."""
+        """The folder of an entry with the files `names`, and whether it was built just now.
+
+        `build` is to write the files into the folder; it is called where one is missing.
+        """
         folder = self.root / kind / key
         folder.mkdir(parents=True, exist_ok=True)
         with FileLock(folder.with_suffix(".lock")):
-            unfinished = not all((folder / name).exists() for name in names)
-            if unfinished:
+            is_unfinished = not all((folder / name).exists() for name in names)
+            if is_unfinished:
                 build(folder)
-        return folder, unfinished
+        return folder, is_unfinished
 
     def gather(self, parts: Mapping[str, str]) -> Path:
-        """Make a folder of symbolic links, from names to paths."""
+        """A folder of symbolic links: name in it to the path that it leads to."""
         folder = self.root / "gathered" / fingerprint(sorted(parts.items()))
         folder.mkdir(parents=True, exist_ok=True)
         for name, path in parts.items():

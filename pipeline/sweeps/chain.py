@@ -1,4 +1,7 @@
-"""The steps of dvc.yaml, with its `foreach` lists expanded."""
+"""The chain as a sweep sees it: dvc.yaml and its lists in; a step for each instance of a stage out.
+
+A job of a sweep runs single steps without DVC, with other settings than dvc.yaml has.
+"""
 
 import re
 import shlex
@@ -13,18 +16,22 @@ from pipeline.core.errors import ConfigError
 from pipeline.studies.layout import ARTIFACTS
 
 REFERENCE = re.compile(r"\$\{([\w.]+)\}")
+"""A name that dvc.yaml has for a value: ${item.dataset}."""
 
 
 @dataclass(frozen=True)
 class Step:
-    """One instance of a stage: for one drive, view, grid and method."""
+    """One instance of a stage, such as the training of one method at one cell size."""
 
     stage: str
     command: str
-    deps: tuple[str, ...]  # files and folders of code, and artifacts
-    # files in conf/ to the keys in them that count; none named means all
+    """python -m stages.STAGE KEY=VALUE …"""
+    deps: tuple[str, ...]
+    """What it reads: files and folders of code, and artifacts."""
     params: Mapping[str, tuple[str, ...]]
+    """File of conf/ to the keys in it that count; without keys all count."""
     outs: tuple[str, ...]
+    """The artifacts that it writes."""
 
     @cached_property
     def overrides(self) -> dict[str, str]:
@@ -48,25 +55,36 @@ class Step:
 
 
 def expand(definition: Mapping[str, Any], lists: Mapping[str, Any]) -> list[Step]:
-    """The steps of dvc.yaml as parsed, with `lists` as conf/lists.yaml has them, or others."""
-    steps = []
-    for stage, body in definition["stages"].items():
-        listed = _filled(body["foreach"], {"lists": lists}) if "foreach" in body else {"": None}
-        for key, item in listed.items():
-            instance = _filled(body.get("do", body), {"lists": lists, "key": key, "item": item})
-            params = {
-                file: tuple(keys or ())
-                for entry in instance.get("params", ())
-                for file, keys in entry.items()
-            }
-            output_entries = (*instance.get("outs", ()), *instance.get("metrics", ()))
-            outs = [
-                out
-                for entry in output_entries
-                for out in ([entry] if isinstance(entry, str) else entry)
-            ]
-            steps.append(Step(stage, instance["cmd"], tuple(instance["deps"]), params, tuple(outs)))
-    return steps
+    """The steps of dvc.yaml as parsed, with `lists` as conf/lists.yaml has them, or others.
+
+    Raises ConfigError for a name in dvc.yaml that the lists have not.
+    """
+    return [
+        _step(stage, _filled(body.get("do", body), {"lists": lists, "key": key, "item": item}))
+        for stage, body in definition["stages"].items()
+        for key, item in _items(body, lists).items()
+    ]
+
+
+def _items(body: Mapping[str, Any], lists: Mapping[str, Any]) -> Mapping[str, Any]:
+    """What a stage's `foreach` goes through; of a stage without one a single item."""
+    items: Mapping[str, Any] = {"": None}
+    if "foreach" in body:
+        items = _filled(body["foreach"], {"lists": lists})
+    return items
+
+
+def _step(stage: str, instance: Mapping[str, Any]) -> Step:
+    """The step of an instance of a stage, as dvc.yaml has it with all names filled in."""
+    params = {
+        file: tuple(keys or ())
+        for entry in instance.get("params", ())
+        for file, keys in entry.items()
+    }
+    # an entry of outs is a path, or a mapping of it to settings such as `cache: false`
+    entries = (*instance.get("outs", ()), *instance.get("metrics", ()))
+    outs = [out for entry in entries for out in ([entry] if isinstance(entry, str) else entry)]
+    return Step(stage, instance["cmd"], tuple(instance["deps"]), params, tuple(outs))
 
 
 def producers(steps: Sequence[Step]) -> dict[str, Step]:
@@ -96,9 +114,9 @@ def code(step: Step) -> list[Path]:
 
 
 def _filled(node: Any, values: Mapping[str, Any]) -> Any:
-    """A node of YAML with every ${a.b} replaced.
+    """A part of a yaml with every ${a.b} replaced by what `values` have under that path.
 
-    One that is nothing but a reference becomes the value it names, such as a list.
+    A text that is nothing but a reference becomes the value itself, such as a list.
     """
     if isinstance(node, Mapping):
         return {_filled(key, values): _filled(value, values) for key, value in node.items()}
@@ -106,12 +124,9 @@ def _filled(node: Any, values: Mapping[str, Any]) -> Any:
         return [_filled(value, values) for value in node]
     if not isinstance(node, str):
         return node
-    whole = REFERENCE.fullmatch(node)
-    return (
-        _look_up(whole[1], values)
-        if whole
-        else REFERENCE.sub(lambda reference: str(_look_up(reference[1], values)), node)
-    )
+    if reference := REFERENCE.fullmatch(node):
+        return _look_up(reference[1], values)
+    return REFERENCE.sub(lambda reference: str(_look_up(reference[1], values)), node)
 
 
 def _look_up(path: str, values: Mapping[str, Any]) -> Any:

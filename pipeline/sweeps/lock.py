@@ -1,6 +1,8 @@
-"""Checks by dvc.lock whether an artifact and its inputs are up to date.
+"""Whether a step is up to date, as `dvc status` would say: dvc.lock and files in; yes or no out.
 
-Command, code, parameters and inputs must be the same.
+A job of a sweep may take an artifact that DVC built if the step's command, code, parameters and
+inputs are still those that dvc.lock records. DVC itself cannot be asked in a job: it locks the
+whole project.
 """
 
 import hashlib
@@ -18,6 +20,7 @@ from pipeline.running.dvc_files import DvcLock, Yaml
 from pipeline.sweeps.chain import Step, inputs
 
 IGNORED = ("__pycache__", ".numba")
+"""Folders that no digest counts."""
 
 
 class UpToDate:
@@ -25,42 +28,41 @@ class UpToDate:
 
     def __init__(self, root: Path) -> None:
         self._root = root
-        # without any entry, a sweep builds all that it needs
-        self._recipes = DvcLock.read(root / "dvc.lock").entries
-        self._recorded = {
-            out["path"]: out.get("md5") for entry in self._recipes.values() for out in entry["outs"]
+        self._entries = DvcLock.read(root / "dvc.lock").entries
+        """By output; without any, a sweep builds all that it needs."""
+        self._output_md5 = {
+            out.path: out.md5 for entry in self._entries.values() for out in entry.outs
         }
         self._digest = cache(lambda path: digest(root / path))
-        self._vouched: dict[str, bool] = {}
+        self._answers: dict[str, bool] = {}
+        """Of `is_up_to_date`, by the step's command."""
 
-    def vouches(self, step: Step, makers: Mapping[str, Step]) -> bool:
-        """Whether `dvc status` would report nothing for this step.
+    def is_up_to_date(self, step: Step, makers: Mapping[str, Step]) -> bool:
+        """Whether `dvc status` would report nothing for a step and all steps before it.
 
-        The artifact's own content is checked by `intact`.
+        `makers` maps each artifact to its step. The artifact's own content is checked by
+        `is_intact`.
         """
-        if step.command not in self._vouched:
-            self._vouched[step.command] = self._unchanged(step, makers)
-        return self._vouched[step.command]
+        if step.command not in self._answers:
+            self._answers[step.command] = self._is_unchanged(step, makers)
+        return self._answers[step.command]
 
-    def _unchanged(self, step: Step, makers: Mapping[str, Step]) -> bool:
-        entry = self._recipes.get(step.outs[0])
-        if entry is None or entry["cmd"] != step.command:
-            return False
-        recorded = {dep["path"]: dep["md5"] for dep in entry["deps"]}
-        return (
-            recorded.keys() == set(step.deps)
-            and entry.get("params", {})
-            == {file: self._params(file, keys) for file, keys in step.params.items()}
-            and all(
-                recorded[path] == (self._recorded.get(path) or self._digest(path))
-                for path in step.deps
-            )
-            and all(self.vouches(maker, makers) for maker in inputs(step, makers).values())
-        )
-
-    def intact(self, step: Step) -> bool:
+    def is_intact(self, step: Step) -> bool:
         """Whether the artifacts of a step have the digests that dvc.lock recorded."""
-        return all(self._digest(out) == self._recorded.get(out) for out in step.outs)
+        return all(self._digest(out) == self._output_md5.get(out) for out in step.outs)
+
+    def _is_unchanged(self, step: Step, makers: Mapping[str, Step]) -> bool:
+        entry = self._entries.get(step.outs[0])
+        if entry is None or entry.command != step.command:
+            return False
+        input_md5 = {dep.path: dep.md5 for dep in entry.deps}
+        params = {file: self._params(file, keys) for file, keys in step.params.items()}
+        if input_md5.keys() != set(step.deps) or entry.params != params:
+            return False
+        return all(
+            input_md5[path] == (self._output_md5.get(path) or self._digest(path))
+            for path in step.deps
+        ) and all(self.is_up_to_date(maker, makers) for maker in inputs(step, makers).values())
 
     def _params(self, file: str, keys: tuple[str, ...]) -> dict[str, Any]:
         """The values of these keys in a file, such as `studies.town`, where it has them.

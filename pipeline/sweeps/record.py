@@ -1,6 +1,6 @@
-"""The record of one job of a sweep, as JSON.
+"""What remains of a job of a sweep: a JSON file with its overrides, and its results or its error.
 
-It has overrides, rows of results or an error, and which artifacts were built or reused.
+Jobs may run on other machines, so each writes a file; the sweep reads them all at its end.
 """
 
 import json
@@ -16,23 +16,29 @@ from pipeline.core import store
 
 @dataclass(frozen=True)
 class Record:
-    """One job, finished or failed; jobs may run on other machines, so each writes a file."""
+    """One job, finished or failed."""
 
     number: int
-    overrides: Mapping[str, str]  # Hydra's, such as {"grid.cell_m": "5", "method": "sci"}
+    """Of the job in the sweep, from 0."""
+    overrides: Mapping[str, str]
+    """Hydra's, such as {"grid.cell_m": "5", "method": "sci"}."""
     dataset: str
     simulated: bool
     method: str
-    error: str | None = None  # why it failed, in one line
+    error: str | None = None
+    """Why the job failed, in one line."""
     rows: Sequence[Mapping[str, Any]] = ()
-    """As `pipeline.evaluation.rows` makes them: of the test sequences as driven, and the AUC on
-    held-out blocks of training."""
-    # artifacts by stage: that DVC had built, that other jobs had built, that this job built
+    """Rows of the table of results: of the test sequences as driven, and the AUC on held-out blocks
+    of training."""
     from_dvc: Mapping[str, int] = field(default_factory=dict)
+    """Stage to how many of its artifacts DVC had built."""
     from_sweeps: Mapping[str, int] = field(default_factory=dict)
+    """Stage to how many of its artifacts other jobs had built."""
     built: Mapping[str, int] = field(default_factory=dict)
+    """Stage to how many of its artifacts this job built."""
     wall_s: float = 0.0
-    cpu_s: float = 0.0  # of the job's own process
+    cpu_s: float = 0.0
+    """Of the job's own process."""
 
     def values(self, protocol: str, number: str) -> list[float]:
         """The values of a number, one a test sequence that has it; empty for a failed job."""
@@ -81,13 +87,13 @@ def _finite_or_none(value: Any) -> Any:
 def cost(records: Sequence[Record]) -> str:
     """One line: artifacts reused and built, failed jobs and CPU time."""
     parts = []
-    for name in ("from_dvc", "from_sweeps", "built"):
-        counts: Counter[str] = sum(
-            (Counter(getattr(record, name)) for record in records), Counter()
-        )
-        listed = ", ".join(f"{number} {stage}" for stage, number in counts.items())
+    for origin in ("from_dvc", "from_sweeps", "built"):
+        counts = Counter[str]()
+        for record in records:
+            counts.update(getattr(record, origin))
+        by_stage = ", ".join(f"{count} {stage}" for stage, count in counts.items())
         parts.append(
-            f"{counts.total()} {name.replace('_', ' ')}" + (f" ({listed})" if listed else "")
+            f"{counts.total()} {origin.replace('_', ' ')}" + (f" ({by_stage})" if by_stage else "")
         )
     failed = sum(record.error is not None for record in records)
     cpu_s = sum(record.cpu_s for record in records)

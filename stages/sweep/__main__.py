@@ -14,7 +14,7 @@ from omegaconf import DictConfig
 
 from pipeline.core.errors import ConfigError, YearlocError
 from pipeline.running.texts import check_files
-from pipeline.studies.known import studies
+from pipeline.studies.studies_file import read_listed_studies
 from pipeline.sweeps.record import Record, cost, read
 from pipeline.tracking import records
 from pipeline.tracking.runs import experiment_of, publish
@@ -26,7 +26,7 @@ from stages.sweep.job import CORRECTABLE, SWEEPS, job
 def main() -> None:
     """Run the jobs, wherever the launcher says, and report on all of them."""
     folder = SWEEPS / "runs" / f"{time.strftime('%Y%m%d-%H%M%S')}-{os.getpid()}"
-    job_words, tracking_words = apart(sys.argv[1:])
+    job_words, tracking_words = split_tracking_words(sys.argv[1:])
     start_s = time.perf_counter()
     with reported("sweep"):
         check_files(ROOT / "conf")  # else each job fails for itself
@@ -48,7 +48,7 @@ def usual_choices(words: Sequence[str]) -> dict[str, str]:
 
     Its data set, world, submaps, budget, first grid and first method.
     """
-    all_studies = studies(ROOT / "conf")
+    all_studies = read_listed_studies(ROOT / "conf")
     chosen_words = dict(word.partition("=")[::2] for word in words)
     defaults = {"dataset": chosen_words.get("dataset", next(iter(all_studies)))}
     if study := all_studies.get(defaults["dataset"]):
@@ -83,7 +83,7 @@ def _for_each(word: str, swept: Set[str]) -> str:
     )
 
 
-def apart(words: Sequence[str]) -> tuple[list[str], list[str]]:
+def split_tracking_words(words: Sequence[str]) -> tuple[list[str], list[str]]:
     """The words for the jobs, and those about MLflow.
 
     No job gets the latter: Hydra writes down what each job was told.

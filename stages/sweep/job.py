@@ -25,7 +25,7 @@ from pipeline.evaluation.judgement import Evaluations
 from pipeline.evaluation.rows import TableRows, evaluation_rows, row
 from pipeline.matching.rejection import Evidence
 from pipeline.running.dvc_files import definition
-from pipeline.studies.known import studies
+from pipeline.studies.studies_file import read_listed_studies
 from pipeline.studies.study import Study
 from pipeline.sweeps.cache import ArtifactCache
 from pipeline.sweeps.chain import Step, expand
@@ -84,7 +84,7 @@ def run_chain(cfg: DictConfig, overrides: Mapping[str, str], dataset: str) -> di
 
     The keys are fields of `Record`. Raises ConfigError for a data set that is no study.
     """
-    all_studies = studies(ROOT / "conf")
+    all_studies = read_listed_studies(ROOT / "conf")
     if dataset not in all_studies:
         raise ConfigError(
             f"dataset={dataset}: conf/studies.yaml has {', '.join(all_studies)}; "

@@ -36,11 +36,13 @@ def test_the_lock_knows_who_wrote_a_file(tmp_path: Path) -> None:
     lock = DvcLock.read(tmp_path / "dvc.lock")
     found = lock.entry(Path("artifacts/models/sci.zarr.zip"))
     assert found is not None
-    assert found["stage"] == "train@sci"
-    assert found["params"] == {"conf/method/sci.yaml": {"rate": 2e-05}}
+    assert found.stage == "train@sci"
+    assert found.params == {"conf/method/sci.yaml": {"rate": 2e-05}}
     labels = lock.entry(Path("artifacts/labels/2012-01-15.zarr/points/c.0.0"))
     assert labels is not None
-    assert labels["deps"] == [{"path": "artifacts/submaps/2012-01-15.zarr", "md5": "abc.dir"}]
+    assert [(dep.path, dep.md5) for dep in labels.deps] == [
+        ("artifacts/submaps/2012-01-15.zarr", "abc.dir")
+    ]
 
 
 @pytest.mark.parametrize(

@@ -10,9 +10,9 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from pipeline.core.errors import ConfigError
 from pipeline.core.settings import filled
 from pipeline.studies.expansion import LISTS, Lists, expand
-from pipeline.studies.known import checked
 from pipeline.studies.names import lists_text, studies_text
 from pipeline.studies.parts import MOST
+from pipeline.studies.studies_file import check_lists
 from pipeline.studies.study import Study
 from tests.studies.made import CONF, study
 
@@ -248,7 +248,7 @@ def test_the_files_hold_what_they_were_made_of() -> None:
     studies = made(**tables)
     lists = yaml.safe_load(lists_text(studies))
     assert yaml.safe_load(studies_text(studies))["studies"] == tables
-    assert checked(studies, lists["lists"]) == studies
+    check_lists(studies, lists["lists"])
     assert lists["first"] == {"study": "one", "grid": "5m"}
 
 
@@ -261,17 +261,17 @@ def test_a_study_of_many_drives_follows_from_lists_in_parts() -> None:
         MOST,
         1,
     ]
-    assert checked(studies, lists) == studies
+    check_lists(studies, lists)
     lists["drives_4"] = {}
     with pytest.raises(ConfigError, match=r"conf/lists.yaml does not follow"):
-        checked(studies, lists)
+        check_lists(studies, lists)
 
 
 def test_lists_that_a_hand_left_behind_are_refused() -> None:
     lists = spelled_out(one=ONE)
     for edit in ({"tests": ["b", "c", "e"]}, {"methods": ["sci"]}, {"grids": ["20m"]}):
         with pytest.raises(ConfigError, match=r"conf/lists.yaml does not follow .* `yearloc use`"):
-            checked(made(one=ONE | edit), lists)
+            check_lists(made(one=ONE | edit), lists)
     for broken in (None, [], {"drives": None}):
         with pytest.raises(ConfigError, match=r"conf/lists.yaml does not follow"):
-            checked(made(one=ONE), broken)
+            check_lists(made(one=ONE), broken)

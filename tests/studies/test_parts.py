@@ -8,7 +8,7 @@ import yaml
 from pipeline.cli.repro import count_instances
 from pipeline.running.dvc_files import DvcLock, definition
 from pipeline.studies import parts
-from pipeline.studies.parts import lay, parted
+from pipeline.studies.parts import split_drives, write_parts
 
 STAGE = """\
 stages:
@@ -37,17 +37,17 @@ def root(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def chosen(root: Path, drives: str) -> dict[str, list[str]]:
     """The instances that each lock file has after these drives are chosen."""
-    lists = parted({"drives": {drive: {} for drive in drives}, "models": {"x": {}}})
+    lists = split_drives({"drives": {drive: {} for drive in drives}, "models": {"x": {}}})
     (root / "conf").mkdir(exist_ok=True)
     (root / "conf/lists.yaml").write_text(yaml.safe_dump({"lists": lists}))
-    lay(root, lists)
+    write_parts(root, lists)
     locks = sorted(root.glob("dag/scans*/dvc.lock"))
     return {path.parent.name: list(yaml.safe_load(path.read_text())["stages"]) for path in locks}
 
 
 def test_a_list_is_cut_into_parts_of_the_same_order() -> None:
     drives = {f"drive{number}": {"n": number} for number in range(2 * parts.MOST + 1)}
-    lists = parted({"drives": drives, "models": {"x": {}}})
+    lists = split_drives({"drives": drives, "models": {"x": {}}})
     assert list(lists) == ["drives", "models", "drives_2", "drives_3"]
     assert [len(lists[name]) for name in ("drives", "drives_2", "drives_3")] == [
         parts.MOST,
@@ -55,7 +55,7 @@ def test_a_list_is_cut_into_parts_of_the_same_order() -> None:
         1,
     ]
     assert {**lists["drives"], **lists["drives_2"], **lists["drives_3"]} == drives
-    assert parted({"drives": {}}) == {"drives": {}}
+    assert split_drives({"drives": {}}) == {"drives": {}}
 
 
 def test_what_is_recorded_moves_to_the_lock_file_of_its_part_and_back(root: Path) -> None:
@@ -91,6 +91,6 @@ def test_stages_are_counted_over_parts_and_defined_by_the_first(root: Path) -> N
 
 def test_a_torn_lock_file_records_nothing_and_is_removed(root: Path) -> None:
     (root / "dag/scans/dvc.lock").write_text(LINES + "  scans@a: {cmd: [")
-    lay(root, parted({"drives": {key: {} for key in "abc"}}))
+    write_parts(root, split_drives({"drives": {key: {} for key in "abc"}}))
     assert DvcLock.read(root / "dvc.lock").stages.keys() == {"logs@a", "logs@b", "logs@c"}
     assert not (root / "dag/scans/dvc.lock").exists()

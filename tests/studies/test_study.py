@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from pipeline.core.errors import ConfigError
-from pipeline.studies.known import refuse_unknown
+from pipeline.studies.studies_file import refuse_unknown
 from pipeline.studies.study import CellSize, Study, Tolerance
 from tests.studies.made import CONF, RECORDED, TABLE, study
 

@@ -9,7 +9,7 @@ import yaml
 
 from pipeline.sweeps.cache import ArtifactCache
 from pipeline.sweeps.chain import Step, expand
-from pipeline.sweeps.job import ArtifactResolver, StepSettings
+from pipeline.sweeps.job import ArtifactResolver, StepSettings, substituted_fields
 from pipeline.sweeps.lock import UpToDate, digest
 
 CHAIN = yaml.safe_load("""
@@ -197,9 +197,9 @@ def test_a_folder_of_artifacts_is_where_they_are(
     project: Project, stands_for: dict[str, str], root: str
 ) -> None:
     def gathered(parts: Mapping[str, str]) -> str:
-        return " and ".join(f"{name} at {place}" for name, place in sorted(parts.items()))
+        return " and ".join(f"{name} at {path}" for name, path in sorted(parts.items()))
 
-    assert project.job()._substituted_fields(project.steps[0], stands_for, gathered)["root"] == root
+    assert substituted_fields(project.steps[0], stands_for, gathered)["root"] == root
 
 
 def test_artifacts_from_several_places_are_shown_in_one_folder(tmp_path: Path) -> None:

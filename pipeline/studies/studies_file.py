@@ -1,4 +1,7 @@
-"""Reads the studies by name, for the commands and for the stages behind `evaluate`."""
+"""Reads conf/studies.yaml: a file in; checked studies by name out.
+
+The commands read it; a sweep wants conf/lists.yaml, which follows from it, to be up to date too.
+"""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,12 +16,14 @@ LEVEL = "flat"
 """How the files of conf/submap begin that gather level sweeps: all their points have one height."""
 
 
-def studies(conf: Path) -> dict[str, Study]:
-    """Read the studies of conf/studies.yaml.
+def read_listed_studies(conf: Path) -> dict[str, Study]:
+    """Read the studies of conf/studies.yaml as `read_studies` does.
 
     Raises ConfigError where lists.yaml does not follow from them.
     """
-    return checked(read_studies(conf), read_yaml(conf / "lists.yaml").get("lists"))
+    studies = read_studies(conf)
+    check_lists(studies, read_yaml(conf / "lists.yaml").get("lists"))
+    return studies
 
 
 def read_studies(conf: Path) -> dict[str, Study]:
@@ -74,21 +79,21 @@ def refuse_unknown(conf: Path, study: Study) -> None:
         )
 
 
-def checked(studies: Mapping[str, Study], lists: Any) -> dict[str, Study]:
-    """The studies; raises ConfigError where the lists are not what they expand to."""
+def check_lists(studies: Mapping[str, Study], lists: Any) -> None:
+    """Raise ConfigError where the lists of lists.yaml are not what the studies expand to.
+
+    The drives of a large study are listed in several parts (`parts`).
+    """
     lists = lists if isinstance(lists, Mapping) else {}
     drives = {
-        key: drive
+        instance: drive
         for name, part in lists.items()
         if name.startswith("drives") and isinstance(part, Mapping)
-        for key, drive in part.items()
+        for instance, drive in part.items()
     }
-    if any(
-        {**lists, "drives": drives}.get(name) != entries
-        for name, entries in expand(studies).items()
-    ):
+    listed = {**lists, "drives": drives}
+    if any(listed.get(name) != instances for name, instances in expand(studies).items()):
         raise ConfigError(
             "conf/lists.yaml does not follow from conf/studies.yaml; `yearloc use` generates it "
             "anew"
         )
-    return dict(studies)
