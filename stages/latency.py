@@ -1,11 +1,11 @@
-"""A test sequence's submaps and the models of a study → what a query and a training cost on this
+"""Submaps of a test sequence and a study's models → what a query and a training cost on this
 machine (SCI paper, Table III)."""
 
 import os
 
 os.environ.update(
     OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1", MKL_NUM_THREADS="1"
-)  # heeded by what is imported from here on
+)  # before the imports below read them: a query is timed on one thread
 
 import json
 from collections.abc import Mapping
@@ -14,11 +14,11 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.core import schemas, store
-from pipeline.core.building import build as build_plain
-from pipeline.core.building import plain
+from pipeline.core.building import build as build_method
+from pipeline.core.building import parsed
 from pipeline.core.settings import Count
 from pipeline.evaluation.rows import table
-from pipeline.evaluation.timing import Contender, Latency, cost_rows
+from pipeline.evaluation.timing import Latency, TimedMethod, cost_rows
 from pipeline.studies.models import ModelName
 from stages import build, stage
 
@@ -28,7 +28,7 @@ METHODS = ("pipeline.methods.",)
 
 @dataclass(frozen=True)
 class Settings:
-    """What the stage is told."""
+    """The stage's settings: the keys of conf/latency.yaml."""
 
     study: str
     simulated: bool
@@ -41,15 +41,17 @@ class Settings:
     models: Path
     """Folder of the models."""
     contenders: Mapping[str, str]
-    """The models that are asked, to what each looks at: a file of conf/view."""
+    """The models whose queries are timed, each with what it looks at: a file of conf/view."""
     trained: tuple[ModelName, ...]
-    """All models, whose training has a cost."""
+    """All models of the study: the cost of their training goes into the table too."""
     queries: Count
+    """How many submaps of the sequence are asked."""
     k: Count
     """Places ranked for each query."""
     out: Path
+    """File for the rows of results, a csv."""
     samples: Path
-    """File for the time of each query."""
+    """File for the time of each query, a json."""
 
 
 @stage("latency")
@@ -58,33 +60,34 @@ def main(settings: Settings) -> str:
     scans = store.read(settings.scans / name, schemas.Scans)
     submaps = store.read(settings.submaps / name, schemas.Submaps)
     views = {view: build("view", view) for view in dict.fromkeys(settings.contenders.values())}
-    contenders = {
-        model: contender(view, views[view], settings.models / f"{model}{store.MODEL}")
+    methods = {
+        model: timed_method(view, views[view], settings.models / f"{model}{store.MODEL}")
         for model, view in settings.contenders.items()
     }
-    measured = Latency.measure(contenders, scans, submaps, settings.queries, settings.k)
-    trained = {model: settings.models / f"{model.name}{store.MODEL}" for model in settings.trained}
-    common = {
+    latency = Latency.measure(methods, scans, submaps, settings.queries, settings.k)
+    models = {model: settings.models / f"{model.name}{store.MODEL}" for model in settings.trained}
+    common_columns = {
         "study": settings.study,
         "dataset": settings.study,
         "simulated": settings.simulated,
         "grid": settings.cells,
     }
     with store.replace(settings.out) as path:
-        table([*measured.rows(), *cost_rows(trained)], **common).to_csv(path, index=False)
+        rows = [*latency.rows(), *cost_rows(models)]
+        table(rows, **common_columns).to_csv(path, index=False)
     with store.replace(settings.samples) as path:
-        text = json.dumps({"sequence": settings.sequence, **measured.record()}, allow_nan=False)
+        text = json.dumps({"sequence": settings.sequence, **latency.record()}, allow_nan=False)
         path.write_text(f"{text}\n", encoding="utf-8")
-    return measured.line()
+    return latency.line()
 
 
-def contender(view: str, draw: Any, path: Path) -> Contender:
-    """A stored model asked by its method, on one thread where the method has threads."""
-    recipe = {name: plain(value) for name, value in store.read_recipe(path).items()}
-    method = build_plain({**recipe, "threads": 1}, METHODS)
+def timed_method(view: str, draw: Any, path: Path) -> TimedMethod:
+    """The method of a stored model, on one thread where the method has threads."""
+    recipe = {name: parsed(value) for name, value in store.read_recipe(path).items()}
+    method = build_method({**recipe, "threads": 1}, METHODS)
     model = store.read_model(path)
     describe = method.describer(model) if hasattr(method, "describer") else None
-    return Contender(view, draw, method.localizer(model), describe)
+    return TimedMethod(view, draw, method.localizer(model), describe)
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.core import store
-from pipeline.core.building import build, plain
+from pipeline.core.building import build, parsed
 from pipeline.core.settings import Count, Names
 from pipeline.evaluation.viewpoints import line, means
 from pipeline.matching.ranking import Rows
@@ -19,7 +19,7 @@ METHODS = ("pipeline.methods.",)
 
 @dataclass(frozen=True)
 class Settings:
-    """What the stage is told."""
+    """The stage's settings: the keys of conf/viewpoints.yaml."""
 
     model: Path
     views: Path
@@ -34,7 +34,7 @@ class Settings:
 
 @stage("viewpoints")
 def main(settings: Settings) -> str:
-    recipe = {name: plain(value) for name, value in store.read_recipe(settings.model).items()}
+    recipe = {name: parsed(value) for name, value in store.read_recipe(settings.model).items()}
     method = build(recipe, METHODS)
     model = store.read_model(settings.model)
     sequences = settings.sequences[: settings.tests]

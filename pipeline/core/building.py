@@ -1,6 +1,8 @@
-"""Builds objects from a yaml or a file.
+"""Builds objects from settings: a mapping of a yaml or a site file in; a dataclass's object out.
 
-`_target_` names a class of this project, the other keys are its fields.
+The key `_target_` names the class, such as pipeline.views.scan_context.ScanContext, and the other
+keys are its fields. Settings may come from anywhere, so only dataclasses of named parts of this
+project are built.
 """
 
 import ast
@@ -15,56 +17,57 @@ from pipeline.core.errors import ConfigError, NotInstalledError
 TARGET = "_target_"
 
 
-def build(spec: Any, roots: tuple[str, ...]) -> Any:
-    """Build the object of a mapping with `_target_`; mappings and lists within it are built first.
+def build(settings: Any, roots: tuple[str, ...]) -> Any:
+    """Build the object that `settings` describe; objects nested in its fields are built first.
 
-    Only dataclasses of modules below `roots`, such as pipeline.views., are made: a file may come
-    from anywhere. Keys that the class has no field for are left out. Raises ConfigError for any
-    other class.
+    `roots` are the allowed beginnings of a class's name, such as pipeline.views. with its dot.
+    What is no mapping with `_target_` is returned as it is. Keys that the class has no field for
+    are left out. Raises ConfigError for a class that is not allowed.
     """
-    if isinstance(spec, list):
-        return [build(item, roots) for item in spec]
-    if not isinstance(spec, Mapping):
-        return spec
-    values = {name: build(value, roots) for name, value in spec.items()}
+    if isinstance(settings, list):
+        return [build(item, roots) for item in settings]
+    if not isinstance(settings, Mapping):
+        return settings
+    values = {name: build(value, roots) for name, value in settings.items()}
     if TARGET not in values:
         return values
-    kind = target_class(str(values[TARGET]), roots)
-    return kind(
-        **{
-            field.name: values[field.name]
-            for field in fields(kind)
-            if field.init and field.name in values
-        }
-    )
+    cls = target_class(str(values[TARGET]), roots)
+    names = [field.name for field in fields(cls) if field.init]
+    return cls(**{name: values[name] for name in names if name in values})
 
 
 def target_class(target: str, roots: tuple[str, ...]) -> type[Any]:
-    """The dataclass named `target`, of a module below `roots`; raises ConfigError for any other."""
+    """The dataclass named `target`, of a module below `roots`.
+
+    Raises ConfigError for any other, NotInstalledError if its module needs a missing package.
+    """
     module, _, name = target.rpartition(".")
-    kind = None
+    cls = None
     if module.startswith(roots) and name.isidentifier():
         try:
-            kind = getattr(import_module(module), name, None)
+            cls = getattr(import_module(module), name, None)
         except ImportError as error:
             if error.name and not error.name.startswith("pipeline"):
                 reason = f"{error.name}: not installed, and {module} needs it"
                 raise NotInstalledError(f"{reason}; `pip install 'yearloc[site]'`") from None
-    if not (isinstance(kind, type) and is_dataclass(kind) and kind.__module__ == module):
+    if not (isinstance(cls, type) and is_dataclass(cls) and cls.__module__ == module):
         raise ConfigError(
             f"{TARGET}={target}: expected a class of "
             f"{' or '.join(root.rstrip('.') for root in roots)}"
         )
-    return kind
+    return cls
 
 
-def target_of(built: object) -> str:
-    """The `_target_` of an object that was built: its class, as `target_class` expects it."""
-    return f"{type(built).__module__}.{type(built).__name__}"
+def target_of(instance: object) -> str:
+    """The `_target_` from which the object can be built: the full name of its class."""
+    return f"{type(instance).__module__}.{type(instance).__name__}"
 
 
-def plain(text: object) -> Any:
-    """Parse a value of a model's recipe: `0.002` a number, `True` a switch, `jet` a word."""
+def parsed(text: object) -> Any:
+    """The value that a text of a model's recipe stands for.
+
+    `0.002` is a number, `True` a switch, `jet` a word.
+    """
     with suppress(ValueError, SyntaxError):
         return ast.literal_eval(str(text))
     return text

@@ -1,7 +1,9 @@
-"""How long one query takes on this machine, from a submap's points to places (METHODS 2.7).
+"""What a query costs on this machine: trained methods and submaps in; milliseconds out.
 
-Table III of the SCI paper. Timings differ from run to run and from machine to machine, so nothing
-that is compared bit by bit may depend on them.
+As in Table III of the SCI paper (METHODS 2.7), a query takes a submap's points to places in two
+parts: generation draws the view and computes the descriptor, retrieval ranks the places. Timings
+differ from run to run and from machine to machine, so nothing that is compared bit by bit may
+depend on them.
 """
 
 import os
@@ -30,35 +32,41 @@ MillisecondsByName = Mapping[str, NDArray[np.float64]]
 """Wall time (query,) in milliseconds."""
 
 
-class Lap(NamedTuple):
-    """What one call took."""
+class CallTime(NamedTuple):
+    """How long one call took."""
 
     wall_ms: float
     cpu_ms: float
 
 
-Laps = dict[tuple[str, str], Lap]
-"""Of each ("view", name), ("network", name) and ("method", name)."""
+CallTimes = dict[tuple[str, str], CallTime]
+"""Of one query, by ("view", its name), ("network", method) and ("method", its name)."""
 WARM_UP = 3
 """Calls before the first that counts: they compile, allocate and fill caches."""
 PACKAGES = ("numpy", "numba", "torch", "faiss-cpu")
+"""Whose versions are recorded."""
 
 
 @dataclass(frozen=True)
-class Contender:
-    """A method with its model and the drawing of its view, ready to answer queries."""
+class TimedMethod:
+    """A trained method in the parts that are timed."""
 
     view: str
     """Name of what it looks at; methods that look at the same share the time of drawing it."""
     draw: Callable[[NDArray[np.float64]], NDArray[Any]]
+    """Draws the view from points (n, 3) in metres."""
     localize: Localizer
+    """Ranks k places for a view."""
     describe: Callable[[Rows], Any] | None = None
-    """The network that makes the descriptor, where a method has one."""
+    """Computes the descriptor of a view by a network, where the method has one.
+
+    `localize` does so too; it is timed alone besides, to be counted as generation.
+    """
 
 
 @dataclass(frozen=True)
 class Latency:
-    """Times of some queries, each localized alone, by part and method."""
+    """Times of some queries, each localized alone by each method."""
 
     generation: MillisecondsByName
     """By view: from points to the view."""
@@ -75,21 +83,22 @@ class Latency:
     description: MillisecondsByName = field(default_factory=dict)
     """By method whose network makes the descriptor: from the view to it.
 
-    The SCI paper counts it as generation. It is measured apart and taken off the method's time.
+    The SCI paper counts it as generation, so it is taken off the retrieval.
     """
 
     @classmethod
     def measure(
         cls,
-        contenders: Mapping[str, Contender],
+        methods: Mapping[str, TimedMethod],
         scans: Scans,
         submaps: Submaps,
         queries: int,
         k: int,
     ) -> Self:
-        """Measure all contenders on one submap before the next, spread over the sequence.
+        """Time methods, by name, on some `queries` among the submaps, spread over the sequence.
 
-        Raises InputError where it has none, ConfigError for no queries.
+        All methods answer one query before the next, so that a busy moment of the machine hits all.
+        Raises InputError for a sequence without submaps, ConfigError for no queries or places.
         """
         within("latency.queries", queries, Count)
         within("latency.k", k, Count)
@@ -100,23 +109,26 @@ class Latency:
         stamps_ns = submaps.stamps_ns[rows, None]
         world_T_anchor = submaps.world_T_anchor[rows, None]
         point_counts: list[int] = []
-        laps: list[Laps] = []
+        query_times: list[CallTimes] = []
         for cloud, stamp_ns, pose in zip(
             clouds(scans, submaps, rows), stamps_ns, world_T_anchor, strict=True
         ):
-            if not laps:
+            if not query_times:
                 for _ in range(WARM_UP):
-                    _ask(contenders, cloud, stamp_ns, pose, k)
-            laps.append(_ask(contenders, cloud, stamp_ns, pose, k))
+                    _ask(methods, cloud, stamp_ns, pose, k)
+            query_times.append(_ask(methods, cloud, stamp_ns, pose, k))
             point_counts.append(len(cloud))
-        wall = {key: np.array([lap[key].wall_ms for lap in laps]) for key in laps[0]}
-        cpu = {key: np.array([lap[key].cpu_ms for lap in laps]) for key in laps[0]}
-        busy = np.sum([*cpu.values()]) / np.sum([*wall.values()])
-        views = {name: contender.view for name, contender in contenders.items()}
-        generation = {view: wall["view", view] for view in views.values()}
-        description = {name: wall["network", name] for name in views if ("network", name) in wall}
+        calls = query_times[0].keys()
+        wall_ms = {call: np.array([times[call].wall_ms for times in query_times]) for call in calls}
+        cpu_ms = {call: np.array([times[call].cpu_ms for times in query_times]) for call in calls}
+        busy = np.sum([*cpu_ms.values()]) / np.sum([*wall_ms.values()])
+        views = {name: method.view for name, method in methods.items()}
+        generation = {view: wall_ms["view", view] for view in views.values()}
+        description = {
+            name: wall_ms["network", name] for name in views if ("network", name) in wall_ms
+        }
         retrieval = {
-            name: np.maximum(wall["method", name] - description.get(name, 0.0), 0.0)
+            name: np.maximum(wall_ms["method", name] - description.get(name, 0.0), 0.0)
             for name in views
         }
         machine = machine_record(float(busy))
@@ -233,27 +245,30 @@ def processor() -> str:
 
 
 def _ask(
-    contenders: Mapping[str, Contender],
+    methods: Mapping[str, TimedMethod],
     cloud: NDArray[np.float64],
     stamp_ns: Any,
     pose: Any,
     k: int,
-) -> Laps:
-    """Draw each view of a cloud once, and localize with each method on its view alone."""
-    laps: Laps = {}
+) -> CallTimes:
+    """Draw each view of a cloud (n, 3) once, and localize by each method on its view."""
+    times: CallTimes = {}
     images = {}
-    for view, draw in {contender.view: contender.draw for contender in contenders.values()}.items():
-        images[view], laps["view", view] = _lap(draw, cloud)
-    for name, contender in contenders.items():
-        query = Rows(images[contender.view][None], stamp_ns, pose)
-        if contender.describe:  # the method runs it once more: `measure` takes its time off
-            _, laps["network", name] = _lap(contender.describe, query)
-        _, laps["method", name] = _lap(contender.localize, query, k)
-    return laps
+    for view, draw in {method.view: method.draw for method in methods.values()}.items():
+        images[view], times["view", view] = _timed(draw, cloud)
+    for name, method in methods.items():
+        query = Rows(images[method.view][None], stamp_ns, pose)
+        if method.describe:
+            _, times["network", name] = _timed(method.describe, query)
+        _, times["method", name] = _timed(method.localize, query, k)
+    return times
 
 
-def _lap(call: Callable[..., Any], *arguments: Any) -> tuple[Any, Lap]:
-    wall = time.perf_counter()
-    cpu = time.process_time()
+def _timed(call: Callable[..., Any], *arguments: Any) -> tuple[Any, CallTime]:
+    """The result of a call, and how long it took."""
+    start_s = time.perf_counter()
+    start_cpu_s = time.process_time()
     result = call(*arguments)
-    return result, Lap(1e3 * (time.perf_counter() - wall), 1e3 * (time.process_time() - cpu))
+    wall_ms = 1e3 * (time.perf_counter() - start_s)
+    cpu_ms = 1e3 * (time.process_time() - start_cpu_s)
+    return result, CallTime(wall_ms, cpu_ms)

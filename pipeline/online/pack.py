@@ -15,7 +15,7 @@ from typing import Any, Self
 import numpy as np
 
 from pipeline.core import schemas, store
-from pipeline.core.building import build, plain
+from pipeline.core.building import build, parsed
 from pipeline.core.compute import Compute
 from pipeline.core.errors import ConfigError
 from pipeline.core.grid import Grid
@@ -128,7 +128,7 @@ class Packing:
                 "localises single scans or level sweeps"
             )
         view = read_yaml(self.conf / "view" / f"{trained.view}.yaml")
-        recipe = {key: plain(value) for key, value in store.read_recipe(trained.model).items()}
+        recipe = {key: parsed(value) for key, value in store.read_recipe(trained.model).items()}
         trained_model = store.read_model(trained.model)
         settings = read_yaml(self.conf / "poses.yaml")
         k = int(settings["k"])

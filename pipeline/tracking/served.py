@@ -19,7 +19,7 @@ from urllib.request import url2pathname
 import numpy as np
 
 from pipeline.core import remote, store
-from pipeline.core.building import plain
+from pipeline.core.building import parsed
 from pipeline.core.errors import InputError
 
 if TYPE_CHECKING:
@@ -83,7 +83,7 @@ class Served:
         if "_target_" not in recipe or "image_shape" not in model:
             return None
         module, _, name = recipe["_target_"].rpartition(".")
-        parameters = {key: plain(value) for key, value in recipe.items() if key != "_target_"}
+        parameters = {key: parsed(value) for key, value in recipe.items() if key != "_target_"}
         return cls(arrays, f"{module}:{name}", parameters, tuple(map(int, model["image_shape"])))
 
     def content(self) -> dict[str, object]:

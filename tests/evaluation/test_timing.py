@@ -20,8 +20,8 @@ from pipeline.core.progress import Progress
 from pipeline.evaluation.rows import CASE_COLUMNS, COLUMNS
 from pipeline.evaluation.timing import (
     WARM_UP,
-    Contender,
     Latency,
+    TimedMethod,
     clouds,
     cost_rows,
     machine_record,
@@ -122,7 +122,7 @@ def recorder() -> Recorder:
 def measured(recorder: Recorder, tmp_path: Path) -> Latency:
     """Two methods of one view on five of nine submaps."""
     one, two = (
-        Contender("view", recorder.draw, recorder.localize(wait_s)) for wait_s in (0.002, 0.008)
+        TimedMethod("view", recorder.draw, recorder.localize(wait_s)) for wait_s in (0.002, 0.008)
     )
     return Latency.measure({"one": one, "two": two}, *drive(tmp_path, "a", 9), queries=5, k=7)
 
@@ -142,7 +142,9 @@ def test_a_network_that_makes_a_descriptor_is_generation(
     recorder: Recorder, tmp_path: Path
 ) -> None:
     """As the SCI paper's Table III counts PointNetVLAD."""
-    asked = Contender("view", recorder.draw, recorder.localize(0.012), lambda _: time.sleep(0.008))
+    asked = TimedMethod(
+        "view", recorder.draw, recorder.localize(0.012), lambda _: time.sleep(0.008)
+    )
     split = Latency.measure({"one": asked}, *drive(tmp_path, "a", 5), queries=3, k=7)
     rows = {row["number"]: row["value"] for row in split.rows()}
     assert rows["generation_ms"] >= 12 > 8 > rows["retrieval_ms"] > 2
@@ -180,7 +182,7 @@ def test_a_method_is_asked_with_one_query_and_that_querys_stamp_and_pose(
 def test_there_are_no_more_queries_than_submaps_and_nothing_to_measure_is_an_error(
     recorder: Recorder, tmp_path: Path
 ) -> None:
-    one = {"one": Contender("view", recorder.draw, recorder.localize(0))}
+    one = {"one": TimedMethod("view", recorder.draw, recorder.localize(0))}
     assert len(Latency.measure(one, *drive(tmp_path, "a", 3), queries=50, k=7).points) == 3
     with pytest.raises(InputError, match="no submap"):
         Latency.measure(one, *drive(tmp_path, "b", 0), queries=5, k=7)
