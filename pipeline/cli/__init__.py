@@ -13,14 +13,17 @@ from pipeline.cli.data import fetch, inspect
 from pipeline.cli.example import example
 from pipeline.cli.failures import failures
 from pipeline.cli.grow import grow
+from pipeline.cli.kernels import kernels
 from pipeline.cli.localize import localize
 from pipeline.cli.picture import picture
 from pipeline.cli.project import refuse_code_of_another
 from pipeline.cli.repro import repair, repro
 from pipeline.cli.results import results
-from pipeline.cli.site import export, kernels, pack, serve, watch
+from pipeline.cli.serve import serve
+from pipeline.cli.site import export, pack
 from pipeline.cli.slam import slam
 from pipeline.cli.studies import methods, use
+from pipeline.cli.watch import watch
 from pipeline.core.errors import YearlocError, machine_refusal
 from pipeline.running.ending import end_when_asked
 from pipeline.running.memory import keep_freed_memory

@@ -1,46 +1,67 @@
-"""`yearloc failures`: pictures of what the verdict got wrong."""
+"""`yearloc failures`: fixes with their true poses in; pictures of those judged wrongly out.
 
-import sys
+A fix is judged wrongly if it is accepted though wrong, or rejected though right. The fixes are
+those of a study's test days, or of a site that localises a log with true poses.
+"""
+
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from pipeline.cli.kernels import tell_cold
-from pipeline.cli.localize import left_out_text
-from pipeline.cli.options import BodyTLidar, Promise, lidar_of
+from pipeline.cli.options import BodyTLidar, Promise
 from pipeline.cli.outputs import check_folder
 from pipeline.cli.project import read_studies
+from pipeline.cli.scan_options import ScanOptions
+from pipeline.cli.summary import tell_left_out
 from pipeline.core.errors import ConfigError, LogError
 
 if TYPE_CHECKING:
-    from pipeline.core.frames import Poses
     from pipeline.online.failures import JudgedFix
-    from pipeline.online.site import Site
     from pipeline.posing.targets import Targets
+    from pipeline.studies.models import ModelName
+    from pipeline.studies.study import Study
+
+SiteOrModel = Annotated[
+    str,
+    typer.Argument(
+        metavar="SITE|STUDY/GRID/METHOD", help="a site, or a model of a study that has poses"
+    ),
+]
+LogOrDay = Annotated[
+    str | None,
+    typer.Argument(
+        metavar="LOG|DAY",
+        help="of a site a log with true poses; of a study one test day (all)",
+    ),
+]
+Worst = Annotated[int, typer.Option(metavar="N", help="so many at most")]
+Out = Annotated[Path, typer.Option("-o", "--out", metavar="FOLDER", help="where the pictures go")]
+
+
+@dataclass(frozen=True)
+class JudgedFixes:
+    """The fixes of a log or of a study's test days, and the map that they lie in."""
+
+    fixes: "list[JudgedFix]"
+    targets: "Targets"
+    """The submaps of the map."""
+    promise_text: str
+    """What the verdicts promise, for the heading of each picture."""
+    simulated: bool
 
 
 def failures(
-    of: Annotated[
-        str,
-        typer.Argument(
-            metavar="SITE|STUDY/GRID/METHOD", help="a site, or a model of a study that has poses"
-        ),
-    ],
-    log: Annotated[
-        str | None,
-        typer.Argument(
-            metavar="LOG|DAY",
-            help="of a site a log with true poses; of a study one test day (all)",
-        ),
-    ] = None,
+    of: SiteOrModel,
+    log: LogOrDay = None,
     body_T_lidar: BodyTLidar = None,
-    worst: Annotated[int, typer.Option(metavar="N", help="so many at most")] = 20,
-    out: Annotated[
-        Path, typer.Option("-o", "--out", metavar="FOLDER", help="where the pictures go")
-    ] = Path("failures"),
+    worst: Worst = 20,
+    out: Out = Path("failures"),
     promise: Promise = 0.99,
 ) -> None:
     """A picture of each fix that the verdict got wrong."""
@@ -48,111 +69,74 @@ def failures(
 
     check_folder(out)
     if of.count("/") == 2 and not Path(of).exists():
-        targets, judged, simulated = _judged_of_study(of, log, promise)
-        promise_text = "nothing was promised" if promise is None else f"promise {promise:g}"
+        judged = _judged_of_study(of, log, promise)
     else:
-        from pipeline.online.site import Site
-
-        site = Site.open(Path(of), level=False)
-        site.check(promise)
-        tell_cold()
-        targets = site.targets
-        judged = _judged_of_log(site, of, log, lidar_of(body_T_lidar), promise)
-        simulated = site.description.simulated
-        promise_text = "nothing was promised"
-        if promise is not None:
-            promise_text = f"rejected from {site.promises[promise][0]:.3f} on (promise {promise:g})"
-    fixes = list(judged)
-    misjudged_fixes = cards.failures(fixes)
+        judged = _judged_of_site(of, log, body_T_lidar, promise)
+    misjudged_fixes = cards.failures(judged.fixes)
     out.mkdir(parents=True, exist_ok=True)
+    heading_end = judged.promise_text + ", simulated" * judged.simulated
     for number, fix in enumerate(misjudged_fixes[:worst], start=1):
-        cards.draw(
-            targets,
-            fix,
-            out / f"{number:03d}_{fix.file_name}",
-            promise_text + ", simulated" * simulated,
-        )
+        cards.draw(judged.targets, fix, out / f"{number:03d}_{fix.file_name}", heading_end)
     accepted_wrong = sum(fix.accepted for fix in misjudged_fixes)
     rejected_right = len(misjudged_fixes) - accepted_wrong
-    summary = (
-        f"of {len(fixes)} poses {accepted_wrong} were accepted though wrong, {rejected_right} "
-        "rejected though right"
+    print(
+        f"{out}: of {len(judged.fixes)} poses {accepted_wrong} were accepted though wrong, "
+        f"{rejected_right} rejected though right; {min(len(misjudged_fixes), worst)} drawn there"
     )
-    print(f"{out}: {summary}; {min(len(misjudged_fixes), worst)} drawn there")
 
 
-def _judged_of_log(
-    site: "Site",
-    name: str,
-    log: str | None,
-    body_T_lidar: "Poses | None",
-    promise: float | None,
-) -> "Iterator[JudgedFix]":
-    """Localises the scans of a log that have a true pose."""
+def _judged_of_site(
+    name: str, log: str | None, body_T_lidar: str | None, promise: float | None
+) -> JudgedFixes:
+    """Localises the scans of a log that have a true pose, by a site file.
+
+    Raises ConfigError without a log, LogError for one without true poses.
+    """
     import numpy as np
 
     from pipeline.online.failures import of_log
-    from pipeline.online.inputs import scans
+    from pipeline.online.site import Site
 
+    site = Site.open(Path(name), level=False)
+    site.check(promise)
+    tell_cold()
+    options = ScanOptions.of(site, body_T_lidar=body_T_lidar)
     if log is None:
         raise ConfigError(f"{name} is a site: say which log, `yearloc failures {name} LOG`")
     skipped: Counter[str] = Counter()
-    scan_options = (
-        site.description.reader,
-        site.description.sensor.lift_m,
-        None,
-        None,
-        skipped,
-        body_T_lidar,
-    )
-    log_scans = scans(log, *scan_options)
-    posed_scans = [scan for scan in log_scans if np.isfinite(scan.world_T_scan).all()]
-    if left_out := left_out_text(skipped):
-        print(f"  {left_out}", file=sys.stderr)
-    if not posed_scans:
+    scans = [scan for scan in options.scans(log, skipped) if np.isfinite(scan.world_T_scan).all()]
+    tell_left_out(skipped)
+    if not scans:
         raise LogError(
             f"{log}: no scan with a true pose: a log that the reader of this site's data set "
             "opens has them"
         )
-    return of_log(posed_scans, [site.localize(scan.points(), promise) for scan in posed_scans])
+    fixes = [site.localize(scan.points(), promise) for scan in scans]
+    promise_text = "nothing was promised"
+    if promise is not None:
+        promise_text = f"rejected from {site.promises[promise][0]:.3f} on (promise {promise:g})"
+    return JudgedFixes(
+        list(of_log(scans, fixes)), site.targets, promise_text, site.description.simulated
+    )
 
 
-def _judged_of_study(
-    of: str, day: str | None, promise: float | None
-) -> "tuple[Targets, Iterator[JudgedFix], bool]":
-    """Read the map and the fixes of a study's test days, or of one of them.
+def _judged_of_study(name: str, day: str | None, promise: float | None) -> JudgedFixes:
+    """Reads the fixes of STUDY/GRID/METHOD on one test day, or on all.
 
-    Also returns whether the study is simulated.
+    Raises ConfigError for a study, model or day that is not there.
     """
-    from itertools import chain
-
     from pipeline.online.failures import of_study
     from pipeline.posing.targets import Targets
     from pipeline.studies.layout import Layout
 
-    studies = read_studies()
-    (dataset, grid, name) = of.split("/")
-    if dataset not in studies or grid not in studies[dataset].grid_names:
-        raise ConfigError(
-            f"{of}: no such file, and no such study and grid among {', '.join(studies)}"
-        )
-    study = studies[dataset]
-    layout = Layout()
-    posed_models = {model.name: model for model in study.answerers if model.posed}
-    if (model := posed_models.get(name) or posed_models.get(f"{name}-pose")) is None:
-        remedy = (
-            f"`yearloc use {dataset} poses={name.partition('-')[0]} --add` and `dvc repro` make "
-            "them"
-        )
-        raise ConfigError(
-            f"{of}: the models with poses are {', '.join(posed_models)}"
-            if posed_models
-            else f"{of}: no poses; {remedy}"
-        )
+    dataset, grid, _ = name.split("/")
+    study = _study(name)
+    model = _posed_model(study, name)
     days = study.asked_days
     if day not in (None, *days):
         raise ConfigError(f"{day}: expected one of {', '.join(days)}")
-    fixes = (
+    layout = Layout()
+    fixes_by_day: list[Iterator[JudgedFix]] = [
         of_study(
             layout.answers(dataset, grid, model, asked_day),
             layout.path("scans", dataset, asked_day),
@@ -160,9 +144,39 @@ def _judged_of_study(
             promise,
         )
         for asked_day in ([day] if day else days)
-    )
-    return (
+    ]
+    return JudgedFixes(
+        list(chain.from_iterable(fixes_by_day)),
         Targets.read(layout.path("map", dataset, study.train_text)),
-        chain.from_iterable(fixes),
+        "nothing was promised" if promise is None else f"promise {promise:g}",
         study.simulated,
+    )
+
+
+def _study(name: str) -> "Study":
+    """The study of STUDY/GRID/METHOD; raises ConfigError if there is none with such a grid."""
+    dataset, grid, _ = name.split("/")
+    studies = read_studies()
+    if dataset not in studies or grid not in studies[dataset].grid_names:
+        raise ConfigError(
+            f"{name}: no such file, and no such study and grid among {', '.join(studies)}"
+        )
+    return studies[dataset]
+
+
+def _posed_model(study: "Study", name: str) -> "ModelName":
+    """The model of STUDY/GRID/METHOD whose answers have poses; its own name may end in -pose.
+
+    Raises ConfigError if there is none.
+    """
+    dataset, _, method = name.split("/")
+    posed_models = {model.name: model for model in study.answerers if model.posed}
+    model = posed_models.get(method) or posed_models.get(f"{method}-pose")
+    if model is not None:
+        return model
+    if posed_models:
+        raise ConfigError(f"{name}: the models with poses are {', '.join(posed_models)}")
+    raise ConfigError(
+        f"{name}: no poses; `yearloc use {dataset} poses={method.partition('-')[0]} --add` and "
+        "`dvc repro` make them"
     )

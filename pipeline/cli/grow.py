@@ -1,66 +1,83 @@
-"""`yearloc grow`: a site learns a later day."""
+"""`yearloc grow`: a site file and the log of a later day in; a site file that knows that day out.
+
+Which scans are learned, and at which poses, `lifelong.adoption` decides; what the site makes of
+them, `lifelong.growth`.
+"""
 
 import sys
 from collections import Counter
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from pipeline.cli.kernels import tell_cold
-from pipeline.cli.localize import left_out_text
-from pipeline.cli.options import BodyTLidar, SitePath, Topic, lidar_of
+from pipeline.cli.options import BodyTLidar, SitePath, Topic
 from pipeline.cli.outputs import check_file
 from pipeline.cli.progress import Lines
+from pipeline.cli.scan_options import ScanOptions
+from pipeline.cli.summary import tell_left_out
 from pipeline.core.errors import ConfigError
 
-LOG = "log"
-GAP_S = 1.0
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from pipeline.lifelong.adoption import Adoption
+    from pipeline.lifelong.growth import Growth
+    from pipeline.online.inputs import Scan
+    from pipeline.online.site import Site
+    from pipeline.online.site_file import Parts
+
+POSES_OF_LOG = "log"
+"""The word after `--poses` for the poses that the log itself has."""
+SURVEY_GAP_S = 1.0
 """Surveyed poses are not interpolated over longer gaps."""
+
+LogPath = Annotated[
+    str,
+    typer.Argument(
+        metavar="LOG", help="a log, a bag or a folder of scans, as of localize; one drive"
+    ),
+]
+Out = Annotated[
+    Path | None,
+    typer.Option(
+        "-o",
+        "--out",
+        metavar="FILE",
+        help="the grown site; without it, only what would be learned is told",
+    ),
+]
+SurveyedPoses = Annotated[
+    str | None,
+    typer.Option(
+        "--poses",
+        metavar="FILE",
+        help="surveyed poses of the scans, TUM's columns; or the word log: the log's own",
+    ),
+]
+LearnedPromise = Annotated[
+    float, typer.Option(metavar="SHARE", help="that a fix must keep to be learned")
+]
+BagOdometry = Annotated[
+    str | None, typer.Option(metavar="TOPIC", help="of a bag: poses, or tf:PARENT>CHILD")
+]
 
 
 def grow(
     path: SitePath,
-    log: Annotated[
-        str,
-        typer.Argument(
-            metavar="LOG", help="a log, a bag or a folder of scans, as of localize; one drive"
-        ),
-    ],
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "-o",
-            "--out",
-            metavar="FILE",
-            help="the grown site; without it, only what would be learned is told",
-        ),
-    ] = None,
-    surveyed: Annotated[
-        str | None,
-        typer.Option(
-            "--poses",
-            metavar="FILE",
-            help="surveyed poses of the scans, TUM's columns; or the word log: the log's own",
-        ),
-    ] = None,
-    promise: Annotated[
-        float, typer.Option(metavar="SHARE", help="that a fix must keep to be learned")
-    ] = 0.99,
+    log: LogPath,
+    out: Out = None,
+    surveyed: SurveyedPoses = None,
+    promise: LearnedPromise = 0.99,
     body_T_lidar: BodyTLidar = None,
     topic: Topic = None,
-    odometry: Annotated[
-        str | None, typer.Option(metavar="TOPIC", help="of a bag: poses, or tf:PARENT>CHILD")
-    ] = None,
+    odometry: BagOdometry = None,
 ) -> None:
     """Learn a later day: new places from surveyed poses, changes from the site's own fixes."""
-    from pipeline.core.frames import Trajectory
-    from pipeline.lifelong import adoption, growth
+    from pipeline.lifelong.growth import planned
     from pipeline.online import site_file
-    from pipeline.online.description import first_day
-    from pipeline.online.inputs import scans
     from pipeline.online.site import Site
-    from pipeline.readers.folder import read_tum
 
     check_file(out)
     parts = site_file.read(path, views=True)
@@ -70,47 +87,59 @@ def grow(
             "version can grow"
         )
     site = Site(parts, threads=2)
-    sensor = parts.description.sensor
     if not surveyed:
         site.check(promise)
     tell_cold()
     skipped: Counter[str] = Counter()
-    lidar = lidar_of(body_T_lidar)
-    log_scans = [
-        *scans(
-            log,
-            parts.description.reader,
-            sensor.lift_m,
-            topic,
-            odometry,
-            skipped,
-            lidar,
-        )
-    ]
-    if left_out := left_out_text(skipped):
-        print(f"  {left_out}", file=sys.stderr)
-    if surveyed:
-        poses = None if surveyed == LOG else Trajectory(*read_tum(Path(surveyed)), GAP_S)
-        learned = adoption.surveyed(log_scans, poses)
-    else:
-        learned = adoption.adopted(site, log_scans, promise)
-    plan = growth.planned(site, learned)
-    print(f"{log}: {plan.line(site)}")
+    options = ScanOptions.of(site, topic, odometry, body_T_lidar)
+    scans = list(options.scans(log, skipped))
+    tell_left_out(skipped)
+    adoption = _adoption(site, scans, surveyed, promise)
+    growth = planned(site, adoption)
+    print(f"{log}: {growth.line(site)}")
     if out is None:
         print(
             f"nothing was written; `-o FILE` learns it, {path} stays as it is",
             file=sys.stderr,
         )
         return
-    grown_parts = growth.grown(
-        site, parts, plan, Path(log).name, Lines(parts.description.method.get("budget", 1.0))
-    )
+    _write(out, path, log, site, parts, growth)
+
+
+def _adoption(
+    site: "Site", scans: "Sequence[Scan]", surveyed: str | None, promise: float
+) -> "Adoption":
+    """The scans that the site is to learn, each with its pose.
+
+    The poses are of the survey where `surveyed` names one, else the site's own fixes that keep
+    the promise. Raises NothingAdoptedError where no scan is left.
+    """
+    from pipeline.core.frames import Trajectory
+    from pipeline.lifelong import adoption
+    from pipeline.readers.folder import read_tum
+
+    if not surveyed:
+        return adoption.adopted(site, scans, promise)
+    if surveyed == POSES_OF_LOG:
+        return adoption.surveyed(scans)
+    return adoption.surveyed(scans, Trajectory(*read_tum(Path(surveyed)), SURVEY_GAP_S))
+
+
+def _write(out: Path, path: Path, log: str, site: "Site", parts: "Parts", growth: "Growth") -> None:
+    """Grow the site of `path`, write it to `out`, and print what it has become."""
+    from pipeline.lifelong.growth import grown
+    from pipeline.online import site_file
+    from pipeline.online.description import first_day
+
+    progress = Lines(parts.description.method.get("budget", 1.0))
+    grown_parts = grown(site, parts, growth, Path(log).name, progress)
     site_file.write(out, grown_parts)
     print(
-        f"{out}: {len(plan.places.cells)} places, {out.stat().st_size / 1e6:.1f} MB; "
+        f"{out}: {len(growth.places.cells)} places, {out.stat().st_size / 1e6:.1f} MB; "
         f"{path} stays as it was"
     )
-    grown_site = grown_parts.description
+    description = grown_parts.description
     print(
-        f"its promises are by {grown_site.verdict.held_out} held-out blocks{first_day(grown_site)}"
+        f"its promises are by {description.verdict.held_out} held-out blocks"
+        f"{first_day(description)}"
     )

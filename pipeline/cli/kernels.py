@@ -1,9 +1,20 @@
-"""Tells the user that kernels are compiled before the first scan."""
+"""`yearloc kernels`: compiles, once per machine, the functions that a first scan waits for.
+
+Commands that localise tell the user before they compile them (`tell_cold`).
+"""
 
 import sys
 
 import pipeline
 from pipeline.kernel_cache import CACHE_VARIABLE, cold
+
+
+def kernels() -> None:
+    """Compile, once per machine, what a first scan would wait for; `make install` does it."""
+    from pipeline.online.first import compile_kernels
+
+    print("compiling what a first scan takes, once per machine", file=sys.stderr, flush=True)
+    print(f"compiled in {compile_kernels():.0f} s")
 
 
 def tell_cold() -> None:

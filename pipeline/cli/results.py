@@ -1,6 +1,7 @@
-"""`yearloc results`: the results of the studies in use, for a terminal, a page or a program."""
+"""`yearloc results`: the table of results in; lines for a terminal, a page or a program out."""
 
 import sys
+from itertools import chain
 from pathlib import Path
 from shutil import get_terminal_size
 from typing import TYPE_CHECKING, Annotated
@@ -13,57 +14,62 @@ from pipeline.core.errors import ArtifactError, ConfigError
 from pipeline.running.texts import folded, terminal_width
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     import pandas as pd
 
+    from pipeline.report.pages import Block
     from pipeline.studies.study import Study
 
 
-MOVING = Path("docs/year.gif")
-"""README's picture."""
+README_PICTURE = Path("docs/year.gif")
 PAPERS = "papers"
 """The kind of --write that is a page of its own: what the papers found."""
 
+Words = Annotated[
+    list[str],
+    some_words("COLUMN=VALUE|KIND", "further ones of --where, and the kinds of --write"),
+]
+Where = Annotated[
+    list[str],
+    typer.Option(
+        metavar="COLUMN=VALUE",
+        default_factory=list,
+        show_default=False,
+        help="only these rows; commas between values",
+    ),
+]
+Full = Annotated[bool, typer.Option("--full", help="all tables of the report, with intervals")]
+Csv = Annotated[bool, typer.Option("--csv", help="every number: a header line and a row a number")]
+Json = Annotated[bool, typer.Option("--json", help="the same as a list of objects")]
+Markdown = Annotated[bool, typer.Option("--markdown", help="all tables, as in docs/RESULTS.md")]
+Write = Annotated[
+    bool,
+    typer.Option(
+        "--write",
+        help="fill the marked blocks of README.md and docs/, of all kinds or these: brief, "
+        "tables, bfloat16, float32, picture, and docs/papers.md: papers",
+    ),
+]
+Keep = Annotated[
+    str,
+    typer.Option(
+        metavar="NAME",
+        show_default=False,
+        help="keep in docs/papers/ what the papers' findings read: nway, street, compare, real",
+    ),
+]
+
 
 def results(
-    words: Annotated[
-        list[str],
-        some_words("COLUMN=VALUE|KIND", "further ones of --where, and the kinds of --write"),
-    ],
-    where: Annotated[
-        list[str],
-        typer.Option(
-            metavar="COLUMN=VALUE",
-            default_factory=list,
-            show_default=False,
-            help="only these rows; commas between values",
-        ),
-    ],
-    full: Annotated[
-        bool, typer.Option("--full", help="all tables of the report, with intervals")
-    ] = False,
-    csv: Annotated[
-        bool, typer.Option("--csv", help="every number: a header line and a row a number")
-    ] = False,
-    json: Annotated[bool, typer.Option("--json", help="the same as a list of objects")] = False,
-    markdown: Annotated[
-        bool, typer.Option("--markdown", help="all tables, as in docs/RESULTS.md")
-    ] = False,
-    write: Annotated[
-        bool,
-        typer.Option(
-            "--write",
-            help="fill the marked blocks of README.md and docs/, of all kinds or these: brief, "
-            "tables, bfloat16, float32, picture, and docs/papers.md: papers",
-        ),
-    ] = False,
-    keep: Annotated[
-        str,
-        typer.Option(
-            metavar="NAME",
-            show_default=False,
-            help="keep in docs/papers/ what the papers' findings read: nway, street, compare, real",
-        ),
-    ] = "",
+    words: Words,
+    where: Where,
+    full: Full = False,
+    csv: Csv = False,
+    json: Json = False,
+    markdown: Markdown = False,
+    write: Write = False,
+    keep: Keep = "",
 ) -> None:
     """The results in a few lines, all tables, or every number as csv or json."""
     if words and not (write or where):
@@ -71,13 +77,33 @@ def results(
             "a word of --where or --write, and neither is there", param_hint=words[0]
         )
     if write and words == [PAPERS]:
-        return _write_papers()
+        _write_papers()
+        return
     studies = read_studies()
     if full:
-        return _full([(name, grid) for name, study in studies.items() for grid in study.grid_names])
+        _print_reports(studies)
+        return
+    table = _table(studies)
+    if markdown:
+        from pipeline.report.document import document
+
+        print(document(table, studies), end="")
+    elif keep:
+        _keep(keep, table, studies)
+    elif write:
+        _write_pages(table, studies, words)
+    elif csv or json or where:
+        _print_rows(table, [*where, *words], csv, json)
+    else:
+        from pipeline.report.brief import brief
+
+        print(brief(table, studies, get_terminal_size().columns))
+        print("all tables: yearloc results --full; a page: artifacts/report/page.html")
+
+
+def _table(studies: "dict[str, Study]") -> "pd.DataFrame":
+    """The table of results of the studies; tells which of them changed since it was measured."""
     from pipeline.evaluation.results import read
-    from pipeline.evaluation.results import where as selected
-    from pipeline.evaluation.rows import COLUMNS
     from pipeline.studies.layout import Layout
     from pipeline.studies.measured import stale
 
@@ -88,42 +114,52 @@ def results(
             "anew",
             file=sys.stderr,
         )
-    if markdown:
-        from pipeline.report.document import document
+    return table
 
-        return print(document(table, studies), end="")
-    if keep:
-        return _keep(keep, table, studies)
-    if write:
-        return _write(table, studies, words)
-    if not (csv or json or where):
-        from pipeline.report.brief import brief
 
-        print(brief(table, studies, get_terminal_size().columns))
-        return print("all tables: yearloc results --full; a page: artifacts/report/page.html")
-    conditions = [*where, *words]
-    table = selected(table, dict(word.partition("=")[::2] for word in conditions))[[*COLUMNS]]
-    if table.empty:
+def _print_reports(studies: "dict[str, Study]") -> None:
+    """Print the text report of each study and cell size, as the stage `report` wrote it."""
+    from pipeline.studies.layout import Layout
+
+    for name, study in studies.items():
+        for grid in study.grid_names:
+            path = Layout().path("report", name, grid, "results.txt")
+            if not path.is_file():
+                raise ArtifactError(f"{path.parent}: no report yet; `dvc repro` writes it")
+            print(folded(path.read_text(encoding="utf-8"), terminal_width()))
+    print("a page to read: artifacts/report/page.html; dashboard: make dashboard")
+
+
+def _print_rows(table: "pd.DataFrame", conditions: list[str], csv: bool, json: bool) -> None:
+    """Print the rows that meet all conditions COLUMN=VALUE: as csv, json, or in columns.
+
+    Raises ConfigError where there is none.
+    """
+    from pipeline.evaluation.results import where as selected
+    from pipeline.evaluation.rows import COLUMNS
+
+    value_of = dict(condition.partition("=")[::2] for condition in conditions)
+    rows = selected(table, value_of)[[*COLUMNS]]
+    if rows.empty:
         raise ConfigError(
             f"--where {' '.join(conditions)}: no such row; `yearloc results --csv` has them all"
         )
     if csv:
-        return print(table.to_csv(index=False), end="")
-    if json:
-        return print(table.to_json(orient="records"))
-    return print(
-        table.to_string(
-            index=False, na_rep="–", float_format="{:.4g}".format, line_width=terminal_width()
+        print(rows.to_csv(index=False), end="")
+    elif json:
+        print(rows.to_json(orient="records"))
+    else:
+        width = terminal_width()
+        print(
+            rows.to_string(index=False, na_rep="–", float_format="{:.4g}".format, line_width=width)
         )
-    )
 
 
-def _write(table: "pd.DataFrame", studies: "dict[str, Study]", kinds: list[str]) -> None:
-    """Fill the blocks of the pages that these studies can fill.
+def _write_pages(table: "pd.DataFrame", studies: "dict[str, Study]", kinds: list[str]) -> None:
+    """Fill the marked blocks of the pages: those of these `kinds`, of all kinds if none are given.
 
-    Only blocks of these `kinds`; of all kinds if none are given.
+    A block that these studies have no numbers for is left as it is.
     """
-    from pipeline.cli.picture import draw
     from pipeline.core.replacing import replace
     from pipeline.networks.loop import arithmetic
     from pipeline.report.pages import KINDS, PAGES, PICTURE, blocks, filled, table_texts
@@ -132,36 +168,22 @@ def _write(table: "pd.DataFrame", studies: "dict[str, Study]", kinds: list[str])
     if unknown := [kind for kind in kinds if kind not in all_kinds]:
         raise ConfigError(f"--write {unknown[0]}: expected some of {', '.join(all_kinds)}")
     kinds = kinds or list(all_kinds)
+    pages = {path: path.read_text(encoding="utf-8") for path in map(Path, PAGES)}
+    blocks_by_page = {path: blocks(page) for path, page in pages.items()}
     texts = {
         block: text
         for block, text in table_texts(table, studies, arithmetic()).items()
         if block.kind in kinds
     }
-    pages = {path: path.read_text(encoding="utf-8") for path in map(Path, PAGES)}
-    blocks_by_page = {path: blocks(page) for path, page in pages.items()}
-    pictures = sorted(
-        {
-            block
-            for page_blocks in blocks_by_page.values()
-            for block in page_blocks
-            if block.kind == PICTURE
-        }
-    )
-    if len(pictures) > 1:
+    all_blocks = chain.from_iterable(blocks_by_page.values())
+    picture_blocks = {block for block in all_blocks if block.kind == PICTURE}
+    if len(picture_blocks) > 1:
         raise ConfigError(
-            f"{' and '.join(PAGES)}: {len(pictures)} different pictures are wanted, and {MOVING} "
-            "holds one"
+            f"{' and '.join(PAGES)}: {len(picture_blocks)} different pictures are wanted, and "
+            f"{README_PICTURE} holds one"
         )
-    for block in pictures if PICTURE in kinds else ():
-        study = studies.get(block.study)
-        if (
-            study
-            and study.budget == block.budget
-            and block.model in [answers.name for answers in study.answerers]
-        ):
-            texts[block] = draw(
-                f"{block.study}/{study.grids[0].name}/{block.model}", None, MOVING
-            ).page
+    if PICTURE in kinds:
+        texts |= _picture_texts(picture_blocks, studies)
     for path, page in pages.items():
         with replace(path) as scratch:
             scratch.write_text(filled(page, texts), encoding="utf-8")
@@ -172,6 +194,21 @@ def _write(table: "pd.DataFrame", studies: "dict[str, Study]", kinds: list[str])
             )
     if PAPERS in kinds and any(Path("docs/papers").glob("*.csv")):
         _write_papers()
+
+
+def _picture_texts(blocks: "Iterable[Block]", studies: "dict[str, Study]") -> "dict[Block, str]":
+    """Draw the picture that a block wants where these studies can; returns the block's text."""
+    from pipeline.cli.picture import draw
+
+    texts = {}
+    for block in blocks:
+        study = studies.get(block.study)
+        if study is None or study.budget != block.budget:
+            continue
+        if block.model in [answers.name for answers in study.answerers]:
+            name = f"{block.study}/{study.grids[0].name}/{block.model}"
+            texts[block] = draw(name, None, README_PICTURE).page
+    return texts
 
 
 def _write_papers() -> None:
@@ -197,13 +234,3 @@ def _keep(name: str, table: "pd.DataFrame", studies: "dict[str, Study]") -> None
     machine = f"{gpu or processor()}, torch {version('torch')}, {arithmetic()}"
     path = keep(name, table, studies, date.today().isoformat(), machine)
     print(f"{path}: written; `yearloc results --write {PAPERS}` fills docs/papers.md")
-
-
-def _full(places: list[tuple[str, str]]) -> None:
-    from pipeline.studies.layout import Layout
-
-    for text in (Layout().path("report", *place, "results.txt") for place in places):
-        if not text.is_file():
-            raise ArtifactError(f"{text.parent}: no report yet; `dvc repro` writes it")
-        print(folded(text.read_text(encoding="utf-8"), terminal_width()))
-    print("a page to read: artifacts/report/page.html; dashboard: make dashboard")

@@ -67,7 +67,7 @@ def test_a_command_leaves_no_scratch_file(tmp_path: Path) -> None:
         "import os, sys, tempfile; tempfile.tempdir = sys.argv.pop(1); from pipeline.cli import "
         "main\n"
     )
-    program += "summary = sys.modules['pipeline.cli.localize'].Summary\nadd = summary.add\n"
+    program += "summary = sys.modules['pipeline.cli.summary'].Summary\nadd = summary.add\n"
     program += "summary.add = lambda *given: (add(*given), print('one', flush=True))\n"
     words = ("localize", packed(tmp_path), log, "--mcap", "-o", out / "fixes.mcap")
     code, _, said = ended("-c", program + "main()", scratch, *words)

@@ -1,0 +1,137 @@
+"""`yearloc serve`: a site file in; an answer to each scan that comes by HTTP or Zenoh out."""
+
+import os
+import socket
+import sys
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Annotated
+
+import typer
+
+from pipeline.cli.kernels import tell_cold
+from pipeline.cli.options import BodyTLidar, SitePath, lidar_of, share_or_none
+from pipeline.core.errors import ConfigError
+
+Port = Annotated[int, typer.Option(metavar="PORT", help="of HTTP")]
+Host = Annotated[
+    str, typer.Option(metavar="HOST", help="another one needs a token in YEARLOC_TOKEN")
+]
+Workers = Annotated[int, typer.Option(metavar="N", help="processes, one a core")]
+ZenohEndpoint = Annotated[
+    str | None,
+    typer.Option(
+        metavar="ENDPOINT",
+        help="instead of HTTP: a peer or router, such as tcp/127.0.0.1:7447",
+    ),
+]
+ZenohPromise = Annotated[
+    float | None,
+    typer.Option(
+        metavar="SHARE",
+        parser=share_or_none,
+        help="of --zenoh: what accepted fixes keep; over HTTP each request says it",
+    ),
+]
+ZenohKey = Annotated[
+    str,
+    typer.Option(metavar="KEY", help="scans of KEY/points are followed, fixes go to KEY/fix"),
+]
+
+
+def serve(
+    path: SitePath,
+    port: Port = 8765,
+    host: Host = "127.0.0.1",
+    workers: Workers = 1,
+    zenoh: ZenohEndpoint = None,
+    promise: ZenohPromise = 0.99,
+    body_T_lidar: BodyTLidar = None,
+    key: ZenohKey = "yearloc",
+) -> None:
+    """Answer over HTTP: POST /localize, /healthz, /metrics."""
+    if zenoh:
+        _serve_zenoh(path, zenoh, key, promise, body_T_lidar)
+        return
+    if body_T_lidar:
+        raise ConfigError(
+            "--body-T-lidar: of --zenoh; over HTTP each request says it, ?body_T_lidar="
+        )
+    _serve_http(path, host, port, workers)
+
+
+def _serve_http(path: Path, host: str, port: int, workers: int) -> None:
+    """Answer requests until interrupted.
+
+    Raises ConfigError where it cannot listen, or where others could reach it without a token.
+    """
+    try:
+        import uvicorn
+
+        from pipeline.online import serve as online
+    except ImportError as error:
+        raise ConfigError(f"{error.name}: not installed; `pip install 'yearloc[serve]'`") from None
+    from pipeline.online.site_file import read_either
+
+    online.check_reach(host, os.environ.get(online.TOKEN, ""))
+    if workers < 1:
+        raise ConfigError(f"--workers {workers}: expected at least 1")
+    kept_promises = read_either(path).description.verdict.kept
+    _check_port(host, port)
+    # Each worker is a process of its own, which reads the site's path from the environment.
+    os.environ[online.SITE] = str(path.resolve())
+    with TemporaryDirectory() as metrics_folder:
+        if workers > 1:
+            os.environ["PROMETHEUS_MULTIPROC_DIR"] = metrics_folder
+        promises = f"promises {', '.join(map(str, kept_promises)) or 'nothing'}"
+        ready_line = f"serving {path} at http://{host}:{port}/localize, {promises}; Ctrl-C stops it"
+        print(ready_line, file=sys.stderr, flush=True)
+        tell_cold()
+        uvicorn.run(
+            "pipeline.online.serve:from_environment",
+            factory=True,
+            host=host,
+            port=port,
+            workers=workers,
+            log_level="warning",
+            timeout_keep_alive=10,
+            limit_concurrency=256,
+            server_header=False,
+        )
+
+
+def _check_port(host: str, port: int) -> None:
+    """Raise ConfigError if no server can listen there, before uvicorn would say so in its way."""
+    try:
+        with socket.create_server((host, port)):
+            pass
+    except (OSError, OverflowError) as error:
+        raise ConfigError(f"--host {host} --port {port}: cannot be listened at ({error})") from None
+
+
+def _serve_zenoh(
+    path: Path, endpoint: str, key: str, promise: float | None, body_T_lidar: str | None
+) -> None:
+    """Answer scans on KEY/points by fixes on KEY/fix until interrupted.
+
+    Raises ConfigError where zenoh is not installed.
+    """
+    from pipeline.online.site import Site
+
+    try:
+        from pipeline.online import bridge
+    except ImportError as error:
+        raise ConfigError(f"{error.name}: not installed; `pip install 'yearloc[zenoh]'`") from None
+    site = Site.open(path, level=False)
+    tell_cold()
+    with bridge.connected(endpoint) as session:
+        ready_line = f"{path}: {key}/points → {key}/fix at {endpoint}; Ctrl-C stops it"
+        bridge.run(
+            site,
+            session,
+            key,
+            promise,
+            lambda: print(ready_line, file=sys.stderr, flush=True),
+            print,
+            lidar_of(body_T_lidar),
+        )

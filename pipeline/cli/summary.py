@@ -1,0 +1,102 @@
+"""What `localize` and `watch` print at the end: fixes in; verdicts, times, errors as lines out."""
+
+import sys
+from collections import Counter
+from typing import TYPE_CHECKING
+
+from pipeline.core.errors import LogError
+
+if TYPE_CHECKING:
+    from pipeline.online.inputs import Scan
+    from pipeline.online.site import Fix
+
+VERDICTS = ("accepted", "near", "ambiguous", "rejected", "no pose")
+"""In the order in which their counts are printed."""
+
+
+class Summary:
+    """Counts over all scans of a command: verdicts, times, and whether accepted fixes are right."""
+
+    def __init__(self, is_level: bool = False) -> None:
+        self.is_level = is_level
+        self.verdicts: Counter[str] = Counter()
+        """Localised scans by the verdict on their fix."""
+        self.broken: list[str] = []
+        """For each scan that could not be read, why."""
+        self.skipped: Counter[str] = Counter()
+        """Scans that a log or bag leaves out, by reason."""
+        self.dropped = 0
+        """Scans of a recording that were pushed out by newer ones while one was localised."""
+        self.steps = Counter[bool]()
+        """A tracker's steps: True by odometry, False by constant motion."""
+        self._took_ms: list[float] = []
+        self._rightness = Counter[bool]()
+        """Accepted fixes whose true pose is known, by whether they are right."""
+
+    def add(self, scan: "Scan", fix: "Fix") -> None:
+        """Count one more localised scan."""
+        import numpy as np
+
+        if self.is_level:
+            from pipeline.level.verdict import pose_is_right as is_right
+        else:
+            from pipeline.posing.verdict import right as is_right
+
+        self.verdicts[fix.verdict] += 1
+        self._took_ms.append(fix.ms)
+        if fix.verdict == "accepted" and np.isfinite(scan.world_T_scan).all():
+            right = is_right(fix.world_T_sensor[None], scan.world_T_scan[None])
+            self._rightness[bool(right[0])] += 1
+
+    def check_any(self, source: str) -> None:
+        """Raise LogError if no scan of `source`, as named on the command line, was localised."""
+        if not self.verdicts:
+            raise LogError(self.broken[0] if self.broken else f"{source}: no scan there")
+
+    def text(self) -> str:
+        """Lines with the verdicts, the times, the errors where true poses are known, the losses."""
+        lines = [self._verdict_line()]
+        if self._rightness:
+            lines.append(
+                f"of {self._rightness.total()} accepted with a true pose {self._rightness[False]} "
+                f"are over {'1 m or 10°' if self.is_level else '2 m or 5°'} off"
+            )
+        if self.steps:
+            lines.append(
+                f"followed by odometry over {self.steps[True]} steps, by constant motion over "
+                f"{self.steps[False]}"
+            )
+        if self.dropped:
+            lines.append(f"{self.dropped} more came while another was localised, and were dropped")
+        if left_out := left_out_text(self.skipped):
+            lines.append(left_out)
+        if self.broken:
+            lines.append(f"{len(self.broken)} could not be read, the first: {self.broken[0]}")
+        return "\n".join(lines)
+
+    def _verdict_line(self) -> str:
+        """How many scans got which verdict, and how long they took.
+
+        The time of the first, which also loads and compiles, counts only if there is no other.
+        """
+        import numpy as np
+
+        scan_count = self.verdicts.total()
+        counts = ", ".join(f"{self.verdicts[verdict]} {verdict}" for verdict in VERDICTS)
+        median_ms, slow_ms = np.percentile(self._took_ms[1:] or self._took_ms, (50, 95))
+        return (
+            f"{scan_count} scan{'s' * (scan_count != 1)}: {counts}; median {median_ms:.0f} ms, "
+            f"95 % within {slow_ms:.0f} ms"
+        )
+
+
+def tell_left_out(skipped: Counter[str]) -> None:
+    """Print how many scans of a log or bag were left out, by reason, if any were."""
+    if left_out := left_out_text(skipped):
+        print(f"  {left_out}", file=sys.stderr)
+
+
+def left_out_text(skipped: Counter[str]) -> str:
+    """How many scans of a log or bag were left out, by reason; empty if none were."""
+    reasons = ", ".join(f"{reason} ({count})" for reason, count in skipped.most_common() if count)
+    return f"{skipped.total()} more were left out: {reasons}" if reasons else ""

@@ -1,0 +1,80 @@
+"""`yearloc watch`: a site file and a drive in; rerun's viewer, or a file for a viewer, out."""
+
+import sys
+from itertools import islice
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from pipeline.cli.kernels import tell_cold
+from pipeline.cli.options import (
+    BodyTLidar,
+    Follow,
+    Idle,
+    Odometry,
+    Promise,
+    SitePath,
+    Topic,
+    Track,
+)
+from pipeline.cli.outputs import check_file
+from pipeline.cli.scan_options import ScanOptions, check_site
+from pipeline.cli.summary import Summary
+from pipeline.core.errors import ConfigError
+
+LogPath = Annotated[str, typer.Argument(metavar="LOG", help="as of localize")]
+Save = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE.rrd", help="instead of opening the viewer; or FILE.mcap for Foxglove"
+    ),
+]
+Every = Annotated[int, typer.Option(metavar="N", help="only every N-th scan")]
+
+
+def watch(
+    path: SitePath,
+    log: LogPath,
+    save: Save = None,
+    promise: Promise = 0.99,
+    body_T_lidar: BodyTLidar = None,
+    topic: Topic = None,
+    odometry: Odometry = None,
+    track: Track = False,
+    follow: Follow = False,
+    idle: Idle = 10.0,
+    every: Every = 1,
+) -> None:
+    """See a drive on the map, from behind the robot, with verdicts: rerun's viewer, or a file."""
+    from pipeline.online import foxglove
+    from pipeline.online import watch as rerun
+    from pipeline.online.localized import localized, tracker_of
+    from pipeline.online.site import Site
+
+    if every < 1:
+        raise ConfigError(f"--every {every}: expected at least 1")
+    if save is not None and save.suffix not in (".rrd", ".mcap"):
+        raise ConfigError(f"--save {save}: expected FILE.rrd or FILE.mcap")
+    site = Site.open(path)
+    check_site(site, promise, odometry, track, follow)
+    check_file(save)
+    is_for_foxglove = save is not None and save.suffix == ".mcap"
+    open_recording: Any = foxglove.Recording if is_for_foxglove else rerun.Recording
+    tell_cold()
+    options = ScanOptions.of(site, topic, odometry, body_T_lidar)
+    summary = Summary(site.is_level)
+    all_scans = (
+        options.followed_scans(log, idle, summary)
+        if follow
+        else options.scans(log, summary.skipped)
+    )
+    scans = islice(all_scans, 0, None, every)
+    localizer = tracker_of(site, promise, track) or site
+    with open_recording(site, save, promise) as recording:
+        fixes = localized(scans, localizer, promise, summary.broken)
+        for number, (scan, points_m, fix) in enumerate(fixes):
+            recording.add(number * every, scan, points_m, fix)
+            summary.add(scan, fix)
+    summary.check_any(log)
+    print(summary.text(), file=sys.stderr)
