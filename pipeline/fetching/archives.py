@@ -1,15 +1,17 @@
-"""Fetches the official archives of a data set.
+"""Fetches the official archives of a data set: a publisher's yaml in, folders for a reader out.
 
-Downloads are resumed, checked and unpacked into the folders that the reader expects. Below the
-root, archives/ holds unfinished downloads (.part, and .part.json with the server's ETag) and the
-sha256 of each finished file. An archive is removed once it is unpacked.
+A file of conf/fetch names the publisher's server and the archives of a sequence. Downloads are
+resumed (`download`), checked against a sha256 and unpacked (`unpacking`) into a folder a sequence.
+Below the root, archives/ holds unfinished downloads (.part, and .part.json with the server's ETag)
+and the sha256 of each finished file. An archive is removed once it is unpacked.
 """
 
 import hashlib
 import re
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
 from typing import Any
 from urllib.parse import urljoin, urlsplit
@@ -25,7 +27,7 @@ from pipeline.fetching.unpacking import unpack
 
 @dataclass(frozen=True)
 class Archive:
-    """One file of a sequence on the server of the publisher."""
+    """One file of one sequence on the publisher's server."""
 
     path: str
     """Path below the base address."""
@@ -34,17 +36,45 @@ class Archive:
 
     Of a .tar.gz, once it is unpacked.
     """
-    unpacked_ratio: Positive = 1.0
+    unpacked_ratio: float
     """Estimate of the unpacked bytes per byte."""
-    numbers: int = 0
-    """How many files: {number} in path and target becomes 0, 1, ….
+    nbytes: int
+    """Estimate of the bytes of the file; 0 if the server has to be asked."""
 
-    0 is a single file.
+    def __post_init__(self) -> None:
+        _check_inside(self.path, self.target)
+
+    @property
+    def name(self) -> str:
+        """The file's name."""
+        return Path(self.path).name
+
+    @property
+    def is_packed(self) -> bool:
+        """Whether the file has to be unpacked."""
+        return self.name.endswith(".tar.gz")
+
+
+@dataclass(frozen=True)
+class ArchiveTemplate:
+    """An entry of `archives` in conf/fetch: one archive of each sequence, or a numbered series.
+
+    {sequence} in path and target stands for the sequence's name, {number} for the number of a
+    file in the series.
     """
+
+    path: str
+    """Path below the base address."""
+    target: str
+    """As of an Archive."""
+    unpacked_ratio: Positive = 1.0
+    """As of an Archive."""
+    numbers: int = 0
+    """Files of a numbered series: {number} is 0, 1, …, numbers − 1. 0 for a single file."""
     nbytes: int = 0
-    """Estimate of the bytes of a file, so that the server need not be asked; 0: it is asked."""
+    """As of an Archive."""
     listing_sha256: str = ""
-    """sha256 of the lines `DIGEST  NAME` of all numbered files, where the publisher's are known."""
+    """sha256 of the lines `DIGEST  NAME` of a series, where the publisher's files are known."""
 
     def __post_init__(self) -> None:
         check(self, "archives")
@@ -52,37 +82,41 @@ class Archive:
             raise ConfigError(
                 f"archives.listing_sha256={self.listing_sha256}: expected 64 hexadecimal digits"
             )
-        if (
-            not self.path
-            or self.path[0] == "/"
-            or ".." in self.path
-            or not re.fullmatch(r"[\w{}.-]+", self.target)
-        ):
-            raise ConfigError(
-                f"archives.path={self.path}, target={self.target}: expected a path below the base "
-                "and a name"
-            )
+        _check_inside(self.path, self.target)
 
-    def of(self, sequence: str) -> list["Archive"]:
-        """The archives of a sequence: this one, or one for each number."""
+    def archives(self, sequence: str) -> list[Archive]:
+        """The archives of a sequence: one, or one for each number of a series."""
+        return [self._archive(sequence, number) for number in range(max(self.numbers, 1))]
 
-        def named(number: int) -> "Archive":
-            templates = (self.path, self.target)
-            path, target = (
-                text.replace("{sequence}", sequence).replace("{number}", str(number))
-                for text in templates
-            )
-            return replace(self, path=path, target=target, numbers=0, listing_sha256="")
+    def _archive(self, sequence: str, number: int) -> Archive:
+        path, target = (
+            template.replace("{sequence}", sequence).replace("{number}", str(number))
+            for template in (self.path, self.target)
+        )
+        return Archive(path, target, self.unpacked_ratio, self.nbytes)
 
-        return [named(number) for number in range(max(self.numbers, 1))]
+
+@dataclass(frozen=True)
+class Fetch:
+    """The archives of one template for one sequence, and the folder that they go to."""
+
+    folder: Path
+    """The sequence's folder."""
+    archives: Sequence[Archive]
+    listing_sha256: str
+    """As of an ArchiveTemplate."""
+
+    @property
+    def missing(self) -> list[Archive]:
+        """The archives that are not fetched yet."""
+        return [archive for archive in self.archives if not (self.folder / archive.target).exists()]
 
     @property
     def name(self) -> str:
-        return Path(self.path).name
-
-    @property
-    def packed(self) -> bool:
-        return self.name.endswith(".tar.gz")
+        """The name of the archive, or the first and last of a series: `0.pcd … 1140.pcd`."""
+        first = self.archives[0].name
+        last = self.archives[-1].name
+        return first if first == last else f"{first} … {last}"
 
 
 @dataclass(frozen=True)
@@ -90,9 +124,10 @@ class Publisher:
     """The server of a data set and how to fetch from it: the keys of conf/fetch/NAME.yaml."""
 
     base: str
-    archives: Sequence[Archive]
+    """The address that paths of archives are below; it ends in /."""
+    archives: Sequence[ArchiveTemplate]
     sequence: str = r"\w[\w.+-]*"
-    """A regular expression for the names of sequences, which replace {sequence} in the paths."""
+    """A regular expression that every sequence's name matches."""
     sequences: Sequence[str] = ()
     """The sequences to fetch where the command names none."""
     licence: str = ""
@@ -100,8 +135,10 @@ class Publisher:
     sha256: Mapping[str, str] = field(default_factory=dict)
     """The sha256 of each path for which the publisher gives one."""
     tries: Count = 20
+    """Of one file, before giving up."""
     timeout_s: Positive = 60.0
     wait_s: Positive = 1.0
+    """Wait before the second try; it doubles with each further one."""
 
     def __post_init__(self) -> None:
         check(self, "fetch")
@@ -113,12 +150,14 @@ class Publisher:
             raise ConfigError(
                 f"fetch.sequence={self.sequence}: expected a regular expression ({error})"
             ) from None
-        if bad := [
+        if paths_of_bad_digests := [
             path
             for path, digest in self.sha256.items()
             if not re.fullmatch("[0-9a-f]{64}", str(digest))
         ]:
-            raise ConfigError(f"fetch.sha256.{bad[0]}: expected 64 hexadecimal digits")
+            raise ConfigError(
+                f"fetch.sha256.{paths_of_bad_digests[0]}: expected 64 hexadecimal digits"
+            )
 
     @staticmethod
     def of(conf: Mapping[str, Any]) -> "Publisher":
@@ -127,9 +166,8 @@ class Publisher:
         Raises ConfigError for an unknown or missing key.
         """
         try:
-            return Publisher(
-                **{**conf, "archives": [Archive(**archive) for archive in conf["archives"]]}
-            )
+            templates = [ArchiveTemplate(**archive) for archive in conf["archives"]]
+            return Publisher(**{**conf, "archives": templates})
         except (TypeError, KeyError, AttributeError) as error:
             raise ConfigError(
                 f"conf/fetch: {error}; expected base, archives (path, target, unpacked_ratio) and "
@@ -164,73 +202,32 @@ class Publisher:
     def _fetch(
         self, root: Path, store: Path, sequences: Sequence[str], watch: Progress
     ) -> Iterator[str]:
+        """Fetch what is missing, unfinished downloads in `store`; yields a line per template."""
         downloader = Downloader(self.tries, self.timeout_s, self.wait_s)
-        groups = [
-            (root / sequence, group, group.of(sequence))
+        fetches = [
+            Fetch(root / sequence, template.archives(sequence), template.listing_sha256)
             for sequence in sequences
-            for group in self.archives
+            for template in self.archives
         ]
-        missing = [
-            [archive for archive in archives if not (folder / archive.target).exists()]
-            for folder, _, archives in groups
-        ]
-        self._check_disk(
-            downloader, store, [archive for lacking in missing for archive in lacking], watch
-        )
-        for (folder, group, archives), lacking in zip(groups, missing, strict=True):
-            name = (
-                f"{archives[0].name} … {archives[-1].name}" if group.numbers else archives[0].name
-            )
-            if not lacking:
-                yield f"{name}: here already"
+        missing = [fetch.missing for fetch in fetches]
+        self._check_disk(downloader, store, list(chain.from_iterable(missing)), watch)
+        for fetch, missing_archives in zip(fetches, missing, strict=True):
+            if not missing_archives:
+                yield f"{fetch.name}: here already"
                 continue
             nbytes = 0
-            files = 0
-            digest = ""
-            for archive in lacking:
+            file_count = 0
+            for archive in missing_archives:
                 path = store / archive.name
                 if not path.is_file():
                     downloader.fetch(urljoin(self.base, archive.path), path, watch)
-                nbytes = nbytes + path.stat().st_size
+                nbytes += path.stat().st_size
                 digest = self._verified(path, archive)
-                folder.mkdir(exist_ok=True)
-                files += unpack(path, folder, archive.target) if archive.packed else 1
-                checksum_file(path).write_text(f"{digest}  {archive.name}\n", encoding="utf-8")
-                if archive.packed:
-                    path.unlink()
-                else:
-                    path.replace(folder / archive.target)
-            digest = (
-                self._listing_digest(store, folder, group, archives)
-                if group.listing_sha256
-                else digest
-            )
-            yield f"{name}: {nbytes / 1e6:,.1f} MB, files: {files:,}, sha256 {digest[:16]}…"
-
-    def _listing_digest(
-        self, store: Path, folder: Path, group: Archive, archives: Sequence[Archive]
-    ) -> str:
-        """The digest of all numbered files of a group, as they are in `folder`.
-
-        Removes them and raises LogError if it is not the publisher's.
-        """
-        digests = {
-            archive.name: hashlib.sha256((folder / archive.target).read_bytes()).hexdigest()
-            for archive in archives
-        }
-        digest = hashlib.sha256(
-            "".join(f"{file_digest}  {name}\n" for name, file_digest in digests.items()).encode()
-        ).hexdigest()
-        if digest != group.listing_sha256:
-            for archive in archives:
-                checksum_file(store / archive.name).unlink(missing_ok=True)
-                (folder / archive.target).unlink()
-            name = f"{archives[0].name} … {archives[-1].name}"
-            raise LogError(
-                f"{folder}: {name} have the sha256 {digest}, expected {group.listing_sha256}; "
-                "removed, fetch them anew"
-            )
-        return digest
+                file_count += _move_in(path, archive, fetch.folder, digest)
+            if fetch.listing_sha256:
+                digest = _listing_digest(store, fetch)
+            size = f"{nbytes / 1e6:,.1f} MB, files: {file_count:,}"
+            yield f"{fetch.name}: {size}, sha256 {digest[:16]}…"
 
     def _check_disk(
         self, downloader: Downloader, store: Path, archives: Sequence[Archive], watch: Progress
@@ -248,7 +245,7 @@ class Publisher:
             known_bytes = arrived if path.is_file() else part.total or archive.nbytes
             total_bytes = known_bytes or downloader.length(urljoin(self.base, archive.path), watch)
             unpacked_bytes += total_bytes * archive.unpacked_ratio
-            packed_bytes = max(packed_bytes, total_bytes - arrived if archive.packed else 0)
+            packed_bytes = max(packed_bytes, total_bytes - arrived if archive.is_packed else 0)
         free_bytes = shutil.disk_usage(store).free
         if unpacked_bytes + packed_bytes > free_bytes:
             raise LogError(
@@ -281,6 +278,52 @@ class Publisher:
                 "its publisher: it is removed, fetch it anew"
             )
         return digest
+
+
+def _check_inside(path: str, target: str) -> None:
+    """Raise ConfigError for a path that leaves the base, or a target that is not a mere name."""
+    leaves_base = not path or path[0] == "/" or ".." in path
+    if leaves_base or not re.fullmatch(r"[\w{}.-]+", target):
+        raise ConfigError(
+            f"archives.path={path}, target={target}: expected a path below the base and a name"
+        )
+
+
+def _move_in(path: Path, archive: Archive, folder: Path, digest: str) -> int:
+    """Unpack or move a downloaded archive into a sequence's folder, and record its sha256.
+
+    Returns how many files it has become.
+    """
+    folder.mkdir(exist_ok=True)
+    file_count = unpack(path, folder, archive.target) if archive.is_packed else 1
+    checksum_file(path).write_text(f"{digest}  {archive.name}\n", encoding="utf-8")
+    if archive.is_packed:
+        path.unlink()
+    else:
+        path.replace(folder / archive.target)
+    return file_count
+
+
+def _listing_digest(store: Path, fetch: Fetch) -> str:
+    """The digest of the lines `DIGEST  NAME` of all files of a series, as they are in its folder.
+
+    Removes the files and raises LogError if it is not the publisher's.
+    """
+    digests = {
+        archive.name: hashlib.sha256((fetch.folder / archive.target).read_bytes()).hexdigest()
+        for archive in fetch.archives
+    }
+    listing = "".join(f"{file_digest}  {name}\n" for name, file_digest in digests.items())
+    digest = hashlib.sha256(listing.encode()).hexdigest()
+    if digest != fetch.listing_sha256:
+        for archive in fetch.archives:
+            checksum_file(store / archive.name).unlink(missing_ok=True)
+            (fetch.folder / archive.target).unlink()
+        raise LogError(
+            f"{fetch.folder}: {fetch.name} have the sha256 {digest}, expected "
+            f"{fetch.listing_sha256}; removed, fetch them anew"
+        )
+    return digest
 
 
 def checksum_file(path: Path) -> Path:

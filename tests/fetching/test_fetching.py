@@ -22,7 +22,7 @@ import yaml
 
 from pipeline.core.errors import ConfigError, LogError
 from pipeline.core.progress import Progress
-from pipeline.fetching.archives import Archive, Publisher
+from pipeline.fetching.archives import Publisher
 from pipeline.fetching.download import CHUNK, Downloader
 from pipeline.fetching.unpacking import unpack
 from pipeline.readers.nclt import Nclt
@@ -744,4 +744,4 @@ def test_a_setting_that_cannot_be_is_named(
 def test_the_projects_own_setting_is_the_official_one() -> None:
     official = Publisher.of(conf())
     assert official.base == "https://s3.us-east-2.amazonaws.com/nclt.perl.engin.umich.edu/"
-    assert Archive(**conf()["archives"][2]).of(DATE)[0].path == f"velodyne_data/{DATE}_vel.tar.gz"
+    assert official.archives[2].archives(DATE)[0].path == f"velodyne_data/{DATE}_vel.tar.gz"
