@@ -12,7 +12,7 @@ from stages import EachSequence, each_sequence, stage
 
 @dataclass(frozen=True, kw_only=True)
 class Settings(EachSequence):
-    """What the stage is told."""
+    """The stage's settings: the keys of conf/paths.yaml."""
 
     path: Any
     """How poses are joined: a file of conf/path."""
@@ -37,7 +37,7 @@ def main(settings: Settings) -> str:
         along_path = joined(fixes, odom_T_scan[submaps.scans], settings.path, places)
         store.write(folder / name, along_path)
         is_accepted, was_accepted = (
-            answers.novelty[:, 0] < answers.promised[1] for answers in (along_path, fixes)
+            answers.novelty[:, 0] < answers.reject_from() for answers in (along_path, fixes)
         )
         return (
             f"{sequence}: {is_accepted.sum()} of {len(is_accepted)} queries accepted along the "

@@ -411,6 +411,10 @@ class Rankings(SequenceRanking, kind="rankings", version=5):
     ]
 
 
+JUDGED_PROMISE = 0.99
+"""The precision that accepted poses are to keep where they are judged, of those in `promises`."""
+
+
 @dataclass(frozen=True, eq=False)
 class Fixes(SequenceRanking, kind="fixes", version=5):
     """Answers whose first are registered poses, and whose first kinds of novelty are doubts."""
@@ -459,6 +463,19 @@ class Fixes(SequenceRanking, kind="fixes", version=5):
         tuple[float, float],
         "metres and degrees within which a pose is right: 2 and 5, of level sweeps 1 and 10",
     ]
+
+    def reject_from(self, promise: float = JUDGED_PROMISE, belief: str = "fix") -> float:
+        """The novelty from which to reject to keep a precision, one of `promises`.
+
+        `belief` is what is rejected: the pose (`fix`), or that the query is near it (`place`), or
+        that one of its first poses is right (`several`).
+        """
+        limits = {
+            "fix": self.promised,
+            "place": self.promised_place,
+            "several": self.promised_several,
+        }
+        return limits[belief][self.promises.index(promise)]
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,8 @@
-"""Whether a confidence means what it says: of the answers given with 80 %, are 80 % right?"""
+"""Calibration: do confidences mean what they say? Of answers given with 80 %, are 80 % right?
+
+In: the confidence in each answer and whether it is right. Out: a reliability diagram, or the
+expected calibration error as one number.
+"""
 
 from dataclasses import dataclass
 from typing import Any
@@ -9,20 +13,25 @@ from numpy.typing import NDArray
 from pipeline.core.errors import InputError
 
 BINS = 10
+"""Of confidence, equally wide."""
 ROUNDING = 1e-6
+"""A chance may be over 1 or below 0 by this."""
 
 
 @dataclass(frozen=True)
 class Reliability:
     """Answers in bins of equal width of their confidence."""
 
-    confidence: NDArray[np.float64]  # (bin,) mean confidence; NaN in an empty bin
-    right: NDArray[np.float64]  # (bin,) share that is right; NaN in an empty bin
-    count: NDArray[np.int64]  # (bin,)
+    confidence: NDArray[np.float64]
+    """(bin,) mean confidence of the answers; NaN in an empty bin."""
+    right: NDArray[np.float64]
+    """(bin,) share of the answers that is right; NaN in an empty bin."""
+    count: NDArray[np.int64]
+    """(bin,) answers."""
 
 
 def reliability(confidence: NDArray[Any], right: NDArray[np.bool_]) -> Reliability:
-    """Bin answers by confidence (q,), a chance between 0 and 1, with whether each is `right` (q,).
+    """Bin answers by confidence (q,), a chance between 0 and 1; `right` (q,) says which are right.
 
     Raises InputError for a confidence that is no chance.
     """
@@ -31,11 +40,10 @@ def reliability(confidence: NDArray[Any], right: NDArray[np.bool_]) -> Reliabili
     confidence = np.asarray(confidence, np.float64)
     bin_of = (confidence * BINS).astype(np.int64).clip(0, BINS - 1)
     count = np.bincount(bin_of, minlength=BINS)
-    confident, true = (
-        np.bincount(bin_of, values, BINS) / np.where(count > 0, count, np.nan)
-        for values in (confidence, right)
-    )
-    return Reliability(confident, true, count)
+    count_or_nan = np.where(count > 0, count, np.nan)
+    mean_confidence = np.bincount(bin_of, confidence, BINS) / count_or_nan
+    right_share = np.bincount(bin_of, right, BINS) / count_or_nan
+    return Reliability(mean_confidence, right_share, count)
 
 
 def ece(confidence: NDArray[Any], right: NDArray[np.bool_]) -> float:

@@ -1,6 +1,7 @@
-"""Outcomes of queries at every threshold and every top n (METHODS.md 2.7).
+"""Counts of hits, misses, false alarms and correct rejections (METHODS.md 2.7).
 
-The four counts under a precision-recall curve.
+In: the truth of each query and its novelty. Out: how many queries have each outcome at each
+threshold, where an answer is right if a true place is among the first n; `curves` takes them.
 """
 
 from dataclasses import dataclass
@@ -12,8 +13,10 @@ from numpy.typing import NDArray
 from pipeline.core.errors import InputError
 from pipeline.evaluation.protocols import Truth
 
-TOP_N = 25  # the SCI paper looks at the first 1, 5 and 25 places
+TOP_N = 25
+"""The largest n; the SCI paper looks at the first 1, 5 and 25 places."""
 N_THRESHOLDS = 200
+"""Of the SCI paper's curve."""
 
 
 @dataclass(frozen=True)
@@ -23,12 +26,14 @@ class Counts:
     The four add up to the same number everywhere.
     """
 
-    hits: NDArray[Any]  # accepted, and a right answer among the first n
-    misses: NDArray[Any]  # rejected although seen; the same for every n
-    false_alarms: NDArray[
-        Any
-    ]  # accepted, and no right answer among the first n, or the query unseen
-    correct_rejections: NDArray[Any]  # rejected and unseen; the same for every n
+    hits: NDArray[Any]
+    """Accepted, and a right answer among the first n."""
+    misses: NDArray[Any]
+    """Rejected although seen; the same for every n."""
+    false_alarms: NDArray[Any]
+    """Accepted, and no right answer among the first n, or the query unseen."""
+    correct_rejections: NDArray[Any]
+    """Rejected and unseen; the same for every n."""
 
 
 def count(
@@ -39,16 +44,20 @@ def count(
     A query is rejected if its novelty (q,) ≥ the threshold.
     """
     _check(truth, novelty)
-    rejected = np.asarray(novelty, np.float64)[:, None] >= np.asarray(
-        thresholds, np.float64
-    )  # (q, t)
-    hits = _tally(np.stack([right(truth, n) for n in range(1, top_n + 1)], axis=1), ~rejected)
-    accepted = _tally((truth.seen | truth.unseen)[:, None], ~rejected)
-    misses, correct_rejections = (
-        np.tile(_tally(queries[:, None], rejected), (top_n, 1))
-        for queries in (truth.seen, truth.unseen)
+    thresholds = np.asarray(thresholds, np.float64)
+    is_rejected = np.asarray(novelty, np.float64)[:, None] >= thresholds  # (q, t)
+    is_right = np.stack([right(truth, n) for n in range(1, top_n + 1)], axis=1)  # (q, n)
+    is_judged = truth.seen | truth.unseen
+    hits = _tally(is_right, ~is_rejected)
+    accepted = _tally(is_judged[:, None], ~is_rejected)
+    misses = _tally(truth.seen[:, None], is_rejected)
+    correct_rejections = _tally(truth.unseen[:, None], is_rejected)
+    return Counts(
+        hits,
+        np.tile(misses, (top_n, 1)),
+        accepted - hits,
+        np.tile(correct_rejections, (top_n, 1)),
     )
-    return Counts(hits, misses, accepted - hits, correct_rejections)
 
 
 class ExactCounts:

@@ -1,7 +1,8 @@
-"""Results by the distance to the nearest thing that was built or torn down since training.
+"""Results by the distance to a change: evaluations and the world's changes in; numbers a band out.
 
-Real changes of the world, unlike those that an alteration draws into single queries: they hide,
-widen and open up views for good.
+A change is a thing that was built or torn down since training. These are real changes of the world,
+unlike those that an alteration draws into single queries: they hide, widen and open up views for
+good. Queries are grouped in bands of distance to the nearest one.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -27,10 +28,10 @@ APART_M = 1e6
 
 @dataclass(frozen=True)
 class Bands:
-    """How queries are grouped (conf/results.yaml)."""
+    """How queries are grouped by distance: keys of conf/results.yaml."""
 
     edges_m: Sequence[float] = (25.0, 50.0, 100.0)
-    """Rising; the last band has no end."""
+    """Where bands end, rising; the last band has no end."""
     kinds: Sequence[str] = ("construction", "demolition")
     """Which changes count. Trees are left out: they change everywhere."""
 
@@ -63,19 +64,19 @@ class BandResults:
     """One method's results by one protocol in each band of distance, over all its sequences."""
 
     seen: NDArray[np.int64]
-    """Queries (band,)."""
+    """(band,) seen queries."""
     unseen: NDArray[np.int64]
-    """Queries (band,)."""
+    """(band,) unseen queries."""
     values: NDArray[np.float64]
     """(band, number, 3): NUMBERS, each with its lowest and highest; NaN where there is none."""
 
 
 def nearest_m(xy_m: NDArray[np.float64], changes: Iterable[Change]) -> NDArray[np.float64]:
     """Distance (q,) from positions (q, 2) to the nearest change; infinite where there is none."""
-    changes_m = np.array([(change.x_m, change.y_m) for change in changes], np.float64).reshape(
-        -1, 2
-    )
-    return np.asarray(np.linalg.norm(changes_m - xy_m[:, None], axis=2).min(axis=1, initial=np.inf))
+    positions = [(change.x_m, change.y_m) for change in changes]
+    changes_xy_m = np.array(positions, np.float64).reshape(-1, 2)
+    distances_m = np.linalg.norm(changes_xy_m - xy_m[:, None], axis=2)
+    return np.asarray(distances_m.min(axis=1, initial=np.inf))
 
 
 def distances(

@@ -1,6 +1,6 @@
-"""How a model did on the held-out blocks of training.
+"""How a model did on held-out blocks of its training sequence: its evidence in; an area out.
 
-Settings may be chosen by this, and never by the test sequences.
+Settings may be chosen by this number, and never by the test sequences.
 """
 
 import numpy as np
@@ -21,10 +21,13 @@ def held_out_auc(evidence: Evidence, kind: str, unseen_share: float) -> float:
 
 
 def held_out_aucs(
-    evidence: Evidence, kind: str, unseen_share: float, counted: NDArray[np.float64]
+    evidence: Evidence, kind: str, unseen_share: float, counts: NDArray[np.float64]
 ) -> Number:
-    """The same area (r,) in r resamples, in which each held-out query is `counted` (r, h) times."""
-    novelty, right, weight = evidence.queries(kind, unseen_share)
+    """The same area (r,) in r resamples, in which each held-out query counts `counts` (r, h) times.
+
+    `kind` is the kind of novelty, `unseen_share` the share of unseen queries that is assumed.
+    """
+    novelty, right, weight = evidence.queries(kind, unseen_share)  # first the seen, then the unseen
     seen = np.arange(len(novelty)) < len(evidence.right)
     truth = Truth(seen, ~seen, np.where(right, 0, -1), right)
-    return auc_exact(truth, novelty.astype(np.float32), weight * np.tile(counted, 2))
+    return auc_exact(truth, novelty.astype(np.float32), weight * np.tile(counts, 2))

@@ -1,4 +1,8 @@
-"""Judges a ranking: each query's outcome by both protocols, and every number with its interval."""
+"""Judges what a model answered: rankings, labels and true poses in; an `Evaluation` out.
+
+By both protocols it has each query's outcome, and every number with its interval. `judge` takes one
+case of a sequence's queries, `judge_cases` all of a sequence.
+"""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -16,12 +20,12 @@ from pipeline.evaluation.counts import TOP_N, ExactCounts, count, right, spread
 from pipeline.evaluation.curves import auc
 from pipeline.evaluation.doubts import blind, unsuited
 from pipeline.evaluation.judgement import (
-    BELIEFS,
     CORRECT_REJECTION,
     FALSE_ALARM,
     HIT,
     MISS,
     NOT_JUDGED,
+    WEAKER_VERDICTS,
     Evaluation,
     Judgement,
 )
@@ -54,60 +58,35 @@ def judge(
     reject_pose_from: float = np.nan,
     right_within: tuple[float, float] = RIGHT_WITHIN,
 ) -> Evaluation:
-    """Judge a ranking of q queries against their labels and poses (q, 4, 4), rows in that order.
+    """Judge a ranking of q queries against their labels and true poses (q, 4, 4).
 
-    The poses are those driven. `reject_from` is the model's threshold on each kind of novelty;
-    `turned_deg` (q,) is how far the robot was turned to the left for each query; `world_T_query`
-    (q, 4, 4) are poses as estimated, and `reject_pose_from` the novelty to reject from to keep .99
-    of them; they are right within so many metres and degrees. Raises InputError where ranking,
-    labels and poses do not fit together.
+    `reject_from` (kind,) is the model's threshold on each kind of novelty. `turned_deg` (q,) is how
+    far the robot was turned to the left for each query; `world_T_anchor` are the poses before.
+    Of a method with poses, `world_T_query` (q, 4, 4) are the estimated ones, `reject_pose_from` is
+    the novelty from which to reject to keep .99 of them, and they are right within these metres and
+    degrees. Raises InputError where ranking, labels and poses do not fit together.
     """
     _check(ranking, reject_from, labels, world_T_anchor)
-    turn_deg = np.asarray(labels.nearest_turn_deg, np.float64)
-    true_deg = np.rad2deg(yaw(world_T_anchor))
-    if turned_deg is not None:
-        turn_deg = wrapped_deg(turn_deg + turned_deg)
-        true_deg = true_deg + turned_deg
-    answer_xy_m = ranking.xy_m[:, 0].astype(np.float64)
     xy_m = world_T_anchor[:, :2, 3].astype(np.float64)
-    undefined = np.full(len(xy_m), np.nan)
-    world_T_query_true = world_T_anchor
-    if turned_deg is not None:
-        world_T_query_true = world_T_anchor @ turns(np.deg2rad(turned_deg.astype(np.float64)))
-    pose_error_m, pose_error_deg = (
-        (undefined, undefined)
-        if world_T_query is None
-        else apart(world_T_query, world_T_query_true)
+    queries = _queries(ranking, reject_from, labels, world_T_anchor, turned_deg)
+    if world_T_query is not None:
+        world_T_query_true = world_T_anchor
+        if turned_deg is not None:
+            world_T_query_true = world_T_anchor @ turns(np.deg2rad(turned_deg.astype(np.float64)))
+        pose_error_m, pose_error_deg = apart(world_T_query, world_T_query_true)
+        queries = replace(queries, pose_error_m=pose_error_m, pose_error_deg=pose_error_deg)
+    queries = replace(queries, reject_pose_from=reject_pose_from, right_within=right_within)
+    # An answer outside all places says: unseen.
+    is_outside = ranking.places[:, :1] < 0
+    queries_by_cells = replace(
+        queries, novelty=np.where(is_outside, np.float32(np.inf), queries.novelty)
     )
-    queries = Queries(
-        novelty=np.asarray(ranking.novelty, np.float32),
-        reject_from=tuple(map(float, reject_from)),
-        thresholds=spread(ranking.novelty[:, 0]),
-        error_m=np.linalg.norm(answer_xy_m - xy_m, axis=1),
-        turn_deg=turn_deg,
-        nearest_m=np.asarray(labels.nearest_m, np.float64),
-        heading_error_deg=np.abs(
-            wrapped_deg(ranking.heading_deg[:, 0].astype(np.float64) - true_deg)
-        ),
-        pose_error_m=pose_error_m,
-        pose_error_deg=pose_error_deg,
-        reject_pose_from=reject_pose_from,
-        right_within=right_within,
-    )
-    novelty_by_cells = np.where(
-        ranking.places[:, :1] < 0, np.float32(np.inf), queries.novelty
-    )  # an answer outside all places says: unseen
+    truth_by_cells = by_cells(ranking.places, labels.places, labels.oracle)
+    truth_by_distance = distance.truth(ranking.xy_m, xy_m, labels.nearest_m)
     return Evaluation(
         judgements=(
-            _judgement(
-                by_cells(ranking.places, labels.places, labels.oracle),
-                replace(queries, novelty=novelty_by_cells),
-                xy_m,
-                bootstrap,
-            ),
-            _judgement(
-                distance.truth(ranking.xy_m, xy_m, labels.nearest_m), queries, xy_m, bootstrap
-            ),
+            _judgement(truth_by_cells, queries_by_cells, xy_m, bootstrap),
+            _judgement(truth_by_distance, queries, xy_m, bootstrap),
         ),
         **vars(queries),
         calibration=_calibration(ranking, labels),
@@ -115,7 +94,7 @@ def judge(
         answer=ranking.places[:, 0],
         cost=ranking.costs[:, 0],
         xy_m=xy_m,
-        answer_xy_m=answer_xy_m,
+        answer_xy_m=ranking.xy_m[:, 0].astype(np.float64),
         kinds=ranking.kinds,
         days=labels.days,
         block_m=bootstrap.block_m,
@@ -124,6 +103,37 @@ def judge(
         unsuited={},
         wanted_precision=np.nan,
         kept_precision=(np.nan,) * len(ranking.kinds),
+    )
+
+
+def _queries(
+    ranking: Ranking,
+    reject_from: Sequence[float],
+    labels: Labels,
+    world_T_anchor: Poses,
+    turned_deg: NDArray[np.float32] | None,
+) -> Queries:
+    """The queries with their first answers' errors, as of a method without poses."""
+    turn_deg = np.asarray(labels.nearest_turn_deg, np.float64)
+    true_deg = np.rad2deg(yaw(world_T_anchor))
+    if turned_deg is not None:
+        turn_deg = wrapped_deg(turn_deg + turned_deg)
+        true_deg = true_deg + turned_deg
+    answer_xy_m = ranking.xy_m[:, 0].astype(np.float64)
+    xy_m = world_T_anchor[:, :2, 3].astype(np.float64)
+    answer_deg = ranking.heading_deg[:, 0].astype(np.float64)
+    return Queries(
+        novelty=np.asarray(ranking.novelty, np.float32),
+        reject_from=tuple(map(float, reject_from)),
+        thresholds=spread(ranking.novelty[:, 0]),
+        error_m=np.linalg.norm(answer_xy_m - xy_m, axis=1),
+        turn_deg=turn_deg,
+        nearest_m=np.asarray(labels.nearest_m, np.float64),
+        heading_error_deg=np.abs(wrapped_deg(answer_deg - true_deg)),
+        pose_error_m=np.full(len(xy_m), np.nan),
+        pose_error_deg=np.full(len(xy_m), np.nan),
+        reject_pose_from=np.nan,
+        right_within=RIGHT_WITHIN,
     )
 
 
@@ -158,7 +168,7 @@ def judge_cases(
             bootstrap,
             rankings.turned_deg[rows],
             rankings.world_T_query[rows] if isinstance(rankings, Fixes) else None,
-            rankings.promised[1] if isinstance(rankings, Fixes) else np.nan,
+            rankings.reject_from() if isinstance(rankings, Fixes) else np.nan,
             rankings.right_within if isinstance(rankings, Fixes) else RIGHT_WITHIN,
         )
         evaluations[case] = replace(
@@ -185,10 +195,13 @@ def kept_precision(rankings: SequenceRanking) -> tuple[float, ...]:
 
 
 def _beliefs(rankings: SequenceRanking) -> dict[str, float]:
-    """The novelty of each of BELIEFS from which to reject it to keep .99; empty without poses."""
+    """For each kind of WEAKER_VERDICTS the novelty from which to reject it to keep .99.
+
+    Empty without poses.
+    """
     if not isinstance(rankings, Fixes):
         return {}
-    return {kind: float(getattr(rankings, f"promised_{kind}")[1]) for kind in BELIEFS}
+    return {belief: rankings.reject_from(belief=belief) for belief in WEAKER_VERDICTS}
 
 
 def _calibration(ranking: Ranking, labels: Labels) -> NDArray[np.float64]:

@@ -1,6 +1,9 @@
-"""How a model fared in one test sequence, in each case of its queries.
+"""The artifact of `evaluate`: how a model fared on the queries of one test sequence.
 
-Every dimension is kept, and the numbers have intervals.
+A sequence is asked in cases: as it was driven, and with altered queries. Each case has an
+`Evaluation`, which says of each query what was answered and how far off that is; and in it a
+`Judgement` by each protocol, with the outcome of each query, the counts, curves and numbers with
+their intervals. `judge` computes them; the table of results and the report read them.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,16 +27,17 @@ from pipeline.matching.rejection import ACCEPT_NOTHING
 HIT, MISS, FALSE_ALARM, CORRECT_REJECTION, NOT_JUDGED = range(5)
 VERDICTS = ("accepted", "near", "ambiguous", "rejected", "no_pose")
 """The answers to a query of a method with poses, as a site gives them (METHODS 9.5)."""
-BELIEFS = {"place": "near", "several": "ambiguous"}
-"""Kinds of novelty of what is believed of a query whose pose is not accepted, and the verdict.
+WEAKER_VERDICTS = {"place": "near", "several": "ambiguous"}
+"""Verdicts on a query whose pose is not accepted: by what may still be believed of it.
 
-The most telling comes first.
+The keys are two of posing.verdict.BELIEFS, and kinds of novelty. The first that is believed
+decides.
 """
 
 
 @dataclass(frozen=True, eq=False)
 class Judgement:
-    """Results by one protocol, of q queries at t thresholds."""
+    """How q queries were answered by one protocol, at t thresholds, with the first n answers."""
 
     hits: Annotated[
         NDArray[np.int64],
@@ -201,27 +205,37 @@ class Evaluation:
         return self.protocol("distance")
 
     @property
-    def fixes(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Which poses (q,) are accepted with a promise of .99, and which are right."""
-        right = within(self.right_within, self.pose_error_m, self.pose_error_deg)
-        return self.novelty[:, 0].astype(np.float64) < self.reject_pose_from, right
+    def has_poses(self) -> bool:
+        """Whether the method gives poses, so that its verdicts are on these."""
+        return not np.isnan(self.reject_pose_from)
 
     @property
-    def believed(self) -> dict[str, NDArray[np.bool_]]:
+    def pose_accepted(self) -> NDArray[np.bool_]:
+        """Which poses (q,) are accepted with a promise of .99."""
+        return self.novelty[:, 0].astype(np.float64) < self.reject_pose_from
+
+    @property
+    def pose_right(self) -> NDArray[np.bool_]:
+        """Which poses (q,) are near enough to the true one; none where there is no pose."""
+        return within(self.right_within, self.pose_error_m, self.pose_error_deg)
+
+    @property
+    def acceptance(self) -> dict[str, NDArray[np.bool_]]:
         """Which answers (q,) are accepted and refused, and which are wrong among each.
 
-        Poses are accepted with a promise of .99, seen or not, and are wrong where over 2 m or 5°
-        off, of level sweeps 1 m or 10°; of a query without a pose nothing is wrong. Places are
-        accepted at the threshold in use, of the queries judged by distance, and are wrong where
-        they are over `correct_m` off.
+        Of a method with poses: poses are accepted with a promise of .99, whether the query is seen
+        or not, and wrong by `right_within`; of a query without a pose nothing is wrong. Of other
+        methods: places are accepted at the threshold in use, of the queries judged by distance, and
+        wrong where they are over `correct_m` off.
         """
-        judged = self.distance.outcome != NOT_JUDGED
-        accepted = np.isin(self.distance.outcome, (HIT, FALSE_ALARM))
-        wrong = judged & ~(self.distance.seen & (self.distance.true_rank == 0))
-        if not np.isnan(self.reject_pose_from):
-            accepted, right = self.fixes
-            judged = np.ones(len(right), bool)
-            wrong = ~right & ~np.isnan(self.pose_error_m)
+        if self.has_poses:
+            judged = np.ones(len(self.answer), bool)
+            accepted = self.pose_accepted
+            wrong = ~self.pose_right & ~np.isnan(self.pose_error_m)
+        else:
+            judged = self.distance.outcome != NOT_JUDGED
+            accepted = np.isin(self.distance.outcome, (HIT, FALSE_ALARM))
+            wrong = judged & ~(self.distance.seen & (self.distance.true_rank == 0))
         refused = judged & ~accepted
         return {
             "accepted": accepted,
@@ -231,9 +245,9 @@ class Evaluation:
         }
 
     @property
-    def belief(self) -> dict[str, int]:
+    def acceptance_counts(self) -> dict[str, int]:
         """How many answers are accepted and refused, and how many are wrong among each."""
-        return {name: int(rows.sum()) for name, rows in self.believed.items()}
+        return {name: int(queries.sum()) for name, queries in self.acceptance.items()}
 
     @property
     def verdicts(self) -> dict[str, int]:
@@ -241,31 +255,32 @@ class Evaluation:
 
         Empty of a method without poses.
         """
-        if np.isnan(self.reject_pose_from):
+        if not self.has_poses:
             return {}
-        verdict = np.full(len(self.novelty), VERDICTS.index("rejected"))
-        for kind, word in reversed(BELIEFS.items()):
+        codes = np.full(len(self.novelty), VERDICTS.index("rejected"))
+        for kind, verdict in reversed(WEAKER_VERDICTS.items()):
             if kind in self.kinds:
                 doubt = self.novelty[:, self.kinds.index(kind)].astype(np.float64)
-                verdict[doubt < self.beliefs[kind]] = VERDICTS.index(word)
-        verdict[self.fixes[0]] = VERDICTS.index("accepted")
-        verdict[np.isnan(self.pose_error_m)] = VERDICTS.index("no_pose")
-        return {word: int((verdict == code).sum()) for code, word in enumerate(VERDICTS)}
+                codes[doubt < self.beliefs[kind]] = VERDICTS.index(verdict)
+        codes[self.pose_accepted] = VERDICTS.index("accepted")
+        codes[np.isnan(self.pose_error_m)] = VERDICTS.index("no_pose")
+        return {verdict: int((codes == code).sum()) for code, verdict in enumerate(VERDICTS)}
 
     @property
     def pose_reliability(self) -> Reliability:
         """The chances of the poses (query,) in bins, with the share that is right."""
-        return reliability(self._pose_chances, self.fixes[1])
+        return reliability(self._pose_chances, self.pose_right)
 
     @property
     def pose_ece(self) -> float:
         """The expected calibration error of the poses' chances; NaN of a method without poses."""
-        if np.isnan(self.reject_pose_from):
+        if not self.has_poses:
             return np.nan
-        return ece(self._pose_chances, self.fixes[1])
+        return ece(self._pose_chances, self.pose_right)
 
     @property
     def _pose_chances(self) -> NDArray[np.float64]:
+        """The chance (query,) that the pose is right, as the method says it."""
         return 1 - self.novelty[:, 0].astype(np.float64)
 
     def protocol(self, name: str) -> Judgement:
@@ -273,10 +288,10 @@ class Evaluation:
         return self.judgements[PROTOCOLS.index(name)]
 
     def doubts(self, name: str) -> dict[str, float]:
-        """Conditions by name under which the numbers by that protocol say little or nothing."""
+        """Reasons why the numbers by that protocol say little or nothing: name to how much."""
         seen = self.protocol(name).seen
-        blocks_with_seen = np.unique(blocks(self.xy_m, self.block_m)[seen])
-        of_answers = doubts(
+        seen_blocks = np.unique(blocks(self.xy_m, self.block_m)[seen])
+        doubts_of_answers = doubts(
             self.blind[name],
             self.answer,
             self.novelty[:, 0],
@@ -284,9 +299,9 @@ class Evaluation:
             self.kept_precision[0],
             self.wanted_precision,
             int(seen.sum()),
-            len(blocks_with_seen),
+            len(seen_blocks),
         )
-        return of_answers | dict(self.unsuited)
+        return doubts_of_answers | dict(self.unsuited)
 
     def truth(self, name: str) -> Truth:
         """What that judgement took as true of the queries."""
@@ -296,11 +311,11 @@ class Evaluation:
             judgement.unseen,
             judgement.true_rank,
             judgement.oracle_right,
-            usual_recall=name == "distance",
+            recall_of_all_seen=name == "distance",
         )
 
     def number(self, protocol: str, name: str) -> tuple[float, float, float]:
-        """One of NUMBERS and the bounds of its 95 % interval; NaN where there is none."""
+        """The value of one of NUMBERS and the bounds of its 95 % interval; NaN if undefined."""
         value, low, high = map(float, self.protocol(protocol).numbers[NUMBERS.index(name)])
         return value, low, high
 
@@ -318,7 +333,7 @@ class Evaluation:
 
 @dataclass(frozen=True, eq=False)
 class Evaluations(Artifact, kind="evaluations", version=12):
-    """How a model fared in one test sequence, in each case of its queries."""
+    """The evaluations of a model on one test sequence, one a case of its queries."""
 
     evaluations: Annotated[Sequence[Evaluation], Stack("case")]
     """The first is as driven."""

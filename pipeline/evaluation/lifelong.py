@@ -1,5 +1,8 @@
 """Numbers of a localiser that learns day after day (METHODS 11.4): recall, forgetting, cost.
 
+In: the artifact of `lifelong`, which days were learned at each step and what was answered then.
+Out: rows of the table of results.
+
 Forgetting is InCloud's F (Knights et al., IROS 2022): of the queries that could be answered after
 an earlier step, how many more were answered right then.
 """
@@ -68,7 +71,7 @@ class Course:
         """Mean recall over the groups that have a known place."""
         return _mean([self.recall(step, group) for group in range(len(self.groups))])
 
-    def of_all(self, step: int) -> float:
+    def recall_of_all(self, step: int) -> float:
         """The share of right answers among all queries whose place is known after the last step."""
         return float(self.right[step, self.known_from >= 0].mean())
 
@@ -102,43 +105,48 @@ def _mean(values: Sequence[float]) -> float:
 def lifelong_rows(lifelong: Lifelong) -> TableRows:
     """Rows of one strategy: recall after each step in each group, and over all."""
     for step, name in enumerate(lifelong.steps):
-        place = _place(lifelong.order, lifelong.strategy, step)
+        columns = _step_columns(lifelong.order, lifelong.strategy, step)
         for protocol in ("cells", "distance"):
             course = Course.of(lifelong, protocol)
             for group, group_name in enumerate(course.groups):
                 yield from number_rows(
-                    place | {"sequence": group_name},
+                    columns | {"sequence": group_name},
                     protocol,
                     {"recall_at_1": course.recall(step, group)},
                 )
             numbers = {
                 "mean_recall": course.mean_recall(step),
-                "recall_of_all": course.of_all(step),
+                "recall_of_all": course.recall_of_all(step),
+                "forgetting": course.forgetting(step),
+                "transfer": course.transfer(step),
             }
-            numbers |= {"forgetting": course.forgetting(step), "transfer": course.transfer(step)}
-            yield from number_rows(place, protocol, numbers)
+            yield from number_rows(columns, protocol, numbers)
         counts = {
             "places": lifelong.places[step],
             "bytes": lifelong.bytes[step],
             **lifelong.counts[step],
             "correct_m": lifelong.correct_m,
         }
-        yield from number_rows(place | {"sequence": name}, "", counts)
+        yield from number_rows(columns | {"sequence": name}, "", counts)
 
 
 def cost_rows(course: Mapping[str, Any]) -> TableRows:
-    """Rows of CPU seconds of each step, as the stage keeps them beside the artifact."""
+    """Rows of CPU seconds of each step.
+
+    `course` is the json that the stage keeps beside the artifact; `place` in it are the columns of
+    the model.
+    """
     for step, (name, seconds) in enumerate(zip(course["steps"], course["cpu_s"], strict=True)):
         yield from number_rows(
             course["place"]
-            | _place(course["order"], course["strategy"], step)
+            | _step_columns(course["order"], course["strategy"], step)
             | {"sequence": name},
             "",
             {"cpu_s": seconds},
         )
 
 
-def _place(order: str, strategy: str, step: int) -> dict[str, Any]:
+def _step_columns(order: str, strategy: str, step: int) -> dict[str, Any]:
     """The columns that say which step of which strategy."""
     return {
         "case": f"{order} {strategy} {step}",

@@ -239,7 +239,7 @@ def rejection(
 
 def curve(truth: Truth, counts: Counts, seen: Number) -> tuple[Curve, Curve]:
     """Precision and recall (r, t) by the protocol's rule; `seen` (r,) weighs the seen queries."""
-    return precision_recall(counts, seen[:, None] if truth.usual_recall else None)
+    return precision_recall(counts, seen[:, None] if truth.recall_of_all_seen else None)
 
 
 def share(flags: NDArray[np.bool_], among: NDArray[np.bool_], weight: Weight) -> Number:

@@ -1,4 +1,9 @@
-"""A paired test: is one method better than another on the same queries, or luckier on this path?"""
+"""Paired comparisons: two evaluations of the same queries in; the difference of a number out.
+
+On a hard stretch of the path every method does badly. Both numbers are therefore computed on the
+same resamples of the path (`bootstrap`), so that what is hard for both cancels out. `compare` sets
+a method against the reference method, `kept_share` a model on altered queries against itself.
+"""
 
 from dataclasses import dataclass
 
@@ -11,39 +16,47 @@ from pipeline.evaluation.counts import right
 from pipeline.evaluation.judgement import Evaluation
 from pipeline.evaluation.numbers import Weight, auc_exact, share
 
-COMPARED = ("recall_at_1", "auc_exact_top1")  # the numbers whose differences are tested
+COMPARED = ("recall_at_1", "auc_exact_top1")
+"""The numbers whose differences are tested."""
 LEVEL = 0.05
+"""A difference is significant where its p, after Holm's correction, is below this."""
 KEPT = "auc_exact_top1_kept"
-"""The number of `kept_share` in the table of results."""
+"""What the table of results calls the number of `kept_share`."""
 
 
 @dataclass(frozen=True)
 class Difference:
-    """One number of one method minus the reference's."""
+    """One number of a method minus the reference's."""
 
     value: float
-    low: float  # of the 95 % interval; NaN where no resample defines the difference
+    low: float
+    """Of the 95 % interval; NaN where no resample defines the difference."""
     high: float
-    p: float  # two-sided, and never 0; NaN like the interval
+    p: float
+    """Of a two-sided test, never 0; NaN like the interval."""
 
 
 @dataclass(frozen=True)
-class Paired:
-    """One method against the reference on one sequence, by one protocol."""
+class Comparison:
+    """A method against the reference on one sequence, by one protocol."""
 
-    differences: tuple[Difference, ...]  # one each of COMPARED
-    only_this: int  # seen queries whose first answer is right by this method alone
+    differences: tuple[Difference, ...]
+    """One for each of COMPARED."""
+    only_this: int
+    """Seen queries whose first answer is right by the method alone."""
     only_reference: int
+    """Seen queries whose first answer is right by the reference alone."""
 
 
-def compare(this: Evaluation, reference: Evaluation, protocol: str, bootstrap: Bootstrap) -> Paired:
-    """Compare two evaluations of the same queries, number by number, on the same resamples.
+def compare(
+    this: Evaluation, reference: Evaluation, protocol: str, bootstrap: Bootstrap
+) -> Comparison:
+    """Compare two methods' evaluations of the same queries, by each number of COMPARED.
 
-    What is hard for both methods cancels out. p is twice the smaller share of resamples with a
-    difference of at most, or at least, 0; the path itself counts as one resample. So p is at least
-    2 / (1 + resamples): a test of many sequences needs many. It is also at least 2 / 2**blocks, the
-    least that a sign test of the blocks with seen queries can reach: with five, .0625. Raises
-    InputError for other queries.
+    p is twice the smaller share of resamples with a difference of at most, or at least, 0; the path
+    itself counts as one resample. So p is at least 2 / (1 + resamples): a test of many sequences
+    needs many. It is also at least 2 / 2**blocks, the least that a sign test of the blocks with
+    seen queries can reach: with five, .0625. Raises InputError for other queries.
     """
     this_truth = this.truth(protocol)
     reference_truth = reference.truth(protocol)
@@ -60,52 +73,42 @@ def compare(this: Evaluation, reference: Evaluation, protocol: str, bootstrap: B
     this_right = right(this_truth, 1)
     reference_right = right(reference_truth, 1)
 
-    def difference(weight: Weight) -> NDArray[np.float64]:
+    def compared_differences(weight: Weight) -> NDArray[np.float64]:
+        """The differences (number, resample) of the numbers in COMPARED."""
         this_recall = share(this_right, this_truth.seen, weight)
         reference_recall = share(reference_right, reference_truth.seen, weight)
         this_auc = auc_exact(this_truth, this.novelty[:, 0], weight)
         reference_auc = auc_exact(reference_truth, reference.novelty[:, 0], weight)
         return np.stack([this_recall - reference_recall, this_auc - reference_auc])
 
-    values = difference(np.ones((1, len(this.xy_m))))[:, 0].tolist()
-    spreads = bootstrap.spreads(difference, this.xy_m)
-    block = blocks(this.xy_m, bootstrap.block_m)
-    return Paired(
+    values = compared_differences(np.ones((1, len(this.xy_m))))[:, 0].tolist()
+    resampled_differences = bootstrap.spreads(compared_differences, this.xy_m)
+    path_blocks = blocks(this.xy_m, bootstrap.block_m)
+    seen_block_count = len(np.unique(path_blocks[this_truth.seen]))
+    return Comparison(
         differences=tuple(
-            Difference(value, *bounds(spread), _p(spread, this_truth.seen, block))
-            for value, spread in zip(values, spreads, strict=True)
+            Difference(value, *bounds(resampled), _p(resampled, seen_block_count))
+            for value, resampled in zip(values, resampled_differences, strict=True)
         ),
         only_this=int((this_right & ~reference_right).sum()),
         only_reference=int((reference_right & ~this_right).sum()),
     )
 
 
-def kept_share(
-    altered: Evaluation, driven: Evaluation, protocol: str, bootstrap: Bootstrap
-) -> tuple[float, float, float]:
-    """The share of its area as driven that a model keeps on altered queries, with its bounds.
-
-    The area is `auc_exact_top1`. Both are of the same queries and drawn together, so what is hard
-    in both cancels out. NaN where there is no area as driven. Raises InputError for other queries.
-    """
-    truths = altered.truth(protocol), driven.truth(protocol)
-    if not np.array_equal(altered.xy_m, driven.xy_m):
-        raise InputError("altered queries are compared with the same queries as driven")
-    novelties = altered.novelty[:, 0], driven.novelty[:, 0]
-
-    def share_of_driven(weight: Weight) -> NDArray[np.float64]:
-        of_altered, of_driven = map(auc_exact, truths, novelties, (weight, weight))
-        return (of_altered / np.where(of_driven > 0, of_driven, np.nan))[None]
-
-    ((value, low, high),) = bootstrap.estimates(share_of_driven, driven.xy_m)
-    return float(value), float(low), float(high)
+def _p(resampled: NDArray[np.float64], seen_block_count: int) -> float:
+    """The p value of a difference in resamples (r,), by the definition in `compare`."""
+    if not len(resampled):
+        return np.nan
+    smaller_tail = int(min((resampled <= 0).sum(), (resampled >= 0).sum()))
+    sign_test_floor = 2 / 2.0**seen_block_count
+    return min(1.0, max(sign_test_floor, 2 * (1 + smaller_tail) / (1 + len(resampled))))
 
 
 def holm(p: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Holm's correction of p values (n,) for being the least of n; NaN counts as none.
+    """The p values (n,) of n tests, corrected by Holm's method; NaN counts as no test.
 
-    It holds the chance of any false claim, where scipy's `false_discovery_control` holds the share
-    of them.
+    It bounds the chance of any false claim, where scipy's `false_discovery_control` bounds the
+    share of false ones among the claims.
     """
     corrected = np.full(len(p), np.nan)
     order = np.argsort(p)[: np.isfinite(p).sum()]
@@ -113,10 +116,24 @@ def holm(p: NDArray[np.float64]) -> NDArray[np.float64]:
     return corrected
 
 
-def _p(spread: NDArray[np.float64], seen: NDArray[np.bool_], block: NDArray[np.int64]) -> float:
-    """The p value of differences (resample,), by the definition in `compare`."""
-    if not len(spread):
-        return np.nan
-    smaller_tail = int(min((spread <= 0).sum(), (spread >= 0).sum()))
-    sign_test_floor = 2 / 2.0 ** len(np.unique(block[seen]))
-    return min(1.0, max(sign_test_floor, 2 * (1 + smaller_tail) / (1 + len(spread))))
+def kept_share(
+    altered: Evaluation, driven: Evaluation, protocol: str, bootstrap: Bootstrap
+) -> tuple[float, float, float]:
+    """The share of its area under the curve that a model keeps when queries are altered.
+
+    The area is `auc_exact_top1`, of the altered queries over that of the same queries as driven.
+    Returns the share with the bounds of its 95 % interval, NaN where the area as driven is 0.
+    Raises InputError for other queries.
+    """
+    if not np.array_equal(altered.xy_m, driven.xy_m):
+        raise InputError("altered queries are compared with the same queries as driven")
+    altered_truth = altered.truth(protocol)
+    driven_truth = driven.truth(protocol)
+
+    def share_of_driven(weight: Weight) -> NDArray[np.float64]:
+        altered_auc = auc_exact(altered_truth, altered.novelty[:, 0], weight)
+        driven_auc = auc_exact(driven_truth, driven.novelty[:, 0], weight)
+        return (altered_auc / np.where(driven_auc > 0, driven_auc, np.nan))[None]
+
+    ((value, low, high),) = bootstrap.estimates(share_of_driven, driven.xy_m)
+    return float(value), float(low), float(high)

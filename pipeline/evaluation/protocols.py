@@ -1,6 +1,8 @@
-"""What is true of each query: by the SCI paper's grid cells, and by distance.
+"""Protocols: which queries count as seen, and which answers as right.
 
-Every number names which of the two it speaks of.
+In: where queries were taken, what a method answered, where training went. Out: a `Truth`, of which
+`counts` and `numbers` are computed. There are two protocols, and every number names its own:
+"cells", by grid cells as in the SCI paper, and "distance", by metres between answer and query.
 """
 
 from dataclasses import dataclass
@@ -21,41 +23,46 @@ class Truth:
     A query neither seen nor unseen is not judged.
     """
 
-    seen: NDArray[np.bool_]  # (q,) training went there
-    unseen: NDArray[np.bool_]  # (q,) training never went there
-    true_rank: NDArray[
-        np.int64
-    ]  # (q,) 0-based rank of the first right answer; −1 if not seen or not ranked
-    oracle_right: NDArray[
-        np.bool_
-    ]  # (q,) seen, and answering the nearest training anchor would be right
-    # recall is of all seen queries; else, as the SCI paper counts, of the hits and misses alone
-    usual_recall: bool = False
+    seen: NDArray[np.bool_]
+    """(q,) whether training went there."""
+    unseen: NDArray[np.bool_]
+    """(q,) whether training never went there."""
+    true_rank: NDArray[np.int64]
+    """(q,) 0-based rank of the first right answer; −1 if not seen or not ranked."""
+    oracle_right: NDArray[np.bool_]
+    """(q,) whether it is seen, and answering the nearest training anchor would be right."""
+    recall_of_all_seen: bool = False
+    """Whether recall is the share of all seen queries, as is usual.
+
+    If not, it is hits / (hits + misses) as in the SCI paper, which leaves out the seen queries that
+    are accepted but answered wrong.
+    """
 
 
 def by_cells(
     places: NDArray[np.int64], true_places: NDArray[np.int64], oracle: NDArray[np.int64]
 ) -> Truth:
-    """The SCI paper's protocol: right is the query's cell, and seen a query whose cell training
-    visited.
+    """The truth by the SCI paper's protocol.
 
+    A query is seen if training visited its grid cell, and an answer is right if it is that cell.
     `places` (q, k) are the answers, cheapest first; `true_places` (q,) is −1 where training never
     went; `oracle` (q,) is the place of the nearest training anchor.
     """
     seen = true_places >= 0
     right = (places == true_places[:, None]) & seen[:, None]
-    return Truth(seen, ~seen, _first(right), seen & (oracle == true_places))
+    return Truth(seen, ~seen, _first_right_rank(right), seen & (oracle == true_places))
 
 
 @dataclass(frozen=True)
 class Distance:
-    """The protocol by distance (conf/tolerance), which no border of a grid cell cuts."""
+    """The protocol by distance, which no border of a grid cell cuts: the keys of conf/tolerance."""
 
-    seen_m: Positive = 5.0  # seen: a training anchor is nearer than this
-    correct_m: Positive = 15.0  # right: the answer lies at most this far from the query
-    unseen_m: Positive = (
-        15.0  # unseen: every training anchor is farther than this; a query between is not judged
-    )
+    seen_m: Positive = 5.0
+    """A query is seen if a training anchor is nearer than this."""
+    correct_m: Positive = 15.0
+    """An answer is right if it lies at most this far from the query."""
+    unseen_m: Positive = 15.0
+    """A query is unseen if every training anchor is farther than this."""
 
     def __post_init__(self) -> None:
         check(self, "distance")
@@ -72,20 +79,20 @@ class Distance:
     ) -> Truth:
         """The truth of queries at `xy_m` (q, 2) answered with positions (q, k, 2).
 
-        `nearest_m` (q,) is how far they are from training.
+        `nearest_m` (q,) is their distance to the nearest training anchor.
         """
         seen = nearest_m < self.seen_m
-        away_m = np.linalg.norm(answers_xy_m - xy_m[:, None], axis=2)
-        right = (away_m <= self.correct_m) & seen[:, None]
+        answer_error_m = np.linalg.norm(answers_xy_m - xy_m[:, None], axis=2)
+        right = (answer_error_m <= self.correct_m) & seen[:, None]
         return Truth(
             seen,
             nearest_m > self.unseen_m,
-            _first(right),
+            _first_right_rank(right),
             seen & (nearest_m <= self.correct_m),
-            usual_recall=True,
+            recall_of_all_seen=True,
         )
 
 
-def _first(right: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Rank (q,) of the first right answer of (q, k); −1 where none is."""
+def _first_right_rank(right: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """The rank (q,) of the first right answer, given which answers (q, k) are; −1 if none is."""
     return np.where(right.any(axis=1), right.argmax(axis=1), -1)

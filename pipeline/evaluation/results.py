@@ -1,8 +1,9 @@
-"""The one table of results, gathered from artifacts: two kinds of csv a study, joined on reading.
+"""The table of results: all artifacts of a study in; a row a number out.
 
-Reports, the page, MLflow, `yearloc results` and sweeps read this table and compute no metric of
-their own. Timings differ from run to run and stand in files of their own, so that the others have
-the same bytes each time.
+The stage `results` gathers it into results.csv. `read` joins the tables of all studies, and the
+timings of `latency` and `lifelong`: these differ from run to run and stand in files of their own,
+so that results.csv has the same bytes each time. Reports, the page, MLflow, `yearloc results` and
+sweeps read this table and compute no metric of their own.
 """
 
 import json

@@ -1,4 +1,8 @@
-"""The rows of the table of results: its columns, and the rows that one evaluation gives."""
+"""The table of results: its columns, and the rows that one evaluation gives.
+
+A row is one number: of which model, on which sequence, in which case of its queries, by which
+protocol, with its value and interval. Reports, figures and MLflow select from these rows.
+"""
 
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
@@ -97,28 +101,21 @@ def evaluation_rows(evaluation: Evaluation, case: Case = Case()) -> TableRows:  
             "seen": judgement.seen.sum(),
             "unseen": judgement.unseen.sum(),
         }
-        rejection = {
+        acceptance = {
             "threshold": evaluation.reject_from[0],
             "turned_share": judgement.turned_share(evaluation.turn_deg),
             "answered": judgement.answered,
             "kept_precision": evaluation.kept_precision[0],
             "wanted_precision": evaluation.wanted_precision,
         }
-        numbers = dict(zip(NUMBERS, judgement.numbers, strict=True))
-        number_values = {
+        numbers = {
             name: values
-            for name, values in numbers.items()
-            if name not in POSES or not np.isnan(evaluation.reject_pose_from)
+            for name, values in zip(NUMBERS, judgement.numbers, strict=True)
+            if name not in POSES or evaluation.has_poses
             if name != LEVEL_POSES or evaluation.right_within == WITHIN[LEVEL_POSES]
         }
-        yield from number_rows(
-            columns,
-            protocol,
-            counts
-            | rejection
-            | number_values
-            | ({} if case.change else evaluation.doubts(protocol)),
-        )
+        doubts = {} if case.change else evaluation.doubts(protocol)
+        yield from number_rows(columns, protocol, counts | acceptance | numbers | doubts)
         if case.change:
             continue
         for kind, measures, kept_precision in zip(
@@ -133,7 +130,7 @@ def evaluation_rows(evaluation: Evaluation, case: Case = Case()) -> TableRows:  
     yield from number_rows(
         columns, "cells", dict(zip(("ece_raw", "ece"), evaluation.calibration, strict=True))
     )
-    yield from number_rows(columns, "distance", evaluation.belief)
+    yield from number_rows(columns, "distance", evaluation.acceptance_counts)
     if evaluation.verdicts:
         verdicts = {f"{verdict}_99": count for verdict, count in evaluation.verdicts.items()}
         yield from number_rows(columns, "distance", verdicts | {"pose_ece": evaluation.pose_ece})

@@ -1,10 +1,13 @@
-"""Rows of the table of results that one evaluation does not give.
+"""Rows of the table of results that take more than one evaluation.
 
-Ageing over the year, methods against each other, real changes, viewpoints, reconstructions.
+In: a study's evaluations of several methods and sequences. Out: rows on ageing over the year, on
+methods against each other, on real changes; and on viewpoints and reconstructions, which have
+artifacts of their own. Rows of a single evaluation are made in `rows`.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -32,8 +35,12 @@ AGEING = (
 )
 """Protocol and number that are followed over the days; the first is the cleanest: neither new nor
 reversed streets touch it."""
-PER_DAYS = 100  # slopes are of so many days
+PERCENTILE = "novelty_percentile"
+"""The number of AGEING that says how new queries look, beside held-out ones of training."""
+PER_DAYS = 100
+"""Slopes are per so many days."""
 ORACLE = "oracle"
+"""In the column `method`: answering each query with its nearest training anchor."""
 RECONSTRUCTION = ("held_out_error", "black_error")
 SHOWN = "change shown"
 TO_COME = "change to come"
@@ -41,16 +48,14 @@ TO_COME = "change to come"
 
 @dataclass(frozen=True)
 class Answers:
-    """The evaluations as driven of each method's own model.
-
-    By method and test sequence, in the order of the days.
-    """
+    """The evaluations of a study at one cell size, of queries as driven."""
 
     evaluations: Mapping[str, Mapping[str, Evaluation]]
+    """Method to test sequence, in the order of the days, to the evaluation of its own model."""
     held_out: Mapping[str, NDArray[np.float64]]
-    """Novelties (h,) in use of each method's held-out queries of training."""
+    """Method to the novelties (h,) of held-out queries of training, of the kind in use."""
     variants: Mapping[tuple[str, str], Mapping[str, Evaluation]] = field(default_factory=dict)
-    """The same of method and variant; they are only compared with the reference."""
+    """Method and variant to test sequence to evaluation; only compared with the reference."""
 
     @property
     def reference(self) -> str:
@@ -59,122 +64,140 @@ class Answers:
 
 
 def ageing_rows(answers: Answers, ageing: Ageing) -> TableRows:
-    """Rows of each number of AGEING: its line at each sequence's day, and the line's slope.
+    """Rows of how each number of AGEING changes over the days, for each method.
 
     Those that the oracle has too are followed for it as well.
     """
     for protocol, number in AGEING:
-        groups = {method: (number, group) for method, group in answers.evaluations.items()}
-        if number.startswith("recall_at_1"):
-            groups[ORACLE] = (
-                number.replace("recall_at_1", ORACLE),
-                answers.evaluations[answers.reference],
-            )
-        for method, (group_number, group) in groups.items():
-            days = np.array([evaluation.days for evaluation in group.values()], np.float64)
-            if number == "novelty_percentile":
+        for method, evaluations in answers.evaluations.items():
+            if number == PERCENTILE:
                 held_out_novelty = answers.held_out.get(method, np.empty(0))
-                estimates = [
+                values = [
                     (newness(evaluation, held_out_novelty), np.nan, np.nan)
-                    for evaluation in group.values()
+                    for evaluation in evaluations.values()
                 ]
             else:
-                estimates = [
-                    evaluation.number(protocol, group_number) for evaluation in group.values()
+                values = [
+                    evaluation.number(protocol, number) for evaluation in evaluations.values()
                 ]
-            line = ageing.line(days, np.array([value for value, _, _ in estimates]))
-            fitted = np.full((3, len(days)), np.nan) if line is None else line.at(days)
-            for sequence, day, values, on_line in zip(
-                group, days, estimates, fitted.T, strict=True
-            ):
-                place = {"method": method, "sequence": sequence, "days": day}
-                if method == ORACLE or number == "novelty_percentile":
-                    yield place | row(number, protocol, *values)
-                yield place | row(f"{number}_line", protocol, *on_line)
-            if line is not None:
-                slope = line.slope
-                (low, high) = line.interval or (np.nan, np.nan)
-                per_days = f"per_{PER_DAYS}_days"
-                slopes = {
-                    f"_{per_days}": PER_DAYS * np.array([slope, low, high]),
-                    f"_theil_sen_{per_days}": PER_DAYS * line.middle_slope,
-                }
-                of_line: dict[str, Any] = slopes | {"_day_0": line.intercept, "_slope_p": line.p}
-                if number != "novelty_percentile" and (lost := line.lost(ageing.loss)):
-                    of_line["_retrain_after_days"] = lost
-                yield from number_rows(
-                    {"method": method},
-                    protocol,
-                    {number + end: values for end, values in of_line.items()},
-                )
+            yield from _ageing_rows(method, protocol, number, evaluations, values, ageing)
+        if number.startswith("recall_at_1"):
+            evaluations = answers.evaluations[answers.reference]
+            oracle_number = number.replace("recall_at_1", "oracle")
+            values = [
+                evaluation.number(protocol, oracle_number) for evaluation in evaluations.values()
+            ]
+            yield from _ageing_rows(ORACLE, protocol, number, evaluations, values, ageing)
+
+
+def _ageing_rows(
+    method: str,
+    protocol: str,
+    number: str,
+    evaluations: Mapping[str, Evaluation],
+    values: Sequence[tuple[float, float, float]],
+    ageing: Ageing,
+) -> TableRows:
+    """Rows of one number of one method: the line at each sequence's day, and the line's slope.
+
+    `values` are the number on each sequence, with its bounds; they have rows here where no row of
+    an evaluation has them.
+    """
+    days = np.array([evaluation.days for evaluation in evaluations.values()], np.float64)
+    line = ageing.line(days, np.array([value for value, _, _ in values]))
+    line_values = np.full((3, len(days)), np.nan) if line is None else line.at(days)
+    for sequence, day, value, line_value in zip(
+        evaluations, days, values, line_values.T, strict=True
+    ):
+        columns = {"method": method, "sequence": sequence, "days": day}
+        if method == ORACLE or number == PERCENTILE:
+            yield columns | row(number, protocol, *value)
+        yield columns | row(f"{number}_line", protocol, *line_value)
+    if line is None:
+        return
+    low, high = line.interval or (np.nan, np.nan)
+    per_days = f"per_{PER_DAYS}_days"
+    numbers: dict[str, Any] = {
+        f"{number}_{per_days}": PER_DAYS * np.array([line.slope, low, high]),
+        f"{number}_theil_sen_{per_days}": PER_DAYS * line.middle_slope,
+        f"{number}_day_0": line.intercept,
+        f"{number}_slope_p": line.p,
+    }
+    if number != PERCENTILE and (lost_after_days := line.lost(ageing.loss)):
+        numbers[f"{number}_retrain_after_days"] = lost_after_days
+    yield from number_rows({"method": method}, protocol, numbers)
 
 
 def paired_rows(answers: Answers, bootstrap: Bootstrap) -> TableRows:
-    """Rows of every model against the reference on the same queries.
+    """Rows of every model against the reference on the same queries, a sequence at a time.
 
     Differences, p after Holm's correction, and how many queries only one of the two answers right.
     """
     reference = answers.evaluations[answers.reference]
-    against = {
-        "case": f"against {answers.reference}",
-        "change": "against",
-        "kind": answers.reference,
-    }
-    own_recipes = {(method, ""): group for method, group in answers.evaluations.items()}
-    for (method, variant), group in (own_recipes | dict(answers.variants)).items():
-        common = {"method": method, "variant": variant} | against
-        places = {
-            sequence: common | {"sequence": sequence, "days": evaluation.days}
-            for sequence, evaluation in group.items()
+    models = {(method, ""): group for method, group in answers.evaluations.items()}
+    models |= answers.variants
+    for (method, variant), evaluations in models.items():
+        if evaluations is reference:
+            continue
+        columns = {
+            "method": method,
+            "variant": variant,
+            "case": f"against {answers.reference}",
+            "change": "against",
+            "kind": answers.reference,
         }
-        for protocol in PROTOCOLS if group is not reference else ():
-            comparisons = {
-                sequence: compare(evaluation, reference[sequence], protocol, bootstrap)
-                for sequence, evaluation in group.items()
+        for protocol in PROTOCOLS:
+            yield from _comparison_rows(columns, protocol, evaluations, reference, bootstrap)
+
+
+def _comparison_rows(
+    columns: Mapping[str, Any],
+    protocol: str,
+    evaluations: Mapping[str, Evaluation],
+    reference: Mapping[str, Evaluation],
+    bootstrap: Bootstrap,
+) -> TableRows:
+    """Rows of one model against the reference by one protocol; both by sequence."""
+    comparisons = {
+        sequence: compare(evaluation, reference[sequence], protocol, bootstrap)
+        for sequence, evaluation in evaluations.items()
+    }
+    sequence_columns = {
+        sequence: {**columns, "sequence": sequence, "days": evaluation.days}
+        for sequence, evaluation in evaluations.items()
+    }
+    for i, number in enumerate(COMPARED):
+        differences = [comparison.differences[i] for comparison in comparisons.values()]
+        corrected_p = holm(np.array([difference.p for difference in differences]))
+        for sequence, difference, p in zip(comparisons, differences, corrected_p, strict=True):
+            numbers = {
+                f"{number}_difference": (difference.value, difference.low, difference.high),
+                f"{number}_difference_p": p,
             }
-            for i, number in enumerate(COMPARED):
-                differences = [comparison.differences[i] for comparison in comparisons.values()]
-                corrected_p = holm(np.array([difference.p for difference in differences]))
-                for sequence, difference, p in zip(
-                    comparisons, differences, corrected_p, strict=True
-                ):
-                    numbers = {
-                        f"{number}_difference": (
-                            difference.value,
-                            difference.low,
-                            difference.high,
-                        ),
-                        f"{number}_difference_p": p,
-                    }
-                    yield from number_rows(places[sequence], protocol, numbers)
-            for sequence, comparison in comparisons.items():
-                right_alone = {
-                    "only_this_right": comparison.only_this,
-                    "only_reference_right": comparison.only_reference,
-                }
-                yield from number_rows(places[sequence], protocol, right_alone)
+            yield from number_rows(sequence_columns[sequence], protocol, numbers)
+    for sequence, comparison in comparisons.items():
+        right_alone = {
+            "only_this_right": comparison.only_this,
+            "only_reference_right": comparison.only_reference,
+        }
+        yield from number_rows(sequence_columns[sequence], protocol, right_alone)
 
 
 def event_rows(
     answers: Answers, changes: Mapping[str, Iterable[Change]], bands: Bands, bootstrap: Bootstrap
 ) -> TableRows:
-    """Rows of all test sequences together, by the distance to the nearest real change.
+    """Rows of all test sequences together, by the distance of queries to the nearest real change.
 
-    Of changes that show, and of those still to come. `changes` of each sequence are those that show
-    on its day. `level` of a row is the farther edge of its band.
+    A change shows on the day of a query, or is still to come. `changes` are, by sequence, those
+    that show on its day. `level` of a row is the farther edge of its band of distances.
     """
     changes_of = {sequence: list(in_sequence) for sequence, in_sequence in changes.items()}
     reference = answers.evaluations[answers.reference]
     xy_m = {sequence: evaluation.xy_m for sequence, evaluation in reference.items()}
     away_m = distances(xy_m, changes_of, bands.kinds)
+    all_changes = set(chain.from_iterable(changes_of.values()))
     for kind in bands.kinds:
-        of_kind = {
-            change
-            for sequence_changes in changes_of.values()
-            for change in sequence_changes
-            if change.what == kind
-        }
-        yield row(f"{kind}_changes", "", len(of_kind))
+        yield row(f"{kind}_changes", "", sum(change.what == kind for change in all_changes))
     for sequence, (shown_m, _) in away_m.items():
         is_near = reference[sequence].cells.seen & (shown_m <= bands.edges_m[-1])
         yield {"sequence": sequence} | row("seen_near_a_change", "cells", is_near.sum())
@@ -189,7 +212,7 @@ def event_rows(
                     bootstrap,
                 )
                 for band, edge_m in enumerate((*bands.edges_m, np.inf)):
-                    place = {
+                    columns = {
                         "method": method,
                         "case": f"{change_time}, {bands.names[band]}",
                         "change": change_time,
@@ -197,22 +220,24 @@ def event_rows(
                     }
                     counts = {"seen": in_bands.seen[band], "unseen": in_bands.unseen[band]}
                     yield from number_rows(
-                        place,
+                        columns,
                         protocol,
                         counts | dict(zip(NEAR_CHANGES, in_bands.values[band], strict=True)),
                     )
 
 
-def viewpoint_rows(judged: ViewpointMatches) -> TableRows:
+def viewpoint_rows(matches: ViewpointMatches) -> TableRows:
     """Rows of one model on one sequence matched with itself, a row a number and query heading."""
-    for heading_deg, values in zip(judged.headings_deg, judged.values, strict=True):
-        place = {
+    for heading_deg, values in zip(matches.headings_deg, matches.values, strict=True):
+        columns = {
             "case": f"viewpoint {heading_deg:g}°",
             "change": "viewpoint",
             "level": float(heading_deg),
         }
-        yield from number_rows(place, "distance", dict(zip(VIEWPOINT_NUMBERS, values, strict=True)))
-    numbers = {"queries": judged.valid.sum(), "bytes_per_place": judged.bytes_per_place}
+        yield from number_rows(
+            columns, "distance", dict(zip(VIEWPOINT_NUMBERS, values, strict=True))
+        )
+    numbers = {"queries": matches.valid.sum(), "bytes_per_place": matches.bytes_per_place}
     yield from number_rows({"case": "viewpoint", "change": "viewpoint of all"}, "distance", numbers)
 
 
@@ -223,5 +248,5 @@ def reconstruction_rows(model: Mapping[str, NDArray[Any]]) -> TableRows:
     """
     for name in RECONSTRUCTION:
         if f"curves/{name}" in model:
-            of_round = model[f"curves/{name}"][int(model["best_epoch"])]
-            yield {"case": "viewpoint", "change": "viewpoint of all"} | row(name, "", of_round)
+            error = model[f"curves/{name}"][int(model["best_epoch"])]
+            yield {"case": "viewpoint", "change": "viewpoint of all"} | row(name, "", error)

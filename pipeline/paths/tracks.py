@@ -85,7 +85,7 @@ def joined(fixes: Fixes, odom_T_anchor: Poses, path: Path, places: Places) -> Fi
                 odom_T_anchor @ turns(turn_rad),
                 fixes.world_T_query[rows],
                 1 - doubt,
-                doubt < fixes.promised[1],
+                doubt < fixes.reject_from(),
                 fixes.covariance[rows],
             )
         )

@@ -474,7 +474,7 @@ def test_a_row_of_metrics_has_few_numbers_and_none_that_are_not_there() -> None:
 def test_accepted_places_are_counted_at_the_threshold_and_wrong_ones_among_them() -> None:
     """Novelties below .5: the first, third, fourth, fifth and sixth; the third is 200 m off and the
     sixth unseen. Refused: the second, which is right, and the last, unseen."""
-    assert seven_queries().belief == {
+    assert seven_queries().acceptance_counts == {
         "accepted": 5,
         "accepted_wrong": 2,
         "refused": 2,
@@ -491,7 +491,17 @@ def test_accepted_poses_are_counted_by_what_they_promise() -> None:
         pose_error_m=np.array([0, 0, 3, 0, 0, 50, np.nan]),
         pose_error_deg=np.array([0, 0, 0, 0, 6, 0, np.nan]),
     )
-    assert posed.belief == {"accepted": 4, "accepted_wrong": 2, "refused": 3, "refused_wrong": 1}
+    assert posed.acceptance_counts == {
+        "accepted": 4,
+        "accepted_wrong": 2,
+        "refused": 3,
+        "refused_wrong": 1,
+    }
     # of level sweeps a pose that is 6° off is right
     level = replace(posed, right_within=(1.0, 10.0))
-    assert level.belief == {"accepted": 4, "accepted_wrong": 1, "refused": 3, "refused_wrong": 1}
+    assert level.acceptance_counts == {
+        "accepted": 4,
+        "accepted_wrong": 1,
+        "refused": 3,
+        "refused_wrong": 1,
+    }

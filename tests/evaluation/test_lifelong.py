@@ -60,7 +60,7 @@ def test_recall_is_of_the_queries_whose_place_is_known_by_the_step() -> None:
     assert COURSE.matrix.tolist() == [[1.0, 0.0], [0.5, 1.0], [0.5, pytest.approx(2 / 3)]]
     assert COURSE.recall(2, 1, known_by=0) == 1.0  # the third query alone
     assert [COURSE.mean_recall(step) for step in range(3)] == pytest.approx([0.5, 0.75, 7 / 12])
-    assert [COURSE.of_all(step) for step in range(3)] == pytest.approx(
+    assert [COURSE.recall_of_all(step) for step in range(3)] == pytest.approx(
         [3 / 5, 3 / 5, 3 / 5]
     )  # never known: not counted
 

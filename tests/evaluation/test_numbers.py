@@ -69,7 +69,7 @@ def test_the_numbers_of_six_queries_by_hand() -> None:
         1 / 2 + (2 / 3 + 3 / 4) / 8 + (3 / 4 + 3 / 5) / 8
     )
     # By the usual recall a misplaced query is not recalled.
-    found = told(replace(TOY, usual_recall=True))
+    found = told(replace(TOY, recall_of_all_seen=True))
     assert found["recall_at_threshold"] == 2 / 4  # two hits of four seen
     assert found["auc_exact_top1"] == pytest.approx((1 + 7 / 12 + 11 / 20) / 4)  # test_curves.py
     assert found["f1_max"] == pytest.approx(2 / 3)

@@ -15,7 +15,7 @@ def test_by_cells_the_query_s_own_cell_is_right_and_padding_is_no_place() -> Non
     assert truth.unseen.tolist() == [False, False, False, True]
     assert truth.true_rank.tolist() == [0, 1, -1, -1]  # first, second, not ranked, unseen
     assert truth.oracle_right.tolist() == [True, False, True, False]
-    assert not truth.usual_recall
+    assert not truth.recall_of_all_seen
     truth = by_cells(np.array([[-1, -1], [-1, 4]]), np.array([-1, 4]), np.array([-1, -1]))
     assert truth.true_rank.tolist() == [-1, 1]
     assert truth.oracle_right.tolist() == [False, False]
@@ -30,7 +30,7 @@ def test_by_distance_the_first_answer_near_enough_is_right() -> None:
     truth = Distance().truth(answers_m, xy_m, nearest_m=np.array([0.0, 4.9, 4.9, 15.1]))
     assert truth.true_rank.tolist() == [0, 1, -1, -1]
     assert truth.oracle_right.tolist() == [True, True, True, False]
-    assert truth.usual_recall
+    assert truth.recall_of_all_seen
     # An answer without a position is wrong, and so is the nearest anchor where it is farther than
     # right reaches.
     truth = Distance().truth(np.array([[[np.nan, 0.0], [0.0, 0.0]]]), np.zeros((1, 2)), np.zeros(1))

@@ -129,7 +129,7 @@ def test_an_evaluation_gives_counts_numbers_kinds_of_novelty_and_calibration() -
             )
         ),
         *(("", "cells", name) for name in ("ece_raw", "ece")),
-        *(("", "distance", name) for name in one.belief),
+        *(("", "distance", name) for name in one.acceptance_counts),
     ]
     told = {name: found["", "cells", name]["value"] for name in (*names, "doubt_less_kept")}
     # Three of the five seen are right, one of them turned; entropy tells 9 of 10 pairs of seen and
@@ -159,7 +159,9 @@ def test_rows_of_an_altered_case_say_what_was_done_and_leave_novelties_out() -> 
         (row["case"], row["change"], row["level"], row["shadow"], row["repeat"]) for row in found
     }
     assert parts == {("construction 2 walls, shadow", "construction", 2.0, True, 0)}
-    assert len(found) == 2 * (8 + len(NUMBERS) - len(POSES)) + 2 + len(evaluation().belief)
+    assert len(found) == 2 * (8 + len(NUMBERS) - len(POSES)) + 2 + len(
+        evaluation().acceptance_counts
+    )
 
 
 def test_the_table_holds_every_column_of_its_type_and_whose_study_it_is(

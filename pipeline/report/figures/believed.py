@@ -56,7 +56,7 @@ class BelievedDrive:
             poses, accepted, promise = verdicts(fixes, len(world_T_true), wanted_promise)
             is_right = within(fixes.right_within, *apart(poses, world_T_true))
         else:
-            believed = evaluation.believed
+            believed = evaluation.acceptance
             accepted = believed["accepted"]
             is_right = ~(believed["accepted_wrong"] | believed["refused_wrong"])
             promise = None

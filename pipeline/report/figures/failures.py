@@ -45,7 +45,7 @@ def misjudged(group: Sequence[Result]) -> list[Failure]:
     """
     failures = []
     for result in group:
-        believed = result.evaluation.believed
+        believed = result.evaluation.acceptance
         right = ~np.isnan(result.evaluation.pose_error_m) & ~believed["refused_wrong"]
         refused_right = believed["refused"] & right
         for mask, accepted in ((believed["accepted_wrong"], True), (refused_right, False)):

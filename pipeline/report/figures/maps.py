@@ -41,7 +41,8 @@ def fix_map(result: Result, train_xy_m: NDArray[np.float64]) -> Figure:
 
     Faint where a pose was not accepted with a promise of .99.
     """
-    accepted, right = result.evaluation.fixes
+    accepted = result.evaluation.pose_accepted
+    right = result.evaluation.pose_right
     far_m, far_deg = result.evaluation.right_within
     heading = f"{result.model} on {result.label}: poses, right within {far_m:g} m and {far_deg:g}°"
     return _single(

@@ -33,7 +33,8 @@ def verdicts(group: Sequence[Result]) -> Figure:
         panels(fig, len(group), columns, x=f"novelty: {kind}", y="error [m]"), group, strict=True
     ):
         evaluation = result.evaluation
-        (accepted, right) = result.evaluation.fixes
+        accepted = result.evaluation.pose_accepted
+        right = result.evaluation.pose_right
         error_m = np.nan_to_num(evaluation.pose_error_m, nan=MOST_M).clip(LEAST_M, MOST_M)
         for mask, tint, marker in ((right, RIGHT, "o"), (~right, OFF, "X")):
             axis.scatter(

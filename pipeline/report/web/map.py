@@ -62,7 +62,7 @@ def chart(study: Study) -> dict[str, Any]:
     for sequence, results in by_sequence(study.results).items():
         first = results[0].evaluation
         best = next((result for result in results if result.model == study.best), results[0])
-        kept = _kept(best.evaluation.believed, KEPT // len(days))
+        kept = _kept(best.evaluation.acceptance, KEPT // len(days))
         views = Views.read(study.find("views", sequence, view_model)) if train else None
         looked_at = store.read(study.find("views", sequence, results[0].model), *schemas.VIEW_KINDS)
         sequences.append(
@@ -234,7 +234,7 @@ def _answers(
 
 def _belief(evaluation: Evaluation) -> NDArray[np.int64]:
     """What each answer (q,) is as it is believed: right or wrong, and ACCEPTED or not."""
-    believed = evaluation.believed
+    believed = evaluation.acceptance
     wrong = believed["accepted_wrong"] | believed["refused_wrong"]
     code = np.where(wrong, WRONG, RIGHT)
     code[~(believed["accepted"] | believed["refused"])] = NOT_JUDGED
