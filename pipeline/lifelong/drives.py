@@ -1,9 +1,9 @@
-"""Drives of a study as scans in their order, with odometry and true poses.
+"""Drives of a study as a site is asked about them: artifacts in; scans in their order out.
 
-True poses serve to count errors only.
+Each has odometry, and its true pose, which serves to count errors only.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
@@ -26,21 +26,21 @@ def _scans(scans_path: Path, submaps_path: Path, sequence: str) -> list[Scan]:
     scans = store.read(scans_path, schemas.Scans)
     submaps = store.read(submaps_path, schemas.Submaps)
     odom_T_anchor = scans.load("odom_T_scan")[submaps.load("scans")]
-    rows = enumerate(
-        zip(submaps.load("stamps_ns"), odom_T_anchor, submaps.load("world_T_anchor"), strict=True)
-    )
+    stamps_ns = submaps.load("stamps_ns").tolist()
+    world_T_anchor = submaps.load("world_T_anchor")
     return [
-        Scan(f"{sequence} {row}", int(stamp), _points(scans, submaps, row), *poses)
-        for row, (stamp, *poses) in rows
+        Scan(
+            f"{sequence} {row}",
+            stamps_ns[row],
+            partial(_points, scans, submaps, row),
+            odom_T_anchor[row],
+            world_T_anchor[row],
+        )
+        for row in range(len(stamps_ns))
     ]
 
 
-def _points(
-    scans: schemas.Scans, submaps: schemas.Submaps, row: int
-) -> Callable[[], NDArray[np.float64]]:
-    return partial(
-        lambda row: np.asarray(
-            next(iter(submap_points(scans, submaps, slice(row, row + 1)))), np.float64
-        ),
-        row,
-    )
+def _points(scans: schemas.Scans, submaps: schemas.Submaps, row: int) -> NDArray[np.float64]:
+    """The points (n, 3) of one submap."""
+    (points_m,) = submap_points(scans, submaps, slice(row, row + 1))
+    return np.asarray(points_m, np.float64)

@@ -1,6 +1,7 @@
-"""Growth of a site: its method learns views of a later day, and its map is renewed.
+"""Growth of a site: the scans that it adopts of a later day in; the parts of the grown site out.
 
-Scans of that day replace the submaps that they contradict.
+`planned` says what would be learned, `grown` learns it: the site's method learns the scans' views,
+and in its map scans replace the submaps that they contradict.
 """
 
 from dataclasses import dataclass, replace
@@ -87,10 +88,10 @@ def planned(site: Site, adoption: Adoption) -> Growth:
 def grown(site: Site, parts: Parts, growth: Growth, name: str, progress: Progress) -> Parts:
     """The parts of a site after it learned the day `name`; `parts` are those before, with views."""
     description = parts.description
-    before = _growth(description)
+    earlier_growth = _growth(description)
     views = parts.views
     used_scans = growth.used
-    known_views = learned(site, parts)
+    learned = learned_views(site, parts)
     day_views = growth.adoption.views(site)
     new_views = TrainingSet(
         Rows(
@@ -102,10 +103,10 @@ def grown(site: Site, parts: Parts, growth: Growth, name: str, progress: Progres
     )
     held_out = {key: array for key, array in views.items() if key.startswith(HELD_OUT)}
     method = build(description.method, ROOTS)
-    model = method.grow({**parts.model, **held_out}, known_views, new_views, progress)
-    number = len(before.days)
-    growth_views = dict(learned_from(Rows.joined([known_views.views, new_views.views]), model))
-    growth_views["days"] = np.concatenate([views["days"], np.full(len(used_scans), number)])
+    model = method.grow({**parts.model, **held_out}, learned, new_views, progress)
+    day_number = len(earlier_growth.days)
+    growth_views = dict(learned_from(Rows.joined([learned.views, new_views.views]), model))
+    growth_views["days"] = np.concatenate([views["days"], np.full(len(used_scans), day_number)])
     growth_views["chances"] = np.concatenate([views["chances"], growth.adoption.chance[used_scans]])
     new_places = len(growth.places.cells) - len(site.places.cells)
     day = LearnedDay(name, len(used_scans), new_places, len(growth.changed))
@@ -113,11 +114,11 @@ def grown(site: Site, parts: Parts, growth: Growth, name: str, progress: Progres
         replace(
             description,
             places=growth.places.grid,
-            growth=replace(before, days=(*before.days, day)),
+            growth=replace(earlier_growth, days=(*earlier_growth.days, day)),
         ),
         {key: array for key, array in model.items() if key in parts.model},
         {
-            **mapped(site, parts, growth),
+            **grown_map(site, parts, growth),
             "cells": growth.places.cells,
             **site.fixer.expectations.arrays,
         },
@@ -126,7 +127,7 @@ def grown(site: Site, parts: Parts, growth: Growth, name: str, progress: Progres
     )
 
 
-def learned(site: Site, parts: Parts) -> TrainingSet:
+def learned_views(site: Site, parts: Parts) -> TrainingSet:
     """The views that a site has learned, each with its place.
 
     `parts` are those that it was opened from.
@@ -135,7 +136,7 @@ def learned(site: Site, parts: Parts) -> TrainingSet:
     return TrainingSet(views, site.places.at(views.world_T_anchor[:, :2, 3]))
 
 
-def mapped(site: Site, parts: Parts, growth: Growth) -> Arrays:
+def grown_map(site: Site, parts: Parts, growth: Growth) -> Arrays:
     """The map after growth.
 
     It lacks changed submaps, and has the scans that replace them or are of new places.

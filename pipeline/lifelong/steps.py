@@ -1,4 +1,8 @@
-"""Steps of learning: the localiser after each further day, by a strategy (METHODS 11.4)."""
+"""Steps of learning (METHODS 11.4): further days and a strategy in; the localiser after each out.
+
+`surveyed` is of days whose poses are known, with a method and its model; `updated` of drives that a
+site learns by itself.
+"""
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -36,20 +40,24 @@ class Step:
     newest_ns: NDArray[np.int64]
     """(place,) stamp of the newest view of each that was surveyed or adopted."""
     bytes: int
+    """Of the model's arrays."""
     cpu_s: float
+    """That learning the day took."""
     counts: Mapping[str, int] = field(default_factory=dict)
     """Of an update, scans asked and adopted, adopted at a wrong pose, submaps that changed."""
 
 
 def streets(name: str, views: Rows) -> dict[str, Rows]:
-    """A day in STREETS parts of equal length."""
-    way_m = np.cumsum(
-        np.r_[0, np.linalg.norm(np.diff(views.world_T_anchor[:, :2, 3], axis=0), axis=1)]
-    )
-    ends = np.searchsorted(way_m, way_m[-1] * np.arange(1, STREETS) / STREETS)
-    whole = Rows(views.images[:], views.stamps_ns, views.world_T_anchor)
-    parts = zip([0, *ends], [*ends, len(way_m)], strict=True)
-    return {f"{name} {i}/{STREETS}": whole.some(slice(*part)) for i, part in enumerate(parts, 1)}
+    """The views of the day `name`, in STREETS parts of equal length of path, by part."""
+    steps_m = np.linalg.norm(np.diff(views.world_T_anchor[:, :2, 3], axis=0), axis=1)
+    path_m = np.cumsum([0, *steps_m])
+    ends = np.searchsorted(path_m, path_m[-1] * np.arange(1, STREETS) / STREETS)
+    loaded_views = Rows(views.images[:], views.stamps_ns, views.world_T_anchor)
+    parts = zip([0, *ends], [*ends, len(path_m)], strict=True)
+    return {
+        f"{name} {number}/{STREETS}": loaded_views.some(slice(start, end))
+        for number, (start, end) in enumerate(parts, start=1)
+    }
 
 
 def surveyed(
@@ -60,29 +68,32 @@ def surveyed(
     first_model: Model | None,
     progress: Progress,
 ) -> Iterator[Step]:
-    """The localiser after each day whose poses are known.
+    """The localiser after each day, by name, whose poses are known.
 
-    `places` are those of the grid at the start, none or the first day's; `first_model` is its
-    model.
+    `places` are those of the grid at the start: none, or the first day's where `first_model` has
+    learned it already.
     """
-    known_views: TrainingSet | None = None
-    model: Model = first_model or {}
+    model: Model = {}
+    learned_views: TrainingSet | None = None
     for number, (name, (new_views, places_by_then)) in enumerate(
         zip(days, in_order(days.values(), places), strict=True)
     ):
-        start = time.process_time()
+        start_s = time.process_time()
         part = progress.part(f"step{number}")
-        if known_views is None:
+        if learned_views is None:
             model = first_model if first_model is not None else method.learn(*new_views, part)
+            learned_views = new_views
         else:
-            model = strategy.learn(method, model, known_views, new_views, part)
-        known_views = (
-            new_views if known_views is None else TrainingSet.joined([known_views, new_views])
-        )
-        used_s = time.process_time() - start
-        size = sum(array.nbytes for array in model.values())
+            model = strategy.learn(method, model, learned_views, new_views, part)
+            learned_views = TrainingSet.joined([learned_views, new_views])
+        cpu_s = time.process_time() - start_s
         yield Step(
-            name, method.localizer(model), places_by_then, newest_ns(known_views), size, used_s
+            name,
+            method.localizer(model),
+            places_by_then,
+            newest_ns(learned_views),
+            _size(model),
+            cpu_s,
         )
 
 
@@ -104,7 +115,7 @@ def updated(
     site = Site(parts, threads=2)
     yield _of_site(parts.description.provenance.train, site, parts, 0.0)
     for name, scans in drives.items():
-        start = time.process_time()
+        start_s = time.process_time()
         counts = {"asked": len(scans), "adopted": 0, "wrong": 0, "changed": 0}
         try:
             plan = growth.planned(site, adoption.adopted(site, scans, strategy.promise))
@@ -114,7 +125,7 @@ def updated(
             site = Site(parts, threads=2)
         except NothingAdoptedError as error:
             progress.tell(f"{name}: {error}")
-        yield _of_site(name, site, parts, time.process_time() - start, counts)
+        yield _of_site(name, site, parts, time.process_time() - start_s, counts)
 
 
 def _of_site(
@@ -124,13 +135,18 @@ def _of_site(
     cpu_s: float,
     counts: Mapping[str, int] | None = None,
 ) -> Step:
-    size = sum(array.nbytes for array in parts.model.values())
+    """The step after which a site is as it is now; `parts` are those that it was opened from."""
     return Step(
         name,
         site.localizer,
         site.places,
-        newest_ns(growth.learned(site, parts)),
-        size,
+        newest_ns(growth.learned_views(site, parts)),
+        _size(parts.model),
         cpu_s,
         counts or {},
     )
+
+
+def _size(model: Model) -> int:
+    """Bytes of a model's arrays."""
+    return sum(array.nbytes for array in model.values())

@@ -1,4 +1,7 @@
-"""Strategies: what becomes of a model when a further day has been surveyed (METHODS 11.4)."""
+"""Strategies (METHODS 11.4): a model, the views it learned and a further day's in; a model out.
+
+The last one, `Updated`, is a site's own: it says which scans of a day the site learns by itself.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -17,7 +20,7 @@ class Frozen:
         self,
         method: Method,
         model: Model,
-        known_views: TrainingSet,
+        learned_views: TrainingSet,
         new_views: TrainingSet,
         progress: Progress,
     ) -> Model:
@@ -27,18 +30,18 @@ class Frozen:
 
 @dataclass(frozen=True)
 class Joint:
-    """Trains a new model on all days: what growth is measured by."""
+    """Trains a new model on all days: the best that growth could reach."""
 
     def learn(
         self,
         method: Method,
         model: Model,
-        known_views: TrainingSet,
+        learned_views: TrainingSet,
         new_views: TrainingSet,
         progress: Progress,
     ) -> Model:
         """Train on all days from the beginning."""
-        return method.learn(*TrainingSet.joined([known_views, new_views]), progress)
+        return method.learn(*TrainingSet.joined([learned_views, new_views]), progress)
 
 
 @dataclass(frozen=True)
@@ -52,13 +55,13 @@ class Grown:
         self,
         method: Any,
         model: Model,
-        known_views: TrainingSet,
+        learned_views: TrainingSet,
         new_views: TrainingSet,
         progress: Progress,
     ) -> Model:
         """Grow the model by the new views."""
         grown: Model = replace(method, **self.settings).grow(
-            model, known_views, new_views, progress
+            model, learned_views, new_views, progress
         )
         return grown
 

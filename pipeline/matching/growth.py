@@ -1,4 +1,5 @@
-"""Surveyed days that a model of the first one learns in their order (METHODS 11.1)."""
+"""Growth of a model (METHODS 11.1): a model of the first day and further surveyed days in; a model
+of all out."""
 
 from collections.abc import Iterable, Iterator, Sequence
 
@@ -14,7 +15,8 @@ def in_order(days: Iterable[Rows], places: Places) -> Iterator[tuple[TrainingSet
     Places keep their numbers; each further cell gets a new one.
     """
     for views in days:
-        places = places.grown(xy_m := views.world_T_anchor[:, :2, 3])
+        xy_m = views.world_T_anchor[:, :2, 3]
+        places = places.grown(xy_m)
         yield TrainingSet(views, places.at(xy_m)), places
 
 
@@ -26,12 +28,12 @@ def grown(
     `model` is of the first of `days`, whose `places` are those of its labels. Raises InputError for
     a single day.
     """
-    known_set, *later_sets = (data for data, _ in in_order(days, places))
-    if not later_sets:
+    learned_set, *further_sets = (views for views, _ in in_order(days, places))
+    if not further_sets:
         raise InputError(
             "from: the model knows the only sequence already; name the further ones after it"
         )
-    for number, new_set in enumerate(later_sets, 1):
-        model = method.grow(model, known_set, new_set, progress.part(f"day{number}"))
-        known_set = TrainingSet.joined([known_set, new_set])
-    return model, known_set
+    for number, day_set in enumerate(further_sets, 1):
+        model = method.grow(model, learned_set, day_set, progress.part(f"day{number}"))
+        learned_set = TrainingSet.joined([learned_set, day_set])
+    return model, learned_set

@@ -1,4 +1,8 @@
-"""The simulated world: a place, a year, a robot, and the sequences that it records there."""
+"""The simulated world: a yaml of conf/world in; the raw logs of its sequences out.
+
+A world is a place, a year in which it changes, and a robot that drives through it on some days.
+Logs are written in a real data set's format, with the truth beside them.
+"""
 
 from collections.abc import Mapping
 from contextlib import closing
@@ -31,6 +35,7 @@ from pipeline.world.writers.truth import TruthWriter
 BLOCK_RAYS = 400_000
 """Approximate number of rays in a block of scans."""
 LOG_SEEDS = 7919
+"""Between the seeds of a scanner car's logs, each of which is driven in a world of its own."""
 MAX_SEED = (1 << 20) - 1
 TRAINING_ENTRY = {"unseen": 0.0, "reversed": 0.0}
 
@@ -179,10 +184,10 @@ class Simulation:
                 f"train={train}: this world changes from the day of its first sequence, "
                 f"{self.training}"
             )
-        campus, events = self._year(
+        campus, events = self.year_of(
             self.routes(), Entry.of(sequence, self.sequences[self._entry_name(sequence)])
         )
-        return visible_changes(self._day(sequence), campus, events, origin_m(self.logs))
+        return visible_changes(self.day_of(sequence), campus, events, origin_m(self.logs))
 
     def routes(self) -> Routes:
         """The streets, and the plan of the training sequence on them."""
@@ -190,7 +195,7 @@ class Simulation:
             self.seed, self.blocks, self.route_m, self.route_file, self._robot.streets_only
         )
 
-    def _plan(self, entry: str) -> tuple[Routes, Plan]:
+    def plan_of(self, entry: str) -> tuple[Routes, Plan]:
         """The streets and the plan of a sequence.
 
         They lie in the one world of all sequences, or in the own world of a log.
@@ -215,18 +220,19 @@ class Simulation:
             )
         return name
 
-    def _day(self, name: str) -> int:
-        """Days after the training sequence."""
-        return (
-            self._robot.departs(name).toordinal() - self._robot.departs(self.training).toordinal()
-        )
+    def day_of(self, name: str) -> int:
+        """The day of a sequence, counted from that of the training sequence."""
+        departure = self._robot.departs(name)
+        return departure.toordinal() - self._robot.departs(self.training).toordinal()
 
-    def _year(self, routes: Routes, entry: Entry) -> tuple[Campus, list[Event]]:
-        """The campus with all changes over the year of a sequence, and its events."""
-        count, entry_count = (
-            round(a_km * routes.route_m / 1000)
-            for a_km in (self.events_per_km_of_route, entry.events_per_km)
-        )
+    def year_of(self, routes: Routes, entry: Entry) -> tuple[Campus, list[Event]]:
+        """The campus over the year of a sequence, each thing with the days on which it stands.
+
+        And the events by which it changes.
+        """
+        route_km = routes.route_m / 1000
+        count = round(self.events_per_km_of_route * route_km)
+        entry_count = round(entry.events_per_km * route_km)
         campus = build_campus(routes.seed, self.blocks, routes.streets, self.lining)
         line_m = routes.training.line_m
         return simulate_year(
@@ -244,13 +250,13 @@ class Simulation:
 
         Writes the events of its year below `truth`.
         """
-        (routes, plan) = self._plan(name)
+        routes, plan = self.plan_of(name)
         entry = Entry.of(name, self.sequences[name])
         robot = self._robot
         seed = routes.seed
         when = robot.departs(name)
-        day = self._day(name)
-        campus, events = self._year(routes, entry)
+        day = self.day_of(name)
+        campus, events = self.year_of(routes, entry)
         driven = drive(
             seed,
             when,

@@ -11,7 +11,7 @@ from pipeline.cli import main
 from pipeline.core import replacing
 from pipeline.core.progress import Progress
 from pipeline.lifelong.adoption import Adoption, NothingAdoptedError, adopted
-from pipeline.lifelong.growth import Growth, mapped, planned
+from pipeline.lifelong.growth import Growth, grown_map, planned
 from pipeline.lifelong.steps import updated
 from pipeline.lifelong.strategies import Updated
 from pipeline.matching.ranking import Rows
@@ -118,7 +118,7 @@ def test_a_submap_that_changed_gives_way_to_the_scan_that_tells(site: Path) -> N
     poses = np.array([ANCHORS[0], FOURTH])
     adoption = Adoption(clouds, np.arange(2), poses, np.ones(2), np.zeros(2, bool), True, 2)
     plan = Growth(adoption, opened.places, np.array([0, -1]), {0: 0}, np.array([1]))
-    grown = mapped(opened, parts, plan)
+    grown = grown_map(opened, parts, plan)
     np.testing.assert_array_equal(
         grown["world_T_anchor"], np.array([ANCHORS[1], ANCHORS[2], *poses])
     )

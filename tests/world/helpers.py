@@ -74,8 +74,10 @@ def off_walls_m(
 ) -> np.ndarray:
     """Distance (n,) of `points_m` (n, 3) of the world to the nearest face of a building that stands
     on the sequence's day."""
-    campus, _ = world._year(routes or world.routes(), Entry.of(sequence, world.sequences[sequence]))
-    box = shapes_on(campus, world._day(sequence))[0]
+    campus, _ = world.year_of(
+        routes or world.routes(), Entry.of(sequence, world.sequences[sequence])
+    )
+    box = shapes_on(campus, world.day_of(sequence))[0]
     box = box[box["kind"] == Kind.BUILDING]
     east, north, up = points_m.T[..., None]
     ahead = (east - box["x_m"]) * box["cos_yaw"] + (north - box["y_m"]) * box["sin_yaw"]

@@ -71,7 +71,7 @@ def test_trees_that_make_room_for_a_site_are_part_of_it(nobody: Campus):
 
 
 def test_every_tree_that_came_or_went_is_told(small: Simulation):
-    campus, _ = small._year(small.routes(), PLAIN)
+    campus, _ = small.year_of(small.routes(), PLAIN)
     trees = [(one.x_m, one.y_m) for one in small.changes(TRAINING, SUMMER) if one.what == "tree"]
     before, after = (
         {(row["x_m"], row["y_m"]) for row in shapes_on(campus, day)[1]} for day in (0, 152)
@@ -86,7 +86,7 @@ def test_every_tree_that_came_or_went_is_told(small: Simulation):
 
 def test_a_building_that_came_or_went_is_where_it_is_told(small: Simulation):
     late = replace(small, sequences={**small.sequences, "2013-03-16": EVEN})
-    campus, events = late._year(late.routes(), PLAIN)
+    campus, events = late.year_of(late.routes(), PLAIN)
     told = [one for one in late.changes(TRAINING, "2013-03-16") if one.what != "tree"]
     assert {(one.what, one.x_m, one.y_m) for one in told} == {
         (event.what, event.x_m, event.y_m) for event in events
@@ -113,7 +113,7 @@ def test_nothing_has_changed_on_the_training_day_and_more_by_the_summer(small: S
 def test_a_town_tells_places_in_the_frame_of_its_ins(small: Simulation):
     drives = {"2014-07-14-14-49-50": EVEN, "2015-06-14-14-00-00": EVEN}
     town = replace(small, robot="push_broom_car", logs="robotcar", sequences=drives)
-    campus, _ = town._year(town.routes(), PLAIN)
+    campus, _ = town.year_of(town.routes(), PLAIN)
     places_m = {
         (round(thing.x_m, 6), round(thing.y_m, 6)) for thing in (*campus.structures, *campus.plants)
     }

@@ -23,7 +23,7 @@ HEAVY = Entry(0.08, 0.0, events_per_km=120.0)
 def default_and_heavy(
     small: Simulation,
 ) -> tuple[tuple[Campus, list[Event]], tuple[Campus, list[Event]]]:
-    return small._year(small.routes(), Entry(0.08, 0.0)), small._year(small.routes(), HEAVY)
+    return small.year_of(small.routes(), Entry(0.08, 0.0)), small.year_of(small.routes(), HEAVY)
 
 
 def _looks(campus: Campus, day: int) -> list[np.ndarray]:
@@ -79,7 +79,7 @@ def test_no_other_sequence_learns_of_a_heavy_one(small: Simulation, tmp_path: Pa
     ("name", "reverse"), [("campus_tiny", "2012-01-29"), ("town_tiny", "2014-07-28-14-30-00")]
 )
 def test_all_reversed_is_all_but_the_crossings(name: str, reverse: str):
-    plan = preset(name)._plan(reverse)[1]
+    plan = preset(name).plan_of(reverse)[1]
     # At a corner of its route the way across comes within 10 m: about 20 m of each 95 m, when it
     # leads in a like direction.
     assert plan.reversed > 0.9

@@ -38,7 +38,7 @@ def logs(suburb: Simulation, tmp_path_factory: pytest.TempPathFactory) -> Logs:
 @pytest.fixture(scope="module")
 def true_poses(suburb: Simulation) -> np.ndarray:
     """World poses (scan, 4, 4) of log 00's lidar."""
-    routes, plan = suburb._plan("00")
+    routes, plan = suburb.plan_of("00")
     ground = build_campus(routes.seed, suburb.blocks, routes.streets).ground
     driven = drive(routes.seed, KITTI_DATE, plan.line_m, ground, suburb.route_m, suburb.step_m, CAR)
     up = np.eye(4)
@@ -97,7 +97,7 @@ def test_the_poses_put_every_wall_point_on_a_wall(
     walls_m = np.concatenate(walls_m)
     assert len(walls_m) > 500
     # 2 cm of noise: 5 sds
-    assert off_walls_m(suburb, "00", walls_m, suburb._plan("00")[0]).max() < 0.11
+    assert off_walls_m(suburb, "00", walls_m, suburb.plan_of("00")[0]).max() < 0.11
 
 
 def test_scans_lie_on_the_road(logs: Logs):
@@ -129,7 +129,7 @@ def test_both_parts_are_the_same_bytes_however_computed(
 
 
 def test_every_log_has_a_place_of_its_own(suburb: Simulation):
-    streets = [suburb._plan(log)[0].streets.nodes_m for log in LOGS]
+    streets = [suburb.plan_of(log)[0].streets.nodes_m for log in LOGS]
     assert np.abs(streets[0][:5] - streets[1][:5]).max() > 1.0
 
 

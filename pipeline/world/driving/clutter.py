@@ -1,4 +1,10 @@
-"""Clutter that comes and goes: on each day other things stand at the spots beside the streets."""
+"""Clutter of the simulated campus: things and people that stand beside the streets for one day.
+
+In: the campus with its spots, places where something may stand. Out: shapes for the ray caster. On
+each day some spots are taken, by other things than the day before.
+"""
+
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,58 +19,70 @@ from pipeline.world.layout.shapes import (
     records,
 )
 
+
+class Thing(NamedTuple):
+    """A kind of thing that may stand at a spot."""
+
+    name: str
+    share: float
+    """Of all things."""
+    size_m: tuple[float, float, float]
+    """Half length, half width and height, on average; of a person radius, radius and height."""
+    species: Species
+
+
 TAKEN_SHARES = (0.25, 0.55)
-"""The share of the spots where something stands, drawn anew for each day."""
+"""Lowest and highest share of the spots that are taken; drawn anew for each day."""
 THINGS = (
-    ("bin", 0.3, (0.3, 0.3, 1.1), Species.SOLID),
-    ("boxes", 0.2, (0.55, 0.45, 0.9), Species.SOLID),
-    ("bicycle", 0.25, (0.85, 0.12, 1.05), Species.PALES),
-    ("trailer", 0.08, (1.3, 0.7, 1.5), Species.SOLID),
-    ("barrier", 0.07, (1.2, 0.08, 1.0), Species.PALES),
-    ("person", 0.1, (0.25, 0.25, 1.7), Species.SOLID),
+    Thing("bin", 0.3, (0.3, 0.3, 1.1), Species.SOLID),
+    Thing("boxes", 0.2, (0.55, 0.45, 0.9), Species.SOLID),
+    Thing("bicycle", 0.25, (0.85, 0.12, 1.05), Species.PALES),
+    Thing("trailer", 0.08, (1.3, 0.7, 1.5), Species.SOLID),
+    Thing("barrier", 0.07, (1.2, 0.08, 1.0), Species.PALES),
+    Thing("person", 0.1, (0.25, 0.25, 1.7), Species.SOLID),
 )
-"""Name, share, and half length, half width and height in metres."""
 SCALES = (0.8, 1.25)
+"""Lowest and highest size of a thing over the average of its kind."""
 REFLECTANCE = 0.35
+SUNK_M = 0.2
+"""Boxes reach into the ground, so that none hovers over a slope."""
 
 
 def clutter(rng: np.random.Generator, campus: Campus, day: int) -> tuple[Records, Records]:
     """Boxes of things, and cylinders of people who stand still, on one day."""
     x_m, y_m, yaw, dead_day = columns(campus.spots, "x_m", "y_m", "yaw_rad", "dead_day").values()
-    count = len(yaw)
-    is_taken = (rng.random(count) < rng.uniform(*TAKEN_SHARES)) & (dead_day > day)
-    thing = rng.choice(len(THINGS), count, p=[share for _, share, _, _ in THINGS])
-    size_m = np.array([size for _, _, size, _ in THINGS])[thing]
-    size_m = size_m * rng.uniform(*SCALES, (count, 1))
-    species = np.array([species for _, _, _, species in THINGS])[thing]
-    is_person = np.array([name == "person" for name, _, _, _ in THINGS])[thing]
-    base_m = campus.ground.at(x_m, y_m)
-    boxed = is_taken & ~is_person
+    spot_count = len(yaw)
+    is_taken = (rng.random(spot_count) < rng.uniform(*TAKEN_SHARES)) & (dead_day > day)
+    kind = rng.choice(len(THINGS), spot_count, p=[thing.share for thing in THINGS])
+    size_m = np.array([thing.size_m for thing in THINGS])[kind]
+    size_m = size_m * rng.uniform(*SCALES, (spot_count, 1))
+    species = np.array([thing.species for thing in THINGS])[kind]
+    is_person = np.array([thing.name == "person" for thing in THINGS])[kind]
+    ground_m = campus.ground.at(x_m, y_m)
+    has_box = is_taken & ~is_person
     boxes = records(
         BOX,
-        x_m=x_m[boxed],
-        y_m=y_m[boxed],
-        half_length_m=size_m[boxed, 0],
-        half_width_m=size_m[boxed, 1],
-        cos_yaw=np.cos(yaw[boxed]),
-        sin_yaw=np.sin(yaw[boxed]),
-        bottom_m=base_m[boxed] - 0.2,
-        top_m=base_m[boxed] + size_m[boxed, 2],
-        species=species[boxed],
-        **_surface(Kind.CLUTTER),
+        x_m=x_m[has_box],
+        y_m=y_m[has_box],
+        half_length_m=size_m[has_box, 0],
+        half_width_m=size_m[has_box, 1],
+        cos_yaw=np.cos(yaw[has_box]),
+        sin_yaw=np.sin(yaw[has_box]),
+        bottom_m=ground_m[has_box] - SUNK_M,
+        top_m=ground_m[has_box] + size_m[has_box, 2],
+        species=species[has_box],
+        kind=Kind.CLUTTER,
+        reflectance=REFLECTANCE,
     )
-    stood = is_taken & is_person
+    has_person = is_taken & is_person
     people = records(
         CYLINDER,
-        x_m=x_m[stood],
-        y_m=y_m[stood],
-        radius_m=size_m[stood, 0],
-        bottom_m=base_m[stood],
-        top_m=base_m[stood] + size_m[stood, 2],
-        **_surface(Kind.PERSON),
+        x_m=x_m[has_person],
+        y_m=y_m[has_person],
+        radius_m=size_m[has_person, 0],
+        bottom_m=ground_m[has_person],
+        top_m=ground_m[has_person] + size_m[has_person, 2],
+        kind=Kind.PERSON,
+        reflectance=REFLECTANCE,
     )
     return boxes, people
-
-
-def _surface(kind: Kind) -> dict[str, float]:
-    return {"kind": kind, "reflectance": REFLECTANCE}
