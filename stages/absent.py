@@ -9,7 +9,7 @@ from stages import stage
 
 @dataclass(frozen=True)
 class Settings:
-    """What the stage is told."""
+    """The stage's settings: the keys of conf/absent.yaml."""
 
     out: Path
 

@@ -14,7 +14,7 @@ from stages import EachSequence, each_sequence, stage
 
 @dataclass(frozen=True, kw_only=True)
 class Settings(EachSequence):
-    """What the stage is told."""
+    """The stage's settings: the keys of conf/altered.yaml."""
 
     view: Any
     alteration: Any

@@ -1,5 +1,5 @@
-"""Scans, in order → bird-views of the dynamic octree that they grow, one of each submap at each
-heading."""
+"""Scans, in the order of the drive → bird-views: pictures from above of the octree that the scans
+grow, one of each submap at each heading."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,9 +12,10 @@ from stages import EachSequence, each_sequence, stage
 
 @dataclass(frozen=True, kw_only=True)
 class Settings(EachSequence):
-    """What the stage is told."""
+    """The stage's settings: the keys of conf/birdviews.yaml."""
 
     view: Any
+    """A view of conf/view that is drawn from an octree."""
     scans: Path
     submaps: Path
 

@@ -24,7 +24,7 @@ class Tolerance:
 
 @dataclass(frozen=True, kw_only=True)
 class Settings(EachSequence):
-    """What the stage is told."""
+    """The stage's settings: the keys of conf/evaluate.yaml."""
 
     train: str
     tolerance: Tolerance

@@ -14,7 +14,7 @@ from stages.logs import DataSet, world_of
 
 @dataclass(frozen=True, kw_only=True)
 class Settings(EachSequence):
-    """What the stage is told."""
+    """The stage's settings: the keys of conf/events.yaml."""
 
     dataset: DataSet
     world: DictConfig

@@ -37,7 +37,7 @@ class Cells:
 
 @dataclass(frozen=True, kw_only=True)
 class Settings(EachSequence):
-    """What the stage is told."""
+    """The stage's settings: the keys of conf/labels.yaml."""
 
     dataset: DataSet
     grid: Cells

@@ -41,7 +41,7 @@ class Budget:
 
 @dataclass(frozen=True)
 class Settings:
-    """What the stage is told."""
+    """The stage's settings: the keys of conf/lifelong.yaml."""
 
     method: Any
     strategy: Strategy

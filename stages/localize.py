@@ -16,7 +16,7 @@ from stages import EachSequence, each_sequence, stage
 
 @dataclass(frozen=True, kw_only=True)
 class Settings(EachSequence):
-    """What the stage is told."""
+    """The stage's settings: the keys of conf/localize.yaml."""
 
     method: Any
     model: Path

@@ -22,7 +22,7 @@ class DataSet:
 
 @dataclass(frozen=True)
 class Settings:
-    """What the stage is told."""
+    """The stage's settings: the keys of conf/logs.yaml."""
 
     dataset: DataSet
     world: DictConfig

@@ -34,7 +34,7 @@ class Budget:
 
 @dataclass(frozen=True, kw_only=True)
 class Settings(EachSequence):
-    """What the stage is told."""
+    """The stage's settings: the keys of conf/poses.yaml."""
 
     method: Any
     view: Any

@@ -29,7 +29,7 @@ class Tracking:
 
 @dataclass(frozen=True)
 class Settings:
-    """What the stage is told."""
+    """The stage's settings: the keys of conf/publish.yaml."""
 
     study: str
     artifacts: Path

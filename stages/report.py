@@ -17,7 +17,7 @@ from stages import build, stage
 
 @dataclass(frozen=True)
 class Settings:
-    """What the stage is told."""
+    """The stage's settings: the keys of conf/report.yaml."""
 
     studies: tuple[Study, ...]
     """As conf/studies.yaml has them; the numbers are of those that were measured."""

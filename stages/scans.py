@@ -24,7 +24,7 @@ class DataSet:
 
 @dataclass(frozen=True)
 class Settings:
-    """What the stage is told."""
+    """The stage's settings: the keys of conf/scans.yaml."""
 
     dataset: DataSet
     root: Path

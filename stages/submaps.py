@@ -12,7 +12,7 @@ from stages import EachSequence, each_sequence, stage
 
 @dataclass(frozen=True, kw_only=True)
 class Settings(EachSequence):
-    """What the stage is told."""
+    """The stage's settings: the keys of conf/submaps.yaml."""
 
     submap: Any
     scans: Path

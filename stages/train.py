@@ -27,7 +27,7 @@ class Budget:
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    """What the stage is told."""
+    """The stage's settings: the keys of conf/train.yaml."""
 
     method: Any
     budget: Budget

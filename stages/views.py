@@ -15,7 +15,7 @@ from stages import EachSequence, ProgressBar, each_sequence, stage
 
 @dataclass(frozen=True, kw_only=True)
 class Settings(EachSequence):
-    """What the stage is told."""
+    """The stage's settings: the keys of conf/views.yaml."""
 
     view: Any
     scans: Path

@@ -1,6 +1,7 @@
-"""Finds the layout of a .bin of points, which has no header.
+"""Finds the layout of a .bin of points, which has no header: bytes in; points, or their width, out.
 
-It is found from the size of the file, and from what its numbers would be in each layout.
+Layouts differ in the bytes of a point. The right one divides the size of the file, and its numbers
+look like the coordinates of neighbouring points; those of a wrong one are mixed up.
 """
 
 from itertools import pairwise
@@ -26,15 +27,17 @@ NAMES_BY_COMMONNESS = {
 MIN_POINTS = 50
 """Fewer points tell no layout: the commonest one that fits is taken."""
 WIDTHS = range(12, 65)
+"""Bytes of a point that are tried."""
 FARTHEST_M = 500.0
 LEAST_M = 1e-6
 LIKELY_SHARE = 0.8
-"""Of points at least this share of coordinates lies between LEAST_M and FARTHEST_M, or is 0. Of
-random bytes read as floats, one in nine does.
+"""At least this share of points' coordinates lies between LEAST_M and FARTHEST_M, or is 0.
 
-Zeros count too, since a simulator's level ground may be almost all 0.
+Of random bytes read as floats, one in nine does. Zeros count too, since a simulator's level ground
+may be almost all 0.
 """
 HEAD_BYTES = 2**20
+"""The beginning of a file, from which the layout is found."""
 LASERS = 32
 """Of NCLT's sensor."""
 NUMBERS_PER_POINT = (4, 3, 5, 6, 7, 8)
@@ -202,9 +205,8 @@ def _differ(a: NDArray[np.float32], b: NDArray[np.float32]) -> bool:
     """Whether `a` (n,) and `b` (n,) are of two distributions; of fewer than MIN_POINTS, False."""
     if len(a) < MIN_POINTS:
         return False
-    stride = (
-        len(a) // MAX_SAMPLES | 1
-    )  # odd, as the lasers of a sensor, which stand one after another, are an even number
+    # An odd stride meets all lasers of a sensor, whose points alternate: they are an even number.
+    stride = len(a) // MAX_SAMPLES | 1
     distance = scipy.stats.ks_2samp(a[::stride], b[::stride], method="asymp").statistic
     return bool(distance > MAX_KS_DISTANCE + 1.5 * np.sqrt(2 / len(a[::stride])))
 

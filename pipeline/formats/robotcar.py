@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 RECORD_BYTES = 24
+"""Of a point of a sweep: x, y, reflectance as 64-bit floats."""
 LASERS = ("lms_front", "lms_rear")
 STAMPS = "{laser}.timestamps"
 VO = "vo/vo.csv"
@@ -30,20 +31,24 @@ VO_STAMPS = ("source_timestamp", "destination_timestamp")
 VO_COLUMNS = (*VO_STAMPS, *POSE)
 INS_POSE = ("northing", "easting", "down", "roll", "pitch", "yaw")
 INS_COLUMNS = (
-    *(
-        "timestamp",
-        "ins_status",
-        "latitude",
-        "longitude",
-        "altitude",
-        "northing",
-        "easting",
-        "down",
-        "utm_zone",
-    ),
-    *("velocity_north", "velocity_east", "velocity_down", "roll", "pitch", "yaw"),
+    "timestamp",
+    "ins_status",
+    "latitude",
+    "longitude",
+    "altitude",
+    "northing",
+    "easting",
+    "down",
+    "utm_zone",
+    "velocity_north",
+    "velocity_east",
+    "velocity_down",
+    "roll",
+    "pitch",
+    "yaw",
 )
 INS_GOOD = "INS_SOLUTION_GOOD"
+"""The status of a pose that can be relied on."""
 
 
 def encode_sweep(
@@ -69,14 +74,10 @@ def write_vo(path: Path, utimes: NDArray[np.int64], xyzrpy: NDArray[np.float64])
     `xyzrpy` (n−1, 6) is each pose in the vehicle frame of the previous one.
     """
     stamps = zip(utimes[1:].tolist(), utimes[:-1].tolist(), strict=True)
-    rows = zip(stamps, xyzrpy.tolist(), strict=True)
-    _write(
-        path,
-        [
-            ",".join(VO_COLUMNS),
-            *(f"{source},{before},{_numbers(step)}" for (source, before), step in rows),
-        ],
-    )
+    lines = [",".join(VO_COLUMNS)]
+    for (utime, previous_utime), step in zip(stamps, xyzrpy.tolist(), strict=True):
+        lines.append(f"{utime},{previous_utime},{_numbers(step)}")
+    _write(path, lines)
 
 
 def write_ins(
@@ -95,8 +96,10 @@ def write_ins(
     for utime, status, (north, east, down, *angles) in zip(
         utimes.tolist(), statuses, ned_xyzrpy.tolist(), strict=True
     ):
-        place = _numbers([-down, north, east, down])
-        lines.append(f"{utime},{status},nan,nan,{place},{utm_zone},nan,nan,nan,{_numbers(angles)}")
+        position = _numbers([-down, north, east, down])
+        lines.append(
+            f"{utime},{status},nan,nan,{position},{utm_zone},nan,nan,nan,{_numbers(angles)}"
+        )
     _write(path, lines)
 
 

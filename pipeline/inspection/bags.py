@@ -1,6 +1,7 @@
-"""Describes ROS bags, and proposes a yaml of the data set.
+"""Describes ROS bags for `yearloc inspect`: bags in; rows of text and a proposed yaml out.
 
-Topics with types, counts, rates and frames, the transforms, and the time span.
+The rows have topics with types, counts, rates and frames, the transforms, and the time span. The
+yaml is one of conf/dataset that would read the bags; it is tried on them.
 """
 
 from collections.abc import Sequence
@@ -33,41 +34,13 @@ def bags(path: Path, inspection: Inspection) -> None:
     """Describe a bag, or a folder of bags; raises LogError where none can be read."""
     paths = below(path)
     contents = Contents.read(paths)
-    start_ns, end_ns = contents.span_ns
-    span = (
-        [("from", moment(start_ns)), ("span", duration((end_ns - start_ns) * 1e-9))]
-        if end_ns > start_ns
-        else []
+    names = ", ".join(bag.name for bag in paths)
+    size_text = nbytes(sum(map(size, paths)))
+    inspection.describe(
+        "ROS bag", ("bags", f"{len(paths)}, {size_text}: {names:.400}"), *_span_rows(contents)
     )
-    bags_row = (
-        "bags",
-        f"{len(paths)}, {nbytes(sum(map(size, paths)))}: "
-        f"{', '.join(bag.name for bag in paths):.400}",
-    )
-    inspection.describe("ROS bag", bags_row, *span)
-    topics: list[tuple[str, ...]] = [("topic", "messages", "rate", "type and frames")]
-    for topic in contents.topics:
-        frames = (f", in {topic.frame}" if topic.frame else "") + (
-            f", of {topic.child}" if topic.child else ""
-        )
-        rate = f"{topic.rate_hz:.3g} a second" if topic.rate_hz > 0 else "–"
-        topics.append(
-            (
-                plain(topic.name, 60),
-                f"{topic.count:,}",
-                rate,
-                plain(topic.kind, 60).replace("/msg/", "/") + frames,
-            )
-        )
-    inspection.add("topics", *topics)
-    transforms = []
-    for (parent, child), (stamps_ns, poses) in sorted(contents.tree.edges.items()):
-        fixed_text = typographic(
-            "fixed, at x {:.3f}, y {:.3f}, z {:.3f} m".format(*poses[-1, :3, 3])
-        )
-        motion = "moves" if contents.tree.moves(parent, child) else fixed_text
-        transforms.append((f"{parent} > {child}", f"{len(stamps_ns):,}", motion))
-    if transforms:
+    inspection.add("topics", *_topic_rows(contents))
+    if transforms := _transform_rows(contents):
         inspection.add("transforms", *transforms)
     inspection.warnings += tuple(f"left aside: {line}" for line in contents.broken)
     try:
@@ -83,6 +56,38 @@ def bags(path: Path, inspection: Inspection) -> None:
     inspection.warnings += tuple(warnings)
     if not any("body_T_lidar" in warning for warning in warnings):  # that has to be given first
         _try(path, text, contents, inspection)
+
+
+def _span_rows(contents: Contents) -> list[tuple[str, str]]:
+    """When the recording began and how long it is; nothing of an empty one."""
+    start_ns, end_ns = contents.span_ns
+    if end_ns <= start_ns:
+        return []
+    return [("from", moment(start_ns)), ("span", duration((end_ns - start_ns) * 1e-9))]
+
+
+def _topic_rows(contents: Contents) -> list[tuple[str, ...]]:
+    """A row a topic, below a row of titles."""
+    rows: list[tuple[str, ...]] = [("topic", "messages", "rate", "type and frames")]
+    for topic in contents.topics:
+        rate = f"{topic.rate_hz:.3g} a second" if topic.rate_hz > 0 else "–"
+        kind = plain(topic.kind, 60).replace("/msg/", "/")
+        frame = f", in {topic.frame}" if topic.frame else ""
+        child = f", of {topic.child}" if topic.child else ""
+        rows.append((plain(topic.name, 60), f"{topic.count:,}", rate, f"{kind}{frame}{child}"))
+    return rows
+
+
+def _transform_rows(contents: Contents) -> list[tuple[str, ...]]:
+    """A row a transform: its frames, how many messages have it, where it is if it is fixed."""
+    rows: list[tuple[str, ...]] = []
+    for (parent, child), (stamps_ns, poses) in sorted(contents.tree.edges.items()):
+        motion = "moves"
+        if not contents.tree.moves(parent, child):
+            x_m, y_m, z_m = poses[-1, :3, 3].tolist()
+            motion = typographic(f"fixed, at x {x_m:.3f}, y {y_m:.3f}, z {z_m:.3f} m")
+        rows.append((f"{parent} > {child}", f"{len(stamps_ns):,}", motion))
+    return rows
 
 
 def _try(path: Path, text: str, contents: Contents, inspection: Inspection) -> None:

@@ -1,4 +1,7 @@
-"""The ranges of the arrays of an artifact, read block by block to bound the memory."""
+"""Ranges of arrays, for `yearloc inspect`: an array of an artifact in; a row of its table out.
+
+Arrays are read block by block, to bound the memory.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -18,9 +21,12 @@ class Extent:
     shape: tuple[int, ...]
     dtype: np.dtype[Any]
     low: float
+    """Lowest number, NaN without any."""
     high: float
     nans: int
+    """How many numbers are NaN."""
     infinite: int
+    """How many are infinite."""
 
     def text(self) -> str:
         """The range, lowest … highest, and the share of NaN."""
@@ -33,9 +39,8 @@ class Extent:
             return "all NaN"
         if self.low == self.high and not self.nans:
             return _number(self.low)
-        return f"{_number(self.low)} … {_number(self.high)}" + (
-            f", {100 * self.nans / count:.3g} % NaN" if self.nans else ""
-        )
+        nan_text = f", {100 * self.nans / count:.3g} % NaN" if self.nans else ""
+        return f"{_number(self.low)} … {_number(self.high)}{nan_text}"
 
 
 def blocks(array: Any) -> Iterator[NDArray[Any]]:
@@ -96,11 +101,11 @@ def row(name: str, array_extent: Extent, column: Array | None = None) -> tuple[s
 
 
 def _number(value: float) -> str:
-    text = (
-        f"{value:.5g}"
-        if isinstance(value, float)
-        else f"{value:,}"
-        if abs(value) < 10**12
-        else str(value)
-    )
-    return typographic(text) if "e" not in text else text
+    """A number as people read it: five digits of a float, thousands of an integer apart."""
+    if isinstance(value, float):
+        text = f"{value:.5g}"
+    elif abs(value) < 10**12:
+        text = f"{value:,}"
+    else:  # a stamp
+        text = str(value)
+    return text if "e" in text else typographic(text)

@@ -1,4 +1,7 @@
-"""Opens any log that a reader knows, or a folder of clouds alone, without true poses."""
+"""Opens a log without true poses, for `yearloc slam`: a path in; a `Log` of any reader out.
+
+It may be a bag, a log as a data set ships it, or a folder of clouds alone.
+"""
 
 from pathlib import Path
 
@@ -20,7 +23,9 @@ from pipeline.readers.nclt import Nclt
 SCANS = ("scans", "points", "clouds", "velodyne", "velodyne_sync")
 """Folders of a log that may hold its scan files."""
 BODIES = ("base_footprint", "base_link", "body", "imu", "imu_link")
+"""Frames of a bag that may stand for the vehicle, the likeliest first."""
 ODOMETRY = ("odometry.txt", "odom.txt")
+"""Files beside clouds that may hold their odometry."""
 
 
 def open_unposed(path: Path, topic: str | None = None, odometry: str | None = None) -> Log:
@@ -61,34 +66,32 @@ def open_unposed(path: Path, topic: str | None = None, odometry: str | None = No
 
 def _clouds(path: Path) -> Log:
     """A folder of clouds alone, numbered or named by time."""
-    places = [".", *SCANS]
-    place = next(
-        (
-            name
-            for name in places
-            if (path / name).is_dir()
-            and any(file.suffix in files.SCANS for file in (path / name).iterdir())
-        ),
-        None,
+    folders_of_clouds = (
+        name
+        for name in (".", *SCANS)
+        if (path / name).is_dir()
+        and any(file.suffix in files.SCANS for file in (path / name).iterdir())
     )
-    if place is None:
+    scans = next(folders_of_clouds, None)
+    if scans is None:
         raise LogError(
             f"{path}: no log: neither a bag nor clouds ({', '.join(files.SCANS)}) in it or in "
             f"{', '.join(SCANS)}"
         )
     odometry = next((name for name in ODOMETRY if (path / name).is_file()), None)
-    return Folder(scans=place, poses=None, odometry=odometry).open(path.parent, path.name)
+    return Folder(scans=scans, poses=None, odometry=odometry).open(path.parent, path.name)
 
 
 def _bag(path: Path, bags: list[Path], topic: str | None, odometry: str | None) -> Log:
     """A bag's clouds, with the odometry that it has or that is named."""
     contents = Contents.read(bags)
     points = topic or points_source(contents, None).name
-    known = {summary.name: summary for summary in contents.topics}
+    topics = {summary.name: summary for summary in contents.topics}
     source = drifting(contents)
     name = odometry or (source.name if source else None)
-    child = known[name].child if name in known else (name or "").rpartition(">")[2]
-    frame = known[points].frame if points in known else ""
+    # of tf:PARENT>CHILD, the transform's child
+    child = topics[name].child if name in topics else (name or "").rpartition(">")[2]
+    frame = topics[points].frame if points in topics else ""
     body_T_lidar = _extrinsic(contents.tree, [child, *BODIES], frame)
     reader = Bag(points=points, truth=None, odometry=name, body_T_lidar=body_T_lidar)
     return reader.open(path.parent, path.stem if path.is_file() else path.name)

@@ -1,4 +1,8 @@
-"""Taking a log in: every readable scan's points on a common grain, with its stamp and poses."""
+"""Takes a log in: the scans of a reader's log in; the columns of a scans artifact out.
+
+Points become 16-bit whole numbers of a grain, such as 5 mm. Scans that cannot be read, or that a
+thinning leaves out, are missing in the artifact and counted.
+"""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -14,28 +18,34 @@ from pipeline.mapping.submaps import sample_path
 from pipeline.readers.log import Log
 
 BLOCK = 32
+"""Scans that a worker reads at once."""
 LARGEST = 32_767
+"""Of a 16-bit coordinate, in grains."""
 
 
 class Block(NamedTuple):
-    """Some scans, one after the other."""
+    """Some scans as they are stored, one after the other."""
 
     points: NDArray[np.int16]
     """(n, 3), in units of the grain."""
     lengths: list[int]
     """Points of each scan."""
     rows: list[int]
-    """Of the log, for each scan."""
+    """Row in the log of each scan."""
     unreadable: int
+    """Scans that could not be read."""
     clipped: int
+    """Points that lie too far away to be stored."""
 
 
 class Intake:
-    """One log on its way into a scans artifact: `blocks` in order, then `poses`."""
+    """One log on its way into a scans artifact: first all `blocks`, then `poses` and counts."""
 
     def __init__(self, log: Log, grain_m: float, every_m: float) -> None:
-        """`grain_m` is the unit of the 16-bit coordinates; `every_m` thins the scans along the
-        path, 0 keeps all."""
+        """`grain_m` is the unit of coordinates; one scan is taken every `every_m` of path, or all.
+
+        All with 0. Raises ConfigError for no grain.
+        """
         if not grain_m > 0:
             raise ConfigError(f"grain_m={grain_m}: expected a length above 0")
         self._log = log
@@ -55,7 +65,8 @@ class Intake:
     ) -> Iterator[tuple[NDArray[np.int16], NDArray[np.int64]]]:
         """Points (n, 3) of blocks of scans in units of the grain, with the offsets of their scans.
 
-        An offset is where a scan ends; the first block's also begin with 0.
+        An offset is where a scan ends; the first block's also begin with 0. Raises LogError if no
+        scan can be read.
         """
         total = -(-len(self._rows) // BLOCK)
         first_offset = [0]
@@ -76,31 +87,32 @@ class Intake:
             )
 
     def poses(self) -> dict[str, NDArray[np.generic]]:
-        """The other columns of the readable scans.
-
-        A break in the odometry that a left-out scan marked is marked by the next.
-        """
-        kept_rows = np.array(self._kept, np.int64)
-        odom_T_scan = self._log.odom_T_scan[kept_rows]
-        unknown = np.concatenate(
-            [[0], np.cumsum(~np.isfinite(self._log.odom_T_scan).all(axis=(1, 2)))]
-        )
-        odom_T_scan[unknown[kept_rows] > unknown[np.concatenate([[0], kept_rows[:-1] + 1])]] = (
-            np.nan
-        )
-        stamps_ns = self._log.stamps_ns[kept_rows]
-        world_T_scan = self._log.world_T_scan[kept_rows]
+        """The other columns of the readable scans: stamps, poses, and the variance of odometry."""
+        rows = np.array(self._kept, np.int64)
         odom_variance = (
-            np.full((len(kept_rows), 2), np.nan)
+            np.full((len(rows), 2), np.nan)
             if self._log.odom_variance is None
-            else self._log.odom_variance[kept_rows]
+            else self._log.odom_variance[rows]
         )
         return {
-            "stamps_ns": stamps_ns,
-            "world_T_scan": world_T_scan,
-            "odom_T_scan": odom_T_scan,
+            "stamps_ns": self._log.stamps_ns[rows],
+            "world_T_scan": self._log.world_T_scan[rows],
+            "odom_T_scan": self._odometry(rows),
             "odom_variance": odom_variance,
         }
+
+    def _odometry(self, rows: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Odometry (n, 4, 4) of some rows of the log, NaN where it breaks.
+
+        A scan without odometry marks a break. If it is left out, the next one that is kept marks it
+        in its place: nobody may measure a step over the break.
+        """
+        odom_T_scan = self._log.odom_T_scan[rows]
+        is_break = ~np.isfinite(self._log.odom_T_scan).all(axis=(1, 2))
+        breaks_before = np.concatenate([[0], np.cumsum(is_break)])  # (row of the log,)
+        first_new_rows = np.concatenate([[0], rows[:-1] + 1])
+        odom_T_scan[breaks_before[rows] > breaks_before[first_new_rows]] = np.nan
+        return odom_T_scan
 
     def skipped(self) -> dict[str, int]:
         """Scans left out: reason to count."""
@@ -111,6 +123,7 @@ class Intake:
         return self._clipped
 
     def summary(self) -> str:
+        """Scans, points and what was left out, as one line."""
         parts = [f"{len(self._kept)} scans", f"{self._points / 1e6:.1f} M points"]
         parts += [f"{count} skipped ({reason})" for reason, count in self.skipped().items()]
         if self._clipped:
@@ -130,7 +143,7 @@ class Intake:
                 units = np.rint(self._log.points(row) / self._grain_m)
             except LogError:
                 continue
-            if not np.abs(units).max(initial=0) <= LARGEST:
+            if not np.abs(units).max(initial=0) <= LARGEST:  # NaN is not either
                 inside = (np.abs(units) <= LARGEST).all(axis=1)
                 clipped += int((~inside).sum())
                 units = units[inside]

@@ -1,7 +1,9 @@
-"""SeqSLAM's search for a whole sequence: queries laid along training rows at the best speed.
+"""SeqSLAM's search (METHODS 6): differences of queries from training rows in; costs of rows out.
 
-METHODS 6. The same for every number of queries and rows: at either end of the queries, and where
-there are too few of either.
+A run is a few queries one after the other, laid along training rows at one speed. The cost of a row
+for a query is the sum of differences over the best run in which the query drives past that row. The
+steps of the search are `sequence`'s; here they are applied to all queries of a sequence, also at
+either end of it, and where there are few queries or rows.
 """
 
 import math
@@ -15,23 +17,29 @@ from pipeline.core.errors import ConfigError, InputError
 from pipeline.core.settings import Count, Positive, Whole, check
 from pipeline.matching.sequence import GRAIN, contrast, least, runner_up, runs, search
 
-QUERIES = 256  # searched at once, so that no cost of every row with every query is kept
+QUERIES = 256
+"""Queries searched at once: the costs of all rows for all queries may not fit into memory."""
 LARGEST = float(np.finfo(np.float32).max)
 Costs = NDArray[np.float32]
+"""(query, row)."""
 
 
 @dataclass(frozen=True)
 class Alignment:
-    """Settings of the search for sequences; a sequence is `length` + 1 queries."""
+    """Settings of the search."""
 
     length: Count = 10
+    """Steps of a run, which has one query more."""
     slowest: Positive = 0.8
+    """Training rows a query."""
     fastest: float = 1.2
-    speed_step: float = 0.1  # speeds are training rows a query
-    both_ways: bool = False  # match the training sequence driven backwards too; the authors do not
-    contrast_rows: Whole = (
-        30  # a difference counts against those of so many training rows around its own
-    )
+    """Training rows a query."""
+    speed_step: float = 0.1
+    """From one speed that is tried to the next."""
+    both_ways: bool = False
+    """Whether runs may drive the training sequence backwards too; the authors' do not."""
+    contrast_rows: Whole = 30
+    """A difference counts in relation to those of so many training rows around its own."""
     subtract_minimum: bool = True
     """Costs count from the least enhanced difference, as in SeqSLAM; paper 2's code leaves that
     out, and costs below 0 turn its score round."""
@@ -66,13 +74,11 @@ class Aligned:
             raise InputError("differences between queries and rows: expected finite numbers")
         if m <= settings.length:  # too few for their own least to say anything
             lowest = least(settings.contrast_rows)
+        # what costs count from
         self.base = np.float32(lowest * (settings.length + 1) if settings.subtract_minimum else 0)
 
     def blocks(self) -> Iterator[tuple[NDArray[np.int64], Costs]]:
-        """Blocks of queries (q,) with the summed differences (q, n) of the best run past each row.
-
-        +inf where there is no run.
-        """
+        """Blocks of queries (q,), with their costs (q, n) of the rows; +inf where no run passes."""
         m = self.shape[1]
         forward = runs(
             self.length, self.settings.slowest, self.settings.fastest, self.settings.speed_step
@@ -80,30 +86,34 @@ class Aligned:
         half = self.length // 2
         for start in range(0, max(m, 1), QUERIES):
             queries = np.arange(start, min(start + QUERIES, m))
+            # A window is the queries of a run; the query is its middle one, but at either end.
             windows = np.clip(queries - half, 0, max(m - 1 - self.length, 0))
-            late = (
-                queries - half - windows
-            )  # how far a query at an end lies behind the middle of its window
-            sums = self._past(forward, windows, late)
+            behind_middle = queries - half - windows
+            sums = self._past(forward, windows, behind_middle)
             if self.settings.both_ways:
-                sums = np.minimum(sums, self._past(-forward, windows, -late))
+                sums = np.minimum(sums, self._past(-forward, windows, -behind_middle))
             yield queries, sums * self.scale
 
     def _past(
-        self, offsets: NDArray[np.int64], windows: NDArray[np.int64], late: NDArray[np.int64]
+        self,
+        offsets: NDArray[np.int64],
+        windows: NDArray[np.int64],
+        behind_middle: NDArray[np.int64],
     ) -> Costs:
-        """Sums (q, n) of windows (q,), by the row that the query drove past.
+        """The sums (q, n) of the best run of each window (q,), by the row that the query passes.
 
-        The query is `late` (q,) rows behind the middle of its window.
+        A window is named by its first query. `offsets` are the rows of a run from its middle, for
+        each speed. The query comes `behind_middle` (q,) queries after the window's middle one.
         """
         if not len(windows):
             return np.empty((0, len(self.enhanced)), np.float32)
-        middle = search(self.enhanced, offsets, int(windows[0]), int(windows[-1]) + 1)
-        sums: Costs = np.ascontiguousarray(middle.T)[windows - windows[0]]
-        for query in np.flatnonzero(late):
-            sums[query] = np.roll(sums[query], late[query])
-            sums[query, : max(late[query], 0)] = np.inf
-            sums[query, len(sums[query]) + min(late[query], 0) :] = np.inf
+        sums_at_middle = search(self.enhanced, offsets, int(windows[0]), int(windows[-1]) + 1)
+        sums: Costs = np.ascontiguousarray(sums_at_middle.T)[windows - windows[0]]
+        for query in np.flatnonzero(behind_middle):
+            shift = behind_middle[query]
+            sums[query] = np.roll(sums[query], shift)
+            sums[query, : max(shift, 0)] = np.inf
+            sums[query, len(sums[query]) + min(shift, 0) :] = np.inf
         return sums
 
     def novelty(self, sums: Costs, best_row: NDArray[np.int64]) -> dict[str, NDArray[np.float64]]:

@@ -18,4 +18,4 @@ class Afl(FeatureMethod):
 
     def terms(self) -> Objective:
         """The joint discriminator's line and the generators'."""
-        return OBJECTIVES[self.objective].alone()
+        return OBJECTIVES[self.objective].joint_alone()

@@ -1,9 +1,10 @@
-"""The game that place features are learned by: who plays, and for which terms (METHODS 5.1).
+"""The adversarial game by which place features are learned: networks in; loss terms out.
 
-Yin et al., IROS 2018, eq. 7–11, and their code where it says otherwise. A joint discriminator tells
-pairs of an image and its code from pairs of an image made of a code and that code; encoder and
-decoder learn to be mistaken for each other. PFL stabilises this by a discriminator of images alone
-and by reconstructing images and codes.
+Yin et al., IROS 2018, eq. 7–11, and their code where it says otherwise (METHODS 5.1). An encoder
+makes a code of an image, a decoder an image of a code. A joint discriminator tells pairs of a real
+image and its code from pairs of a code and the image made of it; encoder and decoder learn to make
+pairs that it mistakes for each other. That is AFL. PFL stabilises it by a discriminator that sees
+images alone, and by the loss of a pass through both networks (the cycles).
 """
 
 from collections.abc import Callable, Mapping
@@ -19,7 +20,7 @@ from pipeline.methods.pfl.bigan import Head
 
 @dataclass(frozen=True)
 class Objective:
-    """Loss terms, and the weight of each besides the joint discriminator's.
+    """The loss of the game: how scores cost, and the weight of each term besides the joint game.
 
     A term of weight 0 is not computed.
     """
@@ -27,19 +28,23 @@ class Objective:
     loss: Literal["least_squares", "bce", "minimax"] = "least_squares"
     """What wrong scores cost: their squares, or logistic costs. In `minimax`, the paper's own, the
     generators maximise what the discriminators minimise, and costs are summed, not averaged."""
-    image: float = 0.1  # of the game on images alone
+    image: float = 0.1
+    """Weight of the game on images alone."""
     fakes: Literal["prior", "reconstruction", "both"] = "prior"
     """What the image discriminator takes for fakes: images of random codes, of images' own codes,
     or half and half."""
     image_cycle: float = 0.1
+    """Weight of the change of an image by encoder and decoder."""
     code_cycle: float = 0.1
+    """Weight of the change of a code by decoder and encoder."""
     head: Head = "scalar"
+    """What a discriminator scores: the pair as a whole, or each of its features."""
     summed: bool = False
     """Encoder and decoder take one step an iteration, down the sum of all their terms (eq. 11),
     instead of a turn for each; eq. 7's moves the encoder too."""
 
-    def alone(self) -> "Objective":
-        """The same cost in the joint game alone, which is AFL."""
+    def joint_alone(self) -> "Objective":
+        """The same cost of scores in the joint game alone, which is AFL."""
         return replace(self, image=0.0, image_cycle=0.0, code_cycle=0.0, head="scalar")
 
     def cost(self, scores: Tensor, right_score: float) -> Tensor:
@@ -49,9 +54,9 @@ class Objective:
             return mse_loss(scores.float(), target)
         return binary_cross_entropy_with_logits(scores.float(), target)
 
-    def discriminator_cost(self, seen: Tensor, made: Tensor) -> Tensor:
+    def discriminator_cost(self, real_scores: Tensor, fake_scores: Tensor) -> Tensor:
         """A discriminator's cost of scores that should be 1 and of scores that should be 0."""
-        both = self.cost(seen, 1.0) + self.cost(made, 0.0)
+        both = self.cost(real_scores, 1.0) + self.cost(fake_scores, 0.0)
         return both if self.loss == "minimax" else both / 2
 
     def generator_cost(self, scores: Tensor, right_score: float) -> Tensor:
@@ -77,9 +82,9 @@ feature vectors."""
 
 
 class Game(nn.Module):
-    """The players, and each one's loss on images (batch, 1, 64, 64) and random codes.
+    """The networks that play, and each one's loss.
 
-    Codes are (batch, code). A loss is given term by term.
+    Losses are of images (batch, 1, 64, 64) and random codes (batch, code), given term by term.
     """
 
     def __init__(
@@ -133,9 +138,9 @@ class Game(nn.Module):
         """The encoder's and decoder's loss: 1 for a code's image, 0 for an image with its code."""
         image_codes = self.encoder(images)
         fakes = self.decoder(codes)
-        made = self.objective.generator_cost(self.joint(fakes, codes), 0.0)
-        seen = self.objective.generator_cost(self.joint(images, image_codes), 1.0)
-        both = made + seen
+        fake_cost = self.objective.generator_cost(self.joint(fakes, codes), 0.0)
+        real_cost = self.objective.generator_cost(self.joint(images, image_codes), 1.0)
+        both = fake_cost + real_cost
         return {"joint_generator": both if self.objective.loss == "minimax" else both / 2}
 
     def judge_images(self, images: Tensor, codes: Tensor) -> dict[str, Tensor]:
@@ -170,6 +175,7 @@ class Game(nn.Module):
         return terms
 
     def _fakes(self, images: Tensor, codes: Tensor) -> list[Tensor]:
+        """The images that count as fakes, by `Objective.fakes`: one batch, or two of `both`."""
         fakes_of = {
             "prior": lambda: self.decoder(codes),
             "reconstruction": lambda: self.decoder(self.encoder(images)),
@@ -179,9 +185,11 @@ class Game(nn.Module):
 
 @dataclass(frozen=True)
 class Turn:
-    """The players of one turn, and their loss terms."""
+    """One optimiser's step in an iteration: the networks that it changes, and their loss."""
 
     name: str
     players: tuple[nn.Module, ...]
     terms: Callable[[Tensor, Tensor], dict[str, Tensor]]
+    """Loss terms of images and codes, to be summed."""
     repeated: bool = False
+    """Whether it may be taken several times an iteration."""
