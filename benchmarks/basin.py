@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from omegaconf import OmegaConf
 
-from pipeline.core.frames import apart, pose
+from pipeline.core.frames import distance_and_turn, pose
 from pipeline.posing.search import Fixer
 from pipeline.posing.targets import Targets
 
@@ -50,7 +50,7 @@ def basin(targets: Targets, fixer: Fixer) -> NDArray[np.float64]:
             guess = true @ pose(step, np.array([[0.0, 0.0, side * np.deg2rad(turn_deg)]]))[0]
             approach = registration.approach(target, source, guess)
             ended = registration.refine(target, source, approach.target_T_source).target_T_source
-            off_m, off_deg = apart(ended[None], true[None])
+            off_m, off_deg = distance_and_turn(ended[None], true[None])
             found[i, j] += (off_m[0] < 0.5) & (off_deg[0] < 2.0)
     return found / SUBMAPS
 

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.core import schemas, store
-from pipeline.core.frames import apart
+from pipeline.core.frames import distance_and_turn
 from pipeline.core.progress import Progress
 from pipeline.evaluation.bootstrap import bounds
 from pipeline.matching.ranking import Rows
@@ -58,7 +58,7 @@ def kept(scans: store.Artifact, view: BirdView) -> float:
     """The median share of the log-odds that is left from one scan to the next."""
     poses = scans.load("odom_T_scan")
     poses = poses if np.isfinite(poses).any() else scans.load("world_T_scan")
-    moved_m, turned_deg = apart(poses[:-1], poses[1:])
+    moved_m, turned_deg = distance_and_turn(poses[:-1], poses[1:])
     said = motion_variances(scans.load("odom_variance"))[1:]
     motions = zip(moved_m, np.radians(turned_deg), said, strict=True)
     return float(np.nanmedian([view.octree.kept(*motion) for motion in motions]))

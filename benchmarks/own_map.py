@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from benchmarks.slam import laid
 from pipeline.core import schemas, store
-from pipeline.core.frames import Poses, Stamps, apart
+from pipeline.core.frames import Poses, Stamps, distance_and_turn
 from pipeline.readers.nclt import Nclt
 from pipeline.studies.layout import Layout
 
@@ -46,7 +46,7 @@ def main(artifacts: Path, dataset: str, grid: str, model: str) -> None:
     for day in tests:
         submaps = _submaps(layout, dataset, day)
         true = _true(layout, dataset, day, submaps.stamps_ns)
-        off_m = apart(true_T_world @ submaps.world_T_anchor, true)[0]
+        off_m = distance_and_turn(true_T_world @ submaps.world_T_anchor, true)[0]
         ranking = store.read(layout.path("localize", dataset, grid, model, day), schemas.Rankings)
         fixes = store.read(layout.path("poses", dataset, grid, model, day), schemas.Fixes)
         accepted = fixes.novelty[:, 0] < fixes.promised[promise]
@@ -56,7 +56,7 @@ def main(artifacts: Path, dataset: str, grid: str, model: str) -> None:
             ("survey", true, train_true, true_T_world),
         ):
             away_m = np.linalg.norm((xy_m @ move.T)[:, :2] - query[:, :2, 3], axis=1)
-            pose_m, pose_deg = apart(move @ fixes.world_T_query, query)
+            pose_m, pose_deg = distance_and_turn(move @ fixes.world_T_query, query)
             right = (pose_m < RIGHT_M) & (pose_deg < RIGHT_DEG)
             seen = _nearest_m(query, known) < SEEN_M
             rms_m = np.sqrt((off_m**2).mean())

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from omegaconf import OmegaConf
 
 from pipeline.core import schemas, store
-from pipeline.core.frames import Poses, apart, pose
+from pipeline.core.frames import Poses, distance_and_turn, pose
 from pipeline.mapping.gathering import submap_points
 from pipeline.posing.fix import poses
 from pipeline.posing.registration import Points
@@ -109,13 +109,13 @@ def _kiss(fixer: Fixer, targets: Targets) -> dict[str, Peer]:
 
 def _rows(targets: Targets, answers_m: NDArray[np.float64]) -> Iterator[int]:
     return islice(
-        targets.apart(targets.nearest(answers_m, np.zeros(len(targets.world_T_anchor), bool))), 5
+        targets.spaced(targets.nearest(answers_m, np.zeros(len(targets.world_T_anchor), bool))), 5
     )
 
 
 def line(name: str, found: Poses, true: Poses, took_ms: list[float]) -> str:
     """A row of the table."""
-    away_m, turn_deg = apart(found, true)
+    away_m, turn_deg = distance_and_turn(found, true)
     field, fine = (
         (away_m < far_m) & (turn_deg < far_deg) for far_m, far_deg in ((2.0, 5.0), (0.5, 2.0))
     )

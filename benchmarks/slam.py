@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.errors import LogError
-from pipeline.core.frames import Poses, apart
+from pipeline.core.frames import Poses, distance_and_turn
 from pipeline.core.progress import Progress
 from pipeline.core.schemas import Estimates
 from pipeline.formats import bag_file
@@ -146,9 +146,9 @@ def errors(truth: Poses, estimate: Poses) -> Errors:
     known = np.isfinite(estimate).all((1, 2)) & np.isfinite(truth).all((1, 2))
     truth = truth[known]
     estimate = estimate[known]
-    off_m = apart(laid(estimate, truth) @ estimate, truth)[0]
+    off_m = distance_and_turn(laid(estimate, truth) @ estimate, truth)[0]
     ate_m = float(np.sqrt((off_m**2).mean()))
-    away_m, turn_deg = apart(steps(truth), steps(estimate))
+    away_m, turn_deg = distance_and_turn(steps(truth), steps(estimate))
     bad_steps = int(((away_m > BAD_M) | (turn_deg > BAD_DEG)).sum())
     return Errors(ate_m, piece_m(truth, estimate), bad_steps)
 
@@ -192,7 +192,7 @@ def steps(poses: Poses) -> Poses:
 def is_wrong(truth: Poses, estimate: Estimates) -> NDArray[np.bool_]:
     """Which loops (k,) are wrong."""
     true = np.linalg.inv(truth[estimate.earlier]) @ truth[estimate.later]
-    away_m, turn_deg = apart(estimate.earlier_T_later, true)
+    away_m, turn_deg = distance_and_turn(estimate.earlier_T_later, true)
     return np.asarray((away_m > WRONG_M) | (turn_deg > WRONG_DEG))
 
 

@@ -149,16 +149,21 @@ def stage(
 
 
 def each_sequence(
-    settings: EachSequence, write: Callable[[str, Path], str], activity: str, apart: bool = False
+    settings: EachSequence,
+    write: Callable[[str, Path], str],
+    activity: str,
+    one_by_one_in_threads: bool = False,
 ) -> str:
     """Write an artifact of each sequence into the folder `settings.out`; returns their lines.
 
     `write(sequence, folder)` writes one and returns its line; it may run in a process of its own.
-    The folder is replaced once all are written. `apart`: one at a time in threads
-    (`Compute.apart`).
+    The folder is replaced once all are written. `one_by_one_in_threads` is as of Compute.
     """
     compute = instantiate(settings.compute)
-    with compute.apart() if apart else compute as started, replace(settings.out) as folder:
+    with (
+        compute.one_by_one_in_threads() if one_by_one_in_threads else compute as started,
+        replace(settings.out) as folder,
+    ):
         folder.mkdir()
         sequences = settings.sequences
         lines = started.each(lambda sequence: write(sequence, folder), sequences)

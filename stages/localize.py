@@ -40,7 +40,7 @@ def main(settings: Settings) -> str:
         altered = [settings.altered / alteration / name for alteration in settings.alterations]
         return ranked(stored_model, Rows.queries(settings.views / name, altered), folder / name)
 
-    return each_sequence(settings, rank, "localize", apart=True)
+    return each_sequence(settings, rank, "localize", one_by_one_in_threads=True)
 
 
 def ranked(stored_model: StoredModel, cases: dict[Any, Rows], path: Path) -> str:

@@ -41,11 +41,11 @@ def example() -> None:
 
 def lines(scan: "ExampleScan", fix: "Fix") -> list[str]:
     """What a site answers to one scan, and how far that is from the truth."""
-    from pipeline.core.frames import apart
+    from pipeline.core.frames import distance_and_turn
 
     rows = [("verdict", f"{fix.verdict}: {MEANING[fix.verdict].format(promise=PROMISE)}")]
     if fix.verdict != "no pose":
-        away_m, turn_deg = apart(fix.world_T_sensor[None], scan.world_T_scan[None])
+        away_m, turn_deg = distance_and_turn(fix.world_T_sensor[None], scan.world_T_scan[None])
         chance = f"chance {1 - fix.novelty:.3f}, {away_m[0]:.2f} m and {turn_deg[0]:.1f}° off"
         rows.append(("pose", f"{_pose(fix.world_T_sensor)}; {chance}"))
     rows += [

@@ -81,7 +81,7 @@ class Compute:
         """Yield fn(item) of each item, in order."""
         return self.rows(lambda start, _: fn(items[start]), len(items), 1)
 
-    def apart(self) -> Self:
+    def one_by_one_in_threads(self) -> Self:
         """The same, but in mode `threads` one block at a time.
 
         For blocks whose libraries have settings of the whole process.

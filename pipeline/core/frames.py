@@ -45,7 +45,9 @@ def wrapped_deg(angles_deg: NDArray[Any]) -> NDArray[Any]:
     return np.asarray(180 - (180 - angles_deg) % 360)
 
 
-def apart(world_T_a: Poses, world_T_b: Poses) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def distance_and_turn(
+    world_T_a: Poses, world_T_b: Poses
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Distance (n,) in metres and turn (n,) in degrees between poses (n, 4, 4).
 
     NaN where a pose is.

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pipeline.alterations import Case, read_cases
 from pipeline.core.errors import InputError
-from pipeline.core.frames import Poses, apart, turns, wrapped_deg, yaw
+from pipeline.core.frames import Poses, distance_and_turn, turns, wrapped_deg, yaw
 from pipeline.core.schemas import Fixes, Labels, Rankings, SequenceRanking, Submaps
 from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.calibration import chances, ece
@@ -73,7 +73,7 @@ def judge(
         world_T_query_true = world_T_anchor
         if turned_deg is not None:
             world_T_query_true = world_T_anchor @ turns(np.deg2rad(turned_deg.astype(np.float64)))
-        pose_error_m, pose_error_deg = apart(world_T_query, world_T_query_true)
+        pose_error_m, pose_error_deg = distance_and_turn(world_T_query, world_T_query_true)
         queries = replace(queries, pose_error_m=pose_error_m, pose_error_deg=pose_error_deg)
     queries = replace(queries, reject_pose_from=reject_pose_from, right_within=right_within)
     # An answer outside all places says: unseen.

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.core.frames import apart
+from pipeline.core.frames import distance_and_turn
 from pipeline.level.fix import SCALES, LevelFix, signs
 from pipeline.matching.rejection import ACCEPT_NOTHING, threshold_for
 from pipeline.posing.chances import Chances, learned
@@ -192,7 +192,9 @@ def pose_is_right(
 ) -> NDArray[np.bool_]:
     """Which poses (n, 4, 4) are right in the plane; a missing one is not."""
     away_m = np.linalg.norm(world_T_query[:, :2, 3] - world_T_true[:, :2, 3], axis=1)
-    return np.asarray((away_m < RIGHT_M) & (apart(world_T_query, world_T_true)[1] < RIGHT_DEG))
+    return np.asarray(
+        (away_m < RIGHT_M) & (distance_and_turn(world_T_query, world_T_true)[1] < RIGHT_DEG)
+    )
 
 
 def _distances_m(fix: LevelFix) -> NDArray[np.float64]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
 from pipeline.core.errors import LogError
-from pipeline.core.frames import Poses, Stamps, Trajectory, apart
+from pipeline.core.frames import Poses, Stamps, Trajectory, distance_and_turn
 from pipeline.matching.ranking import Rows
 from pipeline.online.inputs import NO_POSE, Scan
 from pipeline.online.site import Fix, Site, finite
@@ -112,7 +112,7 @@ def bridge(poses: Poses, chance: NDArray[np.float64], odom_T_scan: Poses) -> Non
     posed_rows = np.flatnonzero(np.isfinite(poses).all((1, 2)))
     for first, last in zip(posed_rows[:-1].tolist(), posed_rows[1:].tolist(), strict=True):
         onwards = poses[first] @ np.linalg.inv(odom_T_scan[first]) @ odom_T_scan[first : last + 1]
-        away_m, turn_deg = apart(onwards[-1:], poses[last][None])
+        away_m, turn_deg = distance_and_turn(onwards[-1:], poses[last][None])
         if last - first < 2 or not (
             np.isfinite(onwards).all() and away_m[0] < RIGHT_M and turn_deg[0] < RIGHT_DEG
         ):

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pipeline.alterations import Case, read_cases
 from pipeline.core import schemas, store
 from pipeline.core.errors import ConfigError
-from pipeline.core.frames import Poses, apart
+from pipeline.core.frames import Poses, distance_and_turn
 from pipeline.mapping.gathering import submap_points
 from pipeline.online.inputs import Scan
 from pipeline.online.site import Fix
@@ -46,7 +46,7 @@ class JudgedFix:
     @property
     def off(self) -> tuple[float, float]:
         """How far the pose is from the true one, in metres and degrees."""
-        away_m, turn_deg = apart(self.world_T_found[None], self.world_T_true[None])
+        away_m, turn_deg = distance_and_turn(self.world_T_found[None], self.world_T_true[None])
         return float(away_m[0]), float(turn_deg[0])
 
     @property

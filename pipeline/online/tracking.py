@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pipeline.core.errors import InputError
-from pipeline.core.frames import apart
+from pipeline.core.frames import distance_and_turn
 from pipeline.online import odometry
 from pipeline.online.inputs import Scan
 from pipeline.online.site import Fix, Site, Word, finite
@@ -103,7 +103,7 @@ class Motion:
         ):
             return
         if self._fix_interval_s:
-            off_m, off_deg = apart(self.onwards(seconds)[None], step[None])
+            off_m, off_deg = distance_and_turn(self.onwards(seconds)[None], step[None])
             self._squares = self._squares + (2 * np.array([off_m[0], off_deg[0]]) / seconds**2) ** 2
             self._fixes += 1
         self._moved_m = moved_m

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import erf
 
-from pipeline.core.frames import Poses, apart
+from pipeline.core.frames import Poses, distance_and_turn
 from pipeline.posing.verdict import RIGHT_DEG, RIGHT_M
 
 DRIFT = 0.05
@@ -63,7 +63,9 @@ class Belief:
         believed: all but one that lies within RIGHT_M of a hypothesis that drift has left right.
         """
         elsewhere = 1 - float(self.chances.sum())
-        away_m, turn_deg = apart(self.poses, np.broadcast_to(world_T_robot, self.poses.shape))
+        away_m, turn_deg = distance_and_turn(
+            self.poses, np.broadcast_to(world_T_robot, self.poses.shape)
+        )
         near = (away_m < RIGHT_M + DEVIATIONS * self.drift_m) & (
             turn_deg < RIGHT_DEG + DEVIATIONS * self.drift_deg
         )

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.errors import ConfigError
-from pipeline.core.frames import Poses, apart
+from pipeline.core.frames import Poses, distance_and_turn
 from pipeline.core.settings import Positive, check
 from pipeline.paths.belief import REPEATS
 from pipeline.paths.tracks import Estimates, Track
@@ -71,7 +71,7 @@ class Graph:
         )
         sets = []
         for reference in range(len(fix_rows)):
-            away_m, turn_deg = apart(
+            away_m, turn_deg = distance_and_turn(
                 world[reference] @ np.linalg.inv(odom[reference]) @ odom, world
             )
             reach_m = np.abs(along_m - along_m[reference])

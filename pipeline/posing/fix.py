@@ -7,7 +7,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.core.frames import Poses, apart
+from pipeline.core.frames import Poses, distance_and_turn
 from pipeline.posing.chances import SIGNS, USUAL, Chances
 from pipeline.posing.registration import NOWHERE, Alignment
 from pipeline.posing.slides import Slide
@@ -133,7 +133,7 @@ def signs(hypotheses: Sequence[Hypothesis]) -> NDArray[np.float64]:
 def same(hypothesis: Hypothesis, others: Sequence[Hypothesis]) -> NDArray[np.bool_]:
     """Which of n others (n,) have the pose of a hypothesis, within SAME_M and SAME_DEG."""
     world_T_query = np.broadcast_to(hypothesis.world_T_query, (len(others), 4, 4))
-    away_m, turn_deg = apart(_poses(others), world_T_query)
+    away_m, turn_deg = distance_and_turn(_poses(others), world_T_query)
     return np.asarray((away_m < SAME_M) & (turn_deg < SAME_DEG))
 
 

@@ -231,7 +231,7 @@ class _Search:
         """
         nearest = self.targets.nearest(answers.xy_m, self.left_out)
         alike = self.targets.alike(self.fixer.coarse, self.query.walls_m, self.left_out)
-        rows = self.targets.apart(chain(nearest, alike))
+        rows = self.targets.spaced(chain(nearest, alike))
         rounds = (self._round(list(islice(rows, count)), least) for count in self.fixer.rounds)
         return chain(self._straight(answers, least), chain.from_iterable(rounds))
 

@@ -120,11 +120,11 @@ class Targets:
     def alike(self, walls: Walls, walls_m: Points, left_out: NDArray[np.bool_]) -> Iterator[int]:
         """All rows but those left out (row,), best fit of walls with a query's (n, 3) first."""
         turned = walls.turned(walls_m)
-        rows = self.apart(np.flatnonzero(~left_out))
+        rows = self.spaced(np.flatnonzero(~left_out))
         matches = [(walls.match(self.chart(walls, row), turned).score, row) for row in rows]
         yield from (row for _, row in sorted(matches, key=lambda match: -match[0]))
 
-    def apart(self, rows: Iterable[int]) -> Iterator[int]:
+    def spaced(self, rows: Iterable[int]) -> Iterator[int]:
         """The rows whose anchors do not lie near an earlier row's."""
         anchors_m = self.world_T_anchor[:, :2, 3]
         kept = np.full((len(self.world_T_anchor), 2), np.inf)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit, logit
 
-from pipeline.core.frames import Poses, apart
+from pipeline.core.frames import Poses, distance_and_turn
 from pipeline.matching.rejection import threshold_for
 from pipeline.posing.chances import Chances, learned
 from pipeline.posing.expectations import Expectations
@@ -177,7 +177,7 @@ def middle(doubts: NDArray[np.float64], limit: float) -> float:
 
 def right(world_T_query: Poses, world_T_true: Poses) -> NDArray[np.bool_]:
     """Which fixes (n, 4, 4) are right; a missing one is not."""
-    away_m, turn_deg = apart(world_T_query, world_T_true)
+    away_m, turn_deg = distance_and_turn(world_T_query, world_T_true)
     return (away_m < RIGHT_M) & (turn_deg < RIGHT_DEG)
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.core.frames import ROUNDED_NS, Poses, Stamps, Trajectory, apart
+from pipeline.core.frames import ROUNDED_NS, Poses, Stamps, Trajectory, distance_and_turn
 
 TILTED_DEG = 45.0
 TILTED_SHARE = 0.1
@@ -51,7 +51,7 @@ def jumps(trajectory: Trajectory) -> NDArray[np.int64]:
         return np.empty(0, np.int64)
     poses = trajectory.world_T_body[finite_rows]
     seconds = np.diff(trajectory.stamps_ns[finite_rows]) / 1e9
-    step_m, turn_deg = apart(poses[:-1], poses[1:])
+    step_m, turn_deg = distance_and_turn(poses[:-1], poses[1:])
     together = (np.diff(finite_rows) == 1) & (seconds <= trajectory.max_gap_s)
     reach = int(np.clip(np.rint(AROUND_S / np.median(seconds)), 1, MOST))
     longer_m = step_m - seconds * _neighbours(step_m / seconds, together, reach)
@@ -197,7 +197,7 @@ def _driven(poses: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np
 def _jumped(trajectory: Trajectory, rows: NDArray[np.int64]) -> str:
     """How often and how far a trajectory jumps."""
     first_row = rows[0]
-    away_m, turn_deg = apart(
+    away_m, turn_deg = distance_and_turn(
         trajectory.world_T_body[[first_row - 1]], trajectory.world_T_body[[first_row]]
     )
     seconds = (trajectory.stamps_ns[first_row] - trajectory.stamps_ns[first_row - 1]) / 1e9

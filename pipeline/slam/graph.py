@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.core.frames import Poses, apart, interpolate
+from pipeline.core.frames import Poses, distance_and_turn, interpolate
 from pipeline.core.settings import Positive, check
 from pipeline.paths.graph import imported_gtsam
 from pipeline.readers.log import lifted
@@ -201,7 +201,7 @@ class DriveGraph:
             later = world_T_key[loop.key] @ loop.key_T_later
             if not np.isfinite([later, world_T_key[loop.later]]).all():
                 continue
-            away_m, turn_deg = apart(later[None], world_T_key[loop.later][None])
+            away_m, turn_deg = distance_and_turn(later[None], world_T_key[loop.later][None])
             residual_m[number] = away_m[0]
             residual_deg[number] = turn_deg[0]
             sd_m = np.sqrt(np.trace(loop.covariance[3:, 3:]) / 3 + self.loop_m**2)

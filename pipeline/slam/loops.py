@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.core.frames import Poses, apart, yaw
+from pipeline.core.frames import Poses, distance_and_turn, yaw
 from pipeline.core.progress import Progress
 from pipeline.core.settings import Count, NotNegative, Positive, Share, check
 from pipeline.posing.fix import Hypothesis
@@ -169,7 +169,7 @@ class LoopSearch:
 
     def drifted(self, a: Poses, b: Poses, between_m: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Whether odometry may have drifted from a to b (n, 4, 4) over so much path (n,)."""
-        away_m, turn_deg = apart(a, b)
+        away_m, turn_deg = distance_and_turn(a, b)
         return np.asarray(
             (away_m < self.drift_m + self.drift * between_m)
             & (turn_deg < self.turn_deg + self.turn_deg_per_m * between_m)

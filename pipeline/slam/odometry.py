@@ -14,7 +14,7 @@ import small_gicp
 from numpy.typing import NDArray
 
 from pipeline.core.errors import InputError, LogError
-from pipeline.core.frames import Poses, apart, interpolate, turns
+from pipeline.core.frames import Poses, distance_and_turn, interpolate, turns
 from pipeline.core.progress import Progress
 from pipeline.core.settings import Count, Positive, Share, check
 from pipeline.matching.shifts import Spectra
@@ -224,7 +224,7 @@ class _Registering:
         """Whether the log's odometry, if it has any, allows a step."""
         if odometry_step is None:
             return True
-        away_m, turn_deg = apart(last_T_scan[None], odometry_step[None])
+        away_m, turn_deg = distance_and_turn(last_T_scan[None], odometry_step[None])
         return bool(away_m[0] < self.settings.reach_m and turn_deg[0] < WRONG_DEG)
 
     def _by_guesses(self, cloud: Cloud, first_guess: Poses) -> tuple[Poses, float]:
@@ -236,7 +236,7 @@ class _Registering:
         ]
         best = max(alignments, key=lambda alignment: alignment.overlap).target_T_source
         refined = self._aligned(cloud, best)
-        moved_m, turned_deg = apart(refined[None], best[None])
+        moved_m, turned_deg = distance_and_turn(refined[None], best[None])
         is_same = moved_m[0] < REFINED_M and turned_deg[0] < REFINED_DEG
         kept = refined if is_same else best
         return kept, self._overlap(cloud, kept)

@@ -124,5 +124,5 @@ def test_an_unknown_scheduler_is_a_config_error() -> None:
 
 
 def test_apart_holds_back_threads_alone() -> None:
-    assert Compute(workers=2).apart().workers == 1
-    assert Compute("processes", workers=2).apart().workers == 2
+    assert Compute(workers=2).one_by_one_in_threads().workers == 1
+    assert Compute("processes", workers=2).one_by_one_in_threads().workers == 2

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from pipeline.cli import main
-from pipeline.core.frames import apart
+from pipeline.core.frames import distance_and_turn
 from pipeline.online.example import FOLDER, SITE, scans
 from pipeline.online.site import Site
 
@@ -32,12 +32,14 @@ def test_a_learned_place_is_accepted_and_right_and_one_from_elsewhere_is_not_bel
 ) -> None:
     learned, changed, elsewhere = scans()
     fix = site.localize(learned.points_m())
-    away_m, turn_deg = apart(fix.world_T_sensor[None], learned.world_T_scan[None])
+    away_m, turn_deg = distance_and_turn(fix.world_T_sensor[None], learned.world_T_scan[None])
     assert fix.verdict == "accepted"
     assert (away_m[0], turn_deg[0]) < (2.0, 5.0)
     assert site.localize(elsewhere.points_m()).verdict in ("rejected", "no pose")
     of_changed = site.localize(changed.points_m())
-    away_m, turn_deg = apart(of_changed.world_T_sensor[None], changed.world_T_scan[None])
+    away_m, turn_deg = distance_and_turn(
+        of_changed.world_T_sensor[None], changed.world_T_scan[None]
+    )
     assert of_changed.verdict != "accepted" or (away_m[0] < 2.0 and turn_deg[0] < 5.0)
 
 

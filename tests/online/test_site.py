@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from pipeline.core.errors import ArtifactError, InputError
-from pipeline.core.frames import apart
+from pipeline.core.frames import distance_and_turn
 from pipeline.online.description import describe
 from pipeline.online.site import Site
 from pipeline.online.site_file import ABOUT, MAP, MODEL
@@ -37,7 +37,7 @@ def three(path: Path) -> Site:
 def test_a_scan_is_localised(three: Site, row: int) -> None:
     points_m, world_T_robot = scan(row)
     fix = three.localize(points_m)
-    away_m, turn_deg = apart(fix.world_T_sensor[None], world_T_robot[None])
+    away_m, turn_deg = distance_and_turn(fix.world_T_sensor[None], world_T_robot[None])
     assert (fix.verdict, fix.promised_precision) == ("accepted", 0.99)
     assert away_m[0] < 0.1
     assert turn_deg[0] < 0.3

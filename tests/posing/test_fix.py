@@ -8,7 +8,7 @@ import pytest
 
 from pipeline.core import schemas, store
 from pipeline.core.errors import ArtifactError, ConfigError
-from pipeline.core.frames import apart
+from pipeline.core.frames import distance_and_turn
 from pipeline.posing.chances import Chances
 from pipeline.posing.fix import Fix, signs
 from pipeline.posing.registration import NOWHERE
@@ -55,7 +55,9 @@ def test_the_pose_is_found_among_candidates(
     anchor_T_query = planar(x_m, y_m, yaw_deg)
     found = Fixer().fix(seen_from(scene(row), anchor_T_query), targets, PLACES)
     best = found.hypotheses[0]
-    away_m, turn_deg = apart(best.world_T_query[None], (ANCHORS[row] @ anchor_T_query)[None])
+    away_m, turn_deg = distance_and_turn(
+        best.world_T_query[None], (ANCHORS[row] @ anchor_T_query)[None]
+    )
     assert best.row == row
     assert away_m[0] < 0.1
     assert turn_deg[0] < 0.3
@@ -177,7 +179,9 @@ def test_the_rankings_own_pose_is_tried_first(targets: Targets) -> None:
     answers = Answers(world_T_query[None, :2, 3] + 0.5, np.array([123.0]))
     found = Fixer(sure=0.9, rounds=(1,), tries=1).fix(query, targets, answers)
     assert len(found.hypotheses) == 1
-    away_m, turn_deg = apart(found.hypotheses[0].world_T_query[None], world_T_query[None])
+    away_m, turn_deg = distance_and_turn(
+        found.hypotheses[0].world_T_query[None], world_T_query[None]
+    )
     assert away_m[0] < 0.1
     assert turn_deg[0] < 0.3
 
@@ -185,7 +189,7 @@ def test_the_rankings_own_pose_is_tried_first(targets: Targets) -> None:
 def test_the_nearest_rows_come_in_the_order_of_the_positions(targets: Targets) -> None:
     positions_m = np.array([[390.0, 5.0], [10.0, 0.0], [np.nan, 0.0], [380.0, 0.0], [180.0, 0.0]])
     rows = targets.nearest(positions_m, np.zeros(3, bool))
-    assert list(targets.apart(rows)) == [2, 0, 1]
+    assert list(targets.spaced(rows)) == [2, 0, 1]
     assert list(targets.nearest(positions_m, np.array([False, False, True]))) == [1, 0, 1, 1]
 
 

@@ -11,7 +11,7 @@ from pipeline.alterations import Case, generator
 from pipeline.alterations.turned import Turned
 from pipeline.core import schemas, store
 from pipeline.core.errors import InputError
-from pipeline.core.frames import apart, turns
+from pipeline.core.frames import distance_and_turn, turns
 from pipeline.posing.fix import poses
 from pipeline.posing.queries import Queries
 from pipeline.posing.search import Fixer
@@ -93,7 +93,9 @@ def test_each_case_has_the_pose_of_the_robot_as_it_stood(folder: Path) -> None:
         turned.alter(CASES[1], np.zeros((1, 3)), generator(turned, stamp))[1]
         for stamp in STAMPS_NS.tolist()
     ]
-    away_m, turn_deg = apart(poses(fixes), np.concatenate([TRUE, TRUE @ turns(np.array(left_rad))]))
+    away_m, turn_deg = distance_and_turn(
+        poses(fixes), np.concatenate([TRUE, TRUE @ turns(np.array(left_rad))])
+    )
     assert away_m.max() < 0.1
     assert turn_deg.max() < 0.5
 

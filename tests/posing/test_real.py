@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from pipeline.core import schemas, store
-from pipeline.core.frames import apart, yaw
+from pipeline.core.frames import distance_and_turn, yaw
 from pipeline.formats import pcd
 from pipeline.posing.fix import Fix, poses
 from pipeline.posing.registration import Registration
@@ -72,7 +72,7 @@ def test_a_real_street_is_known_when_it_is_driven_back_and_another_is_not(
     back = range(480, 620, 10)
     elsewhere = range(700, 1140, 60)
     there = fixes(frames, targets, back)
-    away_m, turn_deg = apart(poses(there), frames.world_T_frame[back])
+    away_m, turn_deg = distance_and_turn(poses(there), frames.world_T_frame[back])
     right = (away_m < 2) & (turn_deg < 5)
     assert right.mean() > 0.9  # measured 14 of 14
     assert np.median(away_m) < 0.5  # the truth is another project's, good to some .2 m
@@ -103,7 +103,7 @@ def test_a_real_reverse_loop_of_kitti_ends_in_one_pose_from_every_start(real: Pa
         start = planar(2.5 * np.cos(bearing), 2.5 * np.sin(bearing), turn_deg)
         near = registration.approach(target, query, first @ start).target_T_source
         ended.append(registration.refine(target, query, near).target_T_source)
-    away_m, off_deg = apart(np.array(ended), np.array(ended[:1] * len(ended)))
+    away_m, off_deg = distance_and_turn(np.array(ended), np.array(ended[:1] * len(ended)))
     assert away_m.max() < 0.1
     assert off_deg.max() < 0.3
     assert 2.2 < np.linalg.norm(ended[0][:2, 3]) < 2.7  # 1.2 m nearer than by KITTI's poses

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pipeline.core.errors import ConfigError, InputError
-from pipeline.core.frames import apart
+from pipeline.core.frames import distance_and_turn
 from pipeline.posing.registration import Registration
 from tests.posing.scene import planar, scene, seen_from
 
@@ -14,7 +14,7 @@ def test_a_known_pose_is_found(x_m: float, y_m: float, yaw_deg: float) -> None:
     target = scene()
     true = planar(x_m, y_m, yaw_deg)
     found = Registration().align(target, seen_from(scene(), true), true @ planar(1.0, 0.5, 4.0))
-    away_m, turn_deg = apart(found.target_T_source[None], true[None])
+    away_m, turn_deg = distance_and_turn(found.target_T_source[None], true[None])
     assert away_m[0] < 0.05
     assert turn_deg[0] < 0.2
     assert found.overlap > 0.95

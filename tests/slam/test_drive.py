@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from pipeline.core.errors import LogError
-from pipeline.core.frames import apart
+from pipeline.core.frames import distance_and_turn
 from pipeline.core.progress import Progress
 from pipeline.core.schemas import Estimates
 from pipeline.formats import folder, pcd
@@ -35,7 +35,7 @@ def estimate(log: Log) -> Estimates:
 def off_m(estimate: Estimates, world_T_scan: np.ndarray) -> np.ndarray:
     """Metres off (n,), with the first poses laid on one another."""
     laid = world_T_scan[0] @ np.linalg.inv(estimate.world_T_scan[0]) @ estimate.world_T_scan
-    return apart(laid, world_T_scan)[0]
+    return distance_and_turn(laid, world_T_scan)[0]
 
 
 def test_a_round_without_any_odometry_is_found(estimate: Estimates) -> None:
@@ -50,7 +50,7 @@ def test_loops_join_the_second_round_with_the_first(estimate: Estimates) -> None
     assert estimate.used.all()
     assert np.abs(estimate.later - estimate.earlier - ROUND).max() <= 12
     truth = np.linalg.inv(circle(COUNT)[estimate.earlier]) @ circle(COUNT)[estimate.later]
-    assert apart(estimate.earlier_T_later, truth)[0].max() < 0.2
+    assert distance_and_turn(estimate.earlier_T_later, truth)[0].max() < 0.2
     assert estimate.residual_m.max() < 0.2
 
 
@@ -122,7 +122,7 @@ def test_unreadable_and_empty_scans_are_left_out_and_counted() -> None:
     assert estimate.skipped == {"too few points": 1, "unreadable scan": 1}
     posed = estimate.posed
     laid = circle(20)[0] @ np.linalg.inv(estimate.world_T_scan[0]) @ estimate.world_T_scan
-    assert apart(laid[posed], circle(20)[posed])[0].max() < 0.2
+    assert distance_and_turn(laid[posed], circle(20)[posed])[0].max() < 0.2
 
 
 def test_the_same_log_makes_the_same_poses() -> None:

@@ -8,7 +8,7 @@ import pytest
 
 from pipeline.core import schemas, store
 from pipeline.core.errors import LogError
-from pipeline.core.frames import apart, interpolate
+from pipeline.core.frames import distance_and_turn, interpolate
 from pipeline.core.progress import Progress
 from pipeline.readers.estimated import posed
 from pipeline.slam.onto import estimate_onto
@@ -26,7 +26,7 @@ def test_a_further_day_is_laid_onto_the_map_and_kept(tmp_path: Path) -> None:
     later = drive(later_poses)
     estimate = estimate_onto(QUICK, later, drive(circle(COUNT)), circle(COUNT), Progress())
     assert len(estimate.fixed) >= 2
-    assert apart(estimate.world_T_scan, later_poses)[0].max() < 0.2
+    assert distance_and_turn(estimate.world_T_scan, later_poses)[0].max() < 0.2
     assert any("were found on the map" in line for line in lines(estimate))
 
     path = tmp_path / "later.zarr"

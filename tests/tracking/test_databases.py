@@ -7,7 +7,7 @@ import pytest
 
 from pipeline.core.errors import ConfigError, NotInstalledError
 from pipeline.tracking.databases import database
-from stages.sweep.__main__ import apart, tracking_of
+from stages.sweep.__main__ import split_tracking_words, tracking_of
 
 SERVER = "postgresql://me:secret@127.0.0.1:5432/mlflow"
 
@@ -88,7 +88,7 @@ def test_a_sweep_s_jobs_are_not_told_of_the_database() -> None:
         "grid.cell_m=5,10",
         "+tracking.artifacts=s3://bucket/mlflow",
     ]
-    given, about = apart(words)
+    given, about = split_tracking_words(words)
     assert given == ["-m", "grid.cell_m=5,10"]
     tracking = tracking_of([word.removeprefix("+") for word in about])
     assert (tracking.database, tracking.artifacts) == (SERVER, "s3://bucket/mlflow")

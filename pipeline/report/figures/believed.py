@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pipeline.alterations import Case, read_cases
 from pipeline.core import schemas, store
 from pipeline.core.errors import ArtifactError
-from pipeline.core.frames import Poses, apart
+from pipeline.core.frames import Poses, distance_and_turn
 from pipeline.evaluation.judgement import Evaluations
 from pipeline.evaluation.numbers import within
 from pipeline.report.clouds import Drive, laid, trained_m
@@ -54,7 +54,7 @@ class BelievedDrive:
         if posed:
             fixes = store.read(study.find("localize", sequence, model), schemas.Fixes)
             poses, accepted, promise = verdicts(fixes, len(world_T_true), wanted_promise)
-            is_right = within(fixes.right_within, *apart(poses, world_T_true))
+            is_right = within(fixes.right_within, *distance_and_turn(poses, world_T_true))
         else:
             believed = evaluation.acceptance
             accepted = believed["accepted"]

@@ -68,7 +68,7 @@ class Example:
             f"{degrees(e.turn_deg[i])} to training"
         )
 
-    def apart(self, examples: Sequence["Example"]) -> bool:
+    def is_far_from(self, examples: Sequence["Example"]) -> bool:
         """Whether the query is at least APART_M from the queries of all other examples."""
         return all(np.linalg.norm(self.xy_m - example.xy_m) >= APART_M for example in examples)
 
@@ -82,7 +82,7 @@ def choose(group: Sequence[Result]) -> list[Example]:
     for verdict, number, select in WRONG:
         examples: list[Example] = []
         for example in _surest(group, verdict, select):
-            if len(examples) < number and example.apart(examples):
+            if len(examples) < number and example.is_far_from(examples):
                 examples.append(example)
         chosen += examples
     return chosen
@@ -102,7 +102,7 @@ def _right(group: Sequence[Result]) -> list[Example]:
         middle = len(hits[n]) // 2
         outwards = sorted(range(len(hits[n])), key=lambda i: abs(i - middle))
         chosen.append(
-            next((hits[n][i] for i in outwards if hits[n][i].apart(chosen)), hits[n][middle])
+            next((hits[n][i] for i in outwards if hits[n][i].is_far_from(chosen)), hits[n][middle])
         )
     turned = _surest(
         group, "right", lambda e: (e.cells.outcome == HIT) & (np.abs(e.turn_deg) > TURNED_DEG)
