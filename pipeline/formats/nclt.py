@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 
 GRAIN_M = 0.005
 OFFSET_M = -100.0
+"""A coordinate is a whole number of grains above this."""
 RECORD_BYTES = 8
+"""Of a hit: x, y, z as 16-bit numbers, intensity, laser."""
 PACKET_MAGIC = 44444
 PACKET_HEADER_BYTES = 24
 BODY_T_VELODYNE_XYZRPH = (0.002, -0.004, -0.957, 0.807, 0.166, -90.703)
@@ -27,6 +29,12 @@ TRUTH_PLACES = (f"{{sequence}}/{TRUTH}", TRUTH, f"ground_truth/{TRUTH}")
 ODOMETRY_PLACES = (f"{{sequence}}/{ODOMETRY}", f"sensor_data/{{sequence}}/{ODOMETRY}")
 COVARIANCE_PLACES = (f"{{sequence}}/{COVARIANCE}", f"sensor_data/{{sequence}}/{COVARIANCE}")
 """Where the files may lie below the root of the data set, in the order of search."""
+UPPER = np.triu_indices(6)
+"""Where a row of COVARIANCE has its numbers in the matrix of x, y, z, roll, pitch, heading: row
+after row of the upper triangle, after the utime."""
+COVARIANCE_COLUMNS = 22
+VARIANCE_COLUMNS = (1, 7, 21)
+"""Of x, y and heading."""
 
 
 def write_pose_rows(path: Path, utimes: NDArray[np.int64], ned_xyzrph: NDArray[np.float64]) -> None:
@@ -44,14 +52,6 @@ def write_rows(path: Path, utimes: NDArray[np.int64], rows: NDArray[np.float64])
     with path.open("w", encoding="utf-8") as file:
         for utime, row in zip(utimes.tolist(), rows.tolist(), strict=True):
             file.write(f"{utime}, " + ", ".join(f"{value:.9g}" for value in row) + "\n")
-
-
-UPPER = np.triu_indices(6)
-"""Where a row of COVARIANCE has its numbers in the matrix of x, y, z, roll, pitch, heading: row
-after row of the upper triangle, after the utime."""
-COVARIANCE_COLUMNS = 22
-VARIANCE_COLUMNS = (1, 7, 21)
-"""Of x, y and heading."""
 
 
 def write_covariance_rows(

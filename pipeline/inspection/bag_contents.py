@@ -1,4 +1,7 @@
-"""The contents of bags: topics with types, counts, rates and frames, and the tree of frames."""
+"""The contents of bags: paths in; topics with types, counts, rates and frames, and transforms out.
+
+Of all bags of a drive together; `bags` describes them, `bag_proposal` makes a yaml of them.
+"""
 
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
@@ -89,22 +92,19 @@ class Contents:
 
 
 def _summary(files: Sequence[BagFile], name: str) -> TopicSummary:
-    holding = [file for file in files if name in file.topics]
-    kind = holding[0].topics[name].kind
-    count = sum(file.topics[name].count for file in holding)
-    seconds = (
-        sum(
-            max(file.span_ns[1] - file.span_ns[0], 0) for file in holding if file.topics[name].count
-        )
-        * 1e-9
-    )
-    frame = child = ""
+    """The topic `name` over all files that have it."""
+    files = [file for file in files if name in file.topics]
+    files_with_messages = [file for file in files if file.topics[name].count]
+    kind = files[0].topics[name].kind
+    count = sum(file.topics[name].count for file in files)
+    span_s = 1e-9 * sum(max(file.span_ns[1] - file.span_ns[0], 0) for file in files_with_messages)
+    rate_hz = count / span_s if span_s > 0 else np.nan
+    frame = ""
+    child = ""
     if kind in (CLOUD, SWEEP, *KINDS):
-        file = next((file for file in holding if file.topics[name].count), holding[0])
-        try:
+        file = next(iter(files_with_messages), files[0])
+        with suppress(LogError):
             data = file.first(name) or b""
             frame = header(data, file.ros)[1]
             child = frame_name(file.decode(data, kind).child_frame_id) if kind == ODOMETRY else ""
-        except LogError:
-            pass
-    return TopicSummary(name, kind, count, count / seconds if seconds > 0 else np.nan, frame, child)
+    return TopicSummary(name, kind, count, rate_hz, frame, child)

@@ -1,6 +1,7 @@
-"""Adoption: which scans of a later day a site learns, and at which poses (METHODS 11.2).
+"""Adoption (METHODS 11.2): scans of a later day in; those that a site is to learn, with poses, out.
 
-The poses are known by survey, or found by the site itself and believed.
+The poses are of a survey, or they are the site's own fixes where it believes them. `growth` makes
+the site learn the scans.
 """
 
 from collections.abc import Sequence
@@ -106,31 +107,37 @@ def accepts(fix: Fix, promise: float | None) -> bool:
 def bridge(poses: Poses, chance: NDArray[np.float64], odom_T_scan: Poses) -> None:
     """Fill gaps in poses (n, 4, 4) where odometry (n, 4, 4) leads from one known pose to the next.
 
-    It may miss the next pose by 2 m and 5°, an error that is spread over the way. The chance is
-    that of the less sure end.
+    Where odometry misses the next pose by 2 m or 5° or more the gap stays. A smaller error is
+    spread over the path. The chance (n,) of a filled pose is that of the less sure end.
     """
     posed_rows = np.flatnonzero(np.isfinite(poses).all((1, 2)))
     for first, last in zip(posed_rows[:-1].tolist(), posed_rows[1:].tolist(), strict=True):
-        onwards = poses[first] @ np.linalg.inv(odom_T_scan[first]) @ odom_T_scan[first : last + 1]
-        away_m, turn_deg = distance_and_turn(onwards[-1:], poses[last][None])
-        if last - first < 2 or not (
-            np.isfinite(onwards).all() and away_m[0] < RIGHT_M and turn_deg[0] < RIGHT_DEG
-        ):
+        if last - first < 2:
             continue
-        way_m = np.cumsum(np.linalg.norm(np.diff(onwards[:, :3, 3], axis=0), axis=1))
-        share = way_m[:-1] / max(way_m[-1], 1e-9)
-        between = slice(first + 1, last)
-        correction = poses[last] @ np.linalg.inv(onwards[-1])
-        turned = Slerp([0, 1], Rotation.from_matrix([np.eye(3), correction[:3, :3]]))(
-            share
-        ).as_matrix()
-        corrected = (correction @ onwards[1:-1])[:, :3, 3]
-        poses[between] = np.eye(4)
-        poses[between, :3, :3] = turned @ onwards[1:-1, :3, :3]
-        poses[between, :3, 3] = onwards[1:-1, :3, 3] + share[:, None] * (
-            corrected - onwards[1:-1, :3, 3]
-        )
-        chance[between] = min(chance[first], chance[last])
+        world_T_odom = poses[first] @ np.linalg.inv(odom_T_scan[first])
+        onwards = world_T_odom @ odom_T_scan[first : last + 1]
+        error_m, error_deg = distance_and_turn(onwards[-1:], poses[last][None])
+        is_near_enough = error_m[0] < RIGHT_M and error_deg[0] < RIGHT_DEG
+        if np.isfinite(onwards).all() and is_near_enough:
+            between = slice(first + 1, last)
+            poses[between] = _corrected(onwards, poses[last])[1:-1]
+            chance[between] = min(chance[first], chance[last])
+
+
+def _corrected(path: Poses, last: Poses) -> Poses:
+    """A path (n, 4, 4) of odometry that ends at the pose `last` (4, 4).
+
+    Its error at the end is spread in proportion to the length of path.
+    """
+    path_m = np.cumsum([0, *np.linalg.norm(np.diff(path[:, :3, 3], axis=0), axis=1)])
+    share = path_m / max(path_m[-1], 1e-9)
+    correction = last @ np.linalg.inv(path[-1])
+    turns = Slerp([0, 1], Rotation.from_matrix([np.eye(3), correction[:3, :3]]))(share)
+    shift_m = (correction @ path)[:, :3, 3] - path[:, :3, 3]
+    corrected = np.tile(np.eye(4), (len(path), 1, 1))
+    corrected[:, :3, :3] = turns.as_matrix() @ path[:, :3, :3]
+    corrected[:, :3, 3] = path[:, :3, 3] + share[:, None] * shift_m
+    return corrected
 
 
 def spaced_adoption(

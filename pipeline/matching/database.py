@@ -1,4 +1,8 @@
-"""Places and poses of training submaps, and rankings by nearest descriptors."""
+"""The database of a method that trains nothing: training submaps in; rankings of queries out.
+
+It has the place and pose of each training submap. Beside it a method keeps their descriptors, and a
+query's answer is the place of the nearest one.
+"""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -19,17 +23,21 @@ from pipeline.matching.ranking import Model, Ranking, Rows, TrainingSet, joined
 from pipeline.matching.rejection import Evidence, is_near
 
 PREFIX = "database/"
-QUERIES = 256  # queries per block when each is compared with the whole database
-# the one kind of novelty: how far the nearest of the database is (RA-L 2019, Sec. V-A; METHODS 2.7)
+"""Of the arrays' names in a model."""
+QUERIES = 256
+"""Queries compared with the whole database at once."""
 KIND = "distance"
+"""The one kind of novelty: how far the nearest descriptor is (RA-L 2019, Sec. V-A; METHODS 2.7)."""
 Search = Callable[
     [NDArray[np.int64], NDArray[np.bool_]], tuple[NDArray[np.float64], NDArray[np.int64]]
 ]
-"""Distance and row (h,) of the nearest to each of some training rows (h,) among those allowed to it
-(h, n)."""
+"""Takes some training rows (h,) as queries, and which rows (h, n) each may be compared with.
+
+Gives the distance (h,) and the row (h,) of the nearest of those.
+"""
 
 
-class MadeAnew(ABC):
+class UntrainedMethod(ABC):
     """A method that trains nothing: with further days its database is made from all rows."""
 
     @abstractmethod
@@ -37,24 +45,25 @@ class MadeAnew(ABC):
         """The database of all rows."""
 
     def grow(
-        self, model: Model, known_set: TrainingSet, new_set: TrainingSet, progress: Progress
+        self, model: Model, learned_set: TrainingSet, new_set: TrainingSet, progress: Progress
     ) -> Model:
         """The model of all rows, as if they had been learned at once."""
-        return self.learn(*TrainingSet.joined([known_set, new_set]), progress)
+        return self.learn(*TrainingSet.joined([learned_set, new_set]), progress)
 
 
 @dataclass(frozen=True)
-class DescriptorMethod(MadeAnew):
+class DescriptorMethod(UntrainedMethod):
     """Settings of every method that answers with the nearest of a database."""
 
-    # rank places, each once where its nearest training row lies, instead of training rows
     distinct_places: bool = False
+    """Whether a ranking is of places, each once where its nearest training row lies, and not of
+    training rows."""
     held_out_every_m: Positive = 40.0
     held_out_length_m: Positive = 4.0
     """One block of this length in every `held_out_every_m` of the training path is held out to
     choose thresholds."""
-    # a held-out query counts as unseen once the training rows nearer than this are forgotten
     neighbour_m: NotNegative = 20.0
+    """A held-out query counts as unseen once the training rows nearer than this are forgotten."""
 
     def __post_init__(self) -> None:
         check(self, "method")
@@ -64,9 +73,12 @@ class DescriptorMethod(MadeAnew):
 class Database:
     """Place and pose of each training submap."""
 
-    places: NDArray[np.int64]  # (n,)
-    xy_m: NDArray[np.float64]  # (n, 2)
-    yaw_deg: NDArray[np.float64]  # (n,) in the world
+    places: NDArray[np.int64]
+    """(n,)"""
+    xy_m: NDArray[np.float64]
+    """(n, 2) in the world."""
+    yaw_deg: NDArray[np.float64]
+    """(n,) in the world."""
 
     @classmethod
     def learned(cls, views: Rows, places: NDArray[np.int64]) -> Self:
@@ -91,17 +103,16 @@ class Database:
         return {PREFIX + name: array for name, array in asdict(self).items()}
 
     def evidence(self, search: Search, views: Rows, method: DescriptorMethod) -> Evidence:
-        """Results of held-out blocks of the path against the rest of it.
+        """What held-out blocks of the path are answered by the rest of it.
 
-        Once with and once without the blocks' surroundings. The model's database holds the blocks
-        too: only a threshold is chosen on them.
+        Once with the blocks' surroundings, as queries that were seen, and once without, as unseen
+        ones. The model's database holds the blocks too: only a threshold is chosen on them.
         """
         is_held_out = holdout.blocks(
             views.world_T_anchor, self.places, method.held_out_every_m, method.held_out_length_m
         )
-        is_held_out = (
-            is_held_out if is_held_out.any() else ~is_held_out
-        )  # a path too short for blocks: each of its views against the others
+        if not is_held_out.any():  # a path too short for blocks: each view against the others
+            is_held_out = ~is_held_out
         queries = np.flatnonzero(is_held_out)
         allowed = (
             queries[:, None] != np.arange(len(is_held_out))
@@ -109,15 +120,14 @@ class Database:
             else np.broadcast_to(~is_held_out, (len(queries), len(is_held_out)))
         )
         allowed_and_far = allowed & ~is_near(self.xy_m[queries], self.xy_m, method.neighbour_m)
-        seen, nearest_rows = search(queries, allowed)
+        seen_distance, nearest_rows = search(queries, allowed)
         has_far = allowed_and_far.any(axis=1, keepdims=True)
-        unseen, _ = search(queries, np.where(has_far, allowed_and_far, allowed))
+        unseen_distance, _ = search(queries, np.where(has_far, allowed_and_far, allowed))
         block = holdout.numbered(
             views.world_T_anchor, is_held_out, method.held_out_every_m, method.held_out_length_m
         )
-        return Evidence(
-            self.places[nearest_rows] == self.places[queries], {KIND: seen}, {KIND: unseen}, block
-        )
+        right = self.places[nearest_rows] == self.places[queries]
+        return Evidence(right, {KIND: seen_distance}, {KIND: unseen_distance}, block)
 
     def answer(
         self,
@@ -127,12 +137,12 @@ class Database:
         distinct_places: bool,
         turned_deg: NDArray[np.floating] | None = None,
     ) -> Ranking:
-        """The ranking of candidates by their distances (q, m), rising, and rows (q, m).
+        """The ranking of q queries, each with m candidates: training rows (q, m), nearest first.
 
-        `turned_deg` (q, m) is each query's yaw against each of them. With `distinct_places` a place
-        is answered once, where its nearest training row lies; else neighbouring rows of one place
-        follow each other. What is missing of k places, or at no finite distance, is place −1 at an
-        infinite cost.
+        `distances` (q, m) rise. `turned_deg` (q, m) is the query's yaw against each candidate's.
+        With `distinct_places` a place is answered once, where its nearest training row lies; else
+        neighbouring rows of one place follow each other. What is missing of k places, or at no
+        finite distance, is place −1 at an infinite cost.
         """
         columns = (
             first_of_each(self.places[rows], k)
@@ -140,20 +150,20 @@ class Database:
             else np.arange(min(k, rows.shape[1]))
         )
         columns = np.broadcast_to(columns, (len(rows), columns.shape[-1]))
-        costs, picked = (
-            np.take_along_axis(array, columns.clip(0), axis=1) for array in (distances, rows)
-        )
+        costs = np.take_along_axis(distances, columns.clip(0), axis=1)
+        ranked_rows = np.take_along_axis(rows, columns.clip(0), axis=1)
         exists = (columns >= 0) & np.isfinite(costs)
-        turned = (
+        ranked_turn_deg = (
             np.nan
             if turned_deg is None
             else np.take_along_axis(turned_deg, columns.clip(0), axis=1)
         )
-        heading_deg = np.where(exists, wrapped_deg(self.yaw_deg[picked] + turned), np.nan)
+        query_yaw_deg = wrapped_deg(self.yaw_deg[ranked_rows] + ranked_turn_deg)
+        heading_deg = np.where(exists, query_yaw_deg, np.nan)
         return Ranking(
-            np.where(exists, self.places[picked], -1),
+            np.where(exists, self.places[ranked_rows], -1),
             np.where(exists, costs, np.inf).astype(np.float32),
-            np.where(exists[..., None], self.xy_m[picked], np.nan),
+            np.where(exists[..., None], self.xy_m[ranked_rows], np.nan),
             distances[:, :1].astype(np.float32),
             np.full(len(rows), np.nan, np.float32),
             heading_deg.astype(np.float32),

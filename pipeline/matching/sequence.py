@@ -1,8 +1,8 @@
-"""SeqSLAM's search: a run of queries against runs of the reference at some speeds.
+"""SeqSLAM's two passes over a matrix of differences: contrast, then the cheapest run past each row.
 
-Milford and Wyeth, ICRA 2012; METHODS 6. A row is a reference, a column a query. Both passes go
-along the columns, which lie side by side in memory: a block of them is small enough for the cache,
-and what is done to one is done to all.
+Milford and Wyeth, ICRA 2012; METHODS 6. A row is a reference, a column a query; a run of queries is
+laid against the reference at some speeds. Both passes go along the columns, which lie side by side
+in memory: a block of them is small enough for the cache, and what is done to one is done to all.
 """
 
 import math
@@ -11,13 +11,14 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-BLOCK = 2_048  # columns at a time: the dozen rows that a window touches stay in the L2 cache
-# speeds are whole thousandths, so that a position is a whole division and no float decides between
-# two rows
+BLOCK = 2_048
+"""Columns at a time: the dozen rows that a window touches stay in the L2 cache."""
 GRAIN = 1_000
-# a window whose variance is this share of its mean square or less is flat: float32 cannot tell its
-# values apart
+"""Speeds are whole thousandths, so that a position is a whole division and no float decides between
+two rows."""
 FLAT = 1e-13
+"""A window whose variance is this share of its mean square or less is flat: float32 cannot tell its
+values from each other."""
 SAME = {"contract", "nsz"}
 """Fast-math that gives a column the same bits wherever it lies in a block: no reciprocals, which
 some processors only guess."""
@@ -70,10 +71,9 @@ def search(
 def cheapest(costs: NDArray[np.float32], k: int) -> NDArray[np.int64]:
     """Rows (q, k) of the k cheapest of costs (q, n), cheapest first, then by row."""
     bits = (costs + np.float32(0)).view(np.int32)  # no negative zero
-    rising = np.where(bits < 0, bits ^ 0x7FFFFFFF, bits).astype(
-        np.int64
-    )  # whole numbers in the order of the floats
-    keys = (rising << 32) | np.arange(costs.shape[1])
+    # whole numbers in the order of the floats
+    order = np.where(bits < 0, bits ^ 0x7FFFFFFF, bits).astype(np.int64)
+    keys = (order << 32) | np.arange(costs.shape[1])
     k = min(k, keys.shape[1])
     if k < keys.shape[1]:
         keys = np.partition(keys, k - 1, axis=1)[:, :k]

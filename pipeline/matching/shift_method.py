@@ -1,6 +1,7 @@
-"""Methods that compare Scan Contexts at every shift of their columns.
+"""Methods that compare Scan Contexts at every shift of their columns (METHODS 1.3 and 1.4).
 
-With all of training, or with its likeliest rows. Kim and Kim, IROS 2018; METHODS 1.3 and 1.4.
+Kim and Kim, IROS 2018. A shift is a turn of the robot, so the best one gives the heading. A query
+is compared with all training views, or with those of the nearest ring keys alone.
 """
 
 import numpy as np
@@ -21,9 +22,8 @@ class ShiftMethod(DescriptorMethod):
     them in their order.
     """
 
-    candidates: int | None = (
-        None  # nearest ring keys that are compared; None for all rows of training
-    )
+    candidates: int | None = None
+    """How many training views of the nearest ring keys are compared; None for all."""
     least_engaged: float
     """A shift counts if it engages at least this share of the columns that the pair's fullest shift
     engages. With the authors' 0 a shift at which a single column overlaps can win, as often with a
@@ -48,14 +48,13 @@ class ShiftMethod(DescriptorMethod):
         ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
             distances = np.empty(len(queries))
             nearest_rows = np.empty(len(queries), np.int64)
-            for i, row in enumerate(queries):
+            for i, query in enumerate(queries):
                 rows = np.flatnonzero(allowed[i])
-                rows = spectra.likely(
-                    heights_m[row], rows[self._candidates(keys[rows], keys[[row]])[0]], k=1
-                )
-                compared, _ = spectra.compare(heights_m[row], rows)
-                distances[i] = compared.min()
-                nearest_rows[i] = rows[compared.argmin()]
+                candidates = rows[self._candidates(keys[rows], keys[[query]])[0]]
+                likely_rows = spectra.likely(heights_m[query], candidates, k=1)
+                row_distances, _ = spectra.compare(heights_m[query], likely_rows)
+                distances[i] = row_distances.min()
+                nearest_rows[i] = likely_rows[row_distances.argmin()]
             return distances, nearest_rows
 
         evidence = database.evidence(search, views, self)
@@ -85,10 +84,10 @@ class ShiftMethod(DescriptorMethod):
 
 
 def ring_keys(heights_m: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Number of bins that hold something (n, ring), of Scan Contexts (n, ring, sector).
+    """Ring keys (n, ring) of Scan Contexts (n, ring, sector), the same at every heading.
 
-    The same at every heading. The authors' L0 ratio times the number of sectors: the neighbours are
-    the same, and distances of whole numbers are exact.
+    How many bins of a ring hold something. The authors divide that by the number of sectors:
+    neighbours are the same, but distances of whole numbers are exact.
     """
     keys: NDArray[np.float32] = np.count_nonzero(heights_m, axis=2).astype(np.float32)
     return keys

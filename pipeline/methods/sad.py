@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pipeline.core.errors import InputError
 from pipeline.core.progress import Progress
 from pipeline.core.settings import Count, Positive, Side, Whole
-from pipeline.matching.database import Database, MadeAnew
+from pipeline.matching.database import Database, UntrainedMethod
 from pipeline.matching.headings import ReferenceHeadings, reference_headings
 from pipeline.matching.patches import differences, normalised, resized
 from pipeline.matching.ranking import Localizer, Model, Ranking, Rows
@@ -21,7 +21,7 @@ from pipeline.matching.sequences import SequenceMethod
 
 
 @dataclass(frozen=True)
-class Sad(MadeAnew, SequenceMethod):
+class Sad(UntrainedMethod, SequenceMethod):
     """Views are compared at the robot's own heading, so a turned view is a different image; answers
     have no heading, unless several are kept of a place."""
 
