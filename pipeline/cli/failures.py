@@ -176,7 +176,7 @@ def _posed_model(study: "Study", name: str) -> "ModelName":
         return model
     if posed_models:
         raise ConfigError(f"{name}: the models with poses are {', '.join(posed_models)}")
-    raise ConfigError(
-        f"{name}: no poses; `yearloc use {dataset} poses={method.partition('-')[0]} --add` and "
-        "`dvc repro` make them"
+    remedy = (
+        f"`yearloc use {dataset} poses={method.partition('-')[0]} --add` and `dvc repro` make them"
     )
+    raise ConfigError(f"{name}: no poses; {remedy}")

@@ -112,7 +112,7 @@ def localize(
     summary.check_any(" ".join(inputs))
     if tracker:
         summary.steps = tracker.steps
-    print(summary.text(), file=sys.stderr)
+    summary.tell()
     if site.description.simulated:
         print("the site is simulated, not recorded", file=sys.stderr)
 

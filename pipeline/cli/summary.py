@@ -53,6 +53,10 @@ class Summary:
         if not self.verdicts:
             raise LogError(self.broken[0] if self.broken else f"{source}: no scan there")
 
+    def tell(self) -> None:
+        """Print the summary beside the output."""
+        print(self.text(), file=sys.stderr)
+
     def text(self) -> str:
         """Lines with the verdicts, the times, the errors where true poses are known, the losses."""
         lines = [self._verdict_line()]

@@ -1,6 +1,5 @@
 """`yearloc watch`: a site file and a drive in; rerun's viewer, or a file for a viewer, out."""
 
-import sys
 from itertools import islice
 from pathlib import Path
 from typing import Annotated, Any
@@ -77,4 +76,4 @@ def watch(
             recording.add(number * every, scan, points_m, fix)
             summary.add(scan, fix)
     summary.check_any(log)
-    print(summary.text(), file=sys.stderr)
+    summary.tell()

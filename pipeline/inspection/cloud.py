@@ -1,7 +1,10 @@
-"""Diagnoses of clouds: key numbers, and warnings on everything that would break a method."""
+"""Diagnoses of clouds, for `yearloc inspect`: points in; key numbers and warnings out.
+
+Warnings are on everything that would break a method; `symptoms` has the test of each.
+"""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +16,6 @@ from pipeline.inspection.symptoms import Kind, Symptom
 from pipeline.mapping.appearance import coverage
 from pipeline.mapping.appearance import ground as ground_height
 
-MANY = 1_000
-"""A scan of a spinning LiDAR has at least so many points."""
 UNKNOWN = (float("nan"),) * 3
 RAISED_M = 0.5
 """A ground so far from z = 0 was not put there; below, the origin is taken for the sensor."""
@@ -67,7 +68,9 @@ class Diagnosis:
             ),
             (
                 "ground",
-                _text_or(self.ground_m, "unknown", lambda height: f"at z = {_signed(height)} m"),
+                _text_or(
+                    self.ground_m, "unknown", lambda height: f"at z = {symptoms.signed(height)} m"
+                ),
             ),
         ]
         if np.isfinite(self.sensor_m):
@@ -88,84 +91,47 @@ def diagnose(
     0, where the file has them; otherwise the beams are estimated. `mounted_m` is the z of the
     sensor, where it is known.
     """
-    finite = np.isfinite(points_m).all(axis=1)
-    points = np.asarray(points_m[finite], np.float64)
-    noted: list[Symptom] = []
-
-    def note(when: object, kind: Kind, text: str) -> None:
-        if when:
-            noted.append(Symptom(kind, text))
-
-    nonfinite = int((~finite).sum())
-    note(
-        nonfinite,
-        Kind.NOT_FINITE,
-        f"NaN/inf points: {nonfinite:,} of {len(finite):,} are not finite and poison every maximum "
-        "and mean; drop them when reading",
-    )
-    too_few = (
-        f"fewer than {MANY:,} points: {len(points)}; most bins of a view would be empty: is the "
-        "file cut short?"
-    )
-    note(len(points) < MANY, Kind.FEW_POINTS, too_few)
+    is_finite = np.isfinite(points_m).all(axis=1)
+    points = np.asarray(points_m[is_finite], np.float64)
+    noted = symptoms.missing(len(points_m), len(points))
     if not len(points):
         return Diagnosis(0, tuple(noted))
     noted += symptoms.repeated(points)
     range_m = np.hypot(points[:, 0], points[:, 1])
-    heights = low, _, high = tuple(map(float, np.percentile(points[:, 2], (1, 50, 99))))
-    ranges = (float(np.median(range_m)), float(np.percentile(range_m, 99)), float(range_m.max()))
-    covered_deg = coverage(points[range_m > 0])
     beams = None if lasers is None else int(lasers.max(initial=0)) + 1
-    ground = sensor = np.nan
-    shape = symptoms.scale(points, range_m) or symptoms.flat(points)
-    if shape:
-        noted.append(shape)
-    else:
-        ground = ground_height(points, range_m)
-        is_hanging = (ground - low) > 1.0 and (ground - low) > 2 * (high - ground)
-        rings = find_beams(points, ground, -1.0 if is_hanging else 1.0)
-        if rings is not None:
-            ring_count, sensor_z_m = rings
-            beams = beams or ring_count
-            sensor = abs(sensor_z_m - ground)
-        if ground < -RAISED_M or np.isfinite(mounted_m):
-            sensor = np.nan_to_num(mounted_m) - ground  # the points' origin is the sensor
-        note(
-            is_hanging,
-            Kind.DOWN,
-            f"z points down: it hangs from z = {_signed(ground)} m to {_signed(low)} m; every "
-            "highest z is the ground's: turn it by (x, −y, −z)",
-        )
-        note(
-            abs(ground) > RAISED_M,
-            Kind.GROUND,
-            f"ground at z = {_signed(ground)} m, not 0: heights in every view would be off by as "
-            f"much; add {_signed(-ground)} m to lift_m (of KITTI lidar_height_m) in the dataset's "
-            "yaml",
-        )
-        note(
-            covered_deg < 300,
-            Kind.NOT_ROUND,
-            f"not all round: {covered_deg:.0f}° of 360° covered; a turned vehicle sees another "
-            "part of the place, so no shift of the columns brings it back: gather several scans, "
-            "or query in the training's direction",
-        )
-        note(
-            covered_deg >= 300 and beams is not None and beams <= 20,
-            Kind.BEAMS,
-            f"{beams} beams: far rings hold fewer than the 5 points that a bin needs; widen the "
-            "rings, or gather several scans into one submap",
-        )
-    return Diagnosis(
+    diagnosis = Diagnosis(
         len(points),
-        tuple(noted),
-        ranges,
-        heights,
-        covered_deg,
-        beams,
-        ground,
-        sensor,
-        lasers is not None,
+        (),
+        range_m=(
+            float(np.median(range_m)),
+            float(np.percentile(range_m, 99)),
+            float(range_m.max()),
+        ),
+        z_m=tuple(map(float, np.percentile(points[:, 2], (1, 50, 99)))),
+        azimuth_deg=coverage(points[range_m > 0]),
+        beams=beams,
+        has_laser_ids=lasers is not None,
+    )
+    if shape := symptoms.scale(points, range_m) or symptoms.flat(points):
+        return replace(diagnosis, symptoms=(*noted, shape))
+    ground_m = ground_height(points, range_m)
+    low_m, _, high_m = diagnosis.z_m
+    is_hanging = (ground_m - low_m) > 1.0 and (ground_m - low_m) > 2 * (high_m - ground_m)
+    sensor_m = np.nan
+    rings = find_beams(points, ground_m, -1.0 if is_hanging else 1.0)
+    if rings is not None:
+        ring_count, sensor_z_m = rings
+        beams = beams or ring_count
+        sensor_m = abs(sensor_z_m - ground_m)
+    if ground_m < -RAISED_M or np.isfinite(mounted_m):
+        sensor_m = np.nan_to_num(mounted_m) - ground_m  # the points' origin is the sensor
+    if is_hanging:
+        noted.append(symptoms.hanging(ground_m, low_m))
+    if abs(ground_m) > RAISED_M:
+        noted.append(symptoms.ground(ground_m))
+    noted += symptoms.sparse(diagnosis.azimuth_deg, beams)
+    return replace(
+        diagnosis, symptoms=tuple(noted), beams=beams, ground_m=ground_m, sensor_m=sensor_m
     )
 
 
@@ -236,7 +202,3 @@ def _cells(diagnosis: Diagnosis) -> tuple[str, ...]:
 
 def _text_or(value: float, unknown: str, text: Callable[[float], str]) -> str:
     return unknown if np.isnan(value) else text(value)
-
-
-def _signed(value: float) -> str:
-    return typographic(f"{value:+.2f}")

@@ -1,4 +1,7 @@
-"""Folders of raw files: the scans of a log, a sequence, and the root of a data set."""
+"""Describes folders of raw files for `yearloc inspect`: a folder in; rows of text and warnings out.
+
+A folder may hold the scans of a log, be a sequence, or the root of a data set.
+"""
 
 from pathlib import Path
 
@@ -22,13 +25,16 @@ from pipeline.readers.robotcar import RobotCar
 
 FRAMES = "key frames"
 OWN = "another robot's"
-SHOWN = 20  # names of a folder
+"""What a data set is called that the reader of key frames or of own scans opens."""
+SHOWN = 20
+"""Names of a folder that are listed."""
 FAR_M = 50.0
 """A robot farther than this from the origin of its world tells where its cloud lies.
 
 Nearer, a cloud around the robot and one around the origin look the same.
 """
 RECORD = {"nclt": nclt.RECORD_BYTES, "kitti": kitti.RECORD_BYTES}
+"""Bytes of a point, by format."""
 
 
 def scan_folder(path: Path, as_format: str | None, inspection: Inspection) -> None:
@@ -40,46 +46,14 @@ def scan_folder(path: Path, as_format: str | None, inspection: Inspection) -> No
     if kind == "folder":
         _own_scans(path, inspection)
         return
-    record_bytes = RECORD[kind]
-    files = {
-        file: file.stat().st_size
-        for file in sorted(path.glob("*.bin"))
-        if file.name != "velodyne_hits.bin"
-    }
-    named = {
-        file: size for file, size in files.items() if file.stem.isdecimal() and len(file.stem) <= 17
-    }
-    whole = sorted(
-        (file for file, size in named.items() if size and size % record_bytes == 0),
-        key=lambda file: int(file.stem),
-    )
+    files = _whole_scans(path, kind, inspection)
+    numbers = np.array([int(file.stem) for file in files], np.int64)
     title = f"{kind.upper()} scans of one log"
-    unnamed = len(files) - len(named)
-    cut = len(named) - len(whole)
-    inspection.warn(unnamed, f"{unnamed} .bin files are named by no number: the reader skips them")
-    broken = f"empty or cut short (no whole number of {record_bytes}-byte records)"
-    inspection.warn(cut, f"{cut} scans are {broken}: the reader skips them; fetch them anew")
-    if not whole:
-        raise LogError(
-            f"{path}: none of its {len(files)} .bin files is a whole {kind.upper()} scan; is it "
-            "the other format's?"
-        )
-    sizes = np.array([named[file] for file in whole])
-    numbers = np.array([int(file.stem) for file in whole], np.int64)
-    rows = [
-        ("scans", f"{len(whole):,}, {nbytes(int(sizes.sum()))}"),
-        (
-            "points a scan",
-            "{:,} … {:,}, median {:,.0f}".format(
-                *(np.quantile(sizes, (0, 1, 0.5)) // record_bytes).astype(int)
-            ),
-        ),
-        ("first, last", f"{whole[0].name}, {whole[-1].name}"),
-    ]
+    rows = _file_rows(files, RECORD[kind])
     if kind == "nclt":
         inspection.describe(title, *rows, *rate(inspection, numbers * 1e-6))
         survey(
-            inspection, len(whole), lambda row: read_velodyne_sync(whole[row]), "body frame, z up"
+            inspection, len(files), lambda row: read_velodyne_sync(files[row]), "body frame, z up"
         )
         return
     missing = int(numbers[-1] - numbers[0] + 1 - len(numbers))
@@ -96,10 +70,48 @@ def scan_folder(path: Path, as_format: str | None, inspection: Inspection) -> No
     height_m = Kitti().lidar_height_m
     survey(
         inspection,
-        len(whole),
-        lambda row: read_velodyne(whole[row], height_m),
+        len(files),
+        lambda row: read_velodyne(files[row], height_m),
         f"raised by lidar_height_m = {height_m} m, z up",
     )
+
+
+def _whole_scans(path: Path, kind: str, inspection: Inspection) -> list[Path]:
+    """The scan files of a format that are whole, by number; warns of the others.
+
+    Raises LogError if there is none.
+    """
+    record_bytes = RECORD[kind]
+    files = [file for file in path.glob("*.bin") if file.name != "velodyne_hits.bin"]
+    numbered = [file for file in files if file.stem.isdecimal() and len(file.stem) <= 17]
+    sizes = {file: file.stat().st_size for file in numbered}
+    whole = [file for file, size in sizes.items() if size and size % record_bytes == 0]
+    unnamed_count = len(files) - len(numbered)
+    cut_count = len(numbered) - len(whole)
+    inspection.warn(
+        unnamed_count, f"{unnamed_count} .bin files are named by no number: the reader skips them"
+    )
+    broken = f"empty or cut short (no whole number of {record_bytes}-byte records)"
+    inspection.warn(
+        cut_count, f"{cut_count} scans are {broken}: the reader skips them; fetch them anew"
+    )
+    if not whole:
+        raise LogError(
+            f"{path}: none of its {len(files)} .bin files is a whole {kind.upper()} scan; is it "
+            "the other format's?"
+        )
+    return sorted(whole, key=lambda file: (int(file.stem), file.name))
+
+
+def _file_rows(files: list[Path], record_bytes: int) -> list[tuple[str, str]]:
+    """Rows on scan files: how many, how large, and their names."""
+    sizes = np.array([file.stat().st_size for file in files])
+    least, most, median = (np.quantile(sizes, (0, 1, 0.5)) // record_bytes).astype(int)
+    return [
+        ("scans", f"{len(files):,}, {nbytes(int(sizes.sum()))}"),
+        ("points a scan", f"{least:,} … {most:,}, median {median:,.0f}"),
+        ("first, last", f"{files[0].name}, {files[-1].name}"),
+    ]
 
 
 def _own_scans(path: Path, inspection: Inspection) -> None:

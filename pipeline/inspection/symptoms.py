@@ -1,4 +1,4 @@
-"""Tests of a cloud (n, 3) in metres for single faults."""
+"""What may be wrong with a cloud: points, or numbers on them, in; a sentence for each fault out."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -6,7 +6,15 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.inspection.inspection import typographic
 from pipeline.mapping.appearance import LEVEL_M, thickness
+
+MANY = 1_000
+"""A scan of a spinning LiDAR has at least so many points."""
+ROUND_DEG = 300
+"""A sensor that sees all round covers at least so many degrees."""
+FEW_BEAMS = 20
+"""With so many beams or fewer the far rings of a view stay empty."""
 
 
 class Kind(StrEnum):
@@ -31,6 +39,24 @@ class Symptom:
 
     kind: Kind
     text: str
+
+
+def missing(count: int, finite_count: int) -> list[Symptom]:
+    """Symptoms of a cloud of `count` points, of which so many are finite."""
+    symptoms = []
+    if nonfinite := count - finite_count:
+        text = (
+            f"NaN/inf points: {nonfinite:,} of {count:,} are not finite and poison every maximum "
+            "and mean; drop them when reading"
+        )
+        symptoms.append(Symptom(Kind.NOT_FINITE, text))
+    if finite_count < MANY:
+        text = (
+            f"fewer than {MANY:,} points: {finite_count}; most bins of a view would be empty: is "
+            "the file cut short?"
+        )
+        symptoms.append(Symptom(Kind.FEW_POINTS, text))
+    return symptoms
 
 
 def repeated(points: NDArray[np.float64]) -> list[Symptom]:
@@ -89,3 +115,45 @@ def flat(points: NDArray[np.float64]) -> Symptom | None:
         f"all points in one plane: {100 * thick_m:.1f} cm thick; there are no heights to draw a "
         "view from: a 2D scan? Gather its sweeps along the path first",
     )
+
+
+def hanging(ground_m: float, low_m: float) -> Symptom:
+    """The symptom of a cloud that hangs from its ground, at this z, down to a lowest one."""
+    return Symptom(
+        Kind.DOWN,
+        f"z points down: it hangs from z = {signed(ground_m)} m to {signed(low_m)} m; every "
+        "highest z is the ground's: turn it by (x, −y, −z)",
+    )
+
+
+def ground(ground_m: float) -> Symptom:
+    """The symptom of a ground that lies at this z, not at 0."""
+    return Symptom(
+        Kind.GROUND,
+        f"ground at z = {signed(ground_m)} m, not 0: heights in every view would be off by as "
+        f"much; add {signed(-ground_m)} m to lift_m (of KITTI lidar_height_m) in the dataset's "
+        "yaml",
+    )
+
+
+def sparse(azimuth_deg: float, beams: int | None) -> list[Symptom]:
+    """Symptoms of a sensor that covers so many degrees of azimuth with so many beams, if known."""
+    if azimuth_deg < ROUND_DEG:
+        text = (
+            f"not all round: {azimuth_deg:.0f}° of 360° covered; a turned vehicle sees another "
+            "part of the place, so no shift of the columns brings it back: gather several scans, "
+            "or query in the training's direction"
+        )
+        return [Symptom(Kind.NOT_ROUND, text)]
+    if beams is not None and beams <= FEW_BEAMS:
+        text = (
+            f"{beams} beams: far rings hold fewer than the 5 points that a bin needs; widen the "
+            "rings, or gather several scans into one submap"
+        )
+        return [Symptom(Kind.BEAMS, text)]
+    return []
+
+
+def signed(height_m: float) -> str:
+    """A height with its sign: +1.73."""
+    return typographic(f"{height_m:+.2f}")

@@ -1,4 +1,8 @@
-"""The training loop: epochs that can be interrupted anywhere and end in the same weights."""
+"""The training loop: a network and batches in; its best weights and the curves of training out.
+
+`fit` can be interrupted anywhere and ends in the same weights. Beside it stand what it is made of:
+the arithmetic of a device, the storing of weights, schedules of the learning rate, checkpoints.
+"""
 
 import math
 from collections.abc import Callable, Iterator, Mapping
@@ -20,12 +24,12 @@ from pipeline.networks.lenet import device
 
 Net = TypeVar("Net", bound=nn.Module)
 Batch = TypeVar("Batch")
-Batches = Callable[
-    [torch.Generator], Iterator[Batch]
-]  # the batches of an epoch; its random draws follow from this generator
+Batches = Callable[[torch.Generator], Iterator[Batch]]
+"""The batches of an epoch, whose random draws follow from the generator."""
 Step = Callable[[Callable[..., Tensor], Batch], tuple[Tensor, Tensor, int]]
 """Mean loss of the network's answers to a batch, how many of them are right, and of how many."""
-Judge = Callable[[Any], tuple[float, float]]  # loss and accuracy of a network on held-out rows
+Judge = Callable[[Any], tuple[float, float]]
+"""Loss and accuracy of a network on held-out rows."""
 Schedule = Literal["one_cycle", "stepped", "constant"]
 Precision = Literal["auto", "bf16", "f32"]
 NET = "net/"
@@ -170,53 +174,65 @@ def fit(
     if checkpoint := resume(progress.checkpoint, net, {"adam": optimizer}):
         curves = checkpoint["curves"].cpu().numpy()
         best_weights = pop_prefixed(checkpoint, BEST)
-    share = SCHEDULES[schedule]
-    for epoch in progress.track(
-        range(len(curves), epochs), epochs - len(curves), "train" if judge else "refit"
-    ):
+    activity = "train" if judge else "refit"
+    for epoch in progress.track(range(len(curves), epochs), epochs - len(curves), activity):
+
+        def rate(number: int, epoch: int = epoch) -> float:
+            done_share = since + (1 - since) * (epoch + number / steps) / epochs
+            return learning_rate * SCHEDULES[schedule](done_share)
+
         torch.manual_seed((seed << 20) + epoch)
         order = torch.Generator().manual_seed((seed << 20) + epoch)
         net.train()
-        loss_sum = torch.zeros((), device=torch_device)
-        right = torch.zeros((), device=torch_device)
-        seen = 0
-        for number, batch in enumerate(batches(order)):
-            optimizer.param_groups[0]["lr"] = learning_rate * share(
-                since + (1 - since) * (epoch + number / steps) / epochs
-            )
-            loss, hits, count = step(answer, batch)
-            optimizer.zero_grad(set_to_none=True)
-            loss.backward()  # type: ignore[no-untyped-call]
-            optimizer.step()
-            loss_sum += loss.detach() * count
-            right += hits
-            seen += count
-        row = (
-            float(loss_sum) / seen,
-            float(right) / seen,
-            *(judge(net) if judge else (math.nan, 0.0)),
-        )
-        if not math.isfinite(row[0]):
+        loss, accuracy = _train_epoch(optimizer, batches(order), step, answer, rate, torch_device)
+        if not math.isfinite(loss):
             raise ConfigError(
-                f"training diverged: its loss in epoch {epoch + 1} is {row[0]}; lower "
+                f"training diverged: its loss in epoch {epoch + 1} is {loss}; lower "
                 "method.learning_rate"
             )
-        curves = np.vstack([curves, row])
+        held_out_loss, held_out_accuracy = judge(net) if judge else (math.nan, 0.0)
+        curves = np.vstack([curves, (loss, accuracy, held_out_loss, held_out_accuracy)])
         if _best_epoch(curves) == epoch:
             best_weights = {name: value.clone() for name, value in net.state_dict().items()}
-        progress.note(
-            epoch=epoch + 1, loss=row[0], accuracy=row[1], **({"held_out": row[3]} if judge else {})
-        )
+        held_out = {"held_out": held_out_accuracy} if judge else {}
+        progress.note(epoch=epoch + 1, loss=loss, accuracy=accuracy, **held_out)
         if progress.checkpoint is not None:
-            further_tensors = {f"{BEST}{name}": value for name, value in best_weights.items()} | {
-                "curves": torch.from_numpy(curves)
-            }
+            further_tensors = {f"{BEST}{name}": value for name, value in best_weights.items()}
+            further_tensors["curves"] = torch.from_numpy(curves)
             keep(progress.checkpoint, net, {"adam": optimizer}, further_tensors)
     net.load_state_dict(best_weights)
     columns = {
         f"curves/{name}": column for name, column in zip(CURVES, curves.T.copy(), strict=True)
     }
     return {"best_epoch": np.array(_best_epoch(curves)), **columns}
+
+
+def _train_epoch(
+    optimizer: torch.optim.Optimizer,
+    batches: Iterator[Any],
+    step: Step[Any],
+    answer: Callable[..., Tensor],
+    rate: Callable[[int], float],
+    torch_device: torch.device,
+) -> tuple[float, float]:
+    """One step down the loss of each batch; returns mean loss and accuracy over all.
+
+    `rate` gives the learning rate of the batch of this number.
+    """
+    # Sums stay on the device: to look at them would wait for it.
+    loss_sum = torch.zeros((), device=torch_device)
+    right = torch.zeros((), device=torch_device)
+    seen = 0
+    for number, batch in enumerate(batches):
+        optimizer.param_groups[0]["lr"] = rate(number)
+        loss, hits, count = step(answer, batch)
+        optimizer.zero_grad(set_to_none=True)
+        loss.backward()  # type: ignore[no-untyped-call]
+        optimizer.step()
+        loss_sum += loss.detach() * count
+        right += hits
+        seen += count
+    return float(loss_sum) / seen, float(right) / seen
 
 
 def _best_epoch(curves: NDArray[np.float64]) -> int:
@@ -240,9 +256,8 @@ def one_cycle(progress: float) -> float:
 
 SCHEDULES: Mapping[Schedule, Callable[[float], float]] = {
     "one_cycle": one_cycle,
-    "stepped": lambda progress: (
-        0.9 ** int(4 * progress)
-    ),  # as PointNetVLAD's authors do in 20 epochs
+    # as PointNetVLAD's authors do in 20 epochs
+    "stepped": lambda progress: 0.9 ** int(4 * progress),
     "constant": lambda progress: 1.0,
 }
 """Share of the learning rate at a share of the training."""
@@ -287,9 +302,8 @@ def resume(
             ]
             for name, value in pop_prefixed(checkpoint, f"{optimizer_name}/").items():
                 index, _, field = name.partition("/")
-                moment = torch.empty_like(
-                    weights[int(index)]
-                )  # with its strides, on which rounding depends
+                # with the weight's strides, on which rounding depends
+                moment = torch.empty_like(weights[int(index)])
                 state.setdefault(int(index), {})[field] = (
                     value.cpu() if field == "step" else moment.copy_(value)
                 )

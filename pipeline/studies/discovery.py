@@ -127,9 +127,8 @@ def _lacking(
     if not lacking:
         raise ConfigError(f"root={root}: no {name} sequence there; expected {expected}")
     odd = [sequence for sequence in lacking if not SAFE_NAME.fullmatch(sequence)]
-    return lacking | {
-        sequence: ["a name of letters, digits and ._+-: rename it"] for sequence in odd
-    }
+    lacking |= {sequence: ["a name of letters, digits and ._+-: rename it"] for sequence in odd}
+    return lacking
 
 
 def _named(options: Mapping[str, str]) -> list[str]:
