@@ -1,4 +1,4 @@
-"""Proposes the yaml of a data set of bags.
+"""Proposes the yaml of a data set of bags: the contents of bags in; the text of a yaml out.
 
 It names the topics and frames for the reader, each with the reason beside it.
 """
@@ -18,11 +18,15 @@ from pipeline.mapping.appearance import ground
 from pipeline.readers.bag_poses import KINDS
 
 WORLDS = ("map", "world", "earth", "utm", "enu", "global")
+"""Frames that stand still, the likeliest first."""
 BODIES = ("base_footprint", "base_link", "body", "imu", "imu_link")
+"""Frames that may stand for the vehicle, the likeliest first."""
 TRUE = re.compile("truth|gt|gnss|gps|rtk|ins|slam|map|locali")
+"""In the name of a topic with true poses."""
 PACKETS = ("CustomMsg", "VelodyneScan", "PacketMsg")
 """Messages of Livox, Velodyne and Ouster that hold no PointCloud2 yet."""
 DRIFTS = re.compile("odom|vo|vio|wheel")
+"""In the name or frame of poses that drift."""
 
 
 def propose(contents: Contents) -> tuple[str, list[str]]:
@@ -35,27 +39,9 @@ def propose(contents: Contents) -> tuple[str, list[str]]:
     is_sweep = points.kind == SWEEP
     warnings: list[str] = []
     if truth is None:
-        topic_list = ", ".join(
-            f"{topic.name} ({topic.kind.replace('/msg/', '/')})" for topic in contents.topics
-        )
-        advice = (
-            "sweeps of a 2-D LiDAR need an Odometry, PoseStamped, PoseWithCovarianceStamped, or "
-            "moving transforms in tf beside them"
-            if is_sweep
-            else "`yearloc use NAME root=FOLDER train=DRIVE poses=slam` estimates them, `yearloc "
-            "slam` of one drive alone"
-        )
-        warnings.append(f"no poses: {advice}. Topics here: {plain(topic_list, 600)}")
+        warnings.append(_without_poses(contents, is_sweep))
     elif DRIFTS.search(truth.frame):
-        drift = f"the only poses are in the frame {truth.frame}, which starts anew with each drive"
-        warnings.append(
-            f"{drift}: sequences share no places; a study over several drives needs poses in one "
-            "frame, such as map"
-            if is_sweep
-            else f"{drift}: they are the odometry; `yearloc use NAME root=FOLDER train=DRIVE "
-            "poses=slam` estimates poses in one frame from the scans. To split a single drive, "
-            f"{truth.name} may be named as truth"
-        )
+        warnings.append(_with_odometry_alone(truth, is_sweep))
     posed = truth
     if odometry is None and (is_sweep or (truth is not None and DRIFTS.search(truth.frame))):
         odometry = truth
@@ -90,6 +76,36 @@ study: # name the sequences yourself: bags, or folders of bags, below the data s
     return "\n".join(
         [first_line, *(f"# Beware: {warning}" for warning in warnings), remainder]
     ), warnings
+
+
+def _without_poses(contents: Contents, is_sweep: bool) -> str:
+    """The warning on bags without any source of poses."""
+    topic_list = ", ".join(
+        f"{topic.name} ({topic.kind.replace('/msg/', '/')})" for topic in contents.topics
+    )
+    advice = (
+        "sweeps of a 2-D LiDAR need an Odometry, PoseStamped, PoseWithCovarianceStamped, or "
+        "moving transforms in tf beside them"
+        if is_sweep
+        else "`yearloc use NAME root=FOLDER train=DRIVE poses=slam` estimates them, `yearloc "
+        "slam` of one drive alone"
+    )
+    return f"no poses: {advice}. Topics here: {plain(topic_list, 600)}"
+
+
+def _with_odometry_alone(truth: TopicSummary, is_sweep: bool) -> str:
+    """The warning on bags whose best source of poses drifts."""
+    drift = f"the only poses are in the frame {truth.frame}, which starts anew with each drive"
+    if is_sweep:
+        return (
+            f"{drift}: sequences share no places; a study over several drives needs poses in one "
+            "frame, such as map"
+        )
+    return (
+        f"{drift}: they are the odometry; `yearloc use NAME root=FOLDER train=DRIVE poses=slam` "
+        "estimates poses in one frame from the scans. To split a single drive, "
+        f"{truth.name} may be named as truth"
+    )
 
 
 def points_source(contents: Contents, truth: TopicSummary | None) -> TopicSummary:

@@ -1,4 +1,7 @@
-"""Checks that poses are a vehicle's: upright, driven forward or backward, and without jumps."""
+"""Checks that poses are a vehicle's: a trajectory in; doubts as lines, or where it jumps, out.
+
+A vehicle is upright, drives forward or backward, and does not jump.
+"""
 
 from dataclasses import replace
 
@@ -108,13 +111,13 @@ def doubts(name: str, truth: Trajectory) -> tuple[str, ...]:
     poses = truth.world_T_body[finite]
     if not len(poses):
         return ()
-    lines = []
     speed_m_s = _median_speed_m_s(truth)
     if speed_m_s > FASTEST_M_S:
         return (
             f"{name}: the body drives at {speed_m_s:,.0f} m/s most of the way: are its positions "
             "in metres, its stamps in order?",
         )
+    lines = []
     tilt_deg = np.rad2deg(np.arccos(poses[:, 2, 2].clip(-1, 1)))
     if (tilt_deg > TILTED_DEG).mean() > TILTED_SHARE:
         lines.append(
@@ -122,38 +125,46 @@ def doubts(name: str, truth: Trajectory) -> tuple[str, ...]:
             "vehicle stands upright: is the quaternion written w first (write x y z w), or are its "
             "axes a camera's (poses_frame: camera)?"
         )
-    step_m, ahead = _driven(poses)
-    length_m = np.linalg.norm(step_m, axis=1)
-    if len(step_m) >= FEWEST:
-        across, up, climb = np.median(
-            np.abs(np.column_stack([ahead[:, 1:], step_m[:, 2]])) / length_m[:, None], axis=0
-        )
-        if up > ALONG:
-            lines.append(
-                f"{name}: the body drives along its own z axis: are its axes a camera's, x right, "
-                "y down, z forward? Set poses_frame: camera, or take the topic of the body's poses"
-            )
-        elif across > ALONG:
-            lines.append(
-                f"{name}: the body drives sideways, along its own y axis: is its heading a quarter "
-                "turn off? Turn its poses, or take the topic of the body's"
-            )
-        elif abs(np.exp(2j * np.arctan2(ahead[:, 1], ahead[:, 0])).mean()) < ASTRAY:
-            lines.append(
-                f"{name}: the body's heading does not follow its way: are its rotations missing, "
-                "or those of the inverse? Each pose must take points of the body into the world"
-            )
-        elif climb > STEEP:
-            slope_deg = np.rad2deg(np.arcsin(climb))
-            lines.append(
-                f"{name}: the path climbs or falls by {slope_deg:.0f}° most of the way: is z up in "
-                "its world? Turn the poses so that it is, or set poses_frame: camera"
-            )
+    lines += _direction_doubts(name, poses)
     rows = jumps(truth)
     if len(rows):
         why = "are two drives in one file, was odometry set back, or a map corrected?"
         lines.append(f"{name}: {_jumped(truth, rows)}: no vehicle drives so; {why}")
     return tuple(lines)
+
+
+def _direction_doubts(name: str, poses: Poses) -> list[str]:
+    """A line if the poses (n, 4, 4) are not driven in the direction of their x; else none."""
+    step_m, body_step_m = _driven(poses)
+    if len(step_m) < FEWEST:
+        return []
+    length_m = np.linalg.norm(step_m, axis=1)
+    shares = np.abs(np.column_stack([body_step_m[:, 1:], step_m[:, 2]])) / length_m[:, None]
+    across, up, climb = np.median(shares, axis=0)
+    # twice the direction, so that forward and backward are one
+    agreement = abs(np.exp(2j * np.arctan2(body_step_m[:, 1], body_step_m[:, 0])).mean())
+    if up > ALONG:
+        return [
+            f"{name}: the body drives along its own z axis: are its axes a camera's, x right, "
+            "y down, z forward? Set poses_frame: camera, or take the topic of the body's poses"
+        ]
+    if across > ALONG:
+        return [
+            f"{name}: the body drives sideways, along its own y axis: is its heading a quarter "
+            "turn off? Turn its poses, or take the topic of the body's"
+        ]
+    if agreement < ASTRAY:
+        return [
+            f"{name}: the body's heading does not follow its way: are its rotations missing, "
+            "or those of the inverse? Each pose must take points of the body into the world"
+        ]
+    if climb > STEEP:
+        slope_deg = np.rad2deg(np.arcsin(climb))
+        return [
+            f"{name}: the path climbs or falls by {slope_deg:.0f}° most of the way: is z up in "
+            "its world? Turn the poses so that it is, or set poses_frame: camera"
+        ]
+    return []
 
 
 def _median_speed_m_s(truth: Trajectory) -> float:
@@ -184,14 +195,12 @@ def _driven(poses: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np
 
     The body's frame is that of the pose where a step begins.
     """
-    way_m = np.concatenate(
-        [[0.0], np.cumsum(np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1))]
-    )
-    rows = np.unique(way_m // STEP_M, return_index=True)[1]
+    path_m = np.cumsum([0.0, *np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)])
+    rows = np.unique(path_m // STEP_M, return_index=True)[1]
     step_m = np.diff(poses[rows, :3, 3], axis=0)
-    ahead = np.asarray(np.einsum("nji,nj->ni", poses[rows[:-1], :3, :3], step_m))
-    far = np.linalg.norm(step_m, axis=1) > STEP_M / 2
-    return step_m[far], ahead[far]
+    body_step_m = np.asarray(np.einsum("nji,nj->ni", poses[rows[:-1], :3, :3], step_m))
+    is_long = np.linalg.norm(step_m, axis=1) > STEP_M / 2
+    return step_m[is_long], body_step_m[is_long]
 
 
 def _jumped(trajectory: Trajectory, rows: NDArray[np.int64]) -> str:

@@ -1,5 +1,7 @@
-"""Training that plays the adversarial game of place features, and what tells how it goes (METHODS
-5.1)."""
+"""Trains place features (METHODS 5.1): a game and images in; weights and curves of training out.
+
+Beside the training stands its health: numbers that tell whether the game goes well.
+"""
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -20,10 +22,14 @@ from pipeline.methods.pfl.game import Game
 from pipeline.networks import loop
 from pipeline.networks.lenet import sent
 
-RIGHT = "held_out_accuracy"  # the judge's number that says which round is best, where it gives one
-SETTLED = 16  # batches of a round that the running statistics to localise by are taken from
-BLACK = -1.0  # of a pixel as networks take them
-Health = dict[str, float]  # numbers that tell how a training goes besides its losses
+RIGHT = "held_out_accuracy"
+"""The judge's number that says which round is best, where it gives one."""
+SETTLED = 16
+"""Batches of a round that the running statistics to localise by are taken from."""
+BLACK = -1.0
+"""Of a pixel as networks take them."""
+Health = dict[str, float]
+"""Numbers that tell how a training goes besides its losses, by name."""
 
 
 def health(encoder: nn.Module, decoder: nn.Module, images: Tensor) -> Health:
@@ -78,10 +84,10 @@ class Training(SequenceMethod):
 
     view: str = "birdview"
     contrast_rows: int = 30
-    # filters of the first convolution; every hidden layer scales with it. A model is used at its
-    # own width
     width: Count = 64
-    code: Count = 512  # numbers in a code: 1 KB as they are stored
+    """Filters of the first convolution, with which every hidden layer scales."""
+    code: Count = 512
+    """Numbers in a code: 1 KB as they are stored."""
     epochs: Whole = 30
     """Passes over all headings of the training rows; 0 leaves the weights as they were drawn, which
     shows what matching alone does.
@@ -95,15 +101,16 @@ class Training(SequenceMethod):
     """The authors' is constant; a short training needs the rate to fall at its end, and then
     `learning_rate` is the peak."""
     beta1: float = 0.5
-    # of the generators in an iteration, on the same batch; the discriminators and the cycles have
-    # one, and so have the generators of an objective that sums their terms, which is the paper's
     generator_steps: Count = 4
+    """Turns of the generators in an iteration, on the same batch. The discriminators and the cycles
+    have one, and so have the generators of an objective that sums their terms, the paper's."""
     kept: Literal["best", "last"] = "best"
     """Which round's weights: of the round that knew the most held-out places, of equals the last;
     or the last round's. `best` looks at places, so it is not fully unsupervised; `last`, the
     paper's, looks at none."""
     precision: loop.Precision = "auto"
-    threads: Count = 2  # fixed, since the order of sums follows from it and the weights from that
+    threads: Count = 2
+    """Fixed, since the order of sums follows from it, and the weights from that."""
     seed: Seed = 0
 
     def __post_init__(self) -> None:
@@ -132,10 +139,8 @@ class Training(SequenceMethod):
         `progress.checkpoint` gives the weights of one that was never interrupted.
         """
         torch_device = next(game.parameters()).device
-        turns = game.turns()
-        share = loop.SCHEDULES[self.schedule]
         optimizers = {}
-        for turn in turns:
+        for turn in game.turns():
             weights = [weight for player in turn.players for weight in player.parameters()]
             optimizers[f"adam/{turn.name}"] = torch.optim.Adam(
                 weights, self.learning_rate, (self.beta1, 0.999), fused=True
@@ -145,48 +150,26 @@ class Training(SequenceMethod):
         rounds_done = 0
         best_weights = _makers(game)
         if checkpoint := loop.resume(progress.checkpoint, game, optimizers):
-            curves = {
-                name: value.tolist()
-                for name, value in loop.pop_prefixed(checkpoint, "curves/").items()
-            }
+            columns = loop.pop_prefixed(checkpoint, "curves/")
+            curves = {name: column.tolist() for name, column in columns.items()}
             rounds_done = len(next(iter(curves.values())))
             best_weights = loop.pop_prefixed(checkpoint, loop.BEST)
         for number in progress.track(range(rounds_done, rounds), rounds - rounds_done, "train"):
             torch.manual_seed((self.seed << 20) + number)
-            passes = torch.cat(
-                [torch.randperm(len(data)) for _ in range(-(-iterations * self.batch // len(data)))]
-            )
-            order = passes[: iterations * self.batch].view(iterations, self.batch).to(torch_device)
-            sums: dict[str, Tensor] = {}
-            game.train()
-            for step, rows in enumerate(order if self.epochs else ()):
-                rate = self.learning_rate * share((number + step / iterations) / rounds)
-                seen = pixels(data[rows], torch_device)
-                codes = sent(torch.randn(self.batch, self.code), torch_device)
-                for turn in [
-                    *(t for t in turns if not t.repeated),
-                    *[t for t in turns if t.repeated] * self.generator_steps,
-                ]:
-                    with loop.autocast(torch_device, self.precision):
-                        terms = turn.terms(seen, codes)
-                    _move(
-                        optimizers[f"adam/{turn.name}"],
-                        rate,
-                        sum(terms.values(), torch.zeros((), device=torch_device)),
-                    )
-                    for name, term in terms.items():
-                        times = iterations * (self.generator_steps if turn.repeated else 1)
-                        sums[name] = (
-                            sums.get(name, torch.zeros((), device=torch_device))
-                            + term.detach() / times
-                        )
+            batches = self._batches(len(data), iterations).to(torch_device)
+
+            def rate(iteration: int, number: int = number) -> float:
+                done_share = (number + iteration / iterations) / rounds
+                return self.learning_rate * loop.SCHEDULES[self.schedule](done_share)
+
+            means = self._play_round(game, data, batches, optimizers, rate)
             settle(
                 game.encoder,
                 game.decoder,
-                (pixels(data[rows], torch_device) for rows in order[:SETTLED]),
+                (pixels(data[rows], torch_device) for rows in batches[:SETTLED]),
             )
             game.eval()
-            row = {name: float(value) for name, value in sums.items()} | judge(game)
+            row = means | judge(game)
             for name, value in row.items():
                 if not math.isfinite(value):
                     raise ConfigError(
@@ -206,6 +189,44 @@ class Training(SequenceMethod):
                 loop.keep(progress.checkpoint, game, optimizers, columns)
         game.load_state_dict(best_weights, strict=False)
         return {name: np.array(column) for name, column in curves.items()}
+
+    def _batches(self, count: int, iterations: int) -> Tensor:
+        """Rows (iteration, batch) of `count` images: one random order of all after the other."""
+        passes = -(-iterations * self.batch // count)
+        rows = torch.cat([torch.randperm(count) for _ in range(passes)])
+        return rows[: iterations * self.batch].view(iterations, self.batch)
+
+    def _play_round(
+        self,
+        game: Game,
+        data: Tensor,
+        batches: Tensor,
+        optimizers: Mapping[str, torch.optim.Optimizer],
+        rate: Callable[[int], float],
+    ) -> dict[str, float]:
+        """Take all turns on each batch (iteration, row) of the images; returns each term's mean.
+
+        `rate` gives the learning rate of the iteration of this number.
+        """
+        turns = game.turns()
+        torch_device = data.device
+        repeated_turns = [turn for turn in turns if turn.repeated] * self.generator_steps
+        order = [*(turn for turn in turns if not turn.repeated), *repeated_turns]
+        zero = torch.zeros((), device=torch_device)
+        means: dict[str, Tensor] = {}
+        game.train()
+        for iteration, rows in enumerate(batches if self.epochs else ()):
+            real_images = pixels(data[rows], torch_device)
+            codes = sent(torch.randn(self.batch, self.code), torch_device)
+            for turn in order:
+                with loop.autocast(torch_device, self.precision):
+                    terms = turn.terms(real_images, codes)
+                loss = sum(terms.values(), zero)
+                _move(optimizers[f"adam/{turn.name}"], rate(iteration), loss)
+                times = len(batches) * (self.generator_steps if turn.repeated else 1)
+                for name, term in terms.items():
+                    means[name] = means.get(name, zero) + term.detach() / times
+        return {name: float(value) for name, value in means.items()}
 
     def kept_round(self, curves: Mapping[str, Sequence[float] | NDArray[np.float64]]) -> int:
         """The round whose weights are kept, 0-based."""
