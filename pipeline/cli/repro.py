@@ -133,7 +133,8 @@ class Counting:
     instances: Counter[str]
     met: Counter[str] = field(default_factory=Counter)
     took_s: dict[str, list[float]] = field(default_factory=dict)
-    now: tuple[str, float] | None = None  # the stage under way, and when it began
+    now: tuple[str, float] | None = None
+    """The stage under way, and when it began."""
 
     def line(self, line: str, time_s: float) -> str:
         """The text to print for a line of DVC that came at `time_s`."""

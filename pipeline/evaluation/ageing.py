@@ -15,7 +15,8 @@ from scipy.special import stdtr, stdtrit  # scipy.stats alone takes half a secon
 from pipeline.core.settings import InnerShare, check
 from pipeline.evaluation.judgement import Evaluation
 
-TINY = 1e-150  # in place of a standard error of zero, of values that are all equal
+TINY = 1e-150
+"""In place of a standard error of zero, of values that are all equal."""
 
 
 @dataclass(frozen=True)
@@ -23,15 +24,21 @@ class Line:
     """A value v = intercept + slope · days, fitted to `number` sequences."""
 
     number: int
-    last_day: float  # of the last sequence: what lies after it is extrapolated
-    intercept: float  # on the day of training
-    slope: float  # a day
-    # Theil and Sen's: the median over all pairs of unlike days, which one odd sequence hardly moves
+    last_day: float
+    """Of the last sequence: what lies after it is extrapolated."""
+    intercept: float
+    """On the day of training."""
+    slope: float
+    """A day."""
     middle_slope: float
-    p: float  # two-sided, of no slope; NaN of two sequences
-    # of Student's t with number − 2 degrees of freedom; NaN of two sequences, which leave none
+    """Theil and Sen's: the median over all pairs of unlike days, which one odd sequence hardly
+    moves."""
+    p: float
+    """Two-sided, of no slope; NaN of two sequences."""
     quantile: float
-    covariance: NDArray[np.float64]  # (2, 2) of intercept and slope
+    """Of Student's t with number − 2 degrees of freedom; NaN of two sequences, which leave none."""
+    covariance: NDArray[np.float64]
+    """(2, 2) of intercept and slope."""
 
     @property
     def interval(self) -> tuple[float, float] | None:
@@ -75,9 +82,10 @@ class Line:
 class Ageing:
     """Settings of the lines over the days (conf/results.yaml)."""
 
-    # the share of a number's value on the day of training whose loss calls for training again
     loss: InnerShare = 0.1
-    level: InnerShare = 0.95  # of the intervals
+    """The share of a number's value on the day of training whose loss calls for training again."""
+    level: InnerShare = 0.95
+    """Of the intervals."""
 
     def __post_init__(self) -> None:
         check(self, "ageing")

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from pipeline.core.settings import Count, Positive, Seed, check
 
 BOUNDS = (2.5, 97.5)
-CHUNK = 1 << 17  # weights held at once: a MB in each array between, whatever the number of queries
+CHUNK = 1 << 17
+"""Weights held at once: a MB in each array between, whatever the number of queries."""
 Numbers = Callable[[NDArray[np.float64]], NDArray[np.float64]]  # weights (r, q) to m numbers (m, r)
 
 
@@ -21,7 +22,8 @@ class Bootstrap:
     width: the path holds no evidence of how it might fail.
     """
 
-    block_m: Positive = 50.0  # travelled metres that stay together; longer than a run of errors
+    block_m: Positive = 50.0
+    """Travelled metres that stay together; longer than a run of errors."""
     resamples: Count = 1000
     seed: Seed = 0
 

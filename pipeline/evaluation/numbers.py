@@ -104,20 +104,29 @@ Number = NDArray[np.float64]  # (r,) a number in each resample, NaN where it is 
 class Queries:
     """The answers to q queries, and the truth about them that no protocol changes."""
 
-    novelty: NDArray[np.float32]  # (q, kind); the first kind is the one in use
-    reject_from: tuple[float, ...]  # (kind,) the model's own thresholds
-    thresholds: NDArray[np.float64]  # (t,) of the SCI paper's curve, over the first kind
-    error_m: NDArray[np.float64]  # (q,) from the query to its first answer
-    turn_deg: NDArray[np.float64]  # (q,) heading against the nearest training anchor's
-    nearest_m: NDArray[np.float64]  # (q,) distance to that anchor
+    novelty: NDArray[np.float32]
+    """(q, kind); the first kind is the one in use."""
+    reject_from: tuple[float, ...]
+    """(kind,) the model's own thresholds."""
+    thresholds: NDArray[np.float64]
+    """(t,) of the SCI paper's curve, over the first kind."""
+    error_m: NDArray[np.float64]
+    """(q,) from the query to its first answer."""
+    turn_deg: NDArray[np.float64]
+    """(q,) heading against the nearest training anchor's."""
+    nearest_m: NDArray[np.float64]
+    """(q,) distance to that anchor."""
     heading_error_deg: NDArray[
         np.float64
     ]  # (q,) estimated against true, 0 to 180; NaN where the method estimates none
-    pose_error_m: NDArray[np.float64]  # (q,) of the pose; NaN where there is none
-    pose_error_deg: NDArray[np.float64]  # (q,)
-    # reject from this novelty in use on to keep .99 of the poses; NaN of a method without
+    pose_error_m: NDArray[np.float64]
+    """(q,) of the pose; NaN where there is none."""
+    pose_error_deg: NDArray[np.float64]
+    """(q,)."""
     reject_pose_from: float
-    right_within: tuple[float, float] = RIGHT_WITHIN  # metres and degrees
+    """Reject from this novelty in use on to keep .99 of the poses; NaN of a method without."""
+    right_within: tuple[float, float] = RIGHT_WITHIN
+    """Metres and degrees."""
 
 
 def numbers(truth: Truth, queries: Queries, weight: Weight) -> dict[str, Number]:

@@ -8,8 +8,10 @@ from numpy.typing import NDArray
 
 from pipeline.core.errors import InputError
 
-GREY = 127  # what a patch's mean becomes; one standard deviation is 1 more
-TILE = 64  # queries at a time: few enough to stay in the L2 cache while every reference passes
+GREY = 127
+"""What a patch's mean becomes; one standard deviation is 1 more."""
+TILE = 64
+"""Queries at a time: few enough to stay in the L2 cache while every reference passes."""
 
 
 def resized(images: NDArray[np.uint8], side_px: int) -> NDArray[np.uint8]:

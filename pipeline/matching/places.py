@@ -17,7 +17,8 @@ class Places:
     """The cells of a grid that the training sequence visited, a place each."""
 
     grid: Grid
-    cells: NDArray[np.int64]  # (place,) ascending, those of later days after those of the first
+    cells: NDArray[np.int64]
+    """(place,) ascending, those of later days after those of the first."""
 
     @classmethod
     def of(cls, labels: Labels) -> Self:

@@ -24,9 +24,9 @@ Model = Mapping[str, NDArray[Any]]
 class Rows:
     """A window on a view artifact, a row a submap."""
 
-    # (submap, …) such as (submap, ring, sector) heights in metres; schemas.VIEW_KINDS says what
-    # else; slicing reads
     images: Any
+    """(submap, …) such as (submap, ring, sector) heights in metres; schemas.VIEW_KINDS says what
+    else; slicing reads."""
     stamps_ns: Stamps
     world_T_anchor: Poses
 

@@ -34,14 +34,14 @@ class SequenceMethod(Alignment):
     novelty: Literal["cost", "ratio"] = (
         "cost"  # the sequence's cost, or SeqSLAM's ratio of it to the best cost elsewhere
     )
-    # rank places, each once where its cheapest training row lies, instead of training rows
     distinct_places: bool = False
+    """Rank places, each once where its cheapest training row lies, instead of training rows."""
     held_out_every_m: Positive = 200.0
     held_out_length_m: Positive = 40.0
     """One block of this length in every `held_out_every_m` of the training path is held out to
     choose epochs and thresholds."""
-    # a held-out query counts as unseen once the training rows nearer than this are forgotten
     neighbour_m: NotNegative = 20.0
+    """A held-out query counts as unseen once the training rows nearer than this are forgotten."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -8,7 +8,8 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 WORD = 64
-NOWHERE = np.float32(-4)  # below every mean of cosines
+NOWHERE = np.float32(-4)
+"""Below every mean of cosines."""
 
 
 def packed(engaged: NDArray[np.bool_]) -> NDArray[np.uint64]:

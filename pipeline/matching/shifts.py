@@ -26,7 +26,8 @@ from pipeline.matching.nearest import first_of_each
 from pipeline.matching.ranking import Model, Ranking, Rows, joined
 
 PREFIX = "spectra/"
-BLOCK = 256  # rows compared at once: their correlations stay in the core's own cache
+BLOCK = 256
+"""Rows compared at once: their correlations stay in the core's own cache."""
 SLACK = np.float32(1e-3)
 """A similarity summed in float32 is not so far off: rounding of 1e-6 of √(columns engaged in
 either), over what both engage."""
@@ -39,8 +40,10 @@ class Spectra:
     columns: NDArray[
         np.float32
     ]  # (n, frequency, 2 rings) of the unit columns: a real and an imaginary part of each ring
-    engaged: NDArray[np.float32]  # (n, sector) 1 where a column holds anything
-    least_engaged: float = 0.0  # `ShiftMethod.least_engaged`
+    engaged: NDArray[np.float32]
+    """(n, sector) 1 where a column holds anything."""
+    least_engaged: float = 0.0
+    """`ShiftMethod.least_engaged`."""
 
     @classmethod
     def learned(cls, heights_m: NDArray[np.float32], least_engaged: float = 0.0) -> Self:

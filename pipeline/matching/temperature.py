@@ -8,8 +8,10 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 from scipy.special import log_softmax
 
-LOG_RANGE = (-3.0, 3.0)  # natural logarithms of the temperatures searched: e⁻³ = 0.05 to e³ = 20
-TOLERANCE = 1e-6  # nats by which a minimum must lie below the ends of the range
+LOG_RANGE = (-3.0, 3.0)
+"""Natural logarithms of the temperatures searched: e⁻³ = 0.05 to e³ = 20."""
+TOLERANCE = 1e-6
+"""Nats by which a minimum must lie below the ends of the range."""
 
 
 def temperature(logits: NDArray[np.float64], classes: NDArray[np.int64]) -> float:

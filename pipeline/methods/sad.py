@@ -26,8 +26,10 @@ class Sad(UntrainedMethod, SequenceMethod):
     have no heading, unless several are kept of a place."""
 
     view: str = "birdview"
-    side_px: Side = 64  # views are brought to this side
-    patch_px: Count = 8  # side of the patches that are normalised
+    side_px: Side = 64
+    """Views are brought to this side."""
+    patch_px: Count = 8
+    """Side of the patches that are normalised."""
     contrast_rows: Whole = 10
     reference_headings: ReferenceHeadings = 1
     """Headings of a place whose images are kept: SeqSLAM's one, or up to the eight that PFL's codes

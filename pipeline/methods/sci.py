@@ -21,8 +21,9 @@ class Sci(Learner):
     """The paper's network and training."""
 
     architecture = LeNet
-    # copies of each training image, turned by 360°/n_way; the authors ship 2, forward and reversed
     n_way: int = 2
+    """Copies of each training image, turned by 360°/n_way; the authors ship 2, forward and
+    reversed."""
 
     def batches(
         self, heights: Tensor, views: Rows, places: Tensor, trained: Tensor

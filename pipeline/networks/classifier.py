@@ -45,12 +45,13 @@ class Classifier(ABC):
     view: str = "scan_context_authors"
     colormap: Literal["jet", "grey"] = "jet"
     h_min_m: float = 0.0
-    h_max_m: float = 15.0  # heights are clipped to [h_min_m, h_max_m] before they are coloured
+    h_max_m: float = 15.0
+    """Heights are clipped to [h_min_m, h_max_m] before they are coloured."""
     epochs: Count = 200
     batch: Count = 64
     learning_rate: Positive = 0.002
-    # the authors' is constant; falling at the end is what makes a short training good
     schedule: loop.Schedule = "one_cycle"
+    """The authors' is constant; falling at the end is what makes a short training good."""
     dropout: Share = 0.7
     batch_norm_momentum: Share = 0.1
     """The authors' 0.01 needs some 500 steps to forget the first weights: more than a short
@@ -58,7 +59,8 @@ class Classifier(ABC):
     precision: loop.Precision = (
         "auto"  # of training and of answers; the last layer always answers in f32
     )
-    threads: Count = 2  # fixed, since the order of sums follows from it and the weights from that
+    threads: Count = 2
+    """Fixed, since the order of sums follows from it and the weights from that."""
     seed: Seed = 0
     held_out_every_m: Positive = 40.0
     held_out_length_m: Positive = 4.0
@@ -72,8 +74,9 @@ class Classifier(ABC):
     given all that is chosen."""
     grown: SomeShare = 0.3
     """Share of the schedule, its end, in which further days are learned."""
-    # views of each known place, those of the highest loss, that are shown again with further days
     rehearsed: Whole = 2
+    """Views of each known place, those of the highest loss, that are shown again
+    with further days."""
     distilled: NotNegative = (
         0.0  # weight of the distance to the earlier network's answers in the loss of further days
     )

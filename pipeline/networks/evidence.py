@@ -20,9 +20,12 @@ Novelties = Callable[
 class Prediction(NamedTuple):
     """A network's outputs for n images."""
 
-    logits: Tensor  # (n, places)
-    features: Tensor  # (n, 64) inputs of the last layer, brought to length 1
-    heading_deg: Tensor  # (n, places) if that is the place; NaN where the network has no heading
+    logits: Tensor
+    """(n, places)."""
+    features: Tensor
+    """(n, 64) inputs of the last layer, brought to length 1."""
+    heading_deg: Tensor
+    """(n, places) if that is the place; NaN where the network has no heading."""
 
     @property
     def scores(self) -> NDArray[np.float64]:
@@ -33,9 +36,11 @@ class Prediction(NamedTuple):
 class KnownViews(NamedTuple):
     """Views of the training sequence, each with its place."""
 
-    seen: Tensor  # (n, rings, sectors) quantized heights, or (n, 64) features
+    seen: Tensor
+    """(n, rings, sectors) quantized heights, or (n, 64) features."""
     places: NDArray[np.int64]
-    xy_m: NDArray[np.float64]  # (n, 2)
+    xy_m: NDArray[np.float64]
+    """(n, 2)."""
 
     def some(self, rows: NDArray[np.bool_] | Tensor) -> "KnownViews":
         """Those of a mask or of row numbers."""

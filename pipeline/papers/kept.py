@@ -35,7 +35,8 @@ class Kept:
     frames: Mapping[str, pd.DataFrame]
     origins: Mapping[str, Mapping[str, Any]]
     """By table: `use`, the words of `yearloc use`; `cost`; `made`, a date; `machine`; `studies`."""
-    outcomes: Mapping[str, Outcome] = field(init=False)  # by claim
+    outcomes: Mapping[str, Outcome] = field(init=False)
+    """By claim."""
 
     def __post_init__(self) -> None:
         """Judge all findings."""

@@ -24,7 +24,8 @@ BLACK_ERROR = "black_error"
 """Number of an image that is black everywhere."""
 VIEWPOINT = "viewpoint"
 OF_ALL = "viewpoint of all"
-CLEARLY = 1.5  # medians of times without an interval differ clearly by such a factor
+CLEARLY = 1.5
+"""Medians of times without an interval differ clearly by such a factor."""
 CHOSEN = ("study", "method", "number", "protocol", "variant", "grid", "kind", "change")
 """Columns that a side has a word for."""
 
@@ -40,9 +41,11 @@ class Side:
     protocol: str = "cells"
     variant: str = ""
     grid: str = "10m"
-    kind: str = ""  # of novelty
+    kind: str = ""
+    """Of novelty."""
     change: str = ""
-    level: float | None = 0.0  # None: every heading of a sequence that is matched with itself
+    level: float | None = 0.0
+    """None: every heading of a sequence that is matched with itself."""
 
     @property
     def is_trained(self) -> bool:
@@ -116,8 +119,10 @@ class Outcome:
     sides: tuple[tuple[Side, Estimate], ...] = ()
     difference: Estimate = NOTHING
     seeds: int = 0
-    pairs: int = 0  # sequences or headings
-    factor: float = 1.0  # of the second side, that the first is held against
+    pairs: int = 0
+    """Sequences or headings."""
+    factor: float = 1.0
+    """Of the second side, that the first is held against."""
     missing: tuple[Side, ...] = ()
 
 

@@ -27,7 +27,8 @@ RULE = re.compile(
     r"(?:(?P<by>path|time):(?P<of>[2-9]|[1-9]\d)|cut:(?P<at>\d{1,9}[ms])|visits)"
     r"(?::(?P<apart>\d{1,6}))?"
 )
-APART_S = 30  # after it a robot at walking pace sees little of what it saw before; a car sooner
+APART_S = 30
+"""After it a robot at walking pace sees little of what it saw before; a car sooner."""
 NEAR_M = 5.0
 """A place within this distance of an earlier one is visited again."""
 

@@ -22,11 +22,15 @@ BRACKET = r" \(([^()]*)\)"
 class Entry:
     """One method as the catalogue describes it."""
 
-    name: str  # its file's and its yaml's
-    description: str  # the paragraph that its module begins with
-    view: str  # what it looks at: a file in conf/view
-    # the paper, in that paragraph's brackets beside sections of docs/METHODS.md; empty for none
+    name: str
+    """Its file's and its yaml's."""
+    description: str
+    """The paragraph that its module begins with."""
+    view: str
+    """What it looks at: a file in conf/view."""
     source: str
+    """The paper, in that paragraph's brackets beside sections of docs/METHODS.md;
+    empty for none."""
 
 
 def entries(conf: Path = PROJECT / "conf") -> list[Entry]:

@@ -11,9 +11,11 @@ class ModelName:
     method: str
     variant: str = ""
     seed: int = 0
-    posed: bool = False  # its answers were registered, which makes them a variant of their own
-    # a file of conf/path: how the poses of a drive were joined, which makes them a further variant
+    posed: bool = False
+    """Its answers were registered, which makes them a variant of their own."""
     path: str = ""
+    """A file of conf/path: how the poses of a drive were joined, which makes them a further
+    variant."""
 
     @property
     def family(self) -> str:

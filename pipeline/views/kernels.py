@@ -34,7 +34,8 @@ HALF = np.float32(0.5)
 TINY = np.float32(1e-30)
 HUGE = np.float32(1e12)
 SECTOR_ERROR = np.float32(5e-6)
-RING_ERROR = np.float32(8e-7)  # of one turn, of the range: bounds on the float32 estimates
+RING_ERROR = np.float32(8e-7)
+"""Of one turn, of the range: bounds on the float32 estimates."""
 
 
 @njit(inline="always", fastmath=NAN_SAFE, error_model="numpy")

@@ -14,7 +14,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn.utils.fusion import fuse_conv_bn_eval
 
-SIDE = 64  # pixels along a side of an image
+SIDE = 64
+"""Pixels along a side of an image."""
 Head = Literal["scalar", "vector"]
 """An image's score is one number, or as in the authors' code the 16 · width features themselves,
 each of them judged."""

@@ -40,7 +40,8 @@ MOST_ITERATIONS = 2000
 and kept."""
 ENCODER = "net/encoder."
 DECODER = "net/decoder."
-AT_ONCE = 256  # images encoded at a time
+AT_ONCE = 256
+"""Images encoded at a time."""
 HELD = 256
 PICTURES = 16
 """Held-out images used at most for judging a round, and stored as pictures."""

@@ -10,7 +10,8 @@ from itertools import pairwise
 import torch
 from torch import Tensor, nn
 
-EPS = 1e-3  # of every batch norm, as in TensorFlow
+EPS = 1e-3
+"""Of every batch norm, as in TensorFlow."""
 
 
 def dense(*widths: int, momentum: float | None = None) -> nn.Sequential:

@@ -35,7 +35,8 @@ find the hardest negatives.
 WARM_UP = (
     0.25  # share of the training with random negatives alone: the authors' first 5 of 20 epochs
 )
-AT_ONCE = 16_384  # points described at a time: few enough for a processor's cache
+AT_ONCE = 16_384
+"""Points described at a time: few enough for a processor's cache."""
 
 
 @dataclass(frozen=True)
@@ -49,15 +50,19 @@ class PointNetVlad(DescriptorMethod):
     safetensors under its names, with or without net/. Of a TensorFlow checkpoint, every kernel but
     the centres is transposed to (outputs, inputs)."""
     epochs: Whole = 20
-    batch: Count = 2  # queries a step; each brings its positives, its negatives and one cloud more
+    batch: Count = 2
+    """Queries a step; each brings its positives, its negatives and one cloud more."""
     positives: Count = 2
     negatives: Count = 18
     hard_negatives: Whole = 10
-    positive_m: Positive = 10.0  # clouds no further apart show the same place
-    negative_m: float = 50.0  # clouds further apart show different ones
+    positive_m: Positive = 10.0
+    """Clouds no further apart show the same place."""
+    negative_m: float = 50.0
+    """Clouds further apart show different ones."""
     margin: NotNegative = 0.5
     margin_star: NotNegative = 0.2
-    train_points: Count = 4096  # random points of each cloud while training
+    train_points: Count = 4096
+    """Random points of each cloud while training."""
     points: Count = 4096
     """Of each cloud that make its descriptor, the first ones: a cloud comes in random order.
 
@@ -67,12 +72,14 @@ class PointNetVlad(DescriptorMethod):
     """Each training cloud is turned by up to this to either side; the authors' is 0, and 90 an
     option of theirs."""
     learning_rate: Positive = 0.00005
-    schedule: loop.Schedule = "one_cycle"  # the authors' is stepped
+    schedule: loop.Schedule = "one_cycle"
+    """The authors' is stepped."""
     batch_norm_momentum: Positive = 0.1
     """Weight of a new batch in the running statistics; the authors' .001 would not forget the first
     ones in a short training."""
     precision: loop.Precision = "auto"
-    threads: Count = 2  # fixed, since the order of sums follows from it and the weights from that
+    threads: Count = 2
+    """Fixed, since the order of sums follows from it and the weights from that."""
     seed: Seed = 0
 
     def __post_init__(self) -> None:

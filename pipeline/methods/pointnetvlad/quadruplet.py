@@ -9,7 +9,8 @@ from torch import Tensor
 
 from pipeline.core.errors import InputError
 
-CANDIDATES = 4000  # random negatives among which the hardest are looked for
+CANDIDATES = 4000
+"""Random negatives among which the hardest are looked for."""
 
 
 def lazy_quadruplet(
@@ -43,12 +44,14 @@ class Tuples:
     that distance is negative.
     """
 
-    xy_m: NDArray[np.float64]  # (n, 2)
+    xy_m: NDArray[np.float64]
+    """(n, 2)."""
     positive_m: float
     negative_m: float
     positives: int
     negatives: int
-    hard: int  # how many of the negatives are the hardest, once there are descriptors to tell
+    hard: int
+    """How many of the negatives are the hardest, once there are descriptors to tell."""
 
     def queries(self) -> NDArray[np.int64]:
         """The rows that have a positive and a negative; raises InputError where none has."""

@@ -53,7 +53,8 @@ class Ring(nn.Module):
     by_slice: (
         Tensor  # (heading, slice): which of all products of a sector and a slice are a heading's
     )
-    by_sector: Tensor  # (heading, sector): the same, in the order of the image's sectors
+    by_sector: Tensor
+    """(heading, sector): the same, in the order of the image's sectors."""
 
     def __init__(
         self,

@@ -34,7 +34,8 @@ class SciRing(Learner):
     """
 
     architecture = Ring
-    epochs: Count = 300  # in one each training view is shown once, turned at random
+    epochs: Count = 300
+    """In one each training view is shown once, turned at random."""
     batch: Count = 32
     dropout: Share = 0.5
     worst_arc: Share = 0.5
