@@ -1,6 +1,6 @@
-"""The numbers that are compared, from weighted queries.
+"""The numbers by which methods are compared: queries, their truth and weights in; numbers out.
 
-Weights of one give the estimate, a bootstrap's weights give its spread.
+A weight says how often a query counts: ones give the estimate, those of a bootstrap its spread.
 """
 
 from collections.abc import Mapping
@@ -23,59 +23,52 @@ from pipeline.evaluation.curves import (
 from pipeline.evaluation.doubts import DOUBTS, VOID
 from pipeline.evaluation.protocols import Truth
 
-POSES = (
-    *(
-        "within_2m_5deg",
-        "within_05m_2deg",
-        "within_1m_10deg",
-        "error_m",
-        "error_deg",
-        "wrong_of_accepted_99",
-        "recall_99",
-    ),
-    *(
-        "within_2m_5deg_same_heading",
-        "within_2m_5deg_turned",
-        "within_2m_5deg_beside",
-        "trajectory_m",
-    ),
-)
-NUMBERS = (
-    *(
-        "recall_at_1",
-        "recall_at_5",
-        "recall_at_25",
-        "recall_at_1_same_heading",
-        "recall_at_1_turned",
-    ),
-    *("oracle", "oracle_same_heading", "oracle_turned"),
-    *(
-        "auc_top1",
-        "auc_top5",
-        "auc_top25",
-        "auc_exact_top1",
-        "f1_max",
-        "recall_at_99_precision",
-        "auroc",
-    ),
-    *("precision_at_threshold", "recall_at_threshold", "median_error_m"),
-    *("oracle_auc_exact_top1", "median_heading_error_deg", "heading_within_10deg"),
-    *POSES,
-)
-"""recall_at_n: share of the seen queries with a right answer among the first n, rejection ignored;
-oracle: the same if each were answered with its nearest training anchor. auc_topn: precision over
-recall as the SCI paper draws it, auc_exact_top1 through every threshold there is; of the oracle,
-which takes the distance to that anchor for novelty. auroc: how well novelty tells unseen from seen.
-…_at_threshold: where the model itself rejects. Beside them stand kept_precision, what that
-threshold keeps on held-out blocks, and wanted_precision. …heading…: of the seen that are placed
-right and given a heading, since an answer in another street has none to compare. Of poses:
-within_…: share of the seen queries, within_1m_10deg of level sweeps alone; error_…: medians over
-them; wrong_of_accepted_99: share of the poses that were accepted where .99 was promised, of seen
-queries or not, that are off by more than 2 m or 5°, of level sweeps 1 m or 10°; recall_99: share of
-the seen queries that were accepted so, and are within; …_same_heading, …_turned, …_beside: of those
-that drive as the nearest training pose did, that do not, and that are BESIDE_M or more away from
-it; trajectory_m: root mean square of the error over all queries that were given a pose, seen and
-accepted or not, as of a whole drive's trajectory."""
+POSE_MEANINGS = {
+    "within_2m_5deg": "share of the seen queries whose pose is within 2 m and 5°",
+    "within_05m_2deg": "the same of 0.5 m and 2°",
+    "within_1m_10deg": "the same of 1 m and 10°, of level sweeps alone",
+    "error_m": "median error of position over the seen queries",
+    "error_deg": "median error of heading over the seen queries",
+    "wrong_of_accepted_99": "share of the poses accepted where .99 was promised, of seen queries "
+    "or not, that are off by more than 2 m or 5°, of level sweeps 1 m or 10°",
+    "recall_99": "share of the seen queries whose pose was accepted so, and is within these",
+    "within_2m_5deg_same_heading": "within_2m_5deg of those that drive as training did",
+    "within_2m_5deg_turned": "within_2m_5deg of those that do not",
+    "within_2m_5deg_beside": "within_2m_5deg of those that are BESIDE_M or more away from it",
+    "trajectory_m": "root mean square of the error of position over all queries with a pose, seen "
+    "and accepted or not, as of a whole drive's trajectory",
+}
+"""Number of poses to what it says; all are NaN of a method without poses."""
+MEANINGS = {
+    "recall_at_1": "share of the seen queries with a right first answer, rejected or not",
+    "recall_at_5": "the same of a right answer among the first 5",
+    "recall_at_25": "the same of a right answer among the first 25",
+    "recall_at_1_same_heading": "recall_at_1 of those that drive as the nearest training anchor",
+    "recall_at_1_turned": "recall_at_1 of those that do not",
+    "oracle": "recall_at_1 if each query were answered with its nearest training anchor",
+    "oracle_same_heading": "the same of those that drive as that anchor",
+    "oracle_turned": "the same of those that do not",
+    "auc_top1": "area under precision over recall of the first answers, as the SCI paper draws it",
+    "auc_top5": "the same of the first 5",
+    "auc_top25": "the same of the first 25",
+    "auc_exact_top1": "auc_top1 through every threshold that there is",
+    "f1_max": "largest harmonic mean of precision and recall on that curve",
+    "recall_at_99_precision": "largest recall at a precision of .99 on that curve",
+    "auroc": "how well novelty tells unseen queries from seen ones",
+    "precision_at_threshold": "precision where the model itself rejects; beside it in the table "
+    "are kept_precision, what that keeps on held-out blocks, and wanted_precision",
+    "recall_at_threshold": "recall where the model itself rejects",
+    "median_error_m": "median distance of the first answer over the seen queries",
+    "oracle_auc_exact_top1": "auc_exact_top1 of the oracle, whose novelty is the distance to its "
+    "anchor",
+    "median_heading_error_deg": "median error of heading over the seen queries that are answered "
+    "right and given a heading: an answer in another street has none to compare",
+    "heading_within_10deg": "share of these whose error is at most 10°",
+    **POSE_MEANINGS,
+}
+"""Number to what it says."""
+POSES = tuple(POSE_MEANINGS)
+NUMBERS = tuple(MEANINGS)
 MEASURES = (
     "auroc",
     "auc_exact_top1",
@@ -85,9 +78,10 @@ MEASURES = (
 )
 """What is measured of each kind of novelty."""
 PRECISE = 0.99
-# turned at most this far against the nearest training anchor, a query drives the street as training
-# did
+"""Precision of `recall_at_99_precision`."""
 SAME_HEADING_DEG = 45.0
+"""Turned at most this far against the nearest training anchor, a query drives the street as
+training did."""
 GOOD_HEADING_DEG = 10.0
 BESIDE_M = 2.0
 RIGHT_WITHIN = (2.0, 5.0)
@@ -96,8 +90,10 @@ LEVEL_POSES = "within_1m_10deg"
 """The number that says how many poses of level sweeps are right."""
 WITHIN = {"within_2m_5deg": RIGHT_WITHIN, "within_05m_2deg": (0.5, 2.0), LEVEL_POSES: (1.0, 10.0)}
 
-Weight = NDArray[np.float64]  # (r, q) how often each of q queries counts in each of r resamples
-Number = NDArray[np.float64]  # (r,) a number in each resample, NaN where it is of nothing
+Weight = NDArray[np.float64]
+"""(r, q) how often each of q queries counts in each of r resamples."""
+Number = NDArray[np.float64]
+"""(r,) a number in each resample; NaN where it is of nothing."""
 
 
 @dataclass(frozen=True)
@@ -116,13 +112,12 @@ class Queries:
     """(q,) heading against the nearest training anchor's."""
     nearest_m: NDArray[np.float64]
     """(q,) distance to that anchor."""
-    heading_error_deg: NDArray[
-        np.float64
-    ]  # (q,) estimated against true, 0 to 180; NaN where the method estimates none
+    heading_error_deg: NDArray[np.float64]
+    """(q,) estimated against true, 0 to 180; NaN where the method estimates none."""
     pose_error_m: NDArray[np.float64]
-    """(q,) of the pose; NaN where there is none."""
+    """(q,) distance of the pose from the true one; NaN where there is none."""
     pose_error_deg: NDArray[np.float64]
-    """(q,)."""
+    """(q,) turn of the pose against the true one; NaN where there is none."""
     reject_pose_from: float
     """Reject from this novelty in use on to keep .99 of the poses; NaN of a method without."""
     right_within: tuple[float, float] = RIGHT_WITHIN

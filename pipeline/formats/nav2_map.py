@@ -91,14 +91,14 @@ def write(path: Path, grid: GridMap, mode: Mode = "trinary") -> None:
     if path.suffix != ".yaml":
         raise ConfigError(f"{path}: expected FILE.yaml; its image is written beside it as FILE.pgm")
     cells = grid.occupancy[::-1].astype(np.int64)
-    known = cells >= 0
-    if mode == "scale" and not known.all():
+    is_known = cells >= 0
+    if mode == "scale" and not is_known.all():
         raise ConfigError(
-            f"{path}: mode scale cannot hold the {(~known).sum():,} unknown cells in a .pgm; "
+            f"{path}: mode scale cannot hold the {(~is_known).sum():,} unknown cells in a .pgm; "
             "choose trinary or raw"
         )
     if mode == "raw":
-        pixels = np.where(known, cells, 255)
+        pixels = np.where(is_known, cells, 255)
     elif mode == "scale":
         between = FREE_THRESH + cells / 100 * (OCCUPIED_THRESH - FREE_THRESH)
         share = np.where(cells == FREE, 0.0, np.where(cells == OCCUPIED, 1.0, between))
@@ -107,7 +107,7 @@ def write(path: Path, grid: GridMap, mode: Mode = "trinary") -> None:
         pixels = np.where(
             cells >= 100 * OCCUPIED_THRESH,
             0,
-            np.where(known & (cells <= 100 * FREE_THRESH), FREE_PIXEL, UNKNOWN_PIXEL),
+            np.where(is_known & (cells <= 100 * FREE_THRESH), FREE_PIXEL, UNKNOWN_PIXEL),
         )
     image = path.with_suffix(".pgm")
     rows, cols = cells.shape

@@ -45,12 +45,12 @@ class Sad(UntrainedMethod, SequenceMethod):
         """
         database = Database.learned(views, places)
         images = self._reference(views)
-        own = images[:, 0]
-        evidence = self.evidence(
-            database,
-            views,
-            lambda rows, queries: nearest_differences(images[rows], own[queries])[0],
-        )
+        images_ahead = images[:, 0]  # as the robot was headed
+
+        def difference(rows: NDArray[np.int64], queries: NDArray[np.int64]) -> NDArray[np.float32]:
+            return nearest_differences(images[rows], images_ahead[queries])[0]
+
+        evidence = self.evidence(database, views, difference)
         return {"images": images, **database.arrays(), **evidence.arrays()}
 
     def moved(self, model: Model, views: Rows, places: NDArray[np.int64]) -> Model:

@@ -87,7 +87,7 @@ def recorded(
     named_parts = _named_parts(options, readable)
     rule = _rule(name, defaults, options)
     if rule and readable:
-        log = options.get("log", _usual_log(train, readable))
+        log = options.get("log", _default_log(train, readable))
         train, *tests = [f"{log}-a", f"{log}-b"] if rule == "halves" else names(log, rule)
         readable = [train, *tests] if log in readable else []
         notes.append(
@@ -164,7 +164,7 @@ def _rule(name: str, defaults: Mapping[str, Any], options: Mapping[str, str]) ->
     return rule
 
 
-def _usual_log(train: str | None, readable: Sequence[str]) -> str:
+def _default_log(train: str | None, readable: Sequence[str]) -> str:
     """The log to split: that of the data set's usual training part, else the first readable one."""
     log = (train or "").partition("-")[0]
     return log if log in readable else readable[0]
@@ -173,17 +173,17 @@ def _usual_log(train: str | None, readable: Sequence[str]) -> str:
 def _trained(
     root: Path,
     options: Mapping[str, str],
-    usual: str | None,
+    default: str | None,
     readable: Sequence[str],
     notes: list[str],
 ) -> list[str]:
     """The training sequences; of several only those that can be read, and a note on the others.
 
-    They are those after train=, or the data set's `usual` one, or the first that can be read.
+    They are those after train=, or the data set's `default` one, or the first that can be read.
     Raises ConfigError where none can be read, or a test sequence holds what one is a part of.
     """
     first = readable[0] if readable else ""
-    trained = options.get("train", usual or first).replace(",", " ").split()
+    trained = options.get("train", default or first).replace(",", " ").split()
     if len(trained) > 1:
         notes += [
             f"{sequence}: not below {root}, not trained on"
@@ -211,7 +211,7 @@ def _trained(
 def _tested(
     root: Path,
     options: Mapping[str, str],
-    usual: Sequence[str],
+    default: Sequence[str],
     trained: Sequence[str],
     readable: Sequence[str],
     lacking: Mapping[str, list[str]],
@@ -219,14 +219,14 @@ def _tested(
 ) -> list[str]:
     """The test sequences that can be read, and a note on each other one that is asked for.
 
-    They are those after tests=, or the data set's `usual` ones, or all that training leaves. Raises
-    ConfigError where none is left.
+    They are those after tests=, or the data set's `default` ones, or all that training leaves.
+    Raises ConfigError where none is left.
     """
     trained_logs = [Part.named(sequence)[0] for sequence in trained]
     tests = (
         options["tests"].split(",")
         if "tests" in options
-        else usual or [name for name in readable if name not in (*trained, *trained_logs)]
+        else default or [name for name in readable if name not in (*trained, *trained_logs)]
     )
     train = " ".join(trained)
     if tests == [train]:

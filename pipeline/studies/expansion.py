@@ -168,13 +168,13 @@ def _questions(
         if is_own_grid and (name not in STRUCTURE or model == ModelName(model.method))
     ]
     tests = " ".join(study.asked_days if is_own_grid else study.tests)
-    asked = {"tests": tests, "alterations": " ".join(alterations)}
+    queries = {"tests": tests, "alterations": " ".join(alterations)}
     if not study.altered:
         _add_absent(lists, "altered", dataset, trained["view"])
-    lists["rankings"][instance] = {**trained, **asked}
+    lists["rankings"][instance] = {**trained, **queries}
     if is_own_grid and model.family in study.poses:
         lists["maps"][dataset] = {"dataset": dataset, "train": study.train_text}
-        lists["poses"][instance] = {**trained, **asked, "budget": study.budget}
+        lists["poses"][instance] = {**trained, **queries, "budget": study.budget}
     for answers in study.answers_of(model) if is_own_grid else [model]:
         lists["evaluations"][_instance(study, grid, answers)] = {
             "dataset": dataset,

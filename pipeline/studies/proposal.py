@@ -259,7 +259,10 @@ def with_alterations(study: Study, request: Request) -> Study:
 
 
 def with_poses(study: Study, request: Request) -> Study:
-    """Which models' answers are registered with the map, and how poses are joined along a drive."""
+    """Which models' answers are registered with the map, and how poses are joined along a drive.
+
+    Without poses= these are the models that the data set's yaml names.
+    """
     registered = request.defaults.get("poses", ())
     if study.simulated and registered:
         registered = registered.get(_preset(request), ())
@@ -267,9 +270,9 @@ def with_poses(study: Study, request: Request) -> Study:
         registered = ()
     families = [model.family for model in study.models if not model.seed]
     wanted = request.options.get("poses", "").split(",")
-    asked = "poses" in request and wanted != [SLAM]
-    offered = [name for name in families if asked or name in registered]
-    poses = request.names("poses", [*offered, SLAM]) if asked else offered
+    names_models = "poses" in request and wanted != [SLAM]
+    offered = [name for name in families if names_models or name in registered]
+    poses = request.names("poses", [*offered, SLAM]) if names_models else offered
     poses = [name for name in poses if name != SLAM]
     offered_paths = [path.stem for path in sorted((request.conf / "path").glob("*.yaml"))]
     paths = request.names("paths", offered_paths if "paths" in request else [])
