@@ -1,5 +1,11 @@
-"""Stage entry points: one file a stage, named like its DVC stage, its conf file and its artifact's
-folder."""
+"""The frame of all stages: a file a stage, named like its DVC stage, its yaml in conf/ and the
+folder of its artifacts.
+
+A stage is a function of its settings, made a command by `stage`: Hydra composes its yaml with the
+words of the command line, the settings are checked, the function reads artifacts, asks the library
+and writes an artifact, and a line on it is printed. `each_sequence` serves those that write one
+artifact a sequence.
+"""
 
 import logging
 import os
@@ -42,7 +48,9 @@ Item = TypeVar("Item")
 Settings = TypeVar("Settings")
 """The dataclass of a stage's settings."""
 Prepare = Callable[[DictConfig, Sequence[str]], DictConfig]
+"""Changes a composed configuration by the words of the command line."""
 ROOT = Path(__file__).parents[1]
+"""Of the project."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -138,7 +146,7 @@ def stage(
         def main() -> None:
             end_when_asked()
             with reported(name):
-                sys.argv[1:] = [*_elsewhere(name, sys.argv[1:]), *sys.argv[1:]]
+                sys.argv[1:] = [*compute_words(name, sys.argv[1:]), *sys.argv[1:]]
                 composed()
 
         decorated = cast(Stage, main)
@@ -193,10 +201,8 @@ def _line(error: Exception) -> str:
     A file of conf/ that cannot be read is such an error too.
     """
     cause = error.__cause__
-    built = isinstance(error, InstantiationException)
-    if built and isinstance(
-        cause, YearlocError | TypeError
-    ):  # Hydra wraps what a constructor raised
+    is_of_constructor = isinstance(error, InstantiationException)  # which Hydra wraps
+    if is_of_constructor and isinstance(cause, YearlocError | TypeError):
         return str(cause)
     if line := str(error) if isinstance(error, YearlocError) else machine_refusal(error):
         return line
@@ -205,22 +211,21 @@ def _line(error: Exception) -> str:
     except ConfigError as broken:
         return str(broken)
     text = f"{str(error).partition('Config search path')[0]} {cause or ''}"
-    return " ".join(text.split()) if isinstance(error, HydraException) and not built else ""
+    is_of_configuration = isinstance(error, HydraException) and not is_of_constructor
+    return " ".join(text.split()) if is_of_configuration else ""
 
 
-def _elsewhere(name: str, overrides: Sequence[str]) -> list[str]:
-    """The override `compute=` of the environment's YEARLOC_COMPUTE, if the stage has it.
+def compute_words(name: str, overrides: Sequence[str]) -> list[str]:
+    """The word `compute=…` that the environment's YEARLOC_COMPUTE adds to a stage's command line.
 
-    No result and so no cache depends on it; a command's own wins.
+    None where the stage computes nothing in parallel, or the command line has its own. It is no
+    part of the command in dvc.yaml, since no result depends on it.
     """
     scheduler = os.environ.get("YEARLOC_COMPUTE")
     defaults = read_yaml(ROOT / f"conf/{name}.yaml").get("defaults", ())
-    asks = any("compute" in default for default in defaults)
-    return (
-        [f"compute={scheduler}"]
-        if scheduler and asks and not any(word.startswith("compute=") for word in overrides)
-        else []
-    )
+    has_compute = any("compute" in default for default in defaults)
+    is_given = any(word.startswith("compute=") for word in overrides)
+    return [f"compute={scheduler}"] if scheduler and has_compute and not is_given else []
 
 
 def _targets(node: object) -> Iterator[str]:
@@ -238,21 +243,19 @@ def build(group: str, name: str, **changed_fields: Any) -> Any:
 
 
 def within_budget(cfg: DictConfig, overrides: Sequence[str]) -> DictConfig:
-    """The configuration with conf/budget's settings of its method in `method` and `budget`.
+    """The configuration with what its budget, a file of conf/budget, says of its method.
 
-    What `overrides` set stays as it is.
+    That is the share of its full training, and settings of the method; what `overrides` set stays
+    as it is.
     """
-    explicit = {override.lstrip("+").partition("=")[0] for override in overrides}
-    words = {"share": cfg.budget.share, **cfg.budget.get(cfg.method._target_.split(".")[-2], {})}
-    share = cfg.budget.share if "budget.share" in explicit else words["share"]
-    budgeted = {
-        key: value
-        for key, value in words.items()
-        if key != "share" and f"method.{key}" not in explicit
-    }
-    return OmegaConf.create(
-        {**cfg, "method": {**cfg.method, **budgeted}, "budget": {"share": share}}
-    )
+    overridden = {override.lstrip("+").partition("=")[0] for override in overrides}
+    method_module = cfg.method._target_.split(".")[-2]
+    settings = {**cfg.budget.get(method_module, {})}
+    share = settings.pop("share", cfg.budget.share)
+    if "budget.share" in overridden:
+        share = cfg.budget.share
+    method = {key: value for key, value in settings.items() if f"method.{key}" not in overridden}
+    return OmegaConf.create({**cfg, "method": {**cfg.method, **method}, "budget": {"share": share}})
 
 
 @dataclass(frozen=True)

@@ -1,11 +1,12 @@
-"""Gathers the points of submaps; every scan is read and laid out once.
+"""Gathers the points of submaps: the artifacts of scans and submaps in; points a submap out.
 
-However many submaps it is part of.
+Neighbouring submaps share scans; each scan is read and laid out once all the same.
 """
 
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numba import njit
@@ -19,21 +20,21 @@ BLOCK = 256
 
 @dataclass(frozen=True)
 class Gathering:
-    """The points of submaps, one submap after the other.
+    """An iterator over the points of submaps, of which each gathers a window of scans.
 
-    In memory are those of one window and of one block of scans.
+    In memory are the points of one window and of one block of scans.
     """
 
     scans: Scans
     layout: Layout
     first: NDArray[np.int64]
-    """(submap,) the oldest scan of each."""
+    """(submap,) the oldest scan of its window."""
     last: NDArray[np.int64]
-    """(submap,) the newest, in whose frame the points are given; never decreasing."""
+    """(submap,) the newest scan, in whose frame the points are given; never decreasing."""
     ground_m: NDArray[np.float64]
-    """(submap,) taken off the heights."""
+    """(submap,) height of the ground in that frame, which is taken off."""
     used: NDArray[np.bool_]
-    """(scan,) the others are left out."""
+    """(scan,) whether it is gathered at all."""
 
     def __len__(self) -> int:
         return len(self.last)
@@ -49,11 +50,11 @@ class Gathering:
         ):
             while not laid or laid[-1][0] < last_scan:
                 row, points = next(used_scans)
-                laid.append((row, _moved(start_T_scan[row], points)))
+                laid.append((row, transformed(start_T_scan[row], points)))
             while laid[0][0] < first_scan:
                 laid.popleft()
             inside = np.concatenate([points for _, points in laid])
-            yield _moved(np.linalg.inv(start_T_scan[last_scan]), inside) - (0.0, 0.0, ground_m)
+            yield transformed(np.linalg.inv(start_T_scan[last_scan]), inside) - (0.0, 0.0, ground_m)
 
 
 def scan_points(scans: Scans, start: int, stop: int) -> Iterator[tuple[int, NDArray[np.float64]]]:
@@ -66,13 +67,9 @@ def scan_points(scans: Scans, start: int, stop: int) -> Iterator[tuple[int, NDAr
     for block_start in range(start, stop, BLOCK):
         end = min(block_start + BLOCK, stop)
         points = scans["points"][offsets[block_start] : offsets[end]] * grain_m
-        for row in range(block_start, end):
-            yield (
-                row,
-                points[
-                    offsets[row] - offsets[block_start] : offsets[row + 1] - offsets[block_start]
-                ],
-            )
+        block_offsets = offsets[block_start : end + 1] - offsets[block_start]
+        for row, (first, last) in enumerate(pairwise(block_offsets), start=block_start):
+            yield row, points[first:last]
 
 
 def submap_points(scans: Scans, submaps: Submaps, rows: slice) -> Iterator[NDArray[np.float64]]:
@@ -95,15 +92,15 @@ def submap_points(scans: Scans, submaps: Submaps, rows: slice) -> Iterator[NDArr
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _moved(a_T_b: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
+def transformed(a_T_b: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Points (n, 3) of frame b in frame a; for such slim matrices BLAS would wake its threads."""
-    moved_points = np.empty((len(points), 3), np.float64)
+    transformed_points = np.empty((len(points), 3), np.float64)
     for i in range(len(points)):
         for row in range(3):
             x = points[i, 0]
             y = points[i, 1]
             z = points[i, 2]
-            moved_points[i, row] = (
+            transformed_points[i, row] = (
                 a_T_b[row, 0] * x + a_T_b[row, 1] * y + a_T_b[row, 2] * z + a_T_b[row, 3]
             )
-    return moved_points
+    return transformed_points

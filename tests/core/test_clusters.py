@@ -23,7 +23,7 @@ from pipeline.core import clusters
 from pipeline.core.clusters import pods
 from pipeline.core.compute import Compute
 from pipeline.core.errors import ComputeError, ConfigError, LogError, NotInstalledError
-from stages import _elsewhere
+from stages import compute_words
 from tests.listening import addresses
 
 ROOT = Path(__file__).parents[2]
@@ -254,11 +254,11 @@ def test_the_environment_chooses_for_stages_that_compute_blocks(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setenv("YEARLOC_COMPUTE", "local")
-    assert _elsewhere("scans", ["out=a"]) == ["compute=local"]
-    assert _elsewhere("scans", ["compute=threads"]) == []
-    assert _elsewhere("train", []) == []
+    assert compute_words("scans", ["out=a"]) == ["compute=local"]
+    assert compute_words("scans", ["compute=threads"]) == []
+    assert compute_words("train", []) == []
     monkeypatch.delenv("YEARLOC_COMPUTE")
-    assert _elsewhere("scans", []) == []
+    assert compute_words("scans", []) == []
 
 
 @LEFT_OPEN

@@ -117,10 +117,10 @@ def test_each_scan_is_read_once_and_blocks_of_any_size_say_the_same(
     made = cut(artifact, window_m=4.0)
     monkeypatch.setattr(gathering, "BLOCK", block)
     moved = Counter[int]()
-    plain = gathering._moved
+    plain = gathering.transformed
     monkeypatch.setattr(
         gathering,
-        "_moved",
+        "transformed",
         lambda a_T_b, points: (moved.update([len(points)]), plain(a_T_b, points))[1],
     )
     found = list(gathered(artifact, made))

@@ -111,9 +111,11 @@ def test_points_are_gathered_once_for_all_cases(
     driven: Artifacts, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     gathered = []
-    plain = gathering._moved
+    plain = gathering.transformed
     monkeypatch.setattr(
-        gathering, "_moved", lambda a_T_b, points: (gathered.append(1), plain(a_T_b, points))[1]
+        gathering,
+        "transformed",
+        lambda a_T_b, points: (gathered.append(1), plain(a_T_b, points))[1],
     )
     counts = []
     for alteration in (Turned(repeats=1), ALL):
