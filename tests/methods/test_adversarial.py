@@ -99,7 +99,7 @@ EXPECTED = {
     "author_code": JOINT | PRIOR | {"image_cycle": CYCLES["image_cycle"]},
     "both_fakes": JOINT | BOTH | CYCLES,
 }
-AFL = OBJECTIVES["least_squares"].alone()
+AFL = OBJECTIVES["least_squares"].joint_alone()
 
 
 @pytest.mark.parametrize("name", OBJECTIVES)
@@ -111,7 +111,7 @@ def test_each_objective_has_its_terms(name: str) -> None:
     ("name", "expected"), [("least_squares", JOINT), ("bce", LOGISTIC), ("paper", MINIMAX)]
 )
 def test_afl_is_the_joint_game_alone_at_any_cost(name: str, expected: dict[str, float]) -> None:
-    assert toy(OBJECTIVES[name].alone()) == pytest.approx(expected, rel=1e-6)
+    assert toy(OBJECTIVES[name].joint_alone()) == pytest.approx(expected, rel=1e-6)
 
 
 def test_the_authors_code_judges_whole_feature_vectors() -> None:
