@@ -72,7 +72,7 @@ def evaluation() -> SimpleNamespace:
         kept_precision=(0.731,),
         right_within=(2.0, 5.0),
         reject_pose_from=np.nan,
-        believed={
+        acceptance={
             "accepted": np.arange(7) < 6,
             "accepted_wrong": np.isin(np.arange(7), (2, 5)),
             "refused": np.arange(7) == 6,

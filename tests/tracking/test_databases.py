@@ -71,7 +71,7 @@ def test_what_is_not_installed_is_named_with_its_extra(
         pytest.raises(
             NotInstalledError, match=r"^psycopg: not installed; `pip install 'yearloc\[postgres\]'`"
         ),
-        database(SERVER, str(tmp_path)).joint_alone(),
+        database(SERVER, str(tmp_path)).alone(),
     ):
         pass
     with pytest.raises(

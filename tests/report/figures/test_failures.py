@@ -15,7 +15,7 @@ def result(sequence: str, **believed: list[bool]) -> Any:
     masks = dict.fromkeys(("accepted_wrong", "refused", "refused_wrong"), NOTHING)
     masks |= {name: np.array(mask) for name, mask in believed.items()}
     evaluation = SimpleNamespace(
-        believed=masks,
+        acceptance=masks,
         pose_error_m=np.array([0.1, 5.0, 0.1, np.nan]),
         novelty=np.array([[0.1], [0.2], [0.3], [1.0]]),
     )
