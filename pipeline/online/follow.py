@@ -26,15 +26,18 @@ from pipeline.formats.messages import (
     poses,
     transform_numbers,
 )
-from pipeline.formats.pointcloud2 import decode
+from pipeline.formats.pointcloud2 import decode, times_s
 from pipeline.online.inputs import NO_POSE, Scan, child_T_body, extrinsic, placed
 from pipeline.online.odometry import AHEAD_S, Newest
 from pipeline.readers.bag_poses import KINDS, Tree
+from pipeline.readers.deskew import deskewed
 from pipeline.readers.log import raised
 
 POLL_S = 0.02
 WAITING = 8
 """Clouds that may wait: a recorder writes several at once. Of more the oldest is dropped."""
+STEP_S = 0.1
+"""The motion within a cloud is taken to be as in this time before its stamp."""
 
 
 class GrowingFile:
@@ -129,11 +132,14 @@ class Following:
         tree = Tree(str(self.path), dict(self._edges), 0)
         with self._changed:
             odom_T_body = self._newest_poses.at(stamp_ns) @ child_T_body(tree, self._child)
+            before_ns = stamp_ns - round(STEP_S * 1e9)
+            odom_T_before = self._newest_poses.at(before_ns) @ child_T_body(tree, self._child)
         body_T_lidar = self.body_T_lidar
         if body_T_lidar is None:
             body_T_lidar = raised(self.lift_m) @ extrinsic(tree, {header(data, 2)[1]})
         name = f"{self.path.name} {number}"
-        points = partial(_points, data, body_T_lidar)
+        step = np.linalg.inv(odom_T_before) @ odom_T_body
+        points = partial(_points, data, stamp_ns, body_T_lidar, step)
         return Scan(name, stamp_ns, points, odom_T_body, NO_POSE, str(self.path), body_T_lidar)
 
     def _poses_reach(self, stamp_ns: int) -> bool:
@@ -245,8 +251,13 @@ class Following:
             self._changed.notify()
 
 
-def _points(data: bytes, body_T_lidar: Poses) -> NDArray[np.float64]:
-    return placed(decode(from_cdr(data, CLOUD)), body_T_lidar)
+def _points(data: bytes, stamp_ns: int, body_T_lidar: Poses, step: Poses) -> NDArray[np.float64]:
+    """The points (n, 3) in the body as they lay at the stamp, by its `step` of STEP_S before it."""
+    cloud = from_cdr(data, CLOUD)
+    points_m = placed(decode(cloud), body_T_lidar)
+    if not np.isfinite(step).all():
+        return points_m
+    return deskewed(points_m, times_s(cloud, stamp_ns), step, STEP_S)
 
 
 def _edge(transform: Any) -> tuple[str, str]:

@@ -23,6 +23,7 @@ from pipeline.formats.bag_file import BagFile, find
 from pipeline.readers import vehicle
 from pipeline.readers.bag_clouds import Clouds
 from pipeline.readers.bag_poses import KINDS, Tree, track
+from pipeline.readers.deskew import NO_BREAKS, scan_at_stamp
 from pipeline.readers.log import Log, raised
 from pipeline.readers.log import extrinsic as given_extrinsic
 
@@ -44,8 +45,9 @@ class Scan:
     stamp_ns: int | None
     """None of a file whose name is no time."""
     points: Callable[[], NDArray[np.float64]]
-    """Reads the points (n, 3) in metres, x forward, y left, z up, ground at z = 0; raises LogError
-    for a damaged scan."""
+    """Reads the points (n, 3) in metres, x forward, y left, z up, ground at z = 0, as they lay at
+    the stamp where the log has odometry and the times of points; raises LogError for a damaged
+    scan."""
     odom_T_scan: NDArray[np.float64]
     """(4, 4) by the log's odometry, NaN where there is none."""
     world_T_scan: NDArray[np.float64]
@@ -162,7 +164,7 @@ def placed(points_m: NDArray[np.floating], body_T_lidar: Poses) -> NDArray[np.fl
 
 
 def _of_log(log: Log, row: int) -> Callable[[], NDArray[np.float64]]:
-    return lambda: np.asarray(log.points(row), np.float64)
+    return lambda: scan_at_stamp(log, log.odom_T_scan, NO_BREAKS, row)
 
 
 def _of_file(file: Path) -> Callable[[], NDArray[np.float64]]:
@@ -247,16 +249,20 @@ def _messages(
         raised(lift_m) @ extrinsic(tree, clouds.frames) if body_T_lidar is None else body_T_lidar
     )
     odom_T_body = _odometry(path, files, tree, odometry, clouds.stamps_ns)
+    log = Log(
+        clouds.stamps_ns,
+        np.full_like(odom_T_body, np.nan),
+        odom_T_body,
+        lambda row: placed(clouds.points(row), body_T_lidar),
+        Counter(),
+        times_s=clouds.times_s,
+    )
     for row, stamp_ns in enumerate(clouds.stamps_ns.tolist()):
-
-        def points(row: int = row) -> NDArray[np.float64]:
-            return placed(clouds.points(row), body_T_lidar)
-
         recording = str(clouds.keys[row][0].path)
         yield Scan(
             f"{path.name} {row}",
             stamp_ns,
-            points,
+            _of_log(log, row),
             odom_T_body[row],
             NO_POSE,
             recording,

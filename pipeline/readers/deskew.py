@@ -10,6 +10,7 @@ from pipeline.readers.log import Log
 SLICES = 64
 """A scan is cut into so many slices of equal time, each moved as one rigid piece: at 20 m/s and
 ten scans a second a slice is 3 cm of path."""
+NO_BREAKS = np.empty(0, np.int64)
 
 
 def scan_at_stamp(
@@ -21,11 +22,13 @@ def scan_at_stamp(
     anew. Raises LogError where the scan cannot be read.
     """
     points_m = np.array(log.points(row), np.float64)  # a copy: a log may hand out what it keeps
+    to_here = _step(log, odom_T_scan, breaks, row)
+    from_here = _step(log, odom_T_scan, breaks, row + 1)
+    if to_here is None and from_here is None:
+        return points_m
     times_s = log.times_s(row)
     if times_s is None:
         return points_m
-    to_here = _step(log, odom_T_scan, breaks, row)
-    from_here = _step(log, odom_T_scan, breaks, row + 1)
     if to_here is None or from_here is None:
         step = to_here or from_here
         return points_m if step is None else deskewed(points_m, times_s, *step)

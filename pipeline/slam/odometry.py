@@ -19,7 +19,7 @@ from pipeline.core.progress import Progress
 from pipeline.core.settings import Count, Positive, Share, check
 from pipeline.matching.shifts import Spectra
 from pipeline.posing.registration import Cloud, Points, Registration, moved
-from pipeline.readers.deskew import deskewed, scan_at_stamp
+from pipeline.readers.deskew import NO_BREAKS, deskewed, scan_at_stamp
 from pipeline.readers.log import Log
 from pipeline.views.scan_context import ScanContext
 
@@ -37,7 +37,6 @@ MOST_CARRIED = 3.0
 LYING = 0.8
 """A voxel whose normal is this upright or more is ground or ceiling."""
 FEWEST_STANDING = 30
-NO_BREAKS = np.empty(0, np.int64)
 SAMPLED = 500
 """So many voxels tell an overlap."""
 TURNS_DEG = (45.0, -45.0, 90.0, -90.0)
