@@ -9,7 +9,8 @@ that were seen (the map's path within 2 m); of these the share that is right (wi
 by the fix and by two baselines: the best cell of a single sweep in the same likelihood field, as
 an exhaustive search finds it, since branch and bound is exact, and ICP (Besl and McKay, PAMI 1992)
 of the sweep from there; then for .95 and .99 the share of all queries that is accepted, of the
-seen ones, and how many of the accepted are wrong; CPU time of one thread from points to verdict,
+seen ones, and how many of the accepted are wrong, and of these how many `by the log`: its other
+sweeps contradict the pose that it gives; CPU time of one thread from points to verdict,
 median and 95 %.
 
 Chances and limits are verdict.USUAL and USUAL_LIMITS, the limits lowered where held-out stretches
@@ -44,9 +45,15 @@ from pipeline.level.field import Field
 from pipeline.level.fix import LevelFixer
 from pipeline.level.held_out import LevelHeldOut, Sweeps
 from pipeline.level.level_map import Drawing
-from pipeline.level.search import search
+from pipeline.level.search import scores, search
 from pipeline.level.sweeps import OVER_M, Gatherer, single
-from pipeline.level.verdict import LevelEvidence, LevelVerdict, pose_is_right
+from pipeline.level.verdict import (
+    RIGHT_DEG,
+    RIGHT_M,
+    LevelEvidence,
+    LevelVerdict,
+    pose_is_right,
+)
 from pipeline.online.level_pack import UNSEEN_SHARE, pack_map
 from pipeline.online.level_site import LevelSite, LevelTracker
 from pipeline.online.site import Site
@@ -63,9 +70,15 @@ SEEN_M = 2.0
 HELD_OUT = 24
 """Held-out stretches of a map at most."""
 PROMISED = (0.95, 0.99)
+COUNTS = 5
+"""Numbers of a row for each of PROMISED."""
 ICP_STEPS = 30
 ICP_M = 1.0
 """Hits and walls farther apart are no pair."""
+LOG_M = 1.0
+LOG_DEG = 20.0
+LOG_OFF = 0.2
+"""A log's pose is in doubt where another so near fits the sweep better by this mean likelihood."""
 CARRIED = 30
 HEADER = (
     "log",
@@ -97,6 +110,10 @@ class Trial:
     """(query, 4, 4)."""
     seen: NDArray[np.bool_]
     """(query,)."""
+    sweeps: Sweeps
+    """All of the log."""
+    rows: NDArray[np.int64]
+    """(query,) which of these it is."""
     ms: NDArray[np.float64]
     """(query,) CPU time from points to verdict, matching of the newest sweep included."""
 
@@ -145,6 +162,8 @@ def trial(sweeps: Sweeps, name: str, share: float, queries: int) -> Trial:
         np.array(icp),
         true,
         away_m < SEEN_M,
+        sweeps,
+        first + rows,
         np.array(ms),
     )
 
@@ -177,6 +196,33 @@ def registered(
     return pose
 
 
+def is_log_in_doubt(sweeps: Sweeps, row: int) -> bool:
+    """Whether a log's other sweeps contradict the pose that it gives one of them.
+
+    Asked are poses that differ by more than half of what is right, within LOG_M and LOG_DEG; no fix
+    has a part in it.
+    """
+    count = len(sweeps.world_T_sweep)
+    drawing = Drawing.of([sweeps.points(other) for other in range(count)], sweeps.world_T_sweep)
+    field = Field.of(drawing.level_map(np.arange(count) == row))
+    hits_m = single(sweeps.points(row)).points_m
+    grid_T_sweep = np.linalg.inv(field.world_T_grid) @ sweeps.world_T_sweep[row]
+    heading_rad = np.arctan2(grid_T_sweep[1, 0], grid_T_sweep[0, 0])
+    steps_m = np.arange(-LOG_M, LOG_M + field.cell_m / 2, field.cell_m)
+    off_m = np.stack(np.meshgrid(steps_m, steps_m), axis=-1).reshape(-1, 2)
+    logged = np.array([[*grid_T_sweep[:2, 3], heading_rad]])
+    least = scores(field, hits_m, logged)[0] + LOG_OFF
+    for turn_deg in np.arange(-LOG_DEG, LOG_DEG + 0.5):
+        turned = np.full((len(off_m), 1), heading_rad + np.deg2rad(turn_deg))
+        poses = np.hstack([grid_T_sweep[:2, 3] + off_m, turned])
+        is_other = np.linalg.norm(off_m, axis=1) > RIGHT_M / 2
+        if abs(turn_deg) > RIGHT_DEG / 2:
+            is_other[:] = True
+        if is_other.any() and scores(field, hits_m, poses[is_other]).max() > least:
+            return True
+    return False
+
+
 def _in_world(field: Field, grid_pose: NDArray[np.float64]) -> NDArray[np.float64]:
     pose = np.eye(4)
     cos, sin = np.cos(grid_pose[2]), np.sin(grid_pose[2])
@@ -186,7 +232,11 @@ def _in_world(field: Field, grid_pose: NDArray[np.float64]) -> NDArray[np.float6
 
 
 def numbers(result: Trial) -> list[float]:
-    """What a row is made of: shares, and for each of PROMISED of all, of seen, wrong, accepted."""
+    """What a row is made of: shares, and for each of PROMISED COUNTS numbers.
+
+    These are the shares accepted of all and of seen, how many are wrong, accepted, and wrong where
+    the log is in doubt.
+    """
     limits = dict(zip(PROMISES, result.day.verdict.limits("fix"), strict=True))
     doubts = np.array([query.doubts[0] for query in result.queries]).astype(np.float32)
     good = pose_is_right(np.array([query.pose for query in result.queries]), result.world_T_true)
@@ -196,17 +246,20 @@ def numbers(result: Trial) -> list[float]:
         values.append(float(pose_is_right(poses, result.world_T_true)[seen].mean()))
     for promise in PROMISED:
         accepted = doubts < limits[promise]
-        wrong = int((accepted & ~good).sum())
-        values += [float(accepted.mean()), float(accepted[seen].mean()), wrong, accepted.sum()]
+        wrong = accepted & ~good
+        in_doubt = sum(is_log_in_doubt(result.sweeps, row) for row in result.rows[wrong].tolist())
+        shares = [float(accepted.mean()), float(accepted[seen].mean())]
+        values += [*shares, int(wrong.sum()), int(accepted.sum()), in_doubt]
     return [*values, float(np.median(result.ms)), float(np.quantile(result.ms, 0.95))]
 
 
 def cells_of(values: Sequence[float]) -> list[str]:
     """The cells of a row, from the share of the seen on."""
     texts = [f"{values[0]:.2f}", *(f"{share:.3f}" for share in values[1:4])]
-    for first in range(4, 4 + 4 * len(PROMISED), 4):
-        of_all, of_seen, wrong, accepted = values[first : first + 4]
-        texts.append(f"{of_all:.2f} {of_seen:.2f} {wrong:.0f}/{accepted:.0f}")
+    for first in range(4, 4 + COUNTS * len(PROMISED), COUNTS):
+        of_all, of_seen, wrong, accepted, in_doubt = values[first : first + COUNTS]
+        doubted = f" ({in_doubt:.0f} by the log)" if in_doubt else ""
+        texts.append(f"{of_all:.2f} {of_seen:.2f} {wrong:.0f}/{accepted:.0f}{doubted}")
     return [*texts, f"{values[-2]:.0f}, {values[-1]:.0f}"]
 
 
@@ -229,8 +282,8 @@ def table(folder: Path, logs: Sequence[str], shares: Sequence[float], queries: i
             head = [f"{name}{tuned}", f"{share:.0%}", free_m2, str(len(result.ms))]
             print(line([*head, *cells_of(rows[-1])]), flush=True)
     means = np.mean(rows, axis=0)
-    for counts in range(6, 4 + 4 * len(PROMISED), 4):
-        means[counts : counts + 2] = np.sum(rows, axis=0)[counts : counts + 2]
+    for counts in range(6, 4 + COUNTS * len(PROMISED), COUNTS):
+        means[counts : counts + 3] = np.sum(rows, axis=0)[counts : counts + 3]
     print(line(["mean", "", "", "", *cells_of(means.tolist())]))
 
 

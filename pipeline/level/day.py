@@ -46,7 +46,7 @@ class LevelDay:
         return [self.query(gathered[row]) for row in rows.tolist()]
 
     def query(self, gathered: Gathered) -> PosedQuery:
-        """What is believed of gathered sweeps: nothing of those of a laser upside down."""
+        """What is believed of gathered sweeps: nothing of those of a laser mounted otherwise."""
         judge = self.verdict.judge
         fix = self.fixer.fix(self.field, gathered).ordered(judge.pose)
         if not fix.hypotheses:
@@ -56,7 +56,7 @@ class LevelDay:
             )
         best = fix.hypotheses[0]
         doubts = judge.doubts(fix)
-        if (doubts < LARGEST_DOUBT).any() and self.fixer.is_mirrored(self.field, gathered, fix):
+        if (doubts < LARGEST_DOUBT).any() and self.fixer.is_misread(self.field, gathered, fix):
             doubts = np.ones(len(BELIEFS))
         return PosedQuery(
             np.array([hypothesis.world_T_query for hypothesis in fix.hypotheses]),

@@ -29,8 +29,8 @@ LEAST_POINTS = 20
 """A query of fewer thinned hits tells nothing."""
 LEAST_RATIO = 0.75
 """Poses that score less than this of the best are no hypotheses."""
-MIRRORED_AHEAD = 0.01
-"""Sweeps are taken as mirrored that score so much more that way: many rooms look the same so."""
+MIRRORED_WITHIN = 0.05
+"""Sweeps may be mirrored that score no more than this less that way."""
 CONTRADICTED_COST = 0.5
 """What a contradicted beam takes from the quality, against 1 that an explained one adds."""
 
@@ -116,12 +116,16 @@ class LevelFixer:
         pose = np.array([[*grid_T_guess[:2, 3], heading_rad]])
         return self._compared(field, gathered, pose)
 
-    def is_mirrored(self, field: Field, gathered: Gathered, level_fix: LevelFix) -> bool:
-        """Whether the sweeps fit better with left and right exchanged: the laser is upside down."""
-        if not level_fix.hypotheses:
-            return False
+    def is_misread(self, field: Field, gathered: Gathered, level_fix: LevelFix) -> bool:
+        """Whether the laser may be mounted otherwise than was said: nothing is to be believed.
+
+        Odometry contradicts its sweeps, or these fit about as well with left and right exchanged:
+        it is upside down.
+        """
+        if gathered.is_contradicted or not level_fix.hypotheses:
+            return gathered.is_contradicted
         mirrored_m = gathered.points_m * [1.0, -1.0]
-        least = level_fix.hypotheses[0].score + MIRRORED_AHEAD
+        least = max(level_fix.hypotheses[0].score - MIRRORED_WITHIN, 0.0)
         return len(search(field, mirrored_m, 1, LEAST_RATIO, self.most_nodes, least).poses) > 0
 
     def _compared(

@@ -31,8 +31,13 @@ WINDOW_M = 0.3
 WINDOW_DEG = 15.0
 """Odometry from sweep to sweep is searched for errors up to here."""
 SIGMA_M = 0.15
-LEAST_SHARE = 0.5
-"""Sweeps fit where this share of the hits has others near; else odometry is taken as it is."""
+LEAST_SHARE = 0.6
+"""Odometry joins a sweep with those before where this share of its hits has others near; else those
+before are forgotten."""
+JOINS = 10
+MOST_UNJOINED = 2
+"""Odometry may leave so many of the last JOINS sweeps unjoined, as where wheels slip. Where it
+leaves more it contradicts them: the laser is mounted otherwise than was said."""
 STEP_COST = 0.15
 """What a correction of a whole window costs of the mean likelihood, so that nothing slides along a
 corridor."""
@@ -52,6 +57,8 @@ class Gathered:
     """(b, 2) where it ends."""
     path_m: float
     """Length of the path over which the sweeps were taken."""
+    is_contradicted: bool = False
+    """Whether odometry moves otherwise than the last sweeps do."""
 
 
 @dataclass
@@ -62,18 +69,19 @@ class Gatherer:
     _hits: deque[NDArray[np.float64]] = field(default_factory=lambda: deque(maxlen=MOST_SWEEPS))
     _poses: deque[NDArray[np.float64]] = field(default_factory=lambda: deque(maxlen=MOST_SWEEPS))
     """start_T_sweep (3, 3) of each."""
+    _unjoined: deque[bool] = field(default_factory=lambda: deque(maxlen=JOINS))
+    """Of the last sweeps that were matched, those that odometry does not join with others."""
 
     def add(self, points_m: NDArray[np.float64], step: NDArray[np.float64] | None) -> None:
         """Add the next sweep's hits (n, 2) or (n, 3); `step` (4, 4) is the odometry since the last.
 
-        Without a step the earlier sweeps are forgotten.
+        Without a step, or where it does not join the sweep with them, the earlier ones are
+        forgotten.
         """
         hits = flat(points_m)
         if step is None or not np.isfinite(step).all() or not self._hits:
-            self._hits.clear()
-            self._poses.clear()
-            self._hits.append(hits)
-            self._poses.append(np.eye(3))
+            self._unjoined.clear()
+            self._start(hits)
             return
         previous_T_sweep = np.eye(3)
         previous_T_sweep[:2] = step[:2][:, [0, 1, 3]]
@@ -82,9 +90,21 @@ class Gatherer:
             self._hits.pop()
             self._poses.pop()
         if self.is_matched:
-            start_T_sweep = self._matched(hits, start_T_sweep)
+            matched = self._matched(hits, start_T_sweep)
+            self._unjoined.append(matched is None)
+            if matched is None:
+                self._start(hits)
+                return
+            start_T_sweep = matched
         self._hits.append(hits)
         self._poses.append(start_T_sweep)
+
+    def _start(self, hits: NDArray[np.float64]) -> None:
+        """Begin anew with one sweep."""
+        self._hits.clear()
+        self._poses.clear()
+        self._hits.append(hits)
+        self._poses.append(np.eye(3))
 
     def restart(self) -> None:
         """Forget all sweeps but the newest: the robot was carried, or its odometry is wrong."""
@@ -110,12 +130,22 @@ class Gatherer:
             ends.append(points @ sweep_T_this[:2, :2].T + sweep_T_this[:2, 2])
             starts.append(np.broadcast_to(sweep_T_this[:2, 2], points.shape))
         ends_m = np.concatenate(ends)
-        return Gathered(thinned(ends_m), thinned(hits[0]), np.concatenate(starts), ends_m, path_m)
+        return Gathered(
+            thinned(ends_m),
+            thinned(hits[0]),
+            np.concatenate(starts),
+            ends_m,
+            path_m,
+            sum(self._unjoined) > MOST_UNJOINED,
+        )
 
     def _matched(
         self, hits: NDArray[np.float64], start_T_sweep: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """The pose (3, 3) of a sweep, corrected by the sweeps before it."""
+    ) -> NDArray[np.float64] | None:
+        """The pose (3, 3) of a sweep, corrected by the sweeps before it; None if it fits nowhere.
+
+        Where there is too little to match, it is that of the odometry.
+        """
         beside = [
             points @ pose[:2, :2].T + pose[:2, 2]
             for points, pose in zip(
@@ -138,7 +168,7 @@ class Gatherer:
         pose = _around(distance_m, chosen, guess)
         refine_in(distance_m, CELL_M, chosen, pose, np.array([SIGMA_M, SIGMA_M / 2]), BESIDE_M)
         if _near_share(distance_m, chosen, pose) < LEAST_SHARE:
-            return start_T_sweep
+            return None
         cos = np.cos(pose[2])
         sin = np.sin(pose[2])
         x_m, y_m = pose[:2] + lowest_m

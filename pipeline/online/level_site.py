@@ -85,11 +85,11 @@ class LevelSite(Site):
         return replace(self.upright(fix, gathered, level_fix), ms=1e3 * (perf_counter() - start))
 
     def upright(self, fix: Fix, gathered: Gathered, level_fix: LevelFix) -> Fix:
-        """The fix, rejected where its sweeps fit better as those of a laser upside down."""
+        """The fix, rejected where its laser may be mounted otherwise than was said."""
         if fix.verdict not in WORDS:
             return fix
         ordered = level_fix.ordered(self.level_judge.pose)
-        if not self.level_fixer.is_mirrored(self.field, gathered, ordered):
+        if not self.level_fixer.is_misread(self.field, gathered, ordered):
             return fix
         return replace(
             fix, verdict="rejected", novelty=1.0, place_novelty=1.0, promised_precision=None
@@ -197,7 +197,7 @@ class LevelTracker:
         else:
             level_fix = self.site.level_fixer.fix(self.site.field, gathered)
         fix = self.site.judge_level(level_fix, self._promise)
-        if guess is None:
+        if guess is None or gathered.is_contradicted:
             fix = self.site.upright(fix, gathered, level_fix)
         if fix.verdict == "no pose":
             self._pose = guess

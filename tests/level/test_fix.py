@@ -115,6 +115,37 @@ def test_without_odometry_the_sweeps_before_are_forgotten() -> None:
     assert gatherer.gathered(5.0).path_m == 0
 
 
+def test_a_sweep_that_odometry_does_not_join_forgets_those_before() -> None:
+    """In the middle of the drive the robot is carried 4 m, of which odometry says nothing."""
+    sweeps = drive()
+    gatherer = Gatherer()
+    for row in (*range(10), *range(18, 21)):
+        gatherer.add(np.asarray(sweeps.points(row), np.float64), sweeps.step(row))
+    gathered = gatherer.gathered(5.0)
+    assert gathered.path_m == pytest.approx(1.0, abs=0.2)  # rows 18 to 20, .5 m apart
+    assert not gathered.is_contradicted  # one of ten
+
+
+@pytest.mark.parametrize("mounted", ["turned", "upside down", "as said"])
+def test_odometry_contradicts_a_laser_that_is_mounted_otherwise(mounted: str, field: Field) -> None:
+    """One that looks to the right sees the robot drive to its left."""
+    robot_T_seen = {
+        "turned": np.array([[0.0, 1.0], [-1.0, 0.0]]),
+        "upside down": np.diag([1.0, -1.0]),
+        "as said": np.eye(2),
+    }[mounted]
+    sweeps = drive(step_m=1.0)
+    gatherer = Gatherer()
+    for row in range(len(sweeps.world_T_sweep)):
+        gatherer.add(np.asarray(sweeps.points(row)) @ robot_T_seen.T, sweeps.step(row))
+    gathered = gatherer.gathered(5.0)
+    fix = LevelFixer().fix(field, gathered)
+    assert gathered.is_contradicted == (mounted != "as said")
+    assert LevelFixer().is_misread(field, gathered, fix) == (mounted != "as said")
+    gatherer.add(np.asarray(sweeps.points(0)), None)
+    assert not gatherer.gathered(5.0).is_contradicted  # another drive, of which nothing is known
+
+
 def test_gathered_sweeps_tell_apart_what_one_cannot(field: Field) -> None:
     sweeps = drive(seed=5)
     rows = [12, 30, 45]
