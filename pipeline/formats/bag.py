@@ -26,6 +26,7 @@ ODOMETRY = "nav_msgs/msg/Odometry"
 POSE = "geometry_msgs/msg/PoseStamped"
 POSE_COVARIANCE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
+IMU = "sensor_msgs/msg/Imu"
 POINT = np.dtype([("xyz", "<f4", 3), ("intensity", "<f4"), ("ring", "<u2"), ("pad", "V2")])
 """A point as written: 20 bytes."""
 TIMED_POINT = np.dtype([*POINT.descr, ("t", "<u4")])
@@ -204,6 +205,28 @@ class BagWriter:
             "geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=covariance.reshape(36)
         )
         self._write_stamped(topic, POSE_COVARIANCE, stamp_ns, frame, pose=pose)
+
+    def imu(
+        self,
+        stamp_ns: int,
+        frame: str,
+        turn_rad_s: NDArray[np.float64],
+        topic: str = "/imu",
+    ) -> None:
+        """Write how fast an IMU turns (3,) about its axes; it says nothing else."""
+        unknown = np.array([-1.0, *[0.0] * 8])  # REP 145: not measured
+        self._write_stamped(
+            topic,
+            IMU,
+            stamp_ns,
+            frame,
+            orientation=self._quaternion(np.eye(4)),
+            orientation_covariance=unknown,
+            angular_velocity=self._xyz(turn_rad_s),
+            angular_velocity_covariance=np.zeros(9),
+            linear_acceleration=self._xyz(np.zeros(3)),
+            linear_acceleration_covariance=unknown,
+        )
 
     def static_transform(
         self, stamp_ns: int, parent: str, child: str, parent_T_child: NDArray[np.float64]

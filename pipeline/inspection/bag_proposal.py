@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.errors import LogError
-from pipeline.formats.bag import CLOUD, SWEEP, TRANSFORMS
+from pipeline.formats.bag import CLOUD, IMU, SWEEP, TRANSFORMS
 from pipeline.formats.bag_file import plain
 from pipeline.inspection.bag_contents import Contents, TopicSummary
 from pipeline.inspection.inspection import typographic
@@ -60,6 +60,7 @@ reader:
   points: {_word(points.name)} # {shape}, {_rate(points.rate_hz)}, in the frame {frame}
   truth: {_source_line(truth)}
   odometry: {_source_line(odometry)}
+  imu: {_imu_line(None if truth or odometry else gyroscope(contents))}
   body_T_lidar: null # {extrinsic}
   lift_m: {lift_m} # {lift}
   max_gap_s: {gap_s}
@@ -144,6 +145,11 @@ def drifting(contents: Contents) -> TopicSummary | None:
     truth, odometry = _poses(contents)
     is_odometry = truth is not None and DRIFTS.search(f"{truth.frame} {truth.name}")
     return odometry or (truth if is_odometry else None)
+
+
+def gyroscope(contents: Contents) -> TopicSummary | None:
+    """The most frequent topic of an IMU; None without any."""
+    return next(iter(contents.of(IMU)), None)
 
 
 def _poses(contents: Contents) -> tuple[TopicSummary | None, TopicSummary | None]:
@@ -269,6 +275,12 @@ def _source_line(source: TopicSummary | None) -> str:
         if is_known
     ]
     return f"{_word(source.name)} # {', '.join(known_parts)}"
+
+
+def _imu_line(imu: TopicSummary | None) -> str:
+    if imu is None:
+        return "null # of use where there are neither poses nor odometry"
+    return f"{_word(imu.name)} # {_rate(imu.rate_hz)}: how the vehicle turned between two scans"
 
 
 def _word(name: str) -> str:

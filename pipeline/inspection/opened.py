@@ -11,7 +11,7 @@ from pipeline.formats import folder as files
 from pipeline.formats.bag_file import find
 from pipeline.formats.robotcar import LASERS
 from pipeline.inspection.bag_contents import Contents
-from pipeline.inspection.bag_proposal import drifting, points_source
+from pipeline.inspection.bag_proposal import drifting, gyroscope, points_source
 from pipeline.readers.bag import Bag
 from pipeline.readers.bag_poses import Tree
 from pipeline.readers.folder import Folder
@@ -83,7 +83,7 @@ def _clouds(path: Path) -> Log:
 
 
 def _bag(path: Path, bags: list[Path], topic: str | None, odometry: str | None) -> Log:
-    """A bag's clouds, with the odometry that it has or that is named."""
+    """A bag's clouds, with the odometry that it has or that is named, else with its IMU."""
     contents = Contents.read(bags)
     points = topic or points_source(contents, None).name
     topics = {summary.name: summary for summary in contents.topics}
@@ -93,7 +93,14 @@ def _bag(path: Path, bags: list[Path], topic: str | None, odometry: str | None) 
     child = topics[name].child if name in topics else (name or "").rpartition(">")[2]
     frame = topics[points].frame if points in topics else ""
     body_T_lidar = _extrinsic(contents.tree, [child, *BODIES], frame)
-    reader = Bag(points=points, truth=None, odometry=name, body_T_lidar=body_T_lidar)
+    imu = None if name else gyroscope(contents)
+    reader = Bag(
+        points=points,
+        truth=None,
+        odometry=name,
+        imu=imu.name if imu else None,
+        body_T_lidar=body_T_lidar,
+    )
     return reader.open(path.parent, path.stem if path.is_file() else path.name)
 
 

@@ -17,10 +17,11 @@ from pipeline.core.errors import ConfigError, LogError
 from pipeline.core.frames import ROUNDED_NS, Poses
 from pipeline.core.settings import Positive, check
 from pipeline.formats import bag_file
-from pipeline.formats.bag import CLOUD, SWEEP
+from pipeline.formats.bag import CLOUD, IMU, SWEEP
 from pipeline.formats.bag_file import BagFile
 from pipeline.readers import log, vehicle
 from pipeline.readers.bag_clouds import Clouds
+from pipeline.readers.bag_heading import heading
 from pipeline.readers.bag_poses import KINDS, Track, Tree, track
 from pipeline.readers.log import Log
 
@@ -37,6 +38,9 @@ class Bag:
     odometry: str | None = None
     """Topic or tf:PARENT>CHILD of poses that drift but never jump; after a gap the odometry starts
     anew."""
+    imu: str | None = None
+    """Topic of an IMU (Imu), whose rates of turn are a first guess where poses are estimated and
+    there is no odometry."""
     body_T_lidar: Sequence[float] | None = None
     """The LiDAR in the body of the poses: x, y, z in metres, roll, pitch, yaw in degrees; None:
     from the fixed transforms."""
@@ -102,12 +106,18 @@ class Bag:
             rotated = np.einsum("ij,nj->ni", vehicle_T_lidar[:3, :3], clouds.points(int(rows[row])))
             return np.asarray(rotated + vehicle_T_lidar[:3, 3])
 
+        turned = (
+            heading(files, self.imu, clouds.frames, vehicle_T_lidar[:3, :3], self.max_gap_s)
+            if self.imu
+            else None
+        )
         poses = (log.lifted(world_T_body, self.lift_m), log.lifted(odom_T_body, self.lift_m))
         doubts = vehicle.doubts(truth.name, truth.trajectory) if truth else ()
         notes = (
             *clouds.notes,
             *(truth.notes if truth else ()),
             *(odometry.notes if odometry else ()),
+            *(turned.notes if turned else ()),
             *doubts,
             *notes,
         )
@@ -119,6 +129,7 @@ class Bag:
             +skipped,
             notes,
             odom_variance=uncertainty.at(clouds.stamps_ns[rows]) if uncertainty else None,
+            heading_rad=turned.at(clouds.stamps_ns[rows]) if turned else None,
             times_s=lambda row: clouds.times_s(int(rows[row])),
         )
 
@@ -151,6 +162,7 @@ class Bag:
             ("points", self.points, (CLOUD, SWEEP)),
             ("truth", self.truth, KINDS),
             ("odometry", self.odometry, KINDS),
+            ("imu", self.imu, (IMU,)),
         ]
         for key, name, kinds in settings:
             if name is None or name.startswith("tf:"):

@@ -49,6 +49,9 @@ class Log:
     """(scan, 2) what the odometry itself says it may be off, gathered since its start: variance of
     the position in m² (mean of x and y) and of the heading in rad²; NaN where it says nothing, None
     where it never does."""
+    heading_rad: NDArray[np.float64] | None = None
+    """(scan,) how far the vehicle turned to its left since the start, by a gyroscope; NaN where
+    that is unknown, and in the first row after a gap; None where the log has none."""
     times_s: Callable[[int], NDArray[np.float64] | None] = lambda row: None
     """Seconds (n,) after the stamp at which each of `points` of one scan was measured; None where
     the log does not say."""
@@ -67,6 +70,7 @@ class Log:
             odom_T_scan=self.odom_T_scan[rows],
             points=lambda row: self.points(int(rows[row])),
             odom_variance=None if self.odom_variance is None else self.odom_variance[rows],
+            heading_rad=None if self.heading_rad is None else self.heading_rad[rows],
             times_s=lambda row: self.times_s(int(rows[row])),
         )
 

@@ -41,6 +41,9 @@ SAMPLED = 500
 """So many voxels tell an overlap."""
 TURNS_DEG = (45.0, -45.0, 90.0, -90.0)
 """Turns that are guessed where nothing better is known."""
+SKEWED_M = 0.05
+SKEWED_DEG = 0.5
+"""A scan is deskewed anew where its step turns out to be so far from the guess."""
 
 
 @dataclass(frozen=True)
@@ -128,7 +131,7 @@ class _Registering:
         for row in watch.track(range(count), count, "odometry"):
             cloud = self._cloud(row)
             if cloud is not None:
-                self._add(row, cloud)
+                cloud = self._add(row, cloud)
                 if self.last_row >= 0:
                     self.before_last = (self.poses[self.last_row], self.last_cloud)
                 self.last_row = row
@@ -149,10 +152,13 @@ class _Registering:
             {reason: number for reason, number in reasons.items() if number},
         )
 
-    def _cloud(self, row: int) -> Cloud | None:
-        """The scan's thinned points at its stamp; None where it has too few."""
+    def _cloud(self, row: int, step: Poses | None = None) -> Cloud | None:
+        """The scan's thinned points at its stamp; None where it has too few.
+
+        It moved by `step` since the scan before, or as is guessed.
+        """
         try:
-            points_m = self._points(row)
+            points_m = self._points(row, step)
         except LogError:
             self.unreadable += 1
             return None
@@ -163,24 +169,30 @@ class _Registering:
             self.sparse += 1
             return None
 
-    def _points(self, row: int) -> Points:
+    def _points(self, row: int, step: Poses | None) -> Points:
         """The scan's points (n, 3) at its stamp, by the log's odometry or by steady motion."""
-        if self.use_log_odometry and np.isfinite(self.log.odom_T_scan[row]).all():
+        if self._is_deskewed_by_log(row):
             return scan_at_stamp(self.log, self.log.odom_T_scan, NO_BREAKS, row)
         points_m = self.log.points(row)
-        return deskewed(points_m, self.log.times_s(row), self.last_step, self.last_step_s)
+        if self.last_row < 0:
+            return np.asarray(points_m, np.float64)
+        step = self._carried_on(row) if step is None else step
+        return deskewed(points_m, self.log.times_s(row), step, self._seconds(row))
 
-    def _add(self, row: int, cloud: Cloud) -> None:
-        """Find the scan's pose, and add it to the map."""
+    def _is_deskewed_by_log(self, row: int) -> bool:
+        return self.use_log_odometry and bool(np.isfinite(self.log.odom_T_scan[row]).all())
+
+    def _add(self, row: int, cloud: Cloud) -> Cloud:
+        """Find the scan's pose, and add it to the map; returns its points, deskewed by its step."""
         if self.last_row < 0:
             self._start(row, cloud)
-            return
-        last_T_scan, overlap, is_by_log = self._step(row, cloud)
+            return cloud
+        cloud, last_T_scan, overlap, is_by_log = self._step(row, cloud)
         self.overlap[row] = overlap
         if last_T_scan is None:
             self.breaks.append(row)
             self._start(row, cloud)
-            return
+            return cloud
         self.poses[row] = self.poses[self.last_row] @ last_T_scan
         self.by_log[row] = is_by_log
         self.map.insert(cloud.points, self.poses[row])
@@ -188,6 +200,7 @@ class _Registering:
         self.last_step_s = self._seconds(row)
         if not is_by_log:
             self.usual_overlaps.append(overlap)
+        return cloud
 
     def _start(self, row: int, cloud: Cloud) -> None:
         """Begin a map at this scan."""
@@ -198,15 +211,19 @@ class _Registering:
         self.map.set_lru(self.settings.forgotten, 10)
         self.map.insert(cloud.points, self.poses[row])
 
-    def _step(self, row: int, cloud: Cloud) -> tuple[Poses | None, float, bool]:
-        """The scan's pose in the frame of the one before, their overlap, whether it is the log's.
+    def _step(self, row: int, cloud: Cloud) -> tuple[Cloud, Poses | None, float, bool]:
+        """The scan deskewed by its step, that step, their overlap, whether it is the log's.
 
-        None where nothing joins the two.
+        The step is the scan's pose in the frame of the one before, None where nothing joins the
+        two.
         """
         settings = self.settings
         odometry_step = self._odometry_step(row)
         first_guess = odometry_step if odometry_step is not None else self._carried_on(row)
         last_T_scan = self._aligned(cloud, first_guess)
+        if self._is_skewed(row, first_guess, last_T_scan):
+            cloud = self._cloud(row, last_T_scan) or cloud
+            last_T_scan = self._aligned(cloud, last_T_scan)
         overlap = self._overlap(cloud, last_T_scan)
         usual = self._usual()
         if len(self.usual_overlaps) < settings.trials or overlap < settings.usual * usual:
@@ -216,8 +233,15 @@ class _Registering:
         if overlap < settings.least * usual:
             overlap = max(overlap, self._overlap_before_last(cloud, last_T_scan))
         if overlap >= settings.least * usual:
-            return last_T_scan, overlap, False
-        return odometry_step, overlap, odometry_step is not None
+            return cloud, last_T_scan, overlap, False
+        return cloud, odometry_step, overlap, odometry_step is not None
+
+    def _is_skewed(self, row: int, guess: Poses, last_T_scan: Poses) -> bool:
+        """Whether a scan was deskewed by a guess that its step is far from."""
+        if self._is_deskewed_by_log(row) or self.log.times_s(row) is None:
+            return False
+        away_m, turn_deg = apart(guess[None], last_T_scan[None])
+        return bool(away_m[0] > SKEWED_M or turn_deg[0] > SKEWED_DEG)
 
     def _may_be(self, last_T_scan: Poses, odometry_step: Poses | None) -> bool:
         """Whether the log's odometry, if it has any, allows a step."""
@@ -313,16 +337,39 @@ class _Registering:
         return step if np.isfinite(step).all() else None
 
     def _carried_on(self, row: int) -> Poses:
-        """The last step once more, longer or shorter by the time that has passed."""
+        """The last step once more, longer or shorter by the time that has passed.
+
+        Where the log has an IMU it turns as that says.
+        """
         seconds = self._seconds(row)
-        if not self.last_step_s > 0 or not seconds > 0:
-            return self.last_step
-        share = np.array([min(seconds / self.last_step_s, MOST_CARRIED)])
-        from_here = interpolate(np.eye(4)[None], self.last_step[None], share)
-        return np.asarray(from_here[0])
+        step = self.last_step
+        if self.last_step_s > 0 and seconds > 0:
+            share = np.array([min(seconds / self.last_step_s, MOST_CARRIED)])
+            step = np.asarray(interpolate(np.eye(4)[None], self.last_step[None], share)[0])
+        turn_rad = self._turn_rad(row)
+        return step if turn_rad is None else turned_by(step, turn_rad)
+
+    def _turn_rad(self, row: int) -> float | None:
+        """How far the vehicle turned to its left since the last scan, by the log's IMU, if any."""
+        if self.log.heading_rad is None or not self.use_log_odometry:
+            return None
+        headings_rad = self.log.heading_rad[self.last_row : row + 1]
+        if not np.isfinite(headings_rad).all():  # NaN marks a gap, too
+            return None
+        return float(headings_rad[-1] - headings_rad[0])
 
     def _seconds(self, row: int) -> float:
         return float(self.log.stamps_ns[row] - self.log.stamps_ns[self.last_row]) / 1e9
+
+
+def turned_by(step: Poses, turn_rad: float) -> Poses:
+    """A step (4, 4) as long, on an arc that turns to the left by so much; it keeps its slope."""
+    was_rad = float(np.arctan2(step[1, 0], step[0, 0]))
+    more = turns(np.array([turn_rad - was_rad]))[0]
+    half = turns(np.array([(turn_rad - was_rad) / 2]))[0]
+    turned = more @ step
+    turned[:3, 3] = half[:3, :3] @ step[:3, 3]
+    return np.asarray(turned)
 
 
 def standing(cloud: Cloud) -> Points:

@@ -1,0 +1,74 @@
+"""How far a vehicle turned, by the IMU of a bag."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline.core.errors import LogError
+from pipeline.core.frames import pose
+from pipeline.formats.bag import BagWriter
+from pipeline.readers.bag import Bag
+from tests.readers.bags import KINDS, START_NS, STEP_NS, bag_path
+
+UPSIDE_DOWN = pose(np.zeros((1, 3)), np.array([[np.pi, 0.0, 0.0]]))[0]
+IMU_NS = STEP_NS // 10
+FASTER = Bag(truth=None, imu="/imu")
+
+
+def turning(path: Path, kind: str, seconds: tuple[tuple[float, float], ...]) -> Path:
+    """A bag of ten clouds a second and, between these times, a hundred readings of an IMU.
+
+    The vehicle turns to the left by 0.5 rad a second; its IMU hangs upside down, and so reads -0.5.
+    """
+    with BagWriter(path, kind) as bag:
+        bag.static_transform(START_NS, "lidar", "imu_link", UPSIDE_DOWN)
+        for row in range(10):
+            points_m = np.array([[row, 0, 0], [1, 2, 3]], np.float32)
+            bag.points(START_NS + row * STEP_NS, "lidar", points_m, np.ones(2), np.arange(2))
+        for first_s, last_s in seconds:
+            for reading in range(round(first_s * 100), round(last_s * 100) + 1):
+                rate_rad_s = np.array([0.0, 0.0, -0.5])
+                bag.imu(START_NS + reading * IMU_NS, "imu_link", rate_rad_s)
+    return path
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_rates_of_turn_are_gathered_about_the_vehicle_s_axis(tmp_path: Path, kind: str) -> None:
+    turning(bag_path(tmp_path, kind), kind, ((0.0, 1.0),))
+    log = FASTER.open(tmp_path, "drive")
+    assert log.heading_rad is not None
+    np.testing.assert_allclose(np.diff(log.heading_rad), 0.05, atol=1e-9)  # 0.5 rad/s, 0.1 s
+    assert log.notes == ()
+    np.testing.assert_array_equal(log.of(np.array([2, 5])).heading_rad, log.heading_rad[[2, 5]])
+
+
+def test_a_gap_and_what_is_beyond_the_readings_are_unknown(tmp_path: Path) -> None:
+    """Readings from .1 to .2 s and from .8 s on: clouds 0 and 3 to 7 have none, 8 begins anew."""
+    turning(bag_path(tmp_path, "mcap"), "mcap", ((0.1, 0.2), (0.8, 1.0)))
+    log = FASTER.open(tmp_path, "drive")
+    assert log.heading_rad is not None
+    assert np.flatnonzero(np.isfinite(log.heading_rad)).tolist() == [1, 2, 9]
+
+
+def test_an_imu_that_no_transforms_place_is_taken_for_upright(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "drive", "mcap") as bag:
+        for row in range(3):
+            stamp_ns = START_NS + row * STEP_NS
+            bag.points(stamp_ns, "lidar", np.ones((2, 3), np.float32), np.ones(2), np.arange(2))
+            bag.imu(stamp_ns, "imu_link", np.array([0.0, 0.0, 0.2]))
+    log = FASTER.open(tmp_path, "drive")
+    assert log.heading_rad is not None
+    np.testing.assert_allclose(log.heading_rad, [0.0, 0.02, 0.04], atol=1e-9)
+    assert any("its z axis is taken for up" in note for note in log.notes)
+
+
+def test_what_is_no_imu_is_refused(tmp_path: Path) -> None:
+    turning(bag_path(tmp_path, "mcap"), "mcap", ((0.0, 0.1),))
+    with pytest.raises(LogError, match=r"reader.imu=/points is a .*PointCloud2; expected Imu"):
+        Bag(truth=None, imu="/points").open(tmp_path, "drive")
+    with BagWriter(tmp_path / "silent", "mcap") as bag:
+        bag.points(START_NS, "lidar", np.ones((2, 3), np.float32), np.ones(2), np.arange(2))
+        bag.imu(START_NS, "imu_link", np.full(3, np.nan))
+    with pytest.raises(LogError, match="no rate of turn"):
+        FASTER.open(tmp_path, "silent")
