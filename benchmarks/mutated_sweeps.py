@@ -7,7 +7,7 @@ and the others alone. CARMEN is as of benchmarks.level. A row a kind: how many w
 with the promise of .99, and how many of these are wrong: over 1 m or 10° off; and of the wrong ones
 how many where the log's own pose is in doubt, since its other sweeps contradict it. A laser that is
 turned about its own axis asks for the pose of its own frame. Of another building's sweeps each
-accepted pose is wrong. The first row is of sweeps as they were recorded.
+accepted pose is wrong. The last row is of sweeps as they were recorded.
 
 What tells such sweeps was chosen on Intel, which is left out.
 """
@@ -17,8 +17,8 @@ import os
 os.environ["OMP_NUM_THREADS"] = "1"  # before the libraries are loaded
 
 import argparse
-from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -99,17 +99,17 @@ TURNED = np.array([[0.0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
 AS_RECORDED = "as recorded"
 OTHER = "of another building"
 KINDS: dict[str, Mutation] = {
-    AS_RECORDED: lambda points_m, rng: points_m,
+    "turned by 90°": turned,
+    "upside down": upside_down,
     "beams dropped": without_beams,
     "twelve beams": twelve_beams,
     "hits at range_max": hits_at_range_max,
-    "turned by 90°": turned,
-    "upside down": upside_down,
     "noise": noisy,
     "NaN": not_numbers,
     "not in metres": scaled,
     "random points": anything,
     OTHER: lambda points_m, rng: points_m,
+    AS_RECORDED: lambda points_m, rng: points_m,
 }
 
 
@@ -136,25 +136,28 @@ def mutated(
     return Sweeps(points.__getitem__, part.world_T_sweep, part.odom_T_sweep)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser("python -m benchmarks.mutated_sweeps", description=__doc__)
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--count", type=int, default=2000)
-    parser.add_argument("--logs", default=",".join(BUILDINGS))
-    options = parser.parse_args()
-    logs = [read(options.folder, name) for name in options.logs.split(",")]
-    buildings = [building(log) for log in logs]
-    rng = np.random.default_rng(0)
-    asked: Counter[str] = Counter()
-    accepted: Counter[str] = Counter()
-    wrong: Counter[str] = Counter()
-    in_doubt: Counter[str] = Counter()
-    kinds = [name for name in KINDS if name != AS_RECORDED]
-    if len(buildings) == 1:
-        kinds.remove(OTHER)
-    recorded = [AS_RECORDED] * (options.count // len(kinds))
-    mutations = [kinds[number % len(kinds)] for number in range(options.count)]
-    for number, kind in enumerate(recorded + mutations):
+@dataclass
+class Counts:
+    """What became of sweeps of one kind."""
+
+    asked: int = 0
+    accepted: int = 0
+    wrong: int = 0
+    in_doubt: int = 0
+    """Of the wrong ones, those whose pose in the log its other sweeps contradict."""
+
+    @property
+    def cells(self) -> list[str]:
+        return [str(count) for count in (self.asked, self.accepted, self.wrong, self.in_doubt)]
+
+
+def counted(
+    kind: str, count: int, logs: Sequence[Sweeps], buildings: Sequence[tuple[LevelDay, Sweeps]]
+) -> Counts:
+    """Ask so many sweeps of one kind, drawn at random for this kind alone."""
+    rng = np.random.default_rng(list(KINDS).index(kind))
+    counts = Counts()
+    for number in range(count):
         here = int(rng.integers(len(buildings)))
         day, sweeps = buildings[here]
         if kind == OTHER:
@@ -164,25 +167,37 @@ def main() -> None:
         part = mutated(sweeps, row, before, KINDS[kind], rng)
         last = len(part.world_T_sweep) - 1
         query = day.query(part.gathered([last], OVER_M)[last])
-        asked[kind] += 1
+        counts.asked += 1
         limit = dict(zip(PROMISES, day.verdict.limits("fix"), strict=True))[PROMISE]
-        if np.float32(query.doubts[0]) < limit:
-            accepted[kind] += 1
-            true = part.world_T_sweep[last]
-            if KINDS[kind] is turned:
-                true = true @ TURNED
-            is_right = kind != OTHER and bool(pose_is_right(query.pose[None], true[None])[0])
-            wrong[kind] += not is_right
-            if not is_right and kind != OTHER:
-                first = len(logs[here].world_T_sweep) - len(sweeps.world_T_sweep)
-                in_doubt[kind] += is_log_in_doubt(logs[here], first + row)
-    columns = (asked, accepted, wrong, in_doubt)
+        if not np.float32(query.doubts[0]) < limit:
+            continue
+        counts.accepted += 1
+        true = part.world_T_sweep[last]
+        if KINDS[kind] is turned:
+            true = true @ TURNED
+        if kind == OTHER:
+            counts.wrong += 1
+        elif not pose_is_right(query.pose[None], true[None])[0]:
+            counts.wrong += 1
+            first = len(logs[here].world_T_sweep) - len(sweeps.world_T_sweep)
+            counts.in_doubt += is_log_in_doubt(logs[here], first + row)
+    return counts
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser("python -m benchmarks.mutated_sweeps", description=__doc__)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--count", type=int, default=2000)
+    parser.add_argument("--logs", default=",".join(BUILDINGS))
+    options = parser.parse_args()
+    logs = [read(options.folder, name) for name in options.logs.split(",")]
+    buildings = [building(log) for log in logs]
+    kinds = [kind for kind in KINDS if kind != OTHER or len(buildings) > 1]
     print(line(["sweeps", "asked", "accepted", "wrong", "of these, log in doubt"]))
-    print(line(["---"] * (1 + len(columns))))
-    for kind in KINDS:
-        print(line([kind, *(str(counts[kind]) for counts in columns)]))
-    total = [sum(counts[kind] for kind in kinds) for counts in columns]
-    print(line(["all that are mutated", *map(str, total)]))
+    print(line(["---"] * 5), flush=True)
+    for kind in kinds:
+        counts = counted(kind, options.count // (len(KINDS) - 1), logs, buildings)
+        print(line([kind, *counts.cells]), flush=True)
 
 
 if __name__ == "__main__":

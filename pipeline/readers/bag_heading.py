@@ -87,7 +87,8 @@ def heading(
     yaw_rad_s = rates_rad_s @ up
     turns_rad = (yaw_rad_s[1:] + yaw_rad_s[:-1]) / 2 * np.diff(stamps_ns) / 1e9
     heading_rad = np.concatenate([[0.0], np.cumsum(turns_rad)])
-    return Heading(stamps_ns, heading_rad, max_gap_s, notes + up_notes)
+    notes += up_notes
+    return Heading(stamps_ns, heading_rad, max_gap_s, notes)
 
 
 def _up(
@@ -107,5 +108,6 @@ def _up(
             lidar_T_imu = Tree.read(files, moving).fixed(lidar, imu)
             if lidar_T_imu is not None:
                 return vehicle_R_lidar[2] @ lidar_T_imu[:3, :3], ()
-    note = f"{topic}: no fixed transforms place its IMU; its z axis is taken for up"
-    return np.array([0.0, 0.0, 1.0]), (note,)
+    return np.array([0.0, 0.0, 1.0]), (
+        f"{topic}: no fixed transforms place its IMU; its z axis is taken for up",
+    )
