@@ -44,7 +44,7 @@ class Heading:
         chain = np.searchsorted(after_ns, stamps_ns, side="right")
         heading_rad[np.searchsorted(before_ns, stamps_ns, side="left") > chain] = np.nan
         heading_rad[1:][np.diff(chain) > 0] = np.nan
-        return heading_rad
+        return np.asarray(heading_rad)
 
 
 def heading(

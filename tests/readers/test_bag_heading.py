@@ -1,6 +1,7 @@
 """How far a vehicle turned, by the IMU of a bag."""
 
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -13,10 +14,11 @@ from tests.readers.bags import KINDS, START_NS, STEP_NS, bag_path
 
 UPSIDE_DOWN = pose(np.zeros((1, 3)), np.array([[np.pi, 0.0, 0.0]]))[0]
 IMU_NS = STEP_NS // 10
-FASTER = Bag(truth=None, imu="/imu")
+READER = Bag(truth=None, imu="/imu")
+Kind = Literal["ros1", "sqlite3", "mcap"]
 
 
-def turning(path: Path, kind: str, seconds: tuple[tuple[float, float], ...]) -> Path:
+def turning(path: Path, kind: Kind, seconds: tuple[tuple[float, float], ...]) -> Path:
     """A bag of ten clouds a second and, between these times, a hundred readings of an IMU.
 
     The vehicle turns to the left by 0.5 rad a second; its IMU hangs upside down, and so reads -0.5.
@@ -34,9 +36,9 @@ def turning(path: Path, kind: str, seconds: tuple[tuple[float, float], ...]) -> 
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_rates_of_turn_are_gathered_about_the_vehicle_s_axis(tmp_path: Path, kind: str) -> None:
+def test_rates_of_turn_are_gathered_about_the_vehicle_s_axis(tmp_path: Path, kind: Kind) -> None:
     turning(bag_path(tmp_path, kind), kind, ((0.0, 1.0),))
-    log = FASTER.open(tmp_path, "drive")
+    log = READER.open(tmp_path, "drive")
     assert log.heading_rad is not None
     np.testing.assert_allclose(np.diff(log.heading_rad), 0.05, atol=1e-9)  # 0.5 rad/s, 0.1 s
     assert log.notes == ()
@@ -46,7 +48,7 @@ def test_rates_of_turn_are_gathered_about_the_vehicle_s_axis(tmp_path: Path, kin
 def test_a_gap_and_what_is_beyond_the_readings_are_unknown(tmp_path: Path) -> None:
     """Readings from .1 to .2 s and from .8 s on: clouds 0 and 3 to 7 have none, 8 begins anew."""
     turning(bag_path(tmp_path, "mcap"), "mcap", ((0.1, 0.2), (0.8, 1.0)))
-    log = FASTER.open(tmp_path, "drive")
+    log = READER.open(tmp_path, "drive")
     assert log.heading_rad is not None
     assert np.flatnonzero(np.isfinite(log.heading_rad)).tolist() == [1, 2, 9]
 
@@ -57,7 +59,7 @@ def test_an_imu_that_no_transforms_place_is_taken_for_upright(tmp_path: Path) ->
             stamp_ns = START_NS + row * STEP_NS
             bag.points(stamp_ns, "lidar", np.ones((2, 3), np.float32), np.ones(2), np.arange(2))
             bag.imu(stamp_ns, "imu_link", np.array([0.0, 0.0, 0.2]))
-    log = FASTER.open(tmp_path, "drive")
+    log = READER.open(tmp_path, "drive")
     assert log.heading_rad is not None
     np.testing.assert_allclose(log.heading_rad, [0.0, 0.02, 0.04], atol=1e-9)
     assert any("its z axis is taken for up" in note for note in log.notes)
@@ -71,4 +73,4 @@ def test_what_is_no_imu_is_refused(tmp_path: Path) -> None:
         bag.points(START_NS, "lidar", np.ones((2, 3), np.float32), np.ones(2), np.arange(2))
         bag.imu(START_NS, "imu_link", np.full(3, np.nan))
     with pytest.raises(LogError, match="no rate of turn"):
-        FASTER.open(tmp_path, "silent")
+        READER.open(tmp_path, "silent")
