@@ -38,9 +38,6 @@ class Bag:
     odometry: str | None = None
     """Topic or tf:PARENT>CHILD of poses that drift but never jump; after a gap the odometry starts
     anew."""
-    imu: str | None = None
-    """Topic of an IMU (Imu), whose rates of turn are a first guess where poses are estimated and
-    there is no odometry."""
     body_T_lidar: Sequence[float] | None = None
     """The LiDAR in the body of the poses: x, y, z in metres, roll, pitch, yaw in degrees; None:
     from the fixed transforms."""
@@ -48,6 +45,9 @@ class Bag:
     """Added to z, so that the ground is at 0."""
     max_gap_s: Positive = 0.5
     """Poses further apart than this are a gap."""
+    imu: str | None = None
+    """Topic of an IMU (Imu), whose rates of turn are a first guess where poses are estimated and
+    there is no odometry."""
 
     def __post_init__(self) -> None:
         check(self, "reader")
