@@ -240,7 +240,7 @@ class _Registering:
         """Whether a scan was deskewed by a guess that its step is far from."""
         if self._is_deskewed_by_log(row) or self.log.times_s(row) is None:
             return False
-        away_m, turn_deg = apart(guess[None], last_T_scan[None])
+        away_m, turn_deg = distance_and_turn(guess[None], last_T_scan[None])
         return bool(away_m[0] > SKEWED_M or turn_deg[0] > SKEWED_DEG)
 
     def _may_be(self, last_T_scan: Poses, odometry_step: Poses | None) -> bool:

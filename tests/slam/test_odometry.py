@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.core.frames import apart, pose
+from pipeline.core.frames import distance_and_turn, pose
 from pipeline.core.progress import Progress
 from pipeline.formats.bag import BagWriter
 from pipeline.inspection.opened import open_unposed
@@ -45,10 +45,10 @@ def test_an_imu_guesses_a_turn_that_registration_alone_does_not_find(tmp_path: P
     driven = np.linalg.inv(world_T_scan[0]) @ world_T_scan
     for version, is_found in ((opened, True), (replace(opened, heading_rad=None), False)):
         track = UNHELPED.along(version, Progress())
-        turn_deg = apart(track.odom_T_scan, driven)[1]
+        turn_deg = distance_and_turn(track.odom_T_scan, driven)[1]
         assert (turn_deg[3] < 1.0) == is_found
     ignored = UNHELPED.along(opened, Progress(), use_log_odometry=False)
-    assert apart(ignored.odom_T_scan, driven)[1][3] > 1.0
+    assert distance_and_turn(ignored.odom_T_scan, driven)[1][3] > 1.0
 
 
 def turning_on_the_spot() -> NDArray[np.float64]:
