@@ -1,7 +1,7 @@
 """The table of results, models and figures → MLflow, which can be thrown away and published anew at
 any time."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from pipeline.core import store
@@ -11,9 +11,10 @@ from pipeline.studies import measured
 from pipeline.studies.layout import Layout
 from pipeline.studies.models import ModelName
 from pipeline.studies.study import LIFELONG
-from pipeline.tracking import further_days, page
+from pipeline.tracking import page
 from pipeline.tracking import runs as tracking
-from pipeline.tracking.records import Source, stage_costs, with_model
+from pipeline.tracking.records import Source, of_strategies, stage_costs
+from pipeline.tracking.served import Served
 from stages import stage
 
 
@@ -47,7 +48,7 @@ def main(settings: Settings) -> str:
     for grid in study.grid_names:
         figures = layout.path("report", study.name, grid)
         source = Source(study, grid, table[table["grid"] == grid], figures, lock)
-        runs += further_days.records(source) if further else ()
+        runs += of_strategies(source) if further else ()
         for method in study.methods if study.asks_about_the_year else ():
             path = layout.path("train", study.name, grid, method.name)
             extra = stage_costs(layout, study.name, grid, method, path)
@@ -56,9 +57,8 @@ def main(settings: Settings) -> str:
             runs += [
                 source.record(posed, {}, recipe, {}) for posed in further_answers if not posed.path
             ]
-            runs.append(
-                with_model(source.record(own_answers, store.read_model(path), recipe, extra), path)
-            )
+            run = source.record(own_answers, store.read_model(path), recipe, extra)
+            runs.append(replace(run, model=Served.read(path)))
     name = tracking.experiment_of(study.name, study.simulated, LIFELONG if further else "")
     published = tracking.publish(
         settings.tracking.database,

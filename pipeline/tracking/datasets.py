@@ -40,22 +40,16 @@ def used_sequences(
     """
     folder = Layout().path("submaps", study.name).as_posix()
     made_of = lock.of(folder)[0] or json.dumps(study.table(), sort_keys=True, default=str)
-    roles = {
-        **dict.fromkeys(study.train if train else (), "train"),
-        **dict.fromkeys(tests, "test"),
-    }
-    sequences = []
-    for sequence, context in roles.items():
-        digest = hashlib.sha256(f"{made_of} {sequence}".encode()).hexdigest()[:LENGTH]
-        sequences.append(
-            UsedSequence(
-                f"{study.name} {sequence}",
-                digest,
-                context,
-                Layout().path("submaps", study.name, sequence).as_posix(),
-            )
+    contexts = dict.fromkeys(study.train if train else (), "train") | dict.fromkeys(tests, "test")
+    return [
+        UsedSequence(
+            name=f"{study.name} {sequence}",
+            digest=hashlib.sha256(f"{made_of} {sequence}".encode()).hexdigest()[:LENGTH],
+            context=context,
+            source=Layout().path("submaps", study.name, sequence).as_posix(),
         )
-    return sequences
+        for sequence, context in contexts.items()
+    ]
 
 
 def log(client: "MlflowClient", run_id: str, sequences: Sequence[UsedSequence]) -> None:

@@ -25,25 +25,20 @@ def find(client: "MlflowClient", name: str, database: Database) -> tuple[str, st
     put aside, and deleted unless it holds runs that were not published here. In a server's database
     it may be somebody else's, who would do the same to ours: ConfigError.
     """
-    experiment = client.get_experiment_by_name(name)
     aside = ""
-    if (
-        experiment is not None
-        and experiment.artifact_location != database.files
-        and database.shared
-    ):
-        raise ConfigError(
-            f"tracking.artifacts={database.files}: {name} keeps its files at "
-            f"{experiment.artifact_location}; say that"
-        )
-    if experiment is not None and experiment.lifecycle_stage == "deleted":
-        client.restore_experiment(experiment.experiment_id)
-    if experiment is not None and experiment.artifact_location != database.files:
+    if experiment := client.get_experiment_by_name(name):
+        has_moved = experiment.artifact_location != database.files
+        if has_moved and database.shared:
+            raise ConfigError(
+                f"tracking.artifacts={database.files}: {name} keeps its files at "
+                f"{experiment.artifact_location}; say that"
+            )
+        if experiment.lifecycle_stage == "deleted":
+            client.restore_experiment(experiment.experiment_id)
+        if not has_moved:
+            return str(experiment.experiment_id), ""
         aside = _put_aside(client, experiment)
-        experiment = None
-    if experiment is None:
-        return str(client.create_experiment(name, artifact_location=database.files)), aside
-    return str(experiment.experiment_id), aside
+    return str(client.create_experiment(name, artifact_location=database.files)), aside
 
 
 def _put_aside(client: "MlflowClient", experiment: "Experiment") -> str:

@@ -25,7 +25,9 @@ import base64
 import json
 import zlib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from typing import Any
+
+import yaml
 
 from pipeline.tracking import texts
 
@@ -42,77 +44,8 @@ RAMP = ((68, 1, 84), (59, 82, 139), (33, 145, 140), (94, 201, 98), (216, 176, 0)
 to last."""
 
 
-@dataclass(frozen=True)
-class Drawing:
-    """A visible section: its charts, and how they are laid out."""
-
-    charts: tuple[str, ...]
-    """The metric of each, or several with blanks between; the page heads a chart with their names,
-    and takes no title."""
-    columns: int = 1
-    """A legend has two lines, whatever the chart's height: only a wide chart has room for the name
-    of every run."""
-    height: int = 320  # px of each chart
-    bars: bool = False  # a bar for each run instead of lines over the steps
-
-
-@dataclass(frozen=True)
-class View:
-    """The sections and table columns that the page of an experiment shows."""
-
-    name: str
-    sections: Mapping[str, Drawing]
-    """In sight, from top to bottom, by headline."""
-    metrics: Mapping[str, int]
-    """Columns of the table of runs, and how wide, in px."""
-
-
-_YEAR = {
-    "Accepted answers, wrong ones among them, and wrong ones refused": Drawing(
-        ("accepted/accepted", "accepted/accepted_wrong", "accepted/refused_wrong")
-    ),
-    "AUC over days since training": Drawing(("cells/auc_top1",)),
-    "Means over the test days": Drawing(
-        ("mean/cells_auc_top1", "mean/distance_recall_at_1"), columns=2, height=250, bars=True
-    ),
-    "By distance over days": Drawing(
-        (
-            "distance/auc_top1",
-            "distance/recall_at_1",
-            "distance/recall_at_5",
-            "distance/recall_at_25",
-        )
-    ),
-    "Rejection of unseen places over days": Drawing(
-        ("cells/auroc", "cells/recall_at_99_precision", "cells/precision_at_threshold")
-    ),
-    "Ageing: change per 100 days": Drawing(
-        (
-            "ageing/cells_auc_top1_per_100_days",
-            "ageing/cells_recall_at_1_same_heading_per_100_days",
-        ),
-        columns=2,
-        height=250,
-        bars=True,
-    ),
-    "Ageing: novelty of the seen over days": Drawing(("ageing/novelty_percentile",)),
-    "Heading of what is placed right over days": Drawing(
-        ("distance/median_heading_error_deg", "distance/heading_within_10deg")
-    ),
-    "Calibration error over days": Drawing(("calibration/ece", "calibration/ece_raw")),
-    "Training curves over epochs": Drawing(
-        ("train/loss train/held_out_loss", "train/accuracy train/held_out_accuracy")
-    ),
-}
-_FURTHER_DAYS = {
-    "Recall of all queries over days learned": Drawing(
-        ("distance/recall_of_all", "cells/recall_of_all")
-    ),
-    "Forgetting over days learned": Drawing(("distance/forgetting", "cells/forgetting")),
-    "Transfer to days still to come": Drawing(("distance/transfer", "cells/transfer")),
-    "CPU seconds a day": Drawing(("cost/cpu_s",)),
-}
-_BY = ("cells/forgetting", "cells/transfer", "distance/forgetting", "distance/transfer")
+View = Mapping[str, Any]
+"""What the page of an experiment shows, as templates/views.yaml says."""
 UNBOUNDED = (
     "accepted/",
     "ageing/",
@@ -120,24 +53,27 @@ UNBOUNDED = (
     "calibration/",
     "train/loss",
     "cost/",
-    *_BY,
+    "cells/forgetting",
+    "cells/transfer",
+    "distance/forgetting",
+    "distance/transfer",
 )
 """How the names of metrics begin that are not shares, or are too small ones to be seen on
 `SCALE`."""
-FOLDED = dict.fromkeys(
-    (
-        "accepted",
-        "cells",
-        "distance",
-        "rejection",
-        "train",
-        "viewpoints",
-        "recall_by_cells",
-        "recall_by_distance",
-    ),
-    1,
-)
-FOLDED |= {"System metrics": 1} | dict.fromkeys(("mean", "ageing", "cost"), 2)
+FOLDED = {
+    "accepted": 1,
+    "cells": 1,
+    "distance": 1,
+    "rejection": 1,
+    "train": 1,
+    "viewpoints": 1,
+    "recall_by_cells": 1,
+    "recall_by_distance": 1,
+    "System metrics": 1,
+    "mean": 2,
+    "ageing": 2,
+    "cost": 2,
+}
 """Sections below, for the charts that the page adds itself, and their columns: one where they are
 lines, two where bars."""
 COLUMNS = {
@@ -147,26 +83,7 @@ COLUMNS = {
 }
 """What the table of runs shows beside a run's name and date, and how wide, in px; the metrics of a
 view follow."""
-YEAR = View(
-    "localisation over a year",
-    _YEAR,
-    {
-        "mean/cells_auc_top1": 140,
-        "mean/distance_recall_at_1": 175,
-        "mean/distance_auroc": 150,
-        "mean/cells_recall_at_1": 160,
-    },
-)
-FURTHER_DAYS = View(
-    "learning further days",
-    _FURTHER_DAYS,
-    {
-        "distance/recall_of_all": 175,
-        "cells/recall_of_all": 150,
-        "distance/forgetting": 150,
-        "cost/cpu_s": 110,
-    },
-)
+YEAR, FURTHER_DAYS = yaml.safe_load(texts.part("views.yaml")).values()
 
 
 def shade(place: int, count: int) -> str:
@@ -188,7 +105,7 @@ def tags(view: View) -> dict[str, str]:
     state = base64.b64encode(
         zlib.compress(json.dumps(_state(view), separators=(",", ":")).encode(), 9)
     ).decode()
-    shared_view = json.dumps({"name": view.name, "createdAt": 0, "state": f"deflate;{state}"})
+    shared_view = json.dumps({"name": view["name"], "createdAt": 0, "state": f"deflate;{state}"})
     kind = "custom_model_development"  # else the page asks what kind of experiment this is
     return {
         "mlflow.experimentKind": kind,
@@ -212,44 +129,51 @@ def url(experiment_id: str, host: str, port: int) -> str:
 
 
 def _state(view: View) -> dict[str, object]:
-    sections = [
-        _section(name, True, {"columns": drawing.columns, "cardHeight": drawing.height})
-        for name, drawing in view.sections.items()
+    widths = COLUMNS | {f"metrics.`{name}`": width for name, width in view["metrics"].items()}
+    shown = [
+        _section(
+            name, True, columns=section.get("columns", 1), cardHeight=section.get("height", 320)
+        )
+        for name, section in view["sections"].items()
     ]
-    sections += [_section(name, False, {"columns": columns}) for name, columns in FOLDED.items()]
-    charts = [
-        _chart(name, drawing, metrics.split())
-        for name, drawing in view.sections.items()
-        for metrics in drawing.charts
-    ]
-    widths = COLUMNS | {f"metrics.`{name}`": width for name, width in view.metrics.items()}
-    flags = {"isAccordionReordered": True, "runsHiddenMode": "SHOW_ALL"}
-    columns = {"selectedColumns": [*widths], "columnOrder": [*widths], "columnWidths": widths}
-    return {"compareRunSections": sections, "compareRunCharts": charts, **flags, **columns}
+    folded = [_section(name, False, columns=columns) for name, columns in FOLDED.items()]
+    return {
+        "compareRunSections": shown + folded,
+        "compareRunCharts": [
+            _chart(name, metrics.split(), section.get("bars", False))
+            for name, section in view["sections"].items()
+            for metrics in section["charts"]
+        ],
+        "isAccordionReordered": True,
+        "runsHiddenMode": "SHOW_ALL",
+        "selectedColumns": [*widths],
+        "columnOrder": [*widths],
+        "columnWidths": widths,
+    }
 
 
-def _section(name: str, display: bool, size: Mapping[str, int]) -> dict[str, object]:
+def _section(name: str, display: bool, **size: int) -> dict[str, object]:
     return {"uuid": name, "name": name, "display": display, "isReordered": False, **size}
 
 
-def _chart(section: str, drawing: Drawing, metrics: list[str]) -> dict[str, object]:
+def _chart(section: str, metrics: list[str], bars: bool) -> dict[str, object]:
     """A chart, as the page's own configuration has it."""
     chart = {"uuid": metrics[0], "metricSectionId": section, "metricKey": metrics[0]}
-    if drawing.bars:
+    if bars:
         return {**chart, "type": "BAR"}
-    axes = {
+    several = {"selectedMetricKeys": metrics} if len(metrics) > 1 else {}
+    return {
+        **chart,
+        "type": "LINE",
         "xAxisKey": "step",
         "xAxisScaleType": "linear",
         "scaleType": "linear",
         "yAxisKey": "metric",
         "yAxisExpressions": [],
-    }
-    scale: dict[str, float] = {} if metrics[0].startswith(UNBOUNDED) else SCALE
-    lines = {
+        "range": {} if metrics[0].startswith(UNBOUNDED) else SCALE,
         "displayPoints": True,
         "lineSmoothness": 0,
         "useGlobalXaxisKey": False,
         "useGlobalLineSmoothing": False,
+        **several,
     }
-    several = {"selectedMetricKeys": metrics} if len(metrics) > 1 else {}
-    return {**chart, "type": "LINE", **axes, "range": scale, **lines, **several}

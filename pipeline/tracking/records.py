@@ -1,11 +1,11 @@
 """Builds the runs that MLflow shows, from the table of results.
 
-One run for each method, with a child run for each day; one for each sweep, with a child run for
-each job.
+One run for each method, with a child run for each day; one for each strategy of learning further
+days; one for each sweep, with a child run for each job.
 """
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from statistics import fmean
@@ -16,12 +16,13 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pipeline.core.errors import ArtifactError
+from pipeline.evaluation.lifelong import CHANGE
 from pipeline.evaluation.rows import table
 from pipeline.evaluation.study_rows import AGEING
 from pipeline.running.dvc_files import DvcLock
 from pipeline.running.telemetry import Trace, costs
 from pipeline.studies.catalogue import what
-from pipeline.studies.colours import colour, darker
+from pipeline.studies.colours import PALETTE, colour, darker
 from pipeline.studies.layout import Layout
 from pipeline.studies.models import ModelName
 from pipeline.studies.study import Study, StudyMethod
@@ -29,7 +30,6 @@ from pipeline.sweeps.record import Record
 from pipeline.tracking.datasets import used_sequences
 from pipeline.tracking.page import COLOUR
 from pipeline.tracking.runs import RunRecord
-from pipeline.tracking.served import Served
 from pipeline.tracking.texts import filled
 
 CHARTED = {
@@ -48,9 +48,8 @@ REJECTION = {
     "recall_at_threshold": "recall",
 }
 """What is charted of each kind of novelty, by cells, and the end of the metric's name."""
-BELIEF = ("accepted", "accepted_wrong", "refused", "refused_wrong")
 GROUPS = {
-    **dict.fromkeys(BELIEF, "accepted"),
+    **dict.fromkeys(("accepted", "accepted_wrong", "refused", "refused_wrong"), "accepted"),
     "ece": "calibration",
     "ece_raw": "calibration",
     "novelty_percentile": "ageing",
@@ -83,9 +82,8 @@ class Source:
     grid: str
     rows: pd.DataFrame  # of the table of results, of this study and grid
     figures: Path  # folder of the report's figures, with its list of whose they are
-    lock: DvcLock = field(
-        default_factory=lambda: DvcLock({})
-    )  # where the digests of its sequences come from
+    # where the digests of its sequences come from
+    lock: DvcLock = field(default_factory=lambda: DvcLock({}))
 
     def record(
         self,
@@ -98,73 +96,63 @@ class Source:
 
         Its metrics are those over the days, ageing, curves of training, and `extra`.
         """
-        rows = self.rows
+        study = self.study
         model = answerer.family
-        model_rows = rows[
-            (rows["method"] == answerer.method)
-            & (rows["variant"] == answerer.answered)
-            & (rows["seed"] == 0)
+        rows = self.rows[
+            (self.rows["method"] == answerer.method)
+            & (self.rows["variant"] == answerer.answered)
+            & (self.rows["seed"] == 0)
         ]
-        place = {"dataset": self.study.name, "grid": self.grid}
-        tint = colour(model)
-        tags = {COLOUR: darker(tint) if answerer.answered else tint, **place, "method": model}
-        tags["data"] = "simulated" if self.study.simulated else "recorded"
-        params = {**place, "train": self.study.train_text, **recipe}
-        rows_as_driven = model_rows[(model_rows["change"] == "") & (model_rows["stress"] == "")]
-        curves = {
-            f"train/{name.removeprefix('curves/')}": list(enumerate(map(float, values), start=1))
-            for name, values in arrays.items()
-            if name.startswith("curves/")
-        }
-        children = []
-        for test in self.study.tests:
-            day = rows_as_driven[rows_as_driven["sequence"] == test]
-            files = self.files(model, test)
-            day_tags = tags | {"sequence": test}
-            about = self._about("day.md.j2", sequence=test, days=_days(day))
-            inputs = used_sequences(self.study, [test], self.lock, train=False)
-            children.append(
-                RunRecord(
-                    test,
-                    day_tags,
-                    params | {"test": test},
-                    over_days(day),
-                    files,
-                    about=about,
-                    used=inputs,
-                )
-            )
-        test_rows = rows_as_driven[rows_as_driven["sequence"].isin(self.study.tests)]
-        series = (
-            over_days(test_rows)
-            | means(test_rows)
-            | curves
-            | ageing(rows_as_driven)
-            | viewpoints(model_rows)
-            | extra
-        )
-        places = len(arrays["place_xy_m"]) if "place_xy_m" in arrays else 0
-        run_values = {
-            "what": what(recipe.get("_target_", "")),
-            "method": model,
-            "share": recipe.get("budget", ""),
-            "places": places,
-        }
-        about = self._about("run.md.j2", **run_values)
-        registered = "" if answerer.posed else self._registered(model)
-        inputs = used_sequences(self.study, self.study.tests, self.lock)
-        return RunRecord(
+        driven = rows[(rows[["change", "stress"]] == "").all(axis=1)]
+        tested = driven[driven["sequence"].isin(study.tests)]
+        place = {"dataset": study.name, "grid": self.grid}
+        run = RunRecord(
             self.run(model),
-            tags,
-            params,
-            series,
+            {
+                COLOUR: darker(colour(model)) if answerer.answered else colour(model),
+                **place,
+                "method": model,
+                "data": self.data,
+            },
+            {**place, "train": study.train_text, **recipe},
+            over_days(tested)
+            | means(tested)
+            | training_curves(arrays)
+            | ageing(driven)
+            | viewpoints(rows)
+            | extra,
             self.files(model),
-            children,
-            None,
-            registered,
-            about,
-            inputs,
+            registered="" if answerer.posed else self._registered(model),
+            about=self._about(
+                "run.md.j2",
+                what=what(recipe.get("_target_", "")),
+                method=model,
+                share=recipe.get("budget", ""),
+                places=len(arrays.get("place_xy_m", ())),
+            ),
+            used=used_sequences(study, study.tests, self.lock),
         )
+        days = [self._day(run, model, test, tested) for test in study.tests]
+        return replace(run, children=days)
+
+    def _day(self, run: RunRecord, model: str, test: str, rows: pd.DataFrame) -> RunRecord:
+        """The child of a method's run that holds one test sequence."""
+        of_day = rows[rows["sequence"] == test]
+        days = of_day["days"].dropna().astype(int)
+        return RunRecord(
+            test,
+            {**run.tags, "sequence": test},
+            {**run.params, "test": test},
+            over_days(of_day),
+            self.files(model, test),
+            about=self._about("day.md.j2", sequence=test, days=next(iter(days), None)),
+            used=used_sequences(self.study, [test], self.lock, train=False),
+        )
+
+    @property
+    def data(self) -> str:
+        """Whether the study's data are simulated or recorded."""
+        return "simulated" if self.study.simulated else "recorded"
 
     def run(self, model: str) -> str:
         """The name of a model's run, with the grid where the study has several.
@@ -175,20 +163,20 @@ class Source:
 
     def _registered(self, model: str) -> str:
         """The name of the method's model in the registry, such as campus-sci-simulated."""
-        return "-".join(
-            [self.study.name, *self.run(model).split()] + ["simulated"] * self.study.simulated
-        )
+        words = [self.study.name, *self.run(model).split()]
+        return "-".join(words + ["simulated"] * self.study.simulated)
 
     def _about(self, template: str, **values: Any) -> str:
-        study_values = {
-            "study": self.study.name,
-            "grid": self.grid,
-            "simulated": self.study.simulated,
-            "train": self.study.train_text,
-            "tests": self.study.tests,
-            "budget": self.study.budget,
-        }
-        return filled(template, **study_values | values)
+        return filled(
+            template,
+            study=self.study.name,
+            grid=self.grid,
+            simulated=self.study.simulated,
+            train=self.study.train_text,
+            tests=self.study.tests,
+            budget=self.study.budget,
+            **values,
+        )
 
     def files(self, model: str, sequence: str = "") -> list[Path]:
         """The figures of a model, with those of all models; or its figures on one test sequence.
@@ -199,41 +187,138 @@ class Source:
         manifest = self.figures / "figures.json"
         if not manifest.is_file():
             raise ArtifactError(f"{self.figures}: no report yet; `dvc repro` writes it")
-        entries = json.loads(manifest.read_text(encoding="utf-8"))
         owners = {model} if sequence else {model, ""}
-        names = [
+        names = dict.fromkeys(
             entry["file"]
-            for entry in entries
+            for entry in json.loads(manifest.read_text(encoding="utf-8"))
             if entry["sequence"] == sequence and entry["model"] in owners
+        )
+        return [self.figures / name for name in names]
+
+
+def of_strategies(source: Source) -> Iterator[RunRecord]:
+    """The runs of a study of learning further days: one a strategy, model and order.
+
+    Means over the seeds, a point a step; the steps are the days learned.
+    """
+    study = source.study
+    rows = source.rows
+    rows = rows[(rows["change"] == CHANGE) & np.isfinite(rows["value"])]
+    strategies = rows["kind"].str.partition(" ")[2].unique().tolist()
+    for (kind, method, variant), group in rows.groupby(["kind", "method", "variant"], sort=False):
+        order, _, strategy = kind.partition(" ")
+        course = {
+            "dataset": study.name,
+            "grid": source.grid,
+            "model": ModelName(method, variant).name,
+            "order": order,
+            "strategy": strategy,
+        }
+        seeds = group["seed"].unique()
+        places = group[group["number"] == "places"].sort_values("level")
+        steps = places["sequence"].unique().tolist()
+        learned = {*study.train, *study.learned, *study.updates}
+        surveyed = replace(study, train=tuple(step for step in steps if step in learned))
+        yield RunRecord(
+            f"{source.run(course['model'])} {order} {strategy}",
+            {
+                COLOUR: PALETTE[strategies.index(strategy) % len(PALETTE)],
+                "data": source.data,
+                **course,
+            },
+            {**course, "train": study.train_text, "seeds": len(seeds), "budget": study.budget},
+            over_steps(group),
+            source.files(course["model"]),
+            about=filled(
+                "course.md.j2",
+                **course,
+                steps=steps,
+                asked=study.tests,
+                seeds=seeds,
+                simulated=study.simulated,
+            ),
+            used=used_sequences(surveyed, study.tests, source.lock),
+        )
+
+
+def of_sweep(
+    records: Sequence[Record], defaults: Mapping[str, str], figures: Sequence[Path]
+) -> RunRecord:
+    """The run of one sweep, named by what was swept.
+
+    The steps of the parent's own metrics are the jobs' numbers.
+    """
+    first = records[0]
+    settings = [
+        {name: value for name, value in record.overrides.items() if name not in defaults}
+        for record in records
+    ]
+    swept = {
+        name: ",".join(dict.fromkeys(job[name] for job in settings if name in job))
+        for name in dict.fromkeys(name for job in settings for name in job)
+    }
+    series = {
+        f"sweep/{name}": [
+            (record.number, fmean(values)) for record in records if (values := record.values(*key))
         ]
-        return [self.figures / file for file in dict.fromkeys(names)]
+        for name, key in CHARTED.items()
+    }
+    tags = {
+        "dataset": first.dataset,
+        "method": first.method,
+        "data": "simulated" if first.simulated else "recorded",
+    }
+    return RunRecord(
+        f"sweep {_short(swept)}"[:240],
+        tags,
+        swept,
+        {name: points for name, points in series.items() if points},
+        figures,
+        [_job(record, job, tags) for record, job in zip(records, settings, strict=True)],
+    )
+
+
+def _job(record: Record, settings: Mapping[str, str], tags: Mapping[str, str]) -> RunRecord:
+    """The child of a sweep's run that holds one job."""
+    rows = table(record.rows)
+    failed = {"error": record.error} if record.error else {}
+    return RunRecord(
+        _short(settings) or f"job {record.number}",
+        {**tags, **failed},
+        settings,
+        over_days(rows[(rows["kind"] == "") & ~rows["number"].isin(NOT_OF_JOBS)]),
+    )
+
+
+def _short(values: Mapping[str, str]) -> str:
+    return " ".join(f"{name.rpartition('.')[2]}={value}" for name, value in values.items())
 
 
 def over_days(rows: pd.DataFrame) -> Series:
     """Every number of some sequences over the days, named as MLflow groups: `cells/auc_top1`."""
-    rows = rows[
-        np.isfinite(rows["days"])
-        & (rows["value"].abs() <= LARGEST)
-        & ~rows["number"].str.endswith("_line")
-    ]
-    plain_rows = rows[rows["kind"] == ""]
+    shown = np.isfinite(rows["days"]) & (rows["value"].abs() <= LARGEST)
+    rows = rows[shown & ~rows["number"].str.endswith("_line")]
+    plain = rows[rows["kind"] == ""]
+    groups = plain["number"].map(GROUPS).fillna(plain["protocol"])
     kinds = rows[(rows["kind"] != "") & (rows["protocol"] == "cells")]
     kinds = kinds[kinds["number"].isin(REJECTION)]
-    names = (
-        plain_rows["number"].map(GROUPS).fillna(plain_rows["protocol"]) + "/" + plain_rows["number"]
-    )
     of_kinds = "rejection/" + kinds["kind"] + "_" + kinds["number"].map(REJECTION)
-    return _points(plain_rows, names, "days") | _points(kinds, of_kinds, "days")
+    return _points(plain, groups + "/" + plain["number"], "days") | _points(kinds, of_kinds, "days")
 
 
 def means(rows: pd.DataFrame) -> Series:
     """The mean of each of MEANS over the test days that have it, as the one value of `mean/…`."""
-    plain_rows = rows[(rows["kind"] == "") & np.isfinite(rows["days"]) & np.isfinite(rows["value"])]
-    mean = plain_rows.groupby(["protocol", "number"])["value"].mean()
+    plain = rows[(rows["kind"] == "") & np.isfinite(rows["days"]) & np.isfinite(rows["value"])]
+    mean = plain.groupby(["protocol", "number"])["value"].mean()
+    return {f"mean/{by}_{name}": [(0, mean[by, name])] for by, name in MEANS if (by, name) in mean}
+
+
+def training_curves(arrays: Mapping[str, NDArray[Any]]) -> Series:
+    """What a model's file holds of its training, over the epochs."""
     return {
-        f"mean/{protocol}_{number}": [(0, mean[protocol, number])]
-        for protocol, number in MEANS
-        if (protocol, number) in mean
+        f"train/{name.removeprefix('curves/')}": list(enumerate(map(float, values), start=1))
+        for name, values in arrays.items()
+        if name.startswith("curves/")
     }
 
 
@@ -243,36 +328,40 @@ def ageing(rows: pd.DataFrame) -> Series:
     Single values, at step 0: MLflow draws a metric whose only step is 0 as bars over the runs, any
     other as a line, which would be a dot.
     """
-    study_rows = rows[rows["sequence"] == ""]
+    of_year = rows[rows["sequence"] == ""].set_index(["protocol", "number"])
     series = Series()
-    numbers = study_rows.set_index(["protocol", "number"])[["value", "low", "high"]]
     for protocol, number in AGEING:
         name = number if number == "novelty_percentile" else f"{protocol}_{number}"
-        for end, bounds in (("per_100_days", ("", "_low", "_high")), ("retrain_after_days", ("",))):
-            if (protocol, f"{number}_{end}") in numbers.index:
-                values = zip(bounds, numbers.loc[(protocol, f"{number}_{end}")], strict=False)
-                series |= {
-                    f"ageing/{name}_{end}{bound}": [(0, float(v))]
-                    for bound, v in values
-                    if np.isfinite(v)
-                }
+        for end, bounds in (
+            ("per_100_days", {"": "value", "_low": "low", "_high": "high"}),
+            ("retrain_after_days", {"": "value"}),
+        ):
+            key = (protocol, f"{number}_{end}")
+            values = of_year.loc[key] if key in of_year.index else {}
+            series |= {
+                f"ageing/{name}_{end}{bound}": [(0, float(values[column]))]
+                for bound, column in bounds.items()
+                if np.isfinite(values.get(column, np.nan))
+            }
     return series
 
 
 def viewpoints(rows: pd.DataFrame) -> Series:
     """Numbers on turned queries, over whole degrees of heading."""
-    viewpoint_rows = rows[(rows["change"] == "viewpoint") & np.isfinite(rows["value"])]
-    return _points(
-        viewpoint_rows,
-        "viewpoints/" + viewpoint_rows["number"] + " " + viewpoint_rows["sequence"],
-        "level",
-    )
+    turned = rows[(rows["change"] == "viewpoint") & np.isfinite(rows["value"])]
+    return _points(turned, "viewpoints/" + turned["number"] + " " + turned["sequence"], "level")
 
 
-def _days(rows: pd.DataFrame) -> int | None:
-    """Days since training of one sequence's rows; None where there are none."""
-    days = rows["days"].dropna()
-    return int(days.iloc[0]) if len(days) else None
+def over_steps(rows: pd.DataFrame) -> Series:
+    """The means over the seeds of each metric over the steps of a strategy.
+
+    Recall of each asked day or part has a group of its own.
+    """
+    groups = rows["protocol"].replace("", "cost") + "/" + rows["number"]
+    of_days = "recall_by_" + rows["protocol"] + "/" + rows["sequence"]
+    names = groups.where(rows["number"] != "recall_at_1", of_days)
+    means = rows.assign(metric=names).groupby(["metric", "level"])["value"].mean().reset_index()
+    return _points(means, means["metric"], "level")
 
 
 def _points(rows: pd.DataFrame, names: pd.Series, step: str) -> Series:
@@ -285,80 +374,14 @@ def _points(rows: pd.DataFrame, names: pd.Series, step: str) -> Series:
 
 def stage_costs(layout: Layout, study: str, grid: str, method: StudyMethod, model: Path) -> Series:
     """The costs of a method's stages and the trace of its training, where they ran here."""
-    views = layout.path("views", study, method.view)
-    stages = {"views": [views], "train": [model]}
-    stages |= {
-        stage: [layout.path(stage, study, grid, method.name)] for stage in ("localize", "evaluate")
-    }
     trace = Trace.read(model)
-    return {f"cost/{name}": [(0, value)] for name, value in costs(stages).items()} | (
-        trace.series() if trace else {}
-    )
-
-
-def with_model(record: RunRecord, arrays: Path) -> RunRecord:
-    """The run with its model, where the model's recipe names its class."""
-    return replace(record, model=Served.read(arrays))
-
-
-def of_sweep(
-    records: Sequence[Record], defaults: Mapping[str, str], figures: Sequence[Path]
-) -> RunRecord:
-    """The run of one sweep, named by what was swept.
-
-    The steps of the parent's own metrics are the jobs' numbers.
-    """
-    first = records[0]
-    overrides_of = {
-        record.number: {
-            key: value for key, value in record.overrides.items() if key not in defaults
+    measured = costs(
+        {
+            "views": [layout.path("views", study, method.view)],
+            "train": [model],
+            "localize": [layout.path("localize", study, grid, method.name)],
+            "evaluate": [layout.path("evaluate", study, grid, method.name)],
         }
-        for record in records
-    }
-    names = dict.fromkeys(name for overrides in overrides_of.values() for name in overrides)
-    values = {
-        name: ",".join(
-            dict.fromkeys(
-                overrides[name] for overrides in overrides_of.values() if name in overrides
-            )
-        )
-        for name in names
-    }
-    tags = {
-        "dataset": first.dataset,
-        "method": first.method,
-        "data": "simulated" if first.simulated else "recorded",
-    }
-    series = {
-        f"sweep/{name}": [
-            (record.number, fmean(test_values))
-            for record in records
-            if (test_values := record.values(*number))
-        ]
-        for name, number in CHARTED.items()
-    }
-    children = []
-    for record in records:
-        name = _short(overrides_of[record.number]) or f"job {record.number}"
-        rows = table(record.rows)
-        job_series = over_days(rows[(rows["kind"] == "") & ~rows["number"].isin(NOT_OF_JOBS)])
-        children.append(
-            RunRecord(
-                name,
-                tags | ({"error": record.error} if record.error else {}),
-                overrides_of[record.number],
-                job_series,
-            )
-        )
-    return RunRecord(
-        f"sweep {_short(values)}"[:240],
-        tags,
-        values,
-        {k: v for k, v in series.items() if v},
-        figures,
-        children,
     )
-
-
-def _short(values: Mapping[str, str]) -> str:
-    return " ".join(f"{name.rpartition('.')[2]}={value}" for name, value in values.items())
+    series = {f"cost/{name}": [(0, value)] for name, value in measured.items()}
+    return series | (trace.series() if trace else {})

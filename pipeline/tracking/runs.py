@@ -145,38 +145,34 @@ def publish(
             if KEY in run.data.tags
         ]
         models = served.owners(client, experiment_id)
-        written = 0
         kept = 0
+        run_ids = []
         now_ms = time.time_ns() // 1_000_000
         for place, record in enumerate(runs):
-            earlier_runs = [
+            earlier = [
                 run for run in own_runs if _is_of(run, record) and PARENT not in run.data.tags
             ]
-            complete_runs = [run for run in earlier_runs if _stands(run, record, own_runs, models)]
-            if complete_runs:
-                kept += 1 + len(record.children)
-            else:
-                _write(client, experiment_id, record, {page.COLOUR: page.GREY}, now_ms - place)
-                written += 1 + len(record.children)
-            for run in earlier_runs:
-                if run not in complete_runs[:1]:
+            complete = [
+                run.info.run_id for run in earlier if _stands(run, record, own_runs, models)
+            ]
+            kept += (1 + len(record.children)) * bool(complete)
+            family = {page.COLOUR: page.GREY}
+            run_id = next(iter(complete), None) or _write(
+                client, experiment_id, record, family, now_ms - place
+            )
+            for run in earlier:
+                if run.info.run_id != run_id:
                     _delete(client, run.info.run_id, own_runs, models)
+            run_ids.append(run_id)
         logged = served.owners(client, experiment_id)
-        names = {record.name: record.registered for record in runs if record.registered}
-        parents = [
-            run
-            for run in served.all_results(client.search_runs, experiment_id)
-            if PARENT not in run.data.tags
-        ]
-        registered_runs = [
-            (run.info.run_id, names[run.info.run_name])
-            for run in parents
-            if run.info.run_name in names
-        ]
-        registered_models = {
-            name: model for run_id, name in registered_runs for model in logged.get(run_id, ())
+        registered = {
+            record.registered: model
+            for record, run_id in zip(runs, run_ids, strict=True)
+            for model in logged.get(run_id, ())
+            if record.registered
         }
-        registry.settle(client, experiment, experiment_id, registered_models)
+        registry.settle(client, experiment, experiment_id, registered)
+    written = sum(1 + len(record.children) for record in runs) - kept
     return Published(experiment_id, written, kept, aside)
 
 
@@ -251,8 +247,8 @@ def _write(
     record: RunRecord,
     family: Mapping[str, str],
     start_ms: int,
-) -> None:
-    """Write one run and its children; its key last, when it is whole.
+) -> str:
+    """Write one run and its children, its key last, when it is whole; returns its id.
 
     A point's time is its step in seconds, so no clock enters.
 
@@ -264,18 +260,15 @@ def _write(
 
     note = {NOTE: texts.linked(record.about, page.fragment(experiment_id))} if record.about else {}
     tags = {**family, **record.tags, **note}
-    run_id = client.create_run(
-        experiment_id, start_ms, {**tags, KEY: "unfinished"}, record.name
-    ).info.run_id
-    client.log_batch(
-        run_id, params=[Param(name, str(value)) for name, value in record.params.items()]
-    )
-    series = [
-        (name, float(value), step)
-        for name, points in record.series.items()
-        for step, value in points
+    run = client.create_run(experiment_id, start_ms, {**tags, KEY: "unfinished"}, record.name)
+    run_id = str(run.info.run_id)
+    params = [Param(name, str(value)) for name, value in record.params.items()]
+    client.log_batch(run_id, params=params)
+    points = [
+        Metric(name, float(value), NO_CLOCK_MS + 1_000 * step, step)
+        for name, series in record.series.items()
+        for step, value in series
     ]
-    points = [Metric(name, value, NO_CLOCK_MS + 1_000 * step, step) for name, value, step in series]
     for start in range(0, len(points), BATCH):
         client.log_batch(run_id, metrics=points[start : start + BATCH])
     for path in record.figures:
@@ -289,3 +282,4 @@ def _write(
     lasted_s = max((point.step for point in points if point.key.startswith(SYSTEM)), default=0)
     client.set_terminated(run_id, end_time=start_ms + 1_000 * lasted_s)
     client.set_tag(run_id, KEY, record.key())
+    return run_id

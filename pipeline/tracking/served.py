@@ -21,6 +21,7 @@ import numpy as np
 from pipeline.core import remote, store
 from pipeline.core.building import parsed
 from pipeline.core.errors import InputError
+from pipeline.tracking.texts import filled
 
 if TYPE_CHECKING:
     from mlflow import MlflowClient
@@ -63,9 +64,8 @@ class Served:
 
     arrays: Path  # the model that `stages.train` wrote
     method: str  # module and class, as `pipeline.methods.sci:Sci`
-    parameters: Mapping[
-        str, bool | int | float | str
-    ]  # of its constructor; those that it has no field for are left out there
+    # of its constructor; those that it has no field for are left out there
+    parameters: Mapping[str, bool | int | float | str]
     image_shape: tuple[int, ...]  # of one view, such as rings and sectors
     k: int = 25  # places ranked unless `predict(views, params={"k": …})` asks for another number
 
@@ -91,13 +91,11 @@ class Served:
 
         `RunRecord.key` hashes it.
         """
-        code = {
-            path.relative_to(LIBRARY).as_posix(): _digest(path) for path in (PYFUNC, *shipped())
-        }
+        files = (PYFUNC, *shipped())
         return asdict(self) | {
             "arrays": _digest(self.arrays),
             "parameters": dict(self.parameters),
-            "code": code,
+            "code": {path.relative_to(LIBRARY).as_posix(): _digest(path) for path in files},
         }
 
     @property
@@ -111,17 +109,8 @@ class Served:
         MLflow itself shows the signature in a file only.
         """
 
-        def lines(way: str, tensors: Mapping[str, tuple[type, Dims]]) -> list[str]:
-            return [
-                f"{way:<5}{name:<12}{np.dtype(kind)} ({', '.join(map(str, dims))})"
-                for name, (kind, dims) in tensors.items()
-            ]
-
-        model = f'mlflow.pyfunc.load_model("models:/{model_id}")'
-        call = f'{model}.predict(views, params={{"k": {self.k}}})'
-        parameter = f"{'in':<5}{'k':<12}int, {self.k} unless given"
-        return "\n".join(
-            ["```", call, "", *lines("in", self.inputs), parameter, *lines("out", OUTPUTS), "```"]
+        return filled(
+            "model.md.j2", model_id=model_id, k=self.k, inputs=self.inputs, outputs=OUTPUTS
         )
 
     def save(self, folder: Path, **metadata: Any) -> None:

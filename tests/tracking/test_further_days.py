@@ -7,8 +7,7 @@ import pytest
 
 from pipeline.report import report
 from pipeline.tracking import page
-from pipeline.tracking.further_days import records
-from pipeline.tracking.records import Source
+from pipeline.tracking.records import Source, of_strategies
 from pipeline.tracking.runs import RunRecord, publish
 from tests.report import learned
 from tests.report.studied import FEW
@@ -21,7 +20,7 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> dict[str, RunRecord]:
     report.write(folder, study.layout, {"campus": learned.SETTINGS}, study.table, FEW, pytest.fail)
     return {
         one.name: one
-        for one in records(Source(learned.SETTINGS, "10m", study.rows, folder / "campus/10m"))
+        for one in of_strategies(Source(learned.SETTINGS, "10m", study.rows, folder / "campus/10m"))
     }
 
 
@@ -67,11 +66,11 @@ def test_a_strategy_has_one_colour_in_every_order_and_its_models_figures(
 def test_the_page_shows_what_the_runs_have(found: dict[str, RunRecord]) -> None:
     shown = [
         name
-        for one in page.FURTHER_DAYS.sections.values()
-        for chart in one.charts
+        for one in page.FURTHER_DAYS["sections"].values()
+        for chart in one["charts"]
         for name in chart.split()
     ]
-    assert {*shown, *page.FURTHER_DAYS.metrics} <= found["sci days grown"].series.keys()
+    assert {*shown, *page.FURTHER_DAYS["metrics"]} <= found["sci days grown"].series.keys()
     assert all(len(value) <= page.LIMIT for value in page.tags(page.FURTHER_DAYS).values())
 
 
