@@ -15,7 +15,6 @@ from pipeline.report.comparison import (
     Comparison,
     Kind,
     Measure,
-    Measurement,
 )
 from pipeline.report.findings import Finding
 from pipeline.report.table import average
@@ -28,71 +27,47 @@ PAPERS_WAYS = 4  # the SCI paper finds that so many headings suffice
 
 def leader(comparison: Comparison, kind: Kind, measure: Measure) -> Finding:
     """The best model in one kind of case, and by how much it is ahead of the next ones."""
-    means = {
-        model: comparison.measurement(model, kind, measure)
-        for model in comparison.ordered(kind, measure)
-    }
-    models = [model for model, measurement in means.items() if np.isfinite(measurement.mean)][:4]
-    ranked: list[dict[str, Any]] = [{"model": model, **_spread(means[model])} for model in models]
+    ranked = _means(comparison, kind, measure)[:4]
     for entry in ranked[1:]:
-        margin = comparison.ahead(models[0], entry["model"], kind, measure)
+        margin = comparison.ahead(ranked[0]["model"], entry["model"], kind, measure)
         entry |= {"behind": -margin.value, "clear": margin.clear}
     return Finding("leader", kind=kind, title=measure.title, digits=measure.digits, ranked=ranked)
 
 
 def kept(comparison: Comparison, kind: Kind) -> Finding:
     """Which models keep their AUC, and which lose most of it."""
-    shares = {
-        model: comparison.measurement(model, kind, KEPT).mean
-        for model in comparison.ordered(kind, KEPT)
-    }
-    entries: list[dict[str, Any]] = [
-        {"model": model, "share": share} | _aucs(comparison, model, kind)
-        for model, share in shares.items()
+    ranked = [
+        {"model": entry["model"], "share": entry["mean"], **_aucs(comparison, entry["model"], kind)}
+        for entry in _means(comparison, kind, KEPT)
     ]
-    ranked = [entry for entry in entries if np.isfinite(entry["share"])]
-    return Finding(
-        "kept",
-        kind=kind,
-        whole=[entry for entry in ranked if entry["share"] >= WHOLE],
-        ranked=ranked,
-        limit=WHOLE,
-    )
+    whole = [entry for entry in ranked if entry["share"] >= WHOLE]
+    return Finding("kept", kind=kind, whole=whole, ranked=ranked, limit=WHOLE)
 
 
 def nearly_always(comparison: Comparison, kind: Kind) -> Finding:
     """Which models are right, by distance, at nearly all queries."""
-    right = [
-        model
-        for model in comparison.models
-        if comparison.measurement(model, kind, FAR).mean >= WHOLE
-    ]
-    return Finding(
-        "nearly_always", kind=kind, right=right, models=len(comparison.models), limit=WHOLE
-    )
+    models = comparison.models
+    right = [m for m in models if comparison.measurement(m, kind, FAR).mean >= WHOLE]
+    return Finding("nearly_always", kind=kind, right=right, models=len(models), limit=WHOLE)
 
 
 def heading_errors(comparison: Comparison, kind: Kind) -> Finding:
     """How large the heading errors are, for the models that give headings."""
-    entries = [
-        {"model": model, **_spread(comparison.measurement(model, kind, OFF))}
-        for model in comparison.models
-    ]
-    return Finding(
-        "heading_errors",
-        kind=kind,
-        listed=[entry for entry in entries if np.isfinite(entry["mean"])],
-    )
+    entries = _means(comparison, kind, OFF)
+    listed = sorted(entries, key=lambda entry: comparison.models.index(entry["model"]))
+    return Finding("heading_errors", kind=kind, listed=listed)
 
 
 def chance(comparison: Comparison, kind: Kind) -> Finding:
     """How far chance alone moves the AUC: between repeats, between seeds, between days."""
     measurements = [comparison.measurement(model, kind, AUC) for model in comparison.models]
-    deviations = []
-    for name in ("repeat", "seed", "sequence"):
-        mean = average([getattr(measurement, f"over_{name}s") for measurement in measurements])
-        deviations += [{"name": name, "mean": mean}] if np.isfinite(mean) else []
-    return Finding("chance", kind=kind, deviations=deviations)
+    deviations = {
+        "repeat": average([measurement.over_repeats for measurement in measurements]),
+        "seed": average([measurement.over_seeds for measurement in measurements]),
+        "sequence": average([measurement.over_sequences for measurement in measurements]),
+    }
+    finite = [{"name": k, "mean": mean} for k, mean in deviations.items() if np.isfinite(mean)]
+    return Finding("chance", kind=kind, deviations=finite)
 
 
 def shadows(comparison: Comparison) -> list[Finding]:
@@ -106,21 +81,15 @@ def shadows(comparison: Comparison) -> list[Finding]:
         return []
     worst = max(shadowed, key=lambda kind: kind.level)
     bare = replace(worst, shadow=False)
-    models = comparison.models
-    differences = [
-        comparison.measurement(model, worst, AUC).mean
-        - comparison.measurement(model, bare, AUC).mean
-        for model in models
-    ]
-    return [
-        Finding(
-            "shadows",
-            kind=bare,
-            mean=average(differences),
-            lower=int(np.sum(np.array(differences) < 0)),
-            models=len(models),
-        )
-    ]
+    differences = np.array(
+        [
+            comparison.measurement(model, worst, AUC).mean
+            - comparison.measurement(model, bare, AUC).mean
+            for model in comparison.models
+        ]
+    )
+    counts = {"lower": int((differences < 0).sum()), "models": len(differences)}
+    return [Finding("shadows", kind=bare, mean=average(differences), **counts)]
 
 
 def n_ways(comparison: Comparison, kind: Kind) -> Finding:
@@ -129,65 +98,67 @@ def n_ways(comparison: Comparison, kind: Kind) -> Finding:
     It must suffice for arbitrary headings and keep the performance at normal ones.
     """
     ways = comparison.ways()
-    entries = [{"n": n} | _aucs(comparison, model, kind) for n, model in ways.items()]
-    four = ways.get(PAPERS_WAYS)
-    untested = Finding("n_ways", kind=kind, listed=entries, n=PAPERS_WAYS, tested=False)
-    if four is None or len(ways) < 2:
-        return untested
-    share = comparison.measurement(four, kind, KEPT).mean
+    listed = [{"n": n, **_aucs(comparison, model, kind)} for n, model in ways.items()]
+    four = ways.get(PAPERS_WAYS, "")
+    share = comparison.measurement(four, kind, KEPT).mean if four and len(ways) > 1 else np.nan
     if np.isnan(share):
-        return untested
+        return Finding("n_ways", kind=kind, listed=listed, n=PAPERS_WAYS, tested=False)
     more = [
-        {"n": n} | asdict(comparison.ahead(model, four, kind, AUC))
+        {"n": n, **asdict(comparison.ahead(model, four, kind, AUC))}
         for n, model in ways.items()
         if n > PAPERS_WAYS
     ]
     fewer = [
-        {"n": n} | asdict(comparison.ahead(four, model, Kind(), AUC))
+        {"n": n, **asdict(comparison.ahead(four, model, Kind(), AUC))}
         for n, model in ways.items()
         if n < PAPERS_WAYS
     ]
     more_is_better = any(margin["clear"] and margin["value"] > 0 for margin in more)
     fewer_is_better = any(margin["clear"] and margin["value"] < 0 for margin in fewer)
-    verdict = {
-        "suffices": share >= WHOLE and not more_is_better,
-        "keeps": bool(fewer) and not fewer_is_better,
-        "decided": max(margin["number"] for margin in (*more, *fewer)) > 1,
-    }
     return Finding(
         "n_ways",
         kind=kind,
-        listed=entries,
+        listed=listed,
         n=PAPERS_WAYS,
         tested=True,
         share=share,
         more=more,
         fewer=fewer,
-        **verdict,
+        suffices=share >= WHOLE and not more_is_better,
+        keeps=bool(fewer) and not fewer_is_better,
+        decided=max(margin["number"] for margin in (*more, *fewer)) > 1,
     )
 
 
 def best_on_each(comparison: Comparison, titles: Mapping[str, str]) -> Finding:
     """The best two models on each sequence as driven."""
-    best_models = []
-    for i, sequence in enumerate(comparison.sequences):
-        entries = [
-            {"model": model, **_spread(comparison.measurement(model, Kind(), RECALL).on(i))}
-            for model in comparison.models
-        ]
-        finite = [entry for entry in entries if np.isfinite(entry["mean"])]
-        best = sorted(finite, key=lambda entry: -entry["mean"])[:2]
-        best_models.append({"name": titles[sequence], "models": best})
+    best_models = [
+        {"name": titles[sequence], "models": _means(comparison, Kind(), RECALL, i)[:2]}
+        for i, sequence in enumerate(comparison.sequences)
+    ]
     return Finding("best_on_each", listed=best_models)
 
 
-def _spread(measurement: Measurement) -> dict[str, Any]:
-    return {"mean": measurement.mean, "deviation": measurement.over_sequences}
+def _means(
+    comparison: Comparison, kind: Kind, measure: Measure, sequence: int | None = None
+) -> list[dict[str, Any]]:
+    """The models that have a number, the largest first: mean and deviation over the sequences.
+
+    Of one sequence alone if its index is given.
+    """
+    entries = []
+    for model in comparison.models:
+        measurement = comparison.measurement(model, kind, measure)
+        measurement = measurement if sequence is None else measurement.on(sequence)
+        deviation = measurement.over_sequences
+        if np.isfinite(measurement.mean):
+            entries.append({"model": model, "mean": measurement.mean, "deviation": deviation})
+    return sorted(entries, key=lambda entry: -entry["mean"])
 
 
-def _aucs(comparison: Comparison, model: str, kind: Kind) -> dict[str, Any]:
+def _aucs(comparison: Comparison, model: str, kind: Kind) -> dict[str, float]:
     """A model's AUC as driven and altered."""
     return {
-        name: comparison.measurement(model, case, AUC).mean
-        for name, case in (("driven", Kind()), ("altered", kind))
+        "driven": comparison.measurement(model, Kind(), AUC).mean,
+        "altered": comparison.measurement(model, kind, AUC).mean,
     }

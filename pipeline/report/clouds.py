@@ -1,6 +1,5 @@
 """What the laser saw, from above: the footprint of the training drive, and scans to lay on it."""
 
-import io
 from dataclasses import dataclass
 from typing import Self
 
@@ -12,6 +11,7 @@ from pipeline.core.errors import ArtifactError
 from pipeline.core.frames import Poses
 from pipeline.core.schemas import Scans, Submaps
 from pipeline.mapping.gathering import submap_points
+from pipeline.report.figures.style import png_text
 from pipeline.report.study import Study
 
 STANDING_M = (0.8, 12.0)
@@ -49,12 +49,9 @@ class Footprint:
         np.add.at(counts, (row, column), 1)
         return cls(counts > ALONE, corner_m, cell_m)
 
-    def png(self) -> bytes:
-        """A PNG of one bit a cell, north up, transparent where nothing stood."""
-        file = io.BytesIO()
-        image = Image.fromarray(self.occupied[::-1])
-        image.save(file, "PNG", optimize=True, transparency=0)
-        return file.getvalue()
+    def png(self) -> str:
+        """A PNG in base64, one bit a cell, north up, transparent where nothing stood."""
+        return png_text(Image.fromarray(self.occupied[::-1]), transparency=0)
 
 
 def trained_m(study: Study) -> NDArray[np.float64]:

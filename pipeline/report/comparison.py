@@ -11,6 +11,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pipeline.core.errors import InputError
+from pipeline.report.selection import pick
+from pipeline.studies.colours import method_of
 from pipeline.studies.models import ModelName
 
 ONE_SEED = 0.02
@@ -62,6 +64,8 @@ FAR = Measure("distance", "recall_at_1", "recall@1 by distance")
 FAR_AUROC = Measure("distance", "auroc", "AUROC by distance")
 OFF = Measure("distance", "median_heading_error_deg", "heading error [°]", 1)
 WITHIN = Measure("distance", "heading_within_10deg", "within 10°")
+KEY = ["model", "case", "protocol", "number", "seed", "sequence", "repeat"]
+"""What a value of the table of results is found by."""
 MEASURES = (AUC, RECALL, AUROC, FAR_AUC, FAR, FAR_AUROC, OFF, WITHIN)
 
 
@@ -127,36 +131,33 @@ class Comparison:
         """
         if table.empty:
             raise InputError("a comparison needs at least one row of the table of results")
-        names = {measure.name for measure in MEASURES}
-        rows = table[table["number"].isin(names) & (table["kind"] == "")]
-        families = [
-            ModelName(*names).family for names in zip(rows["method"], rows["variant"], strict=True)
-        ]
-        cases = [Kind(*key) for key in rows[["change", "level", "shadow"]].itertuples(index=False)]
-        days = dict(zip(rows["sequence"], rows["days"], strict=True))
-        self.models = list(dict.fromkeys(families))  # methods and variants, in the order they come
-        # as driven comes first
-        self.kinds = sorted(dict.fromkeys(cases), key=lambda kind: kind.change != "")
-        self.changes = [kind for kind in self.kinds if kind.change]
-        self.sequences = sorted(days, key=lambda name: (days[name], name))
-        # how many seeds each model has
-        self.seeds: dict[str, int] = (rows.groupby(families)["seed"].max() + 1).to_dict()
-        self.repeats = int(rows["repeat"].max()) + 1  # the most that a kind of case has
-        self._methods = dict(zip(families, rows["method"], strict=True))
-        self._n_way = n_way
-        columns = (
-            families,
-            cases,
-            *(rows[name] for name in ("protocol", "number", "seed", "sequence", "repeat")),
+        rows = pick(table[table["number"].isin({measure.name for measure in MEASURES})], kind="")
+        rows = rows.assign(
+            model=[
+                ModelName(*names).family
+                for names in rows[["method", "variant"]].itertuples(index=False)
+            ],
+            case=[
+                Kind(*key) for key in rows[["change", "level", "shadow"]].itertuples(index=False)
+            ],
         )
-        self._values = dict(zip(zip(*columns, strict=True), rows["value"], strict=True))
+        self.models = [*rows["model"].unique()]  # methods and variants, in the order they come
+        # as driven comes first
+        self.kinds = sorted(rows["case"].unique(), key=lambda kind: kind.change != "")
+        self.changes = [kind for kind in self.kinds if kind.change]
+        self.sequences = [*rows.sort_values(["days", "sequence"])["sequence"].unique()]
+        # how many seeds each model has
+        self.seeds: dict[str, int] = (rows.groupby("model")["seed"].max() + 1).to_dict()
+        self.repeats = int(rows["repeat"].max()) + 1  # the most that a kind of case has
+        self._n_way = n_way
+        self._values = rows.set_index(KEY)["value"].to_dict()
 
     def ways(self) -> dict[int, str]:
         """N to model, ascending, of the method with most N-way trained models."""
         models_by_method: dict[str, dict[int, str]] = {}
-        for model, method in self._methods.items():
+        for model in self.models:
             if model in self._n_way:
-                models_by_method.setdefault(method, {})[self._n_way[model]] = model
+                models_by_method.setdefault(method_of(model), {})[self._n_way[model]] = model
         most_models = max(models_by_method.values(), key=len, default={})
         return dict(sorted(most_models.items()))
 
@@ -164,15 +165,8 @@ class Comparison:
         """One number of one model in one kind of case, over seeds, sequences and repeats."""
         values = np.full((self.seeds[model], len(self.sequences), self.repeats), np.nan)
         for seed, sequence, repeat in np.ndindex(*values.shape):
-            key = (
-                model,
-                kind,
-                measure.protocol,
-                measure.name,
-                seed,
-                self.sequences[sequence],
-                repeat,
-            )
+            of = (model, kind, measure.protocol, measure.name)
+            key = (*of, seed, self.sequences[sequence], repeat)
             values[seed, sequence, repeat] = self._values.get(key, np.nan)
         if not measure.relative:
             return Measurement(values)

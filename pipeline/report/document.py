@@ -7,7 +7,7 @@ import pandas as pd
 from pipeline.evaluation.numbers import LEVEL_POSES
 from pipeline.report import tables
 from pipeline.report.render import template
-from pipeline.report.result import Scores, day, ranked, read_scores
+from pipeline.report.result import Scores, ranked, read_scores
 from pipeline.report.table import Table
 from pipeline.studies.study import Study
 
@@ -56,10 +56,6 @@ def _tables(scores: Sequence[Scores]) -> Iterator[Table]:
     yield tables.scorecard(scores)
     for protocol, name in SHOWN:
         yield tables.over_days(f"by_{protocol}_{name}", scores, protocol, name)
-    posed = [score for score in scores if score.posed]
-    dates = {score.sequence: day(score.sequence) for score in scores}
-    columns_of_poses = tables.pose_columns(posed, POSES)
-    for kind, columns in (
-        (("posed", columns_of_poses), ("pose_answers", tables.ANSWERS)) if posed else ()
-    ):
-        yield tables.a_row_a_result(kind, ("method", "day"), posed, dates, columns)
+    if posed := [score for score in scores if score.posed]:
+        yield tables.of_poses("posed", ("method", "day"), posed, POSES)
+        yield tables.of_poses("pose_answers", ("method", "day"), posed, tables.ANSWERS)

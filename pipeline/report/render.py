@@ -13,11 +13,13 @@ from typing import Any
 import numpy as np
 import yaml
 from jinja2 import Environment, PackageLoader, StrictUndefined
+from markdown_it import MarkdownIt
+from markdown_it.token import Token
 from markupsafe import Markup, escape
 
 from pipeline.report.findings import Finding
 from pipeline.report.result import Scores, day
-from pipeline.report.section import Illustration, Section
+from pipeline.report.section import Illustration, Section, anchor
 from pipeline.report.table import MISSING, Table, fixed, signed
 
 UNIT = re.compile(r"(?<=\d) (?=(?:m|MB|d|days?)\b|%)")  # a blank that no line breaks at
@@ -79,32 +81,23 @@ def prose(text: str) -> Markup:
 
     Knows paragraphs, lists, **strong**, *emphasis* and `code`.
     """
-    blocks = []
-    for block in re.split(r"\n\s*\n", text.strip()):
-        first, *items = re.split(r"(?m)^- ", block)
-        blocks += [Markup("<p>{}</p>").format(inline(first))] if first.strip() else []
-        list_items = Markup("").join(Markup("<li>{}</li>").format(inline(item)) for item in items)
-        blocks += [Markup("<ul>{}</ul>").format(list_items)] if items else []
-    return Markup("\n").join(blocks)
+    return Markup(_markdown().render(text).strip())
 
 
 def inline(text: str) -> Markup:
     """Convert the markdown within one paragraph to HTML."""
-    parts = []
-    for n, piece in enumerate(str(text).strip().split("`")):
-        safe = str(escape(piece))
-        if n % 2:
-            parts.append(f"<code>{safe}</code>")
-        else:
-            safe = UNIT.sub("\N{NO-BREAK SPACE}", safe)
-            safe = re.sub(r"\*\*(.+?)\*\*", r"<strong>\1</strong>", safe, flags=re.DOTALL)
-            parts.append(re.sub(r"\*(\S.*?)\*", r"<em>\1</em>", safe, flags=re.DOTALL))
-    return Markup("".join(parts))
+    return Markup(_markdown().renderInline(str(text).strip()))
 
 
-def anchor(*names: str) -> str:
-    """An HTML id made of names: runs of other characters than letters and digits become a dash."""
-    return "-".join(re.sub(r"[^0-9A-Za-z]+", "-", name).strip("-") for name in names if name)
+@cache
+def _markdown() -> MarkdownIt:
+    markdown = MarkdownIt("zero").enable(["list", "emphasis", "backticks"])
+
+    def unbroken(_: object, tokens: Sequence[Token], place: int, *__: object) -> str:
+        return UNIT.sub("\N{NO-BREAK SPACE}", str(escape(tokens[place].content)))
+
+    markdown.add_render_rule("text", unbroken)
+    return markdown
 
 
 def listing(names: Sequence[str]) -> str:
@@ -171,13 +164,14 @@ class _Filled(Environment):
 
 @cache
 def _environment(html: bool) -> Environment:
-    whole: Any = {
-        "trim_blocks": True,
-        "lstrip_blocks": True,
-        "keep_trailing_newline": True,
-        "undefined": StrictUndefined,
-    }
-    env = _Filled(loader=PackageLoader("pipeline.report"), autoescape=html, **whole)
+    env = _Filled(
+        loader=PackageLoader("pipeline.report"),
+        autoescape=html,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        undefined=StrictUndefined,
+    )
     for function in (
         fixed,
         signed,

@@ -11,10 +11,10 @@ from pipeline.core.errors import ArtifactError
 from pipeline.report import terminal
 from pipeline.report.render import template
 from pipeline.report.section import Section
-from pipeline.report.sections import cases, lifelong, poses, viewpoints, year
+from pipeline.report.sections import cases, lifelong, viewpoints, year
 from pipeline.report.study import Study
 from pipeline.report.web import page
-from pipeline.report.web.front import Front
+from pipeline.report.web.front import front
 from pipeline.running.dvc_files import DvcLock
 from pipeline.studies.layout import Layout
 from pipeline.studies.study import Study as StudySettings
@@ -62,7 +62,7 @@ def write(
             )
             entries.append(
                 page.Entry(
-                    study, study_sections, Front(study) if settings.asks_about_the_year else None
+                    study, study_sections, front(study) if settings.asks_about_the_year else None
                 )
             )
     if not entries:
@@ -86,7 +86,6 @@ def _sections(
 ) -> Iterator[Section]:
     if study.settings.asks_about_the_year:
         yield from year.sections(study, folder, view)
-        yield from poses.sections(study, folder)
         yield from cases.sections(study, folder, few)
     if study.settings.learns_further_days:
         yield lifelong.section(study, folder)

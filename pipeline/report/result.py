@@ -16,6 +16,8 @@ from pipeline.report.selection import NONE, Values, indexed
 from pipeline.report.table import average
 from pipeline.studies.models import ModelName
 
+TITLES = {"recall_at_1": "recall@1", "auc_top1": "AUC top-1", "auc_exact_top1": "exact AUC"}
+"""Of the numbers that a study is about."""
 DATE = re.compile(r"\d{4}-\d\d-\d\d")
 PRECISIONS = [percent / 100 for percent in range(50, 101)]
 ROUNDING = 1e-9
@@ -67,14 +69,13 @@ class Scores:
         """
         return (protocol, VOID) in self.numbers
 
+    def values(self, protocol: str, name: str) -> Values:
+        """One number by one protocol and its 95 % interval; NaN where there is none."""
+        return self.numbers.get((protocol, name), NONE)
+
     def number(self, protocol: str, name: str) -> float:
         """One number by one protocol; NaN where there is none."""
-        return self.numbers.get((protocol, name), NONE)[0]
-
-    def interval(self, protocol: str, name: str) -> tuple[float, float] | None:
-        """The 95 % interval of one number, lowest and highest; None where there is none."""
-        _, low, high = self.numbers.get((protocol, name), NONE)
-        return (low, high) if low <= high else None
+        return self.values(protocol, name)[0]
 
 
 @dataclass(frozen=True)

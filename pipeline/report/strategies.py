@@ -1,4 +1,4 @@
-"""Strategies of learning further days (METHODS 11.4): their numbers, tables and findings."""
+"""Strategies of learning further days (METHODS 11.4): their numbers, and what they show."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from pipeline.evaluation.lifelong import CHANGE
 from pipeline.report.findings import Finding
-from pipeline.report.table import Cell, Table, average, spread, table
-from pipeline.report.tables import BOTH
+from pipeline.report.selection import pick
+from pipeline.report.table import average
 from pipeline.studies.models import ModelName
 
 GROWN = "grown"
@@ -23,22 +23,10 @@ UPDATES = "updates"
 """The order of days that nobody surveyed."""
 PROTOCOL = "distance"
 """By which figures, findings and the terminal judge; the tables have both."""
-NUMBERS = {
-    "recall_of_all": "of all",
-    "mean_recall": "mean",
-    "forgetting": "forgetting",
-    "transfer": "transfer",
-}
-COUNTS = {
-    "asked": "scans asked",
-    "adopted": "adopted",
-    "wrong": "of these wrong",
-    "changed": "submaps changed",
-}
 
 
 @dataclass(frozen=True, eq=False)
-class StrategyNumbers:
+class Strategy:
     """The numbers of one strategy of one model in one order, over the model's seeds."""
 
     order: str
@@ -49,33 +37,33 @@ class StrategyNumbers:
     @property
     def steps(self) -> list[str]:
         """The name of each step."""
-        step_rows = self.rows[self.rows["number"] == "places"].sort_values("level")
-        return list(dict.fromkeys(step_rows["sequence"]))
+        return [*pick(self.rows, number="places").sort_values("level")["sequence"].unique()]
 
     @property
     def seeds(self) -> list[int]:
         """The seeds of which there is a model."""
-        return sorted(set(self.rows.loc[self.rows["number"] == "places", "seed"]))
+        return sorted(pick(self.rows, number="places")["seed"].unique())
 
     @property
     def groups(self) -> list[str]:
         """The asked days, or the parts of the site."""
-        return list(dict.fromkeys(self.rows.loc[self.rows["number"] == "recall_at_1", "sequence"]))
+        return [*pick(self.rows, number="recall_at_1")["sequence"].unique()]
 
     def over(self, number: str, protocol: str = "", group: str = "") -> NDArray[np.float64]:
         """One number after each step (seed, step), of a group if given; NaN where there is none."""
-        number_rows = self.rows[
-            (self.rows["number"] == number) & (self.rows["protocol"] == protocol)
-        ]
-        number_rows = number_rows[number_rows["sequence"] == group] if group else number_rows
-        wide = number_rows.pivot(index="seed", columns="level", values="value").reindex(
-            self.seeds, columns=range(len(self.steps))
+        rows = pick(
+            self.rows, number=number, protocol=protocol, **{"sequence": group} if group else {}
         )
-        return np.asarray(wide, np.float64)
+        wide = rows.pivot(index="seed", columns="level", values="value")
+        return np.asarray(wide.reindex(self.seeds, columns=range(len(self.steps))), np.float64)
 
     def last(self, number: str, protocol: str = "", group: str = "") -> NDArray[np.float64]:
         """One number after the last step (seed,)."""
         return self.over(number, protocol, group)[:, -1]
+
+    def total(self, number: str) -> list[float]:
+        """The sum over the steps for each seed; the first step adopts and counts nothing."""
+        return [*pd.DataFrame(self.over(number)).sum(axis=1, min_count=1)]
 
     def matrix(self, protocol: str) -> NDArray[np.float64]:
         """Mean recall (step, group) over the seeds; NaN where no place of the group is known."""
@@ -83,177 +71,82 @@ class StrategyNumbers:
         return np.array([[average(seeds) for seeds in steps] for steps in recall_by_group]).T
 
 
-def read_strategies(rows: pd.DataFrame) -> list[StrategyNumbers]:
+def read_strategies(rows: pd.DataFrame) -> list[Strategy]:
     """Every strategy of every model in every order, in the order of the rows.
 
     Strategies that were only timed are left out.
     """
     learning_rows = rows[rows["change"] == CHANGE]
     timed = learning_rows["number"] == "cpu_s"
-    strategies = []
     learning_rows = pd.concat([learning_rows[~timed], learning_rows[timed]])
-    for (kind, method, variant), group in learning_rows.groupby(
-        ["kind", "method", "variant"], sort=False
-    ):
-        order, _, name = str(kind).partition(" ")
-        strategies.append(
-            StrategyNumbers(order, ModelName(str(method), str(variant)).name, name, group)
+    strategies = [
+        Strategy(kind.partition(" ")[0], ModelName(*names).name, kind.partition(" ")[2], group)
+        for (kind, *names), group in learning_rows.groupby(
+            ["kind", "method", "variant"], sort=False
         )
+    ]
     return [strategy for strategy in strategies if strategy.steps]
 
 
-def by_order(strategies: Sequence[StrategyNumbers]) -> dict[str, list[StrategyNumbers]]:
-    """Group the strategies by order."""
-    return {
-        order: [strategy for strategy in strategies if strategy.order == order]
-        for order in dict.fromkeys(strategy.order for strategy in strategies)
-    }
-
-
-def by_strategy(
-    strategies: Sequence[StrategyNumbers],
-) -> dict[tuple[str, str], dict[str, StrategyNumbers]]:
-    """Map model and strategy to its numbers in each order."""
-    grouped: dict[tuple[str, str], dict[str, StrategyNumbers]] = {}
-    for model in dict.fromkeys(strategy.model for strategy in strategies):
-        for strategy in (strategy for strategy in strategies if strategy.model == model):
-            grouped.setdefault((model, strategy.name), {})[strategy.order] = strategy
-    return grouped
-
-
-def of_order(order: str, strategies: Sequence[StrategyNumbers]) -> list[Table]:
-    """All tables of one order."""
-    updates = (
-        [counts(strategies), *(asked_days(strategies, protocol) for protocol in BOTH)]
-        if order == UPDATES
-        else []
-    )
-    return [strategy_table(order, strategies), *updates]
-
-
-def strategy_table(order: str, strategies: Sequence[StrategyNumbers]) -> Table:
-    """Recall and forgetting after the last step by both protocols, places, and costs of a step."""
-    rows = []
+def grouped(strategies: Sequence[Strategy], attribute: str) -> dict[str, list[Strategy]]:
+    """Group the strategies by their `order`, `model` or `name`."""
+    groups: dict[str, list[Strategy]] = {}
     for strategy in strategies:
-        cells = [spread(strategy.last(name, protocol), 3) for protocol in BOTH for name in NUMBERS]
-        first, *_, last = strategy.over("places")[0]
-        step_s = [average(seconds[1:]) for seconds in strategy.over("cpu_s")]
-        cost = spread(strategy.last("bytes") / 1e6, 1), spread(step_s, 1)
-        rows.append(
-            (
-                strategy.model,
-                strategy.name,
-                *cells,
-                Cell(f"{first:.0f} → {last:.0f}", float(last)),
-                *cost,
-            )
-        )
-    columns = [
-        f"{protocol}: {title}" if title == "of all" else title
-        for protocol in BOTH
-        for title in NUMBERS.values()
-    ]
-    header = ("model", "strategy", *columns, "places", "model [MB]", "CPU [s] a step")
-    return table("lifelong", header, rows, words=2, order=order)
+        groups.setdefault(getattr(strategy, attribute), []).append(strategy)
+    return groups
 
 
-def counts(strategies: Sequence[StrategyNumbers]) -> Table:
-    """The numbers of adopted scans and of changed submaps over all steps."""
-    rows = [
-        (strategy.model, strategy.name, *(spread(_total(strategy, name), 0) for name in COUNTS))
-        for strategy in strategies
-    ]
-    return table("lifelong_adopted", ("model", "strategy", *COUNTS.values()), rows, words=2)
-
-
-def asked_days(strategies: Sequence[StrategyNumbers], protocol: str) -> Table:
-    """Recall on each asked day before the first step and after the last."""
-    days = list(dict.fromkeys(day for strategy in strategies for day in strategy.groups))
-    rows = []
-    for strategy in strategies:
-        recall_by_day = {day: strategy.over("recall_at_1", protocol, day) for day in days}
-        for step, when in ((0, "before"), (-1, "after")):
-            rows.append(
-                (
-                    strategy.model,
-                    strategy.name,
-                    when,
-                    *(spread(values[:, step], 3) for values in recall_by_day.values()),
-                )
-            )
-    return table(
-        "lifelong_asked", ("model", "strategy", "when", *days), rows, words=3, protocol=protocol
-    )
-
-
-def _total(strategy: StrategyNumbers, name: str) -> list[float]:
-    """The sum over the steps for each seed; the first step adopts and counts nothing."""
-    return [
-        float(np.nansum(steps)) if np.isfinite(steps).any() else np.nan
-        for steps in strategy.over(name)
-    ]
-
-
-def findings(strategies: Sequence[StrategyNumbers]) -> list[Finding]:
+def findings(strategies: Sequence[Strategy]) -> list[Finding]:
     """For each model: what growth forgets, what it lacks, and what a site regains by itself.
 
     A model has the findings that its strategies allow.
     """
-    models = {
-        model: [strategy for strategy in strategies if strategy.model == model]
-        for model in dict.fromkeys(strategy.model for strategy in strategies)
-    }
-    context = {"protocol": PROTOCOL, "strategy": GROWN}
-    verdicts = []
-    for model, model_strategies in models.items():
-        if entries := against(model_strategies, "forgetting", TUNED):
-            verdicts.append(
-                Finding("growth_forgets", model=model, reference=TUNED, listed=entries, **context)
-            )
-    for model, model_strategies in models.items():
-        if entries := against(model_strategies, "recall_of_all", JOINT):
-            verdicts.append(
-                Finding("below_joint", model=model, reference=JOINT, listed=entries, **context)
-            )
-    for model_strategies in models.values():
-        verdicts += regained(model_strategies)
-    return verdicts
+    models = grouped(strategies, "model")
+    compared = [
+        Finding(
+            kind,
+            model=model,
+            reference=reference,
+            listed=entries,
+            protocol=PROTOCOL,
+            strategy=GROWN,
+        )
+        for kind, number, reference in (
+            ("growth_forgets", "forgetting", TUNED),
+            ("below_joint", "recall_of_all", JOINT),
+        )
+        for model, group in models.items()
+        if (entries := against(group, number, reference))
+    ]
+    return [*compared, *(finding for group in models.values() for finding in regained(group))]
 
 
-def against(
-    strategies: Sequence[StrategyNumbers], number: str, reference: str
-) -> list[dict[str, Any]]:
+def against(strategies: Sequence[Strategy], number: str, reference: str) -> list[dict[str, Any]]:
     """Compare one model's growth with a reference strategy in each order, after the last step.
 
     Gives the means of both over the seeds, and the mean, lowest and highest difference on the same
     seed.
     """
-    by_key = {(strategy.order, strategy.name): strategy for strategy in strategies}
     entries = []
-    for order in dict.fromkeys(strategy.order for strategy in strategies):
-        if (order, GROWN) in by_key and (order, reference) in by_key:
-            grown_values, reference_values = (
-                by_key[order, name].last(number, PROTOCOL) for name in (GROWN, reference)
-            )
-            differences = grown_values - reference_values
-            ends = {
-                "low": float(differences.min()),
-                "high": float(differences.max()),
-                "seeds": len(differences),
-            }
+    for order, group in grouped(strategies, "order").items():
+        named = {strategy.name: strategy.last(number, PROTOCOL) for strategy in group}
+        if GROWN in named and reference in named:
+            differences = named[GROWN] - named[reference]
             entries.append(
                 {
                     "order": order,
-                    "own": average(grown_values),
-                    "reference": average(reference_values),
+                    "own": average(named[GROWN]),
+                    "reference": average(named[reference]),
                     "apart": average(differences),
-                    **ends,
+                    "low": float(differences.min()),
+                    "high": float(differences.max()),
+                    "seeds": len(differences),
                 }
             )
     return entries
 
 
-def regained(strategies: Sequence[StrategyNumbers]) -> Iterator[Finding]:
+def regained(strategies: Sequence[Strategy]) -> Iterator[Finding]:
     """One model's recall before and after days that nobody surveyed.
 
     Recall is of the last asked day and on average. Adds how many scans were adopted, and at a wrong
@@ -264,29 +157,28 @@ def regained(strategies: Sequence[StrategyNumbers]) -> Iterator[Finding]:
     for strategy in updates:
         recall = strategy.over("recall_at_1", PROTOCOL, strategy.groups[-1])
         means = strategy.over("mean_recall", PROTOCOL)
-        counts = {
-            name: average(np.nansum(strategy.over(name), axis=1))
+        asked, adopted, wrong = (
+            average(np.nansum(strategy.over(name), axis=1))
             for name in ("asked", "adopted", "wrong")
-        }
-        ends = {
-            "before": average(recall[:, 0]),
-            "after": average(recall[:, -1]),
-            "digits": int(counts["wrong"] % 1 > 0),
-        }
+        )
         entries.append(
             {
                 "strategy": strategy.name,
+                "before": average(recall[:, 0]),
+                "after": average(recall[:, -1]),
                 "means": [average(means[:, 0]), average(means[:, -1])],
-                **ends,
-                **counts,
+                "asked": asked,
+                "adopted": adopted,
+                "wrong": wrong,
+                "digits": int(wrong % 1 > 0),
             }
         )
-    for strategy in updates[:1]:
+    for first in updates[:1]:
         yield Finding(
             "regained",
-            model=strategy.model,
+            model=first.model,
             protocol=PROTOCOL,
-            last=strategy.groups[-1],
-            seeds=len(strategy.seeds),
+            last=first.groups[-1],
+            seeds=len(first.seeds),
             listed=entries,
         )

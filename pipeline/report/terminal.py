@@ -2,10 +2,11 @@
 
 import textwrap
 from collections.abc import Iterator
+from itertools import product
 
-from pipeline.report import findings, tables, viewpoint_tables
+from pipeline.report import findings, tables
 from pipeline.report.render import caption, sentence, words
-from pipeline.report.strategies import by_order, of_order, read_strategies
+from pipeline.report.strategies import grouped, read_strategies
 from pipeline.report.study import Study
 from pipeline.report.table import WIDEST
 
@@ -20,28 +21,26 @@ def _blocks(study: Study) -> Iterator[str]:
     if study.settings.asks_about_the_year:
         yield f"{study.where}, trained on {study.train} alone, cells of {study.cell_m:g} m\n"
         yield tables.setup(study, longest=78).text()
-        for protocol in tables.BOTH:
-            for main_table in (tables.main(study, protocol, number) for number in tables.MAIN):
-                yield from (_wrap(caption(main_table)), main_table.text())
+        for protocol, number in product(tables.DISTANCE_FIRST, tables.MAIN_NUMBERS):
+            main_table = tables.main(study, protocol, number)
+            yield from (_wrap(caption(main_table)), main_table.text())
         yield from (tables.means(study).text(), _wrap(words("terminal")) + "\n")
-        if posed := [result for result in study.results if result.posed]:
-            for pose_table in tables.poses(posed):
-                yield from (_wrap(caption(pose_table)), pose_table.text())
+        posed = [result for result in study.results if result.posed]
+        for pose_table in tables.poses(posed) if posed else ():
+            yield from (_wrap(caption(pose_table)), pose_table.text())
         if doubts := [_wrap(sentence(doubt)) for doubt in findings.doubts(study)]:
             yield "\n".join(doubts) + "\n"
     if study.settings.learns_further_days:
         yield f"{study.where}: after the last step of learning, means over the seeds\n"
-        for order, strategies in by_order(read_strategies(study.rows)).items():
-            yield from (
-                _wrap(caption(order_table)) + "\n" + order_table.text()
-                for order_table in of_order(order, strategies)
-            )
+        for order, strategies in grouped(read_strategies(study.rows), "order").items():
+            for order_table in tables.of_order(order, strategies):
+                yield _wrap(caption(order_table)) + "\n" + order_table.text()
     elif study.settings.bird_view_methods:
         yield (
             f"{study.where}: each sequence matched with itself, from headings between the "
             "reference's\n"
         )
-        yield from (viewpoint_table.text() for viewpoint_table in viewpoint_tables.over(study))
+        yield from (viewpoint_table.text() for viewpoint_table in tables.over_headings(study))
 
 
 def _wrap(line: str) -> str:

@@ -18,7 +18,7 @@ from pipeline.report.result import Result
 from pipeline.report.section import Illustration, Section
 from pipeline.report.selection import indexed
 from pipeline.report.table import MISSING, Cell, Table, number
-from pipeline.report.web.front import Front
+from pipeline.report.web.front import front
 from pipeline.report.web.page import Entry
 from tests.studies.made import study as made_study
 from tests.views.made import artifacts
@@ -198,7 +198,7 @@ def heights(views: int) -> np.ndarray:
 def entries(root: Path) -> list[Entry]:
     """The study as the page takes it."""
     one = study(root)
-    return [Entry(one, sections(root), Front(one))]
+    return [Entry(one, sections(root), front(one))]
 
 
 def sections(root: Path) -> list[Section]:
@@ -225,11 +225,10 @@ def sections(root: Path) -> list[Section]:
         "parameters": {"seed": 0, "trained with": {"sci": [1, 2]}},
     }
     return [
-        Section("campus-10m-setup", "setup", "setup", {"study": EVIL}),
+        Section("campus-10m-setup", "setup", {"study": EVIL}),
         Section(
             "campus-10m-turned",
             "turned",
-            "studies",
             findings=(says, says),
             illustrations=figures,
             tables=tables,

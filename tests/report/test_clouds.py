@@ -1,6 +1,7 @@
 """What stands along a drive, seen from above."""
 
 import io
+from base64 import b64decode
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -42,7 +43,7 @@ def test_a_footprint_holds_what_stands_and_was_met_more_than_once(tmp_path: Path
         (2, 6),  # 1.1 and 3.1 m from the corner
         (6, 13),  # 3.1 and 6.9 m
     ]
-    image = Image.open(io.BytesIO(footprint.png()))
+    image = Image.open(io.BytesIO(b64decode(footprint.png())))
     assert (np.asarray(image)[::-1] == footprint.occupied).all()
     assert image.info["transparency"] == 0
 

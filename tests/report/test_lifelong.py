@@ -12,15 +12,9 @@ from pipeline.evaluation.results import where
 from pipeline.report import report, terminal
 from pipeline.report.brief import brief
 from pipeline.report.render import sentence
-from pipeline.report.strategies import (
-    StrategyNumbers,
-    asked_days,
-    counts,
-    findings,
-    of_order,
-    read_strategies,
-)
+from pipeline.report.strategies import Strategy, findings, read_strategies
 from pipeline.report.study import Study
+from pipeline.report.tables import adopted, asked_days, of_order
 from tests.report import learned
 from tests.report.studied import FEW
 
@@ -31,15 +25,15 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Study:
 
 
 @pytest.fixture(scope="module")
-def every(study: Study) -> list[StrategyNumbers]:
+def every(study: Study) -> list[Strategy]:
     return read_strategies(study.rows)
 
 
-def of(every: list[StrategyNumbers], *wanted: str) -> StrategyNumbers:
+def of(every: list[Strategy], *wanted: str) -> Strategy:
     return next(one for one in every if (one.model, one.order, one.name) == wanted)
 
 
-def test_numbers_are_by_seed_and_step(every: list[StrategyNumbers]) -> None:
+def test_numbers_are_by_seed_and_step(every: list[Strategy]) -> None:
     one = of(every, "sci", "days", "tuned")
     assert one.steps == [learned.TRAIN, learned.LEARNED]
     assert one.groups == learned.ASKED
@@ -57,7 +51,7 @@ def test_numbers_are_by_seed_and_step(every: list[StrategyNumbers]) -> None:
 
 
 def test_a_row_a_model_and_strategy_with_both_protocols_and_what_a_step_costs(
-    every: list[StrategyNumbers],
+    every: list[Strategy],
 ) -> None:
     only, *others = of_order("days", [one for one in every if one.order == "days"])
     assert not others
@@ -77,10 +71,10 @@ def test_a_row_a_model_and_strategy_with_both_protocols_and_what_a_step_costs(
 
 
 def test_days_that_nobody_surveyed_have_counts_and_each_asked_day_before_and_after(
-    every: list[StrategyNumbers],
+    every: list[Strategy],
 ) -> None:
     updates = [one for one in every if one.order == "updates"]
-    assert [[str(cell) for cell in row[1:]] for row in counts(updates).rows] == [
+    assert [[str(cell) for cell in row[1:]] for row in adopted(updates).rows] == [
         ["updated", "50 ± 0", "40 ± 0", "0 ± 0", "7 ± 0"],
         ["trusting", "50 ± 0", "44 ± 1", "4 ± 1", "7 ± 0"],
     ]
@@ -94,7 +88,7 @@ def test_days_that_nobody_surveyed_have_counts_and_each_asked_day_before_and_aft
     ]
 
 
-def test_findings_say_by_how_much_and_over_how_many_seeds(every: list[StrategyNumbers]) -> None:
+def test_findings_say_by_how_much_and_over_how_many_seeds(every: list[Strategy]) -> None:
     forgets, below, regained = findings(every)
     listed = [(one["order"], one["apart"], one["seeds"]) for one in forgets.values["listed"]]
     assert listed == [("days", pytest.approx(-0.375), 2)]  # −.25 of growth, against .25 and 0

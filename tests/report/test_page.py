@@ -1,7 +1,6 @@
 """The page of a small study: what it shows, what it says is missing, and that it works in a browser
 without a network."""
 
-import io
 import json
 import re
 import shutil
@@ -15,12 +14,11 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from PIL import Image
 
 from pipeline.report import render
-from pipeline.report.alike import best_shift, best_shifts, spectra
+from pipeline.report.alignment import best_shift, best_shifts, spectra
 from pipeline.report.result import PRECISIONS, coverage
-from pipeline.report.web.front import Front
+from pipeline.report.web.front import front
 from pipeline.report.web.map import COLUMNS, LEVELS, chart, indices, picture, quantized
 from pipeline.report.web.page import Entry, Picture, html
 from pipeline.views.scan_context import quantize
@@ -183,7 +181,7 @@ def test_the_first_screen_answers_before_all_else(page: str) -> None:
 def test_a_method_trained_too_little_is_folded_away_with_the_reason(root: Path) -> None:
     given = study(root)
     given.cut_short = {"m2dp": 0.05}
-    shown = html([Entry(given, [], Front(given))], LOCK)
+    shown = html([Entry(given, [], front(given))], LOCK)
     first, _, below = shown.partition("Every method, every day")
     assert "<code>m2dp</code> had 5\N{NO-BREAK SPACE}% of its own full training" in first
     assert "No baseline had its full training." in first
@@ -255,7 +253,7 @@ def test_a_figure_is_an_image_of_its_own() -> None:
 
 def test_a_picture_holds_every_view_as_quantized() -> None:
     images = heights(COLUMNS + 3)
-    image = Image.open(io.BytesIO(picture(images)))
+    image = picture(images)
     assert (image.mode, image.size) == ("P", (COLUMNS * 120, 80))
     assert image.getpalette()[:3] == [0, 0, 131]  # an empty bin (METHODS 2.1)
     wide = 256 // LEVELS

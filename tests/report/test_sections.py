@@ -28,9 +28,19 @@ MADE = {
         "posed",
         "pose_answers",
     },
+    "findings": {"growth_forgets", "below_joint"},
+    "figures": {
+        "novelty",
+        "rejection",
+        "reliability",
+        "matches",
+        "verdicts",
+        "chances",
+        "failures",
+    },
     "sections": {"turned", "demolition", "construction"},
 }
-"""Kinds that are put together of several words, or named by an alteration."""
+"""Kinds that are put together of several words, named by an alteration, or made in a loop."""
 
 
 def strings() -> Iterator[str]:
@@ -48,15 +58,21 @@ def kinds(group: str) -> set[str]:
     makers = {
         "findings": ("Finding",),
         "tables": ("table",),
-        "figures": ("Illustration", "illustrate", "saved"),
-        "sections": ("Section", "_section"),
+        "figures": ("Illustration", "illustrate", "draw"),
+        "sections": ("Section", "section_of", "_compared"),
     }
     calls = [
         n
         for n in NODES
         if isinstance(n, ast.Call) and isinstance(n.func, ast.Name) and n.func.id in makers[group]
     ]
-    given = [call.args[group == "sections"] for call in calls]
+    skipped = {
+        "Section": 1,
+        "section_of": 1,
+        "_compared": 1,
+        "illustrate": 2,
+    }  # arguments before the kind
+    given = [call.args[skipped.get(call.func.id, 0)] for call in calls]
     return {one.value for one in given if isinstance(one, ast.Constant)} | MADE.get(group, set())
 
 

@@ -1,7 +1,6 @@
 """Numbers over the days since training with a fitted line, and the slopes of those lines."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -12,15 +11,13 @@ from pipeline.core.errors import InputError
 from pipeline.evaluation.study_rows import ORACLE, PER_DAYS
 from pipeline.report.figures.panels import name_rows, points
 from pipeline.report.figures.style import QUIET, VEIL, WIDTH_IN, figure, folded, styled, tints
-from pipeline.report.selection import NONE, indexed, pick, values
+from pipeline.report.selection import NONE, Values, indexed, pick, values
 from pipeline.report.table import signed
 
 # a panel of slopes reaches so many times as far as the steepest slope; it cuts longer intervals
 ROOM = 2.5
 RISING = "novelty_percentile"
 """The number that rises with age, from 0 to 100; others fall, from 1 to 0."""
-
-
 Followed = Sequence[tuple[str, str, str]]
 """Numbers that are followed over the days: protocol, number and title, each a column of panels."""
 
@@ -31,8 +28,7 @@ def lines(rows: pd.DataFrame, followed: Followed) -> Figure:
 
     The slope is bold where it is clear. `rows` are of models as driven and of the oracle.
     """
-    models = _models(rows, followed)
-    shades = tints(model for model in models if model != ORACLE)
+    shades = tints(model for model in _models(rows, followed) if model != ORACLE)
     fig = figure(WIDTH_IN, 0.75 + 0.88 * len(shades), f"Change per {PER_DAYS} days, of each model")
     axes = fig.subplots(len(shades), len(followed), squeeze=False, sharex=True, sharey="col")
     for column, (protocol, number, title) in zip(axes.T, followed, strict=True):
@@ -47,13 +43,13 @@ def lines(rows: pd.DataFrame, followed: Followed) -> Figure:
             axis.grid(axis="y")
     for axis, (model, tint) in zip(axes[:, 0], shades.items(), strict=True):
         axis.set_ylabel(folded(model), color=tint, size=7.5)
-    fitted = [rows[rows["number"] == f"{number}_line"] for _, number, _ in followed]
-    axes[0, 0].set_xlim(0, 1.04 * max(1.0, pd.concat(fitted)["days"].max()))
-    fig.supxlabel(
+    fitted = rows[rows["number"].isin([f"{number}_line" for _, number, _ in followed])]
+    axes[0, 0].set_xlim(0, 1.04 * max(1.0, fitted["days"].max()))
+    legend = (
         "days since training; dots: test sequences; grey: the oracle; shade: 95 % interval of "
-        "the line",
-        size=8,
+        "the line"
     )
+    fig.supxlabel(legend, size=8)
     return fig
 
 
@@ -67,10 +63,10 @@ def slopes(rows: pd.DataFrame, followed: Followed) -> Figure:
     for axis, (protocol, number, title) in zip(axes, followed, strict=True):
         by_model = indexed(pick(rows, protocol=protocol, number=_slope(number)), "method")
         for y, (model, tint) in enumerate(shades.items()):
-            value, low, high = by_model.get(model, NONE)
-            fill = tint if _clear(low, high) else "white"
-            axis.hlines(y, low, high, color=tint, lw=1.1, alpha=0.8, zorder=2)
-            axis.plot(value, y, "o", ms=4, color=tint, mfc=fill, mew=0.9, zorder=3)
+            slope = by_model.get(model, NONE)
+            fill = tint if _clear(slope) else "white"
+            axis.hlines(y, *slope[1:], color=tint, lw=1.1, alpha=0.8, zorder=2)
+            axis.plot(slope[0], y, "o", ms=4, color=tint, mfc=fill, mew=0.9, zorder=3)
         steepest = np.nanmax([0.0, *(abs(slope[0]) for slope in by_model.values())])
         far = ROOM * float(steepest) or 1.0
         axis.set_xlim(-far, far)
@@ -83,22 +79,20 @@ def slopes(rows: pd.DataFrame, followed: Followed) -> Figure:
 
 def _models(rows: pd.DataFrame, followed: Followed) -> list[str]:
     """The models, and the oracle, of which a number has a line."""
-    lines = [
-        pick(rows, protocol=protocol, number=f"{number}_line") for protocol, number, _ in followed
-    ]
-    models = [model for line in lines for model in line["method"]]
-    if all(model == ORACLE for model in models):
+    fitted = [pick(rows, protocol=name, number=f"{number}_line") for name, number, _ in followed]
+    models = [*pd.concat(fitted)["method"].unique()]
+    if set(models) <= {ORACLE}:
         raise InputError("a figure of ageing needs at least one model")
-    return list(dict.fromkeys(models))
+    return models
 
 
 def _slope(number: str) -> str:
     return f"{number}_per_{PER_DAYS}_days"
 
 
-def _clear(low: float, high: float) -> bool:
+def _clear(slope: Values) -> bool:
     """Whether the interval of a slope does not contain 0."""
-    return low > 0 or high < 0
+    return slope[1] > 0 or slope[2] < 0
 
 
 def _panel(axis: Axes, rows: pd.DataFrame, number: str, tint: str) -> None:
@@ -112,17 +106,21 @@ def _panel(axis: Axes, rows: pd.DataFrame, number: str, tint: str) -> None:
     fitted, low, high = values(line).T
     axis.fill_between(line["days"], low, high, color=tint, alpha=0.15, lw=0, zorder=1)
     axis.plot(line["days"], fitted, color=tint, lw=1.0, zorder=2)
-    slope, *bounds = indexed(pick(rows, number=_slope(number)), "number").get(_slope(number), NONE)
-    if np.isfinite(slope):
+    slope = indexed(pick(rows, number=_slope(number)), "number").get(_slope(number), NONE)
+    if np.isfinite(slope[0]):
         # 0.74: below the oracle
         y = 0.74 if np.nanmean(dots["value"]) < np.mean(axis.get_ylim()) else 0.26
-        weight, shade = ("bold", "0.1") if _clear(*bounds) else ("normal", QUIET)
-        place: Any = {
-            "va": "center",
-            "ha": "right",
-            "transform": axis.transAxes,
-            "bbox": VEIL,
-            "size": 7,
-        }
-        text = axis.text(0.97, y, signed(slope, 1 if number == RISING else 3), **place)
-        text.set(color=shade, weight=weight, zorder=5)
+        weight, shade = ("bold", "0.1") if _clear(slope) else ("normal", QUIET)
+        axis.text(
+            0.97,
+            y,
+            signed(slope[0], 1 if number == RISING else 3),
+            va="center",
+            ha="right",
+            transform=axis.transAxes,
+            bbox=VEIL,
+            size=7,
+            color=shade,
+            weight=weight,
+            zorder=5,
+        )

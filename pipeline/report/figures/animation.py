@@ -2,12 +2,11 @@
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from matplotlib.colors import to_rgb
 from numpy.typing import NDArray
 from PIL import Image
+from PIL.ImageColor import getrgb
 from scipy.spatial import KDTree
 
 from pipeline.core.errors import ConfigError
@@ -32,15 +31,17 @@ def spread(count: int, most: int) -> NDArray[np.int64]:
     return np.linspace(0, count - 1, min(count, most)).round().astype(np.int64)
 
 
-def palette(inks: Sequence[str], more_colours: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """At most 256 colours (colour, 3): white, inks with their shades, and `more_colours` (n, 3)."""
-    shades = 1 - np.linspace(0, 1, BLENDS)[:, None, None] * (
-        1 - np.array([to_rgb(ink) for ink in inks])
-    )
-    return np.unique(
-        np.concatenate([more_colours, np.rint(255 * shades.reshape(-1, 3)).astype(np.uint8)]),
-        axis=0,
-    )
+def palette(inks: Sequence[str], plain: Sequence[str]) -> NDArray[np.uint8]:
+    """At most 256 colours (colour, 3): white, inks with their shades, and plain ones."""
+    strength = np.linspace(0, 1, BLENDS)[:, None, None]
+    shades = 1 - strength * (1 - np.array([getrgb(ink) for ink in inks]) / 255)
+    shaded = np.rint(255 * shades.reshape(-1, 3)).astype(np.uint8)
+    return np.unique(np.concatenate([rgb(plain), shaded]), axis=0)
+
+
+def rgb(inks: Sequence[str]) -> NDArray[np.uint8]:
+    """Inks such as `#1878C7` or `white` as pixels (ink, 3)."""
+    return np.array([getrgb(ink) for ink in inks], np.uint8)
 
 
 def save(
@@ -55,10 +56,16 @@ def save(
     tree = KDTree(table)
     first, *later_frames = (_indexed(frame, table, tree) for frame in frames)
     lasting = [FRAME_MS] * len(later_frames) + [END_MS]
-    options: dict[str, Any] = {"duration": lasting, "loop": 0, "lossless": True, "optimize": True}
     with replace(path) as scratch:
         first.save(
-            scratch, ENDINGS[path.suffix], save_all=True, append_images=later_frames, **options
+            scratch,
+            ENDINGS[path.suffix],
+            save_all=True,
+            append_images=later_frames,
+            duration=lasting,
+            loop=0,
+            lossless=True,
+            optimize=True,
         )
     return len(lasting), path.stat().st_size
 

@@ -84,25 +84,28 @@ class BelievedDrive:
     @property
     def title(self) -> str:
         """The days: `Learned 2012-01-15, driven 2013-04-05, 446 days later`."""
-        between = f"{abs(self.days)} day{'s' * (abs(self.days) != 1)} "
-        between += "later" if self.days > 0 else "earlier"
-        when = between if self.days else "the same day"
+        between = f"{abs(self.days)} day{'s' * (abs(self.days) != 1)}"
+        when = (
+            f"{between} {'later' if self.days > 0 else 'earlier'}" if self.days else "the same day"
+        )
         return f"Learned {self.trained}, driven {self.driven}, {when}"
 
     @property
     def counts(self) -> NDArray[np.int64]:
         """How many queries up to each one (4, q): accepted, wrong ones, refused, wrong ones."""
-        kinds = [self.accepted, self.accepted & ~self.right]
         placed = np.isfinite(self.world_T_query).all(axis=(1, 2))
-        kinds += [~self.accepted, ~self.accepted & ~self.right & placed]
+        kinds = (
+            self.accepted,
+            self.accepted & ~self.right,
+            ~self.accepted,
+            ~self.accepted & ~self.right & placed,
+        )
         return np.cumsum(kinds, axis=1)
 
     def walls_m(self, query: int) -> NDArray[np.float64]:
         """The points (n, 3) of a query in the world, where it was laid; none without a pose."""
         pose = self.world_T_query[query]
-        if not np.isfinite(pose).all():
-            return np.empty((0, 3))
-        return laid(pose, self.points_m(query))
+        return laid(pose, self.points_m(query)) if np.isfinite(pose).all() else np.empty((0, 3))
 
 
 def verdicts(

@@ -4,7 +4,7 @@ The map is grey. Each scan lies on it where it was registered, in the colour of 
 stays where the robot was, and the count of accepted, wrong and refused poses runs along.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from pipeline.core.frames import Poses, yaw
 from pipeline.core.progress import Progress
+from pipeline.report.clouds import laid
 from pipeline.report.figures import animation
 from pipeline.report.figures.believed import BelievedDrive
 from pipeline.report.figures.style import SIMULATED
@@ -51,19 +52,11 @@ def write(drive: BelievedDrive, path: Path, progress: Progress) -> tuple[int, in
 
     Same artifacts, same bytes. Raises ConfigError for another ending.
     """
-    shown = animation.spread(len(drive.accepted), FRAMES)
-    inks = (ACCEPTED, REFUSED, WRONG, INK, GREY)
-    greys = np.array([_rgb(grey) for grey in GREYS], np.uint8)
-    table = animation.palette(inks, greys)
-    drawn = progress.track(frames(drive, shown), len(shown), "frames")
-    return animation.save(drawn, path, table)
-
-
-def frames(drive: BelievedDrive, shown: NDArray[np.int64]) -> Iterator[NDArray[np.uint8]]:
-    """Draw a frame (height, width, 3) for each query of `shown`."""
     counts = drive.counts
-    for query in shown.tolist():
-        yield frame(drive, query, counts[:, query].tolist())
+    shown = animation.spread(len(drive.accepted), FRAMES).tolist()
+    frames = (frame(drive, query, counts[:, query].tolist()) for query in shown)
+    table = animation.palette((ACCEPTED, REFUSED, WRONG, INK, GREY), GREYS)
+    return animation.save(progress.track(frames, len(shown), "frames"), path, table)
 
 
 def frame(drive: BelievedDrive, query: int, counts: Sequence[int]) -> NDArray[np.uint8]:
@@ -104,11 +97,9 @@ def projected(
 
     Points outside the picture, too near or too far are left out.
     """
-    seen_m = points_m @ camera_T_world[:3, :3].T + camera_T_world[:3, 3]
+    seen_m = laid(camera_T_world, points_m)
+    seen_m = seen_m[(seen_m[:, 2] > NEAREST_M) & (seen_m[:, 2] < FARTHEST_M)]
     depth_m = seen_m[:, 2]
-    inside = np.asarray((depth_m > NEAREST_M) & (depth_m < FARTHEST_M))
-    seen_m = seen_m[inside]
-    depth_m = depth_m[inside]
     at_px = seen_m[:, :2] * (FOCAL_PX / depth_m)[:, None] + (WIDTH_PX / 2, HEIGHT_PX / 2)
     shown = ((at_px >= 0) & (at_px < (WIDTH_PX - 1, HEIGHT_PX - 1))).all(axis=1)
     return at_px[shown], depth_m[shown]
@@ -126,7 +117,7 @@ def splat(
     order = np.argsort(-depth_m, kind="stable")
     columns, rows = at_px[order].astype(np.int64).T
     shade = (depth_m[order] / FARTHEST_M * len(inks)).astype(np.int64)
-    colours = np.array([_rgb(ink) for ink in inks], np.uint8)[shade]
+    colours = animation.rgb(inks)[shade]
     pixels[rows, columns] = colours
     large = np.full(len(shade), True) if over else depth_m[order] < LARGE_M
     for down, along in ((0, 1), (1, 0), (1, 1)):
@@ -151,7 +142,7 @@ def _dots(
 def _robot(draw: ImageDraw.ImageDraw, world_T_robot: Poses, camera_T_world: Poses) -> None:
     """Draw the robot as an arrow on the ground."""
     corners_m = np.array([(3.2, 0, 0), (-2.0, 1.6, 0), (-1.0, 0, 0), (-2.0, -1.6, 0)])
-    at_px, _ = projected(camera_T_world, corners_m @ world_T_robot[:3, :3].T + world_T_robot[:3, 3])
+    at_px, _ = projected(camera_T_world, laid(world_T_robot, corners_m))
     draw.polygon([tuple(corner) for corner in at_px.tolist()], fill=INK)
 
 
@@ -169,14 +160,13 @@ def _plan(draw: ImageDraw.ImageDraw, drive: BelievedDrive, query: int) -> None:
     )
     draw.line([tuple(at) for at in at_px.tolist()], fill=GREYS[3], width=1)
     for accepted, ink, radius_px in ((True, ACCEPTED, 1), (False, REFUSED, 2)):
-        for x, y in at_px[: query + 1][drive.accepted[: query + 1] == accepted].tolist():
-            draw.ellipse((x - radius_px, y - radius_px, x + radius_px, y + radius_px), fill=ink)
+        for at in at_px[: query + 1][drive.accepted[: query + 1] == accepted].tolist():
+            draw.circle(at, radius_px, fill=ink)
     wrong = drive.accepted & ~drive.right
     for x, y in at_px[: query + 1][wrong[: query + 1]].tolist():
         draw.line((x - 4, y - 4, x + 4, y + 4), fill=WRONG, width=2)
         draw.line((x - 4, y + 4, x + 4, y - 4), fill=WRONG, width=2)
-    x, y = at_px[query].tolist()
-    draw.ellipse((x - 4, y - 4, x + 4, y + 4), fill=INK)
+    draw.circle(at_px[query].tolist(), 4, fill=INK)
 
 
 def _words(
@@ -184,14 +174,15 @@ def _words(
 ) -> None:
     """Write the days, what is promised, the counts so far, and the verdict on this scan."""
     data = SIMULATED if drive.simulated else "recorded"
-    unpromised = "nothing can be promised" if drive.posed else "at its own threshold"
-    promise = unpromised if drive.promise is None else f"promise {drive.promise:g}"
+    promise = "nothing can be promised" if drive.posed else "at its own threshold"
+    if drive.promise is not None:
+        promise = f"promise {drive.promise:g}"
     draw.rectangle((0, 0, WIDTH_PX, 50), fill="#FFFFFF")
     draw.text((14, 8), drive.title, INK, font(TEXT_PX + 2, bold=True))
     draw.text((14, 30), f"{drive.where}, {drive.model}, {promise}", GREY, font(TEXT_PX - 2))
     draw.text((WIDTH_PX - 14, 8), data, GREY, font(TEXT_PX), anchor="ra")
-    verdict = ("accepted", ACCEPTED) if drive.accepted[query] else ("refused", REFUSED)
-    draw.text((WIDTH_PX - 14, 29), verdict[0], verdict[1], font(TEXT_PX, bold=True), anchor="ra")
+    verdict, ink = ("accepted", ACCEPTED) if drive.accepted[query] else ("refused", REFUSED)
+    draw.text((WIDTH_PX - 14, 29), verdict, ink, font(TEXT_PX, bold=True), anchor="ra")
     accepted, wrong, refused, wrong_refused = counts
     rows = (
         (f"{accepted} accepted", ACCEPTED),
@@ -207,8 +198,3 @@ def _words(
 def font(size_px: int, bold: bool = False) -> Any:
     """A font that comes with matplotlib."""
     return ImageFont.truetype(findfont(f"DejaVu Sans:{'bold' if bold else 'regular'}"), size_px)
-
-
-def _rgb(ink: str) -> tuple[int, int, int]:
-    red, green, blue = bytes.fromhex(ink.removeprefix("#"))
-    return red, green, blue

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from pipeline.evaluation.protocols import PROTOCOLS
 from pipeline.report.comparison import AUC, AUC_5, AUC_25, FAR, RECALL, Measure
 from pipeline.report.figures.panels import (
-    balanced,
+    SLANTED,
     course,
+    facets,
     name_ends,
     oracle_line,
-    panels,
     precision_axes,
     share_limits,
 )
@@ -23,13 +23,11 @@ from pipeline.report.figures.style import MARK, WIDTH_IN, below, figure, handles
 from pipeline.report.result import PRECISIONS, Result, by_model, by_sequence, day
 from pipeline.studies.colours import colour, marker
 
-DOT: Any = {"ls": "", "ms": 4, "mec": "white", "mew": 0.6, "zorder": 4}
+DOT: Any = {"mec": "white", "mew": 0.6, "zorder": 4}
 PAGE_IN = (5.2, 3.6)  # of a figure beside the page's text
 FEW = 3  # from so many models on, panels are larger
 HELD_OUT = "held_out_"
 SHARE_ENDINGS = ("accuracy", "recall")  # curves of these names lie between 0 and 1
-
-
 OVER_THE_YEAR = (AUC, RECALL, FAR)
 FIGURE_8 = (AUC, AUC_5, AUC_25)
 """The panels of Fig. 8 of the SCI paper."""
@@ -47,43 +45,34 @@ def year(
     Bands are 95 % intervals; the oracle's recall@1 is grey. A marker has the id of its result.
     """
     groups = by_model(results)
-    looks = look(by_model(results))
+    first = [group[0] for group in by_sequence(results).values()]
     fig = figure(*size_in, f"The year after training on {day(train)}")
     axes = fig.subplots(len(measures), 1, squeeze=False, sharex=True)[:, 0]
     for axis, measure in zip(axes, measures, strict=True):
-        lines = []
-        protocol = measure.protocol
-        for model, group in groups.items():
-            (tint, dash) = looks[model]
-            days = [result.days for result in group]
-            values = np.array([result.number(protocol, measure.name) for result in group])
-            bounds = np.array(
-                [result.interval(protocol, measure.name) or (np.nan, np.nan) for result in group]
-            ).T
-            axis.fill_between(
-                days, *bounds, color=tint, alpha=0.4 / max(len(looks), 3), lw=0, zorder=1
-            )
+        ends = []
+        for model, line in look(groups).items():
+            tint = line["color"]
+            days = [result.days for result in groups[model]]
+            rows = [result.values(measure.protocol, measure.name) for result in groups[model]]
+            values, low, high = np.array(rows).T
+            veil = 0.4 / max(len(groups), 3)
+            axis.fill_between(days, low, high, color=tint, alpha=veil, lw=0, zorder=1)
             if len(days) == 1:  # a band has no width there
-                axis.vlines(days, *bounds, color=tint, lw=0.9, alpha=0.6)
-            axis.plot(days, values, color=tint, ls=dash, zorder=3)
-            for result, value in zip(group, values, strict=True):
-                axis.plot(result.days, value, marker(model), gid=result.id, color=tint, **DOT)
-            lines.append((model, tint, np.stack([days, values], axis=1)))
-        first = [group[0] for group in by_sequence(results).values()]
-        oracle = [result.number(protocol, "oracle") for result in first]
-        lines.append(
-            oracle_line(axis, [result.days for result in first], oracle, "oracle recall@1")
-        )
+                axis.vlines(days, low, high, color=tint, lw=0.9, alpha=0.6)
+            axis.plot(days, values, zorder=3, **line)
+            for result, value in zip(groups[model], values, strict=True):
+                shape = marker(model)
+                axis.plot(result.days, value, shape, ls="", ms=4, gid=result.id, color=tint, **DOT)
+            ends.append((model, tint, np.stack([days, values], axis=1)))
+        oracle = [result.number(measure.protocol, "oracle") for result in first]
+        driven = [result.days for result in first]
+        ends.append(oracle_line(axis, driven, oracle, "oracle recall@1"))
         axis.set_ylabel(measure.title)
         axis.set_ylim(*share_limits(axis.dataLim.intervaly))
         axis.grid(axis="y")
-        name_ends(axis, lines, gap=0.088 * 6.2 / 3 * len(measures) / size_in[1])
-    day_labels = {
-        result.days: day(result.sequence) for result in results
-    }  # two sequences of one day share a label
-    axes[-1].set_xticks(
-        list(day_labels), list(day_labels.values()), rotation=40, ha="right", rotation_mode="anchor"
-    )
+        name_ends(axis, ends, gap=0.088 * 6.2 / 3 * len(measures) / size_in[1])
+    labels = {result.days: day(result.sequence) for result in results}  # one label a day
+    axes[-1].set_xticks([*labels], [*labels.values()], **SLANTED)
     axes[-1].set_xlabel("test sequence, spaced by days since training; bands: 95 % intervals")
     return fig
 
@@ -98,11 +87,20 @@ def coverage(results: Sequence[Result]) -> Figure:
     fig = figure(*PAGE_IN, f"What can be answered on {day(results[0].sequence)}")
     axis = fig.subplots()
     for result in reversed(results):
-        tint, dash = looks[result.model]
-        axis.plot(PRECISIONS, result.coverage, color=tint, ls=dash, zorder=3)
-        dot = max(result.number("distance", "precision_at_threshold"), PRECISIONS[0])
+        line = looks[result.model]
+        axis.plot(PRECISIONS, result.coverage, zorder=3, **line)
+        precision = max(result.number("distance", "precision_at_threshold"), PRECISIONS[0])
         share = result.number("distance", "answered")
-        axis.plot(dot, share, marker(result.model), gid=result.id, color=tint, **DOT)
+        axis.plot(
+            precision,
+            share,
+            marker(result.model),
+            ls="",
+            ms=4,
+            gid=result.id,
+            color=line["color"],
+            **DOT,
+        )
     axis.set(xlim=(PRECISIONS[0], 1.0), ylim=(0, 1.02), ylabel="of the judged queries answered")
     axis.set_xlabel("of its answers, so many are right, by distance")
     axis.grid(axis="y")
@@ -116,40 +114,31 @@ def precision_recall(results: Sequence[Result], protocol: str) -> Figure:
 
     The curve is exact; the marker is at the model's own threshold.
     """
-    groups = by_sequence(results)
     looks = look(by_model(results))
-    rows, columns = balanced(len(groups), 5 if len(looks) < FEW else 3)
-    width_in = WIDTH_IN if columns > 1 else 3.5
-    height_in = 0.85 + (1.5 if columns > 3 else 2.0) * rows
-    fig = figure(width_in, height_in, f"Precision over recall, by {protocol}")
-    for axis, group in zip(
-        panels(fig, len(groups), columns, x="recall", y="precision"), groups.values(), strict=True
-    ):
+    wide = len(by_sequence(results)) > 1
+    fig, panels = facets(
+        [*by_sequence(results).values()],
+        5 if len(looks) < FEW else 3,
+        f"Precision over recall, by {protocol}",
+        lambda rows, columns: 0.85 + (1.5 if columns > 3 else 2.0) * rows,
+        WIDTH_IN if wide else 3.5,
+        x="recall",
+        y="precision",
+    )
+    for axis, group in panels:
         for result in reversed(group):
-            (tint, dash) = looks[result.model]
-            (precision, recall) = result.evaluation.exact_curve(protocol)
-            axis.plot(recall, precision, color=tint, ls=dash, lw=1.0, zorder=3)
-            dot = [
-                result.number(protocol, f"{name}_at_threshold") for name in ("recall", "precision")
-            ]
-            if np.isfinite(dot).all():
+            line = looks[result.model]
+            precision, recall = result.evaluation.exact_curve(protocol)
+            axis.plot(recall, precision, lw=1.0, zorder=3, **line)
+            names = ("recall_at_threshold", "precision_at_threshold")
+            at = [result.number(protocol, name) for name in names]
+            if np.isfinite(at).all():
                 axis.plot(
-                    *dot,
-                    marker(result.model),
-                    ms=4.5,
-                    color=tint,
-                    mec="white",
-                    mew=0.6,
-                    clip_on=False,
-                    zorder=4,
+                    *at, marker(result.model), ms=4.5, color=line["color"], clip_on=False, **DOT
                 )
         precision_axes(axis, group[0].label)
-    below(
-        fig,
-        handles(looks),
-        5 if columns > 1 else 2,
-        title="marker: the model's own threshold, where it accepts anything",
-    )
+    title = "marker: the model's own threshold, where it accepts anything"
+    below(fig, handles(looks), 5 if wide else 2, title=title)
     return fig
 
 
@@ -160,34 +149,27 @@ def recall_at(results: Sequence[Result]) -> Figure:
     A model's mean over the test sequences is bold, each sequence faint.
     """
     groups = by_model(results)
-    looks = look(by_model(results))
     fig = figure(WIDTH_IN, 2.6, "Recall among the first n places")
     axes = fig.subplots(1, len(PROTOCOLS), sharey=True)
-    recalls = [
-        result.evaluation.protocol(protocol).recall_at
+    recalls = {
+        (protocol, model): np.stack([r.evaluation.protocol(protocol).recall_at for r in group])
         for protocol in PROTOCOLS
-        for result in results
-    ]
-    axes[0].set_ylim(*share_limits(*recalls))
+        for model, group in groups.items()
+    }  # (sequence, n)
+    n = np.arange(1, 1 + len(results[0].evaluation.protocol(PROTOCOLS[0]).recall_at))
+    axes[0].set_ylim(*share_limits(*recalls.values()))
     for axis, protocol in zip(axes, PROTOCOLS, strict=True):
-        means = []
-        n = np.arange(1, len(recalls[0]) + 1)
-        for model, group in groups.items():
-            # (sequence, n)
-            curves = np.stack([result.evaluation.protocol(protocol).recall_at for result in group])
+        ends = []
+        for model, line in look(groups).items():
+            curves = recalls[protocol, model]
             curves = curves[np.isfinite(curves).all(axis=1)]
-            (tint, dash) = looks[model]
             if len(curves):
-                mean = course(axis, n, curves, tint, ls=dash, lw=1.6)
-                means.append((model, tint, np.stack([n, mean], axis=1)))
-        axis.set(
-            xlim=(1, 1.05 * len(n)),
-            xlabel="n",
-            title=f"by {protocol}",
-            xticks=(1, 5, 10, 15, 20, 25),
-        )
+                mean = course(axis, n, curves, line["color"], ls=line["ls"], lw=1.6)
+                ends.append((model, line["color"], np.stack([n, mean], axis=1)))
+        ticks = (1, 5, 10, 15, 20, 25)
+        axis.set(xlim=(1, 1.05 * len(n)), xlabel="n", title=f"by {protocol}", xticks=ticks)
         axis.grid(axis="y")
-        name_ends(axis, means, gap=0.08)
+        name_ends(axis, ends, gap=0.08)
     axes[0].set_ylabel("recall@n of the seen queries")
     return fig
 
@@ -200,36 +182,31 @@ def history(curves: Mapping[str, NDArray[np.float64]], best: int | None, model: 
     """
     names = sorted({name.removeprefix(HELD_OUT) for name in curves})
     rounds = np.arange(1, len(next(iter(curves.values()))) + 1)
-    heading = f"{model}: " + (
-        f"{len(rounds)} rounds" if best is None else f"kept after round {best + 1} of {len(rounds)}"
+    kept = f"{len(rounds)} rounds"
+    if best is not None:
+        kept = f"kept after round {best + 1} of {len(rounds)}"
+    heading = f"{model}: {kept}"
+    fig, panels = facets(
+        names, 3, heading, lambda rows, _: 0.4 + (2.0 if rows == 1 else 1.5) * rows, shared=False
     )
-    rows, columns = balanced(len(names), 3)
-    fig = figure(WIDTH_IN, 0.4 + (2.0 if rows == 1 else 1.5) * rows, heading)
-    for axis, name in zip(panels(fig, len(names), columns, shared=False), names, strict=True):
+    for axis, name in panels:
+        shape = "." if len(rounds) < 3 else ""
         for key, tint, label in (
             (name, "0.6", "training"),
             (HELD_OUT + name, colour(model), "held out"),
         ):
             if key in curves:
-                axis.plot(
-                    rounds,
-                    curves[key],
-                    color=tint,
-                    marker="." if len(rounds) < 3 else "",
-                    label=label,
-                )
+                axis.plot(rounds, curves[key], color=tint, marker=shape, label=label)
         if best is not None:
             last = axis.lines[-1]
-            dot = best + 1, np.asarray(last.get_ydata())[best]
             axis.plot(
-                *dot,
+                best + 1,
+                np.asarray(last.get_ydata())[best],
                 "o",
                 ms=4,
                 color=last.get_color(),
-                mec="white",
-                mew=0.6,
                 clip_on=False,
-                zorder=4,
+                **DOT,
             )
             axis.axvline(best + 1, **MARK)
         axis.set(xlabel="round", ylabel=name.replace("_", " "), xlim=(1, max(len(rounds), 2)))

@@ -12,8 +12,8 @@ from pipeline.core import schemas, store
 from pipeline.core.errors import ArtifactError
 from pipeline.core.frames import Poses
 from pipeline.report.clouds import CELL_M, Drive, Footprint, laid
-from pipeline.report.figures.panels import balanced, panels
-from pipeline.report.figures.style import QUIET, WIDTH_IN, figure, styled
+from pipeline.report.figures.panels import facets
+from pipeline.report.figures.style import QUIET, WIDTH_IN, styled
 from pipeline.report.result import Result
 from pipeline.report.study import Study
 
@@ -59,28 +59,29 @@ def cards(study: Study, group: Sequence[Result]) -> Figure | None:
 
     None where no verdict of the model is wrong, or the scans are not here.
     """
-    footprint = Footprint.read(study)
     failures = misjudged(group)
-    if not failures or footprint is None:
-        return None
+    footprint = Footprint.read(study) if failures else None
     try:
-        return _cards(study, failures, footprint)
+        return _cards(study, failures, footprint) if footprint else None
     except ArtifactError:
         return None
 
 
 @styled
 def _cards(study: Study, failures: Sequence[Failure], footprint: Footprint) -> Figure:
-    rows, columns = balanced(len(failures), 3)
-    side_in = WIDTH_IN / 3
     model = failures[0].result.model
-    fig = figure(WIDTH_IN, rows * (side_in + 0.2) + 0.3, f"{model}: what its verdict got wrong")
     low_m = footprint.corner_m
     high_m = low_m + np.array(footprint.occupied.shape[::-1]) * footprint.cell_m
     extent: Any = (low_m[0], high_m[0], low_m[1], high_m[1])
     ground = np.ma.masked_equal(footprint.occupied.astype(float), 0.0)
-    axes = panels(fig, len(failures), columns, shared=False)
-    for axis, (result, query, accepted) in zip(axes, failures, strict=True):
+    fig, panels = facets(
+        failures,
+        3,
+        f"{model}: what its verdict got wrong",
+        lambda rows, _: rows * (WIDTH_IN / 3 + 0.2) + 0.3,
+        shared=False,
+    )
+    for axis, (result, query, accepted) in panels:
         drive = Drive.read(study, result.sequence)
         fixes = store.read(study.find("localize", result.sequence, model), schemas.Fixes)
         placed = np.asarray(fixes["world_T_query"][query])
@@ -93,9 +94,9 @@ def _cards(study: Study, failures: Sequence[Failure], footprint: Footprint) -> F
         x_m, y_m = placed[:2, 3]
         axis.set(xlim=(x_m - SHOWN_M, x_m + SHOWN_M), ylim=(y_m - SHOWN_M, y_m + SHOWN_M))
         axis.set(xticks=[], yticks=[], aspect="equal")
-        error_m = result.evaluation.pose_error_m[query]
         verdict = "believed" if accepted else "refused"
-        axis.set_title(f"{result.label}: {verdict}, {error_m:.1f} m off", size=7, pad=3)
+        off = f"{result.evaluation.pose_error_m[query]:.1f} m off"
+        axis.set_title(f"{result.label}: {verdict}, {off}", size=7, pad=3)
         axis.spines[:].set(visible=True, color=QUIET)
     return fig
 
@@ -104,5 +105,6 @@ def _arrow(axis: Axes, world_T_robot: Poses, ink: str) -> None:
     """Draw an arrow of 8 m at a robot, along its heading."""
     start_m = world_T_robot[:2, 3] - 3.0 * world_T_robot[:2, 0]
     end_m = start_m + 8.0 * world_T_robot[:2, 0]
-    style: Any = {"arrowstyle": "->", "color": ink, "lw": 1.4}
-    axis.annotate("", tuple(end_m), tuple(start_m), arrowprops=style)
+    axis.annotate(
+        "", tuple(end_m), tuple(start_m), arrowprops={"arrowstyle": "->", "color": ink, "lw": 1.4}
+    )

@@ -4,7 +4,7 @@ Walls are dark, known free space is white. Each sweep lies where its fix lays it
 its verdict; where the robot was by the log is a ring, and accepted poses leave a dot.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -69,10 +69,11 @@ class Plan:
         height, width = (high - low).tolist()
         scale = min(WIDTH_PX / width, (MOST_HEIGHT_PX - HEAD_PX) / height)
         size = (max(1, round(width * scale)), max(1, round(height * scale)))
-        pixels = np.full((size[1], size[0], 3), _rgb(UNKNOWN), np.uint8)
-        pixels[_shares(free[rows, cols], size) > 0.5] = _rgb(FREE)
+        unknown, known_free, wall = animation.rgb((UNKNOWN, FREE, WALL))
+        pixels = np.full((size[1], size[0], 3), unknown)
+        pixels[_shares(free[rows, cols], size) > 0.5] = known_free
         # a wall is thinner than a pixel
-        pixels[_shares(walls[rows, cols], size) > WALL_SHARE] = _rgb(WALL)
+        pixels[_shares(walls[rows, cols], size) > WALL_SHARE] = wall
         self._scale = scale / level_map.cell_m
         self._corner_m = low[::-1] * level_map.cell_m
         self.image = Image.new("RGB", (WIDTH_PX, HEAD_PX + size[1]), FREE)
@@ -84,6 +85,11 @@ class Plan:
         at_px = (plan_m - self._corner_m) * self._scale
         at_px[:, 1] = self.image.height - at_px[:, 1]
         return np.asarray(at_px)
+
+    def robot_px(self, world_T_robot: NDArray[np.float64]) -> tuple[float, float]:
+        """The pixel of a robot (4, 4)."""
+        x, y = self.at_px(world_T_robot[None, :2, 3])[0].tolist()
+        return x, y
 
     def px(self, length_m: float) -> float:
         """A length in pixels."""
@@ -97,18 +103,12 @@ def write(
 
     Same input, same bytes. Raises ConfigError for another ending.
     """
-    shown = animation.spread(len(drive), FRAMES)
-    inks = (INK, GREY, WALL, UNKNOWN, *map(_hex, COLOURS.values()))
-    table = animation.palette(inks, np.array([_rgb(FREE)], np.uint8))
-    drawn = progress.track(_frames(Plan(level_map), drive, title, shown), len(shown), "frames")
-    return animation.save(drawn, path, table)
-
-
-def _frames(
-    plan: Plan, drive: Sequence[Seen], title: str, shown: NDArray[np.int64]
-) -> Iterator[NDArray[np.uint8]]:
-    for number in shown.tolist():
-        yield frame(plan, drive[: number + 1], title)
+    plan = Plan(level_map)
+    shown = animation.spread(len(drive), FRAMES).tolist()
+    frames = (frame(plan, drive[: number + 1], title) for number in shown)
+    inks = (INK, GREY, WALL, UNKNOWN, *("rgb({}, {}, {})".format(*c) for c in COLOURS.values()))
+    table = animation.palette(inks, (FREE,))
+    return animation.save(progress.track(frames, len(shown), "frames"), path, table)
 
 
 def frame(plan: Plan, drive: Sequence[Seen], title: str) -> NDArray[np.uint8]:
@@ -117,7 +117,7 @@ def frame(plan: Plan, drive: Sequence[Seen], title: str) -> NDArray[np.uint8]:
     draw = ImageDraw.Draw(image)
     for seen in drive:
         if seen.fix.verdict == "accepted":
-            _dot(draw, plan, seen.fix.world_T_sensor, 1.5, COLOURS["accepted"])
+            draw.circle(plan.robot_px(seen.fix.world_T_sensor), 1.5, fill=COLOURS["accepted"])
     points_m, fix, world_T_true = drive[-1]
     colour = COLOURS[fix.verdict]
     if np.isfinite(fix.world_T_sensor).all():
@@ -129,10 +129,8 @@ def frame(plan: Plan, drive: Sequence[Seen], title: str) -> NDArray[np.uint8]:
             _arrow(draw, plan, other.world_T_sensor, None)
         _arrow(draw, plan, world_T_robot, colour)
     if np.isfinite(world_T_true).all():
-        (x, y) = plan.at_px(world_T_true[None, :2, 3])[0].tolist()
         radius_px = max(7.0, plan.px(0.8))
-        ends = (x - radius_px, y - radius_px, x + radius_px, y + radius_px)
-        draw.ellipse(ends, outline=INK, width=2)
+        draw.circle(plan.robot_px(world_T_true), radius_px, outline=INK, width=2)
     draw.text((12, 7), title, INK, font(16, bold=True))
     counts = {word: sum(seen.fix.verdict == word for seen in drive) for word in COLOURS}
     counted = ", ".join(f"{count} {word}" for word, count in counts.items() if count)
@@ -141,17 +139,6 @@ def frame(plan: Plan, drive: Sequence[Seen], title: str) -> NDArray[np.uint8]:
     chance = f"chance of the pose {1 - fix.novelty:.2f}"
     draw.text((WIDTH_PX - 12, 31), chance, GREY, font(13), anchor="ra")
     return np.asarray(image)
-
-
-def _dot(
-    draw: ImageDraw.ImageDraw,
-    plan: Plan,
-    world_T_robot: NDArray[np.float64],
-    radius_px: float,
-    colour: tuple[int, int, int],
-) -> None:
-    (x, y) = plan.at_px(world_T_robot[None, :2, 3])[0].tolist()
-    draw.ellipse((x - radius_px, y - radius_px, x + radius_px, y + radius_px), fill=colour)
 
 
 def _arrow(
@@ -172,12 +159,3 @@ def _shares(cells: NDArray[np.bool_], size: tuple[int, int]) -> NDArray[np.float
     """The share (height, width) of each pixel that is set; row 0 of the cells lies below."""
     image = Image.fromarray(255 * cells[::-1].astype(np.uint8))
     return np.asarray(image.resize(size, Image.Resampling.BOX)) / 255
-
-
-def _rgb(ink: str) -> tuple[int, int, int]:
-    red, green, blue = bytes.fromhex(ink.removeprefix("#"))
-    return red, green, blue
-
-
-def _hex(colour: tuple[int, int, int]) -> str:
-    return f"#{bytes(colour).hex()}"

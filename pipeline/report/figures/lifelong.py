@@ -1,7 +1,6 @@
 """Learning further days: recall after each step, forgetting, and since when places are known."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import matplotlib
@@ -12,8 +11,8 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from pipeline.report.figures.maps import bounds_m, scale_bar
-from pipeline.report.figures.panels import balanced, course, panels, share_limits
-from pipeline.report.figures.style import MARK, QUIET, WIDTH_IN, below, dot, figure, styled
+from pipeline.report.figures.panels import SLANTED, course, facets, share_limits
+from pipeline.report.figures.style import MARK, QUIET, THICK, WIDTH_IN, below, dot, figure, styled
 from pipeline.report.result import day
 from pipeline.report.table import MISSING, short
 from pipeline.studies.colours import MARKERS, PALETTE
@@ -26,13 +25,11 @@ PATH = "0.15"  # of the training path, above the queries
 NEVER = "0.75"  # grey of queries whose place is never known
 
 
-@dataclass(frozen=True, eq=False)
-class FirstKnown:
-    """The step from which the place of each query is known, in one order."""
-
-    xy_m: NDArray[np.float64]  # (query, 2) where each was taken
-    known_from: NDArray[np.int64]  # (query,) −1 for never
-    steps: Sequence[str]
+FirstKnown = tuple[NDArray[np.float64], NDArray[np.int64], Sequence[str]]
+"""Of one order: where queries were taken (query, 2), the step from which the place of each is known
+(query,), −1 for never, and the names of the steps."""
+Points = tuple[NDArray[np.float64], NDArray[np.int64], Sequence[tuple[str, str]]]
+"""Where points lie (n, 2), their kind (n,), and the name and colour of each kind."""
 
 
 @styled
@@ -46,31 +43,28 @@ def matrices(
 
     NaN where no place of the group is known yet.
     """
-    (rows, columns) = balanced(len(recalls), 3)
-    blues = matplotlib.colormaps["Blues"]
-    fig = figure(
-        WIDTH_IN if columns > 1 else ALONE_IN, rows * (0.85 + 0.24 * len(steps)) + 0.35, heading
+    fig, panels = facets(
+        [*recalls.items()],
+        3,
+        heading,
+        lambda rows, _: rows * (0.85 + 0.24 * len(steps)) + 0.35,
+        WIDTH_IN if len(recalls) > 1 else ALONE_IN,
     )
-    axes = panels(fig, len(recalls), columns)
     low, high = share_limits(*recalls.values())
-    for axis, (strategy, values) in zip(axes, recalls.items(), strict=True):
-        axis.pcolormesh(values, cmap=blues, vmin=low, vmax=high, edgecolors="white", linewidth=1.2)
+    for axis, (strategy, values) in panels:
+        axis.pcolormesh(
+            values, cmap="Blues", vmin=low, vmax=high, edgecolors="white", linewidth=1.2
+        )
         for (step, group), value in np.ndenumerate(values):
             tint = "white" if value > low + DARK * (high - low) else "0.15"
             text = short(value, 2) if np.isfinite(value) else MISSING
             axis.text(group + 0.5, step + 0.5, text, ha="center", va="center", size=7, color=tint)
         axis.set_title(strategy, pad=4)
-        axis.set_xticks(
-            np.arange(len(groups)) + 0.5,
-            _short_names(groups),
-            rotation=40,
-            ha="right",
-            rotation_mode="anchor",
-        )
+        axis.set_xticks(np.arange(len(groups)) + 0.5, _short_names(groups), **SLANTED)
         axis.set_yticks(np.arange(len(steps)) + 0.5, _short_names(steps))
         axis.tick_params(length=0)
         axis.spines[:].set_visible(False)
-    axes[0].set_ylim(len(steps), 0)  # the first step above; the panels share it
+    fig.axes[0].set_ylim(len(steps), 0)  # the first step above; the panels share it
     fig.supylabel("step learned", size=8)
     return fig
 
@@ -86,11 +80,9 @@ def over_steps(
     Numbers (seed, step) go by order and strategy. A line joins the means, thin lines are single
     seeds; each panel has its own scale.
     """
-    strategies = list(
-        dict.fromkeys(strategy for values in numbers.values() for _, strategy in values)
-    )
-    looks = {
-        strategy: (PALETTE[i % len(PALETTE)], MARKERS[i % len(MARKERS)])
+    strategies = dict.fromkeys(strategy for values in numbers.values() for _, strategy in values)
+    looks: dict[str, Any] = {
+        strategy: {"color": PALETTE[i % len(PALETTE)], "marker": MARKERS[i % len(MARKERS)]}
         for i, strategy in enumerate(strategies)
     }
     fig = figure(WIDTH_IN, 0.9 + 1.6 * len(numbers), heading)
@@ -99,15 +91,16 @@ def over_steps(
     for row, (title, values) in zip(axes, numbers.items(), strict=True):
         row[0].set_ylabel(title)
         for axis, order in zip(row, orders, strict=True):
-            for strategy in (strategy for line_order, strategy in values if line_order == order):
-                tint, form = looks[strategy]
-                seeds = values[order, strategy]
-                course(axis, np.arange(seeds.shape[1]), seeds, tint, lw=1.3, marker=form, ms=4)
+            for (line_order, strategy), seeds in values.items():
+                if line_order == order:
+                    tint, shape = looks[strategy].values()
+                    x = np.arange(seeds.shape[1])
+                    course(axis, x, seeds, tint, lw=1.3, marker=shape, ms=4)
             axis.grid(axis="y")
     for column, (order, steps) in zip(axes.T, orders.items(), strict=True):
         column[0].set_title(order, pad=4)
         column[-1].set_xticks(
-            range(len(steps)), _short_names(steps), rotation=30, ha="right", rotation_mode="anchor"
+            range(len(steps)), _short_names(steps), **(SLANTED | {"rotation": 30})
         )
         column[-1].set_xlim(-0.3, len(steps) - 0.7)
     for axis in axes.flat:
@@ -116,14 +109,7 @@ def over_steps(
         axis.set_ylim(low - spare, high + spare)
     for axis in axes[-1]:
         axis.axhline(0.0, **MARK)
-    line: Any = {"lw": 1.6, "ms": 4, "mec": "white", "mew": 0.5}
-    below(
-        fig,
-        [
-            Line2D([], [], color=tint, marker=form, label=name, **line)
-            for name, (tint, form) in looks.items()
-        ],
-    )
+    below(fig, [Line2D([], [], label=name, **THICK, **line) for name, line in looks.items()])
     return fig
 
 
@@ -136,10 +122,10 @@ def known_places(
     They are drawn over the training path (n, 2).
     """
     points = {}
-    for order, queries in queries_by_order.items():
-        names = ["never", *_short_names(queries.steps)]
-        shades = [NEVER, *(PALETTE[i % len(PALETTE)] for i in range(len(queries.steps)))]
-        points[order] = queries.xy_m, queries.known_from + 1, list(zip(names, shades, strict=True))
+    for order, (xy_m, known_from, steps) in queries_by_order.items():
+        shades = [NEVER, *(PALETTE[i % len(PALETTE)] for i in range(len(steps)))]
+        kinds = list(zip(["never", *_short_names(steps)], shades, strict=True))
+        points[order] = xy_m, known_from + 1, kinds
     return _maps(points, train_xy_m, "From which step each place is known")
 
 
@@ -155,19 +141,10 @@ def ages(
     points = {}
     for order, (xy_m, days) in places_by_order.items():
         distinct_days, kind = np.unique(days, return_inverse=True)
-        shades = map(
-            to_hex, matplotlib.colormaps["viridis_r"](np.linspace(0.1, 0.95, len(distinct_days)))
-        )
-        points[order] = (
-            xy_m,
-            kind,
-            [(f"{age} days", tint) for age, tint in zip(distinct_days, shades, strict=True)],
-        )
+        shades = matplotlib.colormaps["viridis_r"](np.linspace(0.1, 0.95, len(distinct_days)))
+        names = [f"{age} days" for age in distinct_days]
+        points[order] = xy_m, kind, list(zip(names, map(to_hex, shades), strict=True))
     return _maps(points, train_xy_m, "The age of each place's newest view")
-
-
-Points = tuple[NDArray[np.float64], NDArray[np.int64], Sequence[tuple[str, str]]]
-"""Where points lie (n, 2), their kind (n,), and the name and colour of each kind."""
 
 
 def _maps(
@@ -181,9 +158,8 @@ def _maps(
     most_kinds = max(len(looks) for *_, looks in points_by_title.values())
     height_in = panel_in * slope + 0.35 + 0.16 * (-(-(most_kinds + 1) // 2))
     fig = figure(panel_in * max(columns, 2), height_in, heading)
-    for axis, (title, (xy_m, kind, looks)) in zip(
-        fig.subplots(1, columns, squeeze=False)[0], points_by_title.items(), strict=True
-    ):
+    axes = fig.subplots(1, columns, squeeze=False)[0]
+    for axis, (title, (xy_m, kind, looks)) in zip(axes, points_by_title.items(), strict=True):
         axis.plot(*train_xy_m.T, color=PATH, lw=0.5, zorder=90)
         entries = [Line2D([], [], color=PATH, lw=0.5, label="training path")]
         for place, (name, tint) in enumerate(looks):

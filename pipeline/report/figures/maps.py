@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from itertools import product
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -30,10 +29,8 @@ def outcome_map(result: Result, train_xy_m: NDArray[np.float64]) -> Figure:
 
     Outcomes are by cells, at the model's threshold.
     """
-    names = [name for name, _, _ in ANSWERS]
-    return _single(
-        result, *answers(result), names, train_xy_m, f"{result.model} on {result.label}, by cells"
-    )
+    heading = f"{result.model} on {result.label}, by cells"
+    return _single(result, *answers(result), len(ANSWERS), train_xy_m, heading)
 
 
 def fix_map(result: Result, train_xy_m: NDArray[np.float64]) -> Figure:
@@ -45,9 +42,7 @@ def fix_map(result: Result, train_xy_m: NDArray[np.float64]) -> Figure:
     right = result.evaluation.pose_right
     far_m, far_deg = result.evaluation.right_within
     heading = f"{result.model} on {result.label}: poses, right within {far_m:g} m and {far_deg:g}°"
-    return _single(
-        result, np.where(right, RIGHT, WRONG), accepted, ("right", "wrong"), train_xy_m, heading
-    )
+    return _single(result, np.where(right, RIGHT, WRONG), accepted, UNSEEN, train_xy_m, heading)
 
 
 def answers(result: Result) -> tuple[NDArray[np.integer], NDArray[np.bool_]]:
@@ -62,11 +57,12 @@ def _single(
     result: Result,
     kinds: NDArray[np.integer],
     accepted: NDArray[np.bool_],
-    names: Sequence[str],
+    count: int,
     train_xy_m: NDArray[np.float64],
     heading: str,
 ) -> Figure:
-    box = _box([result], train_xy_m)
+    """One map, with the numbers of the first `count` of ANSWERS and how many were accepted."""
+    box = bounds_m(train_xy_m, result.evaluation.xy_m)
     slope = float(np.divide(*(box[1] - box[0])[::-1]))
     height_in = min(max(WIDTH_IN * slope, 2.2), 5.6)
     width_in = min(max(height_in / slope, 4.6), WIDTH_IN)
@@ -75,15 +71,10 @@ def _single(
     _map(axis, result.evaluation.xy_m, kinds, accepted, train_xy_m, box, size=6.0)
     scale_bar(axis, box)
     counts = [
-        (np.sum(kinds == code), np.sum(accepted & (kinds == code))) for code in range(len(names))
+        f" {np.sum(kinds == code)}, {np.sum(accepted & (kinds == code))} accepted"
+        for code in range(count)
     ]
-    _legend(
-        fig,
-        [
-            f"{name} {count}, {accepted_count} accepted"
-            for name, (count, accepted_count) in zip(names, counts, strict=True)
-        ],
-    )
+    _legend(fig, counts)
     return fig
 
 
@@ -93,20 +84,19 @@ def montage(results: Sequence[Result], train_xy_m: NDArray[np.float64]) -> Figur
 
     The counts below each map are in the order of the legend.
     """
-    box = _box(results, train_xy_m)
+    box = bounds_m(train_xy_m, *(result.evaluation.xy_m for result in results))
     models = by_model(results)
     slope = float(np.divide(*(box[1] - box[0])[::-1]))
-    several = len(models) > 1
-    rows, columns = (
-        (len(models), len(by_sequence(results))) if several else balanced(len(results), 5)
-    )
-    panel_in = WIDTH_IN / max(columns, 4 if several else 3)
-    title_in = 0.24 if several else 0.42
-    fig = figure(
-        panel_in * max(columns, 2),
-        rows * (panel_in * slope + title_in) + 0.7,
-        "First answers by cells",
-    )
+    rows, columns = balanced(len(results), 5)
+    panel_in = WIDTH_IN / max(columns, 3)
+    title_in = 0.42
+    if several := len(models) > 1:
+        rows = len(models)
+        columns = len(by_sequence(results))
+        panel_in = WIDTH_IN / max(columns, 4)
+        title_in = 0.24
+    height_in = rows * (panel_in * slope + title_in) + 0.7
+    fig = figure(panel_in * max(columns, 2), height_in, "First answers by cells")
     ordered = [result for group in models.values() for result in group]
     axes = panels(fig, len(ordered), columns, shared=False)
     for number, (axis, result) in enumerate(zip(axes, ordered, strict=True)):
@@ -115,16 +105,9 @@ def montage(results: Sequence[Result], train_xy_m: NDArray[np.float64]) -> Figur
         if not several or number < columns:
             axis.set_title(result.label, pad=2)
         if several and number % columns == 0:
-            name = axis.text(
-                -0.04,
-                0.5,
-                folded(result.model),
-                rotation=90,
-                ha="right",
-                va="center",
-                transform=axis.transAxes,
-            )
-            name.set(color=colour(result.model), weight="bold", size=7, multialignment="center")
+            name = axis.text(-0.04, 0.5, folded(result.model), transform=axis.transAxes, size=7)
+            name.set(rotation=90, ha="right", va="center", multialignment="center")
+            name.set(color=colour(result.model), weight="bold")
         for code, (_, tint, _) in enumerate(ANSWERS):
             count = str(np.sum(kinds == code))
             axis.text(
@@ -138,7 +121,7 @@ def montage(results: Sequence[Result], train_xy_m: NDArray[np.float64]) -> Figur
                 transform=axis.transAxes,
             )
     scale_bar(axes[0], box)
-    _legend(fig, [name for name, _, _ in ANSWERS])
+    _legend(fig, [""] * len(ANSWERS))
     return fig
 
 
@@ -161,20 +144,20 @@ def _map(
     for order, (is_accepted, code) in enumerate(layers, start=2):
         _, tint, marker = ANSWERS[code]
         x_m, y_m = xy_m[(kinds == code) & (accepted == is_accepted)].T
-        look: Any = {
-            "marker": marker,
-            "alpha": 1.0 if is_accepted else REJECTED,
-            "linewidths": 0,
-            "zorder": order,
-            "rasterized": True,
-        }
-        axis.scatter(x_m, y_m, size, tint, **look)
+        alpha = 1.0 if is_accepted else REJECTED
+        axis.scatter(
+            x_m,
+            y_m,
+            size,
+            tint,
+            alpha=alpha,
+            zorder=order,
+            marker=marker,
+            linewidths=0,
+            rasterized=True,
+        )
     axis.set(xlim=box[:, 0], ylim=box[:, 1], aspect="equal")
     axis.set_axis_off()
-
-
-def _box(results: Sequence[Result], train_xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    return bounds_m(train_xy_m, *(result.evaluation.xy_m for result in results))
 
 
 def bounds_m(*xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -201,28 +184,29 @@ def scale_bar(axis: Axes, box: NDArray[np.float64], size: float = 7.0) -> None:
     power = 10.0 ** np.floor(np.log10(longest_m))
     length_m = max(step * power for step in (1, 2, 5) if step * power <= longest_m)
     left, bottom = box[0] + 0.03 * (box[1] - box[0])
-    axis.plot(
-        [left, left + length_m], [bottom, bottom], color="0.25", lw=1.2, solid_capstyle="butt"
-    )
+    ends = [left, left + length_m]
+    axis.plot(ends, [bottom, bottom], color="0.25", lw=1.2, solid_capstyle="butt")
     axis.annotate(
         f"{length_m:g} m",
         (left, bottom),
+        size=size,
         xytext=(0, 2.5),
         textcoords="offset points",
-        size=size,
         color="0.25",
     )
 
 
-def _legend(fig: Figure, names: Sequence[str]) -> None:
+def _legend(fig: Figure, counts: Sequence[str]) -> None:
+    """Name the first ANSWERS, each with its count behind it."""
     entries = [
-        dot(name, tint, marker) for name, (_, tint, marker) in zip(names, ANSWERS, strict=False)
+        dot(name + count, tint, marker)
+        for count, (name, tint, marker) in zip(counts, ANSWERS, strict=False)
     ]
     entries.append(dot("faint: rejected", alpha=REJECTED))
-    path = Line2D([], [], color="0.8", lw=1.6, label="training path")
+    entries.append(Line2D([], [], color="0.8", lw=1.6, label="training path"))
     columns = 5 if fig.get_figwidth() > 6.5 else 3
     fig.legend(
-        handles=[*entries, path],
+        handles=entries,
         loc="outside lower left",
         ncols=columns,
         handlelength=1.2,

@@ -5,6 +5,7 @@ Right ones are chosen over the year; wrong ones are those of least novelty.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from pipeline.evaluation.judgement import FALSE_ALARM, HIT, Evaluation
-from pipeline.report.alike import best_shift
+from pipeline.report.alignment import best_shift
 from pipeline.report.figures.style import WIDTH_IN, figure, styled
 from pipeline.report.result import Result
 from pipeline.views.scan_context import colorize
@@ -59,13 +60,13 @@ class Example:
 
     def caption(self) -> str:
         """Verdict, sequence, novelty, error and heading, in four lines."""
-        e = self.result.evaluation
-        i = self.query
-        accepted = "accepted" if self.novelty < e.reject_from[0] else "rejected"
-        numbers = f"novelty {self.novelty:.3f}, {e.error_m[i]:.{int(e.error_m[i] < 9.95)}f} m off"
+        evaluation = self.result.evaluation
+        error_m = evaluation.error_m[self.query]
+        accepted = "accepted" if self.novelty < evaluation.reject_from[0] else "rejected"
         return (
-            f"{self.verdict}, {accepted}\n{self.result.label}\n{numbers}\nheading "
-            f"{degrees(e.turn_deg[i])} to training"
+            f"{self.verdict}, {accepted}\n{self.result.label}\n"
+            f"novelty {self.novelty:.3f}, {error_m:.{int(error_m < 9.95)}f} m off\n"
+            f"heading {degrees(evaluation.turn_deg[self.query])} to training"
         )
 
     def is_far_from(self, examples: Sequence["Example"]) -> bool:
@@ -93,29 +94,23 @@ def _right(group: Sequence[Result]) -> list[Example]:
 
     A turned one drove another way than training.
     """
-    hits_by_result = (
-        _surest([result], "right", lambda e: e.cells.outcome == HIT) for result in group
-    )
-    hits = [ordered for ordered in hits_by_result if ordered]
+    hits_by_day = [_surest([result], "right", lambda e: e.cells.outcome == HIT) for result in group]
+    hits_by_day = [hits for hits in hits_by_day if hits]
     chosen: list[Example] = []
-    for n in np.unique(np.linspace(0, len(hits) - 1, RIGHT).round().astype(int)) if hits else ():
-        middle = len(hits[n]) // 2
-        outwards = sorted(range(len(hits[n])), key=lambda i: abs(i - middle))
+    spread = np.linspace(0, len(hits_by_day) - 1, RIGHT if hits_by_day else 0)
+    for day in np.unique(spread.round().astype(int)):
+        hits = hits_by_day[day]
+        middle = len(hits) // 2
+        outwards = sorted(range(len(hits)), key=lambda i: abs(i - middle))
         chosen.append(
-            next((hits[n][i] for i in outwards if hits[n][i].is_far_from(chosen)), hits[n][middle])
+            next((hits[i] for i in outwards if hits[i].is_far_from(chosen)), hits[middle])
         )
     turned = _surest(
         group, "right", lambda e: (e.cells.outcome == HIT) & (np.abs(e.turn_deg) > TURNED_DEG)
     )
     chosen_keys = {(example.result.sequence, example.query) for example in chosen}
-    return (
-        chosen
-        + [
-            example
-            for example in turned
-            if (example.result.sequence, example.query) not in chosen_keys
-        ][:1]
-    )
+    others = (hit for hit in turned if (hit.result.sequence, hit.query) not in chosen_keys)
+    return [*chosen, *islice(others, 1)]
 
 
 def _surest(group: Sequence[Result], verdict: str, select: Which) -> list[Example]:
@@ -167,38 +162,28 @@ def matches(
     are the model's own. Training views are rolled to the heading at which they look most like the
     query, as the network's training copies are.
     """
-    heading = "queries and the training images they were matched with" + (
-        "" if own_views else ", as Scan Contexts"
-    )
-    fig = figure(WIDTH_IN, 0.45 + 0.73 * len(examples), f"{examples[0].result.model}: {heading}")
+    heading = f"{examples[0].result.model}: queries and the training images they were matched with"
+    heading += "" if own_views else ", as Scan Contexts"
+    fig = figure(WIDTH_IN, 0.45 + 0.73 * len(examples), heading)
     axes = fig.subplots(len(examples), 4, squeeze=False, width_ratios=(0.85, 1.0, 1.0, 1.0))
     for (text, left, middle, right), example in zip(axes, examples, strict=True):
         evaluation = example.result.evaluation
         i = example.query
         wrong = example.verdict != "right"
         query = np.asarray(images(example.result.sequence)[i])
-        tint = RED if wrong else "0.1"
         text.set_axis_off()
-        text.text(
-            0.0,
-            0.5,
-            example.caption(),
-            transform=text.transAxes,
-            va="center",
-            size=7,
-            color=tint,
-            linespacing=1.3,
-        )
+        caption = text.text(0.0, 0.5, example.caption(), transform=text.transAxes, va="center")
+        caption.set(size=7, color=RED if wrong else "0.1", linespacing=1.3)
         _show(left, query)
-        matched_submap = training.answered(int(evaluation.answer[i]), evaluation.answer_xy_m[i])
-        _show(middle, query, np.asarray(training.images[matched_submap]))
+        matched = training.answered(int(evaluation.answer[i]), evaluation.answer_xy_m[i])
+        _show(middle, query, np.asarray(training.images[matched]))
         if wrong:
             _show(right, query, np.asarray(training.images[training.nearest(example.xy_m)]))
             _note(right, 0.99, f"{evaluation.nearest_m[i]:.0f} m away")
         else:
             right.set_axis_off()
     for axis, title in zip(
-        axes[0, 1:], ("query", "matched with", "nearest in training"), strict=True
+        axes[0], ("", "query", "matched with", "nearest in training"), strict=True
     ):
         axis.set_title(title, pad=4)
     low = axes[-1, 1]
@@ -212,12 +197,8 @@ def matches(
 def _show(axis: Axes, query: NDArray[np.float32], image: NDArray[np.float32] | None = None) -> None:
     """Draw a query, or a view rolled towards it: heights (ring, sector), nearest ring lowest."""
     shift, image = (0, query) if image is None else (best_shift(query, image), image)
-    axis.imshow(
-        colorize(np.roll(image, shift, axis=1)),
-        origin="lower",
-        aspect="auto",
-        interpolation="nearest",
-    )
+    rolled = colorize(np.roll(image, shift, axis=1))
+    axis.imshow(rolled, origin="lower", aspect="auto", interpolation="nearest")
     axis.set(xticks=[], yticks=[])
     axis.spines[:].set_visible(False)
     if shift:
@@ -226,12 +207,5 @@ def _show(axis: Axes, query: NDArray[np.float32], image: NDArray[np.float32] | N
 
 def _note(axis: Axes, x: float, text: str) -> None:
     """Write in the lower left or right corner of a view."""
-    axis.text(
-        x,
-        0.06,
-        text,
-        transform=axis.transAxes,
-        color="white",
-        size=6.5,
-        ha="right" if x > 0.5 else "left",
-    )
+    side = "right" if x > 0.5 else "left"
+    axis.text(x, 0.06, text, transform=axis.transAxes, color="white", size=6.5, ha=side)

@@ -1,7 +1,7 @@
 """Panels of a figure: how many beside each other, their scales, names beside lines and rows."""
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, TypeVar
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pipeline.evaluation.calibration import Reliability
 from pipeline.report.comparison import Measurement
-from pipeline.report.figures.style import MARK, QUIET, VEIL, folded, look
+from pipeline.report.figures.style import MARK, QUIET, VEIL, WIDTH_IN, figure, folded, look
 from pipeline.studies.colours import marker
 
 OFF = "#B2182B"  # of what is off
@@ -18,7 +18,29 @@ SMALLEST = 4.0
 EVEN = 12.0
 """Square points of the marker of a bin that few queries are in, and of any where all are alike."""
 LINE_IN = 0.125  # height of a line of text
+SLANTED: Any = {"rotation": 40, "ha": "right", "rotation_mode": "anchor"}  # names below an axis
 Line = tuple[str, str, NDArray[np.float64]]  # name, colour and points (n, 2)
+Item = TypeVar("Item")
+
+
+def facets(
+    items: Sequence[Item],
+    most: int,
+    heading: str,
+    height_in: Callable[[int, int], float],
+    width_in: float = WIDTH_IN,
+    shared: bool = True,
+    x: str = "",
+    y: str = "",
+) -> tuple[Figure, list[tuple[Axes, Item]]]:
+    """A figure with a panel an item, at most `most` in a row, on one scale if `shared`.
+
+    `height_in` is of the figure, from its rows and columns. `x` and `y` label the lowest and the
+    leftmost panels.
+    """
+    rows, columns = balanced(len(items), most)
+    fig = figure(width_in, height_in(rows, columns), heading)
+    return fig, list(zip(panels(fig, len(items), columns, shared, x, y), items, strict=True))
 
 
 def balanced(number: int, most: int) -> tuple[int, int]:
@@ -30,16 +52,10 @@ def balanced(number: int, most: int) -> tuple[int, int]:
 def panels(
     fig: Figure, number: int, columns: int, shared: bool = True, x: str = "", y: str = ""
 ) -> list[Axes]:
-    """`number` axes in rows of `columns`, on one scale if `shared`.
-
-    `x` and `y` label the lowest and the leftmost axes.
-    """
+    """`number` axes in rows of `columns`; see `facets`."""
     columns = min(columns, number)
-    axes = list(
-        fig.subplots(
-            -(-number // columns), columns, squeeze=False, sharex=shared, sharey=shared
-        ).flat
-    )
+    rows = -(-number // columns)
+    axes = list(fig.subplots(rows, columns, squeeze=False, sharex=shared, sharey=shared).flat)
     for axis in axes[number:]:
         axis.remove()
     for axis in axes[number - columns : number]:
@@ -65,10 +81,15 @@ def in_corner(axis: Axes, line: int, text: str, tint: str, upper: bool = False) 
     It stands `line` lines away from the corner.
     """
     corner, step, side = ((0.97, 0.9), -8.5, "right") if upper else ((0.04, 0.03), 8.5, "left")
-    place: Any = {"xycoords": "axes fraction", "textcoords": "offset points", "ha": side}
-    axis.annotate(text, corner, (0, step * line), **place).set(
-        color=tint, size=7, zorder=5, bbox=VEIL
+    note = axis.annotate(
+        text,
+        corner,
+        (0, step * line),
+        xycoords="axes fraction",
+        textcoords="offset points",
+        ha=side,
     )
+    note.set(color=tint, size=7, zorder=5, bbox=VEIL)
 
 
 def share_limits(*values: Any) -> tuple[float, float]:
@@ -76,12 +97,10 @@ def share_limits(*values: Any) -> tuple[float, float]:
 
     They go from the tenth below all finite values to 1 or the largest value.
     """
-    shares = np.concatenate(
-        [[0.9, 1.0], *(np.ravel(np.asarray(value, np.float64)) for value in values)]
-    )
-    shares = shares[np.isfinite(shares)]
-    low = max(0.0, float(np.floor(shares.min() * 10) / 10))
-    high = float(shares.max())
+    shares = np.concatenate([[0.9, 1.0], *(np.ravel(np.asarray(v, np.float64)) for v in values)])
+    finite = shares[np.isfinite(shares)]
+    low = max(0.0, float(np.floor(finite.min() * 10) / 10))
+    high = float(finite.max())
     return low - 0.02 * (high - low), high + 0.03 * (high - low)
 
 
@@ -97,16 +116,8 @@ def points(
     """Draw markers of values (n, 3) with their intervals as bars."""
     value, low, high = values.T
     axis.vlines(x, low, high, color=tint, lw=0.9, alpha=0.7 * alpha, zorder=2)
-    look: Any = {
-        "ls": "",
-        "marker": marker,
-        "ms": 3.6,
-        "mec": "white",
-        "mew": 0.4,
-        "zorder": 3,
-        "clip_on": False,
-    }
-    axis.plot(x, value, color=tint, alpha=alpha, **(look | options))
+    look: Any = {"ls": "", "ms": 3.6, "mec": "white", "mew": 0.4, "zorder": 3, "clip_on": False}
+    axis.plot(x, value, marker=marker, color=tint, alpha=alpha, **(look | options))
 
 
 def course(
@@ -118,8 +129,9 @@ def course(
     """
     finite = np.ma.masked_invalid(members)
     if dots:
-        faint: Any = {"alpha": 0.35, "linewidths": 0, "zorder": 2}
-        axis.scatter(np.broadcast_to(x, finite.shape), finite, 6, tint, **faint)
+        axis.scatter(
+            np.broadcast_to(x, finite.shape), finite, 6, tint, alpha=0.35, linewidths=0, zorder=2
+        )
     elif len(members) > 1:
         axis.plot(x, members.T, color=tint, lw=0.5, alpha=0.45, zorder=2)
     means = np.asarray(finite.mean(axis=0).filled(np.nan))
@@ -149,40 +161,38 @@ def model_lines(axis: Axes, rows: Mapping[str, Sequence[Measurement]]) -> list[L
 
     Bars are deviations over the test sequences.
     """
-    looks = look(rows)
-    lines = []
-    for i, (model, row) in enumerate(rows.items()):
-        (tint, dash) = looks[model]
-        x = np.arange(len(row)) + 0.24 * ((i + 0.5) / len(rows) - 0.5)
-        means, deviations = means_of(row)
+    ends = []
+    for i, (model, line) in enumerate(look(rows).items()):
+        x = np.arange(len(rows[model])) + 0.24 * ((i + 0.5) / len(rows) - 0.5)
+        means, deviations = means_of(rows[model])
         axis.vlines(
-            x, means - deviations, means + deviations, color=tint, lw=0.7, alpha=0.45, zorder=1
+            x,
+            means - deviations,
+            means + deviations,
+            color=line["color"],
+            lw=0.7,
+            alpha=0.45,
+            zorder=1,
         )
         axis.plot(
             x,
             means,
-            color=tint,
-            ls=dash,
             lw=1.1,
+            zorder=3,
+            label=model,
             marker=marker(model),
             ms=3.4,
             mec="white",
             mew=0.4,
-            zorder=3,
-            label=model,
+            **line,
         )
-        lines.append((model, tint, np.stack([x, means], axis=1)))
-    return lines
+        ends.append((model, line["color"], np.stack([x, means], axis=1)))
+    return ends
 
 
 def means_of(measurements: Sequence[Measurement]) -> NDArray[np.float64]:
     """Means and deviations over the test sequences (2, k) of k measurements."""
-    return np.array(
-        [
-            [measurement.mean for measurement in measurements],
-            [measurement.over_sequences for measurement in measurements],
-        ]
-    )
+    return np.array([[m.mean for m in measurements], [m.over_sequences for m in measurements]])
 
 
 def oracle_line(
@@ -211,8 +221,15 @@ def name_ends(axis: Axes, lines: Sequence[Line], gap: float) -> None:
     y = high + gap
     places = [y := min(place, y - gap) for place in reversed(places)]
     for place, (_, name, tint) in zip(places, reversed(ends), strict=True):
-        placement: Any = {"textcoords": "offset points", "va": "center", "annotation_clip": False}
-        axis.annotate(name, (right, place), (7, 0), color=tint, **placement)
+        axis.annotate(
+            name,
+            (right, place),
+            (7, 0),
+            color=tint,
+            textcoords="offset points",
+            va="center",
+            annotation_clip=False,
+        )
 
 
 def name_rows(axis: Axes, tints: Mapping[str, str]) -> None:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pipeline.evaluation.calibration import BINS, Reliability, chances, ece, reliability
 from pipeline.evaluation.numbers import MEASURES
 from pipeline.evaluation.protocols import PROTOCOLS
-from pipeline.report.figures.panels import balanced, calibration, panels, points, share_limits
+from pipeline.report.figures.panels import SLANTED, calibration, facets, points, share_limits
 from pipeline.report.figures.style import MARK, VEIL, WIDTH_IN, below, dot, figure, styled
 from pipeline.report.result import Result, day
 from pipeline.report.table import fixed
@@ -47,24 +47,24 @@ def histograms(group: Sequence[Result], protocol: str) -> Figure:
     Right and misplaced seen queries are stacked; unseen ones are a line.
     """
     kind = group[0].evaluation.kinds[0].replace("_", " ")
-    novelties = np.concatenate([result.evaluation.novelty[:, 0] for result in group]).astype(
-        np.float64
-    )
-    novelties = novelties[np.isfinite(novelties)]
-    low = novelties.min(initial=0.0)
-    high = novelties.max(initial=0.0)
+    novelties = np.concatenate([result.evaluation.novelty[:, 0] for result in group])
+    finite = novelties[np.isfinite(novelties)].astype(np.float64)
+    low = finite.min(initial=0.0)
+    high = finite.max(initial=0.0)
     edges = np.linspace(low, high if high > low else low + 1.0, STEPS + 1)
-    rows, columns = balanced(len(group), 5)
-    width_in = WIDTH_IN if columns > 1 else 4.8
-    height_in = 0.85 + (1.35 if columns > 3 else 1.65) * rows
-    fig = figure(
-        width_in, height_in, f"{group[0].model}: {kind} of seen and unseen queries, by {protocol}"
+    fig, panels = facets(
+        group,
+        5,
+        f"{group[0].model}: {kind} of seen and unseen queries, by {protocol}",
+        lambda rows, columns: 0.85 + (1.35 if columns > 3 else 1.65) * rows,
+        WIDTH_IN if len(group) > 1 else 4.8,
+        x=kind,
+        y="density",
     )
-    axes = panels(fig, len(group), columns, x=kind, y="density")
-    for axis, result in zip(axes, group, strict=True):
+    for axis, result in panels:
         _histogram(axis, result, protocol, edges)
-    axes[0].set_xlim(edges[0], edges[-1])
-    below(fig, LEGEND, 4 if columns > 1 else 2)
+    fig.axes[0].set_xlim(edges[0], edges[-1])
+    below(fig, LEGEND, 4 if len(group) > 1 else 2)
     return fig
 
 
@@ -72,42 +72,20 @@ def _histogram(axis: Axes, result: Result, protocol: str, edges: NDArray[np.floa
     judgement = result.evaluation.protocol(protocol)
     threshold = result.evaluation.reject_from[0]
     novelty = result.evaluation.novelty[:, 0].astype(np.float64)
-    right = judgement.seen & (judgement.true_rank == 0)
+    is_right = judgement.seen & (judgement.true_rank == 0)
     per_query = 1 / (max(int(judgement.seen.sum()), 1) * np.diff(edges)[0])
-    right_density, wrong_density = (
-        np.histogram(novelty[mask], edges)[0] * per_query
-        for mask in (right, judgement.seen & ~right)
-    )
-    axis.stairs(right_density, edges, fill=True, color=RIGHT, lw=0)
-    axis.stairs(
-        right_density + wrong_density,
-        edges,
-        baseline=right_density,
-        fill=True,
-        color=MISPLACED,
-        lw=0,
-    )
+    right = np.histogram(novelty[is_right], edges)[0] * per_query
+    wrong = np.histogram(novelty[judgement.seen & ~is_right], edges)[0] * per_query
+    axis.stairs(right, edges, fill=True, color=RIGHT, lw=0)
+    axis.stairs(right + wrong, edges, baseline=right, fill=True, color=MISPLACED, lw=0)
     if judgement.unseen.any():
-        axis.stairs(
-            np.histogram(novelty[judgement.unseen], edges, density=True)[0],
-            edges,
-            color=UNSEEN,
-            lw=1.2,
-        )
+        unseen = np.histogram(novelty[judgement.unseen], edges, density=True)[0]
+        axis.stairs(unseen, edges, color=UNSEEN, lw=1.2)
     if edges[0] <= threshold <= edges[-1]:
         axis.axvline(threshold, **MARK)
     auroc = f"AUROC {fixed(result.number(protocol, 'auroc'), 3)}"
-    axis.text(
-        0.97,
-        0.95,
-        auroc,
-        transform=axis.transAxes,
-        ha="right",
-        va="top",
-        size=7,
-        bbox=VEIL,
-        zorder=5,
-    )
+    corner = axis.text(0.97, 0.95, auroc, transform=axis.transAxes, ha="right", va="top")
+    corner.set(size=7, bbox=VEIL, zorder=5)
     axis.set_title(result.label, pad=4)
 
 
@@ -121,52 +99,33 @@ def rejection(group: Sequence[Result]) -> Figure:
     wanted = group[0].wanted_precision
     fig = figure(WIDTH_IN, 4.2, f"{group[0].model}: precision and recall at the chosen thresholds")
     axes = fig.subplots(2, len(PROTOCOLS), sharex=True, sharey="row")
+    # (protocol, sequence, kind, measure, 3)
+    rejections = np.array(
+        [[result.evaluation.protocol(name).rejection for result in group] for name in PROTOCOLS]
+    )
+    accepts_nothing = np.isnan(rejections[..., MEASURES.index("precision_at_threshold"), 0])
     for row, name in zip(axes, ("precision", "recall"), strict=True):
-        number = MEASURES.index(f"{name}_at_threshold")
-        precise = MEASURES.index("precision_at_threshold")
-        judgements = [
-            [result.evaluation.protocol(protocol) for result in group] for protocol in PROTOCOLS
-        ]
-        # (protocol, sequence, kind, measure, 3)
-        rejections = np.array(
-            [[judgement.rejection for judgement in protocol_row] for protocol_row in judgements]
-        )
-        values = rejections[..., number, :]
-        nothing_accepted = np.isnan(rejections[..., precise, 0])
-        values[nothing_accepted] = np.nan
-        for axis, of_kinds in zip(row, np.moveaxis(values, 2, 1), strict=True):
-            for k, (kind_values, (tint, marker)) in enumerate(
-                zip(of_kinds[: len(kinds)], KINDS, strict=False)
-            ):
-                points(
-                    axis,
-                    np.arange(len(group)) + 0.16 * (k - (len(kinds) - 1) / 2),
-                    kind_values,
-                    tint,
-                    marker,
-                )
+        values = rejections[..., MEASURES.index(f"{name}_at_threshold"), :]
+        values = np.where(accepts_nothing[..., None], np.nan, values)
+        for axis, of_kinds in zip(row, np.moveaxis(values, 2, 1)[:, : len(kinds)], strict=True):
+            for k, (kind_values, (tint, marker)) in enumerate(zip(of_kinds, KINDS, strict=False)):
+                x = np.arange(len(group)) + 0.16 * (k - (len(kinds) - 1) / 2)
+                points(axis, x, kind_values, tint, marker)
             axis.set_xlim(-0.5, len(group) - 0.5)
             axis.grid(axis="y")
         cut = np.fmax(values[..., 1], np.nanmin(values[..., 0], initial=0.9) - LONG_BAR)
         row[0].set(ylabel=name, ylim=share_limits(cut))
-    for column, protocol in zip(axes.T, PROTOCOLS, strict=True):
-        column[0].set_title(f"by {protocol}", pad=6)
-        column[0].axhline(wanted, **MARK)
-        ticks = [day(result.sequence) for result in group]
-        column[1].set_xticks(
-            range(len(group)), ticks, rotation=40, ha="right", rotation_mode="anchor"
-        )
+    for (upper, lower), protocol in zip(axes.T, PROTOCOLS, strict=True):
+        upper.set_title(f"by {protocol}", pad=6)
+        upper.axhline(wanted, **MARK)
+        lower.set_xticks(range(len(group)), [day(result.sequence) for result in group], **SLANTED)
     fig.align_ylabels(axes[:, 0])
-    names = [
-        kind.replace("_", " ") + " (in use)" * (i == 0 < len(kinds) - 1)
-        for i, kind in enumerate(kinds)
-    ]
-    kept_precisions = group[0].evaluation.kept_precision[: len(kinds)]
-    names = [
-        name + f", keeps {precision:.3f}" * (precision < wanted)
-        for name, precision in zip(names, kept_precisions, strict=True)
-    ]
-    entries = [dot(name, tint, marker) for name, (tint, marker) in zip(names, KINDS, strict=False)]
+    entries = []
+    for i, (kind, (tint, marker)) in enumerate(zip(kinds, KINDS, strict=False)):
+        in_use = " (in use)" * (i == 0 < len(kinds) - 1)
+        precision = group[0].evaluation.kept_precision[i]
+        keeps = f", keeps {precision:.3f}" * (precision < wanted)
+        entries.append(dot(kind.replace("_", " ") + in_use + keeps, tint, marker))
     below(fig, [*entries, Line2D([], [], label=f"wanted precision {wanted:g}", **MARK)], 5)
     return fig
 
@@ -181,14 +140,12 @@ def confidences(results: Sequence[Result]) -> list[tuple[str, Reliability, float
     right = np.concatenate([(e.cells.true_rank == 0)[seen] for e, seen in parts])
     raw = np.concatenate([1.0 - e.cost[seen] for e, seen in parts])
     scaled = np.concatenate([e.confidence[seen] for e, seen in parts])
-    if not len(right) or not chances(
-        scaled
-    ):  # without a confidence, a cost is no chance either, but a distance
+    # without a confidence, a cost is no chance either, but a distance
+    if not len(right) or not chances(scaled):
         return []
-    named_confidences = (("raw: 1 − cost", raw), ("temperature-scaled", scaled))
     return [
         (name, reliability(confidence, right), ece(confidence, right))
-        for name, confidence in named_confidences
+        for name, confidence in (("raw: 1 − cost", raw), ("temperature-scaled", scaled))
         if chances(confidence)
     ]
 
@@ -203,12 +160,9 @@ def diagram(results: Sequence[Result]) -> Figure | None:
     if not (calibrations := confidences(results)):
         return None
     model = results[0].model
-    count = sum(int(result.evaluation.cells.seen.sum()) for result in results)
-    fig = figure(
-        WIDTH_IN,
-        3.4,
-        f"{model}: confidence against the share right, by cells ({count:,} seen queries)",
-    )
+    seen = sum(int(result.evaluation.cells.seen.sum()) for result in results)
+    heading = f"{model}: confidence against the share right, by cells ({seen:,} seen queries)"
+    fig = figure(WIDTH_IN, 3.4, heading)
     axes = fig.subplots(
         2, len(calibrations), sharex=True, sharey="row", squeeze=False, height_ratios=(3.2, 1)
     )
@@ -216,9 +170,8 @@ def diagram(results: Sequence[Result]) -> Figure | None:
         calibration(upper, bins, colour(model))
         upper.set_title(name)
         upper.text(0.04, 0.95, f"ECE {error:.3f}", transform=upper.transAxes, va="top")
-        lower.stairs(
-            bins.count / bins.count.sum(), np.linspace(0, 1, BINS + 1), fill=True, color="0.75"
-        )
+        shares = bins.count / bins.count.sum()
+        lower.stairs(shares, np.linspace(0, 1, BINS + 1), fill=True, color="0.75")
         lower.set_xlabel("confidence")
     axes[0, 0].set_ylabel("share that is right")
     axes[1, 0].set(ylabel="of queries", ylim=(0, None))

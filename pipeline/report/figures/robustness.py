@@ -4,7 +4,6 @@ They are drawn over levels of change, over N-way training and over cell sizes.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -41,7 +40,6 @@ from pipeline.report.figures.style import (
     below,
     dot,
     figure,
-    look,
     styled,
     tints,
 )
@@ -61,35 +59,24 @@ def dots(
     """
     models = comparison.ordered(order_by, AUC)
     kinds = comparison.kinds
+    marks = [MARKERS[i % len(MARKERS)] for i in range(len(kinds))]
     lifts = np.linspace(-0.33, 0.33, len(kinds)) if len(kinds) > 2 else np.zeros(len(kinds))
     fig = figure(WIDTH_IN, 0.95 + 0.17 * max(1.0, len(kinds) / 3) * len(models), heading)
     axes = fig.subplots(1, len(measures), squeeze=False, sharey=True)[0]
     for axis, measure in zip(axes, measures, strict=True):
-        values_by_kind = [
+        values = [
             means_of([comparison.measurement(model, kind, measure) for model in models])
             for kind in kinds
         ]
-        for i, values in enumerate(values_by_kind):
-            if i or not measure.relative:
-                _row(axis, models, values, MARKERS[i % len(MARKERS)], i > 0, lifts[i])
+        for i in range(int(measure.relative), len(kinds)):
+            _row(axis, models, values[i], marks[i], i > 0, lifts[i])
         if len(kinds) == 2 and not measure.relative:
-            axis.hlines(
-                range(len(models)),
-                values_by_kind[0][0],
-                values_by_kind[1][0],
-                color="0.75",
-                lw=1.0,
-                zorder=1,
-            )
+            means = values[0][0], values[1][0]
+            axis.hlines(range(len(models)), *means, color="0.75", lw=1.0, zorder=1)
         _scale_x(axis, measure)
     name_rows(axes[0], tints(models))
-    below(
-        fig,
-        [
-            dot(kind.label, marker=MARKERS[i % len(MARKERS)], full=i > 0)
-            for i, kind in enumerate(kinds)
-        ],
-    )
+    entries = [dot(kinds[i].label, marker=marks[i], full=i > 0) for i in range(len(kinds))]
+    below(fig, entries)
     return fig
 
 
@@ -107,19 +94,8 @@ def sequences(comparison: Comparison, titles: Mapping[str, str], heading: str) -
     )
     for i, (row, sequence) in enumerate(zip(grid, comparison.sequences, strict=True)):
         for axis, measure in zip(row, measures, strict=True):
-            measurements = [
-                comparison.measurement(model, Kind(), measure).on(i) for model in models
-            ]
-            _row(
-                axis,
-                models,
-                np.array(
-                    [
-                        [measurement.mean for measurement in measurements],
-                        [measurement.over_seeds for measurement in measurements],
-                    ]
-                ),
-            )
+            numbers = [comparison.measurement(model, Kind(), measure).on(i) for model in models]
+            _row(axis, models, np.array([(number.mean, number.over_seeds) for number in numbers]).T)
             _scale_x(axis, measure)
         row[0].set_title(titles[sequence], loc="left", pad=4)
         name_rows(row[0], tints(models))
@@ -158,11 +134,8 @@ def levels(comparison: Comparison, heading: str, unit: str) -> Figure:
         _scale_y(column, measure)
         for axis, lines in zip(column, ends, strict=True):
             name_ends(axis, lines, gap=LINE_IN / panel_in)
-    for axis, shadow in zip(grid[:, 0], shadows, strict=True):
-        if any(shadows):
-            axis.set_ylabel(
-                "what is behind is hidden" if shadow else "what is behind stays in view"
-            )
+    for axis, shadow in zip(grid[:, 0], shadows if any(shadows) else (), strict=False):
+        axis.set_ylabel("what is behind is hidden" if shadow else "what is behind stays in view")
     return fig
 
 
@@ -175,7 +148,7 @@ def ways(
     `reference_models` are drawn as level lines, altered.
     """
     models_by_n = comparison.ways()
-    looks = look(comparison.models)
+    shades = tints(comparison.models)
     method = method_of(next(iter(models_by_n.values())))
     positions = np.arange(len(models_by_n))
     tint = colour(method)
@@ -184,28 +157,28 @@ def ways(
         ends: list[Line] = []
         for case in (kind,) if measure.relative else (Kind(), kind):
             dash, fill = ("-", tint) if case == kind else (DASHES[1], "white")
-            means, deviations = means_of(
-                [comparison.measurement(model, case, measure) for model in models_by_n.values()]
-            )
-            marks: Any = {"marker": "o", "ms": 4, "mfc": fill, "mew": 0.8}
+            numbers = [comparison.measurement(name, case, measure) for name in models_by_n.values()]
+            means, deviations = means_of(numbers)
             axis.errorbar(
                 positions,
                 means,
                 deviations,
                 color=tint,
-                lw=1.3,
-                ls=dash,
                 elinewidth=0.6,
                 zorder=3,
-                **marks,
+                marker="o",
+                ms=4,
+                mfc=fill,
+                mew=0.8,
+                lw=1.3,
+                ls=dash,
             )
             ends.append((f"{method} {case.label}", tint, np.stack([positions, means], axis=1)))
         for model in reference_models:
-            level = np.array(
-                [[-0.3, positions[-1]], [comparison.measurement(model, kind, measure).mean] * 2]
-            )
-            axis.plot(*level, color=looks[model][0], lw=1.0, ls=DASHES[2])
-            ends.append((model, looks[model][0], level.T))
+            mean = comparison.measurement(model, kind, measure).mean
+            level = np.array([[-0.3, positions[-1]], [mean, mean]])
+            axis.plot(*level, color=shades[model], lw=1.0, ls=DASHES[2])
+            ends.append((model, shades[model], level.T))
         axis.set_xticks(positions, [str(n) for n in models_by_n])
         axis.set(xlim=(-0.3, len(models_by_n) - 0.7), xlabel="N of N-way")
         axis.set_title(measure.title, loc="left", pad=5)
@@ -230,13 +203,12 @@ def cells(
     panel_in = 0.6 + LINE_IN * max(len(models) + 1, 9)
     fig = figure(WIDTH_IN, 0.3 + 2 * (0.45 + panel_in), heading)
     for axis, measure in zip(fig.subplots(2, 2).flat, (AUC, RECALL, FAR_AUC, FAR), strict=True):
-        rows = {model: values.get((model, measure.protocol, measure.name), ()) for model in models}
-        measurements = {
-            model: [Measurement(np.reshape(numbers, (1, -1, 1))) for numbers in row]
-            for model, row in rows.items()
-            if len(row)
+        rows = {
+            model: [Measurement(np.reshape(numbers, (1, -1, 1))) for numbers in by_size]
+            for (model, *names), by_size in values.items()
+            if names == [measure.protocol, measure.name]
         }
-        ends = model_lines(axis, measurements)
+        ends = model_lines(axis, rows)
         if measure.name == "recall_at_1":
             ends.append(oracle_line(axis, range(len(sizes_m)), oracle[measure.protocol]))
         axis.set_xticks(range(len(sizes_m)), [f"{side_m:g} m" for side_m in sizes_m])

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any, cast
 
 import matplotlib
-import numpy as np
 from markupsafe import Markup, escape
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
@@ -22,9 +21,6 @@ from matplotlib.lines import Line2D
 from PIL import Image
 
 from pipeline.core.errors import InputError
-from pipeline.report.findings import Finding
-from pipeline.report.section import Illustration
-from pipeline.report.study import Study
 from pipeline.studies.colours import colour, marker, method_of
 
 FONT = "DejaVu Sans"  # the one font that comes with matplotlib
@@ -81,11 +77,12 @@ DASHES: tuple[Any, ...] = (
     (0, (2, 2)),
     (0, (8, 2)),
 )
+THICK: Any = {"lw": 1.6, "ms": 4, "mec": "white", "mew": 0.5}  # a legend's line with its marker
 LONG = 12  # letters of a model's name that fit beside a panel
 
 
-def look(models: Iterable[str]) -> dict[str, tuple[str, Any]]:
-    """Colour and dash of each model in a figure.
+def look(models: Iterable[str]) -> dict[str, dict[str, Any]]:
+    """Colour and dash (`color` and `ls`) of the line of each model in a figure.
 
     A variant has its method's colour, darker and with another dash.
     """
@@ -97,23 +94,23 @@ def look(models: Iterable[str]) -> dict[str, tuple[str, Any]]:
             key=lambda name: ("-" in name, len(name), name),
         )
         place = variants.index(model)
-        rgb = np.array(to_rgb(colour(model)))
         shade = 1.0 - 0.6 * place / max(len(variants) - 1, 1)
-        looks[model] = to_hex((*(shade * rgb),)).upper(), DASHES[place % len(DASHES)]
+        red, green, blue = to_rgb(colour(model))
+        tint = to_hex((shade * red, shade * green, shade * blue)).upper()
+        looks[model] = {"color": tint, "ls": DASHES[place % len(DASHES)]}
     return looks
 
 
 def tints(models: Iterable[str]) -> dict[str, str]:
     """Their colours alone."""
-    return {model: tint for model, (tint, _) in look(models).items()}
+    return {model: line["color"] for model, line in look(models).items()}
 
 
 def handles(models: Iterable[str]) -> list[Line2D]:
     """A legend's entries, one a model."""
-    line: dict[str, Any] = {"lw": 1.6, "ms": 4, "mec": "white", "mew": 0.5}
     return [
-        Line2D([], [], color=tint, ls=dash, marker=marker(model), label=model, **line)
-        for model, (tint, dash) in look(models).items()
+        Line2D([], [], marker=marker(model), label=model, **THICK, **line)
+        for model, line in look(models).items()
     ]
 
 
@@ -121,8 +118,18 @@ def dot(
     label: str, tint: str = QUIET, marker: str = "o", full: bool = True, alpha: float = 1.0
 ) -> Line2D:
     """A legend entry of a marker."""
-    shape: Any = {"marker": marker, "ms": 4, "mfc": tint if full else "white", "mew": 0.8}
-    return Line2D([], [], ls="", color=tint, alpha=alpha, label=label, **shape)
+    return Line2D(
+        [],
+        [],
+        ls="",
+        color=tint,
+        alpha=alpha,
+        label=label,
+        marker=marker,
+        ms=4,
+        mfc=tint if full else "white",
+        mew=0.8,
+    )
 
 
 def below(fig: Figure, entries: Sequence[Any], columns: int = 6, **options: Any) -> None:
@@ -216,25 +223,15 @@ def _tenth(number: re.Match[str]) -> str:
 
 def _fewer_colours(png: str) -> str:
     """A PNG in base64 with a palette of COLOURS, which dense points and small views fit into."""
-    file = BytesIO()
     image = Image.open(BytesIO(b64decode(png))).convert("RGBA")
-    image.quantize(COLOURS, Image.Quantize.FASTOCTREE).save(file, "PNG", optimize=True)
+    return png_text(image.quantize(COLOURS, Image.Quantize.FASTOCTREE))
+
+
+def png_text(image: Image.Image, **options: Any) -> str:
+    """An image as a small PNG in base64."""
+    file = BytesIO()
+    image.save(file, "PNG", optimize=True, **options)
     return b64encode(file.getvalue()).decode()
-
-
-def illustrate(
-    kind: str,
-    figure: Figure,
-    study: Study,
-    folder: Path,
-    *findings: Finding,
-    name: str = "",
-    **values: str,
-) -> Illustration:
-    """Save a figure as an SVG named by its kind or `name`; `values` fill its words."""
-    return Illustration(
-        kind, save(figure, folder / f"{name or kind}.svg", study.simulated), findings, values
-    )
 
 
 def _head(fig: Figure, simulated: bool) -> None:
@@ -246,8 +243,7 @@ def _head(fig: Figure, simulated: bool) -> None:
     top = 1.0 - MARGIN_IN / height_in
     if simulated:  # on the left where the right may be out of sight
         x, side = (margin, "left") if is_narrow else (1.0 - margin, "right")
-        look: Any = {"ha": side, "va": "top", "size": 7, "style": "italic", "color": QUIET}
-        fig.text(x, top, SIMULATED, **look)
+        fig.text(x, top, SIMULATED, ha=side, va="top", size=7, style="italic", color=QUIET)
     fig.texts[0].set_y(top - above_in / height_in)
     cast(ConstrainedLayoutEngine, fig.get_layout_engine()).set(
         rect=(0.0, 0.0, 1.0, 1.0 - (LINE_IN + above_in) / height_in)

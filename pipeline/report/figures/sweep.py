@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,41 +12,27 @@ from pipeline.report.comparison import AUC, FAR, Measure
 from pipeline.report.figures.style import DASHES, WIDTH_IN, below, figure, styled
 from pipeline.report.table import MISSING
 from pipeline.studies.colours import PALETTE
+from pipeline.sweeps.record import Record
 
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?")
 WIDE_RANGE = 20.0  # positive values whose ratio is larger have a logarithmic axis
 
 
-@dataclass(frozen=True, eq=False)
-class SweepJob:
-    """One job of a sweep."""
-
-    number: int
-    values: Mapping[str, str]  # parameter to value, such as {"grid.cell_m": "5"}
-    # protocol and number to one value a test sequence; none of a failed job
-    numbers: Mapping[tuple[str, str], Sequence[float]]
-    error: str | None  # why it failed
-    held_out_auc: float | None = None
-
-    def value(self, name: str) -> str:
-        """The value of a parameter, MISSING if not set; for `job` the job's number."""
-        return str(self.number) if name == "job" else self.values.get(name, MISSING)
-
-    def finite(self, protocol: str, name: str) -> list[float]:
-        """The finite values of one number, one a test sequence."""
-        return [value for value in self.numbers.get((protocol, name), ()) if np.isfinite(value)]
+def setting(job: Record, name: str) -> str:
+    """The value of a parameter of a job, MISSING if not set; for `job` the job's number."""
+    return str(job.number) if name == "job" else job.overrides.get(name, MISSING)
 
 
 @styled
-def response(jobs: Sequence[SweepJob], swept: Sequence[str]) -> Figure:
+def response(jobs: Sequence[Record], swept: Sequence[str]) -> Figure:
     """The scores over the swept parameter with most values, numeric if any is.
 
     A panel a protocol, a line for each combination of the other parameters. Points are joined along
     a numeric axis only. Raises InputError where every job failed.
     """
-    if not any(job.numbers for job in jobs):
+    if not any(job.rows for job in jobs):
         raise InputError("every job of the sweep failed, so there is nothing to draw")
-    values = {name: [job.value(name) for job in jobs] for name in (*swept, "job")}
+    values = {name: [setting(job, name) for job in jobs] for name in (*swept, "job")}
     numeric = [name for name in swept if all(map(NUMBER.fullmatch, values[name]))]
     along = max(numeric or swept, key=lambda name: len(set(values[name])), default="job")
     joined = all(map(NUMBER.fullmatch, values[along]))
@@ -55,14 +40,12 @@ def response(jobs: Sequence[SweepJob], swept: Sequence[str]) -> Figure:
         value: float(value) if joined else float(i)
         for i, value in enumerate(dict.fromkeys(values[along]))
     }
-    lines: dict[str, list[tuple[float, SweepJob]]] = {}
-    for job in sorted(jobs, key=lambda job: (ticks[job.value(along)], job.number)):
-        name = ", ".join(
-            f"{name.rpartition('.')[2]} {job.value(name)}" for name in swept if name != along
-        )
-        lines.setdefault(name or "mean of the test sequences", []).append(
-            (ticks[job.value(along)], job)
-        )
+    lines: dict[str, list[tuple[float, Record]]] = {}
+    for job in sorted(jobs, key=lambda job: (ticks[setting(job, along)], job.number)):
+        others = (name for name in swept if name != along)
+        name = ", ".join(f"{name.rpartition('.')[2]} {setting(job, name)}" for name in others)
+        line = lines.setdefault(name or "mean of the test sequences", [])
+        line.append((ticks[setting(job, along)], job))
     fig = figure(WIDTH_IN, 3.0, f"Over {along}, by both protocols")
     for axis, measure in zip(fig.subplots(1, 2), (AUC, FAR), strict=True):
         _panel(axis, lines, measure, joined)
@@ -79,7 +62,7 @@ def response(jobs: Sequence[SweepJob], swept: Sequence[str]) -> Figure:
 
 def _panel(
     axis: Axes,
-    lines: Mapping[str, Sequence[tuple[float, SweepJob]]],
+    lines: Mapping[str, Sequence[tuple[float, Record]]],
     measure: Measure,
     joined: bool,
 ) -> None:
@@ -90,16 +73,13 @@ def _panel(
     oracle: dict[float, list[float]] = {}
     for i, (name, jobs) in enumerate(lines.items()):
         tint = PALETTE[i % len(PALETTE)]
-        dash = DASHES[i // len(PALETTE) % len(DASHES)] if joined else ""
-        drawn_jobs = [
-            (x, values) for x, job in jobs if (values := job.finite(measure.protocol, measure.name))
-        ]
-        means = [np.mean(values) for _, values in drawn_jobs]
+        values = [(x, job.values(measure.protocol, measure.name)) for x, job in jobs]
+        drawn = [(x, of_job) for x, of_job in values if of_job]
         axis.plot(
-            [x for x, _ in drawn_jobs],
-            means,
+            [x for x, _ in drawn],
+            [np.mean(of_job) for _, of_job in drawn],
             color=tint,
-            ls=dash,
+            ls=DASHES[i // len(PALETTE) % len(DASHES)] if joined else "",
             marker="o",
             ms=4,
             mec="white",
@@ -107,20 +87,25 @@ def _panel(
             label=name,
             zorder=3,
         )
-        for x, values in drawn_jobs:
-            axis.scatter([x] * len(values), values, 7, tint, alpha=0.35, linewidths=0, zorder=2)
+        for x, of_job in drawn:
+            axis.scatter([x] * len(of_job), of_job, 7, tint, alpha=0.35, linewidths=0, zorder=2)
         for x, job in jobs:
-            oracle.setdefault(x, []).extend(job.finite(measure.protocol, "oracle"))
+            oracle.setdefault(x, []).extend(job.values(measure.protocol, "oracle"))
             if job.error is not None:
-                low = axis.get_xaxis_transform()
                 axis.plot(
-                    x, 0, "x", ms=5, mew=1.2, color=tint, clip_on=False, zorder=4, transform=low
+                    x,
+                    0,
+                    "x",
+                    ms=5,
+                    mew=1.2,
+                    color=tint,
+                    clip_on=False,
+                    zorder=4,
+                    transform=axis.get_xaxis_transform(),
                 )
-    best = np.array(sorted((x, np.mean(values)) for x, values in oracle.items() if values)).reshape(
-        -1, 2
-    )
+    best = [(x, np.mean(values)) for x, values in sorted(oracle.items()) if values]
     axis.plot(
-        *best.T,
+        *np.array(best, np.float64).reshape(-1, 2).T,
         marker="." if len(best) == 1 else "",
         lw=0.9,
         color="0.6",

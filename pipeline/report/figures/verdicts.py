@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from pipeline.report.figures.panels import OFF, balanced, calibration, in_corner, panels
-from pipeline.report.figures.style import MARK, WIDTH_IN, below, dot, figure, styled
+from pipeline.report.figures.panels import OFF, calibration, facets, in_corner
+from pipeline.report.figures.style import MARK, below, dot, styled
 from pipeline.report.result import Result
 from pipeline.report.table import fixed
 from pipeline.studies.colours import colour
@@ -24,21 +24,25 @@ def verdicts(group: Sequence[Result]) -> Figure:
 
     Poses left of the line are accepted with a promise of .99.
     """
-    rows, columns = balanced(len(group), 4)
+    far_m, far_deg = group[0].evaluation.right_within
     kind = group[0].evaluation.kinds[0].replace("_", " ")
-    fig = figure(
-        WIDTH_IN, 0.9 + 1.75 * rows, f"{group[0].model}: error of each pose over its novelty"
+    fig, panels = facets(
+        group,
+        4,
+        f"{group[0].model}: error of each pose over its novelty",
+        lambda rows, _: 0.9 + 1.75 * rows,
+        x=f"novelty: {kind}",
+        y="error [m]",
     )
-    for axis, result in zip(
-        panels(fig, len(group), columns, x=f"novelty: {kind}", y="error [m]"), group, strict=True
-    ):
+    for axis, result in panels:
         evaluation = result.evaluation
-        accepted = result.evaluation.pose_accepted
-        right = result.evaluation.pose_right
+        accepted = evaluation.pose_accepted
+        right = evaluation.pose_right
+        novelty = evaluation.novelty[:, 0]
         error_m = np.nan_to_num(evaluation.pose_error_m, nan=MOST_M).clip(LEAST_M, MOST_M)
         for mask, tint, marker in ((right, RIGHT, "o"), (~right, OFF, "X")):
             axis.scatter(
-                evaluation.novelty[mask, 0],
+                novelty[mask],
                 error_m[mask],
                 5.0,
                 tint,
@@ -55,7 +59,6 @@ def verdicts(group: Sequence[Result]) -> Figure:
         in_corner(
             axis, 0, f"{(accepted & ~right).sum()} of {accepted.sum()} accepted are wrong", "0.25"
         )
-    far_m, far_deg = group[0].evaluation.right_within
     right_words = f"within {far_m:g} m and {far_deg:g}°"
     below(fig, [dot(right_words, RIGHT, "o"), dot("off by more", OFF, "X")], 2)
     return fig
@@ -67,11 +70,15 @@ def chances(group: Sequence[Result]) -> Figure:
 
     The area of a marker is the share of the queries with such a chance.
     """
-    rows, columns = balanced(len(group), 5)
-    heading = f"{group[0].model}: how often poses of a chance are right"
-    fig = figure(WIDTH_IN, 0.6 + 1.7 * rows, heading)
-    axes = panels(fig, len(group), columns, x="chance of the pose", y="share that is right")
-    for axis, result in zip(axes, group, strict=True):
+    fig, panels = facets(
+        group,
+        5,
+        f"{group[0].model}: how often poses of a chance are right",
+        lambda rows, _: 0.6 + 1.7 * rows,
+        x="chance of the pose",
+        y="share that is right",
+    )
+    for axis, result in panels:
         calibration(axis, result.evaluation.pose_reliability, colour(result.model), LARGEST)
         ece = fixed(result.number("distance", "pose_ece"), 3)
         in_corner(axis, 0, f"ECE {ece}", "0.25")

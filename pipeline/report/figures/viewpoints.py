@@ -1,5 +1,6 @@
 """Fig. 5 to 7 of paper 2: matching from another heading, reconstructions, and collapse."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -11,10 +12,9 @@ from numpy.typing import NDArray
 from pipeline.evaluation.numbers import PRECISE
 from pipeline.evaluation.viewpoints import NUMBERS, ViewpointMatches
 from pipeline.report.figures.panels import (
-    balanced,
     course,
+    facets,
     in_corner,
-    panels,
     precision_axes,
     share_limits,
 )
@@ -57,33 +57,28 @@ def precision_recall(group: Mapping[str, Sequence[ViewpointMatches]], sequence: 
     The model's mean accuracy stands in the panel. Recall is of the model's own correct matches, so
     curves of models of different accuracy do not compare.
     """
-    headings_deg = next(iter(group.values()))[0].headings_deg
     looks = look(group)
-    rows, columns = balanced(len(headings_deg), 4)
-    fig = figure(
-        WIDTH_IN, 0.9 + 1.55 * rows, f"Precision over recall of the correct matches, {sequence}"
+    fig, panels = facets(
+        next(iter(group.values()))[0].headings_deg.tolist(),
+        4,
+        f"Precision over recall of the correct matches, {sequence}",
+        lambda rows, _: 0.9 + 1.55 * rows,
+        x="recall of the correct",
+        y="precision",
     )
-    axes = panels(fig, len(headings_deg), columns, x="recall of the correct", y="precision")
-    accuracy_at = NUMBERS.index("accuracy")
     accuracy = {
-        model: np.mean([judged.values[:, accuracy_at] for judged in seeds], axis=0)
+        model: np.mean([judged.values[:, NUMBERS.index("accuracy")] for judged in seeds], axis=0)
         for model, seeds in group.items()
     }
     upper = bool(np.max([*accuracy.values()]) < CROWDED)
-    for i, (axis, deg) in enumerate(zip(axes, headings_deg, strict=True)):
-        for line, model in enumerate(group if upper else reversed(list(group))):
-            tint, dash = looks[model]
+    for i, (axis, deg) in enumerate(panels):
+        for place, model in enumerate(group if upper else reversed(list(group))):
             for precision, recall in (judged.curve(i) for judged in group[model]):
                 if recall[-1] > 0:
-                    axis.plot(
-                        recall,
-                        precision,
-                        color=tint,
-                        ls=dash,
-                        lw=1.1 if len(group[model]) == 1 else 0.8,
-                        zorder=3,
-                    )
-            in_corner(axis, line, fixed(accuracy[model][i], 3), tint, upper)
+                    width = 1.1 if len(group[model]) == 1 else 0.8
+                    axis.plot(recall, precision, lw=width, zorder=3, **looks[model])
+            share = fixed(accuracy[model][i], 3)
+            in_corner(axis, place, share, looks[model]["color"], upper)
         precision_axes(axis, f"{deg:g}°")
     below(fig, handles(group), title="number: accuracy, the share that is correct")
     return fig
@@ -102,14 +97,22 @@ def indices(
     """
     looks = look(dict.fromkeys(model for model, _ in values))
     positions = np.arange(len(headings_deg))
-    fig = figure(WIDTH_IN, 4.4, "Each index over the heading of the query")
-    for axis, (name, title) in zip(
-        panels(fig, len(INDICES), 2, shared=False), INDICES.items(), strict=True
-    ):
-        for i, (model, (tint, dash)) in enumerate(looks.items()):
+    heading = "Each index over the heading of the query"
+    fig, panels = facets([*INDICES.items()], 2, heading, lambda *_: 4.4, shared=False)
+    for axis, (name, title) in panels:
+        for i, (model, line) in enumerate(looks.items()):
             x = positions + 0.5 * ((i + 0.5) / len(looks) - 0.5)
-            line: Any = {"ls": dash, "lw": 0.7, "marker": "o", "ms": 4}
-            course(axis, x, values[model, name], tint, dots=True, **line)
+            course(
+                axis,
+                x,
+                values[model, name],
+                line["color"],
+                dots=True,
+                ls=line["ls"],
+                lw=0.7,
+                marker="o",
+                ms=4,
+            )
         axis.set_ylim(*share_limits(*(values[model, name] for model in looks)))
         if name == "roc_auc":
             axis.axhline(0.5, **MARK)
@@ -126,31 +129,24 @@ def reconstructions(pictures: Mapping[str, tuple[NDArray[Any], NDArray[Any]]]) -
 
     Numbers are mean squared errors.
     """
-    rows: list[tuple[str, NDArray[Any], NDArray[Any] | None]] = []
+    rows: list[tuple[str, NDArray[Any], NDArray[Any]]] = []  # name, what was seen, what is shown
     for model, (seen, reconstructed) in pictures.items():
-        rows += [] if rows and np.array_equal(rows[-1][1], seen) else [("seen", seen, None)]
+        if not rows or not np.array_equal(rows[-1][1], seen):
+            rows.append(("seen", seen, seen))
         rows.append((model, seen, reconstructed))
     headings = max(len(seen) for _, seen, _ in rows)
     columns = range(0, headings, -(-headings // MOST))
-    side_in = (WIDTH_IN - 0.4) / len(columns)
-    fig = figure(
-        WIDTH_IN, 0.45 + (side_in + 0.12) * len(rows), "Seen, and reconstructed from a code"
-    )
+    height_in = 0.45 + ((WIDTH_IN - 0.4) / len(columns) + 0.12) * len(rows)
+    fig = figure(WIDTH_IN, height_in, "Seen, and reconstructed from a code")
     axes = fig.subplots(len(rows), len(columns), squeeze=False)
-    for line, (name, seen, rebuilt) in zip(axes, rows, strict=True):
+    for line, (name, seen, shown) in zip(axes, rows, strict=True):
         for axis, i in zip(line, columns, strict=True):
-            axis.imshow(
-                (seen if rebuilt is None else rebuilt)[i],
-                cmap="gray",
-                vmin=0,
-                vmax=255,
-                interpolation="nearest",
-            )
+            axis.imshow(shown[i], cmap="gray", vmin=0, vmax=255, interpolation="nearest")
             axis.set(xticks=[], yticks=[])
-            if rebuilt is not None:
-                error = np.square((rebuilt[i].astype(np.float64) - seen[i]) / 127.5).mean()
+            if name != "seen":
+                error = np.square((shown[i].astype(np.float64) - seen[i]) / 127.5).mean()
                 axis.set_xlabel(f"{error:.3f}", size=7, labelpad=2)
-        line[0].set_ylabel(name, color="0.1" if rebuilt is None else colour(name))
+        line[0].set_ylabel(name, color="0.1" if name == "seen" else colour(name))
     for axis, i in zip(axes[0], columns, strict=True):
         axis.set_title(f"{i * 360 / headings:g}°", pad=4)
     return fig
@@ -164,53 +160,38 @@ def collapse(curves: Mapping[str, Sequence[Mapping[str, NDArray[np.float64]]]]) 
     model. A dashed line is the error of a black image, which a reconstruction has to undercut. None
     without any such curve.
     """
-    seeds_by_model = {
-        model: [seed_curves for seed_curves in seeds if COLLAPSE.keys() & seed_curves.keys()]
-        for model, seeds in curves.items()
-    }
-    seeds_by_model = {model: seeds for model, seeds in seeds_by_model.items() if seeds}
-    if not seeds_by_model:
+    seeds = [
+        (model, seed_curves)
+        for model, model_seeds in curves.items()
+        for seed_curves in model_seeds
+        if COLLAPSE.keys() & seed_curves.keys()
+    ]
+    if not seeds:
         return None
-    looks = look(seeds_by_model)
-    fig = figure(WIDTH_IN, 2.5, "While learning")
-    for axis, (name, title) in zip(
-        panels(fig, len(COLLAPSE), len(COLLAPSE), shared=False), COLLAPSE.items(), strict=True
-    ):
-        for model, (tint, dash) in looks.items():
-            for curve in (
-                seed_curves[name] for seed_curves in seeds_by_model[model] if name in seed_curves
-            ):
-                few = "." if len(curve) < 3 else ""
-                width = 1.0 if len(seeds_by_model[model]) > 1 else 1.3
-                axis.plot(
-                    1 + np.arange(len(curve)), curve, color=tint, ls=dash, marker=few, lw=width
-                )
-        if name == "held_out_error":
-            for error in _black_errors(seeds_by_model):
-                axis.axhline(error, **MARK)
-                axis.text(
-                    *(0.98, error, "a black image"),
-                    transform=axis.get_yaxis_transform(),
-                    ha="right",
-                    va="bottom",
-                    size=6.5,
-                    color=QUIET,
-                )
+    models = Counter(model for model, _ in seeds)
+    # models judged on the same images have one
+    black_errors = sorted({float(drawn[BLACK][-1]) for _, drawn in seeds if BLACK in drawn})
+    fig, panels = facets(
+        [*COLLAPSE.items()], len(COLLAPSE), "While learning", lambda *_: 2.5, shared=False
+    )
+    for axis, (name, title) in panels:
+        for model, curve in ((model, drawn[name]) for model, drawn in seeds if name in drawn):
+            few = "." if len(curve) < 3 else ""
+            width = 1.0 if models[model] > 1 else 1.3
+            axis.plot(1 + np.arange(len(curve)), curve, marker=few, lw=width, **look(models)[model])
+        for error in black_errors if name == "held_out_error" else ():
+            axis.axhline(error, **MARK)
+            axis.text(
+                0.98,
+                error,
+                "a black image",
+                size=6.5,
+                color=QUIET,
+                transform=axis.get_yaxis_transform(),
+                ha="right",
+                va="bottom",
+            )
         axis.set(xlabel="round", title=title, ylim=(0, None))
         axis.xaxis.set_major_locator(MaxNLocator(integer=True))
-    below(fig, handles(seeds_by_model))
+    below(fig, handles(models))
     return fig
-
-
-def _black_errors(
-    curves: Mapping[str, Sequence[Mapping[str, NDArray[np.float64]]]],
-) -> list[float]:
-    """The different errors of a black image; models judged on the same images have one."""
-    return sorted(
-        {
-            float(seed_curves[BLACK][-1])
-            for seeds in curves.values()
-            for seed_curves in seeds
-            if BLACK in seed_curves
-        }
-    )

@@ -1,28 +1,25 @@
 """The section on learning further days: recall after each step, forgetting, and costs."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.core import store
 from pipeline.core.schemas import Lifelong
-from pipeline.core.store import Artifact
+from pipeline.report import tables
 from pipeline.report.figures import lifelong
-from pipeline.report.figures.style import illustrate
-from pipeline.report.render import anchor
-from pipeline.report.section import Illustration, Section
+from pipeline.report.section import Illustration, Section, illustrate, section_of
 from pipeline.report.strategies import (
     GROWN,
     PROTOCOL,
     UPDATED,
     UPDATES,
-    StrategyNumbers,
-    by_order,
+    Strategy,
     findings,
-    of_order,
+    grouped,
     read_strategies,
 )
 from pipeline.report.study import Study
@@ -34,71 +31,60 @@ DRAWN = {"recall_of_all": "recall of all", "forgetting": "forgetting"}
 def section(study: Study, folder: Path) -> Section:
     """Draw the figures into `folder` and return the section."""
     strategies = read_strategies(study.rows)
-    settings = study.settings
-    orders = by_order(strategies)
-    first = strategies[0].model
-    illustrations = [
-        illustrate(
-            "lifelong_known",
-            lifelong.known_places(_first_known(study, orders), study.train_xy_m),
-            study,
-            folder,
-        )
-    ]
+    orders = grouped(strategies, "order")
+    draw = partial(illustrate, study, folder)
+    known = lifelong.known_places(_first_known(study, orders), study.train_xy_m)
+    illustrations = [draw("lifelong_known", known)]
     if ages := _ages(study, strategies):
-        illustrations.append(
-            illustrate("lifelong_ages", lifelong.ages(ages, study.train_xy_m), study, folder)
-        )
-    for model in dict.fromkeys(strategy.model for strategy in strategies):
-        model_orders = {
-            order: model_group
-            for order, group in orders.items()
-            if (model_group := [strategy for strategy in group if strategy.model == model])
-        }
-        figures = list(_of_model(study, folder, model, model_orders))
-        illustrations += [replace(illustration, on_page=model == first) for illustration in figures]
-    sequences = {
-        "train": settings.train_text,
-        "learned": [*settings.learned],
-        "updates": [*settings.updates],
-        "asked": [*settings.tests],
-    }
-    return Section(
-        anchor(study.name, study.grid, "lifelong"),
+        illustrations.append(draw("lifelong_ages", lifelong.ages(ages, study.train_xy_m)))
+    for model, group in grouped(strategies, "model").items():
+        on_page = model == strategies[0].model
+        figures = _of_model(study, folder, model, grouped(group, "order"))
+        illustrations += [replace(figure, on_page=on_page) for figure in figures if figure]
+    settings = study.settings
+    return section_of(
+        study,
         "lifelong",
-        values={"study": study, "updates": UPDATES in orders},
+        {"updates": UPDATES in orders},
         findings=findings(strategies),
         illustrations=illustrations,
-        tables=[table for order, group in orders.items() for table in of_order(order, group)],
-        folded=False,
+        tables=[
+            table for order, group in orders.items() for table in tables.of_order(order, group)
+        ],
         sources=[study.folder("lifelong", study.grid)],
-        parameters={**sequences, "budget": settings.budget},
+        parameters={
+            "train": settings.train_text,
+            "learned": [*settings.learned],
+            "updates": [*settings.updates],
+            "asked": [*settings.tests],
+            "budget": settings.budget,
+        },
     )
 
 
 def _of_model(
-    study: Study, folder: Path, model: str, orders: dict[str, list[StrategyNumbers]]
-) -> Iterator[Illustration]:
+    study: Study, folder: Path, model: str, orders: Mapping[str, Sequence[Strategy]]
+) -> Iterator[Illustration | None]:
     """The figures of one model.
 
     Days that nobody surveyed have two steps only, so no matrix of them is drawn.
     """
+    draw = partial(illustrate, study, folder)
     for order, strategies in orders.items():
         if order != UPDATES:
-            matrices = {strategy.name: strategy.matrix(PROTOCOL) for strategy in strategies}
-            figure = lifelong.matrices(
-                matrices,
-                strategies[0].steps,
-                strategies[0].groups,
-                f"{model}, {order}: recall by {PROTOCOL}",
+            yield draw(
+                "lifelong_matrix",
+                lifelong.matrices(
+                    {strategy.name: strategy.matrix(PROTOCOL) for strategy in strategies},
+                    strategies[0].steps,
+                    strategies[0].groups,
+                    f"{model}, {order}: recall by {PROTOCOL}",
+                ),
+                name=f"lifelong_matrix_{model}_{order}",
+                model=model,
+                order=order,
+                protocol=PROTOCOL,
             )
-            figure_words = {
-                "name": f"lifelong_matrix_{model}_{order}",
-                "model": model,
-                "order": order,
-                "protocol": PROTOCOL,
-            }
-            yield illustrate("lifelong_matrix", figure, study, folder, **figure_words)
     numbers = {
         title: {
             (order, strategy.name): strategy.over(name, PROTOCOL)
@@ -109,31 +95,26 @@ def _of_model(
     }
     steps = {order: strategies[0].steps for order, strategies in orders.items()}
     figure = lifelong.over_steps(steps, numbers, f"{model}: after each step, by {PROTOCOL}")
-    yield illustrate(
-        "lifelong_steps", figure, study, folder, name=f"lifelong_steps_{model}", model=model
-    )
+    yield draw("lifelong_steps", figure, name=f"lifelong_steps_{model}", model=model)
 
 
 def _first_known(
-    study: Study, orders: dict[str, list[StrategyNumbers]]
+    study: Study, orders: Mapping[str, Sequence[Strategy]]
 ) -> dict[str, lifelong.FirstKnown]:
     """For each order: where queries were taken, and the step from which their place is known.
 
     Orders that bring no new places are left out, unless none does.
     """
-    first_known = {}
+    first_known: dict[str, lifelong.FirstKnown] = {}
     for order, (strategy, *_) in orders.items():
-        artifact = _artifact(study, strategy)
-        first_known[order] = lifelong.FirstKnown(
-            artifact.load("xy_m"), artifact.load("known_from"), strategy.steps
-        )
-    return {
-        order: queries for order, queries in first_known.items() if queries.known_from.max() > 0
-    } or first_known
+        places = _artifact(study, strategy)
+        first_known[order] = places.load("xy_m"), places.load("known_from"), strategy.steps
+    grown = {order: known for order, known in first_known.items() if known[1].max() > 0}
+    return grown or first_known
 
 
 def _ages(
-    study: Study, strategies: Sequence[StrategyNumbers]
+    study: Study, strategies: Sequence[Strategy]
 ) -> dict[str, tuple[NDArray[np.float64], NDArray[np.int64]]]:
     """For each order: where the places lie, and the age in days of their newest view at the end.
 
@@ -142,16 +123,15 @@ def _ages(
     ages = {}
     for strategy in strategies:
         if strategy.name in (GROWN, UPDATED) and strategy.order not in ages:
-            artifact = _artifact(study, strategy)
-            newest_ns = artifact.load("newest_ns")
+            places = _artifact(study, strategy)
+            newest_ns = places.load("newest_ns")
             days = np.rint((newest_ns.max() - newest_ns) / DAY_NS).astype(np.int64)
             if days.any():
-                ages[strategy.order] = artifact.load("place_xy_m"), days
+                ages[strategy.order] = places.load("place_xy_m"), days
     return ages
 
 
-def _artifact(study: Study, strategy: StrategyNumbers) -> Artifact:
+def _artifact(study: Study, strategy: Strategy) -> Lifelong:
     """The artifact of a strategy, for the model's first seed."""
-    return store.read(
-        study.find("lifelong", f"{strategy.order}-{strategy.name}", strategy.model), Lifelong
-    )
+    name = f"{strategy.order}-{strategy.name}"
+    return study.artifact(Lifelong, "lifelong", name, strategy.model)

@@ -1,5 +1,6 @@
 """The section on paper 2's protocol: a sequence matched with itself from other headings."""
 
+from functools import partial
 from itertools import islice
 from pathlib import Path
 
@@ -8,11 +9,9 @@ from matplotlib.figure import Figure
 
 from pipeline.core import schemas, store
 from pipeline.evaluation.viewpoints import NUMBERS, ViewpointMatches
-from pipeline.report import viewpoint_tables
-from pipeline.report.figures import birdview, viewpoints
-from pipeline.report.figures.style import illustrate
-from pipeline.report.render import anchor
-from pipeline.report.section import Section
+from pipeline.report import tables
+from pipeline.report.figures import viewpoints, views
+from pipeline.report.section import Section, illustrate, section_of
 from pipeline.report.study import Study, TrainingRecord
 from pipeline.views.birdview import BirdView
 from pipeline.views.mapped import MappedViews
@@ -25,94 +24,80 @@ def section(study: Study, folder: Path, view: BirdView) -> Section:
         for method in study.settings.bird_view_methods
         for family, models in method.families.items()
     }
-    judgements_on: dict[
-        str, dict[str, list[ViewpointMatches]]
-    ] = {}  # by sequence and method, one of each seed
+    # by sequence and method, one of each seed
+    judgements: dict[str, dict[str, list[ViewpointMatches]]] = {}
     for method, models in methods.items():
         for artifact in sorted(study.find("viewpoints", "_", method).parent.glob("*.zarr")):
-            seed_paths = (artifact.parents[1] / model / artifact.name for model in models)
-            judgements = [store.read(path, ViewpointMatches) for path in seed_paths]
-            judgements_on.setdefault(artifact.stem, {})[method] = judgements
-    sequence, first_group = next(iter(judgements_on.items()))
-    first = next(iter(first_group.values()))[0]
-    illustrations = [
-        illustrate(
-            "birdview",
-            _mapping(study, view, sequence),
-            study,
-            folder,
-            name="viewpoints_mapping",
-            sequence=sequence,
-        )
-    ]
-    for day, group in judgements_on.items():
-        figure = viewpoints.precision_recall(group, day)
-        illustrations.append(
-            illustrate(
-                "viewpoint_curves", figure, study, folder, name=f"viewpoints_{day}", sequence=day
-            )
-        )
-    values_of_method = {
-        method: np.stack(
-            [
-                judgement.values
-                for group in judgements_on.values()
-                for judgement in group.get(method, ())
+            judgements.setdefault(artifact.stem, {})[method] = [
+                store.read(artifact.parents[1] / model / artifact.name, ViewpointMatches)
+                for model in models
             ]
+    values = {
+        method: np.stack(
+            [seed.values for day in judgements.values() for seed in day.get(method, ())]
         )
         for method in methods
+    }  # (sequence and seed, heading, number)
+    sequence, first_day = next(iter(judgements.items()))
+    first = next(iter(first_day.values()))[0]
+    pictures = {
+        method: (seeds[0].pictures, seeds[0].reconstructed)
+        for method, seeds in first_day.items()
+        if len(seeds[0].reconstructed)
     }
-    values = {
-        (method, number): stacked[:, :, i]
-        for method, stacked in values_of_method.items()
-        for i, number in enumerate(NUMBERS)
+    curves = {
+        method: [TrainingRecord.read(study.find("train", model=model)).curves for model in models]
+        for method, models in methods.items()
     }
-    figure = viewpoints.indices(values, first.headings_deg.tolist(), first.correct_m)
-    illustrations.append(
-        illustrate("viewpoint_indices", figure, study, folder, name="viewpoints_indices")
-    )
-    with_pictures = {
-        name: seeds[0] for name, seeds in first_group.items() if len(seeds[0].reconstructed)
-    }
-    if with_pictures:
-        figure = viewpoints.reconstructions(
-            {
-                name: (judgement.pictures, judgement.reconstructed)
-                for name, judgement in with_pictures.items()
-            }
-        )
-        illustrations.append(
-            illustrate(
+    draw = partial(illustrate, study, folder)
+    return section_of(
+        study,
+        "viewpoints",
+        {
+            "correct_m": first.correct_m,
+            "length": first.length,
+            "step_deg": 360 / len(first.headings_deg),
+        },
+        illustrations=[
+            draw(
+                "birdview",
+                _mapping(study, view, sequence),
+                name="viewpoints_mapping",
+                sequence=sequence,
+            ),
+            *(
+                draw(
+                    "viewpoint_curves",
+                    viewpoints.precision_recall(group, day),
+                    name=f"viewpoints_{day}",
+                    sequence=day,
+                )
+                for day, group in judgements.items()
+            ),
+            draw(
+                "viewpoint_indices",
+                viewpoints.indices(
+                    {
+                        (method, number): stacked[:, :, i]
+                        for method, stacked in values.items()
+                        for i, number in enumerate(NUMBERS)
+                    },
+                    first.headings_deg.tolist(),
+                    first.correct_m,
+                ),
+                name="viewpoints_indices",
+            ),
+            draw(
                 "reconstructions",
-                figure,
-                study,
-                folder,
+                viewpoints.reconstructions(pictures) if pictures else None,
                 name="viewpoints_reconstructions",
                 sequence=sequence,
-            )
-        )
-    curves = {
-        name: [TrainingRecord.read(study.find("train", model=model)).curves for model in seeds]
-        for name, seeds in methods.items()
-    }
-    if collapse := viewpoints.collapse(curves):
-        illustrations.append(
-            illustrate("collapse", collapse, study, folder, name="viewpoints_collapse")
-        )
-    words = {
-        "study": study,
-        "correct_m": first.correct_m,
-        "length": first.length,
-        "step_deg": 360 / len(first.headings_deg),
-    }
-    return Section(
-        anchor(study.name, study.grid, "viewpoints"),
-        "viewpoints",
-        values=words,
-        illustrations=illustrations,
+            ),
+            draw("collapse", viewpoints.collapse(curves), name="viewpoints_collapse"),
+        ],
         tables=[
-            *viewpoint_tables.over(study),
-            *(viewpoint_tables.every_heading(study, number) for number in NUMBERS),
+            *tables.over_headings(study),
+            *(tables.every_heading(study, number) for number in NUMBERS),
         ],
         sources=[study.folder("viewpoints", study.grid)],
     )
@@ -120,10 +105,10 @@ def section(study: Study, folder: Path, view: BirdView) -> Section:
 
 def _mapping(study: Study, view: BirdView, sequence: str) -> Figure:
     """How the middle submap of a sequence becomes a bird-view."""
-    views = MappedViews(
+    mapped = MappedViews(
         study.artifact(schemas.Scans, "scans", sequence),
         study.artifact(schemas.Submaps, "submaps", sequence),
         view,
     )
-    points, octree_map, odom_T_vehicle = next(islice(views.maps(), len(views) // 2, None))
-    return birdview.bird_view(points, octree_map, odom_T_vehicle, view)
+    points_m, octree_map, odom_T_vehicle = next(islice(mapped.maps(), len(mapped) // 2, None))
+    return views.bird_view(points_m, octree_map, odom_T_vehicle, view)

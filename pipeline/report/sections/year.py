@@ -1,7 +1,8 @@
-"""The sections of a study of the year: answer, set-up, results, figures and ageing."""
+"""The sections of a study of the year: answer, set-up, results, figures, ageing and poses."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +14,20 @@ from pipeline.core.schemas import VIEW_KINDS, ScanContextViews, Scans, Submaps, 
 from pipeline.evaluation.study_rows import AGEING, PER_DAYS
 from pipeline.mapping.gathering import submap_points
 from pipeline.report import findings, tables
-from pipeline.report.figures import ageing, curves, maps, matches, place, rejection
-from pipeline.report.figures.style import illustrate
-from pipeline.report.render import anchor
-from pipeline.report.result import by_model
-from pipeline.report.section import Illustration, Section
+from pipeline.report.figures import (
+    ageing,
+    curves,
+    failures,
+    maps,
+    matches,
+    rejection,
+    verdicts,
+    views,
+)
+from pipeline.report.result import Result, by_model
+from pipeline.report.section import Illustration, Section, illustrate, section_of
 from pipeline.report.study import Study
+from pipeline.report.tables import DISTANCE_FIRST, MAIN_NUMBERS
 from pipeline.views.scan_context import ScanContext
 
 # kinds of figure that the page shows; of those of one model, the best one's
@@ -48,7 +57,6 @@ def sections(study: Study, folder: Path, view: Callable[[str], Any]) -> Iterator
 
     `view` makes a view of its name.
     """
-    name = anchor(study.name, study.grid)
     values = {
         "study": study,
         "tests": len(study.settings.tests),
@@ -59,138 +67,107 @@ def sections(study: Study, folder: Path, view: Callable[[str], Any]) -> Iterator
         "bootstrap": vars(study.bootstrap),
         "budget": study.settings.budget,
     }
-    model_sources = [study.source("train", model=model) for model in study.families]
-    evaluation_sources = [
-        study.source("evaluate", result.sequence, result.model) for result in study.results
-    ]
-    yield Section(
-        f"{name}-answer",
-        "answer",
-        "answer",
+    sources = [study.source("evaluate", r.sequence, r.model) for r in study.results]
+    yield section_of(
+        study, "answer", values, findings=[findings.answer(study), *findings.doubts(study)]
+    )
+    yield section_of(
+        study,
+        "setup",
         values,
-        [findings.answer(study), *findings.doubts(study)],
+        tables=[tables.setup(study), tables.sequences(study), tables.costs(study)],
+        sources=[study.source("train", model=model) for model in study.families],
+        parameters=parameters,
     )
-    unfolded: Any = {"folded": False, "parameters": parameters}
-    setup = [
-        table
-        for table in (tables.setup(study), tables.sequences(study), tables.costs(study))
-        if table
-    ]
-    yield Section(
-        f"{name}-setup", "setup", "setup", values, tables=setup, sources=model_sources, **unfolded
-    )
-    for protocol in tables.BOTH:
-        main_tables = [tables.main(study, protocol, number) for number in tables.MAIN]
-        yield Section(
-            f"{name}-results-{protocol}",
+    for protocol in DISTANCE_FIRST:
+        yield section_of(
+            study,
             "results",
-            "results",
-            {**values, "protocol": protocol},
-            tables=main_tables,
-            sources=evaluation_sources,
-            **unfolded,
+            values | {"protocol": protocol},
+            name=f"results-{protocol}",
+            tables=[tables.main(study, protocol, number) for number in MAIN_NUMBERS],
+            sources=sources,
+            parameters=parameters,
         )
-    further = [
-        tables.means(study),
-        tables.headings(study),
-        *(tables.paired(study, protocol) for protocol in tables.BOTH),
-    ]
-    further += [
-        make_table(study, protocol)
-        for make_table in (tables.novelties, tables.everything)
-        for protocol in tables.BOTH
-    ]
-    further_findings = [
-        finding for protocol in tables.BOTH for finding in findings.paired(study.rows, protocol)
-    ]
-    further_findings += [
-        finding for protocol in tables.BOTH for finding in findings.novelties(study, protocol)
-    ]
-    present_tables = [table for table in further if table]
-    yield Section(
-        f"{name}-further",
+    yield section_of(
+        study,
         "further",
-        "results",
         values,
-        further_findings,
-        tables=present_tables,
-        sources=evaluation_sources,
+        findings=[
+            *(found for by in DISTANCE_FIRST for found in findings.paired(study.rows, by)),
+            *(found for by in DISTANCE_FIRST for found in findings.novelties(study, by)),
+        ],
+        tables=[
+            tables.means(study),
+            tables.headings(study),
+            *(tables.paired(study, protocol) for protocol in DISTANCE_FIRST),
+            *(tables.novelties(study, protocol) for protocol in DISTANCE_FIRST),
+            *(tables.everything(study, protocol) for protocol in DISTANCE_FIRST),
+        ],
+        sources=sources,
     )
-    figures = [
-        replace(
-            illustration,
-            on_page=illustration.kind in ON_PAGE
-            and illustration.values.get("model", study.best) == study.best,
+    yield section_of(
+        study,
+        "figures",
+        values,
+        illustrations=[
+            replace(
+                illustration,
+                on_page=illustration.kind in ON_PAGE
+                and illustration.values.get("model", study.best) == study.best,
+            )
+            for illustration in _illustrations(study, folder, view)
+            if illustration
+        ],
+        sources=sources,
+    )
+    yield _ageing(study, folder, sources)
+    if posed := [result for result in study.results if result.posed]:
+        yield section_of(
+            study,
+            "poses",
+            illustrations=_of_poses(study, folder, posed),
+            tables=tables.poses(posed),
+            sources=[study.source("evaluate", r.sequence, r.model) for r in posed],
         )
-        for illustration in illustrations(study, folder, view)
-    ]
-    yield Section(
-        f"{name}-figures",
-        "figures",
-        "figures",
-        values,
-        illustrations=figures,
-        sources=evaluation_sources,
-    )
-    yield ageing_section(study, folder, evaluation_sources)
 
 
-def illustrations(study: Study, folder: Path, view: Callable[[str], Any]) -> Iterator[Illustration]:
+def _illustrations(
+    study: Study, folder: Path, view: Callable[[str], Any]
+) -> Iterator[Illustration | None]:
     """Draw every figure of the year."""
-
-    def saved(
-        kind: str, figure: Figure | None, name: str = "", **values: str
-    ) -> Iterator[Illustration]:
-        if figure:
-            yield illustrate(kind, figure, study, folder, name=name, **values)
-
+    draw = partial(illustrate, study, folder)
     results = study.results
     path_xy_m = study.train_xy_m
-    yield from saved("year", curves.year(results, study.train))
-    yield from saved("year_auc", curves.year(results, study.train, curves.FIGURE_8))
-    for protocol in tables.BOTH:
-        yield from saved(
-            "precision_recall",
-            curves.precision_recall(results, protocol),
-            f"precision_recall_{protocol}",
-            protocol=protocol,
-        )
-    yield from saved("recall_at", curves.recall_at(results))
-    yield from saved("place", _place(study, view))
-    yield from saved("montage", maps.montage(results, path_xy_m), "outcomes")
+    yield draw("year", curves.year(results, study.train))
+    yield draw("year_auc", curves.year(results, study.train, curves.FIGURE_8))
+    for by in DISTANCE_FIRST:
+        figure = curves.precision_recall(results, by)
+        yield draw("precision_recall", figure, name=f"precision_recall_{by}", protocol=by)
+    yield draw("recall_at", curves.recall_at(results))
+    yield draw("place", _place(study, view))
+    yield draw("montage", maps.montage(results, path_xy_m), name="outcomes")
     for model, group in by_model(results).items():
-        model_words = {"model": model, "novelty": group[0].evaluation.kinds[0].replace("_", " ")}
-        yield from saved(
-            "novelty", rejection.histograms(group, "cells"), f"novelty_{model}", **model_words
-        )
-        yield from saved(
-            "rejection", rejection.rejection(group), f"rejection_{model}", **model_words
-        )
-        yield from saved(
-            "reliability", rejection.diagram(group), f"reliability_{model}", **model_words
-        )
-        yield from saved(
-            "matches",
-            _matches(study, model, matches.choose(group)),
-            f"matches_{model}",
-            **model_words,
-        )
+        novelty = group[0].evaluation.kinds[0].replace("_", " ")
+        for kind, of_model in (
+            ("novelty", rejection.histograms(group, "cells")),
+            ("rejection", rejection.rejection(group)),
+            ("reliability", rejection.diagram(group)),
+            ("matches", _matches(study, model, matches.choose(group))),
+        ):
+            yield draw(kind, of_model, name=f"{kind}_{model}", model=model, novelty=novelty)
         for result in group:
-            result_words = {"model": model, "sequence": result.sequence, "label": result.label}
-            yield from saved(
+            yield draw(
                 "map",
                 maps.outcome_map(result, path_xy_m),
-                f"outcomes_{model}_{result.sequence}",
-                **result_words,
+                name=f"outcomes_{model}_{result.sequence}",
+                model=model,
+                sequence=result.sequence,
+                label=result.label,
             )
         if model in study.trained and (record := study.models[model]).curves:
             figure = curves.history(record.curves, record.best_round, model)
-            yield from saved("history", figure, f"history_{model}", model=model)
-
-
-def _views(study: Study, sequence: str, model: str) -> Views:
-    """The views of a sequence that a model looks at."""
-    return store.read(study.find("views", sequence, model), *VIEW_KINDS)
+            yield draw("history", figure, name=f"history_{model}", model=model)
 
 
 def _place(study: Study, view: Callable[[str], Any]) -> Figure | None:
@@ -200,17 +177,17 @@ def _place(study: Study, view: Callable[[str], Any]) -> Figure | None:
     """
     if not study.find("scans", study.train).is_dir():
         return None
-    views = {name: view(name) for method in study.settings.methods for name in method.views}
-    scan_contexts = [drawn for drawn in views.values() if isinstance(drawn, ScanContext)]
+    names = dict.fromkeys(name for method in study.settings.methods for name in method.views)
+    scan_contexts = [drawn for drawn in map(view, names) if isinstance(drawn, ScanContext)]
     if not scan_contexts:
         return None
-    scans = study.artifact(Scans, "scans", study.train)
     submaps = study.artifact(Submaps, "submaps", study.train)
     middle = int(submaps["scans"].shape[0]) // 2
+    scans = study.artifact(Scans, "scans", study.train)
     (points_m,) = submap_points(scans, submaps, slice(middle, middle + 1))
-    stamp_ns = int(submaps["stamps_ns"][middle])
     two_walls = Construction(walls=(2,), shadows=(False,))
-    return place.place(place.altered(points_m, two_walls, stamp_ns), scan_contexts[0])
+    clouds_m = views.altered(points_m, two_walls, int(submaps["stamps_ns"][middle]))
+    return views.place(clouds_m, scan_contexts[0])
 
 
 def _matches(study: Study, model: str, chosen: list[matches.Example]) -> Figure | None:
@@ -218,56 +195,74 @@ def _matches(study: Study, model: str, chosen: list[matches.Example]) -> Figure 
 
     The views are the model's own, or else another model's; None where no model looks at any.
     """
+
+    def views_of(sequence: str, looked_at_by: str) -> Views:
+        return store.read(study.find("views", sequence, looked_at_by), *VIEW_KINDS)
+
     with_scan_contexts = [
         candidate
         for candidate in (model, *study.families)
-        if isinstance(_views(study, study.train, candidate), ScanContextViews)
+        if isinstance(views_of(study.train, candidate), ScanContextViews)
     ]
     if not chosen or not with_scan_contexts:
         return None
 
     def images(sequence: str) -> Any:
-        return _views(study, sequence, with_scan_contexts[0])["images"]
+        return views_of(sequence, with_scan_contexts[0])["images"]
 
     training = matches.Training(images(study.train), study.labels.load("places"), study.train_xy_m)
     return matches.matches(chosen, training, images, own_views=with_scan_contexts[0] == model)
 
 
-def ageing_section(study: Study, folder: Path, sources: list[str]) -> Section:
+def _ageing(study: Study, folder: Path, sources: list[str]) -> Section:
     """Whether methods recognise their places less well with the days, and when to train again."""
     rows = study.driven[study.driven["variant"] == ""]
     last = max(result.days for result in study.results)
-    titled_numbers = [
-        (protocol, number, LINES[number].format(protocol)) for protocol, number in AGEING
-    ]
-    drawn = titled_numbers[:DRAWN]
+    followed = [(protocol, number, LINES[number].format(protocol)) for protocol, number in AGEING]
     first, second, third = (
         findings.ageing(rows, title, protocol, number, last)
-        for protocol, number, title in titled_numbers[:3]
+        for protocol, number, title in followed[:3]
     )
-    slope_counts = findings.slopes_counted(
-        rows, [(protocol, number) for protocol, number, _ in drawn]
-    )
-    return Section(
-        anchor(study.name, study.grid, "ageing"),
+    drawn = followed[:DRAWN]
+    counted = findings.slopes_counted(rows, [(protocol, number) for protocol, number, _ in drawn])
+    draw = partial(illustrate, study, folder)
+    return section_of(
+        study,
         "ageing",
-        values={"study": study, "last": last},
+        {"last": last},
         findings=(first, second, findings.confounders(study)),
         illustrations=[
-            illustrate(
+            draw(
                 "ageing",
                 ageing.lines(rows, drawn),
-                study,
-                folder,
                 third,
                 findings.newer(rows),
                 per=str(PER_DAYS),
             ),
-            illustrate("ageing_slopes", ageing.slopes(rows, drawn), study, folder, slope_counts),
+            draw("ageing_slopes", ageing.slopes(rows, drawn), counted),
         ],
         tables=[
-            tables.ageing(rows, protocol, number, title)
-            for protocol, number, title in titled_numbers
+            tables.ageing(rows, protocol, number, title) for protocol, number, title in followed
         ],
         sources=sources,
     )
+
+
+def _of_poses(study: Study, folder: Path, posed: Sequence[Result]) -> Iterator[Illustration | None]:
+    """How near, how often, and whether the promised precision was kept."""
+    draw = partial(illustrate, study, folder)
+    for model, group in by_model(posed).items():
+        for kind, figure in (
+            ("verdicts", verdicts.verdicts(group)),
+            ("chances", verdicts.chances(group)),
+            ("failures", failures.cards(study, group)),
+        ):
+            yield draw(kind, figure, name=f"{kind}_{model}", model=model)
+        yield draw(
+            "fixes",
+            maps.fix_map(group[-1], study.train_xy_m),
+            name=f"fixes_{model}",
+            model=model,
+            sequence=group[-1].sequence,
+            label=group[-1].label,
+        )

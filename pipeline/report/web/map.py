@@ -3,11 +3,9 @@
 Arrays and pictures are written in base64, which map.js reads back.
 """
 
-import io
 from base64 import b64encode
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
@@ -20,8 +18,9 @@ from pipeline.core.errors import ArtifactError
 from pipeline.core.frames import yaw
 from pipeline.evaluation import judgement as judged
 from pipeline.evaluation.judgement import Evaluation
-from pipeline.report.alike import best_shifts, spectra
+from pipeline.report.alignment import best_shifts, spectra
 from pipeline.report.clouds import CELL_M, Drive, Footprint
+from pipeline.report.figures.style import png_text
 from pipeline.report.result import Result, by_sequence, dates
 from pipeline.report.study import Study
 from pipeline.views.scan_context import colours, quantize
@@ -44,14 +43,8 @@ def chart(study: Study) -> dict[str, Any]:
     There are no pictures where no model looks at Scan Contexts, and no clouds where the scans are
     not here.
     """
-    candidates = (
-        (
-            model,
-            Views.read(*(study.find("views", sequence, model) for sequence in study.train.split())),
-        )
-        for model in study.models
-    )
-    view_model, train = next(((model, views) for model, views in candidates if views), ("", None))
+    views_of = ((model, Views.read(study, model, *study.train.split())) for model in study.models)
+    view_model, train = next(((model, views) for model, views in views_of if views), ("", None))
     training = Training(train, KDTree(study.train_xy_m))
     footprint = Footprint.read(study)
     # of what is packed, for few digits
@@ -63,7 +56,7 @@ def chart(study: Study) -> dict[str, Any]:
         first = results[0].evaluation
         best = next((result for result in results if result.model == study.best), results[0])
         kept = _kept(best.evaluation.acceptance, KEPT // len(days))
-        views = Views.read(study.find("views", sequence, view_model)) if train else None
+        views = Views.read(study, view_model, sequence) if train else None
         looked_at = store.read(study.find("views", sequence, results[0].model), *schemas.VIEW_KINDS)
         sequences.append(
             {
@@ -87,7 +80,7 @@ def chart(study: Study) -> dict[str, Any]:
         "path": quantized(study.train_xy_m - origin_m, STEP_M),
         "footprint": footprint
         and {
-            "png": b64encode(footprint.png()).decode(),
+            "png": footprint.png(),
             "corner": (footprint.corner_m - origin_m).round(2).tolist(),
             "cell_m": footprint.cell_m,
         },
@@ -133,26 +126,26 @@ class Views:
     spectra: NDArray[np.complex64]
 
     @classmethod
-    def read(cls, *paths: Path) -> Self | None:
-        """Read artifacts one after the other; None where one is missing or holds other views."""
+    def read(cls, study: Study, model: str, *sequences: str) -> Self | None:
+        """Read what a model looks at; None where that is missing or other views."""
+        paths = [study.find("views", sequence, model) for sequence in sequences]
         try:
-            heights_m = np.concatenate(
-                [store.read(path, schemas.ScanContextViews).load("images") for path in paths]
-            )
+            images = [store.read(path, schemas.ScanContextViews).load("images") for path in paths]
         except ArtifactError:
             return None
+        heights_m = np.concatenate(images)
         return cls(heights_m, spectra(heights_m))
 
     def picture(self, rows: NDArray[np.int64] | slice = slice(None)) -> dict[str, Any]:
         """Some of the views as map.js draws them, in one picture."""
         heights_m = self.heights_m[rows]
         _, rings, sectors = heights_m.shape
-        png = b64encode(picture(heights_m)).decode()
+        png = png_text(picture(heights_m))
         return {"png": png, "columns": COLUMNS, "rings": rings, "sectors": sectors}
 
 
-def picture(heights_m: NDArray[np.float32]) -> bytes:
-    """A PNG with a palette of views (view, ring, sector), in rows of COLUMNS, ring 0 on top."""
+def picture(heights_m: NDArray[np.float32]) -> Image.Image:
+    """Views (view, ring, sector) with a palette, in rows of COLUMNS, ring 0 on top."""
     views, rings, sectors = heights_m.shape
     wide = 256 // LEVELS
     levels = np.minimum(-(-quantize(heights_m).astype(np.int64) // wide) * wide, 255)
@@ -161,9 +154,7 @@ def picture(heights_m: NDArray[np.float32]) -> bytes:
         pixels.reshape(-1, COLUMNS, rings, sectors).swapaxes(1, 2).reshape(-1, COLUMNS * sectors)
     )
     sheet.putpalette(colours("jet").tobytes())
-    file = io.BytesIO()
-    sheet.save(file, "PNG", optimize=True)
-    return file.getvalue()
+    return sheet
 
 
 @dataclass(frozen=True)

@@ -13,11 +13,10 @@ from urllib.parse import quote
 import yaml
 from markupsafe import Markup
 
-from pipeline.report.render import anchor, part, template, words
+from pipeline.report.render import part, template, words
 from pipeline.report.result import by_sequence
-from pipeline.report.section import Section
+from pipeline.report.section import Section, anchor
 from pipeline.report.study import Study
-from pipeline.report.web.front import Front
 from pipeline.report.web.map import chart
 from pipeline.running.dvc_files import DvcLock
 
@@ -51,7 +50,7 @@ class Entry:
 
     study: Study
     sections: Sequence[Section]
-    front: Front | None = None  # of a study that asks about the year
+    front: Mapping[str, Any] | None = None  # of a study that asks about the year
 
     @property
     def id(self) -> str:
@@ -80,7 +79,7 @@ def html(entries: Sequence[Entry], lock: DvcLock, stale: Collection[str] = ()) -
     fronts = [entry.front for entry in entries if entry.front]
     artifacts = {
         path: (*lock.of(path), recipe)
-        for path, recipe in _artifacts([front.study for front in fronts], sections).items()
+        for path, recipe in _artifacts([front["study"] for front in fronts], sections).items()
     }
     stages = [
         stage for stage in dict.fromkeys(stage for _, stage, _ in artifacts.values()) if stage

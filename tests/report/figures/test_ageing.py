@@ -10,7 +10,8 @@ from pipeline.core.errors import InputError
 from pipeline.evaluation.rows import row, table
 from pipeline.report.figures import ageing, events
 from pipeline.report.figures.style import colour, save
-from pipeline.report.figures.sweep import SweepJob, response
+from pipeline.report.figures.sweep import response
+from pipeline.sweeps.record import Record
 from tests.report.figures.made import saved_alike, words
 
 DAYS = (0.0, 100.0, 200.0, 300.0)
@@ -108,15 +109,17 @@ def test_bands_of_few_queries_are_pale(tmp_path: Path) -> None:
     )
 
 
-def job(number: int, cell: str, n_way: str, auc: float, error: str | None = None) -> SweepJob:
-    found = {
-        ("cells", "auc_top1"): (auc, auc - 0.2, np.nan),
-        ("distance", "recall_at_1"): (0.5,),
-        ("cells", "oracle"): (0.9,),
-    }
-    return SweepJob(
-        number, {"grid.cell_m": cell, "method.n_way": n_way}, {} if error else found, error
-    )
+CAMPUS: Any = {"dataset": "campus", "simulated": True, "method": "sci"}
+
+
+def job(number: int, cell: str, n_way: str, auc: float, error: str | None = None) -> Record:
+    rows = [
+        *(row("auc_top1", "cells", value) for value in (auc, auc - 0.2, np.nan)),
+        row("recall_at_1", "distance", 0.5),
+        row("oracle", "cells", 0.9),
+    ]
+    overrides = {"grid.cell_m": cell, "method.n_way": n_way}
+    return Record(number, overrides, **CAMPUS, error=error, rows=[] if error else rows)
 
 
 BROKEN = job(3, "10", "7", 0.0, "n_way=7: must divide 120")
@@ -150,7 +153,7 @@ def test_words_are_not_joined_a_sweep_of_one_job_has_a_figure_and_one_in_which_a
     None
 ):
     jobs = [
-        SweepJob(i, {"method.colormap": name}, {("cells", "auc_top1"): (0.5,)}, None)
+        Record(i, {"method.colormap": name}, **CAMPUS, rows=[row("auc_top1", "cells", 0.5)])
         for i, name in enumerate(("jet", "grey"))
     ]
     (line, *_) = response(jobs, ("method.colormap",)).axes[0].lines

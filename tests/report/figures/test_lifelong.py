@@ -48,9 +48,7 @@ def test_a_line_joins_means_and_thin_ones_are_seeds(tmp_path: Path) -> None:
 
 
 def test_a_query_has_the_colour_of_the_step_that_made_its_place_known(tmp_path: Path) -> None:
-    known = lifelong.FirstKnown(
-        np.array([[0.0, 0.0], [10.0, 0.0], [20.0, 5.0]]), np.array([1, -1, 0]), STEPS
-    )
+    known = (np.array([[0.0, 0.0], [10.0, 0.0], [20.0, 5.0]]), np.array([1, -1, 0]), STEPS)
     fig = saved_alike(
         partial(lifelong.known_places, {"streets": known, "days": known}, TRAIN_XY_M), tmp_path
     )

@@ -74,7 +74,7 @@ def test_a_short_drive_has_a_frame_a_query_and_a_long_one_ends_with_its_last() -
 
 def test_the_file_repeats_for_ever_and_stays_at_its_last_frame(tmp_path: Path) -> None:
     frames = [np.full((8, 8, 3), grey, np.uint8) for grey in (0, 120, 255)]
-    table = palette(("#000000",), np.full((1, 3), 120, np.uint8))
+    table = palette(("#000000",), ("#787878",))
     assert save(frames, tmp_path / "a.gif", table)[0] == 3
     with Image.open(tmp_path / "a.gif") as image:
         assert (image.n_frames, image.info["loop"]) == (3, 0)

@@ -127,11 +127,10 @@ def test_colours_stay_apart_to_a_colour_blind_reader_and_can_be_text() -> None:
 def test_a_variant_has_its_methods_colour_darker_and_another_dash() -> None:
     looks = look(["sci-4way", "m2dp", "sci"])
     assert list(looks) == ["sci-4way", "m2dp", "sci"]
-    assert looks["sci"] == (colour("sci"), "-")
-    assert looks["m2dp"] == (colour("m2dp"), "-")
-    dark, dash = looks["sci-4way"]
-    assert dark == "#001A36"  # 0.4 of 00, 40 and 87
-    assert dash != "-"
+    assert looks["sci"] == {"color": colour("sci"), "ls": "-"}
+    assert looks["m2dp"] == {"color": colour("m2dp"), "ls": "-"}
+    assert looks["sci-4way"]["color"] == "#001A36"  # 0.4 of 00, 40 and 87
+    assert looks["sci-4way"]["ls"] != "-"
     assert colour("sci-4way") == colour("sci")
 
 

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from pipeline.evaluation.viewpoints import ViewpointMatches
 from pipeline.mapping.octree import Octree
-from pipeline.report.figures import birdview, viewpoints
+from pipeline.report.figures import viewpoints, views
 from pipeline.report.figures.style import colour
 from pipeline.views.birdview import BirdView
 from tests.report.figures.made import saved_alike, words
@@ -85,7 +85,7 @@ def wall() -> np.ndarray:
 def bird_view() -> Figure:
     octree_map = VIEW.octree.grow()
     octree_map.insert(wall(), pose(3.0, 1.0, 0.3))
-    return birdview.bird_view(wall(), octree_map, pose(3.0, 1.0, 0.3), VIEW)
+    return views.bird_view(wall(), octree_map, pose(3.0, 1.0, 0.3), VIEW)
 
 
 FIGURES: list[Callable[[], Figure | None]] = [
@@ -217,7 +217,7 @@ def test_squares_lie_where_the_wall_is_with_the_height_of_its_top(
 ) -> None:
     octree_map = VIEW.octree.grow()
     octree_map.insert(wall(), place)
-    corners_m, heights_m = birdview.tops(octree_map, place, VIEW, depth)
+    corners_m, heights_m = views.tops(octree_map, place, VIEW, depth)
     middles_m = corners_m.mean(axis=1)
     np.testing.assert_allclose(np.linalg.norm(corners_m[:, 1] - corners_m[:, 0], axis=1), edge_m)
     assert np.abs(middles_m[:, 0] - 8.2).max() <= edge_m * 0.71

@@ -3,7 +3,7 @@
 import numpy as np
 
 from pipeline.alterations.construction import Construction
-from pipeline.report.figures.place import altered, place
+from pipeline.report.figures.views import altered, place
 from pipeline.views.scan_context import ScanContext
 
 VIEW = ScanContext(rings=8, sectors=12, max_range_m=24.0, voxel_m=0.0, min_points=1)

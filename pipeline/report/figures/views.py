@@ -1,0 +1,175 @@
+"""What methods look at: one place as a Scan Context, and a scan as it becomes a bird-view.
+
+Fig. 3, 5 and 9(a) of the SCI paper, and Fig. 2 of paper 2. All clouds are seen from above, with the
+robot's front up.
+"""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import PolyCollection
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from pipeline.alterations import Alteration, Case, generator
+from pipeline.evaluation.rows import case_text
+from pipeline.mapping.octree import OctreeMap, log_odds
+from pipeline.report.figures.style import WIDTH_IN, figure, styled
+from pipeline.views.birdview import BirdView
+from pipeline.views.scan_context import ScanContext, colorize
+
+COLOURS = "viridis"
+POINTS = 30_000  # shown at most, evenly spread over the cloud
+ROBOT = "#D55E00"
+TOP_M = 15.0
+"""Where the colours of heights end, as those of a Scan Context's image do."""
+RINGS_IN = 1.35
+COARSER = 2  # levels above the leaves of the panel that shows inner nodes
+
+
+def altered(
+    points_m: NDArray[np.floating], alteration: Alteration, stamp_ns: int
+) -> Mapping[str, NDArray[np.floating]]:
+    """The cloud (n, 3) as driven, then each case of an alteration, by what is done to it."""
+    return {
+        case_text(case) or "as driven": (
+            points_m
+            if case == Case()
+            else alteration.alter(case, points_m, generator(alteration, stamp_ns))[0]
+        )
+        for case in alteration.cases
+    }
+
+
+@styled
+def place(clouds_m: Mapping[str, NDArray[np.floating]], view: ScanContext) -> Figure:
+    """A row for each cloud (n, 3): from above, its Scan Context in metres, and its colour image."""
+    fig = figure(WIDTH_IN, 0.3 + RINGS_IN * len(clouds_m), "One place as methods see it")
+    widths = {"width_ratios": [1.0, 1.8, 1.8]}
+    rows = fig.subplots(len(clouds_m), 3, squeeze=False, gridspec_kw=widths)
+    heights = Normalize(0.0, TOP_M)
+    for (name, points_m), (cloud, context, image) in zip(clouds_m.items(), rows, strict=True):
+        _cloud(cloud, points_m, view.max_range_m, heights, 0.2)
+        _robot(cloud, view.max_range_m, ms=4)
+        cloud.set_ylabel(name)
+        heights_m = view(points_m)
+        shown: Any = {"origin": "lower", "aspect": "auto", "interpolation": "nearest"}
+        filled_m = np.where(heights_m != 0, heights_m, np.nan)
+        context.imshow(filled_m, cmap=COLOURS, norm=heights, **shown)
+        image.imshow(colorize(heights_m), **shown)
+        for axis in (context, image):
+            axis.set(xticks=[], yticks=[])
+    for axis, title in zip(rows[0], ("cloud", "Scan Context", "its image"), strict=True):
+        axis.set_title(title)
+    for axis in rows[-1, 1:]:
+        axis.set_xlabel("sector, from ahead to the left")
+    rows[0, 1].set_ylabel("ring")
+    return fig
+
+
+@styled
+def bird_view(
+    points_m: NDArray[np.floating],
+    octree_map: OctreeMap,
+    odom_T_vehicle: NDArray[np.float64],
+    view: BirdView,
+) -> Figure:
+    """The newest scan (n, 3), its map's highest leaves and nodes, and the bird-view of heading 0.
+
+    The scan is in the vehicle frame; leaves and nodes are those in the view's band of heights.
+    """
+    octree = octree_map.octree
+    heights = Normalize(0.0, view.high_m)
+    half_m = octree.edge_m / 2
+    fig = figure(WIDTH_IN, 2.7, "From a scan to its bird-view")
+    scan, leaves, nodes, image = axes = fig.subplots(1, 4)
+    _cloud(scan, points_m, half_m, heights, 0.15)
+    scan.set_title(f"scan, {len(points_m):,} points")
+    for axis, name, depth in (
+        (leaves, "leaves", octree.depth),
+        (nodes, "nodes", octree.depth - COARSER),
+    ):
+        corners_m, tops_m = tops(octree_map, odom_T_vehicle, view, depth)
+        upwards_m = np.stack([-corners_m[..., 1], corners_m[..., 0]], axis=-1)
+        squares = PolyCollection([*upwards_m], cmap=COLOURS, norm=heights)
+        squares.set(array=tops_m, linewidth=0, rasterized=True)
+        axis.add_collection(squares)
+        axis.set_title(f"occupied {name} of {octree.edge_m / 2**depth:.2f} m")
+    share = view.draw(octree_map, odom_T_vehicle)[0]
+    extent = (-half_m, half_m, -half_m, half_m)
+    image.imshow(share, cmap="gray", vmin=0, vmax=255, extent=extent, interpolation="nearest")
+    image.set_title(f"bird-view, {view.side_px} × {view.side_px}")
+    for axis in axes:
+        _robot(axis, half_m, ms=3.5, mew=0)
+        axis.spines[:].set_visible(True)
+    scale = fig.colorbar(
+        ScalarMappable(heights, COLOURS),
+        ax=axes,
+        location="bottom",
+        shrink=0.35,
+        aspect=35,
+        pad=0.03,
+    )
+    scale.set_label(
+        f"height in metres; each panel shows {2 * half_m:g} m × {2 * half_m:g} m around the robot"
+    )
+    return fig
+
+
+def tops(
+    octree_map: OctreeMap, odom_T_vehicle: NDArray[np.float64], view: BirdView, depth: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Nodes of a depth with occupied leaves in the view's band of heights.
+
+    Gives their corners (n, 4, 2) in the vehicle frame, and the height of the highest leaf (n,).
+    """
+    octree = octree_map.octree
+    from_robot_m = (np.arange(octree.side) + 0.5) * octree_map.leaf_m + (
+        octree_map.corner_m - odom_T_vehicle[:3, 3]
+    )[:, None]
+    x_m, y_m, z_m = from_robot_m * view.up(odom_T_vehicle)[:, None]
+    above_m = x_m[:, None, None] + y_m[:, None] + z_m
+    occupied = (
+        (octree_map.log_odds > log_odds(view.occupied))
+        & (above_m >= view.low_m)
+        & (above_m < view.high_m)
+    )
+    leaves = np.where(occupied, above_m, -np.inf).max(axis=2)
+    highest = leaves.reshape(2**depth, -1, 2**depth, octree.side // 2**depth).max(axis=(1, 3))
+    column = np.argwhere(np.isfinite(highest))
+    square = column[:, None] + np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+    around_m = octree_map.corner_m[:2] + square * (octree.edge_m / 2**depth) - odom_T_vehicle[:2, 3]
+    yaw_rad = math.atan2(odom_T_vehicle[1, 0], odom_T_vehicle[0, 0])
+    c = math.cos(yaw_rad)
+    s = math.sin(yaw_rad)
+    return around_m @ np.array([[c, -s], [s, c]]), highest[tuple(column.T)]
+
+
+def _cloud(
+    axis: Axes, points_m: NDArray[np.floating], half_m: float, heights: Normalize, size: float
+) -> None:
+    """Draw the points (n, 3) around the robot, higher ones over lower ones."""
+    near = points_m[(np.abs(points_m[:, :2]) < half_m).all(axis=1)]
+    near = near[:: -(-len(near) // POINTS) or 1]
+    near = near[np.argsort(near[:, 2], kind="stable")]
+    axis.scatter(
+        -near[:, 1],
+        near[:, 0],
+        size,
+        near[:, 2],
+        cmap=COLOURS,
+        norm=heights,
+        linewidths=0,
+        rasterized=True,
+    )
+
+
+def _robot(axis: Axes, half_m: float, **marker: Any) -> None:
+    """Draw the robot in the middle of a panel, which reaches so far."""
+    axis.plot(0, 0, "^", color=ROBOT, **marker)
+    axis.set(xlim=(-half_m, half_m), ylim=(-half_m, half_m), aspect="equal", xticks=[], yticks=[])
