@@ -13,7 +13,7 @@ from pipeline.studies.models import ModelName
 from pipeline.studies.study import LIFELONG
 from pipeline.tracking import page
 from pipeline.tracking import runs as tracking
-from pipeline.tracking.records import Source, of_strategies, stage_costs
+from pipeline.tracking.records import StudyRuns, of_strategies, stage_costs
 from pipeline.tracking.served import Served
 from stages import stage
 
@@ -47,17 +47,19 @@ def main(settings: Settings) -> str:
     further = study.learns_further_days
     for grid in study.grid_names:
         figures = layout.path("report", study.name, grid)
-        source = Source(study, grid, table[table["grid"] == grid], figures, lock)
-        runs += of_strategies(source) if further else ()
+        study_runs = StudyRuns(study, grid, table[table["grid"] == grid], figures, lock)
+        runs += of_strategies(study_runs) if further else ()
         for method in study.methods if study.asks_about_the_year else ():
             path = layout.path("train", study.name, grid, method.name)
             extra = stage_costs(layout, study.name, grid, method, path)
             own_answers, *further_answers = study.answers_of(ModelName(method.name))
             recipe = store.read_recipe(path)
             runs += [
-                source.record(posed, {}, recipe, {}) for posed in further_answers if not posed.path
+                study_runs.method_run(posed, {}, recipe, {})
+                for posed in further_answers
+                if not posed.path
             ]
-            run = source.record(own_answers, store.read_model(path), recipe, extra)
+            run = study_runs.method_run(own_answers, store.read_model(path), recipe, extra)
             runs.append(replace(run, model=Served.read(path)))
     name = tracking.experiment_of(study.name, study.simulated, LIFELONG if further else "")
     published = tracking.publish(

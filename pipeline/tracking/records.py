@@ -1,7 +1,7 @@
-"""Builds the runs that MLflow shows, from the table of results.
+"""Builds the runs that MLflow shows, from the table of results and the records of sweeps.
 
-One run for each method, with a child run for each day; one for each strategy of learning further
-days; one for each sweep, with a child run for each job.
+One run for each method, with a child run for each test sequence; one for each strategy of learning
+further days; one for each sweep, with a child run for each job.
 """
 
 import json
@@ -47,7 +47,7 @@ REJECTION = {
     "precision_at_threshold": "precision",
     "recall_at_threshold": "recall",
 }
-"""What is charted of each kind of novelty, by cells, and the end of the metric's name."""
+"""Numbers by cells that are charted for each kind of novelty, to the end of the metric's name."""
 GROUPS = {
     **dict.fromkeys(("accepted", "accepted_wrong", "refused", "refused_wrong"), "accepted"),
     "ece": "calibration",
@@ -56,7 +56,7 @@ GROUPS = {
 }
 """The group that a number is charted in, instead of its protocol's.
 
-MLflow lists a run's metrics by name: what is believed comes first.
+MLflow sorts groups by name; `accepted` thereby comes first.
 """
 MEANS = (
     ("cells", "auc_top1"),
@@ -68,33 +68,40 @@ MEANS = (
     ("distance", "auroc"),
     ("distance", "heading_within_10deg"),
 )
-"""Protocol and number whose mean over the test days the run of a method holds: MLflow's table of
-runs shows a last value."""
-LARGEST = 1e30  # a threshold beyond rejects nothing
+"""Numbers whose mean over the test days is stored with a method's run, because MLflow's table of
+runs shows last values only: protocol and number."""
+LARGEST = 1e30
+"""A threshold beyond this rejects nothing, and is not charted."""
+LONGEST_NAME = 240
+"""Characters of a run's name at most: MLflow's databases hold 250."""
 Series = dict[str, list[tuple[int, float]]]
+"""Metrics by name, each with its points: (step, value)."""
 
 
 @dataclass(frozen=True)
-class Source:
-    """The study, table and figures that the runs of one study and grid are published from."""
+class StudyRuns:
+    """Builds the runs of one study and grid, from its rows and figures."""
 
     study: Study
     grid: str
-    rows: pd.DataFrame  # of the table of results, of this study and grid
-    figures: Path  # folder of the report's figures, with its list of whose they are
-    # where the digests of its sequences come from
+    rows: pd.DataFrame
+    """The rows of the table of results that are of this study and grid."""
+    figures: Path
+    """The folder of the report's figures, with the list that says which model each shows."""
     lock: DvcLock = field(default_factory=lambda: DvcLock({}))
+    """Gives the digests of the study's sequences."""
 
-    def record(
+    def method_run(
         self,
         answerer: ModelName,
         arrays: Mapping[str, NDArray[Any]],
         recipe: Mapping[str, str],
-        extra: Series,
+        extra_series: Series,
     ) -> RunRecord:
-        """The run of a method, or of its answers with poses, with a child a test sequence.
+        """The run of a method, or of its answers with poses, with a child for each test sequence.
 
-        Its metrics are those over the days, ageing, curves of training, and `extra`.
+        `arrays` and `recipe` are the model's file. The run's metrics are those over the days,
+        ageing, curves of training, and `extra_series`.
         """
         study = self.study
         model = answerer.family
@@ -107,21 +114,21 @@ class Source:
         tested = driven[driven["sequence"].isin(study.tests)]
         place = {"dataset": study.name, "grid": self.grid}
         run = RunRecord(
-            self.run(model),
-            {
+            name=self.run_name(model),
+            tags={
                 COLOUR: darker(colour(model)) if answerer.answered else colour(model),
                 **place,
                 "method": model,
                 "data": self.data,
             },
-            {**place, "train": study.train_text, **recipe},
-            over_days(tested)
+            params={**place, "train": study.train_text, **recipe},
+            series=over_days(tested)
             | means(tested)
             | training_curves(arrays)
             | ageing(driven)
             | viewpoints(rows)
-            | extra,
-            self.files(model),
+            | extra_series,
+            figures=self.files(model),
             registered="" if answerer.posed else self._registered(model),
             about=self._about(
                 "run.md.j2",
@@ -140,11 +147,11 @@ class Source:
         of_day = rows[rows["sequence"] == test]
         days = of_day["days"].dropna().astype(int)
         return RunRecord(
-            test,
-            {**run.tags, "sequence": test},
-            {**run.params, "test": test},
-            over_days(of_day),
-            self.files(model, test),
+            name=test,
+            tags={**run.tags, "sequence": test},
+            params={**run.params, "test": test},
+            series=over_days(of_day),
+            figures=self.files(model, test),
             about=self._about("day.md.j2", sequence=test, days=next(iter(days), None)),
             used=used_sequences(self.study, [test], self.lock, train=False),
         )
@@ -154,7 +161,7 @@ class Source:
         """Whether the study's data are simulated or recorded."""
         return "simulated" if self.study.simulated else "recorded"
 
-    def run(self, model: str) -> str:
+    def run_name(self, model: str) -> str:
         """The name of a model's run, with the grid where the study has several.
 
         Short, since a chart's legend has two lines for all runs.
@@ -163,7 +170,7 @@ class Source:
 
     def _registered(self, model: str) -> str:
         """The name of the method's model in the registry, such as campus-sci-simulated."""
-        words = [self.study.name, *self.run(model).split()]
+        words = [self.study.name, *self.run_name(model).split()]
         return "-".join(words + ["simulated"] * self.study.simulated)
 
     def _about(self, template: str, **values: Any) -> str:
@@ -196,20 +203,21 @@ class Source:
         return [self.figures / name for name in names]
 
 
-def of_strategies(source: Source) -> Iterator[RunRecord]:
-    """The runs of a study of learning further days: one a strategy, model and order.
+def of_strategies(study_runs: StudyRuns) -> Iterator[RunRecord]:
+    """The runs of a study of learning further days: one for each strategy, model and order.
 
-    Means over the seeds, a point a step; the steps are the days learned.
+    Their metrics are means over the seeds, with a point for each step; a step learns a day.
     """
-    study = source.study
-    rows = source.rows
+    study = study_runs.study
+    rows = study_runs.rows
     rows = rows[(rows["change"] == CHANGE) & np.isfinite(rows["value"])]
     strategies = rows["kind"].str.partition(" ")[2].unique().tolist()
+    # `kind` is "ORDER STRATEGY".
     for (kind, method, variant), group in rows.groupby(["kind", "method", "variant"], sort=False):
         order, _, strategy = kind.partition(" ")
         course = {
             "dataset": study.name,
-            "grid": source.grid,
+            "grid": study_runs.grid,
             "model": ModelName(method, variant).name,
             "order": order,
             "strategy": strategy,
@@ -220,15 +228,20 @@ def of_strategies(source: Source) -> Iterator[RunRecord]:
         learned = {*study.train, *study.learned, *study.updates}
         surveyed = replace(study, train=tuple(step for step in steps if step in learned))
         yield RunRecord(
-            f"{source.run(course['model'])} {order} {strategy}",
-            {
+            name=f"{study_runs.run_name(course['model'])} {order} {strategy}",
+            tags={
                 COLOUR: PALETTE[strategies.index(strategy) % len(PALETTE)],
-                "data": source.data,
+                "data": study_runs.data,
                 **course,
             },
-            {**course, "train": study.train_text, "seeds": len(seeds), "budget": study.budget},
-            over_steps(group),
-            source.files(course["model"]),
+            params={
+                **course,
+                "train": study.train_text,
+                "seeds": len(seeds),
+                "budget": study.budget,
+            },
+            series=over_steps(group),
+            figures=study_runs.files(course["model"]),
             about=filled(
                 "course.md.j2",
                 **course,
@@ -237,7 +250,7 @@ def of_strategies(source: Source) -> Iterator[RunRecord]:
                 seeds=seeds,
                 simulated=study.simulated,
             ),
-            used=used_sequences(surveyed, study.tests, source.lock),
+            used=used_sequences(surveyed, study.tests, study_runs.lock),
         )
 
 
@@ -269,12 +282,12 @@ def of_sweep(
         "data": "simulated" if first.simulated else "recorded",
     }
     return RunRecord(
-        f"sweep {_short(swept)}"[:240],
-        tags,
-        swept,
-        {name: points for name, points in series.items() if points},
-        figures,
-        [_job(record, job, tags) for record, job in zip(records, settings, strict=True)],
+        name=f"sweep {_short(swept)}"[:LONGEST_NAME],
+        tags=tags,
+        params=swept,
+        series={name: points for name, points in series.items() if points},
+        figures=figures,
+        children=[_job(record, job, tags) for record, job in zip(records, settings, strict=True)],
     )
 
 
@@ -283,27 +296,31 @@ def _job(record: Record, settings: Mapping[str, str], tags: Mapping[str, str]) -
     rows = table(record.rows)
     failed = {"error": record.error} if record.error else {}
     return RunRecord(
-        _short(settings) or f"job {record.number}",
-        {**tags, **failed},
-        settings,
-        over_days(rows[(rows["kind"] == "") & ~rows["number"].isin(NOT_OF_JOBS)]),
+        name=_short(settings) or f"job {record.number}",
+        tags={**tags, **failed},
+        params=settings,
+        series=over_days(rows[(rows["kind"] == "") & ~rows["number"].isin(NOT_OF_JOBS)]),
     )
 
 
 def _short(values: Mapping[str, str]) -> str:
+    """Settings as words, each by the last part of its name: `n_way=4 budget=demo`."""
     return " ".join(f"{name.rpartition('.')[2]}={value}" for name, value in values.items())
 
 
 def over_days(rows: pd.DataFrame) -> Series:
-    """Every number of some sequences over the days, named as MLflow groups: `cells/auc_top1`."""
+    """Every number of these rows over the days since training, named by its group in MLflow and
+    itself: `cells/auc_top1`."""
     shown = np.isfinite(rows["days"]) & (rows["value"].abs() <= LARGEST)
     rows = rows[shown & ~rows["number"].str.endswith("_line")]
     plain = rows[rows["kind"] == ""]
     groups = plain["number"].map(GROUPS).fillna(plain["protocol"])
     kinds = rows[(rows["kind"] != "") & (rows["protocol"] == "cells")]
     kinds = kinds[kinds["number"].isin(REJECTION)]
-    of_kinds = "rejection/" + kinds["kind"] + "_" + kinds["number"].map(REJECTION)
-    return _points(plain, groups + "/" + plain["number"], "days") | _points(kinds, of_kinds, "days")
+    kind_metric_names = "rejection/" + kinds["kind"] + "_" + kinds["number"].map(REJECTION)
+    return _points(plain, groups + "/" + plain["number"], "days") | _points(
+        kinds, kind_metric_names, "days"
+    )
 
 
 def means(rows: pd.DataFrame) -> Series:
@@ -314,7 +331,7 @@ def means(rows: pd.DataFrame) -> Series:
 
 
 def training_curves(arrays: Mapping[str, NDArray[Any]]) -> Series:
-    """What a model's file holds of its training, over the epochs."""
+    """The curves that a model's file holds of its training, over the epochs."""
     return {
         f"train/{name.removeprefix('curves/')}": list(enumerate(map(float, values), start=1))
         for name, values in arrays.items()
@@ -347,7 +364,7 @@ def ageing(rows: pd.DataFrame) -> Series:
 
 
 def viewpoints(rows: pd.DataFrame) -> Series:
-    """Numbers on turned queries, over whole degrees of heading."""
+    """Numbers on turned queries over the heading, cut to whole degrees."""
     turned = rows[(rows["change"] == "viewpoint") & np.isfinite(rows["value"])]
     return _points(turned, "viewpoints/" + turned["number"] + " " + turned["sequence"], "level")
 

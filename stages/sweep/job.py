@@ -29,9 +29,9 @@ from pipeline.studies.studies_file import read_listed_studies
 from pipeline.studies.study import Study
 from pipeline.sweeps.cache import ArtifactCache
 from pipeline.sweeps.chain import Step, expand
-from pipeline.sweeps.job import ArtifactResolver
 from pipeline.sweeps.lock import UpToDate
 from pipeline.sweeps.record import Record
+from pipeline.sweeps.resolver import ArtifactResolver
 from stages import ROOT
 from stages.sweep.settings import Composer, listed, own_fields
 

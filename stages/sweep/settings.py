@@ -14,7 +14,7 @@ from pipeline.core.errors import ConfigError
 from pipeline.studies.expansion import expand
 from pipeline.studies.study import CellSize, Study, StudyMethod, settings_of
 from pipeline.sweeps.chain import Step
-from pipeline.sweeps.job import StepSettings
+from pipeline.sweeps.resolver import StepSettings
 from stages import ROOT, within_budget
 
 GROUPS = {path.name for path in (ROOT / "conf").iterdir() if path.is_dir() and path.name != "hydra"}

@@ -7,7 +7,7 @@ import pytest
 
 from pipeline.report import report
 from pipeline.tracking import page
-from pipeline.tracking.records import Source, of_strategies
+from pipeline.tracking.records import StudyRuns, of_strategies
 from pipeline.tracking.runs import RunRecord, publish
 from tests.report import learned
 from tests.report.studied import FEW
@@ -20,7 +20,9 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> dict[str, RunRecord]:
     report.write(folder, study.layout, {"campus": learned.SETTINGS}, study.table, FEW, pytest.fail)
     return {
         one.name: one
-        for one in of_strategies(Source(learned.SETTINGS, "10m", study.rows, folder / "campus/10m"))
+        for one in of_strategies(
+            StudyRuns(learned.SETTINGS, "10m", study.rows, folder / "campus/10m")
+        )
     }
 
 

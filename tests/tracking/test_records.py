@@ -15,7 +15,7 @@ from pipeline.studies.models import ModelName
 from pipeline.sweeps.record import Record
 from pipeline.tracking.datasets import used_sequences
 from pipeline.tracking.page import COLOUR
-from pipeline.tracking.records import Source, of_sweep
+from pipeline.tracking.records import StudyRuns, of_sweep
 from pipeline.tracking.runs import RunRecord
 from tests.studies.made import RECORDED
 from tests.studies.made import study as made_study
@@ -68,10 +68,10 @@ def record(tmp_path: Path) -> RunRecord:
     lock = DvcLock(
         {"submaps@campus": {"outs": [{"path": "artifacts/submaps/campus", "md5": "0123.dir"}]}}
     )
-    source = Source(study, "10m", found, tmp_path, lock)
+    study_runs = StudyRuns(study, "10m", found, tmp_path, lock)
     arrays = {"curves/loss": np.array([2.0, 1.0]), "k": np.array(3), "place_xy_m": np.zeros((7, 2))}
     recipe = {"_target_": "pipeline.methods.sci.Sci", "budget": "0.1"}
-    return source.record(ModelName("sci"), arrays, recipe, {"cost/s": [(0, 9.0)]})
+    return study_runs.method_run(ModelName("sci"), arrays, recipe, {"cost/s": [(0, 9.0)]})
 
 
 def test_a_run_holds_its_metrics_over_the_days_and_nothing_of_other_models(
@@ -144,7 +144,7 @@ def test_with_several_grids_a_run_names_its_own(tmp_path: Path) -> None:
     study = made_study("nclt", train="april", grids=["5m", "10m"], **RECORDED)
     (tmp_path / "figures.json").write_text("[]")
     rows = table([], study="nclt", grid="5m", method="sci", simulated=False)
-    found = Source(study, "5m", rows, tmp_path).record(ModelName("sci"), {}, {}, {})
+    found = StudyRuns(study, "5m", rows, tmp_path).method_run(ModelName("sci"), {}, {}, {})
     assert (found.name, found.registered) == ("sci 5m", "nclt-sci-5m")
     assert "**Recorded data**" in found.about
 
@@ -209,9 +209,9 @@ def test_what_answers_with_poses_has_a_run_of_its_own_and_no_registered_model(
         }
         rows.append(place | row("recall_at_1", "distance", share))
     study = made_study("nclt", tests=["2012-02-04"], **RECORDED)
-    source = Source(study, "10m", table(rows, study="nclt", dataset="nclt"), tmp_path)
+    study_runs = StudyRuns(study, "10m", table(rows, study="nclt", dataset="nclt"), tmp_path)
     plain, posed = (
-        source.record(ModelName("sci", posed=posed), {}, {}, {}) for posed in (False, True)
+        study_runs.method_run(ModelName("sci", posed=posed), {}, {}, {}) for posed in (False, True)
     )
     assert (plain.name, posed.name) == ("sci", "sci-pose")
     assert (
@@ -223,8 +223,8 @@ def test_what_answers_with_poses_has_a_run_of_its_own_and_no_registered_model(
 
 
 def test_a_report_that_was_interrupted_is_named(tmp_path: Path) -> None:
-    source = Source(made_study(), "10m", table([]), tmp_path / "report/campus/10m")
+    study_runs = StudyRuns(made_study(), "10m", table([]), tmp_path / "report/campus/10m")
     with pytest.raises(
         ArtifactError, match=r"report/campus/10m: no report yet; `dvc repro` writes it"
     ):
-        source.files("sci")
+        study_runs.files("sci")

@@ -9,8 +9,8 @@ import yaml
 
 from pipeline.sweeps.cache import ArtifactCache
 from pipeline.sweeps.chain import Step, expand
-from pipeline.sweeps.job import ArtifactResolver, StepSettings, substituted_fields
 from pipeline.sweeps.lock import UpToDate, digest
+from pipeline.sweeps.resolver import ArtifactResolver, StepSettings, substituted_fields
 
 CHAIN = yaml.safe_load("""
 stages:

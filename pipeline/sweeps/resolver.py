@@ -1,4 +1,4 @@
-"""One job of a sweep: settings in; paths of the artifacts that they lead to out.
+"""Finds or builds the artifacts of one job of a sweep: its settings in; paths of the artifacts out.
 
 An artifact is taken from DVC where DVC built it with the same settings, or from an earlier job by
 the key of its inputs, or else built. The steps of the chain are `chain`'s, what DVC built is known
@@ -17,7 +17,9 @@ from pipeline.sweeps.chain import Step, code, inputs, producers
 from pipeline.sweeps.lock import UpToDate, digest
 
 Gather = Callable[[Mapping[str, str]], str]
-"""Makes one of several artifacts' replacements, given by their paths within a common folder."""
+"""Joins the replacements of several artifacts into one, for a field that names their common folder.
+
+The replacements are given by the artifacts' paths within that folder."""
 
 
 class StepSettings(NamedTuple):
@@ -84,7 +86,7 @@ class ArtifactResolver:
         if self.dvc_has(step):
             self.from_dvc[step.stage] += 1
             return [Path(out) for out in step.outs]
-        names = distinct_names(step.outs)
+        names = _distinct_names(step.outs)
 
         def build(folder: Path) -> None:
             paths = {
@@ -112,7 +114,7 @@ class ArtifactResolver:
                 for artifact, producer in self._inputs[step.command].items()
             }
             fields = substituted_fields(step, input_keys, _gathered_key)
-            # Its own artifacts have no key yet, and their paths do not matter.
+            # Leave out the fields that name its own outputs.
             fields = {
                 field: fields[field] for field in fields if step.fields[field] not in step.outs
             }
@@ -141,12 +143,10 @@ def substituted_fields(
 
 
 def _substituted(value: str, replacements: Mapping[str, str], gather: Gather) -> str:
-    """A field's value, replaced if it is a path to an artifact.
-
-    Or to a part of one, or to a folder of several.
-    """
+    """A field's value, replaced if it is the path to an artifact, to a part of one, or to a folder
+    of several."""
     if not value:
-        return value  # no path: as one it would hold every artifact
+        return value  # an empty path would be the parent of every artifact
     path = PurePosixPath(value)
     for artifact, replacement in replacements.items():
         if path.is_relative_to(artifact):
@@ -162,8 +162,11 @@ def _substituted(value: str, replacements: Mapping[str, str], gather: Gather) ->
     return gather(parts) if parts else value
 
 
-def distinct_names(outs: Sequence[str]) -> list[str]:
-    """A name for each artifact of one step, with its kind before it where two have one name."""
+def _distinct_names(outs: Sequence[str]) -> list[str]:
+    """A name for each artifact of one step.
+
+    It is prefixed by the artifact's kind if an earlier one has the same name.
+    """
     names: list[str] = []
     for path in map(PurePosixPath, outs):
         kind = path.parts[1]  # artifacts/KIND/…
