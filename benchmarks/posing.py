@@ -50,7 +50,7 @@ def peers(fixer: Fixer, targets: Targets) -> dict[str, Peer]:
     def icp(kind: str) -> Peer:
         def align(points_m: Points, answers_m: NDArray[np.float64]) -> NDArray[np.float64]:
             source = small_gicp.preprocess_points(points_m, VOXEL_M, 10)[0]
-            turned = fixer.walls.turned(fixer.walls.of(points_m))
+            turned = fixer.walls.cells_at_headings(fixer.walls.of(points_m))
             best = np.eye(4)
             most = -1
             for row in _rows(targets, answers_m):

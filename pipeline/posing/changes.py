@@ -90,7 +90,9 @@ def _seen_through(walls: Walls, chart: Chart, walls_m: Points) -> float:
 
     Walls where the chart is unknown do not count.
     """
-    cells = np.floor(walls.middles(walls_m)).astype(np.int64) + walls.half
-    values = chart[0][tuple(cells[((cells >= 0) & (cells < 2 * walls.half)).all(axis=1)].T)]
+    cells = np.floor(walls.middles(walls_m)).astype(np.int64) + walls.half_width_cells
+    values = chart[0][
+        tuple(cells[((cells >= 0) & (cells < 2 * walls.half_width_cells)).all(axis=1)].T)
+    ]
     known_count = np.count_nonzero(values)
     return float(np.count_nonzero(values == SEEN_THROUGH) / known_count) if known_count else 0.0

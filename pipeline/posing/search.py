@@ -89,9 +89,9 @@ class Query:
         return self.walls.middles(self.walls_m)
 
     @cached_property
-    def turned(self) -> NDArray[np.int64]:
-        """The cells of the walls at each heading (Walls.turned)."""
-        return self.walls.turned(self.walls_m)
+    def cells_at_headings(self) -> NDArray[np.int64]:
+        """The cells of the walls at each heading (Walls.cells_at_headings)."""
+        return self.walls.cells_at_headings(self.walls_m)
 
 
 @dataclass(frozen=True)
@@ -276,7 +276,8 @@ class _Search:
         targets = self.targets
         query = self.query
         matches = [
-            (row, fixer.walls.match(targets.chart(fixer.walls, row), query.turned)) for row in rows
+            (row, fixer.walls.match(targets.chart(fixer.walls, row), query.cells_at_headings))
+            for row in rows
         ]
         likely = sorted(matches, key=lambda pair: -pair[1].score)[: fixer.tries]
         for few, refined in ((likely[:1], 1), (likely[1:], fixer.refined - 1)):

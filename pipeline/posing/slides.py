@@ -63,7 +63,7 @@ def slide(
     anchors_m = targets.world_T_anchor[:, :2, 3]
     away_m = np.where(left_out, np.inf, np.linalg.norm(anchors_m - world_T_query[:2, 3], axis=1))
     near_rows = np.argsort(away_m, kind="stable")[: np.count_nonzero(away_m < FAR_M)]
-    offsets_m = (np.arange(2 * walls.reach + 1) - walls.reach) * walls.cell_m
+    offsets_m = (np.arange(2 * walls.offset_cells + 1) - walls.offset_cells) * walls.cell_m
     own_score = -np.inf
     fits: list[tuple[float, int, float, float, float]] = []
     rows = near_rows[_spaced(anchors_m[near_rows])]

@@ -119,7 +119,7 @@ class Targets:
 
     def alike(self, walls: Walls, walls_m: Points, left_out: NDArray[np.bool_]) -> Iterator[int]:
         """All rows but those left out (row,), best fit of walls with a query's (n, 3) first."""
-        turned = walls.turned(walls_m)
+        turned = walls.cells_at_headings(walls_m)
         rows = self.spaced(np.flatnonzero(~left_out))
         matches = [(walls.match(self.chart(walls, row), turned).score, row) for row in rows]
         yield from (row for _, row in sorted(matches, key=lambda match: -match[0]))

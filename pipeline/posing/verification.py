@@ -76,7 +76,7 @@ def _shares(walls: Walls, inlier_m: float, seen: Seen, points_m: Points) -> tupl
         return 0.0, 0.0
     _, away_m = seen.cloud.nearest(points_m)
     matched = away_m < inlier_m
-    cells = np.floor(points_m[:, :2] / walls.cell_m).astype(np.int64) + walls.half
+    cells = np.floor(points_m[:, :2] / walls.cell_m).astype(np.int64) + walls.half_width_cells
     inside = ((cells >= 0) & (cells < seen.chart.shape[1])).all(axis=1)
     contradicted = np.zeros(len(points_m), bool)
     contradicted[inside] = seen.chart[0][tuple(cells[inside].T)] == SEEN_THROUGH

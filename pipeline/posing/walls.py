@@ -1,12 +1,14 @@
 """Walls from above: scan matching of a query's walls with those of a training submap.
 
 Each training submap becomes a chart: cells of a wall, cells beside one, cells that its sensor saw
-through, unknown ones. The query's walls are laid on it at all headings and offsets (scan matching,
-Olson, ICRA 2009; METHODS 9.2): a wall on a wall counts for a place, a wall where the map saw
-through counts against it, and one that was hidden from the map counts nothing.
+through, unknown ones. The query's walls are laid on it at the headings and offsets that a quick
+bound calls promising (scan matching, Olson, ICRA 2009; METHODS 9.2): a wall on a wall counts for a
+place, a wall where the map saw through counts against it, and one that was hidden from the map
+counts nothing.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -17,14 +19,17 @@ from pipeline.core.settings import Count, NotNegative, Positive, check
 from pipeline.posing.ground import heights_m
 
 Chart = NDArray[np.int8]
-"""(2, cell, cell): WALL, BESIDE, SEEN_THROUGH or 0 where nothing is known, x along the first axis,
-the robot in the middle; and the largest of the BLOCK × BLOCK cells from each on, by which the
-search knows where it need not look."""
+"""Two layers (2, cell, cell), x along the first axis, the robot in the middle.
+
+0: the cells, each WALL, BESIDE, SEEN_THROUGH, or 0 where nothing is known. 1: at each cell, the
+maximum of the BLOCK × BLOCK cells that start there, an upper bound for the search."""
 WALL = 2
 BESIDE = 1
 SEEN_THROUGH = -1
 BLOCK = 4
+"""Offsets per side that share one bound."""
 PROMISING = 24
+"""Blocks of offsets summed at most; more is slower and nearer to exact."""
 SECTORS = 180
 """Directions in which a first wall is looked for."""
 
@@ -49,12 +54,13 @@ class Walls:
     high_m: float = 8.0
     cell_m: Positive = 1.0
     range_m: Positive = 40.0
-    """Around the robot."""
+    """Walls farther from the robot are left out."""
     headings: Count = 120
     offset_m: Positive = 6.0
     """The query is sought this far from the training anchor, along x and y."""
     margin_m: NotNegative = 2.0
-    """Seen through is what lies at least so much nearer to the sensor than the first wall."""
+    """A cell counts as seen through if it lies at least this much nearer than the first wall in its
+    direction."""
 
     def __post_init__(self) -> None:
         check(self, "walls")
@@ -64,13 +70,13 @@ class Walls:
             )
 
     @property
-    def half(self) -> int:
+    def half_width_cells(self) -> int:
         """Cells from a chart's middle to its border, beyond which no wall of a query comes."""
-        return int(np.ceil(self.range_m / self.cell_m)) + self.reach + BLOCK
+        return int(np.ceil(self.range_m / self.cell_m)) + self.offset_cells + BLOCK
 
     @property
-    def reach(self) -> int:
-        """Offsets in cells to each side."""
+    def offset_cells(self) -> int:
+        """How many cells a query is shifted to each side at most."""
         return int(np.ceil(self.offset_m / self.cell_m))
 
     def of(self, points_m: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -83,19 +89,18 @@ class Walls:
     def chart(self, walls_m: NDArray[np.float64], single: bool = True) -> Chart:
         """The chart of a submap's walls (n, 3).
 
-        Only a `single` scan has a place from which it saw through.
+        Free space is marked only if the submap is a `single` scan, since several have no common
+        viewpoint.
         """
         margin_m = self.margin_m if single else np.inf
-        chart: Chart = _chart(walls_m, self.cell_m, self.half, margin_m)
+        chart: Chart = _chart(walls_m, self.cell_m, self.half_width_cells, margin_m)
         return chart
 
-    def turned(self, walls_m: NDArray[np.float64]) -> NDArray[np.int64]:
+    def cells_at_headings(self, walls_m: NDArray[np.float64]) -> NDArray[np.int64]:
         """The cells (heading, n, 2) of a query's walls (m, 3), turned to each heading."""
         angles = np.arange(self.headings) * (2 * np.pi / self.headings)
-        rotations = np.array(
-            [[np.cos(angles), np.sin(angles)], [-np.sin(angles), np.cos(angles)]]
-        ).transpose(2, 0, 1)
-        return np.asarray(np.floor(self.middles(walls_m) @ rotations).astype(np.int64) + self.half)
+        cells = np.floor(self.middles(walls_m) @ _transposed_rotation(angles)).astype(np.int64)
+        return np.asarray(cells + self.half_width_cells)
 
     def middles(self, walls_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """The middles (n, 2), in cells, of the cells that walls (m, 3) lie in."""
@@ -109,22 +114,25 @@ class Walls:
         """How well walls, turned by a heading in radians, fit a chart at each offset.
 
         The walls are given by their `middles` (n, 2). Scores (offset, offset) as of a Match, along
-        x, then y; offsets are −reach … reach cells.
+        x, then y; offsets are −offset_cells … offset_cells.
         """
-        turn = np.array([[np.cos(heading), np.sin(heading)], [-np.sin(heading), np.cos(heading)]])
-        cells = np.floor(middles @ turn).astype(np.int64) + self.half
-        return np.asarray(_sums(chart[0], cells, self.reach) / (WALL * max(len(middles), 1)))
+        cells = np.floor(middles @ _transposed_rotation(heading)).astype(np.int64)
+        sums = _sums(chart[0], cells + self.half_width_cells, self.offset_cells)
+        return np.asarray(sums / (WALL * max(len(middles), 1)))
 
-    def match(self, chart: Chart, turned: NDArray[np.int64]) -> Match:
-        """The best heading and offset of a query (heading, n, 2) on a chart."""
+    def match(self, chart: Chart, cells_at_headings: NDArray[np.int64]) -> Match:
+        """The best heading and offset of a query (heading, n, 2) on a chart.
+
+        The best that `_search` finds, which may miss a slightly better one.
+        """
         pose = np.eye(4)
-        if not turned.shape[1]:
+        if not cells_at_headings.shape[1]:
             return Match(0.0, pose)
-        score, heading, x, y = _search(chart, turned, self.reach)
+        score, heading, x, y = _search(chart, cells_at_headings, self.offset_cells)
         angle = heading * 2 * np.pi / self.headings
         pose[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
         pose[:2, 3] = x * self.cell_m, y * self.cell_m
-        return Match(score / (WALL * turned.shape[1]), pose)
+        return Match(score / (WALL * cells_at_headings.shape[1]), pose)
 
 
 def cell_numbers(cells: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -135,34 +143,41 @@ def cell_numbers(cells: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.asarray(rows * (columns.max() + 1) + columns)
 
 
+def _transposed_rotation(angle_rad: NDArray[Any] | float) -> NDArray[Any]:
+    """Rotations in the plane (…, 2, 2) by angles (…), transposed: row vectors turn as p @ R.T."""
+    cosine = np.cos(angle_rad)
+    sine = np.sin(angle_rad)
+    return np.moveaxis(np.array([[cosine, sine], [-sine, cosine]]), (0, 1), (-2, -1))
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
-def _chart(walls, cell_m, half, margin_m):  # type: ignore[no-untyped-def]
+def _chart(walls, cell_m, half_width_cells, margin_m):  # type: ignore[no-untyped-def]
     """The chart of walls (n, 3); `margin_m` is infinite where nothing is seen through."""
-    width = 2 * half
+    width = 2 * half_width_cells
     first = np.full(SECTORS, np.inf)
     layers = np.zeros((2, width, width), np.int8)
-    chart, largest = layers
+    chart, block_maxima = layers
     for i in range(len(walls)):
         sector = _sector(walls[i, 0], walls[i, 1])
         first[sector] = min(first[sector], np.hypot(walls[i, 0], walls[i, 1]))
     for x in range(width):
         for y in range(width):
-            east = (x - half + 0.5) * cell_m
-            north = (y - half + 0.5) * cell_m
+            east = (x - half_width_cells + 0.5) * cell_m
+            north = (y - half_width_cells + 0.5) * cell_m
             sector = _sector(east, north)
             nearest = min(first[sector - 1], first[sector], first[(sector + 1) % SECTORS])
             if np.isfinite(nearest) and np.hypot(east, north) < nearest - margin_m:
                 chart[x, y] = SEEN_THROUGH
     for value, beside in ((BESIDE, 1), (WALL, 0)):
         for i in range(len(walls)):
-            x = int(np.floor(walls[i, 0] / cell_m)) + half
-            y = int(np.floor(walls[i, 1] / cell_m)) + half
+            x = int(np.floor(walls[i, 0] / cell_m)) + half_width_cells
+            y = int(np.floor(walls[i, 1] / cell_m)) + half_width_cells
             for a in range(max(x - beside, 0), min(x + beside + 1, width)):
                 for b in range(max(y - beside, 0), min(y + beside + 1, width)):
                     chart[a, b] = value
     for x in range(width):
         for y in range(width):
-            largest[x, y] = chart[x : x + BLOCK, y : y + BLOCK].max()
+            block_maxima[x, y] = chart[x : x + BLOCK, y : y + BLOCK].max()
     return layers
 
 
@@ -172,50 +187,54 @@ def _sector(x, y):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _sums(chart, cells, reach):  # type: ignore[no-untyped-def]
+def _sums(chart, cells, offset_cells):  # type: ignore[no-untyped-def]
     """The sum of chart values under cells (n, 2) at each offset."""
-    offsets = 2 * reach + 1
+    offsets = 2 * offset_cells + 1
     sums = np.zeros((offsets, offsets), np.int32)
     for i in range(len(cells)):
         for a in range(offsets):
             for b in range(offsets):
-                sums[a, b] += chart[cells[i, 0] - reach + a, cells[i, 1] - reach + b]
+                sums[a, b] += chart[cells[i, 0] - offset_cells + a, cells[i, 1] - offset_cells + b]
     return sums
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _search(charts, turned, reach):  # type: ignore[no-untyped-def]
-    """The highest sum of chart values under cells (heading, n, 2), and at which heading and offset.
+def _search(charts, cells_at_headings, offset_cells):  # type: ignore[no-untyped-def]
+    """The highest sum found of chart values under cells (heading, n, 2), and where it was found.
 
-    The largest values bound the sums of a block of offsets: only the PROMISING blocks of the
-    highest bounds are summed.
+    The chart's second layer bounds the sums of a block of offsets. Blocks are summed in order of
+    their bounds, until no bound exceeds the best sum or PROMISING blocks are summed: in the first
+    case the sum is the highest of all, in the second it may not be.
     """
-    chart, largest = charts
-    blocks = -(-(2 * reach + 1) // BLOCK)
-    offsets = 2 * reach + 1
-    bounds = np.zeros((len(turned), blocks, blocks), np.int32)
-    for heading in range(len(turned)):
-        for i in range(turned.shape[1]):
-            x = turned[heading, i, 0] - reach
-            y = turned[heading, i, 1] - reach
-            for a in range(blocks):
-                for b in range(blocks):
-                    bounds[heading, a, b] += largest[x + a * BLOCK, y + b * BLOCK]
+    chart, block_maxima = charts
+    blocks_per_side = -(-(2 * offset_cells + 1) // BLOCK)
+    offsets = 2 * offset_cells + 1
+    bounds = np.zeros((len(cells_at_headings), blocks_per_side, blocks_per_side), np.int32)
+    for heading in range(len(cells_at_headings)):
+        for i in range(cells_at_headings.shape[1]):
+            x = cells_at_headings[heading, i, 0] - offset_cells
+            y = cells_at_headings[heading, i, 1] - offset_cells
+            for a in range(blocks_per_side):
+                for b in range(blocks_per_side):
+                    bounds[heading, a, b] += block_maxima[x + a * BLOCK, y + b * BLOCK]
     best = -(2**31)
     at_heading = 0
     at_x = 0
     at_y = 0
     sums = np.empty((BLOCK, BLOCK), np.int32)
     for block in np.argsort(-bounds.ravel(), kind="mergesort")[:PROMISING]:
-        heading = block // blocks**2
-        first_x = block // blocks % blocks * BLOCK
-        first_y = block % blocks * BLOCK
-        if bounds[heading, first_x // BLOCK, first_y // BLOCK] <= best:
+        # The inverse of ravel: block = (heading * blocks_per_side + row) * blocks_per_side + column
+        column = block % blocks_per_side
+        row = block // blocks_per_side % blocks_per_side
+        heading = block // blocks_per_side**2
+        if bounds[heading, row, column] <= best:
             break
+        first_x = row * BLOCK
+        first_y = column * BLOCK
         sums[:] = 0
-        for i in range(turned.shape[1]):
-            x = turned[heading, i, 0] - reach + first_x
-            y = turned[heading, i, 1] - reach + first_y
+        for i in range(cells_at_headings.shape[1]):
+            x = cells_at_headings[heading, i, 0] - offset_cells + first_x
+            y = cells_at_headings[heading, i, 1] - offset_cells + first_y
             for a in range(BLOCK):
                 for b in range(BLOCK):
                     sums[a, b] += chart[x + a, y + b]
@@ -224,6 +243,6 @@ def _search(charts, turned, reach):  # type: ignore[no-untyped-def]
                 if sums[a, b] > best:
                     best = sums[a, b]
                     at_heading = heading
-                    at_x = first_x + a - reach
-                    at_y = first_y + b - reach
+                    at_x = first_x + a - offset_cells
+                    at_y = first_y + b - offset_cells
     return best, at_heading, at_x, at_y

@@ -90,7 +90,7 @@ def test_a_real_reverse_loop_of_kitti_ends_in_one_pose_from_every_start(real: Pa
     walls = Walls()
     registration = Registration()
     first = walls.match(
-        walls.chart(walls.of(target_m)), walls.turned(walls.of(query_m))
+        walls.chart(walls.of(target_m)), walls.cells_at_headings(walls.of(query_m))
     ).target_T_query
     assert abs(abs(np.rad2deg(yaw(first[None]))[0]) - 148.5) < 5
     target = registration.prepare(target_m)

@@ -16,12 +16,12 @@ def test_heading_and_offset_are_found(x_m: float, y_m: float, yaw_deg: float) ->
     walls = Walls()
     true = planar(x_m, y_m, yaw_deg)
     found = walls.match(
-        walls.chart(walls.of(scene())), walls.turned(walls.of(seen_from(scene(), true)))
+        walls.chart(walls.of(scene())), walls.cells_at_headings(walls.of(seen_from(scene(), true)))
     )
     assert found.target_T_query == pytest.approx(true, abs=1.0)
     assert found.target_T_query[:2, :2] == pytest.approx(true[:2, :2], abs=0.06)
     other = walls.match(
-        walls.chart(walls.of(scene(1))), walls.turned(walls.of(seen_from(scene(), true)))
+        walls.chart(walls.of(scene(1))), walls.cells_at_headings(walls.of(seen_from(scene(), true)))
     )
     assert found.score > other.score + 0.1
 
@@ -33,7 +33,7 @@ def test_a_chart_knows_walls_and_what_was_seen_through() -> None:
         walls.chart(walls.of(wall), single=False)[0],
         walls.chart(walls.of(wall), single=True)[0],
     )
-    middle = walls.half
+    middle = walls.half_width_cells
     assert chart[middle + 20, middle] == WALL
     assert single[middle + 10, middle] == SEEN_THROUGH
     assert single[middle + 30, middle] == 0  # behind the wall
@@ -48,7 +48,7 @@ def test_a_wall_where_the_map_saw_through_counts_against() -> None:
     hidden = np.column_stack([np.full(200, 38.5), np.linspace(-5, 5, 200), np.full(200, 2.0)])
     chart = walls.chart(walls.of(far))
     alone, with_new, with_hidden = (
-        walls.match(chart, walls.turned(walls.of(np.concatenate(parts)))).score
+        walls.match(chart, walls.cells_at_headings(walls.of(np.concatenate(parts)))).score
         for parts in ([far], [far, new], [far, hidden])
     )
     assert alone > with_hidden > with_new
@@ -58,7 +58,10 @@ def test_a_wall_where_the_map_saw_through_counts_against() -> None:
 def test_a_query_without_walls_matches_nothing() -> None:
     walls = Walls()
     ground = np.column_stack([np.random.default_rng(0).uniform(-20, 20, (500, 2)), np.zeros(500)])
-    assert walls.match(walls.chart(walls.of(scene())), walls.turned(walls.of(ground))).score == 0.0
+    assert (
+        walls.match(walls.chart(walls.of(scene())), walls.cells_at_headings(walls.of(ground))).score
+        == 0.0
+    )
 
 
 def test_settings_are_checked() -> None:
@@ -74,7 +77,7 @@ def test_settings_are_checked() -> None:
 def test_branch_and_bound_finds_what_an_exhaustive_search_finds(seed: int) -> None:
     walls = Walls(cell_m=2.0, headings=24, offset_m=7.0)
     chart = walls.chart(walls.of(scene(seed)))
-    turned = walls.turned(walls.of(seen_from(scene(seed % 2), planar(3, -2, 50))))
+    turned = walls.cells_at_headings(walls.of(seen_from(scene(seed % 2), planar(3, -2, 50))))
     shifted = turned[:, :, None, None] + np.stack(np.mgrid[-4:5, -4:5], axis=2)
     sums = chart[0][shifted[..., 0], shifted[..., 1]].sum(axis=1, dtype=int)
     assert walls.match(chart, turned).score == sums.max() / (WALL * turned.shape[1])
