@@ -1,5 +1,7 @@
-"""Scan Context against every training scan at every heading: what ring keys may miss (Kim and Kim,
-IROS 2018; METHODS 1.3)."""
+"""Scan Context against every training scan at every heading (Kim and Kim, IROS 2018; METHODS 1.3).
+
+It does without the preselection by ring keys, which may miss the right scan.
+"""
 
 from dataclasses import dataclass
 
@@ -8,7 +10,8 @@ from pipeline.matching.shift_method import ShiftMethod
 
 @dataclass(frozen=True)
 class ScanContextAll(ShiftMethod):
-    """The exhaustive search."""
+    """The exhaustive search: `candidates` stays None, so all training scans are compared."""
 
     view: str = "scan_context"
     least_engaged: float = 0.0
+    """As the authors compare: every heading counts at which any columns of two scans overlap."""

@@ -11,7 +11,10 @@ from typing import TypeAlias
 import numpy as np
 
 _WORD = (1 << 64) - 1
-_SPREAD = 0x9E3779B97F4A7C15
+"""The lowest 64 bits of a number."""
+_GOLDEN = 0x9E3779B97F4A7C15
+"""The odd constant of splitmix64, 2⁶⁴ divided by the golden ratio: multiplied by it, seconds that
+follow each other differ in about half of their 64 bits."""
 
 
 class Stream(IntEnum):
@@ -38,7 +41,7 @@ class Stream(IntEnum):
     CLUTTER = 19
 
 
-Noise: TypeAlias = Callable[[Stream], np.random.Generator]
+Generators: TypeAlias = Callable[[Stream], np.random.Generator]
 """The generator of each stream for one sequence."""
 
 
@@ -47,18 +50,19 @@ def generator(seed: int, stream: Stream, when: date | None = None) -> np.random.
 
     Sequences are distinguished by their date and time `when`, not by their order in a table.
     """
-    return np.random.default_rng(
-        [seed, int(stream), when.toordinal() if when else 0, *_second(when)]
-    )
+    second = _second_of_day(when)
+    entropy = [seed, int(stream), when.toordinal() if when else 0]
+    return np.random.default_rng(entropy if second is None else [*entropy, second])
 
 
 def scan_seed(seed: int, when: date, scan: int) -> np.uint64:
     """The seed of the rays of one scan; blocks of scans may be computed in any order."""
-    return np.uint64(
-        ((seed << 44) ^ (when.toordinal() << 24) ^ scan ^ sum(_second(when)) * _SPREAD) & _WORD
-    )
+    second = _second_of_day(when) or 0
+    return np.uint64(((seed << 44) ^ (when.toordinal() << 24) ^ scan ^ second * _GOLDEN) & _WORD)
 
 
-def _second(when: date | None) -> list[int]:
+def _second_of_day(when: date | None) -> int | None:
     """The second of the day if `when` has a time, so that two drives on one day differ."""
-    return [3600 * when.hour + 60 * when.minute + when.second] if isinstance(when, datetime) else []
+    if not isinstance(when, datetime):
+        return None
+    return 3600 * when.hour + 60 * when.minute + when.second

@@ -150,9 +150,11 @@ class Simulation:
         points = 0
         block = max(1, BLOCK_RAYS // len(recorder.lidar.directions))
         with closing(writer(self.logs, folder, sequence, recorder.lidar)) as logs:
-            noise = partial(generator, recorder.seed, when=recorder.when)
+            generators = partial(generator, recorder.seed, when=recorder.when)
             logs.write_truth(
-                recorder.drive, survey(recorder.drive, noise(Stream.TRUTH), self.truth_sd_m), noise
+                recorder.drive,
+                survey(recorder.drive, generators(Stream.TRUTH), self.truth_sd_m),
+                generators,
             )
             blocks = compute.rows(
                 replace(recorder, logs=None if logs.in_order else logs).block, scans, block

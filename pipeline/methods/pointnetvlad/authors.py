@@ -1,10 +1,12 @@
 """The weights of PointNetVLAD's authors under this network's names (METHODS 3.2).
 
 Their names are those of `pointnetvlad_cls.py`, `transform_nets.py` and `loupe.py`; the scope before
-them, such as `query_triplets/`, is ignored. A dense layer is a convolution of one point there, its
-weights transposed. The T-Nets' last biases are their difference from the identity. Batch norms of
-the trunk keep moving averages, named after the operation that computed the statistic, which
-TensorFlow's versions call differently; those of `loupe.py` keep `moving_mean`.
+them, such as `query_triplets/`, is ignored. Their dense layers are convolutions of one point, so
+their weights are transposed here. Their last T-Net biases exclude the identity; it is added here.
+
+The T-Nets' batch norms keep moving averages, named after the operation that computed the statistic;
+TensorFlow's versions name that operation differently. NetVLAD's batch norms keep `moving_mean` and
+`moving_variance`. The trunk has none.
 """
 
 from collections.abc import Mapping
@@ -17,9 +19,12 @@ from pipeline.core.errors import ConfigError
 
 Arrays = Mapping[str, NDArray[Any]]
 AVERAGE = "ExponentialMovingAverage"
+"""How the name of a moving average ends, after one of MEAN or VARIANCE."""
 MEAN = ("moments/Squeeze/", "moments/normalize/mean/", "moments/mean/")
 VARIANCE = ("moments/Squeeze_1/", "moments/normalize/variance/", "moments/variance/")
 TNETS = {"turn": ("transform_net1", "transform_XYZ"), "mix": ("transform_net2", "transform_feat")}
+"""Our T-Net to their scopes: its own, and within it that of the last layer. `turn` is the one of
+positions, `mix` the one of features."""
 TRUNK = {"early": ("conv1", "conv2"), "late": ("conv3", "conv4", "conv5")}
 NORMS = {"assign_norm": "cluster_bn", "project_norm": "bn", "gate_norm": "gating_bn"}
 MATRICES = {"assign": "cluster_weights", "project": "hidden1_weights", "gate": "gating_weights"}
@@ -36,15 +41,16 @@ def renamed(tensors: Arrays) -> dict[str, NDArray[np.float32]]:
 
 
 def _collected(tensors: Arrays) -> dict[str, NDArray[Any]]:
+    """The authors' tensors by the names of this network, in their own number types."""
     arrays: dict[str, NDArray[Any]] = {}
-    for ours, (scope, last) in TNETS.items():
+    for ours, (scope, last_scope) in TNETS.items():
         layers = [(f"points.{2 * i}", f"tconv{i + 1}") for i in range(3)]
         layers += [(f"cloud.{2 * i}", f"tfc{i + 1}") for i in range(2)]
         for layer, their_layer in layers:
             prefix = f"pointnet.{ours}.{layer}"
             arrays |= _dense(tensors, f"{prefix}.0", f"{scope}/{their_layer}")
             arrays |= _averaged_norm(tensors, f"{prefix}.1", f"{scope}/{their_layer}/bn")
-        base = _dense(tensors, f"pointnet.{ours}.base", f"{scope}/{last}")
+        base = _dense(tensors, f"pointnet.{ours}.base", f"{scope}/{last_scope}")
         bias_key = f"pointnet.{ours}.base.bias"
         base[bias_key] = base[bias_key] + np.eye(round(len(base[bias_key]) ** 0.5)).ravel()
         arrays |= base
@@ -66,6 +72,7 @@ def _collected(tensors: Arrays) -> dict[str, NDArray[Any]]:
 
 
 def _dense(tensors: Arrays, prefix: str, scope: str) -> dict[str, NDArray[Any]]:
+    """The weights (output, input) and biases of a layer, from the authors' (…, input, output)."""
     weights = _tensor(tensors, f"{scope}/weights")
     return {
         f"{prefix}.weight": weights.reshape(-1, weights.shape[-1]).T,
@@ -86,7 +93,7 @@ def _averaged_norm(tensors: Arrays, prefix: str, scope: str) -> dict[str, NDArra
 def _tensor(tensors: Arrays, *endings: str) -> NDArray[Any]:
     """The tensor whose name ends in one of these words, under the fewest scopes.
 
-    What an optimizer keeps of a tensor ends in other words.
+    An optimizer's slots (`…/Adam`) end differently, so they never match.
     """
     for ending in endings:
         names = [name for name in tensors if f"/{name}".endswith(f"/{ending}")]

@@ -20,6 +20,7 @@ GROUND_REFLECTANCE = 0.2
 _GROUND = int(Kind.GROUND)
 _BUILDING = int(Kind.BUILDING)
 RELIEF_CELL_M = 0.7
+"""Side of the cubes within which a wall lies equally far before or behind its plane."""
 _REFINEMENTS = 3
 _NEVER = 1e30
 
@@ -34,17 +35,17 @@ def cast(
     max_range_m: float,
     seed: np.uint64,
 ) -> tuple[Floats, NDArray[np.uint8], Floats]:
-    """Cast rays from `origins` (p, 3) in the world along `directions` (n, 3), unit vectors in the
-    body's frame, whose rotations are `world_R_bodies` (p, 3, 3): n / p rays each, one after the
-    other.
+    """Cast rays along `directions` (n, 3), unit vectors in the body's frame.
 
-    `movers` are moving cylinders, which are in no cell. Returns (n,) ranges in metres (0: no hit),
+    The n rays come in p equal runs; run i starts at `origins`[i] (p, 3) in the world, with the
+    body's rotation `world_R_bodies`[i] (p, 3, 3). `movers` are moving cylinders, not sorted into
+    cells, so every ray is tested against all of them. Returns (n,) ranges in metres (0: no hit),
     the `shapes.Kind` that each ray hit, and its reflectance × cosine of incidence.
     """
     n = directions.shape[0]
-    ranges = np.zeros(n)
+    ranges_m = np.zeros(n)
     kinds = np.zeros(n, np.uint8)
-    brightness = np.zeros(n)
+    brightnesses = np.zeros(n)
     rays_each = n // origins.shape[0]
     for ray in range(n):
         origin = origins[ray // rays_each]
@@ -67,25 +68,27 @@ def cast(
             + world_R_body[2, 2] * body[2]
         )
         direction = dx, dy, dz
-        best = max_range_m
+        range_m = max_range_m
         kind = 0
-        bright = 0.0
+        brightness = 0.0
         for mover in movers:
             hit_m, cosine = hit_cylinder(mover, start, direction)
-            if 0 < hit_m < best:
-                best = hit_m
+            if 0 < hit_m < range_m:
+                range_m = hit_m
                 kind = mover.kind
-                bright = cosine * mover.reflectance
-        best, kind, bright = _first_hit(scene, start, direction, best, kind, bright, ray, seed)
+                brightness = cosine * mover.reflectance
+        range_m, kind, brightness = _first_hit(
+            scene, start, direction, range_m, kind, brightness, ray, seed
+        )
         if kind == _BUILDING and scene.relief_m > 0:
-            best += scene.relief_m * _relief(
-                start[0] + best * dx, start[1] + best * dy, start[2] + best * dz
+            range_m += scene.relief_m * _relief(
+                start[0] + range_m * dx, start[1] + range_m * dy, start[2] + range_m * dz
             )
         if kind > 0:
-            ranges[ray] = best
+            ranges_m[ray] = range_m
             kinds[ray] = kind
-            brightness[ray] = bright
-    return ranges, kinds, brightness
+            brightnesses[ray] = brightness
+    return ranges_m, kinds, brightnesses
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -95,6 +98,7 @@ def _relief(x_m: float, y_m: float, z_m: float) -> float:
     i = int(np.floor(x_m / RELIEF_CELL_M))
     j = int(np.floor(y_m / RELIEF_CELL_M))
     k = int(np.floor(z_m / RELIEF_CELL_M))
+    # The cube's three indices are hashed, the one of height as the seed, to a number in (0, 1).
     return 2.0 * hash_u(np.uint64(k), i, j) - 1.0  # type: ignore[no-any-return]
 
 
@@ -103,14 +107,14 @@ def _first_hit(
     scene: Scene,
     origin: Vector,
     direction: Vector,
-    best: float,
+    range_m: float,
     kind: int,
-    bright: float,
+    brightness: float,
     ray: int,
     seed: np.uint64,
 ) -> tuple[float, int, float]:
     """Range, kind and reflectance × cosine of the first hit, given those of the nearest mover
-    (`best`, `kind`, `bright`)."""
+    (`range_m`, `kind`, `brightness`)."""
     (ox, oy, oz) = origin
     (dx, dy, dz) = direction
     rows = scene.heights_m.shape[0] - 1
@@ -128,22 +132,23 @@ def _first_hit(
     while 0 <= i < rows and 0 <= j < columns:
         leave = min(next_x, next_y)
         cell = i * columns + j
-        if oz + min(enter * dz, min(leave, best) * dz) <= scene.tops_m[cell]:
+        lowest_z = oz + min(enter * dz, min(leave, range_m) * dz)  # of the ray within this cell
+        if lowest_z <= scene.tops_m[cell]:
             for item in range(scene.starts[cell], scene.starts[cell + 1]):
-                hit_m, cosine, shape_kind = _hit(
+                hit_m, hit_brightness, shape_kind = _hit(
                     scene, scene.items[item], origin, direction, ray, seed
                 )
-                if 0 < hit_m < best:
-                    best = hit_m
+                if 0 < hit_m < range_m:
+                    range_m = hit_m
                     kind = shape_kind
-                    bright = cosine
-        end = min(leave, best)
+                    brightness = hit_brightness
+        end = min(leave, range_m)
         above_out = _above_ground(scene, ox + end * dx, oy + end * dy, oz + end * dz)
         if above_out < 0:
             hit_m = _ground_hit(scene, origin, direction, enter, above_in, end, above_out)
             fall = (above_in - above_out) / max(end - enter, 1e-6)
             return hit_m, _GROUND, GROUND_REFLECTANCE * min(fall, 1.0)
-        if best <= leave:
+        if range_m <= leave:
             break
         enter = leave
         above_in = above_out
@@ -153,7 +158,7 @@ def _first_hit(
         else:
             j += step_j
             next_y += gap_y
-    return best, kind, bright
+    return range_m, kind, brightness
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -14,7 +14,7 @@ from pipeline.formats.bag import BagWriter
 from pipeline.world.driving.drive import Drive
 from pipeline.world.driving.lidar import Returns
 from pipeline.world.driving.odometry import wheel_covariances, wheel_odometry
-from pipeline.world.seeds import Noise, Stream
+from pipeline.world.seeds import Generators, Stream
 from pipeline.world.writers.writer import Writer
 
 CLOUDS = "/points"
@@ -43,11 +43,11 @@ class BagWriterInOrder(Writer):
         self._bag = BagWriter(folder / ("bag.bag" if kind == "ros1" else "bag"), kind).__enter__()
         self._waiting: list[tuple[int, Poses, Poses, NDArray[np.float64]]] = []
 
-    def write_truth(self, drive: Drive, surveyed: Drive, noise: Noise) -> None:
+    def write_truth(self, drive: Drive, surveyed: Drive, generators: Generators) -> None:
         """Write the extrinsics, and keep the true poses and the odometry until `write_scan` reaches
         their stamps."""
         self._bag.static_transform(int(drive.utimes[0]) * 1000, BODY, LIDAR, self.body_T_sensor)
-        drifted = wheel_odometry(noise(Stream.ODOMETRY), drive.world_T_body)
+        drifted = wheel_odometry(generators(Stream.ODOMETRY), drive.world_T_body)
         self._waiting = list(
             zip(
                 drive.utimes.tolist(),

@@ -9,7 +9,7 @@ from pipeline.formats import kitti
 from pipeline.world.driving.drive import Drive
 from pipeline.world.driving.lidar import Returns
 from pipeline.world.names import kitti_log
-from pipeline.world.seeds import Noise
+from pipeline.world.seeds import Generators
 from pipeline.world.writers.writer import Writer
 
 
@@ -19,7 +19,7 @@ class KittiWriter(Writer):
     `00-a` and `00-b` are both the whole log 00, and the reader splits it.
     """
 
-    def write_truth(self, drive: Drive, surveyed: Drive, noise: Noise) -> None:
+    def write_truth(self, drive: Drive, surveyed: Drive, generators: Generators) -> None:
         """Write the calibration, the times since the first scan, and the poses of cam0 in its first
         frame; no odometry."""
         log = kitti_log(self.sequence)

@@ -16,7 +16,7 @@ from pipeline.formats.nclt import (
 from pipeline.world.driving.drive import Drive
 from pipeline.world.driving.lidar import Returns
 from pipeline.world.driving.odometry import wheel_covariances, wheel_odometry
-from pipeline.world.seeds import Noise, Stream
+from pipeline.world.seeds import Generators, Stream
 from pipeline.world.writers.writer import Writer, xyzrpy
 
 LEADING_GAPS = 5
@@ -27,13 +27,13 @@ later."""
 class NcltWriter(Writer):
     """Writes one sequence into its folder."""
 
-    def write_truth(self, drive: Drive, surveyed: Drive, noise: Noise) -> None:
+    def write_truth(self, drive: Drive, surveyed: Drive, generators: Generators) -> None:
         """Write the ground truth, whose first LEADING_GAPS rows are NaN, and the wheel odometry."""
         (self.folder / SCANS).mkdir(parents=True, exist_ok=True)
         rows = xyzrpy(flip_ned(surveyed.world_T_body))
         rows[:LEADING_GAPS] = np.nan
         write_pose_rows(self.folder / TRUTH.format(sequence=self.sequence), drive.utimes, rows)
-        drifted = wheel_odometry(noise(Stream.ODOMETRY), drive.world_T_body)
+        drifted = wheel_odometry(generators(Stream.ODOMETRY), drive.world_T_body)
         write_pose_rows(self.folder / ODOMETRY, drive.utimes, xyzrpy(flip_ned(drifted)))
         covariances = wheel_covariances(drive.world_T_body)
         write_covariance_rows(self.folder / COVARIANCE, drive.utimes, covariances)

@@ -11,7 +11,7 @@ from pipeline.formats import robotcar
 from pipeline.world.driving.drive import Drive
 from pipeline.world.driving.lidar import CAMERA_HEIGHT_M, Returns, raised
 from pipeline.world.driving.odometry import simulate_ins, visual_odometry
-from pipeline.world.seeds import Noise, Stream
+from pipeline.world.seeds import Generators, Stream
 from pipeline.world.writers.writer import Writer, xyzrpy
 
 LASER = robotcar.LASERS[0]
@@ -29,7 +29,7 @@ VEHICLE_T_INS = pose(*np.hsplit(np.array([robotcar.EXTRINSICS["ins"]]), 2))[0]
 class RobotCarWriter(Writer):
     """Writes one sequence into its folder."""
 
-    def write_truth(self, drive: Drive, surveyed: Drive, noise: Noise) -> None:
+    def write_truth(self, drive: Drive, surveyed: Drive, generators: Generators) -> None:
         """Write the extrinsics, the stamps of the sweeps, the visual odometry, and the INS with its
         outages."""
         (self.folder / LASER).mkdir(parents=True, exist_ok=True)
@@ -40,9 +40,13 @@ class RobotCarWriter(Writer):
         images, rows = (
             np.arange(drive.utimes[0], drive.utimes[-1], step_us) for step_us in (IMAGES_US, INS_US)
         )
-        motion = visual_odometry(noise(Stream.VISUAL_ODOMETRY), drive.at(images) @ BODY_T_VEHICLE)
+        motion = visual_odometry(
+            generators(Stream.VISUAL_ODOMETRY), drive.at(images) @ BODY_T_VEHICLE
+        )
         robotcar.write_vo(self.folder / robotcar.VO, images, xyzrpy(flip_ned(motion)))
-        reported, good = simulate_ins(noise(Stream.OUTAGES), surveyed.at(rows) @ BODY_T_VEHICLE)
+        reported, good = simulate_ins(
+            generators(Stream.OUTAGES), surveyed.at(rows) @ BODY_T_VEHICLE
+        )
         reported[:, :3, 3] += ORIGIN_M
         statuses = np.where(good, robotcar.INS_GOOD, BLIND).tolist()
         robotcar.write_ins(

@@ -11,7 +11,7 @@ from pipeline.core.frames import Poses, rpy
 from pipeline.world import Floats
 from pipeline.world.driving.drive import Drive
 from pipeline.world.driving.lidar import Returns
-from pipeline.world.seeds import Noise
+from pipeline.world.seeds import Generators
 
 
 @dataclass
@@ -26,7 +26,7 @@ class Writer(ABC):
     them in any order."""
 
     @abstractmethod
-    def write_truth(self, drive: Drive, surveyed: Drive, noise: Noise) -> None:
+    def write_truth(self, drive: Drive, surveyed: Drive, generators: Generators) -> None:
         """Create the folders, and write everything but the scans: the poses as `surveyed`, the
         odometry and the calibration."""
 
