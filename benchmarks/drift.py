@@ -37,7 +37,7 @@ def measure(path: str) -> str:
     drift_m = np.linalg.norm(error[:, :3, 3], axis=1)
     drift_deg = np.degrees(np.abs(Rotation.from_matrix(error[:, :3, :3]).as_euler("ZYX")[:, 0]))
 
-    def contexts(layout: schemas.Layout) -> list[NDArray[np.float32]]:
+    def contexts(layout: schemas.PoseColumn) -> list[NDArray[np.float32]]:
         rows = slice(None, None, EVERY)
         return list(
             map(

@@ -1,15 +1,16 @@
-"""All that was measured of one study → its table of results, the study that they are of, and the
-plain data of two plots for `dvc plots`."""
+"""All that was measured of one study → its table of results, a copy of the study they belong to,
+and the plain data of two plots for `dvc plots`."""
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from pipeline.core import store
 from pipeline.core.settings import Share
 from pipeline.evaluation import results
+from pipeline.evaluation.ageing import Ageing
+from pipeline.evaluation.events import Bands
 from pipeline.evaluation.plots import precision_recall, year
-from pipeline.studies import measured
+from pipeline.studies import measured as measured_study
 from pipeline.studies.layout import Layout
 from pipeline.studies.study import Study
 from stages import stage
@@ -22,28 +23,28 @@ class Settings:
     study: Study
     artifacts: Path
     unseen_share: Share
-    """Of queries, that the AUC on held-out blocks of training expects."""
-    ageing: Any
-    bands: Any
+    """The share of unseen queries that the held-out AUC assumes."""
+    ageing: Ageing
+    bands: Bands
     out: Path
 
 
 @stage("results")
 def main(settings: Settings) -> str:
-    gathering = results.ResultsTable(
+    results_table = results.ResultsTable(
         Layout(settings.artifacts),
         settings.study,
         settings.ageing,
         settings.bands,
         settings.unseen_share,
     )
-    table = gathering.table()
+    table = results_table.table()
     with store.replace(settings.out) as folder:
         folder.mkdir()
         table.to_csv(folder / results.FILE, index=False)
-        measured.write(folder, settings.study)
+        measured_study.write(folder, settings.study)
         year(table).to_csv(folder / "year.csv", index=False, float_format="%.6g")
-        precision_recall(gathering).to_csv(
+        precision_recall(results_table).to_csv(
             folder / "precision_recall.csv", index=False, float_format="%.6g"
         )
     models = table.loc[table["method"] != "", ["method", "variant", "seed"]].drop_duplicates()

@@ -1,4 +1,5 @@
-"""Views and places of the training sequences → a model, or an earlier one, grown by them."""
+"""Views and places of the training sequences → a new model, or an earlier model grown by the later
+sequences."""
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -22,7 +23,7 @@ class Budget:
     """What a file of conf/budget says of the method that is trained."""
 
     share: Positive
-    """Of the method's own full training."""
+    """The share of the method's full training to run."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,7 +34,7 @@ class Settings:
     budget: Budget
     sequences: Names
     from_: Path | None = None
-    """A model of the first of the sequences, which then learns the others one after the other."""
+    """If set: a model of the first sequence, grown by the others in turn."""
     views: Path
     labels: Path
     out: Path
@@ -44,11 +45,13 @@ class Settings:
 def main(settings: Settings) -> str:
     names = [f"{sequence}.zarr" for sequence in settings.sequences]
     views_of_sequences = [Rows.read(settings.views / name) for name in names]
-    labels = [store.read(settings.labels / name, schemas.Labels) for name in names]
+    labels_by_day = [store.read(settings.labels / name, schemas.Labels) for name in names]
     method = settings.method
     share = float(settings.budget.share)
     views = Rows.joined(views_of_sequences)
-    places = joined_places([day_labels.load("places") for day_labels in labels])
+    places_by_day = [labels.load("places") for labels in labels_by_day]
+    places = joined_places(places_by_day)
+    # All that the weights of a checkpoint depend on: another key trains from the start.
     checkpoint_key = fingerprint(
         method,
         share,
@@ -60,16 +63,17 @@ def main(settings: Settings) -> str:
     )
     progress = ProgressBar(share, settings.checkpoints / f"{checkpoint_key}.safetensors")
     if not settings.from_:
-        learned = method.learn(views, places, progress)
+        weights = method.learn(views, places, progress)
     else:
-        learned, (_, places) = growth.grown(
+        weights, learned_set = growth.grown(
             method,
             store.read_model(settings.from_),
             views_of_sequences,
-            Places.of(labels[0]),
+            Places.of(labels_by_day[0]),
             progress,
         )
-    model = {"image_shape": np.array(views.images.shape[1:]), **learned}
+        places = learned_set.places
+    model = {"image_shape": np.array(views.images.shape[1:]), **weights}
     recipe = {"_target_": target_of(method), **asdict(method), "budget": share}
     store.write_model(settings.out, model, recipe)
     progress.done()
@@ -77,15 +81,15 @@ def main(settings: Settings) -> str:
 
 
 def _summary(model: Model, places: NDArray[np.int64], share: float) -> str:
-    """The stage's line: how many views and places, and which round of a training is kept."""
-    rounds = next((len(array) for name, array in model.items() if name.startswith("curves/")), 0)
+    """The stage's line: how many views and places, and which epoch of a training is kept."""
+    epochs = next((len(array) for name, array in model.items() if name.startswith("curves/")), 0)
     trained = (
-        f"{share:g} of the full training, round {int(model.get('best_epoch', rounds - 1)) + 1} of "
-        f"{rounds} kept"
+        f"{share:g} of the full training, epoch {int(model.get('best_epoch', epochs - 1)) + 1} of "
+        f"{epochs} kept"
     )
     return (
         f"{len(places)} views of {places.max() + 1} places, "
-        f"{trained if rounds else 'nothing to train'}"
+        f"{trained if epochs else 'nothing to train'}"
     )
 
 

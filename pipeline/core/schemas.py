@@ -1,6 +1,6 @@
 """The data dictionary: every artifact, its arrays and attributes, their dimensions and units.
 
-`pipeline.evaluation` defines those with functions of its own: Evaluations and ViewpointMatches.
+Two kinds live in `pipeline.evaluation`, beside their functions: Evaluations and ViewpointMatches.
 docs/artifacts.md is generated from these definitions.
 """
 
@@ -17,8 +17,8 @@ from pipeline.core.store import Array, Artifact
 SINCE_1970 = "nanoseconds since 1970-01-01"
 """As xarray and CF name the unit of a stamp."""
 
-Layout = Literal["odom_T_scan", "world_T_scan"]
-"""The poses that lay the scans of a submap out around its anchor: a column of Scans."""
+PoseColumn = Literal["odom_T_scan", "world_T_scan"]
+"""The column of Scans whose poses lay the scans of a submap out around its anchor."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,13 +84,17 @@ class Estimates(Artifact, kind="slam", version=1):
         NDArray[np.float64],
         Array(
             ("scan", "row", "col"),
-            "the result; NaN of what is not joined with the longest part, or with the map",
+            "the result; NaN of scans that are not joined with the longest part, or with the map",
             unit="m",
         ),
     ]
     overlap: Annotated[
         NDArray[np.float64],
-        Array(("scan",), "share of what stands in it or the scan before that both have"),
+        Array(
+            ("scan",),
+            "share of what stands in this scan that the one before has too, or the other way "
+            "round: the larger of the two",
+        ),
     ]
     by_log: Annotated[
         NDArray[np.bool_], Array(("scan",), "the step to it is the log's own odometry")
@@ -160,13 +164,13 @@ class Submaps(Artifact, kind="submaps", version=3):
         Array(("submap", "row", "col"), "ground truth of the anchor", unit="m"),
     ]
     layout: Annotated[
-        Layout, "the column of the scans artifact whose poses lay a submap's scans out"
+        PoseColumn, "the column of the scans artifact whose poses lay a submap's scans out"
     ]
     left_out: Annotated[Mapping[str, int], "anchors that make no submap: reason to count"]
     appearance: Annotated[
         Mapping[str, float],
-        "medians over a few submaps: azimuth_deg with points, z of the ground, ground_m, and of "
-        "the top, highest_m; null of none",
+        "medians over a few submaps: azimuth_deg, degrees around with points; ground_m and "
+        "highest_m, z of the ground and of the top; null if there is none",
     ]
 
 
@@ -350,7 +354,7 @@ class Ranking:
             )
         return self
 
-    def by(self, kind: str) -> Self:
+    def with_kind_first(self, kind: str) -> Self:
         """The ranking with this kind of novelty first."""
         first_column = self.kinds.index(kind)
         order = [
@@ -385,7 +389,7 @@ class SequenceRanking(Ranking, Artifact):
         "reject as unseen from this novelty on, for each kind; chosen on held-out blocks of the "
         "training sequence",
     ]
-    wanted_precision: Annotated[float, "that they were chosen for"]
+    wanted_precision: Annotated[float, "the precision that they were chosen for"]
 
     def ranking(self, rows: slice = slice(None)) -> Ranking:
         """Some of the queries without what the artifact adds."""
@@ -406,8 +410,8 @@ class Rankings(SequenceRanking, kind="rankings", version=5):
 
     kept_precision: Annotated[
         tuple[float, ...],
-        "that each threshold keeps on those blocks, wanted or less; null of one that accepts "
-        "nothing",
+        "the precision that each threshold keeps on those blocks, wanted_precision or less; null "
+        "of one that accepts nothing",
     ]
 
 
@@ -417,7 +421,7 @@ JUDGED_PROMISE = 0.99
 
 @dataclass(frozen=True, eq=False)
 class Fixes(SequenceRanking, kind="fixes", version=5):
-    """Answers whose first are registered poses, and whose first kinds of novelty are doubts."""
+    """Rankings whose first answers were registered to poses; their first novelty doubts these."""
 
     world_T_query: Annotated[
         NDArray[np.float64],
@@ -431,7 +435,8 @@ class Fixes(SequenceRanking, kind="fixes", version=5):
         NDArray[np.float64],
         Array(
             ("query", "turn_step_row", "turn_step_col"),
-            "of a turn in radians and a step in metres; NaN along a path",
+            "of the pose's error, six numbers: a turn about x, y, z in radians, then a step along "
+            "them in metres; NaN along a path",
         ),
     ]
     overlap: Annotated[
@@ -551,8 +556,10 @@ class Lifelong(Artifact, kind="lifelong", version=3):
     asked_ns: Annotated[tuple[int, ...], "first stamp of each asked day"]
     correct_m: Annotated[float, "right by distance: the answer is at most so far away"]
     places: Annotated[tuple[int, ...], "cells surveyed by each step"]
-    bytes: Annotated[tuple[int, ...], "of the model after each step"]
+    bytes: Annotated[  # the name in the artifact; nothing here calls the built-in
+        tuple[int, ...], "size of the model after each step"
+    ]
     counts: Annotated[
         Sequence[Mapping[str, int]],
-        "of each update: scans asked and adopted, adopted at a wrong pose, submaps that changed",
+        "by each update: scans asked and adopted, adopted at a wrong pose, submaps that changed",
     ]

@@ -16,7 +16,7 @@ from pipeline.evaluation.protocols import Truth
 TOP_N = 25
 """The largest n; the SCI paper looks at the first 1, 5 and 25 places."""
 N_THRESHOLDS = 200
-"""Of the SCI paper's curve."""
+"""How many thresholds the SCI paper's curve has."""
 
 
 @dataclass(frozen=True)
@@ -46,25 +46,25 @@ def count(
     _check(truth, novelty)
     thresholds = np.asarray(thresholds, np.float64)
     is_rejected = np.asarray(novelty, np.float64)[:, None] >= thresholds  # (q, t)
-    is_right = np.stack([right(truth, n) for n in range(1, top_n + 1)], axis=1)  # (q, n)
+    is_right = np.stack([is_right_at(truth, n) for n in range(1, top_n + 1)], axis=1)  # (q, n)
     is_judged = truth.seen | truth.unseen
     hits = _tally(is_right, ~is_rejected)
     accepted = _tally(is_judged[:, None], ~is_rejected)
     misses = _tally(truth.seen[:, None], is_rejected)
     correct_rejections = _tally(truth.unseen[:, None], is_rejected)
     return Counts(
-        hits,
-        np.tile(misses, (top_n, 1)),
-        accepted - hits,
-        np.tile(correct_rejections, (top_n, 1)),
+        hits=hits,
+        misses=np.tile(misses, (top_n, 1)),
+        false_alarms=accepted - hits,
+        correct_rejections=np.tile(correct_rejections, (top_n, 1)),
     )
 
 
 class ExactCounts:
     """Weighted counts as the threshold rises past every distinct novelty: the exact curve.
 
-    Column 0 rejects all; column i accepts the i smallest distinct novelties. Any other curve is a
-    part of it.
+    Column 0 rejects all; column i accepts the i smallest distinct novelties. A curve at any other
+    thresholds is a subset of these columns.
     """
 
     def __init__(self, truth: Truth, novelty: NDArray[Any], weight: NDArray[np.float64]) -> None:
@@ -76,34 +76,42 @@ class ExactCounts:
         self._distinct = np.unique(ascending)
         self._accepted = np.r_[0, np.searchsorted(ascending, self._distinct, side="right")]
         self._weight = weight[:, self._order]
-        self._seen = self._running(truth.seen)
-        self._unseen = self._running(truth.unseen)
+        self._seen = self._accepted_weight(truth.seen)
+        self._unseen = self._accepted_weight(truth.unseen)
 
     def columns(self, thresholds: NDArray[np.float64]) -> NDArray[np.int64]:
-        """The column (t,) that rejects from each threshold (t,) on."""
+        """For each threshold (t,), the column (t,) with the same accepted queries."""
         return np.searchsorted(self._distinct, thresholds, side="left")
 
     def count(self, n: int, columns: NDArray[np.int64] | slice = slice(None)) -> Counts:
         """Counts (r, t) among the first `n` answers, in all columns or some."""
-        hits = self._running(right(self._truth, n))[:, columns]
+        hits = self._accepted_weight(is_right_at(self._truth, n))[:, columns]
         seen = self._seen[:, columns]
         unseen = self._unseen[:, columns]
         return Counts(
-            hits, self._seen[:, -1:] - seen, seen + unseen - hits, self._unseen[:, -1:] - unseen
+            hits=hits,
+            misses=self._seen[:, -1:] - seen,
+            false_alarms=seen + unseen - hits,
+            correct_rejections=self._unseen[:, -1:] - unseen,
         )
 
-    def _running(self, flags: NDArray[np.bool_]) -> NDArray[np.float64]:
+    def _accepted_weight(self, flags: NDArray[np.bool_]) -> NDArray[np.float64]:
         """Weight (r, t) of the accepted queries that have the flag (q,)."""
         total = np.zeros((len(self._weight), len(flags) + 1))
         np.cumsum(self._weight * flags[self._order], axis=1, out=total[:, 1:])
         return total[:, self._accepted]
 
 
-def spread(novelty: NDArray[Any]) -> NDArray[np.float64]:
-    """The 200 thresholds (t,) at which queries of these novelties (q,) are judged.
+def is_right_at(truth: Truth, n: int) -> NDArray[np.bool_]:
+    """Whether each query (q,) is seen and has a right answer among its first n."""
+    return truth.seen & (truth.true_rank >= 0) & (truth.true_rank < n)
 
-    They run from 0, or the least novelty if that is lower, to 1, or the largest if that is higher;
-    infinite ones left out.
+
+def even_thresholds(novelty: NDArray[Any]) -> NDArray[np.float64]:
+    """The N_THRESHOLDS thresholds (t,) at which queries of these novelties (q,) are judged.
+
+    They run in even steps from 0, or the least novelty if that is lower, to 1, or the largest
+    finite novelty if that is higher.
     """
     finite = np.asarray(novelty, np.float64)[np.isfinite(novelty)]
     return np.linspace(
@@ -120,11 +128,6 @@ def _check(truth: Truth, novelty: NDArray[Any]) -> None:
         )
     if np.isnan(novelty).any():
         raise InputError("a query's novelty is NaN, so it can be neither accepted nor rejected")
-
-
-def right(truth: Truth, n: int) -> NDArray[np.bool_]:
-    """Whether each query (q,) is seen and has a right answer among its first n."""
-    return truth.seen & (truth.true_rank >= 0) & (truth.true_rank < n)
 
 
 def _tally(rows: NDArray[np.bool_], columns: NDArray[np.bool_]) -> NDArray[np.int64]:

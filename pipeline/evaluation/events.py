@@ -1,4 +1,4 @@
-"""Results by the distance to a change: evaluations and the world's changes in; numbers a band out.
+"""Results by the distance to a change: evaluations and changes in; numbers per band out.
 
 A change is a thing that was built or torn down since training. These are real changes of the world,
 unlike those that an alteration draws into single queries: they hide, widen and open up views for
@@ -16,14 +16,15 @@ from numpy.typing import NDArray
 from pipeline.core.errors import ConfigError
 from pipeline.core.settings import check
 from pipeline.evaluation.bootstrap import Bootstrap
-from pipeline.evaluation.counts import right
+from pipeline.evaluation.counts import is_right_at
 from pipeline.evaluation.judgement import Evaluation
 from pipeline.evaluation.numbers import Weight, auc_exact, share
 from pipeline.formats.changes import Change
 
 NUMBERS = ("recall_at_1", "oracle", "auc_exact_top1")
 APART_M = 1e6
-"""Between the paths of two sequences that are pooled: no bootstrap block holds queries of both."""
+"""How far apart the paths of pooled sequences are laid, so that no bootstrap block holds queries of
+two."""
 
 
 @dataclass(frozen=True)
@@ -46,12 +47,15 @@ class Bands:
 
     @property
     def names(self) -> list[str]:
-        """`0–25 m`, `25–50 m`, `over 50 m`."""
+        """By default `0–25 m`, `25–50 m`, `50–100 m`, `over 100 m`."""
         edges = [f"{edge:g}" for edge in (0.0, *self.edges_m)]
         return [f"{low}–{high} m" for low, high in pairwise(edges)] + [f"over {edges[-1]} m"]
 
     def band_of(self, away_m: NDArray[np.float64]) -> NDArray[np.int64]:
-        """The band (q,) of each distance (q,), on an edge the nearer one; −1 of NaN."""
+        """The band (q,) of each distance (q,).
+
+        A distance on an edge belongs to the nearer band; NaN gives −1.
+        """
         return np.where(
             np.isnan(away_m),
             -1,
@@ -87,8 +91,8 @@ def distances(
     """Distances (q,) of queries (q, 2) to the nearest shown change and to one to come, by sequence.
 
     `changes` of each sequence are those that show on its day. A change to come shows in other
-    sequences only; its distance is NaN where a shown change is nearer. It is a control: the same
-    streets, before they change.
+    sequences only. It is a control: the same streets, before they change. Its distance is NaN where
+    a shown change is nearer.
     """
     shown_on_day = {
         sequence: {change for change in changes[sequence] if change.what in kinds}
@@ -123,6 +127,7 @@ def judge_by_band(
         name: np.concatenate([getattr(truth, name) for truth in truths]) for name in fields
     }
     queries_of_band = [np.flatnonzero(band == i) for i in range(len(bands.names))]
+    # All truths go by one protocol, so the first one's `recall_of_all_seen` holds for all.
     parts = [
         replace(truths[0], **{name: array[queries] for name, array in pooled.items()})
         for queries in queries_of_band
@@ -132,7 +137,7 @@ def judge_by_band(
         values = []  # in the order of NUMBERS
         for queries, part in zip(queries_of_band, parts, strict=True):
             band_weight = weight[:, queries]
-            values.append(share(right(part, 1), part.seen, band_weight))
+            values.append(share(is_right_at(part, 1), part.seen, band_weight))
             values.append(share(part.oracle_right, part.seen, band_weight))
             values.append(auc_exact(part, novelty[queries], band_weight))
         return np.stack(values)

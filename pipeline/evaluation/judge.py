@@ -16,7 +16,7 @@ from pipeline.core.frames import Poses, distance_and_turn, turns, wrapped_deg, y
 from pipeline.core.schemas import Fixes, Labels, Rankings, SequenceRanking, Submaps
 from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.calibration import chances, ece
-from pipeline.evaluation.counts import TOP_N, ExactCounts, count, right, spread
+from pipeline.evaluation.counts import TOP_N, ExactCounts, count, even_thresholds, is_right_at
 from pipeline.evaluation.curves import auc
 from pipeline.evaluation.doubts import blind, unsuited
 from pipeline.evaluation.judgement import (
@@ -125,7 +125,7 @@ def _queries(
     return Queries(
         novelty=np.asarray(ranking.novelty, np.float32),
         reject_from=tuple(map(float, reject_from)),
-        thresholds=spread(ranking.novelty[:, 0]),
+        thresholds=even_thresholds(ranking.novelty[:, 0]),
         error_m=np.linalg.norm(answer_xy_m - xy_m, axis=1),
         turn_deg=turn_deg,
         nearest_m=np.asarray(labels.nearest_m, np.float64),
@@ -245,7 +245,7 @@ def _judgement(
         auc=where(seen, auc(precision, recall)),
         auc_exact=where(seen, np.concatenate(areas)),
         recall_at=np.concatenate(
-            [share(right(truth, n), truth.seen, unit_weight) for n in range(1, TOP_N + 1)]
+            [share(is_right_at(truth, n), truth.seen, unit_weight) for n in range(1, TOP_N + 1)]
         ),
         true_rank=truth.true_rank,
         seen=truth.seen,
@@ -260,7 +260,7 @@ def _judgement(
 def outcomes(truth: Truth, novelty: NDArray[np.float32], threshold: float) -> NDArray[np.int8]:
     """Outcome (q,) of each query at one threshold by its first answer: `HIT` to `NOT_JUDGED`."""
     rejected = novelty.astype(np.float64) >= threshold
-    accepted_as = np.where(right(truth, 1), HIT, FALSE_ALARM)
+    accepted_as = np.where(is_right_at(truth, 1), HIT, FALSE_ALARM)
     judged_as = np.where(rejected, np.where(truth.seen, MISS, CORRECT_REJECTION), accepted_as)
     return np.where(truth.seen | truth.unseen, judged_as, NOT_JUDGED).astype(np.int8)
 

@@ -1,9 +1,9 @@
 """The artifact of `evaluate`: how a model fared on the queries of one test sequence.
 
 A sequence is asked in cases: as it was driven, and with altered queries. Each case has an
-`Evaluation`, which says of each query what was answered and how far off that is; and in it a
-`Judgement` by each protocol, with the outcome of each query, the counts, curves and numbers with
-their intervals. `judge` computes them; the table of results and the report read them.
+`Evaluation`, which says of each query what was answered and how far off that is. Each evaluation
+has a `Judgement` by each protocol, with the outcome of each query, the counts, curves and numbers
+with their intervals. `judge` computes them; the table of results and the report read them.
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.errors import ArtifactError
-from pipeline.core.schemas import Cases
+from pipeline.core.schemas import JUDGED_PROMISE, Cases
 from pipeline.core.store import Array, Artifact, Stack
 from pipeline.evaluation.bootstrap import blocks
 from pipeline.evaluation.calibration import Reliability, ece, reliability
@@ -28,10 +28,10 @@ HIT, MISS, FALSE_ALARM, CORRECT_REJECTION, NOT_JUDGED = range(5)
 VERDICTS = ("accepted", "near", "ambiguous", "rejected", "no_pose")
 """The answers to a query of a method with poses, as a site gives them (METHODS 9.5)."""
 WEAKER_VERDICTS = {"place": "near", "several": "ambiguous"}
-"""Verdicts on a query whose pose is not accepted: by what may still be believed of it.
+"""The weaker claim that may still hold if the pose is rejected, to the verdict that makes it.
 
-The keys are two of posing.verdict.BELIEFS, and kinds of novelty. The first that is believed
-decides.
+The query is near the pose (`place`), or one of several poses is right (`several`): two of
+posing.verdict.BELIEFS, and kinds of novelty. The first accepted one wins.
 """
 
 
@@ -66,7 +66,10 @@ class Judgement:
     ]
     recall_at: Annotated[
         NDArray[np.float64],
-        Array(("top_n",), "share of the seen with a true place among the first n; NaN of none"),
+        Array(
+            ("top_n",),
+            "share of the seen with a true place among the first n; NaN if none is seen",
+        ),
     ]
     true_rank: Annotated[
         NDArray[np.int64],
@@ -86,11 +89,18 @@ class Judgement:
     ]
     numbers: Annotated[
         NDArray[np.float64],
-        Array(("number", "bound3"), "value, lowest and highest of its 95 % interval; NaN of none"),
+        Array(
+            ("number", "bound3"),
+            "the three bounds are the value, and the lowest and highest of its 95 % interval; NaN "
+            "if there is none",
+        ),
     ]
     rejection: Annotated[
         NDArray[np.float64],
-        Array(("kind", "measure", "bound3"), "value, lowest, highest: how each novelty rejects"),
+        Array(
+            ("kind", "measure", "bound3"),
+            "how well each novelty rejects; the three bounds are those of `numbers`",
+        ),
     ]
 
     @property
@@ -124,14 +134,17 @@ class Evaluation:
     ]
     calibration: Annotated[
         NDArray[np.float64],
-        Array(("confidence2",), "expected calibration error of 1 − cost and of the confidence"),
+        Array(
+            ("confidence2",),
+            "expected calibration errors of the two confidences: 1 − cost, and the method's own",
+        ),
     ]
     novelty: Annotated[
         NDArray[np.float32], Array(("query", "kind"), "as ranked; the first kind is the one in use")
     ]
     confidence: Annotated[NDArray[np.float32], Array(("query",), "as ranked")]
     answer: Annotated[NDArray[np.int64], Array(("query",), "the place ranked first")]
-    cost: Annotated[NDArray[np.float32], Array(("query",), "of that place")]
+    cost: Annotated[NDArray[np.float32], Array(("query",), "cost of that place")]
     xy_m: Annotated[
         NDArray[np.float64], Array(("query", "xy"), "where the query was taken", unit="m")
     ]
@@ -145,7 +158,7 @@ class Evaluation:
         NDArray[np.float64],
         Array(
             ("query",),
-            "heading of the answer against the true one, 0 to 180; NaN of none",
+            "heading of the answer against the true one, 0 to 180; NaN if there is none",
             unit="degree",
         ),
     ]
@@ -158,40 +171,45 @@ class Evaluation:
     ]
     pose_error_m: Annotated[
         NDArray[np.float64],
-        Array(("query",), "distance of the pose from the true one; NaN of none", unit="m"),
+        Array(("query",), "distance of the pose from the true one; NaN if there is none", unit="m"),
     ]
     pose_error_deg: Annotated[
         NDArray[np.float64],
-        Array(("query",), "turn of the pose against the true one; NaN of none", unit="degree"),
+        Array(
+            ("query",), "turn of the pose against the true one; NaN if there is none", unit="degree"
+        ),
     ]
     kinds: Annotated[tuple[str, ...], "name of each kind of novelty"]
     reject_from: Annotated[tuple[float, ...], "novelty from which the model rejects, for each kind"]
     reject_pose_from: Annotated[
         float,
-        "novelty from which to reject to keep .99 of the poses; null of a method that gives none",
+        "novelty from which to reject a pose, so that the accepted ones keep a precision of "
+        f"{JUDGED_PROMISE:g}; null of a method that gives none",
     ]
     right_within: Annotated[tuple[float, float], "metres and degrees within which a pose is right"]
     wanted_precision: Annotated[
-        float, "that reject_from was chosen for; null where that is not known"
+        float, "the precision that reject_from was chosen for; null where that is not known"
     ]
     kept_precision: Annotated[
         tuple[float, ...],
-        "that reject_from keeps on held-out blocks of training, for each kind; null where that is "
-        "not known, or nothing is accepted",
+        "the precision that reject_from keeps on held-out blocks of training, for each kind; null "
+        "where that is not known, or nothing is accepted",
     ]
     days: Annotated[int, "whole days since the training sequence"]
     beliefs: Annotated[
         Mapping[str, float],
-        "novelty from which to reject that a query is near or ambiguous, to keep .99, by kind; "
-        "empty of a method that gives no poses",
+        "by each kind of WEAKER_VERDICTS, the novelty from which to reject that weaker claim, so "
+        f"that accepted ones keep a precision of {JUDGED_PROMISE:g}; empty of a method that gives "
+        "no poses",
     ]
     blind: Annotated[
         Mapping[str, float],
-        "by protocol, recall@1 of one and the same answer to every query; null of none seen",
+        "by protocol, recall@1 of one and the same answer to every query; null if none is seen",
     ]
     block_m: Annotated[float, "side of the blocks that the bootstrap draws"]
     unsuited: Annotated[
-        Mapping[str, float], "doubts about its submaps, which do not suit the views"
+        Mapping[str, float],
+        "reasons why its submaps do not suit the views, each with the value that says so",
     ]
 
     @property
@@ -211,7 +229,7 @@ class Evaluation:
 
     @property
     def pose_accepted(self) -> NDArray[np.bool_]:
-        """Which poses (q,) are accepted with a promise of .99."""
+        """Which poses (q,) are accepted where JUDGED_PROMISE is promised."""
         return self.novelty[:, 0].astype(np.float64) < self.reject_pose_from
 
     @property
@@ -223,19 +241,11 @@ class Evaluation:
     def acceptance(self) -> dict[str, NDArray[np.bool_]]:
         """Which answers (q,) are accepted and refused, and which are wrong among each.
 
-        Of a method with poses: poses are accepted with a promise of .99, whether the query is seen
-        or not, and wrong by `right_within`; of a query without a pose nothing is wrong. Of other
-        methods: places are accepted at the threshold in use, of the queries judged by distance, and
-        wrong where they are over `correct_m` off.
+        They are poses where the method gives poses, else places.
         """
-        if self.has_poses:
-            judged = np.ones(len(self.answer), bool)
-            accepted = self.pose_accepted
-            wrong = ~self.pose_right & ~np.isnan(self.pose_error_m)
-        else:
-            judged = self.distance.outcome != NOT_JUDGED
-            accepted = np.isin(self.distance.outcome, (HIT, FALSE_ALARM))
-            wrong = judged & ~(self.distance.seen & (self.distance.true_rank == 0))
+        judged, accepted, wrong = (
+            self._pose_acceptance() if self.has_poses else self._place_acceptance()
+        )
         refused = judged & ~accepted
         return {
             "accepted": accepted,
@@ -251,7 +261,7 @@ class Evaluation:
 
     @property
     def verdicts(self) -> dict[str, int]:
-        """How many queries, seen or not, got each of VERDICTS with a promise of .99.
+        """How many queries, seen or not, got each of VERDICTS where JUDGED_PROMISE is promised.
 
         Empty of a method without poses.
         """
@@ -278,6 +288,26 @@ class Evaluation:
             return np.nan
         return ece(self._pose_chances, self.pose_right)
 
+    def _pose_acceptance(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
+        """Which poses (q,) are judged, accepted, and wrong.
+
+        All are judged, whether the query is seen or not. A pose is wrong by `right_within`; without
+        a pose nothing is wrong.
+        """
+        judged = np.ones(len(self.answer), bool)
+        wrong = ~self.pose_right & ~np.isnan(self.pose_error_m)
+        return judged, self.pose_accepted, wrong
+
+    def _place_acceptance(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
+        """Which first places (q,) are judged, accepted, and wrong, by distance.
+
+        They are accepted at the threshold in use, and wrong if they are over `correct_m` off.
+        """
+        judged = self.distance.outcome != NOT_JUDGED
+        accepted = np.isin(self.distance.outcome, (HIT, FALSE_ALARM))
+        wrong = judged & ~(self.distance.seen & (self.distance.true_rank == 0))
+        return judged, accepted, wrong
+
     @property
     def _pose_chances(self) -> NDArray[np.float64]:
         """The chance (query,) that the pose is right, as the method says it."""
@@ -292,14 +322,14 @@ class Evaluation:
         seen = self.protocol(name).seen
         seen_blocks = np.unique(blocks(self.xy_m, self.block_m)[seen])
         doubts_of_answers = doubts(
-            self.blind[name],
-            self.answer,
-            self.novelty[:, 0],
-            self.reject_from[0],
-            self.kept_precision[0],
-            self.wanted_precision,
-            int(seen.sum()),
-            len(seen_blocks),
+            blind=self.blind[name],
+            answers=self.answer,
+            novelty=self.novelty[:, 0],
+            reject_from=self.reject_from[0],
+            kept_precision=self.kept_precision[0],
+            wanted_precision=self.wanted_precision,
+            seen=int(seen.sum()),
+            blocks=len(seen_blocks),
         )
         return doubts_of_answers | dict(self.unsuited)
 
@@ -333,7 +363,7 @@ class Evaluation:
 
 @dataclass(frozen=True, eq=False)
 class Evaluations(Artifact, kind="evaluations", version=12):
-    """The evaluations of a model on one test sequence, one a case of its queries."""
+    """The evaluations of a model on one test sequence, one for each case of its queries."""
 
     evaluations: Annotated[Sequence[Evaluation], Stack("case")]
     """The first is as driven."""
@@ -403,6 +433,7 @@ def metrics(evaluation: Evaluation) -> dict[str, float]:
 
 
 def _valid(numbers: Mapping[str, float]) -> dict[str, float | None]:
+    """The numbers, None for those that are not finite or are the threshold ACCEPT_NOTHING."""
     return {
         name: number if np.isfinite(number) and number > ACCEPT_NOTHING else None
         for name, number in numbers.items()

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.evaluation.counts import Counts, ExactCounts, right
+from pipeline.evaluation.counts import Counts, ExactCounts, is_right_at
 from pipeline.evaluation.curves import (
     Curve,
     auc,
@@ -155,7 +155,7 @@ def answers(truth: Truth, queries: Queries, weight: Weight) -> dict[str, Number]
     """Recall, errors and headings of the answers to the seen queries, rejection ignored."""
     seen = truth.seen
     same_heading = np.abs(queries.turn_deg) <= SAME_HEADING_DEG
-    is_right = {f"recall_at_{n}": right(truth, n) for n in (1, 5, 25)} | {
+    is_right = {f"recall_at_{n}": is_right_at(truth, n) for n in (1, 5, 25)} | {
         "oracle": truth.oracle_right
     }
     values = {name: share(flags, seen, weight) for name, flags in is_right.items()}

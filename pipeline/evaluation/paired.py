@@ -1,8 +1,9 @@
 """Paired comparisons: two evaluations of the same queries in; the difference of a number out.
 
-On a hard stretch of the path every method does badly. Both numbers are therefore computed on the
-same resamples of the path (`bootstrap`), so that what is hard for both cancels out. `compare` sets
-a method against the reference method, `kept_share` a model on altered queries against itself.
+On a hard stretch of the path every method does badly. The number is therefore computed for both
+evaluations on the same resamples of the path (`bootstrap`), so that what is hard for both cancels
+out. `compare` sets a method against the reference method, `kept_share` a model on altered queries
+against itself.
 """
 
 from dataclasses import dataclass
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from pipeline.core.errors import InputError
 from pipeline.evaluation.bootstrap import Bootstrap, blocks, bounds
-from pipeline.evaluation.counts import right
+from pipeline.evaluation.counts import is_right_at
 from pipeline.evaluation.judgement import Evaluation
 from pipeline.evaluation.numbers import Weight, auc_exact, share
 
@@ -30,10 +31,11 @@ class Difference:
 
     value: float
     low: float
-    """Of the 95 % interval; NaN where no resample defines the difference."""
+    """The lower end of the 95 % interval; NaN where no resample defines the difference."""
     high: float
+    """The upper end."""
     p: float
-    """Of a two-sided test, never 0; NaN like the interval."""
+    """The p value of a two-sided test, never 0; NaN like the interval."""
 
 
 @dataclass(frozen=True)
@@ -49,49 +51,50 @@ class Comparison:
 
 
 def compare(
-    this: Evaluation, reference: Evaluation, protocol: str, bootstrap: Bootstrap
+    method: Evaluation, reference: Evaluation, protocol: str, bootstrap: Bootstrap
 ) -> Comparison:
     """Compare two methods' evaluations of the same queries, by each number of COMPARED.
 
-    p is twice the smaller share of resamples with a difference of at most, or at least, 0; the path
-    itself counts as one resample. So p is at least 2 / (1 + resamples): a test of many sequences
-    needs many. It is also at least 2 / 2**blocks, the least that a sign test of the blocks with
-    seen queries can reach: with five, .0625. Raises InputError for other queries.
+    p = 2 (1 + k) / (1 + r), where k is the number of the r resamples in the smaller tail: those
+    with a difference of at most, or of at least, 0. The path itself counts as one more resample. So
+    p is at least 2 / (1 + r): a test of many sequences needs many resamples. It is also at least
+    2 / 2**blocks, the least that a sign test of the blocks with seen queries can reach: with five,
+    .0625. Raises InputError if the two do not judge the same queries.
     """
-    this_truth = this.truth(protocol)
+    method_truth = method.truth(protocol)
     reference_truth = reference.truth(protocol)
     same_queries = (
-        np.array_equal(this.xy_m, reference.xy_m)
-        and np.array_equal(this_truth.seen, reference_truth.seen)
-        and np.array_equal(this_truth.unseen, reference_truth.unseen)
+        np.array_equal(method.xy_m, reference.xy_m)
+        and np.array_equal(method_truth.seen, reference_truth.seen)
+        and np.array_equal(method_truth.unseen, reference_truth.unseen)
     )
     if not same_queries:
         raise InputError(
             "two methods can be compared on the same queries only, in the same order and judged "
             "alike"
         )
-    this_right = right(this_truth, 1)
-    reference_right = right(reference_truth, 1)
+    method_right = is_right_at(method_truth, 1)
+    reference_right = is_right_at(reference_truth, 1)
 
     def compared_differences(weight: Weight) -> NDArray[np.float64]:
         """The differences (number, resample) of the numbers in COMPARED."""
-        this_recall = share(this_right, this_truth.seen, weight)
+        method_recall = share(method_right, method_truth.seen, weight)
         reference_recall = share(reference_right, reference_truth.seen, weight)
-        this_auc = auc_exact(this_truth, this.novelty[:, 0], weight)
+        method_auc = auc_exact(method_truth, method.novelty[:, 0], weight)
         reference_auc = auc_exact(reference_truth, reference.novelty[:, 0], weight)
-        return np.stack([this_recall - reference_recall, this_auc - reference_auc])
+        return np.stack([method_recall - reference_recall, method_auc - reference_auc])
 
-    values = compared_differences(np.ones((1, len(this.xy_m))))[:, 0].tolist()
-    resampled_differences = bootstrap.spreads(compared_differences, this.xy_m)
-    path_blocks = blocks(this.xy_m, bootstrap.block_m)
-    seen_block_count = len(np.unique(path_blocks[this_truth.seen]))
+    values = compared_differences(np.ones((1, len(method.xy_m))))[:, 0].tolist()
+    resampled_differences = bootstrap.spreads(compared_differences, method.xy_m)
+    path_blocks = blocks(method.xy_m, bootstrap.block_m)
+    seen_block_count = len(np.unique(path_blocks[method_truth.seen]))
     return Comparison(
         differences=tuple(
             Difference(value, *bounds(resampled), _p(resampled, seen_block_count))
             for value, resampled in zip(values, resampled_differences, strict=True)
         ),
-        only_this=int((this_right & ~reference_right).sum()),
-        only_reference=int((reference_right & ~this_right).sum()),
+        only_this=int((method_right & ~reference_right).sum()),
+        only_reference=int((reference_right & ~method_right).sum()),
     )
 
 

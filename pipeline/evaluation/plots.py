@@ -1,6 +1,6 @@
 """The data that `dvc plots` draws, of the models' own recipes on the test sequences.
 
-Wide: one row a point.
+Each frame has one row per plotted point.
 """
 
 import pandas as pd
@@ -8,45 +8,48 @@ import pandas as pd
 from pipeline.evaluation.results import ResultsTable
 from pipeline.studies.models import ModelName
 
-YEAR = {
+YEAR_COLUMNS = {
     "auc_top1": ("cells", "auc_top1"),
     "recall_at_1": ("cells", "recall_at_1"),
     "recall_at_1_by_distance": ("distance", "recall_at_1"),
     "oracle": ("cells", "oracle"),
 }
-"""Column to protocol and number."""
+"""Column of the plot to protocol and number of the table of results."""
 
 
 def year(table: pd.DataFrame) -> pd.DataFrame:
-    """A row a method and test sequence: the days since training and the main numbers.
+    """A row for each method and test sequence: the days since training and the main numbers.
 
-    By cells unless named otherwise.
+    Of the study's first grid, the one named first in `table`. Numbers are by cells unless named
+    otherwise.
     """
-    rows_as_driven = table[
-        (table["case"] == "")
+    grids = table.loc[table["grid"] != "", "grid"].unique()
+    plain_rows = table[
+        table["grid"].isin(grids[:1])
+        & (table["case"] == "")
         & (table["variant"] == "")
         & (table["seed"] == 0)
         & (table["stress"] == "")
     ]
     columns = {}
-    for column, (protocol, number) in YEAR.items():
-        rows = rows_as_driven[
-            (rows_as_driven["protocol"] == protocol) & (rows_as_driven["number"] == number)
-        ]
+    for column, (protocol, number) in YEAR_COLUMNS.items():
+        rows = plain_rows[(plain_rows["protocol"] == protocol) & (plain_rows["number"] == number)]
         columns[column] = rows.set_index(["method", "sequence", "days"])["value"]
-    wide = pd.DataFrame(
-        {name: values[~values.index.duplicated()] for name, values in columns.items()}
-    ).dropna(subset="auc_top1")
+    wide = pd.DataFrame(columns).dropna(subset="auc_top1")
     return wide.reset_index().sort_values(["method", "days", "sequence"])
 
 
-def precision_recall(gathering: ResultsTable) -> pd.DataFrame:
-    """A row a method, test sequence and threshold of the SCI paper's curve: top-1, by cells."""
+def precision_recall(results_table: ResultsTable) -> pd.DataFrame:
+    """A row for each method, test sequence and threshold of the SCI paper's curve.
+
+    First answers, by cells, of the study's first grid.
+    """
     frames = []
-    study = gathering.study
+    study = results_table.study
+    first_grid = study.grids[0].name
     for method in study.methods if study.asks_about_the_year else ():
         for sequence in study.tests:
-            evaluation = gathering.evaluation(study.grids[0].name, ModelName(method.name), sequence)
+            evaluation = results_table.evaluation(first_grid, ModelName(method.name), sequence)
             columns = {
                 "threshold": evaluation.thresholds,
                 "recall": evaluation.cells.recall[0],

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.core.schemas import Layout, Scans
+from pipeline.core.schemas import PoseColumn, Scans
 from pipeline.mapping.gathering import Gathering
 
 LOOKED_AT = 9
@@ -21,7 +21,7 @@ LEVEL_M = 0.02
 
 def appearance(
     scans: Scans,
-    layout: Layout,
+    layout: PoseColumn,
     first: NDArray[np.int64],
     last: NDArray[np.int64],
     ground_m: NDArray[np.float64],

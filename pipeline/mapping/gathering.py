@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from pipeline.core.schemas import Layout, Scans, Submaps
+from pipeline.core.schemas import PoseColumn, Scans, Submaps
 
 BLOCK = 256
 """Scans read together."""
@@ -26,7 +26,7 @@ class Gathering:
     """
 
     scans: Scans
-    layout: Layout
+    layout: PoseColumn
     first: NDArray[np.int64]
     """(submap,) the oldest scan of its window."""
     last: NDArray[np.int64]

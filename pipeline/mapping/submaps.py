@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pipeline.core.errors import ConfigError
 from pipeline.core.frames import Poses
 from pipeline.core.progress import Progress
-from pipeline.core.schemas import Layout, Scans, Submaps
+from pipeline.core.schemas import PoseColumn, Scans, Submaps
 from pipeline.core.settings import NotNegative, Positive, check
 from pipeline.mapping.appearance import appearance
 from pipeline.mapping.gathering import Gathering
@@ -50,7 +50,7 @@ class Accumulated:
     step_m: float = 1.0
     """Path between two submaps."""
     window_m: Positive = 80.0
-    layout: Layout = "odom_T_scan"
+    layout: PoseColumn = "odom_T_scan"
     """The poses that lay out the scans and measure the path: the log's odometry, or its truth."""
     still_m: Positive = 0.01
     """A scan less than this of path after the last one used is left out: minutes at a red light
@@ -140,7 +140,7 @@ class Accumulated:
 
 def submaps(
     scans: Scans,
-    layout: Layout,
+    layout: PoseColumn,
     first: NDArray[np.int64],
     last: NDArray[np.int64],
     ground_m: NDArray[np.float64],

@@ -168,7 +168,7 @@ class Rejection:
                 f"rejection.novelty={self.novelty}: expected own or one of "
                 f"{', '.join(ranking.kinds)}"
             )
-        return ranking.by(self.novelty)
+        return ranking.with_kind_first(self.novelty)
 
     def thresholds(self, model: Model, kinds: tuple[str, ...]) -> list[Threshold]:
         """The threshold on each kind of novelty."""

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pipeline.core.errors import InputError
-from pipeline.evaluation.counts import ExactCounts, count, spread
+from pipeline.evaluation.counts import ExactCounts, count, even_thresholds
 from pipeline.evaluation.protocols import Truth
 from tests.evaluation.made import NOVELTY, THRESHOLDS, TOY
 
@@ -142,6 +142,9 @@ def test_a_novelty_that_is_no_number_and_arrays_of_different_queries_are_refused
 
 
 def test_thresholds_span_an_entropy_s_range_or_the_distances_seen() -> None:
-    assert spread(np.array([0.2, 0.4], np.float32)).tolist() == np.linspace(0, 1, 200).tolist()
-    distances = spread(np.array([0.2, 3.5, np.inf], np.float32))
+    assert (
+        even_thresholds(np.array([0.2, 0.4], np.float32)).tolist()
+        == np.linspace(0, 1, 200).tolist()
+    )
+    distances = even_thresholds(np.array([0.2, 3.5, np.inf], np.float32))
     assert (len(distances), distances[0], distances[-1]) == (200, 0.0, 3.5)
