@@ -480,8 +480,9 @@ def test_a_sequence_that_cannot_be_read_is_told_with_its_reason(project, capsys)
         (root / day / "scans/1.0.npy").touch()
     assert "mon: lacks poses.txt; tue: lacks poses.txt" in refused(capsys, *use)
     (root / "mon/poses.txt").touch()
-    assert "one more is needed, or parts=path:2 splits it; tue: lacks poses.txt" in refused(
-        capsys, *use, "train=mon"
+    assert (
+        "one more is needed, or parts=path:2 splits it, without train=; tue: lacks poses.txt"
+        in refused(capsys, *use, "train=mon")
     )
     (root / "tue/poses.txt").touch()
     assert "is the training sequence" in refused(capsys, *use, "train=mon", "tests=mon")

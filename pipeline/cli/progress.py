@@ -49,23 +49,25 @@ class Bytes(Lines):
 class Scans(Lines):
     """Speed and scans left: a bar on a terminal, a line every tenth of the way where there is none.
 
-    Each line is of what has been done, since work is faster in some stretches than in others.
+    Each line is of what has been done, since work is faster in some stretches than in others; the
+    first scan is left out, for it waits for kernels to compile.
     """
 
     def track(self, items: Iterable[Item], total: int, what: str) -> Iterator[Item]:
         from rich.progress import MofNCompleteColumn, TimeRemainingColumn
 
         columns = (MofNCompleteColumn(), _speed_column(), TimeRemainingColumn())
-        start_s = time.monotonic()
-        shown_s = start_s
+        shown_s = first_s = time.monotonic()
         on_terminal = sys.stderr.isatty()
         shown = _tracked(items, total, 1, what, *columns) if on_terminal else items
         for done, item in enumerate(shown, start=1):
             yield item
             now_s = time.monotonic()
-            if now_s - shown_s >= LINE_S and not on_terminal:
+            if done == 1:
+                first_s = now_s
+            elif now_s - shown_s >= LINE_S and not on_terminal:
                 shown_s = now_s
-                speed = done / (now_s - start_s)
+                speed = (done - 1) / (now_s - first_s)
                 self.tell(
                     f"{what}: {done:,} of {total:,} scans, {speed:.3g} a second, "
                     f"{total - done:,} left: {(total - done) / speed:.0f} s"

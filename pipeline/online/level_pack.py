@@ -102,5 +102,5 @@ def _write(
     return (
         f"{out}: level, {level_map.free_m2:,.0f} m² of free space in cells of "
         f"{level_map.cell_m:g} m, {out.stat().st_size / 1e6:.1f} MB; it promises {promises}, "
-        f"learned in other buildings and {checked}"
+        f"learned in three recorded buildings and {checked}"
     )

@@ -85,10 +85,11 @@ class Carmen:
             for sweep, limit_m in zip(sweeps, limits_m, strict=True)
         )
         beams = sum(len(sweep.ranges_m) for sweep in sweeps)
-        notes += (
-            f"{beyond_limit} of {beams} ranges reached the laser's limit of {max(limits_m):.2f} m: "
-            "no hits",
-        )
+        if beyond_limit:
+            notes += (
+                f"{beyond_limit} of {beams} ranges reached the laser's limit of "
+                f"{max(limits_m):.2f} m: no hits",
+            )
         if self.corrected is None and not _repeated(records, sweeps):
             notes += (
                 "no reading of the odometry repeats a sweep's pose: is it a raw log? Then "

@@ -240,8 +240,9 @@ def _tested(
     readable_tests = [test for test in tests if test in readable and test not in trained]
     if not readable_tests:
         other_sequences = ", ".join(sequence for sequence in readable if sequence not in trained)
+        measure = "time" if options.get("poses") == "slam" else "path"  # poses tell a path
         need = (
-            "one more is needed, or parts=path:2 splits it"
+            f"one more is needed, or parts={measure}:2 splits it, without train="
             if len(readable) == 1
             else "one more is needed"
         )
