@@ -19,8 +19,9 @@ AROUND_M = 15.0
 FEWEST = 3
 """Where fewer are so near, the usual signs of the day are expected."""
 POSITIONS = "expected_xy_m"
+"""The name of `xy_m` in a site file."""
 SIGN_ROWS = "expected_signs"
-"""The names of the arrays in a site file."""
+"""The name of `signs` in a site file."""
 
 
 @dataclass(frozen=True)
@@ -34,8 +35,17 @@ class Expectations:
 
     @classmethod
     def of_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> Self:
-        """Those of a site file's arrays; raises KeyError where it lacks them."""
-        return cls(arrays[POSITIONS], arrays[SIGN_ROWS])
+        """Those of a site file's arrays.
+
+        Raises KeyError where it lacks one, ValueError where they do not fit together or hold a
+        number that is not finite.
+        """
+        xy_m = arrays[POSITIONS]
+        signs = arrays[SIGN_ROWS]
+        fits = xy_m.shape == (len(signs), 2) and signs.shape == (len(signs), len(SIGNS))
+        if not fits or not (np.isfinite(xy_m).all() and np.isfinite(signs).all()):
+            raise ValueError(f"{POSITIONS} {xy_m.shape}, {SIGN_ROWS} {signs.shape}")
+        return cls(xy_m, signs)
 
     @property
     def arrays(self) -> dict[str, NDArray[np.float64]]:

@@ -43,7 +43,7 @@ class Hypothesis:
     """Where else along its street the walls fit best."""
     approached: float = 1.0
     """The overlap of the approach that it was refined from."""
-    expected: NDArray[np.float64] = field(default_factory=lambda: np.zeros(len(SIGNS)))
+    excess: NDArray[np.float64] = field(default_factory=lambda: np.zeros(len(SIGNS)))
     """By how much the signs (sign,) of right fixes around it exceed the usual (Expectations)."""
 
     @property
@@ -62,7 +62,7 @@ class Hypothesis:
         surety = -np.log10(max(self.alignment.spread_m, LEAST_SPREAD_M))
         upright = -min(self.tilt_deg, MOST_TILT_DEG) / MOST_TILT_DEG
         measured = np.array([overlap, seen_again, surety, upright, self.slide.lead, 0.0])
-        return measured - self.expected
+        return measured - self.excess
 
 
 @dataclass(frozen=True)

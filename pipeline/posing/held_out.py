@@ -294,18 +294,18 @@ def with_expectations(evidence: Evidence) -> Evidence:
     judged_fixes = []
     for fix, block in zip(evidence.fixes, evidence.block, strict=True):
         is_other = blocks_of_right != block
-        expectations = Expectations(xy_m[is_other], all_signs[is_other])
-        judged_fixes.append(
-            Fix.of(
-                [
-                    replace(
-                        hypothesis, expected=expectations.excess(hypothesis.world_T_query[:2, 3])
-                    )
-                    for hypothesis in fix.hypotheses
-                ]
-            )
-        )
+        judged_fixes.append(judged_by(Expectations(xy_m[is_other], all_signs[is_other]), fix))
     return replace(evidence, fixes=judged_fixes, expectations=Expectations(xy_m, all_signs))
+
+
+def judged_by(expectations: Expectations, fix: Fix) -> Fix:
+    """The fix, its hypotheses' signs less what is expected where each of them lies."""
+    return Fix.of(
+        [
+            replace(hypothesis, excess=expectations.excess(hypothesis.world_T_query[:2, 3]))
+            for hypothesis in fix.hypotheses
+        ]
+    )
 
 
 def gated(fix: Fix, least: float, chances: Chances) -> Fix:

@@ -7,7 +7,7 @@ import pytest
 
 from pipeline.core.frames import pose
 from pipeline.posing.chances import SIGNS
-from pipeline.posing.expectations import Expectations
+from pipeline.posing.expectations import POSITIONS, SIGN_ROWS, Expectations
 from pipeline.posing.fix import Fix, Hypothesis
 from pipeline.posing.held_out import with_expectations
 from pipeline.posing.verdict import Evidence
@@ -84,3 +84,18 @@ def test_a_site_file_keeps_them() -> None:
     kept = Expectations.of_arrays(day.arrays)
     assert (kept.xy_m == day.xy_m).all()
     assert (kept.signs == day.signs).all()
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {SIGN_ROWS: np.ones((4, len(SIGNS) - 1))},
+        {SIGN_ROWS: np.ones((3, len(SIGNS)))},
+        {POSITIONS: np.full((4, 2), np.nan)},
+    ],
+    ids=["a sign too few", "a fix too few", "no number"],
+)
+def test_a_site_whose_expectations_do_not_fit_is_refused(changed: dict[str, np.ndarray]) -> None:
+    day = Expectations(np.ones((4, 2)), np.ones((4, len(SIGNS))))
+    with pytest.raises(ValueError, match="expected_"):
+        Expectations.of_arrays(day.arrays | changed)
