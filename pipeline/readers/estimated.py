@@ -1,10 +1,14 @@
-"""Logs whose poses were estimated from their scans (the stage `slam`)."""
+"""Joins a log that has no true poses with the poses that the stage `slam` estimated from its scans.
+
+A log and the artifact of its estimates in; a log out that can be learned like one with true poses.
+"""
 
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pipeline.core import schemas, store
 from pipeline.core.errors import LogError
@@ -14,42 +18,59 @@ from pipeline.readers.log import Log
 
 
 def poses_of(path: Path, log: Log) -> Poses:
-    """The poses (n, 4, 4) of a log's scans by an artifact; NaN where it has none.
+    """The estimated poses (n, 4, 4) of a log's scans, read from the artifact at `path`.
 
-    Raises LogError where it is of another log.
+    A scan without an estimate has NaN. Raises LogError if the artifact belongs to another log.
     """
-    artifact = store.read(path, schemas.Estimates)
-    if not np.array_equal(artifact.stamps_ns, log.stamps_ns):
-        raise LogError(f"{path}: is of another log, its stamps differ; `dvc repro` builds it anew")
-    return artifact.world_T_scan
+    return _estimates(path, log).world_T_scan
 
 
 def posed(log: Log, path: Path) -> Log:
-    """The scans of a log that an artifact has poses of, their points as they lay at the stamp.
+    """The log of those scans that have a pose in the artifact at `path`.
 
-    Where the log has no odometry, that of the artifact is taken. The others are counted as skipped.
+    The estimated poses become the true ones. The points are deskewed: they lie as at the stamp of
+    their scan. A log without odometry gets the odometry of the artifact. Scans without an estimate
+    are counted in `skipped`. Raises LogError if the artifact belongs to another log.
     """
-    world_T_scan = poses_of(path, log)
-    artifact = store.read(path, schemas.Estimates)
+    estimates = _estimates(path, log)
     odom_T_scan = log.odom_T_scan
-    if not np.isfinite(odom_T_scan).all(axis=(1, 2)).any():
-        odom_T_scan = artifact.odom_T_scan.copy()
-        odom_T_scan[artifact.breaks] = np.nan
-    rows = np.flatnonzero(np.isfinite(world_T_scan).all(axis=(1, 2)))
-    unknown = ~np.isfinite(odom_T_scan).all(axis=(1, 2))
-    broken = np.concatenate([[0], np.cumsum(unknown)])
-    odom_T_posed = odom_T_scan[rows]
-    odom_T_posed[broken[rows] > broken[np.concatenate([[0], rows[:-1] + 1])]] = np.nan
-    unposed = len(world_T_scan) - len(rows)
+    has_odometry = np.isfinite(odom_T_scan).all(axis=(1, 2)).any()
+    if not has_odometry:
+        odom_T_scan = estimates.odom_T_scan.copy()
+        odom_T_scan[estimates.breaks] = np.nan
+    rows = np.flatnonzero(np.isfinite(estimates.world_T_scan).all(axis=(1, 2)))
+    unposed = len(estimates.world_T_scan) - len(rows)
     skipped = Counter({"no pose by slam": unposed}) if unposed else Counter()
-    at_stamps = replace(
+    deskewed_log = replace(
         log,
-        points=lambda row: scan_at_stamp(log, artifact.odom_T_scan, artifact.breaks, row),
+        points=lambda row: scan_at_stamp(log, estimates.odom_T_scan, estimates.breaks, row),
         times_s=lambda row: None,
     )
     return replace(
-        at_stamps.of(rows),
-        world_T_scan=world_T_scan[rows],
-        odom_T_scan=odom_T_posed,
+        deskewed_log.of(rows),
+        world_T_scan=estimates.world_T_scan[rows],
+        odom_T_scan=_odometry_of(rows, odom_T_scan),
         skipped=log.skipped + skipped,
     )
+
+
+def _estimates(path: Path, log: Log) -> schemas.Estimates:
+    """The artifact at `path`; raises LogError if its stamps are not those of the log."""
+    estimates = store.read(path, schemas.Estimates)
+    if not np.array_equal(estimates.stamps_ns, log.stamps_ns):
+        raise LogError(f"{path}: is of another log, its stamps differ; `dvc repro` builds it anew")
+    return estimates
+
+
+def _odometry_of(rows: NDArray[np.int64], odom_T_scan: Poses) -> Poses:
+    """The odometry (k, 4, 4) of the `rows` (k,) of a log with odometry (n, 4, 4).
+
+    A NaN marks a break in the odometry. If the broken row is not among `rows`, the next one of them
+    becomes NaN in its place.
+    """
+    is_break = ~np.isfinite(odom_T_scan).all(axis=(1, 2))
+    breaks_before = np.concatenate([[0], np.cumsum(is_break)])
+    after_previous_row = np.concatenate([[0], rows[:-1] + 1])
+    odom_T_rows = odom_T_scan[rows]
+    odom_T_rows[breaks_before[rows] > breaks_before[after_previous_row]] = np.nan
+    return odom_T_rows

@@ -1,6 +1,8 @@
-"""The result of every reader, a Log, and the functions that the readers share.
+"""The Log, which every reader returns, and the functions that the readers share.
 
-A Log holds the scans of one drive with their stamps and poses.
+A Log holds the scans of one drive with their stamps and poses, in the same frames for all data
+sets, so the stages after the readers know no data set. The functions read tables and records of
+bytes, check stamps and poses, and join scans with poses.
 """
 
 import os
@@ -9,7 +11,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Protocol, Self
+from typing import NamedTuple, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,51 +20,59 @@ from pipeline.core.errors import ConfigError, LogError
 from pipeline.core.frames import Poses, Stamps, Trajectory, pose
 from pipeline.readers import vehicle
 
+EARTH_M = 1e8
+"""Positions further than this from the origin of their frame are damage: the centre of the Earth is
+6.4e6 m away."""
+LATEST_NS = 2**62
+"""Stamps are 64-bit nanoseconds; a later one (after 2116) is damage."""
+
 
 @dataclass(frozen=True)
 class Log:
-    """An opened log: its scans, or the sweeps of its 2-D LiDAR.
+    """An opened log: its scans, or the sweeps of its 2-D LiDAR, one a row.
 
-    Vehicle and world frames are x forward, y left, z up.
-
-    The ground is at z = 0, except in the vehicle frame of a log whose sweeps will be accumulated:
-    there the submap estimates the ground. Each row has at least one of the two poses, but for logs
-    that were opened without the true ones.
+    Vehicle and world frames are x forward, y left, z up, with the ground at z = 0. Only a log whose
+    sweeps will be accumulated has its ground elsewhere in the vehicle frame: the submaps estimate
+    it later. Each row has at least one of the two poses, unless the log was opened to have its
+    poses estimated.
     """
 
     stamps_ns: Stamps
     """(scan,) strictly increasing."""
     world_T_scan: Poses
-    """(scan, 4, 4) ground truth at the stamps; NaN where there is none, as in an outage of the
-    INS, or in all of a log whose poses are still to be estimated."""
+    """(scan, 4, 4) true poses at the stamps; NaN where there is none, as in an outage of the INS,
+    or in all of a log whose poses are still to be estimated."""
     odom_T_scan: Poses
     """(scan, 4, 4) odometry at the stamps; NaN where there is none, and in the first row after a
     break in the odometry."""
     points: Callable[[int], NDArray[np.floating]]
-    """Points (n, 3) in metres of one scan, in the vehicle frame; raises LogError where the file is
-    broken."""
+    """Points (n, 3) in metres of the scan in a row, in the vehicle frame; raises LogError where the
+    file is broken."""
     skipped: Counter[str]
-    """Scans of the log that were left out: reason to count."""
+    """Number of scans of the log that were left out, by reason."""
     notes: tuple[str, ...] = ()
     """Further lines for the user on how complete the log is."""
     odom_variance: NDArray[np.float64] | None = None
-    """(scan, 2) what the odometry itself says it may be off, gathered since its start: variance of
-    the position in m² (mean of x and y) and of the heading in rad²; NaN where it says nothing, None
-    where it never does."""
+    """(scan, 2) uncertainty that the odometry states of itself, summed up since its start: variance
+    of the position in m² (mean of x and y) and of the heading in rad². NaN where it states none;
+    None for a log without any."""
     heading_rad: NDArray[np.float64] | None = None
-    """(scan,) how far the vehicle turned to its left since the start, by a gyroscope; NaN where
-    that is unknown, and in the first row after a gap; None where the log has none."""
+    """(scan,) angle by which the vehicle turned to its left since the start, by a gyroscope. NaN
+    where it is unknown and in the first row after a gap; None for a log without a gyroscope."""
     times_s: Callable[[int], NDArray[np.float64] | None] = lambda row: None
-    """Seconds (n,) after the stamp at which each of `points` of one scan was measured; None where
-    the log does not say."""
+    """Seconds (n,) after the stamp at which each of the `points` of a row was measured; None if the
+    log has no such times."""
 
     def poses(self, row: int) -> tuple[NDArray[np.float64], ...]:
-        """All that is known of where one scan was taken."""
+        """The true pose, the odometry and, if the log has any, the odometry's variance of a row."""
         poses = (self.world_T_scan[row], self.odom_T_scan[row])
         return poses if self.odom_variance is None else (*poses, self.odom_variance[row])
 
     def of(self, rows: NDArray[np.int64]) -> Self:
-        """The log of some of its scans (m,), in order; breaks in the odometry are the caller's."""
+        """A log with only the scans `rows` (m,) of this one.
+
+        The caller has to mark, by NaN, where the odometry breaks because rows are left out.
+        """
         return replace(
             self,
             stamps_ns=self.stamps_ns[rows],
@@ -75,9 +85,25 @@ class Log:
         )
 
 
+class Reader(Protocol):
+    """A reader of one data set; its fields are the keys of the yaml of the data set."""
+
+    def open(self, root: Path, sequence: str) -> Log:
+        """Open a sequence below the root of the data set.
+
+        Raises LogError for a log that cannot be read.
+        """
+
+    def sequences(self, root: Path) -> dict[str, list[str]]:
+        """The names of the sequences below `root`, each with the files that it lacks.
+
+        A sequence that lacks no file can be read.
+        """
+
+
 @dataclass(frozen=True)
 class Uncertainty:
-    """The variance that an odometry says it gathered since its start."""
+    """The variance of an odometry, summed up since its start, over time."""
 
     stamps_ns: Stamps
     """(n,) increasing."""
@@ -85,38 +111,106 @@ class Uncertainty:
     """(n, 2) of the position in m² (mean of x and y) and of the heading in rad²."""
 
     def at(self, stamps_ns: Stamps) -> NDArray[np.float64]:
-        """Variances (m, 2) at stamps (m,), between two rows linearly; NaN beyond the ends."""
-        first_ns = self.stamps_ns[0]  # float64 has 256 ns of what is counted since 1970
-        since_ns = stamps_ns - first_ns
+        """Variances (m, 2) at stamps (m,), interpolated linearly; NaN beyond the ends."""
+        # np.interp computes in float64, which resolves only 256 ns of a time since 1970
+        first_ns = self.stamps_ns[0]
+        query_ns = stamps_ns - first_ns
         known_ns = self.stamps_ns - first_ns
         columns = [
-            np.interp(since_ns, known_ns, column, left=np.nan, right=np.nan)
+            np.interp(query_ns, known_ns, column, left=np.nan, right=np.nan)
             for column in self.variance.T
         ]
         return np.stack(columns, axis=1)
 
 
-EARTH_M = 1e8
-"""Positions further than this from the origin of their frame are damage: the centre of the Earth is
-6.4e6 m away."""
-LATEST_NS = 2**62
-"""Stamps are 64-bit nanoseconds; a later one (after 2116) is damage."""
+class PosedRows(NamedTuple):
+    """The scans of a log that are used, with their poses."""
+
+    rows: NDArray[np.int64]
+    """(k,) index of each used scan among all scans."""
+    world_T_scan: Poses
+    """(k, 4, 4) true poses; all NaN for a log without them."""
+    odom_T_scan: Poses
+    """(k, 4, 4) odometry; NaN where there is none, and in the first row after a break."""
+    notes: tuple[str, ...]
+    """Lines for the user."""
 
 
-class Reader(Protocol):
-    """A reader of one data set; its fields are the keys of the yaml of the data set."""
+def rows_with_poses(
+    where: Path,
+    stamps_ns: Stamps,
+    truth: Trajectory | None,
+    odometry: Trajectory | None,
+    skipped: Counter[str],
+    question: str,
+) -> PosedRows:
+    """Join scans, stamped `stamps_ns` (n,), with the true poses and the odometry of their log.
 
-    def open(self, root: Path, sequence: str) -> Log:
-        """Open a sequence below the root of the data set; raises LogError for a log that cannot be
-        read."""
+    Scans without a true pose are left out and counted in `skipped`; if `truth` is None, all scans
+    are used. Raises LogError if no scan has a true pose; the error names `where` and asks
+    `question` (see `refuse_unposed`).
+    """
+    rows = np.arange(len(stamps_ns))
+    world_T_scan = np.full((len(stamps_ns), 4, 4), np.nan)
+    notes: tuple[str, ...] = ()
+    if truth is not None:
+        world_T_scan, has_pose = truth.at(stamps_ns)
+        count_unknown(stamps_ns[~has_pose], truth, skipped)
+        rows = np.flatnonzero(has_pose)
+        if not len(rows):
+            refuse_unposed(where, "scans", stamps_ns, truth, skipped, question)
+        notes = vehicle.doubts("the true poses", truth)
+    odom_T_scan = np.full((len(rows), 4, 4), np.nan)
+    if odometry is not None:
+        odometry, break_notes = vehicle.parted("the odometry", odometry)
+        odom_T_scan = vehicle.along(odometry, stamps_ns[rows], vehicle.breaks_ns(odometry))
+        notes += break_notes
+    return PosedRows(rows, world_T_scan[rows], odom_T_scan, notes)
 
-    def sequences(self, root: Path) -> dict[str, list[str]]:
-        """The sequences below `root`, each with the files that it lacks; one that lacks nothing can
-        be read."""
+
+def count_unknown(stamps_ns: Stamps, truth: Trajectory, skipped: Counter[str]) -> None:
+    """Count in `skipped` why `truth` has no pose at `stamps_ns` (n,)."""
+    outside = (stamps_ns < truth.stamps_ns[0]) | (stamps_ns > truth.stamps_ns[-1])
+    skipped["outside the poses' span"] += int(outside.sum())
+    skipped["in a gap of the poses"] += int((~outside).sum())
+
+
+def refuse_unposed(
+    where: Path,
+    scans: str,
+    stamps_ns: Stamps,
+    truth: Trajectory,
+    skipped: Counter[str],
+    question: str,
+) -> None:
+    """Raise LogError for a log of which no scan, stamped `stamps_ns` (n,), has a true pose.
+
+    The error calls the scans `scans`, and gives the reasons in `skipped` and the time spans of the
+    scans and of the poses. If these spans do not overlap, it also asks the user `question`, on the
+    clock, the unit or the file.
+    """
+    reasons = ", ".join(f"{count:,} {reason}" for reason, count in (+skipped).most_common())
+    step_s = float(np.median(np.diff(truth.stamps_ns))) / 1e9 if len(truth.stamps_ns) > 1 else 0.0
+    hint = ""
+    if stamps_ns[-1] < truth.stamps_ns[0] or truth.stamps_ns[-1] < stamps_ns[0]:
+        hint = f"; {question}"
+    elif step_s > truth.max_gap_s:
+        hint = (
+            f"; poses are usually {step_s:.3g} s apart, more than "
+            f"reader.max_gap_s={truth.max_gap_s:g}"
+        )
+    spans = f"they span {_span(stamps_ns)}, the poses {_span(truth.stamps_ns)}"
+    raise LogError(
+        f"{where}: none of its {len(stamps_ns)} {scans} has a pose: {reasons}; {spans}{hint}"
+    )
+
+
+def _span(stamps_ns: Stamps) -> str:
+    return f"{stamps_ns[0] / 1e9:.3f} … {stamps_ns[-1] / 1e9:.3f} s"
 
 
 def located(root: Path, places: tuple[str, ...], sequence: str) -> Path | None:
-    """The first of `places` (patterns with {sequence}) that is a file below `root`."""
+    """The first of `places`, patterns with {sequence}, that is a file below `root`, else None."""
     paths = (root / place.format(sequence=sequence) for place in places)
     return next((path for path in paths if path.is_file()), None)
 
@@ -139,12 +233,13 @@ def read_bytes(path: Path, record_bytes: int, records_name: str) -> bytes:
 
 
 def table(path: Path, columns: int, delimiter: str | None = None) -> NDArray[np.float64]:
-    """The numbers of a text file (rows, columns); raises LogError naming the wrong row."""
+    """The numbers (row, column) of a text file with so many `columns`.
+
+    Raises LogError naming the wrong row.
+    """
     try:
-        with (
-            path.open(encoding="utf-8") as file,
-            warnings.catch_warnings(action="ignore"),
-        ):  # numpy warns of an empty file
+        # numpy warns of an empty file, which is refused below
+        with path.open(encoding="utf-8") as file, warnings.catch_warnings(action="ignore"):
             rows = np.loadtxt(file, delimiter=delimiter, ndmin=2)
     except (FileNotFoundError, IsADirectoryError, NotADirectoryError):
         raise LogError(f"{path}: no such file") from None
@@ -164,7 +259,10 @@ def table(path: Path, columns: int, delimiter: str | None = None) -> NDArray[np.
 
 
 def refuse_times(path: Path, stamps: NDArray[np.float64], unit: str, unit_ns: int) -> None:
-    """Raise LogError naming the first stamp (n,) that is no time; `unit` is of `unit_ns` ns."""
+    """Raise LogError naming the first of `stamps` (n,) that is no time.
+
+    They are counted in `unit`, which is `unit_ns` nanoseconds.
+    """
     bad = np.flatnonzero(~(np.abs(stamps) < LATEST_NS / unit_ns))
     if len(bad):
         raise LogError(
@@ -173,15 +271,15 @@ def refuse_times(path: Path, stamps: NDArray[np.float64], unit: str, unit_ns: in
 
 
 def nanoseconds(path: Path, stamps: NDArray[np.float64], unit: str, unit_ns: int) -> Stamps:
-    """Stamps (n,) in ns from stamps in `unit` of `unit_ns` ns.
+    """Stamps (n,) in ns from `stamps` (n,) in `unit`, which is `unit_ns` ns.
 
     Raises LogError naming the first that does not increase.
     """
     refuse_times(path, stamps, unit, unit_ns)
+    # whole units and the fraction apart, since float64 cannot hold nanoseconds since 1970
     whole = np.floor(stamps)
-    stamps_ns = whole.astype(np.int64) * unit_ns + np.rint((stamps - whole) * unit_ns).astype(
-        np.int64
-    )
+    fraction_ns = np.rint((stamps - whole) * unit_ns).astype(np.int64)
+    stamps_ns = whole.astype(np.int64) * unit_ns + fraction_ns
     back = np.flatnonzero(np.diff(stamps_ns) <= 0)
     if len(back):
         before, after = stamps[back[0] : back[0] + 2]
@@ -193,18 +291,17 @@ def nanoseconds(path: Path, stamps: NDArray[np.float64], unit: str, unit_ns: int
 
 
 def refuse_poses(path: Path, poses: Poses, to_check: NDArray[np.bool_]) -> None:
-    """Raise LogError naming the first of the rows `to_check` (n,) that is not a pose.
+    """Raise LogError naming the first row of `poses` (n, 4, 4) that is not a pose.
 
-    The `poses` (n, 4, 4) were read from `path`.
+    Only rows that are True in `to_check` (n,) are checked; `path` is the file of the poses.
     """
-    far = ~(np.abs(poses[:, :3, 3]) < EARTH_M).all(axis=1)
+    is_far = ~(np.abs(poses[:, :3, 3]) < EARTH_M).all(axis=1)
     R = np.nan_to_num(poses[:, :3, :3]).clip(-2, 2)
-    skew = (np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2)) > 1e-3) | (
-        np.linalg.det(R) < 0
-    )
+    skew = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
+    is_no_rotation = (skew > 1e-3) | (np.linalg.det(R) < 0)
     for is_wrong, reason in (
-        (far, "is not finite, or lies nowhere on Earth; positions are in metres"),
-        (skew, "has no rotation"),
+        (is_far, "is not finite, or lies nowhere on Earth; positions are in metres"),
+        (is_no_rotation, "has no rotation"),
     ):
         rows = np.flatnonzero(is_wrong & to_check)
         if len(rows):
@@ -219,9 +316,9 @@ def raised(height_m: float) -> Poses:
 
 
 def lifted(world_T_body: Poses, height_m: float) -> Poses:
-    """Poses (n, 4, 4) with both the body and the world frame moved `height_m` down.
+    """The same poses (n, 4, 4) after the body's and the world's frame were moved `height_m` down.
 
-    So the ground is at z = 0.
+    Readers move both to the ground, so that it is at z = 0 in either frame.
     """
     return raised(height_m) @ world_T_body @ np.linalg.inv(raised(height_m))
 
@@ -229,7 +326,7 @@ def lifted(world_T_body: Poses, height_m: float) -> Poses:
 def extrinsic(key: str, xyzrpy: object) -> Poses:
     """The pose (4, 4) of a sensor from x, y, z in metres and roll, pitch, yaw in degrees.
 
-    Raises ConfigError naming `key`.
+    Raises ConfigError naming the setting `key` if `xyzrpy` is not six numbers.
     """
     numbers = list(xyzrpy) if isinstance(xyzrpy, Sequence) else []
     if len(numbers) != 6 or not all(
@@ -254,15 +351,16 @@ def numbered_files(
     reason: str,
     skipped: Counter[str],
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """The numbers that name the .bin files of a folder, and those of files of whole records.
+    """The numbers (n,) that name the .bin files of a folder, and those (k,) of the usable files.
 
-    Both increase. Counts in `skipped` the files whose name is not a number (under `reason`), the
-    empty ones and the truncated ones.
+    Both increase. A file is usable if it holds a whole number of records. Counts in `skipped` the
+    files whose name fails `is_number` (under `reason`), the empty ones and the truncated ones.
     """
     named = []
     whole = []
     with os.scandir(folder) as entries:
-        for stem, _, suffix, entry in ((*entry.name.rpartition("."), entry) for entry in entries):
+        for entry in entries:
+            stem, _, suffix = entry.name.rpartition(".")
             if suffix != "bin":
                 continue
             if not is_number(stem):
@@ -277,77 +375,3 @@ def numbered_files(
             else:
                 whole.append(int(stem))
     return np.array(sorted(named), np.int64), np.array(sorted(whole), np.int64)
-
-
-def count_unknown(stamps_ns: Stamps, truth: Trajectory, skipped: Counter[str]) -> None:
-    """Count in `skipped` why `truth` has no pose at `stamps_ns` (n,)."""
-    outside = (stamps_ns < truth.stamps_ns[0]) | (stamps_ns > truth.stamps_ns[-1])
-    skipped["outside the poses' span"] += int(outside.sum())
-    skipped["in a gap of the poses"] += int((~outside).sum())
-
-
-def refuse_unposed(
-    where: Path,
-    scans: str,
-    stamps_ns: Stamps,
-    truth: Trajectory,
-    skipped: Counter[str],
-    question: str,
-) -> None:
-    """Raise LogError for a log none of whose `scans`, stamped `stamps_ns` (n,), has a true pose.
-
-    The error says why, and the time spans of both. It ends in `question`, on the clock, the unit or
-    the file, where no scan lies in the time of the poses.
-    """
-    reasons = ", ".join(f"{count:,} {reason}" for reason, count in (+skipped).most_common())
-    step_s = float(np.median(np.diff(truth.stamps_ns))) / 1e9 if len(truth.stamps_ns) > 1 else 0.0
-    hint = ""
-    if stamps_ns[-1] < truth.stamps_ns[0] or truth.stamps_ns[-1] < stamps_ns[0]:
-        hint = f"; {question}"
-    elif step_s > truth.max_gap_s:
-        hint = (
-            f"; poses are usually {step_s:.3g} s apart, more than "
-            f"reader.max_gap_s={truth.max_gap_s:g}"
-        )
-    spans = f"they span {_span(stamps_ns)}, the poses {_span(truth.stamps_ns)}"
-    raise LogError(
-        f"{where}: none of its {len(stamps_ns)} {scans} has a pose: {reasons}; {spans}{hint}"
-    )
-
-
-def _span(stamps_ns: Stamps) -> str:
-    return f"{stamps_ns[0] / 1e9:.3f} … {stamps_ns[-1] / 1e9:.3f} s"
-
-
-def rows_with_poses(
-    where: Path,
-    stamps_ns: Stamps,
-    truth: Trajectory | None,
-    odometry: Trajectory | None,
-    skipped: Counter[str],
-    question: str,
-) -> tuple[NDArray[np.int64], Poses, Poses, tuple[str, ...]]:
-    """Rows of `stamps_ns` with a true pose, these poses, their odometry, and notes for the user.
-
-    Counts the other rows in `skipped`; without a truth, all rows are kept. Raises LogError where no
-    row has a pose, which ends in `question` where no scan lies in the time of the poses.
-    """
-    rows = np.arange(len(stamps_ns))
-    world_T_scan = np.full((len(stamps_ns), 4, 4), np.nan)
-    notes: tuple[str, ...] = ()
-    if truth is not None:
-        world_T_scan, has_pose = truth.at(stamps_ns)
-        count_unknown(stamps_ns[~has_pose], truth, skipped)
-        rows = np.flatnonzero(has_pose)
-        if not len(rows):
-            refuse_unposed(where, "scans", stamps_ns, truth, skipped, question)
-        notes = vehicle.doubts("the true poses", truth)
-    if odometry is None:
-        return rows, world_T_scan[rows], np.full((len(rows), 4, 4), np.nan), notes
-    odometry, break_notes = vehicle.parted("the odometry", odometry)
-    return (
-        rows,
-        world_T_scan[rows],
-        vehicle.along(odometry, stamps_ns[rows], vehicle.breaks_ns(odometry)),
-        notes + break_notes,
-    )

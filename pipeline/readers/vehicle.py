@@ -1,6 +1,8 @@
-"""Checks that poses are a vehicle's: a trajectory in; doubts as lines, or where it jumps, out.
+"""Checks that the poses of a log are those of a vehicle, and cuts odometry where it jumps.
 
-A vehicle is upright, drives forward or backward, and does not jump.
+A vehicle is upright, drives forward or backward, and does not jump. `doubts` describes, in lines
+for the user, what speaks against that in a trajectory: mostly wrong axes, units or clocks. `parted`
+makes a gap in an odometry at each jump, since it was set back there.
 """
 
 from dataclasses import replace
@@ -15,100 +17,39 @@ TILTED_SHARE = 0.1
 """A body tilted by more than TILTED_DEG in more than this share of its poses is no vehicle."""
 STEP_M = 2.0
 """Distance between the poses that give the direction of driving; shorter steps are mostly noise."""
-FEWEST = 5
-"""With fewer steps of STEP_M, nothing is said of the direction of driving."""
-ALONG = 0.8
+MIN_STEPS = 5
+"""With fewer steps of STEP_M, the direction of driving is not checked."""
+ALONG_SHARE = 0.8
 """A step is along an axis if more than this share of its length is."""
-ASTRAY = 0.3
-"""Below this agreement of the directions of driving, as the body sees them, its heading is wrong.
+MIN_AGREEMENT = 0.3
+"""With a smaller agreement of the directions of driving in the body's frame, its heading is wrong.
 
-1 where all directions are one or its opposite, 0 where they are spread all round.
+The agreement is 1 if all directions are one direction or its opposite, 0 if they are spread all
+round.
 """
 STEEP = 0.5
 """A road climbs less than this, in metres of height a metre of path."""
 AROUND_S = 1.0
-MOST = 200
-"""A step is compared with those of AROUND_S before and after it, at most MOST on either side.
-
-There may be many, since some topics repeat a pose.
-"""
+MAX_NEIGHBOURS = 200
+"""A step is compared with its neighbours: the steps of AROUND_S before and after it, at most so
+many on either side. Some topics repeat each pose many times."""
 FASTEST_M_S = 100.0
+"""No vehicle is faster."""
 JUMP_M = 0.5
 GAIN_M_S2 = 5.0
-"""A step of dt seconds is a jump if it exceeds, by JUMP_M + GAIN_M_S2 dt², the neighbours' length.
-
-That is the length of dt seconds at the speed of the fastest of its neighbours.
-"""
 JUMP_DEG = 30.0
 GAIN_DEG_S = 360.0
-"""A step is a jump too if it exceeds, by JUMP_DEG + GAIN_DEG_S dt, the neighbours' turn.
-
-That is the turn of dt seconds at the rate of the fastest turning neighbour.
-"""
-
-
-def jumps(trajectory: Trajectory) -> NDArray[np.int64]:
-    """The rows (k,) at the end of jumps: steps far longer or wider than those before and after."""
-    finite_rows = np.flatnonzero(np.isfinite(trajectory.world_T_body).all(axis=(1, 2)))
-    if len(finite_rows) < 2:
-        return np.empty(0, np.int64)
-    poses = trajectory.world_T_body[finite_rows]
-    seconds = np.diff(trajectory.stamps_ns[finite_rows]) / 1e9
-    step_m, turn_deg = distance_and_turn(poses[:-1], poses[1:])
-    together = (np.diff(finite_rows) == 1) & (seconds <= trajectory.max_gap_s)
-    reach = int(np.clip(np.rint(AROUND_S / np.median(seconds)), 1, MOST))
-    longer_m = step_m - seconds * _neighbours(step_m / seconds, together, reach)
-    wider_deg = turn_deg - seconds * _neighbours(turn_deg / seconds, together, reach)
-    is_far = (longer_m > JUMP_M + GAIN_M_S2 * seconds**2) | (
-        (step_m > JUMP_M) & (step_m > FASTEST_M_S * seconds)
-    )
-    is_wide = wider_deg > JUMP_DEG + GAIN_DEG_S * seconds
-    return np.asarray(finite_rows[1:][together & (is_far | is_wide)])
-
-
-def parted(name: str, odometry: Trajectory) -> tuple[Trajectory, tuple[str, ...]]:
-    """Odometry with a gap at each jump, as where it was set back, and a note for the user."""
-    rows = jumps(odometry)
-    if not len(rows):
-        return odometry, ()
-    gaps_ns = odometry.stamps_ns[rows - 1] + 1
-    stamps_ns = np.insert(odometry.stamps_ns, rows, gaps_ns)
-    world_T_body = np.insert(odometry.world_T_body, rows, np.nan, axis=0)
-    fresh = np.diff(stamps_ns, append=stamps_ns[-1] + 1) > 0
-    mended = replace(odometry, stamps_ns=stamps_ns[fresh], world_T_body=world_T_body[fresh])
-    return mended, (f"{name}: {_jumped(odometry, rows)}: the odometry starts anew there",)
-
-
-def along(odometry: Trajectory, stamps_ns: Stamps, anew_ns: Stamps) -> Poses:
-    """Odometry (n, 4, 4) at increasing stamps (n,).
-
-    NaN where there is none, and at the first stamp after each of `anew_ns` (k,), where the odometry
-    starts anew.
-    """
-    odom_T_body = odometry.at(stamps_ns)[0]
-    first_rows = np.searchsorted(stamps_ns, anew_ns - ROUNDED_NS)
-    odom_T_body[first_rows[first_rows < len(stamps_ns)]] = np.nan
-    return odom_T_body
-
-
-def breaks_ns(odometry: Trajectory) -> Stamps:
-    """The stamps (k,) of the first known pose after each gap.
-
-    A gap is rows of NaN, or neighbours further apart in time than max_gap_s.
-    """
-    finite_rows = np.flatnonzero(np.isfinite(odometry.world_T_body).all(axis=(1, 2)))
-    apart_s = np.diff(odometry.stamps_ns[finite_rows]) / 1e9
-    is_break = (np.diff(finite_rows) > 1) | (apart_s > odometry.max_gap_s)
-    return np.asarray(odometry.stamps_ns[finite_rows[1:][is_break]])
+"""A step of dt seconds may exceed the fastest of its neighbours, over dt, by JUMP_M + GAIN_M_S2 dt²
+in length and by JUMP_DEG + GAIN_DEG_S dt in turn; beyond that it is a jump."""
 
 
 def doubts(name: str, truth: Trajectory) -> tuple[str, ...]:
-    """Lines on what no vehicle does in a trajectory; empty where all is well.
+    """Lines on what no vehicle does in a trajectory; empty if all is well.
 
-    The world is z-up, the body x forward, y left, z up.
+    The world is z-up, the body x forward, y left, z up. The lines call the trajectory `name`.
     """
-    finite = np.isfinite(truth.world_T_body).all(axis=(1, 2))
-    poses = truth.world_T_body[finite]
+    is_finite = np.isfinite(truth.world_T_body).all(axis=(1, 2))
+    poses = truth.world_T_body[is_finite]
     if not len(poses):
         return ()
     speed_m_s = _median_speed_m_s(truth)
@@ -129,31 +70,90 @@ def doubts(name: str, truth: Trajectory) -> tuple[str, ...]:
     rows = jumps(truth)
     if len(rows):
         why = "are two drives in one file, was odometry set back, or a map corrected?"
-        lines.append(f"{name}: {_jumped(truth, rows)}: no vehicle drives so; {why}")
+        lines.append(f"{name}: {_jumps_text(truth, rows)}: no vehicle drives so; {why}")
     return tuple(lines)
 
 
+def parted(name: str, odometry: Trajectory) -> tuple[Trajectory, tuple[str, ...]]:
+    """The odometry with a gap, a row of NaN, at each jump, and a note on the jumps for the user."""
+    rows = jumps(odometry)
+    if not len(rows):
+        return odometry, ()
+    gaps_ns = odometry.stamps_ns[rows - 1] + 1
+    stamps_ns = np.insert(odometry.stamps_ns, rows, gaps_ns)
+    world_T_body = np.insert(odometry.world_T_body, rows, np.nan, axis=0)
+    # no gap fits between two poses that are only 1 ns apart
+    fits = np.diff(stamps_ns, append=stamps_ns[-1] + 1) > 0
+    with_gaps = replace(odometry, stamps_ns=stamps_ns[fits], world_T_body=world_T_body[fits])
+    return with_gaps, (f"{name}: {_jumps_text(odometry, rows)}: the odometry starts anew there",)
+
+
+def jumps(trajectory: Trajectory) -> NDArray[np.int64]:
+    """The rows (k,) at the end of jumps: steps far longer or wider than those before and after."""
+    finite_rows = np.flatnonzero(np.isfinite(trajectory.world_T_body).all(axis=(1, 2)))
+    if len(finite_rows) < 2:
+        return np.empty(0, np.int64)
+    # 1. length, turn and time of each step between two known poses
+    poses = trajectory.world_T_body[finite_rows]
+    seconds = np.diff(trajectory.stamps_ns[finite_rows]) / 1e9
+    step_m, turn_deg = distance_and_turn(poses[:-1], poses[1:])
+    is_step = (np.diff(finite_rows) == 1) & (seconds <= trajectory.max_gap_s)
+    # 2. what it exceeds its fastest neighbour by
+    reach = int(np.clip(np.rint(AROUND_S / np.median(seconds)), 1, MAX_NEIGHBOURS))
+    excess_m = step_m - seconds * _fastest_neighbour(step_m / seconds, is_step, reach)
+    excess_deg = turn_deg - seconds * _fastest_neighbour(turn_deg / seconds, is_step, reach)
+    # 3. jumps in position or heading
+    is_too_fast = (step_m > JUMP_M) & (step_m > FASTEST_M_S * seconds)
+    is_far = (excess_m > JUMP_M + GAIN_M_S2 * seconds**2) | is_too_fast
+    is_wide = excess_deg > JUMP_DEG + GAIN_DEG_S * seconds
+    return np.asarray(finite_rows[1:][is_step & (is_far | is_wide)])
+
+
+def breaks_ns(odometry: Trajectory) -> Stamps:
+    """The stamps (k,) of the first known pose after each gap in the odometry.
+
+    A gap is rows of NaN, or neighbours further apart in time than max_gap_s.
+    """
+    finite_rows = np.flatnonzero(np.isfinite(odometry.world_T_body).all(axis=(1, 2)))
+    step_s = np.diff(odometry.stamps_ns[finite_rows]) / 1e9
+    is_break = (np.diff(finite_rows) > 1) | (step_s > odometry.max_gap_s)
+    return np.asarray(odometry.stamps_ns[finite_rows[1:][is_break]])
+
+
+def along(odometry: Trajectory, stamps_ns: Stamps, anew_ns: Stamps) -> Poses:
+    """Odometry (n, 4, 4) at increasing stamps (n,); NaN where it is unknown.
+
+    The odometry starts anew at `anew_ns` (k,). The first stamp after each of them has NaN too, as a
+    log marks a break.
+    """
+    odom_T_body = odometry.at(stamps_ns)[0]
+    first_rows = np.searchsorted(stamps_ns, anew_ns - ROUNDED_NS)
+    odom_T_body[first_rows[first_rows < len(stamps_ns)]] = np.nan
+    return odom_T_body
+
+
 def _direction_doubts(name: str, poses: Poses) -> list[str]:
-    """A line if the poses (n, 4, 4) are not driven in the direction of their x; else none."""
+    """One line if the body of the poses (n, 4, 4) does not drive along its x axis, else none."""
     step_m, body_step_m = _driven(poses)
-    if len(step_m) < FEWEST:
+    if len(step_m) < MIN_STEPS:
         return []
+    # typical shares of a step that are along the body's y and z axes and the world's z axis
     length_m = np.linalg.norm(step_m, axis=1)
     shares = np.abs(np.column_stack([body_step_m[:, 1:], step_m[:, 2]])) / length_m[:, None]
     across, up, climb = np.median(shares, axis=0)
-    # twice the direction, so that forward and backward are one
+    # by the doubled angle, which is the same forward and backward
     agreement = abs(np.exp(2j * np.arctan2(body_step_m[:, 1], body_step_m[:, 0])).mean())
-    if up > ALONG:
+    if up > ALONG_SHARE:
         return [
             f"{name}: the body drives along its own z axis: are its axes a camera's, x right, "
             "y down, z forward? Set poses_frame: camera, or take the topic of the body's poses"
         ]
-    if across > ALONG:
+    if across > ALONG_SHARE:
         return [
             f"{name}: the body drives sideways, along its own y axis: is its heading a quarter "
             "turn off? Turn its poses, or take the topic of the body's"
         ]
-    if agreement < ASTRAY:
+    if agreement < MIN_AGREEMENT:
         return [
             f"{name}: the body's heading does not follow its way: are its rotations missing, "
             "or those of the inverse? Each pose must take points of the body into the world"
@@ -176,24 +176,26 @@ def _median_speed_m_s(truth: Trajectory) -> float:
     return float(np.median(speeds)) if moving.any() else 0.0
 
 
-def _neighbours(
+def _fastest_neighbour(
     rates: NDArray[np.float64], is_step: NDArray[np.bool_], reach: int
 ) -> NDArray[np.float64]:
-    """The largest of the `rates` (n,) of `reach` steps before and after each step.
+    """For each step the largest of the `rates` (n,) of the `reach` steps before and after it.
 
-    Only those that are `is_step` (n,) count; infinite where there is none.
+    Only rates that are True in `is_step` (n,) count; infinite if none of them does.
     """
     padding = np.full(reach, -1.0)
     padded = np.concatenate([padding, np.where(is_step, rates, -1.0), padding])
     largest = np.lib.stride_tricks.sliding_window_view(padded, reach).max(axis=1)
-    larger = np.maximum(largest[: len(rates)], largest[-len(rates) :])
-    return np.where(larger < 0, np.inf, larger)
+    before = largest[: len(rates)]
+    after = largest[-len(rates) :]
+    fastest = np.maximum(before, after)
+    return np.where(fastest < 0, np.inf, fastest)
 
 
 def _driven(poses: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Steps (k, 3) of about STEP_M or more of a path, in its world and in the body's frame.
+    """Steps (k, 3) of about STEP_M or more along a path, in its world and in the body's frame.
 
-    The body's frame is that of the pose where a step begins.
+    The body's frame is that of the pose (of n, 4, 4) at which a step begins.
     """
     path_m = np.cumsum([0.0, *np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)])
     rows = np.unique(path_m // STEP_M, return_index=True)[1]
@@ -203,16 +205,16 @@ def _driven(poses: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np
     return step_m[is_long], body_step_m[is_long]
 
 
-def _jumped(trajectory: Trajectory, rows: NDArray[np.int64]) -> str:
-    """How often and how far a trajectory jumps."""
+def _jumps_text(trajectory: Trajectory, rows: NDArray[np.int64]) -> str:
+    """How often a trajectory jumps, and how far at the first of the `rows` (k,) that end a jump."""
     first_row = rows[0]
     away_m, turn_deg = distance_and_turn(
         trajectory.world_T_body[[first_row - 1]], trajectory.world_T_body[[first_row]]
     )
     seconds = (trajectory.stamps_ns[first_row] - trajectory.stamps_ns[first_row - 1]) / 1e9
     times = "once" if len(rows) == 1 else f"{len(rows):,} times"
-    at = f"{trajectory.stamps_ns[first_row] / 1e9:.3f} s"
+    first_s = trajectory.stamps_ns[first_row] / 1e9
     return (
-        f"jumps {times}, first at {at} by {away_m[0]:.3g} m and {turn_deg[0]:.0f}° in "
+        f"jumps {times}, first at {first_s:.3f} s by {away_m[0]:.3g} m and {turn_deg[0]:.0f}° in "
         f"{seconds:.3g} s"
     )
