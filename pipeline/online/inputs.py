@@ -258,7 +258,7 @@ def _messages(
         times_s=clouds.times_s,
     )
     for row, stamp_ns in enumerate(clouds.stamps_ns.tolist()):
-        recording = str(clouds.keys[row][0].path)
+        recording = str(clouds.messages[row].file.path)
         yield Scan(
             f"{path.name} {row}",
             stamp_ns,

@@ -1,8 +1,9 @@
-"""Reads ROS bags of any kind, without ROS (METHODS 7.4).
+"""Reads a drive from ROS bags of any kind, without ROS, as a Log (METHODS 7.4).
 
-Points come from PointCloud2 or LaserScan messages, poses from a topic or from tf. A sequence is a
-bag below the root, or a folder of bags that are read as one drive, in order of time. Frames follow
-REP 103: x forward, y left, z up.
+Points come from PointCloud2 or LaserScan messages (`bag_clouds`), poses from a topic or from tf
+(`bag_poses`), the heading from an IMU (`bag_heading`). A sequence is a bag below the root, or a
+folder of bags that are read as one drive, in order of time. Frames follow REP 103: x forward, y
+left, z up.
 """
 
 from collections import Counter
@@ -14,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.errors import ConfigError, LogError
-from pipeline.core.frames import ROUNDED_NS, Poses
+from pipeline.core.frames import ROUNDED_NS
 from pipeline.core.settings import Positive, check
 from pipeline.formats import bag_file
 from pipeline.formats.bag import CLOUD, IMU, SWEEP
@@ -23,7 +24,7 @@ from pipeline.readers import log, vehicle
 from pipeline.readers.bag_clouds import Clouds
 from pipeline.readers.bag_heading import heading
 from pipeline.readers.bag_poses import KINDS, Track, Tree, track
-from pipeline.readers.log import Log
+from pipeline.readers.log import Log, PosedRows
 
 
 @dataclass(frozen=True)
@@ -34,19 +35,19 @@ class Bag:
     """Topic of the clouds (PointCloud2), or of the sweeps of a 2-D LiDAR (LaserScan)."""
     truth: str | None = "/odom"
     """Topic of the true poses (Odometry, PoseStamped, PoseWithCovarianceStamped), or
-    tf:PARENT>CHILD. None: all messages are taken without."""
+    tf:PARENT>CHILD. None: all messages are taken, without true poses."""
     odometry: str | None = None
     """Topic or tf:PARENT>CHILD of poses that drift but never jump; after a gap the odometry starts
     anew."""
     body_T_lidar: Sequence[float] | None = None
-    """The LiDAR in the body of the poses: x, y, z in metres, roll, pitch, yaw in degrees; None:
-    from the fixed transforms."""
+    """Pose of the LiDAR in the body's frame: x, y, z in metres, roll, pitch, yaw in degrees. None:
+    it is taken from the fixed transforms in the bags."""
     lift_m: float = 0.0
     """Added to z, so that the ground is at 0."""
     max_gap_s: Positive = 0.5
     """Poses further apart than this are a gap."""
     imu: str | None = None
-    """Topic of an IMU (Imu), whose rates of turn are a first guess where poses are estimated and
+    """Topic of an IMU (Imu). Its rates of turn are a first guess for the estimation of poses where
     there is no odometry."""
 
     def __post_init__(self) -> None:
@@ -64,88 +65,64 @@ class Bag:
 
     def open(self, root: Path, sequence: str) -> Log:
         where = root / sequence
-        places = [where, *(where.with_name(where.name + suffix) for suffix in bag_file.SUFFIXES)]
-        paths = next((bag_paths for bag_paths in map(bag_file.find, places) if bag_paths), None)
-        if paths is None:
-            raise LogError(
-                f"{where}: no bag there: neither a folder with bags nor one of "
-                f"{', '.join(bag_file.SUFFIXES)}"
-            )
-        files = [BagFile(path) for path in paths]
+        files = [BagFile(path) for path in _bag_paths(where)]
         self._check_topics(where, files)
+
+        # clouds, poses and the LiDAR's place in the body
         skipped: Counter[str] = Counter()
         clouds = Clouds.read(files, self.points, skipped)
         truth = track(files, self.truth, self.max_gap_s) if self.truth else None
         odometry = _parted(track(files, self.odometry, self.max_gap_s)) if self.odometry else None
         body_T_lidar = self._extrinsic(where, files, clouds.frames, truth or odometry)
-        if truth is None:
-            rows, world_T_body, odom_T_body, notes = log.rows_with_poses(
-                where,
-                clouds.stamps_ns,
-                None,
-                odometry.trajectory if odometry else None,
-                skipped,
-                "",
-            )
-        else:
-            rows, world_T_body, odom_T_body, notes = _rows_with_poses(
-                clouds, truth, odometry, skipped
-            )
-        if truth and not len(rows):
-            question = f"do {self.points} and {self.truth} share a clock?"
-            log.refuse_unposed(
-                where, "messages", clouds.stamps_ns, truth.trajectory, skipped, question
-            )
+        vehicle_T_lidar = log.raised(self.lift_m) @ body_T_lidar
+
+        # the clouds that have a pose
+        posed = self._posed_rows(where, clouds, truth, odometry, skipped)
+        stamps_ns = clouds.stamps_ns[posed.rows]
+        odom_T_body = posed.odom_T_scan
         if odometry and odometry.child and truth and truth.child and odometry.child != truth.child:
             odom_T_body = odom_T_body @ _fixed_transform(where, files, odometry.child, truth.child)
-        vehicle_T_lidar = log.raised(self.lift_m) @ body_T_lidar
+
+        imu_heading = None
+        if self.imu:
+            vehicle_R_lidar = vehicle_T_lidar[:3, :3]
+            imu_heading = heading(files, self.imu, clouds.frames, vehicle_R_lidar, self.max_gap_s)
+        uncertainty = odometry.uncertainty if odometry else None
+        sources = (clouds, truth, odometry, imu_heading)
+        source_notes = [note for source in sources if source for note in source.notes]
+        doubts = vehicle.doubts(truth.name, truth.trajectory) if truth else ()
 
         def points(row: int) -> NDArray[np.float64]:
             # By einsum, since the threads of BLAS block each other when several readers work in
             # parallel.
-            rotated = np.einsum("ij,nj->ni", vehicle_T_lidar[:3, :3], clouds.points(int(rows[row])))
+            points_m = clouds.points(int(posed.rows[row]))
+            rotated = np.einsum("ij,nj->ni", vehicle_T_lidar[:3, :3], points_m)
             return np.asarray(rotated + vehicle_T_lidar[:3, 3])
 
-        turned = (
-            heading(files, self.imu, clouds.frames, vehicle_T_lidar[:3, :3], self.max_gap_s)
-            if self.imu
-            else None
-        )
-        poses = (log.lifted(world_T_body, self.lift_m), log.lifted(odom_T_body, self.lift_m))
-        doubts = vehicle.doubts(truth.name, truth.trajectory) if truth else ()
-        notes = (
-            *clouds.notes,
-            *(truth.notes if truth else ()),
-            *(odometry.notes if odometry else ()),
-            *(turned.notes if turned else ()),
-            *doubts,
-            *notes,
-        )
-        uncertainty = odometry.uncertainty if odometry else None
         return Log(
-            clouds.stamps_ns[rows],
-            *poses,
+            stamps_ns,
+            log.lifted(posed.world_T_scan, self.lift_m),
+            log.lifted(odom_T_body, self.lift_m),
             points,
             +skipped,
-            notes,
-            odom_variance=uncertainty.at(clouds.stamps_ns[rows]) if uncertainty else None,
-            heading_rad=turned.at(clouds.stamps_ns[rows]) if turned else None,
-            times_s=lambda row: clouds.times_s(int(rows[row])),
+            (*source_notes, *doubts, *posed.notes),
+            odom_variance=uncertainty.at(stamps_ns) if uncertainty else None,
+            heading_rad=imu_heading.at(stamps_ns) if imu_heading else None,
+            times_s=lambda row: clouds.times_s(int(posed.rows[row])),
         )
 
     def sequences(self, root: Path) -> dict[str, list[str]]:
         children = sorted(root.iterdir()) if root.is_dir() else []
-        paths_by_name = {
-            child.name if child.is_dir() else child.stem: child
-            for child in children[::-1]
-            if bag_file.find(child)
-        }
-        return {
-            name: self._missing(bag_file.find(paths_by_name[name]))
-            for name in sorted(paths_by_name)
-        }
+        bags_by_name: dict[str, list[Path]] = {}
+        for child in children:
+            name = child.name if child.is_dir() else child.stem
+            paths = bag_file.find(child)
+            if paths:
+                bags_by_name.setdefault(name, paths)
+        return {name: self._missing(bags_by_name[name]) for name in sorted(bags_by_name)}
 
     def _missing(self, paths: list[Path]) -> list[str]:
+        """The error line on a topic that these bags lack, in a list; empty if they lack none."""
         try:
             self._check_topics(paths[0], [BagFile(path) for path in paths])
         except LogError as error:
@@ -157,7 +134,9 @@ class Bag:
 
         The error lists the topics of the bags.
         """
-        topics = {name: topic for file in files for name, topic in file.topics.items()}
+        topics: dict[str, bag_file.Topic] = {}
+        for file in files:
+            topics |= file.topics
         settings = [
             ("points", self.points, (CLOUD, SWEEP)),
             ("truth", self.truth, KINDS),
@@ -167,39 +146,38 @@ class Bag:
         for key, name, kinds in settings:
             if name is None or name.startswith("tf:"):
                 continue
-            if name not in topics or topics[name].kind not in kinds:
-                is_other = (
-                    f"is a {bag_file.plain(topics[name].kind, 60)}"
-                    if name in topics
-                    else "is not in it"
-                )
-                usable = ", ".join(kind.rpartition("/")[2] for kind in kinds)
-                topic_list = bag_file.plain(
-                    ", ".join(f"{name} ({topic})" for name, topic in topics.items()) or "nothing",
-                    800,
-                )
-                raise LogError(
-                    f"{where}: reader.{key}={name} {is_other}; expected {usable}. It holds "
-                    f"{topic_list}"
-                )
+            if name in topics and topics[name].kind in kinds:
+                continue
+            fault = "is not in it"
+            if name in topics:
+                fault = f"is a {bag_file.plain(topics[name].kind, 60)}"
+            usable = ", ".join(kind.rpartition("/")[2] for kind in kinds)
+            topic_list = ", ".join(f"{name} ({topic})" for name, topic in topics.items())
+            raise LogError(
+                f"{where}: reader.{key}={name} {fault}; expected {usable}. It holds "
+                f"{bag_file.plain(topic_list or 'nothing', 800)}"
+            )
 
     def _extrinsic(
-        self, where: Path, files: Sequence[BagFile], frames: set[str], truth: Track | None
+        self, where: Path, files: Sequence[BagFile], frames: set[str], poses: Track | None
     ) -> NDArray[np.float64]:
-        """The LiDAR in the body of the poses; without any poses the LiDAR is the body."""
+        """body_T_lidar (4, 4), for points in `frames` and the body of `poses`.
+
+        Without poses the LiDAR is the body. Raises LogError if the bags do not hold it.
+        """
         if self.body_T_lidar is not None:
             return log.extrinsic("reader.body_T_lidar", self.body_T_lidar)
-        if truth is None:
+        if poses is None:
             return np.eye(4)
-        if truth.parent and frames == {truth.parent} and truth.child != truth.parent:
+        if poses.parent and frames == {poses.parent} and poses.child != poses.parent:
             raise LogError(
-                f"{where}: {self.points} lies in {truth.parent} already, the world of "
-                f"{truth.name}: its points were moved there; name a topic in the frame of the "
+                f"{where}: {self.points} lies in {poses.parent} already, the world of "
+                f"{poses.name}: its points were moved there; name a topic in the frame of the "
                 "LiDAR or the body as reader.points"
             )
-        if truth.child is None:
+        if poses.child is None:
             raise LogError(
-                f"{where}: {truth.name} does not name the frame that it poses; give "
+                f"{where}: {poses.name} does not name the frame that it poses; give "
                 "reader.body_T_lidar"
             )
         if len(frames) != 1:
@@ -208,13 +186,55 @@ class Bag:
                 f"{where}: {self.points} comes in several frames, {names:.80}; give "
                 "reader.body_T_lidar"
             )
-        return _fixed_transform(where, files, truth.child, *frames)
+        return _fixed_transform(where, files, poses.child, *frames)
+
+    def _posed_rows(
+        self,
+        where: Path,
+        clouds: Clouds,
+        truth: Track | None,
+        odometry: Track | None,
+        skipped: Counter[str],
+    ) -> PosedRows:
+        """The clouds with a true pose, or all of them without `truth`.
+
+        Raises LogError if no cloud has a true pose.
+        """
+        if truth is None:
+            trajectory = odometry.trajectory if odometry else None
+            return log.rows_with_poses(where, clouds.stamps_ns, None, trajectory, skipped, "")
+        posed = _rows_with_truth(clouds, truth, odometry, skipped)
+        if not len(posed.rows):
+            question = f"do {self.points} and {self.truth} share a clock?"
+            log.refuse_unposed(
+                where, "messages", clouds.stamps_ns, truth.trajectory, skipped, question
+            )
+        return posed
+
+
+def _bag_paths(where: Path) -> list[Path]:
+    """The bags of a sequence: those in the folder `where`, or the file `where` with a suffix."""
+    places = [where, *(where.with_name(where.name + suffix) for suffix in bag_file.SUFFIXES)]
+    for place in places:
+        paths = bag_file.find(place)
+        if paths:
+            return paths
+    raise LogError(
+        f"{where}: no bag there: neither a folder with bags nor one of "
+        f"{', '.join(bag_file.SUFFIXES)}"
+    )
+
+
+def _parted(odometry: Track) -> Track:
+    """The odometry with a gap at each jump, where it was set back and starts anew."""
+    trajectory, notes = vehicle.parted(odometry.name, odometry.trajectory)
+    return replace(odometry, trajectory=trajectory, notes=odometry.notes + notes)
 
 
 def _fixed_transform(where: Path, files: Sequence[BagFile], a: str, b: str) -> NDArray[np.float64]:
     """a_T_b (4, 4) by the fixed transforms of the bags; raises LogError if there is none.
 
-    They are on tf_static, or else repeated on tf.
+    They are on tf_static, or else on tf, where some drivers repeat them.
     """
     for moving in (False, True):
         a_T_b = np.eye(4) if a == b else Tree.read(files, moving).fixed(a, b)
@@ -226,43 +246,36 @@ def _fixed_transform(where: Path, files: Sequence[BagFile], a: str, b: str) -> N
     )
 
 
-def _parted(odometry: Track) -> Track:
-    """The odometry with a gap at each jump, where it was set back and starts anew."""
-    trajectory, notes = vehicle.parted(odometry.name, odometry.trajectory)
-    return replace(odometry, trajectory=trajectory, notes=odometry.notes + notes)
-
-
-def _rows_with_poses(
+def _rows_with_truth(
     clouds: Clouds, truth: Track, odometry: Track | None, skipped: Counter[str]
-) -> tuple[NDArray[np.int64], Poses, Poses, tuple[str, ...]]:
-    """Rows with a true pose, their true poses, their odometry, and notes for the user.
+) -> PosedRows:
+    """The clouds with a true pose, and the sweeps with odometry alone, which submaps gather.
 
-    Sweeps may have odometry alone. Counts the other rows in `skipped`.
+    Counts the other clouds in `skipped`.
     """
     stamps_ns = clouds.stamps_ns
     world_T_body, has_truth = truth.trajectory.at(stamps_ns)
-    odom_T_body, has_odometry = (
-        odometry.trajectory.at(stamps_ns)
-        if odometry
-        else (np.full_like(world_T_body, np.nan), ~has_truth)
-    )
-    is_kept = has_truth | (has_odometry & (odometry is not None) & (clouds.kind == SWEEP))
-    log.count_unknown(stamps_ns[~is_kept], truth.trajectory, skipped)
-    chain = np.zeros(len(stamps_ns), int)
+    odom_T_body = np.full_like(world_T_body, np.nan)
+    is_kept = has_truth.copy()
     if odometry:
+        odom_T_body, has_odometry = odometry.trajectory.at(stamps_ns)
+        if clouds.kind == SWEEP:
+            is_kept |= has_odometry
+    log.count_unknown(stamps_ns[~is_kept], truth.trajectory, skipped)
+    if odometry:
+        # After a break of the odometry, clouds are left out until one has a true pose: only that
+        # says where they are. That one has NaN as odometry, which marks the break.
         breaks_ns = vehicle.breaks_ns(odometry.trajectory)
         chain = np.searchsorted(breaks_ns - ROUNDED_NS, stamps_ns, side="right")
-    for link in np.unique(chain[is_kept])[1:]:
-        rows = np.flatnonzero(is_kept & (chain == link))
-        lead = int(has_truth[rows].argmax()) if has_truth[rows].any() else len(rows)
-        is_kept[rows[:lead]] = False
-        odom_T_body[rows[lead : lead + 1]] = np.nan
-        skipped["between a break of the odometry and the next place"] += lead
+        for number in np.unique(chain[is_kept])[1:]:
+            rows = np.flatnonzero(is_kept & (chain == number))
+            leading = int(has_truth[rows].argmax()) if has_truth[rows].any() else len(rows)
+            is_kept[rows[:leading]] = False
+            odom_T_body[rows[leading : leading + 1]] = np.nan
+            skipped["between a break of the odometry and the next place"] += leading
     rows = np.flatnonzero(is_kept)
     unplaced = int((~has_truth[rows]).sum())
-    notes = (
-        (f"{unplaced:,} of {len(rows):,} sweeps have no place (no pose on {truth.name})",)
-        if unplaced
-        else ()
-    )
-    return rows, world_T_body[rows], odom_T_body[rows], notes
+    notes: tuple[str, ...] = ()
+    if unplaced:
+        notes = (f"{unplaced:,} of {len(rows):,} sweeps have no place (no pose on {truth.name})",)
+    return PosedRows(rows, world_T_body[rows], odom_T_body[rows], notes)

@@ -1,8 +1,13 @@
-"""Reads the clouds or sweeps of bags in order of their stamps, points one message at a time."""
+"""Reads the clouds (PointCloud2) or sweeps (LaserScan) of one topic from the bags of a drive.
+
+Opening reads all headers and sorts the messages by stamp; the points of a message are read from
+the bag when they are asked for, so that only one message is in memory.
+"""
 
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,32 +21,46 @@ from pipeline.formats.pointcloud2 import decode, times_s
 from pipeline.readers.bag_poses import message_stamps
 
 
+class CloudMessage(NamedTuple):
+    """The address of one message."""
+
+    file: BagFile
+    key: Key
+    """Where it is in the bag."""
+    stamp_ns: int
+    """The stamp in its header."""
+
+
 @dataclass(frozen=True)
 class Clouds:
-    """Every message of a topic of PointCloud2 or LaserScan."""
+    """All readable messages of a topic of PointCloud2 or LaserScan."""
 
     topic: str
     kind: str
+    """The type of the messages."""
     stamps_ns: Stamps
     """(cloud,) strictly increasing."""
     frames: set[str]
     """The frame_ids of all messages."""
-    keys: list[tuple[BagFile, Key, int]]
-    """(cloud,) bag, address of the message in it, and the stamp in its header."""
+    messages: list[CloudMessage]
+    """(cloud,)."""
     notes: tuple[str, ...]
+    """Lines for the user."""
 
     @staticmethod
     def read(files: Sequence[BagFile], topic: str, skipped: Counter[str]) -> "Clouds":
-        """Read all headers, with one message in memory at a time.
+        """Read the headers of all messages of `topic`.
 
         Counts in `skipped` broken messages and repeated stamps. Raises LogError for a topic of
         several types, or without any readable message.
         """
-        keys: list[tuple[BagFile, Key, int]] = []
+        messages: list[CloudMessage] = []
         frames: set[str] = set()
         kinds: set[str] = set()
         notes: tuple[str, ...] = ()
-        for file in (file for file in files if topic in file.topics):
+        for file in files:
+            if topic not in file.topics:
+                continue
             kinds.add(file.topics[topic].kind)
             count = 0
             for key, data in file.messages(topic):
@@ -51,7 +70,7 @@ class Clouds:
                 except LogError:
                     skipped["broken message"] += 1
                     continue
-                keys.append((file, key, stamp_ns))
+                messages.append(CloudMessage(file, key, stamp_ns))
                 frames.add(frame)
             if count != file.topics[topic].count:
                 notes += (
@@ -63,25 +82,26 @@ class Clouds:
                 f"{files[0].path}: {topic} is of several types in these bags: "
                 f"{', '.join(sorted(kinds))}"
             )
-        if not keys:
+        if not messages:
             raise LogError(f"{files[0].path}: {topic} holds no message that can be read")
-        times, unstamped = message_stamps(
-            topic, [(stamp_ns, key.received_ns) for _, key, stamp_ns in keys]
+        times, stamp_notes = message_stamps(
+            topic, [(message.stamp_ns, message.key.received_ns) for message in messages]
         )
         order = np.argsort(times, kind="stable")
-        fresh = np.diff(times[order], prepend=np.int64(-1)) > 0
-        skipped["stamp of an earlier one"] += int((~fresh).sum())
-        order = order[fresh]
+        is_new = np.diff(times[order], prepend=np.int64(-1)) > 0
+        skipped["stamp of an earlier one"] += int((~is_new).sum())
+        order = order[is_new]
+        ordered_messages = [messages[i] for i in order]
         return Clouds(
-            topic, kinds.pop(), times[order], frames, [keys[i] for i in order], notes + unstamped
+            topic, kinds.pop(), times[order], frames, ordered_messages, notes + stamp_notes
         )
 
     def points(self, row: int) -> NDArray[np.floating]:
         """Points (n, 3) in metres of one message, in the LiDAR's frame.
 
-        Raises LogError for a broken one.
+        Raises LogError for a broken message.
         """
-        file, key, stamp_ns = self.keys[row]
+        file, key, stamp_ns = self.messages[row]
         data = file.read(key)
         try:
             if header(data, file.ros)[0] != stamp_ns:
@@ -94,11 +114,11 @@ class Clouds:
             ) from None
 
     def times_s(self, row: int) -> NDArray[np.float64] | None:
-        """Seconds (n,) after the stamp at which each point of a message was measured.
+        """Seconds (n,) after the stamp at which each point of one message was measured.
 
-        None where a message does not say. Raises LogError for a broken one.
+        None if the message has no times. Raises LogError for a broken message.
         """
-        file, key, _ = self.keys[row]
         if self.kind != CLOUD:
             return None
+        file, key, _ = self.messages[row]
         return times_s(file.decode(file.read(key), self.kind), int(self.stamps_ns[row]))

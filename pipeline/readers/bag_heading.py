@@ -1,8 +1,13 @@
-"""Reads how far a vehicle turned by the gyroscope of an IMU in bags (REP 145)."""
+"""Integrates the gyroscope of an IMU in bags (REP 145) into the heading of the vehicle.
+
+Where a log has neither poses nor odometry, the heading is a first guess of how the vehicle turned
+between two scans.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from operator import itemgetter
+from operator import attrgetter
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,35 +20,37 @@ from pipeline.formats.messages import header
 from pipeline.readers.bag_poses import Tree, longest_increasing, message_stamps
 
 UNMEASURED = -1.0
-"""The first covariance of what an IMU does not measure."""
+"""The first number of the covariance of what an IMU does not measure, by REP 145."""
 
 
 @dataclass(frozen=True)
 class Heading:
-    """How far a vehicle turned to its left since the first reading."""
+    """The angle by which a vehicle turned to its left since the first reading, over time."""
 
     stamps_ns: Stamps
     """(n,) increasing."""
     heading_rad: NDArray[np.float64]
-    """(n,)."""
+    """(n,) in radians, not wrapped at a full turn."""
     max_gap_s: float
+    """Readings further apart than this are a gap."""
     notes: tuple[str, ...]
+    """Lines for the user."""
 
     def at(self, stamps_ns: Stamps) -> NDArray[np.float64]:
-        """The heading (m,) in radians at stamps (m,).
+        """The heading (m,) in radians at increasing stamps (m,), interpolated linearly.
 
-        NaN where no readings are around, and in the first row after a gap.
+        NaN in gaps, beyond the ends, and in the first row after a gap.
         """
-        first_ns = self.stamps_ns[0]  # float64 has 256 ns of what is counted since 1970
+        # np.interp computes in float64, which resolves only 256 ns of a time since 1970
+        first_ns = self.stamps_ns[0]
         known_ns = self.stamps_ns - first_ns
-        since_ns = stamps_ns - first_ns
-        heading_rad = np.interp(since_ns, known_ns, self.heading_rad, left=np.nan, right=np.nan)
+        query_ns = stamps_ns - first_ns
+        heading_rad = np.interp(query_ns, known_ns, self.heading_rad, left=np.nan, right=np.nan)
         is_gap = np.diff(self.stamps_ns) > self.max_gap_s * 1e9
-        after_ns = self.stamps_ns[1:][is_gap]
-        before_ns = self.stamps_ns[:-1][is_gap]
-        chain = np.searchsorted(after_ns, stamps_ns, side="right")
-        heading_rad[np.searchsorted(before_ns, stamps_ns, side="left") > chain] = np.nan
-        heading_rad[1:][np.diff(chain) > 0] = np.nan
+        gaps_begun = np.searchsorted(self.stamps_ns[:-1][is_gap], stamps_ns, side="left")
+        gaps_ended = np.searchsorted(self.stamps_ns[1:][is_gap], stamps_ns, side="right")
+        heading_rad[gaps_begun > gaps_ended] = np.nan
+        heading_rad[1:][np.diff(gaps_ended) > 0] = np.nan
         return np.asarray(heading_rad)
 
 
@@ -54,41 +61,58 @@ def heading(
     vehicle_R_lidar: NDArray[np.float64],
     max_gap_s: float,
 ) -> Heading:
-    """The heading of a vehicle by an IMU's rates of turn.
+    """The heading of a vehicle, integrated from the rates of turn of an IMU's topic.
 
-    `vehicle_R_lidar` (3, 3) and the fixed transforms between LiDAR and IMU say which axis is up;
-    without these transforms it is the IMU's z. Raises LogError where no message says a rate.
+    `vehicle_R_lidar` (3, 3) and the fixed transforms between the frames of LiDAR and IMU give the
+    IMU's axis that points up; without such transforms its z axis is taken. Raises LogError if no
+    message has a rate of turn.
     """
-    readings: list[tuple[int, int, tuple[float, float, float]]] = []
-    frames: set[str] = set()
+    readings = _readings(files, topic)
+    if not readings:
+        raise LogError(f"{files[0].path}: {topic} holds no rate of turn that can be read")
+    times, notes = message_stamps(
+        topic, [(reading.stamp_ns, reading.received_ns) for reading in readings]
+    )
+    rows = longest_increasing(times)
+    rates_rad_s = np.array([reading.rate_rad_s for reading in readings])[rows]
+    stamps_ns = times[rows]
+    imu_frames = {reading.frame for reading in readings}
+    up, up_notes = _up(files, topic, lidar_frames, imu_frames, vehicle_R_lidar)
+    yaw_rad_s = rates_rad_s @ up
+    turns_rad = (yaw_rad_s[1:] + yaw_rad_s[:-1]) / 2 * np.diff(stamps_ns) / 1e9
+    heading_rad = np.concatenate([[0.0], np.cumsum(turns_rad)])
+    return Heading(stamps_ns, heading_rad, max_gap_s, notes + up_notes)
+
+
+class _Reading(NamedTuple):
+    """What is used of one message of an IMU."""
+
+    received_ns: int
+    stamp_ns: int
+    frame: str
+    rate_rad_s: tuple[float, float, float]
+    """How fast the IMU turned about its x, y and z axes."""
+
+
+def _readings(files: Sequence[BagFile], topic: str) -> list[_Reading]:
+    """The messages of a topic that hold a rate of turn, in order of receipt."""
+    readings: list[_Reading] = []
     for file in files:
-        for key, data in file.messages(topic) if topic in file.topics else ():
+        if topic not in file.topics:
+            continue
+        for key, data in file.messages(topic):
             try:
                 stamp_ns, frame = header(data, file.ros)
                 message = file.decode(data, IMU)
             except LogError:
                 continue
-            rate = message.angular_velocity
-            numbers = (float(rate.x), float(rate.y), float(rate.z))
+            velocity = message.angular_velocity
+            rate_rad_s = (float(velocity.x), float(velocity.y), float(velocity.z))
             is_measured = message.angular_velocity_covariance[0] != UNMEASURED
-            if is_measured and np.isfinite(numbers).all():
-                readings.append((key.received_ns, stamp_ns, numbers))
-                frames.add(frame)
-    if not readings:
-        raise LogError(f"{files[0].path}: {topic} holds no rate of turn that can be read")
-    readings.sort(key=itemgetter(0))
-    times, notes = message_stamps(
-        topic, [(stamp_ns, received_ns) for received_ns, stamp_ns, _ in readings]
-    )
-    rows = longest_increasing(times)
-    rates_rad_s = np.array([numbers for *_, numbers in readings])[rows]
-    stamps_ns = times[rows]
-    up, up_notes = _up(files, topic, lidar_frames, frames, vehicle_R_lidar)
-    yaw_rad_s = rates_rad_s @ up
-    turns_rad = (yaw_rad_s[1:] + yaw_rad_s[:-1]) / 2 * np.diff(stamps_ns) / 1e9
-    heading_rad = np.concatenate([[0.0], np.cumsum(turns_rad)])
-    notes += up_notes
-    return Heading(stamps_ns, heading_rad, max_gap_s, notes)
+            if is_measured and np.isfinite(rate_rad_s).all():
+                readings.append(_Reading(key.received_ns, stamp_ns, frame, rate_rad_s))
+    readings.sort(key=attrgetter("received_ns"))
+    return readings
 
 
 def _up(
@@ -98,7 +122,7 @@ def _up(
     imu_frames: set[str],
     vehicle_R_lidar: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], tuple[str, ...]]:
-    """The vehicle's z axis (3,) in the frame of the IMU, and a note where that is not known."""
+    """The vehicle's z axis (3,) in the frame of the IMU, and a note where it is only assumed."""
     if len(lidar_frames) == len(imu_frames) == 1:
         (lidar,) = lidar_frames
         (imu,) = imu_frames

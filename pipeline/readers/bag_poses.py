@@ -1,10 +1,16 @@
-"""Reads the poses of bags: from a topic, or from the tree of transforms in tf messages."""
+"""Reads the poses of a vehicle from bags: bags and a source's name in; a Track of poses out.
+
+A source is a topic with poses (Odometry, PoseStamped, PoseWithCovarianceStamped), or
+tf:PARENT>CHILD: then the transforms in the tf messages, each between two neighbouring frames, are
+chained from the frame PARENT to the frame CHILD.
+"""
 
 from bisect import bisect_left
 from collections import defaultdict, deque
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from operator import itemgetter
+from operator import attrgetter
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,8 +30,12 @@ from pipeline.formats.messages import (
 from pipeline.readers.log import LATEST_NS, Uncertainty
 
 KINDS = (ODOMETRY, POSE, POSE_COVARIANCE)
+"""The types of messages that hold a pose."""
 STILL = 1e-6
 """A transform whose entries (metres, rotation matrix) never change by more than this is fixed."""
+
+Edge = tuple[str, str]
+"""The frames (parent, child) that a transform leads between."""
 
 
 @dataclass(frozen=True)
@@ -40,59 +50,41 @@ class Track:
     child: str | None
     """The frame of the body; None where the messages do not name it."""
     notes: tuple[str, ...]
+    """Lines for the user."""
     uncertainty: Uncertainty | None = None
-    """Of the poses; None of transforms, which have none."""
+    """The variance of the poses by their messages; None for transforms, which have none."""
 
 
 def track(files: Sequence[BagFile], name: str, max_gap_s: float) -> Track:
-    """The poses of the topic or tf:PARENT>CHILD `name`, NaN where a message has no valid pose.
+    """The poses of the source `name`, NaN where a message has no valid pose.
 
-    Raises LogError if none exist.
+    Poses further apart than `max_gap_s` are a gap. Raises LogError if the bags hold no such pose,
+    or poses in several frames.
     """
     if name.startswith("tf:"):
         parent, _, child = name.removeprefix("tf:").partition(">")
         return Tree.read(files, moving=True).track(parent, child, max_gap_s)
-    messages: list[tuple[int, int, tuple[float, ...], tuple[float, float]]] = []
-    frames: set[str] = set()
-    children: set[str] = set()
-    broken = 0
-    for file in files:
-        kind = file.topics[name].kind if name in file.topics else ""
-        for key, data in file.messages(name) if kind in KINDS else ():
-            try:
-                (stamp_ns, frame) = header(data, file.ros)
-                message = file.decode(data, kind)
-            except LogError:
-                broken += 1
-                continue
-            messages.append(
-                (
-                    key.received_ns,
-                    stamp_ns,
-                    pose_numbers(message, kind),
-                    gathered_variance(message, kind),
-                )
-            )
-            frames.add(frame)
-            children.update([frame_name(message.child_frame_id)] if kind == ODOMETRY else [])
+    where = files[0].path
+    messages, broken = _pose_messages(files, name)
+    frames = {message.frame for message in messages}
+    children = {message.child for message in messages if message.child is not None}
     for preposition, frame_names in (("in", frames), ("of", children)):
         if len(frame_names) > 1:
             raise LogError(
-                f"{files[0].path}: {name} gives poses {preposition} several frames: "
+                f"{where}: {name} gives poses {preposition} several frames: "
                 f"{', '.join(sorted(frame_names)):.80}"
             )
     if not messages:
-        raise LogError(f"{files[0].path}: {name} holds no pose that can be read")
-    messages.sort(key=itemgetter(0))
+        raise LogError(f"{where}: {name} holds no pose that can be read")
     times, notes = message_stamps(
-        name, [(stamp_ns, received_ns) for received_ns, stamp_ns, *_ in messages]
+        name, [(message.stamp_ns, message.received_ns) for message in messages]
     )
-    notes += (f"{name}: {broken:,} broken messages are left out",) if broken else ()
-    topic_trajectory, left_out = trajectory(
-        name, times, poses([numbers for _, _, numbers, _ in messages]), max_gap_s
-    )
+    if broken:
+        notes += (f"{name}: {broken:,} broken messages are left out",)
+    world_T_body = poses([message.numbers for message in messages])
+    topic_trajectory, left_out = trajectory(name, times, world_T_body, max_gap_s)
     rows = longest_increasing(times)
-    variances = np.array([variance for *_, variance in messages], np.float64)[rows]
+    variances = np.array([message.variance for message in messages], np.float64)[rows]
     return Track(
         name,
         topic_trajectory,
@@ -103,32 +95,80 @@ def track(files: Sequence[BagFile], name: str, max_gap_s: float) -> Track:
     )
 
 
+class _PoseMessage(NamedTuple):
+    """What is used of one message with a pose."""
+
+    received_ns: int
+    stamp_ns: int
+    frame: str
+    child: str | None
+    """The frame of the body; None for a type of message that does not name it."""
+    numbers: tuple[float, ...]
+    """Position and quaternion."""
+    variance: tuple[float, float]
+    """Of the position in m² and of the heading in rad²."""
+
+
+def _pose_messages(files: Sequence[BagFile], topic: str) -> tuple[list[_PoseMessage], int]:
+    """The messages of a topic with poses, in order of receipt, and the count of broken ones."""
+    messages: list[_PoseMessage] = []
+    broken = 0
+    for file in files:
+        kind = file.topics[topic].kind if topic in file.topics else ""
+        if kind not in KINDS:
+            continue
+        for key, data in file.messages(topic):
+            try:
+                stamp_ns, frame = header(data, file.ros)
+                message = file.decode(data, kind)
+            except LogError:
+                broken += 1
+                continue
+            child = frame_name(message.child_frame_id) if kind == ODOMETRY else None
+            numbers = pose_numbers(message, kind)
+            variance = gathered_variance(message, kind)
+            messages.append(
+                _PoseMessage(key.received_ns, stamp_ns, frame, child, numbers, variance)
+            )
+    messages.sort(key=attrgetter("received_ns"))
+    return messages, broken
+
+
+class _Link(NamedTuple):
+    """One transform in a chain of transforms."""
+
+    edge: Edge
+    is_forward: bool
+    """Whether the chain leads from the transform's parent to its child, else backward."""
+
+
+class _TransformMessage(NamedTuple):
+    """One transform of a tf message."""
+
+    received_ns: int
+    stamp_ns: int
+    numbers: tuple[float, ...]
+    """Translation and quaternion."""
+
+
 @dataclass(frozen=True)
 class Tree:
-    """The transforms of tf messages: for each pair of frames (parent, child), stamps and poses."""
+    """The transforms of tf messages, which make a tree of frames."""
 
     where: str
-    edges: dict[tuple[str, str], tuple[Stamps, Poses]]
+    """The path of the first bag, for errors."""
+    edges: dict[Edge, tuple[Stamps, Poses]]
+    """For each pair of frames the stamps (n,) and parent_T_child (n, 4, 4), in order of receipt."""
     broken: int
     """Messages that could not be read."""
 
     @staticmethod
     def read(files: Sequence[BagFile], moving: bool) -> "Tree":
         """Read the transforms of the topics that end in tf_static; with `moving`, of all topics."""
-        numbers_by_edge: dict[tuple[str, str], list[tuple[int, int, tuple[float, ...]]]] = (
-            defaultdict(list)
-        )
+        messages_by_edge: dict[Edge, list[_TransformMessage]] = defaultdict(list)
         broken = 0
-        topics = (
-            (file, name)
-            for file in files
-            for name, topic in file.topics.items()
-            if topic.kind == TRANSFORMS
-        )
-        for file, name in (
-            (file, name) for file, name in topics if moving or name.endswith("tf_static")
-        ):
-            for key, data in file.messages(name):
+        for file, topic in _transform_topics(files, moving):
+            for key, data in file.messages(topic):
                 try:
                     message = file.decode(data, TRANSFORMS)
                 except LogError:
@@ -136,40 +176,37 @@ class Tree:
                     continue
                 for stamped in message.transforms:
                     stamp = stamped.header.stamp
-                    edge = (frame_name(stamped.header.frame_id), frame_name(stamped.child_frame_id))
                     stamp_ns = stamp.sec * 10**9 + stamp.nanosec
-                    numbers_by_edge[edge].append(
-                        (key.received_ns, stamp_ns, transform_numbers(stamped))
+                    numbers = transform_numbers(stamped)
+                    edge = (frame_name(stamped.header.frame_id), frame_name(stamped.child_frame_id))
+                    messages_by_edge[edge].append(
+                        _TransformMessage(key.received_ns, stamp_ns, numbers)
                     )
-        edges: dict[tuple[str, str], tuple[Stamps, Poses]] = {}
-        for edge, rows in numbers_by_edge.items():
-            rows.sort(key=itemgetter(0))
-            parent_T_child = poses([numbers for _, _, numbers in rows])
+        edges: dict[Edge, tuple[Stamps, Poses]] = {}
+        for edge, messages in messages_by_edge.items():
+            messages.sort(key=attrgetter("received_ns"))
+            stamps_ns = np.array([message.stamp_ns for message in messages], np.int64)
+            parent_T_child = poses([message.numbers for message in messages])
             has_pose = np.isfinite(parent_T_child[:, 0, 0])
             if has_pose.any():
-                edges[edge] = (
-                    np.array([stamp_ns for _, stamp_ns, _ in rows], np.int64)[has_pose],
-                    parent_T_child[has_pose],
-                )
+                edges[edge] = (stamps_ns[has_pose], parent_T_child[has_pose])
         return Tree(str(files[0].path), edges, broken)
 
     def fixed(self, a: str, b: str) -> NDArray[np.float64] | None:
         """a_T_b (4, 4) by a chain of fixed transforms; None where there is none."""
-        way = self._way(
-            {edge for edge, (_, edge_poses) in self.edges.items() if _still(edge_poses)}, a, b
-        )
-        if way is None:
+        chain = _chain({edge for edge in self.edges if self._is_fixed(edge)}, a, b)
+        if chain is None:
             return None
         a_T_b = np.eye(4)
-        for edge, forward in way:
-            step = self.edges[edge][1][-1]
-            a_T_b = a_T_b @ (step if forward else np.linalg.inv(step))
+        for edge, is_forward in chain:
+            parent_T_child = self.edges[edge][1][-1]
+            a_T_b = a_T_b @ (parent_T_child if is_forward else np.linalg.inv(parent_T_child))
         return a_T_b
 
     def moves(self, a: str, b: str) -> bool:
         """Whether transforms lead from a to b, and at least one of them changes over time."""
-        way = self._way(set(self.edges), a, b)
-        return any(not _still(self.edges[edge][1]) for edge, _ in way or ())
+        chain = _chain(self.edges, a, b) or []
+        return any(not self._is_fixed(link.edge) for link in chain)
 
     def track(self, parent: str, child: str, max_gap_s: float) -> Track:
         """parent_T_child at the stamps of the most frequent moving transform of the chain.
@@ -178,70 +215,75 @@ class Tree:
         to child, or none of them moves.
         """
         name = f"tf:{parent}>{child}"
-        way = self._way(set(self.edges), parent, child)
-        if way is None:
+        chain = _chain(self.edges, parent, child)
+        if chain is None:
             edge_names = ", ".join(f"{a}>{b}" for a, b in sorted(self.edges)) or "none"
             raise LogError(
                 f"{self.where}: no transforms lead from {parent} to {child}; those that it holds: "
                 f"{edge_names:.400}"
             )
-        moving = [edge for edge, _ in way if not _still(self.edges[edge][1])]
+        moving = [link.edge for link in chain if not self._is_fixed(link.edge)]
         if not moving:
             raise LogError(
                 f"{self.where}: {name} never changes, so it is no path; name the frame that the "
                 "vehicle moves in"
             )
-        notes: tuple[str, ...] = (
-            (f"{name}: {self.broken:,} broken messages of transforms are left out",)
-            if self.broken
-            else ()
-        )
-        trajectories = {}
+        notes: tuple[str, ...] = ()
+        if self.broken:
+            notes += (f"{name}: {self.broken:,} broken messages of transforms are left out",)
+        trajectories: dict[Edge, Trajectory] = {}
         for edge in moving:
             trajectories[edge], left_out = trajectory(">".join(edge), *self.edges[edge], max_gap_s)
             notes += left_out
         stamps_ns = max((trajectory.stamps_ns for trajectory in trajectories.values()), key=len)
         parent_T_child = np.tile(np.eye(4), (len(stamps_ns), 1, 1))
-        for edge, forward in way:
-            steps = (
-                trajectories[edge].at(stamps_ns)[0]
-                if edge in trajectories
-                else self.edges[edge][1][-1:]
-            )
-            parent_T_child = parent_T_child @ (steps if forward else np.linalg.inv(steps))
+        for edge, is_forward in chain:
+            steps = self.edges[edge][1][-1:]
+            if edge in trajectories:
+                steps = trajectories[edge].at(stamps_ns)[0]
+            parent_T_child = parent_T_child @ (steps if is_forward else np.linalg.inv(steps))
         return Track(name, Trajectory(stamps_ns, parent_T_child, max_gap_s), parent, child, notes)
 
-    @staticmethod
-    def _way(
-        edges: set[tuple[str, str]], a: str, b: str
-    ) -> list[tuple[tuple[str, str], bool]] | None:
-        """The shortest chain from a to b: its edges, and whether each leads from parent to child.
-
-        None where there is none.
-        """
-        ways: dict[str, list[tuple[tuple[str, str], bool]]] = {a: []}
-        queue = deque([a])
-        while queue and b not in ways:
-            frame = queue.popleft()
-            for edge in sorted(edges):
-                if frame in edge:
-                    forward = edge[0] == frame
-                    neighbour = edge[forward]
-                    if neighbour not in ways:
-                        ways[neighbour] = [*ways[frame], (edge, forward)]
-                        queue.append(neighbour)
-        return ways.get(b)
+    def _is_fixed(self, edge: Edge) -> bool:
+        """Whether a transform never changes by more than STILL."""
+        edge_poses = self.edges[edge][1]
+        return bool((np.abs(edge_poses - edge_poses[-1]) <= STILL).all())
 
 
-def _still(edge_poses: Poses) -> bool:
-    """Whether a transform (n, 4, 4) never changes by more than STILL."""
-    return bool((np.abs(edge_poses - edge_poses[-1]) <= STILL).all())
+def _transform_topics(files: Sequence[BagFile], moving: bool) -> Iterator[tuple[BagFile, str]]:
+    """Each bag and topic of tf messages; without `moving`, only the topics of fixed transforms."""
+    for file in files:
+        for name, topic in file.topics.items():
+            if topic.kind == TRANSFORMS and (moving or name.endswith("tf_static")):
+                yield file, name
+
+
+def _chain(edges: Iterable[Edge], a: str, b: str) -> list[_Link] | None:
+    """The shortest chain of transforms from frame a to frame b, by breadth-first search.
+
+    None where there is none.
+    """
+    edges = sorted(edges)
+    chains: dict[str, list[_Link]] = {a: []}
+    queue = deque([a])
+    while queue and b not in chains:
+        frame = queue.popleft()
+        for parent, child in edges:
+            if frame not in (parent, child):
+                continue
+            is_forward = frame == parent
+            neighbour = child if is_forward else parent
+            if neighbour not in chains:
+                chains[neighbour] = [*chains[frame], _Link((parent, child), is_forward)]
+                queue.append(neighbour)
+    return chains.get(b)
 
 
 def message_stamps(name: str, stamps: Sequence[tuple[int, int]]) -> tuple[Stamps, tuple[str, ...]]:
-    """Stamps (n,) in ns from pairs of header stamp and time of receipt.
+    """Stamps (n,) in ns of the messages of topic `name`, and notes for the user.
 
-    The times of receipt, with a note, are taken if all header stamps are 0.
+    `stamps` are pairs of the stamp in the header and the time of receipt, in ns. The times of
+    receipt are taken, with a note, if all header stamps are 0.
     """
     pairs_ns = np.array(
         [(stamp, min(max(received, 0), LATEST_NS)) for stamp, received in stamps], np.int64
@@ -252,25 +294,29 @@ def message_stamps(name: str, stamps: Sequence[tuple[int, int]]) -> tuple[Stamps
 
 
 def longest_increasing(stamps_ns: Stamps) -> NDArray[np.int64]:
-    """Rows of a longest subsequence of strictly increasing stamps: the fewest rows are dropped."""
+    """Rows (k,) of a longest subsequence of strictly increasing stamps (n,).
+
+    So the fewest messages are dropped. It is patience sorting: `ends` holds the smallest stamp that
+    a subsequence of each length can end in.
+    """
     ends: list[int] = []
-    rows: list[int] = []
-    before = np.full(len(stamps_ns), -1)
+    end_rows: list[int] = []
+    previous_row = np.full(len(stamps_ns), -1)
     for row, stamp in enumerate(stamps_ns.tolist()):
         length = bisect_left(ends, stamp)
-        before[row] = rows[length - 1] if length else -1
+        previous_row[row] = end_rows[length - 1] if length else -1
         ends[length : length + 1] = [stamp]
-        rows[length : length + 1] = [row]
-    chain = rows[-1:]
-    while chain and before[chain[-1]] >= 0:
-        chain.append(int(before[chain[-1]]))
-    return np.array(chain[::-1], np.int64)
+        end_rows[length : length + 1] = [row]
+    rows = end_rows[-1:]
+    while rows and previous_row[rows[-1]] >= 0:
+        rows.append(int(previous_row[rows[-1]]))
+    return np.array(rows[::-1], np.int64)
 
 
 def trajectory(
     name: str, times: Stamps, world_T_body: Poses, max_gap_s: float
 ) -> tuple[Trajectory, tuple[str, ...]]:
-    """Poses (n, 4, 4) as a trajectory, and notes on the poses that are left out."""
+    """Poses (n, 4, 4) at `times` (n,) as a trajectory, and notes on the poses that are left out."""
     rows = longest_increasing(times)
     unposed = int(np.isnan(world_T_body[rows, 0, 0]).sum())
     counts = {
