@@ -1,8 +1,10 @@
-"""Reads CARMEN logs of a robot with 2-D lasers, as published by Freiburg and MIT (METHODS 7.5).
+"""Reads a CARMEN log of a robot with 2-D lasers as a Log (METHODS 7.5).
 
-ROOT/NAME.log, .log.gz or .clf, or the same in a folder below ROOT, is the sequence NAME. Its sweeps
-carry corrected poses, the truth; the odometry readings between them jump to each corrected pose and
-drift from there: their steps are what wheels measured.
+Freiburg and MIT published such logs. ROOT/NAME.log, .log.gz or .clf, or the same in a folder below
+ROOT, is the sequence NAME. A corrected log has corrected poses, the truth, at its sweeps; the
+odometry readings between two sweeps start at the corrected pose and drift from there, so their
+steps are what the wheels measured. A raw log has the odometry at its sweeps; then a corrected log
+beside it has the truth.
 """
 
 from collections import Counter
@@ -10,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +26,7 @@ from pipeline.readers import log
 from pipeline.readers.log import Log
 
 LIMIT_PARAMS: dict[Laser, str] = {"front": "robot_front_laser_max", "rear": "robot_rear_laser_max"}
+"""The parameter of a log with the largest range of each laser."""
 NEAR_LIMIT_M = 0.02
 """Ranges this near to the limit count as beyond it, since they are written with two digits."""
 
@@ -32,13 +36,14 @@ class Carmen:
     """A folder of CARMEN logs."""
 
     lasers: Sequence[Laser] = ("front",)
+    """The lasers whose sweeps are read."""
     corrected: str | None = None
-    """The corrected log beside a raw one, such as {sequence}.gfs.log; matched by stamp, or by order
-    where stamps stand still."""
+    """The name of the corrected log beside a raw one, such as {sequence}.gfs.log. Its sweeps are
+    matched by stamp, or by order where stamps stand still."""
     limit_m: float | None = None
-    """Ranges in metres from here on are no hits; None: as the log declares it."""
+    """Ranges in metres from here on are no hits; None: the log declares the limit."""
     lift_m: float = 7.0
-    """Metres added to z: the height that stands for an occupied spot."""
+    """Metres added to z: the height by which views of heights mark an occupied spot."""
     sweep_s: Positive = 1.0
     """Seconds between two sweeps of a log whose stamps stand still."""
 
@@ -62,51 +67,57 @@ class Carmen:
         sweeps = [
             sweep for sweep in records.sweeps if sweep.laser in self.lasers and len(sweep.ranges_m)
         ]
-        records.skipped["sweep of another laser, or without beams"] += len(records.sweeps) - len(
-            sweeps
-        )
+        left_out = len(records.sweeps) - len(sweeps)
+        records.skipped["sweep of another laser, or without beams"] += left_out
         if not sweeps:
             raise LogError(
                 f"{path}: no sweep of a {' or '.join(self.lasers)} laser; reader.lasers says which "
                 "to read"
             )
-        stamps_ns, order, notes = self._stamps(path, sweeps, records.skipped)
-        sweeps = [sweeps[row] for row in order]
-        odom_T_scan = _odometry(records, sweeps, raw=self.corrected is not None)
+        # stamps
+        stamps = self._stamps(path, sweeps, records.skipped)
+        sweeps = [sweeps[row] for row in stamps.rows]
+        notes: list[str] = []
+        if stamps.are_counted:
+            notes.append(f"its stamps stand still: sweeps are counted, {self.sweep_s:g} s each")
+        # poses
+        is_raw = self.corrected is not None
+        odom_T_scan = _odometry(records, sweeps, is_raw)
         world_T_scan = _planar([sweep.robot_pose for sweep in sweeps])
         if self.corrected is not None:
             corrected_path = path.with_name(self.corrected.format(sequence=sequence))
-            world_T_scan = self._truth(corrected_path, stamps_ns, bool(notes), records.skipped)
-        placed: NDArray[np.bool_] = np.all(np.isfinite(world_T_scan), axis=(1, 2))
-        log.refuse_poses(path, world_T_scan, placed)
+            world_T_scan = self._truth(corrected_path, stamps, records.skipped)
+        has_truth: NDArray[np.bool_] = np.all(np.isfinite(world_T_scan), axis=(1, 2))
+        log.refuse_poses(path, world_T_scan, has_truth)
+        posed_rows = np.flatnonzero(has_truth | np.isfinite(odom_T_scan).all(axis=(1, 2)))
+        # ranges
         limits_m = [self._limit_m(records, sweep) for sweep in sweeps]
         beyond_limit = sum(
             int((sweep.ranges_m >= limit_m).sum())
             for sweep, limit_m in zip(sweeps, limits_m, strict=True)
         )
-        beams = sum(len(sweep.ranges_m) for sweep in sweeps)
         if beyond_limit:
-            notes += (
+            beams = sum(len(sweep.ranges_m) for sweep in sweeps)
+            notes.append(
                 f"{beyond_limit} of {beams} ranges reached the laser's limit of "
-                f"{max(limits_m):.2f} m: no hits",
+                f"{max(limits_m):.2f} m: no hits"
             )
-        if self.corrected is None and not _repeated(records, sweeps):
-            notes += (
+        if not is_raw and not _repeats_poses(records, sweeps):
+            notes.append(
                 "no reading of the odometry repeats a sweep's pose: is it a raw log? Then "
-                "reader.corrected names its truth",
+                "reader.corrected names its truth"
             )
-        posed_rows = np.flatnonzero(placed | np.isfinite(odom_T_scan).all(axis=(1, 2)))
 
         def points(row: int) -> NDArray[np.float64]:
             return sweep_points(sweeps[posed_rows[row]], limits_m[posed_rows[row]], self.lift_m)
 
         return Log(
-            stamps_ns[posed_rows],
+            stamps.stamps_ns[posed_rows],
             world_T_scan[posed_rows],
             odom_T_scan[posed_rows],
             points,
             +records.skipped,
-            notes,
+            tuple(notes),
         )
 
     def sequences(self, root: Path) -> dict[str, list[str]]:
@@ -118,23 +129,24 @@ class Carmen:
         return {name: [] if path.is_file() else [path.name] for name, path in truth_paths.items()}
 
     def _files(self, root: Path) -> dict[str, Path]:
-        """The logs below the root by their names; those of corrected poses are no sequences."""
-        paths = [
-            (end, path)
-            for end in carmen.SUFFIXES
-            for place in ("*/*", "*")
-            for path in root.glob(place + end)
-        ]
-        logs = {path.name.removesuffix(end): path for end, path in paths if path.is_file()}
-        corrected = (
-            {self.corrected.format(sequence=name) for name in logs} if self.corrected else set()
-        )
-        return {name: path for name, path in logs.items() if path.name not in corrected}
+        """The logs below the root by their names; corrected logs beside raw ones are left out."""
+        logs: dict[str, Path] = {}
+        for suffix in carmen.SUFFIXES:
+            for place in ("*/*", "*"):
+                for path in root.glob(place + suffix):
+                    if path.is_file():
+                        logs[path.name.removesuffix(suffix)] = path
+        corrected_names = set()
+        if self.corrected:
+            corrected_names = {self.corrected.format(sequence=name) for name in logs}
+        return {name: path for name, path in logs.items() if path.name not in corrected_names}
 
-    def _stamps(
-        self, path: Path, sweeps: Sequence[Sweep], skipped: Counter[str]
-    ) -> tuple[Stamps, NDArray[np.int64], tuple[str, ...]]:
-        """Increasing stamps (n,) in ns, the rows (n,) of their sweeps, and notes for the user."""
+    def _stamps(self, path: Path, sweeps: Sequence[Sweep], skipped: Counter[str]) -> "_SweepStamps":
+        """The stamps of the sweeps; counts in `skipped` the sweeps whose stamp does not increase.
+
+        Where the stamps of half of the sweeps or more do not increase, they stand still, and the
+        sweeps are counted instead.
+        """
         stamps_s = np.array([sweep.stamp_s for sweep in sweeps])
         if not (np.abs(stamps_s) < log.LATEST_NS / 1e9).all():
             raise LogError(
@@ -142,74 +154,106 @@ class Carmen:
                 "time in s"
             )
         stamps_ns = np.rint(stamps_s * 1e9).astype(np.int64)
-        latest = np.maximum.accumulate(np.concatenate([[stamps_ns[0] - 1], stamps_ns[:-1]]))
-        fresh = np.flatnonzero(stamps_ns > latest)
-        # also where they stand still in part: some logs write seconds with six digits
-        if len(fresh) <= len(sweeps) / 2:
-            counted_ns = np.rint(np.arange(len(sweeps)) * self.sweep_s * 1e9).astype(np.int64)
-            return (
-                counted_ns,
-                np.arange(len(sweeps)),
-                (f"its stamps stand still: sweeps are counted, {self.sweep_s:g} s each",),
-            )
-        skipped["stamp of an earlier one"] += len(sweeps) - len(fresh)
-        return stamps_ns[fresh], fresh, ()
+        latest_before = np.maximum.accumulate(np.concatenate([[stamps_ns[0] - 1], stamps_ns[:-1]]))
+        increasing_rows = np.flatnonzero(stamps_ns > latest_before)
+        # not only where all stand still: some logs write seconds since 1970 with six digits
+        if len(increasing_rows) <= len(sweeps) / 2:
+            rows = np.arange(len(sweeps))
+            counted_ns = np.rint(rows * self.sweep_s * 1e9).astype(np.int64)
+            return _SweepStamps(counted_ns, rows, are_counted=True)
+        skipped["stamp of an earlier one"] += len(sweeps) - len(increasing_rows)
+        return _SweepStamps(stamps_ns[increasing_rows], increasing_rows, are_counted=False)
 
-    def _truth(self, path: Path, stamps_ns: Stamps, by_order: bool, skipped: Counter[str]) -> Poses:
-        """Corrected poses (sweep, 4, 4) of a second file; NaN where it has none."""
+    def _truth(self, path: Path, stamps: "_SweepStamps", skipped: Counter[str]) -> Poses:
+        """The poses (sweep, 4, 4) in the corrected log `path`; NaN for a sweep that it lacks.
+
+        Raises LogError if the corrected log does not fit the sweeps.
+        """
         sweeps = [sweep for sweep in carmen.read(path).sweeps if sweep.laser in self.lasers]
         poses = _planar([sweep.robot_pose for sweep in sweeps])
-        if by_order:
-            if len(sweeps) != len(stamps_ns):
+        count = len(stamps.stamps_ns)
+        if stamps.are_counted:
+            if len(sweeps) != count:
                 raise LogError(
-                    f"{path}: {len(sweeps)} corrected poses for {len(stamps_ns)} sweeps without "
-                    "stamps"
+                    f"{path}: {len(sweeps)} corrected poses for {count} sweeps without stamps"
                 )
             return poses
-        rows = {round(sweep.stamp_s * 1e3): row for row, sweep in enumerate(sweeps)}
-        pose_rows = [rows.get(round(stamp / 1e6)) for stamp in stamps_ns.tolist()]
-        skipped["no corrected pose"] += pose_rows.count(None)
-        if not any(row is not None for row in pose_rows):
+        row_by_ms = {round(sweep.stamp_s * 1e3): row for row, sweep in enumerate(sweeps)}
+        world_T_scan = np.full((count, 4, 4), np.nan)
+        found = 0
+        for scan, stamp_ns in enumerate(stamps.stamps_ns.tolist()):
+            row = row_by_ms.get(round(stamp_ns / 1e6))
+            if row is not None:
+                world_T_scan[scan] = poses[row]
+                found += 1
+        skipped["no corrected pose"] += count - found
+        if not found:
             raise LogError(f"{path}: no corrected pose has the stamp of a sweep")
-        return np.stack(
-            [np.full((4, 4), np.nan) if row is None else poses[row] for row in pose_rows]
-        )
+        return world_T_scan
 
     def _limit_m(self, records: Records, sweep: Sweep) -> float:
         """The range in metres from which on a beam of the sweep has no hit; inf where unknown."""
         if self.limit_m is not None:
             return self.limit_m
-        declared = sweep.limit_m
-        if np.isnan(declared):
+        declared_m = sweep.limit_m
+        if np.isnan(declared_m):
             try:
-                declared = float(records.params.get(LIMIT_PARAMS[sweep.laser], "nan"))
+                declared_m = float(records.params.get(LIMIT_PARAMS[sweep.laser], "nan"))
             except ValueError:
-                declared = np.nan
-        return declared - NEAR_LIMIT_M if declared > NEAR_LIMIT_M else np.inf
+                declared_m = np.nan
+        return declared_m - NEAR_LIMIT_M if declared_m > NEAR_LIMIT_M else np.inf
+
+
+class _SweepStamps(NamedTuple):
+    """The stamps of the sweeps of a log."""
+
+    stamps_ns: Stamps
+    """(n,) strictly increasing."""
+    rows: NDArray[np.int64]
+    """(n,) the sweep of each stamp."""
+    are_counted: bool
+    """Whether the log's own stamps stand still, so that the sweeps are counted instead."""
 
 
 def sweep_points(sweep: Sweep, limit_m: float, lift_m: float) -> NDArray[np.float64]:
     """The hits (n, 3) of a sweep in metres, in the robot's frame: x forward, y left, z `lift_m`."""
-    hit = (sweep.ranges_m > 0) & (sweep.ranges_m < limit_m)
-    ranges_m = sweep.ranges_m[hit]
-    angles_rad = sweep.angles_rad[hit]
+    is_hit = (sweep.ranges_m > 0) & (sweep.ranges_m < limit_m)
+    ranges_m = sweep.ranges_m[is_hit]
+    angles_rad = sweep.angles_rad[is_hit]
+    laser_xy_m = np.column_stack([ranges_m * np.cos(angles_rad), ranges_m * np.sin(angles_rad)])
     robot_T_laser = np.linalg.inv(_planar([sweep.robot_pose])[0]) @ _planar([sweep.laser_pose])[0]
-    across = np.column_stack([ranges_m * np.cos(angles_rad), ranges_m * np.sin(angles_rad)])
-    xy_m = across @ robot_T_laser[:2, :2].T + robot_T_laser[:2, 3]
+    xy_m = laser_xy_m @ robot_T_laser[:2, :2].T + robot_T_laser[:2, 3]
     return np.column_stack([xy_m, np.full(len(xy_m), lift_m)])
 
 
-def _planar(xy_heading: Sequence[NDArray[np.float64]]) -> Poses:
-    """Poses (n, 4, 4) of x, y in metres and heading in radians (n, 3)."""
-    rows = np.reshape(xy_heading, (-1, 3))
-    zeros = np.zeros(len(rows))
-    return pose(np.column_stack([rows[:, :2], zeros]), np.column_stack([zeros, zeros, rows[:, 2]]))
+def _odometry(records: Records, sweeps: Sequence[Sweep], is_raw: bool) -> Poses:
+    """Poses (sweep, 4, 4) by the wheels alone, from the first reading on; NaN before it.
+
+    In a raw log the poses of the sweeps are the odometry. In a corrected one they are the truth,
+    and the reading that follows a sweep repeats its pose: the step to that reading is a correction,
+    not a motion, so it is left out.
+    """
+    if is_raw:
+        return _planar([sweep.robot_pose for sweep in sweeps])
+    if not records.odometry:
+        return np.full((len(sweeps), 4, 4), np.nan)
+    readings = _planar(records.odometry)
+    steps = [np.eye(4)]
+    steps += [np.linalg.inv(before) @ after for before, after in pairwise(readings)]
+    corrections = {sweep.odometry for sweep in records.sweeps}  # of either laser
+    start_T_robot = np.full((len(readings) + 1, 4, 4), np.nan)  # after so many readings
+    travelled = np.eye(4)
+    for reading, step in enumerate(steps):
+        if reading not in corrections:
+            travelled = travelled @ step
+        start_T_robot[reading + 1] = travelled
+    return start_T_robot[[sweep.odometry for sweep in sweeps]]
 
 
-def _repeated(records: Records, sweeps: Sequence[Sweep]) -> bool:
-    """Whether a reading of the odometry repeats the pose of a sweep, as in corrected logs.
+def _repeats_poses(records: Records, sweeps: Sequence[Sweep]) -> bool:
+    """Whether the reading of the odometry after a sweep repeats its pose, as in corrected logs.
 
-    True where there is no odometry.
+    True if no sweep has a reading after it.
     """
     pairs = [
         (sweep, records.odometry[sweep.odometry])
@@ -221,23 +265,8 @@ def _repeated(records: Records, sweeps: Sequence[Sweep]) -> bool:
     )
 
 
-def _odometry(records: Records, sweeps: Sequence[Sweep], raw: bool) -> Poses:
-    """Poses (sweep, 4, 4) by the wheels alone, from the first reading on; NaN before it.
-
-    In a raw log the sweeps' own poses are readings too. In a corrected one they are the truth, and
-    the reading that follows repeats it: that step is the correction, not the robot's.
-    """
-    if raw:
-        return _planar([sweep.robot_pose for sweep in sweeps])
-    if not records.odometry:
-        return np.full((len(sweeps), 4, 4), np.nan)
-    readings = _planar(records.odometry)
-    corrections = {sweep.odometry for sweep in records.sweeps}  # of either laser
-    steps = [np.eye(4), *(np.linalg.inv(a) @ b for a, b in pairwise(readings))]
-    travelled = np.full((len(readings) + 1, 4, 4), np.nan)
-    start_T_robot = np.eye(4)
-    for row, step in enumerate(steps):
-        if row not in corrections:
-            start_T_robot = start_T_robot @ step
-        travelled[row + 1] = start_T_robot
-    return travelled[[sweep.odometry for sweep in sweeps]]
+def _planar(xy_heading: Sequence[NDArray[np.float64]]) -> Poses:
+    """Poses (n, 4, 4) from rows (n, 3) of x, y in metres and heading in radians."""
+    rows = np.reshape(xy_heading, (-1, 3))
+    zeros = np.zeros(len(rows))
+    return pose(np.column_stack([rows[:, :2], zeros]), np.column_stack([zeros, zeros, rows[:, 2]]))

@@ -1,9 +1,16 @@
-"""Parts of a log: one long log with revisits becomes a day to train on and days to test on.
+"""Opens a part of a log as a sequence.
 
-Sequences of a log NAME: NAME+path1of2 is its first half by path, NAME+time2of3 its second third by
-time, NAME+until440m what comes before 440 m of path (or 440s) and NAME+from440m the rest,
-NAME+first the scans at places where the log has not been before and NAME+later those where it has.
-+60s at the end keeps so much time between parts.
+So one long log that returns to its places serves as a day to train on and as days to test on. The
+parts of a log NAME are named:
+
+    NAME+path1of2      its first half by path
+    NAME+time2of3      its second third by time
+    NAME+until440m     what comes before 440 m of path (440s: before 440 s)
+    NAME+from440m      what comes after that
+    NAME+first         the scans at places where the log has not been before
+    NAME+later         the scans at places where it has been before
+
+With +60s at the end, scans within 60 s of an earlier part are left out.
 """
 
 import re
@@ -23,14 +30,17 @@ CUT = r"(?P<side>until|from)(?P<at>\d{1,9})(?P<unit>[ms])"
 NAME = re.compile(
     rf"(?P<log>.+?)\+(?:{SHARE}|{CUT}|(?P<visit>first|later))(?:\+(?P<apart>\d{{1,6}})s)?"
 )
+"""The name of a part."""
 RULE = re.compile(
     r"(?:(?P<by>path|time):(?P<of>[2-9]|[1-9]\d)|cut:(?P<at>\d{1,9}[ms])|visits)"
     r"(?::(?P<apart>\d{1,6}))?"
 )
+"""A rule that makes parts of a log: path:2, time:3, cut:440m, cut:400s or visits, and perhaps the
+seconds between parts after another colon."""
 APART_S = 30
-"""After it a robot at walking pace sees little of what it saw before; a car sooner."""
+"""After so many seconds a robot at walking pace sees little of what it saw before; a car sooner."""
 NEAR_M = 5.0
-"""A place within this distance of an earlier one is visited again."""
+"""A scan within this distance of an earlier one is at the same place."""
 
 
 @dataclass(frozen=True)
@@ -40,15 +50,14 @@ class Part:
     by: str
     """path, time, first or later."""
     number: int = 1
-    """Of `of` parts, from 1."""
+    """The number of the part among `of` parts, from 1."""
     of: int = 2
+    """The number of parts."""
     at: float | None = None
-    """Metres or seconds where the second of two parts begins; None: parts are equally long."""
+    """Metres or seconds at which the second of two parts begins; None: parts are equally long."""
     apart_s: int = APART_S
-    """Scans nearer in time than this to those of an earlier part, or of first visits, are left out.
-
-    Both would show the same.
-    """
+    """Scans nearer in time than this to an earlier part, or to a first visit, are left out, since
+    they would show what training has just seen."""
 
     @classmethod
     def named(cls, sequence: str) -> tuple[str, Self | None]:
@@ -61,20 +70,13 @@ class Part:
             return sequence, None
         apart_s = int(match["apart"] or APART_S)
         if match["side"]:
-            side = 1 if match["side"] == "until" else 2
-            part = cls(
-                "path" if match["unit"] == "m" else "time",
-                side,
-                at=float(match["at"]),
-                apart_s=apart_s,
-            )
+            by = "path" if match["unit"] == "m" else "time"
+            number = 1 if match["side"] == "until" else 2
+            part = cls(by, number, at=float(match["at"]), apart_s=apart_s)
+        elif match["visit"]:
+            part = cls(match["visit"], apart_s=apart_s)
         else:
-            part = cls(
-                match["visit"] or match["by"],
-                int(match["number"] or 1),
-                int(match["of"] or 2),
-                apart_s=apart_s,
-            )
+            part = cls(match["by"], int(match["number"]), int(match["of"]), apart_s=apart_s)
         if part.number > part.of:
             raise ConfigError(
                 f"sequence={sequence}: part {part.number} of {part.of}; expected 1 to {part.of}"
@@ -83,40 +85,36 @@ class Part:
 
     @property
     def needs_path(self) -> bool:
-        """Whether poses tell which scans it holds."""
+        """Whether the poses of a log are needed to find the scans of this part."""
         return self.by != "time"
 
     def rows(self, stamps_ns: NDArray[np.int64], xyz_m: NDArray[np.float64]) -> NDArray[np.int64]:
-        """The rows of this part of a log with these stamps (n,) and positions (n, 3).
+        """The rows (k,) of this part, of a log with these stamps (n,) and positions (n, 3).
 
         Positions are NaN where unknown.
         """
         apart_ns = self.apart_s * 10**9
         if self.by in ("first", "later"):
             is_revisit = revisited(stamps_ns, xyz_m, apart_ns)
-            return np.flatnonzero(
-                is_revisit & _away(stamps_ns, ~is_revisit, apart_ns)
-                if self.by == "later"
-                else ~is_revisit
-            )
+            if self.by == "first":
+                return np.flatnonzero(~is_revisit)
+            return np.flatnonzero(is_revisit & _is_apart(stamps_ns, ~is_revisit, apart_ns))
         progress = (stamps_ns - stamps_ns[0]) / 1e9 if self.by == "time" else _path_m(xyz_m)
-        ends = (
-            progress[-1] * np.arange(1, self.of) / self.of
-            if self.at is None
-            else np.array([self.at])
-        )
+        if self.at is None:
+            ends = progress[-1] * np.arange(1, self.of) / self.of
+        else:
+            ends = np.array([self.at])
         part = 1 + np.searchsorted(ends, progress, side="right")
-        return np.flatnonzero(
-            (part == self.number) & _away(stamps_ns, part < self.number, apart_ns)
-        )
+        is_apart = _is_apart(stamps_ns, part < self.number, apart_ns)
+        return np.flatnonzero((part == self.number) & is_apart)
 
 
 def names(log: str, rule: str) -> list[str]:
-    """The names of the sequences that a rule makes of a log.
+    """The names of the sequences into which a rule divides a log.
 
-    path:2 and time:3 make equal parts, cut:440m and cut:400s two, visits the first and the later
-    visits. A number at the end, as in path:2:60, is the time in seconds between parts. Raises
-    ConfigError for another rule.
+    path:2 and time:3 make two or three equal parts; cut:440m and cut:400s make two parts; visits
+    makes the first and the later visits. A number at the end, as in path:2:60, is the time in
+    seconds between parts. Raises ConfigError for another rule.
     """
     match = RULE.fullmatch(rule)
     if match is None:
@@ -124,23 +122,22 @@ def names(log: str, rule: str) -> list[str]:
         raise ConfigError(
             f"parts={rule}: expected {rules}, and seconds between parts after another colon"
         )
-    endings = ["first", "later"]
     if match["by"]:
-        endings = [
-            f"{match['by']}{number + 1}of{match['of']}" for number in range(int(match["of"]))
-        ]
+        count = int(match["of"])
+        endings = [f"{match['by']}{number}of{count}" for number in range(1, count + 1)]
     elif match["at"]:
         endings = [f"until{match['at']}", f"from{match['at']}"]
-    return [
-        f"{log}+{ending}" + (f"+{match['apart']}s" if match["apart"] else "") for ending in endings
-    ]
+    else:
+        endings = ["first", "later"]
+    apart = f"+{match['apart']}s" if match["apart"] else ""
+    return [f"{log}+{ending}{apart}" for ending in endings]
 
 
 def open_part(reader: Reader, root: Path, sequence: str) -> Log:
-    """Open a log, or the part of it that the sequence's name ends in.
+    """Open a sequence: a log, or the part of a log that the name of the sequence ends in.
 
-    The odometry breaks where the part does. Raises LogError for a log that cannot be read, or a
-    part without scans.
+    Where scans are left out, the odometry breaks. Raises LogError for a log that cannot be read, or
+    a part without scans.
     """
     name, part = Part.named(sequence)
     log = reader.open(root, name)
@@ -161,35 +158,34 @@ def open_part(reader: Reader, root: Path, sequence: str) -> Log:
 def revisited(
     stamps_ns: NDArray[np.int64], xyz_m: NDArray[np.float64], apart_ns: int
 ) -> NDArray[np.bool_]:
-    """Which rows (n,) lie within NEAR_M of a row more than `apart_ns` earlier."""
+    """True (n,) where a row lies within NEAR_M of a row more than `apart_ns` earlier."""
     is_revisit = np.zeros(len(stamps_ns), bool)
     posed_rows = np.flatnonzero(np.isfinite(xyz_m).all(axis=1))
     near = KDTree(xyz_m[posed_rows]).query_ball_point(xyz_m[posed_rows], NEAR_M)
-    is_revisit[posed_rows] = [
-        stamps_ns[posed_rows[rows]].min() < stamps_ns[row] - apart_ns
-        for row, rows in zip(posed_rows, near, strict=True)
-    ]
+    for row, near_rows in zip(posed_rows, near, strict=True):
+        earliest_ns = stamps_ns[posed_rows[near_rows]].min()
+        is_revisit[row] = earliest_ns < stamps_ns[row] - apart_ns
     return is_revisit
 
 
-def _away(
-    stamps_ns: NDArray[np.int64], other_rows: NDArray[np.bool_], apart_ns: int
+def _is_apart(
+    stamps_ns: NDArray[np.int64], is_other: NDArray[np.bool_], apart_ns: int
 ) -> NDArray[np.bool_]:
-    """Which rows (n,) are at least `apart_ns` before or after each of the `other_rows` (n,)."""
-    is_away = np.ones(len(stamps_ns), bool)
-    if other_rows.any():
-        other_stamps_ns = stamps_ns[other_rows]
-        after = np.searchsorted(other_stamps_ns, stamps_ns)
-        is_away &= (after == len(other_stamps_ns)) | (
-            other_stamps_ns[np.minimum(after, len(other_stamps_ns) - 1)] - stamps_ns >= apart_ns
-        )
-        is_away &= (after == 0) | (
-            stamps_ns - other_stamps_ns[np.maximum(after - 1, 0)] >= apart_ns
-        )
-    return is_away
+    """True (n,) where a row is at least `apart_ns` in time from all rows of `is_other` (n,)."""
+    if not is_other.any():
+        return np.ones(len(stamps_ns), bool)
+    other_ns = stamps_ns[is_other]
+    next_other = np.searchsorted(other_ns, stamps_ns)
+    has_next = next_other < len(other_ns)
+    has_previous = next_other > 0
+    to_next_ns = other_ns[np.minimum(next_other, len(other_ns) - 1)] - stamps_ns
+    since_previous_ns = stamps_ns - other_ns[np.maximum(next_other - 1, 0)]
+    return (~has_next | (to_next_ns >= apart_ns)) & (
+        ~has_previous | (since_previous_ns >= apart_ns)
+    )
 
 
 def _path_m(xyz_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Metres of path (n,) driven until each row."""
+    """Metres of path (n,) from the first row to each row; steps without a position count as 0."""
     steps_m = np.linalg.norm(np.diff(xyz_m, axis=0), axis=1)
     return np.concatenate([[0.0], np.cumsum(np.where(np.isfinite(steps_m), steps_m, 0.0))])

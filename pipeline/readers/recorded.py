@@ -1,4 +1,7 @@
-"""Logs of a recorded data set: they exist, so the stage `logs` only checks and lists them."""
+"""Checks the logs of a recorded data set for the stage `logs`, and lists their scans.
+
+For a simulated world the same stage writes the logs; recorded ones exist already.
+"""
 
 from collections import Counter
 from dataclasses import dataclass
@@ -18,33 +21,34 @@ from pipeline.readers.parts import open_part
 
 @dataclass(frozen=True)
 class Recorded:
-    """A data set on disk; has the methods of a Simulation."""
+    """A data set on disk, with the same methods as a `Simulation` of a world."""
 
     reader: Reader
     root: str
+    """The folder of the data set."""
     events: str | None = None
-    """A csv of the changes on site after training, in the format of `formats.changes`; None: not
-    recorded."""
+    """A csv of the changes on site after training, in the format of `formats.changes`; None: no
+    changes are recorded."""
 
     def record(self, sequence: str, folder: Path, compute: Compute, watch: Progress) -> str:
-        """Open the log below `root` and write folder/inventory.csv; returns a line with the counts.
+        """Read the log of `sequence` and write folder/inventory.csv; returns a line of counts.
 
-        The csv has a line per scan with a digest of its poses and points, so that it changes
-        whenever the log does. Raises LogError for a log that cannot be opened; scans that cannot be
-        read are counted.
+        The csv has a row per scan with a digest of its poses and points, so it changes whenever the
+        log changes. Raises LogError for a log that cannot be opened; scans that cannot be read are
+        only counted.
         """
         log = open_part(self.reader, Path(self.root), sequence)
         skipped = Counter(log.skipped)
         rows = ["stamp_ns,points,digest\n"]
-        for row, stamp in enumerate(
-            watch.track(log.stamps_ns.tolist(), len(log.stamps_ns), "check")
-        ):
+        stamps = watch.track(log.stamps_ns.tolist(), len(log.stamps_ns), "check")
+        for row, stamp in enumerate(stamps):
             try:
                 points = log.points(row)
             except LogError:
                 skipped["unreadable scan"] += 1
                 continue
-            data = b"".join(np.ascontiguousarray(part).data for part in (*log.poses(row), points))
+            arrays = (*log.poses(row), points)
+            data = b"".join(np.ascontiguousarray(array).data for array in arrays)
             rows.append(f"{stamp},{len(points)},{sha256(data).hexdigest()[:16]}\n")
         folder.mkdir(parents=True)
         (folder / "inventory.csv").write_text("".join(rows), encoding="utf-8")
@@ -54,14 +58,13 @@ class Recorded:
         return "; ".join([f"{len(rows) - 1} scans found below {self.root}{left_out}", *log.notes])
 
     def changes(self, train: str, sequence: str) -> list[Change]:
-        """The changes visible on the day of `sequence` but not of `train`.
+        """The changes on site that are visible on the day of `sequence` but not on that of `train`.
 
         Raises LogError for a bad csv or bad logs.
         """
         if self.events is None:
             return []
         root = Path(self.root)
-        trained, driven = (
-            open_part(self.reader, root, name).stamps_ns[0] for name in (train, sequence)
-        )
-        return visible(read_changes(Path(self.events)), days_between(trained, driven))
+        train_ns = open_part(self.reader, root, train).stamps_ns[0]
+        sequence_ns = open_part(self.reader, root, sequence).stamps_ns[0]
+        return visible(read_changes(Path(self.events)), days_between(train_ns, sequence_ns))

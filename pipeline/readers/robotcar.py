@@ -1,9 +1,9 @@
-"""Reads Oxford RobotCar: sweeps of 2-D lasers (METHODS 7.2, 2.9).
+"""Reads a sequence of Oxford RobotCar, sweeps of upright 2-D lasers, as a Log (METHODS 7.2, 2.9).
 
-Their poses are by visual odometry and inertial navigation. A row is one sweep, or two sweeps with
-the same stamp. The frames in the files are z-down; all results are x forward, y left, z up. The
-origin of the vehicle is the stereo camera, so the ground lies below 0; the world is UTM (x north, y
-west).
+The true poses are by inertial navigation (INS), the odometry by the stereo camera. A row of the Log
+is one sweep, or the sweeps of both lasers if they have the same stamp. The frames in the files are
+z-down; all results are x forward, y left, z up. The origin of the vehicle is the stereo camera, so
+the ground lies below 0; the world is UTM (x north, y west).
 """
 
 from collections import Counter
@@ -49,37 +49,45 @@ class RobotCar:
     def __post_init__(self) -> None:
         check(self, "reader")
         lasers = list(self.lasers) if isinstance(self.lasers, Iterable) else []
-        if (
-            not lasers
-            or not all(laser in robotcar.LASERS for laser in lasers)
-            or len(set(lasers)) < len(lasers)
-        ):
+        are_lasers = all(laser in robotcar.LASERS for laser in lasers)
+        if not lasers or not are_lasers or len(set(lasers)) < len(lasers):
             raise ConfigError(
                 f"reader.lasers={self.lasers}: expected a list of {' or '.join(robotcar.LASERS)}, "
                 "or of both"
             )
 
     def open(self, root: Path, sequence: str) -> Log:
+        folder = root / sequence
         skipped: Counter[str] = Counter()
         notes: list[str] = []
-        utimes = [_paired(root, sequence, laser, skipped, notes) for laser in self.lasers]
+
+        # sweeps of all lasers, merged by stamp
+        utimes_by_laser = {
+            laser: _sweep_utimes(folder, laser, skipped, notes) for laser in self.lasers
+        }
+        merged_utimes = np.unique(np.concatenate(list(utimes_by_laser.values())))
+
+        # poses
         extrinsics = root / self.extrinsics.replace("{sequence}", sequence)
-        zup_T_lasers = [NED_FLIP @ read_extrinsics(extrinsics, laser) for laser in self.lasers]
+        zup_T_lasers = {
+            laser: NED_FLIP @ read_extrinsics(extrinsics, laser) for laser in self.lasers
+        }
         vehicle_T_ins = read_extrinsics(extrinsics, "ins")
-        truth = read_ins(root / sequence / robotcar.INS, vehicle_T_ins, self.max_ins_gap_s)
+        truth = read_ins(folder / robotcar.INS, vehicle_T_ins, self.max_ins_gap_s)
         notes += vehicle.doubts("the true poses", truth)
-        odometry = read_vo(root / sequence / robotcar.VO, self.max_vo_gap_s)
-        merged = np.unique(np.concatenate(utimes))
-        world_T_scan, has_truth = truth.at(merged * 1000)
-        odom_T_scan = odometry.at(merged * 1000, has_truth)
-        is_kept = has_truth | np.isfinite(odom_T_scan).all(axis=(1, 2))
-        skipped["neither odometry nor a true pose"] = int((~is_kept).sum())
-        rows = merged[is_kept]
-        unplaced = int((~has_truth[is_kept]).sum())
+        odometry = read_vo(folder / robotcar.VO, self.max_vo_gap_s)
+        world_T_scan, has_truth = truth.at(merged_utimes * 1000)
+        odom_T_scan = odometry.at(merged_utimes * 1000, has_truth)
+
+        # sweeps that have a pose
+        is_posed = has_truth | np.isfinite(odom_T_scan).all(axis=(1, 2))
+        skipped["neither odometry nor a true pose"] = int((~is_posed).sum())
+        utimes = merged_utimes[is_posed]
+        unplaced = int((~has_truth[is_posed]).sum())
         if unplaced:
             outages = int((~has_truth & np.append(True, has_truth[:-1])).sum())
             notes.append(
-                f"{unplaced:,} of {len(rows):,} sweeps have no place (INS outages: {outages})"
+                f"{unplaced:,} of {len(utimes):,} sweeps have no place (INS outages: {outages})"
             )
         if len(odometry.breaks_ns):
             notes.append(
@@ -87,20 +95,25 @@ class RobotCar:
                 "reaches across"
             )
         lift = np.array([0.0, 0.0, self.lift_m])
-        swept = np.stack([np.isin(rows, laser_utimes) for laser_utimes in utimes])
+        has_sweep = {
+            laser: np.isin(utimes, laser_utimes) for laser, laser_utimes in utimes_by_laser.items()
+        }
 
         def points(row: int) -> NDArray[np.float64]:
             clouds = [
-                read_sweep(root / sequence / laser / f"{rows[row]}.bin", zup_T_laser)
-                for laser, zup_T_laser, has_sweep in zip(
-                    self.lasers, zup_T_lasers, swept[:, row], strict=True
-                )
-                if has_sweep
+                read_sweep(folder / laser / f"{utimes[row]}.bin", zup_T_lasers[laser])
+                for laser in self.lasers
+                if has_sweep[laser][row]
             ]
             return np.asarray(np.concatenate(clouds) + lift)
 
         return Log(
-            rows * 1000, world_T_scan[is_kept], odom_T_scan[is_kept], points, +skipped, tuple(notes)
+            utimes * 1000,
+            world_T_scan[is_posed],
+            odom_T_scan[is_posed],
+            points,
+            +skipped,
+            tuple(notes),
         )
 
     def sequences(self, root: Path) -> dict[str, list[str]]:
@@ -112,15 +125,13 @@ class RobotCar:
                 if path.is_dir()
             }
         )
-        files = [f"{{sequence}}/{place}" for place in (*self.lasers, robotcar.VO, robotcar.INS)]
-        files += [f"{self.extrinsics}/{sensor}.txt" for sensor in (*self.lasers, "ins")]
-        needed_files = {
-            name: [file.replace("{sequence}", name) for file in files] for name in names
-        }
-        return {
-            name: [place for place in places if not (root / place).exists()]
-            for name, places in needed_files.items()
-        }
+        needed = [f"{{sequence}}/{place}" for place in (*self.lasers, robotcar.VO, robotcar.INS)]
+        needed += [f"{self.extrinsics}/{sensor}.txt" for sensor in (*self.lasers, "ins")]
+        missing: dict[str, list[str]] = {}
+        for name in names:
+            places = [place.replace("{sequence}", name) for place in needed]
+            missing[name] = [place for place in places if not (root / place).exists()]
+        return missing
 
 
 def read_sweep(path: str | Path, zup_T_laser: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -141,15 +152,16 @@ def read_sweep(path: str | Path, zup_T_laser: NDArray[np.float64]) -> NDArray[np
     return xy @ zup_T_laser[:3, :2].T + zup_T_laser[:3, 3]
 
 
-def _paired(
-    root: Path, sequence: str, laser: str, skipped: Counter[str], notes: list[str]
+def _sweep_utimes(
+    sequence_folder: Path, laser: str, skipped: Counter[str], notes: list[str]
 ) -> NDArray[np.int64]:
-    """Utimes (n,) of the whole sweep files that the list of stamps names too.
+    """The utimes (n,) of the sweeps of a laser: of its whole files that its list of stamps names.
 
-    Counts in `skipped` files without a stamp and stamps without a file.
+    Without the list, all whole files are taken, which adds a note. Counts in `skipped` files
+    without a stamp and stamps without a file. Raises LogError if there is no sweep.
     """
-    folder = root / sequence / laser
-    path = root / sequence / robotcar.STAMPS.format(laser=laser)
+    folder = sequence_folder / laser
+    path = sequence_folder / robotcar.STAMPS.format(laser=laser)
     if not folder.is_dir():
         raise LogError(f"{folder}: no such folder of sweeps")
     named, whole = log.numbered_files(

@@ -1,7 +1,8 @@
-"""Reads the poses of Oxford RobotCar (METHODS 7.2).
+"""Reads the poses of Oxford RobotCar from its csv files (METHODS 7.2).
 
-They are visual odometry, inertial navigation and the extrinsics of the sensors. The frames in the
-files are z-down; the trajectories are of the z-up vehicle, whose origin is the stereo camera.
+There are three kinds: visual odometry (vo.csv), inertial navigation (ins.csv), which is the truth,
+and the poses of the sensors in the vehicle (extrinsics). The frames in the files are z-down; the
+trajectories are of the z-up vehicle, whose origin is the stereo camera.
 """
 
 from dataclasses import dataclass
@@ -22,88 +23,95 @@ LARGEST = 1e9
 
 @dataclass(frozen=True)
 class Odometry:
-    """Relative poses chained from the identity, where the chain starts anew after a break."""
+    """Visual odometry: motions between images, chained into poses.
+
+    The chain begins at the identity and starts anew after each break.
+    """
 
     trajectory: Trajectory
     breaks_ns: Stamps
     """(break,) the stamp of the last pose before each break."""
 
-    def at(self, stamps_ns: Stamps, placed: NDArray[np.bool_]) -> Poses:
-        """Poses (m, 4, 4) at `stamps_ns`, NaN where unknown.
+    def at(self, stamps_ns: Stamps, has_truth: NDArray[np.bool_]) -> Poses:
+        """Poses (m, 4, 4) at increasing `stamps_ns` (m,), NaN where unknown.
 
-        `placed` (m,) marks the rows with a true pose, which stay in the log even without odometry.
-        After a break all rows up to and including the first of these are NaN, so that the log keeps
-        one NaN row for each break.
+        `has_truth` (m,) is True for rows with a true pose. After a break all rows are NaN up to and
+        including the first of these: the log drops rows that have neither pose, but keeps this one,
+        whose NaN marks the break.
         """
         poses = self.trajectory.at(stamps_ns)[0]
-        staying = np.append(np.flatnonzero(placed), len(placed))
-        for after in np.searchsorted(stamps_ns, self.breaks_ns, side="right"):
-            poses[after : staying[np.searchsorted(staying, after)] + 1] = np.nan
+        rows_with_truth = np.append(np.flatnonzero(has_truth), len(has_truth))
+        for first in np.searchsorted(stamps_ns, self.breaks_ns, side="right"):
+            last = rows_with_truth[np.searchsorted(rows_with_truth, first)]
+            poses[first : last + 1] = np.nan
         return poses
 
 
 def read_vo(path: Path, max_gap_s: float) -> Odometry:
-    """Read vo.csv: pose(source) = pose(destination) · T(row).
+    """Read vo.csv, whose rows hold the vehicle's motion from one image to the next.
 
-    A destination other than the previous source is a break. Raises LogError naming a row whose
-    destination is not before its source, or whose source does not increase.
+    In the file's words a row leads from its destination, the earlier image, to its source:
+    pose(source) = pose(destination) · motion. A row whose destination is not the source of the row
+    before is a break. Raises LogError naming a row whose destination is not before its source, or
+    whose source does not increase.
     """
     table = columns(path, robotcar.VO_COLUMNS)
-    source, before = numbers(path, table, robotcar.VO_STAMPS).T
-    steps = numbers(path, table, robotcar.POSE)
-    bad = np.flatnonzero(~((before >= 0) & (before < source) & (before == np.floor(before))))
+    to_utime, from_utime = numbers(path, table, robotcar.VO_STAMPS).T
+    motions = numbers(path, table, robotcar.POSE)
+    is_step = (from_utime >= 0) & (from_utime < to_utime) & (from_utime == np.floor(from_utime))
+    bad = np.flatnonzero(~is_step)
     if len(bad):
         raise LogError(
-            f"{path}: row {bad[0] + 1} goes from destination_timestamp {before[bad[0]]:.16g} to "
-            f"source_timestamp {source[bad[0]]:.16g}; expected whole µs, the destination before "
-            "the source"
+            f"{path}: row {bad[0] + 1} goes from destination_timestamp {from_utime[bad[0]]:.16g} "
+            f"to source_timestamp {to_utime[bad[0]]:.16g}; expected whole µs, the destination "
+            "before the source"
         )
-    bad = np.flatnonzero(~(np.abs(steps) < LARGEST).all(axis=1))
+    bad = np.flatnonzero(~(np.abs(motions) < LARGEST).all(axis=1))
     if len(bad):
         raise LogError(
             f"{path}: row {bad[0] + 1} holds no pose; expected six finite numbers: x, y, z, roll, "
             "pitch, yaw"
         )
-    sources_ns = utimes_ns(path, source).tolist()
-    befores_ns = (before.astype(np.int64) * 1000).tolist()
-    before_T_source = flip_ned(pose(*np.hsplit(steps, 2)))
-    stamps_ns = [befores_ns[0]]
+    to_stamps_ns = utimes_ns(path, to_utime).tolist()
+    from_stamps_ns = (from_utime.astype(np.int64) * 1000).tolist()
+    from_T_to = flip_ned(pose(*np.hsplit(motions, 2)))
+    # chain the motions; a break puts a NaN pose 1 ns after the last one, then the identity again
+    stamps_ns = [from_stamps_ns[0]]
     poses = [np.eye(4)]
     breaks_ns = []
-    for source_ns, before_ns, step in zip(sources_ns, befores_ns, before_T_source, strict=True):
-        if before_ns != stamps_ns[-1]:
+    for to_ns, from_ns, motion in zip(to_stamps_ns, from_stamps_ns, from_T_to, strict=True):
+        if from_ns != stamps_ns[-1]:
             breaks_ns.append(stamps_ns[-1])
-            start_ns = before_ns if before_ns > stamps_ns[-1] else source_ns
+            start_ns = from_ns if from_ns > stamps_ns[-1] else to_ns
             stamps_ns += [stamps_ns[-1] + 1, start_ns]
             poses += [np.full((4, 4), np.nan), np.eye(4)]
-        if source_ns > stamps_ns[-1]:
-            stamps_ns.append(source_ns)
-            poses.append(poses[-1] @ step)
-    return Odometry(
-        Trajectory(np.array(stamps_ns), np.array(poses), max_gap_s), np.array(breaks_ns, np.int64)
-    )
+        if to_ns > stamps_ns[-1]:
+            stamps_ns.append(to_ns)
+            poses.append(poses[-1] @ motion)
+    trajectory = Trajectory(np.array(stamps_ns), np.array(poses), max_gap_s)
+    return Odometry(trajectory, np.array(breaks_ns, np.int64))
 
 
 def read_ins(path: Path, vehicle_T_ins: NDArray[np.float64], max_gap_s: float) -> Trajectory:
     """Read ins.csv as a trajectory of the vehicle in the world x north, y west, z up.
 
-    Rows not INS_SOLUTION_GOOD are gaps. `vehicle_T_ins` (4, 4) is between the z-down frames, as
-    `read_extrinsics` returns it. Raises LogError for several UTM zones.
+    Rows whose status is not INS_SOLUTION_GOOD are gaps. `vehicle_T_ins` (4, 4) is between the
+    z-down frames, as `read_extrinsics` returns it. Raises LogError for several UTM zones.
     """
     table = columns(path, ("timestamp", "ins_status", "utm_zone", *robotcar.INS_POSE))
     stamps_ns = utimes_ns(path, numbers(path, table, ("timestamp",))[:, 0])
     rows = numbers(path, table, robotcar.INS_POSE)
-    good = (np.array(table["ins_status"]) == robotcar.INS_GOOD) & (np.abs(rows) < LARGEST).all(
-        axis=1
-    )
-    zones = sorted(set(np.array(table["utm_zone"])[good]))
+    has_good_status = np.array(table["ins_status"]) == robotcar.INS_GOOD
+    is_good = has_good_status & (np.abs(rows) < LARGEST).all(axis=1)
+    zones = sorted(set(np.array(table["utm_zone"])[is_good]))
     if len(zones) > 1:
         raise LogError(
             f"{path}: rows of the UTM zones {', '.join(zones)[:60]}, which have no common frame; "
             "expected one zone"
         )
+    ned_T_vehicle = pose(*np.hsplit(rows[is_good], 2)) @ np.linalg.inv(vehicle_T_ins)
     world_T_vehicle = np.full((len(rows), 4, 4), np.nan)
-    world_T_vehicle[good] = flip_ned(pose(*np.hsplit(rows[good], 2)) @ np.linalg.inv(vehicle_T_ins))
+    world_T_vehicle[is_good] = flip_ned(ned_T_vehicle)
     return Trajectory(stamps_ns, world_T_vehicle, max_gap_s)
 
 
