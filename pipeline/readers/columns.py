@@ -1,4 +1,7 @@
-"""Reads csv tables with a header: columns by name, as text, numbers or stamps."""
+"""Reads columns of a csv table by the names in its header, as text, numbers or stamps.
+
+RobotCar's tables of poses are such files.
+"""
 
 import csv
 from collections.abc import Iterable, Iterator, Sequence
@@ -13,6 +16,7 @@ from pipeline.core.frames import Stamps
 from pipeline.readers import log
 
 Table = dict[str, tuple[str, ...]]
+"""The text in each row (row,), by the name of the column."""
 
 
 def columns(path: Path, names: Sequence[str]) -> Table:
@@ -42,9 +46,9 @@ def columns(path: Path, names: Sequence[str]) -> Table:
 
 
 def numbers(path: Path, table: Table, names: Sequence[str]) -> NDArray[np.float64]:
-    """Columns of `table` as numbers (row, name).
+    """The columns `names` of `table` as numbers (row, name).
 
-    Raises LogError naming the row with another word.
+    Raises LogError naming the row of `path` that holds another word.
     """
     matrix = np.empty((len(table[names[0]]), len(names)))
     for column, name in enumerate(names):
@@ -61,7 +65,7 @@ def numbers(path: Path, table: Table, names: Sequence[str]) -> NDArray[np.float6
 
 
 def utimes_ns(path: Path, utimes: NDArray[np.float64]) -> Stamps:
-    """Stamps (n,) in ns from utimes in whole µs.
+    """Stamps (n,) in ns from utimes (n,), stamps in whole µs since 1970.
 
     Raises LogError naming the first that is no utime or does not increase.
     """

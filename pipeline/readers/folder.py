@@ -1,11 +1,15 @@
-"""Reads a folder of the user's own robot: scan files and a pose file.
+"""Reads a drive of the user's own robot, a folder of scan files and a pose file, as a Log.
 
-Its frames and units are in conf/dataset/folder.yaml.
+A sequence is laid out in one of two ways:
 
-    ROOT/SEQUENCE/scans/1326652795.280148.pcd …    named by their stamps, with TUM poses of any rate
-    ROOT/SEQUENCE/poses.txt
+    ROOT/SEQUENCE/scans/1326652795.280148.pcd …    scans named by their stamps
+    ROOT/SEQUENCE/poses.txt                        TUM poses of any rate
 
-or scans named by number: scan n belongs to row n of a KITTI pose file and of times.txt beside it.
+    ROOT/SEQUENCE/scans/000000.bin …               scan n belongs to row n of both files below
+    ROOT/SEQUENCE/poses.txt                        KITTI poses
+    ROOT/SEQUENCE/times.txt                        a time for each pose
+
+Frames and units are settings; conf/dataset/folder.yaml explains them.
 """
 
 from collections import Counter
@@ -28,8 +32,8 @@ from pipeline.readers import log
 from pipeline.readers.log import Log
 
 BODY_T_CAMERA = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
-"""From x right, y down, z forward to x forward, y left, z up."""
-LOOKED_AT = 20
+"""Turns axes x right, y down, z forward into x forward, y left, z up."""
+MAX_EXAMPLES = 20
 """The bytes of a point are found from the content of at most this many files."""
 FARTHEST_M = 1e6
 """Points beyond this are dropped: no lidar sees 1,000 km."""
@@ -43,21 +47,22 @@ class Folder:
     """Below the sequence: a subfolder with .bin, .npy and .pcd scans, or a pattern such as
     clouds/*.pcd; a dot for the sequence's own folder."""
     poses: str | None = "poses.txt"
-    """Below the sequence: the true poses of the body. None: all scans are taken without; then a
-    name ends in a stamp in whatever unit, or in a number, which stands for as many seconds."""
+    """Below the sequence: the true poses of the body. None: all scans are taken, without poses;
+    then the name of a scan ends in a stamp of any unit, or in a number that is taken as seconds."""
     poses_format: Literal["tum", "kitti"] = "tum"
+    """Format of both pose files."""
     poses_frame: Literal["body", "camera"] = "body"
     """Axes of both pose files: body is x forward, y left, z up; camera is x right, y down, z
     forward."""
     odometry: str | None = None
-    """Below the sequence: the body's poses by odometry, in the same format; rows of NaN are breaks
-    in it."""
+    """Below the sequence: the body's poses by odometry, in the same format; a row of NaN is a break
+    in the odometry."""
     stamps: Literal["s", "us", "ns"] = "s"
     """Unit of the scans' names beside TUM poses; beside KITTI poses, names are row numbers from
     0."""
     point_bytes: int = 0
-    """Bytes of a point in a .bin, which begins with x, y, z as 32-bit floats; 0: found from the
-    first file."""
+    """Bytes of a point in a .bin, which begins with x, y, z as 32-bit floats; 0: they are found
+    from the content of the files."""
     body_T_lidar: Sequence[float] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     """x, y, z in metres and roll, pitch, yaw in degrees of the lidar in the body's frame."""
     lift_m: float = 0.0
@@ -77,12 +82,7 @@ class Folder:
             place = getattr(self, name)
             if place is None and name != "scans":
                 continue
-            if (
-                not isinstance(place, str)
-                or not place
-                or place[0] == "/"
-                or {"..", "**"} & set(Path(place).parts)
-            ):
+            if not _is_below(place):
                 raise ConfigError(
                     f"reader.{name}={place}: expected a path below the sequence's folder"
                 )
@@ -95,94 +95,50 @@ class Folder:
         truth = None if self.poses is None else self._trajectory(folder, self.poses)
         odometry = None if self.odometry is None else self._trajectory(folder, self.odometry)
         pose_stamps_ns = np.empty(0, np.int64) if truth is None else truth.stamps_ns
-        paths, width, notes = self._paths(folder, pose_stamps_ns, skipped)
-        stamps_ns = np.array(sorted(paths), np.int64)
+        scan_paths = sorted(self._scan_files(folder))
+        width, width_notes = self._width(scan_paths)
+        path_by_stamp = self._usable(folder, scan_paths, width, pose_stamps_ns, skipped)
+        stamps_ns = np.array(sorted(path_by_stamp), np.int64)
         question = f"is reader.stamps={self.stamps} the unit of the scans' names?"
-        rows, world_T_body, odom_T_body, doubts = log.rows_with_poses(
-            folder, stamps_ns, truth, odometry, skipped, question
-        )
-        scan_paths = [paths[stamp] for stamp in stamps_ns[rows].tolist()]
-        vehicle_T_lidar = log.raised(self.lift_m) @ log.extrinsic(
-            "reader.body_T_lidar", self.body_T_lidar
-        )
-        poses = (log.lifted(world_T_body, self.lift_m), log.lifted(odom_T_body, self.lift_m))
+        posed = log.rows_with_poses(folder, stamps_ns, truth, odometry, skipped, question)
+        stamps_ns = stamps_ns[posed.rows]
+        posed_paths = [path_by_stamp[stamp] for stamp in stamps_ns.tolist()]
+        body_T_lidar = log.extrinsic("reader.body_T_lidar", self.body_T_lidar)
+        vehicle_T_lidar = log.raised(self.lift_m) @ body_T_lidar
         return Log(
-            stamps_ns[rows],
-            *poses,
-            lambda row: read_scan(scan_paths[row], vehicle_T_lidar, width),
+            stamps_ns,
+            log.lifted(posed.world_T_scan, self.lift_m),
+            log.lifted(posed.odom_T_scan, self.lift_m),
+            lambda row: read_scan(posed_paths[row], vehicle_T_lidar, width),
             +skipped,
-            notes + doubts,
+            width_notes + posed.notes,
         )
 
     def sequences(self, root: Path) -> dict[str, list[str]]:
-        names = sorted(path.name for path in root.glob("*") if path.is_dir() and self._files(path))
-        needed_files = [
-            self.poses,
-            files.TIMES if self.poses and self.poses_format == "kitti" else None,
-            self.odometry,
-        ]
+        needed_files = [self.poses, self.odometry]
+        if self.poses and self.poses_format == "kitti":
+            needed_files.insert(1, files.TIMES)
+        names = sorted(
+            path.name for path in root.glob("*") if path.is_dir() and self._scan_files(path)
+        )
         return {
             name: [file for file in needed_files if file and not (root / name / file).is_file()]
             for name in names
         }
 
-    def _files(self, folder: Path) -> list[Path]:
-        paths = folder.glob(
-            self.scans if "*" in self.scans or "?" in self.scans else f"{self.scans}/*"
-        )
+    def _scan_files(self, folder: Path) -> list[Path]:
+        """The scan files of a sequence, in any order."""
+        is_pattern = "*" in self.scans or "?" in self.scans
+        paths = folder.glob(self.scans if is_pattern else f"{self.scans}/*")
         return [path for path in paths if path.suffix in files.SCANS]
 
-    def _paths(
-        self, folder: Path, pose_stamps_ns: Stamps, skipped: Counter[str]
-    ) -> tuple[dict[int, Path], int | None, tuple[str, ...]]:
-        """Scan files by stamp in ns, the bytes of a point in a .bin, and notes for the user.
-
-        Counts in `skipped` the files that are not used.
-        """
-        paths: dict[int, Path] = {}
-        scan_paths = sorted(self._files(folder))
-        width, notes = self._width(scan_paths)
-        for path in scan_paths:
-            stamp = self._stamp(path.stem, pose_stamps_ns)
-            if stamp is None or not path.is_file():
-                skipped[
-                    "file name is no stamp"
-                    if self.poses_format == "tum"
-                    else "file name is no row of the poses"
-                ] += 1
-            elif not path.stat().st_size:
-                skipped["empty file"] += 1
-            elif path.suffix == ".bin" and width and path.stat().st_size % width:
-                skipped["truncated record"] += 1
-            elif stamp in paths:
-                skipped["a second file of one stamp"] += 1
-            else:
-                paths[stamp] = path
-        if not paths:
-            names = (
-                f"stamps in {self.stamps}"
-                if self.poses_format == "tum"
-                else "row numbers of the poses"
-            )
-            names = "a number or a stamp at the end" if self.poses is None else names
-            odd_file = next((f"; {path.name} is none" for path in scan_paths), "")
-            unit = files.unit_of(scan_paths[0].stem) if scan_paths else ""
-            if self.poses and unit in files.UNIT_NS and unit != self.stamps:
-                odd_file += (
-                    f": is it in {unit}? Then say reader.stamps={unit} in the dataset's yaml"
-                )
-            raise LogError(
-                f"{folder}: holds no readable scan in {self.scans} (named by {names}; .bin, .npy "
-                f"or .pcd{odd_file})"
-            )
-        return paths, width, notes
-
     def _width(self, paths: Sequence[Path]) -> tuple[int | None, tuple[str, ...]]:
-        """Bytes of a point, by the first .bin that tells, and a note where the number is a guess.
+        """Bytes of a point in the .bin files, and a note where the number is a guess.
 
-        None where it is unknown. Raises LogError for a file that holds all x first.
+        It is set, or found from the first .bin whose content allows one width only. None where it
+        is unknown. Raises LogError for a .bin that holds all x first, then all y, then all z.
         """
-        whole = (
+        bin_files = (
             path
             for path in paths
             if path.suffix == ".bin"
@@ -190,7 +146,7 @@ class Folder:
             and 0 < path.stat().st_size <= files.LARGEST_BYTES
         )
         guess: tuple[int, Path] | None = None
-        for path in islice(whole, LOOKED_AT):
+        for path in islice(bin_files, MAX_EXAMPLES):
             data = path.read_bytes()
             bin_layout.refuse_planar(data, path)
             if self.point_bytes:
@@ -208,31 +164,90 @@ class Folder:
             "reader.point_bytes",
         )
 
-    def _stamp(self, stem: str, pose_stamps_ns: Stamps) -> int | None:
+    def _usable(
+        self,
+        folder: Path,
+        scan_paths: Sequence[Path],
+        width: int | None,
+        pose_stamps_ns: Stamps,
+        skipped: Counter[str],
+    ) -> dict[int, Path]:
+        """The scan files that can be used, by their stamps in ns; `width` is the bytes of a point.
+
+        Counts the other files in `skipped`. Raises LogError if no file can be used.
+        """
+        bad_name = "file name is no stamp"
+        if self.poses_format == "kitti":
+            bad_name = "file name is no row of the poses"
+        path_by_stamp: dict[int, Path] = {}
+        for path in scan_paths:
+            stamp_ns = self._stamp_ns(path.stem, pose_stamps_ns)
+            if stamp_ns is None or not path.is_file():
+                skipped[bad_name] += 1
+            elif not path.stat().st_size:
+                skipped["empty file"] += 1
+            elif path.suffix == ".bin" and width and path.stat().st_size % width:
+                skipped["truncated record"] += 1
+            elif stamp_ns in path_by_stamp:
+                skipped["a second file of one stamp"] += 1
+            else:
+                path_by_stamp[stamp_ns] = path
+        if not path_by_stamp:
+            raise LogError(
+                f"{folder}: holds no readable scan in {self.scans} (named by "
+                f"{self._naming()}; .bin, .npy or .pcd{self._naming_hint(scan_paths)})"
+            )
+        return path_by_stamp
+
+    def _stamp_ns(self, stem: str, pose_stamps_ns: Stamps) -> int | None:
+        """The stamp in ns of a scan by its file's name without suffix; None for a wrong name."""
         if self.poses is None:
             return files.stamp_at_end(stem)
-        if (
-            not stem.isascii()
-            or not stem.replace(".", "", 1 if self.stamps == "s" else 0).isdecimal()
-            or len(stem) > 40
-        ):
+        points_allowed = 1 if self.stamps == "s" else 0
+        is_number = stem.isascii() and stem.replace(".", "", points_allowed).isdecimal()
+        if not is_number or len(stem) > 40:
             return None
         if self.poses_format == "tum":
             return files.stamp_ns(stem, self.stamps)
+        if stem.isdecimal() and int(stem) < len(pose_stamps_ns):
+            return int(pose_stamps_ns[int(stem)])
+        return None
+
+    def _naming(self) -> str:
+        """How scans are to be named, for an error."""
+        if self.poses is None:
+            return "a number or a stamp at the end"
         return (
-            int(pose_stamps_ns[int(stem)])
-            if stem.isdecimal() and int(stem) < len(pose_stamps_ns)
-            else None
+            f"stamps in {self.stamps}" if self.poses_format == "tum" else "row numbers of the poses"
         )
 
+    def _naming_hint(self, scan_paths: Sequence[Path]) -> str:
+        """An example of a wrong name, and the setting that may help; empty without a file."""
+        if not scan_paths:
+            return ""
+        hint = f"; {scan_paths[0].name} is none"
+        unit = files.unit_of(scan_paths[0].stem)
+        if self.poses and unit in files.UNIT_NS and unit != self.stamps:
+            hint += f": is it in {unit}? Then say reader.stamps={unit} in the dataset's yaml"
+        return hint
+
     def _trajectory(self, folder: Path, place: str) -> Trajectory:
+        """The poses of the body in a pose file of a sequence."""
         path = folder / place
-        stamps_ns, poses = (
-            read_tum(path) if self.poses_format == "tum" else read_kitti(path, folder / files.TIMES)
-        )
+        if self.poses_format == "tum":
+            stamps_ns, poses = read_tum(path)
+        else:
+            stamps_ns, poses = read_kitti(path, folder / files.TIMES)
         if self.poses_frame == "camera":
             poses = BODY_T_CAMERA @ poses @ BODY_T_CAMERA.T
         return Trajectory(stamps_ns, poses, self.max_gap_s)
+
+
+def _is_below(place: object) -> bool:
+    """Whether a setting is a path or pattern that stays below the folder that it starts from."""
+    if not isinstance(place, str) or not place or place[0] == "/":
+        return False
+    return not {"..", "**"} & set(Path(place).parts)
 
 
 def read_scan(
@@ -240,8 +255,9 @@ def read_scan(
 ) -> NDArray[np.float64]:
     """Points (n, 3) in metres of one .bin, .npy or .pcd, in the vehicle frame.
 
-    Points that are not finite or lie beyond FARTHEST_M are dropped. Raises LogError for a missing
-    or damaged file.
+    `point_bytes` are the bytes of a point in a .bin; None: they are found from its content. Points
+    that are not finite or lie beyond FARTHEST_M are dropped. Raises LogError for a missing or
+    damaged file.
     """
     points = files.points(log.read_bytes(path, 1, "bytes"), path, point_bytes)
     points = points[(np.abs(points) < FARTHEST_M).all(axis=1)]
@@ -267,9 +283,9 @@ def read_tum(path: Path) -> tuple[Stamps, Poses]:
 
 
 def from_quaternions(path: Path, rows: NDArray[np.float64]) -> Poses:
-    """Poses (n, 4, 4) of rows (n, 7) x y z qx qy qz qw in metres, NaN where a row has NaN.
+    """Poses (n, 4, 4) from rows (n, 7) of x y z in metres and qx qy qz qw.
 
-    Raises LogError naming a wrong row.
+    A row with NaN becomes a NaN pose. Raises LogError naming a wrong row of the file `path`.
     """
     finite: NDArray[np.bool_] = np.all(np.isfinite(rows), axis=1)
     norms = np.linalg.norm(rows[:, 3:].clip(-2, 2), axis=1)

@@ -1,8 +1,10 @@
-"""Reads the key frames of a SLAM run, as published of NCLT's 2013-01-10 (METHODS 7.6).
+"""Reads the key frames of a SLAM run as a Log (METHODS 7.6).
+
+A key frame is a scan that the SLAM program kept. Those of NCLT's drive of 2013-01-10 are published:
 
 ROOT/SEQUENCE/0.pcd …          the clouds
-ROOT/SEQUENCE/keyframes.txt    id, stamp in s, three flags, then x y z qx qy qz qw by odometry, RTK,
-                               and two optimisations
+ROOT/SEQUENCE/keyframes.txt    a row per cloud: its number, stamp in s, three flags, then four poses
+                               x y z qx qy qz qw: by odometry, by RTK, and by two optimisations
 """
 
 from collections import Counter
@@ -12,6 +14,7 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pipeline.core import settings
 from pipeline.core.errors import LogError
@@ -22,11 +25,17 @@ from pipeline.readers.log import Log
 
 FILE = "keyframes.txt"
 COLUMNS = 33
-"""Numbers of a row."""
-MOST = 10**9
+"""Numbers in a row of keyframes.txt."""
+NUMBER_COLUMN = 0
+STAMP_COLUMN = 1
+POSE_COLUMNS = {
+    "odometry": slice(5, 12),
+    "rtk": slice(12, 19),
+    "optimised_1": slice(19, 26),
+    "optimised_2": slice(26, 33),
+}
+NUMBERS_END = 10**9
 """Clouds have smaller numbers than this."""
-POSES = {"odometry": 5, "rtk": 12, "optimised_1": 19, "optimised_2": 26}
-"""First column of each pose."""
 
 
 @dataclass(frozen=True)
@@ -36,8 +45,8 @@ class KeyFrames:
     truth: Literal["rtk", "optimised_1", "optimised_2"] = "optimised_2"
     """Which poses are the truth; the odometry is the run's own."""
     body_T_lidar: Sequence[float] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    """x, y, z in metres and roll, pitch, yaw in degrees of the stored frame in the body's: x
-    forward, y left, z up."""
+    """Pose of the clouds' frame in the body's (x forward, y left, z up): x, y, z in metres and
+    roll, pitch, yaw in degrees."""
     lift_m: float = 0.0
     """Height of the body's origin above the ground, added to z."""
 
@@ -47,42 +56,44 @@ class KeyFrames:
 
     def open(self, root: Path, sequence: str) -> Log:
         folder = root / sequence
-        skipped = Counter[str]()
-        rows = log.table(folder / FILE, COLUMNS)
-        misnumbered = np.flatnonzero(
-            ~((rows[:, 0] >= 0) & (rows[:, 0] < MOST)) | (rows[:, 0] != np.floor(rows[:, 0]))
-        )
-        if len(misnumbered):
-            raise LogError(
-                f"{folder / FILE}: row {misnumbered[0] + 1} names cloud "
-                f"{rows[misnumbered[0], 0]:g}; expected a whole number"
-            )
-        paths = [folder / f"{number:.0f}.pcd" for number in rows[:, 0]]
-        on_disk = np.array([path.is_file() for path in paths])
-        skipped["no such file"] += int((~on_disk).sum())
+        path = folder / FILE
+        rows = log.table(path, COLUMNS)
+        cloud_paths = _cloud_paths(folder, rows[:, NUMBER_COLUMN])
+        on_disk = np.array([cloud_path.is_file() for cloud_path in cloud_paths])
         if not on_disk.any():
             raise LogError(f"{folder}: none of the {len(rows)} clouds that {FILE} names")
+        skipped = Counter({"no such file": int((~on_disk).sum())})
         rows = rows[on_disk]
-        cloud_paths = [path for path, is_on_disk in zip(paths, on_disk, strict=True) if is_on_disk]
-        stamps_ns = log.nanoseconds(folder / FILE, rows[:, 1], "s", 10**9)
+        paths_on_disk = [cloud_paths[row] for row in np.flatnonzero(on_disk)]
+        stamps_ns = log.nanoseconds(path, rows[:, STAMP_COLUMN], "s", 10**9)
         body_T_lidar = log.extrinsic("reader.body_T_lidar", self.body_T_lidar)
-        world_T_lidar = (
-            from_quaternions(folder / FILE, rows[:, POSES[name] :][:, :7])
-            for name in (self.truth, "odometry")
-        )
-        truth, odometry = (
-            log.lifted(poses @ np.linalg.inv(body_T_lidar), self.lift_m) for poses in world_T_lidar
-        )
+        lidar_T_body = np.linalg.inv(body_T_lidar)
+        world_T_lidar = from_quaternions(path, rows[:, POSE_COLUMNS[self.truth]])
+        odom_T_lidar = from_quaternions(path, rows[:, POSE_COLUMNS["odometry"]])
+        world_T_scan = log.lifted(world_T_lidar @ lidar_T_body, self.lift_m)
+        odom_T_scan = log.lifted(odom_T_lidar @ lidar_T_body, self.lift_m)
         vehicle_T_lidar = log.raised(self.lift_m) @ body_T_lidar
-        notes = vehicle.doubts("the true poses", Trajectory(stamps_ns, truth, np.inf))
+        notes = vehicle.doubts("the true poses", Trajectory(stamps_ns, world_T_scan, np.inf))
         return Log(
             stamps_ns,
-            truth,
-            odometry,
-            lambda row: read_scan(cloud_paths[row], vehicle_T_lidar),
+            world_T_scan,
+            odom_T_scan,
+            lambda row: read_scan(paths_on_disk[row], vehicle_T_lidar),
             +skipped,
             notes,
         )
 
     def sequences(self, root: Path) -> dict[str, list[str]]:
         return {path.parent.name: [] for path in sorted(root.glob(f"*/{FILE}"))}
+
+
+def _cloud_paths(folder: Path, numbers: NDArray[np.float64]) -> list[Path]:
+    """The files of the clouds with these `numbers` (n,); raises LogError unless all are whole."""
+    is_number = (numbers >= 0) & (numbers < NUMBERS_END) & (numbers == np.floor(numbers))
+    wrong_rows = np.flatnonzero(~is_number)
+    if len(wrong_rows):
+        raise LogError(
+            f"{folder / FILE}: row {wrong_rows[0] + 1} names cloud "
+            f"{numbers[wrong_rows[0]]:g}; expected a whole number"
+        )
+    return [folder / f"{number:.0f}.pcd" for number in numbers]

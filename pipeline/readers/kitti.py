@@ -1,8 +1,8 @@
-"""KITTI odometry: Velodyne scans, times, calibration and ground-truth poses (METHODS 7.3).
+"""Reads a log of KITTI odometry, Velodyne scans with times and true poses, as a Log (METHODS 7.3).
 
 Each log has a world frame of its own, so two logs cannot be compared. A study therefore trains on
-the first part of one log, the sequence `00-a`, and tests on the rest, `00-b`; `00` is the whole
-log.
+the first part of one log, the sequence `00-a`, and tests on the other part, `00-b`; `00` is the
+whole log.
 """
 
 import re
@@ -21,9 +21,9 @@ from pipeline.readers import log, vehicle
 from pipeline.readers.log import Log
 
 POSES_PLACES = ("poses/{sequence}.txt", "sequences/{sequence}/poses.txt")
-"""Where the poses of a log are: KITTI's place, and SemanticKITTI's."""
-USUAL_GAP_S = 1.0
-"""Scans further apart than this were left out of a log."""
+"""Where the poses of a log may lie below the root: KITTI's place, and SemanticKITTI's."""
+MAX_GAP_S = 1.0
+"""Between scans further apart than this, others are missing: the path is not checked for jumps."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Kitti:
     """Whether each sequence has a folder of its own with such a root inside, as in the simulated
     suburb."""
     poses: bool = True
-    """False: all scans are taken, without their true poses, which the test logs 11 to 21 lack."""
+    """False: all scans are taken, without true poses. The test logs 11 to 21 have none."""
 
     def __post_init__(self) -> None:
         check(self, "reader")
@@ -65,18 +65,16 @@ class Kitti:
         folder = root / kitti.SCANS.format(log=name)
         skipped = Counter[str]()
         rows = _scan_rows(folder, len(poses), skipped)
-        notes: tuple[str, ...] = (
-            (f"{len(poses) - len(rows)} of {len(poses)} scans are not on disk",)
-            if len(rows) < len(poses)
-            else ()
-        )
+        notes: tuple[str, ...] = ()
+        if len(rows) < len(poses):
+            notes += (f"{len(poses) - len(rows)} of {len(poses)} scans are not on disk",)
         if self.poses:
-            notes += vehicle.doubts("the true poses", Trajectory(stamps_ns, poses, USUAL_GAP_S))
-        path_m = np.concatenate(
-            [[0.0], np.cumsum(np.linalg.norm(np.diff(poses[rows, :3, 3], axis=0), axis=1))]
-        )
-        in_first_part = path_m <= self.split * path_m[-1]
-        rows = rows[in_first_part] if part == "a" else rows[~in_first_part] if part == "b" else rows
+            notes += vehicle.doubts("the true poses", Trajectory(stamps_ns, poses, MAX_GAP_S))
+        if part:
+            steps_m = np.linalg.norm(np.diff(poses[rows, :3, 3], axis=0), axis=1)
+            path_m = np.concatenate([[0.0], np.cumsum(steps_m)])
+            in_first_part = path_m <= self.split * path_m[-1]
+            rows = rows[in_first_part if part == "a" else ~in_first_part]
         world_T_scan = log.lifted(poses[rows], self.lidar_height_m)
         odom_T_scan = np.full_like(world_T_scan, np.nan)
 
@@ -86,35 +84,28 @@ class Kitti:
         return Log(stamps_ns[rows], world_T_scan, odom_T_scan, points, +skipped, notes)
 
     def sequences(self, root: Path) -> dict[str, list[str]]:
-        if self.root_per_sequence:
-            single = replace(self, root_per_sequence=False)
-            folders = sorted(
-                path.parents[2] for path in root.glob("*/sequences/*/velodyne") if path.is_dir()
-            )
-            lacks_by_folder = {
-                folder: single.sequences(folder).get(folder.name.partition("-")[0])
-                for folder in folders
-            }
-            return {
-                folder.name: lacks for folder, lacks in lacks_by_folder.items() if lacks is not None
-            }
-        names = sorted(
-            path.parent.name for path in root.glob("sequences/*/velodyne") if path.is_dir()
-        )
+        if not self.root_per_sequence:
+            folders = root.glob("sequences/*/velodyne")
+            names = sorted(path.parent.name for path in folders if path.is_dir())
+            return {name: self._missing(root, name) for name in names}
+        single_root = replace(self, root_per_sequence=False)
+        folders = root.glob("*/sequences/*/velodyne")
+        missing: dict[str, list[str]] = {}
+        for sequence_root in sorted(path.parents[2] for path in folders if path.is_dir()):
+            log_name = sequence_root.name.partition("-")[0]
+            files = single_root.sequences(sequence_root).get(log_name)
+            if files is not None:
+                missing[sequence_root.name] = files
+        return missing
+
+    def _missing(self, root: Path, name: str) -> list[str]:
+        """The files that a log lacks."""
+        files = []
+        if self.poses and log.located(root, POSES_PLACES, name) is None:
+            files.append(kitti.POSES.format(log=name))
         places = (kitti.CALIB, kitti.TIMES) if self.poses else (kitti.TIMES,)
-        needed_files = {name: [place.format(log=name) for place in places] for name in names}
-        has_poses = {
-            name: not self.poses or log.located(root, POSES_PLACES, name) is not None
-            for name in names
-        }
-        lacking = {
-            name: [] if has_poses[name] else [kitti.POSES.format(log=name)] for name in names
-        }
-        return {
-            name: lacking[name]
-            + [file for file in needed_files[name] if not (root / file).is_file()]
-            for name in names
-        }
+        needed_files = [place.format(log=name) for place in places]
+        return files + [file for file in needed_files if not (root / file).is_file()]
 
 
 def read_velodyne(path: str | Path, lift_m: float = 0.0) -> NDArray[np.float64]:
@@ -123,18 +114,15 @@ def read_velodyne(path: str | Path, lift_m: float = 0.0) -> NDArray[np.float64]:
     The frame is x forward, y left, z up, with its origin in the sensor if not raised. Points that
     are not finite are dropped. Raises LogError for a missing file or one that ends within a record.
     """
-    return np.asarray(
-        kitti.decode(
-            np.frombuffer(log.read_bytes(Path(path), kitti.RECORD_BYTES, "points"), "<f4"), lift_m
-        )
-    )
+    data = log.read_bytes(Path(path), kitti.RECORD_BYTES, "points")
+    return np.asarray(kitti.decode(np.frombuffer(data, "<f4"), lift_m))
 
 
 def read_poses(poses_path: str | Path, calib_path: str | Path) -> NDArray[np.float64]:
-    """Velodyne poses (n, 4, 4) in the first Velodyne frame (METHODS 7.3).
+    """Poses (n, 4, 4) of the Velodyne in its first frame (METHODS 7.3).
 
-    They are Tr⁻¹ P Tr, with Tr = cam0 <- velodyne. Raises LogError naming the row that is not a
-    pose.
+    The file holds poses P of camera 0, and calib.txt the Velodyne's pose in the camera, Tr; the
+    result is Tr⁻¹ P Tr. Raises LogError naming the row that is not a pose.
     """
     rows = log.table(Path(poses_path), 12)
     first_T_cam = kitti.matrix(rows)
@@ -144,7 +132,10 @@ def read_poses(poses_path: str | Path, calib_path: str | Path) -> NDArray[np.flo
 
 
 def _transform_row(path: Path) -> NDArray[np.float64]:
-    """The `Tr:` row of calib.txt as 4×4."""
+    """The Velodyne's pose (4, 4) in camera 0, from the row `Tr:` of calib.txt.
+
+    Raises LogError for a file without that row, or a row that is no pose.
+    """
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except (FileNotFoundError, UnicodeDecodeError):
@@ -167,17 +158,17 @@ def _transform_row(path: Path) -> NDArray[np.float64]:
     return cam_T_velo
 
 
-def _scan_rows(folder: Path, poses: int, skipped: Counter[str]) -> NDArray[np.int64]:
-    """Rows of the pose file whose scan is on disk.
+def _scan_rows(folder: Path, pose_count: int, skipped: Counter[str]) -> NDArray[np.int64]:
+    """Rows (k,) of the pose file whose scan is on disk; the file has `pose_count` rows.
 
-    Counts in `skipped` the files that are not used.
+    Counts in `skipped` the files that are not used. Raises LogError if there is no scan.
     """
     if not folder.is_dir():
         raise LogError(f"{folder}: no such folder of scans")
     is_number = re.compile("[0-9]{6}").fullmatch
     reason = "file name is no scan number"
     numbers = log.numbered_files(folder, kitti.RECORD_BYTES, is_number, reason, skipped)[1]
-    rows = numbers[numbers < poses]
+    rows = numbers[numbers < pose_count]
     skipped["outside the poses' span"] += len(numbers) - len(rows)
     if not len(rows):
         raise LogError(f"{folder}: holds no readable scan (NNNNNN.bin)")

@@ -1,8 +1,8 @@
-"""Reads NCLT (METHODS 7.1).
+"""Reads a sequence of NCLT, scans of a 3-D LiDAR with true poses, as a Log (METHODS 7.1).
 
-Its files are velodyne_sync scans, velodyne_hits.bin packets, ground truth and wheel odometry with
-its covariance. The frames in the files are north-east-down; all results are x forward (north), y
-left (west), z up.
+Its files are the scans in velodyne_sync/, the ground truth, and the wheel odometry with its
+covariance. The raw packets in velodyne_hits.bin are read here too, for `yearloc inspect`. The
+frames in the files are north-east-down; all results are x forward (north), y left (west), z up.
 """
 
 from collections import Counter
@@ -21,6 +21,7 @@ from pipeline.readers import log
 from pipeline.readers.log import Log, Uncertainty
 
 HEADER_WORDS = nclt.PACKET_HEADER_BYTES // 2
+"""16-bit words of a packet's header."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,7 @@ class Nclt:
     lift_m: float = 0.0
     """Added to z. The body frame of NCLT has its origin near the ground."""
     poses: bool = True
-    """False: all scans are taken, without their true poses."""
+    """False: all scans are taken, without true poses."""
 
     def __post_init__(self) -> None:
         check(self, "reader")
@@ -58,32 +59,39 @@ class Nclt:
         odometry = None if odometry_path is None else read_poses(odometry_path, self.max_gap_s)
         truth = read_poses(truth_path, self.max_gap_s) if self.poses and truth_path else None
         question = f"is {truth_path.name if truth_path else 'the truth'} of this date?"
-        rows, world_T_scan, odom_T_scan, doubts = log.rows_with_poses(
-            folder, utimes * 1000, truth, odometry, skipped, question
-        )
-        utimes = utimes[rows]
-        notes = doubts if odometry_path is not None else (*doubts, "no odometry_mu_100hz.csv")
+        posed = log.rows_with_poses(folder, utimes * 1000, truth, odometry, skipped, question)
+        utimes = utimes[posed.rows]
+        notes = list(posed.notes)
+        if odometry is None:
+            notes.append("no odometry_mu_100hz.csv")
         covariance_path = log.located(root, nclt.COVARIANCE_PLACES, sequence)
         odom_variance = None
         if odometry is not None and covariance_path is not None:
             try:
                 odom_variance = read_uncertainty(covariance_path).at(utimes * 1000)
             except LogError as error:  # a log is read without it too
-                notes = (*notes, f"{error}: the odometry's covariance is not used")
+                notes.append(f"{error}: the odometry's covariance is not used")
 
         def points(row: int) -> NDArray[np.float64]:
             return read_velodyne_sync(folder / f"{utimes[row]}.bin", self.lift_m)
 
-        return Log(utimes * 1000, world_T_scan, odom_T_scan, points, +skipped, notes, odom_variance)
+        return Log(
+            utimes * 1000,
+            posed.world_T_scan,
+            posed.odom_T_scan,
+            points,
+            +skipped,
+            tuple(notes),
+            odom_variance,
+        )
 
     def sequences(self, root: Path) -> dict[str, list[str]]:
         names = sorted(path.parent.name for path in root.glob(f"*/{nclt.SCANS}") if path.is_dir())
-        return {
-            name: []
-            if not self.poses or log.located(root, nclt.TRUTH_PLACES, name)
-            else [f"groundtruth_{name}.csv"]
-            for name in names
-        }
+        missing: dict[str, list[str]] = {name: [] for name in names}
+        for name in names if self.poses else ():
+            if log.located(root, nclt.TRUTH_PLACES, name) is None:
+                missing[name].append(f"groundtruth_{name}.csv")
+        return missing
 
 
 def read_velodyne_sync(path: str | Path, lift_m: float = 0.0) -> NDArray[np.float64]:
@@ -92,11 +100,8 @@ def read_velodyne_sync(path: str | Path, lift_m: float = 0.0) -> NDArray[np.floa
     The frame is x forward, y left, z up. Raises LogError for a missing file or one that ends within
     a record.
     """
-    return np.asarray(
-        nclt.decode(
-            np.frombuffer(log.read_bytes(Path(path), nclt.RECORD_BYTES, "hits"), "<u2"), lift_m
-        )
-    )
+    data = log.read_bytes(Path(path), nclt.RECORD_BYTES, "hits")
+    return np.asarray(nclt.decode(np.frombuffer(data, "<u2"), lift_m))
 
 
 def read_poses(path: str | Path, max_gap_s: float = 0.5) -> Trajectory:
@@ -115,25 +120,26 @@ def read_poses(path: str | Path, max_gap_s: float = 0.5) -> Trajectory:
 
 
 def read_uncertainty(path: str | Path) -> Uncertainty:
-    """Read odometry_cov.csv: the covariance of each motion since the row before.
+    """Read odometry_cov.csv, whose rows hold the covariance of the motion since the row before.
 
-    Motions err independently, so their variances add up; rows that hold a NaN add nothing. Raises
-    LogError naming the row that is not 22 numbers or whose stamp does not increase.
+    The errors of the motions are taken as independent, so their variances add up; rows that hold a
+    NaN add nothing. Raises LogError naming the row that is not 22 numbers or whose stamp does not
+    increase.
     """
     path = Path(path)
     rows = log.table(path, nclt.COVARIANCE_COLUMNS, ",")
     rows = rows[np.isfinite(rows).all(axis=1)]
     x, y, heading = rows[:, nclt.VARIANCE_COLUMNS].T
-    of_motion = np.column_stack([(x + y) / 2, heading])
+    motion_variance = np.column_stack([(x + y) / 2, heading])
     stamps_ns = log.nanoseconds(path, rows[:, 0], "µs", 1000)
-    return Uncertainty(stamps_ns, np.cumsum(of_motion, axis=0))
+    return Uncertainty(stamps_ns, np.cumsum(motion_variance, axis=0))
 
 
 @dataclass(frozen=True)
 class Packets:
-    """Every packet of a velodyne_hits.bin.
+    """The packets of a velodyne_hits.bin.
 
-    Its hits are raw, in the frame of the sensor, and not motion compensated.
+    Their hits are raw: in the frame of the sensor, and not motion compensated.
     """
 
     words: NDArray[np.uint16]
@@ -146,9 +152,9 @@ class Packets:
     """(packet,) microseconds since 1970."""
 
     def hits(self, packet: int) -> NDArray[np.uint16]:
-        """Records (n, 4) of one packet.
+        """The hits (n, 4) of one packet as 16-bit words.
 
-        They are x, y, z as `formats.nclt` encodes them, then intensity and laser in one word.
+        The columns are x, y, z as `formats.nclt` encodes them, then intensity and laser together.
         """
         start = self.starts[packet] + HEADER_WORDS
         count = self.offsets[packet + 1] - self.offsets[packet]
@@ -183,9 +189,11 @@ def read_packets(path: Path) -> Packets:
 def _find_packets(
     words: NDArray[np.uint16],
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], np.int64]:
-    """First word (packet,) and first hit (packet + 1,) of each packet, and the end of the last one.
+    """Find the packets in a file's words.
 
-    The end is the index of the word after the last whole packet.
+    Returns the index of the first word (packet,) and the number of the first hit (packet + 1,) of
+    each packet, and the index of the word after the last whole packet. A packet is four words of
+    PACKET_MAGIC, two with the count of its hits, the rest of its header, and four words a hit.
     """
     starts = np.empty(len(words) // HEADER_WORDS + 1, np.int64)
     offsets = np.empty(len(words) // HEADER_WORDS + 1, np.int64)
@@ -193,11 +201,11 @@ def _find_packets(
     at = np.int64(0)
     offsets[0] = 0
     while at + HEADER_WORDS <= len(words):
-        magic = True
+        has_magic = True
         for word in range(4):
-            magic &= words[at + word] == nclt.PACKET_MAGIC
+            has_magic &= words[at + word] == nclt.PACKET_MAGIC
         hits = np.int64(words[at + 4]) + (np.int64(words[at + 5]) << 16)
-        if not magic or at + HEADER_WORDS + 4 * hits > len(words):
+        if not has_magic or at + HEADER_WORDS + 4 * hits > len(words):
             break
         starts[count] = at
         offsets[count + 1] = offsets[count] + hits
