@@ -1,8 +1,9 @@
-"""Writes ROS bags without ROS: the messages of METHODS 7.4.
+"""Writes ROS bags without ROS: clouds, sweeps, poses, IMU readings and transforms (METHODS 7.4).
 
-A bag is a ROS 1 .bag, or a ROS 2 folder with sqlite3 or MCAP inside. Frames follow REP 103: x
-forward, y left, z up. The bytes of a bag depend only on its messages and on the versions of
-`rosbags` and SQLite, which it names.
+The simulated world and the results for Foxglove are written so; `bag_file` reads bags. A bag is a
+ROS 1 .bag, or a ROS 2 folder with sqlite3 or MCAP inside. Frames follow REP 103: x forward, y left,
+z up. The bytes of a bag depend only on its messages and on the versions of `rosbags` and SQLite,
+which it names.
 """
 
 from functools import cache
@@ -31,15 +32,19 @@ POINT = np.dtype([("xyz", "<f4", 3), ("intensity", "<f4"), ("ring", "<u2"), ("pa
 """A point as written: 20 bytes."""
 TIMED_POINT = np.dtype([*POINT.descr, ("t", "<u4")])
 """A point with its time: 24 bytes."""
+UINT16 = 4
+UINT32 = 6
+FLOAT32 = 7
+"""Numbers of sensor_msgs/PointField for types."""
 
 
 @cache
 def typestore(ros: int) -> Typestore:
     """The definitions of the standard messages of ROS 1 or 2.
 
-    They are the same in all distributions. The definitions inside a bag are not used: one odd topic
-    would make the whole bag unreadable, and one flipped bit in a definition would change every
-    message.
+    They are the same in all distributions of it. The definitions inside a bag are not used: one odd
+    topic would make the whole bag unreadable, and one flipped bit in a definition would change
+    every message.
     """
     store = get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_HUMBLE)
     if TRANSFORMS not in store.fielddefs:
@@ -93,34 +98,37 @@ class BagWriter:
     ) -> None:
         """Write a cloud (n, 3) in metres.
 
-        Each point has an intensity and a ring, the number of its beam, and with `times_s` (n,) the
-        nanoseconds after the stamp at which it was measured, as Ouster's driver writes them.
+        Each point has an `intensity` and a `ring` (n,), the number of its beam. `times_s` (n,) are
+        the seconds after the stamp at which each was measured; they are written as nanoseconds, as
+        by Ouster's driver.
         """
         data = np.zeros(len(points_m), POINT if times_s is None else TIMED_POINT)
         data["xyz"] = points_m
         data["intensity"] = intensity
         data["ring"] = ring
-        layout = [(axis, 4 * i, 7) for i, axis in enumerate("xyz")] + [
-            ("intensity", 12, 7),
-            ("ring", 16, 4),
+        fields = [
+            self._field("x", 0, FLOAT32),
+            self._field("y", 4, FLOAT32),
+            self._field("z", 8, FLOAT32),
+            self._field("intensity", 12, FLOAT32),
+            self._field("ring", 16, UINT16),
         ]
         if times_s is not None:
             data["t"] = np.rint(1e9 * times_s)
-            layout.append(("t", POINT.itemsize, 6))
-        fields = [
-            self._new("sensor_msgs/msg/PointField", name=n, offset=at, datatype=kind, count=1)
-            for n, at, kind in layout
-        ]
-        shape = {
-            "height": 1,
-            "width": len(data),
-            "point_step": data.itemsize,
-            "row_step": data.nbytes,
-        }
-        flags = {"is_bigendian": False, "is_dense": True}
-        points = data.view(np.uint8).reshape(-1)
+            fields.append(self._field("t", POINT.itemsize, UINT32))
         self._write_stamped(
-            topic, CLOUD, stamp_ns, frame, fields=fields, data=points, **shape, **flags
+            topic,
+            CLOUD,
+            stamp_ns,
+            frame,
+            fields=fields,
+            data=data.view(np.uint8).reshape(-1),
+            height=1,
+            width=len(data),
+            point_step=data.itemsize,
+            row_step=data.nbytes,
+            is_bigendian=False,
+            is_dense=True,
         )
 
     def laser_scan(
@@ -135,23 +143,21 @@ class BagWriter:
         topic: str = "/scan",
     ) -> None:
         """Write a sweep of ranges (n,), counter-clockwise from `angle_min_rad`."""
-        angle_max_rad = angle_min_rad + angle_step_rad * (len(ranges_m) - 1)
-        angles = {
-            "angle_min": angle_min_rad,
-            "angle_max": angle_max_rad,
-            "angle_increment": angle_step_rad,
-        }
-        limits = {
-            "range_min": range_min_m,
-            "range_max": range_max_m,
-            "time_increment": 0.0,
-            "scan_time": 0.0,
-        }
-        values = {
-            "ranges": np.asarray(ranges_m, np.float32),
-            "intensities": np.empty(0, np.float32),
-        }
-        self._write_stamped(topic, SWEEP, stamp_ns, frame, **angles, **limits, **values)
+        self._write_stamped(
+            topic,
+            SWEEP,
+            stamp_ns,
+            frame,
+            angle_min=angle_min_rad,
+            angle_max=angle_min_rad + angle_step_rad * (len(ranges_m) - 1),
+            angle_increment=angle_step_rad,
+            range_min=range_min_m,
+            range_max=range_max_m,
+            time_increment=0.0,
+            scan_time=0.0,
+            ranges=np.asarray(ranges_m, np.float32),
+            intensities=np.empty(0, np.float32),
+        )
 
     def odometry(
         self,
@@ -162,18 +168,15 @@ class BagWriter:
         topic: str = "/odom",
         covariance: NDArray[np.float64] | None = None,
     ) -> None:
-        """Write a pose 4×4 of the body and its covariance (6, 6), zero by default.
+        """Write the pose 4×4 of a body and its covariance (6, 6), zero by default.
 
-        Velocities and their covariance are zero.
+        Velocities and their covariance are written as zero.
         """
-        position = self._xyz(world_T_body[:3, 3], "Point")
-        orientation = self._quaternion(world_T_body)
-        pose = self._new("geometry_msgs/msg/Pose", position=position, orientation=orientation)
-        numbers = np.zeros(36) if covariance is None else covariance.reshape(36)
-        pose = self._new("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=numbers)
+        if covariance is None:
+            covariance = np.zeros((6, 6))
         zero = self._xyz(np.zeros(3))
         twist = self._new("geometry_msgs/msg/Twist", linear=zero, angular=zero)
-        twist = self._new(
+        twist_with_covariance = self._new(
             "geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=np.zeros(36)
         )
         self._write_stamped(
@@ -182,8 +185,8 @@ class BagWriter:
             stamp_ns,
             world_frame,
             child_frame_id=body_frame,
-            pose=pose,
-            twist=twist,
+            pose=self._pose_with_covariance(world_T_body, covariance),
+            twist=twist_with_covariance,
         )
 
     def pose_with_covariance(
@@ -196,14 +199,9 @@ class BagWriter:
     ) -> None:
         """Write a pose 4×4 and its covariance (6, 6).
 
-        The covariance is of x, y, z and turns about them, along the axes of `frame`.
+        The covariance is of x, y, z and of turns about these axes of `frame`.
         """
-        position = self._xyz(frame_T_body[:3, 3], "Point")
-        orientation = self._quaternion(frame_T_body)
-        pose = self._new("geometry_msgs/msg/Pose", position=position, orientation=orientation)
-        pose = self._new(
-            "geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=covariance.reshape(36)
-        )
+        pose = self._pose_with_covariance(frame_T_body, covariance)
         self._write_stamped(topic, POSE_COVARIANCE, stamp_ns, frame, pose=pose)
 
     def imu(
@@ -213,19 +211,20 @@ class BagWriter:
         turn_rad_s: NDArray[np.float64],
         topic: str = "/imu",
     ) -> None:
-        """Write how fast an IMU turns (3,) about its axes; it says nothing else."""
-        unknown = np.array([-1.0, *[0.0] * 8])  # REP 145: not measured
+        """Write how fast an IMU turns (3,) about its axes; all else is marked as not measured."""
+        unmeasured = np.zeros(9)
+        unmeasured[0] = -1.0  # by REP 145
         self._write_stamped(
             topic,
             IMU,
             stamp_ns,
             frame,
             orientation=self._quaternion(np.eye(4)),
-            orientation_covariance=unknown,
+            orientation_covariance=unmeasured,
             angular_velocity=self._xyz(turn_rad_s),
             angular_velocity_covariance=np.zeros(9),
             linear_acceleration=self._xyz(np.zeros(3)),
-            linear_acceleration_covariance=unknown,
+            linear_acceleration_covariance=unmeasured,
         )
 
     def static_transform(
@@ -260,29 +259,42 @@ class BagWriter:
         self._write(topic, message_type, stamp_ns, header=self._header(stamp_ns, frame), **fields)
 
     def _write(self, topic: str, message_type: str, stamp_ns: int, **fields: Any) -> None:
+        """Write a message of a standard type; the first of a topic makes the topic."""
         message = self._new(message_type, **fields)
         writer = self._writer
         if topic not in self._topics:
             self._topics[topic] = writer.add_connection(topic, message_type, typestore=self._store)
-        pack = (
-            self._store.serialize_ros1
-            if isinstance(writer, rosbag1.Writer)
-            else self._store.serialize_cdr
-        )
+        is_ros1 = isinstance(writer, rosbag1.Writer)
+        pack = self._store.serialize_ros1 if is_ros1 else self._store.serialize_cdr
         writer.write(self._topics[topic], stamp_ns, pack(message, message_type))
 
     def _new(self, message_type: str, **fields: Any) -> Any:
+        """A message, or a part of one, of a standard type."""
         return self._store.types[message_type](**fields)
 
     def _header(self, stamp_ns: int, frame: str) -> Any:
         stamp = self._new(
             "builtin_interfaces/msg/Time", sec=stamp_ns // 10**9, nanosec=stamp_ns % 10**9
         )
-        seq = {"seq": 0} if isinstance(self._writer, rosbag1.Writer) else {}
+        seq = {"seq": 0} if isinstance(self._writer, rosbag1.Writer) else {}  # gone in ROS 2
         return self._new("std_msgs/msg/Header", **seq, stamp=stamp, frame_id=frame)
 
-    def _xyz(self, xyz_m: NDArray[np.float64], kind: str = "Vector3") -> Any:
-        x, y, z = map(float, xyz_m)
+    def _field(self, name: str, offset: int, datatype: int) -> Any:
+        """The description of a field of each point, at a byte offset in the point."""
+        kind = "sensor_msgs/msg/PointField"
+        return self._new(kind, name=name, offset=offset, datatype=datatype, count=1)
+
+    def _pose_with_covariance(
+        self, pose: NDArray[np.float64], covariance: NDArray[np.float64]
+    ) -> Any:
+        position = self._xyz(pose[:3, 3], "Point")
+        orientation = self._quaternion(pose)
+        message = self._new("geometry_msgs/msg/Pose", position=position, orientation=orientation)
+        kind = "geometry_msgs/msg/PoseWithCovariance"
+        return self._new(kind, pose=message, covariance=covariance.reshape(36))
+
+    def _xyz(self, xyz: NDArray[np.float64], kind: str = "Vector3") -> Any:
+        x, y, z = map(float, xyz)
         return self._new(f"geometry_msgs/msg/{kind}", x=x, y=y, z=z)
 
     def _quaternion(self, pose: NDArray[np.float64]) -> Any:

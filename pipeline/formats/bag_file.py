@@ -1,8 +1,8 @@
-"""Reads ROS bags without ROS: the topics, the messages in order, and any single message again.
+"""Reads ROS bags without ROS: a bag in; its topics, and the bytes of its messages, out.
 
 `rosbags` reads all kinds: a ROS 1 .bag (plain, bz2, lz4), a ROS 2 folder (sqlite3 or MCAP; zstd by
 file or by message), a bare .mcap or .db3. Any exception that it raises at a damaged file becomes
-one LogError that names the file.
+one LogError that names the file. `messages` and `pointcloud2` turn the bytes into arrays.
 """
 
 import re
@@ -12,6 +12,7 @@ from collections.abc import Generator, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from itertools import islice
+from operator import attrgetter
 from pathlib import Path
 from threading import Lock
 from typing import Any
@@ -23,10 +24,11 @@ from pipeline.core.errors import LogError, YearlocError
 from pipeline.formats.bag import TRANSFORMS, typestore
 
 SUFFIXES = (".bag", ".mcap", ".db3")
+"""Suffixes of bags that are one file."""
 MCAP = b"\x89MCAP0\r\n"
 """The first bytes of an MCAP."""
 ALIASES = {"tf/msg/tfMessage": TRANSFORMS}
-"""Older names of message types."""
+"""Today's names of message types by their older ones."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,7 @@ class Topic:
     kind: str
     """The message type, such as sensor_msgs/msg/PointCloud2."""
     count: int
+    """Number of messages."""
 
     def __str__(self) -> str:
         return f"{self.kind.replace('/msg/', '/')}, {self.count:,}"
@@ -43,15 +46,16 @@ class Topic:
 
 @dataclass(frozen=True)
 class Key:
-    """Address of a message in its bag: the n-th of its topic that was received at `received_ns`."""
+    """Address of a message in its bag."""
 
     topic: str
     received_ns: int
     nth: int
+    """Its number, from 0, among the messages of the topic that were received at `received_ns`."""
 
 
 def plain(text: str, length: int) -> str:
-    """Text from a bag for one line of an error: without unprintable letters, cut to `length`."""
+    """Text from a bag, made fit for an error line: printable letters only, cut to `length`."""
     return "".join(letter if letter.isprintable() else " " for letter in text)[:length].strip()
 
 
@@ -61,10 +65,12 @@ def is_bag(path: Path) -> bool:
 
 
 def find(path: Path) -> list[Path]:
-    """The bags at `path`: itself, or those right below it, by name."""
+    """The bags at `path`: the path itself, or those right below it, sorted by name."""
     if is_bag(path):
         return [path]
-    return sorted(child for child in path.iterdir() if is_bag(child)) if path.is_dir() else []
+    if not path.is_dir():
+        return []
+    return sorted(child for child in path.iterdir() if is_bag(child))
 
 
 class BagFile:
@@ -75,41 +81,35 @@ class BagFile:
     """
 
     def __init__(self, path: Path) -> None:
-        """Raises LogError for a file that is missing, damaged, or no bag.
+        """Open the bag at `path`; raises LogError for a file that is missing, damaged, or no bag.
 
-        `topics` are by name; `span_ns` is (first receipt, after the last receipt), and start > end
-        in an empty bag.
+        `topics` are by name. `span_ns` is the time of the first receipt and the time after the last
+        one; in an empty bag the first is later than the last.
         """
         self.path = path
         self._lock = Lock()
-        self._writers: dict[str, list[Connection]] = {}
-        self._store = typestore(1 if path.suffix == ".bag" and path.is_file() else 2)
+        self._connections_by_topic: dict[str, list[Connection]] = {}
+        is_ros1 = path.suffix == ".bag" and path.is_file()
+        self._store = typestore(1 if is_ros1 else 2)
         self._reader: rosbag1.Reader | rosbag2.Reader
         with self._refusing():
-            self._reader = (
-                rosbag1.Reader(path)
-                if path.suffix == ".bag" and path.is_file()
-                else rosbag2.Reader(path)
-            )
+            self._reader = rosbag1.Reader(path) if is_ros1 else rosbag2.Reader(path)
             self._reader.open()
             weakref.finalize(self, self._reader.close)
             self.topics: dict[str, Topic] = {}
-            for connection in sorted(
-                self._reader.connections, key=lambda connection: connection.topic
-            ):
-                earlier_count = (
-                    self.topics[connection.topic].count if connection.topic in self.topics else 0
-                )
-                self.topics[connection.topic] = Topic(
-                    _kind(connection), int(connection.msgcount) + earlier_count
-                )
+            for connection in sorted(self._reader.connections, key=attrgetter("topic")):
+                name = connection.topic
+                count = int(connection.msgcount)
+                if name in self.topics:  # several nodes wrote it
+                    count += self.topics[name].count
+                self.topics[name] = Topic(_kind(connection), count)
             self.span_ns = int(self._reader.start_time), int(self._reader.end_time)
 
     def __reduce__(self) -> tuple[type["BagFile"], tuple[Path]]:
         return BagFile, (self.path,)
 
     def messages(self, topic: str) -> Generator[tuple[Key, bytes], None, None]:
-        """Every message of a topic, as bytes, in order of receipt.
+        """Every message of a topic, its address and its bytes, in order of receipt.
 
         Raises LogError where the file is damaged.
         """
@@ -120,7 +120,7 @@ class BagFile:
                 counts[received_ns] += 1
 
     def first(self, topic: str) -> bytes | None:
-        """The first message of a topic; None where there is none."""
+        """The bytes of the first message of a topic; None where there is none."""
         with closing(self.messages(topic)) as messages:
             return next((data for _, data in messages), None)
 
@@ -139,11 +139,11 @@ class BagFile:
         return bytes(message[2])
 
     def decode(self, data: bytes, kind: str) -> Any:
-        """A message of a standard type from its bytes; raises LogError for a broken one."""
+        """A message of the standard type `kind` from its bytes; raises LogError if it is broken."""
         unpack = self._store.deserialize_ros1 if self.ros == 1 else self._store.deserialize_cdr
         try:
             return unpack(data, kind)
-        except Exception as error:  # as below
+        except Exception as error:  # rosbags raises errors of any type
             raise LogError(
                 f"{self.path}: a broken {kind.replace('/msg/', '/')}: {_reason(error)}"
             ) from None
@@ -154,12 +154,12 @@ class BagFile:
         return 1 if isinstance(self._reader, rosbag1.Reader) else 2
 
     def _connections(self, topic: str) -> list[Connection]:
-        """The connections that wrote a topic.
+        """The connections, one for each node that wrote a topic.
 
-        Raises LogError for messages that are not of one standard type.
+        Raises LogError unless all its messages are of one type, and of the standard's definition.
         """
-        if topic in self._writers:
-            return self._writers[topic]
+        if topic in self._connections_by_topic:
+            return self._connections_by_topic[topic]
         connections = [
             connection for connection in self._reader.connections if connection.topic == topic
         ]
@@ -170,36 +170,37 @@ class BagFile:
                 raise LogError(
                     f"{self.path}: {plain(topic, 60)} has messages of several types: {kinds}"
                 )
-            has_ros1_definition = self.ros == 1 and kind in self._store.fielddefs
-            if has_ros1_definition and connection.digest not in (
-                "*",
-                self._store.generate_msgdef(kind)[1],
-            ):
+            if self.ros == 2 or kind not in self._store.fielddefs:
+                continue
+            standard_md5 = self._store.generate_msgdef(kind)[1]
+            if connection.digest not in ("*", standard_md5):
                 md5 = plain(connection.digest, 32)
                 raise LogError(
                     f"{self.path}: {plain(topic, 60)} is not ROS's own {kind}: its definition has "
                     f"the MD5 {md5}"
                 )
-        self._writers[topic] = connections
+        self._connections_by_topic[topic] = connections
         return connections
 
     @contextmanager
     def _refusing(self) -> Iterator[None]:
+        """Turn any exception of a damaged file into a LogError."""
         try:
             yield
         except YearlocError:
             raise
-        # rosbags, sqlite, zstd, yaml and struct raise whatever they like at a damaged file
+        # rosbags, sqlite, zstd, yaml and struct raise errors of any type at a damaged file
         except Exception as error:
             raise LogError(f"{self.path}: {_why(self.path, error)}") from None
 
 
 def _kind(connection: Connection) -> str:
+    """The type of a connection's messages, by its name of today."""
     return ALIASES.get(connection.msgtype, connection.msgtype)
 
 
 def _why(path: Path, error: Exception) -> str:
-    """The error line for a bag that cannot be read: what is wrong, and what to do."""
+    """Why a bag cannot be read, and what to do, for an error line."""
     if not path.exists():
         return "no such bag"
     if path.is_file():
@@ -214,11 +215,9 @@ def _why(path: Path, error: Exception) -> str:
                 "with `rosbag fix`"
             )
         if head.startswith(MCAP) and (profile := _profile(head)) != "ros2":
-            advice = (
-                "give the ROS 1 .bag that it was made from"
-                if profile == "ros1"
-                else "let `ros2 bag record` write it"
-            )
+            advice = "let `ros2 bag record` write it"
+            if profile == "ros1":
+                advice = "give the ROS 1 .bag that it was made from"
             return f"an MCAP of profile {profile!a}; only those of ROS 2 can be read: {advice}"
     reason = _reason(error)
     return (
@@ -228,13 +227,12 @@ def _why(path: Path, error: Exception) -> str:
 
 
 def _profile(head: bytes) -> str:
-    """The profile that the header of an MCAP names, which is what wrote its messages."""
+    """The profile in the header of an MCAP: the kind of its messages, such as ros2."""
     size = int.from_bytes(head[17:21], "little")
     return plain(head[21 : 21 + size].decode("utf-8", "replace"), 40)
 
 
 def _reason(error: Exception) -> str:
-    return (
-        plain(str(error), 160).rstrip(".")
-        or f"sizes and contents do not fit ({type(error).__name__})"
-    )
+    """The text of an exception, or its type if it has none."""
+    text = plain(str(error), 160).rstrip(".")
+    return text or f"sizes and contents do not fit ({type(error).__name__})"

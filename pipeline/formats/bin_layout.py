@@ -1,7 +1,12 @@
 """Finds the layout of a .bin of points, which has no header: bytes in; points, or their width, out.
 
-Layouts differ in the bytes of a point. The right one divides the size of the file, and its numbers
-look like the coordinates of neighbouring points; those of a wrong one are mixed up.
+Layouts differ in the width of a record, the bytes of a point. All but NCLT's begin with x, y, z as
+32-bit floats. Their width is the one
+
+1. that divides the size of the file,
+2. with which the numbers at the places of x, y and z look like coordinates in metres,
+3. with which z is distributed unlike x (a wrong width mixes all coordinates in each column),
+4. and, if several are left, with which neighbours in the file lie nearest to each other.
 """
 
 from itertools import pairwise
@@ -15,7 +20,7 @@ from numpy.typing import NDArray
 from pipeline.core.errors import LogError
 
 NCLT_BYTES = 8
-"""Of NCLT's records: x, y, z as 16-bit integers, intensity, laser id."""
+"""Bytes of NCLT's records: x, y, z as 16-bit integers, intensity, laser id."""
 NAMES_BY_COMMONNESS = {
     16: "as KITTI's",
     20: "as nuScenes'",
@@ -25,33 +30,35 @@ NAMES_BY_COMMONNESS = {
 }
 """Layouts that begin with x, y, z as 32-bit floats, by the bytes of a record; commonest first."""
 MIN_POINTS = 50
-"""Fewer points tell no layout: the commonest one that fits is taken."""
+"""With fewer points distributions are not compared: the commonest layout that fits is taken."""
 WIDTHS = range(12, 65)
-"""Bytes of a point that are tried."""
+"""Widths that are tried."""
 FARTHEST_M = 500.0
-LEAST_M = 1e-6
+NEAREST_M = 1e-6
 LIKELY_SHARE = 0.8
-"""At least this share of points' coordinates lies between LEAST_M and FARTHEST_M, or is 0.
+"""At least this share of the coordinates of points lies between NEAREST_M and FARTHEST_M, or is 0.
 
 Of random bytes read as floats, one in nine does. Zeros count too, since a simulator's level ground
 may be almost all 0.
 """
 HEAD_BYTES = 2**20
-"""The beginning of a file, from which the layout is found."""
+"""The layout is found from so many bytes at the beginning of a file."""
 LASERS = 32
-"""Of NCLT's sensor."""
+"""Lasers of NCLT's sensor."""
 NUMBERS_PER_POINT = (4, 3, 5, 6, 7, 8)
-"""Numbers of a point in a .bin that holds all x first, the commonest first."""
+"""How many numbers a point may have in a .bin that holds all x first; the commonest first."""
 MAX_SAMPLES = 5_000
-"""This many numbers tell a distribution well enough: of more, only every n-th is compared."""
+"""So many numbers are enough to compare distributions: of more, only every n-th is used."""
 MAX_KS_DISTANCE = 0.1
 """Many numbers of one distribution have a smaller Kolmogorov–Smirnov distance than this."""
+SPACING_FACTOR = 1.2
+"""Multiples of the right width skip points, so their spacing is larger by less than this factor."""
 
 
 def points(data: bytes, path: Path, width: int | None = None) -> NDArray[np.float32]:
     """Points (n, 3) of a .bin whose records, `width` bytes each, begin with x, y, z.
 
-    None: the width is found from the bytes. Raises LogError where they cannot be such records.
+    If `width` is None, it is found from the bytes. Raises LogError if they cannot be such records.
     """
     if not width:
         width, is_certain = width_of(data)
@@ -76,74 +83,56 @@ def points(data: bytes, path: Path, width: int | None = None) -> NDArray[np.floa
 
 
 def point_bytes(data: bytes) -> int | None:
-    """Bytes of a point in a .bin, certain or not; None where no width fits."""
+    """The width of a record in a .bin, certain or not; None where no width fits."""
     return width_of(data).nbytes
 
 
 class Width(NamedTuple):
-    """The bytes of a point."""
+    """The width of a record."""
 
     nbytes: int | None
     """None where no width fits."""
     is_certain: bool
+    """False for a guess among several widths."""
 
 
 def width_of(data: bytes) -> Width:
-    """The bytes of a point in a .bin.
-
-    8 of NCLT's; others begin with x, y, z as 32-bit floats in metres. Where several widths fit, the
-    coordinates tell: in the right one heights are spread unlike positions ahead, and neighbours in
-    the file lie nearest to each other. Where they do not tell, it is the commonest width.
-    """
-    words = np.frombuffer(
-        data[: min(len(data), HEAD_BYTES) // NCLT_BYTES * NCLT_BYTES], "<u2"
-    ).reshape(-1, 4)
-    if (
-        len(data) % NCLT_BYTES == 0
-        and len(words)
-        and (words[:, 3] >> 8).max() < LASERS  # its high byte is the laser
-        and (words[:, :3] > 0).all()
-    ):
+    """The width of a record in a .bin, by the rules of this module."""
+    if _is_nclt(data):
         return Width(NCLT_BYTES, is_certain=True)
-    points_by_width = _fitting(data)
+    points_by_width = _possible_points(data)
     with_distinct_heights = {
         width: xyz_m for width, xyz_m in points_by_width.items() if _heights_differ(xyz_m)
     }
+    is_certain = bool(with_distinct_heights) or len(points_by_width) < 2
     if not with_distinct_heights and len(data) < MIN_POINTS * max(points_by_width, default=0):
-        commonest = next(
-            (width for width in NAMES_BY_COMMONNESS if width in points_by_width), None
-        ) or next(iter(points_by_width), None)
-        return Width(commonest, is_certain=len(points_by_width) < 2)
+        return Width(_commonest(list(points_by_width)), is_certain)
     spacing_m = {
         width: _spacing_m(xyz_m)
         for width, xyz_m in (with_distinct_heights or points_by_width).items()
     }
-    # multiples of the right width give nearly the same spacing: the smallest of them is right
-    likely_widths = [
-        width for width in spacing_m if spacing_m[width] <= 1.2 * min(spacing_m.values())
-    ]
-    return Width(
-        likely_widths[0] if likely_widths else None,
-        is_certain=bool(with_distinct_heights) or len(points_by_width) < 2,
-    )
+    if not spacing_m:
+        return Width(None, is_certain)
+    # multiples of the right width have nearly its spacing: the smallest of them is right
+    limit_m = SPACING_FACTOR * min(spacing_m.values())
+    return Width(min(width for width in spacing_m if spacing_m[width] <= limit_m), is_certain)
 
 
 def refuse_planar(data: bytes, path: Path) -> None:
     """Raise LogError for a .bin that holds all x first, then all y, then all z.
 
-    Those of RobotCar's radar data set do.
+    The files of RobotCar's radar data set do. No width gives such a file distinct heights, and
+    with any width all columns have one distribution.
     """
     if not data or len(data) % 4:
         return
     numbers = np.frombuffer(data, "<f4")
-    points_by_width = _fitting(data)
-    four_byte_records = (
-        numbers.reshape(-1, width // 4) for width in points_by_width if width % 4 == 0
-    )
-    if any(map(_heights_differ, points_by_width.values())) or not all(
-        map(_columns_alike, four_byte_records)
-    ):
+    points_by_width = _possible_points(data)
+    if any(_heights_differ(xyz_m) for xyz_m in points_by_width.values()):
         return
+    for width in points_by_width:
+        if width % 4 == 0 and not _columns_alike(numbers.reshape(-1, width // 4)):
+            return
     for columns in NUMBERS_PER_POINT:
         if len(numbers) % columns:
             continue
@@ -158,64 +147,78 @@ def refuse_planar(data: bytes, path: Path) -> None:
             )
 
 
-def _fitting(data: bytes) -> dict[int, NDArray[np.float32]]:
-    """The first points (n, 3) of a .bin by each width of a record that fits."""
-    return {width: xyz_m for width in WIDTHS if (xyz_m := _points(data, width)) is not None}
+def _is_nclt(data: bytes) -> bool:
+    """Whether the bytes are NCLT's records of four words: no coordinate is 0, laser ids are small.
+
+    The high byte of the fourth word is the laser's id.
+    """
+    head_bytes = min(len(data), HEAD_BYTES) // NCLT_BYTES * NCLT_BYTES
+    words = np.frombuffer(data[:head_bytes], "<u2").reshape(-1, 4)
+    if len(data) % NCLT_BYTES or not len(words):
+        return False
+    return bool((words[:, 3] >> 8).max() < LASERS and (words[:, :3] > 0).all())
 
 
-def _points(data: bytes, width: int) -> NDArray[np.float32] | None:
-    """The first points (n, 3) if records of `width` bytes look like coordinates, else None."""
-    if len(data) % width or not data:
-        return None
-    records = np.frombuffer(data[: max(HEAD_BYTES // width, 1) * width], np.uint8).reshape(
-        -1, width
-    )
-    xyz_m = records[:, :12].copy().view("<f4")
-    return xyz_m if _may_be_points(xyz_m) else None
+def _possible_points(data: bytes) -> dict[int, NDArray[np.float32]]:
+    """The first points (n, 3) of a .bin, for each width that makes them look like points."""
+    points_by_width: dict[int, NDArray[np.float32]] = {}
+    for width in WIDTHS:
+        if len(data) % width or not data:
+            continue
+        head_bytes = max(HEAD_BYTES // width, 1) * width
+        records = np.frombuffer(data[:head_bytes], np.uint8).reshape(-1, width)
+        xyz_m = records[:, :12].copy().view("<f4")
+        if _may_be_points(xyz_m):
+            points_by_width[width] = xyz_m
+    return points_by_width
 
 
 def _may_be_points(xyz_m: NDArray[np.float32]) -> bool:
     """Whether numbers (n, 3) look like the coordinates of points in metres."""
     size_m = np.abs(xyz_m)
     with np.errstate(invalid="ignore"):
-        likely = (size_m < FARTHEST_M) & ((size_m > LEAST_M) | (size_m == 0))
-    varied = len(xyz_m) < MIN_POINTS or all((a != b).any() for a, b in pairwise(xyz_m.T))
-    return bool(likely.mean() > LIKELY_SHARE and (xyz_m != 0).any() and varied)
-
-
-def _columns_alike(rows: NDArray[np.float32]) -> bool:
-    """Whether all columns of records (n, column) have one distribution.
-
-    So it is where they are not records, and each column mixes all coordinates.
-    """
-    finite_rows = rows[np.isfinite(rows).all(axis=1)]
-    return not any(_differ(finite_rows[:, 0], column) for column in finite_rows.T[1:])
+        is_likely = (size_m < FARTHEST_M) & ((size_m > NEAREST_M) | (size_m == 0))
+    columns_differ = all((before != after).any() for before, after in pairwise(xyz_m.T))
+    is_varied = len(xyz_m) < MIN_POINTS or columns_differ
+    return bool(is_likely.mean() > LIKELY_SHARE and (xyz_m != 0).any() and is_varied)
 
 
 def _heights_differ(xyz_m: NDArray[np.float32]) -> bool:
-    """Whether the z of points (n, 3) are distributed unlike their x.
-
-    So they are in any place, and never where the numbers are mixed up.
-    """
+    """Whether the z of points (n, 3) are distributed unlike their x, as in any real place."""
     finite_points = xyz_m[np.isfinite(xyz_m).all(axis=1)]
-    return _differ(finite_points[:, 0], finite_points[:, 2])
+    return _distributions_differ(finite_points[:, 0], finite_points[:, 2])
 
 
-def _differ(a: NDArray[np.float32], b: NDArray[np.float32]) -> bool:
-    """Whether `a` (n,) and `b` (n,) are of two distributions; of fewer than MIN_POINTS, False."""
-    if len(a) < MIN_POINTS:
+def _columns_alike(rows: NDArray[np.float32]) -> bool:
+    """Whether all columns of records (n, column) have one distribution."""
+    finite_rows = rows[np.isfinite(rows).all(axis=1)]
+    first_column = finite_rows[:, 0]
+    return not any(_distributions_differ(first_column, column) for column in finite_rows.T[1:])
+
+
+def _distributions_differ(first: NDArray[np.float32], second: NDArray[np.float32]) -> bool:
+    """Whether two samples (n,) come from two distributions; False for fewer than MIN_POINTS."""
+    if len(first) < MIN_POINTS:
         return False
-    # An odd stride meets all lasers of a sensor, whose points alternate: they are an even number.
-    stride = len(a) // MAX_SAMPLES | 1
-    distance = scipy.stats.ks_2samp(a[::stride], b[::stride], method="asymp").statistic
-    return bool(distance > MAX_KS_DISTANCE + 1.5 * np.sqrt(2 / len(a[::stride])))
+    # An odd stride meets all lasers of a sensor: an even number of them, whose points alternate.
+    stride = len(first) // MAX_SAMPLES | 1
+    first = first[::stride]
+    second = second[::stride]
+    distance = scipy.stats.ks_2samp(first, second, method="asymp").statistic
+    return bool(distance > MAX_KS_DISTANCE + 1.5 * np.sqrt(2 / len(first)))
+
+
+def _commonest(widths: list[int]) -> int | None:
+    """The commonest of some widths; if none of them is common, the smallest."""
+    for width in NAMES_BY_COMMONNESS:
+        if width in widths:
+            return width
+    return min(widths, default=None)
 
 
 def _spacing_m(xyz_m: NDArray[np.float32]) -> float:
     """Median distance in metres between neighbours in the file; inf for fewer than two points."""
     finite_points = xyz_m[np.isfinite(xyz_m).all(axis=1)].astype(np.float64)
-    return (
-        float(np.median(np.linalg.norm(np.diff(finite_points, axis=0), axis=1)))
-        if len(finite_points) > 1
-        else np.inf
-    )
+    if len(finite_points) < 2:
+        return np.inf
+    return float(np.median(np.linalg.norm(np.diff(finite_points, axis=0), axis=1)))

@@ -1,4 +1,9 @@
-"""CARMEN logs of 2-D lasers: text, one record a line, words by blanks (METHODS 7.5)."""
+"""Parses CARMEN logs of robots with 2-D lasers: a text file in; its records out (METHODS 7.5).
+
+A record is a line: its kind, then words between blanks. Used are PARAM (a parameter), ODOM (a
+reading of the odometry), and four kinds of sweeps: FLASER and RLASER of the older format,
+ROBOTLASER1 and ROBOTLASER2 of the newer one, by the front and the rear laser.
+"""
 
 import gzip
 import zlib
@@ -16,8 +21,9 @@ from pipeline.core.errors import LogError
 SUFFIXES = (".log.gz", ".log", ".clf.gz", ".clf")
 LARGEST_BYTES = 2**29
 """Limit for a log, packed and unpacked."""
-CHUNK = 2**20
-MOST_BEAMS = 10_000
+CHUNK_BYTES = 2**20
+MAX_BEAMS = 10_000
+"""A record that claims more is damaged."""
 FOV_RAD = np.pi
 """Field of view of FLASER and RLASER records, which do not hold it."""
 Laser = Literal["front", "rear"]
@@ -27,6 +33,7 @@ LASERS: dict[str, Laser] = {
     "ROBOTLASER1": "front",
     "ROBOTLASER2": "rear",
 }
+"""The laser by the kind of record."""
 
 
 @dataclass(frozen=True)
@@ -43,9 +50,10 @@ class Sweep:
     laser_pose: NDArray[np.float64]
     """x, y in metres and heading in radians (3,), in the log's frame."""
     robot_pose: NDArray[np.float64]
+    """The same of the robot."""
     stamp_s: float
     odometry: int
-    """How many odometry readings the log has before it."""
+    """Number of odometry readings before it in the log."""
 
 
 @dataclass
@@ -57,6 +65,7 @@ class Records:
     odometry: list[NDArray[np.float64]] = field(default_factory=list)
     """x, y in metres and heading in radians (3,) of each reading."""
     skipped: Counter[str] = field(default_factory=Counter)
+    """Number of records that are not used, by reason."""
 
 
 def read(path: Path) -> Records:
@@ -127,9 +136,11 @@ def _robotlaser(laser: Laser, words: list[str], odometry: int) -> Sweep:
 
 
 def _text(path: Path) -> str:
+    """The text of a log; it is read in chunks, so that a small file cannot unpack to any size."""
     try:
         with gzip.open(path) if path.suffix == ".gz" else path.open("rb") as file:
-            data = b"".join(islice(iter(lambda: file.read(CHUNK), b""), LARGEST_BYTES // CHUNK + 1))
+            chunks = iter(lambda: file.read(CHUNK_BYTES), b"")
+            data = b"".join(islice(chunks, LARGEST_BYTES // CHUNK_BYTES + 1))
     except (FileNotFoundError, IsADirectoryError):
         raise LogError(f"{path}: no such file") from None
     except (EOFError, gzip.BadGzipFile, zlib.error) as error:
@@ -140,7 +151,8 @@ def _text(path: Path) -> str:
 
 
 def _count(word: str) -> int:
-    if not (word.isascii() and word.isdecimal() and len(word) < 6 and int(word) <= MOST_BEAMS):
+    """A word as a number of beams; raises ValueError for another word."""
+    if not (word.isascii() and word.isdecimal() and len(word) < 6 and int(word) <= MAX_BEAMS):
         raise ValueError
     return int(word)
 
@@ -154,9 +166,9 @@ def _numbers(words: list[str], start: int, count: int) -> NDArray[np.float64]:
 
 
 def _ranges(words: list[str], start: int, beams: int) -> NDArray[np.float64]:
-    """The ranges (beam,) from the word `start` on, which may be NaN or infinite.
+    """The ranges (beam,) in metres from the word `start` on; they may be NaN or infinite.
 
-    Raises ValueError for other words, or for fewer.
+    Raises ValueError for words that are no numbers, or for too few words.
     """
     ranges_m = np.array(words[start : start + beams], np.float64)
     if len(ranges_m) < beams:

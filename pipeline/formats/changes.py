@@ -1,6 +1,7 @@
-"""Reads and writes a csv of changes in a place since training.
+"""Reads and writes a csv of the changes in a place since training.
 
-They are buildings built or demolished, trees planted or felled.
+A change is a building that is built or demolished, a tree that is planted or felled. Evaluation
+splits its results by how near a query is to such a change.
 """
 
 import csv
@@ -70,6 +71,7 @@ def read_changes(path: Path) -> list[Change]:
 
 
 def _change(path: Path, number: int, row: dict[str, str]) -> Change:
+    """The change in row `number` of a csv; raises LogError for other values."""
     what, from_day, day, x_m, y_m = (row[name] for name in COLUMNS)
     try:
         change = Change(what, int(from_day), int(day), float(x_m), float(y_m))

@@ -1,4 +1,8 @@
-"""Decodes scan files (.bin, .npy, .pcd) and TUM pose files of the user's own robot."""
+"""Decodes the files of a user's own robot: scans (.bin, .npy, .pcd) and TUM files of poses.
+
+A row of a TUM file is a stamp in seconds, x y z in metres and a quaternion qx qy qz qw. Where a
+file is something else, the error says what it may be and what to do.
+"""
 
 import io
 import math
@@ -16,37 +20,39 @@ from pipeline.core.errors import LogError
 from pipeline.formats import bin_layout, pcd
 
 SCANS = (".bin", ".npy", ".pcd")
+"""Suffixes of scan files."""
 TIMES = "times.txt"
 """The file beside KITTI poses with the time of each row in seconds."""
 LARGEST_BYTES = 2**28
 """Limit for the file of one scan, packed and unpacked: a larger one is damaged, or is a map."""
-MOST_COLUMNS = 32
+MAX_COLUMNS = 32
 """Limit for the columns of an array of points; one with more is transposed, or an image."""
 NPY_HEADERS = {
     (1, 0): np.lib.format.read_array_header_1_0,
     (2, 0): np.lib.format.read_array_header_2_0,
 }
-LAYOUTS = {
+"""The function that reads the header of a .npy, by the version of the format."""
+ADVICE_BY_LENGTH = {
     12: "12 numbers a row are KITTI's: reader.poses_format: kitti, with the seconds in times.txt",
     13: (
         "13 numbers a row are a stamp and a matrix of 3 rows and 4 columns: write its rotation as "
         "a quaternion"
     ),
 }
-"""What to tell of rows that are no TUM poses, by the count of their numbers."""
-AT_END = re.compile(r"(?<![\d.])\d{1,19}(?:\.\d{1,9})?$", re.ASCII)
-"""A number that a name ends in."""
-UNITS = {18: "ns", 15: "us", 12: "ms"}
-"""The unit of a stamp since 1970 by its least number of digits."""
+"""What to do with rows that are no TUM poses, by the count of their numbers."""
+NUMBER_AT_END = re.compile(r"(?<![\d.])\d{1,19}(?:\.\d{1,9})?$", re.ASCII)
+UNIT_BY_DIGITS = {18: "ns", 15: "us", 12: "ms"}
+"""The unit of a stamp since 1970, if it has at least so many digits before its point."""
 UNIT_NS = {"s": 10**9, "us": 10**3, "ns": 1}
+"""Nanoseconds of each unit in which `reader.stamps` may give scans' names."""
 
 
 def points(data: bytes, path: Path, point_bytes: int | None = None) -> NDArray[np.float64]:
     """Points (n, 3) from the bytes of a scan file, in the file's frame and unit.
 
-    Points that are not finite are included. The suffix of `path` is the format; `point_bytes` is
-    the width of a record in a .bin, None: found from the bytes. Raises LogError for a file of
-    another format or one cut short, before more than 2²⁸ bytes are allocated.
+    Points that are not finite are included. The suffix of `path` is the format. `point_bytes` is
+    the width of a record in a .bin; if it is None, it is found from the bytes. Raises LogError for
+    a file of another format or one cut short, before more than LARGEST_BYTES are allocated.
     """
     if len(data) > LARGEST_BYTES:
         raise LogError(f"{path}: {len(data)} bytes are more than one scan has; is it a map?")
@@ -61,7 +67,7 @@ def points(data: bytes, path: Path, point_bytes: int | None = None) -> NDArray[n
 def stamp_ns(word: str, unit: str) -> int | None:
     """A stamp such as 1326652795.280148 in `unit` (s, us, ns), converted to nanoseconds exactly.
 
-    None if it is not a stamp.
+    None if the word is not a stamp.
     """
     try:
         stamp = Decimal(word) * UNIT_NS[unit]
@@ -73,17 +79,15 @@ def stamp_ns(word: str, unit: str) -> int | None:
 def stamp_at_end(stem: str) -> int | None:
     """The stamp in ns at the end of a file's name; None where it ends in no number.
 
-    Seconds with a point or of up to 11 digits, whole milli-, micro- or nanoseconds since 1970. The
-    number of a scan stands for as many seconds.
+    A number with a point or of up to 11 digits is seconds; a longer one is milli-, micro- or
+    nanoseconds since 1970. So the number of a scan is taken as seconds.
     """
-    number = AT_END.search(stem)
-    if number is None:
+    match = NUMBER_AT_END.search(stem)
+    if match is None:
         return None
-    digits = len(number[0].partition(".")[0])
-    unit = next((unit for least, unit in UNITS.items() if digits >= least), "s")
-    if "." in number[0]:
-        unit = "s"
-    return round(Decimal(number[0]) * {**UNIT_NS, "ms": 10**6}[unit])
+    number = match[0]
+    unit = "s" if "." in number else (_unit_by_digits(len(number)) or "s")
+    return round(Decimal(number) * {**UNIT_NS, "ms": 10**6}[unit])
 
 
 def tum_row(stamp_ns: int, world_T_body: NDArray[np.float64]) -> str:
@@ -96,9 +100,9 @@ def tum_row(stamp_ns: int, world_T_body: NDArray[np.float64]) -> str:
 def tum(path: Path, text: str) -> tuple[list[int], NDArray[np.float64]]:
     """Stamps (n,) in ns and rows (n, 7) of x, y, z (m), qx, qy, qz, qw from the text of a TUM file.
 
-    NaN where the pose is unknown. Numbers are separated by blanks or commas, comments start with #.
-    Stamps are read as decimals, since a double would round them by 100 ns. Raises LogError naming
-    the row.
+    Rows hold NaN where the pose is unknown. In the file, numbers are separated by blanks or commas,
+    and comments start with #. Stamps are read as decimals, since a double would round them by
+    100 ns. Raises LogError naming the wrong row.
     """
     lines = (line.split("#")[0].replace(",", " ").split() for line in text.splitlines())
     rows = [words for words in lines if words]
@@ -106,64 +110,70 @@ def tum(path: Path, text: str) -> tuple[list[int], NDArray[np.float64]]:
     numbers = np.empty((len(rows), 7))
     for row, words in enumerate(rows):
         stamp = stamp_ns(words[0], "s")
+        row_text = f"row {row + 1} is '{' '.join(words)[:60]}'"
         if len(words) != 8 or stamp is None:
-            row_text = f"row {row + 1} is '{' '.join(words)[:60]}'"
             raise LogError(
                 f"{path}: {row_text}; expected stamp x y z qx qy qz qw, in s and m{no_tum(words)}"
             )
         try:
             numbers[row] = [float(word) for word in words[1:]]
         except ValueError:
-            raise LogError(
-                f"{path}: row {row + 1} is '{' '.join(words)[:60]}'; expected eight numbers"
-            ) from None
+            raise LogError(f"{path}: {row_text}; expected eight numbers") from None
         stamps.append(stamp)
     return stamps, numbers
 
 
 def refuse_array(path: Path, kind: np.dtype[Any], shape: tuple[int, ...]) -> None:
-    """Raise LogError for an array that holds no points along its last axis.
+    """Raise LogError for an array of type `kind` and `shape` without points along its last axis.
 
-    The error says what to do where it may hold them along another one.
+    The error says what to do if the array may hold points along its first axis.
     """
     array_text = f"found {kind}{shape}"
     if kind.kind not in "fiu" or kind.itemsize > 8 or len(shape) < 2:
         raise LogError(f"{path}: expected points (n, 3 or more) as numbers, {array_text}")
-    if 3 <= shape[-1] <= MOST_COLUMNS:
+    if 3 <= shape[-1] <= MAX_COLUMNS:
         return
-    if 3 <= shape[0] <= MOST_COLUMNS < shape[-1]:
+    if 3 <= shape[0] <= MAX_COLUMNS < shape[-1]:
         advice = f"save `numpy.moveaxis(array, 0, -1)`, if the {shape[0]} are x, y, z first"
         raise LogError(
             f"{path}: expected points (n, 3 or more), {array_text}: its columns are its points; "
             f"{advice}"
         )
-    advice = (
-        "a range image has no x, y, z: save the points that it was made of"
-        if shape[-1] > 2
-        else "x, y and z are needed"
-    )
+    advice = "x, y and z are needed"
+    if shape[-1] > 2:
+        advice = "a range image has no x, y, z: save the points that it was made of"
     raise LogError(f"{path}: expected points (n, 3 or more) as numbers, {array_text}; {advice}")
 
 
 def no_tum(words: Sequence[str]) -> str:
-    """What a row that is no row of a TUM trajectory may be, and what to do; empty if unknown."""
-    if len(words) in LAYOUTS:
-        return f"; {LAYOUTS[len(words)]}"
+    """For an error: what a row that is no TUM pose may be, and what to do; empty if unknown."""
+    if len(words) in ADVICE_BY_LENGTH:
+        return f"; {ADVICE_BY_LENGTH[len(words)]}"
     unit = unit_of(words[0]) if len(words) == 8 else ""
     return f"; its stamp is in {unit}: divide the stamps to have seconds" if unit else ""
 
 
 def unit_of(word: str) -> str:
-    """The unit of a stamp since 1970, by its digits; empty for seconds, or if it is no stamp."""
-    digits = len(word.partition(".")[0]) if word.replace(".", "", 1).isdecimal() else 0
-    return next((unit for least, unit in UNITS.items() if digits >= least), "")
+    """The unit (ms, us, ns) of a stamp since 1970; empty for seconds, or if it is no stamp."""
+    if not word.replace(".", "", 1).isdecimal():
+        return ""
+    return _unit_by_digits(len(word.partition(".")[0]))
+
+
+def _unit_by_digits(digits: int) -> str:
+    """The unit of a stamp since 1970 with so many digits before its point; empty for seconds."""
+    for fewest, unit in UNIT_BY_DIGITS.items():
+        if digits >= fewest:
+            return unit
+    return ""
 
 
 def _npy(data: bytes, path: Path) -> NDArray[np.float64]:
+    """Points (n, 3) from the bytes of a .npy; the points of a range image (row, column, 3) too."""
     file = io.BytesIO(data)
     try:
         read_header = NPY_HEADERS[np.lib.format.read_magic(file)]
-        shape, by_columns, kind = read_header(file)
+        shape, is_fortran_order, kind = read_header(file)
     except Exception as error:  # the header is a Python literal, whose parser may raise anything
         raise LogError(
             f"{path}: no whole .npy file ({type(error).__name__}); save it anew"
@@ -177,7 +187,5 @@ def _npy(data: bytes, path: Path) -> NDArray[np.float64]:
             "file is damaged"
         )
     flat = np.frombuffer(body, kind) if expected_bytes else np.empty(0)
-    rows = flat.reshape(shape, order="F" if by_columns else "C").reshape(
-        -1, shape[-1]
-    )  # a range image has rows and columns
-    return rows[:, :3].astype(np.float64)
+    array = flat.reshape(shape, order="F" if is_fortran_order else "C")
+    return array.reshape(-1, shape[-1])[:, :3].astype(np.float64)

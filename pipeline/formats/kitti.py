@@ -1,6 +1,7 @@
-"""File layouts of KITTI odometry, for the reader and the simulated world's writer (METHODS 7.3).
+"""Encodes and decodes the files of KITTI odometry (METHODS 7.3).
 
-A scan is in the Velodyne's frame x forward, y left, z up; cam0 is x right, y down, z forward.
+The reader uses it, and the simulated world that writes its logs as KITTI does. A scan is in the
+Velodyne's frame, x forward, y left, z up; poses are of camera 0, x right, y down, z forward.
 """
 
 from pathlib import Path
@@ -10,6 +11,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 RECORD_BYTES = 16
+"""Bytes of a point: x, y, z, reflectance as 32-bit floats."""
 SCANS = "sequences/{log}/velodyne"
 TIMES = "sequences/{log}/times.txt"
 CALIB = "sequences/{log}/calib.txt"
@@ -30,7 +32,10 @@ cam0 is 29 cm ahead of the lidar, 5 cm below it and 1 cm to its right, and is no
 FOCAL_PX = 718.856
 CENTRE_PX = (607.1928, 185.2157)
 PROJECTION_OFFSETS_PX_M = (0.0, -386.1448, 45.38225, -337.2877)
-"""Last column of P0 to P3 in log 00: −focal length × distance of a camera to the right of cam0."""
+"""Focal length, centre and last column of the projections P0 to P3 in log 00.
+
+The last column is −focal length × distance of the camera to the right of cam0.
+"""
 
 
 def matrix(numbers: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -42,9 +47,9 @@ def matrix(numbers: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def decode(numbers: NDArray[np.float32], lift_m: float = 0.0) -> NDArray[np.float64]:
-    """Points (n, 3) in metres, raised by `lift_m`, of the records whose points are finite.
+    """The finite points (k, 3) of a scan in metres, raised by `lift_m`.
 
-    A record is four numbers; `numbers` (4 n,) is flat.
+    `numbers` (4 n,) are the records one after the other.
     """
     points = np.empty((numbers.shape[0] // 4, 3), np.float64)
     count = 0
@@ -53,7 +58,7 @@ def decode(numbers: NDArray[np.float32], lift_m: float = 0.0) -> NDArray[np.floa
         x = np.float64(numbers[4 * i])
         y = np.float64(numbers[4 * i + 1])
         z = np.float64(numbers[4 * i + 2])
-        metres[3 * count] = x + 0.0  # makes 0 of −0, whose angle atan2 takes for another
+        metres[3 * count] = x + 0.0  # makes 0 of −0, whose atan2 differs
         metres[3 * count + 1] = y + 0.0
         metres[3 * count + 2] = z + lift_m
         count += np.isfinite(x + y + z)  # else the next point is written over this one
@@ -67,16 +72,13 @@ def encode(points_m: NDArray[np.floating], reflectance: NDArray[np.floating]) ->
 
 def write_calib(path: Path) -> None:
     """Write calib.txt: P0 to P3, the rectified cameras' projections, and Tr = cam0 <- velodyne."""
-    rows = {
-        f"P{camera}": np.array(
-            [[FOCAL_PX, 0, CENTRE_PX[0], baseline], [0, FOCAL_PX, CENTRE_PX[1], 0], [0, 0, 1, 0]]
+    matrices: dict[str, NDArray[np.float64]] = {}
+    for camera, offset in enumerate(PROJECTION_OFFSETS_PX_M):
+        matrices[f"P{camera}"] = np.array(
+            [[FOCAL_PX, 0, CENTRE_PX[0], offset], [0, FOCAL_PX, CENTRE_PX[1], 0], [0, 0, 1, 0]]
         )
-        for camera, baseline in enumerate(PROJECTION_OFFSETS_PX_M)
-    }
-    _write(
-        path,
-        [f"{name}: {_numbers(matrix)}" for name, matrix in (rows | {"Tr": CAM_T_VELO[:3]}).items()],
-    )
+    matrices["Tr"] = CAM_T_VELO[:3]
+    _write(path, [f"{name}: {_numbers(matrix)}" for name, matrix in matrices.items()])
 
 
 def write_times(path: Path, times_s: NDArray[np.float64]) -> None:

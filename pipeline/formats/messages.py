@@ -1,6 +1,6 @@
-"""Decodes ROS messages into arrays (METHODS 7.4), with the frames of REP 103.
+"""Decodes ROS messages into arrays: stamps and frames, poses, transforms, sweeps (METHODS 7.4).
 
-Stamps and frames, poses and transforms, laser scans.
+`pointcloud2` decodes clouds. Frames are those of REP 103: x forward, y left, z up.
 """
 
 import struct
@@ -24,17 +24,16 @@ away."""
 def header(data: bytes, ros: int) -> tuple[int, str]:
     """Stamp in nanoseconds and frame_id of a message that begins with a std_msgs/Header.
 
-    Raises LogError for any other. A ROS 1 message begins with a counter, a CDR one with four bytes,
-    of which the second is the byte order; the rest is alike.
+    Four bytes precede the stamp: in ROS 1 a counter, in the CDR of ROS 2 an encoding whose second
+    byte is the byte order. After the stamp come the length of the frame_id and its letters. Raises
+    LogError for a message that does not begin so.
     """
-    order = "<" if ros == 1 or data[1:2] == b"\1" else ">"
+    byte_order = "<" if ros == 1 or data[1:2] == b"\1" else ">"
+    numbers = "III" if ros == 1 else "iII"
     try:
-        seconds, nanoseconds, length = struct.unpack_from(
-            order + ("III" if ros == 1 else "iII"), data, 4
-        )
-        frame = (
-            struct.unpack_from(f"{min(length, len(data) + 1)}s", data, 16)[0].rstrip(b"\0").decode()
-        )
+        seconds, nanoseconds, length = struct.unpack_from(byte_order + numbers, data, 4)
+        length = min(length, len(data) + 1)  # struct would try to allocate any length
+        frame = struct.unpack_from(f"{length}s", data, 16)[0].rstrip(b"\0").decode()
     except (struct.error, UnicodeDecodeError):
         raise LogError("a message without a whole header") from None
     if seconds < 0 or nanoseconds >= 10**9:
@@ -46,14 +45,14 @@ def from_cdr(data: bytes, kind: str) -> Any:
     """A standard message from its bytes as ROS 2 sends them; raises LogError for a broken one."""
     try:
         return typestore(2).deserialize_cdr(data, kind)
-    except Exception as error:  # rosbags raises whatever it likes at damaged bytes
+    except Exception as error:  # rosbags raises errors of any type at damaged bytes
         raise LogError(f"a broken {kind.rpartition('/')[2]} ({type(error).__name__})") from None
 
 
 def frame_name(name: str) -> str:
-    """A frame_id as tf2 has it, without the leading slash of old ROS 1 bags.
+    """A frame_id without the leading slash of old ROS 1 bags, as tf2 names it.
 
-    Unprintable letters are left out.
+    Unprintable letters become blanks.
     """
     return plain(name, 120).lstrip("/")
 
@@ -61,7 +60,7 @@ def frame_name(name: str) -> str:
 def pose_numbers(message: Any, kind: str) -> tuple[float, ...]:
     """Position in metres and quaternion (x, y, z, w) of a message with a pose.
 
-    It is an Odometry, PoseStamped or PoseWithCovarianceStamped.
+    Its type `kind` is an Odometry, PoseStamped or PoseWithCovarianceStamped.
     """
     pose = message.pose.pose if kind in (ODOMETRY, POSE_COVARIANCE) else message.pose
     return _numbers(pose.position, pose.orientation)
@@ -70,7 +69,8 @@ def pose_numbers(message: Any, kind: str) -> tuple[float, ...]:
 def gathered_variance(message: Any, kind: str) -> tuple[float, float]:
     """Variance of the position in m² (mean of x and y) and of the heading in rad².
 
-    It is that of the pose in an Odometry or PoseWithCovarianceStamped; NaN of any other message.
+    They are of the pose in an Odometry or PoseWithCovarianceStamped, in which odometry sums up its
+    errors since the start; NaN for any other message.
     """
     if kind not in (ODOMETRY, POSE_COVARIANCE):
         return np.nan, np.nan
@@ -83,20 +83,15 @@ def transform_numbers(stamped: Any) -> tuple[float, ...]:
     return _numbers(stamped.transform.translation, stamped.transform.rotation)
 
 
-def _numbers(position: Any, turn: Any) -> tuple[float, ...]:
-    return position.x, position.y, position.z, turn.x, turn.y, turn.z, turn.w
-
-
 def poses(numbers: Sequence[tuple[float, ...]]) -> Poses:
-    """Poses (n, 4, 4) from positions and quaternions.
+    """Poses (n, 4, 4) from rows of a position in metres and a quaternion.
 
-    NaN where they are not a place on Earth or not a rotation.
+    NaN where the position is not on Earth or the quaternion's length is not 1.
     """
     rows = np.array(numbers, np.float64).reshape(-1, 7)
     with np.errstate(all="ignore"):
-        is_pose = (np.abs(rows[:, :3]) <= FARTHEST_M).all(axis=1) & (
-            np.abs(np.linalg.norm(rows[:, 3:], axis=1) - 1) < 0.01
-        )
+        is_on_earth = (np.abs(rows[:, :3]) <= FARTHEST_M).all(axis=1)
+        is_pose = is_on_earth & (np.abs(np.linalg.norm(rows[:, 3:], axis=1) - 1) < 0.01)
     matrices = np.full((len(rows), 4, 4), np.nan)
     matrices[is_pose] = np.eye(4)
     matrices[is_pose, :3, 3] = rows[is_pose, :3]
@@ -108,22 +103,37 @@ def poses(numbers: Sequence[tuple[float, ...]]) -> Poses:
 def sweep_points(message: Any) -> NDArray[np.float64]:
     """Points (n, 3) in metres of a LaserScan in its frame, at z = 0.
 
-    They are those of the finite ranges from range_min to range_max. A limit that is not finite is
-    none, and neither is a range_max of 0, as where a driver left it out. Angles run
-    counter-clockwise from +x in steps of angle_increment, which is negative for a scanner mounted
-    upside down. Raises LogError for angles that no scanner has.
+    There is one for each finite range from range_min to range_max. A limit that is not finite is
+    ignored, and so is a range_max of 0, which some drivers write. Angles run counter-clockwise from
+    +x in steps of angle_increment, which is negative for a scanner mounted upside down. Raises
+    LogError for angles that no scanner has.
     """
-    start = message.angle_min
-    step = message.angle_increment
-    near = message.range_min
-    far = message.range_max
-    if not np.isfinite([start, step]).all() or max(abs(start), abs(step)) > 1e3:
-        raise LogError(f"a LaserScan from {start} rad in steps of {step} rad: no such scanner")
-    near = near if np.isfinite(near) else 0.0
-    far = far if np.isfinite(far) and far > 0 else np.inf
+    start_rad = message.angle_min
+    step_rad = message.angle_increment
+    if not np.isfinite([start_rad, step_rad]).all() or max(abs(start_rad), abs(step_rad)) > 1e3:
+        raise LogError(
+            f"a LaserScan from {start_rad} rad in steps of {step_rad} rad: no such scanner"
+        )
+    has_far_limit = np.isfinite(message.range_max) and message.range_max > 0
+    nearest_m = message.range_min if np.isfinite(message.range_min) else 0.0
+    farthest_m = message.range_max if has_far_limit else np.inf
     with np.errstate(invalid="ignore"):
         ranges_m = np.asarray(message.ranges, np.float64)
-        beams = np.flatnonzero(np.isfinite(ranges_m) & (near <= ranges_m) & (ranges_m <= far))
-    angles = start + step * beams
-    directions = np.stack([np.cos(angles), np.sin(angles), np.zeros(len(beams))], axis=1)
+        is_hit = np.isfinite(ranges_m) & (nearest_m <= ranges_m) & (ranges_m <= farthest_m)
+    beams = np.flatnonzero(is_hit)
+    angles_rad = start_rad + step_rad * beams
+    directions = np.stack([np.cos(angles_rad), np.sin(angles_rad), np.zeros(len(beams))], axis=1)
     return np.asarray(directions * ranges_m[beams, None])
+
+
+def _numbers(position: Any, quaternion: Any) -> tuple[float, ...]:
+    """x, y, z of a position or translation, then x, y, z, w of a quaternion."""
+    return (
+        position.x,
+        position.y,
+        position.z,
+        quaternion.x,
+        quaternion.y,
+        quaternion.z,
+        quaternion.w,
+    )

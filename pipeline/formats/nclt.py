@@ -1,6 +1,7 @@
-"""NCLT's byte layouts, shared by the reader and the simulated world's writer (METHODS 7.1).
+"""Encodes and decodes the files of NCLT (METHODS 7.1).
 
-Scans are in the body frame x forward, y right, z down, ground near z = 0; poses are
+The reader uses it, and the simulated world that writes its logs as NCLT does. In the files scans
+are in the body frame x forward, y right, z down, with the ground near z = 0; poses are
 north-east-down.
 """
 
@@ -12,10 +13,11 @@ from numpy.typing import NDArray
 
 GRAIN_M = 0.005
 OFFSET_M = -100.0
-"""A coordinate is a whole number of grains above this."""
+"""A coordinate is OFFSET_M plus a whole number of grains of GRAIN_M."""
 RECORD_BYTES = 8
-"""Of a hit: x, y, z as 16-bit numbers, intensity, laser."""
+"""Bytes of a hit: x, y, z as 16-bit numbers, intensity, laser."""
 PACKET_MAGIC = 44444
+"""The number that each of the first four words of a packet in velodyne_hits.bin holds."""
 PACKET_HEADER_BYTES = 24
 BODY_T_VELODYNE_XYZRPH = (0.002, -0.004, -0.957, 0.807, 0.166, -90.703)
 """x, y, z in metres and roll, pitch, heading in degrees of the lidar in the body frame."""
@@ -30,18 +32,18 @@ ODOMETRY_PLACES = (f"{{sequence}}/{ODOMETRY}", f"sensor_data/{{sequence}}/{ODOME
 COVARIANCE_PLACES = (f"{{sequence}}/{COVARIANCE}", f"sensor_data/{{sequence}}/{COVARIANCE}")
 """Where the files may lie below the root of the data set, in the order of search."""
 UPPER = np.triu_indices(6)
-"""Where a row of COVARIANCE has its numbers in the matrix of x, y, z, roll, pitch, heading: row
-after row of the upper triangle, after the utime."""
+"""A row of COVARIANCE is a utime, then the upper triangle, row after row, of the covariance matrix
+of x, y, z, roll, pitch, heading. These are the indices of the triangle in the matrix."""
 COVARIANCE_COLUMNS = 22
+"""Numbers in such a row."""
 VARIANCE_COLUMNS = (1, 7, 21)
-"""Of x, y and heading."""
+"""The columns of such a row with the variances of x, y and heading."""
 
 
 def write_pose_rows(path: Path, utimes: NDArray[np.int64], ned_xyzrph: NDArray[np.float64]) -> None:
-    """Write a pose file of NCLT.
+    """Write a pose file from `utimes` (n,) in µs and `ned_xyzrph` (n, 6).
 
-    It has no header; rows are utime (µs), x, y, z in metres and roll, pitch, heading in radians.
-    `utimes` is (n,), `ned_xyzrph` (n, 6).
+    The latter are x, y, z in metres and roll, pitch, heading in radians. The file has no header.
     """
     write_rows(path, utimes, ned_xyzrph)
 
@@ -57,17 +59,19 @@ def write_rows(path: Path, utimes: NDArray[np.int64], rows: NDArray[np.float64])
 def write_covariance_rows(
     path: Path, utimes: NDArray[np.int64], covariances: NDArray[np.float64]
 ) -> None:
-    """Write odometry_cov.csv: utimes (n,) in µs and the covariance (n, 6, 6) of the motion since
-    the row before."""
+    """Write odometry_cov.csv from `utimes` (n,) in µs and `covariances` (n, 6, 6).
+
+    Each is the covariance of the motion since the row before.
+    """
     write_rows(path, utimes, covariances[:, *UPPER])
 
 
 def encode(
     points_m: NDArray[np.float32], intensity: NDArray[np.uint8], laser: NDArray[np.uint8]
 ) -> bytes:
-    """The bytes of a velodyne_sync file from z-up vehicle points (n, 3).
+    """The bytes of a velodyne_sync file from z-up vehicle points (n, 3) within ±100 m.
 
-    The caller keeps them within ±100 m.
+    `intensity` and `laser` are (n,).
     """
     record = np.zeros(len(points_m), [("xyz", "<u2", 3), ("intensity", "u1"), ("laser", "u1")])
     ned = points_m.astype(np.float64) * (1.0, -1.0, -1.0)
@@ -81,14 +85,14 @@ def encode(
 def decode(words: NDArray[np.uint16], lift_m: float = 0.0) -> NDArray[np.float64]:
     """Points (n, 3) in metres, z up and raised by `lift_m`, of the hits of a velodyne_sync file.
 
-    A hit is four 16-bit words; `words` (4 n,) is flat. The compiler vectorises the loop over flat
-    arrays: 20 times as fast.
+    `words` (4 n,) are the hits one after the other, four 16-bit words each. The compiler vectorises
+    the loop, since the arrays are flat: it is 20 times as fast.
     """
     points = np.empty((words.shape[0] // 4, 3), np.float64)
     metres = points.reshape(-1)
     for i in range(words.shape[0] // 4):
         metres[3 * i] = np.int32(words[4 * i]) * 0.005 - 100.0
-        # not −(… − 100), which gives −0, whose angle is another
+        # not −(… − 100), which may be −0, whose atan2 differs
         metres[3 * i + 1] = 100.0 - np.int32(words[4 * i + 1]) * 0.005
         metres[3 * i + 2] = 100.0 - np.int32(words[4 * i + 2]) * 0.005 + lift_m
     return points

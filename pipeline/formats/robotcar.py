@@ -1,8 +1,9 @@
-"""File layouts of Oxford RobotCar, for the reader and the simulated world's writer (METHODS 7.2).
+"""Encodes and decodes the files of Oxford RobotCar (METHODS 7.2).
 
-Frames are the files' own: the vehicle is x forward, y right, z down (the stereo camera is its
-origin), the world is north-east-down (UTM northing, easting, down), a laser scans in its plane z =
-0. Angles are radians, utimes microseconds.
+The reader uses it, and the simulated world that writes its logs as RobotCar does. Frames are those
+of the files: the vehicle is x forward, y right, z down with the stereo camera as its origin; the
+world is north-east-down (UTM northing, easting, down); a laser scans in its plane z = 0. Angles are
+in radians, utimes in microseconds.
 """
 
 from collections.abc import Sequence
@@ -12,12 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 RECORD_BYTES = 24
-"""Of a point of a sweep: x, y, reflectance as 64-bit floats."""
+"""Bytes of a point of a sweep: x, y, reflectance as 64-bit floats."""
 LASERS = ("lms_front", "lms_rear")
+"""The 2-D lasers; the sweeps of a laser lie in a folder of its name."""
 STAMPS = "{laser}.timestamps"
 VO = "vo/vo.csv"
 INS = "gps/ins.csv"
-"""The files of a sequence below its folder; the sweeps of a laser lie in a folder of its name."""
+"""The other files of a sequence, below its folder."""
 EXTRINSICS = {
     "lms_front": (1.7589, 0.2268, 1.0411, -0.0437, -1.4572, 0.0356),
     "lms_rear": (-2.5850, 0.2852, 1.0885, -2.8405, -1.5090, -0.3614),
@@ -87,10 +89,10 @@ def write_ins(
     ned_xyzrpy: NDArray[np.float64],
     utm_zone: str = "30U",
 ) -> None:
-    """Write inertial navigation: poses `ned_xyzrpy` (n, 6) of the INS unit at `utimes` (n,).
+    """Write inertial navigation: poses `ned_xyzrpy` (n, 6) of the INS unit in the world.
 
-    They are in the world. Latitude, longitude and velocities are written as nan, the altitude as
-    −down.
+    `utimes` and `statuses` are (n,). Latitude, longitude and velocities are written as nan, the
+    altitude as −down.
     """
     lines = [",".join(INS_COLUMNS)]
     for utime, status, (north, east, down, *angles) in zip(
