@@ -1,9 +1,13 @@
-"""Reads PCD files of the Point Cloud Library, version 0.7: ascii, binary and binary_compressed.
+"""Reads PCD files of the Point Cloud Library, version 0.7, and writes binary ones.
 
-A header of text lines (FIELDS, SIZE, TYPE, COUNT, WIDTH, HEIGHT, POINTS, in any order, DATA last),
-then the points: as lines of numbers, as little-endian records, or as one LZF block with the first
-field of all points, then the second field, and so on. VIEWPOINT is ignored: the yaml of the data
-set says where the sensor sits.
+A file begins with a header of text lines (FIELDS, SIZE, TYPE, COUNT, WIDTH, HEIGHT, POINTS, in any
+order, and DATA last). The points follow in one of three forms, which DATA names:
+
+    ascii                a line of numbers a point
+    binary               a little-endian record a point
+    binary_compressed    one LZF block: the first field of all points, then the second, and so on
+
+VIEWPOINT is ignored: the yaml of the data set says where the sensor sits.
 """
 
 from dataclasses import dataclass
@@ -20,10 +24,11 @@ HEADER_BYTES = 65_536
 
 A file without a DATA line before it is not a PCD.
 """
-EXPANSION = 88
+MAX_EXPANSION = 88
 """Largest expansion of LZF: three bytes encode at most 264."""
 AXES = ("x", "y", "z")
 KINDS = {"F": "f", "I": "i", "U": "u"}
+"""numpy's kinds of numbers by those of TYPE."""
 
 
 @dataclass(frozen=True)
@@ -31,15 +36,20 @@ class Header:
     """The header of a PCD file."""
 
     fields: tuple[str, ...]
+    """The name of each field."""
     types: tuple[str, ...]
     """The type of each field as numpy names it, such as <f4."""
     counts: tuple[int, ...]
+    """How many numbers each field has."""
     points: int
+    """Number of points."""
     data: str
+    """The form of the points: ascii, binary or binary_compressed."""
     end: int
     """Index of the first byte after the header."""
 
     def axes(self) -> list[int]:
+        """The indices of the fields x, y and z."""
         return [self.fields.index(axis) for axis in AXES]
 
     def widths(self) -> list[int]:
@@ -61,25 +71,9 @@ def decode(data: bytes, path: Path, largest: int) -> NDArray[np.float64]:
     if header.data == "ascii":
         return _ascii(header, bytes(body), path)
     if header.data == "binary":
-        _expect(path, header, len(body))
-        return _columns(header, body, interleaved=True)
-    if len(body) < 8:
-        raise LogError(f"{path}: no sizes after 'DATA binary_compressed'; the file is cut short")
-    packed, whole = (int(size) for size in np.frombuffer(body[:8], "<u4"))
-    _expect(path, header, whole)
-    if packed > len(body) - 8 or any(body[8 + packed :]):  # some writers fill a page with zeros
-        raise LogError(
-            f"{path}: its block of {packed} compressed bytes is {len(body) - 8} bytes long; the "
-            "file is damaged"
-        )
-    if whole > min(EXPANSION * packed, largest):
-        raise LogError(
-            f"{path}: claims that {packed} compressed bytes hold {whole}; the file is damaged"
-        )
-    unpacked = np.empty(whole, np.uint8)
-    if not _lzf(np.frombuffer(body[8 : 8 + packed], np.uint8), unpacked):
-        raise LogError(f"{path}: its compressed block is damaged")
-    return _columns(header, unpacked, interleaved=False)
+        _refuse_wrong_size(path, header, len(body))
+        return _xyz(header, body, is_interleaved=True)
+    return _xyz(header, _unpacked(path, header, body, largest), is_interleaved=False)
 
 
 def encode(points_m: NDArray[np.floating]) -> bytes:
@@ -123,9 +117,8 @@ def parse(data: bytes, path: Path) -> Header:
     types = tuple(_type(path, kind, size) for kind, size in zip(kinds, sizes, strict=True))
     if any(fields.count(axis) != 1 or counts[fields.index(axis)] != 1 for axis in AXES):
         raise LogError(f"{path}: its fields are {' '.join(fields)}; expected x, y and z, once each")
-    if (
-        "POINTS" in entries or not {"WIDTH", "HEIGHT"} <= entries.keys()
-    ):  # it says again what the two say, which some leave at 0
+    # POINTS repeats WIDTH × HEIGHT, which some writers leave at 0
+    if "POINTS" in entries or not {"WIDTH", "HEIGHT"} <= entries.keys():
         points = _number(path, "POINTS", entries)
     else:
         points = _number(path, "WIDTH", entries) * _number(path, "HEIGHT", entries)
@@ -136,7 +129,9 @@ def parse(data: bytes, path: Path) -> Header:
 
 
 def _type(path: Path, kind: str, size: str) -> str:
-    if kind not in KINDS or size not in (("4", "8") if kind == "F" else ("1", "2", "4", "8")):
+    """A field's type as numpy names it, from the words of TYPE and SIZE."""
+    sizes = ("4", "8") if kind == "F" else ("1", "2", "4", "8")
+    if kind not in KINDS or size not in sizes:
         raise LogError(
             f"{path}: a field of TYPE {kind} and SIZE {size}; expected F of 4 or 8, I or U of 1, "
             "2, 4 or 8"
@@ -145,6 +140,7 @@ def _type(path: Path, kind: str, size: str) -> str:
 
 
 def _number(path: Path, key: str, entries: dict[str, list[str]]) -> int:
+    """The only number in the line `key` of the header."""
     words = entries.get(key, [])
     if len(words) != 1:
         raise LogError(f"{path}: its header has no line '{key} NUMBER'")
@@ -152,16 +148,14 @@ def _number(path: Path, key: str, entries: dict[str, list[str]]) -> int:
 
 
 def _numbers(path: Path, key: str, words: list[str]) -> list[int]:
+    """The words of the line `key` of the header as numbers."""
     if not all(word.isdecimal() and word.isascii() and len(word) < 16 for word in words):
         raise LogError(f"{path}: {key} {' '.join(words)[:60]}; expected whole numbers")
     return [int(word) for word in words]
 
 
-def _expect(path: Path, header: Header, nbytes: int) -> None:
-    """Raise LogError unless `nbytes` is the size of all points by the header.
-
-    It does so before anything is allocated.
-    """
+def _refuse_wrong_size(path: Path, header: Header, nbytes: int) -> None:
+    """Raise LogError unless `nbytes` is the size of all points by the header."""
     expected_bytes = sum(header.widths()) * header.points
     if nbytes != expected_bytes:
         raise LogError(
@@ -171,7 +165,9 @@ def _expect(path: Path, header: Header, nbytes: int) -> None:
 
 
 def _ascii(header: Header, body: bytes, path: Path) -> NDArray[np.float64]:
-    columns = np.cumsum([0, *header.counts])
+    """Points (n, 3) from lines of numbers."""
+    first_columns = np.cumsum([0, *header.counts])
+    width = first_columns[-1]
     lines = [line for line in body.decode("ascii", "replace").splitlines() if line.strip()]
     if len(lines) != header.points:
         raise LogError(
@@ -184,61 +180,91 @@ def _ascii(header: Header, body: bytes, path: Path) -> NDArray[np.float64]:
         rows = np.loadtxt(lines, ndmin=2, comments=None)
     except ValueError as error:
         raise LogError(
-            f"{path}: points are lines of {columns[-1]} numbers; {str(error).splitlines()[0]}"
+            f"{path}: points are lines of {width} numbers; {str(error).splitlines()[0]}"
         ) from None
-    if rows.shape[1] != columns[-1]:
-        raise LogError(f"{path}: a point has {rows.shape[1]} numbers, {columns[-1]} by its header")
-    return rows[:, columns[header.axes()]]
+    if rows.shape[1] != width:
+        raise LogError(f"{path}: a point has {rows.shape[1]} numbers, {width} by its header")
+    return rows[:, first_columns[header.axes()]]
 
 
-def _columns(
-    header: Header, data: memoryview | NDArray[np.uint8], interleaved: bool
+def _unpacked(path: Path, header: Header, body: memoryview, largest: int) -> NDArray[np.uint8]:
+    """The unpacked bytes of a compressed block.
+
+    Before the block stand the sizes of its packed and unpacked bytes. They are checked before
+    anything is allocated.
+    """
+    if len(body) < 8:
+        raise LogError(f"{path}: no sizes after 'DATA binary_compressed'; the file is cut short")
+    packed_bytes, unpacked_bytes = (int(size) for size in np.frombuffer(body[:8], "<u4"))
+    _refuse_wrong_size(path, header, unpacked_bytes)
+    block_end = 8 + packed_bytes
+    if block_end > len(body) or any(body[block_end:]):  # some writers fill a page with zeros
+        raise LogError(
+            f"{path}: its block of {packed_bytes} compressed bytes is {len(body) - 8} bytes long; "
+            "the file is damaged"
+        )
+    if unpacked_bytes > min(MAX_EXPANSION * packed_bytes, largest):
+        raise LogError(
+            f"{path}: claims that {packed_bytes} compressed bytes hold {unpacked_bytes}; the file "
+            "is damaged"
+        )
+    unpacked = np.empty(unpacked_bytes, np.uint8)
+    if not _lzf(np.frombuffer(body[8:block_end], np.uint8), unpacked):
+        raise LogError(f"{path}: its compressed block is damaged")
+    return unpacked
+
+
+def _xyz(
+    header: Header, data: memoryview | NDArray[np.uint8], is_interleaved: bool
 ) -> NDArray[np.float64]:
-    """Points (n, 3) from records (`interleaved`) or from one column after the other."""
-    widths = header.widths()
+    """Points (n, 3) from one record after the other (interleaved), or one field after the other."""
     points = header.points
     xyz = np.empty((points, 3))
-    for axis, field in enumerate(header.axes() if points else []):
+    if not points:
+        return xyz
+    widths = header.widths()
+    for axis, field in enumerate(header.axes()):
         offset = sum(widths[:field])
-        start, step = (offset, sum(widths)) if interleaved else (offset * points, widths[field])
+        start = offset if is_interleaved else offset * points
+        step = sum(widths) if is_interleaved else widths[field]
         xyz[:, axis] = np.ndarray(points, header.types[field], data, start, (step,))
     return xyz
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _lzf(packed: NDArray[np.uint8], unpacked: NDArray[np.uint8]) -> bool:
-    """Unpack Marc Lehmann's LZF into all of `unpacked`; False where the block is damaged.
+    """Unpack a block of Marc Lehmann's LZF into all of `unpacked`; False if it is damaged.
 
-    A control byte c < 32 is followed by c + 1 literal bytes. Any other one is a copy of earlier
-    output: its 3 upper bits (and one more byte where they are 7) are the length, its 5 lower bits
-    and the next byte the distance back; copies may overlap.
+    A control byte c < 32 is followed by c + 1 literal bytes. Any other control byte copies earlier
+    output: its 3 upper bits (and one more byte if they are 7) are the length, its 5 lower bits and
+    the next byte the distance back. Copies may overlap their own output.
     """
-    at = np.int64(0)
-    to = np.int64(0)
-    while at < packed.shape[0]:
-        control = np.int64(packed[at])
-        at += 1
+    read = np.int64(0)
+    written = np.int64(0)
+    while read < packed.shape[0]:
+        control = np.int64(packed[read])
+        read += 1
         if control < 32:
-            count = control + 1
-            if at + count > packed.shape[0] or to + count > unpacked.shape[0]:
+            length = control + 1
+            if read + length > packed.shape[0] or written + length > unpacked.shape[0]:
                 return False
-            for i in range(count):
-                unpacked[to + i] = packed[at + i]
-            at += count
+            for i in range(length):
+                unpacked[written + i] = packed[read + i]
+            read += length
         else:
-            count = (control >> 5) + 2
-            if count == 9:
-                if at >= packed.shape[0]:
+            length = (control >> 5) + 2
+            if length == 9:
+                if read >= packed.shape[0]:
                     return False
-                count += np.int64(packed[at])
-                at += 1
-            if at >= packed.shape[0]:
+                length += np.int64(packed[read])
+                read += 1
+            if read >= packed.shape[0]:
                 return False
-            back = ((control & 31) << 8) + np.int64(packed[at]) + 1
-            at += 1
-            if back > to or to + count > unpacked.shape[0]:
+            distance = ((control & 31) << 8) + np.int64(packed[read]) + 1
+            read += 1
+            if distance > written or written + length > unpacked.shape[0]:
                 return False
-            for i in range(count):
-                unpacked[to + i] = unpacked[to + i - back]
-        to += count
-    return bool(to == unpacked.shape[0])
+            for i in range(length):
+                unpacked[written + i] = unpacked[written + i - distance]
+        written += length
+    return bool(written == unpacked.shape[0])

@@ -1,10 +1,10 @@
-"""Decodes sensor_msgs/PointCloud2 into points (METHODS 7.4).
+"""Decodes ROS's clouds, sensor_msgs/PointCloud2, into points and their times (METHODS 7.4).
 
 Fields may have any layout, aligned or not, and either byte order; rows may be padded.
 """
 
 from collections.abc import Sequence
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numba import njit
@@ -30,15 +30,16 @@ DATATYPES = {
 Only newer ROS distributions have 9, 10 and 11 (a truth value in a byte).
 """
 FARTHEST = float(np.finfo(np.float32).max)
-"""A coordinate that float32 cannot hold counts as infinite."""
+"""A larger coordinate, which float32 cannot hold, counts as infinite."""
 
 TIMES = ("t", "time", "timestamp", "offset_time", "time_stamp")
-"""Fields that say when a point was measured, by several drivers."""
+"""Names that drivers give to the field with the time of a point."""
 UNITS_S = (1.0, 1e-3, 1e-6, 1e-9)
+"""Units that such times may have, in seconds."""
 TURN_S = (0.01, 0.5)
-"""A LiDAR turns once, or shows one frame, in a time between these."""
+"""A LiDAR turns once, or takes one frame, in a time between these."""
 LATEST_OFFSET_S = 3600.0
-"""A time of a point that is farther from 0 than this is no offset to the stamp."""
+"""A time farther from 0 than this is no offset from the stamp: it counts from 1970."""
 
 
 class Field(Protocol):
@@ -65,18 +66,12 @@ class PointCloud2(Protocol):
 def decode(message: PointCloud2) -> NDArray[np.floating]:
     """Points (n, 3) of a message, row after row, in its frame and unit.
 
-    Those with a NaN or infinite coordinate are dropped. The type is float32 if x, y and z are
+    Points with a NaN or infinite coordinate are dropped. The type is float32 if x, y and z are
     little-endian float32, else float64. Raises LogError, before anything is allocated, for sizes
     that do not fit.
     """
-    columns = [_column(message, name) for name in "xyz"]
-    shape = (_rows(message), message.width)
-    strides = (_row_bytes(message), message.point_step)
-    x, y, z = (
-        np.ndarray(shape, kind, message.data, offset, strides).reshape(-1)
-        for kind, offset in columns
-    )
-    if not all(kind == np.dtype(np.float32) for kind, _ in columns):
+    x, y, z = _columns(message, ("x", "y", "z"))
+    if not all(column.dtype == np.dtype(np.float32) for column in (x, y, z)):
         x = _float64(x)
         y = _float64(y)
         z = _float64(z)
@@ -87,38 +82,44 @@ def times_s(message: PointCloud2, stamp_ns: int) -> NDArray[np.float64] | None:
     """Seconds (n,) after the stamp of the message at which each point of `decode` was measured.
 
     None for a message without a field of TIMES whose numbers span what a turn of a LiDAR takes.
-    Ouster's `t` and Livox' `offset_time` are nanoseconds, Velodyne's `time` seconds, Hesai's
-    `timestamp` seconds since 1970 and Livox' nanoseconds; which of these a driver writes shows in
-    the span of the numbers.
+    Ouster's `t` and Livox' `offset_time` are nanoseconds, Velodyne's `time` is in seconds, Hesai's
+    `timestamp` in seconds since 1970 and Livox' in nanoseconds since 1970. The unit is the one that
+    makes the span of the numbers a turn.
     """
     names = [field.name for field in message.fields]
     name = next((name for name in TIMES if name in names), None)
     if name is None:
         return None
-    shape = (_rows(message), message.width)
-    strides = (_row_bytes(message), message.point_step)
-    kind, offset = _column(message, name)
-    times = np.ndarray(shape, kind, message.data, offset, strides).reshape(-1)
+    times, *xyz = _columns(message, (name, "x", "y", "z"))
     is_point = np.ones(len(times), bool)
-    for axis in "xyz":
-        kind, offset = _column(message, axis)
-        column = np.ndarray(shape, kind, message.data, offset, strides).reshape(-1)
+    for column in xyz:
         with np.errstate(invalid="ignore"):
             is_point &= np.abs(column.astype(np.float64)) <= FARTHEST
-    times = times[is_point].astype(np.float64)
-    if not len(times) or not np.isfinite(times).all():
+    point_times = times[is_point].astype(np.float64)
+    if not len(point_times) or not np.isfinite(point_times).all():
         return None
-    span = float(np.ptp(times))
+    span = float(np.ptp(point_times))
     for unit_s in UNITS_S:
         if TURN_S[0] <= span * unit_s <= TURN_S[1]:
-            seconds = times * unit_s
-            since_1970 = abs(float(seconds[0])) > LATEST_OFFSET_S
-            return np.asarray(seconds - stamp_ns / 1e9 if since_1970 else seconds)
+            seconds = point_times * unit_s
+            is_since_1970 = abs(float(seconds[0])) > LATEST_OFFSET_S
+            return np.asarray(seconds - stamp_ns / 1e9 if is_since_1970 else seconds)
     return None
 
 
-def _column(message: PointCloud2, name: str) -> tuple[np.dtype[np.generic], int]:
-    """Data type and offset of a field."""
+def _columns(message: PointCloud2, names: Sequence[str]) -> list[NDArray[Any]]:
+    """The numbers (point,) of some fields, as views on the message's bytes where it has one row."""
+    layouts = [_layout(message, name) for name in names]
+    shape = (_rows(message), message.width)
+    strides = (_row_bytes(message), message.point_step)
+    return [
+        np.ndarray(shape, kind, message.data, offset, strides).reshape(-1)
+        for kind, offset in layouts
+    ]
+
+
+def _layout(message: PointCloud2, name: str) -> tuple[np.dtype[np.generic], int]:
+    """Data type of a field, and its offset in bytes in a point."""
     field = next((field for field in message.fields if field.name == name), None)
     if field is None:
         names = ", ".join(ascii(field.name) for field in message.fields) or "none"
@@ -128,25 +129,21 @@ def _column(message: PointCloud2, name: str) -> tuple[np.dtype[np.generic], int]
             f"PointCloud2's field {name} has the datatype {field.datatype}; sensor_msgs/PointField "
             "knows 1 to 11"
         )
-    return np.dtype(
-        (">" if message.is_bigendian else "<") + DATATYPES[field.datatype]
-    ), field.offset
+    byte_order = ">" if message.is_bigendian else "<"
+    return np.dtype(byte_order + DATATYPES[field.datatype]), field.offset
 
 
 def _rows(message: PointCloud2) -> int:
     """Number of rows of points; some drivers write the height of an unorganised cloud as 0."""
     nbytes = len(message.data)
-    return (
-        1
-        if message.height == 0 and nbytes and nbytes == message.width * message.point_step
-        else message.height
-    )
+    is_one_row = nbytes > 0 and nbytes == message.width * message.point_step
+    return 1 if message.height == 0 and is_one_row else message.height
 
 
 def _row_bytes(message: PointCloud2) -> int:
-    """Bytes from row to row; raises LogError for sizes that do not fit.
+    """Bytes from the start of a row to that of the next; raises LogError for sizes that do not fit.
 
-    Some drivers write the size of the whole cloud as row_step, or 0: it is ignored where the points
+    Some drivers write the size of the whole cloud as row_step, or 0: it is ignored if the points
     fill the data without padding.
     """
     height = _rows(message)
@@ -183,7 +180,7 @@ def _row_bytes(message: PointCloud2) -> int:
 
 
 def _float64(column: NDArray[np.generic]) -> NDArray[np.float64]:
-    """Numbers of any type; NaN where float32 could not hold them."""
+    """Numbers of any type as float64, NaN where float32 could not hold them."""
     with np.errstate(invalid="ignore"):
         numbers = column.astype(np.float64)
         numbers[~(np.abs(numbers) <= FARTHEST)] = np.nan
@@ -194,7 +191,7 @@ def _float64(column: NDArray[np.generic]) -> NDArray[np.float64]:
 def finite(
     x: NDArray[np.floating], y: NDArray[np.floating], z: NDArray[np.floating]
 ) -> NDArray[np.floating]:
-    """Points (n, 3) whose three coordinates are finite.
+    """Points (k, 3) from columns (n,), only those whose three coordinates are finite.
 
     It is as fast as a copy, whatever the columns' stride and alignment.
     """
@@ -204,5 +201,6 @@ def finite(
         points[count, 0] = x[i]
         points[count, 1] = y[i]
         points[count, 2] = z[i]
+        # a point that is not finite is written over by the next one
         count += np.isfinite(x[i]) & np.isfinite(y[i]) & np.isfinite(z[i])
     return points[:count]

@@ -1,4 +1,7 @@
-"""Key numbers of the artifacts with a row per query: labels, rankings, evaluations."""
+"""Describes, for `yearloc inspect`, artifacts with a row a query: labels, rankings, evaluations.
+
+Each function adds the key numbers of one artifact as rows of text, and warnings, to an Inspection.
+"""
 
 from typing import Any
 
@@ -12,26 +15,29 @@ from pipeline.evaluation.protocols import PROTOCOLS
 from pipeline.inspection.inspection import Inspection, metres
 
 OUTCOMES = ("hits", "misses", "false alarms", "correct rejections", "not judged")
+"""What the numbers 0 to 4 in the array `outcome` of an evaluation mean."""
+RANKS = (1, 5, 25)
+"""How many answers a query may have for the recall and the AUC that are shown."""
 
 
 def labels(artifact: Labels, inspection: Inspection) -> None:
-    """Add the share of the sequence that lies in places of training."""
+    """Add how many submaps of the sequence lie in places that training visited."""
     places = artifact.places
     nearest_m = artifact.nearest_m
-    seen = places >= 0
+    is_seen = places >= 0
     rows = [
         ("submaps", f"{len(places):,}"),
         (
             "places",
-            f"{len(artifact.cells):,} of training, {_distinct(places[seen]):,} met here",
+            f"{len(artifact.cells):,} of training, {_distinct(places[is_seen]):,} met here",
         ),
     ]
     if len(places):
         rows += [
             (
                 "seen",
-                f"{int(seen.sum()):,} submaps ({100 * seen.mean():.1f} %), unseen "
-                f"{int((~seen).sum()):,}",
+                f"{int(is_seen.sum()):,} submaps ({100 * is_seen.mean():.1f} %), unseen "
+                f"{int((~is_seen).sum()):,}",
             ),
             (
                 "nearest",
@@ -39,8 +45,9 @@ def labels(artifact: Labels, inspection: Inspection) -> None:
                 f"{metres(nearest_m.max())}",
             ),
         ]
-    if seen.any():
-        share = f"{100 * (artifact.oracle == places)[seen].mean():.1f} %"
+    if is_seen.any():
+        # the oracle answers with the place of the nearest training anchor
+        share = f"{100 * (artifact.oracle == places)[is_seen].mean():.1f} %"
         rows.append(
             ("oracle", f"{share} of the seen have their nearest training anchor in their place")
         )
@@ -49,36 +56,27 @@ def labels(artifact: Labels, inspection: Inspection) -> None:
         "no submap lies in a place of training: do both sequences share one world frame, and the "
         "grid's box?"
     )
-    inspection.warn(len(places) and not seen.any(), no_overlap)
+    inspection.warn(len(places) and not is_seen.any(), no_overlap)
 
 
 def rankings(artifact: Rankings, inspection: Inspection) -> None:
-    """Add numbers on the answers of the method, which are not compared with the truth."""
+    """Add numbers on the answers of the method, without comparing them with the truth."""
     places = artifact.places
     confidence = artifact.confidence
-    rows = [("queries", f"{len(places):,}, {places.shape[1]} places each")]
+    queries = ("queries", f"{len(places):,}, {places.shape[1]} places each")
     if not len(places):
-        inspection.add("", *rows)
+        inspection.add("", queries)
         return
     answers = _distinct(places[:, 0])
     heading_share = np.isfinite(artifact.heading_deg[:, 0]).mean()
     inspection.add(
         "",
-        *rows,
+        queries,
         ("first answers", f"{answers:,} distinct places"),
         ("heading", f"estimated for {100 * heading_share:.3g} % of the queries"),
-        ("confidence", "none" if np.isnan(confidence).any() else _spread(confidence)),
+        ("confidence", "none" if np.isnan(confidence).any() else _quantiles(confidence)),
     )
-    kinds = zip(artifact.kinds, artifact.thresholds, artifact.novelty.T, strict=True)
-    rejection = [
-        (
-            kind,
-            f"{_spread(values)}; rejects {100 * (values >= threshold).mean():.1f} % from "
-            f"{threshold:.4g} on{shortfall}",
-        )
-        for (kind, threshold, values), shortfall in zip(kinds, _shortfalls(artifact), strict=True)
-    ]
-    inspection.add("novelty, the first kind in use", *rejection)
+    inspection.add("novelty, the first kind in use", *_novelty_rows(artifact))
     costs_fall = (np.diff(artifact.costs, axis=1) < 0).any()
     inspection.warn(
         costs_fall,
@@ -91,22 +89,31 @@ def rankings(artifact: Rankings, inspection: Inspection) -> None:
     inspection.warn(len(places) > 1 and answers == 1, constant_answer)
 
 
-def _shortfalls(artifact: Rankings) -> list[str]:
-    """A text for each threshold whose precision on held-out blocks is below the wanted one.
+def _novelty_rows(artifact: Rankings) -> list[tuple[str, str]]:
+    """A row for each kind of novelty: its distribution, and how many queries it rejects.
 
-    Empty for the others.
+    The novelty says how likely a query is at an unseen place. The row also says where a threshold
+    has less than the wanted precision on the held-out blocks of training.
     """
-    wanted_precision = artifact.wanted_precision
-    return [
-        f"; keeps {precision:.3f} of the wanted {wanted_precision:g} on held-out blocks"
-        if precision < wanted_precision
-        else ""
-        for precision in artifact.kept_precision
-    ]
+    wanted = artifact.wanted_precision
+    rows = []
+    for kind, threshold, values, precision in zip(
+        artifact.kinds,
+        artifact.thresholds,
+        artifact.novelty.T,
+        artifact.kept_precision,
+        strict=True,
+    ):
+        rejected = f"{100 * (values >= threshold).mean():.1f} %"
+        text = f"{_quantiles(values)}; rejects {rejected} from {threshold:.4g} on"
+        if precision < wanted:
+            text += f"; keeps {precision:.3f} of the wanted {wanted:g} on held-out blocks"
+        rows.append((kind, text))
+    return rows
 
 
 def evaluations(artifact: Evaluations, inspection: Inspection) -> None:
-    """Add the results of the evaluation, by both protocols."""
+    """Add the results of the queries as driven, by both protocols: by cells and by distance."""
     evaluation = artifact.case()
     numbers = summary(evaluation)
     inspection.add(
@@ -119,58 +126,57 @@ def evaluations(artifact: Evaluations, inspection: Inspection) -> None:
         ("threshold", f"{evaluation.reject_from[0]:.4g} on {evaluation.kinds[0]}"),
     )
     for name in PROTOCOLS:
-        inspection.add(f"by {name}", *_protocol(evaluation.protocol(name), numbers[name]))
-    blind_protocols = [
+        inspection.add(f"by {name}", *_protocol_rows(evaluation.protocol(name), numbers[name]))
+    without_seen = [
         name
         for name in PROTOCOLS
         if len(evaluation.answer) and not evaluation.protocol(name).seen.any()
     ]
     inspection.warn(
-        blind_protocols,
-        f"no query was seen in training by {' or '.join(blind_protocols)}: recall and AUC mean "
+        without_seen,
+        f"no query was seen in training by {' or '.join(without_seen)}: recall and AUC mean "
         "nothing there",
     )
 
 
-def _protocol(judgement: Judgement, numbers: dict[str, float | None]) -> list[tuple[str, str]]:
-    def number(name: str) -> str:
-        _, low, high = judgement.numbers[NUMBERS.index(name)]
-        between = f" ({low:.3f}–{high:.3f})" if low <= high else ""
-        return "none" if numbers[name] is None else f"{numbers[name]:.3f}{between}"
+def _protocol_rows(judgement: Judgement, numbers: dict[str, float | None]) -> list[tuple[str, str]]:
+    """The results by one protocol; `numbers` has each number of NUMBERS, None where it has none."""
 
-    median = number("median_heading_error_deg")
-    within = number("heading_within_10deg")
-    heading = ("heading", f"median error {median}°, within 10° {within} of the right")
-    outcomes = zip(np.bincount(judgement.outcome, minlength=len(OUTCOMES)), OUTCOMES, strict=True)
-    return [
+    def text(name: str) -> str:
+        """A number with its interval."""
+        number = numbers[name]
+        if number is None:
+            return "none"
+        _, low, high = judgement.numbers[NUMBERS.index(name)]
+        interval = f" ({low:.3f}–{high:.3f})" if low <= high else ""
+        return f"{number:.3f}{interval}"
+
+    recalls = ", ".join(f"at {rank} {text(f'recall_at_{rank}')}" for rank in RANKS)
+    aucs = ", ".join(f"top {rank} {text(f'auc_top{rank}')}" for rank in RANKS)
+    rejection_recall = text("recall_at_99_precision")
+    counts = np.bincount(judgement.outcome, minlength=len(OUTCOMES))
+    outcomes = ", ".join(f"{count:,} {name}" for count, name in zip(counts, OUTCOMES, strict=True))
+    rows = [
         (
             "queries",
             f"{int(judgement.seen.sum()):,} seen and {int(judgement.unseen.sum()):,} unseen",
         ),
-        (
-            "recall",
-            ", ".join(f"at {n} {number(f'recall_at_{n}')}" for n in (1, 5, 25))
-            + " of the seen, none rejected",
-        ),
-        ("oracle", f"{number('oracle')}: the nearest training anchor's answer"),
-        (
-            "AUC",
-            ", ".join(f"top {n} {number(f'auc_top{n}')}" for n in (1, 5, 25))
-            + f", exact {number('auc_exact_top1')}",
-        ),
-        *([heading] if numbers["heading_within_10deg"] is not None else []),
-        (
-            "rejection",
-            f"AUROC {number('auroc')}, recall at 99 % precision {number('recall_at_99_precision')}",
-        ),
-        (
-            "outcome",
-            ", ".join(f"{count:,} {name}" for count, name in outcomes) + " at the threshold",
-        ),
+        ("recall", f"{recalls} of the seen, none rejected"),
+        ("oracle", f"{text('oracle')}: the nearest training anchor's answer"),
+        ("AUC", f"{aucs}, exact {text('auc_exact_top1')}"),
     ]
+    if numbers["heading_within_10deg"] is not None:
+        median = text("median_heading_error_deg")
+        within = text("heading_within_10deg")
+        rows.append(("heading", f"median error {median}°, within 10° {within} of the right"))
+    rows += [
+        ("rejection", f"AUROC {text('auroc')}, recall at 99 % precision {rejection_recall}"),
+        ("outcome", f"{outcomes} at the threshold"),
+    ]
+    return rows
 
 
-def _spread(values: NDArray[Any]) -> str:
+def _quantiles(values: NDArray[Any]) -> str:
     return "5 % {:.3g}, median {:.3g}, 95 % {:.3g}".format(*np.percentile(values, (5, 50, 95)))
 
 

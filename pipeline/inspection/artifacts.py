@@ -1,9 +1,15 @@
-"""Artifacts: zarr groups of a declared kind, and models."""
+"""Describes an artifact for `yearloc inspect`: a path in; rows of text and warnings out.
+
+An artifact is what a stage writes: a zarr group of one of the kinds in `kinds`, or a model, an
+archive of named arrays.
+"""
 
 import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from pipeline.core import store
 from pipeline.core.errors import ArtifactError
@@ -20,12 +26,13 @@ KEY_NUMBERS: dict[str, Callable[[Any, Inspection], None]] = {
     "rankings": answers.rankings,
     "evaluations": answers.evaluations,
 }
+"""The function that adds the key numbers of an artifact, by its kind."""
 
 
 def artifact(path: Path, inspection: Inspection) -> None:
-    """Describe a zarr group.
+    """Describe a zarr group: its key numbers, arrays and attributes.
 
-    Raises ArtifactError for one of an unknown kind, or one that cannot be read whole.
+    Raises ArtifactError for a group of an unknown kind, or one that cannot be read whole.
     """
     kind = _kind(path)
     inspection.kind = f"{kind.kind}, version {kind.version}, {nbytes(size(path))} on disk"
@@ -36,17 +43,16 @@ def artifact(path: Path, inspection: Inspection) -> None:
         not extents[first_column].shape[0],
         f"no rows: {first_column} is empty; every later stage would have nothing to work on",
     )
-    for name, extent in extents.items() if kind.kind != "rankings" else ():
+    may_hold_inf = kind.kind == "rankings"
+    for name, extent in extents.items():
         inspection.warn(
-            extent.infinite,
+            extent.infinite and not may_hold_inf,
             f"inf in {name}: {extent.infinite:,} values; nothing here writes one: `dvc repro` it",
         )
     if kind.kind in KEY_NUMBERS:
         KEY_NUMBERS[kind.kind](group, inspection)
-    inspection.add(
-        "arrays",
-        *(columns.row(name, extents[name], column) for name, column in kind.columns.items()),
-    )
+    rows = [columns.row(name, extents[name], column) for name, column in kind.columns.items()]
+    inspection.add("arrays", *rows)
     if kind.attributes:
         inspection.add(
             "attributes",
@@ -55,19 +61,14 @@ def artifact(path: Path, inspection: Inspection) -> None:
 
 
 def model(path: Path, inspection: Inspection) -> None:
-    """Describe a model: its named arrays and its training parameters."""
+    """Describe a model: its named arrays, and its recipe, the settings that it was trained with."""
     recipe = store.read_recipe(path)
     arrays = store.read_model(path)
-    extents = {
-        name: columns.extent(array.reshape(-1) if not array.ndim else array)
-        for name, array in sorted(arrays.items())
-    }
+    extents = {name: columns.extent(np.atleast_1d(array)) for name, array in sorted(arrays.items())}
     inspection.kind = f"model, {nbytes(path.stat().st_size)} on disk"
     numbers = sum(array.size for array in arrays.values())
-    inspection.add(
-        f"arrays: {len(arrays)}, {numbers:,} numbers",
-        *(columns.row(*item) for item in extents.items()),
-    )
+    rows = [columns.row(name, extent) for name, extent in extents.items()]
+    inspection.add(f"arrays: {len(arrays)}, {numbers:,} numbers", *rows)
     if recipe:
         inspection.add("recipe", *sorted(recipe.items()))
     diverged = [name for name, extent in extents.items() if extent.nans or extent.infinite]
@@ -79,6 +80,7 @@ def model(path: Path, inspection: Inspection) -> None:
 
 
 def _kind(path: Path) -> type[store.Artifact]:
+    """The kind that a zarr group declares in its attributes."""
     try:
         attrs = json.loads((path / "zarr.json").read_text(encoding="utf-8")).get("attributes", {})
     except FileNotFoundError:

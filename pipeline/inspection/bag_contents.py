@@ -1,6 +1,7 @@
-"""The contents of bags: paths in; topics with types, counts, rates and frames, and transforms out.
+"""Lists what the bags of a drive hold: their paths in; topics and transforms out.
 
-Of all bags of a drive together; `bags` describes them, `bag_proposal` makes a yaml of them.
+A topic has its type, count, rate and frames, over all bags together. `bags` describes the contents
+to the user, `bag_proposal` proposes a yaml from them.
 """
 
 from collections.abc import Iterator, Sequence
@@ -19,6 +20,10 @@ from pipeline.formats.messages import frame_name, header
 from pipeline.formats.pointcloud2 import decode
 from pipeline.readers.bag_poses import KINDS, Tree
 
+CLOUD_STEP = 10
+CLOUDS = 9
+"""So many clouds of a topic are looked at, one in CLOUD_STEP."""
+
 
 @dataclass(frozen=True)
 class TopicSummary:
@@ -26,14 +31,16 @@ class TopicSummary:
 
     name: str
     kind: str
+    """The type of its messages."""
     count: int
+    """Number of messages."""
     rate_hz: float
     """NaN where it is unknown."""
     frame: str
     """frame_id of the first message; empty if it is broken, and for types that the reader does not
     use."""
     child: str
-    """child_frame_id of an Odometry."""
+    """child_frame_id of an Odometry, else empty."""
 
 
 @dataclass(frozen=True)
@@ -41,8 +48,11 @@ class Contents:
     """The contents of all bags."""
 
     files: tuple[BagFile, ...]
+    """The bags that can be read."""
     topics: tuple[TopicSummary, ...]
+    """All topics, by name."""
     tree: Tree
+    """All transforms."""
     broken: tuple[str, ...]
     """The error line of each bag that cannot be read."""
 
@@ -64,29 +74,29 @@ class Contents:
 
     @property
     def span_ns(self) -> tuple[int, int]:
-        """Receipt of the first and of the last message."""
-        return min(file.span_ns[0] for file in self.files), max(
-            file.span_ns[1] for file in self.files
-        )
+        """The times of receipt of the first message, and after that of the last one."""
+        start_ns = min(file.span_ns[0] for file in self.files)
+        end_ns = max(file.span_ns[1] for file in self.files)
+        return start_ns, end_ns
 
     def of(self, *kinds: str) -> list[TopicSummary]:
         """The topics of these types that hold a message, the most frequent first."""
-        return sorted(
-            (topic for topic in self.topics if topic.kind in kinds and topic.count),
-            key=lambda topic: -topic.count,
-        )
+        topics = [topic for topic in self.topics if topic.kind in kinds and topic.count]
+        return sorted(topics, key=lambda topic: -topic.count)
 
     def clouds(self, topic: TopicSummary) -> Iterator[NDArray[np.floating]]:
-        """Points (n, 3) in metres of nine clouds, in their own frame.
+        """Points (n, 3) in metres of a few clouds, in their own frame.
 
-        They are every tenth cloud of the first bag that has the topic; broken ones are left out.
+        They are every tenth cloud at the start of the first bag that has the topic; broken ones are
+        left out.
         """
         file = next(
             file
             for file in self.files
             if topic.name in file.topics and file.topics[topic.name].count
         )
-        for _, data in islice(file.messages(topic.name), 0, 90, 10):
+        messages = islice(file.messages(topic.name), 0, CLOUDS * CLOUD_STEP, CLOUD_STEP)
+        for _, data in messages:
             with suppress(LogError):
                 yield decode(file.decode(data, topic.kind))
 
@@ -102,9 +112,10 @@ def _summary(files: Sequence[BagFile], name: str) -> TopicSummary:
     frame = ""
     child = ""
     if kind in (CLOUD, SWEEP, *KINDS):
-        file = next(iter(files_with_messages), files[0])
-        with suppress(LogError):
+        file = files_with_messages[0] if files_with_messages else files[0]
+        with suppress(LogError):  # a broken message: both stay empty, or the child
             data = file.first(name) or b""
             frame = header(data, file.ros)[1]
-            child = frame_name(file.decode(data, kind).child_frame_id) if kind == ODOMETRY else ""
+            if kind == ODOMETRY:
+                child = frame_name(file.decode(data, kind).child_frame_id)
     return TopicSummary(name, kind, count, rate_hz, frame, child)

@@ -1,6 +1,8 @@
 """Proposes the yaml of a data set of bags: the contents of bags in; the text of a yaml out.
 
-It names the topics and frames for the reader, each with the reason beside it.
+The yaml names the topics and frames for the reader `Bag`, each with a comment that says why. What
+a topic or frame holds is guessed from its type and name, where the LiDAR sits from the transforms,
+and how high from the ground in its clouds.
 """
 
 import json
@@ -22,11 +24,13 @@ WORLDS = ("map", "world", "earth", "utm", "enu", "global")
 BODIES = ("base_footprint", "base_link", "body", "imu", "imu_link")
 """Frames that may stand for the vehicle, the likeliest first."""
 TRUE = re.compile("truth|gt|gnss|gps|rtk|ins|slam|map|locali")
-"""In the name of a topic with true poses."""
-PACKETS = ("CustomMsg", "VelodyneScan", "PacketMsg")
-"""Messages of Livox, Velodyne and Ouster that hold no PointCloud2 yet."""
+"""Matches the names of topics that are likely to hold true poses."""
 DRIFTS = re.compile("odom|vo|vio|wheel")
-"""In the name or frame of poses that drift."""
+"""Matches the names and frames of poses that are likely to drift."""
+PACKETS = ("CustomMsg", "VelodyneScan", "PacketMsg")
+"""Messages of Livox, Velodyne and Ouster, of which their drivers make PointCloud2."""
+MIN_CLOUD_POINTS = 1_000
+"""The ground is not looked for in smaller clouds."""
 
 
 def propose(contents: Contents) -> tuple[str, list[str]]:
@@ -34,21 +38,28 @@ def propose(contents: Contents) -> tuple[str, list[str]]:
 
     The text names points, truth, odometry and extrinsics. Raises LogError for bags without points.
     """
-    truth, odometry = _poses(contents)
-    points = points_source(contents, truth)
+    best_poses, odometry = _poses(contents)
+    points = points_source(contents, best_poses)
     is_sweep = points.kind == SWEEP
     warnings: list[str] = []
-    if truth is None:
+    # the best poses are the truth, unless they drift; sweeps also need them as odometry
+    truth = best_poses
+    if best_poses is None:
         warnings.append(_without_poses(contents, is_sweep))
-    elif DRIFTS.search(truth.frame):
-        warnings.append(_with_odometry_alone(truth, is_sweep))
-    posed = truth
-    if odometry is None and (is_sweep or (truth is not None and DRIFTS.search(truth.frame))):
-        odometry = truth
-        truth = truth if is_sweep else None
-    body_T_lidar, extrinsic = _extrinsic(contents, points, posed, warnings)
+    else:
+        drifts = bool(DRIFTS.search(best_poses.frame))
+        if drifts:
+            warnings.append(_with_odometry_alone(best_poses, is_sweep))
+        if odometry is None and (is_sweep or drifts):
+            odometry = best_poses
+            if not is_sweep:
+                truth = None
+    body_T_lidar, extrinsic = _extrinsic(contents, points, best_poses, warnings)
     lift_m, lift = _lift(contents, points, body_T_lidar)
-    gap_s = max(0.5, round(3 / posed.rate_hz, 1)) if posed and posed.rate_hz > 0 else 0.5
+    imu = None if truth or odometry else gyroscope(contents)
+    gap_s = 0.5
+    if best_poses and best_poses.rate_hz > 0:
+        gap_s = max(gap_s, round(3 / best_poses.rate_hz, 1))
     shape = "LaserScan: a row is one sweep" if is_sweep else "PointCloud2"
     name = contents.files[0].path.name
     frame = points.frame or "?"
@@ -60,7 +71,7 @@ reader:
   points: {_word(points.name)} # {shape}, {_rate(points.rate_hz)}, in the frame {frame}
   truth: {_source_line(truth)}
   odometry: {_source_line(odometry)}
-  imu: {_imu_line(None if truth or odometry else gyroscope(contents))}
+  imu: {_imu_line(imu)}
   body_T_lidar: null # {extrinsic}
   lift_m: {lift_m} # {lift}
   max_gap_s: {gap_s}
@@ -73,10 +84,9 @@ study: # name the sequences yourself: bags, or folders of bags, below the data s
   grids: [10m]
   methods: [sci_ring, scan_context]
 """
-    first_line, remainder = text.split("\n", 1)
-    return "\n".join(
-        [first_line, *(f"# Beware: {warning}" for warning in warnings), remainder]
-    ), warnings
+    first_line, following_lines = text.split("\n", 1)
+    comments = [f"# Beware: {warning}" for warning in warnings]
+    return "\n".join([first_line, *comments, following_lines]), warnings
 
 
 def _without_poses(contents: Contents, is_sweep: bool) -> str:
@@ -85,18 +95,20 @@ def _without_poses(contents: Contents, is_sweep: bool) -> str:
         f"{topic.name} ({topic.kind.replace('/msg/', '/')})" for topic in contents.topics
     )
     advice = (
-        "sweeps of a 2-D LiDAR need an Odometry, PoseStamped, PoseWithCovarianceStamped, or "
-        "moving transforms in tf beside them"
-        if is_sweep
-        else "`yearloc use NAME root=FOLDER train=DRIVE poses=slam` estimates them, `yearloc "
-        "slam` of one drive alone"
+        "`yearloc use NAME root=FOLDER train=DRIVE poses=slam` estimates them, `yearloc slam` of "
+        "one drive alone"
     )
+    if is_sweep:
+        advice = (
+            "sweeps of a 2-D LiDAR need an Odometry, PoseStamped, PoseWithCovarianceStamped, or "
+            "moving transforms in tf beside them"
+        )
     return f"no poses: {advice}. Topics here: {plain(topic_list, 600)}"
 
 
-def _with_odometry_alone(truth: TopicSummary, is_sweep: bool) -> str:
+def _with_odometry_alone(poses: TopicSummary, is_sweep: bool) -> str:
     """The warning on bags whose best source of poses drifts."""
-    drift = f"the only poses are in the frame {truth.frame}, which starts anew with each drive"
+    drift = f"the only poses are in the frame {poses.frame}, which starts anew with each drive"
     if is_sweep:
         return (
             f"{drift}: sequences share no places; a study over several drives needs poses in one "
@@ -105,46 +117,45 @@ def _with_odometry_alone(truth: TopicSummary, is_sweep: bool) -> str:
     return (
         f"{drift}: they are the odometry; `yearloc use NAME root=FOLDER train=DRIVE poses=slam` "
         "estimates poses in one frame from the scans. To split a single drive, "
-        f"{truth.name} may be named as truth"
+        f"{poses.name} may be named as truth"
     )
 
 
-def points_source(contents: Contents, truth: TopicSummary | None) -> TopicSummary:
-    """The topic of clouds, or else of sweeps, that is most likely the LiDAR's.
+def points_source(contents: Contents, poses: TopicSummary | None) -> TopicSummary:
+    """The topic that is most likely the LiDAR's.
 
-    It does not lie in the world of the true poses already. Raises LogError for bags without points.
+    It is the most frequent one of clouds, or else of sweeps. One that is already in the world frame
+    of the `poses` is taken only if there is no other. Raises LogError for bags without points.
     """
     sources = contents.of(CLOUD) or contents.of(SWEEP)
-    points = min(
-        sources, key=lambda source: truth is not None and source.frame == truth.frame, default=None
-    )
-    if points is None:
-        topic_list = (
-            ", ".join(f"{topic.name} ({topic.kind})" for topic in contents.topics) or "nothing"
-        )
-        packet_kind = next(
-            (topic.kind for topic in contents.topics if topic.kind.rpartition("/")[2] in PACKETS),
-            "",
-        )
-        advice = (
-            f"; let the lidar's driver make PointCloud2 of {packet_kind} while `ros2 bag record` "
-            "runs"
-            if packet_kind
-            else ""
-        )
-        message = (
-            "neither a PointCloud2 nor a LaserScan in it; it holds "
-            f"{plain(topic_list, 800)}{advice}"
-        )
-        raise LogError(f"{contents.files[0].path}: {message}")
-    return points
+    if not sources:
+        raise LogError(f"{contents.files[0].path}: {_without_points(contents)}")
+    for source in sources:
+        if poses is None or source.frame != poses.frame:
+            return source
+    return sources[0]
+
+
+def _without_points(contents: Contents) -> str:
+    """The error on bags without points: what they hold instead."""
+    topic_list = ", ".join(f"{topic.name} ({topic.kind})" for topic in contents.topics) or "nothing"
+    advice = ""
+    for topic in contents.topics:
+        if topic.kind.rpartition("/")[2] in PACKETS:
+            advice = (
+                f"; let the lidar's driver make PointCloud2 of {topic.kind} while `ros2 bag "
+                "record` runs"
+            )
+            break
+    return f"neither a PointCloud2 nor a LaserScan in it; it holds {plain(topic_list, 800)}{advice}"
 
 
 def drifting(contents: Contents) -> TopicSummary | None:
-    """The source of poses that is most likely odometry, which never jumps; None without any."""
-    truth, odometry = _poses(contents)
-    is_odometry = truth is not None and DRIFTS.search(f"{truth.frame} {truth.name}")
-    return odometry or (truth if is_odometry else None)
+    """The source of poses that is most likely odometry, which drifts but never jumps; else None."""
+    best_poses, odometry = _poses(contents)
+    if odometry is None and best_poses is not None and _drifts(best_poses):
+        return best_poses
+    return odometry
 
 
 def gyroscope(contents: Contents) -> TopicSummary | None:
@@ -153,77 +164,75 @@ def gyroscope(contents: Contents) -> TopicSummary | None:
 
 
 def _poses(contents: Contents) -> tuple[TopicSummary | None, TopicSummary | None]:
-    """The source of poses that is most likely the truth, and the most likely odometry of the rest.
+    """The source of poses that is most likely the truth, and of the others the likeliest odometry.
 
-    None where the bags hold none.
+    Each is None where the bags hold no such source.
     """
-    frames = sorted({frame for edge in contents.tree.edges for frame in edge})
-    bodies = [body for body in BODIES if body in frames]
-    trees = [
-        TopicSummary(f"tf:{world}>{body}", TRANSFORMS, 0, np.nan, world, body)
-        for world in (*WORLDS, "odom")
-        for body in bodies[:1]
-        if world in frames and contents.tree.moves(world, body)
-    ]
-    sources = contents.of(*KINDS) + trees
-    truth = max(sources, key=_trust, default=None)
-    drifting = [
-        source
-        for source in sources
-        if source is not truth and DRIFTS.search(source.frame + " " + source.name)
-    ]
-    return truth, min(drifting, key=_trust, default=None)
+    sources = contents.of(*KINDS)
+    frames = {frame for edge in contents.tree.edges for frame in edge}
+    body = next((body for body in BODIES if body in frames), None)
+    for world in (*WORLDS, "odom"):
+        if body and world in frames and contents.tree.moves(world, body):
+            name = f"tf:{world}>{body}"
+            sources.append(TopicSummary(name, TRANSFORMS, 0, np.nan, world, body))
+    best = max(sources, key=_trust, default=None)
+    drifting_sources = [source for source in sources if source is not best and _drifts(source)]
+    return best, min(drifting_sources, key=_trust, default=None)
+
+
+def _drifts(source: TopicSummary) -> bool:
+    return bool(DRIFTS.search(f"{source.frame} {source.name}"))
 
 
 def _trust(source: TopicSummary) -> int:
     """A score, larger for poses that are more likely the truth than odometry.
 
-    A topic is preferred to transforms.
+    Of equal ones a topic is preferred to transforms.
     """
-    is_world_frame = source.frame in WORLDS
-    drifts = bool(DRIFTS.search(source.frame + " " + source.name))
-    return (
-        8 * is_world_frame
-        + 4 * bool(TRUE.search(source.name))
-        - 4 * drifts
-        + (not source.name.startswith("tf:"))
-    )
+    score = 0
+    if source.frame in WORLDS:
+        score += 8
+    if TRUE.search(source.name):
+        score += 4
+    if _drifts(source):
+        score -= 4
+    if not source.name.startswith("tf:"):
+        score += 1
+    return score
 
 
 def _extrinsic(
-    contents: Contents, points: TopicSummary, truth: TopicSummary | None, warnings: list[str]
+    contents: Contents, points: TopicSummary, poses: TopicSummary | None, warnings: list[str]
 ) -> tuple[NDArray[np.float64] | None, str]:
     """body_T_lidar (4, 4), None where it is unknown, and the comment beside it in the yaml.
 
-    Appends to `warnings`.
+    Where the user has to give it, a line is appended to `warnings`.
     """
     ask = "give x, y, z in m and roll, pitch, yaw in deg"
-    if truth is None:
+    if poses is None:
         return np.eye(4), "without poses the LiDAR is the body"
-    if not truth.child:
+    body = poses.child
+    if not body:
         warnings.append(
-            f"{truth.name} does not name the frame that it poses: {ask} of the LiDAR in it as "
+            f"{poses.name} does not name the frame that it poses: {ask} of the LiDAR in it as "
             "body_T_lidar"
         )
         return None, f"the posed frame is unknown: {ask}"
-    body_T_lidar = (
-        np.eye(4) if truth.child == points.frame else contents.tree.fixed(truth.child, points.frame)
-    )
-    if body_T_lidar is None and points.frame == truth.frame:
+    body_T_lidar = np.eye(4) if body == points.frame else contents.tree.fixed(body, points.frame)
+    if body_T_lidar is None and points.frame == poses.frame:
         return (
             None,
             f"the points lie in {points.frame} already, the world of the poses: name another topic",
         )
     if body_T_lidar is None:
         warnings.append(
-            f"no fixed transforms lead from {truth.child} to {points.frame}: {ask} as body_T_lidar"
+            f"no fixed transforms lead from {body} to {points.frame}: {ask} as body_T_lidar"
         )
-        return None, f"no fixed transforms lead from {truth.child} to {points.frame}: {ask}"
+        return None, f"no fixed transforms lead from {body} to {points.frame}: {ask}"
     x, y, z = body_T_lidar[:3, 3]
     return (
         body_T_lidar,
-        f"fixed transforms put {points.frame} at x {x:.2f}, y {y:.2f}, z {z:.2f} m in "
-        f"{truth.child}",
+        f"fixed transforms put {points.frame} at x {x:.2f}, y {y:.2f}, z {z:.2f} m in {body}",
     )
 
 
@@ -232,52 +241,50 @@ def _lift(
 ) -> tuple[float, str]:
     """The lift in metres that puts the ground at z = 0, and the comment beside it in the yaml.
 
-    It is estimated from the first clouds.
+    It is estimated from the first clouds; 0 where it cannot be.
     """
-    unknown_lift = (
-        0.0,
-        "added to z so that the ground is at 0: the height of the posed frame over the ground",
-    )
     if points.kind == SWEEP:
-        is_raised = (
-            body_T_lidar is not None and body_T_lidar[2, 3] > 0.1
-        )  # lower ones are invisible in a view of heights
+        # a sweep at 0.1 m or lower would be invisible in a view of heights
+        is_raised = body_T_lidar is not None and body_T_lidar[2, 3] > 0.1
         return (
             0.0 if is_raised else 1.0,
             "a level sweep sees no ground: its height marks occupied bins, so it must not be 0",
         )
-    if body_T_lidar is None:
-        return unknown_lift
-    clouds = (
-        cloud @ body_T_lidar[:3, :3].T + body_T_lidar[:3, 3] for cloud in contents.clouds(points)
-    )
-    heights_m = [
-        ground(cloud, np.hypot(cloud[:, 0], cloud[:, 1])) for cloud in clouds if len(cloud) >= 1_000
-    ]
+    heights_m: list[float] = []
+    if body_T_lidar is not None:
+        for cloud in contents.clouds(points):
+            body_cloud = cloud @ body_T_lidar[:3, :3].T + body_T_lidar[:3, 3]
+            if len(cloud) >= MIN_CLOUD_POINTS:
+                range_m = np.hypot(body_cloud[:, 0], body_cloud[:, 1])
+                heights_m.append(ground(body_cloud, range_m))
     if not heights_m:
-        return unknown_lift
+        return (
+            0.0,
+            "added to z so that the ground is at 0: the height of the posed frame over the ground",
+        )
     ground_m = float(np.median(heights_m))
     finding = (
         f"the ground lies at z = {ground_m:.2f} m in the posed frame, by {len(heights_m)} of the "
         "first clouds: check it"
     )
-    comment = typographic(finding)
-    return (0.0 if abs(ground_m) < 0.1 else -round(ground_m, 2)), comment
+    lift_m = 0.0 if abs(ground_m) < 0.1 else -round(ground_m, 2)
+    return lift_m, typographic(finding)
 
 
 def _source_line(source: TopicSummary | None) -> str:
+    """A source of poses as a value in the yaml, with a comment."""
     if source is None:
         return "null # this bag holds none"
-    parts = [f"in the frame {source.frame or '?'}", f"of {source.child}", _rate(source.rate_hz)]
-    known_parts = [
-        part
-        for part, is_known in zip(parts, (True, source.child, source.rate_hz > 0), strict=True)
-        if is_known
-    ]
-    return f"{_word(source.name)} # {', '.join(known_parts)}"
+    parts = [f"in the frame {source.frame or '?'}"]
+    if source.child:
+        parts.append(f"of {source.child}")
+    if source.rate_hz > 0:
+        parts.append(_rate(source.rate_hz))
+    return f"{_word(source.name)} # {', '.join(parts)}"
 
 
 def _imu_line(imu: TopicSummary | None) -> str:
+    """The topic of an IMU as a value in the yaml, with a comment."""
     if imu is None:
         return "null # of use where there are neither poses nor odometry"
     return f"{_word(imu.name)} # {_rate(imu.rate_hz)}: how the vehicle turned between two scans"
