@@ -1,7 +1,7 @@
 """Describes ROS bags for `yearloc inspect`: bags in; rows of text and a proposed yaml out.
 
-The rows have topics with types, counts, rates and frames, the transforms, and the time span. The
-yaml is one of conf/dataset that would read the bags; it is tried on them.
+The rows list the topics with types, counts, rates and frames, the transforms, and the time span.
+The proposed yaml is a file for conf/dataset with which the bags can be read; it is tried on them.
 """
 
 from collections.abc import Sequence
@@ -20,14 +20,16 @@ from pipeline.inspection.inspection import Inspection, duration, moment, nbytes,
 from pipeline.inspection.origin import size
 from pipeline.readers.bag import Bag
 
-TRIED_BYTES = 8 * 10**9
-"""A drive's bags of more bytes are not opened to see whether the proposed yaml works."""
+MAX_TRIED_BYTES = 8 * 10**9
+"""If the bags of a drive are larger, the proposed yaml is not tried on them."""
 
 
 def below(path: Path) -> list[Path]:
-    """The bags at `path`, right below it, or in the folders below it; may be empty."""
-    children = sorted(path.iterdir()) if path.is_dir() else []
-    return find(path) or [bag for child in children for bag in find(child)]
+    """The bags at `path` or right below it, else those in the folders below it; may be empty."""
+    paths = find(path)
+    if paths or not path.is_dir():
+        return paths
+    return [bag for child in sorted(path.iterdir()) for bag in find(child)]
 
 
 def bags(path: Path, inspection: Inspection) -> None:
@@ -54,12 +56,24 @@ def bags(path: Path, inspection: Inspection) -> None:
         *((line,) for line in text.splitlines()),
     )
     inspection.warnings += tuple(warnings)
-    if not any("body_T_lidar" in warning for warning in warnings):  # that has to be given first
+    lacks_extrinsic = any("body_T_lidar" in warning for warning in warnings)
+    if not lacks_extrinsic:
         _try(path, text, contents, inspection)
 
 
+def proposal(paths: Sequence[Path]) -> str:
+    """The text of a file for conf/dataset, for bags or folders of bags.
+
+    Raises LogError where they hold no points.
+    """
+    bag_paths = [bag for path in paths for bag in below(path)]
+    if not bag_paths:
+        raise LogError(f"{', '.join(map(str, paths))}: no bag there")
+    return propose(Contents.read(bag_paths))[0]
+
+
 def _span_rows(contents: Contents) -> list[tuple[str, str]]:
-    """When the recording began and how long it is; nothing of an empty one."""
+    """When the recording began and how long it is; no rows for an empty one."""
     start_ns, end_ns = contents.span_ns
     if end_ns <= start_ns:
         return []
@@ -67,7 +81,7 @@ def _span_rows(contents: Contents) -> list[tuple[str, str]]:
 
 
 def _topic_rows(contents: Contents) -> list[tuple[str, ...]]:
-    """A row a topic, below a row of titles."""
+    """A row for each topic, below a row of titles."""
     rows: list[tuple[str, ...]] = [("topic", "messages", "rate", "type and frames")]
     for topic in contents.topics:
         rate = f"{topic.rate_hz:.3g} a second" if topic.rate_hz > 0 else "–"
@@ -79,7 +93,7 @@ def _topic_rows(contents: Contents) -> list[tuple[str, ...]]:
 
 
 def _transform_rows(contents: Contents) -> list[tuple[str, ...]]:
-    """A row a transform: its frames, how many messages have it, where it is if it is fixed."""
+    """A row for each transform: its frames, number of messages, and place if it is fixed."""
     rows: list[tuple[str, ...]] = []
     for (parent, child), (stamps_ns, poses) in sorted(contents.tree.edges.items()):
         motion = "moves"
@@ -91,22 +105,20 @@ def _transform_rows(contents: Contents) -> list[tuple[str, ...]]:
 
 
 def _try(path: Path, text: str, contents: Contents, inspection: Inspection) -> None:
-    """Open the bag as the proposed yaml says and look at a few clouds.
+    """Open the bag, or the first of several drives, with the proposed yaml.
 
-    Where the reader refuses the bag, its error becomes a warning.
+    Describes the log and a few of its clouds. If the reader refuses the bag, its error becomes a
+    warning.
     """
     reader = yaml.safe_load(text)["reader"]
     del reader["_target_"]
     if reader["truth"] is None and not contents.of(CLOUD):
         return
-    full_path = path.resolve()
-    drive = (
-        full_path
-        if is_bag(full_path)
-        else next(child for child in sorted(full_path.iterdir()) if find(child))
-    )
+    drive = path.resolve()
+    if not is_bag(drive):
+        drive = next(child for child in sorted(drive.iterdir()) if find(child))
     drive_bytes = sum(map(size, find(drive)))
-    if drive_bytes > TRIED_BYTES:
+    if drive_bytes > MAX_TRIED_BYTES:
         inspection.warn(
             True,
             f"not tried: {nbytes(drive_bytes)} of {drive.name} would be read to open it as "
@@ -120,14 +132,3 @@ def _try(path: Path, text: str, contents: Contents, inspection: Inspection) -> N
             survey_log(inspection, log, VEHICLE)
     except LogError as error:
         inspection.warn(True, f"the reader refuses the bag as proposed: {error}")
-
-
-def proposal(paths: Sequence[Path]) -> str:
-    """The text of a file for conf/dataset, for bags or folders of bags.
-
-    Raises LogError where they hold no points.
-    """
-    bag_paths = [bag for path in paths for bag in below(path)]
-    if not bag_paths:
-        raise LogError(f"{', '.join(map(str, paths))}: no bag there")
-    return propose(Contents.read(bag_paths))[0]

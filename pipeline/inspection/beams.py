@@ -1,93 +1,125 @@
-"""Estimates the number of beams of a spinning LiDAR and its height from the points alone.
+"""Estimates the height of a spinning LiDAR and the number of its beams from the points alone.
 
-A beam has a constant elevation angle only if the angle is measured from the sensor. So the height
-from which the points fall into the fewest cells of azimuth × elevation is that of the sensor. Seen
-from there, the beams in a slice of one degree of azimuth are separate clusters of elevation and can
-be counted.
+1. Height: a beam has the same elevation angle in all directions only if the angle is measured from
+   the sensor. So the sensor is at the height from which the points fall into the fewest cells of
+   azimuth × elevation.
+2. Beams: seen from there, the beams in a slice of one degree of azimuth are separate clusters of
+   elevation, and can be counted.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-VOTING_SLICES = 72
+HEIGHT_SLICES = 72
 COUNTING_SLICES = 360
-"""Slices of 360°.
+"""Slices of azimuth in 360°.
 
 Wide ones hold enough points of each beam to find the height, in narrow ones the beams are separate.
 """
-SPARSE = 20_000
-"""Clouds with fewer points are counted in slices three times as wide."""
+FEW_POINTS = 20_000
+"""In clouds with fewer points the beams are counted in slices three times as wide."""
 CELL_DEG = 0.05
+"""Elevation of a cell."""
 GAP_DEG = 0.2
 """Neighbouring beams are further apart than this: 0.33° on an HDL-64, 0.35° on 128 beams over
 45°."""
 NEAR_M = 3.0
 """Nearer points are not used: there the offset of a laser inside the housing is not negligible."""
-USUAL = (1, 4, 8, 16, 32, 40, 64, 80, 128)
+GROUND_M = 0.4
+"""Points this near to the ground's height are not used to find the sensor's height: flat ground,
+seen from its own height, is one ring."""
+MIN_POINTS = 500
+"""With fewer points for it the height is not looked for."""
+SENSOR_COUNTS = (1, 4, 8, 16, 32, 40, 64, 80, 128)
 """Beam counts of real sensors; an estimate within 7 % of one is replaced by it."""
 
 
-def find_beams(
-    points_m: NDArray[np.float64], ground_m: float, up: float = 1.0
-) -> tuple[int, float] | None:
+class Beams(NamedTuple):
+    """The beams of a cloud, and its sensor."""
+
+    count: int
+    """Beams that have returns."""
+    sensor_z_m: float
+
+
+def find_beams(points_m: NDArray[np.float64], ground_m: float, up: float = 1.0) -> Beams | None:
     """The number of beams of a cloud (n, 3) in metres, and the z of its sensor.
 
     None if its points form no rings. The ground is at z = `ground_m`. The sensor is searched on the
-    z axis, 0.3 m to 4 m above the ground (`up` is −1.0 where z points down). Points on the ground
-    are not used for the height, since flat ground seen from z = `ground_m` is one ring, but for the
-    count. Beams without a return are not counted.
+    z axis, 0.3 m to 4 m above the ground; `up` is −1.0 where z points down.
     """
     range_m = np.hypot(points_m[:, 0], points_m[:, 1])
-    far = range_m > NEAR_M
-    range_m = range_m[far]
-    z_m = points_m[far, 2]
-    turn = np.arctan2(points_m[far, 1], points_m[far, 0]) / (2 * np.pi) + 0.5
-    voters = np.abs(z_m - ground_m) > 0.4
-    if voters.sum() < 500:
+    is_far = range_m > NEAR_M
+    range_m = range_m[is_far]
+    z_m = points_m[is_far, 2]
+    turn = np.arctan2(points_m[is_far, 1], points_m[is_far, 0]) / (2 * np.pi) + 0.5
+    stands = np.abs(z_m - ground_m) > GROUND_M
+    if stands.sum() < MIN_POINTS:
         return None
-    voting = _slices(turn[voters], VOTING_SLICES)
-
-    def cells(height_m: float) -> int:
-        """Occupied cells of azimuth × elevation, seen from that height."""
-        rows = int(180 / CELL_DEG)
-        elevation_deg = _elevation(z_m[voters] - height_m, range_m[voters])
-        occupied = np.zeros(VOTING_SLICES * rows, bool)
-        occupied[
-            voting * rows + ((elevation_deg + 90) / CELL_DEG).astype(np.int64).clip(0, rows - 1)
-        ] = True
-        return int(np.count_nonzero(occupied))
-
-    coarse = ground_m + up * np.arange(0.3, 4.0, 0.1)
-    occupied = np.array([cells(height) for height in coarse])
-    if (1 / occupied).max() < 1.5 * np.median(1 / occupied):
+    sensor_z_m = _sensor_z_m(turn[stands], range_m[stands], z_m[stands], ground_m, up)
+    if sensor_z_m is None:
         return None
-    fine = coarse[occupied.argmin()] + np.arange(-0.08, 0.09, 0.02)
-    height_m = float(fine[np.argmin([cells(height) for height in fine])])
-    counting = _slices(turn, COUNTING_SLICES if len(turn) >= SPARSE else COUNTING_SLICES // 3)
-    return _count(counting, _elevation(z_m - height_m, range_m)), height_m
+    slice_count = COUNTING_SLICES if len(turn) >= FEW_POINTS else COUNTING_SLICES // 3
+    elevation_deg = _elevation_deg(z_m - sensor_z_m, range_m)
+    return Beams(_beam_count(_slices(turn, slice_count), elevation_deg), sensor_z_m)
 
 
-def _slices(turn: NDArray[np.float64], slices: int) -> NDArray[np.int64]:
-    """Index of the slice (n,) of azimuths given as shares of a full turn (n,)."""
-    return (turn * slices).astype(np.int64).clip(0, slices - 1)
+def _sensor_z_m(
+    turn: NDArray[np.float64],
+    range_m: NDArray[np.float64],
+    z_m: NDArray[np.float64],
+    ground_m: float,
+    up: float,
+) -> float | None:
+    """The height from which points (n,) fill the fewest cells; None if no height stands out.
+
+    `turn` is their azimuth as a share of a full turn.
+    """
+    slices = _slices(turn, HEIGHT_SLICES)
+    rows = int(180 / CELL_DEG)
+
+    def occupied_cells(height_m: float) -> int:
+        elevation_deg = _elevation_deg(z_m - height_m, range_m)
+        elevation_rows = ((elevation_deg + 90) / CELL_DEG).astype(np.int64).clip(0, rows - 1)
+        is_occupied = np.zeros(HEIGHT_SLICES * rows, bool)
+        is_occupied[slices * rows + elevation_rows] = True
+        return int(np.count_nonzero(is_occupied))
+
+    coarse_m = ground_m + up * np.arange(0.3, 4.0, 0.1)
+    cells = np.array([occupied_cells(height_m) for height_m in coarse_m])
+    if (1 / cells).max() < 1.5 * np.median(1 / cells):
+        return None
+    fine_m = coarse_m[cells.argmin()] + np.arange(-0.08, 0.09, 0.02)
+    return float(fine_m[np.argmin([occupied_cells(height_m) for height_m in fine_m])])
 
 
-def _elevation(rise_m: NDArray[np.float64], range_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Degrees above the horizon."""
-    return np.degrees(np.arctan2(rise_m, range_m))
+def _beam_count(slices: NDArray[np.int64], elevation_deg: NDArray[np.float64]) -> int:
+    """The number of beams of points (n,) with the index of their slice and their elevation.
 
-
-def _count(slices: NDArray[np.int64], elevation_deg: NDArray[np.float64]) -> int:
-    """Number of elevation clusters in the best 1/60 of the slices.
-
-    In most slices some beams point at the sky.
+    It is the number of clusters of elevation in the best 1/60 of the slices, since in most slices
+    some beams point at the sky.
     """
     order = np.lexsort((elevation_deg, slices))
     slices = slices[order]
     elevation_deg = elevation_deg[order]
     starts_beam = np.ones(len(slices), bool)
     starts_beam[1:] = (np.diff(slices) != 0) | (np.diff(elevation_deg) > GAP_DEG)
-    counts = np.sort(np.bincount(slices[starts_beam], minlength=VOTING_SLICES))
+    counts = np.sort(np.bincount(slices[starts_beam], minlength=HEIGHT_SLICES))
     estimate = int(counts[-max(1, round(np.count_nonzero(counts) / 60))])
-    sensor_count = min(USUAL, key=lambda count: abs(count - estimate))
-    return sensor_count if abs(sensor_count - estimate) <= 0.07 * sensor_count else estimate
+    sensor_count = min(SENSOR_COUNTS, key=lambda count: abs(count - estimate))
+    is_near = abs(sensor_count - estimate) <= 0.07 * sensor_count
+    return sensor_count if is_near else estimate
+
+
+def _slices(turn: NDArray[np.float64], slice_count: int) -> NDArray[np.int64]:
+    """Index of the slice (n,) of azimuths given as shares of a full turn (n,)."""
+    return (turn * slice_count).astype(np.int64).clip(0, slice_count - 1)
+
+
+def _elevation_deg(
+    rise_m: NDArray[np.float64], range_m: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Elevation angles (n,) over the horizon."""
+    return np.degrees(np.arctan2(rise_m, range_m))

@@ -1,6 +1,7 @@
-"""Diagnoses of clouds, for `yearloc inspect`: points in; key numbers and warnings out.
+"""Diagnoses clouds for `yearloc inspect`: points in; key numbers and warnings out.
 
-Warnings are on everything that would break a method; `symptoms` has the test of each.
+The warnings are on symptoms: whatever in a cloud would break a method. `symptoms` has the test and
+the words of each.
 """
 
 from collections.abc import Callable
@@ -18,7 +19,24 @@ from pipeline.mapping.appearance import ground as ground_height
 
 UNKNOWN = (float("nan"),) * 3
 RAISED_M = 0.5
-"""A ground so far from z = 0 was not put there; below, the origin is taken for the sensor."""
+"""A ground farther than this from z = 0 was not put there by a reader. If it is that far below, the
+origin of the cloud is taken for the sensor."""
+SURVEYED = 5
+"""Scans of a log that are diagnosed."""
+HEADER = (
+    "scan",
+    "points",
+    "range 50 %",
+    "99 %",
+    "z 1 %",
+    "50 %",
+    "99 %",
+    "azimuth",
+    "beams",
+    "ground",
+    "sensor above it",
+)
+"""Titles of the columns of a survey's table."""
 
 
 @dataclass(frozen=True)
@@ -26,55 +44,49 @@ class Diagnosis:
     """Key numbers of one cloud, in metres and in its own frame; NaN or None where unknown."""
 
     points: int
+    """Number of finite points."""
     symptoms: tuple[Symptom, ...]
     range_m: tuple[float, ...] = UNKNOWN
-    """Median, 99th percentile and largest distance from the origin in the xy plane."""
+    """Median, 99th percentile and maximum of the distance from the origin in the xy plane."""
     z_m: tuple[float, ...] = UNKNOWN
-    """1st, 50th and 99th percentile."""
+    """1st, 50th and 99th percentile of the height."""
     azimuth_deg: float = 0.0
     """Degrees of azimuth with points: 360 minus all gaps wider than 3°."""
     beams: int | None = None
-    """By the laser ids, or an estimate of the beams with returns."""
+    """Number of beams: by the laser ids, or an estimate of those with returns."""
     ground_m: float = np.nan
     """z of the ground near the sensor."""
     sensor_m: float = np.nan
-    """The sensor's height over the ground."""
+    """The height of the sensor over the ground."""
     has_laser_ids: bool = False
     """Whether `beams` is by the laser ids."""
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What to tell its user."""
+        """A sentence for the user on each symptom."""
         return tuple(symptom.text for symptom in self.symptoms)
 
     def add_to(self, inspection: Inspection, title: str = "cloud") -> None:
         """Add the numbers as rows of text, and the symptoms as warnings."""
-        source = "laser ids" if self.has_laser_ids else "with returns, estimated"
+        median, most, farthest = (_metres_or(length, "none") for length in self.range_m)
+        beams = "unknown: the points form no rings"
+        if self.beams is not None:
+            beams_source = "laser ids" if self.has_laser_ids else "with returns, estimated"
+            beams = f"{self.beams} ({beams_source})"
+        ground = "unknown"
+        if not np.isnan(self.ground_m):
+            ground = f"at z = {symptoms.signed(self.ground_m)} m"
         rows = [
             ("points", f"{self.points:,}"),
-            (
-                "range",
-                "median {}, 99 % {}, farthest {}".format(
-                    *(_text_or(length, "none", metres) for length in self.range_m)
-                ),
-            ),
+            ("range", f"median {median}, 99 % {most}, farthest {farthest}"),
             ("height", "1 % {:.2f} m, median {:.2f} m, 99 % {:.2f} m".format(*self.z_m)),
             ("azimuth", f"{self.azimuth_deg:.0f}° of 360° covered"),
-            (
-                "beams",
-                "unknown: the points form no rings"
-                if self.beams is None
-                else f"{self.beams} ({source})",
-            ),
-            (
-                "ground",
-                _text_or(
-                    self.ground_m, "unknown", lambda height: f"at z = {symptoms.signed(height)} m"
-                ),
-            ),
+            ("beams", beams),
+            ("ground", ground),
         ]
         if np.isfinite(self.sensor_m):
-            source = "estimated" if self.ground_m >= -RAISED_M else "if it is the origin"
+            is_estimated = self.ground_m >= -RAISED_M
+            source = "estimated" if is_estimated else "if it is the origin"
             rows.append(("sensor", f"{self.sensor_m:.2f} m over the ground ({source})"))
         inspection.add(title, *rows)
         inspection.warnings += self.warnings
@@ -88,15 +100,16 @@ def diagnose(
     """Diagnose a cloud (n, 3) in metres that should be in the vehicle frame.
 
     That is x forward, y left, z up, ground at z = 0. `lasers` (n,) are the ids of the beams, from
-    0, where the file has them; otherwise the beams are estimated. `mounted_m` is the z of the
-    sensor, where it is known.
+    0, if the file has them; otherwise the beams are estimated. `mounted_m` is the z of the sensor,
+    NaN if it is not known.
     """
+    # 1. numbers that need no more than finite points
     is_finite = np.isfinite(points_m).all(axis=1)
     points = np.asarray(points_m[is_finite], np.float64)
-    noted = symptoms.missing(len(points_m), len(points))
+    found = symptoms.missing(len(points_m), len(points))
     if not len(points):
-        return Diagnosis(0, tuple(noted))
-    noted += symptoms.repeated(points)
+        return Diagnosis(0, tuple(found))
+    found += symptoms.repeated(points)
     range_m = np.hypot(points[:, 0], points[:, 1])
     beams = None if lasers is None else int(lasers.max(initial=0)) + 1
     diagnosis = Diagnosis(
@@ -113,85 +126,78 @@ def diagnose(
         has_laser_ids=lasers is not None,
     )
     if shape := symptoms.scale(points, range_m) or symptoms.flat(points):
-        return replace(diagnosis, symptoms=(*noted, shape))
+        return replace(diagnosis, symptoms=(*found, shape))
+
+    # 2. ground and sensor, of a cloud that is in metres and not flat
     ground_m = ground_height(points, range_m)
     low_m, _, high_m = diagnosis.z_m
-    is_hanging = (ground_m - low_m) > 1.0 and (ground_m - low_m) > 2 * (high_m - ground_m)
+    below_m = ground_m - low_m
+    is_hanging = below_m > 1.0 and below_m > 2 * (high_m - ground_m)
     sensor_m = np.nan
     rings = find_beams(points, ground_m, -1.0 if is_hanging else 1.0)
     if rings is not None:
-        ring_count, sensor_z_m = rings
-        beams = beams or ring_count
-        sensor_m = abs(sensor_z_m - ground_m)
+        beams = beams or rings.count
+        sensor_m = abs(rings.sensor_z_m - ground_m)
     if ground_m < -RAISED_M or np.isfinite(mounted_m):
-        sensor_m = np.nan_to_num(mounted_m) - ground_m  # the points' origin is the sensor
+        sensor_m = np.nan_to_num(mounted_m) - ground_m  # the origin is the sensor, or it is known
     if is_hanging:
-        noted.append(symptoms.hanging(ground_m, low_m))
+        found.append(symptoms.hanging(ground_m, low_m))
     if abs(ground_m) > RAISED_M:
-        noted.append(symptoms.ground(ground_m))
-    noted += symptoms.sparse(diagnosis.azimuth_deg, beams)
+        found.append(symptoms.ground(ground_m))
+    found += symptoms.sparse(diagnosis.azimuth_deg, beams)
     return replace(
-        diagnosis, symptoms=tuple(noted), beams=beams, ground_m=ground_m, sensor_m=sensor_m
+        diagnosis, symptoms=tuple(found), beams=beams, ground_m=ground_m, sensor_m=sensor_m
     )
 
 
 def spread(count: int) -> list[int]:
-    """At most five rows, evenly spread over `count` rows, the first and the last included."""
-    return sorted({int(row) for row in np.linspace(0, count - 1, 5).round()}) if count else []
+    """At most SURVEYED rows, evenly spread over `count` rows, from the first to the last."""
+    if not count:
+        return []
+    return sorted({int(row) for row in np.linspace(0, count - 1, SURVEYED).round()})
 
 
 def survey(
     inspection: Inspection, count: int, points: Callable[[int], NDArray[np.floating]], frame: str
 ) -> None:
-    """Add a table of the diagnoses of a few of `count` scans, and each kind of warning once.
+    """Diagnose a few of `count` scans: add a table, and one warning for each kind of symptom.
 
-    `points` gives a scan (n, 3) in metres, in `frame`. Under an open sky few beams of a good sensor
-    return, so a warning on the number of beams needs most of the scans.
+    `points` returns the points (n, 3) of a scan in metres; the title of the table names their
+    `frame`. The words of a warning are those of the scan with the most typical ground. A warning on
+    the number of beams needs most of the scans, since under an open sky few beams of a good sensor
+    return.
     """
     diagnoses = {row: diagnose(points(row)) for row in spread(count)}
-    head = (
-        "scan",
-        "points",
-        "range 50 %",
-        "99 %",
-        "z 1 %",
-        "50 %",
-        "99 %",
-        "azimuth",
-        "beams",
-        "ground",
-        "sensor above it",
-    )
-    inspection.add(
-        f"clouds, {frame}",
-        head,
-        *((str(row), *_cells(diagnosis)) for row, diagnosis in diagnoses.items()),
-    )
+    table = [(str(row), *_cells(diagnosis)) for row, diagnosis in diagnoses.items()]
+    inspection.add(f"clouds, {frame}", HEADER, *table)
+    if not diagnoses:
+        return
     texts: dict[Kind, str] = {}
     rows_by_kind: dict[Kind, list[int]] = {}
     ground_m = np.nan_to_num([diagnosis.ground_m for diagnosis in diagnoses.values()])
-    typical = np.abs(ground_m - np.median(ground_m)).argsort(kind="stable") if len(ground_m) else ()
-    for row, diagnosis in [[*diagnoses.items()][i] for i in typical]:
-        for symptom in diagnosis.symptoms:
+    typical_first = np.abs(ground_m - np.median(ground_m)).argsort(kind="stable")
+    rows = list(diagnoses)
+    for row in [rows[i] for i in typical_first]:
+        for symptom in diagnoses[row].symptoms:
             texts.setdefault(symptom.kind, symptom.text)
             rows_by_kind.setdefault(symptom.kind, []).append(row)
-    for kind, rows in rows_by_kind.items():
-        scans = (
-            f"scan{'s' if len(rows) > 1 else ''} {', '.join(map(str, sorted(rows)))} of the "
-            f"{len(diagnoses)} looked at"
-        )
-        inspection.warn(
-            kind != Kind.BEAMS or 2 * len(rows) > len(diagnoses), f"{texts[kind]} ({scans})"
-        )
+    for kind, kind_rows in rows_by_kind.items():
+        numbers = ", ".join(map(str, sorted(kind_rows)))
+        noun = "scans" if len(kind_rows) > 1 else "scan"
+        scans = f"{noun} {numbers} of the {len(diagnoses)} looked at"
+        is_in_most = 2 * len(kind_rows) > len(diagnoses)
+        inspection.warn(kind != Kind.BEAMS or is_in_most, f"{texts[kind]} ({scans})")
 
 
 def _cells(diagnosis: Diagnosis) -> tuple[str, ...]:
+    """The cells of a diagnosis in a survey's table, after the number of its scan."""
+
     def height(height_m: float) -> str:
-        return _text_or(height_m, "–", lambda height: typographic(f"{height:.2f} m"))
+        return "–" if np.isnan(height_m) else typographic(f"{height_m:.2f} m")
 
     return (
         f"{diagnosis.points:,}",
-        *(_text_or(length, "–", metres) for length in diagnosis.range_m[:2]),
+        *(_metres_or(length, "–") for length in diagnosis.range_m[:2]),
         *map(height, diagnosis.z_m),
         f"{diagnosis.azimuth_deg:.0f}°",
         "?" if diagnosis.beams is None else str(diagnosis.beams),
@@ -200,5 +206,6 @@ def _cells(diagnosis: Diagnosis) -> tuple[str, ...]:
     )
 
 
-def _text_or(value: float, unknown: str, text: Callable[[float], str]) -> str:
-    return unknown if np.isnan(value) else text(value)
+def _metres_or(length_m: float, unknown: str) -> str:
+    """A length as text, or `unknown` for NaN."""
+    return unknown if np.isnan(length_m) else metres(length_m)

@@ -1,6 +1,7 @@
-"""Ranges of arrays, for `yearloc inspect`: an array of an artifact in; a row of its table out.
+"""Describes one array of an artifact for `yearloc inspect`: the array in; a row of a table out.
 
-Arrays are read block by block, to bound the memory.
+The row has the array's type, dimensions and range of numbers. Arrays are read block by block, to
+bound the memory.
 """
 
 from collections.abc import Iterator
@@ -13,6 +14,9 @@ from numpy.typing import NDArray
 from pipeline.core.store import Array
 from pipeline.inspection.inspection import duration, moment, typographic
 
+BLOCK_ELEMENTS = 2**22
+"""Elements of an array that are in memory at a time, about."""
+
 
 @dataclass(frozen=True)
 class Extent:
@@ -21,12 +25,12 @@ class Extent:
     shape: tuple[int, ...]
     dtype: np.dtype[Any]
     low: float
-    """Lowest number, NaN without any."""
     high: float
+    """The lowest and the highest number; NaN for an array without a number."""
     nans: int
-    """How many numbers are NaN."""
+    """How many elements are NaN."""
     infinite: int
-    """How many are infinite."""
+    """How many elements are infinite."""
 
     def text(self) -> str:
         """The range, lowest … highest, and the share of NaN."""
@@ -44,18 +48,18 @@ class Extent:
 
 
 def blocks(array: Any) -> Iterator[NDArray[Any]]:
-    """The rows of a zarr or numpy array, in blocks of whole chunks of about 4 million elements."""
-    chunk = max(1, int((getattr(array, "chunks", None) or (1,))[0]))
-    step = max(1, 2**22 // max(1, int(np.prod(array.shape[1:]))) // chunk) * chunk
+    """The rows of a zarr or numpy array in blocks of about BLOCK_ELEMENTS, of whole chunks."""
+    chunks = getattr(array, "chunks", None) or (1,)
+    rows_per_chunk = max(1, int(chunks[0]))
+    elements_per_row = max(1, int(np.prod(array.shape[1:])))
+    chunks_per_block = max(1, BLOCK_ELEMENTS // elements_per_row // rows_per_chunk)
+    step = chunks_per_block * rows_per_chunk
     for start in range(0, array.shape[0], step):
         yield np.asarray(array[start : start + step])
 
 
 def extent(array: Any) -> Extent:
-    """The extent of a zarr or numpy array with at least one dimension.
-
-    Its ends are NaN for an array without a number.
-    """
+    """The extent of a zarr or numpy array with at least one dimension."""
     low = np.inf
     high = -np.inf
     nans = 0
@@ -68,40 +72,32 @@ def extent(array: Any) -> Extent:
         if block.size:
             low = min(low, block.min().item())
             high = max(high, block.max().item())
-    low, high = (low, high) if low <= high else (np.nan, np.nan)
+    if low > high:
+        low = high = np.nan
     return Extent(tuple(array.shape), np.dtype(array.dtype), low, high, nans, infinite)
 
 
 def row(name: str, array_extent: Extent, column: Array | None = None) -> tuple[str, ...]:
-    """The cells of an array's row in the table.
+    """The row of an array in the table: name, type, lengths of its dimensions, and range.
 
-    Name, type, dimensions with their lengths, range, and the description in the data dictionary.
+    If the data dictionary has the array as a `column`, its dimensions are named, and the row ends
+    in its description.
     """
-    dims = (
-        column.dims
-        if column is not None and len(column.dims) == len(array_extent.shape)
-        else ("",) * len(array_extent.shape)
-    )
-    sides = " × ".join(
-        f"{length:,} {dim}".strip() for dim, length in zip(dims, array_extent.shape, strict=True)
-    )
+    shape = array_extent.shape
+    dims: tuple[str, ...] = ("",) * len(shape)
+    if column is not None and len(column.dims) == len(shape):
+        dims = column.dims
+    sides = [f"{length:,} {dim}".strip() for dim, length in zip(dims, shape, strict=True)]
     span = array_extent.text()
     if name == "stamps_ns" and array_extent.low <= array_extent.high:
-        span = (
-            f"{duration((array_extent.high - array_extent.low) * 1e-9)} from "
-            f"{moment(int(array_extent.low)).partition(' (')[0]}"
-        )
-    return (
-        name,
-        str(array_extent.dtype),
-        sides or "one number",
-        span,
-        *((column.says,) if column is not None else ()),
-    )
+        start = moment(int(array_extent.low)).partition(" (")[0]
+        span = f"{duration((array_extent.high - array_extent.low) * 1e-9)} from {start}"
+    cells = (name, str(array_extent.dtype), " × ".join(sides) or "one number", span)
+    return cells if column is None else (*cells, column.says)
 
 
 def _number(value: float) -> str:
-    """A number as people read it: five digits of a float, thousands of an integer apart."""
+    """A number for the terminal: a float with five digits, an integer with its thousands apart."""
     if isinstance(value, float):
         text = f"{value:.5g}"
     elif abs(value) < 10**12:

@@ -1,4 +1,7 @@
-"""The data dictionary of docs/artifacts.md, generated from the kinds of artifacts."""
+"""Generates the data dictionary in docs/artifacts.md from the kinds of artifacts.
+
+`python -m pipeline.inspection.dictionary` writes it anew; a test checks that it is up to date.
+"""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -7,10 +10,11 @@ from pipeline.core.store import Artifact
 from pipeline.inspection.kinds import KINDS
 
 START = "<!-- generated: the kinds of artifacts -->"
+"""The line of the page below which all is generated."""
 
 
 def page(text: str) -> str:
-    """The page with what follows START in it replaced by the tables of today's kinds."""
+    """The text of the page, with all below START replaced by the tables of today's kinds."""
     head, _, _ = text.partition(START)
     tables = [line for kind in KINDS.values() for line in _section(kind)]
     return "\n".join([head + START, *tables]) + "\n"

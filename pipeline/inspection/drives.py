@@ -1,4 +1,7 @@
-"""Key numbers of the artifacts with rows along a drive: scans, submaps, views."""
+"""Describes artifacts with rows along a drive for `yearloc inspect`: scans, submaps, views.
+
+Each function adds the key numbers of one artifact as rows of text, and warnings, to an Inspection.
+"""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,11 +14,13 @@ from pipeline.inspection.inspection import Inspection, box, duration, metres, mo
 VEHICLE = "vehicle frame: x forward, y left, z up, ground at 0"
 SWEEP_POINTS = 2_000
 """Scans of fewer points are sweeps of a 2-D LiDAR, which are not diagnosed one by one."""
+EMPTY_SHARE = 0.995
+"""With more empty bins than this share, a view is too fine for its scans."""
 
 
 def scans(artifact: Scans, inspection: Inspection) -> None:
     """Add numbers on the drive, and the diagnoses of a few of its clouds."""
-    drive = _drive(artifact, inspection, "world_T_scan", "scans")
+    rows = _drive(artifact, inspection, "world_T_scan", "scans")
     has_truth = np.isfinite(artifact.world_T_scan).all(axis=(1, 2))
     has_odometry = np.isfinite(artifact.odom_T_scan).all(axis=(1, 2))
     offsets = artifact.offsets
@@ -26,27 +31,27 @@ def scans(artifact: Scans, inspection: Inspection) -> None:
             f"{sizes.min():,} … {sizes.max():,}, median {np.median(sizes):,.0f}; grain "
             f"{1000 * grain_m:.3g} mm"
         )
-        drive += [
+        rows += [
             ("points a scan", points_a_scan),
             ("true place", f"at {100 * has_truth.mean():.3g} % of the scans"),
             ("odometry", f"at {100 * has_odometry.mean():.3g} % of the scans"),
         ]
     unposed = int((~has_truth & ~has_odometry).sum())
-    empty = int((sizes == 0).sum())
     inspection.warn(
         unposed, f"{unposed} scans have neither a true pose nor odometry: `dvc repro` them"
     )
-    fits = (sizes >= 0).all() and offsets[-1] == artifact["points"].shape[0]
-    inspection.warn(not fits, "offsets do not fit the points: `dvc repro` the scans")
-    is_sweeps = fits and len(sizes) and np.median(sizes) < SWEEP_POINTS
-    inspection.add(
-        "", *drive, *([("kind", "sweeps of a 2-D LiDAR, to be accumulated")] if is_sweeps else [])
-    )
+    offsets_fit = (sizes >= 0).all() and offsets[-1] == artifact["points"].shape[0]
+    inspection.warn(not offsets_fit, "offsets do not fit the points: `dvc repro` the scans")
+    are_sweeps = offsets_fit and len(sizes) and np.median(sizes) < SWEEP_POINTS
+    if are_sweeps:
+        rows.append(("kind", "sweeps of a 2-D LiDAR, to be accumulated"))
+    inspection.add("", *rows)
 
     def points(row: int) -> NDArray[np.float64]:
         return np.asarray(artifact["points"][offsets[row] : offsets[row + 1]], np.float64) * grain_m
 
-    if fits and not is_sweeps:
+    if offsets_fit and not are_sweeps:
+        empty = int((sizes == 0).sum())
         inspection.warn(
             empty,
             f"{empty} scans hold no point: their views would be blank; look at the log's files",
@@ -56,12 +61,12 @@ def scans(artifact: Scans, inspection: Inspection) -> None:
 
 def submaps(artifact: Submaps, inspection: Inspection) -> None:
     """Add numbers on the drive, and the number of scans per submap."""
-    drive = _drive(artifact, inspection, "world_T_anchor", "submaps")
+    rows = _drive(artifact, inspection, "world_T_anchor", "submaps")
     if len(artifact.scans):
-        used = np.concatenate([[0], np.cumsum(artifact.used)])
-        gathered = used[artifact.scans + 1] - used[artifact.first]
+        used_before = np.concatenate([[0], np.cumsum(artifact.used)])
+        gathered = used_before[artifact.scans + 1] - used_before[artifact.first]
         ground_m = artifact.ground_m
-        drive += [
+        rows += [
             (
                 "gathers",
                 f"{gathered.min():,} … {gathered.max():,} scans each, laid out by "
@@ -74,42 +79,47 @@ def submaps(artifact: Submaps, inspection: Inspection) -> None:
                 ),
             ),
         ]
-    left_out = artifact.left_out.items()
-    inspection.add(
-        "", *drive, *(("left out", f"{count:,} anchors: {reason}") for reason, count in left_out)
-    )
+    for reason, count in artifact.left_out.items():
+        rows.append(("left out", f"{count:,} anchors: {reason}"))
+    inspection.add("", *rows)
 
 
 def views(artifact: Views, inspection: Inspection) -> None:
     """Add numbers on the drive, and the share of empty bins in the images."""
-    drive = _drive(artifact, inspection, "world_T_anchor", "views")
-    count = int(np.prod(artifact["images"].shape))
-    empty = 0
-    blank = 0
-    highest = -np.inf
-    for block in blocks(artifact["images"]) if count else ():
-        filled = (block != 0).reshape(len(block), -1)
-        empty += int((~filled).sum())
-        blank += int((~filled.any(axis=1)).sum())
-        highest = max(highest, float(block.max()))
-    share = f"{100 * empty / max(count, 1):.1f} %"
-    inspection.add(
-        "", *drive, *([("empty bins", share), ("highest", f"{highest:.2f} m")] if count else [])
+    rows = _drive(artifact, inspection, "world_T_anchor", "views")
+    images = artifact["images"]
+    bins = int(np.prod(images.shape))
+    if not bins:
+        inspection.add("", *rows)
+        return
+    empty_bins = 0
+    blank_views = 0
+    highest_m = -np.inf
+    for block in blocks(images):
+        is_filled = (block != 0).reshape(len(block), -1)
+        empty_bins += int((~is_filled).sum())
+        blank_views += int((~is_filled.any(axis=1)).sum())
+        highest_m = max(highest_m, float(block.max()))
+    share = f"{100 * empty_bins / bins:.1f} %"
+    inspection.add("", *rows, ("empty bins", share), ("highest", f"{highest_m:.2f} m"))
+    inspection.warn(
+        blank_views,
+        f"{blank_views} blank views: they look the same in every place; inspect the scans of these "
+        "views",
     )
     inspection.warn(
-        blank,
-        f"{blank} blank views: they look the same in every place; inspect the scans of these views",
+        empty_bins > EMPTY_SHARE * bins,
+        f"{share} of the bins are empty: too fine a view for these scans; inspect the scans",
     )
-    sparse_bins = (
-        f"{share} of the bins are empty: too fine a view for these scans; inspect the scans"
-    )
-    inspection.warn(empty > 0.995 * count, sparse_bins)
 
 
 def _drive(
     artifact: Scans | Submaps | Views, inspection: Inspection, poses: str, row_name: str
 ) -> list[tuple[str, str]]:
-    """Rows with date, duration, path and step of a drive; warns of its poses and stamps."""
+    """Rows with the count, date, duration, path and step of a drive; warns of poses and stamps.
+
+    `poses` is the name of the array of poses, `row_name` what a row of the artifact is called.
+    """
     stamps = artifact.stamps_ns
     xyz = np.asarray(artifact[poses][:, :3, 3])
     rows = [(row_name, f"{len(stamps):,}")]

@@ -1,6 +1,6 @@
-"""Describes one raw scan file.
+"""Describes one file of points for `yearloc inspect`: a path in; rows of text and warnings out.
 
-It is an NCLT or KITTI .bin, the packets of velodyne_hits.bin, a PCD, or an array of points.
+It is a .bin of NCLT, KITTI or another robot, the packets of velodyne_hits.bin, a PCD, or a .npy.
 """
 
 from pathlib import Path
@@ -19,24 +19,24 @@ from pipeline.readers.nclt import read_packets, read_velodyne_sync
 FORMATS = {"velodyne_sync": "nclt", "velodyne": "kitti"}
 """The format of a scan by the name of its folder."""
 REVOLUTION_US = 100_000
-MOST_POINTS = 2_000_000
-"""Of a larger array, only every n-th point is inspected."""
+"""Time in which NCLT's LiDAR turns once."""
+MAX_POINTS = 2_000_000
+"""In a larger array, only every n-th point is inspected."""
 
 
 def format_of(path: Path, as_format: str | None) -> str:
-    """The format of a .bin or a folder of them: nclt, kitti or folder.
+    """The format of a .bin or of a folder of them: nclt, kitti, or folder (another robot's).
 
-    It is `as_format` if given, else told by the folder's name, else by the bytes.
+    It is `as_format` if given; else the name of the folder says it, else the bytes of a file.
     """
-    if format_name := as_format or FORMATS.get(path.name if path.is_dir() else path.parent.name):
+    folder = path if path.is_dir() else path.parent
+    if format_name := as_format or FORMATS.get(folder.name):
         return format_name
     example = next(iter(sorted(path.glob("*.bin"))), path) if path.is_dir() else path
-    return (
-        "nclt"
-        if example.is_file()
-        and bin_layout.point_bytes(example.read_bytes()) == bin_layout.NCLT_BYTES
-        else "folder"
-    )
+    if not example.is_file():
+        return "folder"
+    width = bin_layout.point_bytes(example.read_bytes())
+    return "nclt" if width == bin_layout.NCLT_BYTES else "folder"
 
 
 def scan_file(path: Path, as_format: str | None, inspection: Inspection) -> None:
@@ -44,20 +44,19 @@ def scan_file(path: Path, as_format: str | None, inspection: Inspection) -> None
     if path.name == "velodyne_hits.bin":
         _packets(path, inspection)
         return
-    inspect = {"nclt": _nclt_scan, "kitti": _kitti_scan, "folder": _own_scan}[
-        format_of(path, as_format)
-    ]
+    describe_by_format = {"nclt": _nclt_scan, "kitti": _kitti_scan, "folder": _own_scan}
+    describe = describe_by_format[format_of(path, as_format)]
     if not path.stat().st_size:
         raise LogError(f"{path}: empty; expected records of one scan: fetch the file anew")
-    inspect(path, inspection)
+    describe(path, inspection)
 
 
 def _nclt_scan(path: Path, inspection: Inspection) -> None:
-    """Describe velodyne_sync/UTIME.bin: in the body frame, ground near z = 0."""
+    """Describe velodyne_sync/UTIME.bin, a scan of NCLT in the body frame, ground near z = 0."""
     points = read_velodyne_sync(path)
-    tail = np.fromfile(path, "<u2").reshape(-1, 4)[:, 3]
-    intensity = tail & 0xFF
-    lasers = (tail >> 8).astype(np.uint8)
+    intensity_and_laser = np.fromfile(path, "<u2").reshape(-1, 4)[:, 3]
+    intensity = intensity_and_laser & 0xFF
+    lasers = (intensity_and_laser >> 8).astype(np.uint8)
     inspection.describe(
         "NCLT scan, motion compensated",
         ("size", f"{nbytes(path.stat().st_size)}, records of {nclt.RECORD_BYTES} bytes"),
@@ -78,7 +77,7 @@ def _nclt_scan(path: Path, inspection: Inspection) -> None:
 
 
 def _kitti_scan(path: Path, inspection: Inspection) -> None:
-    """Describe velodyne/NNNNNN.bin, raised to the ground by the reader's default height."""
+    """Describe velodyne/NNNNNN.bin, a scan of KITTI, raised by the reader's default height."""
     height_m = Kitti().lidar_height_m
     size = path.stat().st_size
     points = read_velodyne(path, height_m)
@@ -110,11 +109,9 @@ def _own_scan(path: Path, inspection: Inspection) -> None:
     data = path.read_bytes()
     points = bin_layout.points(data, path).astype(np.float64)
     width = bin_layout.point_bytes(data) or 0
-    layout_name = (
-        f" ({bin_layout.NAMES_BY_COMMONNESS[width]})"
-        if width in bin_layout.NAMES_BY_COMMONNESS
-        else ""
-    )
+    layout_name = ""
+    if width in bin_layout.NAMES_BY_COMMONNESS:
+        layout_name = f" ({bin_layout.NAMES_BY_COMMONNESS[width]})"
     inspection.describe(
         "points of 32-bit floats",
         (
@@ -133,20 +130,21 @@ def _own_scan(path: Path, inspection: Inspection) -> None:
 def _packets(path: Path, inspection: Inspection) -> None:
     """Describe velodyne_hits.bin: all packet headers, and the points of one revolution.
 
-    The revolution is from the middle of the file; its points are in the body frame.
+    The revolution begins in the middle of the file; its points are brought into the body frame.
     """
     packets = read_packets(path)
-    middle = len(packets.utimes) // 2
     utimes = packets.utimes
+    middle = len(utimes) // 2
     revolution = [
         packet
         for packet in range(middle, len(utimes))
         if utimes[packet] - utimes[middle] < REVOLUTION_US
     ]
-    records = np.concatenate([packets.hits(packet) for packet in revolution])
-    numbers = np.array([nclt.BODY_T_VELODYNE_XYZRPH])
-    body_T_velodyne = flip_ned(pose(numbers[:, :3], np.radians(numbers[:, 3:])))[0]
-    points = transform(body_T_velodyne, nclt.decode(records.ravel()).astype(np.float32))
+    hits = np.concatenate([packets.hits(packet) for packet in revolution])
+    lasers = (hits[:, 3] >> 8).astype(np.uint8)
+    xyzrph = np.array([nclt.BODY_T_VELODYNE_XYZRPH])
+    body_T_velodyne = flip_ned(pose(xyzrph[:, :3], np.radians(xyzrph[:, 3:])))[0]
+    points = transform(body_T_velodyne, nclt.decode(hits.ravel()).astype(np.float32))
     inspection.describe(
         "NCLT Velodyne packets",
         ("size", nbytes(path.stat().st_size)),
@@ -164,16 +162,14 @@ def _packets(path: Path, inspection: Inspection) -> None:
         disordered,
         f"{disordered} packets are stamped before the one ahead of them: sort them before use",
     )
-    diagnosis = diagnose(points, (records[:, 3] >> 8).astype(np.uint8))
-    diagnosis.add_to(
-        inspection, f"cloud, {len(revolution)} packets of one revolution from the middle"
-    )
+    title = f"cloud, {len(revolution)} packets of one revolution from the middle"
+    diagnose(points, lasers).add_to(inspection, title)
 
 
 def pcd_file(path: Path, inspection: Inspection) -> None:
     """Describe a .pcd: its header and its points.
 
-    Raises LogError for a damaged one, or one without a finite point.
+    Raises LogError for a damaged file, or one without a finite point.
     """
     data = path.read_bytes()
     header = pcd.parse(data, path)
@@ -181,23 +177,18 @@ def pcd_file(path: Path, inspection: Inspection) -> None:
     finite = points[np.isfinite(points).all(axis=1)]
     if not len(finite):
         raise LogError(f"{path}: none of its {len(points)} points has finite x, y and z")
-    fields = zip(header.fields, header.counts, header.types, strict=True)
-    lost_points = (
-        f", and {len(points) - len(finite):,} that are not finite"
-        if len(finite) < len(points)
-        else ""
-    )
+    points_text = f"{len(finite):,}"
+    if len(finite) < len(points):
+        points_text += f", and {len(points) - len(finite):,} that are not finite"
+    fields = []
+    for name, count, kind in zip(header.fields, header.counts, header.types, strict=True):
+        name_text = f"{name}×{count}" if count > 1 else name
+        fields.append(f"{name_text} {kind[1:]}")  # without the byte order
     inspection.describe(
         "PCD cloud",
         ("size", f"{nbytes(len(data))}, DATA {header.data}"),
-        (
-            "fields",
-            ", ".join(
-                f"{name}{f'×{count}' if count > 1 else ''} {kind[1:]}"
-                for name, count, kind in fields
-            ),
-        ),
-        ("points", f"{len(finite):,}{lost_points}"),
+        ("fields", ", ".join(fields)),
+        ("points", points_text),
         (
             "frame",
             "taken as x forward, y left, z up, in metres; conf/dataset/folder.yaml says how it "
@@ -208,7 +199,7 @@ def pcd_file(path: Path, inspection: Inspection) -> None:
 
 
 def array_file(path: Path, inspection: Inspection) -> None:
-    """Describe a .npy with points (n, 3 or more), of which only x, y, z are inspected.
+    """Describe a .npy with points (n, 3 or more); only x, y, z are inspected.
 
     Raises LogError for any other array.
     """
@@ -221,23 +212,21 @@ def array_file(path: Path, inspection: Inspection) -> None:
     refuse_array(path, array.dtype, array.shape)
     if not array.size:
         raise LogError(f"{path}: an array without points, {array.dtype}{array.shape}")
-    shape = array.shape
-    array = array.reshape(-1, shape[-1])
-    stride = max(1, len(array) // MOST_POINTS)
-    inspection.describe(
-        "array of points",
-        ("shape", f"{array.dtype}{shape}"),
+    points = array.reshape(-1, array.shape[-1])
+    stride = max(1, len(points) // MAX_POINTS)
+    rows = [
+        ("shape", f"{array.dtype}{array.shape}"),
         ("size", nbytes(path.stat().st_size)),
-        *([("inspected", f"every {stride}th point")] if stride > 1 else []),
-        ("frame", "taken as x forward, y left, z up, in metres"),
-    )
-    diagnose(np.asarray(array[::stride, :3], np.float64)).add_to(inspection)
+    ]
+    if stride > 1:
+        rows.append(("inspected", f"every {stride}th point"))
+    rows.append(("frame", "taken as x forward, y left, z up, in metres"))
+    inspection.describe("array of points", *rows)
+    diagnose(np.asarray(points[::stride, :3], np.float64)).add_to(inspection)
 
 
 def moment_of(path: Path) -> str:
-    """When a file named UTIME.bin was recorded."""
-    return (
-        moment(int(path.stem) * 1000)
-        if path.stem.isdecimal() and len(path.stem) <= 17
-        else "unknown: the name is no utime"
-    )
+    """When a file named UTIME.bin, by its stamp in µs since 1970, was recorded."""
+    if path.stem.isdecimal() and len(path.stem) <= 17:
+        return moment(int(path.stem) * 1000)
+    return "unknown: the name is no utime"

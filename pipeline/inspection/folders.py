@@ -1,6 +1,7 @@
 """Describes folders of raw files for `yearloc inspect`: a folder in; rows of text and warnings out.
 
-A folder may hold the scans of a log, be a sequence, or the root of a data set.
+A folder may hold the scans of one log, be a sequence, or be the root of a data set. A sequence is
+opened by the reader of its data set, and its log described; a CARMEN log, one file, is too.
 """
 
 from pathlib import Path
@@ -25,48 +26,55 @@ from pipeline.readers.robotcar import RobotCar
 
 FRAMES = "key frames"
 OWN = "another robot's"
-"""What a data set is called that the reader of key frames or of own scans opens."""
-SHOWN = 20
-"""Names of a folder that are listed."""
+"""Names of the data sets that the readers KeyFrames and Folder open."""
+MAX_NAMES = 20
+"""Names of files in a folder that are listed."""
 FAR_M = 50.0
-"""A robot farther than this from the origin of its world tells where its cloud lies.
-
-Nearer, a cloud around the robot and one around the origin look the same.
-"""
-RECORD = {"nclt": nclt.RECORD_BYTES, "kitti": kitti.RECORD_BYTES}
+"""Only where the robot is farther than this from the origin of its world, a cloud around the robot
+is told from one around the origin."""
+RECORD_BYTES = {"nclt": nclt.RECORD_BYTES, "kitti": kitti.RECORD_BYTES}
 """Bytes of a point, by format."""
 
 
 def scan_folder(path: Path, as_format: str | None, inspection: Inspection) -> None:
-    """Describe the scans of one log: velodyne_sync/ or velodyne/.
+    """Describe a folder with the scans of one log, such as velodyne_sync/ or velodyne/.
 
     Raises LogError if none of them is whole.
     """
     kind = format_of(path, as_format)
-    if kind == "folder":
-        _own_scans(path, inspection)
-        return
-    files = _whole_scans(path, kind, inspection)
-    numbers = np.array([int(file.stem) for file in files], np.int64)
-    title = f"{kind.upper()} scans of one log"
-    rows = _file_rows(files, RECORD[kind])
     if kind == "nclt":
-        inspection.describe(title, *rows, *rate(inspection, numbers * 1e-6))
-        survey(
-            inspection, len(files), lambda row: read_velodyne_sync(files[row]), "body frame, z up"
-        )
-        return
+        _nclt_scans(path, inspection)
+    elif kind == "kitti":
+        _kitti_scans(path, inspection)
+    else:
+        _own_scans(path, inspection)
+
+
+def _nclt_scans(path: Path, inspection: Inspection) -> None:
+    """Describe velodyne_sync/, whose scans are named by their utimes."""
+    files = _whole_scans(path, "nclt", inspection)
+    times_s = np.array([int(file.stem) for file in files], np.int64) * 1e-6
+    rows = _file_rows(files, RECORD_BYTES["nclt"])
+    inspection.describe("NCLT scans of one log", *rows, *rate(inspection, times_s))
+    survey(inspection, len(files), lambda row: read_velodyne_sync(files[row]), "body frame, z up")
+
+
+def _kitti_scans(path: Path, inspection: Inspection) -> None:
+    """Describe velodyne/, whose scans are numbered; times.txt beside it has their times."""
+    files = _whole_scans(path, "kitti", inspection)
+    numbers = np.array([int(file.stem) for file in files], np.int64)
+    rows = _file_rows(files, RECORD_BYTES["kitti"])
     missing = int(numbers[-1] - numbers[0] + 1 - len(numbers))
     inspection.warn(
         missing,
         f"{missing} scans between the first and the last are not there: the path has holes; fetch "
         "them",
     )
-    times = path.parent / "times.txt"
-    if times.is_file():
-        seconds = log.table(times, 1)[:, 0]
-        rows += rate(inspection, seconds[numbers[numbers < len(seconds)]])
-    inspection.describe(title, *rows)
+    times_path = path.parent / "times.txt"
+    if times_path.is_file():
+        times_s = log.table(times_path, 1)[:, 0]
+        rows += rate(inspection, times_s[numbers[numbers < len(times_s)]])
+    inspection.describe("KITTI scans of one log", *rows)
     height_m = Kitti().lidar_height_m
     survey(
         inspection,
@@ -77,11 +85,11 @@ def scan_folder(path: Path, as_format: str | None, inspection: Inspection) -> No
 
 
 def _whole_scans(path: Path, kind: str, inspection: Inspection) -> list[Path]:
-    """The scan files of a format that are whole, by number; warns of the others.
+    """The scan files of a format that hold whole records, sorted by number; warns of the others.
 
     Raises LogError if there is none.
     """
-    record_bytes = RECORD[kind]
+    record_bytes = RECORD_BYTES[kind]
     files = [file for file in path.glob("*.bin") if file.name != "velodyne_hits.bin"]
     numbered = [file for file in files if file.stem.isdecimal() and len(file.stem) <= 17]
     sizes = {file: file.stat().st_size for file in numbered}
@@ -104,12 +112,12 @@ def _whole_scans(path: Path, kind: str, inspection: Inspection) -> list[Path]:
 
 
 def _file_rows(files: list[Path], record_bytes: int) -> list[tuple[str, str]]:
-    """Rows on scan files: how many, how large, and their names."""
+    """Rows on scan files: how many, how large, and the first and last names."""
     sizes = np.array([file.stat().st_size for file in files])
-    least, most, median = (np.quantile(sizes, (0, 1, 0.5)) // record_bytes).astype(int)
+    fewest, most, median = (np.quantile(sizes, (0, 1, 0.5)) // record_bytes).astype(int)
     return [
         ("scans", f"{len(files):,}, {nbytes(int(sizes.sum()))}"),
-        ("points a scan", f"{least:,} … {most:,}, median {median:,.0f}"),
+        ("points a scan", f"{fewest:,} … {most:,}, median {median:,.0f}"),
         ("first, last", f"{files[0].name}, {files[-1].name}"),
     ]
 
@@ -121,24 +129,17 @@ def _own_scans(path: Path, inspection: Inspection) -> None:
     )
     if not files:
         raise LogError(f"{path}: all of its scans are empty; fetch them anew")
-    rows = [
-        ("scans", f"{len(files):,}, {nbytes(sum(file.stat().st_size for file in files))}"),
-        ("read by", "the dataset folder, with poses beside them: see conf/dataset/folder.yaml"),
-    ]
+    rows = [("scans", f"{len(files):,}, {nbytes(sum(file.stat().st_size for file in files))}")]
     bin_file = next((file for file in files if file.suffix == ".bin"), None)
     width = None
     if bin_file:
         data = bin_file.read_bytes()
         bin_layout.refuse_planar(data, bin_file)
         width = bin_layout.point_bytes(data)
-        rows.insert(
-            1,
-            (
-                "records",
-                f"of {width or 'unknown'} bytes, found from the content of {bin_file.name}",
-            ),
-        )
-    inspection.describe("scans of another robot", *rows)
+        width_text = f"of {width or 'unknown'} bytes, found from the content of {bin_file.name}"
+        rows.append(("records", width_text))
+    reader = "the dataset folder, with poses beside them: see conf/dataset/folder.yaml"
+    inspection.describe("scans of another robot", *rows, ("read by", reader))
     survey(
         inspection,
         len(files),
@@ -149,28 +150,29 @@ def _own_scans(path: Path, inspection: Inspection) -> None:
 
 def own_sequence(path: Path, reader: Folder, inspection: Inspection) -> None:
     """Describe a folder of another robot's scans and poses, opened by its reader."""
-    if log := describe_opened(
-        inspection, OWN, path.resolve().parent, reader, "as its reader opens it"
-    ):
+    root = path.resolve().parent
+    log = describe_opened(inspection, OWN, root, reader, "as its reader opens it")
+    if log is not None:
         survey_log(inspection, log, VEHICLE)
 
 
 def sequence(path: Path, inspection: Inspection) -> None:
     """Describe the folder of a sequence of NCLT or KITTI, opened by its reader.
 
-    A LogError of the reader becomes a warning.
+    If the reader refuses it, the error becomes a warning, and only the scans are described.
     """
-    is_nclt = (path / "velodyne_sync").is_dir()
     full_path = path.resolve()
-    scans, root = (
-        (path / "velodyne_sync", full_path.parent)
-        if is_nclt
-        else (path / "velodyne", full_path.parents[1])
-    )
-    reader: Reader = Nclt() if is_nclt else Kitti()
-    opened_log = describe_opened(
-        inspection, FORMATS[scans.name].upper(), root, reader, "as its reader opens it"
-    )
+    reader: Reader
+    if (path / "velodyne_sync").is_dir():
+        reader = Nclt()
+        scans = path / "velodyne_sync"
+        root = full_path.parent
+    else:
+        reader = Kitti()
+        scans = path / "velodyne"
+        root = full_path.parents[1]
+    data_set = FORMATS[scans.name].upper()
+    opened_log = describe_opened(inspection, data_set, root, reader, "as its reader opens it")
     if opened_log is not None:
         survey_log(inspection, opened_log, VEHICLE)
         return
@@ -183,7 +185,7 @@ def sequence(path: Path, inspection: Inspection) -> None:
 def root(path: Path, folder_reader: Folder, inspection: Inspection) -> None:
     """Describe the root of a data set: its sequences, and the files that each lacks.
 
-    Raises LogError if there is no sequence.
+    The data set is the first whose reader finds a sequence there. Raises LogError if none does.
     """
     readers: dict[str, Reader] = {
         "KITTI": Kitti(),
@@ -193,26 +195,30 @@ def root(path: Path, folder_reader: Folder, inspection: Inspection) -> None:
         FRAMES: KeyFrames(),
         OWN: folder_reader,
     }
-    sequences_by_reader = {name: reader.sequences(path) for name, reader in readers.items()}
-    name, sequences = next((item for item in sequences_by_reader.items() if item[1]), ("", {}))
-    if not sequences:
-        names = sorted(file.name for file in path.iterdir())
-        hint = (
-            f"it holds {', '.join(names[:5])}{' …' if len(names) > 5 else ''}"
-            if names
-            else "it is empty"
-        )
-        raise LogError(
-            f"{path}: no artifact, folder of scans, sequence or data set: {hint}; name a file in "
-            "it, or a folder with velodyne_sync/, velodyne/, sequences/ or lms_front/"
-        )
-    inspection.kind = f"{name} root, sequences: {len(sequences)}"
-    rows = (
-        (sequence, "lacks " + ", ".join(lacks) if lacks else "can be read")
-        for sequence, lacks in sequences.items()
+    for name, reader in readers.items():
+        sequences = reader.sequences(path)
+        if sequences:
+            _add_sequences(inspection, name, sequences)
+            return
+    names = sorted(file.name for file in path.iterdir())
+    hint = "it is empty"
+    if names:
+        hint = f"it holds {', '.join(names[:5])}{' …' if len(names) > 5 else ''}"
+    raise LogError(
+        f"{path}: no artifact, folder of scans, sequence or data set: {hint}; name a file in "
+        "it, or a folder with velodyne_sync/, velodyne/, sequences/ or lms_front/"
     )
+
+
+def _add_sequences(inspection: Inspection, name: str, sequences: dict[str, list[str]]) -> None:
+    """Add the sequences of the data set `name`, each with the files that it lacks."""
+    inspection.kind = f"{name} root, sequences: {len(sequences)}"
+    rows = [
+        (sequence, f"lacks {', '.join(missing)}" if missing else "can be read")
+        for sequence, missing in sequences.items()
+    ]
     inspection.add("sequences", *rows)
-    incomplete = sum(map(bool, sequences.values()))
+    incomplete = sum(bool(missing) for missing in sequences.values())
     inspection.warn(
         incomplete,
         f"{incomplete} of {len(sequences)} sequences cannot be read: fetch what they lack",
@@ -222,18 +228,19 @@ def root(path: Path, folder_reader: Folder, inspection: Inspection) -> None:
 def describe_opened(
     inspection: Inspection, kind: str, root: Path, reader: Reader, title: str, scans: str = "scans"
 ) -> Log | None:
-    """Open a sequence, and describe its files and the content of its log.
+    """Open the sequence at the path of the inspection, describe its files and its log, return it.
 
-    The content stands under `title`; its rows are called `scans`. Warns of what is missing; where
-    the reader refuses the sequence, the only warning is why, and the result is None.
+    The content of the log stands under `title`; its rows are called `scans`. Warns of what is
+    missing. If the reader refuses the sequence, its error becomes the only warning, and the result
+    is None.
     """
     inspection.path = path = inspection.path.resolve()
     names = sorted(file.name + ("/" if file.is_dir() else "") for file in path.iterdir())
-    hidden_names = f", and {len(names) - SHOWN:,} more" if len(names) > SHOWN else ""
+    names_text = ", ".join(names[:MAX_NAMES])
+    if len(names) > MAX_NAMES:
+        names_text += f", and {len(names) - MAX_NAMES:,} more"
     inspection.describe(
-        f"{kind} sequence {path.name}",
-        ("holds", ", ".join(names[:SHOWN]) + hidden_names),
-        ("root", str(root.resolve())),
+        f"{kind} sequence {path.name}", ("holds", names_text), ("root", str(root.resolve()))
     )
     try:
         log = reader.open(root, path.name)
@@ -246,19 +253,19 @@ def describe_opened(
 
 def key_frames(path: Path, inspection: Inspection) -> None:
     """Describe a folder with keyframes.txt and its clouds, in the frame of their files."""
-    if log := describe_opened(
-        inspection, FRAMES, path.resolve().parent, KeyFrames(), "as its reader opens it"
-    ):
-        survey_log(
-            inspection, log, "as stored; conf/dataset/nclt_keyframes.yaml turns and raises them"
-        )
+    root = path.resolve().parent
+    log = describe_opened(inspection, FRAMES, root, KeyFrames(), "as its reader opens it")
+    if log is not None:
+        frame = "as stored; conf/dataset/nclt_keyframes.yaml turns and raises them"
+        survey_log(inspection, log, frame)
 
 
 def carmen_log(path: Path, inspection: Inspection) -> None:
     """Describe a CARMEN log, opened with the reader's defaults."""
-    name = next(path.name.removesuffix(end) for end in carmen.SUFFIXES if path.name.endswith(end))
+    suffix = next(suffix for suffix in carmen.SUFFIXES if path.name.endswith(suffix))
     inspection.describe("CARMEN log", ("size", nbytes(path.stat().st_size)))
-    describe_log(inspection, Carmen().open(path.parent, name), "as its reader opens it", "sweeps")
+    log = Carmen().open(path.parent, path.name.removesuffix(suffix))
+    describe_log(inspection, log, "as its reader opens it", "sweeps")
 
 
 def describe_log(inspection: Inspection, log: Log, title: str, scans: str) -> None:
@@ -269,24 +276,24 @@ def describe_log(inspection: Inspection, log: Log, title: str, scans: str) -> No
     )
     inspection.warnings += log.notes
     count = len(log.stamps_ns)
-    placed = int(np.isfinite(log.world_T_scan).all(axis=(1, 2)).sum())
-    posed = 100 * np.isfinite(log.odom_T_scan).all(axis=(1, 2)).sum() / max(count, 1)
-    steps = np.linalg.norm(np.diff(log.world_T_scan[:, :3, 3], axis=0), axis=1)
-    steps = steps[np.isfinite(steps)]
-    step = (
-        f", step median {metres(float(np.median(steps)))}, longest {metres(float(steps.max()))}"
-        if len(steps)
-        else ""
-    )
+    true_poses = int(np.isfinite(log.world_T_scan).all(axis=(1, 2)).sum())
+    odometry_count = np.isfinite(log.odom_T_scan).all(axis=(1, 2)).sum()
+    odometry_percent = 100 * odometry_count / max(count, 1)
+    steps_m = np.linalg.norm(np.diff(log.world_T_scan[:, :3, 3], axis=0), axis=1)
+    steps_m = steps_m[np.isfinite(steps_m)]
+    path = metres(float(steps_m.sum()))
+    if len(steps_m):
+        median = metres(float(np.median(steps_m)))
+        path += f", step median {median}, longest {metres(float(steps_m.max()))}"
     inspection.add(
         title,
-        (scans, f"{count:,}, {placed:,} with a true pose"),
+        (scans, f"{count:,}, {true_poses:,} with a true pose"),
         *rate(inspection, log.stamps_ns * 1e-9),
-        ("path", f"{metres(float(steps.sum()))}{step}"),
-        ("odometry", f"at {posed:.3g} % of the {scans}"),
+        ("path", path),
+        ("odometry", f"at {odometry_percent:.3g} % of the {scans}"),
     )
     inspection.warn(
-        not placed,
+        not true_poses,
         "no scan has a true pose: such a log can be learned, and judge answers, only by poses that "
         "are estimated (poses=slam)",
     )
@@ -295,7 +302,8 @@ def describe_log(inspection: Inspection, log: Log, title: str, scans: str) -> No
 def survey_log(inspection: Inspection, log: Log, frame: str) -> None:
     """Add the diagnoses of a few clouds of a log.
 
-    Warns where they lie in the world already, so that poses would move them twice.
+    Warns if the clouds are in the world frame already, since poses would move them twice: then the
+    centre of each cloud lies near the robot's place in the world, not near the origin.
     """
     survey(inspection, len(log.stamps_ns), log.points, frame)
     far_rows = [
@@ -304,12 +312,11 @@ def survey_log(inspection: Inspection, log: Log, frame: str) -> None:
         if np.linalg.norm(log.world_T_scan[row, :2, 3]) > FAR_M
     ]
     places_m = log.world_T_scan[far_rows, :2, 3]
-    centres_m = np.array([np.median(log.points(row)[:, :2], axis=0) for row in far_rows]).reshape(
-        -1, 2
-    )
-    off_m = np.linalg.norm(centres_m - places_m, axis=1)
+    centres = [np.median(log.points(row)[:, :2], axis=0) for row in far_rows]
+    centres_m = np.array(centres).reshape(-1, 2)
+    away_m = np.linalg.norm(centres_m - places_m, axis=1)
     inspection.warn(
-        len(far_rows) > 1 and (off_m < 0.3 * np.linalg.norm(places_m, axis=1)).all(),
+        len(far_rows) > 1 and (away_m < 0.3 * np.linalg.norm(places_m, axis=1)).all(),
         "clouds in the world already: their points lie around where the robot was, not around "
         "itself; poses would move them twice: use the clouds in the frame of the LiDAR or the "
         "body",
@@ -317,10 +324,15 @@ def survey_log(inspection: Inspection, log: Log, frame: str) -> None:
 
 
 def rate(inspection: Inspection, times_s: NDArray[np.floating]) -> list[tuple[str, str]]:
-    """Rows on the stamps (n,) in seconds; warns of gaps."""
-    steps = np.diff(times_s)
-    holes = int((steps > max(1.0, 5 * float(np.median(steps)))).sum()) if len(steps) else 0
-    longest = duration(float(steps.max(initial=0)))
+    """Rows on the first of `times_s` (n,), their span and their rate; warns of holes.
+
+    A hole is a step of more than a second and of more than five times the median.
+    """
+    steps_s = np.diff(times_s)
+    holes = 0
+    if len(steps_s):
+        holes = int((steps_s > max(1.0, 5 * float(np.median(steps_s)))).sum())
+    longest = duration(float(steps_s.max(initial=0)))
     inspection.warn(
         holes,
         f"{holes} holes in time, the longest {longest}: the path jumps there; fetch the missing "

@@ -1,4 +1,7 @@
-"""Every kind of artifact, as docs/artifacts.md lists them."""
+"""Lists every kind of artifact that stages write, in the order of docs/artifacts.md.
+
+`KINDS` has the class of each kind, with its schema, by the name in the artifact's attributes.
+"""
 
 from pipeline.core.schemas import (
     VIEW_KINDS,

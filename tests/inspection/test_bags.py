@@ -100,7 +100,7 @@ def test_a_cloud_in_the_robots_frame_is_proposed_before_one_in_the_world(tmp_pat
 def test_a_bag_too_large_to_be_tried_is_said(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("pipeline.inspection.bags.TRIED_BYTES", 100)
+    monkeypatch.setattr("pipeline.inspection.bags.MAX_TRIED_BYTES", 100)
     (warning,) = inspect(drive(tmp_path / "drive", "mcap")).warnings
     assert warning.startswith("not tried: ")
 
