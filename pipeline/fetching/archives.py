@@ -1,9 +1,15 @@
 """Fetches the official archives of a data set: a publisher's yaml in, folders for a reader out.
 
-A file of conf/fetch names the publisher's server and the archives of a sequence. Downloads are
-resumed (`download`), checked against a sha256 and unpacked (`unpacking`) into a folder a sequence.
+A file of conf/fetch names the publisher's server and the archives of a sequence. For each archive
+that is not there yet, `Publisher.fetch`
+
+1. checks that the disk has room for it,
+2. downloads it, or resumes an unfinished download (`download`),
+3. compares its sha256 with the publisher's, or with that of an earlier fetch,
+4. unpacks it into the folder of the sequence (`unpacking`) and removes it, or moves it there.
+
 Below the root, archives/ holds unfinished downloads (.part, and .part.json with the server's ETag)
-and the sha256 of each finished file. An archive is removed once it is unpacked.
+and the sha256 of each finished file.
 """
 
 import hashlib
@@ -32,12 +38,10 @@ class Archive:
     path: str
     """Path below the base address."""
     target: str
-    """The file or folder in the sequence's folder that exists once the archive is fetched.
-
-    Of a .tar.gz, once it is unpacked.
-    """
+    """The file or folder in the sequence's folder that exists once the archive is fetched, and
+    unpacked if it is a .tar.gz."""
     unpacked_ratio: float
-    """Estimate of the unpacked bytes per byte."""
+    """Estimate of how many bytes it unpacks to, per byte of the file."""
     nbytes: int
     """Estimate of the bytes of the file; 0 if the server has to be asked."""
 
@@ -66,15 +70,15 @@ class ArchiveTemplate:
     path: str
     """Path below the base address."""
     target: str
-    """As of an Archive."""
+    """See Archive."""
     unpacked_ratio: Positive = 1.0
-    """As of an Archive."""
+    """See Archive."""
     numbers: int = 0
-    """Files of a numbered series: {number} is 0, 1, …, numbers − 1. 0 for a single file."""
+    """Count of a numbered series, whose {number} is 0, 1, …, numbers − 1; 0 for a single file."""
     nbytes: int = 0
-    """As of an Archive."""
+    """See Archive."""
     listing_sha256: str = ""
-    """sha256 of the lines `DIGEST  NAME` of a series, where the publisher's files are known."""
+    """sha256 of a text with a line `DIGEST  NAME` for each file of a series, if it is known."""
 
     def __post_init__(self) -> None:
         check(self, "archives")
@@ -89,11 +93,10 @@ class ArchiveTemplate:
         return [self._archive(sequence, number) for number in range(max(self.numbers, 1))]
 
     def _archive(self, sequence: str, number: int) -> Archive:
-        path, target = (
-            template.replace("{sequence}", sequence).replace("{number}", str(number))
-            for template in (self.path, self.target)
-        )
-        return Archive(path, target, self.unpacked_ratio, self.nbytes)
+        def filled(template: str) -> str:
+            return template.replace("{sequence}", sequence).replace("{number}", str(number))
+
+        return Archive(filled(self.path), filled(self.target), self.unpacked_ratio, self.nbytes)
 
 
 @dataclass(frozen=True)
@@ -104,7 +107,7 @@ class Fetch:
     """The sequence's folder."""
     archives: Sequence[Archive]
     listing_sha256: str
-    """As of an ArchiveTemplate."""
+    """See ArchiveTemplate."""
 
     @property
     def missing(self) -> list[Archive]:
@@ -124,19 +127,20 @@ class Publisher:
     """The server of a data set and how to fetch from it: the keys of conf/fetch/NAME.yaml."""
 
     base: str
-    """The address that paths of archives are below; it ends in /."""
+    """The base address, below which the archives lie; it ends in /."""
     archives: Sequence[ArchiveTemplate]
     sequence: str = r"\w[\w.+-]*"
     """A regular expression that every sequence's name matches."""
     sequences: Sequence[str] = ()
-    """The sequences to fetch where the command names none."""
+    """The sequences that are fetched if the command names none."""
     licence: str = ""
-    """The text printed after fetching, and written to LICENCE.txt beside the data."""
+    """A text that is printed after fetching, and written to LICENCE.txt beside the data."""
     sha256: Mapping[str, str] = field(default_factory=dict)
     """The sha256 of each path for which the publisher gives one."""
     tries: Count = 20
-    """Of one file, before giving up."""
+    """How often the download of one file is tried."""
     timeout_s: Positive = 60.0
+    """How long the server may be silent."""
     wait_s: Positive = 1.0
     """Wait before the second try; it doubles with each further one."""
 
@@ -150,14 +154,9 @@ class Publisher:
             raise ConfigError(
                 f"fetch.sequence={self.sequence}: expected a regular expression ({error})"
             ) from None
-        if paths_of_bad_digests := [
-            path
-            for path, digest in self.sha256.items()
-            if not re.fullmatch("[0-9a-f]{64}", str(digest))
-        ]:
-            raise ConfigError(
-                f"fetch.sha256.{paths_of_bad_digests[0]}: expected 64 hexadecimal digits"
-            )
+        for path, digest in self.sha256.items():
+            if not re.fullmatch("[0-9a-f]{64}", str(digest)):
+                raise ConfigError(f"fetch.sha256.{path}: expected 64 hexadecimal digits")
 
     @staticmethod
     def of(conf: Mapping[str, Any]) -> "Publisher":
@@ -175,11 +174,10 @@ class Publisher:
             ) from None
 
     def fetch(self, root: Path, sequences: Sequence[str], watch: Progress) -> Iterator[str]:
-        """Fetch the missing files of `sequences` below `root`, yielding one line per archive.
+        """Fetch the missing archives of `sequences` into `root`, yielding lines on the progress.
 
-        What is there already is not fetched again. Raises ConfigError for an invalid sequence, and
-        LogError for errors of the server (after all tries), the disk or an archive; what has
-        arrived is kept for the next call.
+        Raises ConfigError for an invalid name of a sequence, and LogError for errors of the server
+        (after all tries), the disk or an archive; what has arrived is kept for the next call.
         """
         for sequence in sequences:
             if not re.fullmatch(self.sequence, sequence):
@@ -202,7 +200,7 @@ class Publisher:
     def _fetch(
         self, root: Path, store: Path, sequences: Sequence[str], watch: Progress
     ) -> Iterator[str]:
-        """Fetch what is missing, unfinished downloads in `store`; yields a line per template."""
+        """Fetch the missing archives through the folder `store`; yields a line per template."""
         downloader = Downloader(self.tries, self.timeout_s, self.wait_s)
         fetches = [
             Fetch(root / sequence, template.archives(sequence), template.listing_sha256)
@@ -232,45 +230,49 @@ class Publisher:
     def _check_disk(
         self, downloader: Downloader, store: Path, archives: Sequence[Archive], watch: Progress
     ) -> None:
-        """Raise LogError unless the disk has room for these files.
+        """Raise LogError unless the disk has room for these archives.
 
-        It needs room for all of them unpacked, and for the largest archive beside them.
+        It needs room for all of them unpacked, and for the largest one packed beside them.
         """
         unpacked_bytes = 0.0
         packed_bytes = 0
         for archive in archives:
             path = store / archive.name
             part = Part.of(path)
-            arrived = path.stat().st_size if path.is_file() else part.arrived
-            known_bytes = arrived if path.is_file() else part.total or archive.nbytes
-            total_bytes = known_bytes or downloader.length(urljoin(self.base, archive.path), watch)
+            arrived_bytes = part.arrived
+            total_bytes = part.total or archive.nbytes
+            if path.is_file():
+                arrived_bytes = total_bytes = path.stat().st_size
+            if not total_bytes:
+                total_bytes = downloader.length(urljoin(self.base, archive.path), watch)
             unpacked_bytes += total_bytes * archive.unpacked_ratio
-            packed_bytes = max(packed_bytes, total_bytes - arrived if archive.is_packed else 0)
+            if archive.is_packed:
+                packed_bytes = max(packed_bytes, total_bytes - arrived_bytes)
+        needed_bytes = unpacked_bytes + packed_bytes
         free_bytes = shutil.disk_usage(store).free
-        if unpacked_bytes + packed_bytes > free_bytes:
+        if needed_bytes > free_bytes:
             raise LogError(
                 f"{store}: the {len(archives)} files and what they unpack to need about "
-                f"{(unpacked_bytes + packed_bytes) / 1e9:.1f} GB, {free_bytes / 1e9:.1f} GB are "
-                "free; make room, or fetch fewer sequences at a time"
+                f"{needed_bytes / 1e9:.1f} GB, {free_bytes / 1e9:.1f} GB are free; make room, or "
+                "fetch fewer sequences at a time"
             )
 
     def _verified(self, path: Path, archive: Archive) -> str:
-        """The sha256 of the file, compared with that of the publisher, or of an earlier fetch.
+        """The sha256 of a downloaded file.
 
-        Removes the file and raises LogError if they differ.
+        It is compared with that of the publisher, else with that of an earlier fetch. If they
+        differ, the file is removed and LogError raised.
         """
         with path.open("rb") as file:
             digest = hashlib.file_digest(file, "sha256").hexdigest()
-        recorded = (
-            checksum_file(path).read_text(encoding="utf-8").split()[:1]
-            if checksum_file(path).is_file()
-            else []
-        )
-        expected = (recorded or [digest])[0]
+        expected = digest
         source = str(checksum_file(path))
         if archive.path in self.sha256:
             expected = self.sha256[archive.path]
             source = "fetch.sha256"
+        elif checksum_file(path).is_file():
+            words = checksum_file(path).read_text(encoding="utf-8").split()
+            expected = words[0] if words else digest
         if digest != expected:
             path.unlink()
             raise LogError(
@@ -305,9 +307,9 @@ def _move_in(path: Path, archive: Archive, folder: Path, digest: str) -> int:
 
 
 def _listing_digest(store: Path, fetch: Fetch) -> str:
-    """The digest of the lines `DIGEST  NAME` of all files of a series, as they are in its folder.
+    """The sha256 of the lines `DIGEST  NAME` of all files of a series, as they are in its folder.
 
-    Removes the files and raises LogError if it is not the publisher's.
+    If it is not the publisher's, the files are removed and LogError raised.
     """
     digests = {
         archive.name: hashlib.sha256((fetch.folder / archive.target).read_bytes()).hexdigest()

@@ -1,7 +1,8 @@
-"""Downloads one file and resumes it after a broken connection, also in a later process.
+"""Downloads one file, and resumes it after a broken connection, also in a later process.
 
-The rest of a file is requested by Range and If-Range (HTTP ranges, RFC 9110, section 14), so that a
-file that has changed on the server is sent again from its start.
+What has arrived lies in FILE.part, and the version of the file that it belongs to (the server's
+ETag) in FILE.part.json. The missing bytes are requested with the headers Range and If-Range (RFC
+9110, section 14): the server sends a file that has changed meanwhile again from its start.
 """
 
 import json
@@ -23,12 +24,16 @@ from pipeline.core.progress import Progress
 Result = TypeVar("Result")
 
 CHUNK = 2**16
-AGAIN = (408, 425, 429, 500, 502, 503, 504)
+"""Bytes that are written at a time."""
+RETRIED = (408, 425, 429, 500, 502, 503, 504)
 """Status codes after which another try may succeed."""
-REDIRECTS = 5
-UNREACHED = 3
-"""Number of failed connections after which the address counts as unreachable."""
+MAX_REDIRECTS = 5
+MAX_UNREACHED = 3
+"""After so many failed connections the address counts as unreachable."""
+MAX_DOUBLINGS = 5
+"""The wait between tries is doubled so often."""
 HEADERS = {"Accept-Encoding": "identity", "User-Agent": "yearloc"}
+"""Sent with each request; a compressed answer could not be resumed."""
 
 
 class TryAgainError(Exception):
@@ -40,13 +45,15 @@ class Part:
     """The bytes of a file that have arrived, and the version of the file that they belong to."""
 
     path: Path
+    """The file FILE.part with these bytes."""
     validator: str = ""
     """The strong ETag of the server; without one, nothing is resumed."""
     total: int = 0
+    """Bytes of the whole file; 0 if nothing has arrived."""
 
     @staticmethod
     def of(path: Path) -> "Part":
-        """The part of the file `path` that an earlier try has left."""
+        """The part of the file `path` that an earlier try left, or an empty part."""
         part = path.with_name(path.name + ".part")
         try:
             note = json.loads(part.with_name(part.name + ".json").read_text(encoding="utf-8"))
@@ -67,15 +74,18 @@ class Part:
         )
 
     def drop(self) -> None:
+        """Forget what has arrived."""
         self.path.unlink(missing_ok=True)
         self._note.unlink(missing_ok=True)
 
     def finish(self, path: Path) -> None:
+        """Move the whole file to `path`."""
         self.path.replace(path)
         self._note.unlink(missing_ok=True)
 
     @property
     def _note(self) -> Path:
+        """The file that records the version."""
         return self.path.with_name(self.path.name + ".json")
 
 
@@ -85,8 +95,9 @@ class Downloader:
 
     tries: int
     timeout_s: float
+    """How long the server may be silent."""
     wait_s: float
-    """Wait before the second try; it doubles with each further try, up to 32 times."""
+    """Wait before the second try; it doubles with each further try, up to 32 times its length."""
 
     def length(self, url: str, watch: Progress) -> int:
         """Length in bytes of the file at `url`; raises LogError if the server does not give it."""
@@ -102,12 +113,13 @@ class Downloader:
         self._with_retries(url, lambda: self._resume(url, path, watch), watch)
 
     def _with_retries(self, url: str, work: Callable[[], Result], watch: Progress) -> Result:
-        why = ""
+        """The result of `work`, which is tried again after failures that may pass."""
+        reason = ""
         unreached = 0
         for attempt in range(self.tries):
             if attempt:
-                wait_s = self.wait_s * 2 ** min(attempt - 1, 5)
-                watch.tell(f"{url}: {why}; try {attempt + 1} of {self.tries} in {wait_s:g} s")
+                wait_s = self.wait_s * 2 ** min(attempt - 1, MAX_DOUBLINGS)
+                watch.tell(f"{url}: {reason}; try {attempt + 1} of {self.tries} in {wait_s:g} s")
                 time.sleep(wait_s)
             try:
                 return work()
@@ -121,20 +133,18 @@ class Downloader:
                 exceptions.ChunkedEncodingError,
                 exceptions.Timeout,
             ) as error:
-                why = _error_line(error)
-                unreached += isinstance(
-                    getattr(next(iter(error.args), None), "reason", None), NewConnectionError
-                )
-                if unreached == UNREACHED:
+                reason = _error_line(error)
+                cause = getattr(error.args[0], "reason", None) if error.args else None
+                if isinstance(cause, NewConnectionError):
+                    unreached += 1
+                if unreached == MAX_UNREACHED:
                     advice = "is there a network, and is the base address right?"
-                    raise LogError(f"{url}: cannot be reached ({why}); {advice}") from None
-            except (
-                exceptions.RequestException,
-                ValueError,
-            ) as error:  # requests raises ValueError for some addresses
+                    raise LogError(f"{url}: cannot be reached ({reason}); {advice}") from None
+            # requests raises ValueError for some addresses
+            except (exceptions.RequestException, ValueError) as error:
                 raise LogError(f"{url}: {_error_line(error)}; is the base address right?") from None
         raise LogError(
-            f"{url}: gave up after {self.tries} tries, the last one: {why}; what has arrived is "
+            f"{url}: gave up after {self.tries} tries, the last one: {reason}; what has arrived is "
             "kept, call again"
         )
 
@@ -143,28 +153,19 @@ class Downloader:
             return _length(answer)
 
     def _resume(self, url: str, path: Path, watch: Progress) -> None:
+        """Download the missing bytes of a file; raises TryAgainError if some are still missing."""
         part = Part.of(path)
         arrived = part.arrived
-        headers = {"Range": f"bytes={arrived}-", "If-Range": part.validator} if arrived else {}
-        if arrived < part.total or not arrived:
+        if not arrived or arrived < part.total:
+            headers: dict[str, str] = {}
+            if arrived:
+                headers = {"Range": f"bytes={arrived}-", "If-Range": part.validator}
             with self._answer("GET", url, headers) as answer:
                 part, arrived = _continued(answer, part, arrived)
-                label = (
-                    path.name
-                    if not arrived
-                    else f"{path.name} from {100 * arrived / part.total:.0f} %"
-                )
-                chunks = answer.iter_content(CHUNK)
-                try:
-                    with part.path.open("ab") as file:
-                        for chunk in watch.track(
-                            chunks, -(-(part.total - arrived) // CHUNK), label
-                        ):
-                            file.write(chunk)
-                except exceptions.RequestException:  # it is an OSError too
-                    raise
-                except OSError as error:
-                    raise LogError(f"{part.path}: cannot be written ({error.strerror})") from None
+                label = path.name
+                if arrived:
+                    label += f" from {100 * arrived / part.total:.0f} %"
+                _append(answer, part, arrived, label, watch)
         nbytes = part.path.stat().st_size
         if nbytes != part.total:
             part.drop()
@@ -172,42 +173,44 @@ class Downloader:
         part.finish(path)
 
     def _answer(self, method: str, url: str, headers: dict[str, str]) -> requests.Response:
-        """The answer after at most REDIRECTS redirections.
+        """The answer to a request, after at most MAX_REDIRECTS redirections.
 
         They may lead only to http(s), and never from https to http.
         """
-        at = url
-        for _ in range(REDIRECTS + 1):
-            options: dict[str, Any] = {
-                "stream": True,
-                "allow_redirects": False,
-                "timeout": self.timeout_s,
-            }
-            answer = requests.request(method, at, headers=HEADERS | headers, **options)
+        address = url
+        options: dict[str, Any] = {
+            "stream": True,
+            "allow_redirects": False,
+            "timeout": self.timeout_s,
+        }
+        for _ in range(MAX_REDIRECTS + 1):
+            answer = requests.request(method, address, headers=HEADERS | headers, **options)
             if not answer.is_redirect:
                 return _checked(answer)
             answer.close()
-            to = answer.headers["Location"]
-            before = at
-            at = urljoin(at, to)
-            if urlsplit(at).scheme not in (
-                ("https",) if before.startswith("https:") else ("http", "https")
-            ):
+            location = answer.headers["Location"]
+            allowed = ("https",) if address.startswith("https:") else ("http", "https")
+            address = urljoin(address, location)
+            if urlsplit(address).scheme not in allowed:
                 raise LogError(
-                    f"{url}: sends us on to {to[:200]}, which is not followed; is the base address "
-                    "right?"
+                    f"{url}: sends us on to {location[:200]}, which is not followed; is the base "
+                    "address right?"
                 )
         raise LogError(
-            f"{url}: sends us on more than {REDIRECTS} times; is the base address right?"
+            f"{url}: sends us on more than {MAX_REDIRECTS} times; is the base address right?"
         )
 
 
 def _checked(answer: requests.Response) -> requests.Response:
+    """An answer whose status code is one of success.
+
+    Raises TryAgainError for one after which another try may succeed, LogError for any other.
+    """
     if answer.status_code in (200, 206, 416):
         return answer
     answer.close()
     status = f"{answer.status_code} {answer.reason}"
-    if answer.status_code in AGAIN:
+    if answer.status_code in RETRIED:
         raise TryAgainError(status)
     raise LogError(
         f"{answer.url}: the server says {status}; is there such a sequence, and is the base "
@@ -216,25 +219,22 @@ def _checked(answer: requests.Response) -> requests.Response:
 
 
 def _continued(answer: requests.Response, part: Part, arrived: int) -> tuple[Part, int]:
-    """The part that the answer continues, and its bytes on disk: 0 for a whole file.
+    """The part that an answer continues, and how many of its bytes are on disk.
 
-    Raises TryAgainError for an answer that does not continue what has arrived.
+    An answer with the whole file begins a new part, of which 0 bytes are on disk. Raises
+    TryAgainError for an answer that does not continue what has arrived.
     """
     if answer.status_code == 200:
         tag = answer.headers.get("ETag", "")
-        part = Part(part.path, tag if re.fullmatch('"[^"]*"', tag) else "", _length(answer))
+        is_strong = re.fullmatch('"[^"]*"', tag)
+        part = Part(part.path, tag if is_strong else "", _length(answer))
         part.begin()
         return part, 0
-    fits = (
-        answer.headers.get("Content-Range", "").strip()
-        == f"bytes {arrived}-{part.total - 1}/{part.total}"
-    )
-    if not (
-        arrived
-        and answer.status_code == 206
-        and fits
-        and answer.headers.get("ETag", part.validator) == part.validator
-    ):
+    expected_range = f"bytes {arrived}-{part.total - 1}/{part.total}"
+    is_requested_range = answer.headers.get("Content-Range", "").strip() == expected_range
+    is_same_version = answer.headers.get("ETag", part.validator) == part.validator
+    is_continuation = answer.status_code == 206 and is_requested_range and is_same_version
+    if not arrived or not is_continuation:
         part.drop()
         raise TryAgainError(
             f"{answer.status_code} {answer.reason}: the server gives another part than was asked "
@@ -243,7 +243,23 @@ def _continued(answer: requests.Response, part: Part, arrived: int) -> tuple[Par
     return part, arrived
 
 
+def _append(
+    answer: requests.Response, part: Part, arrived: int, label: str, watch: Progress
+) -> None:
+    """Append the bytes of an answer to a part, of which `arrived` bytes are on disk."""
+    chunk_count = -(-(part.total - arrived) // CHUNK)
+    try:
+        with part.path.open("ab") as file:
+            for chunk in watch.track(answer.iter_content(CHUNK), chunk_count, label):
+                file.write(chunk)
+    except exceptions.RequestException:  # it is an OSError too
+        raise
+    except OSError as error:
+        raise LogError(f"{part.path}: cannot be written ({error.strerror})") from None
+
+
 def _length(answer: requests.Response) -> int:
+    """Bytes of the file, by the headers of an answer; raises LogError if they do not say it."""
     length = answer.headers.get("Content-Length", "")
     coding = answer.headers.get("Content-Encoding", "identity")
     if not re.fullmatch("[0-9]{1,15}", length) or coding != "identity":
@@ -256,4 +272,5 @@ def _length(answer: requests.Response) -> int:
 
 
 def _error_line(error: Exception) -> str:
+    """The type and the first line of an error."""
     return f"{type(error).__name__}: {error}".splitlines()[0][:200]

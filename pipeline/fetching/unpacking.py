@@ -1,6 +1,7 @@
-"""Unpacks an untrusted .tar.gz, all of it or nothing.
+"""Unpacks an untrusted .tar.gz into a folder: all of it, or nothing.
 
-Only plain files and folders are allowed, and only below the given folder.
+An archive is refused if it holds a link, a device or a path outside the folder, or if it unpacks to
+more than the disk has room for.
 """
 
 import gzip
@@ -12,27 +13,18 @@ from pathlib import Path
 
 from pipeline.core.errors import LogError
 
-LARGEST_HEADER = 2**20
-"""Limit in bytes for the header of a member: a longer one is an attack on the memory."""
-MOST_ENTRIES = 10**6
-
-
-class Stream(gzip.GzipFile):
-    """The stream for tarfile, which would read a header of any claimed length into memory."""
-
-    def read(self, size: int | None = -1) -> bytes:
-        if size is None or not 0 <= size <= LARGEST_HEADER:
-            raise tarfile.ReadError(f"a header of {size} bytes")
-        return super().read(size)
+MAX_HEADER_BYTES = 2**20
+"""Limit for the header of a member: a longer one is an attack on the memory."""
+MAX_ENTRIES = 10**6
+"""Limit for the members of an archive."""
 
 
 def unpack(path: Path, folder: Path, target: str) -> int:
     """Unpack `target`, and all that lies beside it in the archive, into `folder`.
 
-    Returns the number of files in the archive. The archive is unpacked beside itself and its
-    content moved, `target` last: once that exists, everything does. Raises LogError for a damaged
-    archive, which is removed, and for one with paths outside, links, devices, or more than the disk
-    has room for.
+    Returns the number of files in the archive. The archive is unpacked into a scratch folder beside
+    it, and its content moved, `target` last: once that exists, everything does. Raises LogError for
+    a damaged archive, which is removed, and for one that is refused.
     """
     scratch = path.with_name(path.name + ".unpacking")
     shutil.rmtree(scratch, ignore_errors=True)
@@ -42,9 +34,9 @@ def unpack(path: Path, folder: Path, target: str) -> int:
         places = sorted(scratch.rglob(target), key=lambda place: len(place.parts))
         if not places:
             raise LogError(f"{path}: holds no {target}; it is not the archive it should be")
-        for entry in sorted(
-            places[0].parent.iterdir(), key=lambda entry: (entry.name == target, entry.name)
-        ):
+        entries = sorted(places[0].parent.iterdir())
+        entries.sort(key=lambda entry: entry.name == target)  # the target last
+        for entry in entries:
             if (folder / entry.name).is_dir():
                 raise LogError(
                     f"{folder / entry.name}: is in the way of what {path.name} holds; move it "
@@ -69,6 +61,18 @@ def unpack(path: Path, folder: Path, target: str) -> int:
         shutil.rmtree(scratch, ignore_errors=True)
 
 
+class Stream(gzip.GzipFile):
+    """The unpacked bytes of an archive, for tarfile.
+
+    tarfile itself would read a header of any claimed length into memory.
+    """
+
+    def read(self, size: int | None = -1) -> bytes:
+        if size is None or not 0 <= size <= MAX_HEADER_BYTES:
+            raise tarfile.ReadError(f"a header of {size} bytes")
+        return super().read(size)
+
+
 def _extract(path: Path, scratch: Path) -> int:
     """Extract every member into `scratch`, verify gzip's checksum, and return the file count."""
     free_bytes = shutil.disk_usage(scratch).free
@@ -79,25 +83,26 @@ def _extract(path: Path, scratch: Path) -> int:
         while (member := tar.next()) is not None:
             tar.members = []  # type: ignore[attr-defined]  # or they would accumulate
             _refuse_odd(path, member)
-            unpacked_bytes = unpacked_bytes + member.size
-            entries = entries + 1
-            files = files + member.isreg()
-            if unpacked_bytes > free_bytes or entries > MOST_ENTRIES:
+            unpacked_bytes += member.size
+            entries += 1
+            files += member.isreg()
+            if unpacked_bytes > free_bytes or entries > MAX_ENTRIES:
                 raise LogError(
                     f"{path}: unpacks to more than the {free_bytes / 1e9:.1f} GB free here or to a "
                     "million files; refused"
                 )
-            _place(tar, member, scratch / member.name)
-        for _ in range(LARGEST_HEADER):  # gzip verifies the checksum at the end of the stream
-            if not stream.read(LARGEST_HEADER):
+            _write_member(tar, member, scratch / member.name)
+        # gzip verifies the checksum at the end of the stream, behind the padding of the tar
+        for _ in range(MAX_HEADER_BYTES):
+            if not stream.read(MAX_HEADER_BYTES):
                 return files
     raise LogError(f"{path}: a terabyte of nothing behind its members; refused")
 
 
-def _place(tar: tarfile.TarFile, member: tarfile.TarInfo, target: Path) -> None:
+def _write_member(tar: tarfile.TarFile, member: tarfile.TarInfo, target: Path) -> None:
     """Write the content of a checked member to `target`.
 
-    tarfile has filters of its own only after Python 3.11.2.
+    `tar.extract` is not used, since it has safe filters only after Python 3.11.2.
     """
     if member.isdir():
         target.mkdir(parents=True, exist_ok=True)
@@ -111,6 +116,7 @@ def _place(tar: tarfile.TarFile, member: tarfile.TarInfo, target: Path) -> None:
 
 
 def _refuse_odd(path: Path, member: tarfile.TarInfo) -> None:
+    """Raise LogError for a member with a path outside its folder, a link or a device."""
     parts = re.split(r"[/\\]", member.name)
     if member.name.startswith(("/", "\\")) or ".." in parts or ":" in parts[0]:
         raise LogError(

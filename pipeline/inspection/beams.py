@@ -39,8 +39,8 @@ SENSOR_COUNTS = (1, 4, 8, 16, 32, 40, 64, 80, 128)
 class Beams(NamedTuple):
     """The beams of a cloud, and its sensor."""
 
-    count: int
-    """Beams that have returns."""
+    number: int
+    """How many beams have returns."""
     sensor_z_m: float
 
 

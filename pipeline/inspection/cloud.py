@@ -136,7 +136,7 @@ def diagnose(
     sensor_m = np.nan
     rings = find_beams(points, ground_m, -1.0 if is_hanging else 1.0)
     if rings is not None:
-        beams = beams or rings.count
+        beams = beams or rings.number
         sensor_m = abs(rings.sensor_z_m - ground_m)
     if ground_m < -RAISED_M or np.isfinite(mounted_m):
         sensor_m = np.nan_to_num(mounted_m) - ground_m  # the origin is the sensor, or it is known

@@ -1,4 +1,8 @@
-"""The result of `yearloc inspect` as text for a terminal: a headline, aligned rows, warnings."""
+"""The result of `yearloc inspect`, and how it is laid out for a terminal.
+
+An Inspection has a headline, sections of aligned rows, and warnings. The functions below write
+numbers as people read them: bytes, lengths, durations, dates.
+"""
 
 import textwrap
 from collections.abc import Sequence
@@ -10,39 +14,40 @@ import numpy as np
 from numpy.typing import NDArray
 
 SMALL_M = 60.0
-"""A drive that spans less than this is one of a building or a yard."""
+"""A drive that spans less than this is in a building or a yard."""
 WIDTH = 118
 """Characters of the longest line; the last cell of a row wraps below itself."""
-BESIDE = 20
-"""Where fewer characters are left beside the other cells, the last one begins below them."""
+MIN_LAST_CELL = 20
+"""If fewer characters are left beside the other cells, the last cell begins below them."""
+CLOCK_NS = 10**9 * 86_400 * 365
+"""A stamp in the first year after 1970 is of a clock that starts at 0, not a date."""
 
 
 @dataclass(frozen=True)
 class Section:
-    """Rows that belong together; cells of one column are aligned, the last one may be long.
+    """Rows that belong together; the cells of a column are aligned, the last one may be long.
 
-    A row of one cell, such as a line of a proposed yaml, stands as it is: somebody will paste it.
+    A row of one cell, such as a line of a proposed yaml, is never wrapped: somebody will paste it.
     """
 
     title: str
     rows: tuple[tuple[str, ...], ...]
 
     def lines(self, width: int = WIDTH) -> list[str]:
-        """The title and the rows, two spaces in."""
-        columns = max((len(row) for row in self.rows), default=0)
-        widths = [
-            max((len(row[i]) for row in self.rows if len(row) > i + 1), default=0)
-            for i in range(columns)
-        ]
+        """The title and the rows, indented by two spaces."""
+        column_widths: dict[int, int] = {}
+        for row in self.rows:
+            for column, cell in enumerate(row[:-1]):
+                column_widths[column] = max(column_widths.get(column, 0), len(cell))
         lines = [self.title] if self.title else []
         for row in self.rows:
             if len(row) == 1:
                 lines.append(f"  {row[0]}".rstrip())
                 continue
-            head = "  " + "".join(
-                cell.ljust(width) + "  " for cell, width in zip(row[:-1], widths, strict=False)
-            )
-            if len(head) > width - BESIDE:
+            head = "  "
+            for column, cell in enumerate(row[:-1]):
+                head += cell.ljust(column_widths[column]) + "  "
+            if len(head) > width - MIN_LAST_CELL:
                 lines += _wrapped(" ".join(row[:-1]), "  ", width)
                 head = "    "
             lines += _wrapped(row[-1], head, width)
@@ -51,15 +56,17 @@ class Section:
 
 @dataclass
 class Inspection:
-    """Kind and content of a file or artifact, and warnings on what would break a study."""
+    """The description of a file or artifact, and warnings on what would break a study."""
 
     path: Path
     kind: str = ""
+    """What the file is, in a few words."""
     sections: tuple[Section, ...] = ()
     warnings: tuple[str, ...] = ()
 
     @property
     def headline(self) -> str:
+        """The path and the kind."""
         return f"{self.path} — {self.kind}"
 
     def describe(self, kind: str, *rows: tuple[str, ...]) -> None:
@@ -74,9 +81,9 @@ class Inspection:
     def warn_of_small_site(
         self, xyz_m: NDArray[np.floating], axes: tuple[int, int] = (0, 1)
     ) -> None:
-        """Warn where a drive spans too little for cells of 10 m and errors of 15 m.
+        """Warn if a drive spans too little for cells of 10 m and errors of 15 m.
 
-        `xyz_m` (n, 3) are its positions, `axes` the two of them that are level.
+        `xyz_m` (n, 3) are its positions, and `axes` are the two level ones among x, y and z.
         """
         sides_m = np.ptp(xyz_m[:, axes], axis=0) if len(xyz_m) else np.full(2, np.inf)
         self.warn(
@@ -97,18 +104,15 @@ class Inspection:
         lines = [self.headline]
         for section in self.sections:
             lines += ["", *section.lines(width)]
-        count = len(self.warnings)
-        lines += [
-            "",
-            "no warnings" if not count else "1 warning" if count == 1 else f"{count} warnings",
-        ]
+        counts = {0: "no warnings", 1: "1 warning"}
+        lines += ["", counts.get(len(self.warnings), f"{len(self.warnings)} warnings")]
         for warning in self.warnings:
             lines += _wrapped(warning, "  ! ", width)
         return "\n".join(lines)
 
 
 def _wrapped(text: str, head: str, width: int) -> list[str]:
-    """The text beside `head`, its further lines indented below its first.
+    """The lines of a text beside `head`; all lines of the text begin below its first one.
 
     Words longer than a line stay whole.
     """
@@ -119,7 +123,7 @@ def _wrapped(text: str, head: str, width: int) -> list[str]:
 
 
 def nbytes(count: int) -> str:
-    """Bytes as people read them: 12.3 MB."""
+    """A number of bytes: 12.3 MB."""
     size = float(count)
     unit = "B"
     for bigger in ("kB", "MB", "GB", "TB"):
@@ -138,7 +142,7 @@ def metres(length_m: float) -> str:
 
 
 def typographic(text: str) -> str:
-    """A text with numbers, with − instead of - as minus sign."""
+    """A text with numbers, in which each - becomes a minus sign, −."""
     return text.replace("-", "−")
 
 
@@ -146,13 +150,11 @@ def clock(times_s: NDArray[np.floating]) -> list[tuple[str, str]]:
     """Rows on stamps (n,) in seconds: the first one, the span and the rate."""
     if not len(times_s):
         return []
-    steps = np.diff(times_s)
-    step_s = float(np.median(steps)) if len(steps) else 0.0
-    rate = (
-        f"{1 / step_s:.3g} a second, longest step {duration(float(steps.max()))}"
-        if step_s > 0
-        else "unknown"
-    )
+    steps_s = np.diff(times_s)
+    median_s = float(np.median(steps_s)) if len(steps_s) else 0.0
+    rate = "unknown"
+    if median_s > 0:
+        rate = f"{1 / median_s:.3g} a second, longest step {duration(float(steps_s.max()))}"
     return [
         ("from", moment(int(times_s[0] * 1e9))),
         ("span", duration(float(times_s[-1] - times_s[0]))),
@@ -161,22 +163,23 @@ def clock(times_s: NDArray[np.floating]) -> list[tuple[str, str]]:
 
 
 def path_length(steps: NDArray[np.floating]) -> str:
-    """Length of a path in metres from its steps (n, 3), and their median."""
+    """The length of a path, and of its median step, from its steps (n, 3) in metres."""
     steps_m = np.linalg.norm(steps, axis=1)
-    return (
-        f"{metres(float(steps_m.sum()))}, median step "
-        f"{metres(float(np.median(steps_m)) if len(steps_m) else 0.0)}"
-    )
+    median_m = float(np.median(steps_m)) if len(steps_m) else 0.0
+    return f"{metres(float(steps_m.sum()))}, median step {metres(median_m)}"
 
 
 def box(xyz_m: NDArray[np.floating], names: Sequence[str], digits: int = 1) -> str:
-    """The extent of positions (n, 3) along each named axis."""
+    """The extent of positions (n, axis) in metres along each named axis."""
     if not len(xyz_m):
         return "unknown"
-    ends = zip(names, xyz_m.min(axis=0), xyz_m.max(axis=0), strict=True)
-    return typographic(
-        ", ".join(f"{name} {low:.{digits}f} … {high:.{digits}f} m" for name, low, high in ends)
-    )
+    lowest = xyz_m.min(axis=0)
+    highest = xyz_m.max(axis=0)
+    sides = [
+        f"{name} {low:.{digits}f} … {high:.{digits}f} m"
+        for name, low, high in zip(names, lowest, highest, strict=True)
+    ]
+    return typographic(", ".join(sides))
 
 
 def duration(seconds: float) -> str:
@@ -189,8 +192,8 @@ def duration(seconds: float) -> str:
 
 
 def moment(stamp_ns: int) -> str:
-    """A stamp as UTC date and time; one of a clock that starts at zero as seconds."""
-    if 0 <= stamp_ns < 10**9 * 86_400 * 365:
+    """A stamp as UTC date and time, or as seconds if its clock starts at 0."""
+    if 0 <= stamp_ns < CLOCK_NS:
         return f"{stamp_ns / 1e9:.3f} s (a clock that starts at 0, no date)"
     try:
         return f"{datetime.fromtimestamp(stamp_ns // 10**9, UTC):%Y-%m-%d %H:%M:%S} UTC"

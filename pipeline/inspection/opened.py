@@ -1,6 +1,7 @@
-"""Opens a log without true poses, for `yearloc slam`: a path in; a `Log` of any reader out.
+"""Opens a log whose poses are to be estimated, for `yearloc slam`: a path in; a Log out.
 
-It may be a bag, a log as a data set ships it, or a folder of clouds alone.
+The log may be a bag, a log as a data set ships it, or a folder of clouds alone. Its reader is
+chosen by what lies at the path, and its settings as `yearloc inspect` would propose them.
 """
 
 from pathlib import Path
@@ -11,7 +12,7 @@ from pipeline.formats import folder as files
 from pipeline.formats.bag_file import find
 from pipeline.formats.robotcar import LASERS
 from pipeline.inspection.bag_contents import Contents
-from pipeline.inspection.bag_proposal import drifting, gyroscope, points_source
+from pipeline.inspection.bag_proposal import BODIES, drifting, gyroscope, points_source
 from pipeline.readers.bag import Bag
 from pipeline.readers.bag_poses import Tree
 from pipeline.readers.folder import Folder
@@ -21,18 +22,16 @@ from pipeline.readers.log import Log
 from pipeline.readers.nclt import Nclt
 
 SCANS = ("scans", "points", "clouds", "velodyne", "velodyne_sync")
-"""Folders of a log that may hold its scan files."""
-BODIES = ("base_footprint", "base_link", "body", "imu", "imu_link")
-"""Frames of a bag that may stand for the vehicle, the likeliest first."""
+"""Names of folders in a log that may hold its scan files."""
 ODOMETRY = ("odometry.txt", "odom.txt")
-"""Files beside clouds that may hold their odometry."""
+"""Names of files beside clouds that may hold their odometry."""
 
 
 def open_unposed(path: Path, topic: str | None = None, odometry: str | None = None) -> Log:
-    """The log at a path with all of its scans, whether they have true poses or not.
+    """Open the log at a path, with all of its scans and without true poses.
 
-    `topic` and `odometry` are of a bag, where it has several clouds or sources of poses. Raises
-    LogError where there is no log, or one of level sweeps.
+    For a bag with several sources, `topic` names that of the clouds and `odometry` that of the
+    odometry. Raises LogError if there is no log, or one of level sweeps.
     """
     path = path.expanduser()
     if not path.exists():
@@ -65,52 +64,56 @@ def open_unposed(path: Path, topic: str | None = None, odometry: str | None = No
 
 
 def _clouds(path: Path) -> Log:
-    """A folder of clouds alone, numbered or named by time."""
-    folders_of_clouds = (
-        name
-        for name in (".", *SCANS)
-        if (path / name).is_dir()
-        and any(file.suffix in files.SCANS for file in (path / name).iterdir())
+    """Open a folder of clouds alone, numbered or named by time; raises LogError without clouds."""
+    for scans in (".", *SCANS):
+        folder = path / scans
+        if folder.is_dir() and any(file.suffix in files.SCANS for file in folder.iterdir()):
+            odometry = next((name for name in ODOMETRY if (path / name).is_file()), None)
+            return Folder(scans=scans, poses=None, odometry=odometry).open(path.parent, path.name)
+    raise LogError(
+        f"{path}: no log: neither a bag nor clouds ({', '.join(files.SCANS)}) in it or in "
+        f"{', '.join(SCANS)}"
     )
-    scans = next(folders_of_clouds, None)
-    if scans is None:
-        raise LogError(
-            f"{path}: no log: neither a bag nor clouds ({', '.join(files.SCANS)}) in it or in "
-            f"{', '.join(SCANS)}"
-        )
-    odometry = next((name for name in ODOMETRY if (path / name).is_file()), None)
-    return Folder(scans=scans, poses=None, odometry=odometry).open(path.parent, path.name)
 
 
 def _bag(path: Path, bags: list[Path], topic: str | None, odometry: str | None) -> Log:
-    """A bag's clouds, with the odometry that it has or that is named, else with its IMU."""
+    """Open the clouds of a bag, with its odometry, or without any with its IMU."""
     contents = Contents.read(bags)
-    points = topic or points_source(contents, None).name
     topics = {summary.name: summary for summary in contents.topics}
-    source = drifting(contents)
-    name = odometry or (source.name if source else None)
-    # of tf:PARENT>CHILD, the transform's child
-    child = topics[name].child if name in topics else (name or "").rpartition(">")[2]
-    frame = topics[points].frame if points in topics else ""
-    body_T_lidar = _extrinsic(contents.tree, [child, *BODIES], frame)
-    imu = None if name else gyroscope(contents)
+    points = topic or points_source(contents, None).name
+    lidar_frame = topics[points].frame if points in topics else ""
+    if not odometry:
+        source = drifting(contents)
+        odometry = source.name if source else None
+    bodies = list(BODIES)
+    imu = None
+    if not odometry:
+        imu = gyroscope(contents)
+    elif odometry in topics:
+        bodies.insert(0, topics[odometry].child)
+    else:  # tf:PARENT>CHILD
+        bodies.insert(0, odometry.rpartition(">")[2])
     reader = Bag(
         points=points,
         truth=None,
-        odometry=name,
+        odometry=odometry,
         imu=imu.name if imu else None,
-        body_T_lidar=body_T_lidar,
+        body_T_lidar=_body_T_lidar(contents.tree, bodies, lidar_frame),
     )
     return reader.open(path.parent, path.stem if path.is_file() else path.name)
 
 
-def _extrinsic(tree: Tree, bodies: list[str], frame: str) -> tuple[float, ...]:
-    """x, y, z and roll, pitch, yaw of the LiDAR in the first body that fixed transforms know."""
+def _body_T_lidar(tree: Tree, bodies: list[str], lidar_frame: str) -> tuple[float, ...]:
+    """x, y, z in metres and roll, pitch, yaw in degrees of the LiDAR in the vehicle.
+
+    The vehicle is the first of the frames `bodies` from which fixed transforms lead to the LiDAR;
+    without any, the LiDAR is the vehicle.
+    """
     from scipy.spatial.transform import Rotation
 
-    for body in filter(None, bodies):
-        body_T_lidar = tree.fixed(body, frame)
+    for body in bodies:
+        body_T_lidar = tree.fixed(body, lidar_frame) if body else None
         if body_T_lidar is not None:
-            angles = Rotation.from_matrix(body_T_lidar[:3, :3]).as_euler("xyz", degrees=True)
-            return (*body_T_lidar[:3, 3].tolist(), *angles.tolist())
+            angles_deg = Rotation.from_matrix(body_T_lidar[:3, :3]).as_euler("xyz", degrees=True)
+            return (*body_T_lidar[:3, 3].tolist(), *angles_deg.tolist())
     return (0.0,) * 6

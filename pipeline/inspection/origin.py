@@ -1,6 +1,7 @@
-"""The provenance of a file: dvc.lock in; for `yearloc inspect`, the stage that wrote the file out.
+"""Finds the provenance of a file for `yearloc inspect`: dvc.lock in; rows of text and warnings out.
 
-And whether the file is still as that stage wrote it.
+The rows name the stage that wrote the file, its command, parameters and inputs. A warning says if
+the file is no longer as that stage wrote it.
 """
 
 from collections.abc import Mapping
@@ -12,12 +13,10 @@ from pipeline.running.dvc_files import DvcLock, LockedFile, LockEntry
 
 
 def add_provenance(inspection: Inspection, path: Path, lock: Path, is_artifact: bool) -> None:
-    """Add the stage that wrote `path`, or the folder around it: its cmd, parameters and
-    dependencies.
+    """Add the stage that wrote `path`, or the folder around it, by the entry in the `lock`.
 
-    Raw files without an entry in the lock get no section. An artifact with another number of files
-    or bytes than the lock recorded gets a warning, before all others: zarr reads a lost shard as
-    zeros.
+    A raw file without an entry gets no section. An artifact that differs from its entry in size or
+    number of files gets a warning, placed before all others, since zarr reads a lost file as zeros.
     """
     try:
         relative_path = path.resolve().relative_to(lock.resolve().parent)
@@ -27,60 +26,78 @@ def add_provenance(inspection: Inspection, path: Path, lock: Path, is_artifact: 
     if entry is not None:
         inspection.add("provenance", *_rows(entry))
     elif is_artifact:
-        by_hand = (
-            f"{lock} has no entry for it: it was written by hand or by a sweep, not by `dvc repro`"
-        )
-        inspection.add(
-            "provenance", ("unknown", by_hand if lock.is_file() else f"there is no {lock}")
-        )
-    outs = {out.path: out for out in entry.outs} if entry else {}
-    out = outs.get(relative_path.as_posix())
-    if not is_artifact or out is None or out.size is None:
+        reason = f"there is no {lock}"
+        if lock.is_file():
+            reason = (
+                f"{lock} has no entry for it: it was written by hand or by a sweep, not by `dvc "
+                "repro`"
+            )
+        inspection.add("provenance", ("unknown", reason))
+    if entry is None or not is_artifact:
+        return
+    for out in entry.outs:
+        if out.path == relative_path.as_posix():
+            _warn_if_changed(inspection, path, lock, out)
+
+
+def _warn_if_changed(inspection: Inspection, path: Path, lock: Path, out: LockedFile) -> None:
+    """Warn if an artifact has another size or number of files than the lock recorded as `out`."""
+    if out.size is None:
         return
     files = sum(1 for file in path.rglob("*") if file.is_file()) if path.is_dir() else 1
     nbytes_on_disk = size(path)
-    if (files, nbytes_on_disk) != (out.file_count, out.size):
-        recorded = f"{out.file_count} with {out.size:,}"
-        remedy = (
-            "a lost one reads as zeros: remove the artifact and `dvc checkout` it, or `dvc repro`"
-        )
-        warning = (
-            f"not what {lock} recorded: {files} files with {nbytes_on_disk:,} bytes, recorded "
-            f"{recorded}; {remedy}"
-        )
-        inspection.warnings = (warning, *inspection.warnings)
-
-
-def _settings(values: Mapping[str, Any]) -> str:
-    """The settings of a file that have a value."""
-    return ", ".join(
-        f"{key}={short(value)}" for key, value in values.items() if _is_set(key, value)
+    if (files, nbytes_on_disk) == (out.file_count, out.size):
+        return
+    recorded = f"{out.file_count} with {out.size:,}"
+    remedy = "a lost one reads as zeros: remove the artifact and `dvc checkout` it, or `dvc repro`"
+    warning = (
+        f"not what {lock} recorded: {files} files with {nbytes_on_disk:,} bytes, recorded "
+        f"{recorded}; {remedy}"
     )
+    inspection.warnings = (warning, *inspection.warnings)
 
 
 def _rows(entry: LockEntry) -> list[tuple[str, str]]:
-    """Stage, command, parameters, inputs and code, each in one row or several."""
+    """Rows on a stage: its name, command, parameters by file, inputs, and code."""
+    rows = [("stage", entry.stage), ("cmd", " ".join(entry.command.split()))]
     params = [
         f"{file}: {_settings(values) or 'nothing set'}" for file, values in entry.params.items()
     ]
     code = [dep.path for dep in entry.deps if dep.path.startswith(("pipeline", "stages"))]
-    data = [f"{dep.path} ({_digest(dep)})" for dep in entry.deps if dep.path not in code]
-    rows = [("stage", entry.stage), ("cmd", " ".join(entry.command.split()))]
-    rows += [
-        (title if i == 0 else "", line)
-        for title, lines in (("params", params), ("deps", data))
-        for i, line in enumerate(lines)
-    ]
-    return rows + ([("code", ", ".join(code))] if code else [])
+    inputs = [f"{dep.path} ({_digest(dep)})" for dep in entry.deps if dep.path not in code]
+    for title, lines in (("params", params), ("deps", inputs)):
+        for number, line in enumerate(lines):
+            rows.append(("" if number else title, line))
+    if code:
+        rows.append(("code", ", ".join(code)))
+    return rows
+
+
+def _settings(values: Mapping[str, Any]) -> str:
+    """The settings of a conf file that have a value, as one line.
+
+    Left out are those that are null, which the command line sets, and `defaults`, which names other
+    files.
+    """
+    return ", ".join(
+        f"{key}={short(value)}"
+        for key, value in values.items()
+        if value is not None and key != "defaults"
+    )
+
+
+def _digest(dep: LockedFile) -> str:
+    """Hash, size and number of files of an input."""
+    count = f", {dep.file_count} files" if dep.is_folder else ""
+    length = "" if dep.size is None else f", {nbytes(dep.size)}"
+    return f"{dep.md5[:8]}{length}{count}"
 
 
 def size(path: Path) -> int:
     """Bytes of a file, or of all files in a folder."""
-    return (
-        sum(file.stat().st_size for file in path.rglob("*") if file.is_file())
-        if path.is_dir()
-        else path.stat().st_size
-    )
+    if not path.is_dir():
+        return path.stat().st_size
+    return sum(file.stat().st_size for file in path.rglob("*") if file.is_file())
 
 
 def short(value: object) -> str:
@@ -88,24 +105,6 @@ def short(value: object) -> str:
     if isinstance(value, list | tuple):
         return "[" + ", ".join(short(item) for item in value) + "]"
     if isinstance(value, dict):
-        return (
-            "{" + ", ".join(f"{key}: {short(item)}" for key, item in value.items()) + "}"
-            if value
-            else "none"
-        )
+        items = ", ".join(f"{key}: {short(item)}" for key, item in value.items())
+        return "{" + items + "}" if value else "none"
     return f"{value:.6g}" if isinstance(value, float) else str(value)
-
-
-def _is_set(key: str, value: object) -> bool:
-    """Whether a key of a conf file holds a value.
-
-    A null is set on the command line, and `defaults` names other files.
-    """
-    return value is not None and key != "defaults"
-
-
-def _digest(dep: LockedFile) -> str:
-    """Hash, size and files of a dependency."""
-    count = f", {dep.file_count} files" if dep.is_folder else ""
-    length = "" if dep.size is None else f", {nbytes(dep.size)}"
-    return f"{dep.md5[:8]}{length}{count}"

@@ -1,6 +1,7 @@
 """`yearloc inspect`: describes a file, folder or artifact, and warns of faults in it.
 
-The description is its kind, ranges, counts, frames and provenance.
+This module finds out what lies at a path and calls the function that describes it; the description
+has the kind, ranges, counts, frames and provenance.
 """
 
 from collections.abc import Callable
@@ -38,7 +39,7 @@ FOREIGN |= dict.fromkeys(
     "packed: name the folder of the bag that it belongs to, or unpack it with `zstd -d FILE`",
 )
 FOREIGN[".gz"] = "packed: unpack it with `gunzip FILE`"
-"""What files of formats that yearloc does not read hold, and what to do with them."""
+"""For each suffix of a format that yearloc does not read: what it holds, and what to do with it."""
 FILES: dict[str, Callable[[Path, Inspection], None]] = {
     f"*{MODEL}": artifacts.model,
     **{f"*{suffix}": bags.bags for suffix in SUFFIXES},
@@ -49,11 +50,12 @@ FILES: dict[str, Callable[[Path, Inspection], None]] = {
     "ins.csv": robotcar.ins,
     "calib.txt": tracks.kitti_calib,
 }
-"""The function that describes a file, by the file's name.
+"""The function that describes a file, by a pattern of its name.
 
-A .bin, and a text of poses or times, is told by its content instead.
+The name of a .bin, or of a text with poses or times, does not say enough: its content is looked at.
 """
 TEXTS = (".txt", ".tum", ".csv")
+"""Suffixes of texts with poses or times."""
 
 
 def inspect(
@@ -64,8 +66,9 @@ def inspect(
 ) -> Inspection:
     """Describe the file, folder or artifact at `path`.
 
-    `as_format` (nclt or kitti) is the format of a .bin whose folder's name does not say it.
-    `folder_reader` reads folders of another robot's scans and poses; None: one with its defaults.
+    `as_format` (nclt or kitti) is the format of a .bin whose folder's name does not say it. `lock`
+    has the provenance of artifacts. `folder_reader` reads folders of another robot's scans and
+    poses; None: one with its defaults.
 
     Raises LogError, ArtifactError or ConfigError, one line each, for what is missing, damaged or of
     an unknown kind.
@@ -91,6 +94,7 @@ def inspect(
 def _folder(
     path: Path, as_format: str | None, folder_reader: Folder, inspection: Inspection
 ) -> None:
+    """Describe a folder by what lies in it."""
     is_scans = path.name in files.FORMATS or any(file.suffix in SCANS for file in path.iterdir())
     if any((path / name).is_dir() for name in files.FORMATS):
         folders.sequence(path, inspection)
@@ -111,9 +115,10 @@ def _folder(
 
 
 def _file(path: Path, as_format: str | None, inspection: Inspection) -> None:
-    look = next((look for pattern, look in FILES.items() if path.match(pattern)), None)
-    if look is not None:
-        look(path, inspection)
+    """Describe a file by its name, else by its content."""
+    describe = next((FILES[pattern] for pattern in FILES if path.match(pattern)), None)
+    if describe is not None:
+        describe(path, inspection)
     elif path.suffix == ".bin" and path.parent.name in LASERS and as_format is None:
         robotcar.sweep(path, inspection)
     elif path.suffix == ".bin":

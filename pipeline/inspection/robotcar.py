@@ -1,6 +1,7 @@
-"""Describes the files of Oxford RobotCar.
+"""Describes the files of Oxford RobotCar for `yearloc inspect`: a path in; rows and warnings out.
 
-A sweep, the folder of one laser, a sequence as its reader opens it, and the tables of poses.
+There are functions for a sweep, the folder of one laser, a sequence as its reader opens it, and the
+csv tables of visual odometry and inertial navigation (INS).
 """
 
 from collections import Counter
@@ -25,6 +26,7 @@ from pipeline.readers.robotcar_poses import read_ins, read_vo
 BEAMS = 541
 """Number of beams in a whole sweep: 270° in steps of half a degree."""
 REACH_M = 50.0
+"""An LMS-151 sees no farther."""
 PLANE = np.eye(4)
 """Extrinsics that leave a sweep in its scan plane."""
 
@@ -40,24 +42,23 @@ def sweep(path: Path, inspection: Inspection) -> None:
     rows = robotcar.decode_sweep(data)
     points = read_sweep(path, PLANE)
     range_m = np.hypot(points[:, 0], points[:, 1])
+    range_text = "none"
+    if len(points):
+        nearest, farthest, median = map(metres, np.quantile(range_m, (0, 1, 0.5)))
+        range_text = f"{nearest} … {farthest}, median {median}"
     reflectances = rows[np.isfinite(rows[:, 2]), 2]
+    reflectance_text = "none"
+    if len(reflectances):
+        reflectance_text = f"{reflectances.min():g} … {reflectances.max():g}"
     far_count = int((range_m > REACH_M).sum())
     inspection.describe(
         f"RobotCar sweep of {path.parent.name}",
         ("size", f"{nbytes(len(data))}, records of {robotcar.RECORD_BYTES} bytes"),
         ("taken", moment_of(path)),
         ("returns", f"{len(points):,} of {len(rows):,} beams in the file"),
-        (
-            "range",
-            "{} … {}, median {}".format(*map(metres, np.quantile(range_m, (0, 1, 0.5))))
-            if len(points)
-            else "none",
-        ),
+        ("range", range_text),
         ("azimuth", f"{coverage(points):.0f}° of 360° covered"),
-        (
-            "reflectance",
-            f"{reflectances.min():g} … {reflectances.max():g}" if len(reflectances) else "none",
-        ),
+        ("reflectance", reflectance_text),
         (
             "frame",
             "the laser's scan plane, z = 0; the reader lays it out in the vehicle by the "
@@ -75,16 +76,17 @@ def sweep(path: Path, inspection: Inspection) -> None:
 
 
 def sweeps(path: Path, inspection: Inspection) -> None:
-    """Describe lms_front/ or lms_rear/: the sweeps of one laser, and their list of stamps."""
+    """Describe lms_front/ or lms_rear/: the sweeps of one laser, and their list of stamps.
+
+    Raises LogError if no sweep is whole.
+    """
     sizes = {
         file: file.stat().st_size
         for file in path.glob("*.bin")
         if file.stem.isdecimal() and len(file.stem) <= 17
     }
-    whole = sorted(
-        (file for file, size in sizes.items() if size and size % robotcar.RECORD_BYTES == 0),
-        key=_utime,
-    )
+    whole = [file for file, size in sizes.items() if size and size % robotcar.RECORD_BYTES == 0]
+    whole.sort(key=_utime)
     if not whole:
         raise LogError(
             f"{path}: none of its {len(sizes)} files UTIME.bin is a whole sweep; fetch them anew"
@@ -112,7 +114,10 @@ def sweeps(path: Path, inspection: Inspection) -> None:
 
 
 def sequence(path: Path, inspection: Inspection) -> None:
-    """Describe the folder of a sequence, opened by its reader, whose LogError becomes a warning."""
+    """Describe the folder of a sequence, opened by its reader.
+
+    If the reader refuses it, the error becomes a warning, and each laser's folder is described.
+    """
     lasers = [laser for laser in robotcar.LASERS if (path / laser).is_dir()]
     path = path.resolve()
     title = f"as its reader opens it, with {' and '.join(lasers)}"
@@ -122,7 +127,8 @@ def sequence(path: Path, inspection: Inspection) -> None:
     if opened_log is not None:
         frame = "vehicle frame: x forward, y left, z up from the camera"
         _add_table(inspection, len(opened_log.stamps_ns), opened_log.points, frame)
-    for laser in lasers if opened_log is None else ():
+        return
+    for laser in lasers:
         laser_inspection = Inspection(path / laser)
         sweeps(path / laser, laser_inspection)
         inspection.add(laser, *laser_inspection.sections[0].rows)
@@ -131,24 +137,23 @@ def sequence(path: Path, inspection: Inspection) -> None:
 
 def vo(path: Path, inspection: Inspection) -> None:
     """Describe vo/vo.csv: the vehicle's motion from image to image, chained by the reader."""
-    gap_s = RobotCar().max_vo_gap_s
-    odometry = read_vo(path, gap_s)
+    max_gap_s = RobotCar().max_vo_gap_s
+    odometry = read_vo(path, max_gap_s)
     stamps_s = odometry.trajectory.stamps_ns * 1e-9
     poses = odometry.trajectory.world_T_body
     has_pose: NDArray[np.bool_] = np.all(np.isfinite(poses), axis=(1, 2))
     steps_m = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
-    moved_m = steps_m[np.isfinite(steps_m)]
-    wide_s = np.diff(stamps_s)[has_pose[1:] & has_pose[:-1]]
+    steps_m = steps_m[np.isfinite(steps_m)]
+    path_text = metres(float(steps_m.sum()))
+    longest_text = metres(float(steps_m.max(initial=0.0)))
+    steps_s = np.diff(stamps_s)[has_pose[1:] & has_pose[:-1]]
+    is_wide = steps_s > max_gap_s
     breaks = len(odometry.breaks_ns)
     inspection.describe(
         "RobotCar visual odometry",
         ("knots", f"{int(has_pose.sum()):,}, in {breaks + 1} chains"),
         *clock(stamps_s[has_pose]),
-        (
-            "path",
-            f"{metres(float(moved_m.sum()))}, longest step "
-            f"{metres(float(moved_m.max(initial=0.0)))}",
-        ),
+        ("path", f"{path_text}, longest step {longest_text}"),
         (
             "frame",
             "the vehicle (stereo camera): x forward, y right, z down, radians; the reader turns "
@@ -161,28 +166,29 @@ def vo(path: Path, inspection: Inspection) -> None:
         "accumulated submap reaches across one",
     )
     inspection.warn(
-        (wide_s > gap_s).any(),
-        f"{int((wide_s > gap_s).sum())} steps over {gap_s} s, the longest "
-        f"{duration(float(wide_s.max(initial=0)))}: sweeps there have no odometry; sparser "
+        is_wide.any(),
+        f"{int(is_wide.sum())} steps over {max_gap_s} s, the longest "
+        f"{duration(float(steps_s.max(initial=0)))}: sweeps there have no odometry; sparser "
         "odometry needs max_vo_gap_s in the dataset's yaml",
     )
 
 
 def ins(path: Path, inspection: Inspection) -> None:
-    """Describe gps/ins.csv: the INS unit's poses.
+    """Describe gps/ins.csv: the poses of the INS unit.
 
-    The reader takes those of the status INS_SOLUTION_GOOD.
+    The reader takes only those with the status INS_SOLUTION_GOOD.
     """
-    gap_s = RobotCar().max_ins_gap_s
-    track = read_ins(path, np.eye(4), gap_s)
+    max_gap_s = RobotCar().max_ins_gap_s
+    track = read_ins(path, np.eye(4), max_gap_s)
     table = columns(path, ("ins_status", "utm_zone", *robotcar.INS_POSE))
-    statuses = Counter(table["ins_status"])
+    statuses = Counter(table["ins_status"]).most_common(5)
     zones = sorted(set(table["utm_zone"]))
     is_good: NDArray[np.bool_] = np.all(np.isfinite(track.world_T_body), axis=(1, 2))
     stamps_s = track.stamps_ns * 1e-9
-    xyz = numbers(path, table, robotcar.INS_POSE)[is_good, :3]
-    steps_m = np.linalg.norm(np.diff(xyz, axis=0), axis=1)
-    gaps_s = np.diff(stamps_s[is_good])
+    xyz_m = numbers(path, table, robotcar.INS_POSE)[is_good, :3]
+    steps_m = np.linalg.norm(np.diff(xyz_m, axis=0), axis=1)
+    steps_s = np.diff(stamps_s[is_good])
+    is_outage = steps_s > max_gap_s
     inspection.describe(
         "RobotCar inertial navigation",
         (
@@ -191,11 +197,11 @@ def ins(path: Path, inspection: Inspection) -> None:
         ),
         (
             "statuses",
-            ", ".join(f"{status[:40]} {count:,}" for status, count in statuses.most_common(5)),
+            ", ".join(f"{status[:40]} {count:,}" for status, count in statuses),
         ),
         *clock(stamps_s),
-        ("path", metres(float(steps_m[gaps_s <= gap_s].sum()))),
-        ("box", box(xyz, ("northing", "easting", "down"))),
+        ("path", metres(float(steps_m[~is_outage].sum()))),
+        ("box", box(xyz_m, ("northing", "easting", "down"))),
         ("UTM zone", ", ".join(zones)[:60]),
         (
             "frame",
@@ -205,9 +211,9 @@ def ins(path: Path, inspection: Inspection) -> None:
     )
     inspection.warn(not is_good.any(), f"no row is {robotcar.INS_GOOD}: no sweep has a true pose")
     inspection.warn(
-        (gaps_s > gap_s).any(),
-        f"outages: {int((gaps_s > gap_s).sum())} over {gap_s} s without a good row, the longest "
-        f"{duration(float(gaps_s.max(initial=0)))}: sweeps there have no place, but go into the "
+        is_outage.any(),
+        f"outages: {int(is_outage.sum())} over {max_gap_s} s without a good row, the longest "
+        f"{duration(float(steps_s.max(initial=0)))}: sweeps there have no place, but go into the "
         "submaps around",
     )
 
@@ -215,24 +221,22 @@ def ins(path: Path, inspection: Inspection) -> None:
 def _add_table(
     inspection: Inspection, count: int, points: Callable[[int], NDArray[np.floating]], frame: str
 ) -> None:
-    """Add a table of a few of `count` sweeps."""
+    """Add a table of a few of `count` sweeps; `points` returns one (n, 3), in this `frame`."""
     table: list[tuple[str, ...]] = [("sweep", "returns", "x", "y", "z")]
     for row in spread(count):
         cloud = points(row)
-        table.append(
-            (
-                str(row),
-                f"{len(cloud):,}",
-                *(box(cloud[:, [axis]], [""]).strip() for axis in range(3) if len(cloud)),
-            )
-        )
+        extents: list[str] = []
+        if len(cloud):
+            extents = [box(cloud[:, [axis]], [""]).strip() for axis in range(3)]
+        table.append((str(row), f"{len(cloud):,}", *extents))
     inspection.add(f"sweeps, {frame}", *table)
 
 
 def _stamps(inspection: Inspection, folder: Path, utimes: NDArray[np.int64]) -> str:
-    """The number of stamps in the list of a laser.
+    """The number of stamps in the list of the laser whose sweeps are in `folder`.
 
-    Warns of files without a stamp, and of stamps without a file.
+    `utimes` (n,) are those of its whole files. Warns of files without a stamp, and of stamps
+    without a file.
     """
     path = folder.with_suffix(".timestamps")
     if not path.is_file():

@@ -1,7 +1,11 @@
-"""What may be wrong with a cloud: points, or numbers on them, in; a sentence for each fault out."""
+"""Tests a cloud for symptoms, such as NaN or a wrong unit: points in; a sentence on each fault out.
+
+`cloud` runs the tests, some of which need numbers that it has computed: the ground, the beams.
+"""
 
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,16 +13,20 @@ from numpy.typing import NDArray
 from pipeline.inspection.inspection import typographic
 from pipeline.mapping.appearance import LEVEL_M, thickness
 
-MANY = 1_000
+MIN_POINTS = 1_000
 """A scan of a spinning LiDAR has at least so many points."""
-ROUND_DEG = 300
+ALL_ROUND_DEG = 300
 """A sensor that sees all round covers at least so many degrees."""
 FEW_BEAMS = 20
 """With so many beams or fewer the far rings of a view stay empty."""
+MAX_REPEATED_SHARE = 0.01
+"""Up to this share of points at the origin, or of duplicate points, is no symptom."""
+FARTHEST_M = 500
+"""If half of the points are farther away, they are not in metres."""
 
 
 class Kind(StrEnum):
-    """Kinds of symptom, by the words that site files keep them under."""
+    """Kinds of symptom; the words are kept in site files, which name the symptoms of their map."""
 
     NOT_FINITE = "NaN/inf points:"
     FEW_POINTS = "fewer than"
@@ -42,7 +50,7 @@ class Symptom:
 
 
 def missing(count: int, finite_count: int) -> list[Symptom]:
-    """Symptoms of a cloud of `count` points, of which so many are finite."""
+    """Symptoms of a cloud of `count` points with some not finite, or with too few finite ones."""
     symptoms = []
     if nonfinite := count - finite_count:
         text = (
@@ -50,33 +58,31 @@ def missing(count: int, finite_count: int) -> list[Symptom]:
             "and mean; drop them when reading"
         )
         symptoms.append(Symptom(Kind.NOT_FINITE, text))
-    if finite_count < MANY:
+    if finite_count < MIN_POINTS:
         text = (
-            f"fewer than {MANY:,} points: {finite_count}; most bins of a view would be empty: is "
-            "the file cut short?"
+            f"fewer than {MIN_POINTS:,} points: {finite_count}; most bins of a view would be "
+            "empty: is the file cut short?"
         )
         symptoms.append(Symptom(Kind.FEW_POINTS, text))
     return symptoms
 
 
 def repeated(points: NDArray[np.float64]) -> list[Symptom]:
-    """Symptoms of points at the origin and on duplicate points."""
+    """Symptoms of a cloud (n, 3) with many points at the origin, or many duplicate points."""
     zeros = int((points == 0).all(axis=1).sum())
     off_origin = points[(points != 0).any(axis=1)]
-    duplicates = len(off_origin) - len(
-        np.unique(
-            off_origin.view([("xyz", "V24")]) if off_origin.flags.c_contiguous else off_origin,
-            axis=0,
-        )
-    )
+    comparable: NDArray[Any] = off_origin
+    if off_origin.flags.c_contiguous:
+        comparable = off_origin.view([("xyz", "V24")])  # points as bytes, which sort faster
+    duplicates = len(off_origin) - len(np.unique(comparable, axis=0))
     symptoms = []
-    if zeros > 0.01 * len(points):
+    if zeros > MAX_REPEATED_SHARE * len(points):
         text = (
             f"points at the origin: {zeros:,} of {len(points):,} are (0, 0, 0), beams without a "
             "return; they fill the first bin: drop them when reading"
         )
         symptoms.append(Symptom(Kind.AT_ORIGIN, text))
-    if duplicates > 0.01 * len(points):
+    if duplicates > MAX_REPEATED_SHARE * len(points):
         text = (
             f"duplicate points: {duplicates:,} of {len(points):,} stand where another does and "
             "count twice in a bin; was a scan written twice, or padded?"
@@ -86,9 +92,9 @@ def repeated(points: NDArray[np.float64]) -> list[Symptom]:
 
 
 def scale(points: NDArray[np.float64], range_m: NDArray[np.float64]) -> Symptom | None:
-    """A symptom if the unit cannot be metres, else None.
+    """A symptom if the unit of points (n, 3) cannot be metres, else None.
 
-    `range_m` (n,) are distances from the origin in the xy plane.
+    `range_m` (n,) are their distances from the origin in the xy plane.
     """
     if np.abs(points).max() <= 1.0 + 1e-6:
         return Symptom(
@@ -96,7 +102,7 @@ def scale(points: NDArray[np.float64], range_m: NDArray[np.float64]) -> Symptom 
             "normalised cloud: every coordinate within ±1; metres are lost, and so are rings and "
             "heights: use the cloud from before the normalisation",
         )
-    if np.median(range_m) > 500:
+    if np.median(range_m) > FARTHEST_M:
         return Symptom(
             Kind.NOT_METRES,
             f"not in metres: half of the points are beyond {np.median(range_m):,.0f} m, farther "
@@ -106,7 +112,7 @@ def scale(points: NDArray[np.float64], range_m: NDArray[np.float64]) -> Symptom 
 
 
 def flat(points: NDArray[np.float64]) -> Symptom | None:
-    """A symptom if all points lie in one plane, else None."""
+    """A symptom if all points (n, 3) lie in one plane, else None."""
     thick_m = thickness(points)
     if thick_m > LEVEL_M:
         return None
@@ -118,7 +124,7 @@ def flat(points: NDArray[np.float64]) -> Symptom | None:
 
 
 def hanging(ground_m: float, low_m: float) -> Symptom:
-    """The symptom of a cloud that hangs from its ground, at this z, down to a lowest one."""
+    """The symptom of a cloud whose z points down: it reaches from its ground to `low_m`."""
     return Symptom(
         Kind.DOWN,
         f"z points down: it hangs from z = {signed(ground_m)} m to {signed(low_m)} m; every "
@@ -127,7 +133,7 @@ def hanging(ground_m: float, low_m: float) -> Symptom:
 
 
 def ground(ground_m: float) -> Symptom:
-    """The symptom of a ground that lies at this z, not at 0."""
+    """The symptom of a ground at z = `ground_m`, not at 0."""
     return Symptom(
         Kind.GROUND,
         f"ground at z = {signed(ground_m)} m, not 0: heights in every view would be off by as "
@@ -137,8 +143,8 @@ def ground(ground_m: float) -> Symptom:
 
 
 def sparse(azimuth_deg: float, beams: int | None) -> list[Symptom]:
-    """Symptoms of a sensor that covers so many degrees of azimuth with so many beams, if known."""
-    if azimuth_deg < ROUND_DEG:
+    """Symptoms of a sensor that does not see all round, or has few beams; None if not known."""
+    if azimuth_deg < ALL_ROUND_DEG:
         text = (
             f"not all round: {azimuth_deg:.0f}° of 360° covered; a turned vehicle sees another "
             "part of the place, so no shift of the columns brings it back: gather several scans, "

@@ -1,4 +1,7 @@
-"""Describes text files of numbers: poses of NCLT, KITTI and TUM, times, and calibration."""
+"""Describes text files of poses, times or calibration for `yearloc inspect`.
+
+A path in; rows of text and warnings out. The formats are those of NCLT, KITTI and TUM.
+"""
 
 from pathlib import Path
 
@@ -13,97 +16,38 @@ from pipeline.readers import log, vehicle
 from pipeline.readers.folder import BODY_T_CAMERA, read_tum
 from pipeline.readers.nclt import Nclt, read_poses
 
-GAP_S = 1.0
-"""Poses further apart than this in time are not compared."""
+MAX_GAP_S = 1.0
+"""Between poses further apart than this in time, the path is not checked."""
 SCAN_NS = 100_000_000
 """The time from one KITTI scan to the next."""
+MAX_SKEW = 1e-3
+"""A rotation may be off by this much from orthonormal, since numbers are rounded."""
 
 
-def nclt_poses(path: Path, inspection: Inspection) -> None:
-    """Describe groundtruth_*.csv or odometry*.csv of NCLT.
+def numbers(path: Path, inspection: Inspection) -> None:
+    """Describe a text of poses or times; the count of its columns says which, else its name.
 
-    Rows are utime, x, y, z, roll, pitch, heading; the frames are north-east-down.
+    Raises ConfigError for any other file.
     """
-    if "cov" in path.stem:
-        raise LogError(
-            f"{path}: covariances, which nothing here reads; inspect the odometry beside it"
-        )
-    rows = log.table(path, 7, ",")
-    if not np.isfinite(rows[:, 0]).all():
-        raise LogError(
-            f"{path}: row {int(np.flatnonzero(~np.isfinite(rows[:, 0]))[0]) + 1} has no stamp"
-        )
-    is_relative = path.stem.endswith("odometry_mu")
-    finite = np.isfinite(rows).all(axis=1)
-    times_s = rows[:, 0] * 1e-6
-    xyz = rows[finite, 1:4]
-    gap_s = Nclt().max_gap_s
-    gaps = np.diff(times_s[finite])
-    source = "wheel odometry" if path.name.startswith("odometry") else "ground truth"
-    inspection.describe(
-        f"NCLT {source}, {'motion between images' if is_relative else 'poses of the body'}",
-        ("rows", f"{len(rows):,}, of which {int((~finite).sum()):,} hold a NaN"),
-        *clock(times_s),
-        ("path", path_length(xyz if is_relative else np.diff(xyz, axis=0))),
-        ("frame", "north-east-down (x north, y east, z down), radians; the reader turns it z up"),
-        *([] if is_relative else [("box", box(xyz, ("north", "east", "down")))]),
-    )
-    _warn_of_order(inspection, times_s)
-    if not is_relative and not _back(times_s):
-        inspection.warnings += vehicle.doubts("the poses", read_poses(path))
-    inspection.warn(
-        (gaps > gap_s).any(),
-        f"{int((gaps > gap_s).sum())} gaps over {gap_s} s, the longest "
-        f"{duration(float(gaps.max(initial=0)))}: scans there have no pose and are skipped; a log "
-        "with sparser rows needs max_gap_s in its dataset's yaml",
-    )
-    nothing_solved = (
-        "every row holds a NaN: there is no pose to read; was the file written before the drive "
-        "was solved?"
-    )
-    inspection.warn(not finite.any(), nothing_solved)
-
-
-def kitti_poses(path: Path, inspection: Inspection) -> None:
-    """Describe poses/NN.txt: rows of 3×4 matrices, the left camera's pose in its first frame."""
-    rows = log.table(path, 12)
-    finite = np.isfinite(rows).all(axis=1)
-    poses = kitti.matrix(rows[finite])
-    xyz = poses[:, :3, 3]
-    lacking = int((~finite).sum())
-    skew = _skew(poses)
-    inspection.describe(
-        "KITTI ground truth, poses of camera 0",
-        ("poses", f"{len(rows):,}"),
-        ("path", path_length(np.diff(xyz, axis=0))),
-        ("box", box(xyz, ("right", "down", "forward"))),
-        (
-            "frame",
-            "camera 0 in its first frame: x right, y down, z forward; with calib.txt's Tr the "
-            "reader turns it z up",
-        ),
-    )
-    inspection.warn_of_small_site(xyz, (0, 2))
-    stamps_ns = SCAN_NS * np.flatnonzero(finite)
-    inspection.warnings += vehicle.doubts(
-        "the poses", Trajectory(stamps_ns, BODY_T_CAMERA @ poses @ BODY_T_CAMERA.T, GAP_S)
-    )
-    inspection.warn(
-        lacking, f"{lacking} rows hold a NaN: the reader refuses the file; cut them off"
-    )
-    not_orthonormal = (
-        f"rotations are off by {skew:.2g} from orthonormal: not poses, or cut numbers; fetch the "
-        "file anew"
-    )
-    inspection.warn(skew > 1e-3, not_orthonormal)
-    times = path.parents[1] / kitti.TIMES.format(log=path.stem) if len(path.parents) > 1 else path
-    if path.parent.name == "poses" and times.is_file():
-        count = len(log.table(times, 1))
-        count_mismatch = (
-            f"{count} times in {times} for {len(rows)} poses: the reader refuses the log; one is "
-            "cut short"
-        )
-        inspection.warn(count != len(rows), count_mismatch)
+    words = first_row(path)
+    try:
+        columns = len([float(word) for word in words])
+    except ValueError:
+        columns = 0
+    by_columns = {1: kitti_times, 7: nclt_poses, 8: tum_poses, 12: kitti_poses, 13: tum_poses}
+    by_name = {
+        "groundtruth*.csv": nclt_poses,
+        "odometry*.csv": nclt_poses,
+        "times.txt": kitti_times,
+        "[0-9][0-9].txt": kitti_poses,
+    }
+    describe = by_columns.get(columns)
+    if describe is None:
+        describe = next((by_name[pattern] for pattern in by_name if path.match(pattern)), None)
+    if describe is None:
+        expected = "poses have 7 (NCLT), 8 (TUM) or 12 (KITTI) numbers a row, times have 1"
+        raise ConfigError(f"{path}: no kind of file that inspect knows: {expected}")
+    describe(path, inspection)
 
 
 def first_row(path: Path) -> list[str]:
@@ -113,51 +57,122 @@ def first_row(path: Path) -> list[str]:
         return next((words for words in rows if words), [])
 
 
-def numbers(path: Path, inspection: Inspection) -> None:
-    """Describe a text of poses or times, told by the count of its columns, else by its name.
+def nclt_poses(path: Path, inspection: Inspection) -> None:
+    """Describe groundtruth_*.csv or odometry*.csv of NCLT.
 
-    Raises ConfigError for any other file.
+    Rows are utime, x, y, z, roll, pitch, heading; the frames are north-east-down. The rows of
+    odometry_mu.csv are motions between images, not poses.
     """
-    words = first_row(path)
-    try:
-        [float(word) for word in words]
-    except ValueError:
-        words = []
-    by_columns = {1: kitti_times, 7: nclt_poses, 8: tum_poses, 12: kitti_poses, 13: tum_poses}
-    by_name = {
-        "groundtruth*.csv": nclt_poses,
-        "odometry*.csv": nclt_poses,
-        "times.txt": kitti_times,
-        "[0-9][0-9].txt": kitti_poses,
-    }
-    look = by_columns.get(len(words)) or next(
-        (look for name, look in by_name.items() if path.match(name)), None
+    if "cov" in path.stem:
+        raise LogError(
+            f"{path}: covariances, which nothing here reads; inspect the odometry beside it"
+        )
+    rows = log.table(path, 7, ",")
+    unstamped_rows = np.flatnonzero(~np.isfinite(rows[:, 0]))
+    if len(unstamped_rows):
+        raise LogError(f"{path}: row {int(unstamped_rows[0]) + 1} has no stamp")
+    is_relative = path.stem.endswith("odometry_mu")
+    is_finite = np.isfinite(rows).all(axis=1)
+    times_s = rows[:, 0] * 1e-6
+    xyz_m = rows[is_finite, 1:4]
+    max_gap_s = Nclt().max_gap_s
+    steps_s = np.diff(times_s[is_finite])
+    is_gap = steps_s > max_gap_s
+    source = "wheel odometry" if path.name.startswith("odometry") else "ground truth"
+    content = "motion between images" if is_relative else "poses of the body"
+    described = [
+        ("rows", f"{len(rows):,}, of which {int((~is_finite).sum()):,} hold a NaN"),
+        *clock(times_s),
+        ("path", path_length(xyz_m if is_relative else np.diff(xyz_m, axis=0))),
+        ("frame", "north-east-down (x north, y east, z down), radians; the reader turns it z up"),
+    ]
+    if not is_relative:
+        described.append(("box", box(xyz_m, ("north", "east", "down"))))
+    inspection.describe(f"NCLT {source}, {content}", *described)
+    _warn_of_order(inspection, times_s)
+    if not is_relative and not _rows_not_later(times_s):
+        inspection.warnings += vehicle.doubts("the poses", read_poses(path))
+    inspection.warn(
+        is_gap.any(),
+        f"{int(is_gap.sum())} gaps over {max_gap_s} s, the longest "
+        f"{duration(float(steps_s.max(initial=0)))}: scans there have no pose and are skipped; a "
+        "log with sparser rows needs max_gap_s in its dataset's yaml",
     )
-    if look is None:
-        expected = "poses have 7 (NCLT), 8 (TUM) or 12 (KITTI) numbers a row, times have 1"
-        raise ConfigError(f"{path}: no kind of file that inspect knows: {expected}")
-    look(path, inspection)
+    inspection.warn(
+        not is_finite.any(),
+        "every row holds a NaN: there is no pose to read; was the file written before the drive "
+        "was solved?",
+    )
+
+
+def kitti_poses(path: Path, inspection: Inspection) -> None:
+    """Describe poses/NN.txt: rows of 3×4 matrices, the left camera's pose in its first frame."""
+    rows = log.table(path, 12)
+    is_finite = np.isfinite(rows).all(axis=1)
+    poses = kitti.matrix(rows[is_finite])
+    xyz_m = poses[:, :3, 3]
+    nan_rows = int((~is_finite).sum())
+    skew = _skew(poses)
+    inspection.describe(
+        "KITTI ground truth, poses of camera 0",
+        ("poses", f"{len(rows):,}"),
+        ("path", path_length(np.diff(xyz_m, axis=0))),
+        ("box", box(xyz_m, ("right", "down", "forward"))),
+        (
+            "frame",
+            "camera 0 in its first frame: x right, y down, z forward; with calib.txt's Tr the "
+            "reader turns it z up",
+        ),
+    )
+    inspection.warn_of_small_site(xyz_m, (0, 2))
+    stamps_ns = SCAN_NS * np.flatnonzero(is_finite)
+    world_T_body = BODY_T_CAMERA @ poses @ BODY_T_CAMERA.T
+    trajectory = Trajectory(stamps_ns, world_T_body, MAX_GAP_S)
+    inspection.warnings += vehicle.doubts("the poses", trajectory)
+    inspection.warn(
+        nan_rows, f"{nan_rows} rows hold a NaN: the reader refuses the file; cut them off"
+    )
+    inspection.warn(
+        skew > MAX_SKEW,
+        f"rotations are off by {skew:.2g} from orthonormal: not poses, or cut numbers; fetch the "
+        "file anew",
+    )
+    if path.parent.name == "poses" and len(path.parents) > 1:
+        times_path = path.parents[1] / kitti.TIMES.format(log=path.stem)
+        _warn_of_count(inspection, times_path, len(rows))
+
+
+def _warn_of_count(inspection: Inspection, times_path: Path, pose_count: int) -> None:
+    """Warn if the file of times of a KITTI log exists, but has not as many rows as the poses."""
+    if not times_path.is_file():
+        return
+    count = len(log.table(times_path, 1))
+    inspection.warn(
+        count != pose_count,
+        f"{count} times in {times_path} for {pose_count} poses: the reader refuses the log; one is "
+        "cut short",
+    )
 
 
 def tum_poses(path: Path, inspection: Inspection) -> None:
     """Describe a TUM trajectory: stamp in s, x, y, z in m, quaternion x, y, z, w."""
     stamps_ns, poses = read_tum(path)
-    finite = np.isfinite(poses).all(axis=(1, 2))
-    xyz = poses[finite, :3, 3]
-    lacking = int((~finite).sum())
+    is_finite = np.isfinite(poses).all(axis=(1, 2))
+    xyz_m = poses[is_finite, :3, 3]
+    nan_rows = int((~is_finite).sum())
+    rows_text = f"{len(stamps_ns):,}"
+    if nan_rows:
+        rows_text += f", of which {nan_rows:,} hold a NaN: gaps"
     inspection.describe(
         "TUM trajectory",
-        (
-            "rows",
-            f"{len(stamps_ns):,}" + (f", of which {lacking:,} hold a NaN: gaps" if lacking else ""),
-        ),
+        ("rows", rows_text),
         *clock(stamps_ns * 1e-9),
-        ("path", path_length(np.diff(xyz, axis=0))),
-        ("box", box(xyz, "xyz")),
+        ("path", path_length(np.diff(xyz_m, axis=0))),
+        ("box", box(xyz_m, "xyz")),
         ("frame", "as the file has it; conf/dataset/folder.yaml's poses_frame says which"),
     )
-    inspection.warn_of_small_site(xyz)
-    inspection.warnings += vehicle.doubts("the poses", Trajectory(stamps_ns, poses, GAP_S))
+    inspection.warn_of_small_site(xyz_m)
+    inspection.warnings += vehicle.doubts("the poses", Trajectory(stamps_ns, poses, MAX_GAP_S))
 
 
 def kitti_times(path: Path, inspection: Inspection) -> None:
@@ -169,17 +184,13 @@ def kitti_times(path: Path, inspection: Inspection) -> None:
 
 
 def kitti_calib(path: Path, inspection: Inspection) -> None:
-    """Describe calib.txt: camera projections P0–P3 and Tr = cam0 <- velodyne."""
+    """Describe calib.txt: camera projections P0–P3, and Tr, the Velodyne's pose in camera 0."""
+    entries: dict[str, NDArray[np.float64]] = {}
     try:
-        lines = [
-            line.partition(":")
-            for line in path.read_text(encoding="utf-8").splitlines()
-            if ":" in line
-        ]
-        entries = {
-            name: np.array([float(number) for number in numbers.split()])
-            for name, _, numbers in lines
-        }
+        for line in path.read_text(encoding="utf-8").splitlines():
+            name, colon, words = line.partition(":")
+            if colon:
+                entries[name] = np.array([float(word) for word in words.split()])
     except (UnicodeDecodeError, ValueError):
         raise LogError(
             f"{path}: expected rows 'NAME: 12 numbers', as in KITTI's calib.txt"
@@ -201,11 +212,11 @@ def kitti_calib(path: Path, inspection: Inspection) -> None:
         ),
     )
     skew = _skew(cam_T_velo)
-    not_orthonormal = (
+    inspection.warn(
+        skew > MAX_SKEW,
         f"Tr's rotation is off by {skew:.2g} from orthonormal: every pose would be sheared; fetch "
-        "the file anew"
+        "the file anew",
     )
-    inspection.warn(skew > 1e-3, not_orthonormal)
 
 
 def _skew(poses: NDArray[np.float64]) -> float:
@@ -214,14 +225,17 @@ def _skew(poses: NDArray[np.float64]) -> float:
     return float(np.abs(np.swapaxes(R, 1, 2) @ R - np.eye(3)).max(initial=0.0))
 
 
-def _back(times_s: NDArray[np.float64]) -> list[int]:
-    """The rows, from 1 on, whose stamps are not after the row before."""
+def _rows_not_later(times_s: NDArray[np.float64]) -> list[int]:
+    """The numbers, from 1, of the rows whose stamps are not later than the row before."""
     return [int(row) for row in np.flatnonzero(~(np.diff(times_s) > 0)) + 2]
 
 
 def _warn_of_order(inspection: Inspection, times_s: NDArray[np.float64]) -> None:
-    disordered = _back(times_s)
-    rows = f"row {disordered[0]} and {len(disordered) - 1} more" if disordered else ""
-    inspection.warn(
-        disordered, f"stamps do not increase at {rows}: the reader refuses the file; sort its rows"
-    )
+    """Warn if stamps (n,) do not increase."""
+    rows = _rows_not_later(times_s)
+    if rows:
+        inspection.warn(
+            True,
+            f"stamps do not increase at row {rows[0]} and {len(rows) - 1} more: the reader refuses "
+            "the file; sort its rows",
+        )
