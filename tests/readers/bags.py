@@ -1,4 +1,4 @@
-"""Small bags that the tests know everything about, of all three kinds."""
+"""Writes small bags with known content for the tests, of all three kinds."""
 
 from pathlib import Path
 
@@ -11,30 +11,31 @@ KINDS = ("ros1", "sqlite3", "mcap")
 START_NS = 1_700_000_000_000_000_000
 STEP_NS = 100_000_000
 BODY_T_LIDAR = pose(np.array([[0.5, 0.0, 1.5]]), np.array([[0.0, 0.0, np.pi / 2]]))[0]
-"""0.5 m ahead, 1.5 m up, turned to the left."""
+"""The LiDAR is 0.5 m ahead and 1.5 m up in the body, and turned to the left."""
 
 
 def at(x_m: float, yaw_rad: float = 0.0) -> np.ndarray:
-    """A pose on the x axis."""
+    """A pose (4, 4) on the x axis."""
     return pose(np.array([[x_m, 0.0, 0.0]]), np.array([[0.0, 0.0, yaw_rad]]))[0]
 
 
 def bag_path(root: Path, kind: str, name: str = "drive") -> Path:
+    """The path of a bag of this kind: a file for `ros1`, else a folder."""
     return root / (f"{name}.bag" if kind == "ros1" else name)
 
 
 def drive(path: Path, kind: str, clouds: int = 4, first: int = 0) -> Path:
-    """A bag of `fill`."""
+    """Write a bag at `path` with the drive of `fill`."""
     with BagWriter(path, kind) as bag:
         fill(bag, clouds, first)
     return path
 
 
 def fill(bag: BagWriter, clouds: int = 4, first: int = 0) -> None:
-    """Driven along x at 10 m/s: poses ten a second on /truth and /odom (from 100 m on), a cloud 50
-    ms after each.
+    """Write a drive along x at 10 m/s, with the clouds numbered from `first`.
 
-    Cloud i holds the points (i, 0, 0) and (1, 2, 3) of the LiDAR's frame.
+    There are ten poses a second on /truth, from 0 m, and on /odom, from 100 m, and a cloud 50 ms
+    after each but the last. Cloud i holds the points (i, 0, 0) and (1, 2, 3) in the LiDAR's frame.
     """
     bag.static_transform(START_NS, "base_link", "lidar", BODY_T_LIDAR)
     for i in range(first, first + clouds + 1):

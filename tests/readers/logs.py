@@ -1,4 +1,8 @@
-"""Small logs in the data sets' own formats, made by hand."""
+"""Writes small logs by hand, in the formats of the data sets: NCLT, KITTI, CARMEN, a user's own.
+
+Without arguments each is a whole log; an argument replaces the content of a file, and None leaves
+the file out.
+"""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,29 +15,27 @@ TR = "Tr: 0 -1 0 0 0 0 -1 0 1 0 0 0"  # camera x = −left, y = −up, z = forwa
 
 
 def sync_bytes(*hits: tuple[int, int, int]) -> bytes:
-    """A velodyne_sync file of raw x, y, z, each with intensity 7 and laser 3."""
+    """A velodyne_sync file of hits with raw x, y, z, each with intensity 7 and laser 3."""
     return b"".join(np.array(hit, "<u2").tobytes() + bytes([7, 3]) for hit in hits)
 
 
 def packet(
     utime: int, *hits: tuple[int, int, int, int, int], magic: tuple[int, ...] = (44_444,) * 4
 ) -> bytes:
-    """Of velodyne_hits.bin: hits of x, y, z, intensity, laser."""
-    head = (
-        np.array(magic, "<u2").tobytes()
-        + np.array([len(hits)], "<u4").tobytes()
-        + np.array([utime], "<u8").tobytes()
-    )
-    return (
-        head
-        + bytes(4)
-        + b"".join(np.array(hit[:3], "<u2").tobytes() + bytes(hit[3:]) for hit in hits)
-    )
+    """A packet of velodyne_hits.bin with hits of x, y, z, intensity, laser."""
+    data = np.array(magic, "<u2").tobytes()
+    data += np.array([len(hits)], "<u4").tobytes()
+    data += np.array([utime], "<u8").tobytes()
+    data += bytes(4)
+    for hit in hits:
+        data += np.array(hit[:3], "<u2").tobytes() + bytes(hit[3:])
+    return data
 
 
 def nclt_row(index: int, *pose: object) -> str:
-    """Of a file of poses: a tenth of a second and a metre north a row, unless given."""
-    return ", ".join(map(str, (START + 100_000 * index, *(pose or (index, 0, 0, 0, 0, 0))))) + "\n"
+    """A row of NCLT's poses: a tenth of a second and, without a `pose`, a metre north per row."""
+    numbers = (START + 100_000 * index, *(pose or (index, 0, 0, 0, 0, 0)))
+    return ", ".join(map(str, numbers)) + "\n"
 
 
 def nclt_log(
@@ -42,13 +44,15 @@ def nclt_log(
     scans: dict[str, bytes] | None = None,
     odometry: str | None = None,
 ) -> Path:
-    """A sequence driven north at 10 m/s for one second, with scans where `scans` (file stem to
-    bytes) says."""
+    """Write a sequence of NCLT, driven north at 10 m/s for one second.
+
+    `scans` are the bytes of each file by its stem; by default one scan, after 0.15 s.
+    """
     folder = root / DATE / "velodyne_sync"
     folder.mkdir(parents=True)
-    for stem, data in (
-        scans if scans is not None else {str(START + 150_000): sync_bytes((20_200, 20_400, 19_600))}
-    ).items():
+    if scans is None:
+        scans = {str(START + 150_000): sync_bytes((20_200, 20_400, 19_600))}
+    for stem, data in scans.items():
         (folder / f"{stem}.bin").write_bytes(data)
     if truth is not None:
         (root / DATE / f"groundtruth_{DATE}.csv").write_text(truth)
@@ -64,13 +68,17 @@ def kitti_log(
     times: str | None = "".join(f"{0.1 * i:.6e}\n" for i in range(6)),
     scans: dict[str, bytes] | None = None,
 ) -> Path:
-    """Log 07: six poses, two metres forward each; scan i holds one point at (i, 1, −1.73),
-    reflectance 0.5."""
+    """Write KITTI's log 07 with six poses, each two metres ahead of the one before.
+
+    `scans` are the bytes of each file by its stem; by default scan i holds one point at (i, 1,
+    −1.73) with reflectance 0.5.
+    """
     log = root / "sequences" / "07"
     (log / "velodyne").mkdir(parents=True)
     (root / "poses").mkdir()
-    usual = {f"{i:06d}": np.array([i, 1, -1.73, 0.5], "<f4").tobytes() for i in range(6)}
-    for stem, data in (usual if scans is None else scans).items():
+    if scans is None:
+        scans = {f"{i:06d}": np.array([i, 1, -1.73, 0.5], "<f4").tobytes() for i in range(6)}
+    for stem, data in scans.items():
         (log / "velodyne" / f"{stem}.bin").write_bytes(data)
     for path, text in (
         (log / "calib.txt", calib),
@@ -90,10 +98,14 @@ def folder_log(
     scans: dict[str, bytes] | None = None,
     times: str | None = None,
 ) -> Path:
-    """A robot's own sequence, driven forward at 10 m/s for one second, with one point at (2, 1, 3)
-    after 0.15 s."""
-    usual = {f"scans/{START // 10**6}.150.bin": np.array([2, 1, 3, 0.5], "<f4").tobytes()}
-    for name, data in (usual if scans is None else scans).items():
+    """Write the sequence of a user's robot, driven forward at 10 m/s for one second.
+
+    `scans` are the bytes of each file by its name; by default one scan after 0.15 s, with one point
+    at (2, 1, 3).
+    """
+    if scans is None:
+        scans = {f"scans/{START // 10**6}.150.bin": np.array([2, 1, 3, 0.5], "<f4").tobytes()}
+    for name, data in scans.items():
         (root / "drive" / name).parent.mkdir(parents=True, exist_ok=True)
         (root / "drive" / name).write_bytes(data)
     (root / "drive").mkdir(exist_ok=True)
@@ -110,7 +122,7 @@ def flaser(
     laser: str | None = None,
     kind: str = "FLASER",
 ) -> str:
-    """A CARMEN record of one sweep; poses are x y heading."""
+    """A CARMEN record of one sweep; the poses of `robot` and `laser` are words x y heading."""
     return (
         f"{kind} {len(ranges_m)} {' '.join(map(str, ranges_m))} {laser or robot} {robot} {stamp} "
         f"robot {stamp}\n"
@@ -118,8 +130,11 @@ def flaser(
 
 
 def carmen_log(root: Path, stamps: bool = True, name: str = "drive.log") -> Path:
-    """A corrected log: six sweeps a metre apart along x, whose odometry goes 1.5 m ahead and .25 m
-    aside from one to the next."""
+    """Write a corrected CARMEN log of six sweeps, a metre apart along x.
+
+    From each to the next, the odometry says 1.5 m ahead and 0.25 m aside. Without `stamps`, the
+    stamps of all sweeps are 0.
+    """
     lines = ["# CARMEN\nPARAM robot_front_laser_max 50.0 1 host 1\n"]
     for i in range(6):
         lines.append(f"ODOM {i + 0.5} 0.25 0 1 0 0 {i} host {i}\n" if i else "")
@@ -133,8 +148,10 @@ def carmen_log(root: Path, stamps: bool = True, name: str = "drive.log") -> Path
 
 
 def key_frames(root: Path) -> Path:
-    """Four key frames 0 to 3, a metre apart along −y, a second each; the clouds hold a point 2 m
-    along −y."""
+    """Write four key frames, a metre apart along −y and a second apart in time.
+
+    Each cloud holds a point 2 m along −y.
+    """
     folder = root / "run"
     folder.mkdir(parents=True)
     rows = []

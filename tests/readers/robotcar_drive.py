@@ -1,5 +1,4 @@
-"""A small RobotCar drive, made by hand: packed bytes and text as the data set's own files hold
-them."""
+"""Writes a small RobotCar drive by hand, with the bytes and the text of the data set's files."""
 
 import struct
 from collections.abc import Mapping
@@ -19,35 +18,53 @@ INS = "-1.7132 0.1181 1.1948 -0.0125 0.0400 0.0050\n"
 
 
 def sweep(*returns: tuple[float, float, float]) -> bytes:
-    """A sweep file: x, y, reflectance of each beam."""
+    """A sweep file of beams with x, y, reflectance."""
     return b"".join(struct.pack("<3d", *beam) for beam in returns)
 
 
+def utime(ms: float) -> int:
+    """The utime so many milliseconds after START."""
+    return START + round(1000 * ms)
+
+
+def six(numbers: tuple[float, ...]) -> list[str]:
+    """The words of six numbers, of which the last may be left out: they are 0."""
+    return [repr(number) for number in (*numbers, *[0.0] * (6 - len(numbers)))]
+
+
 def vo_row(source_ms: float, before_ms: float, *step: float) -> str:
-    """Motion from one moment to the next, in milliseconds after START: x, y, z, roll, pitch, yaw;
-    the rest is 0."""
-    numbers = [*step, *[0.0] * (6 - len(step))]
-    return f"{START + round(1000 * source_ms)},{START + round(1000 * before_ms)},{','.join(map(repr, numbers))}\n"
+    """A row of vo.csv: the motion from one moment to a later one, in milliseconds after START.
+
+    `step` is x, y, z, roll, pitch, yaw; what is left out is 0.
+    """
+    return f"{utime(source_ms)},{utime(before_ms)},{','.join(six(step))}\n"
 
 
 def ins_row(ms: float, *place: float, status: str = "INS_SOLUTION_GOOD", zone: str = "30U") -> str:
-    """The INS unit's northing, easting, down, roll, pitch, yaw at a moment; the rest is 0."""
-    numbers = [*map(repr, [*place, *[0.0] * (6 - len(place))])]
-    return f"{START + round(1000 * ms)},{status},51.7,-1.2,110.0,{','.join(numbers[:3])},{zone},9,0,0,{','.join(numbers[3:])}\n"
+    """A row of ins.csv: the pose of the INS unit, in milliseconds after START.
+
+    `place` is northing, easting, down, roll, pitch, yaw; what is left out is 0.
+    """
+    numbers = six(place)
+    position = ",".join(numbers[:3])
+    angles = ",".join(numbers[3:])
+    return f"{utime(ms)},{status},51.7,-1.2,110.0,{position},{zone},9,0,0,{angles}\n"
 
 
 def vo_text(*rows: str) -> str:
+    """The text of vo.csv."""
     return VO_HEADER + "".join(rows)
 
 
 def ins_text(*rows: str) -> str:
+    """The text of ins.csv."""
     return INS_HEADER + "".join(rows)
 
 
 DRIVEN = vo_text(*(vo_row(100 * i + 100, 100 * i, 1.0) for i in range(10)))
-"""10 m/s forward for one second."""
+"""The visual odometry of 10 m/s forward for one second."""
 SEEN = ins_text(*(ins_row(20 * i, 0.2 * i) for i in range(51)))
-"""The same, northwards."""
+"""The inertial navigation of the same drive, northwards."""
 
 
 def drive(
@@ -59,12 +76,12 @@ def drive(
     stamps: str | None = "",
     extrinsics: Mapping[str, str] | None = None,
 ) -> Path:
-    """A root with one sequence.
+    """Write a root with one sequence, and return it.
 
-    Sweeps are given by milliseconds after START (one return 1 m ahead every 100 ms if not given).
-
-    `stamps` is the text of lms_front.timestamps: None for no such file, "" for a line a sweep. The
-    INS unit sits in the vehicle's origin unless `extrinsics` says otherwise.
+    `sweeps` are those of the front laser and `rear` of the rear one, by milliseconds after START;
+    by default the front laser has one return 1 m ahead every 100 ms, the rear laser no folder.
+    `stamps` is the text of lms_front.timestamps: None for no such file, "" for a line per sweep.
+    The INS unit sits in the origin of the vehicle unless `extrinsics` says otherwise.
     """
     front = {50 + 100 * i: sweep((1, 0, 7)) for i in range(10)} if sweeps is None else sweeps
     for laser, files in (("lms_front", front), ("lms_rear", rear)):
@@ -72,15 +89,15 @@ def drive(
             continue
         (root / DATE / laser).mkdir(parents=True)
         for ms, data in files.items():
-            (root / DATE / laser / f"{START + round(1000 * ms)}.bin").write_bytes(data)
-        lines = "".join(f"{START + round(1000 * ms)} 1\n" for ms in sorted(files))
-        text = stamps or lines if laser == "lms_front" else lines
+            (root / DATE / laser / f"{utime(ms)}.bin").write_bytes(data)
+        text = "".join(f"{utime(ms)} 1\n" for ms in sorted(files))
+        if laser == "lms_front" and stamps:
+            text = stamps
         if stamps is not None or laser == "lms_rear":
             (root / DATE / f"{laser}.timestamps").write_text(text)
     (root / "extrinsics").mkdir()
-    for sensor, text in (
-        {"lms_front": FRONT, "lms_rear": REAR, "ins": ZERO} | dict(extrinsics or {})
-    ).items():
+    texts = {"lms_front": FRONT, "lms_rear": REAR, "ins": ZERO} | dict(extrinsics or {})
+    for sensor, text in texts.items():
         (root / "extrinsics" / f"{sensor}.txt").write_text(text)
     for name, table in (("vo/vo.csv", vo), ("gps/ins.csv", ins)):
         if table is not None:

@@ -1,4 +1,4 @@
-"""The bag reader on bags written by the writer, on bags laid out by hand, and on real ones."""
+"""Tests the bag reader on bags written by BagWriter, on bags laid out by hand, and on real ones."""
 
 import sqlite3
 from collections.abc import Callable
@@ -24,6 +24,7 @@ from tests.readers.damage import one_line
 
 READER = Bag(truth="/truth", odometry="/odom")
 HERE = (0, 0, 0, 0, 0, 0)
+"""Extrinsics of a LiDAR in the origin of the body."""
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -120,16 +121,23 @@ def test_a_compressed_ros2_bag_is_read(
 
 
 def copy_messages(old: Any, new: Any, digest: str) -> None:
-    links = {
-        c.id: new.add_connection(c.topic, c.msgtype, msgdef=c.msgdef.data, **{digest: c.digest})
-        for c in old.connections
-    }
+    """Copy all messages of a bag; `digest` is the name of a definition's digest in the writer."""
+    new_connections = {}
+    for old_connection in old.connections:
+        new_connections[old_connection.id] = new.add_connection(
+            old_connection.topic,
+            old_connection.msgtype,
+            msgdef=old_connection.msgdef.data,
+            **{digest: old_connection.digest},
+        )
     for connection, stamp, data in old.messages():
-        new.write(links[connection.id], stamp, data)
+        new.write(new_connections[connection.id], stamp, data)
 
 
 def assert_same(root: Path) -> None:
-    small, plain = (READER.open(root, name) for name in ("small", "plain"))
+    """Check that the bags `small` and `plain` hold the same drive."""
+    small = READER.open(root, "small")
+    plain = READER.open(root, "plain")
     np.testing.assert_array_equal(small.stamps_ns, plain.stamps_ns)
     np.testing.assert_array_equal(small.world_T_scan, plain.world_T_scan)
     for row in range(len(small.stamps_ns)):
@@ -162,7 +170,7 @@ def test_reading_from_other_processes_and_threads_is_the_same(tmp_path: Path) ->
 
 
 def written(root: Path, write: Callable[[BagWriter], None], poses: int = 5) -> Path:
-    """A bag with poses each 100 ms on /truth, 1 m apart, and whatever `write` adds."""
+    """A bag with poses every 100 ms on /truth, 1 m apart, and whatever `write` adds."""
     with BagWriter(root / "drive.bag", "ros1") as bag:
         for i in range(poses):
             bag.odometry(START_NS + i * STEP_NS, "map", "base_link", at(i), "/truth")
@@ -171,6 +179,7 @@ def written(root: Path, write: Callable[[BagWriter], None], poses: int = 5) -> P
 
 
 def cloud(bag: BagWriter, stamp_ns: int, x: float = 0.0, frame: str = "lidar") -> None:
+    """Write a cloud of one point, at (x, 0, 0)."""
     bag.points(
         stamp_ns, frame, np.array([[x, 0, 0]], np.float32), np.zeros(1), np.zeros(1, np.uint16)
     )
@@ -200,12 +209,10 @@ def test_messages_without_stamps_are_placed_by_their_receipt(tmp_path: Path) -> 
     by_hand.db3(tmp_path / "drive.db3")
     with sqlite3.connect(tmp_path / "drive.db3") as base:
         for stamp, numbers in stamps.items():
-            data = (
-                by_hand.cdr_cloud(0, numbers)
-                if stamp in by_hand.CLOUDS
-                else by_hand.cdr_pose(0, numbers)
+            unstamped = by_hand.cdr_cloud if stamp in by_hand.CLOUDS else by_hand.cdr_pose
+            base.execute(
+                "UPDATE messages SET data = ? WHERE timestamp = ?", (unstamped(0, numbers), stamp)
             )
-            base.execute("UPDATE messages SET data = ? WHERE timestamp = ?", (data, stamp))
     base.close()
     log = Bag(points="/cloud", truth="/pose", body_T_lidar=HERE, max_gap_s=3).open(
         tmp_path, "drive"
@@ -445,7 +452,7 @@ def test_a_topic_in_several_frames_is_refused(
 
 
 def test_an_mcap_of_another_profile_is_called_so(tmp_path: Path) -> None:
-    """The header of an MCAP, after 17 bytes of magic and length: the profile's length and name."""
+    """In the header of an MCAP, the profile's length and name follow 17 bytes of magic and length."""
     path = next(drive(tmp_path / "drive", "mcap").glob("*.mcap"))
     data = path.read_bytes()
     other = tmp_path / "other.mcap"

@@ -1,5 +1,8 @@
-"""Damaged bags: the reader returns a log that keeps its promises, or raises one line, and never
-needs a gigabyte."""
+"""Tests the bag reader on damaged bags.
+
+It returns a log that is as the class Log says, or raises an error of one line, and never takes a
+gigabyte of memory.
+"""
 
 import itertools
 import shutil
@@ -24,16 +27,19 @@ READER = Bag(truth="/truth", odometry="/odom")
 
 
 def check(reader: Bag, root: Path) -> None:
+    """Open the sequence `drive`: it is refused, or each scan has a true pose."""
     log = opened(reader, root, "drive")
     assert log is None or np.isfinite(log.world_T_scan).all()
 
 
 def files(path: Path) -> list[Path]:
+    """The files of a bag."""
     return [path] if path.is_file() else sorted(path.iterdir())
 
 
 @pytest.fixture(scope="module", params=KINDS)
 def whole(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An undamaged bag."""
     return drive(bag_path(tmp_path_factory.mktemp("whole"), request.param), request.param)
 
 
@@ -54,8 +60,8 @@ def test_a_damaged_bag_is_a_log_or_a_line(
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_sizes_of_gigabytes_take_no_memory(tmp_path: Path, kind: str) -> None:
-    """A huge number at fifty places of a bag, read in a process of its own, whose largest memory is
-    checked."""
+    """A huge number is written at each of fifty places of a bag, which is read in a process of its
+    own: the peak of its memory is checked."""
     drive(bag_path(tmp_path, kind), kind, clouds=1)
     code = f"""
 from pathlib import Path
@@ -75,9 +81,8 @@ print(next(line.split()[1] for line in open("/proc/self/status") if line.startsw
         check=True,
         cwd=Path(__file__).parents[2],
     )
-    assert (
-        int(out.stdout) < 1024**2
-    )  # KiB, of which the libraries take some 200 MiB; getrusage would count the parent's too
+    # In KiB; the libraries take some 200 MiB. getrusage would count the parent's memory too.
+    assert int(out.stdout) < 1024**2
 
 
 @given(kind=st.sampled_from(["ros1", "mcap"]), data=st.data())
@@ -87,16 +92,14 @@ def test_a_damaged_message_in_a_whole_bag_is_a_log_or_a_line(
 ) -> None:
     root = tmp_path_factory.getbasetemp() / f"message{next(COUNT)}"
     with BagWriter(bag_path(root, kind), kind) as bag:
-        put = bag._writer.write
-        hit = data.draw(st.integers(0, 10))
-        number = itertools.count()
+        original_write = bag._writer.write
+        damaged_number = data.draw(st.integers(0, 10))
+        numbers = itertools.count()
 
         def write(connection: Connection, stamp_ns: int, message: bytes) -> None:
-            put(
-                connection,
-                stamp_ns,
-                data.draw(damaged(bytes(message))) if next(number) == hit else message,
-            )
+            if next(numbers) == damaged_number:
+                message = data.draw(damaged(bytes(message)))
+            original_write(connection, stamp_ns, message)
 
         bag._writer.write = write  # type: ignore[method-assign]
         fill(bag, clouds=3)

@@ -1,4 +1,4 @@
-"""How far a vehicle turned, by the IMU of a bag."""
+"""Tests the heading of a vehicle by the gyroscope of an IMU in a bag."""
 
 from pathlib import Path
 from typing import Literal
@@ -19,9 +19,10 @@ Kind = Literal["ros1", "sqlite3", "mcap"]
 
 
 def turning(path: Path, kind: Kind, seconds: tuple[tuple[float, float], ...]) -> Path:
-    """A bag of ten clouds a second and, between these times, a hundred readings of an IMU.
+    """A bag of ten clouds a second, and a hundred readings a second of an IMU within `seconds`.
 
-    The vehicle turns to the left by 0.5 rad a second; its IMU hangs upside down, and so reads -0.5.
+    `seconds` are pairs of a first and a last time. The vehicle turns to the left by 0.5 rad a
+    second; its IMU hangs upside down, so it reads -0.5.
     """
     with BagWriter(path, kind) as bag:
         bag.static_transform(START_NS, "lidar", "imu_link", UPSIDE_DOWN)

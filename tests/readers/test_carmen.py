@@ -1,4 +1,4 @@
-"""CARMEN logs: sweeps, corrected poses, odometry between them, stamps that stand still."""
+"""Tests the CARMEN reader: sweeps, corrected poses, odometry, and stamps that stand still."""
 
 import gzip
 from pathlib import Path

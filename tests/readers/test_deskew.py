@@ -1,3 +1,5 @@
+"""Tests deskewing: points are moved to where they lay at the stamp of their scan."""
+
 from collections import Counter
 from dataclasses import replace
 
@@ -38,8 +40,11 @@ def test_without_times_or_motion_points_stay() -> None:
 
 
 def test_a_scan_is_undone_by_the_steps_to_it_and_from_it() -> None:
-    """It comes with 5 m/s and goes on with 10: a point .05 s before lies .25 m back, one .05 s
-    after .5 m on. After a break, and at the end of the log, only one of both is known."""
+    """The vehicle comes with 5 m/s and goes on with 10 m/s.
+
+    So a point .05 s before the stamp is moved .25 m back, one .05 s after it .5 m ahead. After a
+    break, and at the end of the log, only one of the two steps is known, and is used for both.
+    """
     x_m = np.array([0.0, 0.5, 1.5])
     log = Log(
         np.array([0, 1, 2]) * 10**8,
@@ -50,17 +55,17 @@ def test_a_scan_is_undone_by_the_steps_to_it_and_from_it() -> None:
         times_s=lambda row: np.array([-0.05, 0.05]),
     )
     poses = pose(np.column_stack([x_m, 0 * x_m, 0 * x_m]), np.zeros((3, 3)))
-    none = np.empty(0, np.int64)
+    no_breaks = np.empty(0, np.int64)
     for row, breaks, expected in (
-        (1, none, [2.75, 3.5]),
+        (1, no_breaks, [2.75, 3.5]),
         (1, np.array([1]), [2.5, 3.5]),
-        (2, none, [2.5, 3.5]),
+        (2, no_breaks, [2.5, 3.5]),
         (2, np.array([2]), [3.0, 3.0]),
     ):
         points_m = scan_at_stamp(log, poses, breaks, row)
         np.testing.assert_allclose(points_m[:, 0], expected, atol=0.02)
-    kept_m = np.array([[3.0, 0.0, 0.0], [3.0, 0.0, 0.0]])
-    scan_at_stamp(replace(log, points=lambda row: kept_m), poses, none, 1)
-    np.testing.assert_array_equal(kept_m, log.points(1))  # what a log keeps stays as it is
+    cached_m = np.array([[3.0, 0.0, 0.0], [3.0, 0.0, 0.0]])
+    scan_at_stamp(replace(log, points=lambda row: cached_m), poses, no_breaks, 1)
+    np.testing.assert_array_equal(cached_m, log.points(1))  # an array that a log keeps is unchanged
     timeless = replace(log, times_s=lambda row: None)
-    np.testing.assert_array_equal(scan_at_stamp(timeless, poses, none, 1), log.points(1))
+    np.testing.assert_array_equal(scan_at_stamp(timeless, poses, no_breaks, 1), log.points(1))

@@ -1,4 +1,4 @@
-"""A robot's own folder, made by hand: scans of three kinds, TUM and KITTI poses, and what must be
+"""Tests the reader of a user's own folder: scans of three formats, TUM and KITTI poses, and what is
 refused."""
 
 from pathlib import Path
@@ -18,6 +18,7 @@ POSE = "1 0 0 0 0 1 0 0 0 0 1 "
 
 
 def cloud(*points: tuple[float, ...]) -> bytes:
+    """A .bin of points x, y, z, each with an intensity of 0.5."""
     return np.array([(*point, 0.5) for point in points], "<f4").tobytes()
 
 
@@ -75,8 +76,8 @@ def test_an_array_that_holds_no_points_along_its_last_axis_is_refused(
 
 
 def test_a_guess_of_how_wide_points_are_is_said(tmp_path: Path) -> None:
-    """500 points of a cube filled evenly are as well 400 of 20 bytes; a number that is given is no
-    guess."""
+    """500 points of 16 bytes in a cube filled evenly may as well be 400 of 20 bytes. A number that
+    is set is no guess."""
     cube = np.random.default_rng(0).uniform(-20, 20, (500, 4)).astype("<f4").tobytes()
     root = folder_log(tmp_path, scans={f"scans/{START}.150.bin": cube})
     (note,) = Folder().open(root, "drive").notes
@@ -227,7 +228,7 @@ def test_a_wrong_unit_is_told_with_both_spans(tmp_path: Path, stamps: str) -> No
 
 
 def key_frames(every_s: float, off_us: int) -> dict[str, str | dict[str, bytes]]:
-    """Five poses 5 m apart, and a scan so many microseconds after each."""
+    """Arguments of `folder_log`: five poses 5 m apart, and a scan `off_us` µs after each."""
     times = [START + every_s * i for i in range(5)]
     poses = "".join(f"{time:.6f} {5 * i} 0 0 0 0 0 1\n" for i, time in enumerate(times))
     return {

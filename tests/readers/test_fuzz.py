@@ -1,5 +1,8 @@
-"""Damaged files: a reader returns a log that keeps its promises, or raises one line; it never needs
-more than a gigabyte."""
+"""Tests the readers of files on damaged files.
+
+A reader returns a log that is as the class Log says, or raises an error of one line, and never
+takes more than a gigabyte of memory.
+"""
 
 import gzip
 import io
@@ -42,8 +45,8 @@ COUNT = itertools.count()
 
 @pytest.fixture(autouse=True, scope="module")
 def one_gigabyte() -> Iterator[None]:
-    """An allocation of more than that beyond the memory of the tests is a MemoryError, even if it
-    is never touched."""
+    """Limit the memory: to allocate more than 1 GiB beyond what the tests have is a MemoryError,
+    even if it is never touched."""
     before = resource.getrlimit(resource.RLIMIT_AS)
     resource.setrlimit(resource.RLIMIT_AS, (psutil.Process().memory_info().vms + 2**30, before[1]))
     yield
@@ -51,15 +54,27 @@ def one_gigabyte() -> Iterator[None]:
 
 
 def nclt(root: Path) -> Path:
+    """Write a sequence of NCLT with odometry."""
     return nclt_log(
         root, odometry="".join(f"{START + 10_000 * i}, {i}, 0, 0, 0, 0, 0\n" for i in range(20))
     )
 
 
-def own_folder(root: Path, form: str) -> Path:
-    row = "1326030975.{0} {0} 0 0 0 0 0 1\n" if form == "tum" else "1 0 0 {0} 0 1 0 0 0 0 1 0\n"
-    poses, times = ("".join(text.format(i) for i in range(8)) for text in (row, "0.{0}\n"))
-    names = (f"1326030975.{i}5" if form == "tum" else str(i) for i in range(6))
+def tum_folder(root: Path) -> Path:
+    """Write a user's sequence with scans named by stamps, and TUM poses and odometry."""
+    poses = "".join(f"1326030975.{i} {i} 0 0 0 0 0 1\n" for i in range(8))
+    return own_folder(root, poses, [f"1326030975.{i}5" for i in range(6)])
+
+
+def kitti_folder(root: Path) -> Path:
+    """Write a user's sequence with scans named by number, and KITTI poses and odometry."""
+    poses = "".join(f"1 0 0 {i} 0 1 0 0 0 0 1 0\n" for i in range(8))
+    return own_folder(root, poses, [str(i) for i in range(6)])
+
+
+def own_folder(root: Path, poses: str, names: list[str]) -> Path:
+    """Write a user's sequence with `poses`, the same as odometry, and scans of these `names`."""
+    times = "".join(f"0.{i}\n" for i in range(8))
     scans = {f"scans/{name}.bin": np.array([2, 1, 3, 0.5], "<f4").tobytes() for name in names}
     folder_log(root, poses, scans, times)
     (root / "drive" / "odometry.txt").write_text(poses)
@@ -67,23 +82,27 @@ def own_folder(root: Path, form: str) -> Path:
 
 
 def robotcar(root: Path) -> Path:
+    """Write a RobotCar drive with sweeps of both lasers."""
     beams = robotcar_drive.sweep(*((i, 1.5, 9) for i in range(9)))
     sweeps = {50 + 100 * i: beams for i in range(10)}
     return robotcar_drive.drive(root, sweeps, {**sweeps, 475: beams})
 
 
 def carmen_pair(root: Path) -> Path:
+    """Write a CARMEN log and a corrected one beside it."""
     return carmen_log(carmen_log(root), name="drive.gfs.log")
 
 
 def carmen_packed(root: Path) -> Path:
+    """Write a gzipped CARMEN log."""
     log = carmen_log(root) / "drive.log"
     (root / "drive.log.gz").write_bytes(gzip.compress(log.read_bytes(), mtime=0))
     log.unlink()
     return root
 
 
-TUM, KITTI = (Folder(poses_format=form, odometry="odometry.txt") for form in ("tum", "kitti"))
+TUM = Folder(poses_format="tum", odometry="odometry.txt")
+KITTI = Folder(poses_format="kitti", odometry="odometry.txt")
 DRIVE = robotcar_drive.DATE
 BOTH = RobotCar(("lms_front", "lms_rear"))
 SCAN = f"lms_front/{robotcar_drive.START + 350_000}.bin"
@@ -101,8 +120,8 @@ LOGS: list[tuple[Callable[[Path], Path], Reader, str, str, tuple[str, ...]]] = [
     ),
     (kitti_log, Kitti(), "07", "sequences/07/", ("calib.txt", "times.txt", "velodyne/000002.bin")),
     (kitti_log, Kitti(), "07", "poses/", ("07.txt",)),
-    (lambda root: own_folder(root, "tum"), TUM, "drive", "drive/", ("poses.txt", "odometry.txt")),
-    (lambda root: own_folder(root, "kitti"), KITTI, "drive", "drive/", ("poses.txt", "times.txt")),
+    (tum_folder, TUM, "drive", "drive/", ("poses.txt", "odometry.txt")),
+    (kitti_folder, KITTI, "drive", "drive/", ("poses.txt", "times.txt")),
     (
         robotcar,
         BOTH,
@@ -116,6 +135,7 @@ LOGS: list[tuple[Callable[[Path], Path], Reader, str, str, tuple[str, ...]]] = [
     (carmen_packed, Carmen(), "drive", "", ("drive.log.gz",)),
     (key_frames, KeyFrames(), "run", "run/", ("keyframes.txt", "2.pcd")),
 ]
+"""What writes a log, its reader, its sequence, and a folder with the files that are damaged."""
 FILES = [
     (make, reader, sequence, folder + file)
     for make, reader, sequence, folder, files in LOGS
@@ -144,6 +164,7 @@ def test_a_log_with_a_damaged_file_keeps_its_promises_or_is_one_line(
 
 
 def pcd(data: str, body: bytes) -> bytes:
+    """A PCD of two points; `data` is the form of its `body`."""
     head = (
         "VERSION 0.7\nFIELDS x y z ring\nSIZE 4 4 8 2\nTYPE F F F U\nCOUNT 1 1 1 1\nWIDTH "
         "2\nHEIGHT 1\nPOINTS 2\n"
@@ -152,20 +173,22 @@ def pcd(data: str, body: bytes) -> bytes:
 
 
 def npy(array: np.ndarray) -> bytes:
+    """The bytes of a .npy."""
     file = io.BytesIO()
     np.save(file, array)
     return file.getvalue()
 
 
 RECORDS = struct.pack("<ffdHffdH", 1, 2, 3, 4, 5, 6, 7, 8)
-BLOCK = (
-    bytes([31]) + RECORDS[:32] + bytes([0]) + RECORDS[32:33] + bytes([1 << 5, 7])
-)  # 32 literals, 1, and a copy of 3
+BLOCK = bytes([31]) + RECORDS[:32] + bytes([0]) + RECORDS[32:33] + bytes([1 << 5, 7])
+"""RECORDS as LZF: 32 literals, one literal, and a copy of 3 bytes."""
 PACKETS = [np.full(4, 44_444), [2, 0], np.arange(6), np.arange(8), np.full(4, 44_444), np.zeros(8)]
 HITS = np.concatenate(PACKETS).astype("<u2").tobytes()
+"""A velodyne_hits.bin of a packet with two hits and one without."""
 
 
 def own_scan(path: Path) -> np.ndarray:
+    """Points of a scan file of a user's robot."""
     return read_scan(path, np.eye(4))
 
 
@@ -230,6 +253,7 @@ def test_a_range_image_is_points(tmp_path: Path) -> None:
 
 
 def npy_header(shape: str, kind: str = "<f4", body: bytes = bytes(24), version: int = 1) -> bytes:
+    """A .npy whose header claims this shape and type, and its body."""
     head = f"{{'descr': '{kind}', 'fortran_order': False, 'shape': {shape}, }}\n".encode()
     return (
         b"\x93NUMPY"
@@ -241,6 +265,7 @@ def npy_header(shape: str, kind: str = "<f4", body: bytes = bytes(24), version: 
 
 
 def tum(*rows: str) -> str:
+    """A TUM file; a row begins with the decimals of its stamp."""
     return "".join(f"1326030975.{row}\n" for row in rows)
 
 

@@ -1,4 +1,4 @@
-"""Key frames: clouds by number, four poses a row."""
+"""Tests the reader of key frames: clouds named by number, and four poses in a row."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""The KITTI reader on files made by hand, and on sixteen real scans."""
+"""Tests the KITTI reader on files made by hand, and on sixteen real scans."""
 
 from pathlib import Path
 

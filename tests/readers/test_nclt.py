@@ -1,4 +1,4 @@
-"""The NCLT reader on files made by hand, and on a real scan."""
+"""Tests the NCLT reader on files made by hand, and on a real scan."""
 
 from pathlib import Path
 

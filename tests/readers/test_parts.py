@@ -1,4 +1,4 @@
-"""Parts of a log: by path, by time, cut, or by visits; none shows what another has just shown."""
+"""Tests the parts of a log: by path, by time, cut in two, or by visits."""
 
 from collections import Counter
 from pathlib import Path
@@ -12,14 +12,13 @@ from pipeline.readers.parts import Part, names, open_part
 from tests.readers.damage import one_line
 
 LAP = 100
-XYZ_M = np.column_stack(
-    [20 * np.cos(t := np.arange(250) * 2 * np.pi / LAP), 20 * np.sin(t), np.zeros(250)]
-)
-"""Two and a half laps of a circle of 20 m, 100 scans a lap, one a second."""
+ANGLES = np.arange(250) * 2 * np.pi / LAP
+XYZ_M = np.column_stack([20 * np.cos(ANGLES), 20 * np.sin(ANGLES), np.zeros(250)])
+"""Two and a half laps of a circle with a radius of 20 m, 100 scans a lap, one a second."""
 
 
 class Laps:
-    """A reader of one log."""
+    """A reader of one log, whose points hold the number of their scan."""
 
     def open(self, root: Path, sequence: str) -> Log:
         poses = np.tile(np.eye(4), (250, 1, 1))
@@ -39,10 +38,12 @@ class Laps:
 
 
 def part(name: str) -> Log:
+    """A part of the log."""
     return open_part(Laps(), Path("root"), f"laps+{name}")
 
 
 def seconds(name: str) -> list[int]:
+    """The stamps of a part in seconds, which are the rows of its scans in the log."""
     return (part(name).stamps_ns // 10**9).tolist()
 
 
@@ -56,8 +57,8 @@ def seconds(name: str) -> list[int]:
         ),
         ("cut:100s", [range(100), range(129, 250)]),
         ("cut:100m:0", [range(80), range(80, 250)]),  # 1.2564 m a second
-        # Within 5 m of the start from 96 s on; what is left out is less than 10 s after a place
-        # never seen.
+        # From 97 s on, the scans lie within 5 m of the start. Those until 105 s are left out, since
+        # they are less than 10 s after a first visit.
         ("visits:10", [range(97), range(106, 250)]),
     ],
 )

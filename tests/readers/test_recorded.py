@@ -1,4 +1,4 @@
-"""Logs that exist already: checked and listed."""
+"""Tests how the logs of a recorded data set are checked and listed."""
 
 from pathlib import Path
 

@@ -1,4 +1,7 @@
-"""The RobotCar reader on files made by hand, against METHODS 7.2's numbers and the SDK's bugs."""
+"""Tests the RobotCar reader on files made by hand.
+
+Expected numbers come from METHODS 7.2; some tests are on errors that the data set's SDK makes.
+"""
 
 from pathlib import Path
 from typing import Any
@@ -35,6 +38,7 @@ ONE = sweep((1, 0, 7))
 
 
 def opened(root: Path, **files: Any) -> Log:
+    """Open a drive that is written with these files."""
     return RobotCar().open(drive(root, **files), DATE)
 
 
@@ -44,7 +48,7 @@ def ms(log: Log) -> list[float]:
 
 
 def x(poses: np.ndarray) -> list[float | None]:
-    """How far forward each pose is; None where unknown."""
+    """The x of each pose; None where it is unknown."""
     return [None if np.isnan(pose).all() else round(float(pose[0, 3]), 9) for pose in poses]
 
 
@@ -312,6 +316,7 @@ def test_columns_are_found_by_name(tmp_path: Path) -> None:
 
 
 def twice(row: str) -> str:
+    """A vo.csv with a good row before `row`."""
     return vo_text(vo_row(100, 0, 1.0), row)
 
 

@@ -1,4 +1,4 @@
-"""The settings of the readers: those that are refused, and those of the project's own yamls."""
+"""Tests the settings of the readers: those that are refused, and those of the project's yamls."""
 
 from dataclasses import asdict
 from pathlib import Path

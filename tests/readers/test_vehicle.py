@@ -1,4 +1,4 @@
-"""What poses tell of themselves: that they are no vehicle's, and where odometry was set back."""
+"""Tests the checks of a vehicle's poses, and the gaps that odometry gets where it was set back."""
 
 from pathlib import Path
 
@@ -19,13 +19,13 @@ TENTH_NS = 100_000_000
 def drive(
     xyz_m: np.ndarray, rpy_deg: tuple[float, float, float] = (0, 0, 0), step_ns: int = TENTH_NS
 ) -> Trajectory:
-    """Positions (n, 3) of a body of one attitude, ten a second."""
+    """A trajectory through positions (n, 3), ten a second, with the same attitude throughout."""
     poses = pose(np.asarray(xyz_m, np.float64), np.radians(np.tile(rpy_deg, (len(xyz_m), 1))))
     return Trajectory(step_ns * np.arange(len(xyz_m), dtype=np.int64), poses, 0.5)
 
 
 def straight(count: int = 100, along: tuple[float, float, float] = (1, 0, 0)) -> np.ndarray:
-    """A metre a tenth of a second."""
+    """Positions (count, 3) along a line, a metre per tenth of a second."""
     return np.arange(count)[:, None] * np.array(along, np.float64)
 
 
