@@ -1,5 +1,5 @@
-"""Fetching from a local server that drops connections, changes its files and errs, and archives
-made to do harm."""
+"""Tests fetching from a local server that drops connections, changes its files and errs, and the
+unpacking of archives that are damaged or made to do harm."""
 
 import gzip
 import hashlib
@@ -32,7 +32,9 @@ ROOT = Path(__file__).parents[2]
 DATE = "2012-01-08"
 START = 1_326_030_975_000_000
 BIG = np.random.default_rng(0).bytes(40 * CHUNK + 123)
+"""A file of 40 chunks and a bit."""
 REST = len(BIG) - 10 * CHUNK
+"""Its bytes after the first ten chunks."""
 
 
 @dataclass
@@ -41,17 +43,21 @@ class Served:
 
     files: dict[str, bytes] = field(default_factory=dict)
     answers: list[Callable[["Handler", bytes], bool]] = field(default_factory=list)
-    """Each answers one GET; those that return False leave it to the usual way."""
+    """Functions that answer one GET each; if one returns False, the handler answers as usual."""
     seen: list[tuple[str, str, str | None]] = field(default_factory=list)
+    """Method, path and Range of each request."""
     tag: str | None = None
-    """Instead of the file's own ETag; "" is none."""
+    """The ETag of all files; "" for none, None for one by the content of the file."""
     address: str = ""
 
     def gets(self) -> list[tuple[str, str | None]]:
+        """Path and Range of each GET."""
         return [(path, given) for method, path, given in self.seen if method == "GET"]
 
 
 class Handler(BaseHTTPRequestHandler):
+    """Answers requests from the files of `served`, with ranges, unless its `answers` do."""
+
     served: Served
     protocol_version = "HTTP/1.1"
 
@@ -72,23 +78,25 @@ class Handler(BaseHTTPRequestHandler):
             self.reply(None)
 
     def reply(self, limit: int | None) -> None:
-        """Send the file, or the rest that is asked for, or only so many bytes of it."""
+        """Send the file, or the range that is asked for; at most `limit` bytes of it."""
         data = self.served.files.get(self.path.lstrip("/"))
         if data is None:
             return self.head(404, 0)
-        tag = (
-            f'"{hashlib.sha256(data).hexdigest()}"' if self.served.tag is None else self.served.tag
-        )
-        start = (
-            int((self.headers.get("Range") or "bytes=0-")[6:-1])
-            if self.headers.get("If-Range") == tag
-            else 0
-        )
-        ranged = {"Content-Range": f"bytes {start}-{len(data) - 1}/{len(data)}"} if start else {}
-        self.head(206 if start else 200, len(data) - start, ETag=tag, **ranged)
+        tag = self.served.tag
+        if tag is None:
+            tag = f'"{hashlib.sha256(data).hexdigest()}"'
+        start = 0
+        if self.headers.get("If-Range") == tag:
+            start = int((self.headers.get("Range") or "bytes=0-")[6:-1])
+        if start:
+            content_range = f"bytes {start}-{len(data) - 1}/{len(data)}"
+            self.head(206, len(data) - start, ETag=tag, Content_Range=content_range)
+        else:
+            self.head(200, len(data), ETag=tag)
         self.wfile.write(data[start:][:limit])
 
     def head(self, status: int, length: int | None, **headers: str) -> None:
+        """Send the head of an answer; `_` in the name of a header stands for `-`."""
         self.send_response(status)
         for name, value in headers.items():
             if value:
@@ -109,7 +117,7 @@ class Server(ThreadingHTTPServer):
 
 
 def drops(after: int) -> Answer:
-    """Send so much of what is asked for, and hang up."""
+    """An answer that sends `after` bytes of what is asked for, and hangs up."""
 
     def answer_once(handler: Handler, data: bytes) -> bool:
         handler.reply(after)
@@ -119,6 +127,8 @@ def drops(after: int) -> Answer:
 
 
 def says(status: int, length: int | None = 0, body: bytes = b"", **headers: str) -> Answer:
+    """An answer with this status and body; `length` is what its header claims."""
+
     def answer_once(handler: Handler, data: bytes) -> bool:
         handler.head(status, length, **headers)
         handler.wfile.write(body)
@@ -128,16 +138,19 @@ def says(status: int, length: int | None = 0, body: bytes = b"", **headers: str)
 
 
 def hangs(handler: Handler, data: bytes) -> bool:
+    """An answer that comes too late."""
     threading.Event().wait(1.0)
     return True
 
 
 def usual(handler: Handler, data: bytes) -> bool:
+    """An answer that the handler gives as usual."""
     return False
 
 
 @pytest.fixture
 def served() -> Iterator[Served]:
+    """A running server without files."""
     held = Served()
     server = Server(("127.0.0.1", 0), type("Bound", (Handler,), {"served": held}))
     thread = threading.Thread(target=server.serve_forever, args=(0.01,), daemon=True)
@@ -151,17 +164,19 @@ def served() -> Iterator[Served]:
 
 @pytest.fixture
 def big(served: Served) -> Served:
+    """A server with the file BIG."""
     served.files["big"] = BIG
     return served
 
 
 def download(served: Served, path: Path, tries: int = 5, name: str = "big") -> bytes:
+    """The bytes of a file that is downloaded to `path`."""
     Downloader(tries, timeout_s=0.3, wait_s=0.001).fetch(served.address + name, path, Progress())
     return path.read_bytes()
 
 
 def arrived(served: Served) -> list[int]:
-    """Where each GET began."""
+    """The first byte that each GET asked for."""
     return [int((given or "bytes=0-")[6:-1]) for _, given in served.gets()]
 
 
@@ -374,7 +389,7 @@ def test_progress_is_shown_chunk_by_chunk(big: Served, tmp_path: Path) -> None:
 
 
 def tarred(path: Path, *members: tuple[str, bytes | str], **odd: Any) -> Path:
-    """A .tar.gz of files (name, bytes) and, where the second is a word, of that type of member."""
+    """Write a .tar.gz of members: files (name, bytes), or others (name, "TYPE target")."""
     with tarfile.open(path, "w:gz") as tar:
         for name, data in members:
             info = tarfile.TarInfo(name)
@@ -447,6 +462,7 @@ def test_an_archive_larger_than_the_disk_is_refused_before_it_is_written(
 
 
 def header(name: str, claims: int, kind: bytes) -> bytes:
+    """The header of a tar's member that claims to have so many bytes."""
     info = tarfile.TarInfo(name)
     info.size = claims
     info.type = kind
@@ -500,24 +516,29 @@ def test_what_stands_in_the_way_is_named_and_left(tmp_path: Path) -> None:
 
 
 def conf() -> dict[str, Any]:
+    """The project's own settings for NCLT."""
     said: dict[str, Any] = yaml.safe_load((ROOT / "conf/fetch/nclt.yaml").read_text())
     return said
 
 
 def publisher(served: Served, **change: Any) -> Publisher:
+    """The publisher of NCLT on the local server, with some settings changed."""
     return Publisher.of(
         {**conf(), "base": served.address, "tries": 4, "timeout_s": 1.0, "wait_s": 0.001, **change}
     )
 
 
 def fetch(served: Served, root: Path, *sequences: str, **change: Any) -> list[str]:
+    """Fetch sequences from the local server; returns the lines on the progress."""
     return list(publisher(served, **change).fetch(root, sequences, Progress()))
 
 
 @pytest.fixture
 def nclt(served: Served, tmp_path: Path) -> Served:
-    """One date as its publisher has it: ten metres driven north in a second, one scan, wheels at 12
-    m/s."""
+    """A server with one date as NCLT's publisher has it.
+
+    The vehicle drives ten metres north in a second, its wheels say 12 m/s, and there is one scan.
+    """
     rows = [
         (
             f"{START + 100_000 * i}, {i}, 0, 0, 0, 0, 0\n",

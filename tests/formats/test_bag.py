@@ -1,5 +1,7 @@
-"""Bags as written: the same bytes each time, readable by rosbags alone; and ROS messages taken
-apart from bytes made by hand."""
+"""Tests the writer of bags and the decoding of ROS messages.
+
+Bags have the same bytes each time and can be read by rosbags alone; messages are made by hand.
+"""
 
 import struct
 import time
@@ -18,11 +20,10 @@ from tests.readers.bags import KINDS, START_NS, at, bag_path, drive
 from tests.readers.by_hand import Cdr, ros1_header
 
 
-def digest(path: Path) -> dict[str, bytes]:
-    return {
-        file.name: file.read_bytes()
-        for file in ([path] if path.is_file() else sorted(path.iterdir()))
-    }
+def contents(path: Path) -> dict[str, bytes]:
+    """The bytes of each file of a bag, by its name."""
+    files = [path] if path.is_file() else sorted(path.iterdir())
+    return {file.name: file.read_bytes() for file in files}
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -30,9 +31,9 @@ def test_a_bags_bytes_do_not_depend_on_the_clock_and_it_is_never_written_over(
     tmp_path: Path, kind: str
 ) -> None:
     path = drive(bag_path(tmp_path / "a", kind), kind)
-    first = digest(path)
+    first = contents(path)
     time.sleep(1.1)
-    assert digest(drive(bag_path(tmp_path / "b", kind), kind)) == first
+    assert contents(drive(bag_path(tmp_path / "b", kind), kind)) == first
     with pytest.raises(LogError, match="exists already"):
         BagWriter(path, kind)
 

@@ -1,4 +1,4 @@
-"""What a .bin of points says of its own layout."""
+"""Tests how the layout of a .bin of points is found from its bytes."""
 
 from pathlib import Path
 
@@ -21,26 +21,30 @@ EXTRA = {
         ("ambient", "<u2"),
     ],
 }
+"""The fields of a record after x, y and z, by its width."""
 REAL = Path(__file__).parents[3] / "shared/real"
 
 
-def sweep(width: int, n: int = 2000) -> tuple[bytes, np.ndarray]:
-    """Rings of a room of 12 × 8 m, with the other columns as a sensor fills them."""
+def sweep(width: int, count: int = 2000) -> tuple[bytes, np.ndarray]:
+    """A .bin of so many points in rings on the walls of a room of 12 × 8 m, and the points.
+
+    The other fields of its records hold what a sensor writes there.
+    """
     rng = np.random.default_rng(0)
-    turn = np.linspace(0, 40 * np.pi, n)
+    turn = np.linspace(0, 40 * np.pi, count)
     range_m = 1 / np.maximum(np.abs(np.cos(turn)) / 6, np.abs(np.sin(turn)) / 4)
     xyz = np.column_stack(
         [range_m * np.cos(turn), range_m * np.sin(turn), 0.1 * np.floor(turn / 6.3)]
     ).astype("<f4")
-    rows = np.zeros(n, [("xyz", "<f4", 3), *EXTRA[width]])
+    rows = np.zeros(count, [("xyz", "<f4", 3), *EXTRA[width]])
     rows["xyz"] = xyz
     for name, kind in EXTRA[width]:
         column = {
-            "intensity": rng.uniform(0, 1, n),
+            "intensity": rng.uniform(0, 1, count),
             "ring": np.floor(turn / 6.3),
-            "time": np.linspace(0, 0.1, n),
+            "time": np.linspace(0, 0.1, count),
         }
-        rows[name] = column.get(name, np.arange(n) * (1000 if kind == "<u4" else 1))
+        rows[name] = column.get(name, np.arange(count) * (1000 if kind == "<u4" else 1))
     return rows.tobytes(), xyz
 
 
@@ -58,8 +62,8 @@ def test_few_points_have_the_commonest_layout_that_fits() -> None:
 
 @pytest.mark.parametrize("width", [12, 16, 20])
 def test_the_width_is_found_of_points_in_no_order_whatever_their_count(width: int) -> None:
-    """1,980 points are as many bytes as whole records of 12, 16 and 20 bytes; neighbours in the
-    file tell nothing."""
+    """1,980 points are a whole number of records of 12, of 16 and of 20 bytes. Since the points are
+    in no order, their neighbours in the file do not help."""
     data, _ = sweep(width, 1980)
     rows = np.frombuffer(data, np.uint8).reshape(-1, width)
     mixed = np.random.default_rng(1).permutation(rows).tobytes()
@@ -67,14 +71,14 @@ def test_the_width_is_found_of_points_in_no_order_whatever_their_count(width: in
 
 
 def test_where_nothing_tells_the_width_it_is_a_guess() -> None:
-    """A cube filled evenly: heights are spread as positions are, and 500 points of 16 bytes are 400
-    of 20."""
+    """In a cube filled evenly, heights are distributed as positions are; and 500 points of 16 bytes
+    may as well be 400 of 20 bytes."""
     cube = np.random.default_rng(0).uniform(-20, 20, (500, 4)).astype("<f4").tobytes()
     assert width_of(cube) == (16, False)
 
 
 def test_a_cloud_as_high_as_it_is_wide_is_not_taken_for_one_by_columns() -> None:
-    """A shaft of 12 m each way, scanned from below to above, whose intensity is no length."""
+    """The cloud is a shaft of 12 m in each direction, scanned from below to above."""
     rng = np.random.default_rng(0)
     shaft = np.column_stack(
         [rng.uniform(-6, 6, (4000, 2)), np.linspace(-6, 6, 4000), rng.uniform(0, 1, 4000)]
@@ -117,11 +121,9 @@ def test_what_holds_no_floats_is_refused(data: bytes, why: str) -> None:
 
 @pytest.mark.skipif(not REAL.is_dir(), reason="no real data beside the project")
 def test_real_scans_tell_their_layout() -> None:
-    scans = {
+    paths_by_width = {
         8: REAL.glob("nclt/*/velodyne_sync/*.bin"),
         16: REAL.glob("kitti/sequences/00/velodyne/*.bin"),
     }
-    found = {
-        width: [point_bytes(path.read_bytes()) for path in paths] for width, paths in scans.items()
-    }
-    assert all(len(every) and set(every) == {width} for width, every in found.items())
+    for width, paths in paths_by_width.items():
+        assert {point_bytes(path.read_bytes()) for path in paths} == {width}

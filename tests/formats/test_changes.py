@@ -1,3 +1,5 @@
+"""Tests the csv of changes in a place since training."""
+
 from pathlib import Path
 
 import pytest

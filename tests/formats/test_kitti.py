@@ -1,4 +1,4 @@
-"""KITTI's rows of twelve numbers."""
+"""Tests how KITTI's scans, poses, times and calibration are encoded and decoded."""
 
 from pathlib import Path
 

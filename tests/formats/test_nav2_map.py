@@ -1,4 +1,4 @@
-"""Nav2's maps: what its map server makes of each pixel, and round trips."""
+"""Tests Nav2's maps: the cell that its map server makes of each pixel, and round trips."""
 
 from pathlib import Path
 
@@ -19,7 +19,7 @@ mode: {mode}
 
 
 def saved(folder: Path, pixels: list[list[int]], mode: str = "trinary", negate: int = 0) -> Path:
-    """A map of these pixels, its image as text (P2) with a comment."""
+    """Write a map of these pixels, and return its yaml; the image is text (P2) with a comment."""
     rows = "\n".join(" ".join(map(str, row)) for row in pixels)
     size = f"{len(pixels[0])} {len(pixels)}"
     (folder / "hall.pgm").write_text(f"P2\n# CREATOR: map_saver\n{size}\n255\n{rows}\n")

@@ -1,4 +1,4 @@
-"""NCLT's bytes: what is written is what is read."""
+"""Tests how NCLT's scans and poses are encoded, and that the reader reads what is written."""
 
 import struct
 from pathlib import Path

@@ -1,4 +1,5 @@
-"""PCD files made by hand from the format's description, and round trips through a small writer."""
+"""Tests PCD files, made by hand from the format's description, and round trips through a small
+writer of all three forms."""
 
 import struct
 from pathlib import Path
@@ -37,6 +38,7 @@ def read(data: bytes | str) -> NDArray[np.float64]:
 
 
 def compressed(columns: bytes, block: bytes, head: str | None = None) -> bytes:
+    """A compressed PCD: header, sizes of the LZF `block` and of the `columns` in it, the block."""
     return (
         (head or header("binary_compressed")).encode()
         + struct.pack("<II", len(block), len(columns))
@@ -45,47 +47,52 @@ def compressed(columns: bytes, block: bytes, head: str | None = None) -> bytes:
 
 
 def literals(data: bytes) -> bytes:
-    """LZF that copies nothing: runs of up to 32 bytes, each behind its length less one."""
-    return b"".join(
-        bytes([len(data[at : at + 32]) - 1]) + data[at : at + 32] for at in range(0, len(data), 32)
-    )
+    """LZF that copies nothing: runs of up to 32 bytes, each after a byte with its length − 1."""
+    packed = b""
+    for start in range(0, len(data), 32):
+        run = data[start : start + 32]
+        packed += bytes([len(run) - 1]) + run
+    return packed
 
 
 def squeezed(data: bytes) -> bytes:
     """LZF that copies wherever three bytes or more were seen within the last 8,192."""
-    out = b""
-    run = b""
+    packed = b""
+    run = b""  # bytes that were not seen before
     at = 0
     while at < len(data):
-        back = next(
-            (
-                at - start
-                for start in range(max(0, at - 8192), at)
-                if data[start : start + 3] == data[at : at + 3]
-            ),
-            0,
-        )
-        if back and at + 3 <= len(data):
-            count = 3
-            while (
-                count < 264
-                and at + count < len(data)
-                and data[at + count] == data[at + count - back]
-            ):
-                count += 1
-            high, low = divmod(back - 1, 256)
-            size = [count - 2 << 5 | high] if count < 9 else [7 << 5 | high, count - 9]
-            out = out + literals(run) + bytes([*size, low])
-            run = b""
-            at = at + count
-        else:
-            run = run + data[at : at + 1]
-            at = at + 1
-    return out + literals(run)
+        distance = seen_before(data, at)
+        if not distance:
+            run += data[at : at + 1]
+            at += 1
+            continue
+        length = 3
+        while (
+            length < 264
+            and at + length < len(data)
+            and data[at + length] == data[at + length - distance]
+        ):
+            length += 1
+        high, low = divmod(distance - 1, 256)
+        size = [length - 2 << 5 | high] if length < 9 else [7 << 5 | high, length - 9]
+        packed += literals(run) + bytes([*size, low])
+        run = b""
+        at += length
+    return packed + literals(run)
+
+
+def seen_before(data: bytes, at: int) -> int:
+    """How far back the next three bytes stand as well, at most 8,192; 0 if they do not."""
+    if at + 3 > len(data):
+        return 0
+    for start in range(max(0, at - 8192), at):
+        if data[start : start + 3] == data[at : at + 3]:
+            return at - start
+    return 0
 
 
 def written(points: NDArray[np.float32], data: str) -> bytes:
-    """A file of x, y, z and an intensity of 7."""
+    """A PCD of points x, y, z with an intensity of 7; `data` is its form."""
     table = np.column_stack([points, np.full(len(points), 7, np.float32)]).astype("<f4")
     head = header(data, "x y z intensity", "4 4 4 4", "F F F F", "1 1 1 1", len(points))
     if data == "ascii":

@@ -1,4 +1,4 @@
-"""When each point was measured, by the fields of several drivers."""
+"""Tests the times of points, by the fields that several drivers write them to."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -12,7 +12,7 @@ STAMP_NS = 1_700_000_000_000_000_000
 
 
 def message(name: str, kind: str, times: list[float]) -> Any:
-    """Three points; the second has no place, so it is no point."""
+    """A cloud of three points with a field of times; the second point is not finite."""
     fields = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), (name, kind)])
     points = np.zeros(3, fields)
     points["x"] = [1.0, np.nan, 3.0]
@@ -52,6 +52,6 @@ def test_times_are_seconds_after_the_stamp(
 
 
 def test_numbers_that_no_turn_of_a_lidar_spans_are_no_times() -> None:
-    """Float32 seconds since 1970 come in steps of 128 s: all alike."""
+    """Seconds since 1970 in float32 have steps of 128 s, so all are equal."""
     assert times_s(message("timestamp", "<f4", [1.7e9, 1.7e9, 1.7e9]), STAMP_NS) is None
     assert times_s(message("ring", "<f4", [0.0, 0.05, 0.1]), STAMP_NS) is None

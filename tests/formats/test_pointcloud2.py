@@ -1,4 +1,4 @@
-"""PointCloud2 messages laid out by hand, by hypothesis, and one that a real sensor sent."""
+"""Tests PointCloud2 messages: made by hand, drawn at random, damaged, and one of a real sensor."""
 
 import struct
 from dataclasses import dataclass, replace
@@ -22,7 +22,7 @@ INF = float("inf")
 
 @dataclass(frozen=True)
 class Message:
-    """x, y, z as float32 at 0, 4, 8 of 12 bytes, unless said otherwise."""
+    """A PointCloud2; by default its points are of 12 bytes, in one row."""
 
     data: NDArray[np.uint8]
     width: int
@@ -157,8 +157,8 @@ def test_sizes_that_do_not_fit_are_one_line(made: Message, says: str) -> None:
 
 @st.composite
 def layouts(draw: st.DrawFn) -> tuple[Message, NDArray[np.float64]]:
-    """Any order of x, y, z and others, with gaps, of any type, count and byte order, in padded
-    rows; and the points in it."""
+    """A message with its fields in any order, with gaps, of any type, count and byte order, and
+    with padded rows; and the points in it."""
     big = draw(st.booleans())
     offset = 0
     fields = []

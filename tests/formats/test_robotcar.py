@@ -1,4 +1,4 @@
-"""RobotCar's bytes and tables: what is written is what is read."""
+"""Tests how RobotCar's sweeps and tables are encoded, and that the reader reads what is written."""
 
 import struct
 from pathlib import Path
@@ -15,6 +15,7 @@ START = 1_405_349_390_000_000
 
 
 def xyzrpy(poses: np.ndarray) -> np.ndarray:
+    """x, y, z, roll, pitch, yaw (n, 6) of poses."""
     return np.column_stack([poses[:, :3, 3], rpy(poses)])
 
 

@@ -1,3 +1,5 @@
+"""Tests what `yearloc inspect` says of artifacts, of their provenance, and of broken ones."""
+
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +15,7 @@ from tests.inspection.scanner import assert_says, scan
 from tests.readers.damage import one_line
 
 START_NS = 1_326_652_795 * 10**9  # 2012-01-15 18:39:55 UTC
+ROWS = 10
 LENGTHS = {
     "xyz": 3,
     "row": 4,
@@ -24,47 +27,48 @@ LENGTHS = {
     "top_n": 25,
     "kind": 2,
     "case": 1,
-}
-LENGTHS |= {
     "protocol": 2,
     "number": len(NUMBERS),
     "measure": len(MEASURES),
     "bound3": 3,
     "confidence2": 2,
 }
+"""Lengths of dimensions; other dimensions have ROWS."""
 ATTRS = {
     "protocols": PROTOCOLS,
     "numbers": NUMBERS,
     "measures": MEASURES,
     "kinds": ("entropy", "energy"),
-}
-ATTRS |= {"bootstrap": {"block_m": 50.0}}
-ATTRS |= {
+    "bootstrap": {"block_m": 50.0},
     "layout": "odom_T_scan",
     "left_out": {"no true pose": 7},
     "grain_m": 0.005,
     "skipped": {},
     "clipped": 0,
+    "blind": dict.fromkeys(PROTOCOLS, 0.1),
+    "unsuited": {},
+    "beliefs": {},
+    "thresholds": (0.5, 2.0),
+    "reject_from": (0.5, 2.0),
+    "kept_precision": (0.731, None),
+    "right_within": (2.0, 5.0),
 }
-ATTRS |= {"blind": dict.fromkeys(PROTOCOLS, 0.1), "unsuited": {}, "beliefs": {}}
-ATTRS |= dict.fromkeys(("thresholds", "reject_from"), (0.5, 2.0))
-ATTRS |= {"kept_precision": (0.731, None), "right_within": (2.0, 5.0)}
-ROWS = 10
+"""Values of attributes; other attributes are 1."""
 
 
-def write(path: Path, kind: str, **given: np.ndarray) -> Path:
-    """An artifact of any kind: rows of plausible numbers, unless given."""
+def write(path: Path, kind: str, **arrays: np.ndarray) -> Path:
+    """Write an artifact of any kind with these arrays; the others hold plausible numbers."""
     schema = KINDS[kind]
-    with store.draft(
-        path, schema, **{name: ATTRS.get(name, 1.0) for name in schema.attributes}
-    ) as draft:
+    attributes = {name: ATTRS.get(name, 1.0) for name in schema.attributes}
+    with store.draft(path, schema, **attributes) as draft:
         for name, column in schema.columns.items():
             shape = [LENGTHS.get(dim, ROWS + dim.endswith("+1")) for dim in column.dims]
-            draft.put(name, given.get(name, plain(name, shape, column.dtype)))
+            draft.put(name, arrays.get(name, plain(name, shape, column.dtype)))
     return path
 
 
 def plain(name: str, shape: list[int], dtype: str) -> np.ndarray:
+    """Plausible numbers for the array `name`: a stamp a second, a pose every 2 m, or ones."""
     if name == "stamps_ns":
         return START_NS + np.arange(shape[0]) * 10**9
     if "_T_" in name:
@@ -74,10 +78,10 @@ def plain(name: str, shape: list[int], dtype: str) -> np.ndarray:
     return np.ones(shape, dtype) if dtype != "bool" else np.indices(shape).sum(axis=0) % 2 == 0
 
 
-def scans(path: Path, cloud: np.ndarray, **given: np.ndarray) -> Path:
-    """The same cloud in every scan."""
+def scans(path: Path, cloud: np.ndarray, **arrays: np.ndarray) -> Path:
+    """Write an artifact of scans that all hold the same cloud."""
     points = np.tile(np.rint(cloud / 0.005).astype(np.int16), (ROWS, 1))
-    return write(path, "scans", points=points, offsets=len(cloud) * np.arange(ROWS + 1), **given)
+    return write(path, "scans", points=points, offsets=len(cloud) * np.arange(ROWS + 1), **arrays)
 
 
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "scans"])

@@ -1,4 +1,4 @@
-"""What inspect says of bags, and that the yaml it proposes opens them."""
+"""Tests what `yearloc inspect` says of bags, and that the yaml it proposes opens them."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -26,19 +26,23 @@ CONF = Path(__file__).parents[2] / "conf" / "dataset" / "bag.yaml"
 
 
 def inspect(path: Path) -> Inspection:
-    """Without the project's own dvc.lock, which takes a second to read."""
+    """Inspect without the project's own dvc.lock, which takes a second to read."""
     return look(path, lock=path.parent / "dvc.lock")
 
 
 def proposed(*paths: Path) -> dict:
-    found = yaml.safe_load(proposal(list(paths)))
-    ours = yaml.safe_load(CONF.read_text())
-    assert found.keys() == ours.keys()
-    assert found["reader"].keys() == ours["reader"].keys()
-    assert found["study"] == ours["study"] | {"submap": found["study"]["submap"]}
-    return {key: value for key, value in found["reader"].items() if key != "_target_"} | {
-        "submap": found["study"]["submap"]
-    }
+    """The reader's settings in the yaml that is proposed, and the key `submap` of its study.
+
+    Checks that the yaml has the keys of the project's own.
+    """
+    conf = yaml.safe_load(proposal(list(paths)))
+    own_conf = yaml.safe_load(CONF.read_text())
+    submap = conf["study"]["submap"]
+    assert conf.keys() == own_conf.keys()
+    assert conf["reader"].keys() == own_conf["reader"].keys()
+    assert conf["study"] == own_conf["study"] | {"submap": submap}
+    settings = {key: value for key, value in conf["reader"].items() if key != "_target_"}
+    return settings | {"submap": submap}
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -67,8 +71,7 @@ def test_a_bag_is_listed_and_what_is_proposed_opens_it(tmp_path: Path, kind: str
 
 
 def test_clouds_that_lie_in_the_world_already_are_refused_as_proposed(tmp_path: Path) -> None:
-    """As a SLAM publishes them: the reader would move every point twice, wherever body_T_lidar puts
-    it."""
+    """SLAM programs publish such clouds; the reader would move every point twice."""
     with BagWriter(tmp_path / "drive", "mcap") as bag:
         for i in range(20):
             bag.odometry(START_NS + i * STEP_NS, "camera_init", "body", at(i))

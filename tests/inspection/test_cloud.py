@@ -1,3 +1,5 @@
+"""Tests the diagnosis of clouds: beams, ground and sensor, and a warning for each fault."""
+
 from pathlib import Path
 
 import numpy as np

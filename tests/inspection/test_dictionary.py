@@ -1,4 +1,4 @@
-"""The data dictionary is what other programs and docs/artifacts.md show of an artifact."""
+"""Tests that the data dictionary is what xarray and docs/artifacts.md show of an artifact."""
 
 from pathlib import Path
 

@@ -1,3 +1,5 @@
+"""Tests what `yearloc inspect` says of raw files and folders: NCLT, KITTI, CARMEN, a user's own."""
+
 import struct
 from collections.abc import Callable
 from pathlib import Path
@@ -17,6 +19,7 @@ START_US = 1_326_652_795_000_000
 
 
 def nclt_bytes(points: np.ndarray, beams: int = 32) -> bytes:
+    """A velodyne_sync file of points (n, 3), whose lasers take turns."""
     laser = np.arange(len(points)) % beams
     return nclt.encode(
         points.astype(np.float32), np.full(len(points), 80, np.uint8), laser.astype(np.uint8)
@@ -24,7 +27,7 @@ def nclt_bytes(points: np.ndarray, beams: int = 32) -> bytes:
 
 
 def nclt_sequence(root: Path, scans: int = 6) -> Path:
-    """Scans five a second, ground truth ten a second along x at 10 m/s."""
+    """Write a sequence of NCLT: five scans a second, and ten true poses a second along x at 10 m/s."""
     folder = root / "2012-01-15"
     (folder / "velodyne_sync").mkdir(parents=True)
     for i in range(scans):
@@ -226,8 +229,11 @@ def test_a_carmen_log_and_key_frames_are_described_as_their_readers_open_them(
 def own_sequence(
     root: Path, world_T_body: Callable[[int], tuple[float, float]], lies_m: Callable[[int], float]
 ) -> Path:
-    """Twenty scans of a room at positions x, y, as TUM poses say; a scan's points lie `lies_m`
-    ahead of the robot."""
+    """Write a user's sequence of twenty scans of a yard.
+
+    `world_T_body` returns x and y of the TUM pose of a scan, `lies_m` how far its points are moved
+    along x.
+    """
     points_m = scan(64, ground_m=0.0)
     rows = []
     (root / "drive/scans").mkdir(parents=True)

@@ -1,4 +1,4 @@
-"""Logs are opened with all their scans, whether they have poses or not."""
+"""Tests that logs are opened for the estimation of poses with all scans, and without true poses."""
 
 from pathlib import Path
 

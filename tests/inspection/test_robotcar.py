@@ -1,4 +1,4 @@
-"""What `yearloc inspect` says of RobotCar's files and folders."""
+"""Tests what `yearloc inspect` says of RobotCar's files and folders."""
 
 from pathlib import Path
 
