@@ -10,7 +10,7 @@ from omegaconf import DictConfig
 from pipeline.core import schemas, store
 from pipeline.core.settings import NotNegative, Positive
 from pipeline.mapping.scans import Intake
-from pipeline.readers.estimated import posed
+from pipeline.readers.estimated import with_estimated_poses
 from pipeline.readers.parts import open_part
 from stages import ProgressBar, stage
 
@@ -41,7 +41,7 @@ class Settings:
 @stage("scans")
 def main(settings: Settings) -> str:
     log = open_part(settings.dataset.reader, settings.root, settings.sequence)
-    log = posed(log, settings.slam) if any(settings.slam.iterdir()) else log
+    log = with_estimated_poses(log, settings.slam) if any(settings.slam.iterdir()) else log
     intake = Intake(log, settings.grain_m, settings.every_m)
     attrs = {
         "grain_m": settings.grain_m,

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.core import store
-from pipeline.readers.estimated import poses_of
+from pipeline.readers.estimated import estimated_poses
 from pipeline.readers.log import Log
 from pipeline.readers.parts import open_part
 from pipeline.slam.drive import Slam, without_truth
@@ -49,7 +49,7 @@ def main(settings: Settings) -> str:
         estimate = settings.slam.estimate(log, ProgressBar())
     else:
         map_log = opened(settings.train)
-        map_poses = poses_of(settings.map, map_log)
+        map_poses = estimated_poses(settings.map, map_log)
         estimate = estimate_onto(settings.slam, log, map_log, map_poses, ProgressBar())
     store.write(settings.out, estimate)
     with store.replace(settings.picture) as scratch:

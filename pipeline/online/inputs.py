@@ -299,10 +299,11 @@ def _odometry(
             "tf:PARENT>CHILD"
         )
     odometry_track = track(files, name, ODOMETRY_GAP_S)
-    trajectory, _ = vehicle.parted(name, odometry_track.trajectory)
+    trajectory, _ = vehicle.split_at_jumps(name, odometry_track.trajectory)
     restarts_ns = odometry_track.trajectory.stamps_ns[vehicle.jumps(odometry_track.trajectory)]
     return np.asarray(
-        vehicle.along(trajectory, stamps_ns, restarts_ns) @ child_T_body(tree, odometry_track.child)
+        vehicle.odometry_at(trajectory, stamps_ns, restarts_ns)
+        @ child_T_body(tree, odometry_track.child)
     )
 
 

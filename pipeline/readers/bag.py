@@ -72,7 +72,9 @@ class Bag:
         skipped: Counter[str] = Counter()
         clouds = Clouds.read(files, self.points, skipped)
         truth = track(files, self.truth, self.max_gap_s) if self.truth else None
-        odometry = _parted(track(files, self.odometry, self.max_gap_s)) if self.odometry else None
+        odometry = (
+            _split_at_jumps(track(files, self.odometry, self.max_gap_s)) if self.odometry else None
+        )
         body_T_lidar = self._extrinsic(where, files, clouds.frames, truth or odometry)
         vehicle_T_lidar = log.raised(self.lift_m) @ body_T_lidar
 
@@ -225,9 +227,9 @@ def _bag_paths(where: Path) -> list[Path]:
     )
 
 
-def _parted(odometry: Track) -> Track:
+def _split_at_jumps(odometry: Track) -> Track:
     """The odometry with a gap at each jump, where it was set back and starts anew."""
-    trajectory, notes = vehicle.parted(odometry.name, odometry.trajectory)
+    trajectory, notes = vehicle.split_at_jumps(odometry.name, odometry.trajectory)
     return replace(odometry, trajectory=trajectory, notes=odometry.notes + notes)
 
 

@@ -17,7 +17,7 @@ from pipeline.readers.deskew import scan_at_stamp
 from pipeline.readers.log import Log
 
 
-def poses_of(path: Path, log: Log) -> Poses:
+def estimated_poses(path: Path, log: Log) -> Poses:
     """The estimated poses (n, 4, 4) of a log's scans, read from the artifact at `path`.
 
     A scan without an estimate has NaN. Raises LogError if the artifact belongs to another log.
@@ -25,7 +25,7 @@ def poses_of(path: Path, log: Log) -> Poses:
     return _estimates(path, log).world_T_scan
 
 
-def posed(log: Log, path: Path) -> Log:
+def with_estimated_poses(log: Log, path: Path) -> Log:
     """The log of those scans that have a pose in the artifact at `path`.
 
     The estimated poses become the true ones. The points are deskewed: they lie as at the stamp of
@@ -47,7 +47,7 @@ def posed(log: Log, path: Path) -> Log:
         times_s=lambda row: None,
     )
     return replace(
-        deskewed_log.of(rows),
+        deskewed_log.select(rows),
         world_T_scan=estimates.world_T_scan[rows],
         odom_T_scan=_odometry_of(rows, odom_T_scan),
         skipped=log.skipped + skipped,

@@ -54,7 +54,7 @@ class Kitti:
         times_path = root / kitti.TIMES.format(log=name)
         times_s = log.table(times_path, 1)[:, 0]
         stamps_ns = log.nanoseconds(times_path, times_s, "s", 10**9)
-        poses_path = log.located(root, POSES_PLACES, name) or root / kitti.POSES.format(log=name)
+        poses_path = log.first_file(root, POSES_PLACES, name) or root / kitti.POSES.format(log=name)
         poses = np.full((len(times_s), 4, 4), np.nan)
         if self.poses:
             poses = read_poses(poses_path, root / kitti.CALIB.format(log=name))
@@ -101,7 +101,7 @@ class Kitti:
     def _missing(self, root: Path, name: str) -> list[str]:
         """The files that a log lacks."""
         files = []
-        if self.poses and log.located(root, POSES_PLACES, name) is None:
+        if self.poses and log.first_file(root, POSES_PLACES, name) is None:
             files.append(kitti.POSES.format(log=name))
         places = (kitti.CALIB, kitti.TIMES) if self.poses else (kitti.TIMES,)
         needed_files = [place.format(log=name) for place in places]

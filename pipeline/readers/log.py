@@ -68,7 +68,7 @@ class Log:
         poses = (self.world_T_scan[row], self.odom_T_scan[row])
         return poses if self.odom_variance is None else (*poses, self.odom_variance[row])
 
-    def of(self, rows: NDArray[np.int64]) -> Self:
+    def select(self, rows: NDArray[np.int64]) -> Self:
         """A log with only the scans `rows` (m,) of this one.
 
         The caller has to mark, by NaN, where the odometry breaks because rows are left out.
@@ -162,8 +162,8 @@ def rows_with_poses(
         notes = vehicle.doubts("the true poses", truth)
     odom_T_scan = np.full((len(rows), 4, 4), np.nan)
     if odometry is not None:
-        odometry, break_notes = vehicle.parted("the odometry", odometry)
-        odom_T_scan = vehicle.along(odometry, stamps_ns[rows], vehicle.breaks_ns(odometry))
+        odometry, break_notes = vehicle.split_at_jumps("the odometry", odometry)
+        odom_T_scan = vehicle.odometry_at(odometry, stamps_ns[rows], vehicle.breaks_ns(odometry))
         notes += break_notes
     return PosedRows(rows, world_T_scan[rows], odom_T_scan, notes)
 
@@ -209,7 +209,7 @@ def _span(stamps_ns: Stamps) -> str:
     return f"{stamps_ns[0] / 1e9:.3f} … {stamps_ns[-1] / 1e9:.3f} s"
 
 
-def located(root: Path, places: tuple[str, ...], sequence: str) -> Path | None:
+def first_file(root: Path, places: tuple[str, ...], sequence: str) -> Path | None:
     """The first of `places`, patterns with {sequence}, that is a file below `root`, else None."""
     paths = (root / place.format(sequence=sequence) for place in places)
     return next((path for path in paths if path.is_file()), None)

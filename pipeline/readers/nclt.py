@@ -40,7 +40,7 @@ class Nclt:
 
     def open(self, root: Path, sequence: str) -> Log:
         folder = root / sequence / nclt.SCANS
-        truth_path = log.located(root, nclt.TRUTH_PLACES, sequence)
+        truth_path = log.first_file(root, nclt.TRUTH_PLACES, sequence)
         if truth_path is None and self.poses:
             expected_path = root / nclt.TRUTH_PLACES[0].format(sequence=sequence)
             raise LogError(
@@ -55,7 +55,7 @@ class Nclt:
         )[1]
         if not len(utimes):
             raise LogError(f"{folder}: holds no readable scan (UTIME.bin)")
-        odometry_path = log.located(root, nclt.ODOMETRY_PLACES, sequence)
+        odometry_path = log.first_file(root, nclt.ODOMETRY_PLACES, sequence)
         odometry = None if odometry_path is None else read_poses(odometry_path, self.max_gap_s)
         truth = read_poses(truth_path, self.max_gap_s) if self.poses and truth_path else None
         question = f"is {truth_path.name if truth_path else 'the truth'} of this date?"
@@ -64,7 +64,7 @@ class Nclt:
         notes = list(posed.notes)
         if odometry is None:
             notes.append("no odometry_mu_100hz.csv")
-        covariance_path = log.located(root, nclt.COVARIANCE_PLACES, sequence)
+        covariance_path = log.first_file(root, nclt.COVARIANCE_PLACES, sequence)
         odom_variance = None
         if odometry is not None and covariance_path is not None:
             try:
@@ -89,7 +89,7 @@ class Nclt:
         names = sorted(path.parent.name for path in root.glob(f"*/{nclt.SCANS}") if path.is_dir())
         missing: dict[str, list[str]] = {name: [] for name in names}
         for name in names if self.poses else ():
-            if log.located(root, nclt.TRUTH_PLACES, name) is None:
+            if log.first_file(root, nclt.TRUTH_PLACES, name) is None:
                 missing[name].append(f"groundtruth_{name}.csv")
         return missing
 

@@ -152,7 +152,7 @@ def open_part(reader: Reader, root: Path, sequence: str) -> Log:
     odom_T_scan = log.odom_T_scan[rows]
     odom_T_scan[1:][np.diff(rows) > 1] = np.nan
     notes = (*log.notes, f"{len(rows)} of the {len(log.stamps_ns)} scans of {name}")
-    return replace(log.of(rows), odom_T_scan=odom_T_scan, notes=notes)
+    return replace(log.select(rows), odom_T_scan=odom_T_scan, notes=notes)
 
 
 def revisited(

@@ -1,8 +1,8 @@
 """Checks that the poses of a log are those of a vehicle, and cuts odometry where it jumps.
 
 A vehicle is upright, drives forward or backward, and does not jump. `doubts` describes, in lines
-for the user, what speaks against that in a trajectory: mostly wrong axes, units or clocks. `parted`
-makes a gap in an odometry at each jump, since it was set back there.
+for the user, what speaks against that in a trajectory: mostly wrong axes, units or clocks.
+`split_at_jumps` makes a gap in an odometry at each jump, since it was set back there.
 """
 
 from dataclasses import replace
@@ -74,7 +74,7 @@ def doubts(name: str, truth: Trajectory) -> tuple[str, ...]:
     return tuple(lines)
 
 
-def parted(name: str, odometry: Trajectory) -> tuple[Trajectory, tuple[str, ...]]:
+def split_at_jumps(name: str, odometry: Trajectory) -> tuple[Trajectory, tuple[str, ...]]:
     """The odometry with a gap, a row of NaN, at each jump, and a note on the jumps for the user."""
     rows = jumps(odometry)
     if not len(rows):
@@ -120,7 +120,7 @@ def breaks_ns(odometry: Trajectory) -> Stamps:
     return np.asarray(odometry.stamps_ns[finite_rows[1:][is_break]])
 
 
-def along(odometry: Trajectory, stamps_ns: Stamps, anew_ns: Stamps) -> Poses:
+def odometry_at(odometry: Trajectory, stamps_ns: Stamps, anew_ns: Stamps) -> Poses:
     """Odometry (n, 4, 4) at increasing stamps (n,); NaN where it is unknown.
 
     The odometry starts anew at `anew_ns` (k,). The first stamp after each of them has NaN too, as a

@@ -43,7 +43,7 @@ def test_rates_of_turn_are_gathered_about_the_vehicle_s_axis(tmp_path: Path, kin
     assert log.heading_rad is not None
     np.testing.assert_allclose(np.diff(log.heading_rad), 0.05, atol=1e-9)  # 0.5 rad/s, 0.1 s
     assert log.notes == ()
-    np.testing.assert_array_equal(log.of(np.array([2, 5])).heading_rad, log.heading_rad[[2, 5]])
+    np.testing.assert_array_equal(log.select(np.array([2, 5])).heading_rad, log.heading_rad[[2, 5]])
 
 
 def test_a_gap_and_what_is_beyond_the_readings_are_unknown(tmp_path: Path) -> None:

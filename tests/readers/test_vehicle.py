@@ -9,7 +9,7 @@ from pipeline.core.frames import Trajectory, pose
 from pipeline.formats.bag import BagWriter
 from pipeline.readers.bag import Bag
 from pipeline.readers.folder import Folder
-from pipeline.readers.vehicle import breaks_ns, doubts, jumps, parted
+from pipeline.readers.vehicle import breaks_ns, doubts, jumps, split_at_jumps
 from tests.readers.bags import START_NS, STEP_NS, at
 from tests.readers.logs import START, folder_log
 
@@ -129,7 +129,7 @@ def test_a_topic_that_repeats_each_pose_does_not_jump() -> None:
 def test_odometry_that_is_set_back_has_a_gap_there_and_a_note() -> None:
     xyz_m = straight(20)
     xyz_m[11:, 0] -= 11
-    mended, notes = parted("/odom", drive(xyz_m))
+    mended, notes = split_at_jumps("/odom", drive(xyz_m))
     assert notes == (
         "/odom: jumps once, first at 1.100 s by 10 m and 0° in 0.1 s: the odometry starts anew "
         "there",
@@ -137,7 +137,7 @@ def test_odometry_that_is_set_back_has_a_gap_there_and_a_note() -> None:
     known = mended.at(np.array([100, 105, 110]) * 10**7)[1]
     assert known.tolist() == [True, False, True]
     assert breaks_ns(mended).tolist() == [11 * TENTH_NS]
-    assert parted("x", drive(straight(20)))[1] == ()
+    assert split_at_jumps("x", drive(straight(20)))[1] == ()
 
 
 # In the readers

@@ -10,7 +10,7 @@ from pipeline.core import schemas, store
 from pipeline.core.errors import LogError
 from pipeline.core.frames import distance_and_turn, interpolate
 from pipeline.core.progress import Progress
-from pipeline.readers.estimated import posed
+from pipeline.readers.estimated import with_estimated_poses
 from pipeline.slam.onto import estimate_onto
 from pipeline.slam.summary import lines
 from tests.slam.round import QUICK, circle, drive
@@ -34,11 +34,11 @@ def test_a_further_day_is_laid_onto_the_map_and_kept(tmp_path: Path) -> None:
     np.testing.assert_array_equal(
         store.read(path, schemas.Estimates).world_T_scan, estimate.world_T_scan
     )
-    log = posed(later, path)
+    log = with_estimated_poses(later, path)
     np.testing.assert_array_equal(log.world_T_scan, estimate.world_T_scan)
     np.testing.assert_array_equal(log.odom_T_scan, estimate.odom_T_scan)
     with pytest.raises(LogError, match="is of another log"):
-        posed(drive(circle(5)), path)
+        with_estimated_poses(drive(circle(5)), path)
 
 
 def test_scans_without_a_pose_are_counted_and_break_the_odometry(tmp_path: Path) -> None:
@@ -48,7 +48,7 @@ def test_scans_without_a_pose_are_counted_and_break_the_odometry(tmp_path: Path)
     world_T_scan[4] = np.nan
     path = tmp_path / "day.zarr"
     store.write(path, replace(estimate, world_T_scan=world_T_scan))
-    log = posed(drive(circle(10), circle(10)), path)
+    log = with_estimated_poses(drive(circle(10), circle(10)), path)
     assert len(log.stamps_ns) == 9
     assert log.skipped == {"no pose by slam": 1}
     assert np.isfinite(log.odom_T_scan).all()  # its own, which knows the fifth too
@@ -63,7 +63,7 @@ def test_scans_are_handed_on_as_they_lay_at_their_stamp(tmp_path: Path) -> None:
         drive(circle(6)),
         times_s=lambda row: np.full(len(drive(circle(6)).points(row)), 0.25),
     )
-    log = posed(skewed, tmp_path / "day.zarr")
+    log = with_estimated_poses(skewed, tmp_path / "day.zarr")
     assert log.times_s(2) is None
     half = interpolate(circle(6)[2:3], circle(6)[3:4], np.array([0.5]))[0]
     scan_T_last = np.linalg.inv(circle(6)[2]) @ half
