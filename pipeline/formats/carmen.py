@@ -48,9 +48,9 @@ class Sweep:
     limit_m: float
     """The largest range that the record declares; NaN where it declares none."""
     laser_pose: NDArray[np.float64]
-    """x, y in metres and heading in radians (3,), in the log's frame."""
+    """x, y in metres and heading in radians (3,) of the laser, in the log's frame."""
     robot_pose: NDArray[np.float64]
-    """The same of the robot."""
+    """x, y in metres and heading in radians (3,) of the robot, in the log's frame."""
     stamp_s: float
     odometry: int
     """Number of odometry readings before it in the log."""

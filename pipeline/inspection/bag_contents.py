@@ -22,7 +22,7 @@ from pipeline.readers.bag_poses import KINDS, Tree
 
 CLOUD_STEP = 10
 CLOUDS = 9
-"""So many clouds of a topic are looked at, one in CLOUD_STEP."""
+"""`Contents.clouds` reads so many clouds of a topic, one in CLOUD_STEP."""
 
 
 @dataclass(frozen=True)

@@ -106,10 +106,10 @@ def diagnose(
     # 1. numbers that need no more than finite points
     is_finite = np.isfinite(points_m).all(axis=1)
     points = np.asarray(points_m[is_finite], np.float64)
-    found = symptoms.missing(len(points_m), len(points))
+    found_symptoms = symptoms.missing(len(points_m), len(points))
     if not len(points):
-        return Diagnosis(0, tuple(found))
-    found += symptoms.repeated(points)
+        return Diagnosis(0, tuple(found_symptoms))
+    found_symptoms += symptoms.repeated(points)
     range_m = np.hypot(points[:, 0], points[:, 1])
     beams = None if lasers is None else int(lasers.max(initial=0)) + 1
     diagnosis = Diagnosis(
@@ -126,7 +126,7 @@ def diagnose(
         has_laser_ids=lasers is not None,
     )
     if shape := symptoms.scale(points, range_m) or symptoms.flat(points):
-        return replace(diagnosis, symptoms=(*found, shape))
+        return replace(diagnosis, symptoms=(*found_symptoms, shape))
 
     # 2. ground and sensor, of a cloud that is in metres and not flat
     ground_m = ground_height(points, range_m)
@@ -141,12 +141,12 @@ def diagnose(
     if ground_m < -RAISED_M or np.isfinite(mounted_m):
         sensor_m = np.nan_to_num(mounted_m) - ground_m  # the origin is the sensor, or it is known
     if is_hanging:
-        found.append(symptoms.hanging(ground_m, low_m))
+        found_symptoms.append(symptoms.hanging(ground_m, low_m))
     if abs(ground_m) > RAISED_M:
-        found.append(symptoms.ground(ground_m))
-    found += symptoms.sparse(diagnosis.azimuth_deg, beams)
+        found_symptoms.append(symptoms.ground(ground_m))
+    found_symptoms += symptoms.sparse(diagnosis.azimuth_deg, beams)
     return replace(
-        diagnosis, symptoms=tuple(found), beams=beams, ground_m=ground_m, sensor_m=sensor_m
+        diagnosis, symptoms=tuple(found_symptoms), beams=beams, ground_m=ground_m, sensor_m=sensor_m
     )
 
 

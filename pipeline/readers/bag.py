@@ -64,6 +64,7 @@ class Bag:
             log.extrinsic("reader.body_T_lidar", self.body_T_lidar)
 
     def open(self, root: Path, sequence: str) -> Log:
+        """Open a sequence below `root`; raises LogError if it cannot be read."""
         where = root / sequence
         files = [BagFile(path) for path in _bag_paths(where)]
         self._check_topics(where, files)
@@ -72,9 +73,9 @@ class Bag:
         skipped: Counter[str] = Counter()
         clouds = Clouds.read(files, self.points, skipped)
         truth = track(files, self.truth, self.max_gap_s) if self.truth else None
-        odometry = (
-            _split_at_jumps(track(files, self.odometry, self.max_gap_s)) if self.odometry else None
-        )
+        odometry = None
+        if self.odometry:
+            odometry = _split_at_jumps(track(files, self.odometry, self.max_gap_s))
         body_T_lidar = self._extrinsic(where, files, clouds.frames, truth or odometry)
         vehicle_T_lidar = log.raised(self.lift_m) @ body_T_lidar
 
@@ -114,6 +115,7 @@ class Bag:
         )
 
     def sequences(self, root: Path) -> dict[str, list[str]]:
+        """The sequences below `root`, each with an error line if the bags lack a topic."""
         children = sorted(root.iterdir()) if root.is_dir() else []
         bags_by_name: dict[str, list[Path]] = {}
         for child in children:

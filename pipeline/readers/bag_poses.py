@@ -106,7 +106,7 @@ class _PoseMessage(NamedTuple):
     numbers: tuple[float, ...]
     """Position and quaternion."""
     variance: tuple[float, float]
-    """Of the position in m² and of the heading in rad²."""
+    """Variance of the position in m² and of the heading in rad²."""
 
 
 def _pose_messages(files: Sequence[BagFile], topic: str) -> tuple[list[_PoseMessage], int]:

@@ -60,6 +60,7 @@ class Carmen:
             )
 
     def open(self, root: Path, sequence: str) -> Log:
+        """Open a sequence below `root`; raises LogError if it cannot be read."""
         path = self._files(root).get(sequence)
         if path is None:
             raise LogError(f"{root / sequence}: no such log ({', '.join(carmen.SUFFIXES)})")
@@ -121,6 +122,7 @@ class Carmen:
         )
 
     def sequences(self, root: Path) -> dict[str, list[str]]:
+        """The sequences below `root`, each with the files that it lacks."""
         logs = sorted(self._files(root).items())
         truth_paths = {
             name: path.with_name((self.corrected or path.name).format(sequence=name))

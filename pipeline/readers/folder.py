@@ -88,6 +88,7 @@ class Folder:
                 )
 
     def open(self, root: Path, sequence: str) -> Log:
+        """Open a sequence below `root`; raises LogError if it cannot be read."""
         folder = root / sequence
         skipped = Counter[str]()
         if not folder.is_dir():
@@ -115,6 +116,7 @@ class Folder:
         )
 
     def sequences(self, root: Path) -> dict[str, list[str]]:
+        """The sequences below `root`, each with the files that it lacks."""
         needed_files = [self.poses, self.odometry]
         if self.poses and self.poses_format == "kitti":
             needed_files.insert(1, files.TIMES)

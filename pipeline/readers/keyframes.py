@@ -55,6 +55,7 @@ class KeyFrames:
         log.extrinsic("reader.body_T_lidar", self.body_T_lidar)
 
     def open(self, root: Path, sequence: str) -> Log:
+        """Open a sequence below `root`; raises LogError if it cannot be read."""
         folder = root / sequence
         path = folder / FILE
         rows = log.table(path, COLUMNS)
@@ -84,6 +85,7 @@ class KeyFrames:
         )
 
     def sequences(self, root: Path) -> dict[str, list[str]]:
+        """The sequences below `root`, each with the files that it lacks."""
         return {path.parent.name: [] for path in sorted(root.glob(f"*/{FILE}"))}
 
 

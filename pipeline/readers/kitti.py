@@ -44,6 +44,7 @@ class Kitti:
         check(self, "reader")
 
     def open(self, root: Path, sequence: str) -> Log:
+        """Open a sequence below `root`; raises LogError if it cannot be read."""
         root = root / sequence if self.root_per_sequence else root
         name, dash, part = sequence.partition("-")
         if part not in ("a", "b") and dash:
@@ -84,6 +85,7 @@ class Kitti:
         return Log(stamps_ns[rows], world_T_scan, odom_T_scan, points, +skipped, notes)
 
     def sequences(self, root: Path) -> dict[str, list[str]]:
+        """The sequences below `root`, each with the files that it lacks."""
         if not self.root_per_sequence:
             folders = root.glob("sequences/*/velodyne")
             names = sorted(path.parent.name for path in folders if path.is_dir())

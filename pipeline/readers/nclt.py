@@ -39,6 +39,7 @@ class Nclt:
         check(self, "reader")
 
     def open(self, root: Path, sequence: str) -> Log:
+        """Open a sequence below `root`; raises LogError if it cannot be read."""
         folder = root / sequence / nclt.SCANS
         truth_path = log.first_file(root, nclt.TRUTH_PLACES, sequence)
         if truth_path is None and self.poses:
@@ -86,6 +87,7 @@ class Nclt:
         )
 
     def sequences(self, root: Path) -> dict[str, list[str]]:
+        """The sequences below `root`, each with the files that it lacks."""
         names = sorted(path.parent.name for path in root.glob(f"*/{nclt.SCANS}") if path.is_dir())
         missing: dict[str, list[str]] = {name: [] for name in names}
         for name in names if self.poses else ():

@@ -57,6 +57,7 @@ class RobotCar:
             )
 
     def open(self, root: Path, sequence: str) -> Log:
+        """Open a sequence below `root`; raises LogError if it cannot be read."""
         folder = root / sequence
         skipped: Counter[str] = Counter()
         notes: list[str] = []
@@ -117,6 +118,7 @@ class RobotCar:
         )
 
     def sequences(self, root: Path) -> dict[str, list[str]]:
+        """The sequences below `root`, each with the files that it lacks."""
         names = sorted(
             {
                 path.parent.name
