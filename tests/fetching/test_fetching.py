@@ -215,7 +215,7 @@ RANGE = f"bytes {10 * CHUNK}-{len(BIG) - 1}/{len(BIG)}"
         *(([says(status), says(status)], [0, 0, 0]) for status in (408, 429, 500, 502, 503, 504)),
     ],
 )
-def test_a_file_comes_whole_whatever_happens_on_the_way(
+def test_a_file_arrives_whole_in_spite_of_failures(
     big: Served, tmp_path: Path, answers: list[Answer], starts: list[int]
 ) -> None:
     big.answers = list(answers)
@@ -254,7 +254,7 @@ def test_a_file_comes_whole_whatever_happens_on_the_way(
         ([says(301, Location="/big")] * 50, 6, "more than 5 times"),
     ],
 )
-def test_a_file_that_cannot_come_is_one_line(
+def test_a_file_that_cannot_be_fetched_raises_an_error_of_one_line(
     big: Served, tmp_path: Path, answers: list[Answer], asked: int, match: str
 ) -> None:
     big.answers = list(answers)
@@ -264,7 +264,7 @@ def test_a_file_that_cannot_come_is_one_line(
     assert not (tmp_path / "big").exists()
 
 
-def test_a_later_call_goes_on_from_what_an_earlier_one_kept(big: Served, tmp_path: Path) -> None:
+def test_a_later_call_resumes_the_download_of_an_earlier_one(big: Served, tmp_path: Path) -> None:
     big.answers = [drops(7 * CHUNK)]
     with pytest.raises(
         LogError,
@@ -276,7 +276,7 @@ def test_a_later_call_goes_on_from_what_an_earlier_one_kept(big: Served, tmp_pat
     assert arrived(big) == [0, 7 * CHUNK]
 
 
-def test_a_killed_process_leaves_what_the_next_goes_on_from(big: Served, tmp_path: Path) -> None:
+def test_the_download_of_a_killed_process_is_resumed(big: Served, tmp_path: Path) -> None:
     def stalls(handler: Handler, data: bytes) -> bool:
         drops(9 * CHUNK)(handler, data)
         handler.wfile.flush()
@@ -364,7 +364,7 @@ def test_a_redirection_from_https_to_http_is_refused(
         Downloader(1, 1.0, 0.001).fetch("https://127.0.0.1/big", tmp_path / "big", Progress())
 
 
-def test_nobody_there_is_one_line(tmp_path: Path) -> None:
+def test_an_address_without_a_server_raises_an_error_of_one_line(tmp_path: Path) -> None:
     with one_line(LogError, "gave up after 2 tries"):
         Downloader(2, 0.3, 0.001).fetch("http://127.0.0.1:9/x", tmp_path / "x", Progress())
 
@@ -403,7 +403,7 @@ def tarred(path: Path, *members: tuple[str, bytes | str], **odd: Any) -> Path:
     return path
 
 
-def test_an_archive_is_laid_flat_whatever_folders_it_nests(tmp_path: Path) -> None:
+def test_the_folders_around_the_target_in_an_archive_are_dropped(tmp_path: Path) -> None:
     for number, head in enumerate(("", "./", f"{DATE}/", f"velodyne_data/{DATE}/")):
         folder = tmp_path / str(number)
         folder.mkdir()
@@ -504,7 +504,7 @@ def test_a_damaged_archive_is_removed_and_nothing_kept_of_it(tmp_path: Path, fau
     assert not (tmp_path / "a.tar.gz.unpacking").exists()
 
 
-def test_what_stands_in_the_way_is_named_and_left(tmp_path: Path) -> None:
+def test_a_folder_in_the_way_is_named_and_not_touched(tmp_path: Path) -> None:
     (tmp_path / "ok").mkdir()
     (tmp_path / "ok" / "mine").touch()
     with pytest.raises(LogError, match=r"ok: is in the way of what a\.tar\.gz holds"):
@@ -564,7 +564,7 @@ def nclt(served: Served, tmp_path: Path) -> Served:
     return served
 
 
-def test_a_date_is_fetched_laid_and_read(nclt: Served, tmp_path: Path) -> None:
+def test_a_date_is_fetched_unpacked_and_read(nclt: Served, tmp_path: Path) -> None:
     nclt.answers = [usual, says(503), usual, drops(10 * CHUNK), drops(10 * CHUNK)]
     root = tmp_path / "root"
     lines = fetch(nclt, root, DATE)
@@ -615,7 +615,7 @@ def test_a_later_fetch_is_checked_against_the_recorded_sum(nclt: Served, tmp_pat
     assert not (root / DATE / f"groundtruth_{DATE}.csv").exists()
 
 
-def test_a_sum_of_the_publisher_counts(nclt: Served, tmp_path: Path) -> None:
+def test_a_file_is_checked_against_the_sum_of_the_publisher(nclt: Served, tmp_path: Path) -> None:
     path = f"ground_truth/groundtruth_{DATE}.csv"
     digest = hashlib.sha256(nclt.files[path]).hexdigest()
     assert len(fetch(nclt, tmp_path / "good", DATE, sha256={path: digest})) == 3
@@ -623,7 +623,7 @@ def test_a_sum_of_the_publisher_counts(nclt: Served, tmp_path: Path) -> None:
         fetch(nclt, tmp_path / "bad", DATE, sha256={path: "0" * 64})
 
 
-def test_the_disk_is_looked_at_before_a_byte_is_fetched(
+def test_the_room_on_the_disk_is_checked_before_a_byte_is_fetched(
     nclt: Served, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # Unpacked: the csv once, 5 × the sensors', 2.5 × the scans' archive, and beside them the scans'
@@ -683,7 +683,7 @@ def test_two_fetches_do_not_write_one_file(nclt: Served, tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("sequence", ["2012-1-8", "../2012-01-08", "", "2012-01-08/..", "all"])
-def test_a_sequence_that_cannot_be_is_refused_before_anything_is_asked(
+def test_a_wrong_name_of_a_sequence_is_refused_before_any_request(
     nclt: Served, tmp_path: Path, sequence: str
 ) -> None:
     with pytest.raises(ConfigError, match="expected a name like"):
@@ -755,7 +755,7 @@ def test_a_date_that_the_publisher_lacks_is_named(nclt: Served, tmp_path: Path) 
         ),
     ],
 )
-def test_a_setting_that_cannot_be_is_named(
+def test_the_error_on_a_wrong_setting_names_it(
     served: Served, change: dict[str, Any], says: str
 ) -> None:
     with pytest.raises(ConfigError, match=says):

@@ -101,7 +101,7 @@ def test_a_header_that_is_cut_short_or_has_no_valid_time_is_refused(
         header(data, ros)
 
 
-def test_a_pose_is_a_place_on_earth_and_a_rotation() -> None:
+def test_only_a_position_on_earth_with_a_rotation_is_a_pose() -> None:
     half = 0.5**0.5
     nan = float("nan")
     rows = [

@@ -70,7 +70,7 @@ def test_the_width_is_found_of_points_in_no_order_whatever_their_count(width: in
     assert width_of(mixed) == (width, True)
 
 
-def test_where_nothing_tells_the_width_it_is_a_guess() -> None:
+def test_the_width_is_a_guess_if_several_fit() -> None:
     """In a cube filled evenly, heights are distributed as positions are; and 500 points of 16 bytes
     may as well be 400 of 20 bytes."""
     cube = np.random.default_rng(0).uniform(-20, 20, (500, 4)).astype("<f4").tobytes()
@@ -120,7 +120,7 @@ def test_what_holds_no_floats_is_refused(data: bytes, why: str) -> None:
 
 
 @pytest.mark.skipif(not REAL.is_dir(), reason="no real data beside the project")
-def test_real_scans_tell_their_layout() -> None:
+def test_the_layout_of_real_scans_is_found() -> None:
     paths_by_width = {
         8: REAL.glob("nclt/*/velodyne_sync/*.bin"),
         16: REAL.glob("kitti/sequences/00/velodyne/*.bin"),

@@ -40,7 +40,7 @@ def test_a_kind_of_change_with_a_comma_is_quoted(tmp_path: Path) -> None:
         ("what,from_day,day,x_m,y_m\ntree,1,1,nan,0\n", "row 1 holds no change"),
     ],
 )
-def test_what_is_no_such_csv_is_one_line_of_error(
+def test_a_wrong_csv_raises_an_error_of_one_line(
     tmp_path: Path, text: str | None, says: str
 ) -> None:
     path = tmp_path / "changes.csv"

@@ -91,7 +91,9 @@ def test_a_pgm_of_mode_scale_cannot_hold_unknown_cells(tmp_path: Path) -> None:
         (YAML.format(mode="trinary", negate=0), "{{{", "no map"),
     ],
 )
-def test_a_wrong_key_is_one_line(tmp_path: Path, old: str, new: str, message: str) -> None:
+def test_a_wrong_key_raises_an_error_of_one_line(
+    tmp_path: Path, old: str, new: str, message: str
+) -> None:
     path = saved(tmp_path, [[0, 254]])
     path.write_text(path.read_text().replace(old, new))
     with pytest.raises(ArtifactError, match=message) as error:
@@ -99,7 +101,7 @@ def test_a_wrong_key_is_one_line(tmp_path: Path, old: str, new: str, message: st
     assert "\n" not in str(error.value)
 
 
-def test_damaged_images_are_one_line(tmp_path: Path) -> None:
+def test_damaged_images_raise_an_error_of_one_line(tmp_path: Path) -> None:
     path = saved(tmp_path, [[0, 254]])
     for data in (b"", b"P5\n9 9\n255\nshort", b"P5\n90000 90000\n255\n", b"\x00" * 99):
         (tmp_path / "hall.pgm").write_bytes(data)

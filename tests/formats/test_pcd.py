@@ -221,7 +221,7 @@ HUGE = header("binary", points=10**12).encode()
         ),  # copies over the end
     ],
 )
-def test_a_damaged_file_is_one_clear_line(data: bytes | str, says: str) -> None:
+def test_a_damaged_file_raises_an_error_of_one_line(data: bytes | str, says: str) -> None:
     with one_line(LogError, f"^scan.pcd: .*({says})"):
         read(data)
 
@@ -239,7 +239,7 @@ def test_a_block_that_claims_gigabytes_is_refused_before_they_are_taken(points: 
     ("line", "other"),
     [("POINTS 2\n", ""), ("HEIGHT 1\n", ""), ("HEIGHT 1", "HEIGHT 2"), ("WIDTH 2\nHEIGHT 1\n", "")],
 )
-def test_the_count_of_points_may_be_said_once(line: str, other: str) -> None:
+def test_the_count_of_points_may_be_given_once(line: str, other: str) -> None:
     np.testing.assert_array_equal(read(ASCII.replace(line, other)), [[1, 2, 3], [4, 5, 6]])
 
 

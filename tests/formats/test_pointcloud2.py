@@ -150,7 +150,7 @@ def test_finite_points_of_any_layout_are_read(
         (message(bytes(12), 2**32 - 1), "needs 51539607540 bytes, has 12"),
     ],
 )
-def test_sizes_that_do_not_fit_are_one_line(made: Message, says: str) -> None:
+def test_sizes_that_do_not_fit_raise_an_error_of_one_line(made: Message, says: str) -> None:
     with one_line(LogError, says):
         decode(made)
 
@@ -213,7 +213,7 @@ STEPS = st.one_of(st.just(12), SIZES)
     )
 )
 @settings(max_examples=200, derandomize=True)
-def test_a_damaged_message_is_points_or_a_line(made: Message) -> None:
+def test_a_damaged_message_gives_finite_points_or_an_error_of_one_line(made: Message) -> None:
     try:
         found = decode(made)
     except LogError as error:

@@ -26,7 +26,7 @@ def test_a_return_is_three_little_endian_doubles() -> None:
     assert robotcar.decode_sweep(b"").shape == (0, 3)
 
 
-def test_tables_are_laid_as_the_data_set_lays_them(tmp_path: Path) -> None:
+def test_tables_are_written_as_in_the_data_set(tmp_path: Path) -> None:
     # METHODS 7.2's headers; a row's source is the later of its two stamps.
     utimes = np.array([START, START + 62_500])
     robotcar.write_vo(tmp_path / "vo" / "vo.csv", utimes, np.array([[0.5, 0, 0, 0, 0, 1e-7]]))
@@ -50,8 +50,8 @@ def test_tables_are_laid_as_the_data_set_lays_them(tmp_path: Path) -> None:
 def test_the_extrinsics_are_those_of_the_sdk(tmp_path: Path, real: Path) -> None:
     robotcar.write_extrinsics(tmp_path)
     for sensor in robotcar.EXTRINSICS:
-        theirs = np.loadtxt(real / "robotcar" / "extrinsics" / f"{sensor}.txt")
-        np.testing.assert_array_equal(np.loadtxt(tmp_path / f"{sensor}.txt"), theirs)
+        published = np.loadtxt(real / "robotcar" / "extrinsics" / f"{sensor}.txt")
+        np.testing.assert_array_equal(np.loadtxt(tmp_path / f"{sensor}.txt"), published)
 
 
 @pytest.mark.parametrize("lasers", [("lms_front",), ("lms_rear",), ("lms_front", "lms_rear")])

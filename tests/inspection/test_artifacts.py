@@ -93,7 +93,7 @@ def test_every_kind_is_described_with_each_array_and_attribute(tmp_path: Path, k
         assert f"\n  {name} " in text
 
 
-def test_scans_tell_path_date_and_clouds(tmp_path: Path) -> None:
+def test_scans_are_described_with_path_date_and_clouds(tmp_path: Path) -> None:
     found = inspect(scans(tmp_path / "2012-01-15.zarr", scan(64)))
     assert found.warnings == ()
     assert_says(
@@ -101,14 +101,14 @@ def test_scans_tell_path_date_and_clouds(tmp_path: Path) -> None:
     )  # 9 steps of 2 m
 
 
-def test_a_warning_that_all_scans_share_is_said_once(tmp_path: Path) -> None:
+def test_a_warning_that_all_scans_share_is_given_once(tmp_path: Path) -> None:
     found = inspect(scans(tmp_path / "a.zarr", scan(64, ground_m=-1.73)))
     (warning,) = found.warnings
     assert warning.startswith("ground at z = −1.73 m")
     assert warning.endswith("(scans 0, 2, 4, 7, 9 of the 5 looked at)")
 
 
-def test_submaps_tell_what_they_gather_and_what_was_left_out(tmp_path: Path) -> None:
+def test_submaps_are_described_with_what_they_gather_and_leave_out(tmp_path: Path) -> None:
     rows = {
         "first": np.arange(ROWS) // 2,
         "scans": np.arange(ROWS),
@@ -132,7 +132,7 @@ def test_sweeps_in_an_outage_are_no_fault_and_are_not_diagnosed_alone(tmp_path: 
     assert_says(found, "at 80 % of the scans", "sweeps of a 2-D LiDAR")
 
 
-def test_views_tell_their_empty_bins(tmp_path: Path) -> None:
+def test_views_are_described_with_their_empty_bins(tmp_path: Path) -> None:
     images = np.zeros((ROWS, 6, 8), np.float32)
     images[1:, :3] = 4.5  # half of nine images of ten, and one blank: 55 % empty
     found = inspect(write(tmp_path / "a.zarr", "views", images=images))
@@ -140,7 +140,7 @@ def test_views_tell_their_empty_bins(tmp_path: Path) -> None:
     assert found.warnings[0].startswith("1 blank views")
 
 
-def test_a_ranking_tells_what_each_kind_of_novelty_rejects(tmp_path: Path) -> None:
+def test_a_ranking_is_described_with_what_each_kind_of_novelty_rejects(tmp_path: Path) -> None:
     novelty = np.stack([np.linspace(0.1, 1.0, ROWS), np.ones(ROWS)], axis=1).astype(np.float32)
     found = inspect(
         write(
@@ -157,7 +157,7 @@ def test_a_ranking_tells_what_each_kind_of_novelty_rejects(tmp_path: Path) -> No
     assert found.warnings[0].startswith("every query gets the same first answer")
 
 
-def test_an_evaluation_tells_both_protocols_and_their_intervals(tmp_path: Path) -> None:
+def test_an_evaluation_is_described_by_both_protocols_with_intervals(tmp_path: Path) -> None:
     seen = np.stack([np.arange(ROWS) < 8, np.arange(ROWS) < 4])
     unseen = np.stack([np.arange(ROWS) >= 8, np.arange(ROWS) >= 9])
     numbers = np.ones((2, len(NUMBERS), 3))
@@ -170,10 +170,10 @@ def test_an_evaluation_tells_both_protocols_and_their_intervals(tmp_path: Path) 
     assert_says(found, "heading    median error 1.000°, within 10° 1.000 of the right")
     assert found.warnings == ()
     numbers[:, NUMBERS.index("heading_within_10deg")] = np.nan
-    untold = inspect(
+    without_heading = inspect(
         write(tmp_path / "b.zarr", "evaluations", **columns, numbers=numbers[None])
     ).text()
-    assert "\n  heading  " not in untold
+    assert "\n  heading  " not in without_heading
 
 
 def test_an_evaluation_without_a_seen_query_warns(tmp_path: Path) -> None:
@@ -233,7 +233,7 @@ def test_an_artifact_that_lost_a_file_is_refused(tmp_path: Path) -> None:
         inspect(path, lock=lock)
 
 
-def test_a_model_tells_its_arrays_and_recipe(tmp_path: Path) -> None:
+def test_a_model_is_described_with_its_arrays_and_recipe(tmp_path: Path) -> None:
     path = tmp_path / "sci.zarr.zip"
     store.write_model(
         path,
@@ -245,7 +245,7 @@ def test_a_model_tells_its_arrays_and_recipe(tmp_path: Path) -> None:
     assert found.warnings[0].startswith("NaN/inf in weight")
 
 
-def test_a_broken_artifact_is_one_line(tmp_path: Path) -> None:
+def test_a_broken_artifact_raises_an_error_of_one_line(tmp_path: Path) -> None:
     path = write(tmp_path / "a.zarr", "labels")
     shard = next(
         file for file in (path / "places").rglob("*") if file.is_file() and file.name != "zarr.json"
@@ -274,11 +274,11 @@ def test_a_broken_artifact_is_one_line(tmp_path: Path) -> None:
         ("", LogError, r"no artifact, folder of scans.*notes.md"),
     ],
 )
-def test_what_is_missing_or_unknown_is_one_line(
+def test_a_missing_or_unknown_file_raises_an_error_of_one_line(
     tmp_path: Path, name: str, kind: type, says: str
 ) -> None:
-    for there in ("notes.md", "bad.zarr.zip", "a.laz", "a.pcap"):
-        (tmp_path / there).write_text("x")
+    for existing in ("notes.md", "bad.zarr.zip", "a.laz", "a.pcap"):
+        (tmp_path / existing).write_text("x")
     with one_line(kind, says):
         inspect(tmp_path / name)
 

@@ -100,7 +100,7 @@ def test_a_cloud_in_the_robots_frame_is_proposed_before_one_in_the_world(tmp_pat
     assert proposed(tmp_path / "drive")["points"] == "/body"
 
 
-def test_a_bag_too_large_to_be_tried_is_said(
+def test_a_warning_says_that_a_large_bag_was_not_tried(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("pipeline.inspection.bags.MAX_TRIED_BYTES", 100)
@@ -158,7 +158,7 @@ def test_transforms_serve_where_no_topic_does(tmp_path: Path) -> None:
     )
 
 
-def test_poses_that_only_drift_and_extrinsics_that_lack_are_told(tmp_path: Path) -> None:
+def test_warnings_say_that_poses_drift_and_extrinsics_are_missing(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "drive.bag", "ros1") as bag:
         bag.odometry(START_NS, "odom", "base_link", at(0))
         bag.points(START_NS, "os_lidar", np.ones((2, 3), np.float32), np.zeros(2), np.zeros(2))
@@ -183,7 +183,7 @@ def test_a_bag_without_points_says_what_it_holds(tmp_path: Path) -> None:
         proposal([tmp_path / "other"])
 
 
-def test_real_bags_are_told_with_what_they_lack(real: Path) -> None:
+def test_real_bags_are_described_with_what_they_lack(real: Path) -> None:
     found = inspect(real / "bags" / "laserscan_rosbag1_v2.0.bag")
     assert_says(
         found, "/scan  360       10.1 a second  sensor_msgs/LaserScan, in laser", "span  35.8 s"
@@ -191,10 +191,10 @@ def test_real_bags_are_told_with_what_they_lack(real: Path) -> None:
     assert found.warnings[0].startswith("no poses: sweeps of a 2-D LiDAR need an Odometry")
     assert found.warnings[0].endswith("Topics here: /scan (sensor_msgs/LaserScan)")
     assert proposed(real / "bags" / "laserscan_rosbag1_v2.0.bag")["truth"] is None
-    left = [
+    left_aside = [
         warning for warning in inspect(real / "bags").warnings if warning.startswith("left aside")
     ]
-    assert len(left) == 2
+    assert len(left_aside) == 2
     for name, says in (
         ("rosbag1_bad_index", "cannot be read as a bag"),
         ("rosbag_v1.2", "of version 1.2"),
@@ -211,7 +211,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 
 @given(data=st.data())
 @settings(max_examples=100, derandomize=True)
-def test_a_damaged_bag_is_told_of_or_refused(whole: list[Path], data: st.DataObject) -> None:
+def test_a_damaged_bag_is_described_or_refused(whole: list[Path], data: st.DataObject) -> None:
     path = data.draw(st.sampled_from(whole))
     file = data.draw(st.sampled_from(files(path)))
     sound = file.read_bytes()

@@ -47,7 +47,7 @@ def kitti_file(path: Path, points: np.ndarray) -> Path:
     return path
 
 
-def test_a_folders_name_tells_the_format_of_a_scan(tmp_path: Path) -> None:
+def test_the_format_of_a_scan_is_known_by_its_folders_name(tmp_path: Path) -> None:
     path = kitti_file(tmp_path / "velodyne" / "000000.bin", scan(64, ground_m=-1.73))
     found = inspect(path)
     assert "KITTI scan" in found.headline
@@ -80,7 +80,7 @@ def test_a_folder_of_scans_counts_what_is_cut_short(tmp_path: Path) -> None:
     ]
 
 
-def test_poses_tell_their_gaps_and_nans(tmp_path: Path) -> None:
+def test_poses_are_described_with_gaps_and_nans(tmp_path: Path) -> None:
     path = tmp_path / "groundtruth_2012-01-15.csv"
     rows = np.zeros((20, 6))
     rows[:, 0] = np.arange(20)
@@ -143,7 +143,7 @@ def test_arrays_of_points_are_looked_at(tmp_path: Path) -> None:
         ("velodyne_hits.bin", b""),
     ],
 )
-def test_a_broken_raw_file_is_one_line_that_names_it(
+def test_the_error_on_a_broken_raw_file_is_one_line_that_names_it(
     tmp_path: Path, name: str, data: bytes
 ) -> None:
     path = tmp_path / name
@@ -164,13 +164,13 @@ def test_a_broken_raw_file_is_one_line_that_names_it(
         ("nclt/2012-01-15/velodyne_sync/1326652795280148.bin", "23,546"),
     ],
 )
-def test_real_files_are_told_without_warnings(real: Path, name: str, words: str) -> None:
+def test_real_files_are_described_without_warnings(real: Path, name: str, words: str) -> None:
     found = inspect(real / name)
     assert words in found.text()
     assert found.warnings == ()
 
 
-def test_a_tum_trajectory_tells_its_path_and_its_gaps(tmp_path: Path) -> None:
+def test_a_tum_trajectory_is_described_with_path_and_gaps(tmp_path: Path) -> None:
     rows = [f"{100 + i / 10}, {3 * i} 0 {4 * i} 0 0 0 1" for i in range(5)]  # 5 m a row
     (tmp_path / "poses.txt").write_text(
         "# stamp x y z qx qy qz qw\n" + "\n".join([*rows, "101 nan 0 0 0 0 0 1"]) + "\n"
@@ -261,7 +261,7 @@ def test_scans_beside_poses_are_opened_by_the_reader_of_folders(tmp_path: Path) 
     assert "scans of another robot" in inspect(tmp_path / "drive/scans").headline
 
 
-def test_clouds_that_a_slam_moved_into_the_world_are_told(tmp_path: Path) -> None:
+def test_a_warning_says_that_clouds_are_in_the_world_already(tmp_path: Path) -> None:
     found = inspect(own_sequence(tmp_path, lambda i: (10.0 * i, 0.0), lambda i: 10.0 * i))
     assert any(warning.startswith("clouds in the world already") for warning in found.warnings)
 
@@ -278,14 +278,14 @@ def test_a_folder_of_scans_by_columns_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "name", ["poses.txt", "00.txt", "groundtruth.csv", "times.txt", "path.tum"]
 )
-def test_poses_are_told_by_their_columns_whatever_their_name(tmp_path: Path, name: str) -> None:
+def test_the_format_of_poses_is_known_by_their_columns(tmp_path: Path, name: str) -> None:
     (tmp_path / name).write_text("".join(f"{100 + i} {i} 0 0 0 0 0 1\n" for i in range(5)))
     assert "TUM trajectory" in inspect(tmp_path / name).headline
     (tmp_path / name).write_text("".join(f"1 0 0 0 0 1 0 0 0 0 1 {i}\n" for i in range(5)))
     assert "KITTI ground truth" in inspect(tmp_path / name).headline
 
 
-def test_poses_that_no_vehicle_has_are_told(tmp_path: Path) -> None:
+def test_a_warning_says_that_poses_are_no_vehicles(tmp_path: Path) -> None:
     """The quaternion is written w first: the body hangs upside down."""
     (tmp_path / "poses.txt").write_text("".join(f"{100 + i} {i} 0 0 1 0 0 0\n" for i in range(5)))
     assert any(
@@ -297,7 +297,9 @@ def test_poses_that_no_vehicle_has_are_told(tmp_path: Path) -> None:
     ("name", "says"),
     [("day.db3.zstd", "packed: name the folder"), ("day.bag.gz", "packed: unpack it with")],
 )
-def test_a_packed_file_is_called_so(tmp_path: Path, name: str, says: str) -> None:
+def test_the_error_on_a_packed_file_says_how_to_unpack_it(
+    tmp_path: Path, name: str, says: str
+) -> None:
     (tmp_path / name).write_bytes(b"\x28\xb5\x2f\xfd" + bytes(20))
     with one_line(ConfigError, says):
         inspect(tmp_path / name)

@@ -27,7 +27,7 @@ def _no_dvc_lock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
 
 
-def test_a_sweep_tells_its_beams_and_its_laser(tmp_path: Path) -> None:
+def test_a_sweep_is_described_with_its_beams_and_laser(tmp_path: Path) -> None:
     # Beams at 0°, 0.5°, … 180° of a circle of 10 m, and as many without a return: 180° and the 3°
     # that no gap is wider than.
     angles = np.radians(np.arange(0, 180.5, 0.5))
@@ -62,7 +62,7 @@ def test_a_strange_sweep_is_warned_of(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("data", [b"", b"123", sweep((1e9, 0, 0))])
-def test_a_broken_sweep_is_one_line_that_names_it(tmp_path: Path, data: bytes) -> None:
+def test_the_error_on_a_broken_sweep_is_one_line_that_names_it(tmp_path: Path, data: bytes) -> None:
     path = tmp_path / "lms_front" / f"{START}.bin"
     path.parent.mkdir()
     path.write_bytes(data)
@@ -70,7 +70,7 @@ def test_a_broken_sweep_is_one_line_that_names_it(tmp_path: Path, data: bytes) -
         inspect(path)
 
 
-def test_a_folder_of_sweeps_is_held_against_its_stamps(tmp_path: Path) -> None:
+def test_a_folder_of_sweeps_is_compared_with_its_list_of_stamps(tmp_path: Path) -> None:
     root = drive(tmp_path)
     found = inspect(root / DATE / "lms_front")
     assert_says(found, "10 a second", "10 in lms_front.timestamps")
@@ -88,7 +88,7 @@ def test_a_folder_of_sweeps_is_held_against_its_stamps(tmp_path: Path) -> None:
     )
 
 
-def test_visual_odometry_tells_its_breaks_and_gaps(tmp_path: Path) -> None:
+def test_visual_odometry_is_described_with_breaks_and_gaps(tmp_path: Path) -> None:
     # Ten steps of 1 m; then a row that starts 0.1 s later than the last ended, and takes a second.
     root = drive(tmp_path, vo=DRIVEN + vo_row(2100, 1100, 3.0))
     found = inspect(root / DATE / "vo" / "vo.csv")
@@ -98,7 +98,7 @@ def test_visual_odometry_tells_its_breaks_and_gaps(tmp_path: Path) -> None:
     assert gap.startswith("1 steps over 0.5 s, the longest 1 s")
 
 
-def test_inertial_navigation_tells_its_good_share_and_its_outages(tmp_path: Path) -> None:
+def test_inertial_navigation_is_described_with_its_good_share_and_outages(tmp_path: Path) -> None:
     # Rows a tenth of a second apart; six of twenty are bad in a row: 0.7 s without a good one.
     rows = [
         ins_row(
@@ -113,7 +113,7 @@ def test_inertial_navigation_tells_its_good_share_and_its_outages(tmp_path: Path
     assert outage.split(":")[1] == " 1 over 0.5 s without a good row, the longest 0.7 s"
 
 
-def test_no_good_row_is_told(tmp_path: Path) -> None:
+def test_a_warning_says_that_no_row_is_good(tmp_path: Path) -> None:
     root = drive(
         tmp_path, ins=ins_text(*(ins_row(100 * i, status="INS_INACTIVE") for i in range(9)))
     )
@@ -127,7 +127,9 @@ def test_no_good_row_is_told(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["vo.csv", "ins.csv"])
 @pytest.mark.parametrize("data", [b"", b"\xff\xfe", b"timestamp\n1\n"])
-def test_a_broken_table_is_one_line_that_names_it(tmp_path: Path, name: str, data: bytes) -> None:
+def test_the_error_on_a_broken_table_is_one_line_that_names_it(
+    tmp_path: Path, name: str, data: bytes
+) -> None:
     (tmp_path / name).write_bytes(data)
     with one_line(LogError, name):
         inspect(tmp_path / name)

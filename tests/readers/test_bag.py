@@ -73,7 +73,7 @@ def test_bags_laid_out_by_hand_are_read(
     assert np.isnan(log.odom_T_scan).all()
 
 
-def test_of_clouds_in_gaps_of_the_poses_the_gap_is_told_and_no_clock_blamed(tmp_path: Path) -> None:
+def test_clouds_in_gaps_of_the_poses_are_refused_for_the_gap_not_the_clock(tmp_path: Path) -> None:
     drive(bag_path(tmp_path, "mcap"), "mcap")  # poses every STEP_NS, clouds half-way
     with pytest.raises(LogError) as refused:
         replace(READER, max_gap_s=STEP_NS / 2e9).open(tmp_path, "drive")
@@ -225,7 +225,7 @@ def test_messages_without_stamps_are_placed_by_their_receipt(tmp_path: Path) -> 
     )
 
 
-def test_gaps_and_poses_that_are_none_are_counted(tmp_path: Path) -> None:
+def test_clouds_in_gaps_and_invalid_poses_are_counted(tmp_path: Path) -> None:
     def write(bag: BagWriter) -> None:
         bag.odometry(START_NS + 10 * STEP_NS, "map", "base_link", at(np.nan), "/truth")
         bag.odometry(START_NS + 11 * STEP_NS, "map", "base_link", at(11), "/truth")
@@ -238,7 +238,7 @@ def test_gaps_and_poses_that_are_none_are_counted(tmp_path: Path) -> None:
     assert log.notes == ("/truth: 1 of 7 poses hold no place or no rotation: gaps",)
 
 
-def test_a_way_through_the_tree_of_frames_is_a_trajectory(tmp_path: Path) -> None:
+def test_a_chain_of_transforms_gives_a_trajectory(tmp_path: Path) -> None:
     # map>odom moves 1 m aside within 400 ms, odom>base_link 1 m ahead each 100 ms, base_link is 1 m
     # below the IMU.
     def write(bag: BagWriter) -> None:
@@ -292,7 +292,7 @@ def test_transforms_of_old_bags_have_another_name(tmp_path: Path) -> None:
     np.testing.assert_allclose(log.world_T_scan[:, 0, 3], [1])
 
 
-def test_odometry_of_another_body_is_carried_to_the_true_one(tmp_path: Path) -> None:
+def test_odometry_of_another_frame_is_moved_to_the_frame_of_the_true_poses(tmp_path: Path) -> None:
     # The wheels' frame is 2 m behind the body: the body is at 102 m when they are at 100.
     def write(bag: BagWriter) -> None:
         bag.static_transform(START_NS, "wheels", "base_link", at(2))
@@ -334,15 +334,15 @@ def test_sweeps_without_a_place_are_kept_for_their_odometry_until_it_breaks(tmp_
     # The first row after the break says so, by a NaN.
     assert np.isnan(log.odom_T_scan[:, 0, 0]).tolist() == [False] * 11 + [True, False, False]
     assert log.notes == ("6 of 14 sweeps have no place (no pose on /truth)",)
-    lost = {
+    skipped = {
         "in a gap of the poses": 9,
         "outside the poses' span": 1,
         "between a break of the odometry and the next place": 10,
     }
-    assert log.skipped == lost
+    assert log.skipped == skipped
 
 
-def test_a_bag_without_poses_names_what_it_holds(real: Path) -> None:
+def test_the_error_on_a_bag_without_poses_lists_its_topics(real: Path) -> None:
     says = r"reader.truth=/odom is not in it; expected Odometry, .*It holds /scan \(sensor_msgs/LaserScan, 360\)$"
     with one_line(LogError, says):
         Bag(points="/scan").open(real / "bags", "laserscan_rosbag1_v2.0")
@@ -378,7 +378,7 @@ def test_a_real_laser_scan_is_read_with_poses_beside_it(real: Path, tmp_path: Pa
         ("laserscan_rosbag_v1.2", "v1.2.bag: a ROS 1 bag of version 1.2; only 2.0 can be read"),
     ],
 )
-def test_real_broken_bags_are_one_line(real: Path, name: str, says: str) -> None:
+def test_real_broken_bags_raise_an_error_of_one_line(real: Path, name: str, says: str) -> None:
     with one_line(LogError, says):
         Bag(points="/scan").open(real / "bags", name)
     assert says in Bag(points="/scan").sequences(real / "bags")[name][0]
@@ -391,16 +391,18 @@ def test_the_extrinsics_are_in_the_bag_or_in_the_yaml(tmp_path: Path) -> None:
     ):
         Bag(truth="/truth").open(tmp_path / "without", "drive")
     drive(bag_path(tmp_path, "mcap"), "mcap")
-    told = Bag(truth="/truth", body_T_lidar=[0.5, 0, 1.5, 0, 0, 90]).open(tmp_path, "drive")
-    np.testing.assert_allclose(told.points(2), READER.open(tmp_path, "drive").points(2), atol=1e-12)
+    configured = Bag(truth="/truth", body_T_lidar=[0.5, 0, 1.5, 0, 0, 90]).open(tmp_path, "drive")
     np.testing.assert_allclose(
-        told.points(2),
+        configured.points(2), READER.open(tmp_path, "drive").points(2), atol=1e-12
+    )
+    np.testing.assert_allclose(
+        configured.points(2),
         transform(BODY_T_LIDAR, np.array([[2, 0, 0], [1, 2, 3]], np.float32)),
         atol=1e-5,
     )
 
 
-def test_what_is_not_there_is_named(tmp_path: Path) -> None:
+def test_a_missing_bag_or_topic_is_named(tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     for name in ("empty", "absent"):
         with pytest.raises(LogError, match=f"{name}: no bag there"):
@@ -451,7 +453,7 @@ def test_a_topic_in_several_frames_is_refused(
         Bag(truth="/truth").open(written(tmp_path, write), "drive")
 
 
-def test_an_mcap_of_another_profile_is_called_so(tmp_path: Path) -> None:
+def test_an_mcap_of_another_profile_is_refused(tmp_path: Path) -> None:
     """In the header of an MCAP, the profile's length and name follow 17 bytes of magic and length."""
     path = next(drive(tmp_path / "drive", "mcap").glob("*.mcap"))
     data = path.read_bytes()

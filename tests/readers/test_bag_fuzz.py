@@ -45,7 +45,7 @@ def whole(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
 
 @given(data=st.data())
 @settings(max_examples=100, derandomize=True)
-def test_a_damaged_bag_is_a_log_or_a_line(
+def test_a_damaged_bag_gives_a_valid_log_or_is_refused_in_one_line(
     tmp_path_factory: pytest.TempPathFactory, whole: Path, data: st.DataObject
 ) -> None:
     root = tmp_path_factory.getbasetemp() / f"bag{next(COUNT)}"
@@ -87,7 +87,7 @@ print(next(line.split()[1] for line in open("/proc/self/status") if line.startsw
 
 @given(kind=st.sampled_from(["ros1", "mcap"]), data=st.data())
 @settings(max_examples=100, derandomize=True)
-def test_a_damaged_message_in_a_whole_bag_is_a_log_or_a_line(
+def test_a_bag_with_a_damaged_message_gives_a_valid_log_or_is_refused_in_one_line(
     tmp_path_factory: pytest.TempPathFactory, kind: str, data: st.DataObject
 ) -> None:
     root = tmp_path_factory.getbasetemp() / f"message{next(COUNT)}"
@@ -120,7 +120,7 @@ def test_a_damaged_message_in_a_whole_bag_is_a_log_or_a_line(
     ),
 )
 @settings(max_examples=100, derandomize=True)
-def test_stamps_in_any_order_give_the_first_cloud_of_each_between_poses(
+def test_of_clouds_with_one_stamp_the_first_is_read(
     tmp_path_factory: pytest.TempPathFactory,
     clouds: list[tuple[int, float]],
     poses: list[tuple[int, float]],

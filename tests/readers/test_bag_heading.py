@@ -37,7 +37,9 @@ def turning(path: Path, kind: Kind, seconds: tuple[tuple[float, float], ...]) ->
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_rates_of_turn_are_gathered_about_the_vehicle_s_axis(tmp_path: Path, kind: Kind) -> None:
+def test_rates_of_turn_are_integrated_about_the_vehicles_vertical_axis(
+    tmp_path: Path, kind: Kind
+) -> None:
     turning(bag_path(tmp_path, kind), kind, ((0.0, 1.0),))
     log = READER.open(tmp_path, "drive")
     assert log.heading_rad is not None
@@ -46,7 +48,7 @@ def test_rates_of_turn_are_gathered_about_the_vehicle_s_axis(tmp_path: Path, kin
     np.testing.assert_array_equal(log.select(np.array([2, 5])).heading_rad, log.heading_rad[[2, 5]])
 
 
-def test_a_gap_and_what_is_beyond_the_readings_are_unknown(tmp_path: Path) -> None:
+def test_the_heading_is_unknown_in_gaps_and_beyond_the_readings(tmp_path: Path) -> None:
     """Readings from .1 to .2 s and from .8 s on: clouds 0 and 3 to 7 have none, 8 begins anew."""
     turning(bag_path(tmp_path, "mcap"), "mcap", ((0.1, 0.2), (0.8, 1.0)))
     log = READER.open(tmp_path, "drive")

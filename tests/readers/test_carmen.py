@@ -70,7 +70,7 @@ def test_sweeps_are_counted_where_stamps_are_too_coarse_to_tell_them_apart(tmp_p
     assert "its stamps stand still: sweeps are counted, 1 s each" in log.notes
 
 
-def test_newer_records_say_their_angles_and_their_limit(tmp_path: Path) -> None:
+def test_newer_records_hold_angles_and_the_largest_range(tmp_path: Path) -> None:
     new = "ROBOTLASER1 0 -1.5707963267948966 3.14 1.5707963267948966 20 0.01 0 4 1 2 20 nan 1 7 "
     poses = "1.5 2 1.5707963267948966 1 2 1.5707963267948966 "
     (tmp_path / "new.log").write_text(
@@ -85,7 +85,7 @@ def test_newer_records_say_their_angles_and_their_limit(tmp_path: Path) -> None:
     assert log.points(0) == pytest.approx(np.array([[0, -1.5, 0], [2, -0.5, 0]]))
 
 
-def test_another_file_may_hold_the_truth(tmp_path: Path) -> None:
+def test_a_corrected_log_beside_a_raw_one_holds_the_truth(tmp_path: Path) -> None:
     raw = [flaser([1, 2], f"{i} {0.1 * i} 0", 5 + i) for i in range(4)]
     rear = flaser([3], "9 9 9", 5.5, kind="RLASER")
     (tmp_path / "a.log").write_text("".join([raw[0], rear, *raw[1:]]))
@@ -103,7 +103,7 @@ def test_another_file_may_hold_the_truth(tmp_path: Path) -> None:
     assert Carmen(corrected="{sequence}.none.log").sequences(tmp_path)["a"] == ["a.none.log"]
 
 
-def test_a_raw_log_is_suspected(tmp_path: Path) -> None:
+def test_a_note_says_that_a_log_may_be_raw(tmp_path: Path) -> None:
     lines = [
         f"ODOM {i} 0 0 1 0 0 {i} host {i}\n{flaser([1], f'{i + 0.5} 0 0', i)}" for i in range(1, 5)
     ]
@@ -127,7 +127,7 @@ def test_a_raw_log_is_suspected(tmp_path: Path) -> None:
         ("b.log", b"", "no such log"),
     ],
 )
-def test_a_log_that_cannot_be_read_is_one_line(
+def test_a_broken_log_raises_an_error_of_one_line(
     tmp_path: Path, name: str, data: bytes, says: str
 ) -> None:
     (tmp_path / name).write_bytes(data)

@@ -10,7 +10,7 @@ from pipeline.readers.deskew import deskewed, scan_at_stamp
 from pipeline.readers.log import Log
 
 
-def test_a_point_ahead_is_carried_as_far_as_the_vehicle_drove_meanwhile() -> None:
+def test_a_point_is_moved_as_far_as_the_vehicle_drove_since_the_stamp() -> None:
     """At 10 m/s a point seen .05 s after the stamp, 3 m ahead, lies 3.5 m ahead of the stamp's."""
     step = pose(np.array([[1.0, 0.0, 0.0]]), np.zeros((1, 3)))[0]  # in .1 s
     points_m = np.array([[3.0, 0.0, 0.0], [3.0, 0.0, 0.0], [3.0, 0.0, 0.0]])
@@ -39,7 +39,7 @@ def test_without_times_or_motion_points_stay() -> None:
         np.testing.assert_array_equal(moved_m, points_m)
 
 
-def test_a_scan_is_undone_by_the_steps_to_it_and_from_it() -> None:
+def test_a_scan_is_deskewed_by_the_steps_before_and_after_it() -> None:
     """The vehicle comes with 5 m/s and goes on with 10 m/s.
 
     So a point .05 s before the stamp is moved .25 m back, one .05 s after it .5 m ahead. After a

@@ -47,7 +47,7 @@ def test_an_npy_is_read_byte_by_byte(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("kind", ["<f2", "<f4", ">f4", "<f8", "<i4", "u1"])
 @pytest.mark.parametrize("order", ["C", "F"])
-def test_arrays_come_back(tmp_path: Path, kind: str, order: str) -> None:
+def test_arrays_of_any_type_and_order_are_read(tmp_path: Path, kind: str, order: str) -> None:
     points = np.arange(20).reshape(5, 4).astype(kind, order=order)  # type: ignore[call-overload]
     np.save(tmp_path / "1.npy", points)
     np.testing.assert_array_equal(
@@ -75,7 +75,7 @@ def test_an_array_that_holds_no_points_along_its_last_axis_is_refused(
         read_scan(tmp_path / "1.npy", np.eye(4))
 
 
-def test_a_guess_of_how_wide_points_are_is_said(tmp_path: Path) -> None:
+def test_a_note_says_that_the_width_of_points_is_a_guess(tmp_path: Path) -> None:
     """500 points of 16 bytes in a cube filled evenly may as well be 400 of 20 bytes. A number that
     is set is no guess."""
     cube = np.random.default_rng(0).uniform(-20, 20, (500, 4)).astype("<f4").tobytes()
@@ -142,7 +142,7 @@ def test_a_tum_file_may_have_commas_comments_and_unknown_rows(tmp_path: Path) ->
         ("1 2 3\n", "0\n", "expected 12 numbers a row"),
     ],
 )
-def test_kitti_poses_that_cannot_be_are_one_line(
+def test_wrong_kitti_poses_raise_an_error_of_one_line(
     tmp_path: Path, poses: str, times: str, says: str
 ) -> None:
     (tmp_path / "poses.txt").write_text(poses)
@@ -161,7 +161,7 @@ def test_kitti_poses_that_cannot_be_are_one_line(
         (f"{START}123 1 0 0 0 0 0 1", "its stamp is in ms"),
     ],
 )
-def test_poses_of_another_layout_are_told_by_their_numbers(
+def test_the_error_on_poses_of_another_layout_names_the_layout(
     tmp_path: Path, row: str, says: str
 ) -> None:
     (tmp_path / "poses.txt").write_text(f"{row}\n")
@@ -169,7 +169,7 @@ def test_poses_of_another_layout_are_told_by_their_numbers(
         read_tum(tmp_path / "poses.txt")
 
 
-def test_a_tum_trajectory_is_told_where_kitti_poses_are_wanted(tmp_path: Path) -> None:
+def test_the_error_on_tum_poses_instead_of_kitti_poses_names_the_setting(tmp_path: Path) -> None:
     (tmp_path / "poses.txt").write_text(f"{START} 1 0 0 0 0 0 1\n")
     with one_line(LogError, "8 numbers a row are a TUM trajectory's: reader.poses_format: tum"):
         read_kitti(tmp_path / "poses.txt", tmp_path / "times.txt")
@@ -205,7 +205,7 @@ def test_names_are_stamps_in_the_declared_unit(tmp_path: Path, stamps: str, stem
     assert log.stamps_ns.tolist() == [START * 10**9 + 150_000_000]
 
 
-def test_names_in_another_unit_are_told_which(tmp_path: Path) -> None:
+def test_the_error_on_names_in_another_unit_names_the_unit(tmp_path: Path) -> None:
     """Decimals of a second fit no double: by their digits these are nanoseconds, beyond any stamp
     in seconds."""
     root = folder_log(tmp_path, scans={f"scans/{START}123456789.bin": cloud((1, 1, 1))})
@@ -216,7 +216,7 @@ def test_names_in_another_unit_are_told_which(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("stamps", ["us", "ns"])
-def test_a_wrong_unit_is_told_with_both_spans(tmp_path: Path, stamps: str) -> None:
+def test_the_error_on_a_wrong_unit_gives_both_time_spans(tmp_path: Path, stamps: str) -> None:
     root = folder_log(tmp_path, scans={f"scans/{START}.bin": cloud((1, 1, 1))})
     with pytest.raises(
         LogError,
@@ -242,7 +242,7 @@ def test_key_frames_have_their_own_poses_however_sparse_and_rounded(tmp_path: Pa
     np.testing.assert_array_equal(log.world_T_scan[:, 0, 3], [0, 5, 10, 15, 20])
 
 
-def test_of_scans_between_sparse_poses_the_gap_is_told_and_no_unit_blamed(tmp_path: Path) -> None:
+def test_scans_between_sparse_poses_are_refused_for_the_gap_not_the_unit(tmp_path: Path) -> None:
     with pytest.raises(LogError) as refused:
         Folder().open(folder_log(tmp_path, **key_frames(2.0, off_us=500_000)), "drive")
     line = str(refused.value)
@@ -290,7 +290,7 @@ def test_a_point_lies_in_the_world_where_the_raw_poses_put_it_plus_the_lift(tmp_
     )
 
 
-def test_scans_of_all_kinds_stand_beside_each_other(tmp_path: Path) -> None:
+def test_scans_of_all_formats_may_lie_in_one_folder(tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", np.array([[4.0, 5, 6]]))
     pcd = b"VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 1\nHEIGHT 1\nPOINTS 1\nDATA ascii\n7 8 9\n"
     scans = {
@@ -308,7 +308,7 @@ def test_scans_of_all_kinds_stand_beside_each_other(tmp_path: Path) -> None:
     assert len(log.stamps_ns) == 1
 
 
-def test_scans_that_cannot_be_are_counted(tmp_path: Path) -> None:
+def test_scans_that_cannot_be_used_are_counted(tmp_path: Path) -> None:
     good = cloud((1, 1, 1))
     scans = {
         f"scans/{START}.5.bin": good,
@@ -400,7 +400,7 @@ def test_a_folder_that_lacks_something_is_refused(
         Folder().open(tmp_path, "other")
 
 
-def test_a_scan_that_is_damaged_tells_when_it_is_read(tmp_path: Path) -> None:
+def test_a_damaged_scan_raises_an_error_only_when_it_is_read(tmp_path: Path) -> None:
     log = Folder().open(folder_log(tmp_path, scans={f"scans/{START}.1.pcd": b"no cloud"}), "drive")
     with pytest.raises(LogError, match="no PCD file"):
         log.points(0)

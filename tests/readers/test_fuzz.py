@@ -150,7 +150,7 @@ FILES = [
 )
 @given(data=st.data())
 @settings(max_examples=60, derandomize=True)
-def test_a_log_with_a_damaged_file_keeps_its_promises_or_is_one_line(
+def test_a_log_with_a_damaged_file_is_valid_or_refused_in_one_line(
     tmp_path_factory: pytest.TempPathFactory,
     make: Callable[[Path], Path],
     reader: Reader,
@@ -375,7 +375,7 @@ READS: dict[str, Callable[[Path], object]] = {
         *(("000009.bin", bytes(n), f"{n} bytes") for n in (1, 15, 17)),
     ],
 )
-def test_a_file_that_cannot_be_is_one_line_that_names_it(
+def test_the_error_on_a_broken_file_is_one_line_that_names_it(
     tmp_path: Path, name: str, data: bytes | str | None, says: str
 ) -> None:
     if data is not None:

@@ -39,7 +39,7 @@ def test_the_body_looks_where_it_drives(tmp_path: Path) -> None:
         ("", "no rows"),
     ],
 )
-def test_a_wrong_table_is_one_line(tmp_path: Path, text: str, says: str) -> None:
+def test_a_wrong_table_raises_an_error_of_one_line(tmp_path: Path, text: str, says: str) -> None:
     root = key_frames(tmp_path)
     (root / "run" / "keyframes.txt").write_text(text)
     with one_line(LogError, says):

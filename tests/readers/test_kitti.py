@@ -90,17 +90,15 @@ def test_only_the_scans_on_disk_are_read(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("split", [0.0, 0.3, 0.5, 0.9])
-def test_the_two_parts_of_a_log_share_nothing_and_lack_nothing(
-    tmp_path: Path, split: float
-) -> None:
+def test_each_scan_of_a_log_is_in_one_of_its_two_parts(tmp_path: Path, split: float) -> None:
     root = kitti_log(tmp_path)
     reader = Kitti(split=split)
-    first, rest, whole = (reader.open(root, name) for name in ("07-a", "07-b", "07"))
-    assert first.stamps_ns.tolist() + rest.stamps_ns.tolist() == whole.stamps_ns.tolist()
+    first, second, whole = (reader.open(root, name) for name in ("07-a", "07-b", "07"))
+    assert first.stamps_ns.tolist() + second.stamps_ns.tolist() == whole.stamps_ns.tolist()
     np.testing.assert_array_equal(
-        np.concatenate([first.world_T_scan, rest.world_T_scan]), whole.world_T_scan
+        np.concatenate([first.world_T_scan, second.world_T_scan]), whole.world_T_scan
     )
-    np.testing.assert_array_equal(rest.points(0), whole.points(len(first.stamps_ns)))
+    np.testing.assert_array_equal(second.points(0), whole.points(len(first.stamps_ns)))
     # 10 m of path: part a ends at `split` of it, scans lie every 2 m from 0.
     assert len(first.stamps_ns) == int(10 * split / 2) + 1
 
@@ -143,7 +141,7 @@ def test_a_part_or_a_log_that_does_not_exist_is_refused(
         ({"scans": {"000009": bytes(16)}}, "no readable scan"),
     ],
 )
-def test_a_log_that_cannot_be_is_one_clear_line(
+def test_a_broken_log_raises_an_error_of_one_line(
     tmp_path: Path, change: dict[str, object], says: str
 ) -> None:
     with one_line(LogError, says):
@@ -165,10 +163,10 @@ def test_a_sequence_may_have_a_root_of_its_own(tmp_path: Path) -> None:
         kitti_log(tmp_path / name)
     reader = Kitti(root_per_sequence=True)
     assert reader.sequences(tmp_path) == {"07-a": [], "07-b": []}
-    first, rest = (reader.open(tmp_path, name) for name in ("07-a", "07-b"))
-    assert len(first.stamps_ns) + len(rest.stamps_ns) == 6
+    first, second = (reader.open(tmp_path, name) for name in ("07-a", "07-b"))
+    assert len(first.stamps_ns) + len(second.stamps_ns) == 6
     np.testing.assert_array_equal(
-        rest.points(0), Kitti().open(tmp_path / "07-b", "07").points(len(first.stamps_ns))
+        second.points(0), Kitti().open(tmp_path / "07-b", "07").points(len(first.stamps_ns))
     )
 
 
@@ -196,9 +194,9 @@ def test_real_scans_lie_on_each_other_only_with_their_poses(real: Path) -> None:
 def test_a_real_vehicle_moves_forward_on_the_ground_in_two_parts(real: Path) -> None:
     # The sixteen scans span about 13 m, all ahead of the first; the road falls and rises by less
     # than a tenth of that.
-    first, rest, whole = (Kitti().open(real / "kitti", name) for name in ("00-a", "00-b", "00"))
+    first, second, whole = (Kitti().open(real / "kitti", name) for name in ("00-a", "00-b", "00"))
     xyz = whole.world_T_scan[:, :3, 3]
     assert (np.diff(xyz[:, 0]) > 0.5).all()
     assert np.abs(xyz[:, 1:]).max() < 0.1 * xyz[-1, 0]
-    assert first.stamps_ns.tolist() + rest.stamps_ns.tolist() == whole.stamps_ns.tolist()
-    assert min(len(first.stamps_ns), len(rest.stamps_ns)) >= 7
+    assert first.stamps_ns.tolist() + second.stamps_ns.tolist() == whole.stamps_ns.tolist()
+    assert min(len(first.stamps_ns), len(second.stamps_ns)) >= 7

@@ -186,18 +186,18 @@ def covariance_row(step: int, x_m2: float, y_m2: float, heading_rad2: float) -> 
     return ", ".join(map(str, [START + 100_000 * step, *upper])) + "\n"
 
 
-def test_the_odometrys_variances_add_up_motion_after_motion(tmp_path: Path) -> None:
+def test_the_variances_of_the_odometry_add_up_over_its_motions(tmp_path: Path) -> None:
     path = tmp_path / "odometry_cov.csv"
     rows = [covariance_row(0, 0, 0, 0), covariance_row(1, 0.1, 0.3, 0.02)]
     path.write_text("".join([*rows, covariance_row(2, 0.2, 0.2, 0.01)]))
-    said = read_uncertainty(path).at(1000 * (START + np.array([0, 100_000, 150_000, 200_001])))
+    variances = read_uncertainty(path).at(1000 * (START + np.array([0, 100_000, 150_000, 200_001])))
     # (.1 + .3)/2 after the first motion, half of .2 more half a motion on, nothing beyond the end.
     expected = [[0, 0], [0.2, 0.02], [0.3, 0.025], [np.nan, np.nan]]
-    np.testing.assert_allclose(said, expected, atol=1e-12)
+    np.testing.assert_allclose(variances, expected, atol=1e-12)
 
 
 @pytest.mark.parametrize("ending", ["", ", 1"])
-def test_a_drive_has_its_odometrys_variance_or_says_why_not(tmp_path: Path, ending: str) -> None:
+def test_a_log_has_the_variance_of_its_odometry_or_a_note(tmp_path: Path, ending: str) -> None:
     truth = "".join(row(100_000 * step, step, 0, 0, 0, 0, 0) for step in range(11))
     nclt_log(tmp_path, odometry=truth)
     rows = [covariance_row(step, 0.1, 0.1, 0.1).rstrip("\n") + ending for step in range(100)]

@@ -72,7 +72,7 @@ def test_the_whole_log_is_a_sequence_too() -> None:
     assert len(open_part(Laps(), Path("root"), "laps").stamps_ns) == 250
 
 
-def test_points_and_breaks_are_of_the_part() -> None:
+def test_points_times_and_variances_are_those_of_the_parts_scans() -> None:
     found = part("later+10s")
     assert found.points(0).tolist() == [[106.0] * 3]
     assert found.times_s(0).tolist() == [0.106]
@@ -85,7 +85,7 @@ def test_points_and_breaks_are_of_the_part() -> None:
     assert 200 not in again
 
 
-def test_the_odometry_breaks_where_scans_are_left_out() -> None:
+def test_a_revisit_is_within_5_m_and_later_than_the_time_between_parts() -> None:
     there_and_back = np.column_stack([np.abs(np.arange(-60, 61.0)), np.zeros((121, 2))])
     rows = Part("first", apart_s=5).rows(np.arange(121) * 10**9, there_and_back)
     assert rows.tolist() == list(range(61))  # a revisit is within 5 m, more than 5 s later
@@ -97,7 +97,7 @@ def test_another_rule_is_refused(rule: str) -> None:
         names("laps", rule)
 
 
-def test_a_part_that_is_not_there_is_one_line() -> None:
+def test_a_part_that_does_not_exist_raises_an_error_of_one_line() -> None:
     with one_line(ConfigError, "part 3 of 2; expected 1 to 2"):
         part("path3of2")
     with one_line(LogError, r"no scan is in its part from900s; the log has 250"):

@@ -33,14 +33,14 @@ def test_what_is_on_disk_is_listed(tmp_path: Path) -> None:
     assert "4 of 6 scans are not on disk" in says
 
 
-def test_another_pose_or_point_makes_another_inventory(tmp_path: Path) -> None:
+def test_the_inventory_changes_with_a_pose_or_a_point(tmp_path: Path) -> None:
     point = np.zeros(4, "<f4").tobytes()
-    usual = "".join(f"1 0 0 0 0 1 0 0 0 0 1 {2 * i}\n" for i in range(6))
+    poses_text = "".join(f"1 0 0 0 0 1 0 0 0 0 1 {2 * i}\n" for i in range(6))
     texts = set()
     logs = (
-        ("a", usual, point),
-        ("b", usual.replace("1 10", "1 11"), point),
-        ("c", usual, point[::-1] + point),
+        ("a", poses_text, point),
+        ("b", poses_text.replace("1 10", "1 11"), point),
+        ("c", poses_text, point[::-1] + point),
     )
     for name, poses, scan in logs:
         root = kitti_log(
@@ -51,7 +51,7 @@ def test_another_pose_or_point_makes_another_inventory(tmp_path: Path) -> None:
     assert len(texts) == 3
 
 
-def test_nothing_is_written_of_a_log_that_cannot_be_read(tmp_path: Path) -> None:
+def test_nothing_is_written_for_a_log_that_cannot_be_read(tmp_path: Path) -> None:
     root = kitti_log(tmp_path / "data", poses=None)
     with pytest.raises(LogError):
         Recorded(Kitti(), str(root)).record("07", tmp_path / "out", Compute(), Progress())
@@ -66,7 +66,7 @@ class Days:
         return Log(stamps_ns, np.eye(4)[None], np.eye(4)[None], lambda row: np.zeros((1, 3)), {})
 
 
-def test_what_the_user_noted_shows_from_its_day(tmp_path: Path) -> None:
+def test_a_change_is_visible_from_its_day_on(tmp_path: Path) -> None:
     noted = tmp_path / "noted.csv"
     noted.write_text(
         "x_m, y_m, what, day, "

@@ -120,7 +120,7 @@ def test_a_sweep_is_paired_with_its_stamp_by_name_not_by_position(tmp_path: Path
     assert log.skipped == {"stamp without a file": 1, "file without a stamp": 1}
 
 
-def test_without_a_list_of_stamps_the_files_names_tell(tmp_path: Path) -> None:
+def test_without_a_list_of_stamps_all_files_are_read(tmp_path: Path) -> None:
     log = opened(tmp_path, stamps=None)
     assert ms(log) == [50 + 100 * i for i in range(10)]
     assert log.notes == (
@@ -205,7 +205,7 @@ def test_a_wide_step_is_a_gap(tmp_path: Path) -> None:
     assert x(RobotCar(max_vo_gap_s=0.6).open(tmp_path, DATE).odom_T_scan) == [0.5, 4, 7.5]
 
 
-def test_a_break_with_sweeps_in_it_is_told_by_them(tmp_path: Path) -> None:
+def test_sweeps_within_a_break_have_no_odometry(tmp_path: Path) -> None:
     # The chain ends at 200 ms, the next row starts at 400: anew, from the identity.
     vo = vo_text(
         vo_row(100, 0, 1.0), vo_row(200, 100, 1.0), vo_row(500, 400, 1.0), vo_row(600, 500, 1.0)
@@ -217,9 +217,7 @@ def test_a_break_with_sweeps_in_it_is_told_by_them(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("before", [201, 100])
-def test_a_break_between_two_sweeps_takes_the_odometry_of_the_first_after_it(
-    tmp_path: Path, before: int
-) -> None:
+def test_the_first_sweep_after_a_break_has_no_odometry(tmp_path: Path, before: int) -> None:
     # The third row starts 1 ms after the second ended, or back at 100 ms: then the new chain has
     # its first knot at 300 ms.
     vo = vo_text(
@@ -231,7 +229,7 @@ def test_a_break_between_two_sweeps_takes_the_odometry_of_the_first_after_it(
     assert x(log.world_T_scan) == [1.5, 3.5, 4]
 
 
-def test_a_break_in_an_outage_is_still_told(tmp_path: Path) -> None:
+def test_a_break_in_an_outage_is_marked_at_the_first_sweep_with_a_true_pose(tmp_path: Path) -> None:
     # Broken at 200 ms, without a true pose from 150 to 450 ms: sweeps of the new chain go up to the
     # first with a true pose, which tells of the break. Without it, a submap would join two chains.
     vo = vo_text(
@@ -367,14 +365,14 @@ def twice(row: str) -> str:
         ),
     ],
 )
-def test_a_drive_that_cannot_be_is_one_clear_line(
+def test_a_broken_drive_raises_an_error_of_one_line(
     tmp_path: Path, files: dict[str, Any], says: str
 ) -> None:
     with one_line(LogError, says):
         opened(tmp_path, **files)
 
 
-def test_missing_extrinsics_say_where_to_take_them_from(tmp_path: Path) -> None:
+def test_the_error_on_missing_extrinsics_says_where_to_take_them_from(tmp_path: Path) -> None:
     root = drive(tmp_path)
     (root / "extrinsics" / "ins.txt").unlink()
     with pytest.raises(

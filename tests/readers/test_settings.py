@@ -79,7 +79,7 @@ def test_the_yaml_holds_the_fields_of_the_reader_and_their_defaults(reader: type
         (RobotCar, {"extrinsics": 3}, "reader.extrinsics"),
     ],
 )
-def test_a_setting_that_cannot_be_is_named(
+def test_the_error_on_a_wrong_setting_names_it(
     reader: type, settings: dict[str, Any], says: str
 ) -> None:
     with one_line(ConfigError, says):

@@ -114,10 +114,10 @@ def test_driving_off_braking_and_gaps_are_no_jumps() -> None:
     gap.stamps_ns[10:] += 10**9
     gap.world_T_body[10:, 0, 3] += 50
     assert not len(jumps(gap))
-    lost = drive(straight(20))
-    lost.world_T_body[[9, 11]] = np.nan  # one pose alone between two gaps
-    lost.world_T_body[10, 0, 3] += 50
-    assert not len(jumps(lost))
+    with_gaps = drive(straight(20))
+    with_gaps.world_T_body[[9, 11]] = np.nan  # one pose alone between two gaps
+    with_gaps.world_T_body[10, 0, 3] += 50
+    assert not len(jumps(with_gaps))
 
 
 def test_a_topic_that_repeats_each_pose_does_not_jump() -> None:
@@ -126,7 +126,7 @@ def test_a_topic_that_repeats_each_pose_does_not_jump() -> None:
     assert not len(jumps(drive(np.repeat(straight(20), 10, axis=0), step_ns=10**7)))
 
 
-def test_odometry_that_is_set_back_has_a_gap_there_and_a_note() -> None:
+def test_odometry_that_is_set_back_gets_a_gap_and_a_note() -> None:
     xyz_m = straight(20)
     xyz_m[11:, 0] -= 11
     mended, notes = split_at_jumps("/odom", drive(xyz_m))
@@ -143,7 +143,7 @@ def test_odometry_that_is_set_back_has_a_gap_there_and_a_note() -> None:
 # In the readers
 
 
-def test_the_first_scan_after_odometry_was_set_back_has_none(tmp_path: Path) -> None:
+def test_the_first_scan_after_odometry_was_set_back_has_no_odometry(tmp_path: Path) -> None:
     """Scans every 0.1 s; the odometry is 0 … 5 m, then 0 … 5 m again while the truth goes on to 11
     m."""
     scans = {
