@@ -18,18 +18,23 @@ XYZ_M = np.column_stack([20 * np.cos(ANGLES), 20 * np.sin(ANGLES), np.zeros(250)
 
 
 class Laps:
-    """A reader of one log, whose points hold the number of their scan."""
+    """A reader of one log with a scan a second, whose points hold the number of their scan."""
+
+    def __init__(self, xyz_m: np.ndarray = XYZ_M) -> None:
+        """Make a log with scans at these positions (n, 3)."""
+        self.xyz_m = xyz_m
 
     def open(self, root: Path, sequence: str) -> Log:
-        poses = np.tile(np.eye(4), (250, 1, 1))
-        poses[:, :3, 3] = XYZ_M
+        count = len(self.xyz_m)
+        poses = np.tile(np.eye(4), (count, 1, 1))
+        poses[:, :3, 3] = self.xyz_m
         return Log(
-            np.arange(250) * 10**9,
+            np.arange(count) * 10**9,
             poses,
             poses.copy(),
             lambda row: np.full((1, 3), float(row)),
             Counter(),
-            odom_variance=np.full((250, 2), np.arange(250.0)[:, None]),
+            odom_variance=np.full((count, 2), np.arange(float(count))[:, None]),
             times_s=lambda row: np.array([row / 1000]),
         )
 
@@ -89,6 +94,19 @@ def test_a_revisit_is_within_5_m_and_later_than_the_time_between_parts() -> None
     there_and_back = np.column_stack([np.abs(np.arange(-60, 61.0)), np.zeros((121, 2))])
     rows = Part("first", apart_s=5).rows(np.arange(121) * 10**9, there_and_back)
     assert rows.tolist() == list(range(61))  # a revisit is within 5 m, more than 5 s later
+
+
+def test_the_odometry_breaks_where_scans_are_left_out() -> None:
+    # 20 m along x, 10 m back, then 20 m along y, a metre a second. From 22 s (at x = 18, where
+    # x = 13 was 9 s before) until 35 s (at y = 5), scans are revisits, so they are left out.
+    out = np.column_stack([np.arange(21.0), np.zeros(21)])
+    back = np.column_stack([np.arange(19.0, 9, -1), np.zeros(10)])
+    aside = np.column_stack([np.full(20, 10.0), np.arange(1.0, 21)])
+    xy_m = np.concatenate([out, back, aside])
+    reader = Laps(np.column_stack([xy_m, np.zeros(len(xy_m))]))
+    log = open_part(reader, Path("root"), "laps+first+8s")
+    assert (log.stamps_ns // 10**9).tolist() == [*range(22), *range(36, 51)]
+    assert np.flatnonzero(np.isnan(log.odom_T_scan[:, 0, 0])).tolist() == [22]
 
 
 @pytest.mark.parametrize("rule", ["halves?", "path:1", "path", "time:2:x", "cut:5", "visits:-1"])
