@@ -106,10 +106,10 @@ def diagnose(
     # 1. numbers that need no more than finite points
     is_finite = np.isfinite(points_m).all(axis=1)
     points = np.asarray(points_m[is_finite], np.float64)
-    found_symptoms = symptoms.missing(len(points_m), len(points))
+    found_symptoms = symptoms.missing_points(len(points_m), len(points))
     if not len(points):
         return Diagnosis(0, tuple(found_symptoms))
-    found_symptoms += symptoms.repeated(points)
+    found_symptoms += symptoms.repeated_points(points)
     range_m = np.hypot(points[:, 0], points[:, 1])
     beams = None if lasers is None else int(lasers.max(initial=0)) + 1
     diagnosis = Diagnosis(
@@ -125,26 +125,29 @@ def diagnose(
         beams=beams,
         has_laser_ids=lasers is not None,
     )
-    if shape := symptoms.scale(points, range_m) or symptoms.flat(points):
-        return replace(diagnosis, symptoms=(*found_symptoms, shape))
+    unit_or_shape = symptoms.wrong_unit(points, range_m) or symptoms.flat_cloud(points)
+    if unit_or_shape is not None:
+        return replace(diagnosis, symptoms=(*found_symptoms, unit_or_shape))
 
     # 2. ground and sensor, of a cloud that is in metres and not flat
     ground_m = ground_height(points, range_m)
     low_m, _, high_m = diagnosis.z_m
     below_m = ground_m - low_m
-    is_hanging = below_m > 1.0 and below_m > 2 * (high_m - ground_m)
+    z_points_down = below_m > 1.0 and below_m > 2 * (high_m - ground_m)
     sensor_m = np.nan
-    rings = find_beams(points, ground_m, -1.0 if is_hanging else 1.0)
+    rings = find_beams(points, ground_m, -1.0 if z_points_down else 1.0)
     if rings is not None:
         beams = beams or rings.number
         sensor_m = abs(rings.sensor_z_m - ground_m)
-    if ground_m < -RAISED_M or np.isfinite(mounted_m):
-        sensor_m = np.nan_to_num(mounted_m) - ground_m  # the origin is the sensor, or it is known
-    if is_hanging:
-        found_symptoms.append(symptoms.hanging(ground_m, low_m))
+    if np.isfinite(mounted_m):
+        sensor_m = mounted_m - ground_m
+    elif ground_m < -RAISED_M:
+        sensor_m = -ground_m  # the origin is taken for the sensor
+    if z_points_down:
+        found_symptoms.append(symptoms.downward_z(ground_m, low_m))
     if abs(ground_m) > RAISED_M:
-        found_symptoms.append(symptoms.ground(ground_m))
-    found_symptoms += symptoms.sparse(diagnosis.azimuth_deg, beams)
+        found_symptoms.append(symptoms.raised_ground(ground_m))
+    found_symptoms += symptoms.limited_view(diagnosis.azimuth_deg, beams)
     return replace(
         diagnosis, symptoms=tuple(found_symptoms), beams=beams, ground_m=ground_m, sensor_m=sensor_m
     )

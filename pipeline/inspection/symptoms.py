@@ -49,7 +49,7 @@ class Symptom:
     text: str
 
 
-def missing(count: int, finite_count: int) -> list[Symptom]:
+def missing_points(count: int, finite_count: int) -> list[Symptom]:
     """Symptoms of a cloud of `count` points with some not finite, or with too few finite ones."""
     symptoms = []
     if nonfinite := count - finite_count:
@@ -67,7 +67,7 @@ def missing(count: int, finite_count: int) -> list[Symptom]:
     return symptoms
 
 
-def repeated(points: NDArray[np.float64]) -> list[Symptom]:
+def repeated_points(points: NDArray[np.float64]) -> list[Symptom]:
     """Symptoms of a cloud (n, 3) with many points at the origin, or many duplicate points."""
     zeros = int((points == 0).all(axis=1).sum())
     off_origin = points[(points != 0).any(axis=1)]
@@ -91,7 +91,7 @@ def repeated(points: NDArray[np.float64]) -> list[Symptom]:
     return symptoms
 
 
-def scale(points: NDArray[np.float64], range_m: NDArray[np.float64]) -> Symptom | None:
+def wrong_unit(points: NDArray[np.float64], range_m: NDArray[np.float64]) -> Symptom | None:
     """A symptom if the unit of points (n, 3) cannot be metres, else None.
 
     `range_m` (n,) are their distances from the origin in the xy plane.
@@ -111,7 +111,7 @@ def scale(points: NDArray[np.float64], range_m: NDArray[np.float64]) -> Symptom 
     return None
 
 
-def flat(points: NDArray[np.float64]) -> Symptom | None:
+def flat_cloud(points: NDArray[np.float64]) -> Symptom | None:
     """A symptom if all points (n, 3) lie in one plane, else None."""
     thick_m = thickness(points)
     if thick_m > LEVEL_M:
@@ -123,7 +123,7 @@ def flat(points: NDArray[np.float64]) -> Symptom | None:
     )
 
 
-def hanging(ground_m: float, low_m: float) -> Symptom:
+def downward_z(ground_m: float, low_m: float) -> Symptom:
     """The symptom of a cloud whose z points down: it reaches from its ground to `low_m`."""
     return Symptom(
         Kind.DOWN,
@@ -132,7 +132,7 @@ def hanging(ground_m: float, low_m: float) -> Symptom:
     )
 
 
-def ground(ground_m: float) -> Symptom:
+def raised_ground(ground_m: float) -> Symptom:
     """The symptom of a ground at z = `ground_m`, not at 0."""
     return Symptom(
         Kind.GROUND,
@@ -142,7 +142,7 @@ def ground(ground_m: float) -> Symptom:
     )
 
 
-def sparse(azimuth_deg: float, beams: int | None) -> list[Symptom]:
+def limited_view(azimuth_deg: float, beams: int | None) -> list[Symptom]:
     """Symptoms of a sensor that does not see all round, or has few beams; None if not known."""
     if azimuth_deg < ALL_ROUND_DEG:
         text = (

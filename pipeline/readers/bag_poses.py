@@ -199,7 +199,7 @@ class Tree:
             return None
         a_T_b = np.eye(4)
         for edge, is_forward in chain:
-            parent_T_child = self.edges[edge][1][-1]
+            parent_T_child = self._poses(edge)[-1]
             a_T_b = a_T_b @ (parent_T_child if is_forward else np.linalg.inv(parent_T_child))
         return a_T_b
 
@@ -238,15 +238,20 @@ class Tree:
         stamps_ns = max((trajectory.stamps_ns for trajectory in trajectories.values()), key=len)
         parent_T_child = np.tile(np.eye(4), (len(stamps_ns), 1, 1))
         for edge, is_forward in chain:
-            steps = self.edges[edge][1][-1:]
+            steps = self._poses(edge)[-1:]
             if edge in trajectories:
                 steps = trajectories[edge].at(stamps_ns)[0]
             parent_T_child = parent_T_child @ (steps if is_forward else np.linalg.inv(steps))
         return Track(name, Trajectory(stamps_ns, parent_T_child, max_gap_s), parent, child, notes)
 
+    def _poses(self, edge: Edge) -> Poses:
+        """The poses (n, 4, 4) of a transform, in order of receipt."""
+        _, parent_T_child = self.edges[edge]
+        return parent_T_child
+
     def _is_fixed(self, edge: Edge) -> bool:
         """Whether a transform never changes by more than STILL."""
-        edge_poses = self.edges[edge][1]
+        edge_poses = self._poses(edge)
         return bool((np.abs(edge_poses - edge_poses[-1]) <= STILL).all())
 
 

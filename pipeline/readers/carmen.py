@@ -123,12 +123,14 @@ class Carmen:
 
     def sequences(self, root: Path) -> dict[str, list[str]]:
         """The sequences below `root`, each with the files that it lacks."""
-        logs = sorted(self._files(root).items())
-        truth_paths = {
-            name: path.with_name((self.corrected or path.name).format(sequence=name))
-            for name, path in logs
-        }
-        return {name: [] if path.is_file() else [path.name] for name, path in truth_paths.items()}
+        missing: dict[str, list[str]] = {}
+        for name, path in sorted(self._files(root).items()):
+            missing[name] = []
+            if self.corrected:
+                truth_path = path.with_name(self.corrected.format(sequence=name))
+                if not truth_path.is_file():
+                    missing[name].append(truth_path.name)
+        return missing
 
     def _files(self, root: Path) -> dict[str, Path]:
         """The logs below the root by their names; corrected logs beside raw ones are left out."""

@@ -35,7 +35,7 @@ def columns(path: Path, names: Sequence[str]) -> Table:
                     "anew"
                 )
             pick_columns = itemgetter(*(header.index(name) for name in names))
-            cells = [pick_columns(row) for row in _whole(path, rows, len(header))]
+            cells = [pick_columns(row) for row in _whole_rows(path, rows, len(header))]
     except (FileNotFoundError, IsADirectoryError):
         raise LogError(f"{path}: no such file") from None
     except (csv.Error, UnicodeDecodeError) as error:
@@ -78,7 +78,7 @@ def utimes_ns(path: Path, utimes: NDArray[np.float64]) -> Stamps:
     return stamps_ns
 
 
-def _whole(path: Path, rows: Iterable[list[str]], width: int) -> Iterator[list[str]]:
+def _whole_rows(path: Path, rows: Iterable[list[str]], width: int) -> Iterator[list[str]]:
     """Yield all rows but empty lines; raises LogError for a row that has not `width` columns."""
     for number, row in enumerate(filter(None, rows), 1):
         if len(row) != width:
