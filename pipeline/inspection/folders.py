@@ -30,8 +30,8 @@ OWN = "another robot's"
 MAX_NAMES = 20
 """Names of files in a folder that are listed."""
 FAR_M = 50.0
-"""Only where the robot is farther than this from the origin of its world, a cloud around the robot
-is told from one around the origin."""
+"""If the robot is nearer than this to the origin of its world, a cloud around the robot cannot be
+told from one around the origin."""
 RECORD_BYTES = {"nclt": nclt.RECORD_BYTES, "kitti": kitti.RECORD_BYTES}
 """Bytes of a point, by format."""
 

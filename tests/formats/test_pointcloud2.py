@@ -38,6 +38,7 @@ def field(name: str, offset: int, datatype: int = 7, count: int = 1) -> SimpleNa
 
 
 XYZ = (field("x", 0), field("y", 4), field("z", 8))
+"""x, y, z as float32, one after the other."""
 ODD = (field("z", 1), field("x", 5, 8), field("y", 13, 3))
 """z float32 at 1, x float64 at 5, y int16 at 13; 15 bytes a point."""
 DOUBLES = (field("x", 0, 8), field("y", 8, 8), field("z", 16, 8))
@@ -110,21 +111,17 @@ def message(
         ),
     ],
     ids=[
-        *(
-            "plain",
-            "not finite",
-            "another order at odd offsets",
-            "big-endian",
-            "padded rows",
-            "no padding behind the last row",
-        ),
-        *(
-            "the size of all as row_step",
-            "no row_step",
-            "no height",
-            "one row without row_step",
-            "beyond float32",
-        ),
+        "plain",
+        "not finite",
+        "another order at odd offsets",
+        "big-endian",
+        "padded rows",
+        "no padding behind the last row",
+        "the size of all as row_step",
+        "no row_step",
+        "no height",
+        "one row without row_step",
+        "beyond float32",
     ],
 )
 def test_finite_points_of_any_layout_are_read(

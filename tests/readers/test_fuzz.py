@@ -11,6 +11,7 @@ import resource
 import struct
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import psutil
@@ -106,61 +107,58 @@ KITTI = Folder(poses_format="kitti", odometry="odometry.txt")
 DRIVE = robotcar_drive.DATE
 BOTH = RobotCar(("lms_front", "lms_rear"))
 SCAN = f"lms_front/{robotcar_drive.START + 350_000}.bin"
-LOGS: list[tuple[Callable[[Path], Path], Reader, str, str, tuple[str, ...]]] = [
-    (
-        nclt,
-        Nclt(),
-        DATE,
-        f"{DATE}/",
-        (
-            f"groundtruth_{DATE}.csv",
-            "odometry_mu_100hz.csv",
-            f"velodyne_sync/{START + 150_000}.bin",
-        ),
-    ),
-    (kitti_log, Kitti(), "07", "sequences/07/", ("calib.txt", "times.txt", "velodyne/000002.bin")),
-    (kitti_log, Kitti(), "07", "poses/", ("07.txt",)),
-    (tum_folder, TUM, "drive", "drive/", ("poses.txt", "odometry.txt")),
-    (kitti_folder, KITTI, "drive", "drive/", ("poses.txt", "times.txt")),
-    (
-        robotcar,
-        BOTH,
-        DRIVE,
-        f"{DRIVE}/",
-        ("vo/vo.csv", "gps/ins.csv", "lms_front.timestamps", SCAN),
-    ),
-    (robotcar, BOTH, DRIVE, "extrinsics/", ("lms_front.txt", "ins.txt")),
-    (carmen_log, Carmen(), "drive", "", ("drive.log",)),
-    (carmen_pair, Carmen(corrected="{sequence}.gfs.log"), "drive", "", ("drive.gfs.log",)),
-    (carmen_packed, Carmen(), "drive", "", ("drive.log.gz",)),
-    (key_frames, KeyFrames(), "run", "run/", ("keyframes.txt", "2.pcd")),
-]
-"""What writes a log, its reader, its sequence, and a folder with the files that are damaged."""
-FILES = [
-    (make, reader, sequence, folder + file)
-    for make, reader, sequence, folder, files in LOGS
-    for file in files
+PAIR = Carmen(corrected="{sequence}.gfs.log")
+
+
+class LogFile(NamedTuple):
+    """A file of a log, which the test damages."""
+
+    write_log: Callable[[Path], Path]
+    """Writes the log below a root, and returns the root."""
+    reader: Reader
+    sequence: str
+    path: str
+    """Below the root."""
+
+
+LOG_FILES = [
+    LogFile(nclt, Nclt(), DATE, f"{DATE}/groundtruth_{DATE}.csv"),
+    LogFile(nclt, Nclt(), DATE, f"{DATE}/odometry_mu_100hz.csv"),
+    LogFile(nclt, Nclt(), DATE, f"{DATE}/velodyne_sync/{START + 150_000}.bin"),
+    LogFile(kitti_log, Kitti(), "07", "sequences/07/calib.txt"),
+    LogFile(kitti_log, Kitti(), "07", "sequences/07/times.txt"),
+    LogFile(kitti_log, Kitti(), "07", "sequences/07/velodyne/000002.bin"),
+    LogFile(kitti_log, Kitti(), "07", "poses/07.txt"),
+    LogFile(tum_folder, TUM, "drive", "drive/poses.txt"),
+    LogFile(tum_folder, TUM, "drive", "drive/odometry.txt"),
+    LogFile(kitti_folder, KITTI, "drive", "drive/poses.txt"),
+    LogFile(kitti_folder, KITTI, "drive", "drive/times.txt"),
+    LogFile(robotcar, BOTH, DRIVE, f"{DRIVE}/vo/vo.csv"),
+    LogFile(robotcar, BOTH, DRIVE, f"{DRIVE}/gps/ins.csv"),
+    LogFile(robotcar, BOTH, DRIVE, f"{DRIVE}/lms_front.timestamps"),
+    LogFile(robotcar, BOTH, DRIVE, f"{DRIVE}/{SCAN}"),
+    LogFile(robotcar, BOTH, DRIVE, "extrinsics/lms_front.txt"),
+    LogFile(robotcar, BOTH, DRIVE, "extrinsics/ins.txt"),
+    LogFile(carmen_log, Carmen(), "drive", "drive.log"),
+    LogFile(carmen_pair, PAIR, "drive", "drive.gfs.log"),
+    LogFile(carmen_packed, Carmen(), "drive", "drive.log.gz"),
+    LogFile(key_frames, KeyFrames(), "run", "run/keyframes.txt"),
+    LogFile(key_frames, KeyFrames(), "run", "run/2.pcd"),
 ]
 
 
 @pytest.mark.parametrize(
-    ("make", "reader", "sequence", "file"),
-    FILES,
-    ids=[f"{type(row[1]).__name__} {row[3]}" for row in FILES],
+    "file", LOG_FILES, ids=lambda file: f"{type(file.reader).__name__} {file.path}"
 )
 @given(data=st.data())
 @settings(max_examples=60, derandomize=True)
 def test_a_log_with_a_damaged_file_is_valid_or_refused_in_one_line(
-    tmp_path_factory: pytest.TempPathFactory,
-    make: Callable[[Path], Path],
-    reader: Reader,
-    sequence: str,
-    file: str,
-    data: st.DataObject,
+    tmp_path_factory: pytest.TempPathFactory, file: LogFile, data: st.DataObject
 ) -> None:
-    root = make(tmp_path_factory.mktemp(f"log{next(COUNT)}"))
-    (root / file).write_bytes(data.draw(damaged((root / file).read_bytes())))
-    opened(reader, root, sequence)
+    root = file.write_log(tmp_path_factory.mktemp(f"log{next(COUNT)}"))
+    path = root / file.path
+    path.write_bytes(data.draw(damaged(path.read_bytes())))
+    opened(file.reader, root, file.sequence)
 
 
 def pcd(data: str, body: bytes) -> bytes:
