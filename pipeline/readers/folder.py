@@ -96,14 +96,19 @@ class Folder:
         truth = None if self.poses is None else self._trajectory(folder, self.poses)
         odometry = None if self.odometry is None else self._trajectory(folder, self.odometry)
         pose_stamps_ns = np.empty(0, np.int64) if truth is None else truth.stamps_ns
+
+        # the scan files that can be used, by stamp
         scan_paths = sorted(self._scan_files(folder))
         width, width_notes = self._width(scan_paths)
         path_by_stamp = self._usable(folder, scan_paths, width, pose_stamps_ns, skipped)
         stamps_ns = np.array(sorted(path_by_stamp), np.int64)
+
+        # those that have a pose
         question = f"is reader.stamps={self.stamps} the unit of the scans' names?"
         posed = log.rows_with_poses(folder, stamps_ns, truth, odometry, skipped, question)
         stamps_ns = stamps_ns[posed.rows]
         posed_paths = [path_by_stamp[stamp] for stamp in stamps_ns.tolist()]
+
         body_T_lidar = log.extrinsic("reader.body_T_lidar", self.body_T_lidar)
         vehicle_T_lidar = log.raised(self.lift_m) @ body_T_lidar
         return Log(
@@ -219,9 +224,9 @@ class Folder:
         """How scans are to be named, for an error."""
         if self.poses is None:
             return "a number or a stamp at the end"
-        return (
-            f"stamps in {self.stamps}" if self.poses_format == "tum" else "row numbers of the poses"
-        )
+        if self.poses_format == "kitti":
+            return "row numbers of the poses"
+        return f"stamps in {self.stamps}"
 
     def _naming_hint(self, scan_paths: Sequence[Path]) -> str:
         """An example of a wrong name, and the setting that may help; empty without a file."""
@@ -243,13 +248,6 @@ class Folder:
         if self.poses_frame == "camera":
             poses = BODY_T_CAMERA @ poses @ BODY_T_CAMERA.T
         return Trajectory(stamps_ns, poses, self.max_gap_s)
-
-
-def _is_below(place: object) -> bool:
-    """Whether a setting is a path or pattern that stays below the folder that it starts from."""
-    if not isinstance(place, str) or not place or place[0] == "/":
-        return False
-    return not {"..", "**"} & set(Path(place).parts)
 
 
 def read_scan(
@@ -319,3 +317,10 @@ def read_kitti(path: Path, times_path: Path) -> tuple[Stamps, Poses]:
     log.refuse_poses(path, poses, finite)
     poses[~finite] = np.nan
     return log.nanoseconds(times_path, times_s, "s", 10**9), poses
+
+
+def _is_below(place: object) -> bool:
+    """Whether a setting is a path or pattern that stays below the folder that it starts from."""
+    if not isinstance(place, str) or not place or place[0] == "/":
+        return False
+    return not {"..", "**"} & set(Path(place).parts)
