@@ -19,26 +19,27 @@ from pipeline.inspection.origin import add_provenance
 from pipeline.readers import keyframes
 from pipeline.readers.folder import Folder
 
-KNOWN = (
+SUPPORTED = (
     ".zarr, .zarr.zip (a model), .bin, .csv (NCLT poses, RobotCar vo, ins), .txt (KITTI poses, "
     "times, calib; TUM poses), .npy, .pcd, .bag, .mcap, .db3, .log and .clf (CARMEN), or a folder "
     "of these"
 )
+"""What can be inspected, for an error."""
+SURVEYORS_MAP = "a surveyor's map, not scans: yearloc learns from scans and where each was taken"
+ZSTD = "packed: name the folder of the bag that it belongs to, or unpack it with `zstd -d FILE`"
 FOREIGN = {
     ".pcap": (
         "packets of a lidar: play them through its driver, and record the points topic with `ros2 "
         "bag record`"
     ),
     ".osf": "Ouster's recording: save it as a bag with Ouster's own tools, and inspect that",
-    ".las": "a surveyor's map, not scans: yearloc learns from scans and where each was taken",
+    ".las": SURVEYORS_MAP,
+    ".laz": SURVEYORS_MAP,
     ".ply": "a mesh or cloud: `pcl_ply2pcd FILE.ply FILE.pcd` makes a .pcd of it",
+    ".zst": ZSTD,
+    ".zstd": ZSTD,
+    ".gz": "packed: unpack it with `gunzip FILE`",
 }
-FOREIGN[".laz"] = FOREIGN[".las"]
-FOREIGN |= dict.fromkeys(
-    (".zst", ".zstd"),
-    "packed: name the folder of the bag that it belongs to, or unpack it with `zstd -d FILE`",
-)
-FOREIGN[".gz"] = "packed: unpack it with `gunzip FILE`"
 """For each suffix of a format that yearloc does not read: what it holds, and what to do with it."""
 FILES: dict[str, Callable[[Path, Inspection], None]] = {
     f"*{MODEL}": artifacts.model,
@@ -130,4 +131,4 @@ def _file(path: Path, as_format: str | None, inspection: Inspection) -> None:
     elif path.suffix in FOREIGN:
         raise ConfigError(f"{path}: {FOREIGN[path.suffix]}")
     else:
-        raise ConfigError(f"{path}: no kind of file that inspect knows; it looks at {KNOWN}")
+        raise ConfigError(f"{path}: no kind of file that inspect knows; it looks at {SUPPORTED}")
