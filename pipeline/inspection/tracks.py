@@ -65,7 +65,8 @@ def nclt_poses(path: Path, inspection: Inspection) -> None:
     """
     if "cov" in path.stem:
         raise LogError(
-            f"{path}: covariances, which nothing here reads; inspect the odometry beside it"
+            f"{path}: covariances, which the reader uses but inspect does not describe; inspect "
+            "the odometry beside it"
         )
     rows = log.table(path, 7, ",")
     unstamped_rows = np.flatnonzero(~np.isfinite(rows[:, 0]))

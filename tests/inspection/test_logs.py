@@ -93,6 +93,13 @@ def test_poses_are_described_with_gaps_and_nans(tmp_path: Path) -> None:
     assert found.warnings[0].startswith("1 gaps over 0.5 s, the longest 2.1 s")
 
 
+def test_the_covariances_of_the_odometry_are_not_described(tmp_path: Path) -> None:
+    path = tmp_path / "odometry_cov.csv"
+    path.write_text(", ".join(["1", *["0"] * 21]) + "\n")
+    with one_line(LogError, "covariances, which the reader uses but inspect does not describe"):
+        inspect(path)
+
+
 def test_packets_are_counted_and_looked_at_in_the_bodys_frame(tmp_path: Path) -> None:
     numbers = np.array([nclt.BODY_T_VELODYNE_XYZRPH])
     body_T_velodyne = flip_ned(pose(numbers[:, :3], np.radians(numbers[:, 3:])))[0]
