@@ -150,7 +150,7 @@ class Downloader:
 
     def _length(self, url: str) -> int:
         with self._answer("HEAD", url, {}) as answer:
-            return _length(answer)
+            return _content_length(answer)
 
     def _resume(self, url: str, path: Path, watch: Progress) -> None:
         """Download the missing bytes of a file; raises TryAgainError if some are still missing."""
@@ -227,7 +227,7 @@ def _continued(answer: requests.Response, part: Part, arrived: int) -> tuple[Par
     if answer.status_code == 200:
         tag = answer.headers.get("ETag", "")
         is_strong = re.fullmatch('"[^"]*"', tag)
-        part = Part(part.path, tag if is_strong else "", _length(answer))
+        part = Part(part.path, tag if is_strong else "", _content_length(answer))
         part.begin()
         return part, 0
     expected_range = f"bytes {arrived}-{part.total - 1}/{part.total}"
@@ -258,7 +258,7 @@ def _append(
         raise LogError(f"{part.path}: cannot be written ({error.strerror})") from None
 
 
-def _length(answer: requests.Response) -> int:
+def _content_length(answer: requests.Response) -> int:
     """Bytes of the file, by the headers of an answer; raises LogError if they do not say it."""
     length = answer.headers.get("Content-Length", "")
     coding = answer.headers.get("Content-Encoding", "identity")

@@ -98,7 +98,7 @@ def jumps(trajectory: Trajectory) -> NDArray[np.int64]:
     seconds = np.diff(trajectory.stamps_ns[finite_rows]) / 1e9
     step_m, turn_deg = distance_and_turn(poses[:-1], poses[1:])
     is_step = (np.diff(finite_rows) == 1) & (seconds <= trajectory.max_gap_s)
-    # 2. what it exceeds its fastest neighbour by
+    # 2. by how much it exceeds the fastest of its neighbours
     reach = int(np.clip(np.rint(AROUND_S / np.median(seconds)), 1, MAX_NEIGHBOURS))
     excess_m = step_m - seconds * _fastest_neighbour(step_m / seconds, is_step, reach)
     excess_deg = turn_deg - seconds * _fastest_neighbour(turn_deg / seconds, is_step, reach)
