@@ -1,9 +1,16 @@
-"""SeqSLAM's search (METHODS 6): differences of queries from training rows in; costs of rows out.
+"""SeqSLAM's search over a whole drive (METHODS 6): differences between queries and training rows
+in, the cost of every row for every query out.
 
-A run is a few queries one after the other, laid along training rows at one speed. The cost of a row
-for a query is the sum of differences over the best run in which the query drives past that row. The
-steps of the search are `sequence`'s; here they are applied to all queries of a sequence, also at
-either end of it, and where there are few queries or rows.
+A run lays consecutive queries along the training rows at one speed. A row's cost for a query is the
+sum of differences over the cheapest run in which the query drives past that row.
+
+1. Enhance the contrast of each difference against those of the rows around it.
+2. Take the window of `length` + 1 queries around each query; near the ends of the drive, the
+   first or the last window.
+3. In each window find the cheapest run past each row, over all speeds (and both ways, if wanted).
+4. Derive from the costs how new each query is.
+
+The numerical kernels of these steps are in `matching.sequence`.
 """
 
 import math
@@ -20,29 +27,31 @@ from pipeline.matching.sequence import GRAIN, contrast, least, runner_up, runs, 
 QUERIES = 256
 """Queries searched at once: the costs of all rows for all queries may not fit into memory."""
 LARGEST = float(np.finfo(np.float32).max)
+"""Bound of a novelty, which is stored as float32."""
 Costs = NDArray[np.float32]
-"""(query, row)."""
+"""Costs (query, row) of training rows for queries."""
 
 
 @dataclass(frozen=True)
 class Alignment:
-    """Settings of the search."""
+    """Settings of the search; a subclass is a method (`matching.sequences`)."""
 
     length: Count = 10
-    """Steps of a run, which has one query more."""
+    """Steps of a run: it has `length` + 1 queries."""
     slowest: Positive = 0.8
-    """Training rows a query."""
+    """Lowest speed tried, in training rows per query."""
     fastest: float = 1.2
-    """Training rows a query."""
+    """Highest speed tried, in training rows per query."""
     speed_step: float = 0.1
-    """From one speed that is tried to the next."""
+    """Step between the speeds tried, in training rows per query."""
     both_ways: bool = False
-    """Whether runs may drive the training sequence backwards too; the authors' do not."""
+    """Whether runs may also drive the training sequence backwards; the authors' do not."""
     contrast_rows: Whole = 30
-    """A difference counts in relation to those of so many training rows around its own."""
+    """Width of the window of training rows in which contrast is enhanced."""
     subtract_minimum: bool = True
-    """Costs count from the least enhanced difference, as in SeqSLAM; paper 2's code leaves that
-    out, and costs below 0 turn its score round."""
+    """Whether costs are counted from the least enhanced difference, so that none is negative, as in
+    SeqSLAM. Paper 2's code leaves this out, and where its costs are negative its score is reversed.
+    """
 
     def __post_init__(self) -> None:
         check(self, "method")
@@ -56,80 +65,91 @@ class Alignment:
             raise ConfigError(f"method.contrast_rows={self.contrast_rows}: expected 2 or more")
 
 
-class Aligned:
-    """A sequence of m queries compared with all n rows, by their differences (n, m).
+class AlignedQueries:
+    """The m queries of a drive, aligned with all n training rows."""
 
-    Raises InputError where those are not finite.
-    """
+    base: np.float32
+    """The least cost that a run can have here; it is subtracted from costs before they are ranked.
+    0 unless `subtract_minimum`."""
 
     def __init__(self, settings: Alignment, differences: NDArray[np.float32]) -> None:
+        """Enhance the `differences` (n, m); raises InputError where they are not finite."""
         n, m = differences.shape
         self.settings = settings
-        self.shape = (n, m)
-        self.length = max(min(settings.length, m - 1, int((n - 1) / max(settings.slowest, 1))), 0)
-        self.enhanced = contrast(differences, settings.contrast_rows)
+        self.n_queries = m
+        # Too few queries or rows get a shorter run, whose sums are scaled up to the full length.
+        most_steps = int((n - 1) / max(settings.slowest, 1))
+        self.length = max(min(settings.length, m - 1, most_steps), 0)
         self.scale = np.float32((settings.length + 1) / (self.length + 1))
+        self.enhanced = contrast(differences, settings.contrast_rows)
         lowest = float(self.enhanced.min(initial=0))
         if not math.isfinite(lowest):
             raise InputError("differences between queries and rows: expected finite numbers")
-        if m <= settings.length:  # too few for their own least to say anything
+        if m <= settings.length:
+            # The minimum over so few queries says little: take the lowest possible value.
             lowest = least(settings.contrast_rows)
-        # what costs count from
         self.base = np.float32(lowest * (settings.length + 1) if settings.subtract_minimum else 0)
 
     def blocks(self) -> Iterator[tuple[NDArray[np.int64], Costs]]:
-        """Blocks of queries (q,), with their costs (q, n) of the rows; +inf where no run passes."""
-        m = self.shape[1]
+        """Yield blocks of queries (q,), each with the costs (q, n) of all rows.
+
+        A cost is +inf where no run passes the row.
+        """
+        m = self.n_queries
         forward = runs(
             self.length, self.settings.slowest, self.settings.fastest, self.settings.speed_step
         )
         half = self.length // 2
         for start in range(0, max(m, 1), QUERIES):
             queries = np.arange(start, min(start + QUERIES, m))
-            # A window is the queries of a run; the query is its middle one, but at either end.
-            windows = np.clip(queries - half, 0, max(m - 1 - self.length, 0))
-            behind_middle = queries - half - windows
-            sums = self._past(forward, windows, behind_middle)
+            # A query is the middle one of its window, except near either end of the drive.
+            window_starts = np.clip(queries - half, 0, max(m - 1 - self.length, 0))
+            after_middle = queries - half - window_starts
+            sums = self._cheapest_past_rows(forward, window_starts, after_middle)
             if self.settings.both_ways:
-                sums = np.minimum(sums, self._past(-forward, windows, -behind_middle))
+                backward_sums = self._cheapest_past_rows(-forward, window_starts, -after_middle)
+                sums = np.minimum(sums, backward_sums)
             yield queries, sums * self.scale
 
-    def _past(
+    def _cheapest_past_rows(
         self,
         offsets: NDArray[np.int64],
-        windows: NDArray[np.int64],
-        behind_middle: NDArray[np.int64],
+        window_starts: NDArray[np.int64],
+        after_middle: NDArray[np.int64],
     ) -> Costs:
-        """The sums (q, n) of the best run of each window (q,), by the row that the query passes.
+        """Sums (q, n) of differences over the cheapest run in which each query passes each row.
 
-        A window is named by its first query. `offsets` are the rows of a run from its middle, for
-        each speed. The query comes `behind_middle` (q,) queries after the window's middle one.
+        `offsets` (speed, length + 1) are the rows of a run, counted from its middle row.
+        `window_starts` (q,) are the first queries of the windows, rising, and `after_middle` (q,)
+        is how many queries after the middle of its window each query comes.
         """
-        if not len(windows):
+        if not len(window_starts):
             return np.empty((0, len(self.enhanced)), np.float32)
-        sums_at_middle = search(self.enhanced, offsets, int(windows[0]), int(windows[-1]) + 1)
-        sums: Costs = np.ascontiguousarray(sums_at_middle.T)[windows - windows[0]]
-        for query in np.flatnonzero(behind_middle):
-            shift = behind_middle[query]
+        first = int(window_starts[0])
+        sums_at_middle = search(self.enhanced, offsets, first, int(window_starts[-1]) + 1)
+        sums: Costs = np.ascontiguousarray(sums_at_middle.T)[window_starts - first]
+        # A query so many steps after the middle passes a row that many rows further on.
+        for query in np.flatnonzero(after_middle):
+            shift = after_middle[query]
             sums[query] = np.roll(sums[query], shift)
             sums[query, : max(shift, 0)] = np.inf
             sums[query, len(sums[query]) + min(shift, 0) :] = np.inf
         return sums
 
     def novelty(self, sums: Costs, best_row: NDArray[np.int64]) -> dict[str, NDArray[np.float64]]:
-        """Each kind of novelty (q,), of sums (q, n) with their best row (q,).
+        """Return both kinds of novelty (q,) of queries with costs `sums` (q, n).
 
-        The cost is that before the least difference is taken off: taking it off would leave the
-        order of one call's queries as it is, but make the costs of two calls, and so a threshold,
-        incomparable.
+        `cost` is the cost of the best row (q,), `ratio` is that cost over the lowest one more than
+        half a run away. For `cost` the least difference is not subtracted: it differs from drive to
+        drive, and a threshold must suit all of them.
         """
         cost = np.take_along_axis(sums, best_row[:, None], axis=1)[:, 0].astype(np.float64)
         runner_up_cost = runner_up(sums, best_row, self.settings.length) - float(self.base)
-        defined = np.isfinite(runner_up_cost) & (runner_up_cost > 0)
-        ratio = np.divide(
-            cost - float(self.base), runner_up_cost, out=np.ones_like(cost), where=defined
-        )
+        has_ratio = np.isfinite(runner_up_cost) & (runner_up_cost > 0)
+        ratio = np.ones_like(cost)
+        np.divide(cost - float(self.base), runner_up_cost, out=ratio, where=has_ratio)
         if not self.settings.subtract_minimum:
+            # Paper 2's score is one over the cost, at most 1.
             with np.errstate(divide="ignore"):
                 cost = -np.minimum(1 / cost, 1)
         return {

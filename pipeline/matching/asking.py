@@ -1,4 +1,7 @@
-"""Localizes queries with a stored model, opened once in each process."""
+"""Ranks queries with a stored model: a model's file and the views of queries in, a ranking out.
+
+A model is opened once in each process, at its first use.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,34 +20,49 @@ from pipeline.matching.rejection import Rejection
 
 @dataclass
 class StoredModel:
-    """A model in a file, read when first used, so that each worker reads it itself."""
+    """A model in a file, with all that it takes to rank queries with it.
+
+    The file is read at the first use, so that each worker process reads it itself and none is sent
+    the arrays.
+    """
 
     path: str | Path
     method: Method
     rejection: Rejection
+    """Chooses the kind of novelty that comes first in a ranking."""
     k: int
+    """Places in the ranking of a query."""
 
     @cached_property
     def model(self) -> Model:
+        """The model's arrays."""
         return store.read_model(self.path)
 
     @cached_property
     def localizer(self) -> Localizer:
+        """The function that ranks views with the model."""
         return self.method.localizer(self.model)
 
     def rank(self, cases: Mapping[Case, Rows]) -> Ranking:
-        """The k places of every query, case after case; each case is localized by itself."""
-        ranked = (
-            self.localizer(rows, self.k).checked(len(rows.stamps_ns)) for rows in cases.values()
-        )
-        return joined([self.rejection.order(ranking) for ranking in ranked])
+        """Rank k places for every query, one case after the other.
+
+        A case is one way in which queries are altered (`pipeline.alterations`). Each is ranked by
+        itself, since some methods match all queries of a call together.
+        """
+        rankings = []
+        for rows in cases.values():
+            ranking = self.localizer(rows, self.k).checked(len(rows.stamps_ns))
+            rankings.append(self.rejection.order(ranking))
+        return joined(rankings)
 
 
 def turned_deg(cases: Mapping[Case, Rows]) -> NDArray[np.float64]:
-    """The turn of each case's views (query,) to the left of those as driven, in (−180, 180].
+    """How far the robot is turned to the left in each case's queries, one case after the other.
 
-    The case as driven comes first.
+    The angles, one per query and case, are in degrees in (−180, 180], against the first case, which
+    is as driven.
     """
-    as_driven, *_ = cases.values()
-    left_rad = [yaw(rows.world_T_anchor) - yaw(as_driven.world_T_anchor) for rows in cases.values()]
+    as_driven = next(iter(cases.values()))
+    driven_yaw_rad = yaw(as_driven.world_T_anchor)
+    left_rad = [yaw(rows.world_T_anchor) - driven_yaw_rad for rows in cases.values()]
     return wrapped_deg(np.rad2deg(np.concatenate(left_rad)))

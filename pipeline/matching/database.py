@@ -1,7 +1,9 @@
-"""The database of a method that trains nothing: training submaps in; rankings of queries out.
+"""The database of a method that trains nothing: training submaps in, rankings of queries out.
 
-It has the place and pose of each training submap. Beside it a method keeps their descriptors, and a
-query's answer is the place of the nearest one.
+It holds the place and the pose of each training submap; a row is one submap. A method keeps the
+descriptors of the same rows beside it, searches them for the rows nearest to a query, and the
+database turns these rows into a ranking of places. It also collects the evidence from which a
+threshold for unseen queries is chosen (`matching.rejection`).
 """
 
 from abc import ABC, abstractmethod
@@ -23,47 +25,50 @@ from pipeline.matching.ranking import Model, Ranking, Rows, TrainingSet, joined
 from pipeline.matching.rejection import Evidence, is_near
 
 PREFIX = "database/"
-"""Of the arrays' names in a model."""
+"""Prefix of the database's arrays in a model."""
 QUERIES = 256
-"""Queries compared with the whole database at once."""
+"""Queries compared with the whole database at once, so that the distances fit into memory."""
 KIND = "distance"
-"""The one kind of novelty: how far the nearest descriptor is (RA-L 2019, Sec. V-A; METHODS 2.7)."""
+"""The only kind of novelty: the distance to the nearest descriptor (RA-L 2019, Sec. V-A; METHODS
+2.7)."""
 Search = Callable[
     [NDArray[np.int64], NDArray[np.bool_]], tuple[NDArray[np.float64], NDArray[np.int64]]
 ]
-"""Takes some training rows (h,) as queries, and which rows (h, n) each may be compared with.
+"""A function that searches training for the rows nearest to some of its own rows.
 
-Gives the distance (h,) and the row (h,) of the nearest of those.
+It takes the rows (h,) to search for, and a mask (h, n) of the rows that each may be compared with.
+It returns the distance (h,) to the nearest of these, and that row (h,).
 """
 
 
 class UntrainedMethod(ABC):
-    """A method that trains nothing: with further days its database is made from all rows."""
+    """A method that trains nothing: with further days it learns all rows anew."""
 
     @abstractmethod
     def learn(self, views: Rows, places: NDArray[np.int64], progress: Progress) -> Model:
-        """The database of all rows."""
+        """Make the model of all rows, whose `places` (row,) are known."""
 
     def grow(
         self, model: Model, learned_set: TrainingSet, new_set: TrainingSet, progress: Progress
     ) -> Model:
-        """The model of all rows, as if they had been learned at once."""
+        """Make the model of both sets, as if they had been learned at once."""
         return self.learn(*TrainingSet.joined([learned_set, new_set]), progress)
 
 
 @dataclass(frozen=True)
 class DescriptorMethod(UntrainedMethod):
-    """Settings of every method that answers with the nearest of a database."""
+    """The settings of every method that answers with the nearest descriptors of a database."""
 
     distinct_places: bool = False
-    """Whether a ranking is of places, each once where its nearest training row lies, and not of
-    training rows."""
+    """Whether a ranking lists each place once, at its nearest training row. Otherwise it lists
+    training rows, and a place may come several times."""
     held_out_every_m: Positive = 40.0
     held_out_length_m: Positive = 4.0
     """One block of this length in every `held_out_every_m` of the training path is held out to
     choose thresholds."""
     neighbour_m: NotNegative = 20.0
-    """A held-out query counts as unseen once the training rows nearer than this are forgotten."""
+    """To stand for an unseen query, a held-out one is compared only with training rows at least
+    this far away."""
 
     def __post_init__(self) -> None:
         check(self, "method")
@@ -74,15 +79,15 @@ class Database:
     """Place and pose of each training submap."""
 
     places: NDArray[np.int64]
-    """(n,)"""
+    """(n,) the place of each row."""
     xy_m: NDArray[np.float64]
-    """(n, 2) in the world."""
+    """(n, 2) positions in the world."""
     yaw_deg: NDArray[np.float64]
-    """(n,) in the world."""
+    """(n,) headings in the world."""
 
     @classmethod
     def learned(cls, views: Rows, places: NDArray[np.int64]) -> Self:
-        """The database of the training sequence; raises InputError unless each view has a place."""
+        """Make the database of training; raises InputError unless each view has a place."""
         if len(places) != len(views.world_T_anchor) or not len(places) or (places < 0).any():
             raise InputError("every view of the training sequence needs a known place")
         return cls(
@@ -93,39 +98,40 @@ class Database:
 
     @classmethod
     def of(cls, model: Model) -> Self:
-        """The database in a model."""
-        return cls(
-            **{name.removeprefix(PREFIX): model[name] for name in model if name.startswith(PREFIX)}
-        )
+        """Read the database that a model holds."""
+        names = [name for name in model if name.startswith(PREFIX)]
+        return cls(**{name.removeprefix(PREFIX): model[name] for name in names})
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Its arrays, as they are stored in a model."""
+        """The database's arrays, as they are stored in a model."""
         return {PREFIX + name: array for name, array in asdict(self).items()}
 
     def evidence(self, search: Search, views: Rows, method: DescriptorMethod) -> Evidence:
-        """What held-out blocks of the path are answered by the rest of it.
+        """Search for the rows of held-out blocks among the rest of the training path.
 
-        Once with the blocks' surroundings, as queries that were seen, and once without, as unseen
-        ones. The model's database holds the blocks too: only a threshold is chosen on them.
+        Each is searched for twice: with the rows around it, as a query from a place that was seen,
+        and without them, as an unseen one. The model's database keeps the blocks nevertheless: they
+        serve only to choose a threshold.
         """
-        is_held_out = holdout.blocks(
-            views.world_T_anchor, self.places, method.held_out_every_m, method.held_out_length_m
-        )
-        if not is_held_out.any():  # a path too short for blocks: each view against the others
+        every_m = method.held_out_every_m
+        length_m = method.held_out_length_m
+        is_held_out = holdout.blocks(views.world_T_anchor, self.places, every_m, length_m)
+        if not is_held_out.any():
+            # The path is too short for blocks: every row is compared with all others.
             is_held_out = ~is_held_out
         queries = np.flatnonzero(is_held_out)
-        allowed = (
-            queries[:, None] != np.arange(len(is_held_out))
-            if is_held_out.all()
-            else np.broadcast_to(~is_held_out, (len(queries), len(is_held_out)))
-        )
-        allowed_and_far = allowed & ~is_near(self.xy_m[queries], self.xy_m, method.neighbour_m)
+        if is_held_out.all():
+            allowed = queries[:, None] != np.arange(len(is_held_out))
+        else:
+            allowed = np.broadcast_to(~is_held_out, (len(queries), len(is_held_out)))
         seen_distance, nearest_rows = search(queries, allowed)
+
+        is_around = is_near(self.xy_m[queries], self.xy_m, method.neighbour_m)
+        allowed_and_far = allowed & ~is_around
         has_far = allowed_and_far.any(axis=1, keepdims=True)
         unseen_distance, _ = search(queries, np.where(has_far, allowed_and_far, allowed))
-        block = holdout.numbered(
-            views.world_T_anchor, is_held_out, method.held_out_every_m, method.held_out_length_m
-        )
+
+        block = holdout.numbered(views.world_T_anchor, is_held_out, every_m, length_m)
         right = self.places[nearest_rows] == self.places[queries]
         return Evidence(right, {KIND: seen_distance}, {KIND: unseen_distance}, block)
 
@@ -137,27 +143,26 @@ class Database:
         distinct_places: bool,
         turned_deg: NDArray[np.floating] | None = None,
     ) -> Ranking:
-        """The ranking of q queries, each with m candidates: training rows (q, m), nearest first.
+        """Make the ranking of q queries from their candidates: rows (q, m), nearest first.
 
-        `distances` (q, m) rise. `turned_deg` (q, m) is the query's yaw against each candidate's.
-        With `distinct_places` a place is answered once, where its nearest training row lies; else
-        neighbouring rows of one place follow each other. What is missing of k places, or at no
-        finite distance, is place −1 at an infinite cost.
+        `distances` (q, m) are those to the candidates, and `turned_deg` (q, m) is the query's yaw
+        against each. With `distinct_places` a place is answered once, at its nearest row. Where a
+        query has fewer than k candidates at a finite distance, the rest are place −1 at an infinite
+        cost.
         """
-        columns = (
-            first_of_each(self.places[rows], k)
-            if distinct_places
-            else np.arange(min(k, rows.shape[1]))
-        )
-        columns = np.broadcast_to(columns, (len(rows), columns.shape[-1]))
-        costs = np.take_along_axis(distances, columns.clip(0), axis=1)
-        ranked_rows = np.take_along_axis(rows, columns.clip(0), axis=1)
-        exists = (columns >= 0) & np.isfinite(costs)
-        ranked_turn_deg = (
-            np.nan
-            if turned_deg is None
-            else np.take_along_axis(turned_deg, columns.clip(0), axis=1)
-        )
+        if distinct_places:
+            columns = first_of_each(self.places[rows], k)
+        else:
+            first_k = np.arange(min(k, rows.shape[1]))
+            columns = np.broadcast_to(first_k, (len(rows), len(first_k)))
+        exists = columns >= 0
+        columns = columns.clip(0)
+        costs = np.take_along_axis(distances, columns, axis=1)
+        exists &= np.isfinite(costs)
+        ranked_rows = np.take_along_axis(rows, columns, axis=1)
+        ranked_turn_deg: NDArray[np.floating] | float = np.nan
+        if turned_deg is not None:
+            ranked_turn_deg = np.take_along_axis(turned_deg, columns, axis=1)
         query_yaw_deg = wrapped_deg(self.yaw_deg[ranked_rows] + ranked_turn_deg)
         heading_deg = np.where(exists, query_yaw_deg, np.nan)
         return Ranking(
@@ -180,17 +185,17 @@ class Database:
         """Rank queries (q, d) by Euclidean distance to the database's descriptors (n, d)."""
         if not distinct_places:
             return self.answer(*nearest(descriptors, queries, k), k, distinct_places=False)
-        parts = (queries[i : i + QUERIES] for i in range(0, max(len(queries), 1), QUERIES))
-        return joined(
-            [
-                self.answer(*nearest(descriptors, part, len(descriptors)), k, distinct_places=True)
-                for part in parts
-            ]
-        )
+        # Distinct places need the order of all rows, for a block of queries at a time.
+        parts = []
+        for start in range(0, max(len(queries), 1), QUERIES):
+            block = queries[start : start + QUERIES]
+            distances, rows = nearest(descriptors, block, len(descriptors))
+            parts.append(self.answer(distances, rows, k, distinct_places=True))
+        return joined(parts)
 
 
 def euclidean(descriptors: NDArray[np.float32]) -> Search:
-    """The search among training's own descriptors (n, d)."""
+    """Make the `Search` by Euclidean distance among training's own descriptors (n, d)."""
 
     def search(
         queries: NDArray[np.int64], allowed: NDArray[np.bool_]

@@ -1,5 +1,6 @@
-"""Growth of a model (METHODS 11.1): a model of the first day and further surveyed days in; a model
-of all out."""
+"""Growth of a model (METHODS 11.1): the model of a first day and the views of further days in, the
+model of all days out.
+"""
 
 from collections.abc import Iterable, Iterator, Sequence
 
@@ -10,9 +11,9 @@ from pipeline.matching.ranking import Method, Model, Rows, TrainingSet
 
 
 def in_order(days: Iterable[Rows], places: Places) -> Iterator[tuple[TrainingSet, Places]]:
-    """Yield the views of each day with their places, and all places by then.
+    """Yield, day by day, the views with their places, and all places known by then.
 
-    Places keep their numbers; each further cell gets a new one.
+    Places keep their numbers; each cell that a day visits for the first time gets a new one.
     """
     for views in days:
         xy_m = views.world_T_anchor[:, :2, 3]
@@ -23,10 +24,10 @@ def in_order(days: Iterable[Rows], places: Places) -> Iterator[tuple[TrainingSet
 def grown(
     method: Method, model: Model, days: Sequence[Rows], places: Places, progress: Progress
 ) -> tuple[Model, TrainingSet]:
-    """The model after the further days, and all that it learned.
+    """Grow a model by further days; returns the new model, and all views that it learned.
 
-    `model` is of the first of `days`, whose `places` are those of its labels. Raises InputError for
-    a single day.
+    `model` learned the first of `days`, with `places` as its labels. Raises InputError if there is
+    no further day.
     """
     learned_set, *further_sets = (views for views, _ in in_order(days, places))
     if not further_sets:

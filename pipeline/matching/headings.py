@@ -1,5 +1,9 @@
-"""A place's reference headings, and the distance of a code to the nearest of their codes (METHODS
-5.4)."""
+"""Distances of queries to places that are known at several headings (METHODS 5.4).
+
+The codes of paper 2's networks depend on the heading, so a place keeps one code for each of its
+reference headings. A query's distance to the place is that to the nearest of them, which also tells
+the query's heading.
+"""
 
 from typing import Literal
 
@@ -9,29 +13,30 @@ from numpy.typing import NDArray
 from pipeline.core.errors import InputError
 
 PLACES = 128
-"""Places compared at once."""
+"""Places compared at once, so that the distances to all their codes fit into memory."""
 ReferenceHeadings = Literal[1, 2, 4, 8]
 """How many of a place's headings are kept as reference, evenly around the circle from heading 0."""
 
 
 def reference_headings(headings: int, kept: ReferenceHeadings) -> slice:
-    """Which of the `headings` that a view is drawn at are kept of a reference place.
+    """Return which of a view's `headings` a reference place keeps: `kept` of them, evenly spaced.
 
-    They are `kept` evenly around the circle from heading 0, all of even number; where that cannot
-    be, all of even number. Those of odd number stay for the queries of paper 2's protocol.
+    Paper 2's protocol keeps the headings of odd number for queries, so references have even
+    numbers. Where `kept` even ones cannot be evenly spaced, all even ones are references.
     """
     can_be_even = headings % (2 * kept) == 0 or kept == 1
-    return slice(0, None, headings // kept if can_be_even else 2)
+    step = headings // kept if can_be_even else 2
+    return slice(0, None, step)
 
 
 def nearest_heading(
     codes: NDArray[np.floating], queries: NDArray[np.floating]
 ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
-    """Euclidean distances (n, m) of m queries to n places, and the headings (n, m) they are to.
+    """Euclidean distances (n, m) of m queries to n places, and the nearest headings (n, m).
 
-    A place has a code at each heading (n, heading, d); its distance is that of the code nearest to
-    the query's (m, d), of equally near ones the first. Raises InputError for codes of another
-    width, or of more headings than 256.
+    `codes` (n, heading, d) are a place's codes at its headings, `queries` (m, d) those of the
+    queries. The distance is that to the place's nearest code, the first of equally near ones.
+    Raises InputError for codes of different widths, or for more than 256 headings.
     """
     if (
         codes.ndim != 3
@@ -45,7 +50,7 @@ def nearest_heading(
         )
     places, headings, width = codes.shape
     vectors = queries.astype(np.float32)
-    # Around their mean vectors are shorter, and lose fewer digits in their squares.
+    # About their mean the vectors are shorter, and their squares lose fewer digits.
     centre = vectors.sum(axis=0) / np.float32(max(len(vectors), 1))
     vectors -= centre
     squared_lengths = np.vecdot(vectors, vectors)
@@ -54,7 +59,8 @@ def nearest_heading(
     for start in range(0, places, PLACES):
         block = codes[start : start + PLACES].astype(np.float32)
         block -= centre
-        # |code − query|² but for |query|², which is the same for all codes
+        # |code − query|² = |code|² − 2 code · query + |query|²; the last term is the same for all
+        # codes and is added at the end.
         squares = -2 * (block.reshape(-1, width) @ vectors.T).reshape(
             len(block), headings, len(vectors)
         )

@@ -1,6 +1,6 @@
-"""Held-out blocks of the training sequence, on which epochs and thresholds are chosen.
+"""Held-out blocks: stretches of the training path that are not learned.
 
-Never on a test sequence.
+Epochs, thresholds and settings are chosen on them, never on a test sequence.
 """
 
 import numpy as np
@@ -16,32 +16,33 @@ def blocks(
     length_m: float,
     later_m: float = 0.0,
 ) -> NDArray[np.bool_]:
-    """Which submaps (n,) to hold out: a block of `length_m` in every `every_m` of path.
+    """True for the submaps (n,) to hold out: a block of `length_m` in every `every_m` of path.
 
-    All blocks lie `later_m` further on. A submap stays in training if its place would otherwise
-    lose its last one.
+    The first block begins half of `every_m` and `later_m` along the path. A submap whose place
+    (n,) would otherwise have none left in training is not held out.
     """
-    is_held_out = (_path_m(world_T_anchor) + every_m / 2 - later_m) % every_m < length_m
-    trained = np.bincount(places[~is_held_out], minlength=int(places.max()) + 1)
-    return is_held_out & (trained[places] > 0)
+    is_in_block = (_path_m(world_T_anchor) + every_m / 2 - later_m) % every_m < length_m
+    trained_submaps = np.bincount(places[~is_in_block], minlength=int(places.max()) + 1)
+    return is_in_block & (trained_submaps[places] > 0)
 
 
 def numbered(
     world_T_anchor: Poses, is_held_out: NDArray[np.bool_], every_m: float, length_m: float
 ) -> NDArray[np.int64]:
-    """The block (h,) of each submap that is held out (n,), from 0 along the path.
+    """Number the blocks of the h held-out submaps (h,), from 0 along the path.
 
-    A block ends where half of `every_m` lies behind its first submap, or `length_m` if that is
-    more: so do stretches of a path all of which is held out.
+    A block ends half of `every_m` after its first submap, or `length_m` after it if that is more.
+    This also cuts a path into blocks that is held out as a whole.
     """
     path_m = _path_m(world_T_anchor)[is_held_out]
     numbers = np.empty(len(path_m), np.int64)
+    longest_m = max(every_m / 2, length_m)
     block = -1
     first_m = -np.inf
-    for submap, at_m in enumerate(path_m):
-        if at_m - first_m >= max(every_m / 2, length_m):
+    for submap, submap_m in enumerate(path_m):
+        if submap_m - first_m >= longest_m:
             block += 1
-            first_m = at_m
+            first_m = submap_m
         numbers[submap] = block
     return numbers
 

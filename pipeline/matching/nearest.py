@@ -1,4 +1,4 @@
-"""Nearest descriptors by Euclidean distance: faiss's exact search, the same for every method."""
+"""Exact search for the nearest descriptors by Euclidean distance, with faiss, for all methods."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,11 +9,11 @@ from pipeline.core.errors import InputError
 def nearest(
     database: NDArray[np.float32], queries: NDArray[np.float32], k: int
 ) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
-    """Distances and rows (q, k) of the k nearest of a database (n, d) to queries (q, d).
+    """Distances and rows (q, k) of the k nearest of a database (n, d) to each query (q, d).
 
-    Nearest first; all n where there are no more. Of equally near rows the first comes first,
-    however many queries there are: faiss finds squared distances through inner products, so those
-    of what it found are computed anew.
+    The nearest comes first, and the lower one of equally near rows; all n rows come if there are
+    fewer than k. faiss computes distances through inner products, whose rounding depends on the
+    number of queries, so the distances to the rows that it finds are computed again.
     """
     from faiss import knn
 
@@ -35,10 +35,11 @@ def nearest(
 
 
 def first_of_each(groups: NDArray[np.int64], k: int) -> NDArray[np.int64]:
-    """Columns (q, k) of the first member of the first k distinct groups of groups (q, m).
+    """Columns (q, k) at which the first k distinct groups of each row of `groups` (q, m) begin.
 
-    −1 where a row has fewer groups.
+    A row with fewer groups is filled up with −1.
     """
+    # A stable sort brings the members of a group together, the first one first.
     order = np.argsort(groups, axis=1, kind="stable")
     ordered = np.take_along_axis(groups, order, axis=1)
     is_first = np.ones(groups.shape, bool)

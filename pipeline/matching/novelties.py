@@ -1,4 +1,7 @@
-"""Kinds of novelty of a network that takes places for classes (METHODS 2.6)."""
+"""Kinds of novelty of a network that classifies places: its outputs in, how new each query is out.
+
+METHODS 2.6. All grow with the chance that the query's place was never seen.
+"""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,10 +11,12 @@ from scipy.special import entr, logsumexp, softmax
 def novelties(
     logits: NDArray[np.float64], softness: float, likeness: NDArray[np.float64]
 ) -> dict[str, NDArray[np.float64]]:
-    """Kinds of novelty (n,) of logits (n, places) at a temperature.
+    """Return each kind of novelty (n,) of n queries by its name.
 
-    `likeness` (n,) is the cosine to the likest training view. The paper's entropy comes first; the
-    second is it at the held-out blocks' temperature; energy is Liu et al.'s, NeurIPS 2020.
+    `logits` (n, places) are the network's outputs, `softness` is the temperature that calibrates
+    them (`matching.temperature`), and `likeness` (n,) is the cosine between the query's feature and
+    the most similar one of training. `entropy` is the paper's, `tempered_entropy` the same at that
+    temperature, and `energy` that of Liu et al., NeurIPS 2020.
     """
     return {
         "entropy": normalised_entropy(softmax(logits, axis=1)),
@@ -22,11 +27,10 @@ def novelties(
 
 
 def normalised_entropy(probability: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Entropy (n,) of probabilities (n, places) over log₂ places (METHODS 2.6).
+    """Entropy (n,) of probabilities (n, places), divided by that of equal probabilities.
 
-    0 for one sure place, 1 for none.
+    It is 0 if one place is certain, and 1 if all places are equally likely.
     """
-    normalised: NDArray[np.float64] = entr(probability).sum(axis=1) / np.log(
-        max(probability.shape[1], 2)
-    )
+    places = max(probability.shape[1], 2)
+    normalised: NDArray[np.float64] = entr(probability).sum(axis=1) / np.log(places)
     return normalised

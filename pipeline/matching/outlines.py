@@ -1,8 +1,12 @@
-"""Re-ranks places by outlines: a network's scores and the query's outline in; new scores out.
+"""Re-ranks places by outlines (METHODS 8.1): a network's scores and the query's outline in, new
+scores and headings out.
 
-An outline is the nearest standing thing in each direction (METHODS 8.1). Where the query sees
-further than the training view did, something that stood there is gone, which speaks against the
-place. Where it sees less far, something may have been put there since, which says nothing.
+An outline is the nearest standing thing in each direction. Where the query sees further than the
+training view did, something that stood there is gone, which speaks against the place. Where it sees
+less far, something may have been put there since, which says nothing.
+
+The first places of each query are compared: each of their training views is turned a little either
+way from the heading that the network gave, and the best agreement is added to the place's score.
 """
 
 from collections.abc import Mapping
@@ -15,54 +19,55 @@ from numpy.typing import NDArray
 from pipeline.core.frames import wrapped_deg
 
 STANDS_M = 1.5
-"""A bin whose highest point is higher holds something that stands."""
+"""Something stands in a bin of a Scan Context if its highest point is above this."""
 COMPARED = 25
-"""Places of each query whose outlines are compared."""
+"""How many of a query's first places have their outlines compared."""
 TURNED_DEG = 24.0
-"""How far a training view is turned, either way, from the heading that the network gave."""
+"""Largest turn of a training view, either way, from the heading that the network gave."""
 GONE = 0.5
-"""What a sector where the query sees further counts, against one that agrees."""
+"""How much a sector in which the query sees further counts against the place, where a sector that
+agrees counts 1 for it."""
 WORTH = 0.05
 """What an agreeing sector adds to a place's score, in nats.
 
-This and GONE are among values that do equally well on altered held-out blocks of two simulated
-campuses (docs/measured.md says what else was weighed).
+GONE and WORTH lie in a range of values that do equally well on altered held-out blocks of two
+simulated campuses (docs/measured.md says what else was weighed).
 """
 PREFIX = "outlines/"
-"""Of the arrays' names in a model."""
+"""Prefix of the outlines' arrays in a model."""
 NOTHING = 2**15 - 1
 """The ring of a sector where nothing stands."""
 
 
 class Outlines(NamedTuple):
-    """The outlines of the training views, in rising order of their places."""
+    """The outlines of the training views, sorted by place."""
 
     rings: NDArray[np.int16]
-    """(view, sector) ring of the nearest thing that stands, or NOTHING."""
+    """(view, sector) the ring of the nearest standing thing, or NOTHING."""
     places: NDArray[np.int64]
     """(view,) the place that each shows."""
     columns: NDArray[np.float32]
-    """(view,) yaw, in columns of a view: one sector each."""
+    """(view,) the yaw of each in the world, in columns: one column is one sector."""
 
     @classmethod
     def of(cls, model: Mapping[str, NDArray[Any]]) -> Self:
-        """The outlines that a model holds."""
+        """Read the outlines that a model holds."""
         return cls(*(model[f"{PREFIX}{name}"] for name in cls._fields))
 
     @classmethod
     def is_in(cls, model: Mapping[str, NDArray[Any]]) -> bool:
-        """Whether a model has outlines."""
+        """Whether a model holds outlines."""
         return f"{PREFIX}rings" in model
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Their arrays, as they are stored in a model."""
+        """The arrays of the outlines, as they are stored in a model."""
         return {f"{PREFIX}{name}": array for name, array in self._asdict().items()}
 
 
 def outlines(heights_m: NDArray[np.floating]) -> NDArray[np.int16]:
-    """Rings (n, sectors) of the nearest standing bin in each sector, or NOTHING.
+    """Outlines (n, sectors) of Scan Contexts (n, rings, sectors) of heights in metres.
 
-    Of heights (n, rings, sectors).
+    Each is the ring of the nearest standing bin in a sector, or NOTHING.
     """
     stands = heights_m > STANDS_M
     return np.where(stands.any(axis=1), stands.argmax(axis=1), NOTHING).astype(np.int16)
@@ -74,10 +79,11 @@ def reranked(
     query_rings: NDArray[np.int16],
     training: Outlines,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Scores and headings (n, places) once each query's first places are compared by outlines.
+    """Return the scores and headings (n, places) after comparing outlines.
 
-    `query_rings` (n, sectors) are the queries' outlines. A place's worth is that of its best
-    training view at its best turn, which gives the heading.
+    `scores` and `heading_deg` (n, places) are the network's, `query_rings` (n, sectors) the
+    queries' outlines. A place gains by its best training view at its best turn, which also gives
+    the heading.
     """
     view_starts = np.searchsorted(training.places, np.arange(scores.shape[1] + 1))
     first_places = np.argsort(-scores, axis=1, kind="stable")[:, :COMPARED]
@@ -110,12 +116,12 @@ def _compare(
     query_columns: NDArray[np.float64],
     most_turns: int,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The worth (n, k) of places in sectors, and the query's heading (n, k) in columns there.
+    """Return how well each query's outline agrees with its places (n, k), and at which heading.
 
-    `query_rings` (n, 2 · sectors) repeats each query's outline, so that a shift can turn it.
-    The training views of a place are rows `view_starts[place]` to `view_starts[place + 1]`.
-    `query_columns` (n, k) are the headings to begin with, in columns; they are varied by up to
-    `most_turns` columns either way.
+    The agreement (n, k) is counted in sectors, the headings (n, k) in columns. `query_rings` (n,
+    2 · sectors) repeats each query's outline, so that a slice of it is the outline turned. The
+    training views of a place are the rows from `view_starts[place]` to `view_starts[place + 1]`.
+    The headings `query_columns` (n, k), in columns, are varied by up to `most_turns` either way.
     """
     sectors = view_rings.shape[1]
     worth = np.full(places.shape, -np.inf)
@@ -132,10 +138,10 @@ def _compare(
                     for sector in range(sectors):
                         view_ring = view_rings[view, sector]
                         query_ring = query_rings[query, sector + shift]
-                        further = np.int32(query_ring) - np.int32(view_ring)
+                        rings_further = np.int32(query_ring) - np.int32(view_ring)
                         stands = (view_ring < NOTHING) | (query_ring < NOTHING)
-                        agree += stands & (abs(further) <= 1)
-                        missing += stands & (further > 1)
+                        agree += stands & (abs(rings_further) <= 1)
+                        missing += stands & (rings_further > 1)
                     if agree - GONE * missing > worth[query, rank]:
                         worth[query, rank] = agree - GONE * missing
                         headings[query, rank] = view_columns[view] + turn

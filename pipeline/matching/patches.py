@@ -1,4 +1,9 @@
-"""Images as SeqSLAM compares them: normalised patches and sums of differences (METHODS 6)."""
+"""Compares images as SeqSLAM does (METHODS 6): queries and references in, differences out.
+
+Each image is made smaller (`resized`), each of its patches is brought to the same mean and
+contrast (`normalised`), and two images are compared by the sum of absolute differences of their
+pixels (`differences`).
+"""
 
 import math
 
@@ -9,21 +14,21 @@ from numpy.typing import NDArray
 from pipeline.core.errors import InputError
 
 GREY = 127
-"""What a patch's mean becomes; one standard deviation is 1 more."""
+"""The mean of a normalised patch; a pixel one standard deviation above the mean becomes 1 more."""
 TILE = 64
-"""Queries at a time: few enough to stay in the L2 cache while every reference passes."""
+"""Queries compared at a time: few enough to stay in the L2 cache while all references pass."""
 
 
 def resized(images: NDArray[np.uint8], side_px: int) -> NDArray[np.uint8]:
-    """Images (n, side, side) at another side; a pixel is the mean of the area that it covers."""
+    """Images (n, side, side) at a width of `side_px`; a pixel is the mean of its area."""
     side = images.shape[-1]
     if side == side_px:
         return np.ascontiguousarray(images)
+    # share (new pixel, old pixel): how much of a new pixel each old one covers, along one axis
     edges = np.linspace(0, side, side_px + 1)[:, None]
     pixel = np.arange(side)
-    share = (np.clip(edges[1:] - pixel, 0, 1) - np.clip(edges[:-1] - pixel, 0, 1)) * (
-        side_px / side
-    )
+    covered = np.clip(edges[1:] - pixel, 0, 1) - np.clip(edges[:-1] - pixel, 0, 1)
+    share = covered * (side_px / side)
     out = np.empty((len(images), side_px, side_px), np.uint8)
     for image, pixels in zip(images, out, strict=True):
         pixels[:] = np.rint(share @ image @ share.T)
@@ -31,10 +36,11 @@ def resized(images: NDArray[np.uint8], side_px: int) -> NDArray[np.uint8]:
 
 
 def normalised(images: NDArray[np.uint8], patch_px: int = 8) -> NDArray[np.uint8]:
-    """Images (n, height, width) with each square patch at mean 127 and standard deviation 1.
+    """Images (n, height, width) with each square patch brought to mean 127 and deviation 1.
 
-    n − 1 in the denominator. Rounded, a half away from the mean; a patch of one grey is 127
-    throughout. Raises InputError unless patches fill an image.
+    The deviation has one less than the number of pixels in its denominator. Results are rounded to
+    whole numbers, halves away from the mean; a patch of a single grey becomes 127 throughout.
+    Raises InputError unless whole patches fill an image.
     """
     if images.ndim != 3 or images.shape[1] % patch_px or images.shape[2] % patch_px:
         raise InputError(
@@ -47,9 +53,10 @@ def normalised(images: NDArray[np.uint8], patch_px: int = 8) -> NDArray[np.uint8
 
 
 def differences(references: NDArray[np.uint8], queries: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """Sums of absolute differences (n, m) of queries (m, …) from references (n, …), over n.
+    """Sums of absolute differences (n, m) between references (n, …) and queries (m, …), over n.
 
-    The divisor is SeqSLAM's; it scales all alike. Raises InputError for images of different shapes.
+    SeqSLAM divides by n too, which scales all differences alike. Raises InputError for images of
+    different shapes.
     """
     if references.shape[1:] != queries.shape[1:]:
         raise InputError(
@@ -70,6 +77,7 @@ def differences(references: NDArray[np.uint8], queries: NDArray[np.uint8]) -> ND
 
 @njit(cache=True, nogil=True, boundscheck=False, error_model="numpy")
 def _normalised(images, side, out):  # type: ignore[no-untyped-def]
+    """Write images (n, height, width) with patches of `side` pixels normalised to `out`."""
     number = side * side
     for n in range(images.shape[0]):
         for top in range(0, images.shape[1], side):
@@ -81,9 +89,8 @@ def _normalised(images, side, out):  # type: ignore[no-untyped-def]
                         value = np.int64(images[n, row, column])
                         total += value
                         squares += value * value
-                spread = (
-                    number * squares - total * total
-                )  # whole numbers: number² times the mean square deviation
+                # number² times the mean square deviation, exact since all are whole numbers
+                spread = number * squares - total * total
                 scale = math.sqrt((number - 1) / (number * max(spread, 1)))
                 for row in range(top, top + side):
                     for column in range(left, left + side):
@@ -96,6 +103,7 @@ def _normalised(images, side, out):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, boundscheck=False, error_model="numpy")
 def _sums(references, queries, sums):  # type: ignore[no-untyped-def]
+    """Write the difference of each reference (n, pixels) and query (m, pixels) to sums (n, m)."""
     for start in range(0, len(queries), TILE):
         for i in range(len(references)):
             for j in range(start, min(start + TILE, len(queries))):
@@ -104,9 +112,9 @@ def _sums(references, queries, sums):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, boundscheck=False, error_model="numpy")
 def _difference(left, right):  # type: ignore[no-untyped-def]
-    """Sum of absolute differences of two images.
+    """Sum of absolute differences of two images (pixels,).
 
-    In int32 throughout: only so does the compiler find the processor's own instruction.
+    All numbers are int32: only then does the compiler use the processor's own instruction.
     """
     total = np.int32(0)
     for p in range(len(left)):

@@ -1,4 +1,7 @@
-"""Places: the grid cells that the training sequence visited (METHODS 2.2)."""
+"""Places: the grid cells that the training sequence visited, numbered from 0 (METHODS 2.2).
+
+Gives each submap its place and the other labels by which answers are judged.
+"""
 
 from dataclasses import dataclass
 from typing import Self
@@ -14,23 +17,26 @@ from pipeline.core.schemas import Labels
 
 @dataclass(frozen=True)
 class Places:
-    """The cells of a grid that the training sequence visited, a place each."""
+    """The cells of a grid that training visited; each is a place."""
 
     grid: Grid
     cells: NDArray[np.int64]
-    """(place,) ascending, those of later days after those of the first."""
+    """(place,) the cell of each place: those of the first day in ascending order, then those that
+    further days added."""
 
     @classmethod
     def of(cls, labels: Labels) -> Self:
-        """The places of a training sequence, by its labels."""
+        """Read the places of a training sequence from its labels."""
         return cls(Grid(labels.cell_m, labels.x_m, labels.y_m), labels.cells)
 
     def at(self, xy_m: NDArray[np.float64]) -> NDArray[np.int64]:
-        """The place (n,) of positions (n, 2); −1 in a cell that training never visited."""
+        """The place (n,) of each position (n, 2); −1 in a cell that training never visited."""
         cells = self.grid.cell(xy_m)
         order = np.argsort(self.cells)
-        place = order[np.searchsorted(self.cells, cells, sorter=order).clip(0, len(order) - 1)]
-        return np.where(self.cells[place] == cells, place, UNSEEN).astype(np.int64)
+        rank = np.searchsorted(self.cells, cells, sorter=order)
+        place = order[rank.clip(0, len(order) - 1)]
+        is_place = self.cells[place] == cells
+        return np.where(is_place, place, UNSEEN).astype(np.int64)
 
     def grown(self, xy_m: NDArray[np.float64]) -> Self:
         """The places with a new one for each further cell of positions (n, 2).
@@ -45,18 +51,19 @@ class Places:
 
 
 def label(world_T_anchor: Poses, world_T_training: Poses, grid: Grid, days: int) -> Labels:
-    """Labels of submaps at `world_T_anchor` (n, 4, 4) from training anchors (m, 4, 4).
+    """Label the submaps anchored at `world_T_anchor` (n, 4, 4).
 
-    `days` are from the training to these submaps.
+    A label says in which place a submap lies, and which training anchor (m, 4, 4) is nearest: its
+    place, its distance and the turn from it. The submaps are `days` later than training.
     """
-    xy = world_T_anchor[:, :2, 3]
-    training_xy = world_T_training[:, :2, 3]
-    training_cells = grid.cell(training_xy)
+    xy_m = world_T_anchor[:, :2, 3]
+    training_xy_m = world_T_training[:, :2, 3]
+    training_cells = grid.cell(training_xy_m)
     cells, training_places = np.unique(training_cells, return_inverse=True)
-    distance_m, nearest = scipy.spatial.KDTree(training_xy).query(xy)
+    distance_m, nearest = scipy.spatial.KDTree(training_xy_m).query(xy_m)
     turn = np.rad2deg(yaw(world_T_anchor) - yaw(world_T_training)[nearest])
     return Labels(
-        Places(grid, cells).at(xy),
+        Places(grid, cells).at(xy_m),
         cells,
         training_places[nearest].astype(np.int64),
         np.asarray(distance_m),

@@ -1,4 +1,9 @@
-"""The waist: the views that every method is asked about, and the ranking that it answers with."""
+"""The interface between methods and everything that judges them: views in, a ranking of places out.
+
+Every method (`Method`) learns a model from the views of the training sequence, and makes from it a
+function (`Localizer`) that answers queries with a `Ranking`. Whatever comes before depends on the
+data set, whatever comes after is the same for all methods.
+"""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -16,29 +21,34 @@ from pipeline.core.progress import Progress
 from pipeline.core.schemas import Ranking as Ranking
 
 Model = Mapping[str, NDArray[Any]]
-"""What a method learned: named arrays, among them the evidence of its held-out blocks
-(matching.rejection)."""
+"""What a method learned: named arrays. Among them is the evidence of held-out blocks, from which
+thresholds are chosen (`matching.rejection`)."""
 
 
 @dataclass(frozen=True)
 class Rows:
-    """A window on a view artifact, a row a submap."""
+    """The views of some submaps, one row per submap: a window on a view artifact."""
 
     images: Any
-    """(submap, …) such as (submap, ring, sector) heights in metres; schemas.VIEW_KINDS says what
-    else; slicing reads."""
+    """(submap, …) such as heights (submap, ring, sector) in metres; `schemas.VIEW_KINDS` lists the
+    others. An array, or one in a file that is read where it is sliced."""
     stamps_ns: Stamps
+    """(submap,)"""
     world_T_anchor: Poses
+    """(submap, 4, 4) the pose of each submap's anchor, the scan that it is gathered around."""
 
     @classmethod
     def read(cls, path: str | Path) -> Self:
-        """Open a view artifact of a single case."""
+        """Open a view artifact that has a single case."""
         ((_, rows),) = cls.cases(path).items()
         return rows
 
     @classmethod
     def cases(cls, path: str | Path) -> dict[Case, Self]:
-        """The rows of each case of a view artifact."""
+        """Open a view artifact; returns the rows of each of its cases.
+
+        A case is one way in which queries are altered; the artifact holds one after the other.
+        """
         views = store.read(path, *schemas.VIEW_KINDS)
         cases = read_cases(views.cases)
         all_rows = cls(views["images"], views.stamps_ns, views.world_T_anchor)
@@ -48,7 +58,7 @@ class Rows:
         return {case: all_rows.some(slice(i * n, (i + 1) * n)) for i, case in enumerate(cases)}
 
     def some(self, rows: slice) -> Self:
-        """A slice of the rows, with their images read."""
+        """Return a slice of the rows, with their images read."""
         return replace(
             self,
             images=self.images[rows],
@@ -58,10 +68,11 @@ class Rows:
 
     @classmethod
     def queries(cls, as_driven: Path, altered: Iterable[Path]) -> dict[Case, Self]:
-        """The queries of a sequence as driven, then its altered cases where artifacts exist."""
+        """Open a sequence's queries as driven, and those of each altered artifact that exists."""
         cases = cls.cases(as_driven)
         for path in altered:
-            cases |= cls.cases(path) if path.is_dir() else {}
+            if path.is_dir():
+                cases |= cls.cases(path)
         return cases
 
     @classmethod
@@ -69,10 +80,11 @@ class Rows:
         """The rows of several sequences, one after the other."""
         if len(parts) == 1:
             return parts[0]
-        columns = zip(
-            *((part.images[:], part.stamps_ns, part.world_T_anchor) for part in parts), strict=True
+        return cls(
+            np.concatenate([part.images[:] for part in parts]),
+            np.concatenate([part.stamps_ns for part in parts]),
+            np.concatenate([part.world_T_anchor for part in parts]),
         )
-        return cls(*map(np.concatenate, columns))
 
 
 class TrainingSet(NamedTuple):
@@ -80,7 +92,7 @@ class TrainingSet(NamedTuple):
 
     views: Rows
     places: NDArray[np.int64]
-    """(submap,) the place of each; new places of a later set follow those that are known."""
+    """(submap,) the place of each; the new places of a later set have the next numbers."""
 
     def __len__(self) -> int:
         return len(self.places)
@@ -97,11 +109,12 @@ class TrainingSet(NamedTuple):
         return cls(views, places.astype(np.int64))
 
 
-Localizer = Callable[[Rows, int], Ranking]  # ranks the k likeliest places of each view
+Localizer = Callable[[Rows, int], Ranking]
+"""Takes views and k; ranks the k likeliest places of each view."""
 
 
 def joined(rankings: Sequence[Ranking]) -> Ranking:
-    """The rows of several rankings of one model, one after the other."""
+    """Several rankings of one model as one, with their rows one after the other."""
     names = [name for name in vars(rankings[0]) if name != "kinds"]
     columns: dict[str, Any] = {
         name: np.concatenate([getattr(ranking, name) for ranking in rankings]) for name in names
@@ -110,23 +123,29 @@ def joined(rankings: Sequence[Ranking]) -> Ranking:
 
 
 def joined_places(parts: Sequence[NDArray[np.int64]]) -> NDArray[np.int64]:
-    """Places of several sequences, none of which shares a place with another."""
-    firsts = np.cumsum([0, *(part.max() + 1 for part in parts[:-1])])
-    return np.concatenate([part + offset for part, offset in zip(parts, firsts, strict=True)])
+    """Number the places of several sequences as if no sequence shared one with another."""
+    joined_parts = []
+    first_place = 0
+    for part in parts:
+        joined_parts.append(part + first_place)
+        first_place += part.max() + 1
+    return np.concatenate(joined_parts)
 
 
 class Method(Protocol):
-    """One file in pipeline/methods; its fields are the keys of its yaml."""
+    """What every method can do: one file in pipeline/methods, with the keys of its yaml as
+    fields."""
 
     view: str
+    """The name of the view that it looks at, a file in conf/view."""
 
     def learn(self, views: Rows, places: NDArray[np.int64], progress: Progress) -> Model:
-        """Learn the training sequence's views, whose places (submap,) are all known."""
+        """Learn a model from the training views, whose places (submap,) are all known."""
 
     def grow(
         self, model: Model, known_set: TrainingSet, new_set: TrainingSet, progress: Progress
     ) -> Model:
-        """Add views of further days to a model of `known_set`, whose places keep their numbers."""
+        """Add the views of `new_set` to a model of `known_set`, whose places keep their numbers."""
 
     def localizer(self, model: Model) -> Localizer:
         """Make a function that ranks views with the model; it runs in one thread at a time."""

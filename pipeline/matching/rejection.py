@@ -1,6 +1,8 @@
-"""Thresholds on novelty from which a query is rejected as unseen.
+"""Chooses the threshold on novelty from which a query is rejected as unseen.
 
-Chosen on held-out blocks of the training sequence.
+A model stores `Evidence`: how new it found the queries of held-out blocks of the training path, and
+whether it answered them right. From it `Rejection` chooses, for each kind of novelty, the largest
+threshold that keeps a wanted precision among the accepted queries. No test sequence is used.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,7 +17,7 @@ from pipeline.core.settings import Share, check
 from pipeline.matching.ranking import Model, Ranking
 
 ACCEPT_NOTHING = float(np.finfo(np.float32).min)
-"""The threshold that rejects every query; a novelty is a float32."""
+"""The threshold that rejects every query: no float32 novelty lies below it."""
 HELD_OUT = "held_out/"
 """Prefix of the evidence within a model."""
 LEAST_BLOCKS = 10
@@ -27,44 +29,44 @@ class Threshold(NamedTuple):
     """A threshold on one kind of novelty, chosen on held-out blocks."""
 
     reject_from: float
-    """ACCEPT_NOTHING where not even LEAST_BLOCKS tell of a precision."""
+    """Novelty from which queries are rejected; ACCEPT_NOTHING if no threshold can be chosen."""
     kept_precision: float
-    """Precision on these blocks with one false alarm added; NaN where nothing is accepted."""
+    """Precision among the accepted queries of these blocks, with one false alarm added; NaN if none
+    is accepted."""
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """A model's results on h held-out queries, each ranked twice.
+    """A model's results on h queries from held-out blocks, each of which was ranked twice.
 
-    With the whole database, and without the places around the query: the second stands for a query
-    from a place that training never saw.
+    The first ranking is with the whole database, and stands for a query from a seen place. The
+    second is without the places around the query, and stands for one from an unseen place.
     """
 
     right: NDArray[np.bool_]
-    """(h,) whether the first answer was the true place, with the whole database."""
+    """(h,) whether the first ranking began with the true place."""
     seen: Mapping[str, NDArray[np.float64]]
-    """Kind of novelty to its values (h,) with the whole database."""
+    """For each kind of novelty, its values (h,) in the first ranking."""
     unseen: Mapping[str, NDArray[np.float64]]
-    """The same without the places around the query."""
+    """For each kind of novelty, its values (h,) in the second ranking."""
     block: NDArray[np.int64]
-    """(h,) the held-out block of each, from 0: neighbours are no independent evidence."""
+    """(h,) the number of each query's block, from 0. Queries of one block are not independent."""
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Its arrays, as they are stored in a model."""
+        """The evidence's arrays, as they are stored in a model."""
         parts: dict[str, NDArray[Any]] = {
             f"{HELD_OUT}right": self.right,
             f"{HELD_OUT}block": self.block,
         }
-        for name, kinds in (("seen", self.seen), ("unseen", self.unseen)):
-            parts |= {
-                f"{HELD_OUT}{name}/{kind}": values.astype(np.float32)
-                for kind, values in kinds.items()
-            }
+        for kind, values in self.seen.items():
+            parts[f"{HELD_OUT}seen/{kind}"] = values.astype(np.float32)
+        for kind, values in self.unseen.items():
+            parts[f"{HELD_OUT}unseen/{kind}"] = values.astype(np.float32)
         return parts
 
     @classmethod
     def of(cls, model: Model) -> Self:
-        """The evidence in a model; raises InputError where it, or its blocks, are missing."""
+        """Read the evidence in a model; raises InputError if it, or its blocks, are missing."""
         if HELD_OUT + "right" not in model:
             raise InputError(
                 f"the model has no {HELD_OUT}right: a method must store its evidence of held-out "
@@ -74,52 +76,46 @@ class Evidence:
             raise InputError(
                 f"the model has no {HELD_OUT}block: an earlier version made it; train it anew"
             )
-        seen, unseen = (
-            {
-                name.removeprefix(part): model[name].astype(np.float64)
-                for name in model
-                if name.startswith(part)
-            }
-            for part in (f"{HELD_OUT}seen/", f"{HELD_OUT}unseen/")
-        )
         return cls(
             model[HELD_OUT + "right"].astype(bool),
-            seen,
-            unseen,
+            _by_kind(model, f"{HELD_OUT}seen/"),
+            _by_kind(model, f"{HELD_OUT}unseen/"),
             model[HELD_OUT + "block"].astype(np.int64),
         )
 
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
-        """The evidence of several models with the same kinds of novelty."""
+        """The evidence of several models with the same kinds of novelty, as one."""
+        right = np.concatenate([part.right for part in parts])
         seen = {kind: np.concatenate([part.seen[kind] for part in parts]) for kind in parts[0].seen}
         unseen = {
             kind: np.concatenate([part.unseen[kind] for part in parts]) for kind in parts[0].unseen
         }
-        first_blocks = np.cumsum([0, *(part.block.max(initial=-1) + 1 for part in parts)])
-        block = np.concatenate(
-            [part.block + offset for part, offset in zip(parts, first_blocks[:-1], strict=True)]
-        )
-        return cls(np.concatenate([part.right for part in parts]), seen, unseen, block)
+        blocks = []
+        first_block = 0
+        for part in parts:
+            blocks.append(part.block + first_block)
+            first_block += part.block.max(initial=-1) + 1
+        return cls(right, seen, unseen, np.concatenate(blocks))
 
     @property
     def blocks(self) -> int:
-        """The number of blocks."""
+        """The number of held-out blocks."""
         return len(np.unique(self.block))
 
     def queries(
         self, kind: str, unseen_share: float
     ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64]]:
-        """Novelty, right and weight of the 2 h queries, if `unseen_share` of queries are unseen."""
+        """Novelty, right and weight of the 2 h rankings, for this share of unseen queries.
+
+        Those of seen places come first.
+        """
         novelty = np.concatenate([self.seen[kind], self.unseen[kind]])
         right = np.concatenate([self.right, np.zeros_like(self.right)])
         return novelty, right, np.repeat([1 - unseen_share, unseen_share], len(self.right))
 
     def threshold(self, kind: str, unseen_share: float, wanted_precision: float) -> Threshold:
-        """Choose the threshold on one kind of novelty.
-
-        The queries of a block share a weight of 1.
-        """
+        """Choose the threshold on one kind of novelty; every block has the same weight."""
         novelty, right, weight = self.queries(kind, unseen_share)
         share_of_block = 1 / np.bincount(self.block)[self.block]
         return reachable_threshold(
@@ -131,27 +127,36 @@ class Evidence:
         )
 
 
-def is_near(
-    xy_m: NDArray[np.float64], others_m: NDArray[np.float64], radius_m: float
-) -> NDArray[np.bool_]:
-    """Whether others (m, 2) lie nearer than `radius_m` to each query (h, 2): (h, m).
+def _by_kind(model: Model, prefix: str) -> dict[str, NDArray[np.float64]]:
+    """The arrays of a model whose names begin with `prefix`, by the rest of their names."""
+    return {
+        name.removeprefix(prefix): model[name].astype(np.float64)
+        for name in model
+        if name.startswith(prefix)
+    }
 
-    A row where all of them do is False throughout, since a query needs something to be compared
-    with.
+
+def is_near(
+    query_m: NDArray[np.float64], database_m: NDArray[np.float64], radius_m: float
+) -> NDArray[np.bool_]:
+    """True (h, m) where a row of the database (m, 2) lies nearer than `radius_m` to a query (h, 2).
+
+    If all rows are near a query, they all count as far: it needs something to be compared with.
     """
-    close = np.linalg.norm(others_m - xy_m[:, None], axis=2) < radius_m
-    return np.asarray(close & ~close.all(axis=1, keepdims=True))
+    is_close = np.linalg.norm(database_m - query_m[:, None], axis=2) < radius_m
+    return np.asarray(is_close & ~is_close.all(axis=1, keepdims=True))
 
 
 @dataclass(frozen=True)
 class Rejection:
-    """Which novelty to reject by, and the precision to keep among what is accepted."""
+    """The settings of rejection: which novelty to use, and the precision to keep."""
 
     novelty: str = "own"
-    """The method's own choice, or another of its kinds."""
+    """The kind of novelty; `own` is the one that the method puts first."""
     wanted_precision: Share = 0.9
+    """Precision to keep among the accepted queries."""
     unseen_share: Share = 0.2
-    """Share of unseen queries to expect."""
+    """The share of unseen queries to expect."""
 
     def __post_init__(self) -> None:
         check(self, "rejection")
@@ -159,7 +164,7 @@ class Rejection:
     def order(self, ranking: Ranking) -> Ranking:
         """The ranking with the wanted kind of novelty first.
 
-        Raises ConfigError for a kind that the method has not.
+        Raises ConfigError for a kind that the method does not have.
         """
         if self.novelty == "own":
             return ranking
@@ -171,14 +176,14 @@ class Rejection:
         return ranking.with_kind_first(self.novelty)
 
     def thresholds(self, model: Model, kinds: tuple[str, ...]) -> list[Threshold]:
-        """The threshold on each kind of novelty."""
+        """Choose the threshold on each kind of novelty."""
         evidence = Evidence.of(model)
         return [
             evidence.threshold(kind, self.unseen_share, self.wanted_precision) for kind in kinds
         ]
 
     def summary(self, model: Model, threshold: Threshold, rejected: int) -> str:
-        """A line on how many queries are rejected, and the kept precision if less than wanted."""
+        """One line: how many are rejected, and the kept precision if it is less than wanted."""
         blocks = Evidence.of(model).blocks
         wanted_precision = f"{self.wanted_precision:g}"
         if threshold.reject_from <= ACCEPT_NOTHING:
@@ -204,14 +209,17 @@ def reachable_threshold(
 ) -> Threshold:
     """The largest threshold that keeps the wanted precision, else the one that keeps the most.
 
-    A query (n,) of a `block` (n,) is accepted below the threshold, and then is `right` or a false
-    alarm; `weight` (n,) says how much it counts. One more is counted as a false alarm. So conformal
-    prediction bounds the risk of a further query (Angelopoulos et al., Conformal Risk Control, ICLR
-    2024). The threshold lies midway between the last novelty that it accepts and the next one, with
-    which the precision would be lost. If there is no next one it lies just above the last: nothing
-    is known of queries beyond.
+    n queries have a `novelty`, a `weight` by which they count, and the number of their `block`. A
+    query is accepted below the threshold, and then is either `right` or a false alarm. One false
+    alarm is added to them, as in conformal prediction, which thus bounds the risk of a further
+    query (Angelopoulos et al., Conformal Risk Control, ICLR 2024).
 
-    Less than the wanted precision takes LEAST_BLOCKS, and is given in thousandths, rounded down.
+    1. For each novelty, compute the precision of accepting all queries up to it.
+    2. Take the largest novelty at which the wanted precision is kept.
+    3. If there is none, take the largest at which the best precision is kept, among those that
+       accept queries of LEAST_BLOCKS blocks or more. This precision is rounded down to thousandths.
+    4. Put the threshold midway between this novelty and the next one. If there is no next one, put
+       it just above, since nothing is known of queries beyond.
     """
     novelties, hits, accepted = _accepted(novelty, right, weight)
     finite = np.isfinite(novelties)
@@ -221,19 +229,18 @@ def reachable_threshold(
     if not len(candidates):
         least_of_blocks = np.sort([novelty[block == number].min() for number in np.unique(block)])
         accepted_blocks = np.searchsorted(least_of_blocks, novelties, side="right")
-        enough = accepted_blocks >= LEAST_BLOCKS
-        best_precision = kept_precision[enough].max(initial=0.0)
-        is_best = enough & (kept_precision > 0) & (kept_precision >= best_precision)
+        has_enough = accepted_blocks >= LEAST_BLOCKS
+        best_precision = kept_precision[has_enough].max(initial=0.0)
+        is_best = has_enough & (kept_precision > 0) & (kept_precision >= best_precision)
         candidates = np.flatnonzero(is_best)
         kept_precision = np.floor(1000 * kept_precision + 1e-6) / 1000
     if not len(candidates):
         return Threshold(ACCEPT_NOTHING, np.nan)
     index = candidates[-1]
-    reject_from = (
-        novelties[index : index + 2].mean()
-        if index + 1 < len(novelties)
-        else np.nextafter(novelties[index], np.inf)
-    )
+    if index + 1 < len(novelties):
+        reject_from = novelties[index : index + 2].mean()
+    else:
+        reject_from = np.nextafter(novelties[index], np.inf)
     return Threshold(float(reject_from), float(kept_precision[index]))
 
 
@@ -246,9 +253,9 @@ def threshold_for(
 ) -> float:
     """The largest threshold that keeps the wanted precision, else ACCEPT_NOTHING.
 
-    A query (n,) is accepted below the threshold, and then is `right` or a false alarm; `weight`
-    (n,) says how many real queries each stands for. As many as `wrong_besides` are counted as false
-    alarms besides.
+    n queries have a `novelty` and a `weight`, the number of real queries that each stands for. A
+    query is accepted below the threshold, and then is either `right` or a false alarm;
+    `wrong_besides` false alarms are added to them.
     """
     novelties, hits, accepted = _accepted(novelty, right, weight)
     candidates = np.flatnonzero(hits >= precision * (accepted + wrong_besides))
@@ -260,7 +267,10 @@ def threshold_for(
 def _accepted(
     novelty: NDArray[np.float64], right: NDArray[np.bool_], weight: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Each distinct novelty, rising, with the weights of hits and of all accepted up to it."""
+    """The distinct novelties in rising order, each with the weight of what is accepted up to it.
+
+    Returns the novelties, the weights of right queries, and those of all; each (distinct,).
+    """
     order = np.argsort(novelty, kind="stable")
     ordered = novelty[order]
     accepted = np.cumsum(weight[order])

@@ -1,8 +1,14 @@
-"""SeqSLAM's two passes over a matrix of differences: contrast, then the cheapest run past each row.
+"""The numerical kernels of SeqSLAM's search (Milford and Wyeth, ICRA 2012; METHODS 6).
 
-Milford and Wyeth, ICRA 2012; METHODS 6. A row is a reference, a column a query; a run of queries is
-laid against the reference at some speeds. Both passes go along the columns, which lie side by side
-in memory: a block of them is small enough for the cache, and what is done to one is done to all.
+A matrix of differences has a row for each training row (reference) and a column for each query.
+
+1. `contrast` replaces each difference by its deviation from those of the rows around it.
+2. `search` finds, for each row and each window of consecutive queries, the cheapest run about the
+   row. A run lays the queries along the rows at one of several speeds (`runs`).
+3. `cheapest` and `runner_up` read the best rows, and the best one elsewhere, from the costs.
+
+The first two go through the matrix row by row, for a block of neighbouring columns at once, which
+lie side by side in memory; `matching.alignment` applies them to a whole drive.
 """
 
 import math
@@ -12,42 +18,44 @@ from numba import njit
 from numpy.typing import NDArray
 
 BLOCK = 2_048
-"""Columns at a time: the dozen rows that a window touches stay in the L2 cache."""
+"""Columns handled at once: few enough for the dozen rows of a run to stay in the L2 cache."""
 GRAIN = 1_000
-"""Speeds are whole thousandths, so that a position is a whole division and no float decides between
-two rows."""
+"""Speeds are rounded to thousandths of a row per query. Positions follow from them by a division of
+whole numbers, so that no rounding decides between two rows."""
 FLAT = 1e-13
-"""A window whose variance is this share of its mean square or less is flat: float32 cannot tell its
-values from each other."""
-SAME = {"contract", "nsz"}
-"""Fast-math that gives a column the same bits wherever it lies in a block: no reciprocals, which
-some processors only guess."""
+"""A window is flat if its variance is at most this share of its mean square: float32 cannot tell
+its values apart."""
+REPRODUCIBLE = {"contract", "nsz"}
+"""The fast-math that gives a column the same bits wherever it lies in a block. Reciprocals are not
+in it, since some processors only approximate them."""
 
 
 def contrast(differences: NDArray[np.float32], rows: int) -> NDArray[np.float32]:
-    """Differences (n, m) in standard deviations above the mean of their column's window.
+    """Enhance the contrast of differences (n, m) along each column.
 
-    n − 1 in the denominator. The window reaches from rows // 2 above to rows // 2 below, as far as
-    there are rows; 0 where it is flat.
+    A difference becomes its deviation from the mean of a window, in standard deviations (sample
+    deviations, with one less than the number of rows in the denominator). The window reaches from
+    rows // 2 above the difference to rows // 2 below it, cut off at the ends. A flat one gives 0.
     """
     enhanced = np.empty(differences.shape, np.float32)
-    _contrast(np.ascontiguousarray(differences, np.float32), rows // 2, enhanced)
+    _enhance(np.ascontiguousarray(differences, np.float32), rows // 2, enhanced)
     return enhanced
 
 
 def least(rows: int) -> float:
-    """The lowest value of `contrast`: one of the window lies below all others, which are equal."""
+    """The lowest value of `contrast`: one difference of a window lies below all others, all
+    equal."""
     return -2 * (rows // 2) / math.sqrt(2 * (rows // 2) + 1)
 
 
 def runs(length: int, slowest: float, fastest: float, step: float) -> NDArray[np.int64]:
-    """Rows (speed, length + 1) of a run at each speed, in rows a query, from its middle.
+    """Rows (speed, length + 1) of a run at each speed, counted from the row that the run matches.
 
-    The middle is length // 2 rows after the first whatever the speed: METHODS' rule for which row a
-    run matches.
+    Speeds go from `slowest` to `fastest` by `step`, in rows per query. Whatever the speed, a run
+    matches the row that lies length // 2 rows after its first (METHODS 6, step 5).
     """
-    moves = np.arange(round(GRAIN * slowest), round(GRAIN * fastest) + 1, round(GRAIN * step))
-    return np.arange(length + 1) * moves[:, None] // GRAIN - length // 2
+    speeds = np.arange(round(GRAIN * slowest), round(GRAIN * fastest) + 1, round(GRAIN * step))
+    return np.arange(length + 1) * speeds[:, None] // GRAIN - length // 2
 
 
 def search(
@@ -56,22 +64,27 @@ def search(
     first: int = 0,
     last: int | None = None,
 ) -> NDArray[np.float32]:
-    """Cost (n, window) of the cheapest run about each row, for windows of queries.
+    """Costs (n, window) of the cheapest run about each row, for some windows of queries.
 
-    The windows begin at columns first … last − 1, by default all within the m queries. `offsets`
-    are `runs`; a cost is the sum of a run's differences `enhanced` (n, m), +inf where no run about
-    the row lies within the reference.
+    `enhanced` (n, m) are the differences after `contrast`, and `offsets` come from `runs`. The
+    windows begin at the columns from `first` to before `last`, by default all that lie within the m
+    queries. A cost is the sum of a run's differences, +inf where no run about the row lies within
+    the n rows.
     """
-    last = enhanced.shape[1] - offsets.shape[1] + 1 if last is None else last
+    if last is None:
+        last = enhanced.shape[1] - offsets.shape[1] + 1
     costs = np.empty((len(enhanced), max(last - first, 0)), np.float32)
     _search(enhanced, offsets, first, costs)
     return costs
 
 
 def cheapest(costs: NDArray[np.float32], k: int) -> NDArray[np.int64]:
-    """Rows (q, k) of the k cheapest of costs (q, n), cheapest first, then by row."""
-    bits = (costs + np.float32(0)).view(np.int32)  # no negative zero
-    # whole numbers in the order of the floats
+    """Rows (q, k) of the k lowest costs (q, n), lowest first, and of equal costs the first row.
+
+    Cost and row are packed into one whole number, which is sorted.
+    """
+    bits = (costs + np.float32(0)).view(np.int32)  # adding 0 makes a negative zero positive
+    # Flipping the bits of negative floats gives whole numbers that are ordered as the floats are.
     order = np.where(bits < 0, bits ^ 0x7FFFFFFF, bits).astype(np.int64)
     keys = (order << 32) | np.arange(costs.shape[1])
     k = min(k, keys.shape[1])
@@ -84,15 +97,19 @@ def cheapest(costs: NDArray[np.float32], k: int) -> NDArray[np.int64]:
 def runner_up(
     costs: NDArray[np.float32], best_row: NDArray[np.int64], window: int
 ) -> NDArray[np.float32]:
-    """The least of costs (q, n) more than window // 2 rows from each best row (q,), else +inf."""
+    """Lowest cost (q,) of (q, n) over window // 2 rows away from the best row (q,), else +inf."""
     is_near_best = np.abs(np.arange(costs.shape[1]) - best_row[:, None]) <= window // 2
     other_costs: NDArray[np.float32] = np.where(is_near_best, np.float32(np.inf), costs).min(axis=1)
     return other_costs
 
 
-@njit(cache=True, nogil=True, fastmath=SAME, boundscheck=False, error_model="numpy")
-def _contrast(differences, half, enhanced):  # type: ignore[no-untyped-def]
-    """Running sums in float64: in float32 they would be off by up to 0.07."""
+@njit(cache=True, nogil=True, fastmath=REPRODUCIBLE, boundscheck=False, error_model="numpy")
+def _enhance(differences, half, enhanced):  # type: ignore[no-untyped-def]
+    """Write differences (n, m) to `enhanced`, standardised over windows of ± `half` rows.
+
+    The window slides down the rows, and its sums are updated by the rows that enter and leave it.
+    They are float64, since in float32 results would be off by up to 0.07.
+    """
     n, m = differences.shape
     for start in range(0, m, BLOCK):
         width = min(start + BLOCK, m) - start
@@ -122,8 +139,12 @@ def _contrast(differences, half, enhanced):  # type: ignore[no-untyped-def]
                 )
 
 
-@njit(cache=True, nogil=True, fastmath=SAME, boundscheck=False, error_model="numpy")
+@njit(cache=True, nogil=True, fastmath=REPRODUCIBLE, boundscheck=False, error_model="numpy")
 def _standardised(values, sums, squares, number, out):  # type: ignore[no-untyped-def]
+    """Write the values (width,) of a row in deviations from their windows' means to `out`.
+
+    The windows have `number` rows each, whose `sums` and sums of `squares` are given.
+    """
     share = 1.0 / number
     unbiased = 1.0 / max(number - 1, 1)
     for i in range(len(out)):
@@ -135,8 +156,9 @@ def _standardised(values, sums, squares, number, out):  # type: ignore[no-untype
         out[i] = np.float32(0) if flat else above / deviation
 
 
-@njit(cache=True, nogil=True, fastmath=SAME, boundscheck=False, error_model="numpy")
+@njit(cache=True, nogil=True, fastmath=REPRODUCIBLE, boundscheck=False, error_model="numpy")
 def _search(enhanced, offsets, start, costs):  # type: ignore[no-untyped-def]
+    """Write the cheapest runs to costs (n, windows); windows begin at column `start`."""
     n, windows = costs.shape
     for block_start in range(0, windows, BLOCK):
         width = min(block_start + BLOCK, windows) - block_start

@@ -1,7 +1,9 @@
-"""Methods that match a sequence of queries with a sequence of training rows: PFL, AFL and SAD.
+"""Base of the methods that match sequences of queries with sequences of training rows: PFL, AFL,
+SAD.
 
-SeqSLAM's contrast enhancement and search (METHODS 6) with paper 2's settings and scores (METHODS
-5.5).
+A method gives the differences between a drive's queries and the training rows; SeqSLAM's search
+(METHODS 6) with paper 2's settings and scores (METHODS 5.5) makes a ranking of them. The same
+search among training's own rows gives the evidence for thresholds (`matching.rejection`).
 """
 
 from collections.abc import Callable
@@ -14,45 +16,47 @@ from numpy.typing import NDArray
 from pipeline.core.errors import InputError
 from pipeline.core.settings import NotNegative, Positive
 from pipeline.matching import holdout
-from pipeline.matching.alignment import Aligned, Alignment
+from pipeline.matching.alignment import AlignedQueries, Alignment
 from pipeline.matching.database import Database
 from pipeline.matching.ranking import Ranking, Rows, joined
 from pipeline.matching.rejection import Evidence, is_near
 from pipeline.matching.sequence import cheapest
 
 Differences = Callable[[NDArray[np.int64], NDArray[np.int64]], NDArray[np.float32]]
-"""Differences (n, m) of training rows (m,) as queries from other training rows (n,)."""
+"""A function of the method that compares training with itself: takes training rows (n,) and others
+(m,) as queries, and returns their differences (n, m)."""
 
 
 @dataclass(frozen=True)
 class SequenceMethod(Alignment):
-    """A method that matches a drive's queries together with sequences of training rows.
+    """The settings of a method that matches all queries of a drive together.
 
-    It answers with the rows of the best matching sequence.
+    Each query is answered with the rows at which the best matching sequences pass it.
     """
 
-    novelty: Literal["cost", "ratio"] = (
-        "cost"  # the sequence's cost, or SeqSLAM's ratio of it to the best cost elsewhere
-    )
+    novelty: Literal["cost", "ratio"] = "cost"
+    """The cost of the best sequence, or SeqSLAM's ratio of it to the best cost elsewhere."""
     distinct_places: bool = False
-    """Rank places, each once where its cheapest training row lies, instead of training rows."""
+    """Whether a ranking lists each place once, at its cheapest training row. Otherwise it lists
+    training rows, and a place may come several times."""
     held_out_every_m: Positive = 200.0
     held_out_length_m: Positive = 40.0
     """One block of this length in every `held_out_every_m` of the training path is held out to
     choose epochs and thresholds."""
     neighbour_m: NotNegative = 20.0
-    """A held-out query counts as unseen once the training rows nearer than this are forgotten."""
+    """To stand for an unseen query, a held-out one is compared only with training rows at least
+    this far away."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
 
     @property
     def kinds(self) -> tuple[str, str]:
-        """The kinds of novelty, the chosen one first."""
+        """The two kinds of novelty, the chosen one first."""
         return ("cost", "ratio") if self.novelty == "cost" else ("ratio", "cost")
 
     def held_out(self, views: Rows) -> NDArray[np.bool_]:
-        """The training rows (n,) that learning must not see."""
+        """True for the training rows (n,) that are held out and must not be learned."""
         places = np.zeros(len(views.world_T_anchor), np.int64)
         return holdout.blocks(
             views.world_T_anchor, places, self.held_out_every_m, self.held_out_length_m
@@ -67,64 +71,77 @@ class SequenceMethod(Alignment):
     ) -> Ranking:
         """Rank the m queries of a drive by their differences (n, m) from the database's n rows.
 
-        `turned_deg` (n, m) is each query's yaw against each row. A query less than half a sequence
-        from either end is answered by the nearest whole one, at its own position in it; where there
-        are fewer queries or rows than a sequence has, a shorter one answers, its cost brought to
-        the whole length. What is missing of k rows is place −1 at an infinite cost.
-        """
+        `turned_deg` (n, m) is each query's yaw against each row. Near the ends of the drive a query
+        is answered by the first or last whole sequence, at its own position in it. Where there are
+        fewer queries or rows than a sequence needs, a shorter one answers, its cost scaled up to
+        the full length. Where fewer than k rows are left, the rest are place −1 at an infinite
+        cost."""
         if differences.shape[0] != len(database.places):
             raise InputError(
                 f"differences of shape {differences.shape}: expected a row for each of "
                 f"{len(database.places)}"
             )
-        aligned = Aligned(self, differences)
+        aligned = AlignedQueries(self, differences)
         parts = []
         for queries, sums in aligned.blocks():
-            rows = cheapest(sums, sums.shape[1] if self.distinct_places else k)
+            # Distinct places need the order of all rows.
+            candidates = sums.shape[1] if self.distinct_places else k
+            rows = cheapest(sums, candidates)
             costs = np.take_along_axis(sums, rows, axis=1) - aligned.base
-            turned = None if turned_deg is None else turned_deg[rows, queries[:, None]]
-            kinds = aligned.novelty(sums, rows[:, 0])
-            novelty = np.stack([kinds[kind] for kind in self.kinds], axis=1).astype(np.float32)
-            ranking = database.answer(costs, rows, k, self.distinct_places, turned)
+            candidate_turn_deg = None
+            if turned_deg is not None:
+                candidate_turn_deg = turned_deg[rows, queries[:, None]]
+            ranking = database.answer(costs, rows, k, self.distinct_places, candidate_turn_deg)
+            by_kind = aligned.novelty(sums, rows[:, 0])
+            novelty = np.stack([by_kind[kind] for kind in self.kinds], axis=1).astype(np.float32)
             parts.append(replace(ranking, novelty=novelty, kinds=self.kinds))
         return joined(parts)
 
     def evidence(self, database: Database, views: Rows, difference: Differences) -> Evidence:
-        """Results of the odd training rows of held-out blocks against the even rows.
+        """Match the odd training rows with the even ones; returns the results in held-out blocks.
 
-        Once with and once without the queries' surroundings. All odd rows are matched as one
-        sequence, which stays whole, and no query can match itself. On a path too short for blocks
-        all of them count.
+        All odd rows are matched as one drive, so that its sequences stay whole, and no query can
+        match itself; only those in held-out blocks count, or all on a path too short for blocks.
+        Each counts twice: with all even rows, as a query from a seen place, and without those
+        around it, as one from an unseen place.
         """
         n = len(database.places)
         even = np.arange(0, n, 2)
         odd = np.arange(min(1, n - 1), n, 2)
-        counts = self.held_out(views)[odd]
-        counts = counts if counts.any() else np.ones(len(odd), bool)
-        aligned = Aligned(self, difference(even, odd))
-        is_query = np.zeros(n, bool)
+        is_counted = self.held_out(views)[odd]
+        if not is_counted.any():
+            is_counted = np.ones(len(odd), bool)
+
+        aligned = AlignedQueries(self, difference(even, odd))
         right = []
         seen = []
         unseen = []
-        is_query[odd[counts]] = True
         for queries, sums in aligned.blocks():
-            rows = odd[queries][counts[queries]]
-            sums = sums[counts[queries]]
+            rows = odd[queries][is_counted[queries]]
+            sums = sums[is_counted[queries]]
             if not len(rows):
                 continue
             best_row = sums.argmin(axis=1)
             right.append(database.places[even[best_row]] == database.places[rows])
             seen.append(aligned.novelty(sums, best_row))
-            is_far = ~is_near(
-                database.xy_m[rows], database.xy_m[even], self.neighbour_m
-            ) & np.isfinite(sums)
-            sums = np.where(is_far | ~is_far.any(axis=1, keepdims=True), sums, np.float32(np.inf))
-            unseen.append(aligned.novelty(sums, sums.argmin(axis=1)))
-        seen_kinds, unseen_kinds = (
-            {kind: np.concatenate([part[kind] for part in parts]) for kind in self.kinds}
-            for parts in (seen, unseen)
-        )
+
+            is_around = is_near(database.xy_m[rows], database.xy_m[even], self.neighbour_m)
+            is_far = ~is_around & np.isfinite(sums)
+            is_allowed = is_far | ~is_far.any(axis=1, keepdims=True)
+            far_sums = np.where(is_allowed, sums, np.float32(np.inf))
+            unseen.append(aligned.novelty(far_sums, far_sums.argmin(axis=1)))
+
+        is_query = np.zeros(n, bool)
+        is_query[odd[is_counted]] = True
         block = holdout.numbered(
             views.world_T_anchor, is_query, self.held_out_every_m, self.held_out_length_m
         )
-        return Evidence(np.concatenate(right), seen_kinds, unseen_kinds, block)
+        return Evidence(
+            np.concatenate(right), self._joined_kinds(seen), self._joined_kinds(unseen), block
+        )
+
+    def _joined_kinds(
+        self, parts: list[dict[str, NDArray[np.float64]]]
+    ) -> dict[str, NDArray[np.float64]]:
+        """Each kind of novelty of all parts, one after the other."""
+        return {kind: np.concatenate([part[kind] for part in parts]) for kind in self.kinds}

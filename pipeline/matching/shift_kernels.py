@@ -1,4 +1,14 @@
-"""The hot loops of Scan Context's distance: spectra, shared columns and the best shift."""
+"""The hot loops of Scan Context's distance (`matching.shifts`): correlations, and the best shift.
+
+A column of a Scan Context is engaged if it holds anything. At a shift, the similarity of two Scan
+Contexts is the mean cosine of the columns that are engaged in both: a sum of cosines, from a
+circular correlation, over a count of columns, from bit sets.
+
+1. `products` multiplies the spectra of database rows with that of a query, which gives the spectra
+   of the sums of cosines at all shifts.
+2. `packed` makes bit sets of engaged columns, whose common bits count the shared columns.
+3. `best` and `highest` divide the sums by the counts, and find the best shift of each row.
+"""
 
 import math
 
@@ -8,12 +18,13 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 WORD = 64
-NOWHERE = np.float32(-4)
-"""Below every mean of cosines."""
+"""Bits of one word of a bit set."""
+NO_SHIFT = np.float32(-4)
+"""Stands for the mean cosine of a shift that does not count; below every real one."""
 
 
 def packed(engaged: NDArray[np.bool_]) -> NDArray[np.uint64]:
-    """Bit sets (n, words) of which columns (n, sector) are engaged."""
+    """Pack a mask of engaged columns (n, sector) into bit sets (n, words)."""
     words = -(-engaged.shape[1] // WORD)
     bits = np.zeros((len(engaged), words * WORD), bool)
     bits[:, : engaged.shape[1]] = engaged
@@ -22,7 +33,7 @@ def packed(engaged: NDArray[np.bool_]) -> NDArray[np.uint64]:
 
 @intrinsic
 def _bit_count(context, word):  # type: ignore[no-untyped-def]
-    """The number of set bits of a uint64: one instruction."""
+    """The number of set bits of a uint64, which is one instruction of the processor."""
 
     def build(context, builder, signature, words):  # type: ignore[no-untyped-def]
         return builder.ctpop(words[0])
@@ -32,12 +43,14 @@ def _bit_count(context, word):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
 def products(columns, query, rows, spectra):  # type: ignore[no-untyped-def]
-    """Write spectra (m, frequency) of the correlations of rows with a query.
+    """Write to `spectra` (m, frequency) the correlations' spectra of m `rows` with a query.
 
-    The query is (frequency, real and imaginary part, 2 rings). Sums are of the query's type. Four
-    rows at a time, for one reading of the query serves them all; the last ones may be computed more
-    than once.
+    `columns` (n, frequency, 2 rings) are the database's spectra. The query (frequency, 2, 2 rings)
+    holds what to multiply them with for the real and for the imaginary part of the result. Sums
+    have the query's type. Four rows go together, so that the query is read once for all four; the
+    last group is filled up with the last row.
     """
+    # a, b, c and d are the spectra of rows i, j, k and m.
     frequencies, _, numbers = query.shape
     last_row = len(rows) - 1
     zero = query.dtype.type(0)
@@ -70,9 +83,9 @@ def products(columns, query, rows, spectra):  # type: ignore[no-untyped-def]
 
 @njit(inline="always")
 def _count(mask, turned, counts):  # type: ignore[no-untyped-def]
-    """Write how many columns a row shares with the query at every shift; returns the most.
+    """Write to counts (shift,) how many engaged columns row and query share; return the most.
 
-    A bit set (words,) of the row, and (shift, words) of the query.
+    `mask` (words,) is the row's bit set, and `turned` (shift, words) the query's at every shift.
     """
     most = np.float32(0)
     for shift in range(turned.shape[0]):
@@ -86,10 +99,11 @@ def _count(mask, turned, counts):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, fastmath={"contract", "nsz"}, error_model="numpy")
 def best(sums, masks, turned, least, similarities, shifts):  # type: ignore[no-untyped-def]
-    """Write the highest mean (m,) of sums (m, shift), and its shift.
+    """Write to `similarities` (m,) the highest mean cosine of each row, and to `shifts` (m,) where.
 
-    0 at shift −1 where nothing is engaged. Shifts that engage fewer columns than a share of the
-    most are passed over.
+    `sums` (m, shift) are sums of cosines, `masks` (m, words) and `turned` (shift, words) the bit
+    sets of the rows and the query. A shift counts if its shared columns are at least the share
+    `least` of the most at any shift. Where no column is ever shared, the result is 0 at shift −1.
     """
     counts = np.empty(sums.shape[1], np.float32)
     for i in range(len(sums)):
@@ -110,12 +124,12 @@ def best(sums, masks, turned, least, similarities, shifts):  # type: ignore[no-u
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
 def highest(sums, masks, turned, least, similarities):  # type: ignore[no-untyped-def]
-    """As `best` in float32 without the shift, which the compiler can vectorise."""
+    """Like `best`, but in float32 and without the shift, so that the compiler can vectorise it."""
     counts = np.empty(sums.shape[1], np.float32)
     for i in range(len(sums)):
         enough = np.float32(max(math.ceil(least * _count(masks[i], turned, counts)), 1))
-        best_mean = NOWHERE
+        best_mean = NO_SHIFT
         for shift in range(sums.shape[1]):
             mean = sums[i, shift] / max(counts[shift], np.float32(1))
-            best_mean = max(best_mean, mean if counts[shift] >= enough else NOWHERE)
-        similarities[i] = best_mean if best_mean > NOWHERE else np.float32(0)
+            best_mean = max(best_mean, mean if counts[shift] >= enough else NO_SHIFT)
+        similarities[i] = best_mean if best_mean > NO_SHIFT else np.float32(0)

@@ -1,7 +1,9 @@
-"""Methods that compare Scan Contexts at every shift of their columns (METHODS 1.3 and 1.4).
+"""Base of the methods that compare Scan Contexts at every shift of their columns (Kim and Kim, IROS
+2018; METHODS 1.3 and 1.4).
 
-Kim and Kim, IROS 2018. A shift is a turn of the robot, so the best one gives the heading. A query
-is compared with all training views, or with those of the nearest ring keys alone.
+A shift is a turn of the robot, so the best one gives the heading. A query is compared with all
+training views, or only with those whose ring keys are nearest to its own. A ring key is a small
+descriptor that is the same at every heading.
 """
 
 import numpy as np
@@ -18,16 +20,16 @@ from pipeline.matching.shifts import Spectra
 class ShiftMethod(DescriptorMethod):
     """A method that compares Scan Contexts at every shift of their columns; nothing is trained.
 
-    No dataclass itself: each method declares the fields at its own place, for a model's file holds
-    them in their order.
+    This class is no dataclass: the file of a model lists a method's fields in their order, so each
+    method declares them itself.
     """
 
     candidates: int | None = None
-    """How many training views of the nearest ring keys are compared; None for all."""
+    """How many training views are compared, those with the nearest ring keys; None: all are."""
     least_engaged: float
-    """A shift counts if it engages at least this share of the columns that the pair's fullest shift
-    engages. With the authors' 0 a shift at which a single column overlaps can win, as often with a
-    sensor that sees half the circle; 0.9 prevents it."""
+    """A shift counts if both Scan Contexts share at least this share of the non-empty columns that
+    they share at any shift. With the authors' 0, a shift that shares a single column may win, which
+    is frequent with a sensor that sees half the circle; 0.9 prevents it."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -37,7 +39,7 @@ class ShiftMethod(DescriptorMethod):
             )
 
     def learn(self, views: Rows, places: NDArray[np.int64], progress: Progress) -> Model:
-        """Keep the training sequence's spectra, and its ring keys where they choose candidates."""
+        """Store the spectra of training, and its ring keys if they choose candidates."""
         heights_m = np.asarray(views.images[:])
         database = Database.learned(views, places)
         spectra = Spectra.learned(heights_m, self.least_engaged)
@@ -46,11 +48,12 @@ class ShiftMethod(DescriptorMethod):
         def search(
             queries: NDArray[np.int64], allowed: NDArray[np.bool_]
         ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+            """A `database.Search` among the training views."""
             distances = np.empty(len(queries))
             nearest_rows = np.empty(len(queries), np.int64)
             for i, query in enumerate(queries):
                 rows = np.flatnonzero(allowed[i])
-                candidates = rows[self._candidates(keys[rows], keys[[query]])[0]]
+                candidates = rows[self._candidate_rows(keys[rows], keys[[query]])[0]]
                 likely_rows = spectra.likely(heights_m[query], candidates, k=1)
                 row_distances, _ = spectra.compare(heights_m[query], likely_rows)
                 distances[i] = row_distances.min()
@@ -62,32 +65,35 @@ class ShiftMethod(DescriptorMethod):
         return {**stored_keys, **spectra.arrays(), **database.arrays(), **evidence.arrays()}
 
     def localizer(self, model: Model) -> Localizer:
-        """The k nearest of the candidates; cost = distance in [0, 2]."""
+        """Make the function that ranks the k nearest candidates; costs are distances in [0, 2]."""
         spectra = Spectra.of(model, self.least_engaged)
         database = Database.of(model)
         keys = model.get("ring_keys", np.empty((len(database.places), 0), np.float32))
 
         def localize(views: Rows, k: int) -> Ranking:
             heights_m = spectra.images(views)
-            rows = self._candidates(keys, ring_keys(heights_m))
+            rows = self._candidate_rows(keys, ring_keys(heights_m))
             return spectra.rank(database, heights_m, rows, k, self.distinct_places)
 
         return localize
 
-    def _candidates(
+    def _candidate_rows(
         self, keys: NDArray[np.float32], queries: NDArray[np.float32]
     ) -> NDArray[np.int64]:
-        """Rows (q, m) of ring keys (n, ring) to compare with those (q, ring) of queries."""
+        """The m training rows (q, m) that each query is compared with.
+
+        `keys` (n, ring) are the ring keys of training, `queries` (q, ring) those of the queries.
+        """
         if self.candidates is None:
             return np.broadcast_to(np.arange(len(keys)), (len(queries), len(keys)))
         return nearest(keys, queries, self.candidates)[1]
 
 
 def ring_keys(heights_m: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Ring keys (n, ring) of Scan Contexts (n, ring, sector), the same at every heading.
+    """Ring keys (n, ring) of Scan Contexts (n, ring, sector): the non-empty bins of each ring.
 
-    How many bins of a ring hold something. The authors divide that by the number of sectors:
-    neighbours are the same, but distances of whole numbers are exact.
+    The authors divide it by the number of sectors. That changes no neighbour, but distances between
+    whole numbers are exact.
     """
     keys: NDArray[np.float32] = np.count_nonzero(heights_m, axis=2).astype(np.float32)
     return keys

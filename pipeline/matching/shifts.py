@@ -1,12 +1,13 @@
-"""Scan Context's distance: the mean cosine of engaged columns at the best column shift.
+"""Scan Context's distance: the mean cosine of engaged columns at the best column shift (IROS 2018,
+eq. 6; METHODS 1.3).
 
-IROS 2018, eq. 6; METHODS 1.3.
+A column is engaged if it holds anything, and a shift of the columns is a turn of the robot. The
+sums of cosines at all shifts are one circular correlation. So a database stores the spectra of its
+columns, brought to length 1, and a query costs one pass over them and an inverse transform.
 
-The sums of cosines at all shifts are one circular correlation, so a database keeps the spectra of
-its columns, brought to length 1, and a query costs one pass over them and an inverse transform.
-They are stored in float32 and summed in float64: a shift at which a single column is engaged may
-win, and its cosine must not drown in the rounding of all the others. Where only the nearest of many
-rows are wanted, sums in float32 first find which rows they may be.
+Spectra are stored in float32, and their products are summed in float64: a shift at which a single
+column is engaged may win, and its cosine must not drown in the rounding of all the others. Where
+only the nearest of many rows are wanted, sums in float32 first find the rows that they may be.
 """
 
 from collections.abc import Iterator
@@ -26,28 +27,29 @@ from pipeline.matching.nearest import first_of_each
 from pipeline.matching.ranking import Model, Ranking, Rows, joined
 
 PREFIX = "spectra/"
+"""Prefix of the spectra's arrays in a model."""
 BLOCK = 256
-"""Rows compared at once: their correlations stay in the core's own cache."""
+"""Rows compared at once: few enough for their correlations to stay in a core's own cache."""
 SLACK = np.float32(1e-3)
-"""A similarity summed in float32 is not so far off: rounding of 1e-6 of √(columns engaged in
-either), over what both engage."""
+"""Bound on the error of a similarity summed in float32. It is a rounding of about 1e-6 times the
+root of the columns engaged in either, over the number of columns engaged in both."""
 
 
 @dataclass(frozen=True)
 class Spectra:
     """The n Scan Contexts of a database, ready to be compared at every shift."""
 
-    columns: NDArray[
-        np.float32
-    ]  # (n, frequency, 2 rings) of the unit columns: a real and an imaginary part of each ring
+    columns: NDArray[np.float32]
+    """(n, frequency, 2 rings) the spectra of the columns, brought to length 1; the real and the
+    imaginary part of each ring follow each other."""
     engaged: NDArray[np.float32]
-    """(n, sector) 1 where a column holds anything."""
+    """(n, sector) 1 where a column holds anything, else 0."""
     least_engaged: float = 0.0
-    """`ShiftMethod.least_engaged`."""
+    """See `ShiftMethod.least_engaged`."""
 
     @classmethod
     def learned(cls, heights_m: NDArray[np.float32], least_engaged: float = 0.0) -> Self:
-        """The spectra of Scan Contexts (n, ring, sector)."""
+        """Make the spectra of Scan Contexts (n, ring, sector), heights in metres."""
         n, rings, sectors = heights_m.shape
         columns = np.empty((n, sectors // 2 + 1, 2 * rings), np.float32)
         for i in range(0, n, BLOCK):
@@ -56,21 +58,22 @@ class Spectra:
 
     @classmethod
     def of(cls, model: Model, least_engaged: float = 0.0) -> Self:
-        """The spectra in a model."""
+        """Read the spectra that a model holds."""
         return cls(model[f"{PREFIX}columns"], model[f"{PREFIX}engaged"], least_engaged)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """Its arrays, as they are stored in a model."""
+        """The arrays of the spectra, as they are stored in a model."""
         return {f"{PREFIX}columns": self.columns, f"{PREFIX}engaged": self.engaged}
 
     def compare(
         self, heights_m: NDArray[np.float32], rows: NDArray[np.int64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Distances (m,) in [0, 2] of one Scan Context (ring, sector) to rows (m,), and its yaw.
+        """Compare one Scan Context (ring, sector) with some rows (m,).
 
-        The yaw (m,) against each is in degrees, counter-clockwise in [0, 360). It is the best
-        shift: after a turn to the left all is seen further to the right, in columns of lower
-        number. Where no shift engages a column the distance is 1 and the yaw NaN.
+        Returns the distances (m,) in [0, 2], and the yaw (m,) of the query against each row, in
+        degrees counter-clockwise in [0, 360). The yaw is the best shift: after a turn to the left
+        everything is seen further to the right, in columns of lower number. Where no shift engages
+        a column, the distance is 1 and the yaw NaN.
         """
         query = _spectra(heights_m[None])[0]
         turned = _turned(heights_m)
@@ -85,9 +88,10 @@ class Spectra:
                 similarities[part],
                 best_shifts[part],
             )
-        return (1 - similarities).clip(0), np.where(
-            best_shifts < 0, np.nan, best_shifts * (360 / self.engaged.shape[1])
-        )
+        distances = (1 - similarities).clip(0)
+        column_deg = 360 / self.engaged.shape[1]
+        turned_deg = np.where(best_shifts < 0, np.nan, best_shifts * column_deg)
+        return distances, turned_deg
 
     def likely(
         self,
@@ -96,10 +100,10 @@ class Spectra:
         k: int,
         groups: NDArray[np.int64] | None = None,
     ) -> NDArray[np.int64]:
-        """Those of rows (m,) that may be among the k nearest of a Scan Context (ring, sector).
+        """Return the rows of (m,) that may be among the k nearest to a query (ring, sector).
 
-        In their order. With groups (m,) of the rows: that may be the nearest of one of the k
-        nearest groups.
+        They stay in their order. If the rows belong to `groups` (m,), such as places, the rows are
+        returned that may be the nearest of their group, for the k nearest groups.
         """
         if len(rows) <= BLOCK:
             return rows
@@ -110,48 +114,46 @@ class Spectra:
             kernels.highest(
                 sums, self._masks[rows[part]], turned, self.least_engaged, similarities[part]
             )
-        nearest = similarities
+        competitors = similarities
         if groups is not None:
             order = np.argsort(-similarities, kind="stable")
             columns = first_of_each(groups[order][None], k)[0]
-            nearest = similarities[order[columns[columns >= 0]]]
-        if len(nearest) < k:
+            competitors = similarities[order[columns[columns >= 0]]]
+        if len(competitors) < k:
             return rows
-        likely_rows: NDArray[np.int64] = rows[
-            similarities >= np.partition(nearest, -k)[-k] - 2 * SLACK
-        ]
+        kth_highest = np.partition(competitors, -k)[-k]
+        likely_rows: NDArray[np.int64] = rows[similarities >= kth_highest - 2 * SLACK]
         return likely_rows
 
     @cached_property
     def _masks(self) -> NDArray[np.uint64]:
+        """Bit sets (n, words) of the engaged columns of each row."""
         return kernels.packed(self.engaged > 0)
 
     def _correlations(
         self, query: NDArray[np.complexfloating], rows: NDArray[np.int64]
     ) -> Iterator[tuple[slice, NDArray[np.floating]]]:
-        """Slices of the rows (m,), with sums of cosines (part, shift) with a query.
+        """Yield slices of `rows` (m,), each with its sums of cosines (row, shift) with a query.
 
-        `query` is a spectrum (frequency, ring), and sums have its precision.
+        `query` (frequency, ring) is the spectrum of its columns; the sums have its precision.
         """
-        real_and_imaginary = (
-            np.stack([query, 1j * query], axis=1).astype(query.dtype).view(query.real.dtype)
-        )
+        # For a column a and the query b, a · conj(b) has the real part re a re b + im a im b and
+        # the imaginary part im a re b − re a im b. Both are products of a's real numbers: with
+        # those of b, and with those of i b.
+        factors = np.stack([query, 1j * query], axis=1).astype(query.dtype)
+        real_and_imaginary = factors.view(query.real.dtype)
+        # numpy's transform where it is exact, so that rankings keep their bits; scipy's is twice as
+        # fast
+        fft = scipy.fft if query.dtype == np.complex64 else np.fft
         spectra = np.empty((min(BLOCK, len(rows)), len(query)), query.dtype)
         for i in range(0, len(rows), BLOCK):
             part = slice(i, min(i + BLOCK, len(rows)))
             out = spectra[: part.stop - i]
             kernels.products(self.columns, real_and_imaginary, rows[part], out)
-            # numpy where it is exact, so that rankings keep their bits; scipy's transform is twice
-            # as fast
-            yield (
-                part,
-                (scipy.fft if out.dtype == np.complex64 else np.fft).irfft(
-                    out, self.engaged.shape[1]
-                ),
-            )
+            yield part, fft.irfft(out, self.engaged.shape[1])
 
     def images(self, views: Rows) -> NDArray[np.float32]:
-        """The views (q, ring, sector); raises InputError unless shaped as those learned."""
+        """Read the views (q, ring, sector); raises InputError for another shape than training's."""
         heights_m = np.asarray(views.images[:])
         learned = (self.columns.shape[2] // 2, self.engaged.shape[1])
         if heights_m.shape[1:] != learned:
@@ -169,28 +171,37 @@ class Spectra:
         k: int,
         distinct_places: bool,
     ) -> Ranking:
-        """Rank queries (q, ring, sector), each among its own candidate rows (q, m)."""
+        """Rank k answers to queries (q, ring, sector), each among its own candidate rows (q, m)."""
         parts = []
-        for i in range(0, max(len(rows), 1), QUERIES):
-            likely = [
-                self.likely(
-                    view, view_rows, k, database.places[view_rows] if distinct_places else None
+        for start in range(0, max(len(rows), 1), QUERIES):
+            # 1. Find the candidates that may be among the k nearest, in float32.
+            views = heights_m[start : start + QUERIES]
+            likely = []
+            for view, view_rows in zip(views, rows[start : start + QUERIES], strict=True):
+                groups = database.places[view_rows] if distinct_places else None
+                likely.append(self.likely(view, view_rows, k, groups))
+
+            # 2. Compare these in float64; queries with fewer of them are filled up with infinity.
+            most = max(map(len, likely), default=0)
+            candidates = np.zeros((len(likely), most), np.int64)
+            distances = np.full(candidates.shape, np.inf)
+            turned_deg = np.full(candidates.shape, np.inf)
+            for query, likely_rows in enumerate(likely):
+                n = len(likely_rows)
+                candidates[query, :n] = likely_rows
+                distances[query, :n], turned_deg[query, :n] = self.compare(
+                    views[query], likely_rows
                 )
-                for view, view_rows in zip(
-                    heights_m[i : i + QUERIES], rows[i : i + QUERIES], strict=True
-                )
-            ]
-            candidates = np.zeros((len(likely), max(map(len, likely), default=0)), np.int64)
-            compared = np.full((2, *candidates.shape), np.inf)
-            for j, likely_rows in enumerate(likely):
-                candidates[j, : len(likely_rows)] = likely_rows
-                compared[:, j, : len(likely_rows)] = self.compare(heights_m[i + j], likely_rows)
-            order = np.argsort(compared[0], axis=1, kind="stable")
-            distances, turned_deg = np.take_along_axis(compared, order[None], axis=2)
-            ordered = np.take_along_axis(candidates, order, axis=1)
+
+            # 3. Answer with the nearest.
+            order = np.argsort(distances, axis=1, kind="stable")
             parts.append(
                 database.answer(
-                    distances.astype(np.float32), ordered, k, distinct_places, turned_deg
+                    np.take_along_axis(distances, order, axis=1).astype(np.float32),
+                    np.take_along_axis(candidates, order, axis=1),
+                    k,
+                    distinct_places,
+                    np.take_along_axis(turned_deg, order, axis=1),
                 )
             )
         return joined(parts)
@@ -202,14 +213,15 @@ def _turned(heights_m: NDArray[np.float32]) -> NDArray[np.uint64]:
 
 
 def _engaged(heights_m: NDArray[np.float32]) -> NDArray[np.float32]:
+    """1 where a column (n, sector) of Scan Contexts (n, ring, sector) holds anything, else 0."""
     engaged: NDArray[np.float32] = (heights_m != 0).any(axis=1).astype(np.float32)
     return engaged
 
 
 def _spectra(heights_m: NDArray[np.float32]) -> NDArray[np.complex128]:
-    """Spectra (n, frequency, ring) of Scan Contexts (n, ring, sector).
+    """Spectra (n, frequency, ring) of Scan Contexts (n, ring, sector), along their sectors.
 
-    Columns are brought to length 1; empty ones stay 0.
+    Columns are brought to length 1 before; empty ones stay 0.
     """
     columns = heights_m.astype(np.float64)
     lengths = np.sqrt(np.einsum("nrs,nrs->ns", columns, columns))

@@ -1,6 +1,7 @@
-"""Temperature scaling: calibrates a network's probabilities by one number.
+"""Temperature scaling (Guo et al., ICML 2017): logits and true classes in, one number out.
 
-Guo et al., ICML 2017.
+Divided by this temperature, the logits give calibrated probabilities: of the answers with
+probability p, a share p is right.
 """
 
 import numpy as np
@@ -9,39 +10,39 @@ from scipy.optimize import minimize_scalar
 from scipy.special import log_softmax
 
 LOG_RANGE = (-3.0, 3.0)
-"""Natural logarithms of the temperatures searched: e⁻³ = 0.05 to e³ = 20."""
+"""Natural logarithms of the lowest and the highest temperature searched: 0.05 and 20."""
 TOLERANCE = 1e-6
-"""Nats by which a minimum must lie below the ends of the range."""
+"""A minimum must lie at least this far below the losses at both ends of the range, in nats."""
 
 
 def temperature(logits: NDArray[np.float64], classes: NDArray[np.int64]) -> float:
-    """The temperature at which logits (n, classes) give the true `classes` (n,) most likelihood.
+    """The temperature at which logits (n, classes) make the true `classes` (n,) most likely.
 
-    1 for no rows.
+    It is 1 if n is 0.
     """
     if not len(classes):
         return 1.0
-    minimum = minimize_scalar(
-        lambda log_t: _loss(logits, classes, log_t), bounds=LOG_RANGE, method="bounded"
-    )
+
+    def loss(log_t: float) -> float:
+        return _loss(logits, classes, log_t)
+
+    minimum = minimize_scalar(loss, bounds=LOG_RANGE, method="bounded")
     return float(np.exp(minimum.x))
 
 
 def determined(softness: float, logits: NDArray[np.float64], classes: NDArray[np.int64]) -> bool:
-    """Whether the likelihood is higher at this temperature than at both ends of the range.
+    """Whether the data determine a temperature: it is better than both ends of the range.
 
-    It is not where all rows are right, for then the colder the likelier, nor where there are none.
+    They do not if there are no rows, or if all of them are right: then the lowest is the best.
     """
     if not len(classes):
         return False
-    return (
-        _loss(logits, classes, np.log(softness))
-        < min(_loss(logits, classes, bound) for bound in LOG_RANGE) - TOLERANCE
-    )
+    loss = _loss(logits, classes, np.log(softness))
+    loss_at_ends = min(_loss(logits, classes, bound) for bound in LOG_RANGE)
+    return loss < loss_at_ends - TOLERANCE
 
 
 def _loss(logits: NDArray[np.float64], classes: NDArray[np.int64], log_t: float) -> float:
-    """Mean negative log-likelihood, in nats."""
-    return float(
-        -log_softmax(logits / np.exp(log_t), axis=1)[np.arange(len(classes)), classes].mean()
-    )
+    """Mean negative log-likelihood of the true classes, in nats, at the temperature exp(log_t)."""
+    log_probability = log_softmax(logits / np.exp(log_t), axis=1)
+    return float(-log_probability[np.arange(len(classes)), classes].mean())

@@ -1,4 +1,4 @@
-"""Drives along x, that tests of methods look at."""
+"""Makes the rows of a straight drive, for tests of methods."""
 
 from typing import Any
 
@@ -9,8 +9,8 @@ from pipeline.matching.ranking import Rows
 
 
 def along(images: Any, step_m: float = 1.0, yaw_deg: np.ndarray | float = 0.0) -> Rows:
-    """A view every `step_m`, of a robot that looks this way."""
+    """Rows with an image every `step_m` along x, of a robot with this yaw, or these."""
     n = len(images)
-    x_m = np.outer(step_m * np.arange(n), [1, 0, 0])
-    ahead = np.outer(np.deg2rad(np.broadcast_to(yaw_deg, n)), [0, 0, 1])
-    return Rows(images, np.arange(n), pose(x_m, ahead))
+    xyz_m = np.outer(step_m * np.arange(n), [1, 0, 0])
+    rpy_rad = np.outer(np.deg2rad(np.broadcast_to(yaw_deg, n)), [0, 0, 1])
+    return Rows(images, np.arange(n), pose(xyz_m, rpy_rad))

@@ -1,4 +1,8 @@
-"""What every descriptor method answers with: six training rows 10 m apart along x, two a place."""
+"""The database of descriptor methods: rankings of its rows, and the evidence of its held-out
+blocks.
+
+It has six rows 10 m apart along x, two of each place.
+"""
 
 import numpy as np
 import pytest
@@ -50,13 +54,10 @@ def test_held_out_rows_are_looked_for_in_the_rest_and_again_without_their_surrou
     # Blocks of 10 m every 20 m hold rows 1, 3 and 5 (path + 10 m, modulo 20 m, below 10 m); of
     # their places each keeps a row.
     evidence = DATABASE.evidence(euclidean(DESCRIPTORS), VIEWS, M2dp(False, 20, 10, 15))
-    assert evidence.right.tolist() == [
-        True,
-        True,
-        True,
-    ]  # row 3 is as near to 2 as to 4, row 1 to 0 as to 2: the first counts
+    # Row 1 is as near to 0 as to 2, row 3 to 2 as to 4: the first counts.
+    assert evidence.right.tolist() == [True, True, True]
     assert evidence.seen["distance"].tolist() == [1, 1, 1]
-    # Without all within 15 m: row 1 finds 4 at 3, row 3 finds 0 at 3, row 5 finds 2 at 3.
+    # Without the rows within 15 m: row 1 finds 4 at 3, row 3 finds 0 at 3, row 5 finds 2 at 3.
     assert evidence.unseen["distance"].tolist() == [3, 3, 3]
 
 

@@ -1,4 +1,4 @@
-"""Days that are learned in their order, on scenes 2 m apart along x."""
+"""Growth of a Scan Context model: two days of scenes 2 m apart, learned in their order."""
 
 import numpy as np
 import pytest
@@ -12,12 +12,12 @@ from tests.methods.test_scan_context import FIFTY
 
 def test_later_days_are_learned_after_the_first() -> None:
     first, second = DAYS.values()
-    (known, _), (later, _) = in_order([first, second], NONE)
-    model = FIFTY.learn(*known, Progress())
-    found, both = grown(FIFTY, model, [first, second], NONE, Progress())
-    assert np.array_equal(both.places, np.concatenate([known.places, later.places]))
-    assert np.array_equal(found["database/places"], both.places)
-    assert (known.places.max(), later.places.max()) == (11, 17)
+    (first_set, _), (second_set, _) = in_order([first, second], NONE)
+    model = FIFTY.learn(*first_set, Progress())
+    model_of_both, learned_set = grown(FIFTY, model, [first, second], NONE, Progress())
+    assert np.array_equal(learned_set.places, np.concatenate([first_set.places, second_set.places]))
+    assert np.array_equal(model_of_both["database/places"], learned_set.places)
+    assert (first_set.places.max(), second_set.places.max()) == (11, 17)
 
 
 def test_a_model_that_knows_the_only_day_is_refused() -> None:

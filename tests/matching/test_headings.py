@@ -1,4 +1,4 @@
-"""A query's one code against a place's codes at several headings."""
+"""Distances of queries, with one code each, to places with a code at each of several headings."""
 
 import numpy as np
 import pytest
@@ -7,22 +7,23 @@ from pipeline.core.errors import InputError
 from pipeline.matching.headings import PLACES, nearest_heading, reference_headings
 
 
-def crowd(n: int, m: int, width: int = 32) -> tuple[np.ndarray, np.ndarray]:
+def random_codes(n: int, m: int, width: int = 32) -> tuple[np.ndarray, np.ndarray]:
+    """Random codes (n, 8, width) of places at eight headings, and of queries (m, width)."""
     rng = np.random.default_rng(0)
-    return rng.normal(size=(n, 8, width)).astype(np.float16), rng.normal(size=(m, width)).astype(
-        np.float32
-    )
+    codes = rng.normal(size=(n, 8, width)).astype(np.float16)
+    queries = rng.normal(size=(m, width)).astype(np.float32)
+    return codes, queries
 
 
 def test_the_distance_is_the_least_over_the_headings_of_equal_ones_the_first() -> None:
-    codes, queries = crowd(PLACES + 3, 5)
-    away = np.linalg.norm(codes[:, :, None].astype(float) - queries, axis=3)
-    distances, bins = nearest_heading(codes, queries)
+    codes, queries = random_codes(PLACES + 3, 5)
+    expected = np.linalg.norm(codes[:, :, None].astype(float) - queries, axis=3)
+    distances, headings = nearest_heading(codes, queries)
     assert distances.dtype == np.float32
-    assert bins.dtype == np.uint8
-    np.testing.assert_allclose(distances, away.min(axis=1), rtol=1e-5)
-    np.testing.assert_array_equal(bins, away.argmin(axis=1))
-    codes = np.repeat(crowd(4, 1)[0][:, :1], 8, axis=1)
+    assert headings.dtype == np.uint8
+    np.testing.assert_allclose(distances, expected.min(axis=1), rtol=1e-5)
+    np.testing.assert_array_equal(headings, expected.argmin(axis=1))
+    codes = np.repeat(random_codes(4, 1)[0][:, :1], 8, axis=1)
     assert not nearest_heading(codes, codes[:, 0].astype(np.float32))[1].any()
 
 
@@ -38,33 +39,33 @@ def test_reference_headings_are_even_ones_evenly_around_the_circle() -> None:
 
 
 def test_the_order_of_the_headings_changes_nothing_but_their_numbers() -> None:
-    codes, queries = crowd(20, 5)
-    distances, bins = nearest_heading(codes, queries)
-    turned, turned_bins = nearest_heading(np.roll(codes, 2, axis=1), queries)
+    codes, queries = random_codes(20, 5)
+    distances, headings = nearest_heading(codes, queries)
+    turned, turned_headings = nearest_heading(np.roll(codes, 2, axis=1), queries)
     np.testing.assert_allclose(turned, distances, rtol=1e-6)
-    np.testing.assert_array_equal(turned_bins, (bins + 2) % 8)
+    np.testing.assert_array_equal(turned_headings, (headings + 2) % 8)
     assert (nearest_heading(codes[:, :3], queries)[0] >= distances * (1 - 1e-5)).all()
 
 
 def test_codes_that_lie_close_together_far_from_zero_are_told_apart() -> None:
     # As a collapsed network's do: lengths of 570, distances of about 0.8.
-    codes, queries = crowd(30, 6)
+    codes, queries = random_codes(30, 6)
     codes = 100 + codes.astype(np.float32) / 10
     queries = 100 + queries / 10
-    away = np.linalg.norm(codes[:, :, None].astype(float) - queries, axis=3).min(axis=1)
-    np.testing.assert_allclose(nearest_heading(codes, queries)[0], away, rtol=1e-4)
+    expected = np.linalg.norm(codes[:, :, None].astype(float) - queries, axis=3).min(axis=1)
+    np.testing.assert_allclose(nearest_heading(codes, queries)[0], expected, rtol=1e-4)
 
 
 def test_one_query_is_answered_as_in_a_crowd_and_none_at_all() -> None:
-    codes, queries = crowd(20, 5)
-    distances, bins = nearest_heading(codes, queries)
-    alone, its_bins = nearest_heading(codes, queries[3:4])
+    codes, queries = random_codes(20, 5)
+    distances, headings = nearest_heading(codes, queries)
+    alone, headings_alone = nearest_heading(codes, queries[3:4])
     np.testing.assert_allclose(alone[:, 0], distances[:, 3], rtol=1e-5)
-    np.testing.assert_array_equal(its_bins[:, 0], bins[:, 3])
+    np.testing.assert_array_equal(headings_alone[:, 0], headings[:, 3])
     assert nearest_heading(codes, queries[:0])[0].shape == (20, 0)
 
 
 def test_codes_of_another_width_are_refused() -> None:
-    codes, queries = crowd(3, 2)
+    codes, queries = random_codes(3, 2)
     with pytest.raises(InputError, match=r"\(2, 31\): expected \(m, d\)"):
         nearest_heading(codes, queries[:, :31])

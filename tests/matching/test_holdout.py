@@ -1,4 +1,4 @@
-"""Held-out blocks of a path."""
+"""Held-out blocks of a training path: which rows they hold, and how they are numbered."""
 
 import numpy as np
 from hypothesis import given, settings
@@ -8,6 +8,7 @@ from pipeline.matching.holdout import blocks, numbered
 
 
 def along(n: int, step_m: float = 1.0) -> np.ndarray:
+    """Poses (n, 4, 4) every `step_m` along x."""
     poses = np.tile(np.eye(4), (n, 1, 1))
     poses[:, 0, 3] = step_m * np.arange(n)
     return poses
@@ -16,17 +17,18 @@ def along(n: int, step_m: float = 1.0) -> np.ndarray:
 def test_one_block_in_every_stretch_of_the_path_along_its_bends_is_held_out() -> None:
     # Every 40 m, 4 m long, the first half a stretch in: rows 20 to 23, 60 to 63, 100 to 103 of one
     # long place.
-    held = blocks(along(120), np.zeros(120, np.int64), 40.0, 4.0)
-    assert np.flatnonzero(held).tolist() == [*range(20, 24), *range(60, 64), *range(100, 104)]
-    # Up and down the same ten metres: 25 rows are 24 m of path, and 20 to 23 m of it are held out.
+    is_held_out = blocks(along(120), np.zeros(120, np.int64), 40.0, 4.0)
+    assert np.flatnonzero(is_held_out).tolist() == [
+        *range(20, 24),
+        *range(60, 64),
+        *range(100, 104),
+    ]
+    # Up and down the same ten metres: 25 rows are 24 m of path, and 20 to 23 m of it are
+    # is_held_out out.
     poses = along(25)
     poses[:, 0, 3] = np.concatenate([np.arange(10), np.arange(8, 0, -1), np.arange(0, 7)])
-    assert np.flatnonzero(blocks(poses, np.zeros(25, np.int64), 40.0, 4.0)).tolist() == [
-        20,
-        21,
-        22,
-        23,
-    ]
+    is_held_out = blocks(poses, np.zeros(25, np.int64), 40.0, 4.0)
+    assert np.flatnonzero(is_held_out).tolist() == [20, 21, 22, 23]
 
 
 def test_a_place_never_loses_its_last_row() -> None:
@@ -37,13 +39,13 @@ def test_a_place_never_loses_its_last_row() -> None:
 
 def test_held_out_submaps_are_numbered_by_their_block() -> None:
     poses = along(120)
-    held = blocks(poses, np.zeros(120, np.int64), 40.0, 4.0)
-    assert numbered(poses, held, 40.0, 4.0).tolist() == [0] * 4 + [1] * 4 + [2] * 4
+    is_held_out = blocks(poses, np.zeros(120, np.int64), 40.0, 4.0)
+    assert numbered(poses, is_held_out, 40.0, 4.0).tolist() == [0] * 4 + [1] * 4 + [2] * 4
     # A block that lost its middle, since a place would have lost its last row, stays one.
-    held[21:23] = False
-    assert numbered(poses, held, 40.0, 4.0).tolist() == [0] * 2 + [1] * 4 + [2] * 4
-    # All held out: stretches of half of 40 m, or of the 40 m that a block is long. 120 rows are 119
-    # m.
+    is_held_out[21:23] = False
+    assert numbered(poses, is_held_out, 40.0, 4.0).tolist() == [0] * 2 + [1] * 4 + [2] * 4
+    # All is_held_out out: stretches of half of 40 m, or of the 40 m that a block is long. 120 rows
+    # are 119 m.
     every = np.ones(120, bool)
     assert numbered(poses, every, 40.0, 4.0).tolist() == np.repeat(np.arange(6), 20).tolist()
     assert numbered(poses, every, 40.0, 40.0).tolist() == np.repeat(np.arange(3), 40).tolist()
@@ -62,5 +64,5 @@ def test_whatever_is_held_out_every_place_is_trained(
     n: int, places: int, every_m: float, length_m: float, seed: int
 ) -> None:
     place = np.random.default_rng(seed).integers(0, places, n)
-    held = blocks(along(n), place, every_m, length_m)
-    assert set(place[~held]) == set(place)
+    is_held_out = blocks(along(n), place, every_m, length_m)
+    assert set(place[~is_held_out]) == set(place)

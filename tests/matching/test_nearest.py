@@ -1,4 +1,4 @@
-"""One neighbour search, with and without merging to places."""
+"""The exact search for the nearest descriptors, and the first of each group of them."""
 
 import numpy as np
 import pytest
@@ -17,17 +17,17 @@ def test_the_nearest_come_first_and_of_equally_near_ones_the_first_row():
     assert nearest(LINE, np.empty((0, 1), np.float32), 3)[1].shape == (0, 3)
 
 
-@pytest.mark.parametrize("asked", [1, 3, 400])
-def test_a_query_is_answered_alone_as_in_a_crowd(asked: int):
-    """faiss sums a crowd's distances in another way than one query's."""
+@pytest.mark.parametrize("n_queries", [1, 3, 400])
+def test_a_query_is_answered_alone_as_in_a_crowd(n_queries: int):
+    """faiss sums the distances of many queries in another way than those of one."""
     rng = np.random.default_rng(0)
     database = (100 + rng.normal(size=(500, 64)) * 0.01).astype(np.float32)
     queries = database[rng.integers(0, 500, 400)] + np.float32(1e-4)
-    crowd, rows = nearest(database, queries[:asked], 1)
-    alone = [nearest(database, query[None], 1) for query in queries[:asked]]
+    together, rows = nearest(database, queries[:n_queries], 1)
+    alone = [nearest(database, query[None], 1) for query in queries[:n_queries]]
     assert rows.tolist() == [row.tolist()[0] for _, row in alone]
     np.testing.assert_allclose(
-        crowd, np.concatenate([distance for distance, _ in alone]), rtol=1e-6
+        together, np.concatenate([distance for distance, _ in alone]), rtol=1e-6
     )
 
 

@@ -1,4 +1,4 @@
-"""Novelty of hand-made logits."""
+"""Kinds of novelty of logits, with numbers worked out by hand."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,7 @@
-"""Outlines of places: what is hidden says nothing, what is gone speaks against."""
+"""Re-ranking by outlines: what hides a place says nothing, what is gone speaks against it.
+
+Three places have four training views with random outlines.
+"""
 
 import numpy as np
 import pytest
@@ -8,12 +11,14 @@ from pipeline.matching.outlines import GONE, NOTHING, WORTH, Outlines, outlines,
 SECTORS = 120
 RNG = np.random.default_rng(3)
 SHAPES = RNG.integers(3, 30, (4, SECTORS)).astype(np.int16)
+"""The outlines of the training views."""
 LEARNED = Outlines(SHAPES, np.array([0, 1, 2, 2]), np.array([0.0, 30.0, 60.0, 100.0], np.float32))
 LEVEL = np.zeros((1, 3))
+"""Scores of a network that finds all three places equally likely."""
 
 
 def seen(view: int, turn: int) -> np.ndarray:
-    """What a sensor at a training view sees that is turned to the left by so many columns."""
+    """The outline that a sensor sees at a training view, turned to the left by `turn` columns."""
     return np.roll(SHAPES[view : view + 1], -turn, axis=1)
 
 
@@ -31,21 +36,21 @@ def test_a_place_seen_again_is_first_and_tells_the_heading(
     view: int, place: int, turn: int
 ) -> None:
     yaw_deg = 3 * (float(LEARNED.columns[view]) + turn)
-    guessed = np.full((1, 3), yaw_deg + 4.0)  # the network is off by 4 degrees
-    scores, headings = reranked(LEVEL, guessed, seen(view, turn), LEARNED)
+    network_deg = np.full((1, 3), yaw_deg + 4.0)  # the network is off by 4 degrees
+    scores, headings = reranked(LEVEL, network_deg, seen(view, turn), LEARNED)
     assert scores[0].argmax() == place
     assert scores[0, place] == pytest.approx(WORTH * SECTORS)
     assert (headings[0, place] - yaw_deg + 180) % 360 - 180 == pytest.approx(0, abs=1e-4)
 
 
 def test_what_hides_a_place_costs_its_sectors_and_what_is_gone_costs_more() -> None:
-    guessed = np.zeros((1, 3))
+    network_deg = np.zeros((1, 3))
     hidden = seen(0, 0).copy()
     gone = seen(0, 0).copy()
     hidden[0, :20] = 0
     gone[0, :20] = NOTHING
-    assert reranked(LEVEL, guessed, hidden, LEARNED)[0][0, 0] == pytest.approx(WORTH * 100)
-    assert reranked(LEVEL, guessed, gone, LEARNED)[0][0, 0] == pytest.approx(
+    assert reranked(LEVEL, network_deg, hidden, LEARNED)[0][0, 0] == pytest.approx(WORTH * 100)
+    assert reranked(LEVEL, network_deg, gone, LEARNED)[0][0, 0] == pytest.approx(
         WORTH * (100 - GONE * 20)
     )
 

@@ -1,5 +1,6 @@
-"""Patch normalisation and sums of absolute differences: the official code's numbers, and plain
-numpy."""
+"""Normalised patches and sums of absolute differences, against the official code's numbers and
+plain numpy.
+"""
 
 import numpy as np
 import pytest

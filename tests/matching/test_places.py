@@ -1,4 +1,4 @@
-"""Places: the training sequence's cells, by hand and on real trajectories."""
+"""Places and labels: cells worked out by hand on a small grid, and counts on real trajectories."""
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ GRID = Grid(10.0, (0.0, 40.0), (0.0, 30.0))  # 4 × 3 cells, ids x-major
 
 
 def anchors(*rows: tuple[float, float, float]) -> np.ndarray:
-    """Poses of (x, y, heading in degrees)."""
+    """Poses (n, 4, 4) from rows of x, y and heading in degrees."""
     table = np.array(rows, float).reshape(-1, 3)
     zeros = np.zeros(len(table))
     return pose(
@@ -44,13 +44,8 @@ def test_places_are_the_visited_cells_in_ascending_order() -> None:
         ((35, 21, 0), 2, 2, 4, 180),  # against the training heading: +180, never −180
         ((35, 25, -170), 2, 2, 0, 10),  # −170 − 180 = −350, that is 10
         ((5, 5, -100), 0, 0, 0, 170),  # −100 − 90 = −190, that is 170
-        (
-            (100, 100, 180),
-            2,
-            2,
-            np.hypot(65, 75),
-            0,
-        ),  # outside the box: the border cell 11, which is place 2
+        # outside the box: the border cell 11, which is place 2
+        ((100, 100, 180), 2, 2, np.hypot(65, 75), 0),
         ((-3, 29, 0), -1, 0, np.hypot(8, 24), -90),  # outside the box, cell 2
     ],
 )
@@ -83,6 +78,7 @@ NCLT = Grid(10.0, (-350.0, 130.0), (-730.0, 120.0))
 
 
 def sampled(real: Path, date: str) -> np.ndarray:
+    """Poses (n, 4, 4) about every metre of a sequence of NCLT."""
     rows = np.loadtxt(real / "nclt" / "trajectories" / f"{date}.txt")
     poses = pose(rows[:, 1:4], rows[:, 4:7])
     return poses[sample_path(poses[:, :3, 3], 1.0)]

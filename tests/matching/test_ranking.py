@@ -1,4 +1,4 @@
-"""Rows: a window on a view artifact, of one case or of several."""
+"""Rows, a window on a view artifact of one or several cases; and rankings of wrong shapes."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, replace
@@ -19,7 +19,7 @@ STAMPS_NS = np.arange(6) * 10**9
 
 
 def view(path: Path, cases: Sequence[Case] = (Case(),)) -> Path:
-    """Six rows, as many of each case."""
+    """Write an artifact of six rows, which the cases share equally; returns its path."""
     with store.draft(path, ScanContextViews, cases=[asdict(case) for case in cases]) as draft:
         draft.put("images", IMAGES)
         draft.put("stamps_ns", STAMPS_NS)

@@ -1,5 +1,8 @@
-"""Rejection: the threshold of a wanted precision, from what a model says of its held-out
-queries."""
+"""Rejection: thresholds that keep a wanted precision, chosen on the evidence of held-out queries.
+
+The precisions in the comments are worked out by hand: right ones over accepted ones, with one more
+counted as wrong.
+"""
 
 from dataclasses import fields
 
@@ -20,8 +23,8 @@ from pipeline.matching.rejection import (
     threshold_for,
 )
 
-# Four held-out queries, the third misplaced: how new they look as they are, and with their
-# surroundings forgotten.
+# Four held-out queries, each in a block of its own, the third misplaced. For both kinds of novelty,
+# how new they look as they are, and then with the places around them left out.
 EVIDENCE = Evidence(
     np.array([True, True, False, True]),
     {"entropy": np.array([0.1, 0.2, 0.3, 0.4]), "energy": np.array([-9.0, -8.0, -7.0, -6.0])},
@@ -104,14 +107,16 @@ def test_queries_of_one_block_share_a_weight_of_one() -> None:
     assert uneven.threshold("e", 0.0, 0.5) == pytest.approx((np.nextafter(9, 10), 0.5))
 
 
-def offered(
+def reached(
     wanted: float,
     right: list[int],
     blocks: list[int] | None = None,
     novelty: list[float] | None = None,
 ) -> Threshold:
-    """Of queries with the novelties 0, 1, 2, ..., each in a block of its own, unless they are
-    given."""
+    """The threshold for queries of which some are `right`.
+
+    Unless they are given, their novelties are 0, 1, 2, …, and each is in a block of its own.
+    """
     n = np.arange(len(right))
     given = n.astype(float) if novelty is None else np.array(novelty)
     return reachable_threshold(
@@ -127,32 +132,32 @@ def test_a_threshold_stands_midway_to_the_next_novelty_and_just_above_the_last()
     # Nine right of nine and one more counted wrong are 9 of 10; the tenth, wrong, would make 9 of
     # 11.
     novelty = [*range(9), 11.0]
-    assert offered(0.9, [1] * 9 + [0], novelty=novelty) == pytest.approx((9.5, 0.9))
-    assert offered(0.9, [1] * 8 + [0] * 2).reject_from != pytest.approx(7.5)  # 8 of 9 are .889
-    assert offered(0.9, [1] * 9) == pytest.approx((np.nextafter(8, 9), 0.9))
+    assert reached(0.9, [1] * 9 + [0], novelty=novelty) == pytest.approx((9.5, 0.9))
+    assert reached(0.9, [1] * 8 + [0] * 2).reject_from != pytest.approx(7.5)  # 8 of 9 are .889
+    assert reached(0.9, [1] * 9) == pytest.approx((np.nextafter(8, 9), 0.9))
     # What is infinitely new is accepted by no threshold, and is no end of a gap.
-    assert offered(0.9, [1] * 9 + [0], novelty=[*range(9), np.inf]) == pytest.approx(
+    assert reached(0.9, [1] * 9 + [0], novelty=[*range(9), np.inf]) == pytest.approx(
         (np.nextafter(8, 9), 0.9)
     )
 
 
-def test_where_the_wanted_precision_is_not_kept_the_most_is_offered() -> None:
+def test_where_the_wanted_precision_is_not_kept_the_most_is_reached() -> None:
     # Twelve, the third and the last wrong: of the first eleven 9 are right, 9 of 12, more than 8 of
     # 11 or 9 of 13.
     assert LEAST_BLOCKS == 10
-    assert offered(0.9, [1, 1, 0, 1, 1, 0, 1, 1, 1, 1, 1, 0]) == pytest.approx((10.5, 0.75))
+    assert reached(0.9, [1, 1, 0, 1, 1, 0, 1, 1, 1, 1, 1, 0]) == pytest.approx((10.5, 0.75))
     # 10 of 12 are .8333...: told as .833, since .834 would promise more than is kept.
-    assert offered(0.9, [1, 1, 0, 1, 1, 1, 1, 1, 1, 1, 1, 0]).kept_precision == 0.833
+    assert reached(0.9, [1, 1, 0, 1, 1, 1, 1, 1, 1, 1, 1, 0]).kept_precision == 0.833
     # 8 of 9 would be more, but of eight blocks: the first ten keep 8 of 11.
-    assert offered(0.9, [1] * 8 + [0] * 4) == pytest.approx((9.5, 0.727))
+    assert reached(0.9, [1] * 8 + [0] * 4) == pytest.approx((9.5, 0.727))
 
 
 def test_too_few_blocks_or_none_right_offer_nothing() -> None:
     for none in (
-        offered(0.9, [1, 1, 0, 1, 1, 1, 1, 1, 1]),  # 8 of 10, but of nine blocks
-        offered(0.95, [1, 1, 0] + [1] * 17, blocks=[*range(9), *[8] * 11]),  # 19 of 21, but of nine
-        offered(0.91, [0] * 12),
-        offered(0.9, []),
+        reached(0.9, [1, 1, 0, 1, 1, 1, 1, 1, 1]),  # 8 of 10, but of nine blocks
+        reached(0.95, [1, 1, 0] + [1] * 17, blocks=[*range(9), *[8] * 11]),  # 19 of 21, but of nine
+        reached(0.91, [0] * 12),
+        reached(0.9, []),
     ):
         assert none.reject_from == ACCEPT_NOTHING
         assert np.isnan(none.kept_precision)
@@ -214,6 +219,7 @@ def test_a_wrong_setting_is_one_line(settings_: dict[str, object], said: str) ->
 def chosen(
     precision: float, novelty: list[float], right: list[int], weight: list[float] | None = None
 ) -> float:
+    """`threshold_for` of lists; all queries weigh the same unless weights are given."""
     return threshold_for(
         precision, np.array(novelty), np.array(right, bool), np.array(weight or [1.0] * len(right))
     )
@@ -279,7 +285,7 @@ def test_what_is_said_to_be_kept_is_kept_and_no_larger_threshold_keeps_it(
 ) -> None:
     novelty = np.array([n for n, _ in queries])
     right = np.array([r for _, r in queries])
-    threshold = offered(wanted, right, novelty=novelty)  # type: ignore[arg-type]
+    threshold = reached(wanted, right, novelty=novelty)  # type: ignore[arg-type]
     accepted = novelty < threshold.reject_from
     if not accepted.any():
         assert np.isnan(threshold.kept_precision)

@@ -1,4 +1,4 @@
-"""SeqSLAM's contrast enhancement and search: the official code's numbers, and plain loops."""
+"""The kernels of SeqSLAM's search, against the official code's numbers and plain loops."""
 
 import numpy as np
 import pytest
@@ -7,16 +7,18 @@ from pipeline.matching import sequence
 from pipeline.matching.sequence import cheapest, contrast, least, runner_up, runs, search
 
 SPEEDS = (0.8, 1.2, 0.1)
+"""Slowest and fastest speed, and the step between speeds."""
 
 
 def official() -> np.ndarray:
-    """METHODS 6's difference matrix of 40 references and 30 queries."""
+    """The difference matrix (40, 30) of METHODS 6, for whose results the official code was run."""
     i = np.arange(40)[:, None]
     j = np.arange(30)
     return np.asarray((i**2 + 3 * i * j + 7 * j) % 23 + 5 * np.abs(i - j - 4), np.float32)
 
 
 def plain_contrast(differences: np.ndarray, half: int) -> np.ndarray:
+    """`contrast` with windows of ± `half` rows, in numpy's float64."""
     out = np.zeros(differences.shape)
     for i in range(len(differences)):
         window = differences[max(i - half, 0) : i + half + 1].astype(np.float64)
@@ -31,8 +33,10 @@ def plain_contrast(differences: np.ndarray, half: int) -> np.ndarray:
 
 
 def plain_search(enhanced: np.ndarray, length: int, moves: list[int]) -> np.ndarray:
-    """METHODS 6, step 4, moves in tenths: by first row, with a row of +inf that all rows past the
-    end are."""
+    """Costs (n, windows) by the definition (METHODS 6, step 4), of runs by their first row.
+
+    `moves` are speeds in tenths of a row. Rows beyond the last one cost +inf.
+    """
     n, m = enhanced.shape
     padded = np.vstack([enhanced, np.full((1, m), np.inf)])
     costs = np.full((n, m - length), np.inf)

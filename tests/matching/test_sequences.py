@@ -1,5 +1,8 @@
-"""Drives along a training path: which of its rows a run of queries drove past, and how new it
-looks."""
+"""SequenceMethod: drives whose queries see rows of a training path, and how new they look.
+
+A training row has a random look. Neighbours have nothing in common, so that a single query is
+easily taken for another row, and a sequence is not.
+"""
 
 import numpy as np
 import pytest
@@ -13,11 +16,11 @@ from pipeline.matching.sequences import SequenceMethod
 
 ROWS = 120
 LOOKS = np.random.default_rng(0).normal(size=(ROWS, 16))
-"""What each training row looks like; neighbours have nothing in common."""
+"""(row, 16) the look of each training row."""
 
 
 def path(n: int = ROWS, step_m: float = 2.0) -> Rows:
-    """Rows along x, looking left."""
+    """Rows every `step_m` along x, of a robot that looks to the left."""
     poses = np.tile(np.eye(4), (n, 1, 1))
     poses[:, :2, :2] = [[0, -1], [1, 0]]
     poses[:, 0, 3] = step_m * np.arange(n)
@@ -25,66 +28,68 @@ def path(n: int = ROWS, step_m: float = 2.0) -> Rows:
 
 
 def database(n: int = ROWS) -> Database:
-    """Each row is its own place."""
+    """A database of `n` rows, each a place of its own."""
     return Database.learned(path(n), np.arange(n))
 
 
 def differences(rows: np.ndarray, noise: float = 0.0, references: np.ndarray = LOOKS) -> np.ndarray:
-    """Of queries that see these rows through some noise."""
+    """Differences (reference, query) of queries that see these rows with some noise."""
     looks = LOOKS[rows] + np.random.default_rng(1).normal(0, noise, (len(rows), 16))
     return np.asarray(np.linalg.norm(references[:, None] - looks, axis=2), np.float32)
 
 
-def asked(rows: np.ndarray, k: int = 1, noise: float = 0.0, **settings: object) -> Ranking:
+def ranked(rows: np.ndarray, k: int = 1, noise: float = 0.0, **settings: object) -> Ranking:
+    """The ranking of a drive past these rows."""
     return SequenceMethod(**settings).ranked(database(), differences(rows, noise), k)  # type: ignore[arg-type]
 
 
 def test_a_drive_is_followed_from_its_first_query_to_its_last() -> None:
     rows = np.arange(30, 80)
-    ranking = asked(rows, noise=0.3)
+    ranking = ranked(rows, noise=0.3)
     np.testing.assert_array_equal(ranking.places[:, 0], rows)
     np.testing.assert_array_equal(ranking.xy_m[:, 0, 0], 2.0 * rows)
     assert np.isnan(ranking.heading_deg).all()
-    assert (asked(np.arange(ROWS)).places[:, 0] == np.arange(ROWS)).all()
+    assert (ranked(np.arange(ROWS)).places[:, 0] == np.arange(ROWS)).all()
 
 
 def test_a_sequence_knows_what_one_view_does_not() -> None:
     rows = np.arange(30, 80)
     alone = differences(rows, noise=2.0).argmin(axis=0)
     assert (np.abs(alone - rows) <= 1).mean() < 0.6
-    assert (np.abs(asked(rows, noise=2.0).places[:, 0] - rows) <= 1).mean() > 0.95
+    assert (np.abs(ranked(rows, noise=2.0).places[:, 0] - rows) <= 1).mean() > 0.95
 
 
 @pytest.mark.parametrize("speed", [0.8, 1.2])
 def test_a_slower_or_faster_drive_is_followed_within_its_speed_s_slip(speed: float) -> None:
     rows = 10 + (np.arange(60) * speed).astype(int)
-    ranking = asked(rows)
+    ranking = ranked(rows)
+    # At any speed a run matches the row that is its middle at speed 1 (METHODS 6, step 5).
+    assert np.abs(ranking.places[5:-5, 0] - rows[5:-5]).max() <= 2
     assert (
-        np.abs(ranking.places[5:-5, 0] - rows[5:-5]).max() <= 2
-    )  # METHODS' middle of a run is that of speed 1
-    assert (ranking.novelty[5:-5, 0] < asked(rows, slowest=1.0, fastest=1.0).novelty[5:-5, 0]).all()
+        ranking.novelty[5:-5, 0] < ranked(rows, slowest=1.0, fastest=1.0).novelty[5:-5, 0]
+    ).all()
 
 
 def test_a_drive_the_other_way_is_followed_where_that_is_asked_for() -> None:
     rows = np.arange(80, 30, -1)
-    ranking = asked(rows, noise=0.3, both_ways=True)
+    ranking = ranked(rows, noise=0.3, both_ways=True)
     np.testing.assert_array_equal(ranking.places[:, 0], rows)
-    assert (asked(rows, noise=1.0).places[:, 0] == rows).mean() < 0.2
-    forward = asked(rows[::-1], noise=1.0)
+    assert (ranked(rows, noise=1.0).places[:, 0] == rows).mean() < 0.2
+    forward = ranked(rows[::-1], noise=1.0)
     np.testing.assert_array_equal(
-        asked(rows[::-1], noise=1.0, both_ways=True).places, forward.places
+        ranked(rows[::-1], noise=1.0, both_ways=True).places, forward.places
     )
 
 
 def test_fewer_queries_than_a_sequence_are_answered_by_what_there_is() -> None:
     for rows in (np.arange(50, 57), np.arange(50, 52)):
-        np.testing.assert_array_equal(asked(rows).places[:, 0], rows)
-    alone = asked(np.array([50]), k=3)
+        np.testing.assert_array_equal(ranked(rows).places[:, 0], rows)
+    alone = ranked(np.array([50]), k=3)
     assert alone.places[0, 0] == 50
     assert np.isfinite(alone.novelty).all()
     assert np.isfinite(alone.costs).all()
     assert (alone.costs > 0).all()  # it is not measured against its own least
-    assert asked(np.arange(0), k=3).places.shape == (0, 3)
+    assert ranked(np.arange(0), k=3).places.shape == (0, 3)
 
 
 @pytest.mark.parametrize("n", [1, 2, 4, 9])
@@ -115,7 +120,7 @@ def test_a_shorter_sequence_s_cost_is_brought_to_the_whole_length() -> None:
 def test_what_is_missing_of_k_rows_is_no_place() -> None:
     # Of 120 rows, 5 lie before the first run's middle and 3 behind the last one's, at the slowest
     # speed: METHODS' start + 5.
-    ranking = asked(np.arange(30, 80), k=ROWS + 9)
+    ranking = ranked(np.arange(30, 80), k=ROWS + 9)
     assert ranking.places.shape == (50, ROWS)
     inner = ranking.places[10]
     assert (inner[:112] >= 0).all()
@@ -149,9 +154,9 @@ def test_distinct_places_are_answered_once_each() -> None:
 def test_queries_are_answered_alike_however_many_are_searched_at_once(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    at_once = asked(np.arange(30, 80), k=4, noise=2.0, both_ways=True)
+    at_once = ranked(np.arange(30, 80), k=4, noise=2.0, both_ways=True)
     monkeypatch.setattr(alignment, "QUERIES", 3)
-    in_threes = asked(np.arange(30, 80), k=4, noise=2.0, both_ways=True)
+    in_threes = ranked(np.arange(30, 80), k=4, noise=2.0, both_ways=True)
     for name in ("places", "costs", "novelty", "xy_m"):
         np.testing.assert_array_equal(getattr(in_threes, name), getattr(at_once, name))
 
@@ -172,12 +177,11 @@ def test_what_was_never_seen_is_new_by_both_kinds() -> None:
     assert ((unknown.novelty[:, 1] > 0) & (unknown.novelty[:, 1] <= 1)).all()
 
 
-def test_a_query_s_cost_as_novelty_does_not_hang_on_what_else_is_asked() -> None:
+def test_a_query_s_cost_as_novelty_does_not_hang_on_what_else_is_ranked() -> None:
     matrix = differences(np.arange(30, 80), 1.0)
     odd = matrix.copy()
-    odd[:, -1] = (
-        1 - np.eye(ROWS, dtype=np.float32)[60]
-    )  # the least that can be: all other costs rise
+    # This column has the least contrast that can be, so all other costs rise.
+    odd[:, -1] = 1 - np.eye(ROWS, dtype=np.float32)[60]
     one, other = (SequenceMethod().ranked(database(), each, 3) for each in (matrix, odd))
     np.testing.assert_array_equal(one.places[:30], other.places[:30])
     np.testing.assert_array_equal(one.novelty[:30, 0], other.novelty[:30, 0])
@@ -187,16 +191,15 @@ def test_a_query_s_cost_as_novelty_does_not_hang_on_what_else_is_asked() -> None
 
 
 def test_the_author_s_score_is_told_as_it_is() -> None:
-    ranking = asked(np.arange(30, 80), noise=2.5, subtract_minimum=False)
+    ranking = ranked(np.arange(30, 80), noise=2.5, subtract_minimum=False)
     costs = ranking.costs[:, 0].astype(float)
     assert (costs < 0).all()  # so that the score, 1 / cost, falls as the match gets better
     np.testing.assert_allclose(ranking.novelty[:, 0], -np.minimum(1 / costs, 1), rtol=1e-6)
     nothing = SequenceMethod(subtract_minimum=False).ranked(
         database(), np.ones((ROWS, 20), np.float32), 1
     )
-    np.testing.assert_array_equal(
-        nothing.novelty, [[-1, 1]] * 20
-    )  # a cost of 0, and no better one elsewhere
+    # a cost of 0, and no better one elsewhere
+    np.testing.assert_array_equal(nothing.novelty, [[-1, 1]] * 20)
 
 
 def test_of_equally_good_rows_the_first_answers() -> None:

@@ -1,4 +1,4 @@
-"""Scan Context's distance against the authors' numbers, a plain loop, and a real reverse loop."""
+"""Scan Context's distance, against the authors' numbers, a plain loop, and a real reverse loop."""
 
 from pathlib import Path
 
@@ -22,8 +22,10 @@ EMPTY = np.zeros_like(A)
 
 
 def loop(query: NDArray[np.float32], other: NDArray[np.float32]) -> tuple[float, int]:
-    """Distance and best shift by the definition, in float64; shift −1 where none engages a
-    column."""
+    """Distance and best shift of two Scan Contexts by the definition, in float64.
+
+    The shift is −1 if none engages a column.
+    """
     means = []
     for shift in range(query.shape[1]):
         cosines = []
@@ -39,14 +41,19 @@ def loop(query: NDArray[np.float32], other: NDArray[np.float32]) -> tuple[float,
 def images(
     seed: int, density: float, engaged: float, shape: tuple[int, int, int] = (12, 10, 36)
 ) -> NDArray[np.float32]:
-    """Sparse heights, some negative, of which some columns hold nothing."""
+    """Random Scan Contexts of this shape, some of whose bins and columns are empty.
+
+    `density` is the share of the bins that hold something, in the share `engaged` of the columns.
+    Some heights are negative.
+    """
     rng = np.random.default_rng(seed)
-    kept = (rng.random(shape) < density) & (rng.random((shape[0], 1, shape[2])) < engaged)
-    made: NDArray[np.float32] = (rng.normal(2, 3, shape) * kept).astype(np.float32)
+    is_full = (rng.random(shape) < density) & (rng.random((shape[0], 1, shape[2])) < engaged)
+    made: NDArray[np.float32] = (rng.normal(2, 3, shape) * is_full).astype(np.float32)
     return made
 
 
 def distance(query: NDArray[np.float32], other: NDArray[np.float32]) -> float:
+    """The distance of two Scan Contexts (ring, sector)."""
     return float(Spectra.learned(other[None]).compare(query, np.array([0]))[0][0])
 
 
@@ -223,10 +230,7 @@ def test_a_real_reverse_loop_is_recognised_at_its_turn(real: Path):
     assert np.mean(
         1 - (there * back).sum(axis=0)[lengths > 0] / lengths[lengths > 0]
     ) == pytest.approx(0.70, abs=0.01)
-    forward = np.loadtxt(real / "kitti/poses/08.txt").reshape(-1, 3, 4)[
-        [720, 1500], :, 2
-    ]  # the camera's z axis
-    yaw_deg = np.rad2deg(
-        np.arctan2(-forward[:, 0], forward[:, 2])
-    )  # its x axis is to the right, so left is −x
+    # The camera's z axis looks forward, and its x axis to the right, so left is −x.
+    forward = np.loadtxt(real / "kitti/poses/08.txt").reshape(-1, 3, 4)[[720, 1500], :, 2]
+    yaw_deg = np.rad2deg(np.arctan2(-forward[:, 0], forward[:, 2]))
     assert abs((turned_deg[0] - (yaw_deg[1] - yaw_deg[0]) + 180) % 360 - 180) < 3

@@ -1,4 +1,4 @@
-"""Temperature scaling finds how over-confident a network is."""
+"""Temperature scaling: how over-confident a network is, and when that cannot be told."""
 
 import numpy as np
 from scipy.special import softmax
@@ -17,11 +17,11 @@ def test_logits_blown_up_by_a_factor_are_cooled_by_it() -> None:
 
 
 def test_a_temperature_is_not_determined_where_all_rows_are_right_or_all_wrong_or_none() -> None:
-    """The likeliest is then 0, or infinite; one wrong row among right ones fixes it."""
+    """The best temperature is then 0 or infinite; one wrong row among right ones determines it."""
     logits = np.array([[2.0, 1.0, 0.0], [0.5, 1.0, 0.0], [0.0, 1.0, 3.0]])
-    for classes, fixed in (([0, 1, 2], False), ([2, 2, 0], False), ([0, 0, 2], True)):
+    for classes, is_determined in (([0, 1, 2], False), ([2, 2, 0], False), ([0, 0, 2], True)):
         found = temperature(logits, np.array(classes))
-        assert determined(found, logits, np.array(classes)) == fixed
+        assert determined(found, logits, np.array(classes)) == is_determined
     assert not determined(1.0, np.empty((0, 5)), np.empty(0, np.int64))
 
 
