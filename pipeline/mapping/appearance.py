@@ -1,6 +1,9 @@
-"""Numbers that show whether a sensor or a frame suits the views.
+"""Measures what the submaps of a sequence look like, to show whether the sensor and its frame suit
+the views.
 
-They describe what the submaps of a sequence look like.
+Points in; out come the degrees of azimuth that they cover, the height of the ground, and the height
+of the top. A ground far from z = 0, for instance, tells that the sensor's height is set wrong.
+`is_level` tells a level 2-D laser from a 3-D LiDAR.
 """
 
 from collections.abc import Iterable
@@ -12,11 +15,17 @@ from pipeline.core.schemas import PoseColumn, Scans
 from pipeline.mapping.gathering import Gathering
 
 LOOKED_AT = 9
-"""Submaps of a sequence, evenly spread."""
-TELLING = 2000
-"""So many of a scan's points tell whether it is a sweep."""
+"""Number of submaps that are measured, evenly spread over a sequence."""
+SAMPLED_POINTS = 2000
+"""Number of a scan's points that are enough to measure its thickness."""
 LEVEL_M = 0.02
-"""Points no thicker than this lie in one plane, like a sweep of a level 2-D LiDAR."""
+"""Points no thicker than this lie in one plane, like those of a level 2-D laser."""
+NEAR_M = 15.0
+"""Range within which the ground is looked for."""
+NEAR_POINTS = 100
+"""With fewer points than this within NEAR_M, the ground is looked for among all points."""
+WIDEST_GAP_DEG = 3.0
+"""A wider gap between the azimuths of two points is not covered by the sensor."""
 
 
 def appearance(
@@ -27,58 +36,70 @@ def appearance(
     ground_m: NDArray[np.float64],
     used: NDArray[np.bool_],
 ) -> dict[str, float]:
-    """Medians over a few submaps of `azimuth_deg`, `ground_m` and `highest_m`.
+    """Return `azimuth_deg`, `ground_m` and `highest_m`, each a median over a few submaps.
 
-    The submaps gather the `used` (scan,) of scans `first` to `last` (submap,), laid out by these
-    poses; `ground_m` (submap,) is the height of the ground in each anchor's frame.
+    `azimuth_deg` are the degrees of azimuth with points, `ground_m` is the z of the ground (NaN
+    where the points lie in one plane), and `highest_m` the 99th percentile of z.
 
-    The medians are of degrees of azimuth with points, and of z of the ground and of the top. The
-    ground is NaN where the points lie in one plane; the top is the 99th percentile of the heights.
+    A submap gathers the scans from `first` to `last` (submap,) that are `used` (scan,), laid out by
+    the poses `layout`. `ground_m` (submap,) is subtracted from all heights.
     """
     measures = []
-    for row in np.unique(np.linspace(0, len(last) - 1, LOOKED_AT).astype(int)) if len(last) else ():
+    looked_at = np.unique(np.linspace(0, len(last) - 1, LOOKED_AT).astype(int)) if len(last) else ()
+    for row in looked_at:
         rows = slice(row, row + 1)
         gathering = Gathering(scans, layout, first[rows], last[rows], ground_m[rows], used)
         points = next(iter(gathering))
         if len(points):
             range_m = np.hypot(points[:, 0], points[:, 1])
-            has_ground = thickness(points) > LEVEL_M
-            ground_z_m = ground(points, range_m) if has_ground else np.nan
+            azimuth_deg = coverage(points[range_m > 0])
+            ground_z_m = ground(points, range_m) if thickness(points) > LEVEL_M else np.nan
             highest_m = float(np.percentile(points[:, 2], 99))
-            measures.append((coverage(points[range_m > 0]), ground_z_m, highest_m))
-    medians = np.median(np.reshape(measures, (-1, 3)), axis=0) if measures else [np.nan] * 3
-    names = ("azimuth_deg", "ground_m", "highest_m")
-    return dict(zip(names, map(float, medians), strict=True))
+            measures.append((azimuth_deg, ground_z_m, highest_m))
+    if measures:
+        azimuth_deg, ground_z_m, highest_m = np.median(measures, axis=0).tolist()
+    else:
+        azimuth_deg = ground_z_m = highest_m = np.nan
+    return {"azimuth_deg": azimuth_deg, "ground_m": ground_z_m, "highest_m": highest_m}
 
 
 def is_level(sweeps: Iterable[NDArray[np.floating]]) -> bool:
-    """Whether most of some scans' points (n, 3) lie in one plane each: those of a level laser."""
-    thicknesses_m = [thickness(_some(points)) for points in sweeps if len(points)]
+    """Whether scans (n, 3) are sweeps of a level 2-D laser: most have all points in one plane."""
+    thicknesses_m = [thickness(_sampled(points)) for points in sweeps if len(points)]
     return bool(thicknesses_m) and float(np.median(thicknesses_m)) <= LEVEL_M
 
 
-def _some(points: NDArray[np.floating]) -> NDArray[np.floating]:
-    """TELLING of the points (n, 3), drawn at random: each 32nd may be of one ring."""
-    if len(points) <= TELLING:
+def _sampled(points: NDArray[np.floating]) -> NDArray[np.floating]:
+    """At most SAMPLED_POINTS of the points (n, 3), drawn at random.
+
+    Not every k-th point: of a 32-beam LiDAR every 32nd lies on the same ring.
+    """
+    if len(points) <= SAMPLED_POINTS:
         return points
-    return points[np.random.default_rng(0).integers(len(points), size=TELLING)]
+    return points[np.random.default_rng(0).integers(len(points), size=SAMPLED_POINTS)]
 
 
 def thickness(points: NDArray[np.floating]) -> float:
-    """Standard deviation in metres of points (n, 3) across their best plane; 1 of too few."""
-    return (
-        float(np.sqrt(np.linalg.eigvalsh(np.cov(points.T)).clip(0))[0]) if len(points) > 3 else 1.0
-    )
+    """Standard deviation in metres of points (n, 3) across the plane that fits them best.
+
+    It is 1 for three points or fewer, which always lie in a plane.
+    """
+    if len(points) <= 3:
+        return 1.0
+    variances = np.linalg.eigvalsh(np.cov(points.T)).clip(0)
+    return float(np.sqrt(variances)[0])
 
 
 def ground(points: NDArray[np.float64], range_m: NDArray[np.float64]) -> float:
-    """z in metres of the ground: where points near the sensor are densest in z.
+    """Height z in metres of the ground under points (n, 3) at ranges (n,).
 
-    The ground is flat, unlike walls.
+    It is where most points near the sensor have about the same z: the ground is flat, walls are
+    not.
     """
-    near_z_m = points[range_m < 15.0, 2]
-    if len(near_z_m) < 100:
+    near_z_m = points[range_m < NEAR_M, 2]
+    if len(near_z_m) < NEAR_POINTS:
         near_z_m = points[:, 2]
+    # The densest of all bands 0.25 m high, in steps of 0.05 m; then the median around its middle.
     z_m = near_z_m[np.abs(near_z_m - np.median(near_z_m)) < 20.0]
     edges = np.arange(z_m.min() - 0.3, z_m.max() + 0.4, 0.05)
     counts = np.convolve(np.histogram(z_m, edges)[0], np.ones(5), "same")
@@ -87,9 +108,9 @@ def ground(points: NDArray[np.float64], range_m: NDArray[np.float64]) -> float:
 
 
 def coverage(points: NDArray[np.float64]) -> float:
-    """Degrees of azimuth with points: 360 minus all gaps wider than 3°."""
+    """Degrees of azimuth with points (n, 3): 360 minus all gaps wider than WIDEST_GAP_DEG."""
     if not len(points):
         return 0.0
     azimuth = np.sort(np.degrees(np.arctan2(points[:, 1], points[:, 0])))
     gaps = np.diff(azimuth, append=azimuth[0] + 360.0)
-    return float(360.0 - gaps[gaps > 3.0].sum())
+    return float(360.0 - gaps[gaps > WIDEST_GAP_DEG].sum())

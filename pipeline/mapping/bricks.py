@@ -1,8 +1,11 @@
-"""The known leaves of a moving cube, in bricks of 8³ leaves allocated when touched.
+"""Sparse storage of the dynamic octree (METHODS 4): the known leaves of a cube that moves along.
 
-The cube lies on a torus: where a leaf is stored follows from its whole-numbered coordinates in
-odometry, modulo the side. So nothing moves in memory when the cube does: a leaf that enters it is
-stored where one that left was.
+Leaves are stored in bricks of 8³. A brick is allocated when a ray touches it, and freed when all
+its leaves are unknown again. A table over the whole cube tells where the leaves of each brick are.
+
+The cube lies on a torus: a leaf's place follows from its whole-numbered coordinates in odometry,
+modulo the side of the torus. So nothing moves in memory when the cube does; a leaf that enters the
+cube takes the place of one that left it.
 """
 
 from typing import NamedTuple
@@ -12,43 +15,48 @@ from numba import njit
 from numpy.typing import NDArray
 
 BITS = 3
+"""Bits of a leaf's coordinate within its brick."""
 BRICK = 1 << BITS
+"""Leaves along an edge of a brick. Bricks of 16³ were no faster on KITTI's scans."""
 LEAVES = 1 << 3 * BITS
-"""Leaves along an edge of a brick, and in one. Bricks of 16³ were no faster on KITTI's scans."""
+"""Leaves of a brick."""
 NONE = np.int32(-1)
+"""Entry of the table where there is no brick."""
 SPARE = 1.5
+"""Capacity of new pools, relative to what is needed."""
 IDLE = 4.0
-"""Capacity of new pools over what is needed, and where it has become too large."""
+"""Pools are made smaller once their capacity is more than this many times what is needed."""
 
 
 class Bricks(NamedTuple):
-    """Pools of bricks, the first `used[0]` of them in use.
+    """Pools of bricks, of which the first `used[0]` are in use.
 
-    The leaves of all others are unknown and unmarked. A leaf's key is the number of its brick's
-    place on the torus, then its own in the brick, both x-major.
+    The leaves of all others are unknown and unmarked. A leaf's key is a whole number: its upper
+    bits number the brick's place on the torus, its lower ones the leaf in the brick, both x-major.
     """
 
     levels: int
     """There are 2^levels leaves around each axis of the torus."""
     table: NDArray[np.int32]
-    """(places,) where the leaves of the brick at each place begin in the pools, or NONE."""
+    """(place,) where the leaves of the brick at each place begin in the pools, or NONE."""
     places: NDArray[np.int32]
-    """(capacity,) the place of each brick."""
+    """(capacity,) the place of each brick on the torus."""
     log_odds: NDArray[np.float32]
-    """(capacity · LEAVES,) of the leaves; 0 is unknown."""
+    """(capacity · LEAVES,) the log-odds of the leaves; 0 is unknown."""
     marks: NDArray[np.uint8]
-    """(capacity · LEAVES,) what the rays of a scan did to each."""
+    """(capacity · LEAVES,) what the rays of the current scan did to each leaf
+    (`octree_kernels`)."""
     used: NDArray[np.int64]
-    """(1,)"""
+    """(1,) the number of bricks in use; an array, so that compiled functions can change it."""
 
     @property
     def nbytes(self) -> int:
-        """Bytes of all arrays, their spare capacity too."""
+        """Bytes of all arrays, including their spare capacity."""
         return sum(array.nbytes for array in (self.table, self.places, self.log_odds, self.marks))
 
 
 def empty(side: int) -> Bricks:
-    """No bricks yet, on a torus for a cube of `side` leaves, a power of two."""
+    """Bricks of which none is in use, for a cube of `side` leaves, a power of two."""
     levels = max(side.bit_length() - 1, BITS)
     table = np.full(8 ** (levels - BITS), NONE)
     return Bricks(
@@ -62,7 +70,7 @@ def empty(side: int) -> Bricks:
 
 
 def with_room(bricks: Bricks, extra: int) -> Bricks:
-    """The same bricks with room for `extra`: in new pools if these are too small or too large."""
+    """The same bricks with room for `extra` more, in new pools if theirs are too small or large."""
     n_used = int(bricks.used[0])
     if n_used + extra <= len(bricks.places) <= IDLE * (n_used + extra):
         return bricks
@@ -77,13 +85,16 @@ def with_room(bricks: Bricks, extra: int) -> Bricks:
 
 
 def bricks_of_a_ray(bricks: Bricks) -> int:
-    """How many bricks a ray within the cube touches at most, its end's too."""
+    """How many bricks a ray within the cube touches at most, including that of its end."""
     axis = 1 << (bricks.levels - BITS)
     return min(3 * axis + 2, axis**3)
 
 
 def dense(bricks: Bricks, lowest: NDArray[np.int64], side: int) -> NDArray[np.float32]:
-    """Log-odds (side, side, side), x-major, of the cube whose lowest leaf is `lowest` (3,)."""
+    """Log-odds (side, side, side), x-major, of the cube whose lowest leaf is `lowest` (3,).
+
+    Leaves are counted from the origin of odometry.
+    """
     n_used = int(bricks.used[0])
     axis = 1 << (bricks.levels - BITS)
     torus = np.zeros((axis,) * 3 + (BRICK,) * 3, np.float32)
@@ -94,9 +105,9 @@ def dense(bricks: Bricks, lowest: NDArray[np.int64], side: int) -> NDArray[np.fl
 
 @njit(inline="always", error_model="numpy")
 def part_of_key(cell, axis, levels):  # type: ignore[no-untyped-def]
-    """The bits of a leaf's key that its coordinate `cell` on an axis sets.
+    """The bits of a leaf's key that its coordinate `cell` on one axis (0, 1 or 2) sets.
 
-    A leaf's key has three such parts.
+    A leaf's key is the three parts of its axes, joined by OR.
     """
     place = (cell >> BITS) & ((1 << (levels - BITS)) - 1)
     return (place << (3 * BITS + (2 - axis) * (levels - BITS))) | (
@@ -106,7 +117,7 @@ def part_of_key(cell, axis, levels):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def corner(bricks, brick):  # type: ignore[no-untyped-def]
-    """Coordinates on the torus of a brick's lowest leaf."""
+    """Coordinates x, y, z on the torus of the lowest leaf of brick number `brick`."""
     bits = bricks.levels - BITS
     place = np.int64(bricks.places[brick])
     mask = (1 << bits) - 1
@@ -115,9 +126,9 @@ def corner(bricks, brick):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def allocate(bricks, place):  # type: ignore[no-untyped-def]
-    """Allocate a brick at a place that has none, and return where its leaves begin.
+    """Allocate a brick at a place of the torus that has none; returns where its leaves begin.
 
-    There must be room for it.
+    The pools must have room for it.
     """
     brick = bricks.used[0]
     bricks.used[0] = brick + 1
@@ -128,9 +139,9 @@ def allocate(bricks, place):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def free(bricks: Bricks, brick: int) -> None:
-    """Give back a brick whose leaves are unknown; the last one in use moves to where it was.
+    """Free a brick whose leaves are all unknown; the last brick in use moves to its position.
 
-    No leaf of either is marked.
+    No leaf of either may be marked.
     """
     table = bricks.table
     places = bricks.places
@@ -149,7 +160,7 @@ def free(bricks: Bricks, brick: int) -> None:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def forget(bricks: Bricks, is_gone: NDArray[np.bool_]) -> None:
-    """Make the leaves unknown of which a coordinate on the torus `is_gone` (3, torus)."""
+    """Make leaves unknown whose coordinate on any axis `is_gone` (3, side of the torus)."""
     for brick in range(bricks.used[0]):
         x, y, z = corner(bricks, brick)
         if (

@@ -1,6 +1,8 @@
-"""Gathers the points of submaps: the artifacts of scans and submaps in; points a submap out.
+"""Gathers the points of submaps: the artifacts of scans and submaps in, the points of each submap
+out.
 
-Neighbouring submaps share scans; each scan is read and laid out once all the same.
+A submap gathers a window of scans, laid out by their poses, in the frame of the newest one, its
+anchor. Neighbouring submaps share scans; each scan is read and laid out only once all the same.
 """
 
 from collections import deque
@@ -15,26 +17,28 @@ from numpy.typing import NDArray
 from pipeline.core.schemas import PoseColumn, Scans, Submaps
 
 BLOCK = 256
-"""Scans read together."""
+"""Number of scans read together."""
 
 
 @dataclass(frozen=True)
 class Gathering:
-    """An iterator over the points of submaps, of which each gathers a window of scans.
+    """An iterable over the points of submaps, each of which gathers a window of scans.
 
-    In memory are the points of one window and of one block of scans.
+    It keeps the points of one window and of one block of scans in memory.
     """
 
     scans: Scans
     layout: PoseColumn
+    """The column of the scans' poses by which they are laid out."""
     first: NDArray[np.int64]
-    """(submap,) the oldest scan of its window."""
+    """(submap,) the oldest scan of each window."""
     last: NDArray[np.int64]
-    """(submap,) the newest scan, in whose frame the points are given; never decreasing."""
+    """(submap,) the newest scan of each window, the submap's anchor; must not decrease."""
     ground_m: NDArray[np.float64]
-    """(submap,) height of the ground in that frame, which is taken off."""
+    """(submap,) height of the ground in the anchor's frame, which is subtracted from all
+    heights."""
     used: NDArray[np.bool_]
-    """(scan,) whether it is gathered at all."""
+    """(scan,) whether the scan is gathered at all."""
 
     def __len__(self) -> int:
         return len(self.last)
@@ -42,25 +46,29 @@ class Gathering:
     def __iter__(self) -> Iterator[NDArray[np.float64]]:
         """Points (n, 3) in metres of each submap, in its anchor's frame, z up from the ground."""
         start_T_scan = self.scans.load(self.layout)
-        laid: deque[tuple[int, NDArray[np.float64]]] = deque()
         scans = scan_points(self.scans, int(self.first[0]), int(self.last[-1]) + 1)
         used_scans = ((row, points) for row, points in scans if self.used[row])
+        window: deque[tuple[int, NDArray[np.float64]]] = deque()  # rows, and points as laid out
         for first_scan, last_scan, ground_m in zip(
             self.first, self.last, self.ground_m, strict=True
         ):
-            while not laid or laid[-1][0] < last_scan:
+            # 1. Lay out the scans that enter the window, and drop those that leave it.
+            while not window or window[-1][0] < last_scan:
                 row, points = next(used_scans)
-                laid.append((row, transformed(start_T_scan[row], points)))
-            while laid[0][0] < first_scan:
-                laid.popleft()
-            inside = np.concatenate([points for _, points in laid])
-            yield transformed(np.linalg.inv(start_T_scan[last_scan]), inside) - (0.0, 0.0, ground_m)
+                window.append((row, transformed(start_T_scan[row], points)))
+            while window[0][0] < first_scan:
+                window.popleft()
+
+            # 2. Move the window into the frame of its anchor, with the ground at z = 0.
+            start_points = np.concatenate([points for _, points in window])
+            anchor_T_start = np.linalg.inv(start_T_scan[last_scan])
+            yield transformed(anchor_T_start, start_points) - (0.0, 0.0, ground_m)
 
 
 def scan_points(scans: Scans, start: int, stop: int) -> Iterator[tuple[int, NDArray[np.float64]]]:
-    """Rows start … stop − 1 of a scans artifact, each with its points (n, 3) in metres.
+    """Yield the rows from `start` to before `stop` of a scans artifact, with their points (n, 3).
 
-    BLOCK scans are read together.
+    Points are in metres in the scan's own frame. BLOCK scans are read together.
     """
     offsets = scans.offsets
     grain_m = scans.grain_m
@@ -73,14 +81,14 @@ def scan_points(scans: Scans, start: int, stop: int) -> Iterator[tuple[int, NDAr
 
 
 def submap_points(scans: Scans, submaps: Submaps, rows: slice) -> Iterator[NDArray[np.float64]]:
-    """Points (n, 3) in metres of these rows of a submaps artifact, in each anchor's frame.
+    """Yield the points (n, 3) in metres of some rows of a submaps artifact.
 
-    z is up from the ground. Submaps of one scan each are read in one slice and never leave the
-    scan's own frame, so no rounding is added.
+    They are in the anchor's frame, z up from the ground. If each of these submaps is one scan, all
+    are read in one slice, and the points stay in the scan's own frame: no rounding is added.
     """
-    first, last, ground_m = (
-        np.asarray(submaps[name][rows]) for name in ("first", "scans", "ground_m")
-    )
+    first = np.asarray(submaps["first"][rows])
+    last = np.asarray(submaps["scans"][rows])
+    ground_m = np.asarray(submaps["ground_m"][rows])
     if (first != last).any():
         yield from Gathering(scans, submaps.layout, first, last, ground_m, submaps.used)
         return
@@ -93,7 +101,10 @@ def submap_points(scans: Scans, submaps: Submaps, rows: slice) -> Iterator[NDArr
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def transformed(a_T_b: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Points (n, 3) of frame b in frame a; for such slim matrices BLAS would wake its threads."""
+    """Points (n, 3) of frame b in frame a.
+
+    The loop is compiled, since BLAS would wake its threads for such slim matrices.
+    """
     transformed_points = np.empty((len(points), 3), np.float64)
     for i in range(len(points)):
         for row in range(3):

@@ -1,6 +1,7 @@
-"""The ground of a scan: the plane that most of its points lie on.
+"""Finds the ground of a scan: points in, the plane near which most of them lie out.
 
-RANSAC: Fischler and Bolles, 1981.
+RANSAC (Fischler and Bolles, 1981): planes through three random points are tried, and the one with
+the most points near it wins. Steep planes are not tried, since they are walls.
 """
 
 import math
@@ -10,8 +11,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 SURE = 0.9999
-"""Planes are tried until the ground was missed by all of them with a chance below 1 − this, were it
-the best one so far."""
+"""No more planes are tried once one like the best so far would have been found with this chance."""
 
 
 def plane(
@@ -21,10 +21,10 @@ def plane(
     iterations: int,
     rng: np.random.Generator,
 ) -> tuple[float, float, float] | None:
-    """a, b, c of the plane a x + b y + z = c near which most points (n, 3) lie, else None.
+    """a, b, c of the plane a x + b y + z = c near which most points (n, 3) lie.
 
-    Nearer than `near_m`. None where no plane is flat enough. Planes through three random points are
-    tried, steeper ones than `slope_deg` passed over, `iterations` at most.
+    A point is near if it is closer than `near_m`. At most `iterations` planes are tried, none
+    steeper than `slope_deg`; None if all of them are, or there are fewer than three points.
     """
     if len(points_m) < 3:
         return None
@@ -35,10 +35,11 @@ def plane(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _plane(x, y, z, corners, plane_m, least_upright):  # type: ignore[no-untyped-def]
-    """The best plane's a, b, c; c is infinite for no plane.
+def _plane(x, y, z, corners, near_m, least_upright):  # type: ignore[no-untyped-def]
+    """Return a, b, c of the best plane; c is infinite if there is none.
 
-    `corners` (tried, 3) index points (n,); a plane's normal has z of at least `least_upright`.
+    `x`, `y`, `z` (n,) are the points, and `corners` (tried, 3) the rows of three points for each
+    plane. The unit normal of a plane must have a z of at least `least_upright`.
     """
     n = len(x)
     most_points = np.int32(0)
@@ -57,12 +58,14 @@ def _plane(x, y, z, corners, plane_m, least_upright):  # type: ignore[no-untyped
         nx = uy * vz - uz * vy
         ny = uz * vx - ux * vz
         nz = ux * vy - uy * vx
+        # the normal is the cross product of two edges u and v
         length = math.sqrt(nx * nx + ny * ny + nz * nz)
         if length > 0 and abs(nz) >= least_upright * length:
             a = np.float32(nx / nz)
             b = np.float32(ny / nz)
             c = a * x[i] + b * y[i] + z[i]
-            margin_m = np.float32(plane_m * length / abs(nz))
+            # Distances are measured along z, where the plane is thicker by the slope.
+            margin_m = np.float32(near_m * length / abs(nz))
             count = np.int32(0)
             for point in range(n):
                 count += np.int32(abs(a * x[point] + b * y[point] + z[point] - c) < margin_m)
@@ -71,6 +74,7 @@ def _plane(x, y, z, corners, plane_m, least_upright):  # type: ignore[no-untyped
                 a_best = a
                 b_best = b
                 c_best = c
+        # the chance that no plane so far had all three corners on the best plane
         missed = (1.0 - (most_points / n) ** 3) ** (number + 1)
         if missed < 1.0 - SURE:
             break

@@ -1,9 +1,13 @@
-"""The dynamic octree: an occupancy map that moves with the robot and decays with its motion.
+"""The dynamic octree (Yin et al., IROS 2018; METHODS 4): scans and odometry in, an occupancy map
+out.
 
-Dynamic octree mapping of Yin et al. (IROS 2018), on OctoMap's log-odds (Hornung et al., Autonomous
-Robots 2013); METHODS 4. The leaves of the root cube are kept in bricks, allocated when a ray
-touches them and freed when all is unknown again. OctoMap's inner nodes, the highest of their
-children, are not kept: nothing reads them.
+The map is a cube of leaves around the robot. It moves along with the robot, and all that it knows
+decays with the robot's motion, so that drift of the odometry does no harm. A leaf holds its
+log-odds of being occupied, updated as in OctoMap (Hornung et al., Autonomous Robots 2013).
+
+The leaves are kept in bricks, which are allocated when a ray touches them and freed when all of
+their leaves are unknown again (`mapping.bricks`). OctoMap's inner nodes, each the highest of its
+children, are not kept, since nothing reads them.
 """
 
 import math
@@ -19,44 +23,52 @@ from pipeline.mapping import octree_kernels as kernels
 from pipeline.mapping.bricks import Bricks, bricks_of_a_ray, dense, empty, forget, with_room
 
 Variance = tuple[float, float]
-"""Of a motion: of its position in m² and of its turn in rad², both above 0."""
+"""Variances of a motion: of its position in m², and of its turn in rad²; both are above 0."""
 LEAST = 1e-3
-"""A leaf whose log-odds decayed below this is unknown again."""
+"""A leaf whose log-odds have decayed to less than this is unknown again."""
 
 
 @dataclass(frozen=True)
 class Octree:
-    """How a map grows; the defaults are OctoMap's numbers at the IROS paper's scale for a car."""
+    """The settings of a map; the defaults are OctoMap's, and the IROS paper's scale for a car."""
 
     edge_m: Positive = 50.0
-    """Of the root cube, whose middle is within a leaf of the robot."""
+    """Edge of the root cube, whose middle is within a leaf of the robot."""
     depth: int = 7
-    """Levels below the root: 2^depth leaves along an edge."""
+    """Levels below the root: there are 2^depth leaves along an edge of the cube."""
     hit: float = 0.7
-    """Probability that a leaf is occupied, after one scan with a point in it."""
+    """Probability that an unknown leaf is occupied after one scan with a point in it."""
     miss: float = 0.4
-    """The same after one ray through it."""
+    """Probability that an unknown leaf is occupied after one scan with a ray through it."""
     lowest: float = 0.1192
+    """Lower bound of a leaf's probability: a leaf must be able to change its mind."""
     highest: float = 0.971
-    """Probabilities are clamped to these, so that a leaf can change its mind."""
+    """Upper bound of a leaf's probability."""
     motion: Literal["gaussian", "per_metre", "none"] = "gaussian"
-    """Decay of all log-odds by a motion u, in the deviations below: factor exp(−|u|²/2) a scan; or,
-    independent of the scan rate, exp(−|u| sigma_m / per_metre_m); or none."""
+    """How all log-odds decay with a motion u, measured in standard deviations (METHODS 4.3).
+
+    `gaussian` multiplies them by exp(−|u|²/2) at each scan. `per_metre` multiplies them by
+    exp(−|u| sigma_m / per_metre_m), which does not depend on the scan rate. With `none` nothing
+    decays.
+    """
     sigma: Literal["log", "constant"] = "constant"
-    """Deviations of `gaussian`: what the log's odometry says of each motion (eq. 4 as written), or
-    the two below; those also where the log says nothing. `per_metre` always takes those below."""
+    """Where the deviations of `gaussian` come from. With `log` they are those of each motion as the
+    log's odometry gives them (eq. 4 as written), and the constants below where it gives none."""
     sigma_m: Positive = 2.0
+    """Standard deviation of a motion's position."""
     sigma_rad: Positive = 0.5
+    """Standard deviation of a motion's turn."""
     per_metre_m: Positive = 8.0
-    """At a scan a metre both ways of decay agree."""
+    """Straight path over which `per_metre` decays to 1/e. At one scan per metre, 8 m makes both
+    ways of decay equal."""
     rays: Literal["end_voxel", "all"] = "end_voxel"
-    """One ray to the middle of each cell that holds points, as OctoMap discretises, or one to every
-    point."""
+    """`end_voxel` casts one ray to the middle of each cell that holds points, as OctoMap does if it
+    discretises; `all` casts one to every point."""
     max_range_m: NotNegative = 0.0
-    """From the sensor; beyond it a ray clears what it crosses and hits nothing. 0: half the root
-    cube's diagonal."""
+    """Range from the sensor at which longer rays are cut: they clear what they cross until there,
+    and hit nothing. 0 stands for half the root cube's diagonal."""
     sensor_height_m: float = 1.73
-    """Rays start this far above the vehicle frame's origin."""
+    """Height of the sensor, where rays start, above the origin of the vehicle's frame."""
 
     def __post_init__(self) -> None:
         check(self, "view.octree")
@@ -85,42 +97,39 @@ class Octree:
 
     @property
     def leaf_m(self) -> float:
-        """Edge of a leaf."""
+        """Edge of a leaf in metres."""
         return self.edge_m / self.side
 
     @property
     def reach_m(self) -> float:
-        """The longest ray that hits."""
+        """Length of the longest ray that hits anything."""
         return self.max_range_m or math.sqrt(3) / 2 * self.edge_m
 
     def kept(self, moved_m: float, turned_rad: float, variance: Variance | None = None) -> float:
-        """The share of all log-odds that is left after a motion (METHODS 4.3): 1 at rest.
+        """The factor in (0, 1] by which a motion multiplies all log-odds (METHODS 4.3): 1 at rest.
 
-        `variance` is what the log says of this motion.
+        `variance` is that of the motion by the log, if it gives one.
         """
-        deviations = math.hypot(moved_m / self.sigma_m, turned_rad / self.sigma_rad)
+        sigma_m = self.sigma_m
+        sigma_rad = self.sigma_rad
+        if self.motion == "gaussian" and self.sigma == "log" and variance is not None:
+            sigma_m = math.sqrt(variance[0])
+            sigma_rad = math.sqrt(variance[1])
+        deviations = math.hypot(moved_m / sigma_m, turned_rad / sigma_rad)
         if self.motion == "gaussian":
-            if self.sigma == "log" and variance is not None:
-                deviations = math.hypot(
-                    moved_m / math.sqrt(variance[0]), turned_rad / math.sqrt(variance[1])
-                )
             return math.exp(-0.5 * deviations**2)
-        return (
-            math.exp(-deviations * self.sigma_m / self.per_metre_m)
-            if self.motion == "per_metre"
-            else 1.0
-        )
+        if self.motion == "per_metre":
+            return math.exp(-deviations * self.sigma_m / self.per_metre_m)
+        return 1.0
 
     def grow(self) -> "OctreeMap":
-        """An empty map."""
+        """Make an empty map with these settings."""
         return OctreeMap(self)
 
 
 class OctreeMap:
-    """One sequence's map, its axes those of the odometry.
-
-    Cells lie at whole multiples of `leaf_m` there.
-    """
+    """The map of one sequence. Its axes are those of odometry, its leaves whole multiples of
+    `leaf_m` from odometry's origin."""
 
     bricks: Bricks
     """The known leaves."""
@@ -133,15 +142,14 @@ class OctreeMap:
         self.bricks = empty(octree.side)
         self._seen = np.empty(0, np.int64)
         self._odom_T_vehicle: NDArray[np.float64] | None = None
-        L = [
-            np.float32(log_odds(p))
-            for p in (octree.hit, octree.miss, octree.lowest, octree.highest)
-        ]
-        self._numbers = L[0], L[1], L[2], L[3]
+        self._hit = np.float32(log_odds(octree.hit))
+        self._miss = np.float32(log_odds(octree.miss))
+        self._lowest = np.float32(log_odds(octree.lowest))
+        self._highest = np.float32(log_odds(octree.highest))
 
     @property
     def leaf_m(self) -> float:
-        """Edge of a leaf."""
+        """Edge of a leaf in metres."""
         return self.octree.leaf_m
 
     @property
@@ -151,7 +159,7 @@ class OctreeMap:
 
     @property
     def log_odds(self) -> NDArray[np.float32]:
-        """A copy (side, side, side) of all leaves, x-major; 0 is unknown."""
+        """A copy (side, side, side) of the log-odds of all leaves, x-major; 0 is unknown."""
         return dense(self.bricks, self.lowest, self.octree.side)
 
     def insert(
@@ -160,14 +168,17 @@ class OctreeMap:
         odom_T_vehicle: NDArray[np.float64],
         variance: Variance | None = None,
     ) -> None:
-        """Add a scan (n, 3) of the vehicle frame at `odom_T_vehicle` (4, 4): METHODS 4.4.
+        """Add a scan (n, 3) in the vehicle's frame, taken at `odom_T_vehicle` (4, 4) (METHODS 4.4).
 
-        `variance` is what the log says of the motion since the last scan, None if nothing.
+        `variance` is that of the motion since the last scan by the log, if it gives one.
 
-        All log-odds decay by the motion since the last scan, the root cube follows by whole leaves,
-        then each leaf that rays of the scan cross misses once and each that holds a point hits
-        once. Raises InputError for a wrong shape, or a pose or point that is not finite; the map is
-        then as before.
+        1. Mark the leaves that the rays of the scan cross, and those that hold a point.
+        2. Move the root cube with the robot, by whole leaves, and forget the leaves that leave it.
+        3. Let all log-odds decay by the motion since the last scan; then add one hit to each leaf
+           that holds a point, and one miss to each that rays only cross.
+
+        Raises InputError for a wrong shape, or a pose or point that is not finite; the map is then
+        as before.
         """
         points = np.ascontiguousarray(points_m, np.float64)
         if points.ndim != 2 or points.shape[1] != 3:
@@ -179,19 +190,29 @@ class OctreeMap:
                 "scan"
             )
         lowest = np.floor(pose[:3, 3] / self.leaf_m).astype(np.int64) - self.octree.side // 2
+
+        # 1. Mark what the rays cross and hit.
         try:
             self._cast(points, pose, lowest)
         except BaseException:
             self.bricks.marks[:] = 0
             raise
-        if (is_gone := self._gone(lowest)).any():
+
+        # 2. Follow the robot.
+        is_gone = self._gone(lowest)
+        if is_gone.any():
             forget(self.bricks, is_gone)
+
+        # 3. Decay, and update.
         kept_share = self._kept(pose, variance)
         kernels.sweep(
             self.bricks,
             np.float32(kept_share),
             np.float32(LEAST if kept_share < 1 else 0),
-            *self._numbers,
+            self._hit,
+            self._miss,
+            self._lowest,
+            self._highest,
         )
         self.lowest = lowest
         self._odom_T_vehicle = pose
@@ -204,18 +225,20 @@ class OctreeMap:
     ) -> None:
         """Mark what the rays of a scan (n, 3) cross and hit in the root cube at `lowest` (3,)."""
         octree = self.octree
+        # The kernel's frame: lengths in leaves, from the cube's lowest corner.
         leaves_T_vehicle = odom_T_vehicle / self.leaf_m
         leaves_T_vehicle[:3, 3] -= lowest
         origin = (
             leaves_T_vehicle[:3, :3] @ (0.0, 0.0, octree.sensor_height_m) + leaves_T_vehicle[:3, 3]
         )
-        rays = octree.side, octree.reach_m / self.leaf_m, octree.rays == "all"
         slots = kernels.room(len(points))
-        most = bricks_of_a_ray(self.bricks)
-        points_done = 0
-        self._seen = self._seen if len(self._seen) >= slots else np.empty(slots, np.int64)
+        if len(self._seen) < slots:
+            self._seen = np.empty(slots, np.int64)
         seen = self._seen[:slots]
         seen[:] = kernels.VACANT
+        # The kernel returns early when it runs out of bricks.
+        most = bricks_of_a_ray(self.bricks)
+        points_done = 0
         while points_done < len(points):
             self.bricks = with_room(self.bricks, most)
             points_done = int(
@@ -225,7 +248,9 @@ class OctreeMap:
                     leaves_T_vehicle,
                     origin,
                     lowest,
-                    *rays,
+                    octree.side,
+                    octree.reach_m / self.leaf_m,
+                    octree.rays == "all",
                     self.bricks,
                     most,
                     seen,
@@ -238,7 +263,7 @@ class OctreeMap:
                 )
 
     def _kept(self, odom_T_vehicle: NDArray[np.float64], variance: Variance | None) -> float:
-        """The share of all log-odds that is left on the way from the last scan."""
+        """The factor by which the motion since the last scan multiplies all log-odds."""
         if self._odom_T_vehicle is None:
             return 1.0
         before = self._odom_T_vehicle
@@ -248,12 +273,15 @@ class OctreeMap:
         return self.octree.kept(moved_m, math.atan2(turn[1, 0], turn[0, 0]), variance)
 
     def _gone(self, lowest: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Which torus coordinates (3, torus) the cube leaves when it moves to `lowest` (3,)."""
+        """True for the coordinates (3, side of the torus) that leave the cube when it moves.
+
+        Its lowest leaf moves to `lowest` (3,).
+        """
         torus = 1 << self.bricks.levels
         before = self.lowest[:, None] + (np.arange(torus) - self.lowest[:, None]) % torus
         return (before < lowest[:, None]) | (before >= lowest[:, None] + self.octree.side)
 
 
 def log_odds(probability: float) -> float:
-    """log(P / (1 − P))."""
+    """The log-odds log(P / (1 − P)) of a probability P."""
     return math.log(probability / (1 - probability))

@@ -1,9 +1,13 @@
-"""The hot loops of the dynamic octree: rays that mark leaves, and a sweep that updates them.
+"""The hot loops of the dynamic octree (`mapping.octree`; METHODS 4.2 and 4.4).
 
-Rays walk the bricks as in Amanatides and Woo (1987), with selects in place of branches. Lengths are
-in leaves, from the window's lowest corner. On each axis a leaf's key holds its coordinate as a
-binary number with gaps, which a subtraction crosses and an AND clears: a step along an axis costs
-no more than in a dense array, and wraps around the torus.
+`cast` walks the rays of a scan through the bricks (`mapping.bricks`) and marks the leaves that they
+cross and hit. `sweep` then goes once over all leaves, lets them decay and updates the marked ones.
+
+Rays are walked as in Amanatides and Woo (1987): whichever of the next borders on the three axes is
+nearest is crossed. Lengths are in leaves, from the lowest corner of the cube. A leaf's key holds
+its coordinate on each axis as a binary number with gaps between the bits. A step is a subtraction,
+which borrows across the gaps, and an AND, which clears them again. So it costs no more than in a
+dense array, and wraps around the torus.
 """
 
 import math
@@ -15,24 +19,29 @@ from numpy.typing import NDArray
 from pipeline.mapping.bricks import LEAVES, Bricks, allocate, free, part_of_key
 
 FREE = np.uint8(1)
+"""Bit of a leaf's mark: a ray crosses it."""
 HIT = np.uint8(2)
-"""Bits of a leaf's mark: crossed by a ray, holds a point."""
+"""Bit of a leaf's mark: it holds a point."""
 WHOLE = 2.0**40
+"""The end of a ray. Positions along it are whole numbers, three times as fast as floats."""
 ENDLESS = 2.0**60
+"""Largest distance between two borders, on an axis along which the ray hardly moves."""
 NEVER = np.int64(1) << 62
-"""Positions along a ray are integers, three times as fast as floats: its end, and numbers beyond
-every border."""
+"""A position along a ray beyond every border."""
 ZERO = np.int64(0)
 NOTHING = np.float32(0)
 VACANT = np.int64(-1)
+"""An empty slot of the hash table of cells."""
 REACH = np.int64(1) << 20
-"""Leaves on an axis, either way, that the hash key of a cell has bits for."""
+"""Largest coordinate of a cell, in leaves, that the hash table's keys have bits for."""
 IN_BRICK = np.int64(LEAVES - 1)
+"""The bits of a leaf's key that number it in its brick."""
 BRICK_BITS = np.int64(LEAVES.bit_length() - 1)
+"""How many these are."""
 
 
 def room(points: int) -> int:
-    """Slots of a hash table that so many cells leave half empty: a power of two."""
+    """Slots of a hash table that is at most half full with this many cells: a power of two."""
     return 1 << (2 * points).bit_length()
 
 
@@ -50,15 +59,23 @@ def cast(
     most: int,
     seen: NDArray[np.int64],
 ) -> int:
-    """Mark the leaves between `origin` (3,) and points (n, 3) FREE, of points HIT; the first `done`
-    points are already.
+    """Mark the leaves between the sensor and the points as FREE, and those of points as HIT.
 
-    A ray longer than `reach` is cut there and hits nothing. Unless `every_ray`, there is one for
-    each cell that holds points, to its middle. The window's lowest leaf is `lowest` (3,) in
-    odometry. `seen` is a hash table of the cells that hold points and no hit, VACANT before the
-    first call. Returns how many points are done: n; fewer where there is not room for `most` bricks
-    more, which one ray may need; or −1 where one is not finite or out of REACH.
+    points : (n, 3) in the vehicle's frame, of which the first `done` are marked already.
+    leaves_T_points : (4, 4) maps them to leaves from the cube's lowest corner.
+    origin : (3,) the sensor there.
+    lowest : (3,) the cube's lowest leaf, in leaves from odometry's origin.
+    side : leaves along an edge of the cube.
+    reach : length in leaves at which longer rays are cut; these hit nothing.
+    every_ray : one ray to every point; otherwise one to the middle of each cell that holds points.
+    most : how many new bricks one ray may need.
+    seen : (slots,) hash table of cells that hold points but no hit, VACANT before the first call.
+
+    Returns how many points are done: n, or fewer if there may not be room for another ray's bricks;
+    −1 if a point is not finite or out of REACH.
     """
+    # Below, o is the sensor and c its cell, p the point and i its cell, d the ray from o to its
+    # end.
     table = bricks.table
     marks = bricks.marks
     levels = bricks.levels
@@ -70,6 +87,7 @@ def cast(
     cy = math.floor(oy)
     cz = math.floor(oz)
     first_x, first_y, first_z = _parts(cx, cy, cz, lowest, levels)
+    # The parts of the keys of −1 and 1: all bits of an axis, and its lowest bit.
     all_x = part_of_key(-1, 0, levels)
     all_y = part_of_key(-1, 1, levels)
     all_z = part_of_key(-1, 2, levels)
@@ -80,6 +98,7 @@ def cast(
     for i in range(done, points.shape[0]):
         if bricks.used[0] + most > bricks.places.shape[0]:
             return i
+        # 1. Move the point into the frame of the leaves, and find its cell.
         px = points[i, 0]
         py = points[i, 1]
         pz = points[i, 2]
@@ -95,6 +114,7 @@ def cast(
         end_x, end_y, end_z = _parts(ix, iy, iz, lowest, levels)
         key = end_x | end_y | end_z
         begin = table[np.uint64(key >> BRICK_BITS)]
+        # 2. Pass over cells that had a ray already; mark the point's leaf if the ray reaches it.
         if not every_ray:
             if inside and begin >= 0 and marks[np.uint64(begin | (key & IN_BRICK))] & HIT:
                 continue
@@ -119,6 +139,7 @@ def cast(
             if seen[slot] == cell:
                 continue
             seen[slot] = cell
+        # 3. Cut a ray that is too long.
         if length > reach:
             share = reach / length
             dx = dx * share
@@ -127,27 +148,34 @@ def cast(
             ix = math.floor(ox + dx)
             iy = math.floor(oy + dy)
             iz = math.floor(oz + dz)
+        # 4. Find the positions along the ray of the first border on each axis, and the distances
+        # from one border to the next. Subtracting the key of −1 is a step forwards.
         step_x = all_x if dx > 0 else one_x
         step_y = all_y if dy > 0 else one_y
         step_z = all_z if dz > 0 else one_z
-        every_x = _spacing(dx)
-        every_y = _spacing(dy)
-        every_z = _spacing(dz)
-        next_x = _border(ox, cx, dx, every_x)
-        next_y = _border(oy, cy, dy, every_y)
-        next_z = _border(oz, cz, dz, every_z)
+        spacing_x = _spacing(dx)
+        spacing_y = _spacing(dy)
+        spacing_z = _spacing(dz)
+        next_x = _border(ox, cx, dx, spacing_x)
+        next_y = _border(oy, cy, dy, spacing_y)
+        next_z = _border(oz, cz, dz, spacing_z)
+
+        # 5. Count the steps to the end, or to where the ray leaves the cube. Of borders at the same
+        # position z is crossed first, then y, then x.
         steps = abs(ix - cx) + abs(iy - cy) + abs(iz - cz)
         if min(ix, iy, iz) < 1 or max(ix, iy, iz) > side - 2:
-            exit_x = _exit(cx, ix, dx, next_x, every_x, side)
-            exit_y = _exit(cy, iy, dy, next_y, every_y, side)
-            exit_z = _exit(cz, iz, dz, next_z, every_z, side)
+            exit_x = _exit(cx, ix, dx, next_x, spacing_x, side)
+            exit_y = _exit(cy, iy, dy, next_y, spacing_y, side)
+            exit_z = _exit(cz, iz, dz, next_z, spacing_z, side)
             stop = min(exit_x, exit_y, exit_z)
-            along_zy = _steps(next_z, every_z, stop + 1) + _steps(
-                next_y, every_y, stop + (exit_z > stop)
+            along_zy = _steps(next_z, spacing_z, stop + 1) + _steps(
+                next_y, spacing_y, stop + (exit_z > stop)
             )
             steps = min(
-                steps, along_zy + _steps(next_x, every_x, stop + (min(exit_y, exit_z) > stop))
+                steps, along_zy + _steps(next_x, spacing_x, stop + (min(exit_y, exit_z) > stop))
             )
+
+        # 6. Walk, from the sensor's own leaf to the one before the end.
         x = first_x
         y = first_y
         z = first_z
@@ -159,19 +187,19 @@ def cast(
             marks[np.uint64(begin | (key & IN_BRICK))] |= FREE
             if next_z <= min(next_x, next_y):
                 z = (z - step_z) & all_z
-                next_z += every_z
+                next_z += spacing_z
             elif next_y <= next_x:
                 y = (y - step_y) & all_y
-                next_y += every_y
+                next_y += spacing_y
             else:
                 x = (x - step_x) & all_x
-                next_x += every_x
+                next_x += spacing_x
     return len(points)
 
 
 @njit(inline="always", error_model="numpy")
 def _parts(x, y, z, lowest, levels):  # type: ignore[no-untyped-def]
-    """The three parts of the key of a leaf of the window."""
+    """The parts on each axis of the key of the leaf (x, y, z) of the cube."""
     return (
         part_of_key(x + lowest[0], 0, levels),
         part_of_key(y + lowest[1], 1, levels),
@@ -181,21 +209,21 @@ def _parts(x, y, z, lowest, levels):  # type: ignore[no-untyped-def]
 
 @njit(inline="always", error_model="numpy")
 def _spacing(travel):  # type: ignore[no-untyped-def]
-    """Share of a ray between two borders of an axis, on which it travels `travel` leaves."""
+    """Distance along a ray between two borders of an axis on which it travels `travel` leaves."""
     return np.int64(min(WHOLE / abs(travel), ENDLESS))
 
 
 @njit(inline="always", error_model="numpy")
 def _border(start, cell, travel, spacing):  # type: ignore[no-untyped-def]
-    """Share of a ray to the first border; `start` is in `cell`."""
+    """Position along a ray of its first border on an axis; it begins at `start`, in `cell`."""
     return np.int64(((cell + 1 - start) if travel > 0 else (start - cell)) * spacing)
 
 
 @njit(inline="always", error_model="numpy")
 def _exit(cell, end, travel, first_border, spacing, side):  # type: ignore[no-untyped-def]
-    """Share of a ray to the window's own border, or NEVER.
+    """Position along a ray at which it leaves the cube on an axis, or NEVER.
 
-    The ray goes from `cell` to `end`; its first border is at `first_border`.
+    The ray goes from `cell` to `end` on this axis, and crosses its first border at `first_border`.
     """
     if travel > 0:
         return first_border + (side - 1 - cell) * spacing if end >= side - 1 else NEVER
@@ -204,7 +232,7 @@ def _exit(cell, end, travel, first_border, spacing, side):  # type: ignore[no-un
 
 @njit(inline="always", error_model="numpy")
 def _steps(first_border, spacing, stop):  # type: ignore[no-untyped-def]
-    """Number of borders of an axis before `stop`."""
+    """Number of borders on an axis that a ray crosses before the position `stop`."""
     return max((stop - first_border + spacing - 1) // spacing, ZERO)
 
 
@@ -218,10 +246,11 @@ def sweep(
     lowest: np.float32,
     highest: np.float32,
 ) -> None:
-    """Decay, update and clamp all leaves in place, and free unknown bricks (METHODS 4.4).
+    """Decay, update and clamp the log-odds of all leaves in place (METHODS 4.4).
 
-    Marks are cleared. A leaf takes its value times `kept_share`; 0 where less than `least` is left;
-    plus `hit` or `miss`.
+    A leaf's log-odds are multiplied by `kept_share`, set to 0 if less than `least` is left, added
+    to `hit` or `miss` if the leaf is marked, and clamped from `lowest` to `highest`. Marks are
+    cleared, and bricks whose leaves are all unknown are freed.
     """
     for brick in range(bricks.used[0] - 1, -1, -1):
         first_leaf = brick * LEAVES

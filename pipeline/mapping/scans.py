@@ -1,7 +1,8 @@
-"""Takes a log in: the scans of a reader's log in; the columns of a scans artifact out.
+"""Takes a log in: the scans of a reader's log in, the columns of a scans artifact out.
 
-Points become 16-bit whole numbers of a grain, such as 5 mm. Scans that cannot be read, or that a
-thinning leaves out, are missing in the artifact and counted.
+The scans are thinned along the path if wanted, read by several workers in blocks, and stored as
+16-bit whole numbers of a grain, such as 5 mm. Scans that cannot be read, or that the reader left
+out, are missing in the artifact; they are counted with the reason.
 """
 
 from collections import Counter
@@ -18,44 +19,45 @@ from pipeline.mapping.submaps import sample_path
 from pipeline.readers.log import Log
 
 BLOCK = 32
-"""Scans that a worker reads at once."""
+"""Number of scans that a worker reads at once."""
 LARGEST = 32_767
-"""Of a 16-bit coordinate, in grains."""
+"""Largest 16-bit coordinate, in grains."""
 
 
 class Block(NamedTuple):
-    """Some scans as they are stored, one after the other."""
+    """Some scans as they are stored, read by one worker."""
 
     points: NDArray[np.int16]
-    """(n, 3), in units of the grain."""
+    """(n, 3) of all scans, one after the other, in units of the grain."""
     lengths: list[int]
-    """Points of each scan."""
+    """Number of points of each scan."""
     rows: list[int]
-    """Row in the log of each scan."""
+    """Row of each scan in the log."""
     unreadable: int
-    """Scans that could not be read."""
+    """Number of scans that could not be read."""
     clipped: int
-    """Points that lie too far away to be stored."""
+    """Number of points too far away to be stored."""
 
 
 class Intake:
-    """One log on its way into a scans artifact: first all `blocks`, then `poses` and counts."""
+    """Reads one log into the columns of a scans artifact.
+
+    All `blocks` must be read first; then `poses` and the counts are known.
+    """
 
     def __init__(self, log: Log, grain_m: float, every_m: float) -> None:
-        """`grain_m` is the unit of coordinates; one scan is taken every `every_m` of path, or all.
+        """`grain_m` is the unit of coordinates; one scan is taken every `every_m`, or all if 0.
 
-        All with 0. Raises ConfigError for no grain.
+        Raises ConfigError for a grain that is not positive.
         """
         if not grain_m > 0:
             raise ConfigError(f"grain_m={grain_m}: expected a length above 0")
         self._log = log
         self._grain_m = grain_m
-        self._rows = (
-            sample_path(log.world_T_scan[:, :3, 3], every_m)
-            if every_m > 0
-            else np.arange(len(log.stamps_ns))
-        )
-        self._kept: list[int] = []
+        self._rows = np.arange(len(log.stamps_ns))
+        if every_m > 0:
+            self._rows = sample_path(log.world_T_scan[:, :3, 3], every_m)
+        self._read_rows: list[int] = []
         self._skipped = Counter(log.skipped)
         self._clipped = 0
         self._points = 0
@@ -63,37 +65,38 @@ class Intake:
     def blocks(
         self, compute: Compute, progress: Progress
     ) -> Iterator[tuple[NDArray[np.int16], NDArray[np.int64]]]:
-        """Points (n, 3) of blocks of scans in units of the grain, with the offsets of their scans.
+        """Yield blocks of scans: their points (n, 3) in units of the grain, and their offsets.
 
-        An offset is where a scan ends; the first block's also begin with 0. Raises LogError if no
-        scan can be read.
+        An offset is the number of points up to the end of a scan; those of the first block begin
+        with 0. Raises LogError if no scan can be read.
         """
         total = -(-len(self._rows) // BLOCK)
         first_offset = [0]
         for block in progress.track(
             compute.rows(self._read, len(self._rows), BLOCK), total, "read"
         ):
-            self._kept += block.rows
+            self._read_rows += block.rows
             self._skipped += Counter({"unreadable scan": block.unreadable})
             self._clipped += block.clipped
             end_offsets = self._points + np.cumsum(block.lengths, dtype=np.int64)
             self._points += len(block.points)
             yield block.points, np.concatenate([np.array(first_offset, np.int64), end_offsets])
             first_offset = []
-        if not self._kept:
+        if not self._read_rows:
             raise LogError(
                 "no scan of this sequence can be read with a known pose; `yearloc inspect` of its "
                 "folder says why"
             )
 
     def poses(self) -> dict[str, NDArray[np.generic]]:
-        """The other columns of the readable scans: stamps, poses, and the variance of odometry."""
-        rows = np.array(self._kept, np.int64)
-        odom_variance = (
-            np.full((len(rows), 2), np.nan)
-            if self._log.odom_variance is None
-            else self._log.odom_variance[rows]
-        )
+        """The other columns of the scans that were read: stamps, poses and variances of odometry.
+
+        Variances (scan, 2) are NaN if the log has none.
+        """
+        rows = np.array(self._read_rows, np.int64)
+        odom_variance = np.full((len(rows), 2), np.nan)
+        if self._log.odom_variance is not None:
+            odom_variance = self._log.odom_variance[rows]
         return {
             "stamps_ns": self._log.stamps_ns[rows],
             "world_T_scan": self._log.world_T_scan[rows],
@@ -102,10 +105,10 @@ class Intake:
         }
 
     def _odometry(self, rows: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Odometry (n, 4, 4) of some rows of the log, NaN where it breaks.
+        """Poses by odometry (n, 4, 4) of some rows of the log, NaN where it breaks.
 
-        A scan without odometry marks a break. If it is left out, the next one that is kept marks it
-        in its place: nobody may measure a step over the break.
+        A scan without odometry marks a break, across which no motion may be measured. If that scan
+        is not among the rows, the next row is made NaN in its place.
         """
         odom_T_scan = self._log.odom_T_scan[rows]
         is_break = ~np.isfinite(self._log.odom_T_scan).all(axis=(1, 2))
@@ -115,25 +118,25 @@ class Intake:
         return odom_T_scan
 
     def skipped(self) -> dict[str, int]:
-        """Scans left out: reason to count."""
+        """For each reason, the number of scans that were left out."""
         return dict(sorted(self._skipped.items()))
 
     def clipped(self) -> int:
-        """Points beyond the 16-bit range, dropped."""
+        """Number of points beyond the 16-bit range, which were dropped."""
         return self._clipped
 
     def summary(self) -> str:
-        """Scans, points and what was left out, as one line."""
-        parts = [f"{len(self._kept)} scans", f"{self._points / 1e6:.1f} M points"]
+        """One line: the numbers of scans and points, and what was left out."""
+        parts = [f"{len(self._read_rows)} scans", f"{self._points / 1e6:.1f} M points"]
         parts += [f"{count} skipped ({reason})" for reason, count in self.skipped().items()]
         if self._clipped:
             parts.append(f"{self._clipped} points beyond {LARGEST * self._grain_m:.0f} m dropped")
         return ", ".join(parts)
 
     def _read(self, start: int, stop: int) -> Block:
-        """Read some scans as they are stored.
+        """Read the rows from `start` to before `stop` of the thinned log, in a worker.
 
-        Workers send 16-bit numbers, a quarter of what they read.
+        They are rounded there, since 16-bit numbers are a quarter of what would be sent otherwise.
         """
         points = [np.empty((0, 3), np.int16)]
         rows = []
@@ -143,7 +146,7 @@ class Intake:
                 units = np.rint(self._log.points(row) / self._grain_m)
             except LogError:
                 continue
-            if not np.abs(units).max(initial=0) <= LARGEST:  # NaN is not either
+            if not np.abs(units).max(initial=0) <= LARGEST:  # also where one is NaN
                 inside = (np.abs(units) <= LARGEST).all(axis=1)
                 clipped += int((~inside).sum())
                 units = units[inside]

@@ -1,4 +1,9 @@
-"""Submaps: which scans make one, around which pose, and how high the ground lies there."""
+"""Cuts a sequence into submaps: the poses and points of its scans in, a submaps artifact out.
+
+For each submap the artifact says which scans it gathers, which of them is its anchor, the newest
+one whose frame is the submap's, and how high the ground lies there. A submap is either one scan
+(`SingleScan`) or all scans of the last metres of path (`Accumulated`).
+"""
 
 from collections import Counter
 from collections.abc import Mapping
@@ -18,7 +23,10 @@ from pipeline.mapping.gathering import Gathering
 
 @dataclass(frozen=True)
 class SingleScan:
-    """One scan a submap, one submap every `step_m` of path; the reader has put the ground at 0."""
+    """Makes a submap of one scan every `step_m` of path, or of every scan if that is 0.
+
+    The reader has put the ground at z = 0 already.
+    """
 
     step_m: NotNegative = 1.0
 
@@ -26,39 +34,36 @@ class SingleScan:
         check(self, "submap")
 
     def cut(self, scans: Scans, progress: Progress) -> Submaps:
-        """The submaps of a sequence's scans."""
+        """Cut a sequence's scans into submaps."""
         rows = self.anchors(scans.world_T_scan)
         used = np.ones(len(scans.world_T_scan), bool)
         return submaps(scans, "world_T_scan", rows, rows, np.zeros(len(rows)), used, {})
 
     def anchors(self, world_T_scan: Poses) -> NDArray[np.int64]:
         """Rows of the scans that become submaps."""
-        return (
-            sample_path(world_T_scan[:, :3, 3], self.step_m)
-            if self.step_m > 0
-            else np.arange(len(world_T_scan))
-        )
+        if self.step_m > 0:
+            return sample_path(world_T_scan[:, :3, 3], self.step_m)
+        return np.arange(len(world_T_scan))
 
 
 @dataclass(frozen=True)
 class Accumulated:
-    """All scans or 2-D sweeps of the last `window_m` of path, in the newest one's frame.
-
-    METHODS 2.9.
-    """
+    """Makes submaps of all scans or 2-D sweeps of the last `window_m` of path (METHODS 2.9)."""
 
     step_m: float = 1.0
     """Path between two submaps."""
     window_m: Positive = 80.0
+    """Path whose scans a submap gathers, back from its anchor."""
     layout: PoseColumn = "odom_T_scan"
-    """The poses that lay out the scans and measure the path: the log's odometry, or its truth."""
+    """The poses by which scans are laid out and the path is measured: odometry, or the truth."""
     still_m: Positive = 0.01
-    """A scan less than this of path after the last one used is left out: minutes at a red light
-    show nothing new."""
+    """A scan is left out if it is less than this much path after the last one used: minutes at a
+    red light show nothing new."""
     ground_percentile: float = 5.0
-    """The ground is this percentile of the heights within `ground_radius_m` of the anchor; −1: the
-    reader has put it at 0."""
+    """The ground is at this percentile of the heights near the anchor; −1 if the reader has put it
+    at z = 0 already."""
     ground_radius_m: Positive = 10.0
+    """Distance from the anchor within which heights count for the ground."""
 
     def __post_init__(self) -> None:
         check(self, "submap")
@@ -72,9 +77,10 @@ class Accumulated:
             )
 
     def cut(self, scans: Scans, progress: Progress) -> Submaps:
-        """The submaps of a sequence's scans.
+        """Cut a sequence's scans into submaps.
 
-        An anchor without a place, a whole window or any ground makes none, and is counted.
+        An anchor without a true pose, a whole window or points near it makes no submap; such
+        anchors are counted by the reason.
         """
         start_T_scan = scans.load(self.layout)
         first, rows, left_out = self.windows(start_T_scan, scans.world_T_scan)
@@ -83,13 +89,9 @@ class Accumulated:
         used[first] = used[rows] = True
         ground_m = np.zeros(len(rows))
         if self.ground_percentile >= 0 and len(rows):
-            gathered = Gathering(scans, self.layout, first, rows, ground_m, used)
-            ground_m = np.array(
-                [
-                    self._ground_m(points)
-                    for points in progress.track(gathered, len(rows), "find the ground")
-                ]
-            )
+            gathering = Gathering(scans, self.layout, first, rows, ground_m, used)
+            tracked = progress.track(gathering, len(rows), "find the ground")
+            ground_m = np.array([self._ground_m(points) for points in tracked])
             left_out["no point near the anchor"] = int(np.isnan(ground_m).sum())
         has_ground = np.isfinite(ground_m)
         return submaps(
@@ -105,20 +107,25 @@ class Accumulated:
     def windows(
         self, start_T_scan: Poses, world_T_scan: Poses
     ) -> tuple[NDArray[np.int64], NDArray[np.int64], Counter[str]]:
-        """First and last scan (submap,) of each window, and counts of anchors without, by reason.
+        """Return the first and the last scan (submap,) of each window, and what was left out.
 
-        A row of `start_T_scan` (scan, 4, 4) that holds a NaN is a break: no window reaches across
-        it.
+        That is the number of anchors without a window, by reason. `start_T_scan` (scan, 4, 4) lay
+        out the scans; a row with a NaN is a break, which no window reaches across.
         """
+        # 1. Sample anchors along the path.
         xyz_m = start_T_scan[:, :3, 3]
         rows = sample_path(xyz_m, self.step_m)
         has_pose = np.isfinite(xyz_m).all(axis=1)
         breaks = np.cumsum(~has_pose)
         steps_m = np.linalg.norm(np.diff(xyz_m, axis=0), axis=1)
         path_m = np.concatenate([[0.0], np.cumsum(np.where(np.isfinite(steps_m), steps_m, 0.0))])
-        unbroken = np.searchsorted(breaks, breaks[rows]) + (breaks[rows] > 0)
+
+        # 2. A window begins `window_m` before its anchor, if that is behind the last break.
+        after_break = np.searchsorted(breaks, breaks[rows]) + (breaks[rows] > 0)
         from_m = path_m[rows] - self.window_m
-        is_whole = path_m[unbroken] <= from_m + 1e-9
+        is_whole = path_m[after_break] <= from_m + 1e-9
+
+        # 3. Leave out anchors without a whole window or a true pose.
         has_true_pose = np.isfinite(world_T_scan[rows]).all(axis=(1, 2))
         left_out = Counter(
             {
@@ -126,16 +133,16 @@ class Accumulated:
                 "no true pose": int((is_whole & ~has_true_pose).sum()),
             }
         )
-        first = np.maximum(np.searchsorted(path_m, from_m - 1e-9), unbroken)
-        return first[is_whole & has_true_pose], rows[is_whole & has_true_pose], left_out
+        first = np.maximum(np.searchsorted(path_m, from_m - 1e-9), after_break)
+        has_window = is_whole & has_true_pose
+        return first[has_window], rows[has_window], left_out
 
     def _ground_m(self, points_m: NDArray[np.float64]) -> float:
+        """Height of the ground under a submap's points (n, 3); NaN if none is near the anchor."""
         is_near = np.hypot(points_m[:, 0], points_m[:, 1]) < self.ground_radius_m
-        return (
-            float(np.percentile(points_m[is_near, 2], self.ground_percentile))
-            if is_near.any()
-            else np.nan
-        )
+        if not is_near.any():
+            return np.nan
+        return float(np.percentile(points_m[is_near, 2], self.ground_percentile))
 
 
 def submaps(
@@ -147,10 +154,11 @@ def submaps(
     used: NDArray[np.bool_],
     left_out: Mapping[str, int],
 ) -> Submaps:
-    """The submaps that gather scans `first` to `last` (submap,), with what they look like.
+    """Make the artifact of submaps that gather the scans from `first` to `last` (submap,).
 
-    `ground_m` (submap,) is the height of the ground in the last scan's frame; the scans `used`
-    (scan,) go into the submaps around them; `left_out` counts anchors without a submap by reason.
+    Only scans that are `used` (scan,) are gathered. `ground_m` (submap,) is the height of the
+    ground in the last scan's frame, and `left_out` the number of anchors without a submap, by
+    reason. What the submaps look like is measured and added (`mapping.appearance`).
     """
     return Submaps(
         first,
@@ -166,18 +174,20 @@ def submaps(
 
 
 def sample_path(xyz_m: NDArray[np.float64], step_m: float) -> NDArray[np.int64]:
-    """Rows (m,) of positions (n, 3) sampled along the path (METHODS 2.2).
+    """Sample positions (n, 3) along the path, one about every `step_m`; returns their rows (m,).
 
-    The 3D steps between consecutive rows add up; at `step_m` or more a sample is taken and the sum
-    starts at zero. Rows with a NaN are skipped, and a step across them does not count.
+    The 3-D steps from row to row add up; when they reach `step_m` or more a sample is taken, and
+    the sum starts again at zero (METHODS 2.2). Rows with a NaN are never taken, and the steps to
+    and from them do not count.
     """
-    steps = np.linalg.norm(np.diff(xyz_m, axis=0), axis=1)
+    steps_m = np.linalg.norm(np.diff(xyz_m, axis=0), axis=1)
+    steps_m[~np.isfinite(steps_m)] = 0.0
     has_position: NDArray[np.bool_] = np.all(np.isfinite(xyz_m), axis=1)
     rows = []
-    travelled = 0.0
-    for row, step in enumerate(np.where(np.isfinite(steps), steps, 0.0).tolist(), start=1):
-        travelled += step
-        if travelled >= step_m and has_position[row]:
+    travelled_m = 0.0
+    for row, moved_m in enumerate(steps_m.tolist(), start=1):
+        travelled_m += moved_m
+        if travelled_m >= step_m and has_position[row]:
             rows.append(row)
-            travelled = 0.0
+            travelled_m = 0.0
     return np.array(rows, np.int64)

@@ -1,5 +1,7 @@
-"""The dynamic octree as one dense array in plain numpy and Python: slow, and the bits that the
-bricks must give."""
+"""The dynamic octree as one dense array, in plain numpy and Python.
+
+It is slow, and gives the bits that the map in bricks must give.
+"""
 
 import math
 
@@ -12,8 +14,11 @@ ENDLESS = 2.0**60
 
 
 class DenseOctree:
-    """As an OctreeMap: `log_odds` (side, side, side) are those of the cube that is `side` // 2
-    leaves around the robot."""
+    """Does what an OctreeMap does.
+
+    `log_odds` (side, side, side) are those of the cube that reaches `side` // 2 leaves around the
+    robot.
+    """
 
     def __init__(self, octree: Octree) -> None:
         self.octree = octree
@@ -22,6 +27,7 @@ class DenseOctree:
         self.pose = None
 
     def insert(self, points_m: np.ndarray, odom_T_vehicle: np.ndarray) -> None:
+        """Add a scan (n, 3) in the vehicle's frame, as `OctreeMap.insert`."""
         leaf_m = self.octree.leaf_m
         side = self.octree.side
         octree = self.octree
@@ -47,16 +53,17 @@ class DenseOctree:
         kept = self.kept(odom_T_vehicle)
         values = moved(self.log_odds, lowest - self.lowest) * np.float32(kept)
         values[np.abs(values) < (LEAST if kept < 1 else 0)] = 0
-        L = [
-            np.float32(log_odds(p))
-            for p in (octree.hit, octree.miss, octree.lowest, octree.highest)
-        ]
-        values += np.where(hit, L[0], np.where(free, L[1], np.float32(0)))
-        self.log_odds = values.clip(L[2], L[3])
+        hit_L = np.float32(log_odds(octree.hit))
+        miss_L = np.float32(log_odds(octree.miss))
+        values += np.where(hit, hit_L, np.where(free, miss_L, np.float32(0)))
+        lowest_L = np.float32(log_odds(octree.lowest))
+        highest_L = np.float32(log_odds(octree.highest))
+        self.log_odds = values.clip(lowest_L, highest_L)
         self.lowest = lowest
         self.pose = odom_T_vehicle
 
     def kept(self, odom_T_vehicle: np.ndarray) -> float:
+        """The factor by which the motion since the last scan multiplies all log-odds."""
         if self.pose is None:
             return 1.0
         turn = self.pose[:3, :3].T @ odom_T_vehicle[:3, :3]
@@ -67,8 +74,11 @@ class DenseOctree:
 def ends(
     octree: Octree, points_m: np.ndarray, T: np.ndarray, origin: np.ndarray
 ) -> list[tuple[tuple[float, ...], float]]:
-    """Where rays end, in leaves, and their lengths: at each point, or once in the middle of each
-    cell that holds points."""
+    """The end of each ray in leaves, and its length.
+
+    Rays end at every point, or once in the middle of each cell that holds points. `T` (4, 4) maps
+    points to leaves.
+    """
     made = {}
     for p in points_m.tolist():
         at = tuple(
@@ -81,8 +91,10 @@ def ends(
 
 
 def crossed(origin: np.ndarray, end: np.ndarray) -> list[np.ndarray]:
-    """Cells from the origin's to the one before the end's; of borders met at once z's comes first,
-    then y's."""
+    """The cells that a ray crosses, from the origin's to the one before the end's.
+
+    Of borders that it meets at once, that on z is crossed first, then that on y.
+    """
     cell = np.floor(origin).astype(int)
     last = np.floor(end).astype(int)
     along = (end - origin).tolist()
@@ -102,11 +114,12 @@ def crossed(origin: np.ndarray, end: np.ndarray) -> list[np.ndarray]:
 
 
 def inside(cell: np.ndarray, side: int) -> bool:
+    """Whether a cell (3,) lies in the cube."""
     return bool((cell >= 0).all() and (cell < side).all())
 
 
 def moved(values: np.ndarray, shift: np.ndarray) -> np.ndarray:
-    """The cube once it went on by `shift` leaves; what enters is unknown."""
+    """The cube's values after it moved by `shift` (3,) leaves; those that enter are unknown."""
     side = len(values)
     found = np.zeros_like(values)
     old = tuple(slice(max(s, 0), max(min(side + s, side), 0)) for s in shift.tolist())

@@ -1,4 +1,4 @@
-"""What a few submaps of a sequence look like."""
+"""What submaps look like, measured on made-up scenes."""
 
 from pathlib import Path
 
@@ -13,7 +13,7 @@ RNG = np.random.default_rng(0)
 
 
 def looks(folder: Path, points: np.ndarray) -> dict[str, float]:
-    """Of twenty submaps of one scan each, all of the same points, a metre apart."""
+    """The appearance of twenty submaps of one scan each, all with the same points."""
     poses = pose(np.arange(20)[:, None] * (1.0, 0, 0), np.zeros((20, 3)))
     scans, _ = artifacts(folder, [points] * 20, poses)
     rows = np.arange(20)
@@ -51,7 +51,7 @@ def test_scans_without_a_point_have_no_looks(tmp_path: Path) -> None:
 
 
 def test_a_scan_of_rings_is_no_sweep_although_each_ring_is_flat() -> None:
-    """64,000 points in turn of 32 rings, of which every 32nd is of the one at the sensor's height."""
+    """Of 64,000 points of 32 rings in turn, every 32nd lies on the ring at the sensor's height."""
     elevation = np.tile(np.deg2rad(np.linspace(-20, 11, 32)), 2000)
     elevation -= elevation[0]
     azimuth = np.repeat(np.linspace(0, 2 * np.pi, 2000), 32)

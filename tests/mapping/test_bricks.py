@@ -1,5 +1,6 @@
-"""The bricks of the dynamic octree: the bits of one dense array, in memory that follows what is
-known."""
+"""The bricks of the dynamic octree: they hold the bits of a dense map, in memory that follows what
+is known.
+"""
 
 import math
 from typing import Any
@@ -14,20 +15,22 @@ from pipeline.mapping.octree import Octree, OctreeMap
 from tests.mapping.dense_octree import DenseOctree
 
 NEAR = {"edge_m": 16.0, "depth": 5, "sensor_height_m": 1.0}
-"""Leaves of 0.5 m, 32 along an edge: four bricks of 4 m."""
+"""Settings of a map with leaves of 0.5 m, 32 along an edge: four bricks of 4 m."""
 
 
 def at(x: float, y: float = 0.0, z: float = 0.0, *turned: float) -> np.ndarray:
+    """One pose (4, 4), from metres, and roll, pitch and yaw in radians."""
     return frames.pose(np.array([[x, y, z]]), np.array([turned or (0.0, 0.0, 0.0)]))[0]
 
 
-def same(made: OctreeMap, oracle: DenseOctree) -> None:
+def assert_same(made: OctreeMap, oracle: DenseOctree) -> None:
+    """Both maps hold the same bits."""
     np.testing.assert_array_equal(made.lowest, oracle.lowest)
     np.testing.assert_array_equal(made.log_odds, oracle.log_odds)
 
 
-def sound(bricks: Bricks) -> None:
-    """Table and places say the same, and nothing is left where no brick is in use."""
+def assert_sound(bricks: Bricks) -> None:
+    """Table and places agree, and nothing is left where no brick is in use."""
     used = int(bricks.used[0])
     assert len(np.unique(bricks.places[:used])) == used
     np.testing.assert_array_equal(bricks.table[bricks.places[:used]], np.arange(used) * LEAVES)
@@ -60,8 +63,8 @@ def test_a_window_that_moves_on_over_brick_borders_holds_the_bits_of_a_dense_arr
         )
         for each in (made, oracle):
             each.insert(points, pose)
-        same(made, oracle)
-        sound(made.bricks)
+        assert_same(made, oracle)
+        assert_sound(made.bricks)
 
 
 @pytest.mark.parametrize("depth", [2, 3, 4])
@@ -77,7 +80,7 @@ def test_rays_that_meet_borders_at_once_stop_at_the_window_as_in_a_dense_array(d
         pose = at(scan / 2 - 3, -scan / 2, 0.5)
         for each in (made, oracle):
             each.insert(points, pose)
-        same(made, oracle)
+        assert_same(made, oracle)
 
 
 def test_leaves_outside_the_cube_are_dropped_though_their_brick_stays() -> None:
@@ -123,7 +126,7 @@ def test_bricks_that_fade_or_leave_are_used_again() -> None:
     ):  # exp(−18) of all is left; nothing is
         made.insert(np.empty((0, 3)), away)
         assert made.bricks.used[0] == 0
-        sound(made.bricks)
+        assert_sound(made.bricks)
         made.insert(points, away)
         assert 8 < made.bricks.used[0] <= 64
         assert made.bricks.nbytes <= 1.1 * before
@@ -144,7 +147,7 @@ def test_memory_follows_what_is_known() -> None:
     for scan in range(120):
         made.insert(ring * rng.uniform(5, 12), at(-300.0 + 5 * scan, 2.0 * scan))
         sizes.append(made.bricks.nbytes)
-        sound(made.bricks)
+        assert_sound(made.bricks)
     assert max(sizes[60:]) <= 1.2 * max(sizes[:60])
     assert max(sizes) < 0.1 * made.log_odds.nbytes
     wide = np.concatenate([ring * r for r in range(5, 32)])
@@ -189,4 +192,4 @@ def test_a_scan_that_fails_half_way_leaves_no_marks(monkeypatch: pytest.MonkeyPa
     for each in (made, other):
         each.insert(points, at(1.0))
     np.testing.assert_array_equal(made.log_odds, other.log_odds)
-    sound(made.bricks)
+    assert_sound(made.bricks)

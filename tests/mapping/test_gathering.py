@@ -1,4 +1,4 @@
-"""Scans laid out around an anchor: the newest scan's frame, each scan once, the ground at 0."""
+"""Gathering: scans laid out in the newest one's frame, each read once, with the ground at 0."""
 
 import tracemalloc
 from collections import Counter
@@ -23,7 +23,7 @@ NAN4 = np.full((4, 4), np.nan)
 
 
 def scans(folder: Path, points: list[np.ndarray], start_T_scan: np.ndarray) -> Scans:
-    """A scans artifact of points in metres and odometry, which is the truth too."""
+    """Write scans of these points, whose odometry is the truth too, as an artifact, and open it."""
     path = folder / "scans.zarr"
     with store.draft(path, Scans, grain_m=GRAIN_M, skipped={}, clipped=0) as draft:
         draft.put("points", np.rint(np.concatenate(points) / GRAIN_M).astype(np.int16))
@@ -36,16 +36,18 @@ def scans(folder: Path, points: list[np.ndarray], start_T_scan: np.ndarray) -> S
 
 
 def driven(n: int, step_m: float = 1.0) -> np.ndarray:
-    """Poses along +y, heading along +y: forward in the vehicle is +y in the world."""
+    """Poses (n, 4, 4) along the world's y axis, heading along it: forward in the vehicle is +y."""
     xyz = np.column_stack([np.zeros(n), step_m * np.arange(n), np.zeros(n)])
     return pose(xyz, np.column_stack([np.zeros((n, 2)), np.full(n, np.pi / 2)]))
 
 
 def gathered(artifact: Scans, made: Submaps) -> Gathering:
+    """The points of these submaps."""
     return Gathering(artifact, made.layout, made.first, made.scans, made.ground_m, made.used)
 
 
 def cut(artifact: Scans, **settings: object) -> Submaps:
+    """Submaps of the last 2 m, unless the settings say otherwise."""
     return Accumulated(**{"window_m": 2.0, "ground_percentile": -1.0, **settings}).cut(
         artifact, Progress()
     )

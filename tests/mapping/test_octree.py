@@ -1,5 +1,6 @@
-"""The dynamic octree against OctoMap's numbers, the motion update's (METHODS 4.2, 4.3), and a slow
-map of exact fractions."""
+"""The dynamic octree, against OctoMap's numbers, those of the motion update (METHODS 4.2 and 4.3),
+and a slow map of exact fractions.
+"""
 
 import math
 from fractions import Fraction
@@ -18,13 +19,14 @@ MISS = -0.4054651
 LOWEST = -2.0000279
 HIGHEST = 3.5110307
 OCTOMAP = Octree(edge_m=16.0, depth=5, motion="none", sensor_height_m=0.0)
-"""Leaves of 0.5 m; the robot's frame is the sensor's."""
+"""A map with leaves of 0.5 m, whose sensor is at the origin of the vehicle."""
 ORIGIN = (0.1, 0.1, 0.1)
 PLACES = (2.6, 0.1, 0.1), (0.3, 0.1, 0.1)
-"""Hit, and crossed."""
+"""A place that is hit, and one that is only crossed."""
 
 
 def at(x: float, y: float = 0.0, z: float = 0.0, yaw: float = 0.0) -> np.ndarray:
+    """One pose (4, 4), from metres and radians."""
     pose = np.eye(4)
     pose[:2, :2] = [[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]]
     pose[:3, 3] = x, y, z
@@ -32,7 +34,7 @@ def at(x: float, y: float = 0.0, z: float = 0.0, yaw: float = 0.0) -> np.ndarray
 
 
 def grown(octree: Octree, *ends: tuple[float, float, float], scans: int = 1) -> OctreeMap:
-    """A map that saw points of odometry's frame from ORIGIN."""
+    """A map that saw the points `ends` of odometry's frame from ORIGIN, once or several times."""
     made = octree.grow()
     for _ in range(scans):
         made.insert(np.array(ends) - ORIGIN, at(*ORIGIN))
@@ -40,7 +42,7 @@ def grown(octree: Octree, *ends: tuple[float, float, float], scans: int = 1) -> 
 
 
 def known(made: OctreeMap) -> dict[tuple[float, ...], float]:
-    """Log-odds of all known leaves by their middles."""
+    """The log-odds of all known leaves, by their middles in odometry."""
     cells = np.argwhere(made.log_odds != 0)
     middles = np.round(made.corner_m + (cells + 0.5) * made.leaf_m, 6)
     return {
@@ -50,7 +52,7 @@ def known(made: OctreeMap) -> dict[tuple[float, ...], float]:
 
 
 def probability(made: OctreeMap, *places: tuple[float, float, float]) -> list[float]:
-    """That the leaves at these places are occupied; ½ is unknown."""
+    """The probabilities that the leaves at these places are occupied; ½ is unknown."""
     cells = np.floor((np.array(places) - made.corner_m) / made.leaf_m).astype(int)
     return [1 / (1 + math.exp(-made.log_odds[tuple(cell)])) for cell in cells]
 
@@ -111,8 +113,10 @@ def test_a_point_in_the_sensors_own_leaf_clears_nothing() -> None:
 
 
 def cells_of(start: np.ndarray, end: np.ndarray) -> list[tuple[int, ...]]:
-    """Cells from start to just before end's, in exact arithmetic, by all the borders between them
-    in order."""
+    """The cells that a ray crosses, from the start's to the one before the end's.
+
+    All borders between them are sorted, in exact arithmetic.
+    """
     begin = [Fraction(float(v)) for v in start]
     finish = [Fraction(float(v)) for v in end]
     cell = [math.floor(v) for v in begin]
@@ -319,8 +323,10 @@ def test_points_and_poses_that_are_not_numbers_are_refused_and_leave_the_map_as_
 
 
 def octomap_states(tree: Any, made: OctreeMap) -> np.ndarray:
-    """Log-odds (side, side, side) of OctoMap's leaves, pruned ones filled out, in the window of a
-    map."""
+    """Log-odds (side, side, side) of OctoMap's leaves in the cube of a map.
+
+    OctoMap prunes equal leaves; here they are filled out again.
+    """
     low = np.rint(made.corner_m / made.leaf_m).astype(int)
     side = len(made.log_odds)
     leaf_m = made.leaf_m

@@ -1,4 +1,4 @@
-"""Submaps of scans and sweeps as readers give them: real KITTI scans, and a bag of laser scans."""
+"""Submaps of what readers give: of real KITTI scans, and of a bag of laser scans."""
 
 from collections import Counter
 from pathlib import Path
@@ -29,7 +29,7 @@ ROOT = Path(__file__).parents[2]
 
 
 def taken(path: Path, log: Log) -> store.Artifact:
-    """A log as a scans artifact."""
+    """Write a log as a scans artifact, and open it."""
     intake = Intake(log, 0.005, 0)
     with store.draft(
         path, Scans, grain_m=0.005, skipped=intake.skipped, clipped=intake.clipped
@@ -62,8 +62,8 @@ def test_real_scans_lie_on_each_other_in_a_submap(
 
 
 def test_laser_scans_of_a_bag_become_submaps(tmp_path: Path) -> None:
-    """Along x at a metre a second, beside a wall 5 m to the left that each sweep sees at one point,
-    a lidar at 1 m of height."""
+    """A robot drives along x at a metre a second. Its lidar, 1 m above the ground, sees one point
+    of a wall 5 m to the left in each sweep."""
     lidar = np.eye(4)
     lidar[2, 3] = 1.0
     with BagWriter(tmp_path / "monday", "mcap") as bag:
@@ -87,8 +87,7 @@ def test_laser_scans_of_a_bag_become_submaps(tmp_path: Path) -> None:
 def test_views_that_show_nothing_are_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Sweeps at the height of the ground: that of a level lidar when its own height is taken for
-    the ground's."""
+    """A level lidar's sweeps seem to be on the ground if their own height is taken for it."""
     monkeypatch.chdir(tmp_path)
     poses = np.tile(np.eye(4), (30, 1, 1))
     poses[:, 0, 3] = np.arange(30)

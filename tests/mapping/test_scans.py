@@ -1,4 +1,4 @@
-"""Taking a log in: grain, order, what is left out and why."""
+"""Taking a log in: the grain of points, the order of blocks, and what is left out."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -15,8 +15,10 @@ from pipeline.readers.log import Log
 
 
 def log(clouds: Sequence[np.ndarray | None], xs: Sequence[float] | None = None) -> Log:
-    """A drive along x, a metre a scan unless `xs` says otherwise; a cloud that is None cannot be
-    read."""
+    """A log of a drive along x, with a scan every metre, or at `xs`.
+
+    A cloud that is None cannot be read.
+    """
     poses = np.tile(np.eye(4), (len(clouds), 1, 1))
     poses[:, 0, 3] = np.arange(len(clouds)) if xs is None else xs
 
@@ -31,7 +33,7 @@ def log(clouds: Sequence[np.ndarray | None], xs: Sequence[float] | None = None) 
 
 
 def taken(intake: Intake) -> tuple[np.ndarray, np.ndarray]:
-    """All points, all offsets."""
+    """The points and the offsets of all blocks."""
     blocks = list(intake.blocks(Compute(workers=2), Progress()))
     return np.concatenate([points for points, _ in blocks]), np.concatenate(
         [offsets for _, offsets in blocks]
@@ -39,6 +41,7 @@ def taken(intake: Intake) -> tuple[np.ndarray, np.ndarray]:
 
 
 def flat(n: int, value_m: float) -> np.ndarray:
+    """Points (n, 3) whose coordinates all have one value."""
     return np.full((n, 3), value_m)
 
 

@@ -1,4 +1,4 @@
-"""Sampling along the path (METHODS 2.2)."""
+"""Sampling along the path (METHODS 2.2), and the windows of submaps."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ NAN = float("nan")
 
 
 def path(*xs: float) -> np.ndarray:
-    """Positions along x."""
+    """Positions (n, 3) along x."""
     return np.column_stack([xs, np.zeros(len(xs)), np.zeros(len(xs))])
 
 
@@ -19,10 +19,8 @@ def path(*xs: float) -> np.ndarray:
     ("xs", "rows"),
     [
         ((0, 0.5, 1, 1.5, 2), [2, 4]),  # 0.5 + 0.5, twice
-        (
-            (0, 0.75, 1.5, 2.25, 3),
-            [2, 4],
-        ),  # 1.5 is enough, and the half metre too much is not carried over
+        # 1.5 is enough, and the half metre too much is not carried over
+        ((0, 0.75, 1.5, 2.25, 3), [2, 4]),
         ((0, 5, 5, 10), [1, 3]),  # one step, one sample, however long
         ((0, 0.5, 0, 0.5), [2]),  # back and forth is path too
         ((0, 0.25, 0.5, 0.75), []),
@@ -30,10 +28,8 @@ def path(*xs: float) -> np.ndarray:
         ((3,), []),
         ((), []),
         ((NAN, 0, 1, 2), [2, 3]),  # the first rows have no pose
-        (
-            (0, 0.5, NAN, 9, 9.5),
-            [4],
-        ),  # 0.5 before the gap and 0.5 after it; the 8.5 m across do not count
+        # 0.5 before the gap and 0.5 after it; the 8.5 m across do not count
+        ((0, 0.5, NAN, 9, 9.5), [4]),
         ((0, NAN, 100, NAN, 200), []),
         ((NAN, NAN), []),
     ],
@@ -62,7 +58,7 @@ def test_samples_are_known_and_at_least_a_step_of_path_apart(
 
 
 def poses(*xs: float) -> np.ndarray:
-    """Poses along x, not turned; a NaN is a pose that is not known."""
+    """Poses (n, 4, 4) along x; a NaN is a pose that is not known."""
     found = np.tile(np.eye(4), (len(xs), 1, 1))
     found[:, 0, 3] = xs
     found[np.isnan(xs)] = np.nan
