@@ -1,9 +1,12 @@
-"""Views of altered queries: one of every submap in each case of an alteration (METHODS 2.8).
+"""Draws the views of altered queries (METHODS 2.8): one of every submap in each case.
 
-The alteration changes a submap's points, and the view is computed from the changed points. A
-bird-view shows an octree of many scans: each scan is altered with its own random numbers, so an
-earlier scan may fill what the newest one lacks, and leave walls of its own. Turned queries reuse
-the unaltered map; only the pose is rotated.
+An alteration changes points before a view is drawn from them: it turns the robot, removes things or
+adds walls. A case is one such change, made to every query.
+
+- Most views are drawn from a submap's own points, which are altered first.
+- A bird-view is drawn from an octree of many scans. Each scan is altered with its own random
+  numbers, so an earlier scan may fill what the newest one lacks, and leave walls of its own. Turned
+  queries reuse the unaltered map; only the pose is rotated.
 """
 
 from collections.abc import Iterator
@@ -19,31 +22,48 @@ from pipeline.views.birdview import BirdView
 from pipeline.views.draw import Drawing, View
 from pipeline.views.mapped import MappedViews
 
-Image = tuple[int, Case, NDArray[Any], float]
-"""Row of the submap, case, image, and the robot's turn to the left in radians."""
+
+class AlteredImage(NamedTuple):
+    """The view of one submap in one case."""
+
+    row: int
+    """Row of the submap."""
+    case: Case
+    image: NDArray[Any]
+    left_rad: float
+    """How far the robot is turned to the left."""
 
 
 class AlteredRows(NamedTuple):
-    """The rows of one case, as pipeline.matching.ranking.Rows takes them."""
+    """The views of all submaps in one case, with the fields of `matching.ranking.Rows`."""
 
     images: NDArray[Any]
-    """(submap, …)."""
+    """(submap, …)"""
     stamps_ns: Stamps
+    """(submap,)"""
     world_T_anchor: Poses
-    """Turned as the robot is."""
+    """(submap, 4, 4) turned as the robot is."""
 
 
 def altered(
     scans: Scans, submaps: Submaps, view: View, alteration: Alteration
 ) -> dict[Case, AlteredRows]:
-    """Views of every submap in every case but the one as driven, all of them in memory."""
+    """Draw the views of every submap in every case, except the first, which is as driven.
+
+    All of them are kept in memory.
+    """
     stamps_ns = submaps.load("stamps_ns")
     world_T_anchor = submaps.load("world_T_anchor")
+    if isinstance(view, BirdView):
+        drawn = _from_maps(scans, submaps, view, alteration)
+    else:
+        drawn = _from_points(scans, submaps, view, alteration)
     images = dict[Case, NDArray[Any]]()
     left_rad = {case: np.zeros(len(stamps_ns)) for case in alteration.cases[1:]}
-    draw = _from_maps if isinstance(view, BirdView) else _from_points
-    for row, case, image, turn_rad in draw(scans, submaps, view, alteration):
-        images.setdefault(case, np.empty((len(stamps_ns), *image.shape), image.dtype))[row] = image
+    for row, case, image, turn_rad in drawn:
+        if case not in images:
+            images[case] = np.empty((len(stamps_ns), *image.shape), image.dtype)
+        images[case][row] = image
         left_rad[case][row] = turn_rad
     return {
         case: AlteredRows(images[case], stamps_ns, world_T_anchor @ turns(left_rad[case]))
@@ -53,43 +73,43 @@ def altered(
 
 def _from_points(
     scans: Scans, submaps: Submaps, view: View, alteration: Alteration
-) -> Iterator[Image]:
-    """Draw each case from the submaps' points, which are gathered once for all cases."""
+) -> Iterator[AlteredImage]:
+    """Draw the cases from the submaps' own points, which are gathered once for all cases."""
     stamps_ns = submaps.load("stamps_ns")
     for row, points in enumerate(Drawing(scans, submaps, view).points()):
         for case in alteration.cases[1:]:
-            altered_points, left_rad = alteration.alter(
-                case, points, generator(alteration, stamps_ns[row])
-            )
-            yield row, case, view(altered_points), left_rad
+            rng = generator(alteration, stamps_ns[row])
+            altered_points, left_rad = alteration.alter(case, points, rng)
+            yield AlteredImage(row, case, view(altered_points), left_rad)
 
 
 def _from_maps(
     scans: Scans, submaps: Submaps, view: BirdView, alteration: Alteration
-) -> Iterator[Image]:
-    """Draw each case from its own octree of all scans.
+) -> Iterator[AlteredImage]:
+    """Draw the cases from octrees: a map of altered scans for each case.
 
-    Turned cases reuse the unaltered one, seen from a turned pose.
+    All turned cases share the map of unaltered scans, seen from turned poses.
     """
     stamps_ns = scans.load("stamps_ns")
     anchors = submaps.load("scans")
     as_driven, *other_cases = alteration.cases
     turned = [case for case in other_cases if case.change == TURNED]
-    worlds = ({as_driven: turned} if turned else {}) | {
-        case: [case] for case in other_cases if case not in turned
-    }
-    for world, cases in worlds.items():
+    cases_of_map = {as_driven: turned} if turned else {}
+    for case in other_cases:
+        if case not in turned:
+            cases_of_map[case] = [case]
+    for map_case, cases in cases_of_map.items():
 
-        def seen(scan: int, points: NDArray[Any], world: Case = world) -> NDArray[Any]:
-            return alteration.alter(world, points, generator(alteration, stamps_ns[scan]))[0]
+        def alter(scan: int, points: NDArray[Any], map_case: Case = map_case) -> NDArray[Any]:
+            rng = generator(alteration, stamps_ns[scan])
+            return alteration.alter(map_case, points, rng)[0]
 
-        for row, (points, grown, pose) in enumerate(MappedViews(scans, submaps, view, seen).maps()):
+        maps = MappedViews(scans, submaps, view, alter).maps()
+        for row, (points, grown, pose) in enumerate(maps):
             for case in cases:
-                rng = generator(alteration, stamps_ns[anchors[row]])
-                left_rad = alteration.alter(case, points, rng)[1] if case in turned else 0.0
-                yield (
-                    row,
-                    case,
-                    view.draw(grown, pose @ turns(np.array([left_rad]))[0], row),
-                    left_rad,
-                )
+                left_rad = 0.0
+                if case in turned:
+                    rng = generator(alteration, stamps_ns[anchors[row]])
+                    _, left_rad = alteration.alter(case, points, rng)
+                turned_pose = pose @ turns(np.array([left_rad]))[0]
+                yield AlteredImage(row, case, view.draw(grown, turned_pose, row), left_rad)

@@ -1,7 +1,10 @@
-"""Bird-views: the occupied leaves of the dynamic octree around the robot, seen from above, at
-headings all around.
+"""Bird-views (Yin et al., IROS 2018; METHODS 4.4 and 5.4): an octree and the robot's pose in,
+images seen from above out.
 
-Yin et al., IROS 2018; METHODS 4.4 and 5.4. The map is turned before it is drawn, never the image.
+1. Find the ground under the robot in its newest scan, and stand the robot upright on it.
+2. Mark the columns of the octree that hold an occupied leaf in a band of heights above the ground.
+3. Draw the square around the robot, heading up, at headings all around. The map is turned before it
+   is drawn, never the image.
 """
 
 import math
@@ -21,49 +24,50 @@ from pipeline.mapping.ground import plane
 from pipeline.mapping.octree import Octree, OctreeMap, log_odds
 
 NEAR_M = 0.2
+"""A point nearer than this to the ground's plane supports it."""
 STEEPEST_DEG = 20.0
+"""A steeper plane is not the ground."""
 PLANES = 200
+"""Number of planes tried at most."""
 POINTS = 4096
-"""RANSAC of the ground's plane: inlier distance, largest slope, planes tried, and points of a scan
-used at most."""
+"""Number of a scan's points in which the ground is looked for, at most."""
 SAMPLES = 4
-"""A pixel is the mean of SAMPLES × SAMPLES points in it."""
+"""A pixel is the mean of SAMPLES × SAMPLES samples of the columns."""
 
 
 @dataclass(frozen=True)
 class BirdView:
-    """Settings of the images of an octree, or of a submap's points alone; an image shows the whole
-    width of the root cube."""
+    """The settings of the images; each shows the whole width of the octree's cube."""
 
     schema: ClassVar[type[schemas.Views]] = schemas.BirdViews
     octree: Octree = field(default_factory=Octree)
-    """As an Octree, or a mapping of its fields."""
+    """The map; a mapping of its fields is taken too."""
     low_m: float = 0.3
+    """Height of the band's lower end above the ground: a leaf counts if its middle is in the band.
+    The ground is below it."""
     high_m: float = 5.0
-    """Leaves whose middle is from `low_m` to `high_m` above the ground under the robot count: no
-    ground, few moving things."""
+    """Height of the band's upper end above the ground."""
     upright: Literal["ground", "vehicle", "odometry"] = "ground"
-    """The axis that heights are measured along: the normal of the ground plane in the newest scan,
-    which must be a 3-D one; the vehicle's z axis, which pitches; or odometry's, in which the ground
-    slopes."""
+    """The axis along which heights are measured. `ground` is the normal of the ground in the newest
+    scan, which must be a 3-D one; `vehicle` is the vehicle's z axis, which pitches; `odometry` is
+    odometry's, against which the ground slopes."""
     occupied: float = 0.6
-    """A column is occupied if one of these leaves is with a higher probability."""
+    """A column is occupied if a leaf in the band has a higher probability than this."""
     headings: Count = 16
-    """The even ones are references; the odd ones lie halfway between and are queries."""
+    """Number of headings. The even ones are references; the odd ones lie halfway between them and
+    are queries of paper 2's protocol."""
     side_px: Side = 64
+    """Width of an image."""
     jitter_m: NotNegative = 0.5
-    """Standard deviation, on each axis, of a shift of the odd ones: METHODS 5.5's slight
-    translation."""
+    """Standard deviation, on each axis, of the shift of the odd headings (METHODS 5.5)."""
     seed: Seed = 0
-    """Of that shift, together with each submap's number."""
+    """Seeds this shift, together with the submap's number."""
 
     def __post_init__(self) -> None:
         if isinstance(self.octree, Mapping):
-            object.__setattr__(
-                self,
-                "octree",
-                Octree(**{name: self.octree[name] for name in self.octree if name != "_target_"}),
-            )
+            octree_fields = dict(self.octree)
+            octree_fields.pop("_target_", None)
+            object.__setattr__(self, "octree", Octree(**octree_fields))
         check(self, "view")
         if self.headings < 8 or self.headings % 8:
             raise ConfigError(
@@ -81,9 +85,9 @@ class BirdView:
             )
 
     def __call__(self, points_m: NDArray[np.floating]) -> NDArray[np.uint8]:
-        """The images of a map grown from points (n, 3) alone, z up from the ground.
+        """Draw the images of a map of the points (n, 3) alone, z up from the ground.
 
-        Raises InputError as `OctreeMap.insert`.
+        Raises InputError like `OctreeMap.insert`.
         """
         grown = self.octree.grow()
         grown.insert(points_m, np.eye(4))
@@ -92,24 +96,27 @@ class BirdView:
     def standing(
         self, points_m: NDArray[np.floating], odom_T_vehicle: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """The robot's pose (4, 4) with its z axis as `upright` says.
+        """The robot's pose (4, 4) in odometry, with its z axis turned as `upright` says.
 
-        Where that is the ground's, its origin lies on the ground. `points_m` (n, 3) is the newest
-        scan, in the vehicle's frame. Where it shows no ground the pose is the vehicle's.
+        With `ground`, its origin also lies on the ground that `points_m` (n, 3) show, the newest
+        scan in the vehicle's frame. If they show none, the pose is the vehicle's.
         """
         vehicle_T_ground = np.eye(4)
         if self.upright == "odometry":
-            vehicle_T_ground[:3, :3] = odom_T_vehicle[:3, :3].T @ upright(
-                odom_T_vehicle[:3, 0], np.array([0.0, 0.0, 1.0])
-            )
+            odom_R_upright = upright(odom_T_vehicle[:3, 0], np.array([0.0, 0.0, 1.0]))
+            vehicle_T_ground[:3, :3] = odom_T_vehicle[:3, :3].T @ odom_R_upright
         elif self.upright == "ground":
-            near_points = points_m[
-                np.hypot(points_m[:, 0], points_m[:, 1]) < self.octree.edge_m / 2
-            ].astype(np.float64)
-            near_points = near_points[:: -(-len(near_points) // POINTS) or 1]
-            if ground_plane := plane(
-                near_points, NEAR_M, STEEPEST_DEG, PLANES, np.random.default_rng(self.seed)
-            ):
+            is_near = np.hypot(points_m[:, 0], points_m[:, 1]) < self.octree.edge_m / 2
+            near_points = points_m[is_near].astype(np.float64)
+            every = max(math.ceil(len(near_points) / POINTS), 1)
+            ground_plane = plane(
+                near_points[::every],
+                NEAR_M,
+                STEEPEST_DEG,
+                PLANES,
+                np.random.default_rng(self.seed),
+            )
+            if ground_plane:
                 a, b, height_m = ground_plane
                 vehicle_T_ground[:3, :3] = upright(np.array([1.0, 0.0, 0.0]), np.array([a, b, 1.0]))
                 vehicle_T_ground[2, 3] = height_m
@@ -119,23 +126,21 @@ class BirdView:
     def draw(
         self, grown: OctreeMap, odom_T_vehicle: NDArray[np.float64], number: int = 0
     ) -> NDArray[np.uint8]:
-        """Images (headings, side_px, side_px) around a robot `standing` at (4, 4), 255 where all of
-        a pixel is occupied.
+        """Draw the images (headings, side_px, side_px) around the robot's pose by `standing`.
 
-        Row 0 is the front, column 0 the left. Image h is what the robot would see if it were turned
-        h · 360° / headings further to the left; a quarter turn is exactly np.rot90(image, −1). The
-        odd headings of submap `number` stand `offset_m` off.
+        A pixel is the share of its area that is occupied, from 0 to 255. Row 0 is the front, column
+        0 the left. Image h is what the robot would see if it were turned h · 360° / headings
+        further to the left; a quarter turn is exactly np.rot90(image, −1). The odd headings are
+        drawn around a point beside the robot, `offset_m` of the submap's `number` away.
         """
         columns = self.columns(grown, odom_T_vehicle)
         yaw_rad = math.atan2(odom_T_vehicle[1, 0], odom_T_vehicle[0, 0])
         c = math.cos(yaw_rad)
         s = math.sin(yaw_rad)
         forward_m, left_m = self.offset_m(number)
+        offset_m = np.array([c * forward_m - s * left_m, s * forward_m + c * left_m])
         robot = (odom_T_vehicle[:2, 3] - grown.corner_m[:2]) / grown.leaf_m
-        beside_robot = (
-            robot
-            + np.array([c * forward_m - s * left_m, s * forward_m + c * left_m]) / grown.leaf_m
-        )
+        beside_robot = robot + offset_m / grown.leaf_m
         images = np.empty((self.headings, self.side_px, self.side_px), np.uint8)
         quarter = self.headings // 4
         for h in range(quarter):
@@ -149,19 +154,24 @@ class BirdView:
         return images
 
     def columns(self, grown: OctreeMap, odom_T_vehicle: NDArray[np.float64]) -> NDArray[np.uint8]:
-        """Which of the map's columns (side, side), x-major, are occupied in the band above the
-        ground: 1 or 0."""
+        """1 where a column (side, side), x-major, is occupied in the band of heights, else 0."""
         leaf_m = grown.leaf_m
         up = self.up(odom_T_vehicle)
         ground = (odom_T_vehicle[:3, 3] - grown.corner_m) / leaf_m
-        band = self.low_m / leaf_m, self.high_m / leaf_m
-        columns: NDArray[np.uint8] = _columns_above(
-            grown.bricks, grown.lowest, self.octree.side, ground, up, *band, log_odds(self.occupied)
+        columns: NDArray[np.uint8] = _occupied_columns(
+            grown.bricks,
+            grown.lowest,
+            self.octree.side,
+            ground,
+            up,
+            self.low_m / leaf_m,
+            self.high_m / leaf_m,
+            log_odds(self.occupied),
         )
         return columns
 
     def up(self, odom_T_vehicle: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The normal (3,) of the ground, in odometry's frame.
+        """The robot's z axis (3,) in odometry, which is the normal of the ground.
 
         Raises InputError for a robot that lies on its side.
         """
@@ -173,13 +183,12 @@ class BirdView:
         return up
 
     def offset_m(self, number: int) -> NDArray[np.float64]:
-        """Shift forward and to the left (2,) of a submap's odd headings."""
+        """The random shift (2,) of a submap's odd headings, forward and to the left."""
         return np.random.default_rng((self.seed, number)).normal(0.0, 1.0, 2) * self.jitter_m
 
 
 def upright(forward: NDArray[np.float64], up: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The rotation (3, 3) whose z axis is along `up` (3,) and whose x axis looks as near to
-    `forward` (3,) as it can."""
+    """The rotation (3, 3) with z along `up` (3,) and x as near to `forward` (3,) as possible."""
     z = up / np.linalg.norm(up)
     x = forward - (forward @ z) * z
     x /= np.linalg.norm(x)
@@ -187,7 +196,7 @@ def upright(forward: NDArray[np.float64], up: NDArray[np.float64]) -> NDArray[np
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _columns_above(
+def _occupied_columns(
     bricks: Bricks,
     lowest: NDArray[np.int64],
     side: int,
@@ -197,11 +206,11 @@ def _columns_above(
     high: float,
     threshold: float,
 ) -> NDArray[np.uint8]:
-    """Whether any leaf of a column (side, side) whose middle is from `low` to below `high` above
-    the ground exceeds a threshold.
+    """1 where a column (side, side) has a leaf above the threshold in the band of heights, else 0.
 
-    Lengths are in leaves. The ground is the plane through `ground` (3,) with the upward normal `up`
-    (3,), from the root cube's corner, which is the leaf `lowest` (3,) of odometry.
+    A leaf is in the band if its middle is from `low` to below `high` above the ground, the plane
+    through the point `ground` (3,) with the upward normal `up` (3,). Lengths are in leaves, from
+    the cube's corner, which is the leaf `lowest` (3,) of odometry. `threshold` is in log-odds.
     """
     occupied = np.zeros((side, side), np.uint8)
     mask = (1 << bricks.levels) - 1
@@ -213,6 +222,7 @@ def _columns_above(
             for z in range(1, BRICK):
                 highest = max(highest, leaves[z])
             if highest > threshold:
+                # Find the levels from which and up to which the band reaches in this column.
                 x = (corner_x + column // BRICK - lowest[0]) & mask
                 y = (corner_y + column % BRICK - lowest[1]) & mask
                 level = (
@@ -237,11 +247,11 @@ def _sampled(
     side_px: int,
     samples: int,
 ) -> NDArray[np.uint8]:
-    """Each pixel's share of set columns, 0…255, in a heading-up image (side_px, side_px): row 0
-    front, column 0 left.
+    """Draw a square of the map as an image (side_px, side_px): row 0 front, column 0 left.
 
-    It shows the square of `width` columns around `middle` (2,), its front along `yaw_rad`; a pixel
-    is the mean of samples × samples points.
+    The square is `width` columns wide, its middle is at `middle` (2,) in columns, and its front
+    looks along `yaw_rad`. A pixel is the share of occupied ones among samples × samples points, 0
+    to 255.
     """
     image = np.empty((side_px, side_px), np.uint8)
     side = columns.shape[0]
@@ -249,7 +259,7 @@ def _sampled(
     front_x = math.cos(yaw_rad) * step
     front_y = math.sin(yaw_rad) * step
     most = samples * samples
-    edge = 0.5 * (side_px * samples - 1)
+    edge = 0.5 * (side_px * samples - 1)  # the outermost samples, in steps from the middle
     for row in range(side_px):
         for col in range(side_px):
             count = 0

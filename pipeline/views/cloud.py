@@ -1,7 +1,12 @@
-"""PointNetVLAD's input: a fixed number of points around the sensor, without the ground.
+"""PointNetVLAD's view: the points of a submap in, a fixed number of points around the sensor out.
 
-Preprocessing of the SCI paper (RA-L 2019, Sec. IV-B), whose numbers are those of its author's later
-script (METHODS 3.2).
+This is the preprocessing of the SCI paper (RA-L 2019, Sec. IV-B), with the numbers of its author's
+later script (METHODS 3.2):
+
+1. Average the points in small cubes.
+2. Keep those in a cube around the sensor, without the points of the ground.
+3. Draw a fixed number of them at random.
+4. Centre them on their mean, and scale them to [−1, 1].
 """
 
 import math
@@ -20,22 +25,23 @@ from pipeline.views import kernels
 
 @dataclass(frozen=True)
 class Cloud:
-    """Settings of a submap's cloud."""
+    """The settings of the clouds."""
 
     schema: ClassVar[type[schemas.Views]] = schemas.CloudViews
     points: Count = 4096
+    """Number of points of a cloud."""
     half_m: Positive = 25.0
-    """Half the side of the cube around the sensor that is kept."""
+    """Half the side of the cube around the sensor whose points are kept."""
     voxel_m: NotNegative = 0.1
-    """Points are averaged in cubes of this side first; 0 takes them as they are."""
+    """Side of the cubes in which points are averaged; 0 takes them as they are."""
     plane_m: NotNegative = 0.2
     """Points nearer than this to the ground plane are ground; 0 keeps the ground."""
     slope_deg: float = 20.0
-    """A plane steeper than this is no ground but a wall."""
+    """A plane steeper than this is a wall, not the ground."""
     iterations: Count = 1000
-    """Planes tried at most."""
+    """Number of planes tried at most to find the ground."""
     seed: Seed = 0
-    """The same for every cloud, so a view does not depend on those before it."""
+    """Seeds the random numbers of every cloud, so that none depends on those before it."""
 
     def __post_init__(self) -> None:
         check(self, "view")
@@ -43,11 +49,11 @@ class Cloud:
             raise ConfigError(f"view.slope_deg={self.slope_deg}: expected an angle from 0 to 90")
 
     def __call__(self, points_m: NDArray[np.floating]) -> NDArray[np.float16]:
-        """Points (points, 3) about their mean in units of `half_m`, in [−1, 1], of points (n, 3) in
-        metres, z up.
+        """Make the cloud (points, 3) of a submap's points (n, 3) in metres, z up from the ground.
 
-        They come in a random order: the first m are a sample too. Where fewer are left than wanted
-        all of them come, then random ones again; zeros where none is left. Raises InputError for a
+        Its points are relative to their mean, in units of `half_m`, clipped to [−1, 1]. Their order
+        is random, so that the first m are a sample too. If fewer are left than wanted, all of them
+        come first, then random ones again; if none is left, all are zero. Raises InputError for a
         wrong shape or a point that is not finite.
         """
         if points_m.ndim != 2 or points_m.shape[1] != 3:
@@ -60,25 +66,25 @@ class Cloud:
         rng = np.random.default_rng(self.seed)
         points = points[(np.abs(points) <= self.half_m).all(axis=1)]
         if self.plane_m > 0:
-            points = points[~self._ground(points, rng)]
+            points = points[~self._is_ground(points, rng)]
         if not len(points):
             return np.zeros((self.points, 3), np.float16)
         rows = rng.permutation(len(points))[: self.points]
-        points = points[
-            np.concatenate([rows, rng.integers(len(points), size=self.points - len(rows))])
-        ]
-        cloud: NDArray[np.float16] = (
-            ((points - points.mean(axis=0)) / self.half_m).clip(-1, 1).astype(np.float16)
-        )
+        again = rng.integers(len(points), size=self.points - len(rows))
+        points = points[np.concatenate([rows, again])]
+        scaled = (points - points.mean(axis=0)) / self.half_m
+        cloud: NDArray[np.float16] = scaled.clip(-1, 1).astype(np.float16)
         return cloud
 
-    def _ground(self, points: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.bool_]:
-        """Which points (n, 3) lie on the ground; none if there is none."""
-        if not (ground_plane := plane(points, self.plane_m, self.slope_deg, self.iterations, rng)):
+    def _is_ground(
+        self, points: NDArray[np.float64], rng: np.random.Generator
+    ) -> NDArray[np.bool_]:
+        """True for the points (n, 3) that lie on the ground; none if no ground is found."""
+        ground_plane = plane(points, self.plane_m, self.slope_deg, self.iterations, rng)
+        if ground_plane is None:
             return np.zeros(len(points), bool)
         a, b, c = ground_plane
         x, y, z = points.T.astype(np.float32, order="C")
-        ground: NDArray[np.bool_] = np.abs(a * x + b * y + z - c) < self.plane_m * math.sqrt(
-            a * a + b * b + 1
-        )
-        return ground
+        margin_m = self.plane_m * math.sqrt(a * a + b * b + 1)
+        is_ground: NDArray[np.bool_] = np.abs(a * x + b * y + z - c) < margin_m
+        return is_ground

@@ -1,5 +1,10 @@
-"""Views of submaps, each from the points of that submap alone."""
+"""Draws the views of submaps: the artifacts of scans and submaps in, an artifact of views out.
 
+Each view is drawn from the points of its submap alone. Bird-views are not: they show a map of all
+scans so far (`views.mapped`).
+"""
+
+import math
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass
 from itertools import islice
@@ -18,24 +23,26 @@ from pipeline.core.schemas import Scans, Submaps, Views
 from pipeline.mapping.gathering import submap_points
 
 BLOCK = 64
+"""Number of views drawn and written together."""
 SEEN = 0.01
-"""A view that nowhere reaches this, in metres or its own unit, shows nothing."""
+"""A view whose values are all below this, in metres or its own unit, shows nothing."""
 AS_DRIVEN = [asdict(Case())]
-"""The one case of views as they were driven."""
+"""The `cases` of an artifact whose queries are as they were driven, not altered."""
 
 
 class View(Protocol):
-    """Computes an image of a submap's points (n, 3) in metres, z up from the ground; `schema` is
-    that of the artifact."""
+    """What every view can do: draw an image of a submap's points."""
 
     schema: ClassVar[type[Views]]
+    """The schema of the artifact of such views."""
 
-    def __call__(self, points_m: NDArray[np.floating]) -> NDArray[np.floating]: ...
+    def __call__(self, points_m: NDArray[np.floating]) -> NDArray[np.floating]:
+        """Draw the image of points (n, 3) in metres, z up from the ground."""
 
 
 @dataclass(frozen=True)
 class Drawing:
-    """Draws the rows of a submaps artifact from the points of a scans artifact."""
+    """Draws one view of every submap of an artifact."""
 
     scans: Scans
     submaps: Submaps
@@ -46,51 +53,49 @@ class Drawing:
 
     @property
     def one_scan_each(self) -> bool:
-        """Whether no two submaps share a scan, so that blocks of them can be drawn side by side."""
+        """Whether each submap is one scan, so that blocks of submaps can be drawn in parallel."""
         return bool((self.submaps["first"][:] == self.submaps["scans"][:]).all())
 
     def blocks(self, compute: Compute) -> Iterator[NDArray[np.floating]]:
-        """Images (BLOCK or fewer, …) of one block of submaps after the other.
+        """Yield the images (BLOCK or fewer, …) of one block of submaps after the other.
 
-        Submaps that share scans are drawn in order on one core, so that each scan is moved into
-        their common frame once.
+        Submaps that share scans are drawn in order by one process, so that each scan is laid out
+        only once.
         """
         if self.one_scan_each:
             yield from compute.rows(self._block, len(self), BLOCK)
             return
-        images = map(self.view, self.points())
+        images = (self.view(points) for points in self.points())
         while block := list(islice(images, BLOCK)):
             yield np.stack(block)
 
     def write(self, path: Path, compute: Compute, progress: Progress) -> str:
-        """All views as an artifact at `path`; returns how many, of what shape.
+        """Write all views as an artifact to `path`; returns a line on how many, of what shape.
 
         Raises ArtifactError if all are blank.
         """
-        blocks = progress.track(self.blocks(compute), -(-len(self) // BLOCK), f"draw {path.stem}")
+        n_blocks = math.ceil(len(self) / BLOCK)
+        blocks = progress.track(self.blocks(compute), n_blocks, f"draw {path.stem}")
         complaint = "all views are blank, nothing stands off the ground; lift_m, or submap: flat?"
         return write_views(
             path,
             self.view.schema,
             self.submaps,
-            ((images, ~(images < SEEN)) for images in blocks),
+            ((images, ~(images < SEEN)) for images in blocks),  # a NaN counts as shown
             complaint,
         )
 
     def points(self) -> Iterator[NDArray[np.floating]]:
-        """Points (n, 3) in metres of one submap after the other, z up from the ground."""
+        """Yield the points (n, 3) in metres of one submap after the other, z up from the ground."""
         step = BLOCK if self.one_scan_each else max(len(self), 1)
         for start in range(0, len(self), step):
             yield from submap_points(self.scans, self.submaps, slice(start, start + step))
 
     def _block(self, start: int, stop: int) -> NDArray[np.floating]:
-        """Images (stop − start, …)."""
-        return np.stack(
-            [
-                self.view(points)
-                for points in submap_points(self.scans, self.submaps, slice(start, stop))
-            ]
-        )
+        """Images (stop − start, …) of the submaps from `start` to before `stop`, in a worker."""
+        rows = slice(start, stop)
+        points_of_submaps = submap_points(self.scans, self.submaps, rows)
+        return np.stack([self.view(points) for points in points_of_submaps])
 
 
 def write_views(
@@ -100,21 +105,23 @@ def write_views(
     blocks: Iterable[tuple[NDArray[Any], NDArray[np.bool_]]],
     complaint: str,
 ) -> str:
-    """Blocks of images (n, …), and where they show something, as an artifact; returns how many, of
-    what shape.
+    """Write blocks of images as an artifact; returns a line on how many, of what shape.
 
-    Raises ArtifactError with the complaint if all are blank.
+    A block is images (n, …), and a mask (n, …) that is true where an image shows something.
+    Raises ArtifactError with the `complaint` if all images are blank.
     """
     count = blank = 0
     with store.draft(path, schema, cases=AS_DRIVEN) as out:
         for images, shows_something in blocks:
             out.append("images", images)
             count += len(images)
-            blank += int((~shows_something.reshape(len(shows_something), -1).any(axis=1)).sum())
+            is_blank = ~shows_something.reshape(len(shows_something), -1).any(axis=1)
+            blank += int(is_blank.sum())
         if blank == count:
             raise ArtifactError(f"{submaps.path}: {complaint}")
         for name in ("stamps_ns", "world_T_anchor"):
             out.put(name, submaps.load(name))
     sides = " × ".join(map(str, images.shape[1:]))
     names = ", ".join(schema.columns["images"].dims[1:]).replace("_px", "")
-    return f"{count} views of {sides} ({names})" + (f", {blank} of them blank" if blank else "")
+    line = f"{count} views of {sides} ({names})"
+    return f"{line}, {blank} of them blank" if blank else line

@@ -1,9 +1,12 @@
-"""M2DP: a cloud's points counted on many planes through its middle, and the first singular vectors
-of the counts.
+"""M2DP (He, Wang and Zhang, IROS 2016; METHODS 3.1): the points of a submap in, a signature of 192
+numbers out.
 
-He, Wang and Zhang, IROS 2016; METHODS 3.1. The planes stand in the cloud's own principal axes. It
-is in the method's nature that rounding chooses the axes where two variances are equal, and the
-sectors where a cloud lies on one plane.
+1. Centre the points on their mean, and turn them to their principal axes.
+2. Project them on many planes through the mean, and count them by circle and sector on each.
+3. The signature is the first left and right singular vector of these counts (plane, bin).
+
+Rounding chooses the axes where two variances are equal, and the sectors where all points lie on one
+plane; that is in the method's nature.
 """
 
 from dataclasses import dataclass
@@ -19,35 +22,37 @@ from pipeline.core.settings import Side, check
 from pipeline.views import m2dp_kernel as kernel
 
 LAST_EDGE_M = 0.001
-"""Added to the outermost circle's border."""
+"""Added to the radius of the outermost circle, so that the farthest point lies within it."""
 SPOT_M = 1e-6
-"""A cloud that reaches no further from its mean has no shape."""
+"""A cloud that reaches no further than this from its mean is one spot, without a shape."""
 
 
 @dataclass(frozen=True)
 class M2dp:
-    """The defaults are the authors'."""
+    """The settings of the signature; the defaults are the authors'."""
 
     schema: ClassVar[type[schemas.Views]] = schemas.SignatureViews
     azimuths: Side = 4
+    """Number of azimuths of the planes' normals, from −90° to 90°, both included. There is a plane
+    for each azimuth and each elevation."""
     elevations: Side = 16
-    """A plane for each azimuth from −90° to 90° and each elevation from 0° to 90° of its normal,
-    both ends included."""
+    """Number of elevations of the planes' normals, from 0° to 90°, both included."""
     circles: Side = 8
-    """Their radii grow with the square of their number, to the farthest point."""
+    """Number of circles on a plane. Their radii grow as the square of their number, up to the
+    farthest point."""
     sectors: Side = 16
-    """Of each circle; counting is some thirty times slower with another number."""
+    """Number of sectors of each circle; with another one, counting is some thirty times slower."""
 
     def __post_init__(self) -> None:
         check(self, "view")
 
     def __call__(self, points_m: NDArray[np.floating]) -> NDArray[np.float32]:
-        """The signature (azimuths · elevations + circles · sectors,) of points (n, 3): a number a
-        plane, then one a bin.
+        """Compute the signature (azimuths · elevations + circles · sectors,) of points (n, 3).
 
-        Each of the two parts has length 1 and no negative number. Where fewer than three points, or
-        points in one spot, have no shape it is zero, √2 from every other. Raises InputError for a
-        wrong array or a point that is not finite.
+        It has a number for each plane, then one for each bin. Each of these parts has length 1 and
+        no negative number. Fewer than three points, or points in one spot, have no shape: all
+        numbers are zero, at a distance of √2 from every other signature. Raises InputError for a
+        wrong shape or a point that is not finite.
         """
         counts = self.counts(points_m)
         if not counts.any():
@@ -55,51 +60,53 @@ class M2dp:
         return np.concatenate(kernel.leading(counts / len(points_m))).astype(np.float32)
 
     def counts(self, points_m: NDArray[np.floating]) -> NDArray[np.int64]:
-        """How many points each plane has in each bin (plane, circle · sector), sectors from −x on
-        counter-clockwise."""
+        """Count the points (n, 3) in each bin of each plane (plane, circle · sector).
+
+        Sectors run fastest, from −x on counter-clockwise.
+        """
         points = np.ascontiguousarray(points_m, np.float64)
         if points.ndim != 2 or points.shape[1] != 3:
             raise InputError(f"points of shape {points.shape}: expected (n, 3)")
         mean, scatter, farthest_m = kernel.moments(points)
         if len(points) and not np.isfinite(scatter).all():
             raise InputError("a point is NaN or infinite: drop such points first")
-        shape = (self.azimuths * self.elevations, self.circles, self.sectors)
+        n_planes = self.azimuths * self.elevations
         if len(points) < 3 or farthest_m < SPOT_M:
-            return np.zeros((shape[0], shape[1] * shape[2]), np.int64)
+            return np.zeros((n_planes, self.circles * self.sectors), np.int64)
         radii = np.linspace(0, np.sqrt(farthest_m), self.circles + 1) ** 2
         radii[-1] += LAST_EDGE_M
         angles = np.linspace(-np.pi, np.pi, self.sectors + 1)
-        place = (
-            kernel.PLACE
-            if self.sectors == kernel.QUICK
-            else np.arange(self.sectors, dtype=np.uint32)
-        )
+        # The kernel counts sector s at `place[s]` of its tables.
+        place = np.arange(self.sectors, dtype=np.uint32)
+        if self.sectors == kernel.QUICK:
+            place = kernel.PLACE
         axes = principal_axes(scatter)
         plane_axes = planes(self.azimuths, self.elevations)
         tables = kernel.bin_counts(points, mean, axes, farthest_m, plane_axes, radii, angles, place)
-        counts: NDArray[np.int64] = tables.reshape(shape[0], -1, *shape[1:]).sum(
-            axis=1, dtype=np.int64
-        )[..., place]
-        return counts.reshape(shape[0], -1)
+        tables = tables.reshape(n_planes, kernel.COPIES, self.circles, self.sectors)
+        counts: NDArray[np.int64] = tables.sum(axis=1, dtype=np.int64)[..., place]
+        return counts.reshape(n_planes, -1)
 
 
 def principal_axes(scatter: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Axes (3, 3) as columns, of largest variance first; the largest coefficient of each is
-    positive, as Matlab has it.
+    """The principal axes (3, 3) of a scatter matrix (3, 3) as columns, largest variance first.
 
-    So they may be left-handed, and a turn of the cloud may flip one.
+    The largest coefficient of each axis is positive, as in Matlab. So they may be left-handed, and
+    a turn of the cloud may flip one.
     """
     axes: NDArray[np.float64] = np.linalg.eigh(scatter)[1][:, ::-1]
-    flipped: NDArray[np.float64] = np.ascontiguousarray(
-        axes * np.sign(axes[np.abs(axes).argmax(axis=0), range(3)])
-    )
+    largest_coefficients = axes[np.abs(axes).argmax(axis=0), range(3)]
+    flipped: NDArray[np.float64] = np.ascontiguousarray(axes * np.sign(largest_coefficients))
     return flipped
 
 
 @lru_cache
 def planes(azimuths: int, elevations: int) -> NDArray[np.float64]:
-    """The axes (plane, 2, 3) of each plane: e_x less its part along the normal, not made longer,
-    and the normal × that."""
+    """The two axes (plane, 2, 3) of each plane, in the principal axes.
+
+    The first is e_x without its part along the normal, not brought to length 1; the second is the
+    cross product of the normal and the first.
+    """
     azimuth = np.repeat(np.linspace(-np.pi / 2, np.pi / 2, azimuths), elevations)
     elevation = np.tile(np.linspace(0, np.pi / 2, elevations), azimuths)
     normal = np.stack(

@@ -1,10 +1,12 @@
-"""The hot loops of M2DP: a cloud's moments, and the bin of every point on every plane, exact at
-every border.
+"""The hot loops of M2DP (`views.m2dp`): a cloud's moments, the bin of every point on every plane,
+and the first singular vectors of the counts.
 
-A point's sector follows from the signs of its two coordinates and one slope, its circle from the
-fourth root of r², both in float32 that the compiler turns into SIMD; points nearer to a border than
-that can err are redone in float64. All planes look at one block of points while it lies in the L1
-cache; four private tables break the store-to-load chain of the counts.
+With 16 sectors, a point's sector follows from the signs of its two coordinates on the plane and
+from one slope, its circle from the fourth root of r², since radii grow as squares. Both are found
+in float32, which the compiler turns into SIMD. Points so near to the border of a bin that float32
+may err are done again in float64, so that bins are exact at every border. All planes look at one
+block of points while it lies in the L1 cache. Counts go to four separate tables, since successive
+points often share a bin and would wait for each other.
 """
 
 import math
@@ -13,37 +15,35 @@ import numpy as np
 from numba import njit, uint32
 
 BLOCK = 256
+"""Points handled at once."""
 COPIES = 4
+"""Number of separate tables of counts."""
 QUICK = 16
-"""Sectors that signs and a slope tell apart.
-
-Any other number of them is found in float64 throughout.
-"""
+"""The number of sectors that signs and a slope can tell apart. With any other number, all bins are
+found in float64."""
 GRAY = np.array([0, 1, 3, 2])
-"""Sector within a quadrant, from the axis +x or −x on, by two bits: steeper than 45°; 22.5° off the
-nearer axis."""
+"""Sector within a quadrant, counted from the x axis, for each code of two bits. The upper bit is
+set if the point is steeper than 45°, the lower one if it is more than 22.5° off the nearer axis."""
 PLACE = np.argsort(np.concatenate([8 + GRAY, 15 - GRAY, 7 - GRAY, GRAY])).astype(np.uint32)
-"""Where a sector of QUICK is counted: two bits of signs (y, x negative), then those of GRAY."""
+"""(QUICK,) the code of four bits under which each sector is counted: y is negative, x is negative,
+then those of GRAY."""
 SLOPE = np.float32(math.tan(math.pi / 8))
+"""Slope at 22.5°."""
 ZERO = np.float32(0)
 HALF = np.float32(0.5)
 ERROR = np.float32(1e-6)
 """Bound on the error of a float32 coordinate or slope, in units of the largest distance."""
 ROUNDS = 10_000
+"""Most rounds of the power iteration."""
 CLOSE = 1e-12
-"""Of the power iteration: no more of them, nor once no number changes by more."""
-NAN_SAFE = {
-    "reassoc",
-    "contract",
-    "arcp",
-    "nsz",
-    "afn",
-}  # fast-math, but NaN and infinity keep their meaning
+"""The power iteration ends once no number changes by as much as this."""
+NAN_SAFE = {"reassoc", "contract", "arcp", "nsz", "afn"}
+"""The fast-math in which NaN and infinity keep their meaning."""
 
 
 @njit(cache=True, nogil=True, fastmath=NAN_SAFE, error_model="numpy")
 def moments(points):  # type: ignore[no-untyped-def]
-    """Mean (3,), scatter matrix (3, 3) about it, and the largest distance from it."""
+    """Mean (3,) of points (n, 3), scatter matrix (3, 3) and largest distance about it."""
     n = points.shape[0]
     x0 = y0 = z0 = 0.0
     for i in range(n):
@@ -70,34 +70,16 @@ def moments(points):  # type: ignore[no-untyped-def]
     return np.array((x0, y0, z0)), scatter, math.sqrt(farthest)
 
 
-@njit(
-    cache=True, nogil=True, fastmath=False, error_model="numpy"
-)  # said, since else the caller's flags are inherited
-def _exact_bin(u, v, radii, angles, place):  # type: ignore[no-untyped-def]
-    """METHODS 3.1 in float64: borders belong to the bin above them, and the last bin takes what is
-    beyond."""
-    rho = math.sqrt(u * u + v * v)
-    theta = math.atan2(v + 0.0, u + 0.0)  # no negative zero
-    ring = len(radii) - 2
-    sector = len(angles) - 2
-    while ring > 0 and rho < radii[ring]:
-        ring -= 1
-    while sector > 0 and theta < angles[sector]:
-        sector -= 1
-    return uint32(ring * len(place) + place[sector])
-
-
 @njit(cache=True, nogil=True, fastmath=NAN_SAFE, boundscheck=False, error_model="numpy")
 def bin_counts(  # type: ignore[no-untyped-def]
     points, mean, axes, farthest_m, planes, radii, angles, place
 ):
-    """How many of the points (n, 3) fall into each bin of each plane: tables (plane, COPIES ·
-    circle · sector) to be added up.
+    """Count the points (n, 3) in each bin of each plane.
 
-    Sectors are in the order of `place`. Points are taken from their mean, the farthest of them
-    `farthest_m` away, and turned by `axes` (3, 3), whose columns are the new axes; `planes` (plane,
-    2, 3) are each plane's x and y in those; `radii` (circle + 1,) and `angles` (sector + 1,) are
-    the borders.
+    Returns tables (plane, COPIES · circle · sector), whose COPIES are to be added up; sector s is
+    counted at `place[s]`. `mean` (3,) and `farthest_m` come from `moments`. The columns of `axes`
+    (3, 3) are the axes that the points are turned to, and `planes` (plane, 2, 3) are each plane's
+    axes u and v in them. `radii` (circle + 1,) and `angles` (sector + 1,) are the borders of bins.
     """
     n = points.shape[0]
     sectors = len(place)
@@ -118,6 +100,7 @@ def bin_counts(  # type: ignore[no-untyped-def]
     edge = HALF - ERROR * np.float32(circles * circles)
     for start in range(0, n, BLOCK):
         m = min(BLOCK, n - start)
+        # 1. Move the block to its mean and axes, and scale it for float32.
         for i in range(m):
             x = points[start + i, 0] - mean[0]
             y = points[start + i, 1] - mean[1]
@@ -139,6 +122,7 @@ def bin_counts(  # type: ignore[no-untyped-def]
             vy = np.float32(planes[p, 1, 1])
             vz = np.float32(planes[p, 1, 2])
             table = tables[p]
+            # 2. Find the bins on this plane in float32, and which of them are not sure.
             for i in range(m):
                 u = ux * xs[i] + uy * ys[i] + uz * zs[i]
                 v = vx * xs[i] + vy * ys[i] + vz * zs[i]
@@ -158,10 +142,11 @@ def bin_counts(  # type: ignore[no-untyped-def]
                 ids[i] = uint32(ring * columns + code)
                 margin = min(min(low, high - low), abs(slope))
                 is_near_border[i] = np.uint8((margin < ERROR) | (abs(ring_position - HALF) > edge))
-            borders = np.int32(0)
+            # 3. Do these again in float64, or all of them.
+            unsure = np.int32(0)
             for i in range(m):
-                borders += np.int32(is_near_border[i])
-            if borders > 0 or not quick:
+                unsure += np.int32(is_near_border[i])
+            if unsure > 0 or not quick:
                 for i in range(m):
                     if is_near_border[i] or not quick:
                         x = exact[i, 0]
@@ -170,6 +155,7 @@ def bin_counts(  # type: ignore[no-untyped-def]
                         u = planes[p, 0, 0] * x + planes[p, 0, 1] * y + planes[p, 0, 2] * z
                         v = planes[p, 1, 0] * x + planes[p, 1, 1] * y + planes[p, 1, 2] * z
                         ids[i] = _exact_bin(u, v, radii, angles, place)
+            # 4. Count them, every fourth point in the same table.
             whole_fours = m & ~3
             for i in range(0, whole_fours, COPIES):
                 for copy in range(COPIES):
@@ -181,11 +167,10 @@ def bin_counts(  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, fastmath=NAN_SAFE, error_model="numpy")
 def leading(shares):  # type: ignore[no-untyped-def]
-    """The first singular vectors (m,), (n,) of a matrix (m, n) without negative entries, which have
-    none either.
+    """The first left (m,) and right (n,) singular vector of a non-negative matrix (m, n).
 
-    Power iteration from a positive vector finds them (Perron and Frobenius); for so small a matrix
-    LAPACK would wake its threads.
+    They have no negative entries either (Perron and Frobenius), and power iteration from a positive
+    vector finds them. LAPACK is not used, since it would wake its threads for so small a matrix.
     """
     m, n = shares.shape
     left = np.full(m, 1 / math.sqrt(m))
@@ -212,3 +197,21 @@ def leading(shares):  # type: ignore[no-untyped-def]
         if change < CLOSE:
             break
     return left, right
+
+
+# Without fastmath=False the caller's fast-math would apply.
+@njit(cache=True, nogil=True, fastmath=False, error_model="numpy")
+def _exact_bin(u, v, radii, angles, place):  # type: ignore[no-untyped-def]
+    """The number of the bin of (u, v) on a plane, in float64 (METHODS 3.1).
+
+    A border belongs to the bin above it, and the last bin takes what lies beyond.
+    """
+    rho = math.sqrt(u * u + v * v)
+    theta = math.atan2(v + 0.0, u + 0.0)  # no negative zero
+    ring = len(radii) - 2
+    sector = len(angles) - 2
+    while ring > 0 and rho < radii[ring]:
+        ring -= 1
+    while sector > 0 and theta < angles[sector]:
+        sector -= 1
+    return uint32(ring * len(place) + place[sector])

@@ -1,5 +1,8 @@
-"""Bird-views of submaps, from one octree that every scan of the sequence is inserted into, in order
-(METHODS 4.4)."""
+"""Draws the bird-views of submaps: the artifacts of scans and submaps in, an artifact of views out.
+
+All scans of the sequence are inserted into one octree, in their order (METHODS 4.4). The bird-view
+of a submap shows the octree as it is after the scan of the submap's anchor.
+"""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -18,26 +21,25 @@ from pipeline.views.draw import write_views
 
 @dataclass(frozen=True)
 class MappedViews:
-    """The bird-views of a submaps artifact; each shows the octree after the scans up to the
-    submap's anchor."""
+    """Iterates over the bird-views of a submaps artifact."""
 
     scans: Scans
     submaps: Submaps
     view: BirdView
     alter: Callable[[int, NDArray[np.float64]], NDArray[np.float64]] | None = None
-    """Changes the points (n, 3) of a scan, given its row, before they are inserted; z is up from
-    the ground."""
+    """A function that changes a scan before it is inserted: it takes the scan's row and its points
+    (n, 3), z up from the ground, and returns the changed points."""
 
     def __len__(self) -> int:
         return int(self.submaps["scans"].shape[0])
 
     def __iter__(self) -> Iterator[NDArray[np.uint8]]:
-        """Images (heading, row, column) of each submap."""
+        """Yield the images (heading, row, column) of each submap."""
         for number, (_, grown, pose) in enumerate(self.maps()):
             yield self.view.draw(grown, pose, number)
 
     def write(self, path: Path) -> str:
-        """All views as an artifact at `path`; returns how many, of what shape.
+        """Write all views as an artifact to `path`; returns a line on how many, of what shape.
 
         Raises ArtifactError if all are blank.
         """
@@ -51,12 +53,11 @@ class MappedViews:
         )
 
     def maps(self) -> Iterator[tuple[NDArray[np.float64], OctreeMap, Poses]]:
-        """At each submap's anchor: the points (n, 3) of its scan, the map, and the robot's pose in
-        it (4, 4).
+        """Yield, at each submap's anchor, its points (n, 3), the map, and the robot's pose (4, 4).
 
-        The map is one object, which goes on growing. Poses are the log's odometry, or its ground
-        truth where it has no odometry at all. A scan without odometry, as after a break, gets an
-        empty map of its own, and so does the scan after it.
+        The map is always the same object, which goes on growing. Poses are those of the log's
+        odometry, or the true ones if it has none at all. A scan without odometry, as after a break,
+        gets a map of its own, and the next scan begins a new one.
         """
         odom_T_scan = self.scans.load("odom_T_scan")
         if not np.isfinite(odom_T_scan).all(axis=(1, 2)).any():
@@ -67,28 +68,41 @@ class MappedViews:
         grown = self.view.octree.grow()
         number = 0
         for row, points in scan_points(self.scans, 0, int(anchors[-1]) + 1):
-            has_odometry = np.isfinite(odom_T_scan[row]).all()
+            # 1. Put the scan on the ground, and alter it if wanted.
             scan_T_ground = np.eye(4)
             scan_T_ground[2, 3] = ground_m[number]
-            pose = (odom_T_scan[row] if has_odometry else np.eye(4)) @ scan_T_ground
-            grown = grown if has_odometry else self.view.octree.grow()
             points = points - scan_T_ground[:3, 3]
-            points = self.alter(row, points) if self.alter else points
+            if self.alter:
+                points = self.alter(row, points)
+
+            # 2. Insert it into the map at its pose.
+            has_odometry = np.isfinite(odom_T_scan[row]).all()
+            pose = scan_T_ground
+            if has_odometry:
+                pose = odom_T_scan[row] @ scan_T_ground
+            else:
+                grown = self.view.octree.grow()
             grown.insert(points, pose, variances[row])
+
+            # 3. At an anchor, show the map.
             if anchors[number] == row:
                 yield points, grown, self.view.standing(points, pose)
                 number += 1
-            grown = grown if has_odometry else self.view.octree.grow()
+            if not has_odometry:
+                grown = self.view.octree.grow()
 
 
 def motion_variances(gathered: NDArray[np.float64]) -> list[Variance | None]:
-    """Of each scan, what the log says of the motion since the scan before it.
+    """The variances of each scan's motion since the scan before, or None if the log gives none.
 
-    From what the odometry had gathered at each scan (scan, 2). None where it says nothing, or
-    gathers nothing: a variance that never grows, as many drivers send, says nothing of a motion.
+    `gathered` (scan, 2) is what odometry's variances of position and heading have grown to by each
+    scan. A motion has what they grew by. Where they do not grow, as many drivers send them, they
+    say nothing of the motion.
     """
-    grown = np.diff(gathered, axis=0, prepend=np.nan)
-    return [
-        (position_m2, heading_rad2) if position_m2 > 0 and heading_rad2 > 0 else None
-        for position_m2, heading_rad2 in grown.tolist()
-    ]
+    variances: list[Variance | None] = []
+    for position_m2, heading_rad2 in np.diff(gathered, axis=0, prepend=np.nan).tolist():
+        if position_m2 > 0 and heading_rad2 > 0:
+            variances.append((position_m2, heading_rad2))
+        else:
+            variances.append(None)
+    return variances

@@ -1,8 +1,8 @@
-"""Scan Context, the highest point of every ring and sector around the sensor, and its colour image,
-the SCI.
+"""Scan Context and its colour image, the SCI: the points of a submap in, an image of heights out.
 
-Scan Context: Kim and Kim, IROS 2018; Scan Context Images: Kim, Park and Kim, RA-L 2019; METHODS 1.1
-and 2.1.
+A Scan Context (Kim and Kim, IROS 2018; METHODS 1.1) divides the plane around the sensor into rings
+and sectors, and holds the highest point of each bin. A Scan Context Image (Kim, Park and Kim, RA-L
+2019; METHODS 2.1) shows these heights in the colours of Matlab's jet.
 """
 
 import math
@@ -21,35 +21,35 @@ from pipeline.views import kernels
 
 @dataclass(frozen=True)
 class ScanContext:
-    """Settings of a submap's Scan Context; the defaults are the authors' Matlab reference."""
+    """The settings of a Scan Context; the defaults are those of the authors' Matlab code."""
 
     schema: ClassVar[type[schemas.Views]] = schemas.ScanContextViews
     rings: Side = 40
     sectors: Side = 120
     max_range_m: Positive = 80.0
     voxel_m: NotNegative = 0.5
-    """Points are averaged in cubes of this side first; 0 takes them as they are."""
+    """Side of the cubes in which points are averaged first; 0 takes them as they are."""
     min_points: Whole = 5
-    """A bin with fewer (averaged) points is noise and empty."""
+    """A bin with fewer points than this, once averaged, is taken for noise and left empty."""
     beyond: Literal["last_ring", "drop"] = "last_ring"
-    """Points beyond max_range_m: the authors put them into the outermost ring."""
+    """What becomes of points beyond `max_range_m`; the authors put them into the last ring."""
     mirror: bool = False
-    """Columns clockwise seen from above (y negated), as the authors' NCLT reader makes them."""
+    """Whether y is negated, so that columns run clockwise, as with the authors' NCLT reader."""
 
     def __post_init__(self) -> None:
         check(self, "view")
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Of an image: rings, sectors."""
+        """The shape of an image: rings, sectors."""
         return (self.rings, self.sectors)
 
     def __call__(self, points_m: NDArray[np.floating]) -> NDArray[np.float32]:
-        """Heights (rings, sectors) in metres of points (n, 3), z up from the ground; 0 where a bin
-        is empty.
+        """Compute the Scan Context (rings, sectors) of points (n, 3), z up from the ground.
 
-        Row 0 is the nearest ring, column 0 the sector that starts at +x and turns
-        counter-clockwise; a sector holds (width·k, width·(k+1)], a ring [width·k, width·(k+1)).
+        A bin holds the height of its highest point in metres, or 0 if it is empty. Row 0 is the
+        nearest ring, column 0 the sector that begins at +x; columns run counter-clockwise. A ring
+        includes its inner border and not its outer one, a sector its last border and not its first.
         Raises InputError for a wrong shape or a point that is not finite.
         """
         points = np.ascontiguousarray(points_m)
@@ -80,12 +80,11 @@ class ScanContext:
 def quantize(
     heights_m: NDArray[np.float32], h_min_m: float = 0.0, h_max_m: float = 15.0
 ) -> NDArray[np.uint8]:
-    """Heights as 0…255: clipped to [h_min_m, h_max_m], scaled, halves rounded up (METHODS 2.1)."""
+    """Heights clipped to a range and scaled to 0…255, halves rounded up (METHODS 2.1)."""
     if not h_max_m > h_min_m:
         raise InputError(f"heights from {h_min_m} to {h_max_m}: expected an increasing range")
-    share = (np.clip(heights_m, h_min_m, h_max_m).astype(np.float64) - h_min_m) / (
-        h_max_m - h_min_m
-    )
+    clipped_m = np.clip(heights_m, h_min_m, h_max_m).astype(np.float64)
+    share = (clipped_m - h_min_m) / (h_max_m - h_min_m)
     quantized: NDArray[np.uint8] = np.floor(share * 255 + 0.5).astype(np.uint8)
     return quantized
 
@@ -93,36 +92,39 @@ def quantize(
 def colorize(
     heights_m: NDArray[np.float32], h_min_m: float = 0.0, h_max_m: float = 15.0
 ) -> NDArray[np.uint8]:
-    """The SCI (…, rings, sectors, 3) of heights (…, rings, sectors): Matlab's jet of the quantized
-    heights."""
+    """The SCI (…, rings, sectors, 3) of heights (…, rings, sectors), in Matlab's jet."""
     image: NDArray[np.uint8] = colours("jet")[quantize(heights_m, h_min_m, h_max_m)]
     return image
 
 
 @lru_cache
 def colours(colormap: Literal["jet", "grey"]) -> NDArray[np.uint8]:
-    """Colour (256, channels) of each quantized height: Matlab's jet(255), or the height itself in
-    one channel.
+    """The colour (256, channels) of each quantized height.
 
-    Matlab looks a floating index up 1-based and clamps it, so 0 and 1 share the first entry.
+    `jet` is Matlab's jet(255) in three channels, `grey` the height itself in one. Matlab clamps its
+    1-based index, so heights 0 and 1 share the first colour.
     """
     if colormap == "grey":
         return np.arange(256, dtype=np.uint8)[:, None]
     if colormap != "jet":
         raise ConfigError(f"colormap={colormap}: expected jet or grey")
-    table: NDArray[np.uint8] = np.rint(255 * jet(255)[np.arange(256).clip(1) - 1]).astype(np.uint8)
+    index = np.arange(256).clip(1) - 1
+    table: NDArray[np.uint8] = np.rint(255 * jet(255)[index]).astype(np.uint8)
     return table
 
 
 def jet(m: int) -> NDArray[np.float64]:
-    """Matlab's jet(m), (m, 3) in [0, 1]; matplotlib's map of that name is another one."""
+    """Matlab's jet(m), (m, 3) in [0, 1], which differs from matplotlib's map of that name.
+
+    Each channel is the same ramp up, plateau and ramp down, shifted and cut off at the ends.
+    """
     n = math.ceil(m / 4)
     ramp = np.concatenate([np.arange(1, n + 1), np.full(n - 1, n), np.arange(n, 0, -1)]) / n
     green = math.ceil(n / 2) - (m % 4 == 1) + np.arange(1, len(ramp) + 1)
     table = np.zeros((m, 3))
     for channel, index in enumerate((green + n, green, green - n)):
         inside = (index >= 1) & (index <= m)
-        table[index[inside] - 1, channel] = (
-            ramp[-inside.sum() :] if channel == 2 else ramp[: inside.sum()]
-        )
+        is_cut_at_start = channel == 2
+        shown = ramp[-inside.sum() :] if is_cut_at_start else ramp[: inside.sum()]
+        table[index[inside] - 1, channel] = shown
     return table

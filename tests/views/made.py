@@ -1,4 +1,6 @@
-"""Scans and submaps as the stages write them, small enough to say what is seen of them."""
+"""Makes artifacts of scans and submaps as the stages write them, small enough to tell by hand what
+their views show.
+"""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,14 +18,12 @@ Artifacts = tuple[store.Artifact, store.Artifact]
 BIRDVIEW = BirdView(
     octree=Octree(edge_m=16.0, depth=5, motion="none"), headings=8, side_px=16, jitter_m=0.0
 )
-"""A leaf is half a metre, a pixel a metre."""
+"""Bird-views of 16 m, in which a leaf is half a metre and a pixel is a metre."""
 POLES_M = np.array([[4.25, 0.25], [-0.25, 3.25], [0.25, -5.25]])
-"""In the world: ahead, to the left and to the right of where the robot starts.
-
-Scan i sees pole i alone.
-"""
+"""Poles in the world: ahead, to the left and to the right of where the robot starts. Scan i sees
+only pole i."""
 SUITED = {"azimuth_deg": 360.0, "ground_m": 0.0, "highest_m": 9.0}
-"""What submaps look like that suit every view."""
+"""The `appearance` of submaps that suit every view."""
 ALONG = pose(np.arange(3)[:, None] * (0.5, 0, 0), np.zeros((3, 3)))
 """Three poses half a metre apart."""
 
@@ -41,7 +41,10 @@ def artifacts(
     ground_m: float = 0.0,
     **attrs: Any,
 ) -> Artifacts:
-    """Scans, and a submap at each, or of the scans `first` to `last`."""
+    """Write the artifacts of scans and submaps, and open both.
+
+    There is a submap of each scan, or one of the scans from each of `first` to each of `last`.
+    """
     stamps = np.array(stamps_ns or range(len(points)))
     rows = np.array(last or range(len(points)))
     with store.draft(
@@ -68,7 +71,7 @@ def artifacts(
 
 
 def poles(folder: Path, odom_T_scan: np.ndarray | None = None, **settings: object) -> Artifacts:
-    """Three scans half a metre apart, each a submap, that see a pole each."""
+    """The artifacts of three scans half a metre apart, each a submap that sees one pole."""
     heights_m = np.arange(0.75, 3.0, 0.25)
     poles_m = POLES_M - ALONG[:, :2, 3]
     points = [
@@ -78,5 +81,5 @@ def poles(folder: Path, odom_T_scan: np.ndarray | None = None, **settings: objec
 
 
 def lit(images: np.ndarray) -> list[int]:
-    """Bright spots in each submap's straight view."""
+    """The number of bright pixels in the image of each submap that looks straight ahead."""
     return (images[:, 0] > 30).sum(axis=(1, 2)).tolist()

@@ -1,4 +1,4 @@
-"""Views of altered submaps."""
+"""Views of altered queries: each case changes the points, and a bird-view's map or pose."""
 
 import math
 from collections.abc import Sequence
@@ -36,7 +36,7 @@ class Points:
 
 
 class Summary(Points):
-    """How many points there are, and their mean."""
+    """A view of four numbers: how many points there are, and their mean."""
 
     def __call__(self, points_m: np.ndarray) -> np.ndarray:
         return np.array([len(points_m), *points_m.mean(axis=0)], np.float32)
@@ -44,8 +44,11 @@ class Summary(Points):
 
 @dataclass(frozen=True)
 class Fixed:
-    """Turns every robot by so many degrees; in another case it has every scan miss everything that
-    draws below a half."""
+    """An alteration with two cases beside that as driven.
+
+    In one every robot is turned by `left_deg`; in the other a scan misses all its points if its
+    random number is below a half.
+    """
 
     left_deg: float = 0.0
     seed: int = 0
@@ -56,12 +59,14 @@ class Fixed:
     ) -> tuple[np.ndarray, float]:
         if case.change == TURNED:
             return turned(points_m, math.radians(self.left_deg)), math.radians(self.left_deg)
-        return points_m[: 0 if case.change != AS_DRIVEN and rng.random() < 0.5 else None], 0.0
+        if case.change != AS_DRIVEN and rng.random() < 0.5:
+            return points_m[:0], 0.0
+        return points_m, 0.0
 
 
 @pytest.fixture(params=[0, 2], ids=["single", "gathered"])
 def driven(tmp_path: Path, request: pytest.FixtureRequest) -> Artifacts:
-    """Six scans of 200 points, along a bend."""
+    """Artifacts of six scans of 200 points along a bend; a submap gathers one scan, or three."""
     rng = np.random.default_rng(4)
     clouds = [rng.uniform((-30, -30, 0), (30, 30, 9), (200, 3)) for _ in range(6)]
     bend = pose(
@@ -73,7 +78,7 @@ def driven(tmp_path: Path, request: pytest.FixtureRequest) -> Artifacts:
 
 @dataclass(frozen=True)
 class Nothing(Fixed):
-    """Does nothing in any case."""
+    """An alteration that changes nothing in any case."""
 
     def alter(
         self, case: Case, points_m: np.ndarray, rng: np.random.Generator
@@ -158,8 +163,8 @@ def test_bird_views_of_a_case_that_changes_nothing_are_what_the_stage_draws(
 def test_a_robot_turned_by_a_quarter_stands_so_in_the_same_map(
     tmp_path: Path, quarters: int
 ) -> None:
-    """Of eight images a quarter turn is two: image h shows what image h + 2 showed of the robot as
-    driven."""
+    """With eight headings a quarter turn is two of them: image h shows what image h + 2 showed of
+    the robot as driven."""
     still, left = (
         altered(*poles(tmp_path), BIRDVIEW, Fixed(angle)) for angle in (0.0, 90.0 * quarters)
     )
@@ -167,9 +172,8 @@ def test_a_robot_turned_by_a_quarter_stands_so_in_the_same_map(
     turned = left[Case(TURNED)].images
     rolled = np.roll(straight, -2 * quarters, axis=1)
     assert (rolled != straight).any()
-    np.testing.assert_allclose(
-        turned.astype(int), rolled.astype(int), atol=16
-    )  # one of a pixel's sixteen samples
+    # A pixel may differ by one of its sixteen samples.
+    np.testing.assert_allclose(turned.astype(int), rolled.astype(int), atol=16)
     np.testing.assert_allclose(
         yaw(left[Case(TURNED)].world_T_anchor) % (2 * math.pi), math.pi / 2 * quarters
     )

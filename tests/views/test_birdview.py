@@ -1,4 +1,4 @@
-"""Bird-views: where things appear, at which headings, and what is left out."""
+"""Bird-views: where things appear in them, at which headings, and what is left out."""
 
 import hashlib
 import math
@@ -20,22 +20,24 @@ VIEW = BirdView(Octree(edge_m=32.0, depth=6, motion="none"), side_px=32, jitter_
 
 
 def pose(x: float, y: float, yaw: float = 0.0, z: float = 0.0, pitch: float = 0.0) -> np.ndarray:
+    """One pose (4, 4), from metres and radians."""
     return frames.pose(np.array([[x, y, z]]), np.array([[0.0, pitch, yaw]]))[0]
 
 
 def post(x: float, y: float) -> np.ndarray:
-    """A square post of a metre, 2 m high, on leaves of half a metre."""
+    """The points (n, 3) of a post with a square of 1 m as its base, 2 m high."""
     grid = np.arange(-0.375, 0.5, 0.25)
     return np.stack(np.meshgrid(grid + x, grid + y, np.arange(0.1, 2, 0.2)), axis=-1).reshape(-1, 3)
 
 
 def scene() -> np.ndarray:
+    """The points (n, 3) of about 25 posts at random places."""
     rng = np.random.default_rng(0)
     return np.concatenate([post(*xy) for xy in rng.uniform(-14, 14, (25, 2)) if max(abs(xy)) > 2])
 
 
 def brightest(image: np.ndarray) -> tuple[float, float]:
-    """Row and column of the middle of what is bright."""
+    """Row and column of the centre of brightness."""
     row, col = np.nonzero(image)
     weight = image[row, col].astype(float)
     return float((row * weight).sum() / weight.sum()), float((col * weight).sum() / weight.sum())

@@ -1,5 +1,4 @@
-"""The cloud view: the ground goes, walls stay, and the same cloud comes out the same (METHODS
-3.2)."""
+"""The cloud view (METHODS 3.2): the ground is removed, walls stay, and clouds are reproducible."""
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -16,15 +15,17 @@ VIEW = Cloud(points=2000, voxel_m=0.0)
 
 
 def tilted(points: np.ndarray, degrees: float) -> np.ndarray:
-    """Rolled about x."""
+    """Points (n, 3) rolled about x."""
     c = np.cos(np.deg2rad(degrees))
     s = np.sin(np.deg2rad(degrees))
     return points @ np.array([[1, 0, 0], [0, c, s], [0, -s, c]])
 
 
 def scene(ground: int = 3000) -> tuple[np.ndarray, np.ndarray]:
-    """Points of a rough ground at height 0, and of a wall 10 m to the left, 1 m to 6 m high, and a
-    pole."""
+    """Points (ground, 3) of a rough ground at height 0, and points (n, 3) of what stands on it.
+
+    That is a wall 10 m to the left, from 1 to 6 m high, and a pole.
+    """
     rng = np.random.default_rng(0)
     floor = np.column_stack([rng.uniform(-20, 20, (ground, 2)), rng.normal(0, 0.03, ground)])
     wall = np.column_stack(
@@ -35,7 +36,7 @@ def scene(ground: int = 3000) -> tuple[np.ndarray, np.ndarray]:
 
 
 def metres(cloud: np.ndarray, like: np.ndarray) -> np.ndarray:
-    """A cloud put back to where points like these have their mean."""
+    """A cloud in metres, moved back to the mean of the points `like` that it was made of."""
     return cloud.astype(np.float64) * VIEW.half_m + like.mean(axis=0)
 
 
@@ -62,10 +63,9 @@ def test_a_wall_is_no_ground_however_many_points_it_has() -> None:
     # 1,500 points of the wall against 1,000 of the ground; the wall is still there, level 10 m to
     # the left of the pole's −8.
     assert np.isclose(np.ptp(cloud[:, 1].astype(float)) * 25, 18, atol=0.03)
-    kept = replace(VIEW, points=2800, slope_deg=90.0)(np.concatenate([floor, standing]))
-    assert (
-        np.unique(kept, axis=0).shape[0] < 1500
-    )  # and with any slope allowed the wall is what goes
+    steep = replace(VIEW, points=2800, slope_deg=90.0)(np.concatenate([floor, standing]))
+    # With any slope allowed, the wall is what is removed.
+    assert np.unique(steep, axis=0).shape[0] < 1500
 
 
 def test_without_a_ground_nearly_all_points_stay() -> None:
@@ -80,9 +80,8 @@ def test_without_a_ground_nearly_all_points_stay() -> None:
 def test_points_outside_the_cube_are_left_out_and_coordinates_end_at_one() -> None:
     rng = np.random.default_rng(2)
     points = rng.uniform(-60, 60, (20_000, 3))
-    points[:, 0] = np.abs(
-        points[:, 0]
-    )  # the mean lies near x = 12.5 m: those below −12.5 would be beyond −1
+    # The mean lies near x = 12.5 m: points below −12.5 m would be beyond −1.
+    points[:, 0] = np.abs(points[:, 0])
     inside = points[(np.abs(points) <= 25).all(axis=1)]
     cloud = replace(VIEW, points=len(inside), plane_m=0.0)(points)
     expected = ((inside - inside.mean(axis=0)) / 25).clip(-1, 1)
@@ -103,17 +102,15 @@ def test_the_first_points_are_a_sample_too() -> None:
         [np.linspace(-20, 20, 4000), np.zeros(4000), np.random.default_rng(0).uniform(0, 9, 4000)]
     )
     few = replace(VIEW, points=3000, plane_m=0.0)(points)[:300]
-    assert (
-        abs(float(few[:, 0].astype(float).mean())) < 0.1
-    )  # sorted along x they would lie at one end
+    # Sorted along x they would lie at one end.
+    assert abs(float(few[:, 0].astype(float).mean())) < 0.1
 
 
 def test_points_are_averaged_in_voxels_first() -> None:
     twice = np.repeat(np.random.default_rng(4).uniform(-20, 20, (50, 3)), 40, axis=0)
     cloud = Cloud(points=50, voxel_m=0.1, plane_m=0.0)(twice)
-    assert (
-        len(np.unique(cloud, axis=0)) == 50
-    )  # 2,000 points drawn 50 times would come twice or not at all
+    # Of the 2,000 points some would come twice, and some not at all.
+    assert len(np.unique(cloud, axis=0)) == 50
 
 
 @pytest.mark.parametrize("n", [0, 1, 2, 3])

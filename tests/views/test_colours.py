@@ -1,4 +1,4 @@
-"""Heights as colours: Matlab's jet, its clamped index, halves up (METHODS 2.1)."""
+"""Heights as colours (METHODS 2.1): Matlab's jet, its clamped index, and halves rounded up."""
 
 import matplotlib as mpl
 import numpy as np

@@ -1,4 +1,4 @@
-"""Drawing blocks of submaps from a scans artifact."""
+"""Drawings of submaps from artifacts of scans and submaps, in blocks."""
 
 from pathlib import Path
 
@@ -11,16 +11,16 @@ from pipeline.views.draw import Drawing
 from tests.views.made import artifacts
 
 POINTS_M = [np.full((length, 3), scan + 1.0) for scan, length in enumerate((3, 0, 5, 2, 4))]
-"""Every coordinate of scan i's points is i + 1 metres."""
+"""The points of five scans; all coordinates of scan i are i + 1 metres."""
 
 
 def summary(points_m: np.ndarray) -> np.ndarray:
-    """How many points, and the sum of their z."""
+    """A view of two numbers: how many points there are, and the sum of their z."""
     return np.array([len(points_m), points_m[:, 2].sum()], np.float32)
 
 
 def images(folder: Path, *rows: int, ground_m: float = 0.0, workers: int = 1) -> np.ndarray:
-    """The images of submaps of single scans, given as rows."""
+    """The images of submaps of one scan each, given by their rows."""
     drawing = Drawing(
         *artifacts(folder, POINTS_M, np.tile(np.eye(4), (5, 1, 1)), last=rows, ground_m=ground_m),
         summary,
@@ -35,11 +35,8 @@ def images(folder: Path, *rows: int, ground_m: float = 0.0, workers: int = 1) ->
         ((0, 2, 3, 4), 0.0, [[3, 3], [5, 15], [2, 8], [4, 20]]),
         ((2, 3), 0.0, [[5, 15], [2, 8]]),
         ((1,), 0.0, [[0, 0]]),  # a scan without points is drawn too
-        (
-            (0, 2, 3, 4),
-            0.25,
-            [[3, 2.25], [5, 13.75], [2, 7.5], [4, 19]],
-        ),  # 0.25 m off each of 3, 5, 2 and 4 points
+        # 0.25 m are subtracted from the heights of 3, 5, 2 and 4 points
+        ((0, 2, 3, 4), 0.25, [[3, 2.25], [5, 13.75], [2, 7.5], [4, 19]]),
     ],
 )
 def test_each_submap_is_drawn_from_its_own_points_above_its_ground(

@@ -1,4 +1,4 @@
-"""Voxel means, against numpy."""
+"""Means of points in voxels, against numpy."""
 
 import numpy as np
 import pytest

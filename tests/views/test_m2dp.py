@@ -1,5 +1,6 @@
-"""M2DP: the authors' numbers (METHODS 3.1), the definition in float64, real clouds, clouds without
-a shape."""
+"""M2DP, against the authors' numbers (METHODS 3.1) and the definition in float64; and clouds
+without a shape.
+"""
 
 from concurrent.futures import ThreadPoolExecutor
 from itertools import product
@@ -16,11 +17,11 @@ from pipeline.views.m2dp import M2dp
 
 K = np.arange(300)
 AUTHORS = np.stack([(7 * K) % 61 / 4 - 5, (K**2 % 47) / 5, (K**3 % 29) / 10 + 0.01 * K], axis=1)
-"""The cloud that METHODS 3.1 gives the authors' numbers for."""
+"""The cloud for which METHODS 3.1 gives the authors' numbers."""
 
 
 def definition(points: np.ndarray, view: M2dp) -> np.ndarray:
-    """Counts (plane, bin), by METHODS 3.1 steps 1 to 3 in float64, one plane after the other."""
+    """Counts (plane, bin) of points (n, 3) by METHODS 3.1, steps 1 to 3, in float64."""
     centred = points.astype(np.float64) - points.mean(axis=0, dtype=np.float64)
     _, axes = np.linalg.eigh(centred.T @ centred)
     axes = axes[:, ::-1]
@@ -48,14 +49,17 @@ def definition(points: np.ndarray, view: M2dp) -> np.ndarray:
 
 
 def cloud(seed: int, n: int, dtype: type = np.float64) -> np.ndarray:
-    """Points of three different spreads, a tenth of them ten times further out, anywhere in the
-    world."""
+    """Random points (n, 3), with a different spread along each axis, somewhere in the world.
+
+    A tenth of them is ten times further out.
+    """
     rng = np.random.default_rng(seed)
     far = np.where(rng.random((n, 1)) < 0.1, 10.0, 1.0)
     return (rng.normal(0, (9, 5, 2), (n, 3)) * far + rng.uniform(-50, 50, 3)).astype(dtype)
 
 
 def turned(points: np.ndarray, yaw_rad: float) -> np.ndarray:
+    """Points (n, 3) turned about z."""
     c = np.cos(yaw_rad)
     s = np.sin(yaw_rad)
     return points @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]).T

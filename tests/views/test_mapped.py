@@ -1,4 +1,4 @@
-"""Bird-views of submaps, drawn of a map that remembers the scans before."""
+"""Bird-views of submaps, drawn from a map of all scans before."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +13,7 @@ from tests.views.made import ALONG, BIRDVIEW, lit, poles
 def views(
     folder: Path, known: tuple[bool, ...] = (True, True, True), ground_m: float = 0.0
 ) -> np.ndarray:
-    """Images of three scans, of which some have odometry."""
+    """The images of three scans; `known` says which of them have odometry."""
     odom_T_scan = np.where(np.array(known)[:, None, None], ALONG, np.nan)
     return np.stack(list(MappedViews(*poles(folder, odom_T_scan, ground_m=ground_m), BIRDVIEW)))
 
@@ -59,5 +59,5 @@ def test_a_map_forgets_what_its_odometry_is_unsure_of(tmp_path: Path) -> None:
 
 
 def test_heights_count_from_the_submaps_ground(tmp_path: Path) -> None:
-    """With the ground at 2.5 m the poles' tops at 2.75 m are not above 0.3 m any more."""
+    """With the ground at 2.5 m, the tops of the poles at 2.75 m are no longer above 0.3 m."""
     assert lit(views(tmp_path, ground_m=2.5)) == [0, 0, 0]

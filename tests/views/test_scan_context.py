@@ -1,4 +1,4 @@
-"""Scan Context: the authors' check values (METHODS 1.5), the definition in float64, real clouds."""
+"""Scan Context, against the authors' check values (METHODS 1.5) and the definition in float64."""
 
 import math
 from pathlib import Path
@@ -16,7 +16,7 @@ RAW = {"voxel_m": 0.0, "min_points": 1}
 
 
 def definition(points: np.ndarray, view: ScanContext) -> np.ndarray:
-    """METHODS 1.1 steps 2 to 5, one point at a time in float64."""
+    """The Scan Context of points (n, 3) by METHODS 1.1, steps 2 to 5, point by point in float64."""
     heights: dict[tuple[int, int], list[float]] = {}
     for x, y, z in points.astype(np.float64).tolist():
         r = math.sqrt(x * x + y * y)
@@ -34,8 +34,10 @@ def definition(points: np.ndarray, view: ScanContext) -> np.ndarray:
 
 
 def cloud(seed: int, dtype: type, max_range_m: float = 80.0) -> np.ndarray:
-    """Points everywhere, and many exactly on, or one rounding beside, the borders of rings and
-    sectors."""
+    """Random points (n, 3), many of which lie on the borders of rings and sectors.
+
+    Some are exactly on a border, others one rounding beside it.
+    """
     rng = np.random.default_rng(seed)
     n = 400
     anywhere = rng.uniform(-1.3 * max_range_m, 1.3 * max_range_m, (n, 2))
@@ -71,9 +73,10 @@ AUTHORS_POINTS = np.array([(x, y, z) for x, y, heights, _ in AUTHORS for z in he
 
 @pytest.mark.parametrize("dtype", [np.float64, np.float32, np.int16])
 def test_points_fall_into_the_authors_bins(dtype: type) -> None:
-    points = (
-        AUTHORS_POINTS if dtype is not np.int16 else AUTHORS_POINTS.round()
-    )  # (7, 0.1) becomes (7, 0): the same bin
+    points = AUTHORS_POINTS
+    if dtype is np.int16:
+        # (7, 0.1) becomes (7, 0), which is in the same bin.
+        points = AUTHORS_POINTS.round()
     expected = np.zeros((40, 120), np.float32)
     for *_, found in AUTHORS:
         if found:
