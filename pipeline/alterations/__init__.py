@@ -1,9 +1,13 @@
-"""Alterations: changes to the points of a query before its view is computed.
+"""Alterations: changes to the points of a query before its view is computed (SCI paper, section V;
+METHODS 2.8).
 
-SCI paper, section V; METHODS 2.8. Each query and each of its cases gets a fresh
-`default_rng((alteration.seed, stamp_ns))`. So all methods get the same changes, and cases that use
-the same random numbers first agree in them: a wider wedge begins where the narrower one does, and
-two walls are the one wall and another.
+An alteration turns the robot, removes things or adds walls. It has several cases, such as wedges of
+30, 60 and 90°, and each is made to every query; the first case is as driven.
+
+The random numbers of a query depend on nothing but the alteration's seed and the query's stamp
+(`generator`). So all methods get the same changes, and the cases of a query agree in the numbers
+that they draw first: a wider wedge begins where the narrower one does, and of two walls the first
+is the one wall.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -14,57 +18,55 @@ import numpy as np
 from numpy.typing import NDArray
 
 AS_DRIVEN = ""
-"""The change of queries that are as they were driven."""
+"""`Case.change` of queries that are as they were driven."""
 TURNED = "turned"
+"""`Case.change` of queries whose robot is turned on the spot."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """One change of an alteration, made to every query.
-
-    Each alteration's first case changes nothing.
-    """
+    """One change of an alteration, which is made to every query."""
 
     change: str = AS_DRIVEN
-    """`turned`, `demolition`, `construction`; empty for a query as it was driven."""
+    """`turned`, `demolition` or `construction`; empty for queries as they were driven."""
     level: float = 0.0
-    """Degrees of a wedge, or number of walls."""
+    """Width of the wedge in degrees, or number of walls."""
     shadow: bool = False
-    """Points behind a new wall are removed."""
+    """Whether points behind a new wall are removed."""
     repeat: int = 0
-    """Number of the random repeat."""
+    """Number of the repeat, for changes that are repeated at random."""
 
 
 def read_cases(cases: Iterable[Mapping[str, Any]]) -> list[Case]:
-    """The cases of an artifact of views, rankings or evaluations, from its attribute `cases`.
+    """Read the cases of an artifact of views, rankings or evaluations from its attribute `cases`.
 
-    Its rows belong to one case after the other.
+    The artifact's rows are those of the first case, then those of the second, and so on.
     """
     return [Case(**case) for case in cases]
 
 
 class Alteration(Protocol):
-    """One file in conf/alteration; its fields are the keys of its yaml."""
+    """What every alteration can do; its fields are the keys of its yaml in conf/alteration."""
 
     @property
     def seed(self) -> int:
-        """Seeds the random numbers, together with the stamp of the query's anchor."""
+        """Seeds the random numbers of a query, together with the stamp of its anchor."""
 
     @property
     def cases(self) -> Sequence[Case]:
-        """The cases of each query; the first is as driven."""
+        """The cases; the first is as driven."""
 
     def alter(
         self, case: Case, points_m: NDArray[np.floating], rng: np.random.Generator
     ) -> tuple[NDArray[np.floating], float]:
         """Alter the points (n, 3) of one query, z up from the ground around the sensor.
 
-        Returns points (m, 3), and by how many radians the robot is turned to the left; a turned
-        robot's points are given in its own frame. A case as driven returns the points themselves, a
-        turned one no others than these.
+        Returns the altered points (m, 3), and how far the robot is turned to the left in radians.
+        The points are in the frame of the turned robot. A case as driven returns the points
+        themselves, and a turned case the same points, rotated.
         """
 
 
 def generator(alteration: Alteration, stamp_ns: int) -> np.random.Generator:
-    """The random numbers of one query and case, given the stamp of the query's anchor."""
+    """A fresh generator of random numbers for one query, given the stamp of its anchor."""
     return np.random.default_rng((alteration.seed, int(stamp_ns)))

@@ -1,6 +1,5 @@
-"""Construction: new walls, with or without the occlusion they cause (METHODS 2.8).
-
-SCI paper, Fig. 9.
+"""Construction: adds new walls to a query's points, with or without the shadows they cast (SCI
+paper, Fig. 9; METHODS 2.8).
 """
 
 import math
@@ -16,37 +15,44 @@ from pipeline.core.errors import ConfigError
 from pipeline.core.settings import Positive, Seed, check
 
 CONSTRUCTION = "construction"
+"""`Case.change` of queries with new walls."""
 OWN_M = 1e-6
-"""A point no further behind a wall is the wall's own."""
+"""A point at most this far behind a wall's plane belongs to the wall itself."""
 
 
 @dataclass(frozen=True)
 class Construction:
-    """Adds the points of upright walls; with a shadow, removes the points behind them."""
+    """Adds the points of upright walls; with shadows, removes the points behind them.
+
+    The measures of a wall are drawn uniformly between the bounds below.
+    """
 
     walls: Sequence[int] = (1, 2, 3)
-    """Numbers of walls, a case each. A query's first walls are the same in all cases."""
+    """Numbers of walls, one case each. A query's first walls are the same in all cases."""
     shadows: Sequence[bool] = (False, True)
-    """Whether points that a new wall hides from the sensor are removed, those of the other new
-    walls included."""
+    """Whether the points that a new wall hides from the sensor are removed, including those of
+    other new walls; one case each."""
     seed: Seed = 0
-    """See pipeline.alterations."""
+    """See `pipeline.alterations.generator`."""
     nearest_m: Positive = 5.0
-    """Least distance from the sensor to the middle of a wall; all these ranges are sampled
-    uniformly."""
+    """Least distance from the sensor to the middle of a wall."""
     farthest_m: float = 20.0
+    """Largest distance from the sensor to the middle of a wall."""
     shortest_m: Positive = 5.0
+    """Least length of a wall."""
     longest_m: float = 20.0
+    """Largest length of a wall."""
     lowest_m: float = 3.0
-    """Height of a wall, at least."""
+    """Least height of a wall."""
     highest_m: float = 10.0
+    """Largest height of a wall."""
     skew_deg: float = 30.0
     """Largest angle, either way, between a wall's normal and the ray to its middle."""
     spacing_m: Positive = 0.2
-    """From one point of a wall to the next, along it and up."""
+    """Distance between neighbouring points of a wall, along it and upwards."""
     sensor_height_m: float = 1.3
-    """Where the rays of the shadows start, above the origin; the default is the simulated campus
-    robot's."""
+    """Height of the sensor above the origin, from which shadows are cast; the default is that of
+    the simulated campus's robot."""
 
     def __post_init__(self) -> None:
         check(self, "alteration")
@@ -82,32 +88,27 @@ class Construction:
 
     @property
     def cases(self) -> Sequence[Case]:
-        """As driven, then each number of walls without shadow, then with."""
-        return (
-            Case(),
-            *(
-                Case(CONSTRUCTION, float(count), shadow)
-                for shadow in self.shadows
-                for count in self.walls
-            ),
-        )
+        """As driven, then each number of walls without shadows, then each with shadows."""
+        cases = [Case()]
+        for shadow in self.shadows:
+            cases += [Case(CONSTRUCTION, float(count), shadow) for count in self.walls]
+        return tuple(cases)
 
     def alter(
         self, case: Case, points_m: NDArray[np.floating], rng: np.random.Generator
     ) -> tuple[NDArray[np.floating], float]:
-        """The points (m, 3), behind them those of `case.level` walls, and no turn."""
+        """Append the points of `case.level` walls, and remove those that they hide; no turn."""
         if case.change == AS_DRIVEN:
             return points_m, 0.0
         walls = self.random_walls(int(case.level), rng)
         points = np.concatenate([points_m, *(wall.points(self.spacing_m) for wall in walls)])
         if case.shadow:
-            points = points[
-                ~np.any([wall.hides(points, self.sensor_height_m) for wall in walls], axis=0)
-            ]
+            is_hidden = np.any([wall.hides(points, self.sensor_height_m) for wall in walls], axis=0)
+            points = points[~is_hidden]
         return points, 0.0
 
     def random_walls(self, count: int, rng: np.random.Generator) -> list["Wall"]:
-        """`count` random walls."""
+        """Draw `count` random walls, with all numbers of one before those of the next."""
         skew_rad = math.radians(self.skew_deg)
         low = (0.0, self.nearest_m, self.shortest_m, self.lowest_m, -skew_rad)
         high = (2 * math.pi, self.farthest_m, self.longest_m, self.highest_m, skew_rad)
@@ -115,23 +116,22 @@ class Construction:
 
 
 class Wall(NamedTuple):
-    """An upright rectangle whose base lies on the ground, z = 0, around a sensor on the z axis."""
+    """An upright rectangle that stands on the ground, z = 0; the sensor is on the z axis."""
 
     azimuth_rad: float
-    """Of its middle."""
+    """Azimuth of its middle."""
     distance_m: float
-    """To its middle."""
+    """Distance of its middle from the z axis."""
     length_m: float
     height_m: float
     skew_rad: float
-    """How far it is turned, counter-clockwise from above, from standing square to the ray to its
-    middle."""
+    """Turn from facing the sensor squarely, counter-clockwise seen from above."""
 
     @property
     def axes(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Directions (2,) in the xy plane: away from the sensor, square to the wall, and along it.
+        """Unit vectors (2,) in the xy plane: square to the wall away from the sensor, and along it.
 
-        Along the wall is to the left.
+        The second points to the left, seen from the sensor.
         """
         c = math.cos(self.azimuth_rad + self.skew_rad)
         s = math.sin(self.azimuth_rad + self.skew_rad)
@@ -139,28 +139,31 @@ class Wall(NamedTuple):
 
     @property
     def middle_m(self) -> tuple[float, float]:
-        """How far away its middle lies along each of the axes."""
+        """Coordinates of its middle along these axes."""
         return self.distance_m * math.cos(self.skew_rad), -self.distance_m * math.sin(self.skew_rad)
 
     def points(self, spacing_m: float) -> NDArray[np.float64]:
-        """Points (n, 3) every `spacing_m` from its right end and its base on."""
+        """Points (n, 3) every `spacing_m`, from its right end to the left and from its base up."""
         (away_m, left_m) = self.middle_m
         (away, along) = self.axes
-        on_m = np.arange(0, self.length_m, spacing_m)
-        up_m = np.arange(0, self.height_m, spacing_m)
-        xy_m = away_m * away + (left_m - self.length_m / 2 + on_m)[:, None] * along
-        return np.column_stack([np.repeat(xy_m, len(up_m), axis=0), np.tile(up_m, len(on_m))])
+        along_m = left_m - self.length_m / 2 + np.arange(0, self.length_m, spacing_m)
+        z_m = np.arange(0, self.height_m, spacing_m)
+        xy_m = away_m * away + along_m[:, None] * along
+        return np.column_stack([np.repeat(xy_m, len(z_m), axis=0), np.tile(z_m, len(along_m))])
 
     def hides(self, points_m: NDArray[np.floating], sensor_height_m: float) -> NDArray[np.bool_]:
-        """Which points (n, 3) the wall hides from a sensor on the z axis; its base has no gap."""
+        """True for the points (n, 3) that the wall hides from a sensor at this height."""
         (away_m, left_m) = self.middle_m
         (away, along) = self.axes
         x, y, z = points_m.T
-        square_m = away[0] * x + away[1] * y
-        hidden: NDArray[np.bool_] = square_m > away_m + OWN_M
-        behind = np.flatnonzero(hidden)
-        share = away_m / square_m[behind]
-        met_m = share * (along[0] * x[behind] + along[1] * y[behind])
-        top_m = sensor_height_m + share * (z[behind] - sensor_height_m)
-        hidden[behind] = (np.abs(met_m - left_m) <= self.length_m / 2) & (top_m <= self.height_m)
-        return hidden
+        point_away_m = away[0] * x + away[1] * y
+        is_hidden: NDArray[np.bool_] = point_away_m > away_m + OWN_M
+        # Find where the rays to the points behind the wall's plane cross it. A wall has no lower
+        # edge: nothing is seen below it.
+        behind = np.flatnonzero(is_hidden)
+        share = away_m / point_away_m[behind]
+        crossing_left_m = share * (along[0] * x[behind] + along[1] * y[behind])
+        crossing_z_m = sensor_height_m + share * (z[behind] - sensor_height_m)
+        is_within_ends = np.abs(crossing_left_m - left_m) <= self.length_m / 2
+        is_hidden[behind] = is_within_ends & (crossing_z_m <= self.height_m)
+        return is_hidden

@@ -1,4 +1,5 @@
-"""Demolition: no points in a wedge of directions (SCI paper, Fig. 9; METHODS 2.8)."""
+"""Demolition (SCI paper, Fig. 9; METHODS 2.8): removes a query's points in a wedge of
+directions."""
 
 import math
 from collections.abc import Sequence
@@ -12,19 +13,18 @@ from pipeline.core.errors import ConfigError
 from pipeline.core.settings import Seed, check
 
 DEMOLITION = "demolition"
+"""`Case.change` of queries without the points in a wedge."""
 
 
 @dataclass(frozen=True)
 class Demolition:
-    """Removes all points, ground included, whose azimuth lies in a wedge."""
+    """Removes all points whose azimuth lies in a wedge, including those of the ground."""
 
     widths_deg: Sequence[float] = (30, 60, 90)
-    """Widths of the wedge, a case each.
-
-    All wedges of a query begin at one random azimuth and open to the left.
-    """
+    """Widths of the wedge, one case each. All wedges of a query begin at the same random azimuth
+    and open to the left."""
     seed: Seed = 0
-    """See pipeline.alterations."""
+    """See `pipeline.alterations.generator`."""
 
     def __post_init__(self) -> None:
         check(self, "alteration")
@@ -42,14 +42,16 @@ class Demolition:
     def alter(
         self, case: Case, points_m: NDArray[np.floating], rng: np.random.Generator
     ) -> tuple[NDArray[np.floating], float]:
-        """The points (m, 3) outside a wedge of `case.level` degrees, and no turn.
+        """Remove the points in a wedge of `case.level` degrees; the robot does not turn.
 
-        The wedge begins at an azimuth U[0, 2π).
+        The wedge begins at a random azimuth, uniform in [0, 2π).
         """
         if case.change == AS_DRIVEN:
             return points_m, 0.0
         half_rad = math.radians(case.level) / 2
         middle_rad = rng.uniform(0, 2 * math.pi) + half_rad
         x, y = points_m.T[:2]
-        along_m = math.cos(middle_rad) * x + math.sin(middle_rad) * y
-        return points_m[along_m <= math.cos(half_rad) * np.sqrt(x * x + y * y)], 0.0
+        # A point is in the wedge if its angle to the middle is less than half the width.
+        along_middle_m = math.cos(middle_rad) * x + math.sin(middle_rad) * y
+        is_outside = along_middle_m <= math.cos(half_rad) * np.sqrt(x * x + y * y)
+        return points_m[is_outside], 0.0

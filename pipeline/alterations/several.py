@@ -1,4 +1,4 @@
-"""Several alterations that share the case as driven."""
+"""Joins several alterations into one, such as turned, demolition and construction."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,16 +15,17 @@ from pipeline.core.settings import check
 class Several:
     """The cases of several alterations, one after the other.
 
-    Each case is that of its part alone.
+    A query is altered by one part at a time; they are not combined.
     """
 
     parts: Sequence[Alteration]
-    """All of one seed, and no two with a case in common but the first."""
+    """The alterations. They must have the same seed, and no case in common except as driven."""
 
     def __post_init__(self) -> None:
         check(self, "alteration")
         object.__setattr__(self, "parts", tuple(self.parts))
-        if strange := [part for part in self.parts if not hasattr(part, "cases")]:
+        strange = [part for part in self.parts if not hasattr(part, "cases")]
+        if strange:
             raise ConfigError(
                 f"alteration.parts: expected alterations, each with its _target_, got {strange}"
             )
@@ -46,11 +47,14 @@ class Several:
     @property
     def cases(self) -> Sequence[Case]:
         """As driven, then the cases of each part."""
-        return (Case(), *(case for part in self.parts for case in part.cases if case != Case()))
+        cases = [Case()]
+        for part in self.parts:
+            cases += [case for case in part.cases if case != Case()]
+        return tuple(cases)
 
     def alter(
         self, case: Case, points_m: NDArray[np.floating], rng: np.random.Generator
     ) -> tuple[NDArray[np.floating], float]:
-        """Alter the points as the part does that has this case."""
-        (part, *_) = (part for part in self.parts if case in part.cases)
+        """Alter the points like the part that has this case."""
+        part = next(part for part in self.parts if case in part.cases)
         return part.alter(case, points_m, rng)

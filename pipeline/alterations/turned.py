@@ -1,6 +1,5 @@
-"""The robot turned on the spot by random angles, before its view is computed (METHODS 2.8).
-
-SCI paper, Fig. 10.
+"""Turned: turns the robot on the spot by random angles before its view is computed (SCI paper,
+Fig. 10; METHODS 2.8).
 """
 
 import math
@@ -16,12 +15,12 @@ from pipeline.core.settings import Count, Seed, check
 
 @dataclass(frozen=True)
 class Turned:
-    """Turns the robot: its points are rotated, and the view is drawn anew from them."""
+    """Turns the robot: its points are rotated, not the columns of its view."""
 
     repeats: Count = 5
-    """Angles of each query."""
+    """Number of random angles for each query, one case each."""
     seed: Seed = 0
-    """Of the random angles (pipeline.alterations.generator)."""
+    """See `pipeline.alterations.generator`."""
 
     def __post_init__(self) -> None:
         check(self, "alteration")
@@ -34,23 +33,23 @@ class Turned:
     def alter(
         self, case: Case, points_m: NDArray[np.floating], rng: np.random.Generator
     ) -> tuple[NDArray[np.floating], float]:
-        """The points (n, 3) as a robot turned to the left by U[0, 2π) sees them, and that angle.
+        """Turn the robot to the left by a random angle, uniform in [0, 2π).
 
-        The angle is in radians.
+        Returns the points (n, 3) in the frame of the turned robot, and the angle in radians.
         """
         if case.change == AS_DRIVEN:
             return points_m, 0.0
-        # each repeat takes a further number of the generator, which is the same for all repeats
+        # All repeats have the same generator; repeat i takes its number i.
         left_rad = float(rng.uniform(0, 2 * math.pi, case.repeat + 1)[-1])
         return turned(points_m, left_rad), left_rad
 
 
 def turned(points_m: NDArray[np.floating], left_rad: float) -> NDArray[np.floating]:
-    """Points (n, 3) in the frame of a robot that has turned to the left by so much: Rz(−left) p."""
+    """Points (n, 3) in the frame of a robot turned to the left by `left_rad`: Rz(−left) p."""
     c = math.cos(left_rad)
     s = math.sin(left_rad)
-    seen = points_m.copy()
+    rotated = points_m.copy()
     x, y = points_m.T[:2]
-    seen[:, 0] = c * x + s * y
-    seen[:, 1] = c * y - s * x
-    return seen
+    rotated[:, 0] = c * x + s * y
+    rotated[:, 1] = c * y - s * x
+    return rotated

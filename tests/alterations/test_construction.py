@@ -1,4 +1,4 @@
-"""Walls that were not there."""
+"""Construction: new walls, where their points lie, and what they hide."""
 
 import math
 
@@ -10,16 +10,17 @@ from tests.alterations.made import altered
 
 POINTS_M = np.random.default_rng(2).uniform((-40, -40, 0), (40, 40, 15), (2000, 3))
 AHEAD = Wall(azimuth_rad=0.0, distance_m=10.0, length_m=8.0, height_m=4.0, skew_rad=0.0)
-"""x = 10, y from −4 to 4, z from 0 to 4 m."""
+"""The wall at x = 10 m, from y = −4 to 4 m and from z = 0 to 4 m."""
 
 
 def made(alteration: Construction, stamp_ns: int = 3) -> dict[tuple[float, bool], np.ndarray]:
-    """Level and shadow of each case to the points it leaves."""
-    found = zip(alteration.cases, altered(alteration, POINTS_M, stamp_ns), strict=True)
-    return {(case.level, case.shadow): points for case, (points, _) in found}
+    """The altered points of each case, by its number of walls and whether it has shadows."""
+    altered_cases = zip(alteration.cases, altered(alteration, POINTS_M, stamp_ns), strict=True)
+    return {(case.level, case.shadow): points for case, (points, _) in altered_cases}
 
 
 def distinct(points: np.ndarray) -> set[tuple[float, ...]]:
+    """The points (n, 3) as a set."""
     return {tuple(point) for point in points}
 
 

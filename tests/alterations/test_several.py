@@ -1,4 +1,4 @@
-"""Several alterations in one go, and the files of conf/alteration."""
+"""Several alterations joined into one, and the yamls of conf/alteration."""
 
 import json
 from dataclasses import asdict, fields

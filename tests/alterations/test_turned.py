@@ -1,4 +1,4 @@
-"""Robots turned on their place."""
+"""Turned: robots that are turned on the spot, and what they then see."""
 
 import math
 
@@ -14,7 +14,7 @@ POINTS_M = np.random.default_rng(5).uniform((-60, -60, 0), (60, 60, 12), (3000, 
 
 
 def drawn(alteration: Turned, stamp_ns: int = 7) -> list[float]:
-    """The angle of each case."""
+    """The angle of each case in radians."""
     return [left_rad for _, left_rad in altered(alteration, POINTS_M, stamp_ns)]
 
 
@@ -25,22 +25,22 @@ def test_what_was_ahead_is_to_the_right_of_a_robot_that_turned_left() -> None:
 
 
 def test_a_turned_robots_points_lie_where_they_lay_in_the_world() -> None:
-    _, (seen, left_rad) = altered(Turned(repeats=1), POINTS_M)
+    _, (turned_points, left_rad) = altered(Turned(repeats=1), POINTS_M)
     world_T_anchor = pose(np.array([[30.0, -20.0, 1.0]]), np.array([[0.02, -0.03, 2.0]]))[0]
     world_T_turned = world_T_anchor @ pose(np.zeros((1, 3)), np.array([[0, 0, left_rad]]))[0]
-    assert np.abs(seen - POINTS_M).max() > 1
+    assert np.abs(turned_points - POINTS_M).max() > 1
     driven, turned = (
         points @ a_T_b[:3, :3].T + a_T_b[:3, 3]
-        for a_T_b, points in ((world_T_anchor, POINTS_M), (world_T_turned, seen))
+        for a_T_b, points in ((world_T_anchor, POINTS_M), (world_T_turned, turned_points))
     )
     np.testing.assert_allclose(turned, driven, atol=1e-9)
 
 
 @pytest.mark.parametrize("sectors", [1, 40, 113])
 def test_a_turn_by_whole_sectors_rolls_the_scan_context(sectors: int) -> None:
-    """A sector is 3°; cubes to average points in do not turn, so there are none.
+    """What was in sector k, which is 3° wide, comes to sector k − turned.
 
-    What was in sector k comes to k − turned.
+    Points are not averaged, since the cubes in which that is done do not turn.
     """
     view = ScanContext(voxel_m=0.0, min_points=1)
     driven = view(POINTS_M)
