@@ -1,4 +1,4 @@
-"""The names of the sequences of each data set, and the dates in them."""
+"""The names of sequences in the real data sets, and the dates that they stand for."""
 
 import re
 from datetime import UTC, date, datetime
@@ -6,11 +6,11 @@ from datetime import UTC, date, datetime
 from pipeline.core.errors import ConfigError
 
 KITTI_DATE = date(2011, 9, 26)
-"""The date of all logs, that of the first KITTI log, since the number of a log is not a date."""
+"""The date of all KITTI logs. Their numbers are no dates, so it is that of the first log."""
 
 
 def nclt_date(sequence: str) -> date:
-    """The date in a name of NCLT, such as 2012-01-15; raises ConfigError."""
+    """The date in a name of NCLT, such as 2012-01-15; raises ConfigError for any other name."""
     try:
         return date.fromisoformat(sequence)
     except (TypeError, ValueError):
@@ -28,7 +28,7 @@ def robotcar_time(sequence: str) -> datetime:
 
 
 def kitti_date(sequence: str) -> date:
-    """The date of a KITTI log named by its two digits, such as 00; raises ConfigError."""
+    """The date of a KITTI log by its two digits, such as 00; raises ConfigError for others."""
     if kitti_log(sequence) != sequence:
         raise ConfigError(
             f"sequence {sequence}: is a part; the table names whole logs, such as "
@@ -38,7 +38,7 @@ def kitti_date(sequence: str) -> date:
 
 
 def kitti_log(sequence: str) -> str:
-    """The log of a sequence such as 00, 00-a or 00-b; raises ConfigError."""
+    """The log of a sequence such as 00, 00-a or 00-b; raises ConfigError for any other name."""
     named = re.fullmatch(r"(\d\d)(-[ab])?", str(sequence))
     if not named:
         raise ConfigError(

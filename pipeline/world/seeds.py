@@ -1,6 +1,7 @@
-"""The random streams of the world.
+"""The random streams of a world: one generator for each purpose.
 
-Each has its own generator, so that a new draw in one does not change the others.
+A new draw in one stream does not change the others, and the numbers of a sequence do not depend on
+which sequences are recorded before it.
 """
 
 from collections.abc import Callable
@@ -42,13 +43,13 @@ class Stream(IntEnum):
 
 
 Generators: TypeAlias = Callable[[Stream], np.random.Generator]
-"""The generator of each stream for one sequence."""
+"""A function that gives the generator of each stream for one sequence."""
 
 
 def generator(seed: int, stream: Stream, when: date | None = None) -> np.random.Generator:
-    """The generator of one stream.
+    """A fresh generator of one stream, of the whole world or of the sequence on the date `when`.
 
-    Sequences are distinguished by their date and time `when`, not by their order in a table.
+    So sequences are told apart by their date and time, not by their order in a table.
     """
     second = _second_of_day(when)
     entropy = [seed, int(stream), when.toordinal() if when else 0]
@@ -56,13 +57,13 @@ def generator(seed: int, stream: Stream, when: date | None = None) -> np.random.
 
 
 def scan_seed(seed: int, when: date, scan: int) -> np.uint64:
-    """The seed of the rays of one scan; blocks of scans may be computed in any order."""
+    """The seed of the rays of scan number `scan`: scans may be computed in any order."""
     second = _second_of_day(when) or 0
     return np.uint64(((seed << 44) ^ (when.toordinal() << 24) ^ scan ^ second * _GOLDEN) & _WORD)
 
 
 def _second_of_day(when: date | None) -> int | None:
-    """The second of the day if `when` has a time, so that two drives on one day differ."""
+    """The second of the day if `when` has a time, else None: so drives on one day differ."""
     if not isinstance(when, datetime):
         return None
     return 3600 * when.hour + 60 * when.minute + when.second

@@ -1,9 +1,15 @@
-"""The simulated world: a yaml of conf/world in; the raw logs of its sequences out.
+"""The simulated world: a yaml of conf/world in, the raw logs of its sequences out.
 
 A world is a place, a year in which it changes, and a robot that drives through it on some days.
-Logs are written in a real data set's format, with the truth beside them.
+Logs are written in a real data set's format, with the truth beside them. To record a sequence:
+
+1. Plan the streets and the route.
+2. Build the campus, and simulate the events of its year.
+3. Drive along the route on the day of the sequence.
+4. Take the scans from the robot in the scene of that day, and write them.
 """
 
+import math
 from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import dataclass, replace
@@ -33,57 +39,55 @@ from pipeline.world.writers import BAGS, Format, origin_m, writer
 from pipeline.world.writers.truth import TruthWriter
 
 BLOCK_RAYS = 400_000
-"""Approximate number of rays in a block of scans."""
+"""Approximate number of rays in a block of scans, which one worker casts at once."""
 LOG_SEEDS = 7919
-"""Between the seeds of a scanner car's logs, each of which is driven in a world of its own."""
+"""Step between the seeds of a scanner car's logs, each of which has a world of its own."""
 MAX_SEED = (1 << 20) - 1
 TRAINING_ENTRY = {"unseen": 0.0, "reversed": 0.0}
+"""The entry that the training sequence must have."""
 
 
 @dataclass(frozen=True)
 class Simulation:
-    """A world and the sequences recorded in it.
-
-    Its fields are the keys of the yamls in conf/world.
-    """
+    """A world and its sequences; its fields are the keys of the yamls in conf/world."""
 
     seed: int
     blocks: Count
-    """The world has blocks × blocks blocks of about 95 m."""
+    """There are blocks × blocks blocks between the streets, each about 95 m wide."""
     route_m: Positive
-    """Length of each sequence; with a `route_file`, at most the length of that route."""
+    """Length of each sequence; with a `route_file` at most the length of its route."""
     step_m: Positive
-    """Metres between scans, or sweeps."""
+    """Path between scans, or sweeps."""
     azimuths: Count
     """Rays per turn of each beam of the scanner; for a push-broom, rays per sweep."""
     sequences: Mapping[str, Mapping[str, float]]
-    """Name -> settings of its Entry.
+    """The name of each sequence, with the settings of its `Entry`.
 
-    The first is the training sequence: its shares are 0, and no other one changes it.
+    The first is the training sequence. Its shares are 0, and it does not depend on the others.
     """
     events_per_km_of_route: NotNegative = 3.0
-    """Buildings built or demolished in fifteen months; 14 is very many."""
+    """Number of buildings built or demolished in fifteen months; 14 is very many."""
     near_route: Share = 0.6
-    """The share of those events near the training route."""
+    """Share of these events that are near the training route."""
     route_file: str | None = None
-    """A trajectory file of x, y columns or TUM rows; the training sequence drives its route across
-    the world."""
+    """A trajectory file with columns x, y or TUM rows, along which the training sequence drives."""
     robot: Literal["segway", "segway_inverted", "push_broom_car", "scanner_car"] = "segway"
     logs: Format = "nclt"
     """The format of the logs."""
     relief_m: NotNegative = 0.0
-    """How far parts of a wall lie in front of its plane, or behind it, at most."""
+    """How far parts of a wall lie before or behind its plane, at most."""
     twigs_per_m: NotNegative = TWIGS_PER_M
-    """Extinction of a bare deciduous tree."""
+    """Extinction of bare deciduous trees, per metre."""
     lining: Lining = "sparse"
-    """What stands close along the streets: `street`, narrow and lined with houses, gardens and
-    cars; `campus`, hedges, low walls and bushes beside its ways; or `sparse`, nothing."""
+    """What stands close along the streets. A `street` is narrow and has houses, gardens and cars on
+    both sides; a `campus` has hedges, low walls and bushes beside its ways; `sparse` has
+    nothing."""
     turn_s: NotNegative = 0.0
-    """How long the scanner takes for a turn, in which the robot drives on; bags say when each point
-    was measured. 0: a scan is taken at one moment."""
+    """How long the scanner takes for a turn, during which the robot drives on; bags say when each
+    point was measured. With 0 a scan is taken at one moment."""
     truth_sd_m: NotNegative = 0.0
-    """Standard deviation of the written truth, which wanders about the driven path as SLAM's does;
-    0: it is exact."""
+    """Standard deviation of the written truth, which wanders about the driven path like a SLAM
+    solution; with 0 it is exact."""
 
     def __post_init__(self) -> None:
         check(self, "world")
@@ -127,6 +131,7 @@ class Simulation:
 
     @property
     def _robot(self) -> Robot:
+        """The robot by its name."""
         return ROBOTS[self.robot]
 
     def record(
@@ -139,45 +144,46 @@ class Simulation:
     ) -> Recording:
         """Drive `sequence` and write its logs into `folder`.
 
-        Labels that no robot could record go into `truth`/sequence. The bytes depend only on the
-        parameters of the world, the training entry, and the name and entry of the sequence. Raises
-        ConfigError for a sequence without an entry, or a route file that cannot be driven.
+        Labels that no robot could record go into the folder `truth`/sequence, if wanted. The bytes
+        depend only on the parameters of the world, the training entry, and the name and entry of
+        the sequence. Raises ConfigError for a sequence without an entry, or a route file that
+        cannot be driven.
         """
-        recorder, plan = self._recorder(
-            self._entry_name(sequence), truth / sequence if truth else None
-        )
+        # 1. Build the world and drive through it.
+        truth_folder = truth / sequence if truth else None
+        recorder, plan = self._recorder(self._entry_name(sequence), truth_folder)
         scans = len(recorder.drive.scan_rows)
         points = 0
-        block = max(1, BLOCK_RAYS // len(recorder.lidar.directions))
+        block_scans = max(1, BLOCK_RAYS // len(recorder.lidar.directions))
+        n_blocks = math.ceil(scans / block_scans)
         with closing(writer(self.logs, folder, sequence, recorder.lidar)) as logs:
+            # 2. Write the poses.
             generators = partial(generator, recorder.seed, when=recorder.when)
-            logs.write_truth(
-                recorder.drive,
-                survey(recorder.drive, generators(Stream.TRUTH), self.truth_sd_m),
-                generators,
-            )
-            blocks = compute.rows(
-                replace(recorder, logs=None if logs.in_order else logs).block, scans, block
-            )
-            for block_points, unwritten in watch.track(
-                blocks, -(-scans // block), f"driving {sequence}"
-            ):
+            surveyed = survey(recorder.drive, generators(Stream.TRUTH), self.truth_sd_m)
+            logs.write_truth(recorder.drive, surveyed, generators)
+
+            # 3. Take the scans in blocks. Workers write them, unless they must be in order.
+            worker = recorder if logs.in_order else replace(recorder, logs=logs)
+            blocks = compute.rows(worker.block, scans, block_scans)
+            for block_points, unwritten in watch.track(blocks, n_blocks, f"driving {sequence}"):
                 points += block_points
-                for scan in unwritten:
-                    logs.write_scan(*scan)
+                for scan, utime, returns in unwritten:
+                    logs.write_scan(scan, utime, returns)
         return Recording(
             scans, points, recorder.drive.metres, plan.unseen, plan.reversed, self._robot.unit
         )
 
     def recorder(self, sequence: str) -> Recorder:
-        """What records `sequence`, for scans that need no file; raises ConfigError as `record`."""
-        return self._recorder(self._entry_name(sequence), None)[0]
+        """Make the recorder of a sequence, for scans without files; raises ConfigError."""
+        recorder, _ = self._recorder(self._entry_name(sequence), None)
+        return recorder
 
     def changes(self, train: str, sequence: str) -> list[Change]:
-        """The changes that are visible on the day of `sequence` but not on the training day.
+        """List the changes that are visible on the day of `sequence` but not on the training day.
 
-        They are in the frame of the truth. Empty for a scanner car, whose logs are all of one day.
-        Raises ConfigError where `train` is not the training sequence, or for an unknown sequence.
+        Their positions are in the frame of the truth. A scanner car has none, since all its logs
+        are of one day. Raises ConfigError if `train` is not the training sequence, or for an
+        unknown sequence.
         """
         if self._robot.loops:
             return []
@@ -186,21 +192,20 @@ class Simulation:
                 f"train={train}: this world changes from the day of its first sequence, "
                 f"{self.training}"
             )
-        campus, events = self.year_of(
-            self.routes(), Entry.of(sequence, self.sequences[self._entry_name(sequence)])
-        )
+        entry = Entry.of(sequence, self.sequences[self._entry_name(sequence)])
+        campus, events = self.year_of(self.routes(), entry)
         return visible_changes(self.day_of(sequence), campus, events, origin_m(self.logs))
 
     def routes(self) -> Routes:
-        """The streets, and the plan of the training sequence on them."""
+        """Plan the streets, and the route of the training sequence on them."""
         return training_routes(
             self.seed, self.blocks, self.route_m, self.route_file, self._robot.streets_only
         )
 
     def plan_of(self, entry: str) -> tuple[Routes, Plan]:
-        """The streets and the plan of a sequence.
+        """Plan the streets, and the route of the sequence with this entry.
 
-        They lie in the one world of all sequences, or in the own world of a log.
+        All sequences share a world, unless the robot drives loops: then each log has its own.
         """
         robot = self._robot
         shares = self.sequences[entry]
@@ -214,7 +219,7 @@ class Simulation:
         return routes, routes.test(robot.departs(entry), shares)
 
     def _entry_name(self, sequence: str) -> str:
-        """The name of the entry of a sequence: its own, or that of its log."""
+        """The name of a sequence's entry: its own name, or that of its log for a part of one."""
         name = kitti_log(sequence) if self._robot.loops else sequence
         if name not in self.sequences:
             raise ConfigError(
@@ -223,34 +228,34 @@ class Simulation:
         return name
 
     def day_of(self, name: str) -> int:
-        """The day of a sequence, counted from that of the training sequence."""
+        """The day of a sequence, counted from the training day."""
         departure = self._robot.departs(name)
         return departure.toordinal() - self._robot.departs(self.training).toordinal()
 
     def year_of(self, routes: Routes, entry: Entry) -> tuple[Campus, list[Event]]:
-        """The campus over the year of a sequence, each thing with the days on which it stands.
+        """Build the campus of a sequence over the year, and the events by which it changes.
 
-        And the events by which it changes.
+        Each thing on it has the days on which it stands.
         """
         route_km = routes.route_m / 1000
         count = round(self.events_per_km_of_route * route_km)
-        entry_count = round(entry.events_per_km * route_km)
+        wanted_count = round(entry.events_per_km * route_km)
         campus = build_campus(routes.seed, self.blocks, routes.streets, self.lining)
-        line_m = routes.training.line_m
         return simulate_year(
             routes.seed,
             campus,
-            line_m,
+            routes.training.line_m,
             count,
             self.near_route,
-            max(entry_count - count, 0),
-            entry.near_route,
+            further=max(wanted_count - count, 0),
+            further_near=entry.near_route,
         )
 
     def _recorder(self, name: str, truth: Path | None) -> tuple[Recorder, Plan]:
-        """Build the world and the drive of a sequence.
+        """Build the world and the drive of the sequence with the entry `name`.
 
-        Writes the events of its year below `truth`.
+        Returns what records its scans, and the plan of its route. The events of its year are
+        written into the folder `truth`, if one is given.
         """
         routes, plan = self.plan_of(name)
         entry = Entry.of(name, self.sequences[name])
@@ -270,13 +275,15 @@ class Simulation:
             entry.lateral_m,
             rocks_smoothly=self.turn_s > 0,
         )
-        side = TruthWriter(truth) if truth else None
-        if side:
-            side.write_year(
-                day,
-                events,
-                {"unseen": plan.unseen, "reversed": plan.reversed, "coverage": plan.coverage},
-            )
+        truth_writer = TruthWriter(truth) if truth else None
+        if truth_writer:
+            shares = {
+                "unseen": plan.unseen,
+                "reversed": plan.reversed,
+                "coverage": plan.coverage,
+            }
+            truth_writer.write_year(day, events, shares)
         today = simulate_day(seed, campus, when, day, self.relief_m, self.twigs_per_m)
         lidar = replace(robot.lidar(self.azimuths), turn_s=self.turn_s)
-        return Recorder(seed, when, today, driven, robot.motion.keep_off_m, lidar, side), plan
+        keep_off_m = robot.motion.keep_off_m
+        return Recorder(seed, when, today, driven, keep_off_m, lidar, truth_writer), plan

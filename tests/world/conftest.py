@@ -1,4 +1,4 @@
-"""A world small enough for a test: 3 × 3 blocks, 25 scans of 32 × 120 rays."""
+"""Fixtures of all tests of the world: a world small enough for a test, with 3 × 3 blocks."""
 
 import pytest
 
@@ -16,6 +16,7 @@ SEQUENCES = {
 
 @pytest.fixture(scope="session")
 def small() -> Simulation:
+    """A campus with three sequences of 25 scans, each of 32 × 120 rays."""
     return Simulation(
         seed=8,
         blocks=3,
@@ -29,5 +30,6 @@ def small() -> Simulation:
 
 @pytest.fixture(scope="session")
 def campus_and_plan(small: Simulation) -> tuple[Campus, Plan]:
+    """The campus of the small world, and the plan of its training sequence."""
     routes = small.routes()
     return build_campus(small.seed, small.blocks, routes.streets), routes.training

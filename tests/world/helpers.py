@@ -1,4 +1,4 @@
-"""What the tests of the three worlds share."""
+"""What the tests of several worlds share: presets, recordings, and checks of what was recorded."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -26,7 +26,7 @@ FLAT = Ground(np.zeros((600, 40)), -100.0, -100.0)
 
 
 def preset(name: str) -> Simulation:
-    """A world of conf/world."""
+    """The world of a yaml in conf/world."""
     keys = yaml.safe_load((CONF / f"{name}.yaml").read_text())
     assert keys.pop("_target_") == "pipeline.world.simulation.Simulation"
     return Simulation(**keys)
@@ -39,20 +39,20 @@ def record(
     truth: Path | None = None,
     compute: Compute = ALONE,
 ) -> Recording:
-    """Record a sequence into the folder of its name."""
+    """Record a sequence into the folder of its name below `root`."""
     return world.record(sequence, root / sequence, compute, Progress(), truth)
 
 
 @contextmanager
 def refused(match: str | None = None) -> Iterator[None]:
-    """A setting is refused in one line of error."""
+    """Expects that a setting is refused, with an error of one line."""
     with pytest.raises(ConfigError, match=match) as error:
         yield
     assert "\n" not in str(error.value)
 
 
 def contents(root: Path) -> list[tuple[str, bytes]]:
-    """All files below a folder, by name."""
+    """The name and the bytes of all files below a folder, sorted by name."""
     return sorted(
         (str(path.relative_to(root)), path.read_bytes())
         for path in root.rglob("*")
@@ -61,8 +61,10 @@ def contents(root: Path) -> list[tuple[str, bytes]]:
 
 
 def shares(path: np.ndarray, training: np.ndarray) -> tuple[float, float]:
-    """The shares of poses (n, 4, 4) unseen, further than 10 m from those of training, and of the
-    others against its way."""
+    """The shares of poses (n, 4, 4) that are unseen, and of the others that are driven in reverse.
+
+    A pose is unseen if it is further than 10 m from all those of training (m, 4, 4).
+    """
     gaps_m = np.linalg.norm(path[:, None, :2, 3] - training[None, :, :2, 3], axis=2)
     seen = gaps_m.min(1) < 10.0
     same_way = ((path[:, :2, 0] @ training[:, :2, 0].T > 0) & (gaps_m < 10.0)).any(1)
@@ -72,8 +74,10 @@ def shares(path: np.ndarray, training: np.ndarray) -> tuple[float, float]:
 def off_walls_m(
     world: Simulation, sequence: str, points_m: np.ndarray, routes: Routes | None = None
 ) -> np.ndarray:
-    """Distance (n,) of `points_m` (n, 3) of the world to the nearest face of a building that stands
-    on the sequence's day."""
+    """Distance (n,) of world points (n, 3) to the nearest face of a building.
+
+    Buildings are those that stand on the sequence's day.
+    """
     campus, _ = world.year_of(
         routes or world.routes(), Entry.of(sequence, world.sequences[sequence])
     )
@@ -89,6 +93,7 @@ def off_walls_m(
             up - box["top_m"],
         ]
     )
-    # Outside of a box over the positive axes, inside of it to the nearest face.
+    # Outside of a box it is the length of the positive parts, inside of it the way to the nearest
+    # face.
     outside_m = np.linalg.norm(beyond.clip(min=0), axis=0) - beyond.max(0).clip(max=0)
     return np.asarray(outside_m.min(1))

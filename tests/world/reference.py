@@ -1,5 +1,8 @@
-"""The ray caster again, brute force and in numpy: every ray asks every shape, and walks over the
-ground in small steps."""
+"""The ray caster again, by brute force in numpy: every ray is tested against every shape, and walks
+over the ground in small steps.
+
+Tests compare the compiled ray caster with it.
+"""
 
 import numpy as np
 
@@ -11,7 +14,10 @@ GROUND_STEP_M = 0.05
 
 
 def cast(scene: Scene, movers, origin, directions, max_range_m, seed):
-    """Ranges (n,) and kinds (n,) of world-frame rays `directions` (n, 3)."""
+    """Ranges (n,) and kinds (n,) of what rays from `origin` (3,) along `directions` (n, 3) hit.
+
+    Both are in the world. A range is 0 where nothing is hit.
+    """
     ranges = np.full(len(directions), max_range_m)
     kinds = np.zeros(len(directions), int)
     numbers = range(len(scene.boxes) + len(scene.cylinders) + len(scene.crowns))
@@ -35,6 +41,7 @@ def cast(scene: Scene, movers, origin, directions, max_range_m, seed):
 
 
 def _boxes(boxes, origin, direction, u):
+    """Ranges (box,) to boxes, infinite where they are missed, by the slabs of each box."""
     turn = (
         np.stack([boxes["cos_yaw"], boxes["sin_yaw"]]),
         np.stack([-boxes["sin_yaw"], boxes["cos_yaw"]]),
@@ -56,7 +63,7 @@ def _boxes(boxes, origin, direction, u):
 
 
 def _cylinders(cylinders, origin, direction):
-    """Roots of |o + t d − c|² = r² in the plane."""
+    """Ranges (cylinder,) to cylinders: the roots of |o + t d − c|² = r² in the plane."""
     off = np.stack([origin[0] - cylinders["x_m"], origin[1] - cylinders["y_m"]])
     a = (direction[:2] ** 2).sum()
     b = (off * direction[:2, None]).sum(0)
@@ -70,6 +77,7 @@ def _cylinders(cylinders, origin, direction):
 
 
 def _crowns(crowns, origin, direction, u):
+    """Ranges (crown,) at which crowns stop the ray, infinite where they do not."""
     size = np.stack([crowns["radius_m"], crowns["radius_m"], crowns["half_height_m"]])
     off = (origin[:, None] - np.stack([crowns["x_m"], crowns["y_m"], crowns["z_m"]])) / size
     way = direction[:, None] / size
@@ -82,6 +90,7 @@ def _crowns(crowns, origin, direction, u):
 
 
 def _ground(scene, origin, direction, max_range_m):
+    """The range (1,) to the ground, interpolated between two steps."""
     t = np.arange(0, max_range_m, GROUND_STEP_M)
     x, y, z = origin[:, None] + t * direction[:, None]
     u = (x - scene.x0_m) / scene.cell_m

@@ -1,5 +1,6 @@
-"""What campus_nclt adds to the demo's campus: relief on walls, denser bare trees, a truth that is
-not exact."""
+"""What campus_nclt adds to the campus of the demo: relief on walls, denser bare trees, and a truth
+that is not exact.
+"""
 
 from dataclasses import replace
 from datetime import date
@@ -18,7 +19,7 @@ from tests.world.helpers import FLAT, preset, record, refused
 
 
 def wall_m(relief_m: float, seed: int) -> np.ndarray:
-    """What a scan sees of a wall whose face is at y = 8 m."""
+    """The points (n, 3) that a scan sees on a wall whose face is at y = 8 m."""
     wall = records(
         BOX,
         y_m=9.0,
@@ -60,9 +61,8 @@ def test_the_surveyed_path_wanders_smoothly_about_the_driven_one():
     driven = drive(
         0, date(2012, 1, 15), np.array([[0.0, 0.0], [4200.0, 0.0]]), FLAT, 4000.0, 2.0, SEGWAY
     )
-    off_m = (survey(driven, np.random.default_rng(0), 0.1).world_T_body - driven.world_T_body)[
-        :, :3, 3
-    ]
+    surveyed = survey(driven, np.random.default_rng(0), 0.1)
+    off_m = (surveyed.world_T_body - driven.world_T_body)[:, :3, 3]
     assert np.allclose(off_m[:, :2].std(0), 0.1, atol=0.04)
     assert (off_m[:, 2] == 0).all()
     assert np.abs(off_m).max() <= 0.3 + 1e-9

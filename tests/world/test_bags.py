@@ -1,4 +1,4 @@
-"""A campus drive recorded as ROS bags, read back by the bag reader."""
+"""A campus drive recorded as ROS bags, and read back by the bag reader."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -22,6 +22,7 @@ READER = Bag(truth="/ground_truth", odometry="/odom", max_gap_s=4.0)
 
 @pytest.fixture(scope="module")
 def nclt(small: Simulation, tmp_path_factory: pytest.TempPathFactory) -> Log:
+    """The same drive, recorded and read as NCLT files."""
     root = tmp_path_factory.mktemp("nclt")
     record(small, SEQUENCE, root)
     return Nclt(max_gap_s=4.0).open(root, SEQUENCE)
@@ -66,8 +67,8 @@ def test_a_bags_bytes_are_the_same_however_computed_and_in_order_of_time(
 
 
 def test_a_bag_taken_on_the_move_says_when_each_point_was_measured(tmp_path: Path):
-    """A scan of .1 s: undone by the true motion of the car, the points lie where a still one has
-    them; as measured, they are off by up to .8 m."""
+    """A scan takes 0.1 s. As measured, its points are off by up to 0.8 m; with the true motion of
+    the car taken out, they lie where a car that stands still has them."""
     world = replace(preset("drive_10hz"), azimuths=720, route_m=4.0)
     record(world, "00", tmp_path / "moving")
     record(replace(world, turn_s=0.0), "00", tmp_path / "still")

@@ -1,4 +1,4 @@
-"""What a world tells of its changes, day by day, in the frame of its logs."""
+"""The changes that a world lists for a day, in the frame of its logs."""
 
 from dataclasses import replace
 
@@ -19,6 +19,7 @@ TRAINING = "2012-01-15"
 SPRING = "2012-02-04"
 SUMMER = "2012-06-15"
 HERE = (0.0, 0.0)
+"""The origin of the world's frame."""
 PLAIN = Entry(0.0, 0.0)
 
 

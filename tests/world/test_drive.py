@@ -1,3 +1,5 @@
+"""Drives of a Segway and of a car: their scans, rocking, offsets, slopes and pilot."""
+
 from datetime import UTC, date, datetime
 
 import numpy as np

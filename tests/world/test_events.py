@@ -1,3 +1,5 @@
+"""The events of a year: building sites, demolished buildings, and trees that change."""
+
 import numpy as np
 import pytest
 

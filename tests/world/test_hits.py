@@ -1,3 +1,5 @@
+"""Where rays meet single shapes, with ranges worked out by hand."""
+
 import numpy as np
 import pytest
 
@@ -27,12 +29,8 @@ NORTH = (0.0, 1.0, 0.0)
     ("box", "origin", "u", "range_m"),
     [
         (WALL, (0.0, 0.0, 1.0), 1.0, 8.0),  # the box spans x 8 to 12
-        (
-            TURNED,
-            (0.0, 0.0, 1.0),
-            1.0,
-            7.0,
-        ),  # a quarter turn: its length lies along y, so that it spans x 7 to 13
+        # a quarter turn: its length lies along y, so that it spans x 7 to 13
+        (TURNED, (0.0, 0.0, 1.0), 1.0, 7.0),
         (WALL, (0.0, 0.0, 4.1), 1.0, MISS),  # above it
         (WALL, (10.0, 0.0, 1.0), 1.0, MISS),  # from inside it
         # −log(u) / 1.5: u = exp(−3) goes 2 m into the 4 m of leaves, u = exp(−9) would need 6 m.

@@ -1,3 +1,5 @@
+"""The scanners: their beams and places on robots, noise and lost returns, and turns on the move."""
+
 from dataclasses import replace
 
 import numpy as np
@@ -25,6 +27,7 @@ FLAT = Ground(np.zeros((30, 30)), -120.0, -120.0)
 def scan(
     lidar: Lidar, boxes: np.ndarray = NOTHING, world_T_body: np.ndarray | None = None
 ) -> Returns:
+    """One scan of `boxes` on level ground, of a robot at the origin unless its poses are given."""
     scene = build_scene(boxes, np.zeros(0, CYLINDER), np.zeros(0, CROWN), FLAT)
     poses = np.eye(4)[None] if world_T_body is None else world_T_body.reshape(-1, 4, 4)
     return lidar.scan(scene, np.zeros(0, CYLINDER), poses, SEED)
@@ -53,7 +56,7 @@ def test_ground_rings_end_near_thirty_metres():
 
 
 def test_a_turning_scanner_measures_each_azimuth_from_where_the_robot_is_by_then():
-    """At 10 m/s, .1 s a turn: the wall 20 m ahead is 20 m away at first, 19 m at the end."""
+    """At 10 m/s a turn of 0.1 s begins 20 m before a wall, and ends 19 m before it."""
     size = {"half_length_m": 1.0, "half_width_m": 30.0, "top_m": 9.0, "cos_yaw": 1.0}
     wall = records(BOX, x_m=21.0, reflectance=0.4, kind=Kind.BUILDING, **size)
     lidar = replace(hdl32(360), range_sd_m=0.0, drop_out=0.0, turn_s=0.1)

@@ -1,4 +1,7 @@
-"""Dense worlds: as full as recorded scans, and nothing stands on the road; old worlds as before."""
+"""Dense worlds: their scans are about as full as recorded ones, and nothing stands on the road.
+
+Sparse worlds are as they were before there was any lining.
+"""
 
 from dataclasses import replace
 from datetime import date
@@ -19,18 +22,21 @@ from pipeline.world.simulation import Simulation
 from tests.world.helpers import preset, record, refused
 
 KITTI = {"points": 123205, ".3-5 m": 0.463, "50 m light": 0.131, "50 m lit": 0.237}
-"""Of the recorded log 00: docs/measured.md, 'How full views are'."""
+"""How full the recorded log 00 is (docs/measured.md, 'How full views are')."""
 BAND = 1 / 3
+"""A simulated number may differ from the recorded one by this share of it."""
 PRESENT = date(2012, 6, 15), date(2012, 10, 28)
 
 
 @pytest.fixture(scope="module")
 def street() -> Simulation:
+    """A small suburb lined as a street."""
     return replace(preset("suburb_street"), blocks=2, route_m=240.0)
 
 
 @pytest.fixture(scope="module")
 def dense(small: Simulation) -> Campus:
+    """The small campus, lined as a campus."""
     return build_campus(small.seed, small.blocks, small.routes().streets, "campus")
 
 
@@ -147,11 +153,11 @@ def test_the_scanner_has_the_recorded_ones_azimuths(street: Simulation, tmp_path
 
 
 def millimetres(values: np.ndarray) -> bytes:
-    """Whole thousandths, and without end what never begins or ends."""
+    """The bytes of values in whole thousandths; infinite ones become very large."""
     return (1000 * values).clip(-1e15, 1e15).round().astype("<i8").tobytes()
 
 
 def things(boxes: Records, kind: Kind) -> set[tuple[float, ...]]:
-    """Where the boxes of a kind stand, and how high they reach."""
+    """x, y and top of all boxes of a kind."""
     chosen = boxes[boxes["kind"] == kind]
     return set(zip(*(chosen[name].tolist() for name in ("x_m", "y_m", "top_m")), strict=True))

@@ -1,3 +1,5 @@
+"""The dates in names of sequences, and the names that are refused."""
+
 from datetime import UTC, date, datetime
 
 import pytest

@@ -1,3 +1,5 @@
+"""How much odometry drifts, and when an INS is off, on a straight drive of 4 km."""
+
 from datetime import date
 
 import numpy as np
@@ -14,7 +16,7 @@ WINDOW = 160
 
 @pytest.fixture(scope="module")
 def driven() -> Poses:
-    """4 km, an image every half metre."""
+    """True poses (n, 4, 4) of a drive of 4 km, with an image every half metre."""
     return drive(
         0, date(2014, 7, 14), np.array([[0.0, 0.0], [4200.0, 0.0]]), FLAT, 4000.0, 0.5, CAR
     ).world_T_body
@@ -32,7 +34,7 @@ def test_odometry_starts_at_the_origin_and_drifts_a_few_per_cent(driven: Poses):
 
 
 def test_visual_odometry_drifts_by_decimetres_over_a_submap(driven: Poses):
-    """Medians over sixty drives, of which each has one scale and one bias."""
+    """The drift is a median over sixty drives, each of which has one scale and one bias."""
     drifts_m = []
     turns_deg = []
     start = np.arange(0, 1000 - WINDOW, 80)
@@ -42,9 +44,9 @@ def test_visual_odometry_drifts_by_decimetres_over_a_submap(driven: Poses):
         chained = [np.eye(4)]
         for motion in visual_odometry(np.random.default_rng(seed), driven[:1000]):
             chained.append(chained[-1] @ motion)
-        told = np.linalg.inv(np.array(chained)[end]) @ np.array(chained)[start]
-        off = told @ np.linalg.inv(true)
-        drifts_m.append(np.median(np.linalg.norm(told[:, :3, 3] - true[:, :3, 3], axis=1)))
+        reported = np.linalg.inv(np.array(chained)[end]) @ np.array(chained)[start]
+        off = reported @ np.linalg.inv(true)
+        drifts_m.append(np.median(np.linalg.norm(reported[:, :3, 3] - true[:, :3, 3], axis=1)))
         turns_deg.append(np.median(np.abs(np.rad2deg(np.arctan2(off[:, 1, 0], off[:, 0, 0])))))
     # The scale alone, sd 1 % of 80 m, has a median of 0.67 × 0.8 = 0.54 m; the yaw bias 0.67 ×
     # 0.008 × 80 = 0.43°, the white noise 0.67 × 0.03 × √80 = 0.18°. A spike saw 0.41 m and 0.52° on
@@ -65,8 +67,8 @@ def test_visual_odometry_begins_anew_with_every_image(driven: Poses):
 
 
 def test_an_ins_is_true_but_for_a_few_outages_in_a_kilometre(driven: Poses):
-    told, good = simulate_ins(np.random.default_rng(3), driven)
-    assert told[good] == pytest.approx(driven[good], abs=0)
+    reported, good = simulate_ins(np.random.default_rng(3), driven)
+    assert reported[good] == pytest.approx(driven[good], abs=0)
     starts = np.flatnonzero(good[:-1] & ~good[1:]) + 1
     ends = np.flatnonzero(~good[:-1] & good[1:]) + 1
     # One every 300 + 40 m on average: about 12 in 4 km, each 20 to 60 m.
@@ -76,7 +78,7 @@ def test_an_ins_is_true_but_for_a_few_outages_in_a_kilometre(driven: Poses):
         assert 18 < places_m[end] - places_m[start] < 62
         # Creeping by a tenth to three tenths of the way: nobody who ignored the status would be
         # right.
-        off_m = np.linalg.norm(told[start:end, :3, 3] - driven[start:end, :3, 3], axis=1)
+        off_m = np.linalg.norm(reported[start:end, :3, 3] - driven[start:end, :3, 3], axis=1)
         assert off_m[0] < 0.5
         assert 1.8 < off_m[-1] < 18
         assert (np.diff(off_m) >= -1e-9).all()

@@ -1,3 +1,5 @@
+"""Route plans: the shares of a route that are unseen or reversed, and loops."""
+
 from datetime import date
 
 import numpy as np

@@ -1,3 +1,5 @@
+"""The ray caster, against trigonometry and a brute-force caster in numpy."""
+
 from datetime import date
 
 import numpy as np

@@ -1,3 +1,5 @@
+"""Training routes from a trajectory file, and files that are refused."""
+
 from dataclasses import replace
 from datetime import date
 from pathlib import Path
@@ -15,7 +17,7 @@ from tests.world.helpers import FLAT, refused
 
 @pytest.fixture
 def loop(tmp_path: Path) -> Path:
-    """Once around a 120 × 60 m rectangle, far from the origin."""
+    """A file with a route once around a rectangle of 120 × 60 m, far from the origin."""
     corners = np.array([[5000, -300], [5120, -300], [5120, -240], [5000, -240], [5000, -300]])
     path = tmp_path / "loop.csv"
     path.write_text("x,y\n" + "\n".join(f"{x},{y}" for x, y in corners) + "\n")

@@ -1,3 +1,5 @@
+"""How many leaves are out on a date, and how dense foliage then is."""
+
 from datetime import date
 
 import numpy as np
@@ -14,10 +16,8 @@ from pipeline.world.layout.shapes import Species
         (date(2012, 4, 15), 0.0),
         (date(2012, 5, 26), 41 / 45),  # 41 of the 45 days from 15 April to 30 May
         (date(2012, 8, 20), 1.0),
-        (
-            date(2012, 10, 28),
-            17 / 53,
-        ),  # 17 of the 53 days from 22 September to 14 November are left
+        # 17 of the 53 days from 22 September to 14 November are left
+        (date(2012, 10, 28), 17 / 53),
         (date(2012, 11, 16), 0.0),
         (date(2013, 4, 5), 0.0),
     ],

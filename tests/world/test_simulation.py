@@ -1,3 +1,5 @@
+"""A campus drive recorded as NCLT logs: its files, and what their bytes depend on."""
+
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -22,6 +24,7 @@ Logs = tuple[Path, Path, Recording]
 
 @pytest.fixture(scope="module")
 def logs(small: Simulation, tmp_path_factory: pytest.TempPathFactory) -> Logs:
+    """A recording of the summer sequence."""
     root = tmp_path_factory.mktemp("logs")
     truth = tmp_path_factory.mktemp("truth")
     return root, truth, record(small, SUMMER, root, truth=truth)

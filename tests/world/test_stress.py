@@ -1,4 +1,4 @@
-"""Sequences that are hard in one way each: what makes them so, and that nothing else changes."""
+"""Stress sequences, hard in one way each: what makes them so, and that nothing else changes."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -27,8 +27,7 @@ def default_and_heavy(
 
 
 def _looks(campus: Campus, day: int) -> list[np.ndarray]:
-    """All that stands on a day, but for the days that it came and goes, and the slots that are
-    open."""
+    """All shapes that stand on a day, without their own days, and the slots that are open then."""
     shapes = [
         np.stack(
             [shapes[name] for name in shapes.dtype.names if name not in ("born_day", "dead_day")]
@@ -70,9 +69,8 @@ def test_no_other_sequence_learns_of_a_heavy_one(small: Simulation, tmp_path: Pa
         for sequence in (TRAINING, TEST):
             record(world, sequence, tmp_path / name)
     assert contents(tmp_path / "without") == contents(tmp_path / "with")
-    assert (
-        len(contents(tmp_path / "with")) == 2 * 28
-    )  # 25 scans, the truth, the odometry and its covariance
+    # 25 scans, the truth, the odometry and its covariance, for both
+    assert len(contents(tmp_path / "with")) == 2 * 28
 
 
 @pytest.mark.parametrize(
@@ -105,7 +103,7 @@ def test_stress_is_the_same_in_every_preset(name: str):
         {"unseen": 0.08, "reversed": 0.0, "lateral_m": 2.5},
         heavy,
     ]
-    stress += (
-        [heavy] if name.startswith("campus") else []
-    )  # a second such day, to learn one and to ask about the other
+    if name.startswith("campus"):
+        # a second such day, to learn one and to ask about the other
+        stress.append(heavy)
     assert list(preset(name).sequences.values())[-len(stress) :] == stress

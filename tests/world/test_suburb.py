@@ -1,4 +1,4 @@
-"""The scanner car, its logs read back by the KITTI reader."""
+"""The scanner car of the suburb: its logs, read back by the KITTI reader."""
 
 from pathlib import Path
 
@@ -23,6 +23,7 @@ LOGS = {"00": {"unseen": 0.1, "reversed": 0.3}, "01": {"unseen": 0.1, "reversed"
 
 @pytest.fixture(scope="module")
 def suburb() -> Simulation:
+    """Two logs of 960 m, with a scan of 64 × 120 rays every 8 m."""
     return Simulation(
         2, 4, 960.0, 8.0, 120, LOGS, events_per_km_of_route=0.0, robot="scanner_car", logs="kitti"
     )
@@ -30,6 +31,7 @@ def suburb() -> Simulation:
 
 @pytest.fixture(scope="module")
 def logs(suburb: Simulation, tmp_path_factory: pytest.TempPathFactory) -> Logs:
+    """A recording of log 00."""
     root = tmp_path_factory.mktemp("logs")
     truth = tmp_path_factory.mktemp("truth")
     return root, truth, record(suburb, "00-a", root, truth, Compute(workers=2))

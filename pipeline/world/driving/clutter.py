@@ -1,7 +1,7 @@
-"""Clutter of the simulated campus: things and people that stand beside the streets for one day.
+"""Clutter of a simulated world: things and people that stand beside the streets for one day.
 
-In: the campus with its spots, places where something may stand. Out: shapes for the ray caster. On
-each day some spots are taken, by other things than the day before.
+The campus and a day in, shapes for the ray caster out. The campus has spots where something may
+stand; on each day some of them are taken, by other things than the day before.
 """
 
 from typing import NamedTuple
@@ -25,14 +25,14 @@ class Thing(NamedTuple):
 
     name: str
     share: float
-    """Of all things."""
+    """Its share of all things."""
     size_m: tuple[float, float, float]
-    """Half length, half width and height, on average; of a person radius, radius and height."""
+    """Mean half length, half width and height; of a person the radius, twice, and the height."""
     species: Species
 
 
 TAKEN_SHARES = (0.25, 0.55)
-"""Lowest and highest share of the spots that are taken; drawn anew for each day."""
+"""Bounds of the share of the spots that are taken, which is drawn for each day."""
 THINGS = (
     Thing("bin", 0.3, (0.3, 0.3, 1.1), Species.SOLID),
     Thing("boxes", 0.2, (0.55, 0.45, 0.9), Species.SOLID),
@@ -42,16 +42,17 @@ THINGS = (
     Thing("person", 0.1, (0.25, 0.25, 1.7), Species.SOLID),
 )
 SCALES = (0.8, 1.25)
-"""Lowest and highest size of a thing over the average of its kind."""
+"""Bounds of the size of a thing relative to the mean of its kind."""
 REFLECTANCE = 0.35
 SUNK_M = 0.2
-"""Boxes reach into the ground, so that none hovers over a slope."""
+"""How far boxes reach into the ground, so that none hovers over a slope."""
 
 
 def clutter(rng: np.random.Generator, campus: Campus, day: int) -> tuple[Records, Records]:
-    """Boxes of things, and cylinders of people who stand still, on one day."""
-    x_m, y_m, yaw, dead_day = columns(campus.spots, "x_m", "y_m", "yaw_rad", "dead_day").values()
-    spot_count = len(yaw)
+    """Draw the boxes of things, and the cylinders of people who stand still, on one day."""
+    spots = columns(campus.spots, "x_m", "y_m", "yaw_rad", "dead_day")
+    x_m, y_m, yaw_rad, dead_day = spots.values()
+    spot_count = len(yaw_rad)
     is_taken = (rng.random(spot_count) < rng.uniform(*TAKEN_SHARES)) & (dead_day > day)
     kind = rng.choice(len(THINGS), spot_count, p=[thing.share for thing in THINGS])
     size_m = np.array([thing.size_m for thing in THINGS])[kind]
@@ -66,8 +67,8 @@ def clutter(rng: np.random.Generator, campus: Campus, day: int) -> tuple[Records
         y_m=y_m[has_box],
         half_length_m=size_m[has_box, 0],
         half_width_m=size_m[has_box, 1],
-        cos_yaw=np.cos(yaw[has_box]),
-        sin_yaw=np.sin(yaw[has_box]),
+        cos_yaw=np.cos(yaw_rad[has_box]),
+        sin_yaw=np.sin(yaw_rad[has_box]),
         bottom_m=ground_m[has_box] - SUNK_M,
         top_m=ground_m[has_box] + size_m[has_box, 2],
         species=species[has_box],

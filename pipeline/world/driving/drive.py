@@ -1,6 +1,13 @@
-"""One drive along a plan.
+"""Drives a robot along a plan: a polyline in, its true poses and the stamps of its scans out.
 
-The robot keeps to the right, never drives twice on the same line, and rocks as it goes.
+1. Round the corners of the plan, and leave its middle: the robot keeps to the right and weaves, so
+   that it never drives twice on the same line.
+2. Let it rock: roll, pitch and heading wander as it goes. A car also follows the slope of the
+   ground.
+3. Interpolate its poses at equal times, and at the stamp of each scan.
+4. Let the pilot walk behind it, if it has one.
+
+`survey` gives the poses as a SLAM solution would report them.
 """
 
 from dataclasses import dataclass, replace
@@ -17,55 +24,66 @@ from pipeline.world.layout.streets import driven_m, points_along
 from pipeline.world.seeds import Stream, generator
 
 KNOTS_HZ = 10
+"""Poses of the truth per second; these are the knots of the drive."""
 LEAD_S = 2.0
 """The truth begins so long before the first scan, and ends so long after the last."""
 DEPARTURE = time(14, tzinfo=UTC)
 """Time of a drive whose name is only a date."""
 
 LINE_STEP_M = 0.25
+"""Distance between the points of the driven path."""
 OFFSET_CORRELATION_M = 25.0
+"""Length over which the lateral offset is correlated."""
 OFFSET_CLIP_M = 3.0
+"""Largest lateral offset, either way."""
 OFFSET_SMOOTHING_M = 20.0
+"""Length over which the offset is smoothed, so that the robot weaves and does not jitter."""
 OFFSET_RESTORED = 1.25
-"""The offset is smoothed, so that the robot weaves and does not jitter; the factor restores the
-lost standard deviation."""
+"""Factor that restores the standard deviation which smoothing takes away."""
 
 TILT_CORRELATION_M = 3.0
 TILT_CLIP_DEG = 5.0
 HEADING_CORRELATION_M = 6.0
 HEADING_CLIP_DEG = 11.5
 ROCKING_SMOOTHING_S = 1.0
-"""A body has mass: between moments a tenth of a second apart it does not start and stop turning."""
+"""Time over which rocking is smoothed if wanted. A body has mass: between moments a tenth of a
+second apart it does not start and stop turning."""
 
 PILOT_BEHIND_M = 1.7
+"""Mean distance of the pilot from the robot."""
 PILOT_RANGE_SD_M = 0.3
 PILOT_RANGE_CORRELATION_M = 10.0
 PILOT_RANGE_CLIP_M = 0.6
 PILOT_BEARING_SD_DEG = 17.0
+"""How far the pilot wanders to the side during a drive."""
 PILOT_BEARING_CORRELATION_M = 15.0
 PILOT_BEARING_CLIP_DEG = 69.0
 PILOT_SIDE_SD_DEG = 20.0
+"""How far to the side the pilot walks throughout a drive."""
 
 SURVEY_STEP_M = 10.0
+"""Distance between the points at which the error of a survey is drawn."""
 SURVEY_CORRELATION_M = 100.0
 
 
 @dataclass(frozen=True)
 class Motion:
-    """The parameters of a robot's path and of its rocking (sd: standard deviation)."""
+    """How a robot moves and rocks; `sd` stands for a standard deviation."""
 
     speed_mps: float
     corner_m: float
-    """Corners are rounded over this length."""
+    """Length over which corners are rounded."""
     keep_right_m: float
+    """Mean distance to the right of the middle of the street."""
     bias_sd_m: float
-    """Lateral offset of a whole drive; `weave_sd_m` is the deviation about it."""
+    """Deviation of a whole drive from this distance."""
     weave_sd_m: float
+    """Deviation during a drive."""
     roll_sd_deg: float
     pitch_sd_deg: float
     heading_sd_deg: float
     wheelbase_m: float
-    """Length over which it follows the slope of the ground; 0: it balances upright."""
+    """Length over which it follows the slope of the ground; 0 if it balances upright."""
     keep_off_m: float
     """People and cars do not come nearer than this to its centre."""
     pilot: bool
@@ -77,33 +95,57 @@ class Motion:
         return self.speed_mps / KNOTS_HZ
 
 
-SEGWAY = Motion(1.3, 7.0, 0.8, 0.5, 0.8, 1.2, 1.8, 3.0, wheelbase_m=0.0, keep_off_m=0.3, pilot=True)
-CAR = Motion(8.0, 9.0, 1.7, 0.15, 0.25, 0.4, 0.5, 0.5, wheelbase_m=2.7, keep_off_m=2.5, pilot=False)
+SEGWAY = Motion(
+    speed_mps=1.3,
+    corner_m=7.0,
+    keep_right_m=0.8,
+    bias_sd_m=0.5,
+    weave_sd_m=0.8,
+    roll_sd_deg=1.2,
+    pitch_sd_deg=1.8,
+    heading_sd_deg=3.0,
+    wheelbase_m=0.0,
+    keep_off_m=0.3,
+    pilot=True,
+)
+CAR = Motion(
+    speed_mps=8.0,
+    corner_m=9.0,
+    keep_right_m=1.7,
+    bias_sd_m=0.15,
+    weave_sd_m=0.25,
+    roll_sd_deg=0.4,
+    pitch_sd_deg=0.5,
+    heading_sd_deg=0.5,
+    wheelbase_m=2.7,
+    keep_off_m=2.5,
+    pilot=False,
+)
 
 
 @dataclass(frozen=True)
 class Drive:
-    """True poses at KNOTS_HZ and at the stamp of every scan.
+    """The true poses of a drive, at KNOTS_HZ and also at the stamp of each scan.
 
-    So interpolation is exact at the scans.
+    So poses interpolated at the stamps of scans are exact.
     """
 
     utimes: Stamps
     """(k,) microseconds since 1970, increasing."""
     world_T_body: Poses
-    """(k, 4, 4) of the z-up body, whose origin is on the ground under the robot."""
+    """(k, 4, 4) poses of the body, z up, whose origin is on the ground under the robot."""
     scan_rows: NDArray[np.int64]
-    """(n,) the rows of the scans."""
+    """(n,) the rows of the poses at which scans are taken."""
     pilot_m: Floats | None = None
-    """(n, 2) position of the pilot in the world at each scan; None: there is no pilot."""
+    """(n, 2) position of the pilot in the world at each scan; None if there is no pilot."""
 
     @property
     def scan_utimes(self) -> Stamps:
-        """(n,) the stamps of the scans."""
+        """(n,) the stamps of the scans in microseconds."""
         return self.utimes[self.scan_rows]
 
     def at(self, utimes: Stamps) -> Poses:
-        """True poses (m, 4, 4) at any stamps of the drive."""
+        """True poses (m, 4, 4) at any stamps (m,) of the drive, interpolated."""
         return Trajectory(self.utimes * 1000, self.world_T_body, LEAD_S).at(utimes * 1000)[0]
 
     def time_s(self, scan: int) -> float:
@@ -128,13 +170,14 @@ def drive(
     lateral_m: float = 0.0,
     rocks_smoothly: bool = False,
 ) -> Drive:
-    """Drive the polyline `line_m` (n, 2) for `route_m` metres, or to its end, with a scan every
-    `step_m`.
+    """Drive along the polyline `line_m` (n, 2), with a scan every `step_m`.
 
-    It departs at `when`, or on that date at DEPARTURE. It drives `lateral_m` left of its usual
-    line, but on the street. With `rocks_smoothly` it turns steadily from one moment to the next, as
-    scans need that are taken on the move.
+    The drive is `route_m` long, or ends with the line. It departs at `when`, or at DEPARTURE if
+    that is only a date. It keeps `lateral_m` further to the left than usual, but on the street.
+    With `rocks_smoothly` the robot turns steadily from one moment to the next; scans that are taken
+    on the move need that.
     """
+    # 1. Find the path, and how many scans fit on it.
     rng = generator(seed, Stream.DRIVE, when)
     path_m, heading = _path(rng, line_m, motion, lateral_m)
     length_m = LINE_STEP_M * (len(path_m) - 1)
@@ -142,29 +185,32 @@ def drive(
     scans = max(1, int(np.floor((min(route_m, length_m - 2 * lead_m) + 1e-6) / step_m)))
     end_m = min(2 * lead_m + scans * step_m, length_m)
 
+    # 2. Let the robot rock.
     grid_m = np.arange(0, end_m, motion.knot_m)
     rocking = _rocking(rng, len(grid_m), motion)
     if rocks_smoothly:
         knots = round(ROCKING_SMOOTHING_S * KNOTS_HZ)
         smooth = np.stack([_smooth(angle, knots) for angle in rocking.T], 1)
         rocking = smooth * rocking.std(axis=0) / smooth.std(axis=0)
-    scan_us = np.rint(1e6 * (lead_m + np.arange(scans) * step_m) / motion.speed_mps).astype(
-        np.int64
-    )
-    knots_us = np.union1d(np.rint(1e6 * grid_m / motion.speed_mps).astype(np.int64), scan_us)
-    knots_m = knots_us * 1e-6 * motion.speed_mps
 
+    # 3. Interpolate its poses at the knots: equal times, and the stamps of the scans.
+    scan_m = lead_m + np.arange(scans) * step_m
+    scan_us = np.rint(1e6 * scan_m / motion.speed_mps).astype(np.int64)
+    grid_us = np.rint(1e6 * grid_m / motion.speed_mps).astype(np.int64)
+    knots_us = np.union1d(grid_us, scan_us)
+    knots_m = knots_us * 1e-6 * motion.speed_mps
     stations_m = LINE_STEP_M * np.arange(len(path_m))
     xy_m = np.stack([np.interp(knots_m, stations_m, axis) for axis in path_m.T], 1)
-    tilt = np.stack([np.interp(knots_m, grid_m, angle) for angle in rocking.T], 1)
-    tilt[:, 2] += np.interp(knots_m, stations_m, heading)
+    angles = np.stack([np.interp(knots_m, grid_m, angle) for angle in rocking.T], 1)
+    angles[:, 2] += np.interp(knots_m, stations_m, heading)
     if motion.wheelbase_m:
-        tilt[:, :2] += _slope(ground, xy_m, tilt[:, 2], motion.wheelbase_m)
-    poses = pose(np.column_stack([xy_m, ground.at(*xy_m.T)]), tilt)
-
+        angles[:, :2] += _slope(ground, xy_m, angles[:, 2], motion.wheelbase_m)
+    poses = pose(np.column_stack([xy_m, ground.at(*xy_m.T)]), angles)
     rows = np.searchsorted(knots_us, scan_us)
     departure = when if isinstance(when, datetime) else datetime.combine(when, DEPARTURE)
     utimes = int(departure.timestamp()) * 1_000_000 + knots_us
+
+    # 4. Let the pilot walk behind it.
     if not motion.pilot:
         return Drive(utimes, poses, rows)
     pilot_m = _pilot(
@@ -177,8 +223,10 @@ def drive(
 
 
 def survey(driven: Drive, rng: np.random.Generator, sd_m: float) -> Drive:
-    """The drive as a SLAM solution tells it: positions wander about the true ones with the
-    deviation `sd_m` in x and in y."""
+    """The drive as a SLAM solution would report it.
+
+    Its positions wander about the true ones, with the standard deviation `sd_m` in x and in y.
+    """
     knots_m = driven_m(driven.world_T_body[:, :2, 3])
     reported = driven.world_T_body.copy()
     steps = int(knots_m[-1] / SURVEY_STEP_M) + 2
@@ -191,34 +239,34 @@ def survey(driven: Drive, rng: np.random.Generator, sd_m: float) -> Drive:
 def _path(
     rng: np.random.Generator, line_m: Floats, motion: Motion, lateral_m: float
 ) -> tuple[Floats, Floats]:
-    """Places (n, 2) in metres every LINE_STEP_M along the driven path, with headings (n,).
+    """The driven path: places (n, 2) in metres every LINE_STEP_M, and headings (n,).
 
-    Headings are unwrapped, in radians.
+    Headings are in radians, unwrapped.
     """
     middle_m = _resample(line_m)
-    middle_m = np.stack(
-        [_smooth(axis, round(motion.corner_m / LINE_STEP_M)) for axis in middle_m.T], 1
-    )
+    corner_samples = round(motion.corner_m / LINE_STEP_M)
+    middle_m = np.stack([_smooth(axis, corner_samples) for axis in middle_m.T], 1)
     along = np.gradient(middle_m, axis=0)
     along /= np.hypot(*along.T)[:, None] + 1e-9
     weave_m = _wander(
         rng, len(middle_m), LINE_STEP_M, motion.weave_sd_m, OFFSET_CORRELATION_M, OFFSET_CLIP_M
     )
     weave_m = OFFSET_RESTORED * _smooth(weave_m, round(OFFSET_SMOOTHING_M / LINE_STEP_M))
-    usual_m = lateral_m - motion.keep_right_m + rng.normal(0, motion.bias_sd_m)
-    left_m = (usual_m + weave_m).clip(-OFFSET_CLIP_M, OFFSET_CLIP_M)
-    path_m = _resample(middle_m + left_m[:, None] * np.stack([-along[:, 1], along[:, 0]], 1))
+    mean_left_m = lateral_m - motion.keep_right_m + rng.normal(0, motion.bias_sd_m)
+    left_m = (mean_left_m + weave_m).clip(-OFFSET_CLIP_M, OFFSET_CLIP_M)
+    left = np.stack([-along[:, 1], along[:, 0]], 1)
+    path_m = _resample(middle_m + left_m[:, None] * left)
     tangent = np.gradient(path_m, axis=0)
     return path_m, np.unwrap(np.arctan2(tangent[:, 1], tangent[:, 0]))
 
 
 def _resample(line_m: Floats) -> Floats:
-    """Points (n, 2) every LINE_STEP_M along a polyline."""
+    """Points (m, 2) every LINE_STEP_M along a polyline (n, 2)."""
     return points_along(line_m, np.arange(0, driven_m(line_m)[-1], LINE_STEP_M))
 
 
 def _rocking(rng: np.random.Generator, knots: int, motion: Motion) -> Floats:
-    """Roll, pitch and heading noise (knots, 3) in radians, at knots `motion.knot_m` apart."""
+    """Random roll, pitch and heading (knots, 3) in radians, at knots `motion.knot_m` apart."""
     sds_deg = motion.roll_sd_deg, motion.pitch_sd_deg
     tilts = [
         _wander(rng, knots, motion.knot_m, sd, TILT_CORRELATION_M, TILT_CLIP_DEG) for sd in sds_deg
@@ -230,20 +278,24 @@ def _rocking(rng: np.random.Generator, knots: int, motion: Motion) -> Floats:
 
 
 def _slope(ground: Ground, xy_m: Floats, heading: Floats, over_m: float) -> Floats:
-    """Roll and pitch (n, 2) in radians of a body on the ground at `xy_m` (n, 2).
+    """Roll and pitch (n, 2) in radians of a body that stands on the ground at `xy_m` (n, 2).
 
-    Uphill is a pitch below 0.
+    It has headings (n,) in radians, and touches the ground over a length and a width of `over_m`.
+    Pitch is negative uphill.
     """
-    ahead = over_m / 2 * np.stack([np.cos(heading), np.sin(heading)], 1)
-    left = ahead[:, ::-1] * (-1, 1)
-    rises_m = [ground.at(*(xy_m + way).T) - ground.at(*(xy_m - way).T) for way in (left, ahead)]
+    ahead_m = over_m / 2 * np.stack([np.cos(heading), np.sin(heading)], 1)
+    left_m = ahead_m[:, ::-1] * (-1, 1)
+    rises_m = [
+        ground.at(*(xy_m + half_m).T) - ground.at(*(xy_m - half_m).T)
+        for half_m in (left_m, ahead_m)
+    ]
     return np.arctan2(np.stack(rises_m, 1) * (1, -1), over_m)
 
 
 def _pilot(rng: np.random.Generator, xy_m: Floats, heading: Floats, step_m: float) -> Floats:
-    """Position (n, 2) in metres of the pilot, who walks behind the robot.
+    """Positions (n, 2) in metres of the pilot, who walks at a random place behind the robot.
 
-    Distance and angle are random.
+    The robot is at `xy_m` (n, 2) with headings (n,) in radians, every `step_m`.
     """
     side_deg = rng.normal(0, PILOT_SIDE_SD_DEG)
     bearing_deg = _wander(
@@ -269,21 +321,20 @@ def _wander(
     correlation_m: float,
     clip: float,
 ) -> Floats:
-    """A stationary Gauss–Markov process (steps,) of deviation `sd`, clipped at ± `clip`.
+    """A stationary Gauss–Markov process (steps,) with the standard deviation `sd`.
 
-    Its length is `correlation_m`.
+    It is correlated over the length `correlation_m`, and clipped at ± `clip`.
     """
-    keep = np.exp(-step_m / correlation_m)
-    pushes = rng.normal(0, sd * np.sqrt(1 - keep**2), steps)
-    pushes[0] = rng.normal(0, sd)
-    return np.asarray(lfilter([1.0], [1.0, -keep], pushes)).clip(-clip, clip)
+    memory = np.exp(-step_m / correlation_m)
+    noise = rng.normal(0, sd * np.sqrt(1 - memory**2), steps)
+    noise[0] = rng.normal(0, sd)
+    return np.asarray(lfilter([1.0], [1.0, -memory], noise)).clip(-clip, clip)
 
 
 def _smooth(values: Floats, samples: int) -> Floats:
-    """`values` (n,) smoothed by a Hann window of `samples`.
-
-    Beyond the ends the first and last values are repeated.
-    """
+    """Values (n,) smoothed by a Hann window; beyond the ends the last value goes on."""
     window = np.hanning(samples + 2)[1:-1]
-    held = np.concatenate([np.repeat(values[:1], samples), values, np.repeat(values[-1:], samples)])
-    return np.convolve(held, window / window.sum(), "same")[samples:-samples]
+    before = np.repeat(values[:1], samples)
+    after = np.repeat(values[-1:], samples)
+    extended = np.concatenate([before, values, after])
+    return np.convolve(extended, window / window.sum(), "same")[samples:-samples]

@@ -1,5 +1,6 @@
 """The settings of one simulated sequence in the yamls of conf/world: its route, and how hard it is
-to localize on."""
+to localise on it.
+"""
 
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, fields
@@ -12,24 +13,24 @@ from pipeline.world.driving.drive import OFFSET_CLIP_M
 
 @dataclass(frozen=True)
 class Entry:
-    """The settings of one simulated sequence; all but `unseen` and `reversed` are optional."""
+    """The settings of one simulated sequence; only `unseen` and `reversed` are required."""
 
     unseen: Share
-    """The share of its route outside that of the training sequence; for a scanner car, of its
-    second half outside its first."""
+    """Share of its route that the training sequence does not drive. For a scanner car, whose second
+    half meets the first again: the share of the second half."""
     reversed: Share
-    """The share of the rest that it drives opposite to the training sequence."""
+    """Share of the rest of its route that it drives opposite to the training sequence."""
     events_per_km: NotNegative = 0.0
-    """At least this many events per km of route: if the world has fewer, further ones are added,
-    invisible on the training day."""
+    """Least number of buildings built or demolished per km of route. If the world has fewer,
+    further ones are added, which are invisible on the training day."""
     near_route: Share = 1.0
-    """The share of the further events near the training route."""
+    """Share of these further events that are near the training route."""
     lateral_m: float = 0.0
-    """Offset to the left of its usual line; negative to the right."""
+    """Offset to the left of its usual line; negative ones are to the right."""
 
     @classmethod
     def of(cls, sequence: str, settings: Mapping[str, float]) -> Self:
-        """The entry from its settings in the yaml; raises ConfigError."""
+        """Make the entry from its settings in the yaml; raises ConfigError if they are wrong."""
         group = f"world.sequences.{sequence}"
         try:
             entry = cls(**settings)

@@ -1,9 +1,11 @@
-"""Intersections of a ray with one shape, in closed form, one function per shape.
+"""Intersections of a ray with one shape, in closed form: one function for each kind of shape.
 
-Each returns the range in metres, MISS where the ray does not meet the shape, and the cosine of
-incidence. In a porous shape the free path of a ray is −log(u) / extinction (Beer–Lambert), so
-foliage needs no single leaves; u comes from a hash, so the result does not depend on the order of
-evaluation.
+Each returns the range at which the shape stops the ray, MISS if it does not, and the cosine of
+incidence. Ranges are in metres, and directions are unit vectors.
+
+A porous shape stops a ray after a random free path of −log(u) / extinction (Beer–Lambert), so that
+foliage needs no single leaves. The u in (0, 1) comes from a hash, so that the result does not
+depend on the order in which rays are cast.
 """
 
 from typing import Any, TypeAlias
@@ -12,18 +14,21 @@ import numpy as np
 from numba import njit
 
 MISS = -1.0
+"""The range of a ray that misses."""
 LEAF_COSINE = 0.8
+"""Cosine of incidence in a porous shape."""
 _PARALLEL = 1e-12
+"""A smaller component of a direction counts as 0."""
 
 Vector: TypeAlias = tuple[float, float, float]
-"""x, y, z in the world."""
+"""x, y and z in the world."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def hash_u(seed: np.uint64, ray: int, draw: int) -> float:
-    """A pseudo-random number in (0, 1), a function of the three arguments alone.
+    """A pseudo-random number in (0, 1) that depends on the three arguments alone.
 
-    It is the finaliser of splitmix64.
+    They are mixed by the finaliser of splitmix64.
     """
     word = (
         np.uint64(seed) * np.uint64(0x9E3779B97F4A7C15)
@@ -39,23 +44,14 @@ def hash_u(seed: np.uint64, ray: int, draw: int) -> float:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _slab(start: float, step: float, low: float, high: float) -> tuple[float, float]:
-    """The ranges at which a ray enters and leaves low <= start + range × step <= high.
-
-    Enter > leave if it never enters.
-    """
-    if abs(step) < _PARALLEL:
-        return (-np.inf, np.inf) if low <= start <= high else (np.inf, -np.inf)
-    a = (low - start) / step
-    b = (high - start) / step
-    return (a, b) if a < b else (b, a)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
 def hit_box(box: Any, origin: Vector, direction: Vector, u: float) -> tuple[float, float]:
-    """Where the ray enters a box; a ray that starts inside misses it."""
+    """Range and cosine where a ray is stopped by a box, solid or porous.
+
+    A ray that starts inside the box misses it.
+    """
     (ox, oy, oz) = origin
     (dx, dy, dz) = direction
+    # Turn the ray into the frame of the box, and intersect it with its three slabs.
     ahead = ox - box.x_m
     left = oy - box.y_m
     along = dx * box.cos_yaw + dy * box.sin_yaw
@@ -82,7 +78,7 @@ def hit_box(box: Any, origin: Vector, direction: Vector, u: float) -> tuple[floa
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def hit_cylinder(cylinder: Any, origin: Vector, direction: Vector) -> tuple[float, float]:
-    """Where the ray meets the side of an upright cylinder; the caps are open."""
+    """Range and cosine where a ray meets the side of an upright cylinder; its caps are open."""
     (ox, oy, oz) = origin
     (dx, dy, dz) = direction
     east = cylinder.x_m - ox
@@ -101,9 +97,10 @@ def hit_cylinder(cylinder: Any, origin: Vector, direction: Vector) -> tuple[floa
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def hit_crown(crown: Any, origin: Vector, direction: Vector, u: float) -> tuple[float, float]:
-    """Where the ray is stopped inside a porous ellipsoid."""
+    """Range and cosine where a ray is stopped inside a porous ellipsoid."""
     (ox, oy, oz) = origin
     (dx, dy, dz) = direction
+    # Scale the ellipsoid to the unit sphere; p is the ray's start and v its direction.
     px = (ox - crown.x_m) / crown.radius_m
     py = (oy - crown.y_m) / crown.radius_m
     vx = dx / crown.radius_m
@@ -112,11 +109,24 @@ def hit_crown(crown: Any, origin: Vector, direction: Vector, u: float) -> tuple[
     vz = dz / crown.half_height_m
     a = vx * vx + vy * vy + vz * vz
     b = px * vx + py * vy + pz * vz
-    inside = b * b - a * (px * px + py * py + pz * pz - 1.0)
-    if inside <= 0:
+    depth2 = b * b - a * (px * px + py * py + pz * pz - 1.0)
+    if depth2 <= 0:
         return MISS, 0.0
-    leave = (np.sqrt(inside) - b) / a
+    leave = (np.sqrt(depth2) - b) / a
     if leave <= 0:
         return MISS, 0.0
-    stop = max((-b - np.sqrt(inside)) / a, 0.0) - np.log(u) / crown.extinction_per_m
+    stop = max((-b - np.sqrt(depth2)) / a, 0.0) - np.log(u) / crown.extinction_per_m
     return (stop, LEAF_COSINE) if stop <= leave else (MISS, 0.0)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _slab(start: float, step: float, low: float, high: float) -> tuple[float, float]:
+    """The ranges at which a ray enters and leaves the slab low <= start + range × step <= high.
+
+    If it never enters, the first is larger than the second.
+    """
+    if abs(step) < _PARALLEL:
+        return (-np.inf, np.inf) if low <= start <= high else (np.inf, -np.inf)
+    a = (low - start) / step
+    b = (high - start) / step
+    return (a, b) if a < b else (b, a)

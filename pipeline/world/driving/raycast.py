@@ -1,7 +1,8 @@
-"""Casts rays into the scene of a day.
+"""Casts rays into the scene of a day: rays in, their ranges, and the kind and brightness of what
+they hit out.
 
-Each ray steps through the cells of the ground (DDA) and meets the nearest shape in them, or the
-ground.
+Each ray is tested against all moving shapes. Then it steps through the cells of the ground (DDA),
+and in each cell it is tested against the shapes there and the ground, until it hits something.
 
 A scan is cast by one thread; blocks of scans run in parallel.
 """
@@ -17,12 +18,14 @@ from pipeline.world.layout.ground import height_at
 from pipeline.world.layout.shapes import Kind, Records
 
 GROUND_REFLECTANCE = 0.2
-_GROUND = int(Kind.GROUND)
-_BUILDING = int(Kind.BUILDING)
 RELIEF_CELL_M = 0.7
 """Side of the cubes within which a wall lies equally far before or behind its plane."""
+_GROUND = int(Kind.GROUND)
+_BUILDING = int(Kind.BUILDING)
 _REFINEMENTS = 3
+"""Number of steps in which the range to the ground is refined."""
 _NEVER = 1e30
+"""A range beyond every border of a cell."""
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -35,12 +38,15 @@ def cast(
     max_range_m: float,
     seed: np.uint64,
 ) -> tuple[Floats, NDArray[np.uint8], Floats]:
-    """Cast rays along `directions` (n, 3), unit vectors in the body's frame.
+    """Cast n rays along `directions` (n, 3), unit vectors in the body's frame.
 
-    The n rays come in p equal runs; run i starts at `origins`[i] (p, 3) in the world, with the
-    body's rotation `world_R_bodies`[i] (p, 3, 3). `movers` are moving cylinders, not sorted into
-    cells, so every ray is tested against all of them. Returns (n,) ranges in metres (0: no hit),
-    the `shapes.Kind` that each ray hit, and its reflectance × cosine of incidence.
+    The body moves while it casts, through p poses: the rays come in p runs of equal length, and run
+    i starts at `origins[i]` (p, 3) in the world with the body's rotation `world_R_bodies[i]` (p, 3,
+    3). `movers` are moving cylinders, which are not sorted into cells. Random numbers follow from
+    `seed`.
+
+    Returns the ranges (n,) in metres, 0 where nothing is hit; the `shapes.Kind` (n,) of what is
+    hit; and its brightness (n,), which is reflectance × cosine of incidence.
     """
     n = directions.shape[0]
     ranges_m = np.zeros(n)
@@ -68,6 +74,7 @@ def cast(
             + world_R_body[2, 2] * body[2]
         )
         direction = dx, dy, dz
+        # Begin with the nearest mover, and let what stands be nearer.
         range_m = max_range_m
         kind = 0
         brightness = 0.0
@@ -93,8 +100,10 @@ def cast(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _relief(x_m: float, y_m: float, z_m: float) -> float:
-    """How far a wall lies behind its plane at this point, −1 to 1: one value for each cube of
-    RELIEF_CELL_M, on every day."""
+    """How far a wall lies behind its plane at a point, from −1 to 1.
+
+    It is one value for each cube of RELIEF_CELL_M, the same on all days.
+    """
     i = int(np.floor(x_m / RELIEF_CELL_M))
     j = int(np.floor(y_m / RELIEF_CELL_M))
     k = int(np.floor(z_m / RELIEF_CELL_M))
@@ -113,10 +122,15 @@ def _first_hit(
     ray: int,
     seed: np.uint64,
 ) -> tuple[float, int, float]:
-    """Range, kind and reflectance × cosine of the first hit, given those of the nearest mover
-    (`range_m`, `kind`, `brightness`)."""
+    """Range, kind and brightness of the first hit of a ray.
+
+    `range_m`, `kind` and `brightness` are given for the nearest mover, and returned if nothing is
+    nearer.
+    """
     (ox, oy, oz) = origin
     (dx, dy, dz) = direction
+    # 1. Find the ray's first cell, the ranges to its next borders in x and y, and those between
+    # one border and the next.
     rows = scene.heights_m.shape[0] - 1
     columns = scene.heights_m.shape[1] - 1
     i = int(np.floor((ox - scene.x0_m) / scene.cell_m))
@@ -129,6 +143,7 @@ def _first_hit(
     next_y = (scene.y0_m + (j + (dy > 0)) * scene.cell_m - oy) / dy if dy != 0 else _NEVER
     enter = 0.0
     above_in = _above_ground(scene, ox, oy, oz)
+    # 2. Go from cell to cell.
     while 0 <= i < rows and 0 <= j < columns:
         leave = min(next_x, next_y)
         cell = i * columns + j
@@ -165,7 +180,7 @@ def _first_hit(
 def _hit(
     scene: Scene, shape: int, origin: Vector, direction: Vector, ray: int, seed: np.uint64
 ) -> tuple[float, float, int]:
-    """Range (below 0: a miss), reflectance × cosine and kind of one shape on the way of a ray."""
+    """Range, brightness and kind of the hit of a ray on one shape; a negative range is a miss."""
     if shape < scene.boxes.shape[0]:
         box = scene.boxes[shape]
         u = hash_u(seed, ray, shape) if box.extinction_per_m > 0 else 1.0
@@ -183,7 +198,7 @@ def _hit(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _above_ground(scene: Scene, x_m: float, y_m: float, z_m: float) -> float:
-    """Height in metres of a point above the ground."""
+    """Height of a point above the ground in metres."""
     ground_m = height_at(scene.heights_m, scene.x0_m, scene.y0_m, scene.cell_m, x_m, y_m)
     return z_m - ground_m  # type: ignore[no-any-return]
 
@@ -198,8 +213,11 @@ def _ground_hit(
     end: float,
     above_out: float,
 ) -> float:
-    """Range at which the ray meets the ground, between `enter` above it and `end` below it, by
-    false position."""
+    """Range at which a ray meets the ground, found by false position.
+
+    It is `above_in` above the ground at the range `enter`, and `above_out`, a negative height, at
+    the range `end`.
+    """
     (ox, oy, oz) = origin
     (dx, dy, dz) = direction
     hit_m = enter

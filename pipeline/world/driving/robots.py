@@ -1,4 +1,4 @@
-"""The robots: the motion, the scanner and the log formats of each."""
+"""The robots of the simulated worlds: how each moves, scans, and writes its logs."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,22 +12,21 @@ from pipeline.world.writers import BAGS
 
 @dataclass(frozen=True)
 class Robot:
-    """The robot of one of the data sets."""
+    """A robot like that of one of the real data sets."""
 
     motion: Motion
     lidar: Callable[[int], Lidar]
-    """The scanner for a number of rays per turn of each beam, or per sweep."""
+    """Makes its scanner, given the number of rays per turn of each beam, or per sweep."""
     departs: Callable[[str], date]
-    """The date or time of a sequence from its name; raises ConfigError for any other name."""
+    """Reads the date or time of a sequence from its name; raises ConfigError for a wrong name."""
     logs: tuple[str, ...]
-    """The formats that it can write."""
+    """The formats of logs that it can write."""
     unit: str = "scans"
     """What it records: scans or sweeps."""
     streets_only: bool = False
     """Whether its world has roads but no footpaths."""
     loops: bool = False
-    """Whether each log is a world of its own, where the second half drives the streets of the first
-    half again."""
+    """Whether each log has a world of its own, and its second half meets the first again."""
 
 
 ROBOTS = {

@@ -1,6 +1,8 @@
-"""The campus: everything that does not move, and whether something more fits.
+"""The campus: the streets, the ground, and everything that stands on it and does not move.
 
-Things have the days on which they appear and vanish.
+Each thing has the days on which it appears and vanishes; `shapes_on` gives what stands on one day
+as shapes for the ray caster. The campus also knows where the ground is taken, and so whether
+something more fits.
 """
 
 from dataclasses import dataclass, field, replace
@@ -19,6 +21,7 @@ from pipeline.world.layout.structures import Structure, boxes
 
 POLE_REFLECTANCE = 0.3
 BUILDING_SETBACK_M = 3.5
+"""Least distance between a building and the border of a street."""
 
 
 @dataclass(frozen=True)
@@ -30,11 +33,12 @@ class Pole:
     radius_m: float
     height_m: float
     dead_day: float = np.inf
+    """The day on which a construction site removes it."""
 
 
 @dataclass(frozen=True)
 class Slot:
-    """A parking slot."""
+    """A place for something that stands there on some days: a parked car, or clutter."""
 
     x_m: float
     y_m: float
@@ -45,71 +49,70 @@ class Slot:
 
 @dataclass
 class Campus:
-    """The streets, the ground, and everything that stands on it.
-
-    Structures, plants and poles have the days on which they stand, slots and spots the day on which
-    they close.
-    """
+    """The streets, the ground, and everything that stands on it."""
 
     streets: Streets
     ground: Ground
-    recipes: list[Template]
+    templates: list[Template]
+    """The templates of its large buildings."""
     structures: list[Structure] = field(default_factory=list)
     plants: list[Plant] = field(default_factory=list)
     poles: list[Pole] = field(default_factory=list)
     slots: list[Slot] = field(default_factory=list)
+    """Where cars park on some days."""
     fronts: dict[Template, Template] = field(default_factory=dict)
-    """Parts at the walls of a template that need no room of their own: they stand wherever it
-    does."""
+    """For each template, the parts in front of its walls, such as porches. They stand wherever a
+    building of the template does, and need no room of their own."""
     spots: list[Slot] = field(default_factory=list)
-    """Where clutter stands on some days."""
+    """Where clutter, such as bins, stands on some days."""
     taken_m: Floats = field(default_factory=lambda: np.zeros((0, 3)))
-    """(n, 3) discs of x, y, radius that buildings cover."""
+    """(n, 3) x, y and radius of the discs that buildings cover."""
 
     def fits(self, structure: Structure, setback_m: float = BUILDING_SETBACK_M) -> bool:
-        """Whether a building keeps its distance from streets and from the other buildings."""
+        """Whether a building keeps its distance from the streets and from all other buildings."""
         outline_m = structure.outline_m()
         is_clear = (cdist(outline_m, self.taken_m[:, :2]) >= self.taken_m[:, 2]).all()
         return bool(is_clear and (self.streets.clearance_m(outline_m) > setback_m).all())
 
     def build(self, structure: Structure) -> None:
-        """Add a building, and reserve its ground."""
+        """Add a building, and take its ground."""
         self.structures.append(structure)
         self.taken_m = np.concatenate([self.taken_m, structure.discs_m()])
 
-    def free(
+    def is_free(
         self, points_m: Floats, from_street_m: float, from_building_m: float
     ) -> NDArray[np.bool_]:
-        """Which (n,) of `points_m` (n, 2) keep these distances."""
-        off_street = self.streets.clearance_m(points_m) > from_street_m
-        return off_street & (
-            cdist(points_m, self.taken_m[:, :2]) > self.taken_m[:, 2] + from_building_m
-        ).all(1)
+        """True (n,) for points (n, 2) at least this far from all streets and buildings."""
+        is_off_streets = self.streets.clearance_m(points_m) > from_street_m
+        disc_distances_m = cdist(points_m, self.taken_m[:, :2])
+        is_off_buildings = (disc_distances_m > self.taken_m[:, 2] + from_building_m).all(1)
+        return is_off_streets & is_off_buildings
 
 
 def shapes_on(campus: Campus, day: int) -> tuple[Records, Records, Records]:
-    """Boxes, cylinders and crowns of everything that stands on `day`.
+    """The boxes, cylinders and crowns of everything that stands on `day`.
 
-    The extinction of porous ones is still 0.
+    The extinction of porous shapes, which depends on the season, is not set yet.
     """
     plants = campus.plants
     ground = campus.ground
-    cylinders = np.concatenate(
-        [standing(trunks(plants, ground), day), standing(_poles(campus), day)]
-    )
+    structures = [_with_front(campus, structure) for structure in campus.structures]
+    cylinders = [standing(trunks(plants, ground), day), standing(_poles(campus), day)]
     return (
-        standing(boxes([_fronted(campus, thing) for thing in campus.structures], ground), day),
-        cylinders,
+        standing(boxes(structures, ground), day),
+        np.concatenate(cylinders),
         standing(crowns(plants, ground), day),
     )
 
 
-def _fronted(campus: Campus, thing: Structure) -> Structure:
-    front = campus.fronts.get(thing.parts)
-    return replace(thing, parts=thing.parts + front) if front else thing
+def _with_front(campus: Campus, structure: Structure) -> Structure:
+    """A structure with the parts in front of its walls, if its template has any."""
+    front = campus.fronts.get(structure.parts)
+    return replace(structure, parts=structure.parts + front) if front else structure
 
 
 def _poles(campus: Campus) -> Records:
+    """The cylinders of the lamp posts."""
     table = columns(campus.poles, "x_m", "y_m", "radius_m", "height_m", "dead_day")
     base_m = campus.ground.at(table["x_m"], table["y_m"])
     height_m = table.pop("height_m")

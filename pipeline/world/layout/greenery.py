@@ -1,4 +1,6 @@
-"""Trees and bushes: a solid trunk and a porous crown, whose density follows the season."""
+"""Trees and bushes, and their shapes for the ray caster: a solid trunk and a porous crown, whose
+density follows the season.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,16 +23,20 @@ TRUNK_REFLECTANCE = 0.3
 LEAF_REFLECTANCE = 0.4
 TRUNK_RADIUS_M = 0.12
 TRUNK_RADIUS_PER_HEIGHT = 0.012
+"""The radius of a trunk is TRUNK_RADIUS_M and this share of the tree's height."""
 TRUNK_IN_CROWN = 0.3
-"""The share of the height of the crown that the trunk reaches into."""
+"""How far the trunk reaches into the crown, as a share of the crown's height."""
 ROOT_M = 1.0
+"""How far the trunk reaches into the ground, so that there is no gap on slopes."""
 CONIFER_TRUNK_SHARE = 0.12
+"""Height of the crown's lower end, as a share of the tree's height."""
 DECIDUOUS_TRUNK_SHARES = (0.28, 0.36)
+"""The same of a deciduous tree, between these bounds."""
 
 
 @dataclass(frozen=True)
 class Plant:
-    """A tree, or a bush where `trunk_m` is 0."""
+    """A tree, or a bush if `trunk_m` is 0."""
 
     x_m: float
     y_m: float
@@ -38,6 +44,7 @@ class Plant:
     trunk_m: float
     """Height of the lower end of the crown above the ground."""
     radius_m: float
+    """Radius of the crown."""
     species: Species
     born_day: float = ALWAYS[0]
     dead_day: float = ALWAYS[1]
@@ -51,15 +58,15 @@ def tree(
     radius_m: float,
     species: Species,
 ) -> Plant:
-    """A tree; the height of its trunk is a share of its own height that depends on the species."""
-    share = (
-        CONIFER_TRUNK_SHARE if species == Species.CONIFER else rng.uniform(*DECIDUOUS_TRUNK_SHARES)
-    )
-    return Plant(x_m, y_m, height_m, height_m * share, radius_m, species)
+    """A tree, whose crown begins at a height that depends on its species."""
+    trunk_share = CONIFER_TRUNK_SHARE
+    if species != Species.CONIFER:
+        trunk_share = rng.uniform(*DECIDUOUS_TRUNK_SHARES)
+    return Plant(x_m, y_m, height_m, height_m * trunk_share, radius_m, species)
 
 
 def crowns(plants: Sequence[Plant], ground: Ground) -> Records:
-    """The ellipsoid crowns of `plants`; `simulate_day` sets their extinction, here 0."""
+    """The ellipsoid crowns of `plants`; their extinction is 0 until `simulate_day` sets it."""
     table = columns(plants, "x_m", "y_m", "radius_m", "species", "born_day", "dead_day")
     height_m, trunk_m = columns(plants, "height_m", "trunk_m").values()
     z_m = ground.at(table["x_m"], table["y_m"]) + (height_m + trunk_m) / 2
@@ -79,7 +86,8 @@ def trunks(plants: Sequence[Plant], ground: Ground) -> Records:
     trees = [plant for plant in plants if plant.trunk_m > 0]
     table = columns(trees, "x_m", "y_m", "born_day", "dead_day")
     height_m, trunk_m = columns(trees, "height_m", "trunk_m").values()
-    table["bottom_m"] = (base_m := ground.at(table["x_m"], table["y_m"])) - ROOT_M
+    base_m = ground.at(table["x_m"], table["y_m"])
+    table["bottom_m"] = base_m - ROOT_M
     table["top_m"] = base_m + trunk_m + TRUNK_IN_CROWN * (height_m - trunk_m)
     radius_m = TRUNK_RADIUS_M + TRUNK_RADIUS_PER_HEIGHT * height_m
     return records(

@@ -1,6 +1,7 @@
-"""The routes of the sequences.
+"""The streets of a world, and the routes of its sequences on them.
 
-They are the training route, test routes relative to it, or loops within one log.
+The training route is random or follows a trajectory file, and test routes are planned relative to
+it (`layout.plan`). For a robot that drives loops, each log has streets and a route of its own.
 """
 
 from collections.abc import Mapping
@@ -24,12 +25,14 @@ from pipeline.world.layout.streets import Streets, add_route, build_streets
 from pipeline.world.seeds import Stream, generator
 
 MIN_ROUTE_M = 30.0
+"""Least length of a route from a file."""
 TUM_COLUMNS = 8
+"""Columns of a row of a TUM trajectory: stamp x y z qx qy qz qw."""
 
 
 @dataclass(frozen=True)
 class Routes:
-    """The streets, and the plan of the training sequence on them."""
+    """The streets, and the plan of the training sequence on them, or of one log with loops."""
 
     seed: int
     streets: Streets
@@ -38,7 +41,7 @@ class Routes:
     """Length of every sequence."""
 
     def test(self, when: date, shares: Mapping[str, float]) -> Plan:
-        """The plan of a test sequence with the wanted shares `unseen` and `reversed`."""
+        """Plan a test sequence on a date, with the wanted shares `unseen` and `reversed`."""
         rng = generator(self.seed, Stream.TEST_PLAN, when)
         return plan_test(
             rng, self.streets, self.training, self.route_m, shares["unseen"], shares["reversed"]
@@ -48,9 +51,10 @@ class Routes:
 def training_routes(
     seed: int, blocks: int, route_m: float, route_file: str | None, streets_only: bool
 ) -> Routes:
-    """A random route of `route_m` metres, or that of a trajectory file, at most as long.
+    """Plan a random training route of `route_m` metres, or one along a trajectory file.
 
-    Raises ConfigError for a bad file.
+    The latter is at most as long as `route_m`. With `streets_only` there are no footpaths. Raises
+    ConfigError for a file that cannot be read or driven.
     """
     streets = build_streets(generator(seed, Stream.STREETS), blocks)
     if route_file is None:
@@ -78,9 +82,9 @@ def training_routes(
 def loop_routes(
     seed: int, blocks: int, route_m: float, streets_only: bool, shares: Mapping[str, float]
 ) -> Routes:
-    """A route of `route_m` metres whose second half meets its first half again.
+    """Plan a route of `route_m` metres whose second half meets its first half again.
 
-    It has the wanted `shares`, `unseen` and `reversed`, relative to its first half.
+    The second half has the wanted `shares`, `unseen` and `reversed`, relative to the first.
     """
     streets = build_streets(generator(seed, Stream.STREETS), blocks)
     plan = plan_loops(
@@ -90,14 +94,15 @@ def loop_routes(
 
 
 def _paved(streets: Streets, streets_only: bool) -> Streets:
+    """The streets, without footpaths if `streets_only`: they become roads."""
     return replace(streets, is_path=np.zeros_like(streets.is_path)) if streets_only else streets
 
 
 def read_route(path: Path) -> Floats:
-    """Route (n, 2) in metres, moved so that its bounding box is centred on the origin.
+    """Read a route (n, 2) in metres, and centre its bounding box on the origin.
 
-    The file has columns x, y, or TUM rows (stamp x y z qx qy qz qw), separated by commas or blanks;
-    comments start with #, and a first line of names is skipped. Raises ConfigError for any other
+    The file has rows of x, y, or TUM rows (stamp x y z qx qy qz qw), separated by commas or blanks.
+    Comments start with #, and a first line of names is skipped. Raises ConfigError for any other
     file.
     """
     try:
@@ -108,25 +113,24 @@ def read_route(path: Path) -> Floats:
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"route_file={path}: cannot be read as text: {error}") from None
     rows = [line for line in lines if line]
-    if rows and not _numbers(rows[0]):
+    if rows and not _are_numbers(rows[0]):
         rows = rows[1:]
-    if (
-        any(len(row) != len(rows[0]) or not _numbers(row) for row in rows)
-        or not rows
-        or len(rows[0]) not in (2, TUM_COLUMNS)
-    ):
+    is_table = rows and all(len(row) == len(rows[0]) and _are_numbers(row) for row in rows)
+    if not is_table or len(rows[0]) not in (2, TUM_COLUMNS):
         raise ConfigError(
             f"route_file={path}: expected rows of x, y or of TUM's stamp x y z qx qy qz qw"
         )
-    route_m = np.array(rows, float)[:, [1, 2] if len(rows[0]) == TUM_COLUMNS else [0, 1]]
-    moved = np.hypot(*np.diff(route_m, axis=0).T) > 0
-    if not np.isfinite(route_m).all() or not moved.any():
+    xy_columns = [1, 2] if len(rows[0]) == TUM_COLUMNS else [0, 1]
+    route_m = np.array(rows, float)[:, xy_columns]
+    has_moved = np.hypot(*np.diff(route_m, axis=0).T) > 0
+    if not np.isfinite(route_m).all() or not has_moved.any():
         raise ConfigError(f"route_file={path}: needs at least two different points, and no NaN")
-    route_m = route_m[np.concatenate([[True], moved])]
+    route_m = route_m[np.concatenate([[True], has_moved])]
     return np.asarray(route_m - (route_m.min(0) + route_m.max(0)) / 2)
 
 
-def _numbers(row: list[str]) -> bool:
+def _are_numbers(row: list[str]) -> bool:
+    """Whether all words of a row can be read as numbers."""
     try:
         [float(word) for word in row]
     except ValueError:

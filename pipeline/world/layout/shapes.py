@@ -1,7 +1,7 @@
-"""The shapes that a ray can hit: boxes, upright cylinders and porous crowns, as numpy records.
+"""The shapes that a ray can hit, as numpy records: boxes, upright cylinders, and ellipsoid crowns.
 
-World frame, metres. A shape stands on the days born_day <= day < dead_day; day 0 is the training
-sequence's date.
+Coordinates are in metres in the world. A shape stands on the days born_day <= day < dead_day; day 0
+is the date of the training sequence.
 """
 
 from collections.abc import Sequence
@@ -14,12 +14,13 @@ from numpy.typing import NDArray
 from pipeline.world import Floats
 
 Records: TypeAlias = NDArray[Any]
+"""Records (n,) of one of the types BOX, CYLINDER and CROWN."""
 ALWAYS = (-np.inf, np.inf)
 """(born_day, dead_day) of a shape that stands all year."""
 
 
 class Kind(IntEnum):
-    """The kind of a point in the truth."""
+    """What a shape belongs to; the truth tells the kind of every point."""
 
     NOTHING = 0
     GROUND = 1
@@ -38,23 +39,27 @@ class Kind(IntEnum):
 
 
 class Species(IntEnum):
-    """The species of a porous shape, which determines its extinction over the year
-    (`day.extinction_per_m`)."""
+    """The species of a shape, which determines how porous it is over the year.
+
+    `driving.day.extinction_per_m` gives the extinction of each.
+    """
 
     SOLID = -1
     DECIDUOUS = 0
     CONIFER = 1
     HEDGE = 2
     PALES = 3
-    """Pickets, mesh, spokes: half open all year."""
+    """Pickets, mesh and spokes: half open all year."""
 
 
 def _record(*lengths: str) -> np.dtype[Any]:
-    """All shapes share their last fields; 8 bytes per field keep the records aligned."""
-    tail = ["reflectance", "extinction_per_m", "born_day", "dead_day"]
-    return np.dtype(
-        [(name, "f8") for name in [*lengths, *tail]] + [("kind", "i8"), ("species", "i8")]
-    )
+    """The type of a record with these lengths, and the fields that all shapes share.
+
+    All fields have 8 bytes, which keeps the records aligned.
+    """
+    floats = [*lengths, "reflectance", "extinction_per_m", "born_day", "dead_day"]
+    integers = ["kind", "species"]
+    return np.dtype([(name, "f8") for name in floats] + [(name, "i8") for name in integers])
 
 
 BOX = _record(
@@ -65,9 +70,10 @@ CROWN = _record("x_m", "y_m", "z_m", "radius_m", "half_height_m")
 
 
 def records(dtype: np.dtype[Any], **columns: object) -> Records:
-    """Records from columns (n,) or single values.
+    """Make records from columns (n,), or single values that all of them share.
 
-    Fields not given are 0, and the shape is solid and stands all year.
+    Shapes are solid and stand all year unless the columns say otherwise; other missing fields are
+    0.
     """
     length = np.broadcast_shapes(*(np.shape(np.asarray(column)) for column in columns.values()))
     table = np.zeros(length or (1,), dtype)
@@ -79,7 +85,7 @@ def records(dtype: np.dtype[Any], **columns: object) -> Records:
 
 
 def columns(things: Sequence[Any], *names: str) -> dict[str, Floats]:
-    """These attributes of `things`, each as an array (n,)."""
+    """The attributes `names` of all n `things`, each as an array (n,)."""
     return {name: np.array([getattr(thing, name) for thing in things], float) for name in names}
 
 

@@ -1,4 +1,8 @@
-"""The street graph: a jittered grid with missing edges and diagonal footpaths."""
+"""The street graph of a world: corners on a jittered grid, and straight streets between them.
+
+Some streets of the grid are missing, some are footpaths, and some footpaths run diagonally. A route
+from a file can be added as a further footpath.
+"""
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -9,60 +13,71 @@ from numpy.typing import NDArray
 from pipeline.world import Floats
 
 PITCH_M = 95.0
+"""Mean distance between corners, before PITCH_FACTORS."""
 PITCH_FACTORS = (0.75, 1.3)
+"""Bounds of the random factor of each distance."""
 JITTER_SD_M = 10.0
+"""Standard deviation of the jitter of corners, on each axis."""
 JITTER_CLIP_M = 18.0
 REMOVED_SHARE = 0.15
+"""Share of the grid's streets that are removed, if their corners have enough others."""
 DIAGONAL_SHARE = 0.08
+"""Share of the blocks with a diagonal footpath."""
 PATH_SHARE = 0.35
+"""Share of the grid's streets that are footpaths."""
 PATH_HALF_WIDTH_M = 2.0
 ROAD_HALF_WIDTH_M = 4.0
 
 ROUTE_STEP_M = 10.0
+"""Distance between the corners of an added route."""
 ROUTE_MERGE_M = 5.0
+"""An added route shares a corner with itself where it comes nearer to it than this."""
 ROUTE_LINK_EVERY = 10
-
-Floats = Floats
+"""One in so many corners of an added route is linked to the grid."""
 
 
 @dataclass(frozen=True)
 class Streets:
-    """Corners and straight streets between them.
-
-    Half-edge 2e is street e from start to end, 2e + 1 is the reverse.
-    """
+    """v corners, and e straight streets between them."""
 
     nodes_m: Floats
-    """(v, 2) corners; the first (blocks + 1)² are the grid's, row by row in x."""
+    """(v, 2) the corners; the first (blocks + 1)² are those of the grid, row by row in x."""
     edges: NDArray[np.int64]
-    """(e, 2) start and end corner of each street."""
+    """(e, 2) the corners at which each street starts and ends."""
     is_path: NDArray[np.bool_]
-    """(e,) footpaths; the rest are roads."""
+    """(e,) whether each street is a footpath; the others are roads."""
 
     @property
     def starts_m(self) -> Floats:
+        """(e, 2) the starts of the streets."""
         return self.nodes_m[self.edges[:, 0]]
 
     @property
     def ends_m(self) -> Floats:
+        """(e, 2) the ends of the streets."""
         return self.nodes_m[self.edges[:, 1]]
 
     @property
     def lengths_m(self) -> Floats:
+        """(e,)"""
         return np.asarray(np.hypot(*(self.ends_m - self.starts_m).T))
 
     @property
     def half_widths_m(self) -> Floats:
+        """(e,)"""
         return np.where(self.is_path, PATH_HALF_WIDTH_M, ROAD_HALF_WIDTH_M)
 
     def directions(self) -> tuple[Floats, Floats]:
-        """Unit vectors (e, 2) along each street and to its left."""
+        """Unit vectors (e, 2) along each street, and (e, 2) to its left."""
         along = (self.ends_m - self.starts_m) / self.lengths_m[:, None]
         return along, np.stack([-along[:, 1], along[:, 0]], 1)
 
     def beside(self, street: int, stations_m: Floats, left_m: Floats | float) -> Floats:
-        """World points (n, 2), `stations_m` (n,) along a street and `left_m` (n,) or all so far to
-        the left of its middle."""
+        """World points (n, 2) along a street.
+
+        They are `stations_m` (n,) from its start, and `left_m` to the left of its middle, (n,) or
+        the same for all.
+        """
         along, left = self.directions()
         return np.asarray(
             self.starts_m[street]
@@ -71,15 +86,13 @@ class Streets:
         )
 
     def clearance_m(self, points_m: Floats) -> Floats:
-        """Distance (n,) from `points_m` (n, 2) to the border of the nearest street, negative on a
-        street."""
+        """Distance (n,) from points (n, 2) to the border of the nearest street; negative on one."""
         gaps_m = distance_to_segments_m(points_m, self.starts_m, self.ends_m) - self.half_widths_m
         return np.asarray(gaps_m.min(1))
 
 
 def distance_to_segments_m(points_m: Floats, starts_m: Floats, ends_m: Floats) -> Floats:
-    """Distances (n, e) from `points_m` (n, 2) to the segments from `starts_m` to `ends_m` (e,
-    2)."""
+    """Distances (n, e) from points (n, 2) to segments from `starts_m` (e, 2) to `ends_m` (e, 2)."""
     span_x, span_y = (ends_m - starts_m).T
     off_x = points_m[:, :1] - starts_m[:, 0]
     off_y = points_m[:, 1:] - starts_m[:, 1]
@@ -93,55 +106,65 @@ def driven_m(line_m: Floats) -> Floats:
 
 
 def points_along(line_m: Floats, stations_m: Floats) -> Floats:
-    """Points (m, 2) so many metres along a polyline (n, 2)."""
+    """Points (m, 2) on a polyline (n, 2), `stations_m` (m,) from its start."""
     return np.stack([np.interp(stations_m, driven_m(line_m), axis) for axis in line_m.T], 1)
 
 
 def build_streets(rng: np.random.Generator, blocks: int) -> Streets:
-    """The streets of blocks × blocks blocks around the origin.
+    """Build the random streets of blocks × blocks blocks around the origin.
 
     Every corner has at least two streets.
     """
+    # 1. Place the corners.
     side = blocks + 1
-    axes = [np.cumsum([0.0, *(rng.uniform(*PITCH_FACTORS, blocks) * PITCH_M)]) for _ in "xy"]
-    grid_m = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 2)
+    grid_x_m = np.cumsum([0.0, *(rng.uniform(*PITCH_FACTORS, blocks) * PITCH_M)])
+    grid_y_m = np.cumsum([0.0, *(rng.uniform(*PITCH_FACTORS, blocks) * PITCH_M)])
+    grid_m = np.stack(np.meshgrid(grid_x_m, grid_y_m, indexing="ij"), -1).reshape(-1, 2)
     nodes_m = grid_m + rng.normal(0, JITTER_SD_M, grid_m.shape).clip(-JITTER_CLIP_M, JITTER_CLIP_M)
     nodes_m -= (nodes_m.min(0) + nodes_m.max(0)) / 2
+
+    # 2. Join neighbours along both axes, and remove some of these streets.
     corner = np.arange(side * side).reshape(side, side)
     along_x = np.stack([corner[:-1].ravel(), corner[1:].ravel()], 1)
     along_y = np.stack([corner[:, :-1].ravel(), corner[:, 1:].ravel()], 1)
-    kept = _thin_out(rng.permutation(np.concatenate([along_x, along_y])), side * side)
+    grid_edges = _thinned_out(rng.permutation(np.concatenate([along_x, along_y])), side * side)
+
+    # 3. Add diagonals, and make some streets footpaths.
     diagonals = np.stack([corner[:-1, :-1].ravel(), corner[1:, 1:].ravel()], 1)
     diagonals = diagonals[rng.random(len(diagonals)) < DIAGONAL_SHARE]
-    is_path = np.concatenate([rng.random(len(kept)) < PATH_SHARE, np.ones(len(diagonals), bool)])
-    return Streets(nodes_m, np.concatenate([kept, diagonals]), is_path)
+    is_grid_path = rng.random(len(grid_edges)) < PATH_SHARE
+    is_path = np.concatenate([is_grid_path, np.ones(len(diagonals), bool)])
+    return Streets(nodes_m, np.concatenate([grid_edges, diagonals]), is_path)
 
 
-def _thin_out(edges: NDArray[np.int64], nodes: int) -> NDArray[np.int64]:
-    """The shuffled edges without a share REMOVED_SHARE of them; every corner keeps at least two."""
+def _thinned_out(edges: NDArray[np.int64], nodes: int) -> NDArray[np.int64]:
+    """The shuffled edges without the share REMOVED_SHARE of them, or fewer.
+
+    None is removed from a corner that has only two.
+    """
     streets_at = np.bincount(edges.ravel(), minlength=nodes)
-    kept = []
+    remaining = []
     to_remove = int(REMOVED_SHARE * len(edges))
     for start, end in edges:
         if to_remove and streets_at[start] > 2 and streets_at[end] > 2:
             streets_at[[start, end]] -= 1
             to_remove -= 1
         else:
-            kept.append((start, end))
-    return np.array(kept)
+            remaining.append((start, end))
+    return np.array(remaining)
 
 
 def add_route(streets: Streets, route_m: Floats) -> tuple[Streets, list[int]]:
-    """The streets with a route (n, 2) added as a footpath, and the corners that it visits in order.
+    """Add a route (n, 2) as a footpath; returns also the corners that it visits in order.
 
-    Where the route meets itself it shares corners. Links connect it to the grid, for the other
-    sequences.
+    Where the route meets itself it shares corners. Links connect it to the grid, so that other
+    sequences can leave it.
     """
+    # 1. Sample the route; it gets a new corner where none of its own is near.
     length_m = driven_m(route_m)[-1]
+    n_stops = max(2, round(length_m / ROUTE_STEP_M) + 1)
+    first, *stops = points_along(route_m, np.linspace(0, length_m, n_stops))
     grid_corners = len(streets.nodes_m)
-    first, *stops = points_along(
-        route_m, np.linspace(0, length_m, max(2, round(length_m / ROUTE_STEP_M) + 1))
-    )
     nodes = [*streets.nodes_m, first]
     visited = [grid_corners]
     for stop in stops:
@@ -153,9 +176,15 @@ def add_route(streets: Streets, route_m: Floats) -> tuple[Streets, list[int]]:
             visited.append(len(nodes))
             nodes.append(stop)
     steps = {(min(pair), max(pair)) for pair in pairwise(visited)}
-    linked = range(grid_corners, len(nodes), ROUTE_LINK_EVERY)
-    links = {(int(np.hypot(*(streets.nodes_m - nodes[node]).T).argmin()), node) for node in linked}
-    links = {link for link in links if np.hypot(*(nodes[link[0]] - nodes[link[1]])) > 0}
+
+    # 2. Link some of its corners to the nearest ones of the grid, unless they are the same.
+    links = set()
+    for node in range(grid_corners, len(nodes), ROUTE_LINK_EVERY):
+        grid_distances_m = np.hypot(*(streets.nodes_m - nodes[node]).T)
+        nearest = int(grid_distances_m.argmin())
+        if grid_distances_m[nearest] > 0:
+            links.add((nearest, node))
+
     added = np.array(sorted(steps | links))
     edges = np.concatenate([streets.edges, added])
     is_path = np.concatenate([streets.is_path, np.ones(len(added), bool)])

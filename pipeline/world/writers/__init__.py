@@ -1,4 +1,7 @@
-"""Writers of a drive as raw logs in the formats of the data sets, one module per format."""
+"""Writers of simulated drives as raw logs in the formats of real data sets, one module per format.
+
+`writer` makes the one of a format.
+"""
 
 from pathlib import Path
 from typing import Literal
@@ -14,22 +17,23 @@ FILES: dict[str, type[Writer]] = {
     "robotcar": RobotCarWriter,
     "kitti": KittiWriter,
 }
+"""The writers that write one file per scan."""
 BAGS = ("ros1", "sqlite3", "mcap")
+"""The kinds of ROS bags: of ROS 1, and of ROS 2 with two kinds of storage."""
 Format = Literal["nclt", "robotcar", "kitti", "ros1", "sqlite3", "mcap"]
 
 
 def origin_m(logs: Format) -> tuple[float, float, float]:
-    """The origin of the simulated world, in metres in the world frame that the reader of the format
-    returns."""
+    """x, y and z of the simulated world's origin, in metres in the world frame that the format's
+    reader returns."""
     return ORIGIN_M if logs == "robotcar" else (0.0, 0.0, 0.0)
 
 
 def writer(logs: Format, folder: Path, sequence: str, lidar: Lidar) -> Writer:
-    """The writer of the format `logs`."""
+    """Make the writer of the format `logs` for one sequence, which writes into `folder`."""
     if logs == "ros1" or logs == "sqlite3" or logs == "mcap":
-        from pipeline.world.writers.bag import (
-            BagWriterInOrder,
-        )  # it imports rosbags, which no other format needs
+        # Imported only here, since it imports rosbags, which no other format needs.
+        from pipeline.world.writers.bag import BagWriterInOrder
 
         return BagWriterInOrder(folder, sequence, lidar.body_T_sensor, logs)
     return FILES[logs](folder, sequence, lidar.body_T_sensor)

@@ -1,10 +1,11 @@
-"""Writes a ROS bag (METHODS 7.4).
+"""Writes a simulated drive as a ROS bag (METHODS 7.4).
 
-It holds clouds in the lidar's frame, the truth, the wheel odometry and the extrinsics.
+The bag holds clouds in the lidar's frame, the true poses, wheel odometry with its covariance, and
+the lidar's pose on the robot.
 """
 
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,18 +18,32 @@ from pipeline.world.driving.odometry import wheel_covariances, wheel_odometry
 from pipeline.world.seeds import Generators, Stream
 from pipeline.world.writers.writer import Writer
 
+# topics
 CLOUDS = "/points"
 TRUTH = "/ground_truth"
 ODOMETRY = "/odom"
+# frames
 WORLD = "map"
-START = "odom"
+ODOM = "odom"
 BODY = "base_link"
 LIDAR = "velodyne"
 
 
+class _StampedPoses(NamedTuple):
+    """The true pose and the odometry at one stamp."""
+
+    utime: int
+    world_T_body: Poses
+    odom_T_body: Poses
+    covariance: NDArray[np.float64]
+    """(6, 6) gathered by odometry up to this stamp."""
+
+
 class BagWriterInOrder(Writer):
-    """Writes one sequence as `bag.bag`, or as the folder `bag` of ROS 2, in its folder, with
-    messages in order of time."""
+    """Writes one sequence, with its messages in the order of their stamps.
+
+    The file is `bag.bag` of ROS 1, or the folder `bag` of ROS 2.
+    """
 
     in_order = True
 
@@ -41,22 +56,19 @@ class BagWriterInOrder(Writer):
     ) -> None:
         super().__init__(folder, sequence, body_T_sensor)
         self._bag = BagWriter(folder / ("bag.bag" if kind == "ros1" else "bag"), kind).__enter__()
-        self._waiting: list[tuple[int, Poses, Poses, NDArray[np.float64]]] = []
+        self._waiting: list[_StampedPoses] = []  # the next one last
 
     def write_truth(self, drive: Drive, surveyed: Drive, generators: Generators) -> None:
-        """Write the extrinsics, and keep the true poses and the odometry until `write_scan` reaches
-        their stamps."""
+        """Write the lidar's pose on the robot, and keep all other poses until their stamps are due.
+
+        `write_scan` writes them when it reaches their stamps.
+        """
         self._bag.static_transform(int(drive.utimes[0]) * 1000, BODY, LIDAR, self.body_T_sensor)
         drifted = wheel_odometry(generators(Stream.ODOMETRY), drive.world_T_body)
-        self._waiting = list(
-            zip(
-                drive.utimes.tolist(),
-                surveyed.world_T_body,
-                drifted,
-                np.cumsum(wheel_covariances(drive.world_T_body), axis=0),
-                strict=True,
-            )
-        )[::-1]
+        gathered = np.cumsum(wheel_covariances(drive.world_T_body), axis=0)
+        columns = (drive.utimes.tolist(), surveyed.world_T_body, drifted, gathered)
+        rows = [_StampedPoses(*row) for row in zip(*columns, strict=True)]
+        self._waiting = rows[::-1]
 
     def write_scan(self, scan: int, utime: int, returns: Returns) -> None:
         """Write the poses up to the stamp of the scan, and its cloud."""
@@ -73,7 +85,9 @@ class BagWriterInOrder(Writer):
         self._bag.__exit__(None, None, None)
 
     def _write_poses(self, until: int | None) -> None:
-        while self._waiting and (until is None or self._waiting[-1][0] <= until):
-            utime, world_T_body, start_T_body, covariance = self._waiting.pop()
-            self._bag.odometry(utime * 1000, WORLD, BODY, world_T_body, TRUTH)
-            self._bag.odometry(utime * 1000, START, BODY, start_T_body, ODOMETRY, covariance)
+        """Write the waiting poses up to a stamp in microseconds, or all of them."""
+        while self._waiting and (until is None or self._waiting[-1].utime <= until):
+            poses = self._waiting.pop()
+            stamp_ns = poses.utime * 1000
+            self._bag.odometry(stamp_ns, WORLD, BODY, poses.world_T_body, TRUTH)
+            self._bag.odometry(stamp_ns, ODOM, BODY, poses.odom_T_body, ODOMETRY, poses.covariance)

@@ -1,5 +1,6 @@
-"""Writes the layout and frames of NCLT: velodyne_sync scans, ground truth and wheel odometry with
-its covariance (METHODS 7.1)."""
+"""Writes a simulated drive in the files and frames of NCLT (METHODS 7.1): velodyne_sync scans,
+ground truth, and wheel odometry with its covariance.
+"""
 
 import numpy as np
 
@@ -20,8 +21,8 @@ from pipeline.world.seeds import Generators, Stream
 from pipeline.world.writers.writer import Writer, xyzrpy
 
 LEADING_GAPS = 5
-"""Number of NaN rows at the start of the truth: in the real files the SLAM solution begins
-later."""
+"""Number of NaN rows at the start of the truth. In the real files the SLAM solution begins later
+than the odometry."""
 
 
 class NcltWriter(Writer):
@@ -39,7 +40,7 @@ class NcltWriter(Writer):
         write_covariance_rows(self.folder / COVARIANCE, drive.utimes, covariances)
 
     def write_scan(self, scan: int, utime: int, returns: Returns) -> None:
-        """velodyne_sync/<utime>.bin."""
+        """Write velodyne_sync/<utime>.bin, with points in the body's frame."""
         points_m = returns.points_m @ self.body_T_sensor[:3, :3].T + self.body_T_sensor[:3, 3]
         data = encode(points_m.astype(np.float32), returns.intensity, returns.laser)
         (self.folder / SCANS / f"{utime}.bin").write_bytes(data)

@@ -1,7 +1,7 @@
-"""Writes the layout and frames of RobotCar: sweeps of lms_front, visual odometry and INS (METHODS
-7.2).
+"""Writes a simulated drive in the files and frames of RobotCar (METHODS 7.2): sweeps of lms_front,
+visual odometry, and INS.
 
-Each sequence has a folder of its own, with the extrinsics of the SDK inside.
+Each sequence has a folder of its own, with the extrinsics of RobotCar's SDK inside.
 """
 
 import numpy as np
@@ -16,44 +16,44 @@ from pipeline.world.writers.writer import Writer, xyzrpy
 
 LASER = robotcar.LASERS[0]
 INS_US = 20_000
+"""Microseconds between rows of the INS: 50 a second."""
 IMAGES_US = 62_500
-"""50 rows and 16 images a second."""
-BLIND = "INS_BAD_GPS_AGREEMENT"
+"""Microseconds between images: 16 a second."""
+INS_OUTAGE = "INS_BAD_GPS_AGREEMENT"
+"""Status of the INS in an outage."""
 ORIGIN_M = (5_735_000.0, -620_000.0, 110.0)
 """The origin of the simulated world in UTM (x north, y west, z up), in Oxford."""
 BODY_T_VEHICLE = raised(CAMERA_HEIGHT_M)
+"""(4, 4) the vehicle frame, whose origin is at the camera, on the body."""
 VEHICLE_T_INS = pose(*np.hsplit(np.array([robotcar.EXTRINSICS["ins"]]), 2))[0]
-"""(4, 4) in the z-down vehicle frame."""
+"""(4, 4) the INS on the vehicle, with z down in both frames."""
 
 
 class RobotCarWriter(Writer):
     """Writes one sequence into its folder."""
 
     def write_truth(self, drive: Drive, surveyed: Drive, generators: Generators) -> None:
-        """Write the extrinsics, the stamps of the sweeps, the visual odometry, and the INS with its
-        outages."""
+        """Write the extrinsics, the stamps of the sweeps, visual odometry, and the INS's poses."""
         (self.folder / LASER).mkdir(parents=True, exist_ok=True)
         robotcar.write_extrinsics(self.folder / "extrinsics")
         robotcar.write_timestamps(
             self.folder / robotcar.STAMPS.format(laser=LASER), drive.scan_utimes
         )
-        images, rows = (
-            np.arange(drive.utimes[0], drive.utimes[-1], step_us) for step_us in (IMAGES_US, INS_US)
-        )
-        motion = visual_odometry(
-            generators(Stream.VISUAL_ODOMETRY), drive.at(images) @ BODY_T_VEHICLE
-        )
-        robotcar.write_vo(self.folder / robotcar.VO, images, xyzrpy(flip_ned(motion)))
-        reported, good = simulate_ins(
-            generators(Stream.OUTAGES), surveyed.at(rows) @ BODY_T_VEHICLE
-        )
+
+        image_utimes = np.arange(drive.utimes[0], drive.utimes[-1], IMAGES_US)
+        world_T_camera = drive.at(image_utimes) @ BODY_T_VEHICLE
+        motion = visual_odometry(generators(Stream.VISUAL_ODOMETRY), world_T_camera)
+        robotcar.write_vo(self.folder / robotcar.VO, image_utimes, xyzrpy(flip_ned(motion)))
+
+        ins_utimes = np.arange(drive.utimes[0], drive.utimes[-1], INS_US)
+        world_T_vehicle = surveyed.at(ins_utimes) @ BODY_T_VEHICLE
+        reported, is_good = simulate_ins(generators(Stream.OUTAGES), world_T_vehicle)
         reported[:, :3, 3] += ORIGIN_M
-        statuses = np.where(good, robotcar.INS_GOOD, BLIND).tolist()
-        robotcar.write_ins(
-            self.folder / robotcar.INS, rows, statuses, xyzrpy(flip_ned(reported) @ VEHICLE_T_INS)
-        )
+        statuses = np.where(is_good, robotcar.INS_GOOD, INS_OUTAGE).tolist()
+        rows = xyzrpy(flip_ned(reported) @ VEHICLE_T_INS)
+        robotcar.write_ins(self.folder / robotcar.INS, ins_utimes, statuses, rows)
 
     def write_scan(self, scan: int, utime: int, returns: Returns) -> None:
-        """lms_front/<utime>.bin."""
+        """Write lms_front/<utime>.bin."""
         data = robotcar.encode_sweep(returns.points_m[:, :2], returns.intensity)
         (self.folder / LASER / f"{utime}.bin").write_bytes(data)

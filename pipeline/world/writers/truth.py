@@ -1,6 +1,5 @@
-"""Writes labels that no robot could record, beside the logs.
-
-They are the kind of each point, and the events of the year.
+"""Writes labels that no robot could record beside the logs: the kind of each point, and the events
+of the year.
 """
 
 import json
@@ -16,19 +15,19 @@ from pipeline.world.layout.events import Event
 
 @dataclass(frozen=True)
 class TruthWriter:
-    """Writes kinds/<utime>.npy, uint8 in the order of the points of a scan, and year.json."""
+    """Writes the labels of one sequence: year.json, and kinds/<utime>.npy for each scan."""
 
     folder: Path
 
     def write_scan(self, utime: int, returns: Returns) -> None:
-        """Write the `shapes.Kind` of each point of a scan."""
+        """Write the `shapes.Kind` of each point of a scan as uint8, in the order of its points."""
         np.save(self._kinds() / f"{utime}.npy", returns.kind)
 
     def write_year(self, day: int, events: Sequence[Event], plan: dict[str, float]) -> None:
-        """Create the folders.
+        """Create the folders, and write year.json.
 
-        Write the events of the whole year, the day of the sequence in it, and the shares of its
-        route.
+        It holds the events of the whole year, the `day` of the sequence in it, and the shares of
+        its `plan`.
         """
         self._kinds().mkdir(parents=True, exist_ok=True)
         year = {"day": day, "events": [asdict(event) for event in events], "plan": plan}
@@ -37,4 +36,5 @@ class TruthWriter:
         )
 
     def _kinds(self) -> Path:
+        """The folder of the kinds of points."""
         return self.folder / "kinds"

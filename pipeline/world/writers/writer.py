@@ -1,4 +1,4 @@
-"""What all writers of logs do, and what those share that write one file per scan."""
+"""The interface of all writers of logs: the truth of a drive first, then each of its scans."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -16,26 +16,30 @@ from pipeline.world.seeds import Generators
 
 @dataclass
 class Writer(ABC):
-    """Writes one sequence into its folder."""
+    """Writes one sequence into its folder, in the format of a data set."""
 
     folder: Path
     sequence: str
     body_T_sensor: Poses
+    """(4, 4) the scanner's pose on the robot."""
     in_order: ClassVar[bool] = False
-    """Whether the scans must be written in order by one process; otherwise any worker may write
-    them in any order."""
+    """Whether scans must be written in order by one process. Otherwise any worker may write them,
+    in any order."""
 
     @abstractmethod
     def write_truth(self, drive: Drive, surveyed: Drive, generators: Generators) -> None:
-        """Create the folders, and write everything but the scans: the poses as `surveyed`, the
-        odometry and the calibration."""
+        """Create the folders, and write everything except the scans.
+
+        That is the truth, which are the poses of `surveyed`; odometry of the true poses of `drive`,
+        whose errors are drawn from `generators`; and the calibration.
+        """
 
     @abstractmethod
     def write_scan(self, scan: int, utime: int, returns: Returns) -> None:
-        """Write one scan, after the truth."""
+        """Write scan number `scan`, taken at `utime` in microseconds; the truth comes before."""
 
     def close(self) -> None:
-        """Finish the log; nothing is open where each scan is a file."""
+        """Finish the log; there is nothing to do where each scan is a file of its own."""
         return
 
 
