@@ -79,7 +79,6 @@ def cast(
     table = bricks.table
     marks = bricks.marks
     levels = bricks.levels
-    slots = seen.shape[0]
     ox = origin[0]
     oy = origin[1]
     oz = origin[2]
@@ -131,14 +130,8 @@ def cast(
             marks[np.uint64(begin | (key & IN_BRICK))] |= HIT
         elif not every_ray:
             cell = ((ix + REACH) << 42) | ((iy + REACH) << 21) | (iz + REACH)
-            slot = ((np.uint64(cell) * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(32)) & np.uint64(
-                slots - 1
-            )
-            while seen[slot] != VACANT and seen[slot] != cell:
-                slot = (slot + np.uint64(1)) & np.uint64(slots - 1)
-            if seen[slot] == cell:
+            if not _is_new(seen, cell):
                 continue
-            seen[slot] = cell
         # 3. Cut a ray that is too long.
         if length > reach:
             share = reach / length
@@ -167,13 +160,13 @@ def cast(
             exit_x = _exit(cx, ix, dx, next_x, spacing_x, side)
             exit_y = _exit(cy, iy, dy, next_y, spacing_y, side)
             exit_z = _exit(cz, iz, dz, next_z, spacing_z, side)
-            stop = min(exit_x, exit_y, exit_z)
-            along_zy = _steps(next_z, spacing_z, stop + 1) + _steps(
-                next_y, spacing_y, stop + (exit_z > stop)
-            )
-            steps = min(
-                steps, along_zy + _steps(next_x, spacing_x, stop + (min(exit_y, exit_z) > stop))
-            )
+            leave = min(exit_x, exit_y, exit_z)
+            # A border at the very position where the ray leaves counts on the axes that are crossed
+            # before the one on which it leaves.
+            steps_z = _steps(next_z, spacing_z, leave + 1)
+            steps_y = _steps(next_y, spacing_y, leave + (exit_z > leave))
+            steps_x = _steps(next_x, spacing_x, leave + (min(exit_y, exit_z) > leave))
+            steps = min(steps, steps_x + steps_y + steps_z)
 
         # 6. Walk, from the sensor's own leaf to the one before the end.
         x = first_x
@@ -205,6 +198,18 @@ def _parts(x, y, z, lowest, levels):  # type: ignore[no-untyped-def]
         part_of_key(y + lowest[1], 1, levels),
         part_of_key(z + lowest[2], 2, levels),
     )
+
+
+@njit(inline="always", error_model="numpy")
+def _is_new(seen, cell):  # type: ignore[no-untyped-def]
+    """Add a cell to the hash table of cells; returns whether it was not in it yet."""
+    last_slot = np.uint64(seen.shape[0] - 1)
+    slot = ((np.uint64(cell) * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(32)) & last_slot
+    while seen[slot] != VACANT and seen[slot] != cell:
+        slot = (slot + np.uint64(1)) & last_slot
+    is_new = seen[slot] == VACANT
+    seen[slot] = cell
+    return is_new
 
 
 @njit(inline="always", error_model="numpy")
