@@ -69,16 +69,6 @@ def is_level(sweeps: Iterable[NDArray[np.floating]]) -> bool:
     return bool(thicknesses_m) and float(np.median(thicknesses_m)) <= LEVEL_M
 
 
-def _sampled(points: NDArray[np.floating]) -> NDArray[np.floating]:
-    """At most SAMPLED_POINTS of the points (n, 3), drawn at random.
-
-    Not every k-th point: of a 32-beam LiDAR every 32nd lies on the same ring.
-    """
-    if len(points) <= SAMPLED_POINTS:
-        return points
-    return points[np.random.default_rng(0).integers(len(points), size=SAMPLED_POINTS)]
-
-
 def thickness(points: NDArray[np.floating]) -> float:
     """Standard deviation in metres of points (n, 3) across the plane that fits them best.
 
@@ -114,3 +104,13 @@ def coverage(points: NDArray[np.float64]) -> float:
     azimuth = np.sort(np.degrees(np.arctan2(points[:, 1], points[:, 0])))
     gaps = np.diff(azimuth, append=azimuth[0] + 360.0)
     return float(360.0 - gaps[gaps > WIDEST_GAP_DEG].sum())
+
+
+def _sampled(points: NDArray[np.floating]) -> NDArray[np.floating]:
+    """At most SAMPLED_POINTS of the points (n, 3), drawn at random.
+
+    Not every k-th point: of a 32-beam LiDAR every 32nd lies on the same ring.
+    """
+    if len(points) <= SAMPLED_POINTS:
+        return points
+    return points[np.random.default_rng(0).integers(len(points), size=SAMPLED_POINTS)]

@@ -33,9 +33,9 @@ class Rows:
     """(submap, …) such as heights (submap, ring, sector) in metres; `schemas.VIEW_KINDS` lists the
     others. An array, or one in a file that is read where it is sliced."""
     stamps_ns: Stamps
-    """(submap,)"""
+    """(submap,) the stamp of each submap's anchor, the scan that it is gathered around."""
     world_T_anchor: Poses
-    """(submap, 4, 4) the pose of each submap's anchor, the scan that it is gathered around."""
+    """(submap, 4, 4) the pose of each anchor."""
 
     @classmethod
     def read(cls, path: str | Path) -> Self:

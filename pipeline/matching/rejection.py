@@ -221,11 +221,16 @@ def reachable_threshold(
     4. Put the threshold midway between this novelty and the next one. If there is no next one, put
        it just above, since nothing is known of queries beyond.
     """
+    # 1. The precision of accepting all up to each novelty.
     novelties, hits, accepted = _accepted(novelty, right, weight)
-    finite = np.isfinite(novelties)
-    novelties = novelties[finite]
-    kept_precision = (hits / (accepted + 1))[finite].round(9)
+    is_finite = np.isfinite(novelties)
+    novelties = novelties[is_finite]
+    kept_precision = (hits / (accepted + 1))[is_finite].round(9)
+
+    # 2. The novelties at which the wanted precision is kept.
     candidates = np.flatnonzero(kept_precision >= precision)
+
+    # 3. Otherwise those at which the best one is kept.
     if not len(candidates):
         least_of_blocks = np.sort([novelty[block == number].min() for number in np.unique(block)])
         accepted_blocks = np.searchsorted(least_of_blocks, novelties, side="right")
@@ -236,6 +241,8 @@ def reachable_threshold(
         kept_precision = np.floor(1000 * kept_precision + 1e-6) / 1000
     if not len(candidates):
         return Threshold(ACCEPT_NOTHING, np.nan)
+
+    # 4. The threshold behind the largest of them.
     index = candidates[-1]
     if index + 1 < len(novelties):
         reject_from = novelties[index : index + 2].mean()

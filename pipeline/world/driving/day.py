@@ -120,7 +120,7 @@ class Day:
     ground: Ground
     walkers: Traffic
     walker_heights_m: Floats
-    """(walker,)"""
+    """(walker,) the heights of the people."""
     drivers: Traffic
     """Moving cars."""
 

@@ -48,7 +48,7 @@ class Returns:
     points_m: Floats
     """(n, 3) in metres in the sensor's frame."""
     intensity: NDArray[np.uint8]
-    """(n,)"""
+    """(n,) reflectance × cosine of incidence, as 0…255."""
     laser: NDArray[np.uint8]
     """(n,) the number of the beam; 0 is the lowest."""
     kind: NDArray[np.uint8]

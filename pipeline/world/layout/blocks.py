@@ -65,6 +65,7 @@ class Block:
     half_length_m: float
     half_width_m: float
     zone: str
+    """One of ZONES."""
 
     def at(self, ahead_m: float, left_m: float) -> tuple[float, float]:
         """World x, y of a point in the frame of the block, whose origin is its centre."""
@@ -84,17 +85,17 @@ def build_campus(seed: int, blocks: int, streets: Streets, lining: Lining = "spa
 
     With the lining `street`, blocks hold nothing but the lots along the streets.
     """
-    dense = lining != "sparse"
+    is_dense = lining != "sparse"
     ground = rolling_ground(
         generator(seed, Stream.GROUND),
         streets.nodes_m.min(0),
         streets.nodes_m.max(0),
-        FINE_CELL_M if dense else CELL_M,
+        FINE_CELL_M if is_dense else CELL_M,
     )
     rng = generator(seed, Stream.BLOCKS)
     lining_rng = generator(seed, Stream.LINING)
     campus = Campus(streets, ground, templates(rng))
-    if dense:
+    if is_dense:
         campus.ground = banked(lining_rng, ground, streets)
         campus.fronts = {
             template: front(lining_rng, template) for template in [*campus.templates, *houses()]
@@ -103,7 +104,7 @@ def build_campus(seed: int, blocks: int, streets: Streets, lining: Lining = "spa
         for block in divide(rng, streets, blocks):
             fill(rng, block, campus)
         furnish_streets(generator(seed, Stream.FURNITURE), campus)
-    if dense:
+    if is_dense:
         line(lining_rng, campus, lining)
     return campus
 

@@ -59,12 +59,12 @@ class Streets:
 
     @property
     def lengths_m(self) -> Floats:
-        """(e,)"""
+        """(e,) the lengths of the streets."""
         return np.asarray(np.hypot(*(self.ends_m - self.starts_m).T))
 
     @property
     def half_widths_m(self) -> Floats:
-        """(e,)"""
+        """(e,) half the widths of the streets."""
         return np.where(self.is_path, PATH_HALF_WIDTH_M, ROAD_HALF_WIDTH_M)
 
     def directions(self) -> tuple[Floats, Floats]:
