@@ -88,7 +88,7 @@ class Construction:
 
     @property
     def cases(self) -> Sequence[Case]:
-        """As driven, then each number of walls without shadows, then each with shadows."""
+        """The case as driven; then one for each number of walls, without and with shadows."""
         cases = [Case()]
         for shadow in self.shadows:
             cases += [Case(CONSTRUCTION, float(count), shadow) for count in self.walls]

@@ -36,7 +36,7 @@ class Demolition:
 
     @property
     def cases(self) -> Sequence[Case]:
-        """As driven, then each width."""
+        """The case as driven, then one for each width."""
         return (Case(), *(Case(DEMOLITION, float(width)) for width in self.widths_deg))
 
     def alter(

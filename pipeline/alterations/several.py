@@ -46,7 +46,7 @@ class Several:
 
     @property
     def cases(self) -> Sequence[Case]:
-        """As driven, then the cases of each part."""
+        """The case as driven, then the other cases of each part."""
         cases = [Case()]
         for part in self.parts:
             cases += [case for case in part.cases if case != Case()]

@@ -27,7 +27,7 @@ class Turned:
 
     @property
     def cases(self) -> Sequence[Case]:
-        """As driven, then each repeat."""
+        """The case as driven, then one for each repeat."""
         return (Case(), *(Case(TURNED, repeat=repeat) for repeat in range(self.repeats)))
 
     def alter(

@@ -22,7 +22,7 @@ from pipeline.world.seeds import Stream, generator
 OCCUPANCIES = (0.15, 0.9)
 """Bounds of the share of the parking slots that are taken, which is drawn for each day."""
 OCCUPANCY_WAVE = 0.4
-"""By how much this share differs between places, on a wave."""
+"""Difference of this share between the places where it is highest and lowest: it follows a wave."""
 OCCUPANCY_WAVE_LENGTH_M = 60.0
 """Length of this wave, over 2π."""
 CAR_SIZES_M = ((2.2, 0.9, 1.45), (2.35, 0.95, 1.75), (2.6, 1.0, 2.1))

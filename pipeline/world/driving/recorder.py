@@ -49,7 +49,7 @@ class Recorder:
     """Everything that a worker process needs to record any block of scans of a sequence."""
 
     seed: int
-    """Of the world."""
+    """The seed of the world."""
     when: date
     day: Day
     drive: Drive

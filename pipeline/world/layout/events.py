@@ -33,8 +33,8 @@ PERIOD_DAYS = 450
 EVENT_PERIOD_SHARE = (0.1, 0.9)
 """Events happen between these shares of the period."""
 FURTHER_PERIOD_SHARE = ((FENCE_BEFORE_DAYS + 1) / PERIOD_DAYS, EVENT_PERIOD_SHARE[1])
-"""The same for further events: their fences are built after the training day, so that the training
-day does not depend on them."""
+"""Further events happen between these shares. Their fences are built after the training day, so
+that it does not depend on them."""
 NEAR_M = 45.0
 """A demolished building is near the route if its middle is nearer than this."""
 SITE_OFFSETS_M = (14.0, 40.0)

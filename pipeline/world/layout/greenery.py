@@ -31,7 +31,7 @@ ROOT_M = 1.0
 CONIFER_TRUNK_SHARE = 0.12
 """Height of the crown's lower end, as a share of the tree's height."""
 DECIDUOUS_TRUNK_SHARES = (0.28, 0.36)
-"""The same of a deciduous tree, between these bounds."""
+"""Bounds of this share for a deciduous tree."""
 
 
 @dataclass(frozen=True)
