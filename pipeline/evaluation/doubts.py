@@ -1,6 +1,9 @@
-"""Doubts: conditions under which a score says little or nothing; rows of the table of results."""
+"""Doubts: reasons why a score says little or nothing, as rows of the table of results.
 
-from collections.abc import Mapping
+In: a model's answers to the queries of one test sequence, or the submaps of that sequence. Out: for
+each doubt that applies, its name and the value that gives rise to it. One doubt makes a score void:
+that one and the same answer to every query would be right for half of the seen ones.
+"""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,34 +14,37 @@ from pipeline.evaluation.protocols import Distance
 from pipeline.matching.rejection import ACCEPT_NOTHING
 
 BLIND = "blind_recall_at_1"
-"""What one and the same answer to every query would reach: half of it all, and the score is
-void."""
+"""The row that every score has: the recall@1 of one and the same answer to every query."""
 VOID = "void"
-HALF = 0.5
-FEW = 30
-FEW_BLOCKS = 5
-UNSUITED = ("doubt_not_all_round", "doubt_ground", "doubt_low", "doubt_windows")
-OF_SCORES = (
-    "one_answer",
-    "few_seen",
-    "few_blocks",
-    "all_rejected",
-    "none_rejected",
-    "no_threshold",
-    "less_kept",
-)
+"""The row of a score that is void: it is 1 where BLIND is HALF or more, or undefined."""
 NO_SURVEY = "doubt_no_survey"
-DOUBTS = (*(f"doubt_{name}" for name in OF_SCORES), *UNSUITED, NO_SURVEY)
-"""Rows that are there where they apply: the share of queries that get the commonest answer, if half
-or more; how many queries are seen, if FEW or fewer, and in how many blocks of the path, if
-FEW_BLOCKS or fewer; 1 where all are rejected, none is, or no threshold kept any precision on
-held-out blocks; the precision that it kept there, if less than wanted. Of the submaps: degrees of
-azimuth with points, under ROUND_DEG; z of the ground, farther than GROUND_M from 0; z of the
-highest points, under LOW_M; the share of the drive without a whole window, if half or more. Last, 1
-where the poses that judge were estimated from the scans themselves."""
+
+HALF = 0.5
+FEW_SEEN = 30
+FEW_BLOCKS = 5
+"""A sign test of five blocks cannot reach p = .05: with all of one sign it gives 2 / 2⁵."""
 ROUND_DEG = 300.0
 GROUND_M = 0.5
 LOW_M = 1.0
+"""The bounds at which doubts begin; MEANINGS says of what."""
+
+MEANINGS = {
+    "doubt_one_answer": f"share of the queries that get the commonest answer, if {HALF} or more",
+    "doubt_few_seen": f"number of seen queries, if {FEW_SEEN} or fewer",
+    "doubt_few_blocks": f"number of blocks of the path with seen queries, if {FEW_BLOCKS} or fewer",
+    "doubt_all_rejected": "1 if every query is rejected",
+    "doubt_none_rejected": "1 if no query is rejected",
+    "doubt_no_threshold": "1 if no threshold kept any precision on held-out blocks of training",
+    "doubt_less_kept": "precision kept on held-out blocks, if less than was wanted",
+    "doubt_not_all_round": f"degrees of azimuth in which submaps have points, if < {ROUND_DEG}",
+    "doubt_ground": f"height of the submaps' ground, if more than {GROUND_M} m from z = 0",
+    "doubt_low": f"height of the submaps' highest points, if below {LOW_M} m",
+    "doubt_windows": f"share of the drive that has no submap, since its window of sweeps was not "
+    f"yet whole, if {HALF} or more",
+    NO_SURVEY: "1 if the true poses were estimated from the same scans that are judged",
+}
+"""Name of each doubt to the value in its row. A doubt that does not apply has no row."""
+DOUBTS = tuple(MEANINGS)
 
 
 def blind(
@@ -47,17 +53,17 @@ def blind(
     xy_m: NDArray[np.float64],
     distance: Distance,
 ) -> dict[str, float]:
-    """By protocol, the share of seen queries for which one and the same answer would be right.
+    """The largest share of seen queries for which one and the same answer is right, by protocol.
 
-    By cells that answer is the commonest of the true `places` (q,), −1 unseen; by distance the
-    position of a seen query, given where all were taken, `xy_m` (q, 2), and how far they are from
-    training, `nearest_m` (q,). NaN where no query is seen.
+    By cells, the best answer is the commonest of the true `places` (q,), where −1 is unseen. By
+    distance, the answers tried are the positions `xy_m` (q, 2) of the seen queries; `nearest_m`
+    (q,) is each query's distance to training. NaN where no query is seen.
     """
-    seen_places = places[places >= 0]
-    seen_xy_m = xy_m[nearest_m < distance.seen_m]
     shares = {"cells": np.nan, "distance": np.nan}
+    seen_places = places[places >= 0]
     if len(seen_places):
         shares["cells"] = float(np.bincount(seen_places).max() / len(seen_places))
+    seen_xy_m = xy_m[nearest_m < distance.seen_m]
     if len(seen_xy_m):
         neighbours = KDTree(seen_xy_m).query_ball_point(
             seen_xy_m, distance.correct_m, return_length=True
@@ -76,45 +82,54 @@ def doubts(
     seen: int,
     blocks: int,
 ) -> dict[str, float]:
-    """Those doubts that apply to a model's first answers (q,), as values by name; BLIND always.
+    """The doubts about one score that apply, name to value; BLIND is always among them.
 
-    Takes their novelty (q,) and the threshold in use, which keeps `kept_precision` on held-out
-    blocks where `wanted_precision` was wanted, and the numbers of seen queries and of blocks of the
-    path that hold them.
+    `answers` and `novelty` (q,) are the model's first answers and how new each query looks. A query
+    is rejected if its novelty is `reject_from` or more. That threshold was chosen to keep
+    `wanted_precision`, and keeps `kept_precision` on held-out blocks. `seen` queries lie in so many
+    `blocks` of the path.
     """
-    _, counts = np.unique(answers, return_counts=True)
-    commonest_share = counts.max(initial=0) / max(len(answers), 1)
-    rejected = novelty.astype(np.float64) >= reject_from
-    applies = {
-        "doubt_one_answer": (commonest_share, commonest_share >= HALF),
-        "doubt_few_seen": (seen, seen <= FEW),
-        "doubt_few_blocks": (blocks, blocks <= FEW_BLOCKS),
-        "doubt_all_rejected": (1.0, rejected.all() and reject_from > ACCEPT_NOTHING),
-        "doubt_none_rejected": (1.0, not rejected.any()),
-        "doubt_no_threshold": (1.0, reject_from <= ACCEPT_NOTHING),
-        "doubt_less_kept": (kept_precision, kept_precision < wanted_precision),
-        VOID: (1.0, not blind < HALF),
-    }
-    return {BLIND: blind, **_applying(applies)}
+    values = {BLIND: blind}
+    _, answer_counts = np.unique(answers, return_counts=True)
+    commonest_share = answer_counts.max(initial=0) / max(len(answers), 1)
+    if commonest_share >= HALF:
+        values["doubt_one_answer"] = float(commonest_share)
+    if seen <= FEW_SEEN:
+        values["doubt_few_seen"] = float(seen)
+    if blocks <= FEW_BLOCKS:
+        values["doubt_few_blocks"] = float(blocks)
+    is_rejected = novelty.astype(np.float64) >= reject_from
+    has_threshold = reject_from > ACCEPT_NOTHING
+    if has_threshold and is_rejected.all():
+        values["doubt_all_rejected"] = 1.0
+    if not is_rejected.any():
+        values["doubt_none_rejected"] = 1.0
+    if not has_threshold:
+        values["doubt_no_threshold"] = 1.0
+    if kept_precision < wanted_precision:
+        values["doubt_less_kept"] = float(kept_precision)
+    if not blind < HALF:  # so NaN is void too
+        values[VOID] = 1.0
+    return values
 
 
 def unsuited(submaps: Submaps) -> dict[str, float]:
-    """Those of UNSUITED that apply to the submaps of a sequence, as values by name."""
-    azimuth_deg, ground_m, highest_m = (
-        submaps.appearance[name] for name in ("azimuth_deg", "ground_m", "highest_m")
-    )
-    left_out = submaps.left_out
-    anchors = len(submaps.scans) + sum(left_out.values())
-    share = left_out.get("window not yet whole", 0) / anchors
-    return _applying(
-        {
-            "doubt_not_all_round": (azimuth_deg, azimuth_deg < ROUND_DEG),
-            "doubt_ground": (ground_m, abs(ground_m) > GROUND_M),
-            "doubt_low": (highest_m, highest_m < LOW_M),
-            "doubt_windows": (share, share >= HALF),
-        }
-    )
+    """The reasons why the submaps of a sequence do not suit the views, name to value.
 
-
-def _applying(applies: Mapping[str, tuple[float, bool]]) -> dict[str, float]:
-    return {name: float(value) for name, (value, is_present) in applies.items() if is_present}
+    A property that was not measured is NaN, and gives rise to no doubt.
+    """
+    azimuth_deg = float(submaps.appearance["azimuth_deg"])
+    ground_m = float(submaps.appearance["ground_m"])
+    highest_m = float(submaps.appearance["highest_m"])
+    anchor_count = len(submaps.scans) + sum(submaps.left_out.values())
+    no_window_share = submaps.left_out.get("window not yet whole", 0) / anchor_count
+    values: dict[str, float] = {}
+    if azimuth_deg < ROUND_DEG:
+        values["doubt_not_all_round"] = azimuth_deg
+    if abs(ground_m) > GROUND_M:
+        values["doubt_ground"] = ground_m
+    if highest_m < LOW_M:
+        values["doubt_low"] = highest_m
+    if no_window_share >= HALF:
+        values["doubt_windows"] = no_window_share
+    return values
