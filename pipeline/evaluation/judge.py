@@ -1,11 +1,17 @@
-"""Judges what a model answered: rankings, labels and true poses in; an `Evaluation` out.
+"""Judges a model's answers: rankings, labels and true poses in; an `Evaluation` out.
 
-By both protocols it has each query's outcome, and every number with its interval. `judge` takes one
-case of a sequence's queries, `judge_cases` all of a sequence.
+The stage `evaluate` calls `judge_cases`, which judges one test sequence in each of its cases: the
+queries as they were driven, and with each alteration. `judge` judges the queries of one case in
+three steps:
+
+1. the errors of each first answer and of each estimated pose (`Queries`);
+2. what counts as seen and as right, once by cells and once by distance (`Truth`);
+3. by each of these two protocols the counts, the curves, and every number with its interval.
 """
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,6 +52,64 @@ from pipeline.matching.ranking import Ranking
 from pipeline.matching.rejection import ACCEPT_NOTHING
 
 
+class PoseEstimates(NamedTuple):
+    """The poses that a method estimates of q queries."""
+
+    world_T_query: Poses
+    """(q, 4, 4); NaN for a query without a pose."""
+    reject_from: float
+    """A pose is rejected if its novelty is this or more, which keeps a precision of .99."""
+    right_within: tuple[float, float] = RIGHT_WITHIN
+    """Metres and degrees within which a pose is right."""
+
+
+def judge_cases(
+    rankings: SequenceRanking,
+    labels: Labels,
+    submaps: Submaps,
+    distance: Distance,
+    bootstrap: Bootstrap,
+) -> dict[Case, Evaluation]:
+    """Judge the rankings of one test sequence, case by case.
+
+    Labels and submaps are those of the sequence as it was driven: a row a query, the same rows for
+    each case. Raises InputError if the rankings have not one row a submap and case.
+    """
+    cases = read_cases(rankings.cases)
+    query_count = len(submaps.world_T_anchor)
+    if len(rankings.turned_deg) != query_count * len(cases):
+        raise InputError(
+            f"{rankings.path}: {len(rankings.turned_deg)} queries in {len(cases)} cases of "
+            f"{query_count} submaps"
+        )
+    evaluations = {}
+    for i, case in enumerate(cases):
+        rows = slice(i * query_count, (i + 1) * query_count)
+        estimates = None
+        if isinstance(rankings, Fixes):
+            estimates = PoseEstimates(
+                rankings.world_T_query[rows], rankings.reject_from(), rankings.right_within
+            )
+        evaluation = judge(
+            rankings.ranking(rows),
+            rankings.thresholds,
+            labels,
+            submaps.world_T_anchor,
+            distance,
+            bootstrap,
+            rankings.turned_deg[rows],
+            estimates,
+        )
+        evaluations[case] = replace(
+            evaluation,
+            beliefs=_belief_thresholds(rankings),
+            unsuited=unsuited(submaps),
+            wanted_precision=rankings.wanted_precision,
+            kept_precision=_kept_precision(rankings),
+        )
+    return evaluations
+
+
 def judge(
     ranking: Ranking,
     reject_from: Sequence[float],
@@ -54,33 +118,27 @@ def judge(
     distance: Distance,
     bootstrap: Bootstrap,
     turned_deg: NDArray[np.float32] | None = None,
-    world_T_query: Poses | None = None,
-    reject_pose_from: float = np.nan,
-    right_within: tuple[float, float] = RIGHT_WITHIN,
+    estimates: PoseEstimates | None = None,
 ) -> Evaluation:
-    """Judge a ranking of q queries against their labels and true poses (q, 4, 4).
+    """Judge the ranking of q queries against their labels and true poses.
 
-    `reject_from` (kind,) is the model's threshold on each kind of novelty. `turned_deg` (q,) is how
-    far the robot was turned to the left for each query; `world_T_anchor` are the poses before.
-    Of a method with poses, `world_T_query` (q, 4, 4) are the estimated ones, `reject_pose_from` is
-    the novelty from which to reject to keep .99 of them, and they are right within these metres and
-    degrees. Raises InputError where ranking, labels and poses do not fit together.
+    `reject_from` (kind,) is the model's threshold on each kind of novelty. `world_T_anchor`
+    (q, 4, 4) are the true poses; if an alteration turned the robot on the spot, `turned_deg` (q,)
+    is by how much, to the left, and is not in these poses. `estimates` are for a method with poses.
+
+    What `judge_cases` knows of the whole sequence is left empty: `beliefs`, `unsuited`, and the
+    wanted and kept precision. Raises InputError if ranking, labels and poses do not fit together.
     """
     _check(ranking, reject_from, labels, world_T_anchor)
-    xy_m = world_T_anchor[:, :2, 3].astype(np.float64)
     queries = _queries(ranking, reject_from, labels, world_T_anchor, turned_deg)
-    if world_T_query is not None:
-        world_T_query_true = world_T_anchor
-        if turned_deg is not None:
-            world_T_query_true = world_T_anchor @ turns(np.deg2rad(turned_deg.astype(np.float64)))
-        pose_error_m, pose_error_deg = distance_and_turn(world_T_query, world_T_query_true)
-        queries = replace(queries, pose_error_m=pose_error_m, pose_error_deg=pose_error_deg)
-    queries = replace(queries, reject_pose_from=reject_pose_from, right_within=right_within)
-    # An answer outside all places says: unseen.
+    if estimates is not None:
+        queries = _with_pose_errors(queries, estimates, world_T_anchor, turned_deg)
+    # An answer outside all places says: unseen. By cells such a query is always rejected.
     is_outside = ranking.places[:, :1] < 0
     queries_by_cells = replace(
         queries, novelty=np.where(is_outside, np.float32(np.inf), queries.novelty)
     )
+    xy_m = world_T_anchor[:, :2, 3].astype(np.float64)
     truth_by_cells = by_cells(ranking.places, labels.places, labels.oracle)
     truth_by_distance = distance.truth(ranking.xy_m, xy_m, labels.nearest_m)
     return Evaluation(
@@ -106,6 +164,26 @@ def judge(
     )
 
 
+def _check(
+    ranking: Ranking, reject_from: Sequence[float], labels: Labels, world_T_anchor: Poses
+) -> None:
+    """Raise InputError unless all have a row a query, and each kind of novelty a threshold."""
+    answers = [array for name, array in vars(ranking).items() if name != "kinds"]
+    true = (world_T_anchor, labels.places, labels.oracle, labels.nearest_m, labels.nearest_turn_deg)
+    rows = {len(array) for array in (*answers, *true)}
+    if len(rows) != 1:
+        raise InputError(
+            f"the ranking and the labels must have one row a query, but have {sorted(rows)}"
+        )
+    if ranking.places.shape[1] == 0:
+        raise InputError("a ranking must hold at least one place a query")
+    if not ranking.novelty.shape[1] == len(ranking.kinds) == len(reject_from) > 0:
+        raise InputError(
+            f"{ranking.novelty.shape[1]} columns of novelty, {len(ranking.kinds)} kinds and "
+            f"{len(reject_from)} thresholds"
+        )
+
+
 def _queries(
     ranking: Ranking,
     reject_from: Sequence[float],
@@ -113,7 +191,7 @@ def _queries(
     world_T_anchor: Poses,
     turned_deg: NDArray[np.float32] | None,
 ) -> Queries:
-    """The queries with their first answers' errors, as of a method without poses."""
+    """The queries with the errors of their first answers, and without poses."""
     turn_deg = np.asarray(labels.nearest_turn_deg, np.float64)
     true_deg = np.rad2deg(yaw(world_T_anchor))
     if turned_deg is not None:
@@ -137,77 +215,85 @@ def _queries(
     )
 
 
-def judge_cases(
-    rankings: SequenceRanking,
-    labels: Labels,
-    submaps: Submaps,
-    distance: Distance,
-    bootstrap: Bootstrap,
-) -> dict[Case, Evaluation]:
-    """Judge each case of the rankings of one sequence.
+def _with_pose_errors(
+    queries: Queries,
+    estimates: PoseEstimates,
+    world_T_anchor: Poses,
+    turned_deg: NDArray[np.float32] | None,
+) -> Queries:
+    """The queries with the errors of their estimated poses."""
+    world_T_query_true = world_T_anchor
+    if turned_deg is not None:
+        world_T_query_true = world_T_anchor @ turns(np.deg2rad(turned_deg.astype(np.float64)))
+    error_m, error_deg = distance_and_turn(estimates.world_T_query, world_T_query_true)
+    return replace(
+        queries,
+        pose_error_m=error_m,
+        pose_error_deg=error_deg,
+        reject_pose_from=estimates.reject_from,
+        right_within=estimates.right_within,
+    )
 
-    Labels and submaps are those of the sequence as it was driven. Raises InputError where the
-    rankings are not of these submaps in each case.
+
+def _judgement(
+    truth: Truth, queries: Queries, xy_m: NDArray[np.float64], bootstrap: Bootstrap
+) -> Judgement:
+    """Judge queries at positions (q, 2) by one protocol."""
+    kind_count = queries.novelty.shape[1]
+
+    def every_number(weight: Weight) -> NDArray[np.float64]:
+        """All NUMBERS, then MEASURES of each kind of novelty, with a column a resample."""
+        in_use = numbers(truth, queries, weight)
+        values = [*in_use.values(), *(in_use[name] for name in MEASURES)]
+        for kind in range(1, kind_count):
+            values += measures(truth, queries, kind, weight).values()
+        return np.stack(values)
+
+    estimates = bootstrap.estimates(every_number, xy_m)
+    numbers_with_bounds = estimates[: len(NUMBERS)]
+    measures_with_bounds = estimates[len(NUMBERS) :].reshape(kind_count, len(MEASURES), 3)
+
+    novelty = queries.novelty[:, 0]
+    once = np.ones((1, len(xy_m)))  # each query counts once
+    seen = once @ truth.seen
+    counts = count(truth, novelty, queries.thresholds)
+    precision, recall = curve(truth, counts, seen)
+    exact = ExactCounts(truth, novelty, once)
+    exact_areas = [auc(*curve(truth, exact.count(n), seen)) for n in range(1, TOP_N + 1)]
+    recalls = [share(is_right_at(truth, n), truth.seen, once) for n in range(1, TOP_N + 1)]
+    return Judgement(
+        **vars(counts),
+        precision=precision,
+        recall=recall,
+        auc=where(seen, auc(precision, recall)),
+        auc_exact=where(seen, np.concatenate(exact_areas)),
+        recall_at=np.concatenate(recalls),
+        true_rank=truth.true_rank,
+        seen=truth.seen,
+        unseen=truth.unseen,
+        outcome=outcomes(truth, novelty, queries.reject_from[0]),
+        oracle_right=truth.oracle_right,
+        numbers=numbers_with_bounds,
+        rejection=measures_with_bounds,
+    )
+
+
+def outcomes(truth: Truth, novelty: NDArray[np.float32], threshold: float) -> NDArray[np.int8]:
+    """The outcome (q,) of each query at one threshold, from `HIT` to `NOT_JUDGED`.
+
+    Only the first answer counts.
     """
-    cases = read_cases(rankings.cases)
-    n = len(submaps.world_T_anchor)
-    if len(rankings.turned_deg) != n * len(cases):
-        raise InputError(
-            f"{rankings.path}: {len(rankings.turned_deg)} queries in {len(cases)} cases of {n} "
-            "submaps"
-        )
-    evaluations = {}
-    for i, case in enumerate(cases):
-        rows = slice(i * n, (i + 1) * n)
-        evaluation = judge(
-            rankings.ranking(rows),
-            rankings.thresholds,
-            labels,
-            submaps.world_T_anchor,
-            distance,
-            bootstrap,
-            rankings.turned_deg[rows],
-            rankings.world_T_query[rows] if isinstance(rankings, Fixes) else None,
-            rankings.reject_from() if isinstance(rankings, Fixes) else np.nan,
-            rankings.right_within if isinstance(rankings, Fixes) else RIGHT_WITHIN,
-        )
-        evaluations[case] = replace(
-            evaluation,
-            beliefs=_beliefs(rankings),
-            unsuited=unsuited(submaps),
-            wanted_precision=rankings.wanted_precision,
-            kept_precision=kept_precision(rankings),
-        )
-    return evaluations
-
-
-def kept_precision(rankings: SequenceRanking) -> tuple[float, ...]:
-    """The precision that each threshold (kind,) keeps on held-out blocks.
-
-    NaN where that is not known, or nothing is accepted. The verdict on poses, the first kind, keeps
-    what is wanted or accepts nothing.
-    """
-    if isinstance(rankings, Rankings):
-        return rankings.kept_precision
-    accepts = rankings.thresholds[0] > ACCEPT_NOTHING
-    of_poses = rankings.wanted_precision if accepts else np.nan
-    return (of_poses, *[np.nan] * (len(rankings.kinds) - 1))
-
-
-def _beliefs(rankings: SequenceRanking) -> dict[str, float]:
-    """For each kind of WEAKER_VERDICTS the novelty from which to reject it to keep .99.
-
-    Empty without poses.
-    """
-    if not isinstance(rankings, Fixes):
-        return {}
-    return {belief: rankings.reject_from(belief=belief) for belief in WEAKER_VERDICTS}
+    is_rejected = novelty.astype(np.float64) >= threshold
+    if_accepted = np.where(is_right_at(truth, 1), HIT, FALSE_ALARM)
+    if_rejected = np.where(truth.seen, MISS, CORRECT_REJECTION)
+    if_judged = np.where(is_rejected, if_rejected, if_accepted)
+    return np.where(truth.seen | truth.unseen, if_judged, NOT_JUDGED).astype(np.int8)
 
 
 def _calibration(ranking: Ranking, labels: Labels) -> NDArray[np.float64]:
-    """Expected calibration errors (2,) of 1 − cost and of the confidence, over the seen queries.
+    """The expected calibration errors (2,) of 1 − cost and of the method's own confidence.
 
-    By cells; NaN where the method gives no confidence.
+    They are over the seen queries, by cells. NaN where the method gives no confidence.
     """
     seen = labels.places >= 0
     confidence = ranking.confidence[seen]
@@ -217,68 +303,25 @@ def _calibration(ranking: Ranking, labels: Labels) -> NDArray[np.float64]:
     return np.array([ece(1 - ranking.costs[seen, 0], is_right), ece(confidence, is_right)])
 
 
-def _judgement(
-    truth: Truth, queries: Queries, xy_m: NDArray[np.float64], bootstrap: Bootstrap
-) -> Judgement:
-    """Judge the queries by one protocol; every number and its interval come from one function."""
-    kinds = queries.novelty.shape[1]
-    unit_weight = np.ones((1, len(xy_m)))
-    novelty = queries.novelty[:, 0]
+def _kept_precision(rankings: SequenceRanking) -> tuple[float, ...]:
+    """The precision that the threshold on each kind of novelty (kind,) keeps on held-out blocks.
 
-    def every_number(weight: Weight) -> NDArray[np.float64]:
-        in_use = numbers(truth, queries, weight)
-        measures_in_use = {name: in_use[name] for name in MEASURES}
-        further_kinds = (measures(truth, queries, kind, weight) for kind in range(1, kinds))
-        groups = (in_use, measures_in_use, *further_kinds)
-        return np.stack([value for group in groups for value in group.values()])
-
-    estimates = bootstrap.estimates(every_number, xy_m)
-    counts = count(truth, novelty, queries.thresholds)
-    seen = unit_weight @ truth.seen
-    precision, recall = curve(truth, counts, seen)
-    exact = ExactCounts(truth, novelty, unit_weight)
-    areas = [auc(*curve(truth, exact.count(n), seen)) for n in range(1, TOP_N + 1)]
-    return Judgement(
-        **vars(counts),
-        precision=precision,
-        recall=recall,
-        auc=where(seen, auc(precision, recall)),
-        auc_exact=where(seen, np.concatenate(areas)),
-        recall_at=np.concatenate(
-            [share(is_right_at(truth, n), truth.seen, unit_weight) for n in range(1, TOP_N + 1)]
-        ),
-        true_rank=truth.true_rank,
-        seen=truth.seen,
-        unseen=truth.unseen,
-        outcome=outcomes(truth, novelty, queries.reject_from[0]),
-        oracle_right=truth.oracle_right,
-        numbers=estimates[: len(NUMBERS)],
-        rejection=estimates[len(NUMBERS) :].reshape(kinds, len(MEASURES), 3),
-    )
+    NaN where it is not known, or where the threshold accepts nothing. For poses, the first kind is
+    the doubt in the pose: its threshold keeps what is wanted or accepts nothing.
+    """
+    if isinstance(rankings, Rankings):
+        return rankings.kept_precision
+    accepts_poses = rankings.thresholds[0] > ACCEPT_NOTHING
+    of_poses = rankings.wanted_precision if accepts_poses else np.nan
+    return (of_poses, *[np.nan] * (len(rankings.kinds) - 1))
 
 
-def outcomes(truth: Truth, novelty: NDArray[np.float32], threshold: float) -> NDArray[np.int8]:
-    """Outcome (q,) of each query at one threshold by its first answer: `HIT` to `NOT_JUDGED`."""
-    rejected = novelty.astype(np.float64) >= threshold
-    accepted_as = np.where(is_right_at(truth, 1), HIT, FALSE_ALARM)
-    judged_as = np.where(rejected, np.where(truth.seen, MISS, CORRECT_REJECTION), accepted_as)
-    return np.where(truth.seen | truth.unseen, judged_as, NOT_JUDGED).astype(np.int8)
+def _belief_thresholds(rankings: SequenceRanking) -> dict[str, float]:
+    """The threshold on each kind of WEAKER_VERDICTS: weaker claims than that the pose is right.
 
-
-def _check(
-    ranking: Ranking, reject_from: Sequence[float], labels: Labels, world_T_anchor: Poses
-) -> None:
-    answers = [array for name, array in vars(ranking).items() if name != "kinds"]
-    true = (world_T_anchor, labels.places, labels.oracle, labels.nearest_m, labels.nearest_turn_deg)
-    rows = {len(array) for array in (*answers, *true)}
-    if len(rows) != 1:
-        raise InputError(
-            f"the ranking and the labels must have one row a query, but have {sorted(rows)}"
-        )
-    if ranking.places.shape[1] == 0:
-        raise InputError("a ranking must hold at least one place a query")
-    if not ranking.novelty.shape[1] == len(ranking.kinds) == len(reject_from) > 0:
-        raise InputError(
-            f"{ranking.novelty.shape[1]} columns of novelty, {len(ranking.kinds)} kinds and "
-            f"{len(reject_from)} thresholds"
-        )
+    A claim is rejected if its novelty is that or more, which keeps a precision of .99. Empty if the
+    method gives no poses.
+    """
+    if not isinstance(rankings, Fixes):
+        return {}
+    return {belief: rankings.reject_from(belief=belief) for belief in WEAKER_VERDICTS}

@@ -14,7 +14,7 @@ from pipeline.core.errors import ArtifactError, InputError
 from pipeline.core.frames import turns
 from pipeline.core.schemas import Labels
 from pipeline.evaluation.bootstrap import Bootstrap
-from pipeline.evaluation.judge import judge, judge_cases, outcomes
+from pipeline.evaluation.judge import PoseEstimates, judge, judge_cases, outcomes
 from pipeline.evaluation.judgement import (
     HIT,
     MISS,
@@ -82,16 +82,8 @@ def drive(
     """
     true = standing(xy_m, YAW_DEG if len(xy_m) == 5 else 0.0)
     rules = (Distance(), Bootstrap(block_m=5.0, resamples=40))
-    return judge(
-        ranking,
-        reject_from,
-        labels,
-        true,
-        *rules,
-        turned_deg,
-        poses,
-        np.nan if poses is None else 0.9,
-    )
+    estimates = None if poses is None else PoseEstimates(poses, 0.9)
+    return judge(ranking, reject_from, labels, true, *rules, turned_deg, estimates)
 
 
 def test_an_evaluation_is_what_its_schema_asks_for() -> None:
