@@ -1,4 +1,13 @@
-"""95 % intervals: how far a number moves with other stretches of the same streets."""
+"""95 % intervals by a block bootstrap: how far a number moves with other stretches of the streets.
+
+In: a function that computes numbers from weighted queries, and where the queries lie. Out: the
+lowest and highest value of each number. The steps:
+
+1. cut the path into blocks of `block_m` metres;
+2. draw as many blocks as there are, with replacement, `resamples` times: a query then counts as
+   often as its block was drawn;
+3. compute the numbers on each resample, and take the 2.5th and 97.5th percentile of each.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,21 +18,23 @@ from numpy.typing import NDArray
 from pipeline.core.settings import Count, Positive, Seed, check
 
 BOUNDS = (2.5, 97.5)
+"""Percentiles."""
 CHUNK = 1 << 17
-"""Weights held at once: a MB in each array between, whatever the number of queries."""
-Numbers = Callable[[NDArray[np.float64]], NDArray[np.float64]]  # weights (r, q) to m numbers (m, r)
+"""Weights that are computed with at once: 1 MB of float64, however many queries there are."""
+Numbers = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+"""Computes m numbers (m, r) from the weights (r, q) of q queries in r resamples."""
 
 
 @dataclass(frozen=True)
 class Bootstrap:
     """Resamples blocks of the path, not queries, since errors of neighbouring queries come in runs.
 
-    Percentile method. A number that no resample moves, such as a recall of 1, has an interval of no
-    width: the path holds no evidence of how it might fail.
+    A number that is the same in all resamples, such as a recall of 1, has an interval of no width:
+    the path holds no evidence of how it might fail.
     """
 
     block_m: Positive = 50.0
-    """Travelled metres that stay together; longer than a run of errors."""
+    """Length of a block along the path; longer than a run of errors."""
     resamples: Count = 1000
     seed: Seed = 0
 
@@ -33,44 +44,54 @@ class Bootstrap:
     def intervals(self, numbers: Numbers, xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """Lowest and highest (m, 2) of m numbers of queries along a path `xy_m` (q, 2).
 
-        NaN for a number that all queries together leave undefined, and on a path of a single block;
-        resamples that leave it undefined are left out.
+        Resamples in which a number is undefined (NaN) are left out. Its bounds are NaN if it is
+        undefined on the path itself, and if the path has a single block.
         """
-        return np.array(
-            [bounds(spread) for spread in self.spreads(numbers, xy_m)], np.float64
-        ).reshape(-1, 2)
+        resampled = self.spreads(numbers, xy_m)
+        return np.array([bounds(values) for values in resampled], np.float64).reshape(-1, 2)
 
     def estimates(self, numbers: Numbers, xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The m numbers of all queries, each with its lowest and highest (m, 3)."""
+        """The m numbers of all queries, each with its value, lowest and highest (m, 3)."""
         return np.concatenate(
             [numbers(np.ones((1, len(xy_m)))), self.intervals(numbers, xy_m)], axis=1
         )
 
     def spreads(self, numbers: Numbers, xy_m: NDArray[np.float64]) -> list[NDArray[np.float64]]:
-        """Each number in the resamples that define it; empty where `intervals` has NaN."""
+        """The values of each of m numbers in the resamples that define it.
+
+        Empty for a number whose bounds are NaN (see `intervals`).
+        """
         block = blocks(xy_m, self.block_m)
-        estimate = numbers(np.ones((1, len(xy_m))))[:, 0]
-        count = block.max(initial=-1) + 1
-        if count < 2:
-            return [np.empty(0)] * len(estimate)
-        drawn_blocks = np.random.default_rng(self.seed).multinomial(
-            count, np.full(count, 1 / count), self.resamples
-        )
-        step = max(1, CHUNK // len(block))
-        chunks = [
-            numbers(drawn_blocks[start : start + step, block].astype(np.float64))
-            for start in range(0, self.resamples, step)
-        ]
+        block_count = block.max(initial=-1) + 1
+        estimates = numbers(np.ones((1, len(xy_m))))[:, 0]
+        if block_count < 2:
+            return [np.empty(0)] * len(estimates)
+
+        # How often each block is drawn (resample, block).
+        random = np.random.default_rng(self.seed)
+        equal_chances = np.full(block_count, 1 / block_count)
+        draws = random.multinomial(block_count, equal_chances, self.resamples)
+
+        # The numbers on all resamples (m, resample), some resamples at a time.
+        chunk_length = max(1, CHUNK // len(block))
+        chunks = []
+        for start in range(0, self.resamples, chunk_length):
+            weight = draws[start : start + chunk_length, block].astype(np.float64)
+            chunks.append(numbers(weight))
         resampled = np.concatenate(chunks, axis=1)
-        return [
-            spread[~np.isnan(spread) & ~np.isnan(value)]
-            for spread, value in zip(resampled, estimate, strict=True)
-        ]
+
+        defined = []
+        for values, estimate in zip(resampled, estimates, strict=True):
+            is_defined = ~np.isnan(values) & ~np.isnan(estimate)
+            defined.append(values[is_defined])
+        return defined
 
 
-def bounds(spread: NDArray[np.float64]) -> tuple[float, float]:
-    """Lowest and highest of a number in resamples (r,); NaN without any."""
-    low, high = np.percentile(spread, BOUNDS) if len(spread) else (np.nan, np.nan)
+def bounds(resampled: NDArray[np.float64]) -> tuple[float, float]:
+    """Lowest and highest of the 95 % interval of a number in resamples (r,); NaN without any."""
+    if not len(resampled):
+        return np.nan, np.nan
+    low, high = np.percentile(resampled, BOUNDS)
     return float(low), float(high)
 
 

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from pipeline.core.errors import InputError
 
 BINS = 10
-"""Of confidence, equally wide."""
+"""Number of bins, equally wide, into which confidences are sorted."""
 ROUNDING = 1e-6
-"""A chance may be over 1 or below 0 by this."""
+"""A chance may exceed 1 or fall below 0 by this much."""
 
 
 @dataclass(frozen=True)
@@ -27,13 +27,13 @@ class Reliability:
     right: NDArray[np.float64]
     """(bin,) share of the answers that is right; NaN in an empty bin."""
     count: NDArray[np.int64]
-    """(bin,) answers."""
+    """(bin,) number of answers."""
 
 
 def reliability(confidence: NDArray[Any], right: NDArray[np.bool_]) -> Reliability:
     """Bin answers by confidence (q,), a chance between 0 and 1; `right` (q,) says which are right.
 
-    Raises InputError for a confidence that is no chance.
+    Raises InputError for a confidence that is not between 0 and 1.
     """
     if not chances(confidence):
         raise InputError("a confidence is no chance between 0 and 1")
@@ -47,9 +47,10 @@ def reliability(confidence: NDArray[Any], right: NDArray[np.bool_]) -> Reliabili
 
 
 def ece(confidence: NDArray[Any], right: NDArray[np.bool_]) -> float:
-    """Expected calibration error: the mean gap between confidence and share right, weighted by bin.
+    """Expected calibration error: the mean over answers of the gap that their bin has.
 
-    NaN without answers, and where a confidence is no chance, as a descriptor's distance is not.
+    A bin's gap is the one between its mean confidence and its share of right answers. NaN without
+    answers, and if a confidence is not between 0 and 1, such as a descriptor's distance.
     """
     if len(confidence) == 0 or not chances(confidence):
         return np.nan
@@ -58,5 +59,5 @@ def ece(confidence: NDArray[Any], right: NDArray[np.bool_]) -> float:
 
 
 def chances(confidence: NDArray[Any]) -> bool:
-    """Whether all confidences lie between 0 and 1, but for rounding."""
+    """Whether all confidences lie between 0 and 1, up to rounding."""
     return bool(((confidence >= -ROUNDING) & (confidence <= 1 + ROUNDING)).all())

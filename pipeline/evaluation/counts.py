@@ -1,7 +1,8 @@
 """Counts of hits, misses, false alarms and correct rejections (METHODS.md 2.7).
 
-In: the truth of each query and its novelty. Out: how many queries have each outcome at each
-threshold, where an answer is right if a true place is among the first n; `curves` takes them.
+In: the truth of each query and its novelty. Out: how many queries have each of the four outcomes at
+each threshold; `curves` computes precision and recall from them. An answer counts as right if a
+true place is among its first n.
 """
 
 from dataclasses import dataclass
@@ -14,16 +15,16 @@ from pipeline.core.errors import InputError
 from pipeline.evaluation.protocols import Truth
 
 TOP_N = 25
-"""The largest n; the SCI paper looks at the first 1, 5 and 25 places."""
+"""The largest n: the SCI paper judges the first 1, 5 and 25 places."""
 N_THRESHOLDS = 200
-"""How many thresholds the SCI paper's curve has."""
+"""Number of thresholds of the SCI paper's curve."""
 
 
 @dataclass(frozen=True)
 class Counts:
-    """Number of judged queries of each outcome, thresholds along the last axis.
+    """Number of judged queries of each outcome, with the thresholds along the last axis.
 
-    The four add up to the same number everywhere.
+    At each threshold the four add up to the number of judged queries.
     """
 
     hits: NDArray[Any]

@@ -1,6 +1,8 @@
-"""How a model did on held-out blocks of its training sequence: its evidence in; an area out.
+"""How well a model does on held-out blocks of its training sequence, as one number.
 
-Settings may be chosen by this number, and never by the test sequences.
+In: the model's evidence, that is its answers to queries from stretches of the training path that it
+did not learn. Out: the area under their precision-recall curve. Settings may be chosen by this
+number, and never by the test sequences.
 """
 
 import numpy as np
@@ -12,21 +14,20 @@ from pipeline.matching.rejection import Evidence
 
 
 def held_out_auc(evidence: Evidence, kind: str, unseen_share: float) -> float:
-    """Area under the exact precision-recall curve on held-out queries, by cells, at top 1.
+    """Area under the exact precision-recall curve of the first answers to held-out queries.
 
-    By the authors' rules. Each held-out query counts once as seen and once, with its surroundings
-    forgotten, as unseen.
+    It is by cells, with the SCI authors' rule of recall (`curves`). Each held-out query counts once
+    as seen and once as unseen: then its surroundings are taken from what the model learned. `kind`
+    is the kind of novelty, `unseen_share` the share of unseen queries that is assumed.
     """
-    return float(held_out_aucs(evidence, kind, unseen_share, np.ones((1, len(evidence.right))))[0])
+    once = np.ones((1, len(evidence.right)))
+    return float(held_out_aucs(evidence, kind, unseen_share, once)[0])
 
 
 def held_out_aucs(
     evidence: Evidence, kind: str, unseen_share: float, counts: NDArray[np.float64]
 ) -> Number:
-    """The same area (r,) in r resamples, in which each held-out query counts `counts` (r, h) times.
-
-    `kind` is the kind of novelty, `unseen_share` the share of unseen queries that is assumed.
-    """
+    """`held_out_auc` (r,) in r resamples, in which h queries count `counts` (r, h) times each."""
     novelty, right, weight = evidence.queries(kind, unseen_share)  # first the seen, then the unseen
     seen = np.arange(len(novelty)) < len(evidence.right)
     truth = Truth(seen, ~seen, np.where(right, 0, -1), right)

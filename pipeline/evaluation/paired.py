@@ -2,8 +2,8 @@
 
 On a hard stretch of the path every method does badly. The number is therefore computed for both
 evaluations on the same resamples of the path (`bootstrap`), so that what is hard for both cancels
-out. `compare` sets a method against the reference method, `kept_share` a model on altered queries
-against itself.
+out. `compare` compares a method with the reference method, `kept_share` a model's answers to
+altered queries with its answers to the queries as driven.
 """
 
 from dataclasses import dataclass
@@ -63,12 +63,12 @@ def compare(
     """
     method_truth = method.truth(protocol)
     reference_truth = reference.truth(protocol)
-    same_queries = (
+    are_same_queries = (
         np.array_equal(method.xy_m, reference.xy_m)
         and np.array_equal(method_truth.seen, reference_truth.seen)
         and np.array_equal(method_truth.unseen, reference_truth.unseen)
     )
-    if not same_queries:
+    if not are_same_queries:
         raise InputError(
             "two methods can be compared on the same queries only, in the same order and judged "
             "alike"
@@ -125,8 +125,8 @@ def kept_share(
     """The share of its area under the curve that a model keeps when queries are altered.
 
     The area is `auc_exact_top1`, of the altered queries over that of the same queries as driven.
-    Returns the share with the bounds of its 95 % interval, NaN where the area as driven is 0.
-    Raises InputError for other queries.
+    Returns the share with the bounds of its 95 % interval, NaN if the area as driven is 0. Raises
+    InputError if the two do not judge the same queries.
     """
     if not np.array_equal(altered.xy_m, driven.xy_m):
         raise InputError("altered queries are compared with the same queries as driven")

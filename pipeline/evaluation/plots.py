@@ -1,6 +1,7 @@
-"""The data that `dvc plots` draws, of the models' own recipes on the test sequences.
+"""The data of the plots that `dvc plots show` draws: tables with one row per plotted point.
 
-Each frame has one row per plotted point.
+They have the numbers of each method with its own settings and seed 0, on the test sequences, at the
+study's first cell size.
 """
 
 import pandas as pd
@@ -14,14 +15,13 @@ YEAR_COLUMNS = {
     "recall_at_1_by_distance": ("distance", "recall_at_1"),
     "oracle": ("cells", "oracle"),
 }
-"""Column of the plot to protocol and number of the table of results."""
+"""Column of the plot to the protocol and number in the table of results."""
 
 
 def year(table: pd.DataFrame) -> pd.DataFrame:
     """A row for each method and test sequence: the days since training and the main numbers.
 
-    Of the study's first grid, the one named first in `table`. Numbers are by cells unless named
-    otherwise.
+    `table` is the table of results; the study's first grid is the one that it names first.
     """
     grids = table.loc[table["grid"] != "", "grid"].unique()
     plain_rows = table[
@@ -42,12 +42,13 @@ def year(table: pd.DataFrame) -> pd.DataFrame:
 def precision_recall(results_table: ResultsTable) -> pd.DataFrame:
     """A row for each method, test sequence and threshold of the SCI paper's curve.
 
-    First answers, by cells, of the study's first grid.
+    Precision and recall are of the first answers, by cells.
     """
     frames = []
     study = results_table.study
     first_grid = study.grids[0].name
-    for method in study.methods if study.asks_about_the_year else ():
+    methods = study.methods if study.asks_about_the_year else ()
+    for method in methods:
         for sequence in study.tests:
             evaluation = results_table.evaluation(first_grid, ModelName(method.name), sequence)
             columns = {
@@ -56,8 +57,6 @@ def precision_recall(results_table: ResultsTable) -> pd.DataFrame:
                 "precision": evaluation.cells.precision[0],
             }
             frames.append(pd.DataFrame({"method": method.name, "sequence": sequence, **columns}))
-    return (
-        pd.concat(frames)
-        if frames
-        else pd.DataFrame(columns=["method", "sequence", "threshold", "recall", "precision"])
-    )
+    if not frames:
+        return pd.DataFrame(columns=["method", "sequence", "threshold", "recall", "precision"])
+    return pd.concat(frames)

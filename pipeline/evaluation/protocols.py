@@ -1,7 +1,7 @@
 """Protocols: which queries count as seen, and which answers as right.
 
-In: where queries were taken, what a method answered, where training went. Out: a `Truth`, of which
-`counts` and `numbers` are computed. There are two protocols, and every number names its own:
+In: where queries were taken, what a method answered, where training went. Out: a `Truth`, from
+which `counts` and `numbers` are computed. There are two protocols, and every number names its own:
 "cells", by grid cells as in the SCI paper, and "distance", by metres between answer and query.
 """
 
@@ -32,10 +32,10 @@ class Truth:
     oracle_right: NDArray[np.bool_]
     """(q,) whether it is seen, and answering the nearest training anchor would be right."""
     recall_of_all_seen: bool = False
-    """Whether recall is the share of all seen queries, as is usual.
+    """Whether recall is the share of all seen queries, as usual.
 
     If not, it is hits / (hits + misses) as in the SCI paper, which leaves out the seen queries that
-    are accepted but answered wrong.
+    are accepted with a wrong answer.
     """
 
 
@@ -55,7 +55,7 @@ def by_cells(
 
 @dataclass(frozen=True)
 class Distance:
-    """The protocol by distance, which no border of a grid cell cuts: the keys of conf/tolerance."""
+    """The protocol by distance, without borders of grid cells: the keys of conf/tolerance."""
 
     seen_m: Positive = 5.0
     """A query is seen if a training anchor is nearer than this."""
