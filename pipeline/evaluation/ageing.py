@@ -1,8 +1,9 @@
 """How a number changes with the days since training, and when training again is due.
 
-A straight line through one value a test sequence, by least squares. Its interval is of the scatter
-of the sequences about the line, whatever that comes from: chance along each path, another share of
-streets driven backwards, the weather of the day.
+In: one value for each test sequence, and the days from training to it. Out: a straight line through
+the values by least squares, the interval of its slope, and the day on which a tenth of the value on
+day 0 is lost. The interval comes from the scatter of the sequences about the line, whatever causes
+it: chance along each path, another share of streets driven backwards, the weather of the day.
 """
 
 from dataclasses import dataclass
@@ -16,7 +17,7 @@ from pipeline.core.settings import InnerShare, check
 from pipeline.evaluation.judgement import Evaluation
 
 TINY = 1e-150
-"""In place of a standard error of zero, of values that are all equal."""
+"""Stands in for a standard error of zero, which values on one line have."""
 
 
 @dataclass(frozen=True)
@@ -25,57 +26,66 @@ class Line:
 
     number: int
     last_day: float
-    """Of the last sequence: what lies after it is extrapolated."""
+    """Day of the last sequence: the line after it is extrapolated."""
     intercept: float
-    """On the day of training."""
+    """The value on the day of training."""
     slope: float
-    """A day."""
+    """By how much the value changes in a day."""
     middle_slope: float
-    """Theil and Sen's: the median over all pairs of unlike days, which one odd sequence hardly
-    moves."""
+    """The slope by Theil and Sen: the median over all pairs of sequences on different days, which
+    one odd sequence hardly moves."""
     p: float
-    """Two-sided, of no slope; NaN of two sequences."""
+    """Two-sided p value of the hypothesis that the slope is 0; NaN with two sequences."""
     quantile: float
-    """Of Student's t with number − 2 degrees of freedom; NaN of two sequences, which leave none."""
+    """The quantile of Student's t with number − 2 degrees of freedom by which intervals are wide;
+    NaN with two sequences, which leave no degree of freedom."""
     covariance: NDArray[np.float64]
-    """(2, 2) of intercept and slope."""
+    """(2, 2) covariance of intercept and slope."""
 
     @property
     def interval(self) -> tuple[float, float] | None:
-        """Lowest and highest slope a day; None of two sequences, which a line always fits."""
-        half = self.quantile * np.sqrt(self.covariance[1, 1])
-        return None if np.isnan(half) else (float(self.slope - half), float(self.slope + half))
+        """Lowest and highest slope; None with two sequences, which a line always fits."""
+        half_width = self.quantile * np.sqrt(self.covariance[1, 1])
+        if np.isnan(half_width):
+            return None
+        return float(self.slope - half_width), float(self.slope + half_width)
 
     @property
     def trend(self) -> int:
-        """−1 and +1 where the whole interval of the slope lies below and above 0, else 0."""
-        low, high = self.interval or (-1.0, 1.0)
+        """−1 if the whole interval of the slope lies below 0, +1 if above, else 0."""
+        if self.interval is None:
+            return 0
+        low, high = self.interval
         return int(low > 0) - int(high < 0)
 
     def at(self, days: NDArray[Any]) -> NDArray[np.float64]:
         """The line's value with its lowest and highest (3, n) on days (n,), each day by itself.
 
-        NaN bounds where there is no interval.
+        The bounds are NaN if there is no interval.
         """
         design = np.stack([np.ones_like(days, np.float64), days])
         value = np.array([self.intercept, self.slope]) @ design
-        half = self.quantile * np.sqrt(np.einsum("in,ij,jn->n", design, self.covariance, design))
-        return np.stack([value, value - half, value + half])
+        variance = np.einsum("in,ij,jn->n", design, self.covariance, design)
+        half_width = self.quantile * np.sqrt(variance)
+        return np.stack([value, value - half_width, value + half_width])
 
     def lost(self, share: float) -> tuple[float, float, float] | None:
         """The day on which `share` of the value on day 0 is lost, and its earliest and latest.
 
-        None unless the line surely falls. Fieller's interval of a ratio (1954): the days d on which
-        share · intercept + slope · d = 0 cannot be ruled out; unlike the slope's interval alone, it
-        knows that the intercept is uncertain too.
+        None unless the whole interval of the slope is below 0. The interval of the day is Fieller's
+        (1954), of a ratio: it holds the days d on which share · intercept + slope · d = 0 cannot be
+        ruled out. So it allows for the uncertainty of the intercept too.
         """
         if self.trend >= 0 or self.intercept <= 0:
             return None
+        day = float(-share * self.intercept / self.slope)
+        # The bounds are the roots of a quadratic, bb · d² + 2 share · ab · d + share² · aa = 0.
         estimate = np.array([self.intercept, self.slope])
         (aa, ab), (_, bb) = np.outer(estimate, estimate) - self.quantile**2 * self.covariance
-        half = np.sqrt(max(ab**2 - aa * bb, 0.0))
-        earliest, latest = (max(0.0, float(share * (-ab + sign * half) / bb)) for sign in (-1, 1))
-        return float(-share * self.intercept / self.slope), earliest, latest
+        root = np.sqrt(max(ab**2 - aa * bb, 0.0))
+        earliest = max(0.0, float(share * (-ab - root) / bb))
+        latest = max(0.0, float(share * (-ab + root) / bb))
+        return day, earliest, latest
 
 
 @dataclass(frozen=True)
@@ -83,9 +93,9 @@ class Ageing:
     """Settings of the lines over the days (conf/results.yaml)."""
 
     loss: InnerShare = 0.1
-    """The share of a number's value on the day of training whose loss calls for training again."""
+    """Training again is due once this share of a number's value on day 0 is lost."""
     level: InnerShare = 0.95
-    """Of the intervals."""
+    """Confidence level of the intervals."""
 
     def __post_init__(self) -> None:
         check(self, "ageing")
@@ -93,11 +103,11 @@ class Ageing:
     def line(self, days: NDArray[Any], values: NDArray[Any]) -> Line | None:
         """Fit a line to values (n,) on days (n,) since training, leaving out values that are NaN.
 
-        None unless two values lie on unlike days.
+        None unless two values lie on different days.
         """
-        defined = np.isfinite(values)
-        x = np.asarray(days, np.float64)[defined]
-        y = np.asarray(values, np.float64)[defined]
+        is_defined = np.isfinite(values)
+        x = np.asarray(days, np.float64)[is_defined]
+        y = np.asarray(values, np.float64)[is_defined]
         if len(np.unique(x)) < 2:
             return None
         n = len(x)
@@ -106,31 +116,37 @@ class Ageing:
         x_squares = x_centred @ x_centred
         slope = float(x_centred @ y_centred / x_squares)
         residuals = y_centred - slope * x_centred
-        slope_variance = (residuals @ residuals) / x_squares / (n - 2) if n > 2 else np.nan
+        slope_variance = p = quantile = np.nan
+        if n > 2:
+            slope_variance = (residuals @ residuals) / x_squares / (n - 2)
+            t = abs(slope) / max(np.sqrt(slope_variance), TINY)
+            p = float(2 * stdtr(n - 2, -t))
+            quantile = float(stdtrit(n - 2, (1 + self.level) / 2))
         intercept_variance = slope_variance * (x**2).mean()
         covariance = -slope_variance * x.mean()
         before, after = np.nonzero(x[:, None] < x)
+        pair_slopes = (y[after] - y[before]) / (x[after] - x[before])
         return Line(
             number=n,
             last_day=float(x.max()),
             intercept=float(y.mean() - slope * x.mean()),
             slope=slope,
-            middle_slope=float(np.median((y[after] - y[before]) / (x[after] - x[before]))),
-            p=float(2 * stdtr(n - 2, -abs(slope) / max(np.sqrt(slope_variance), TINY)))
-            if n > 2
-            else np.nan,
-            quantile=float(stdtrit(n - 2, (1 + self.level) / 2)) if n > 2 else np.nan,
+            middle_slope=float(np.median(pair_slopes)),
+            p=p,
+            quantile=quantile,
             covariance=np.array([[intercept_variance, covariance], [covariance, slope_variance]]),
         )
 
 
 def newness(evaluation: Evaluation, held_out: NDArray[np.float64]) -> float:
-    """How new the seen queries look: percentile of their median novelty on held-out queries.
+    """How new the seen queries look, as a percentile: 50 is as new as the day of training itself.
 
-    `held_out` (h,) is the novelty of those. Seen by distance, novelty in use; 50 is as new as the
-    day of training itself. NaN where either is empty.
+    It is the percentile of their median novelty among `held_out` (h,), the novelties of held-out
+    queries of training. Queries are seen by distance. NaN if either has no query.
     """
     seen = evaluation.novelty[evaluation.distance.seen, 0]
     if not len(seen) or not len(held_out):
         return np.nan
-    return float(50 * ((held_out < np.median(seen)).mean() + (held_out <= np.median(seen)).mean()))
+    median = np.median(seen)
+    # the mean of both shares, so that equal novelties count half
+    return float(50 * ((held_out < median).mean() + (held_out <= median).mean()))

@@ -1,14 +1,15 @@
-"""Results by the distance to a change: evaluations and changes in; numbers per band out.
+"""Results by the distance to a change: how much do buildings that came or went harm a method?
 
-A change is a thing that was built or torn down since training. These are real changes of the world,
-unlike those that an alteration draws into single queries: they hide, widen and open up views for
-good. Queries are grouped in bands of distance to the nearest one.
+In: a method's evaluations on all test sequences, and the changes of the world: what was built or
+torn down since training. Out: recall and area under the curve for the queries in each band of
+distance to the nearest change. These changes are of the (simulated) world itself and stay, unlike
+an alteration, which is drawn into the points of single queries.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,9 +23,10 @@ from pipeline.evaluation.numbers import Weight, auc_exact, share
 from pipeline.formats.changes import Change
 
 NUMBERS = ("recall_at_1", "oracle", "auc_exact_top1")
+"""The numbers of each band (evaluation.numbers.MEANINGS says what each is)."""
 APART_M = 1e6
-"""How far apart the paths of pooled sequences are laid, so that no bootstrap block holds queries of
-two."""
+"""Distance by which the paths of pooled sequences are set apart, so that no block of the bootstrap
+holds queries of two sequences."""
 
 
 @dataclass(frozen=True)
@@ -34,13 +36,12 @@ class Bands:
     edges_m: Sequence[float] = (25.0, 50.0, 100.0)
     """Where bands end, rising; the last band has no end."""
     kinds: Sequence[str] = ("construction", "demolition")
-    """Which changes count. Trees are left out: they change everywhere."""
+    """The kinds of changes that count. Trees are left out, since they change everywhere."""
 
     def __post_init__(self) -> None:
         check(self, "bands")
-        if not self.edges_m or list(self.edges_m) != sorted(
-            {float(edge) for edge in self.edges_m if edge > 0}
-        ):
+        rising_edges_m = sorted({float(edge) for edge in self.edges_m if edge > 0})
+        if not self.edges_m or list(self.edges_m) != rising_edges_m:
             raise ConfigError(
                 f"bands.edges_m={list(self.edges_m)}: expected rising distances above 0"
             )
@@ -68,15 +69,26 @@ class BandResults:
     """One method's results by one protocol in each band of distance, over all its sequences."""
 
     seen: NDArray[np.int64]
-    """(band,) seen queries."""
+    """(band,) number of seen queries."""
     unseen: NDArray[np.int64]
-    """(band,) unseen queries."""
+    """(band,) number of unseen queries."""
     values: NDArray[np.float64]
-    """(band, number, 3): NUMBERS, each with its lowest and highest; NaN where there is none."""
+    """(band, number, 3) each of NUMBERS: value, and lowest and highest of its 95 % interval; NaN
+    where it is undefined."""
+
+
+class ChangeDistances(NamedTuple):
+    """Distances of the queries of one sequence to the nearest change."""
+
+    shown_m: NDArray[np.float64]
+    """(q,) distance to the nearest change that shows on the day of the sequence."""
+    to_come_m: NDArray[np.float64]
+    """(q,) distance to the nearest change that shows in other sequences only; NaN if a change that
+    shows is nearer."""
 
 
 def nearest_m(xy_m: NDArray[np.float64], changes: Iterable[Change]) -> NDArray[np.float64]:
-    """Distance (q,) from positions (q, 2) to the nearest change; infinite where there is none."""
+    """Distance (q,) from positions (q, 2) to the nearest change; infinite without changes."""
     positions = [(change.x_m, change.y_m) for change in changes]
     changes_xy_m = np.array(positions, np.float64).reshape(-1, 2)
     distances_m = np.linalg.norm(changes_xy_m - xy_m[:, None], axis=2)
@@ -87,12 +99,11 @@ def distances(
     xy_m: Mapping[str, NDArray[np.float64]],
     changes: Mapping[str, Iterable[Change]],
     kinds: Sequence[str],
-) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]:
-    """Distances (q,) of queries (q, 2) to the nearest shown change and to one to come, by sequence.
+) -> dict[str, ChangeDistances]:
+    """Distances of queries at positions (q, 2) to the nearest change of these kinds, by sequence.
 
-    `changes` of each sequence are those that show on its day. A change to come shows in other
-    sequences only. It is a control: the same streets, before they change. Its distance is NaN where
-    a shown change is nearer.
+    `changes` of a sequence are those that show on its day. Changes that show in other sequences
+    only are still to come: they are a control, the same streets before they change.
     """
     shown_on_day = {
         sequence: {change for change in changes[sequence] if change.what in kinds}
@@ -103,7 +114,8 @@ def distances(
     for sequence, positions_m in xy_m.items():
         shown_m = nearest_m(positions_m, shown_on_day[sequence])
         to_come_m = nearest_m(positions_m, all_changes - shown_on_day[sequence])
-        distances_m[sequence] = shown_m, np.where(to_come_m < shown_m, to_come_m, np.nan)
+        to_come_m = np.where(to_come_m < shown_m, to_come_m, np.nan)
+        distances_m[sequence] = ChangeDistances(shown_m, to_come_m)
     return distances_m
 
 
@@ -116,8 +128,8 @@ def judge_by_band(
 ) -> BandResults:
     """Judge one method's queries of all sequences together, in each band of distance to a change.
 
-    Each query counts once; `away_m` (q,) of each evaluation is its distance, NaN to leave it out.
-    The threshold of the exact curve passes the novelties of all sequences together.
+    `away_m` (q,) of each evaluation are its queries' distances, NaN for a query to leave out. The
+    exact curve of a band has the novelties of all its queries as thresholds, whatever the sequence.
     """
     band = bands.band_of(np.concatenate(away_m))
     novelty = np.concatenate([evaluation.novelty[:, 0] for evaluation in evaluations])
@@ -127,19 +139,20 @@ def judge_by_band(
         name: np.concatenate([getattr(truth, name) for truth in truths]) for name in fields
     }
     queries_of_band = [np.flatnonzero(band == i) for i in range(len(bands.names))]
-    # All truths go by one protocol, so the first one's `recall_of_all_seen` holds for all.
-    parts = [
-        replace(truths[0], **{name: array[queries] for name, array in pooled.items()})
-        for queries in queries_of_band
-    ]
+    truth_of_band = []
+    for queries in queries_of_band:
+        of_band = {name: array[queries] for name, array in pooled.items()}
+        # All truths go by one protocol, so the first one's `recall_of_all_seen` holds for all.
+        truth_of_band.append(replace(truths[0], **of_band))
 
     def numbers(weight: Weight) -> NDArray[np.float64]:
-        values = []  # in the order of NUMBERS
-        for queries, part in zip(queries_of_band, parts, strict=True):
+        """Each of NUMBERS, band after band (band · number, resample)."""
+        values = []
+        for queries, truth in zip(queries_of_band, truth_of_band, strict=True):
             band_weight = weight[:, queries]
-            values.append(share(is_right_at(part, 1), part.seen, band_weight))
-            values.append(share(part.oracle_right, part.seen, band_weight))
-            values.append(auc_exact(part, novelty[queries], band_weight))
+            values.append(share(is_right_at(truth, 1), truth.seen, band_weight))
+            values.append(share(truth.oracle_right, truth.seen, band_weight))
+            values.append(auc_exact(truth, novelty[queries], band_weight))
         return np.stack(values)
 
     separated_xy_m = np.concatenate(
@@ -147,7 +160,7 @@ def judge_by_band(
     )
     estimates = bootstrap.estimates(numbers, separated_xy_m)
     return BandResults(
-        seen=np.array([part.seen.sum() for part in parts]),
-        unseen=np.array([part.unseen.sum() for part in parts]),
-        values=estimates.reshape(len(parts), len(NUMBERS), 3),
+        seen=np.array([truth.seen.sum() for truth in truth_of_band]),
+        unseen=np.array([truth.unseen.sum() for truth in truth_of_band]),
+        values=estimates.reshape(len(truth_of_band), len(NUMBERS), 3),
     )

@@ -1,9 +1,12 @@
-"""The artifact of `evaluate`: how a model fared on the queries of one test sequence.
+"""The artifact of the stage `evaluate`: how well a model answered the queries of a test sequence.
 
-A sequence is asked in cases: as it was driven, and with altered queries. Each case has an
-`Evaluation`, which says of each query what was answered and how far off that is. Each evaluation
-has a `Judgement` by each protocol, with the outcome of each query, the counts, curves and numbers
-with their intervals. `judge` computes them; the table of results and the report read them.
+- `Evaluations` holds one `Evaluation` for each case of the queries: as they were driven, or with an
+  alteration such as new walls.
+- An `Evaluation` says for each query what was answered and how far off that is. It holds a
+  `Judgement` for each protocol: by grid cells and by distance.
+- A `Judgement` has the outcome of each query, and counts, curves and numbers with their intervals.
+
+`judge` computes them; the table of results and the report read them.
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,6 +28,7 @@ from pipeline.evaluation.protocols import PROTOCOLS, Truth
 from pipeline.matching.rejection import ACCEPT_NOTHING
 
 HIT, MISS, FALSE_ALARM, CORRECT_REJECTION, NOT_JUDGED = range(5)
+"""Outcomes of a query."""
 VERDICTS = ("accepted", "near", "ambiguous", "rejected", "no_pose")
 """The answers to a query of a method with poses, as a site gives them (METHODS 9.5)."""
 WEAKER_VERDICTS = {"place": "near", "several": "ambiguous"}
@@ -59,16 +63,17 @@ class Judgement:
     ]
     auc: Annotated[
         NDArray[np.float64],
-        Array(("top_n",), "area under precision over recall through these thresholds"),
+        Array(("top_n",), "area under precision over recall at these thresholds"),
     ]
     auc_exact: Annotated[
-        NDArray[np.float64], Array(("top_n",), "the same through every distinct novelty")
+        NDArray[np.float64],
+        Array(("top_n",), "area under precision over recall with every novelty as a threshold"),
     ]
     recall_at: Annotated[
         NDArray[np.float64],
         Array(
             ("top_n",),
-            "share of the seen with a true place among the first n; NaN if none is seen",
+            "share of the seen queries with a true place among the first n; NaN if none is seen",
         ),
     ]
     true_rank: Annotated[
@@ -105,27 +110,28 @@ class Judgement:
 
     @property
     def answered(self) -> float:
-        """The share of the judged queries that the method answers; 0 where none is judged."""
-        return float(
-            np.isin(self.outcome, (HIT, FALSE_ALARM)).sum()
-            / max((self.outcome != NOT_JUDGED).sum(), 1)
-        )
+        """The share of the judged queries that are accepted; 0 if none is judged."""
+        answered_count = np.isin(self.outcome, (HIT, FALSE_ALARM)).sum()
+        judged_count = (self.outcome != NOT_JUDGED).sum()
+        return float(answered_count / max(judged_count, 1))
 
     def turned_share(self, turn_deg: NDArray[np.float64]) -> float:
-        """The share of the seen queries that drive another way than training; NaN without any.
+        """The share of the seen queries that are driven in another direction than training.
 
-        `turn_deg` (q,) is their heading against that of training.
+        `turn_deg` (q,) is each query's heading against that of training. NaN if none is seen.
         """
-        return (
-            float((np.abs(turn_deg[self.seen]) > SAME_HEADING_DEG).mean())
-            if self.seen.any()
-            else np.nan
-        )
+        if not self.seen.any():
+            return np.nan
+        is_turned = np.abs(turn_deg[self.seen]) > SAME_HEADING_DEG
+        return float(is_turned.mean())
 
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """One model on the queries of one case in one test sequence."""
+    """One model's answers to the queries of one case in one test sequence, and how they are judged.
+
+    What a model answers is a place; with poses, it is a pose too (`has_poses`).
+    """
 
     judgements: Annotated[Sequence[Judgement], Stack("protocol")]
     """One for each of PROTOCOLS."""
@@ -152,7 +158,8 @@ class Evaluation:
         NDArray[np.float64], Array(("query", "xy"), "where the first answer lies", unit="m")
     ]
     error_m: Annotated[
-        NDArray[np.float64], Array(("query",), "distance from the one to the other", unit="m")
+        NDArray[np.float64],
+        Array(("query",), "distance from the query to the first answer", unit="m"),
     ]
     heading_error_deg: Annotated[
         NDArray[np.float64],
@@ -184,7 +191,7 @@ class Evaluation:
     reject_pose_from: Annotated[
         float,
         "novelty from which to reject a pose, so that the accepted ones keep a precision of "
-        f"{JUDGED_PROMISE:g}; null of a method that gives none",
+        f"{JUDGED_PROMISE:g}; null for a method that gives none",
     ]
     right_within: Annotated[tuple[float, float], "metres and degrees within which a pose is right"]
     wanted_precision: Annotated[
@@ -199,7 +206,7 @@ class Evaluation:
     beliefs: Annotated[
         Mapping[str, float],
         "by each kind of WEAKER_VERDICTS, the novelty from which to reject that weaker claim, so "
-        f"that accepted ones keep a precision of {JUDGED_PROMISE:g}; empty of a method that gives "
+        f"that accepted ones keep a precision of {JUDGED_PROMISE:g}; empty for a method that gives "
         "no poses",
     ]
     blind: Annotated[
@@ -209,7 +216,7 @@ class Evaluation:
     block_m: Annotated[float, "side of the blocks that the bootstrap draws"]
     unsuited: Annotated[
         Mapping[str, float],
-        "reasons why its submaps do not suit the views, each with the value that says so",
+        "reasons why the submaps do not suit the views, each with the value that says so",
     ]
 
     @property
@@ -224,24 +231,24 @@ class Evaluation:
 
     @property
     def has_poses(self) -> bool:
-        """Whether the method gives poses, so that its verdicts are on these."""
+        """Whether the method estimates poses; if so, poses are accepted or rejected, not places."""
         return not np.isnan(self.reject_pose_from)
 
     @property
     def pose_accepted(self) -> NDArray[np.bool_]:
-        """Which poses (q,) are accepted where JUDGED_PROMISE is promised."""
+        """Which poses (q,) are accepted if a precision of JUDGED_PROMISE is promised."""
         return self.novelty[:, 0].astype(np.float64) < self.reject_pose_from
 
     @property
     def pose_right(self) -> NDArray[np.bool_]:
-        """Which poses (q,) are near enough to the true one; none where there is no pose."""
+        """Which poses (q,) are near enough to the true one; a missing pose is not."""
         return within(self.right_within, self.pose_error_m, self.pose_error_deg)
 
     @property
     def acceptance(self) -> dict[str, NDArray[np.bool_]]:
-        """Which answers (q,) are accepted and refused, and which are wrong among each.
+        """Which answers (q,) are accepted, and refused, and which of either are wrong.
 
-        They are poses where the method gives poses, else places.
+        Answers are poses if the method estimates poses, else places.
         """
         judged, accepted, wrong = (
             self._pose_acceptance() if self.has_poses else self._place_acceptance()
@@ -256,18 +263,19 @@ class Evaluation:
 
     @property
     def acceptance_counts(self) -> dict[str, int]:
-        """How many answers are accepted and refused, and how many are wrong among each."""
+        """How many answers are accepted, and refused, and how many of either are wrong."""
         return {name: int(queries.sum()) for name, queries in self.acceptance.items()}
 
     @property
     def verdicts(self) -> dict[str, int]:
-        """How many queries, seen or not, got each of VERDICTS where JUDGED_PROMISE is promised.
+        """How many queries, seen or not, get each of VERDICTS if JUDGED_PROMISE is promised.
 
-        Empty of a method without poses.
+        Empty for a method without poses.
         """
         if not self.has_poses:
             return {}
         codes = np.full(len(self.novelty), VERDICTS.index("rejected"))
+        # From the weakest claim to the strongest, each of which overrules those before it.
         for kind, verdict in reversed(WEAKER_VERDICTS.items()):
             if kind in self.kinds:
                 doubt = self.novelty[:, self.kinds.index(kind)].astype(np.float64)
@@ -278,30 +286,31 @@ class Evaluation:
 
     @property
     def pose_reliability(self) -> Reliability:
-        """The chances of the poses (query,) in bins, with the share that is right."""
+        """The poses in bins of their chances, with the share of right ones in each."""
         return reliability(self._pose_chances, self.pose_right)
 
     @property
     def pose_ece(self) -> float:
-        """The expected calibration error of the poses' chances; NaN of a method without poses."""
+        """The expected calibration error of the poses' chances; NaN without poses."""
         if not self.has_poses:
             return np.nan
         return ece(self._pose_chances, self.pose_right)
 
     def _pose_acceptance(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
-        """Which poses (q,) are judged, accepted, and wrong.
+        """Which queries (q,) are judged, which poses are accepted, and which are wrong.
 
-        All are judged, whether the query is seen or not. A pose is wrong by `right_within`; without
-        a pose nothing is wrong.
+        All queries are judged, seen or not. A pose is wrong if it is farther off than
+        `right_within`; a missing pose is not wrong.
         """
         judged = np.ones(len(self.answer), bool)
         wrong = ~self.pose_right & ~np.isnan(self.pose_error_m)
         return judged, self.pose_accepted, wrong
 
     def _place_acceptance(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
-        """Which first places (q,) are judged, accepted, and wrong, by distance.
+        """Which queries (q,) are judged, which first places are accepted, and which are wrong.
 
-        They are accepted at the threshold in use, and wrong if they are over `correct_m` off.
+        They are judged by distance: accepted at the threshold in use, and wrong if farther off than
+        `correct_m`, or if the query is unseen.
         """
         judged = self.distance.outcome != NOT_JUDGED
         accepted = np.isin(self.distance.outcome, (HIT, FALSE_ALARM))
@@ -310,7 +319,7 @@ class Evaluation:
 
     @property
     def _pose_chances(self) -> NDArray[np.float64]:
-        """The chance (query,) that the pose is right, as the method says it."""
+        """The chance (q,) that the pose is right, as the method estimates it."""
         return 1 - self.novelty[:, 0].astype(np.float64)
 
     def protocol(self, name: str) -> Judgement:
@@ -318,7 +327,7 @@ class Evaluation:
         return self.judgements[PROTOCOLS.index(name)]
 
     def doubts(self, name: str) -> dict[str, float]:
-        """Reasons why the numbers by that protocol say little or nothing: name to how much."""
+        """The doubts about the numbers by that protocol, name to value (evaluation.doubts)."""
         seen = self.protocol(name).seen
         seen_blocks = np.unique(blocks(self.xy_m, self.block_m)[seen])
         doubts_of_answers = doubts(
@@ -334,7 +343,7 @@ class Evaluation:
         return doubts_of_answers | dict(self.unsuited)
 
     def truth(self, name: str) -> Truth:
-        """What that judgement took as true of the queries."""
+        """Which queries are seen and answered right by that protocol."""
         judgement = self.protocol(name)
         return Truth(
             judgement.seen,
@@ -350,9 +359,9 @@ class Evaluation:
         return value, low, high
 
     def exact_curve(self, protocol: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Precision and recall (n,) of the first answers at every distinct novelty in use.
+        """Precision and recall (t,) of the first answers with every novelty in use as a threshold.
 
-        From none accepted to all.
+        The first threshold accepts no query, the last all.
         """
         truth = self.truth(protocol)
         unit_weight = np.ones((1, len(self.answer)))
@@ -366,7 +375,7 @@ class Evaluations(Artifact, kind="evaluations", version=12):
     """The evaluations of a model on one test sequence, one for each case of its queries."""
 
     evaluations: Annotated[Sequence[Evaluation], Stack("case")]
-    """The first is as driven."""
+    """One for each of `cases`; the first case is as driven."""
     cases: Cases
     sequence: Annotated[str, "the test sequence"]
     train: Annotated[str, "the training sequence"]
@@ -385,7 +394,7 @@ class Evaluations(Artifact, kind="evaluations", version=12):
     def case(self, i: int = 0) -> Evaluation:
         """The evaluation of one case; the first is as driven.
 
-        Raises ArtifactError where other protocols, numbers or measures were evaluated.
+        Raises ArtifactError if other protocols, numbers or measures were evaluated.
         """
         for name, expected in (
             ("protocols", PROTOCOLS),
@@ -400,7 +409,7 @@ class Evaluations(Artifact, kind="evaluations", version=12):
 
 
 def summary(evaluation: Evaluation) -> dict[str, Any]:
-    """All numbers of an evaluation by name, as JSON can hold them: None where there is none."""
+    """All numbers of an evaluation by name, for JSON: None for a number that is undefined."""
     numbers: dict[str, Any] = {"days": evaluation.days, "queries": len(evaluation.answer)}
     for protocol in PROTOCOLS:
         judgement = evaluation.protocol(protocol)
@@ -416,10 +425,10 @@ def summary(evaluation: Evaluation) -> dict[str, Any]:
 
 
 def metrics(evaluation: Evaluation) -> dict[str, float]:
-    """The few numbers that `dvc metrics show` has in the row of a model and sequence.
+    """The few numbers that `dvc metrics show` prints for a model and sequence.
 
-    auc_top1 is the SCI paper's, by cells; the others go by distance. Numbers that are not defined
-    are left out.
+    auc_top1 is the SCI paper's, by cells; the others are by distance. Undefined numbers are left
+    out.
     """
     shown = {
         "auc_top1": evaluation.number("cells", "auc_top1")[0],
@@ -433,7 +442,7 @@ def metrics(evaluation: Evaluation) -> dict[str, float]:
 
 
 def _valid(numbers: Mapping[str, float]) -> dict[str, float | None]:
-    """The numbers, None for those that are not finite or are the threshold ACCEPT_NOTHING."""
+    """The numbers; None for one that is not finite, and for the threshold ACCEPT_NOTHING."""
     return {
         name: number if np.isfinite(number) and number > ACCEPT_NOTHING else None
         for name, number in numbers.items()

@@ -1,10 +1,11 @@
-"""Numbers of a localiser that learns day after day (METHODS 11.4): recall, forgetting, cost.
+"""Numbers of a localiser that learns day after day (METHODS 11.4): recall, forgetting, transfer.
 
-In: the artifact of `lifelong`, which days were learned at each step and what was answered then.
-Out: rows of the table of results.
+In: the artifact of the stage `lifelong`, with the answers to all queries after each step of
+learning. Out: rows of the table of results.
 
-Forgetting is InCloud's F (Knights et al., IROS 2022): of the queries that could be answered after
-an earlier step, how many more were answered right then.
+- Forgetting is InCloud's F (Knights et al., IROS 2022): how much higher the recall was after an
+  earlier step, on the queries that could be answered by then.
+- Transfer is how much further days improve the answers on days that are still to come.
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,39 +19,47 @@ from pipeline.core.schemas import Lifelong
 from pipeline.evaluation.rows import TableRows, number_rows
 
 CHANGE = "lifelong"
+"""In the column `change` of the table of results."""
 
 
 @dataclass(frozen=True)
 class Course:
-    """One strategy's answers after each step, right or wrong."""
+    """Which answers are right after each step of one strategy of learning.
+
+    Queries come in groups: the queries of a test day, or, if a site is learned street by street,
+    those of a street. A place is known once a step has learned it.
+    """
 
     right: NDArray[np.bool_]
-    """(step, query)."""
+    """(step, query) whether the first answer after that step is right."""
     known_from: NDArray[np.int64]
-    """(query,) the step from which its place is known; −1 for never."""
+    """(query,) the step from which the query's place is known; −1 for never."""
     group: NDArray[np.int64]
-    """(query,) index of the day asked, or of the part of the site."""
+    """(query,) index of the query's group."""
     groups: Sequence[str]
+    """Names of the groups."""
     steps: Sequence[str]
+    """Names of the steps."""
     later: NDArray[np.bool_]
-    """(step, group) whether the group is a day after all that was learned by then."""
+    """(step, group) whether the group's day is after all days learned by that step."""
 
     @classmethod
     def of(cls, lifelong: Lifelong, protocol: str) -> Self:
         """The course of a `lifelong` artifact, by cells or by distance."""
         right_by_distance = lifelong.error_m <= lifelong.correct_m
         right = lifelong.right if protocol == "cells" else right_by_distance
-        if lifelong.order == "streets":
-            steps = lifelong.steps
-            never = np.zeros((len(steps), len(steps)), bool)
-            return cls(right, lifelong.known_from, lifelong.known_from, steps, steps, never)
-        later = np.greater(*np.ix_(lifelong.asked_ns, lifelong.learned_ns)).T
+        if lifelong.order == "streets":  # each step learns a street; all are of one day
+            streets = lifelong.steps
+            later = np.zeros((len(streets), len(streets)), bool)
+            return cls(right, lifelong.known_from, lifelong.known_from, streets, streets, later)
+        later = np.array(lifelong.asked_ns) > np.array(lifelong.learned_ns)[:, None]
         return cls(right, lifelong.known_from, lifelong.day, lifelong.asked, lifelong.steps, later)
 
     def recall(self, step: int, group: int, known_by: int | None = None) -> float:
-        """The share of right answers after a step to a group's queries with a known place.
+        """The share of right answers after a step, among a group's queries with a known place.
 
-        Known by this step, or by the earlier one `known_by`; NaN without such queries.
+        The place is known by this step, or by the earlier step `known_by` if it is given. NaN
+        without such queries.
         """
         last_step = step if known_by is None else known_by
         is_known = (self.known_from >= 0) & (self.known_from <= last_step)
@@ -59,7 +68,7 @@ class Course:
 
     @property
     def matrix(self) -> NDArray[np.float64]:
-        """(step, group) recall; NaN where no place of the group is known yet."""
+        """The recall (step, group); NaN where no place of the group is known yet."""
         return np.array(
             [
                 [self.recall(step, group) for group in range(len(self.groups))]
@@ -68,36 +77,44 @@ class Course:
         )
 
     def mean_recall(self, step: int) -> float:
-        """Mean recall over the groups that have a known place."""
+        """The mean recall after a step over the groups that have a known place."""
         return _mean([self.recall(step, group) for group in range(len(self.groups))])
 
     def recall_of_all(self, step: int) -> float:
-        """The share of right answers among all queries whose place is known after the last step."""
+        """The share of right answers after a step, among all queries whose place is ever known."""
         return float(self.right[step, self.known_from >= 0].mean())
 
     def forgetting(self, step: int) -> float:
-        """The most that was lost since an earlier step, mean over the groups; 0 after the first."""
+        """The largest loss of recall since any earlier step, as a mean over the groups.
+
+        It is 0 after the first step.
+        """
         if not step:
             return 0.0
-        lost = [
-            [self.recall(past, group) - self.recall(step, group, past) for past in range(step)]
-            for group in range(len(self.groups))
-        ]
-        return _mean(
-            [
-                max(finite)
-                for losses in lost
-                if (finite := [value for value in losses if np.isfinite(value)])
-            ]
-        )
+        largest_losses = []
+        for group in range(len(self.groups)):
+            losses = []
+            for past in range(step):
+                loss = self.recall(past, group) - self.recall(step, group, known_by=past)
+                if np.isfinite(loss):
+                    losses.append(loss)
+            if losses:
+                largest_losses.append(max(losses))
+        return _mean(largest_losses)
 
     def transfer(self, step: int) -> float:
-        """Gain since the first step on the queries known then, mean over the days to come."""
-        coming = np.flatnonzero(self.later[step]).tolist()
-        return _mean([self.recall(step, group, 0) - self.recall(0, group, 0) for group in coming])
+        """The gain of recall since the first step, as a mean over the days still to come.
+
+        Only queries count whose place is known from the first step.
+        """
+        gains = []
+        for group in np.flatnonzero(self.later[step]).tolist():
+            gains.append(self.recall(step, group, known_by=0) - self.recall(0, group, known_by=0))
+        return _mean(gains)
 
 
 def _mean(values: Sequence[float]) -> float:
+    """The mean of the finite values; NaN without any."""
     finite = [value for value in values if np.isfinite(value)]
     return float(np.mean(finite)) if finite else np.nan
 
@@ -131,19 +148,15 @@ def lifelong_rows(lifelong: Lifelong) -> TableRows:
 
 
 def cost_rows(course: Mapping[str, Any]) -> TableRows:
-    """Rows of CPU seconds of each step.
+    """Rows of the CPU seconds of each step.
 
-    `course` is the json that the stage keeps beside the artifact; `place` in it are the columns of
-    the model.
+    `course` is the json that the stage keeps beside the artifact; its `place` holds the columns
+    that name the model.
     """
     for step, (name, seconds) in enumerate(zip(course["steps"], course["cpu_s"], strict=True)):
-        yield from number_rows(
-            course["place"]
-            | _step_columns(course["order"], course["strategy"], step)
-            | {"sequence": name},
-            "",
-            {"cpu_s": seconds},
-        )
+        step_columns = _step_columns(course["order"], course["strategy"], step)
+        columns = course["place"] | step_columns | {"sequence": name}
+        yield from number_rows(columns, "", {"cpu_s": seconds})
 
 
 def _step_columns(order: str, strategy: str, step: int) -> dict[str, Any]:

@@ -1,15 +1,15 @@
-"""The table of results: all artifacts of a study in; a row a number out.
+"""The table of results: gathers all artifacts of a study into rows, one for each number.
 
-The stage `results` gathers it into results.csv. `read` joins the tables of all studies, and the
-timings of `latency` and `lifelong`: these differ from run to run and stand in files of their own,
-so that results.csv has the same bytes each time. Reports, the page, MLflow, `yearloc results` and
-sweeps read this table and compute no metric of their own.
+The stage `results` writes the rows of `ResultsTable` to results.csv. `read` joins the tables of all
+studies with their timings: these differ from run to run, so they have files of their own and
+results.csv has the same bytes each time. Reports, the page, MLflow, `yearloc results` and sweeps
+read this table and compute no metric of their own.
 """
 
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import product
+from itertools import chain, product
 from pathlib import Path
 from typing import Any
 
@@ -64,13 +64,15 @@ FILE = "results.csv"
 class ResultsTable:
     """The table of one study of conf/studies.yaml, gathered from its artifacts.
 
-    Raises ArtifactError for an artifact that is missing.
+    Its methods raise ArtifactError for an artifact that is missing.
     """
 
     layout: Layout
     study: Study
     ageing: Ageing
+    """How lines over the days are fitted."""
     bands: Bands
+    """How queries are grouped by their distance to a change of the world."""
     unseen_share: float
     """Share of unseen queries that the held-out AUC assumes."""
 
@@ -85,14 +87,18 @@ class ResultsTable:
         models = self.study.answerers
         for grid in self._all_grids():
             if grid in self.study.grid_names:
-                yield from self._answers_at_own_grid(grid, models)
-                continue
-            for model in models:
-                if model.name == model.method:
-                    yield from self._model_rows(grid, model, self.study.tests)
+                yield from self._answers_at_study_grid(grid, models)
+            else:
+                for model in models:
+                    if _is_plain(model):
+                        yield from self._model_rows(grid, model, self.study.tests)
 
-    def _answers_at_own_grid(self, grid: str, models: Sequence[ModelName]) -> TableRows:
-        """Rows of every model at a cell size of the study, and rows of several evaluations."""
+    def _answers_at_study_grid(self, grid: str, models: Sequence[ModelName]) -> TableRows:
+        """Rows of every model at a cell size of the study, and rows that take several evaluations.
+
+        At the other cell sizes, at which the study asks too, only the first kind is made, and only
+        for plain models.
+        """
         sequences = (*self.study.tests, *self.study.stress)
         by_method: dict[str, dict[str, Evaluation]] = {}
         held_out: dict[str, NDArray[np.float64]] = {}
@@ -101,7 +107,7 @@ class ResultsTable:
         for model in models:
             yield from self._model_rows(grid, model, sequences)
             evaluations = self._tests_in_order_of_days(grid, model)
-            if model.name == model.method:
+            if _is_plain(model):
                 by_method[model.method] = evaluations
                 held_out[model.method] = self._held_out_novelty(grid, model)
                 bootstrap = self._bootstrap(grid, model)
@@ -114,7 +120,7 @@ class ResultsTable:
             yield {"grid": grid} | columns
 
     def _model_rows(self, grid: str, model: ModelName, sequences: Sequence[str]) -> TableRows:
-        """Rows of one model on every sequence, and of its held-out places."""
+        """Rows of one model on every sequence, and its AUC on held-out blocks of training."""
         model_columns = {"grid": grid, **model.columns}
         for sequence in sequences:
             for columns in self._sequence_rows(grid, model, sequence):
@@ -146,18 +152,19 @@ class ResultsTable:
                     yield sequence_columns | row(NO_SURVEY, protocol, 1.0)
 
     def _tests_in_order_of_days(self, grid: str, model: ModelName) -> dict[str, Evaluation]:
+        """The evaluations of the test sequences by name, the first day first."""
         evaluations = {
             sequence: self.evaluation(grid, model, sequence) for sequence in self.study.tests
         }
         return dict(sorted(evaluations.items(), key=lambda item: (item[1].days, item[0])))
 
     def _held_out_novelty(self, grid: str, model: ModelName) -> NDArray[np.float64]:
-        """Novelty of held-out places that were learned; empty where the method holds none out."""
+        """The novelty (h,) of the queries on held-out blocks, asked as seen; empty without any."""
         name = f"{HELD_OUT}seen/{self._novelty_kind(grid, model)}"
         return np.asarray(self._trained(grid, model).get(name, ()), np.float64)
 
     def _novelty_kind(self, grid: str, model: ModelName) -> str:
-        """The kind of novelty by which the model's answers are refused."""
+        """The kind of novelty by which the model's answers are rejected."""
         return self.evaluation(grid, model, self.study.tests[0]).kinds[0]
 
     def _bootstrap(self, grid: str, model: ModelName) -> Bootstrap:
@@ -168,6 +175,7 @@ class ResultsTable:
         return store.read_model(self._path("train", grid, model.name))
 
     def _rows_across_sequences(self, answers: Answers, bootstrap: Bootstrap) -> TableRows:
+        """Rows that take the evaluations of several sequences or methods."""
         yield from ageing_rows(answers, self.ageing)
         yield from paired_rows(answers, bootstrap)
         if self.study.question == "robustness":
@@ -175,27 +183,24 @@ class ResultsTable:
             yield from event_rows(answers, changes, self.bands, bootstrap)
 
     def _viewpoints(self) -> TableRows:
-        """Rows of every model on bird-views, on sequences matched with themselves."""
-        for grid in self.study.grid_names:
-            for method in self._on_bird_views():
-                for model in method.models:
-                    model_columns = {"grid": grid, **model.columns}
-                    folder = self._path("viewpoints", grid, model.name)
-                    if not folder.is_dir():
-                        raise ArtifactError(f"{folder}: no such artifact; `dvc repro` builds it")
-                    for path in sorted(folder.glob("*.zarr")):
-                        judged = store.read(path, ViewpointMatches)
-                        yield from (
-                            model_columns | {"sequence": path.stem} | columns
-                            for columns in viewpoint_rows(judged)
-                        )
-                    yield from (
-                        model_columns | columns
-                        for columns in reconstruction_rows(self._trained(grid, model))
-                    )
+        """Rows of every model on bird-views, on sequences that are matched with themselves."""
+        for grid, method in product(self.study.grid_names, self._on_bird_views()):
+            for model in method.models:
+                for columns in self._viewpoint_rows(grid, model):
+                    yield {"grid": grid, **model.columns} | columns
+
+    def _viewpoint_rows(self, grid: str, model: ModelName) -> TableRows:
+        """Rows of one model on bird-views."""
+        folder = self._path("viewpoints", grid, model.name)
+        if not folder.is_dir():
+            raise ArtifactError(f"{folder}: no such artifact; `dvc repro` builds it")
+        for path in sorted(folder.glob("*.zarr")):
+            for columns in viewpoint_rows(store.read(path, ViewpointMatches)):
+                yield {"sequence": path.stem} | columns
+        yield from reconstruction_rows(self._trained(grid, model))
 
     def _all_grids(self) -> list[str]:
-        """The names of all cell sizes at which places are ranked."""
+        """The names of all cell sizes at which places are ranked, the study's own among them."""
         grids = self.study.all_grids if self.study.asks_about_the_year else ()
         return [grid.name for grid in grids]
 
@@ -203,19 +208,15 @@ class ResultsTable:
         return self.study.bird_view_methods if not self.study.learns_further_days else ()
 
     def _lifelong(self) -> TableRows:
-        """Rows of every model after each day that it learned, in each order and strategy."""
+        """Rows of every model after each day that it learned, by each order and strategy."""
         if not self.study.learns_further_days:
             return
         for grid, method in product(self.study.grid_names, self.study.methods):
             for model in method.models:
-                model_columns = {"grid": grid, **model.columns}
-                for order, strategies in method.courses.items():
-                    for strategy in strategies:
-                        path = self._path("lifelong", grid, model.name, f"{order}-{strategy}")
-                        yield from (
-                            model_columns | columns
-                            for columns in lifelong_rows(store.read(path, Lifelong))
-                        )
+                for course in _course_names(method):
+                    path = self._path("lifelong", grid, model.name, course)
+                    for columns in lifelong_rows(store.read(path, Lifelong)):
+                        yield {"grid": grid, **model.columns} | columns
 
     def evaluation(self, grid: str, model: ModelName, sequence: str) -> Evaluation:
         """Read a model's evaluation in one sequence as driven."""
@@ -228,26 +229,44 @@ class ResultsTable:
         return self.layout.path(kind, self.study.name, *names)
 
 
-def read(layout: Layout, studies: Mapping[str, Study]) -> pd.DataFrame:
-    """Read the table of some studies by name, with their timings.
+def _course_names(method: StudyMethod) -> list[str]:
+    """The artifacts of `lifelong` of one model: an order of the further days, and a strategy."""
+    return [
+        f"{order}-{strategy}"
+        for order, strategies in method.courses.items()
+        for strategy in strategies
+    ]
 
-    Raises ArtifactError where a study has none yet.
+
+def _is_plain(model: ModelName) -> bool:
+    """Whether a model is of a method's own settings, seed 0, and without poses."""
+    return model.name == model.method
+
+
+def read(layout: Layout, studies: Mapping[str, Study]) -> pd.DataFrame:
+    """Read the joined table of some studies, given by name, with their timings.
+
+    Raises ArtifactError for a study whose table is not there yet.
     """
     frames = []
     for name, study in studies.items():
         path = layout.path("results", name, FILE)
         if not path.is_file():
             raise ArtifactError(f"{path}: no results yet; `dvc repro` gathers them")
-        # the stage writes its timings as json beside each artifact
-        courses = sorted(layout.path("lifelong", name).glob("*/*/*.json"))
-        costs = [cost_rows(json.loads(course.read_text(encoding="utf-8"))) for course in courses]
-        frames += [table(columns for rows in costs for columns in rows)] if costs else []
-        timings = sorted(layout.path("latency", name).glob("*.csv")) if study.latency else []
-        frames += [_read_csv(csv) for csv in (path, *timings)]
+        # The stage `lifelong` writes its timings as json beside each artifact.
+        cost_files = sorted(layout.path("lifelong", name).glob("*/*/*.json"))
+        costs = [cost_rows(json.loads(file.read_text(encoding="utf-8"))) for file in cost_files]
+        if costs:
+            frames.append(table(chain.from_iterable(costs)))
+        frames.append(_read_csv(path))
+        if study.latency:
+            timing_files = sorted(layout.path("latency", name).glob("*.csv"))
+            frames += [_read_csv(file) for file in timing_files]
     return pd.concat(frames, ignore_index=True) if frames else table([])
 
 
 def _read_csv(path: Path) -> pd.DataFrame:
+    """Read a table of results; raises ArtifactError for a file that is none, or is cut off."""
     try:
         na_values = {name: [""] for name in FLOAT_COLUMNS}
         frame = pd.read_csv(path, dtype=COLUMN_TYPES, keep_default_na=False, na_values=na_values)[
@@ -263,19 +282,20 @@ def _read_csv(path: Path) -> pd.DataFrame:
 
 
 def where(frame: pd.DataFrame, conditions: Mapping[str, str]) -> pd.DataFrame:
-    """The rows whose columns have the wanted texts.
+    """The rows of a table that meet all conditions: column to the wanted text.
 
-    A condition is one text or several with commas between; 20 is 20.0 too. Raises ConfigError for a
-    column that the table has not.
+    A condition may list several texts, with commas between them. For a number, 20 also matches
+    20.0. Raises ConfigError for a column that the table has not.
     """
     for column, condition in conditions.items():
         if column not in COLUMNS:
             raise ConfigError(
                 f"--where {column}={condition}: expected one of the columns {', '.join(COLUMNS)}"
             )
+        wanted = condition.split(",")
         text = frame[column].astype(str)
-        texts = condition.split(",")
-        frame = frame[
-            text.isin(texts) | (column in FLOAT_COLUMNS and text.str.removesuffix(".0").isin(texts))
-        ]
+        matches = text.isin(wanted)
+        if column in FLOAT_COLUMNS:
+            matches |= text.str.removesuffix(".0").isin(wanted)
+        frame = frame[matches]
     return frame

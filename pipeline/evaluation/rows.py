@@ -1,7 +1,8 @@
 """The table of results: its columns, and the rows that one evaluation gives.
 
-A row is one number: of which model, on which sequence, in which case of its queries, by which
-protocol, with its value and interval. Reports, figures and MLflow select from these rows.
+A row is one number with its 95 % interval. The other columns say of which model it is, on which
+sequence, in which case of the queries (as driven, or altered) and by which protocol. Reports,
+figures and MLflow select from these rows; `results` and `study_rows` gather them.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -16,7 +17,8 @@ from pipeline.evaluation.numbers import LEVEL_POSES, MEASURES, NUMBERS, POSES, W
 from pipeline.evaluation.protocols import PROTOCOLS
 
 TableRows = Iterator[dict[str, Any]]
-"""Rows as they come: columns to values, those that are the same in all rows left out."""
+"""Rows, each from column to value. Columns are left out that the caller adds to all rows, and those
+that keep their default (see `table`)."""
 COLUMNS = (
     "study",
     "dataset",
@@ -34,16 +36,24 @@ COLUMNS = (
     "low",
     "high",
 )
-"""What `yearloc results --csv` prints.
+"""The columns that `yearloc results --csv` prints.
 
-`case` is empty for queries as they were driven, `variant` for a method's own recipe, `sequence` for
-a number of all test sequences together; low and high bound a 95 % interval, where there is one.
+- `case`: empty for queries as they were driven.
+- `variant`: empty for a method with its own settings.
+- `sequence`: empty for a number of all test sequences together.
+- `low`, `high`: the bounds of the 95 % interval, NaN if there is none.
 """
 CASE_COLUMNS = ("change", "level", "shadow", "repeat", "kind", "stress")
-"""The parts of a case, so that nobody takes its text apart: an alteration (or `change shown`,
-`change to come`, of real changes within `level` metres), its level, whether walls hide what is
-behind them, the repeat; the `kind` of novelty, or the method that is compared with; and what is
-hard about a sequence of stress."""
+"""Further columns, the parts of a case, so that nobody has to take its text apart.
+
+- `change`: the alteration of the queries; or what else a row compares, such as `change shown`: the
+  queries near a change of the world.
+- `level`: how strong the alteration is; or how far such a change is away at most, in metres.
+- `shadow`: whether new walls hide what is behind them.
+- `repeat`: the number of the repetition.
+- `kind`: the kind of novelty; or the method that is compared with.
+- `stress`: what is hard about a stress sequence.
+"""
 TEXT_COLUMNS = (
     "study",
     "dataset",
@@ -65,19 +75,23 @@ COLUMN_TYPES: Mapping[str, type] = {
     **dict.fromkeys(("seed", "repeat"), int),
     **dict.fromkeys(("simulated", "shadow"), bool),
 }
-"""Of every column."""
+"""The type of each column."""
 
 
 def case_text(case: Case) -> str:
     """A case in a word or two: `turned 0`, `demolition 60°`, `construction 2 walls, shadow`.
 
-    Empty as driven.
+    Empty for queries as driven.
     """
-    level = {"demolition": f" {case.level:g}°", "construction": f" {case.level:g} walls"}.get(
-        case.change, ""
-    )
-    repeat = f" {case.repeat}" if case.change and not level else ""
-    return f"{case.change}{level}{repeat}{', shadow' if case.shadow else ''}"
+    detail = ""
+    if case.change == "demolition":
+        detail = f" {case.level:g}°"
+    elif case.change == "construction":
+        detail = f" {case.level:g} walls"
+    elif case.change:
+        detail = f" {case.repeat}"
+    shadow = ", shadow" if case.shadow else ""
+    return f"{case.change}{detail}{shadow}"
 
 
 def case_columns(case: Case) -> dict[str, Any]:
@@ -92,48 +106,61 @@ def case_columns(case: Case) -> dict[str, Any]:
 
 
 def evaluation_rows(evaluation: Evaluation, case: Case = Case()) -> TableRows:  # noqa: B008 (frozen)
-    """Rows of one case of an evaluation: counts, numbers with intervals, novelties, calibration."""
+    """Rows of one case of an evaluation: counts, numbers with intervals, calibration, verdicts.
+
+    For queries as driven, the doubts about the numbers and each kind of novelty have rows too.
+    """
     columns = case_columns(case)
     for protocol in PROTOCOLS:
-        judgement = evaluation.protocol(protocol)
-        counts = {
-            "queries": len(judgement.seen),
-            "seen": judgement.seen.sum(),
-            "unseen": judgement.unseen.sum(),
-        }
-        acceptance = {
-            "threshold": evaluation.reject_from[0],
-            "turned_share": judgement.turned_share(evaluation.turn_deg),
-            "answered": judgement.answered,
-            "kept_precision": evaluation.kept_precision[0],
-            "wanted_precision": evaluation.wanted_precision,
-        }
-        numbers = {
-            name: values
-            for name, values in zip(NUMBERS, judgement.numbers, strict=True)
-            if name not in POSES or evaluation.has_poses
-            if name != LEVEL_POSES or evaluation.right_within == WITHIN[LEVEL_POSES]
-        }
-        doubts = {} if case.change else evaluation.doubts(protocol)
-        yield from number_rows(columns, protocol, counts | acceptance | numbers | doubts)
-        if case.change:
-            continue
-        for kind, measures, kept_precision in zip(
-            evaluation.kinds, judgement.rejection, evaluation.kept_precision, strict=True
-        ):
-            novelty_columns = columns | {"case": f"novelty {kind}", "kind": kind}
-            yield from number_rows(
-                novelty_columns,
-                protocol,
-                dict(zip(MEASURES, measures, strict=True)) | {"kept_precision": kept_precision},
-            )
-    yield from number_rows(
-        columns, "cells", dict(zip(("ece_raw", "ece"), evaluation.calibration, strict=True))
-    )
+        numbers = _numbers(evaluation, protocol)
+        if not case.change:
+            numbers |= evaluation.doubts(protocol)
+        yield from number_rows(columns, protocol, numbers)
+        if not case.change:
+            yield from _novelty_rows(columns, evaluation, protocol)
+    ece_raw, ece = evaluation.calibration
+    yield from number_rows(columns, "cells", {"ece_raw": ece_raw, "ece": ece})
     yield from number_rows(columns, "distance", evaluation.acceptance_counts)
     if evaluation.verdicts:
         verdicts = {f"{verdict}_99": count for verdict, count in evaluation.verdicts.items()}
         yield from number_rows(columns, "distance", verdicts | {"pose_ece": evaluation.pose_ece})
+
+
+def _numbers(evaluation: Evaluation, protocol: str) -> dict[str, Any]:
+    """Counts, acceptance and NUMBERS by one protocol, name to value or to value and bounds (3,).
+
+    The numbers on poses are there only if the method estimates poses.
+    """
+    judgement = evaluation.protocol(protocol)
+    numbers: dict[str, Any] = {
+        "queries": len(judgement.seen),
+        "seen": judgement.seen.sum(),
+        "unseen": judgement.unseen.sum(),
+        "threshold": evaluation.reject_from[0],
+        "turned_share": judgement.turned_share(evaluation.turn_deg),
+        "answered": judgement.answered,
+        "kept_precision": evaluation.kept_precision[0],
+        "wanted_precision": evaluation.wanted_precision,
+    }
+    is_level = evaluation.right_within == WITHIN[LEVEL_POSES]
+    for name, value_and_bounds in zip(NUMBERS, judgement.numbers, strict=True):
+        if name in POSES and not evaluation.has_poses:
+            continue
+        if name == LEVEL_POSES and not is_level:
+            continue
+        numbers[name] = value_and_bounds
+    return numbers
+
+
+def _novelty_rows(columns: Mapping[str, Any], evaluation: Evaluation, protocol: str) -> TableRows:
+    """Rows of how well each kind of novelty rejects."""
+    rejection = evaluation.protocol(protocol).rejection
+    for kind, measures, kept_precision in zip(
+        evaluation.kinds, rejection, evaluation.kept_precision, strict=True
+    ):
+        numbers = dict(zip(MEASURES, measures, strict=True)) | {"kept_precision": kept_precision}
+        novelty_columns = {**columns, "case": f"novelty {kind}", "kind": kind}
+        yield from number_rows(novelty_columns, protocol, numbers)
 
 
 def row(
@@ -150,13 +177,13 @@ def row(
 
 
 def number_rows(columns: Mapping[str, Any], protocol: str, numbers: Mapping[str, Any]) -> TableRows:
-    """One row for each number, a value or a value with its bounds, with these columns."""
+    """One row for each number, a value or a value with its bounds, and these columns."""
     for number, values in numbers.items():
         yield {**columns, **row(number, protocol, *np.atleast_1d(values))}
 
 
 def table(rows: Iterable[Mapping[str, Any]], **common: Any) -> pd.DataFrame:
-    """A frame of rows with all columns, each of its type; `common` values stand in every row."""
+    """A frame of rows with all columns, each of its type; `common` values stand in each row."""
     defaults = dict.fromkeys(TEXT_COLUMNS, "") | {
         "simulated": False,
         "seed": 0,

@@ -1,8 +1,13 @@
 """Rows of the table of results that take more than one evaluation.
 
-In: a study's evaluations of several methods and sequences. Out: rows on ageing over the year, on
-methods against each other, on real changes; and on viewpoints and reconstructions, which have
-artifacts of their own. Rows of a single evaluation are made in `rows`.
+In: a study's evaluations, of several methods on several test sequences. Out: rows on
+
+- ageing: the line of a number over the days since training (`ageing`),
+- the difference of each method from the reference (`paired`),
+- the queries near changes of the world (`events`),
+- viewpoints and reconstructions, whose artifacts are no evaluations (`viewpoints`).
+
+Rows of a single evaluation are made in `rows`, and `results` gathers all of them.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -16,7 +21,7 @@ from numpy.typing import NDArray
 from pipeline.evaluation.ageing import Ageing, newness
 from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.events import NUMBERS as NEAR_CHANGES
-from pipeline.evaluation.events import Bands, distances, judge_by_band
+from pipeline.evaluation.events import BandResults, Bands, distances, judge_by_band
 from pipeline.evaluation.judgement import Evaluation
 from pipeline.evaluation.paired import COMPARED, compare, holm
 from pipeline.evaluation.protocols import PROTOCOLS
@@ -33,17 +38,20 @@ AGEING = (
     ("cells", "recall_at_1"),
     ("cells", "auroc"),
 )
-"""Protocol and number that are followed over the days; the first is the cleanest: neither new nor
-reversed streets touch it."""
+"""Protocol and number of each line over the days. The first number is the cleanest, since it is not
+affected by new streets or by streets driven in the other direction."""
 PERCENTILE = "novelty_percentile"
-"""The number of AGEING that says how new queries look, beside held-out ones of training."""
+"""The number of AGEING that says how new queries look (`ageing.newness`)."""
 PER_DAYS = 100
-"""Slopes are per so many days."""
+"""Slopes are the change in this many days."""
 ORACLE = "oracle"
-"""In the column `method`: answering each query with its nearest training anchor."""
+"""In the column `method`: answers each query with the nearest training anchor."""
 RECONSTRUCTION = ("held_out_error", "black_error")
+"""Curves of a training that become rows: see `reconstruction_rows`."""
 SHOWN = "change shown"
 TO_COME = "change to come"
+"""In the column `change`: queries near a change of the world that shows on their day, and queries
+near one that will show later."""
 
 
 @dataclass(frozen=True)
@@ -51,11 +59,12 @@ class Answers:
     """The evaluations of a study at one cell size, of queries as driven."""
 
     evaluations: Mapping[str, Mapping[str, Evaluation]]
-    """Method to test sequence, in the order of the days, to the evaluation of its own model."""
+    """Of each method with its own settings: test sequence, in the order of days, to evaluation."""
     held_out: Mapping[str, NDArray[np.float64]]
-    """Method to the novelties (h,) of held-out queries of training, of the kind in use."""
+    """Method to the novelties in use (h,) of queries on held-out blocks of training."""
     variants: Mapping[tuple[str, str], Mapping[str, Evaluation]] = field(default_factory=dict)
-    """Method and variant to test sequence to evaluation; only compared with the reference."""
+    """Of each method and variant: test sequence to evaluation. Variants are only compared with the
+    reference."""
 
     @property
     def reference(self) -> str:
@@ -66,7 +75,7 @@ class Answers:
 def ageing_rows(answers: Answers, ageing: Ageing) -> TableRows:
     """Rows of how each number of AGEING changes over the days, for each method.
 
-    Those that the oracle has too are followed for it as well.
+    Where the oracle has such a number too, it has rows as well.
     """
     for protocol, number in AGEING:
         for method, evaluations in answers.evaluations.items():
@@ -100,8 +109,8 @@ def _ageing_rows(
 ) -> TableRows:
     """Rows of one number of one method: the line at each sequence's day, and the line's slope.
 
-    `values` are the number on each sequence, with its bounds; they have rows here where no row of
-    an evaluation has them.
+    `values` are the number on each sequence, with its bounds. They get rows here only if they are
+    not among the rows of an evaluation.
     """
     days = np.array([evaluation.days for evaluation in evaluations.values()], np.float64)
     line = ageing.line(days, np.array([value for value, _, _ in values]))
@@ -131,10 +140,11 @@ def _ageing_rows(
 def paired_rows(answers: Answers, bootstrap: Bootstrap) -> TableRows:
     """Rows of every model against the reference on the same queries, a sequence at a time.
 
-    Differences, p after Holm's correction, and how many queries only one of the two answers right.
+    They are the differences, p after Holm's correction, and how many queries only one of the two
+    answers right.
     """
     reference = answers.evaluations[answers.reference]
-    models = {(method, ""): group for method, group in answers.evaluations.items()}
+    models = {(method, ""): evaluations for method, evaluations in answers.evaluations.items()}
     models |= answers.variants
     for (method, variant), evaluations in models.items():
         if evaluations is reference:
@@ -186,44 +196,46 @@ def _comparison_rows(
 def event_rows(
     answers: Answers, changes: Mapping[str, Iterable[Change]], bands: Bands, bootstrap: Bootstrap
 ) -> TableRows:
-    """Rows of all test sequences together, by the distance of queries to the nearest real change.
+    """Rows of all test sequences together, by the distance of queries to the nearest change.
 
-    A change shows on the day of a query, or is still to come. `changes` are, by sequence, those
-    that show on its day. `level` of a row is the farther edge of its band of distances.
+    `changes` are those of the world that show on the day of each sequence. Changes that show only
+    in other sequences are still to come, and judged apart. `level` of a row is the farther edge of
+    its band of distances.
     """
     changes_of = {sequence: list(in_sequence) for sequence, in_sequence in changes.items()}
     reference = answers.evaluations[answers.reference]
     xy_m = {sequence: evaluation.xy_m for sequence, evaluation in reference.items()}
-    away_m = distances(xy_m, changes_of, bands.kinds)
+    away = distances(xy_m, changes_of, bands.kinds)
     all_changes = set(chain.from_iterable(changes_of.values()))
     for kind in bands.kinds:
         yield row(f"{kind}_changes", "", sum(change.what == kind for change in all_changes))
-    for sequence, (shown_m, _) in away_m.items():
-        is_near = reference[sequence].cells.seen & (shown_m <= bands.edges_m[-1])
+    for sequence, of_sequence in away.items():
+        is_near = reference[sequence].cells.seen & (of_sequence.shown_m <= bands.edges_m[-1])
         yield {"sequence": sequence} | row("seen_near_a_change", "cells", is_near.sum())
-    for method, group in answers.evaluations.items():
+    shown_m = {sequence: of_sequence.shown_m for sequence, of_sequence in away.items()}
+    to_come_m = {sequence: of_sequence.to_come_m for sequence, of_sequence in away.items()}
+    for method, evaluations in answers.evaluations.items():
         for protocol in PROTOCOLS:
-            for i, change_time in enumerate((SHOWN, TO_COME)):
-                in_bands = judge_by_band(
-                    [*group.values()],
-                    [away_m[name][i] for name in group],
-                    bands,
-                    protocol,
-                    bootstrap,
+            for change_time, away_m in ((SHOWN, shown_m), (TO_COME, to_come_m)):
+                away_of_each_m = [away_m[sequence] for sequence in evaluations]
+                results = judge_by_band(
+                    [*evaluations.values()], away_of_each_m, bands, protocol, bootstrap
                 )
-                for band, edge_m in enumerate((*bands.edges_m, np.inf)):
-                    columns = {
-                        "method": method,
-                        "case": f"{change_time}, {bands.names[band]}",
-                        "change": change_time,
-                        "level": edge_m,
-                    }
-                    counts = {"seen": in_bands.seen[band], "unseen": in_bands.unseen[band]}
-                    yield from number_rows(
-                        columns,
-                        protocol,
-                        counts | dict(zip(NEAR_CHANGES, in_bands.values[band], strict=True)),
-                    )
+                for columns in _band_rows(results, bands, change_time, protocol):
+                    yield {"method": method} | columns
+
+
+def _band_rows(results: BandResults, bands: Bands, change_time: str, protocol: str) -> TableRows:
+    """Rows of one method in each band of distance to a change that shows, or is to come."""
+    for band, edge_m in enumerate((*bands.edges_m, np.inf)):
+        columns = {
+            "case": f"{change_time}, {bands.names[band]}",
+            "change": change_time,
+            "level": edge_m,
+        }
+        counts = {"seen": results.seen[band], "unseen": results.unseen[band]}
+        numbers = dict(zip(NEAR_CHANGES, results.values[band], strict=True))
+        yield from number_rows(columns, protocol, counts | numbers)
 
 
 def viewpoint_rows(matches: ViewpointMatches) -> TableRows:
@@ -242,9 +254,10 @@ def viewpoint_rows(matches: ViewpointMatches) -> TableRows:
 
 
 def reconstruction_rows(model: Mapping[str, NDArray[Any]]) -> TableRows:
-    """Rows of how well a network draws held-out images of training, in the round that was kept.
+    """Rows of how well a network reconstructs held-out images of training: its mean squared error.
 
-    Its mean squared error, and a black image's on the same images; none for a method without them.
+    Beside it stands the error of a black image. Both are of the round whose weights were kept; a
+    method without a network that reconstructs has no such rows.
     """
     for name in RECONSTRUCTION:
         if f"curves/{name}" in model:

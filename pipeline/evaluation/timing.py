@@ -1,6 +1,6 @@
-"""What a query costs on this machine: trained methods and submaps in; milliseconds out.
+"""How long a query takes on this machine: trained methods and submaps in; milliseconds out.
 
-As in Table III of the SCI paper (METHODS 2.7), a query takes a submap's points to places in two
+As in Table III of the SCI paper (METHODS 2.7), a query goes from a submap's points to places in two
 parts: generation draws the view and computes the descriptor, retrieval ranks the places. Timings
 differ from run to run and from machine to machine, so nothing that is compared bit by bit may
 depend on them.
@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import distributions
 from pathlib import Path
-from typing import Any, NamedTuple, Self
+from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +29,16 @@ from pipeline.running.telemetry import Trace
 from pipeline.studies.models import ModelName
 
 MillisecondsByName = Mapping[str, NDArray[np.float64]]
-"""Wall time (query,) in milliseconds."""
+"""Wall times (query,) in milliseconds, of each view or method by name."""
+
+
+class Call(NamedTuple):
+    """One of the calls that a query is timed in."""
+
+    part: Literal["view", "network", "method"]
+    """Drawing a view, a network's descriptor of it, or all that a method makes of it."""
+    name: str
+    """Name of the view, else of the method."""
 
 
 class CallTime(NamedTuple):
@@ -39,12 +48,12 @@ class CallTime(NamedTuple):
     cpu_ms: float
 
 
-CallTimes = dict[tuple[str, str], CallTime]
-"""Of one query, by ("view", its name), ("network", method) and ("method", its name)."""
+CallTimes = dict[Call, CallTime]
+"""The times of all calls of one query."""
 WARM_UP = 3
-"""Calls before the first that counts: they compile, allocate and fill caches."""
+"""The first query is asked this often before it counts: that compiles, allocates, fills caches."""
 PACKAGES = ("numpy", "numba", "torch", "faiss-cpu")
-"""Whose versions are recorded."""
+"""Packages whose versions are recorded."""
 
 
 @dataclass(frozen=True)
@@ -52,38 +61,38 @@ class TimedMethod:
     """A trained method in the parts that are timed."""
 
     view: str
-    """Name of what it looks at; methods that look at the same share the time of drawing it."""
+    """Name of the view that it looks at; methods with the same view share the time to draw it."""
     draw: Callable[[NDArray[np.float64]], NDArray[Any]]
     """Draws the view from points (n, 3) in metres."""
     localize: Localizer
     """Ranks k places for a view."""
     describe: Callable[[Rows], Any] | None = None
-    """Computes the descriptor of a view by a network, where the method has one.
+    """Computes the descriptor of a view by a network, if the method has one.
 
-    `localize` does so too; it is timed alone besides, to be counted as generation.
+    `localize` does so too. It is timed by itself as well, since it counts as generation.
     """
 
 
 @dataclass(frozen=True)
 class Latency:
-    """Times of some queries, each localized alone by each method."""
+    """Times of some queries, which each method localizes one by one."""
 
     generation: MillisecondsByName
-    """By view: from points to the view."""
+    """By view: from the points to the view."""
     retrieval: MillisecondsByName
-    """By method: from the view, or the network's descriptor, to its ranking."""
+    """By method: from the view, or from the network's descriptor, to the ranking."""
     views: Mapping[str, str]
-    """What each method looks at."""
+    """Method to its view."""
     points: NDArray[np.int64]
-    """Points (query,) of each submap."""
+    """(query,) number of points of each submap."""
     k: int
-    """Places ranked."""
+    """Number of places ranked."""
     machine: Mapping[str, Any]
-    """What it was measured on: `machine_record`."""
+    """The machine that it was measured on (`machine_record`)."""
     description: MillisecondsByName = field(default_factory=dict)
-    """By method whose network makes the descriptor: from the view to it.
+    """By method with a network that makes the descriptor: from the view to the descriptor.
 
-    The SCI paper counts it as generation, so it is taken off the retrieval.
+    The SCI paper counts it as generation, so it is subtracted from the retrieval.
     """
 
     @classmethod
@@ -95,10 +104,11 @@ class Latency:
         queries: int,
         k: int,
     ) -> Self:
-        """Time methods, by name, on some `queries` among the submaps, spread over the sequence.
+        """Time methods, by name, on this many `queries`: submaps spread over a sequence.
 
-        All methods answer one query before the next, so that a busy moment of the machine hits all.
-        Raises InputError for a sequence without submaps, ConfigError for no queries or places.
+        All methods answer one query before the next is asked, so that a busy moment of the machine
+        slows all of them. Raises InputError for a sequence without submaps, ConfigError if
+        `queries` or `k` is no positive number.
         """
         within("latency.queries", queries, Count)
         within("latency.k", k, Count)
@@ -123,14 +133,16 @@ class Latency:
         cpu_ms = {call: np.array([times[call].cpu_ms for times in query_times]) for call in calls}
         busy = np.sum([*cpu_ms.values()]) / np.sum([*wall_ms.values()])
         views = {name: method.view for name, method in methods.items()}
-        generation = {view: wall_ms["view", view] for view in views.values()}
+        generation = {view: wall_ms[Call("view", view)] for view in views.values()}
         description = {
-            name: wall_ms["network", name] for name in views if ("network", name) in wall_ms
+            name: wall_ms[Call("network", name)]
+            for name, method in methods.items()
+            if method.describe
         }
-        retrieval = {
-            name: np.maximum(wall_ms["method", name] - description.get(name, 0.0), 0.0)
-            for name in views
-        }
+        retrieval = {}
+        for name in methods:
+            without_network_ms = wall_ms[Call("method", name)] - description.get(name, 0.0)
+            retrieval[name] = np.maximum(without_network_ms, 0.0)
         machine = machine_record(float(busy))
         return cls(generation, retrieval, views, np.array(point_counts), k, machine, description)
 
@@ -150,7 +162,7 @@ class Latency:
                 yield from number_rows({"method": method}, "", numbers)
 
     def record(self) -> dict[str, Any]:
-        """Every sample and the machine, as JSON has it."""
+        """All times and the machine, for JSON."""
         parts = {
             "generation": self.generation,
             "description": self.description,
@@ -179,17 +191,16 @@ class Latency:
 
     @property
     def total(self) -> MillisecondsByName:
-        """Milliseconds (query,) by method, from points to places: generation plus retrieval."""
-        return {
-            method: self.generation[view]
-            + self.description.get(method, 0.0)
-            + self.retrieval[method]
-            for method, view in self.views.items()
-        }
+        """By method: from points to places, that is generation plus retrieval."""
+        total_ms = {}
+        for method, view in self.views.items():
+            generation_ms = self.generation[view] + self.description.get(method, 0.0)
+            total_ms[method] = generation_ms + self.retrieval[method]
+        return total_ms
 
 
 def cost_rows(models: Mapping[ModelName, Path]) -> TableRows:
-    """Rows of each model's file size, and of its training's cost where it was trained here."""
+    """Rows of the size of each model's file, and what its training cost if it was trained here."""
     for model, path in models.items():
         columns = {"method": model.method, "variant": model.variant, "seed": model.seed}
         costs = {"model_mb": path.stat().st_size / 1e6}
@@ -205,7 +216,7 @@ def cost_rows(models: Mapping[ModelName, Path]) -> TableRows:
 def clouds(
     scans: Scans, submaps: Submaps, rows: NDArray[np.int64]
 ) -> Iterator[NDArray[np.float64]]:
-    """Points (n, 3) in metres of some submaps, as a view is drawn from them."""
+    """The points (n, 3) in metres of some submaps, which views are drawn from."""
     for row in rows.tolist():
         yield from submap_points(scans, submaps, slice(row, row + 1))
 
@@ -214,8 +225,8 @@ def machine_record(busy: float) -> dict[str, Any]:
     """Describe this machine as it is now.
 
     `gpu` is the one that torch has used, empty for none. `load` is the mean number of processes
-    that ran or wanted to, over the last minute. `busy` is CPU time over wall time of what was
-    measured: above 1 if threads ran side by side, below if others had the processor.
+    that ran or waited to run, over the last minute. `busy` is the CPU time per wall time of
+    what was measured: above 1 if threads ran side by side, below 1 if it waited for others.
     """
     cuda = getattr(sys.modules.get("torch"), "cuda", None)
     gpu = cuda.get_device_name() if cuda and cuda.is_initialized() else ""
@@ -251,16 +262,17 @@ def _ask(
     pose: Any,
     k: int,
 ) -> CallTimes:
-    """Draw each view of a cloud (n, 3) once, and localize by each method on its view."""
+    """Draw each view of a cloud (n, 3) once, and let each method localize its view."""
     times: CallTimes = {}
     images = {}
-    for view, draw in {method.view: method.draw for method in methods.values()}.items():
-        images[view], times["view", view] = _timed(draw, cloud)
+    draw_of_view = {method.view: method.draw for method in methods.values()}
+    for view, draw in draw_of_view.items():
+        images[view], times[Call("view", view)] = _timed(draw, cloud)
     for name, method in methods.items():
         query = Rows(images[method.view][None], stamp_ns, pose)
         if method.describe:
-            _, times["network", name] = _timed(method.describe, query)
-        _, times["method", name] = _timed(method.localize, query, k)
+            _, times[Call("network", name)] = _timed(method.describe, query)
+        _, times[Call("method", name)] = _timed(method.localize, query, k)
     return times
 
 

@@ -1,10 +1,12 @@
-"""Paper 2's protocol: a sequence matched with itself, seen from headings between the reference's.
+"""Paper 2's test of viewpoints: a sequence is matched with itself, seen from other headings.
 
-METHODS.md 5.4 and 5.5. Nothing but the heading differs between query and reference: it asks about
-viewpoints, not about the year.
+In: a trained method and the bird-views of a sequence at an even number of headings. The reference
+are the views at every other heading, the queries those at the headings between. Out: which query
+was matched with which row of the sequence, how far off that is, and the numbers of the paper.
+Nothing but the heading differs between query and reference (METHODS.md 5.4 and 5.5).
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Annotated, Protocol
@@ -23,18 +25,20 @@ from pipeline.evaluation.protocols import Truth
 from pipeline.matching.ranking import Method, Model, Rows
 
 NUMBERS = ("roc_auc", "pr_auc", "accuracy", "recall")
-"""Of all valid queries.
+"""The numbers of the valid queries at one heading. A match is correct if it lies near enough.
 
-- roc_auc, paper 2's "AUC index": the chance that a correct match scores above a wrong one; none
-  without both.
-- pr_auc: area of precision over the share of *correct matches* that are accepted, so that a method
-  with few of them can have a fine curve; none without any.
-- accuracy: share of correct matches.
-- recall: share of correct matches that are accepted at a precision of 0.99 or more. So it is at
-  most the accuracy.
+- roc_auc, paper 2's "AUC index": the chance that a correct match scores above a wrong one;
+  undefined without one of either.
+- pr_auc: area under precision over the share of *correct matches* that are accepted, so that a
+  method with few correct matches can have a good curve; undefined without any.
+- accuracy: share of the queries with a correct match.
+- recall: share of the queries whose match is correct and accepted, at a precision of 0.99 or more.
+  It is at most the accuracy.
 """
 MEAN = "mean"
+"""Name of the means over all headings, beside the names of the headings."""
 SHOWN = ("roc_auc", "accuracy")
+"""The numbers that a line of text shows."""
 
 
 class BirdViewMethod(Method, Protocol):
@@ -42,10 +46,10 @@ class BirdViewMethod(Method, Protocol):
 
     @property
     def length(self) -> int:
-        """Steps in a window of rows."""
+        """Number of rows of a sequence that are compared at a time: a window."""
 
     def moved(self, model: Model, views: Rows, places: NDArray[np.int64]) -> Model:
-        """The model with the same networks and these views as its database."""
+        """The model with the same networks, but these views as its database."""
 
     def reconstructed(self, model: Model, images: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Reconstruct images (n, side, side) by the network; empty without a network."""
@@ -67,7 +71,12 @@ class ViewpointMatches(Artifact, kind="viewpoints", version=2):
     ]
     values: Annotated[
         NDArray[np.float64],
-        Array(("heading", "number"), "each number at each heading; NaN of none", chunk=8, shard=8),
+        Array(
+            ("heading", "number"),
+            "each number at each heading; NaN if it is undefined",
+            chunk=8,
+            shard=8,
+        ),
     ] = field(init=False)
     row: Annotated[
         NDArray[np.int64],
@@ -82,7 +91,7 @@ class ViewpointMatches(Artifact, kind="viewpoints", version=2):
         NDArray[np.float64],
         Array(
             ("heading", "query", "xy"),
-            "where the match lies; NaN of none",
+            "where the match lies; NaN if there is none",
             unit="m",
             chunk=8,
             shard=8,
@@ -92,7 +101,7 @@ class ViewpointMatches(Artifact, kind="viewpoints", version=2):
         NDArray[np.float64],
         Array(
             ("heading", "query"),
-            "distance from the query to it; NaN of none",
+            "distance from the query to its match; NaN if there is none",
             unit="m",
             chunk=8,
             shard=8,
@@ -133,7 +142,7 @@ class ViewpointMatches(Artifact, kind="viewpoints", version=2):
         NDArray[np.uint8],
         Array(
             ("reconstruction", "row_px", "col_px"),
-            "what a network makes of them; none without a network",
+            "the pictures as the method's network reconstructs them; none without a network",
             chunk=8,
             shard=64,
         ),
@@ -150,33 +159,30 @@ class ViewpointMatches(Artifact, kind="viewpoints", version=2):
         object.__setattr__(self, "values", self._values())
 
     def curve(self, heading: int) -> tuple[Curve, Curve]:
-        """Precision and recall (t,) of the correct matches as every distinct score is accepted.
+        """Precision, and the share of correct matches accepted (t,), with every score as threshold.
 
-        The surest are accepted first.
+        The surest matches are accepted first.
         """
         precision, recall = precision_recall(self._counts[heading].count(1))
         return precision[0], recall[0]
 
     def by_heading(self) -> dict[str, dict[str, float | None]]:
-        """NUMBERS by heading, as `22.5_deg`, and their means over the headings that have them.
+        """NUMBERS by heading, such as `22.5_deg`, and MEAN: their means over the headings.
 
-        None where there is none.
+        None for a number that is undefined; the means leave such numbers out.
         """
-        means = [
-            finite.mean() if len(finite := column[np.isfinite(column)]) else np.nan
-            for column in self.values.T
-        ]
-        keys = [*(f"{deg:g}_deg" for deg in self.headings_deg), MEAN]
-        return {
-            key: {
-                name: float(value) if np.isfinite(value) else None
-                for name, value in zip(NUMBERS, row, strict=True)
-            }
-            for key, row in zip(keys, [*self.values, means], strict=True)
+        numbers = {
+            f"{heading_deg:g}_deg": _by_name(values)
+            for heading_deg, values in zip(self.headings_deg, self.values, strict=True)
         }
+        finite_columns = [column[np.isfinite(column)] for column in self.values.T]
+        numbers[MEAN] = _by_name(
+            [column.mean() if len(column) else np.nan for column in finite_columns]
+        )
+        return numbers
 
     def _values(self) -> NDArray[np.float64]:
-        """NUMBERS at each heading (h, number); NaN where there is none."""
+        """NUMBERS at each heading (heading, number); NaN for one that is undefined."""
         rows = []
         for heading, correct in enumerate(self.correct[:, self.valid]):
             precision, share_accepted = self.curve(heading)
@@ -192,27 +198,35 @@ class ViewpointMatches(Artifact, kind="viewpoints", version=2):
 
     @cached_property
     def _counts(self) -> list[ExactCounts]:
-        """Counts by heading: a correct match is a seen query, a wrong one unseen."""
-        return [
-            ExactCounts(
-                Truth(
-                    seen=correct,
-                    unseen=~correct,
-                    true_rank=np.where(correct, 0, -1),
-                    oracle_right=correct,
-                ),
-                -score,
-                np.ones((1, len(score))),
+        """The counts of accepted correct and wrong matches at each heading.
+
+        A correct match is counted as a seen query, a wrong one as unseen.
+        """
+        counts = []
+        for correct, score in zip(
+            self.correct[:, self.valid], self.score[:, self.valid], strict=True
+        ):
+            truth = Truth(
+                seen=correct,
+                unseen=~correct,
+                true_rank=np.where(correct, 0, -1),
+                oracle_right=correct,
             )
-            for correct, score in zip(
-                self.correct[:, self.valid], self.score[:, self.valid], strict=True
-            )
-        ]
+            counts.append(ExactCounts(truth, -score, np.ones((1, len(score)))))
+        return counts
+
+
+def _by_name(values: Iterable[float]) -> dict[str, float | None]:
+    """Values in the order of NUMBERS, by name; None for one that is NaN."""
+    return {
+        name: float(value) if np.isfinite(value) else None
+        for name, value in zip(NUMBERS, values, strict=True)
+    }
 
 
 @dataclass(frozen=True)
 class Viewpoints:
-    """Judges matches of bird-views from other headings."""
+    """Matches a sequence of bird-views with itself from other headings, and judges the matches."""
 
     correct_m: Positive = 10.0
     """A match is correct if it lies at most this far from the query."""
@@ -221,10 +235,10 @@ class Viewpoints:
         check(self, "viewpoints")
 
     def judge(self, method: BirdViewMethod, model: Model, views: Rows) -> ViewpointMatches:
-        """Localize each row of `views`, bird-views (n, headings, side, side), from odd headings.
+        """Localize each row of `views`, bird-views (n, headings, side, side), at odd headings.
 
-        The reference is drawn at the even ones; each query lies half way between two of them.
-        Raises InputError for other views.
+        The reference are the images at the even headings; each query looks half way between two of
+        them. Raises InputError for views of another shape.
         """
         images = np.asarray(views.images[:])
         n = len(views.world_T_anchor)
@@ -262,9 +276,9 @@ class Viewpoints:
 
 
 def turned(views: Rows, heading: int) -> Rows:
-    """The same places, met by a robot that is turned counter-clockwise by this many headings.
+    """The same places, seen by a robot that is turned counter-clockwise by this many headings.
 
-    Image 0 is what lies ahead then.
+    Image 0 is the view ahead of the turned robot.
     """
     images = np.roll(views.images[:], -heading, axis=1)
     yaw_rad = 2 * np.pi * heading / images.shape[1]
@@ -273,7 +287,7 @@ def turned(views: Rows, heading: int) -> Rows:
 
 
 def _bytes_per_place(method: BirdViewMethod, moved: Model, views: Rows) -> float:
-    """Bytes by which the model grows with a place: its codes or image, and its position."""
+    """Bytes by which the model grows with each place: its codes or image, and its position."""
     of_one_place = method.moved(moved, views.some(slice(1)), np.arange(1))
     all_bytes = sum(array.nbytes for array in moved.values())
     one_place_bytes = sum(array.nbytes for array in of_one_place.values())
@@ -281,12 +295,12 @@ def _bytes_per_place(method: BirdViewMethod, moved: Model, views: Rows) -> float
 
 
 def means(numbers: Mapping[str, Mapping[str, float | None]]) -> dict[str, float]:
-    """Means of SHOWN over the headings, by name; those that are not defined are left out."""
+    """The means of SHOWN over the headings, by name; undefined ones are left out."""
     return {name: mean for name in SHOWN if (mean := numbers[MEAN][name]) is not None}
 
 
 def line(numbers: Mapping[str, Mapping[str, float | None]]) -> str:
-    """The means of SHOWN as one line."""
+    """The means of SHOWN as one line of text."""
     shown = means(numbers)
     return ", ".join(
         f"{name} {shown[name]:.3f}" if name in shown else f"{name} none" for name in SHOWN
