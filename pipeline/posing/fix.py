@@ -1,4 +1,9 @@
-"""Fixes: the poses that a query may have, likeliest first, with their chances (METHODS 9.5)."""
+"""Fixes: the poses that a query may have, likeliest first, with their chances (METHODS 9.5).
+
+In: hypotheses, each a pose from one registration with all that speaks for and against it. Out: a
+fix: hypotheses at the same pose are merged, and the rest ordered by the chance that they are right.
+The `search` makes hypotheses, a `verdict` judges fixes.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -14,35 +19,36 @@ from pipeline.posing.slides import Slide
 from pipeline.posing.verification import Agreement
 
 ELSEWHERE_M = 5.0
-"""Hypotheses this far apart contradict one another."""
+"""Poses at least this far apart count as different places."""
 SAME_M = 2.0
 SAME_DEG = 5.0
-"""Within these two hypotheses are one."""
+"""Two hypotheses whose poses differ by less than these are one."""
 LEAST_SPREAD_M = 1e-4
 MOST_TILT_DEG = 10.0
+"""Bounds at which the signs `surety` and `upright` are cut off."""
 
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """A pose that a query may have."""
+    """A pose that a query may have, with all that speaks for and against it."""
 
     row: int
     """The training submap that it was registered against."""
     world_T_query: NDArray[np.float64]
-    """(4, 4)."""
+    """(4, 4) the pose."""
     alignment: Alignment
     """The alignment with that submap."""
     here: Agreement
     """The agreement with that submap."""
     beside: Agreement
-    """The agreement with another submap near the pose, against which it was not registered; where
-    there is none, `here`."""
+    """The agreement with another submap near the pose, which it was not registered against; `here`
+    if there is no such submap."""
     tilt_deg: float
     """Angle between the query's and the submap's upward axes."""
     slide: Slide
-    """Where else along its street the walls fit best."""
+    """The poses elsewhere along the street at which the query's walls fit best."""
     approached: float = 1.0
-    """The overlap of the approach that it was refined from."""
+    """The overlap after the rough registration (`Approach`) that this pose was refined from."""
     excess: NDArray[np.float64] = field(default_factory=lambda: np.zeros(len(SIGNS)))
     """By how much the signs (sign,) of right fixes around it exceed the usual (Expectations)."""
 
@@ -53,9 +59,10 @@ class Hypothesis:
 
     @property
     def signs(self) -> NDArray[np.float64]:
-        """The signs (sign,) in the order of chances.SIGNS, less what is expected there.
+        """The signs (sign,) in the order of chances.SIGNS, less `excess`.
 
-        The last is left at 0, as it takes all hypotheses of the query.
+        The last one, `ahead`, is left at 0: it compares all hypotheses of the query (`signs`
+        below).
         """
         overlap = (self.here.overlap + self.beside.overlap) / 2
         seen_again = (self.here.seen_again + self.beside.seen_again) / 2
@@ -67,28 +74,28 @@ class Hypothesis:
 
 @dataclass(frozen=True)
 class Fix:
-    """The hypotheses of a query, which contradict one another, the likeliest first.
+    """The hypotheses of a query, all at different poses, the likeliest first.
 
-    There are none where too few points tell.
+    It has none if the query has too few points, or no registration succeeded.
     """
 
     hypotheses: tuple[Hypothesis, ...] = ()
     chances: tuple[float, ...] = ()
-    """The chance that each is right; what lacks of 1 is the chance that none is."""
+    """The chance that each is right; they add up to 1 with the chance that none is."""
 
     @classmethod
     def of(cls, hypotheses: Sequence[Hypothesis], chances: Chances = USUAL) -> Self:
         """Build a fix from hypotheses in any order.
 
-        Of those within 2 m and 5° of one another the one of the highest quality stays.
+        Of hypotheses at the same pose the one of the highest quality stays.
         """
-        kept: list[Hypothesis] = []
+        distinct: list[Hypothesis] = []
         for hypothesis in sorted(hypotheses, key=lambda hypothesis: -hypothesis.quality):
-            if not same(hypothesis, kept).any():
-                kept.append(hypothesis)
-        shares = chances.of(signs(kept))
+            if not same(hypothesis, distinct).any():
+                distinct.append(hypothesis)
+        shares = chances.of(signs(distinct))
         order = np.argsort(-shares, kind="stable").tolist()
-        return cls(tuple(kept[i] for i in order), tuple(float(shares[i]) for i in order))
+        return cls(tuple(distinct[i] for i in order), tuple(float(shares[i]) for i in order))
 
     @property
     def alignment(self) -> Alignment:
@@ -102,43 +109,40 @@ class Fix:
 
     @property
     def elsewhere(self) -> list[int]:
-        """The numbers of the hypotheses, without the best, that stand apart from all before them.
+        """The indices of the runners-up at other places, the likeliest first.
 
-        They stand ELSEWHERE_M or more from each of these.
+        Each is at least ELSEWHERE_M from the best hypothesis and from the ones listed before it.
         """
-        kept: list[int] = []
-        for number, hypothesis in enumerate(self.hypotheses):
-            kept_m = np.array([self.hypotheses[i].world_T_query[:2, 3] for i in kept]).reshape(
-                -1, 2
-            )
-            if (
-                np.linalg.norm(kept_m - hypothesis.world_T_query[:2, 3], axis=1) >= ELSEWHERE_M
-            ).all():
-                kept.append(number)
-        return kept[1:]
+        chosen: list[int] = []
+        chosen_xy_m = np.empty((0, 2))
+        for i, hypothesis in enumerate(self.hypotheses):
+            xy_m = hypothesis.world_T_query[:2, 3]
+            if (np.linalg.norm(chosen_xy_m - xy_m, axis=1) >= ELSEWHERE_M).all():
+                chosen.append(i)
+                chosen_xy_m = np.vstack([chosen_xy_m, xy_m])
+        return chosen[1:]
 
 
 def signs(hypotheses: Sequence[Hypothesis]) -> NDArray[np.float64]:
     """The signs (n, sign) of a query's hypotheses, in the order of chances.SIGNS."""
-    sign_rows = np.array([hypothesis.signs for hypothesis in hypotheses]).reshape(
-        len(hypotheses), len(SIGNS)
-    )
+    sign_rows = np.array([hypothesis.signs for hypothesis in hypotheses]).reshape(-1, len(SIGNS))
     quality = np.array([hypothesis.quality for hypothesis in hypotheses])
-    if len(quality) > 1:  # one alone is ahead of nothing
-        other_qualities = np.where(np.eye(len(quality), dtype=bool), -np.inf, quality)
+    if len(quality) > 1:  # a single hypothesis is ahead of none
+        is_itself = np.eye(len(quality), dtype=bool)
+        other_qualities = np.where(is_itself, -np.inf, quality)
         sign_rows[:, -1] = quality - other_qualities.max(axis=1)
     return sign_rows
 
 
 def same(hypothesis: Hypothesis, others: Sequence[Hypothesis]) -> NDArray[np.bool_]:
-    """Which of n others (n,) have the pose of a hypothesis, within SAME_M and SAME_DEG."""
+    """Which of n other hypotheses (n,) have the same pose, within SAME_M and SAME_DEG."""
     world_T_query = np.broadcast_to(hypothesis.world_T_query, (len(others), 4, 4))
     away_m, turn_deg = distance_and_turn(_poses(others), world_T_query)
     return np.asarray((away_m < SAME_M) & (turn_deg < SAME_DEG))
 
 
 def poses(fixes: Sequence[Fix]) -> Poses:
-    """The poses (q, 4, 4) of the best hypotheses; NaN without one."""
+    """The poses (q, 4, 4) of the best hypotheses of q fixes; NaN for a fix without one."""
     no_pose = np.full((4, 4), np.nan)
     return np.array(
         [fix.hypotheses[0].world_T_query if fix.hypotheses else no_pose for fix in fixes]
@@ -146,4 +150,5 @@ def poses(fixes: Sequence[Fix]) -> Poses:
 
 
 def _poses(hypotheses: Sequence[Hypothesis]) -> Poses:
+    """The poses (n, 4, 4) of n hypotheses."""
     return np.array([hypothesis.world_T_query for hypothesis in hypotheses]).reshape(-1, 4, 4)

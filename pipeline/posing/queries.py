@@ -1,11 +1,13 @@
-"""Queries: the points of a test sequence's submaps, and the candidate places of each.
+"""Queries: finds the poses of a test sequence's submaps, for the stage `poses` (METHODS 9.4).
 
-One or several rankings name the candidates.
+In: the scans and submaps of the sequence, one or several rankings that name candidate places for
+each, and a map. Out: a `Fix` for each query in each case: as driven, and altered.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +23,15 @@ from pipeline.posing.search import Answers, Fixer
 from pipeline.posing.targets import Targets
 
 
+class Candidates(NamedTuple):
+    """The candidate places of each query."""
+
+    xy_m: NDArray[np.float64]
+    """(query, candidate, 2) positions; NaN for an answer without a position."""
+    heading_deg: NDArray[np.float64]
+    """(query, candidate) heading of the query if it is there; NaN if it is not known."""
+
+
 @dataclass(frozen=True)
 class Queries:
     """The queries of one test sequence, whose artifacts lie in these folders."""
@@ -29,51 +40,47 @@ class Queries:
     scans: str
     submaps: str
     rankings: Sequence[str]
-    """The method's own; then others, whose places are candidates too."""
+    """The folder of the method's own ranking, then of others, whose places are candidates too."""
     alterations: Sequence[Alteration] = ()
-    """Those that the altered cases of the rankings come from."""
+    """The alterations that made the altered cases of the rankings."""
 
     def fixes(self, fixer: Fixer, map_path: Path, k: int) -> list[Fix]:
         """Fix each query in each case of the rankings, case by case.
 
-        The candidates are the first `k` places of each ranking. Raises InputError where a ranking
-        is not of these submaps in these cases, or no alteration has such a case.
+        The candidates are the first `k` places of each ranking. Raises InputError if a ranking is
+        not of these submaps in these cases, or if no alteration makes a case of it.
         """
         targets = Targets.read(map_path)
         scans = self._read(self.scans, schemas.Scans)
         submaps = self._read(self.submaps, schemas.Submaps)
         stamps_ns = submaps.load("stamps_ns")
         cases = read_cases(self._read(self.rankings[0], schemas.Rankings).cases)
-        every_xy_m, every_heading_deg = self._candidates(len(stamps_ns) * len(cases), k)
-        xy_m = every_xy_m.reshape(len(cases), len(stamps_ns), -1, 2)
-        heading_deg = every_heading_deg.reshape(len(cases), len(stamps_ns), -1)
-        fixes_by_case: list[list[Fix]] = [[] for _ in cases]
-        for row, points_m in enumerate(submap_points(scans, submaps, slice(0, len(stamps_ns)))):
-            for case, fixes, *answers in zip(
-                cases, fixes_by_case, xy_m[:, row], heading_deg[:, row], strict=True
-            ):
-                fixes.append(
-                    fixer.fix(
-                        self._altered(points_m, case, stamps_ns[row]), targets, Answers(*answers)
-                    )
-                )
-        return [fix for fixes in fixes_by_case for fix in fixes]
+        row_count = len(stamps_ns)
+        candidates = self._candidates(row_count * len(cases), k)
+        fixes: list[list[Fix]] = [[] for _ in cases]  # by case, then by row
+        # Each submap's points are read once, for all cases.
+        for row, points_m in enumerate(submap_points(scans, submaps, slice(0, row_count))):
+            for i, case in enumerate(cases):
+                query = i * row_count + row
+                answers = Answers(candidates.xy_m[query], candidates.heading_deg[query])
+                altered_m = self._altered(points_m, case, stamps_ns[row])
+                fixes[i].append(fixer.fix(altered_m, targets, answers))
+        return [fix for fixes_of_case in fixes for fix in fixes_of_case]
 
     def _altered(self, points_m: Points, case: Case, stamp_ns: int) -> Points:
         """The points (n, 3) of a query, altered as its case says."""
         if case == Case():
             return points_m
-        alteration = next(
-            (candidate for candidate in self.alterations if case in candidate.cases), None
+        for alteration in self.alterations:
+            if case in alteration.cases:
+                random = generator(alteration, stamp_ns)
+                return np.asarray(alteration.alter(case, points_m, random)[0])
+        raise InputError(
+            f"{self.rankings[0]}: a ranking of {case}, which no alteration given here makes"
         )
-        if alteration is None:
-            raise InputError(
-                f"{self.rankings[0]}: a ranking of {case}, which no alteration given here makes"
-            )
-        return np.asarray(alteration.alter(case, points_m, generator(alteration, stamp_ns))[0])
 
-    def _candidates(self, count: int, k: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Positions (query, candidate, 2) and headings (query, candidate) of the candidates.
+    def _candidates(self, count: int, k: int) -> Candidates:
+        """The candidates of all queries (`count`), in all cases.
 
         The first place of each ranking comes first, then the second of each, and so on.
         """
@@ -89,9 +96,11 @@ class Queries:
                 )
             positions_m.append(xy_m[:, :k].astype(np.float64))
             headings_deg.append(ranking.load("heading_deg")[:, :k].astype(np.float64))
-        return np.stack(positions_m, axis=2).reshape(count, -1, 2), np.stack(
-            headings_deg, axis=2
-        ).reshape(count, -1)
+        return Candidates(
+            np.stack(positions_m, axis=2).reshape(count, -1, 2),
+            np.stack(headings_deg, axis=2).reshape(count, -1),
+        )
 
     def _read(self, folder: str, kind: type[A]) -> A:
+        """Read the sequence's artifact in a folder."""
         return store.read(Path(folder, f"{self.sequence}.zarr"), kind)

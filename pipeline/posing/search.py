@@ -1,6 +1,14 @@
-"""The search for a query's pose (METHODS 9.4).
+"""The search for a query's pose: points and a ranking's answers in; a `Fix` out (METHODS 9.4).
 
-It tries the ranking's own pose first, then walls of more and more places.
+`Fixer.fix` makes one hypothesis after the other until one is sure:
+
+1. From the pose of the ranking's first answer, register against the submap there.
+2. In rounds of candidates (first the places that the ranking names, then the whole map by likeness
+   of walls): match walls from above, approach the best matches, refine the best approaches.
+3. Check each refined pose against the map (`Hypothesis`), and compute the chances of all.
+4. If the likeliest pose looks right elsewhere along its street too, register there as well.
+
+`Fixer.track` starts from a pose that is nearly known instead.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -22,25 +30,24 @@ from pipeline.posing.fix import Fix, Hypothesis, same
 from pipeline.posing.registration import Alignment, Approach, Cloud, Points, Registration
 from pipeline.posing.slides import slide
 from pipeline.posing.targets import Targets, around
-from pipeline.posing.verification import Seen, agreement
+from pipeline.posing.verification import Agreement, Seen, agreement
 from pipeline.posing.walls import Chart, Walls
 
 BESIDE_M = (2.5, 15.0)
-"""A pose is checked against a second submap, so far from the first at least and from the pose at
-most."""
-
+"""A pose is checked against a second submap too: at least this far from the first one, and nearer
+than this to the pose."""
 LIKELY = 0.05
-"""A hypothesis of less chance is not compared with its slid copies, nor with poses of little
-overlap."""
+"""A hypothesis is likely from this chance on. Only then is it compared with its slid copies, and
+with approaches of little overlap."""
 
 
 class Answers(NamedTuple):
     """Where a ranking places a query, the likeliest first."""
 
     xy_m: NDArray[np.float64]
-    """(k, 2); NaN of an answer that is none."""
+    """(k, 2) positions; NaN for an answer without one."""
     heading_deg: NDArray[np.float64]
-    """(k,); NaN where the method names none."""
+    """(k,) headings of the query if it is there; NaN if the method does not tell."""
 
     @classmethod
     def of(cls, ranking: Ranking, row: int = 0) -> Self:
@@ -60,13 +67,14 @@ NO_ANSWERS = Answers(np.empty((0, 2)), np.empty(0))
 
 @dataclass(frozen=True)
 class Query:
-    """A query's points (n, 3), prepared for comparison with training submaps."""
+    """A query, prepared for comparison with training submaps; each part is computed when needed."""
 
     points_m: Points
+    """(n, 3) points in the query's frame."""
     cloud: Cloud
     walls: Walls
     single: bool
-    """Whether it is one scan, whose sensor saw through what lies before its walls."""
+    """Whether it is a single scan: then the sensor saw through the space before its walls."""
 
     @cached_property
     def walls_m(self) -> Points:
@@ -80,12 +88,12 @@ class Query:
 
     @cached_property
     def seen(self) -> Seen:
-        """What the query's sensor met and saw through."""
+        """The points that the query's sensor met, and the space that it saw through."""
         return Seen.of(self.walls, self.cloud, self.chart)
 
     @cached_property
     def middles(self) -> NDArray[np.float64]:
-        """The middles (n, 2) of the wall cells, in cells (Walls.middles)."""
+        """The middles (n, 2) of the cells with walls, in cells (Walls.middles)."""
         return self.walls.middles(self.walls_m)
 
     @cached_property
@@ -99,28 +107,29 @@ class Fixer:
     """Turns the answers of a ranking into a fix (conf/poses.yaml)."""
 
     coarse: Walls = field(default_factory=lambda: Walls(cell_m=2.0, headings=60))
-    """What the whole map is searched by, once the ranking has no more candidates."""
+    """How walls are matched over the whole map, once the ranking has no more candidates."""
     walls: Walls = field(default_factory=Walls)
+    """How walls are matched with one candidate."""
     registration: Registration = field(default_factory=Registration)
     rounds: Sequence[int] = (5, 20)
-    """Candidates that are looked at in each round."""
+    """Number of candidates in each round."""
     tries: Count = 5
-    """Approaches in each round, of the best matches of walls."""
+    """Number of approaches in each round: of the candidates whose walls match best."""
     refined: Count = 2
-    """Refined registrations in each round, of the best approaches."""
+    """Number of refined registrations in each round: of the approaches that overlap most."""
     sure: Share = 0.95
     """A hypothesis of this chance ends the search."""
     least_lead: NotNegative = 0.1
-    """The slid copies of the likeliest hypothesis are registered too unless it leads by so much."""
+    """The slid copies of the likeliest hypothesis are registered too unless it leads by this."""
     least_overlap: Share = 0.0
     """An approach of less overlap is not refined; learned from held-out blocks (`held_out`)."""
     widest_m: NotNegative = 0.5
-    """A position of a wider spread is not believed: some direction is open, as along a bare
-    wall."""
+    """A refined pose whose position has a wider spread is dropped: nothing holds it in some
+    direction, for example along a bare wall."""
     chances: Chances = USUAL
-    """Learned from held-out blocks (`held_out`)."""
+    """The model of the chance that a hypothesis is right, learned from held-out blocks."""
     expectations: Expectations = field(default_factory=Expectations)
-    """Learned from held-out blocks too."""
+    """The signs to expect at each place, learned from held-out blocks."""
 
     def __post_init__(self) -> None:
         check(self, "fixer")
@@ -138,34 +147,35 @@ class Fixer:
         """Fix a query's points (n, 3), z up from the ground.
 
         The answers of a ranking are tried first, then the whole map. Training submaps `left_out`
-        (row,) are as if they were not there. A fix has no hypothesis where the points are too few
-        or not finite.
+        (row,) are ignored. The fix has no hypothesis if the points are too few or not finite.
         """
         query = self._prepared(points_m, targets)
         if query is None:
             return Fix()
         left_out = np.zeros(len(targets.world_T_anchor), bool) if left_out is None else left_out
         search = _Search(self, query, targets, left_out)
-        return self._first_sure(lambda least: search.everywhere(answers, least), search.copies)
+        return self._first_sure(
+            lambda least_overlap: search.everywhere(answers, least_overlap), search.copies
+        )
 
     def track(
         self, points_m: Points, targets: Targets, world_T_guess: NDArray[np.float64], rows: int = 2
     ) -> Fix:
         """Fix a query's points (n, 3) whose pose is known to a metre and some degrees.
 
-        They are registered against the nearest `rows` submaps from there alone, one after the other
-        until one is sure.
+        From that guess (4, 4) they are registered against the nearest submaps, `rows` at most, one
+        after the other until one is sure.
         """
         query = self._prepared(points_m, targets)
         if query is None:
             return Fix()
         search = _Search(self, query, targets, np.zeros(len(targets.world_T_anchor), bool))
         return self._first_sure(
-            lambda least: search.around(world_T_guess, rows), lambda hypothesis: []
+            lambda least_overlap: search.around(world_T_guess, rows), lambda hypothesis: []
         )
 
     def _prepared(self, points_m: Points, targets: Targets) -> Query | None:
-        """Prepare the query's clouds; None where there are too few points."""
+        """Prepare the query; None if it has too few points."""
         points_m = around(points_m, targets.range_m)
         try:
             cloud = self.registration.prepare(points_m)
@@ -180,20 +190,20 @@ class Fixer:
     ) -> Fix:
         """Build the fix from as many candidates as it takes to be sure of one.
 
-        Candidates are asked for with the least overlap of an approach as it is at that time: once
-        there is a likely hypothesis, any pose is worth a comparison.
-
-        The slid copies of the likeliest are tried too, unless it leads them or is hardly likely;
-        where one of them becomes the likeliest, so are its own.
+        `candidates` makes hypotheses one by one. It is given a function for the least overlap of
+        an approach that is worth refining, since that changes on the way: once there is a likely
+        hypothesis, any further pose is worth a comparison with it. `copies` makes the hypotheses of
+        the slid copies of a hypothesis; they are added for the likeliest one, and if one of them
+        becomes the likeliest, for that one too.
         """
         hypotheses: list[Hypothesis] = []
         compared: list[Hypothesis] = []
         fix = Fix()
 
-        def least() -> float:
+        def least_overlap() -> float:
             return 0.0 if fix.chance >= LIKELY else self.least_overlap
 
-        for hypothesis in candidates(least):
+        for hypothesis in candidates(least_overlap):
             hypotheses.append(hypothesis)
             fix = Fix.of(hypotheses, self.chances)
             while self._has_rivals(fix, compared):
@@ -207,7 +217,8 @@ class Fixer:
     def _has_rivals(self, fix: Fix, compared: Sequence[Hypothesis]) -> bool:
         """Whether the likeliest hypothesis is to be compared with its slid copies.
 
-        It is not where it, or one at the same pose, was `compared` before.
+        It is not if it leads them by far, if it is not likely, or if it (or one at the same pose)
+        was `compared` before.
         """
         best = fix.hypotheses[0]
         if fix.chance < LIKELY or best.slide.lead >= self.least_lead:
@@ -217,23 +228,26 @@ class Fixer:
 
 @dataclass(frozen=True)
 class _Search:
-    """Computes the hypotheses of one query, each when it is asked for."""
+    """Computes the hypotheses of one query, each only when it is needed."""
 
     fixer: Fixer
     query: Query
     targets: Targets
     left_out: NDArray[np.bool_]
 
-    def everywhere(self, answers: Answers, least: Callable[[], float]) -> Iterator[Hypothesis]:
-        """Hypotheses all over the map: the ranking's own pose, then candidates by their walls.
+    def everywhere(
+        self, answers: Answers, least_overlap: Callable[[], float]
+    ) -> Iterator[Hypothesis]:
+        """Hypotheses all over the map: from the ranking's own pose, then from candidate submaps.
 
-        Only approaches of the `least` overlap are refined.
+        Only approaches of that least overlap are refined.
         """
+        yield from self._straight(answers, least_overlap)
         nearest = self.targets.nearest(answers.xy_m, self.left_out)
         alike = self.targets.alike(self.fixer.coarse, self.query.walls_m, self.left_out)
         rows = self.targets.spaced(chain(nearest, alike))
-        rounds = (self._round(list(islice(rows, count)), least) for count in self.fixer.rounds)
-        return chain(self._straight(answers, least), chain.from_iterable(rounds))
+        for count in self.fixer.rounds:
+            yield from self._round(list(islice(rows, count)), least_overlap)
 
     def around(self, world_T_guess: NDArray[np.float64], rows: int) -> Iterator[Hypothesis]:
         """Hypotheses from one guessed pose, against the nearest submaps."""
@@ -246,60 +260,64 @@ class _Search:
 
     def copies(self, hypothesis: Hypothesis) -> list[Hypothesis]:
         """The hypotheses that the slid copies of a hypothesis lead to."""
-        slid = hypothesis.slide.copies
-        registered = (self._registered(copy.row, copy.target_T_query) for copy in slid)
-        return list(chain.from_iterable(registered))
+        hypotheses: list[Hypothesis] = []
+        for copy in hypothesis.slide.copies:
+            hypotheses += self._registered(copy.row, copy.target_T_query)
+        return hypotheses
 
-    def _straight(self, answers: Answers, least: Callable[[], float]) -> Iterator[Hypothesis]:
-        """Hypotheses from the position and heading of the ranking's first answer.
+    def _straight(
+        self, answers: Answers, least_overlap: Callable[[], float]
+    ) -> Iterator[Hypothesis]:
+        """A hypothesis from the position and heading of the ranking's first answer.
 
-        There are none where it lacks one of them.
+        There is none if the answer lacks either of them.
         """
-        if (
-            not len(answers.xy_m)
-            or not np.isfinite([*answers.xy_m[0], answers.heading_deg[0]]).all()
-        ):
+        if not len(answers.xy_m):
             return
-        for row in self.targets.nearest(answers.xy_m[:1], self.left_out):
+        xy_m = answers.xy_m[0]
+        heading_deg = answers.heading_deg[0]
+        if not np.isfinite([*xy_m, heading_deg]).all():
+            return
+        for row in self.targets.nearest(xy_m[None], self.left_out):
             world_T_anchor = self.targets.world_T_anchor[row]
-            turn_rad = np.deg2rad(answers.heading_deg[0]) - yaw(world_T_anchor[None])[0]
-            ahead_m = world_T_anchor[:3, :3].T @ np.append(
-                answers.xy_m[0] - world_T_anchor[:2, 3], 0.0
-            )
-            at_m = ahead_m * (np.abs(ahead_m[:2]) <= self.fixer.walls.offset_m).all()
+            turn_rad = np.deg2rad(heading_deg) - yaw(world_T_anchor[None])[0]
+            at_m = world_T_anchor[:3, :3].T @ np.append(xy_m - world_T_anchor[:2, 3], 0.0)
+            if (np.abs(at_m[:2]) > self.fixer.walls.offset_m).any():
+                at_m = np.zeros(3)  # too far from the anchor to start there
             guess = pose(np.array([[*at_m[:2], 0.0]]), np.array([[0.0, 0.0, turn_rad]]))[0]
-            yield from self._registered(row, guess, least())
+            yield from self._registered(row, guess, least_overlap())
 
-    def _round(self, rows: Sequence[int], least: Callable[[], float]) -> Iterator[Hypothesis]:
-        """Hypotheses from candidate rows: the best match of walls, then the best approaches."""
+    def _round(
+        self, rows: Sequence[int], least_overlap: Callable[[], float]
+    ) -> Iterator[Hypothesis]:
+        """Hypotheses from candidate rows: from the best match of walls, then from the next ones."""
         fixer = self.fixer
-        targets = self.targets
-        query = self.query
-        matches = [
-            (row, fixer.walls.match(targets.chart(fixer.walls, row), query.cells_at_headings))
-            for row in rows
-        ]
-        likely = sorted(matches, key=lambda pair: -pair[1].score)[: fixer.tries]
-        for few, refined in ((likely[:1], 1), (likely[1:], fixer.refined - 1)):
-            approaches = [
-                (row, approach)
-                for row, match in few
-                for approach in self._approached(row, match.target_T_query)
-                if approach.overlap >= least()
-            ]
-            for row, approach in sorted(approaches, key=lambda pair: -pair[1].overlap)[:refined]:
+        matches = []
+        for row in rows:
+            chart = self.targets.chart(fixer.walls, row)
+            matches.append((row, fixer.walls.match(chart, self.query.cells_at_headings)))
+        best_first = sorted(matches, key=lambda match: -match[1].score)[: fixer.tries]
+        # The best match alone is refined first: it is often right, and then the search may end.
+        for group, refined_count in ((best_first[:1], 1), (best_first[1:], fixer.refined - 1)):
+            approaches = []
+            for row, match in group:
+                for approach in self._approached(row, match.target_T_query):
+                    if approach.overlap >= least_overlap():
+                        approaches.append((row, approach))
+            approaches.sort(key=lambda approach: -approach[1].overlap)
+            for row, approach in approaches[:refined_count]:
                 yield from self._refined(row, approach)
 
     def _registered(
         self, row: int, target_T_query: NDArray[np.float64], least_overlap: float = 0.0
     ) -> Iterator[Hypothesis]:
-        """Register from a guess against one submap; nothing if it fails."""
+        """Approach one submap from a guess and refine; no hypothesis if that fails."""
         for approach in self._approached(row, target_T_query):
             if approach.overlap >= least_overlap:
                 yield from self._refined(row, approach)
 
     def _approached(self, row: int, target_T_query: NDArray[np.float64]) -> list[Approach]:
-        """The approach to one submap from a guess (4, 4); none where it has too few points."""
+        """The approach to one submap from a guess (4, 4); none if it has too few points."""
         registration = self.fixer.registration
         try:
             target = self.targets.cloud(registration, row)
@@ -308,7 +326,7 @@ class _Search:
         return [registration.approach(target, self.query.cloud, target_T_query)]
 
     def _refined(self, row: int, approach: Approach) -> Iterator[Hypothesis]:
-        """Refine the approach to one submap; nothing if a direction stays open."""
+        """Refine the approach to one submap; no hypothesis if nothing holds it in a direction."""
         registration = self.fixer.registration
         target = self.targets.cloud(registration, row)
         alignment = registration.refine(target, self.query.cloud, approach.target_T_source)
@@ -316,37 +334,34 @@ class _Search:
             yield self._hypothesis(row, alignment, approach.overlap)
 
     def _hypothesis(self, row: int, alignment: Alignment, approached: float) -> Hypothesis:
-        """The hypothesis of a fine registration against a row, checked against the map."""
+        """Check a refined alignment with a row against the map."""
         fixer = self.fixer
-        targets = self.targets
-        world_T_query = targets.world_T_anchor[row] @ alignment.target_T_source
-        seen = self.query.seen
-        here, beside = (
-            agreement(
-                fixer.walls,
-                fixer.registration.inlier_m,
-                targets.seen(fixer.registration, fixer.walls, submap),
-                seen,
-                np.linalg.inv(targets.world_T_anchor[submap]) @ world_T_query,
-            )
-            for submap in (row, self._beside(row, world_T_query))
-        )
-        tilt_deg = float(np.rad2deg(np.arccos(np.clip(alignment.target_T_source[2, 2], -1, 1))))
-        slid = slide(fixer.walls, targets, self.query.middles, world_T_query, self.left_out)
+        world_T_query = self.targets.world_T_anchor[row] @ alignment.target_T_source
+        upward_cosine = np.clip(alignment.target_T_source[2, 2], -1, 1)
         return Hypothesis(
-            row,
-            world_T_query,
-            alignment,
-            here,
-            beside,
-            tilt_deg,
-            slid,
-            approached,
-            fixer.expectations.excess(world_T_query[:2, 3]),
+            row=row,
+            world_T_query=world_T_query,
+            alignment=alignment,
+            here=self._agreement(row, world_T_query),
+            beside=self._agreement(self._beside(row, world_T_query), world_T_query),
+            tilt_deg=float(np.rad2deg(np.arccos(upward_cosine))),
+            slide=slide(
+                fixer.walls, self.targets, self.query.middles, world_T_query, self.left_out
+            ),
+            approached=approached,
+            excess=fixer.expectations.excess(world_T_query[:2, 3]),
         )
 
+    def _agreement(self, row: int, world_T_query: NDArray[np.float64]) -> Agreement:
+        """How the query, at a pose, agrees with a row."""
+        fixer = self.fixer
+        target = self.targets.seen(fixer.registration, fixer.walls, row)
+        target_T_query = np.linalg.inv(self.targets.world_T_anchor[row]) @ world_T_query
+        inlier_m = fixer.registration.inlier_m
+        return agreement(fixer.walls, inlier_m, target, self.query.seen, target_T_query)
+
     def _beside(self, row: int, world_T_query: NDArray[np.float64]) -> int:
-        """The submap nearest to a pose that is not where `row` is; `row` where there is none."""
+        """The submap nearest to a pose, but not where `row` is; `row` itself if there is none."""
         anchors_m = self.targets.world_T_anchor[:, :2, 3]
         away_m = np.linalg.norm(anchors_m - world_T_query[:2, 3], axis=1)
         is_elsewhere = np.linalg.norm(anchors_m - anchors_m[row], axis=1) >= BESIDE_M[0]
