@@ -1,8 +1,9 @@
-"""Ageing: a held-out scan as a later day would see it (METHODS 9.5).
+"""Ageing: changes the points of a scan as a later day would see them (METHODS 9.5).
 
-A verdict so learns from more than the scan's own day. New walls and what they hide, a wedge in
-which nothing is left, cars and crowns that came, things that went, leaves and snow: the strengths
-are fixed beforehand, never by a result.
+In: a held-out scan of the training day. Out: the scan with new walls, without what these hide, with
+new cars and tree crowns, without some things, without a wedge of directions, and thinned as leaves
+and snow do. A verdict learns from aged scans too, so that it knows more than one day. How strong
+the changes are was fixed beforehand, not by any result.
 """
 
 from dataclasses import dataclass, field
@@ -16,37 +17,37 @@ from pipeline.core.settings import NotNegative, Share, check
 from pipeline.posing.registration import Points
 
 AWAY_M = (5.0, 30.0)
-"""Distance from the sensor to what came or went."""
+"""Distances from the sensor of things that come or go."""
 WENT_M = (2.0, 5.0)
-"""Radius of what went."""
+"""Radii of the cylinders that go."""
 CAR_M = np.array([4.5, 1.8, 1.5])
 """Length, width and height of a car."""
 CAR_POINTS = 150
 CROWN_M = (1.0, 2.5)
-"""Radius of a crown."""
+"""Radii of the crowns of trees."""
 CROWN_HIGH_M = (3.0, 6.0)
-"""How high its middle is."""
+"""Heights of the middles of crowns."""
 CROWN_POINTS = 200
 
 
 @dataclass(frozen=True)
 class Ageing:
-    """How much changes at most; each query draws its own changes."""
+    """How much changes at most; each scan draws its own changes, evenly from 0 to these."""
 
     walls: int = 1
-    """New walls, with what they hide: 0 to this many, each as likely."""
+    """New walls; what is behind them goes."""
     wedge_deg: NotNegative = 90.0
-    """Width of the directions in which nothing is left, up to this, in every other query."""
+    """Width of a wedge of directions in which all points go; one scan in two has such a wedge."""
     cars: int = 10
-    """Cars that came: 0 to this many."""
+    """Parked cars that come."""
     crowns: int = 2
-    """Crowns of trees that came: 0 to this many."""
+    """Crowns of trees that come."""
     went: int = 3
-    """Upright cylinders in which nothing is left, as of a kiosk or a hedge: 0 to this many."""
+    """Things that go, such as a kiosk or a hedge: upright cylinders in which no point is left."""
     above: Share = 0.3
-    """Share of the points above `above_m` that are gone, up to this: leaves fall."""
+    """Share of the points above `above_m` that go, as when leaves fall."""
     below: Share = 0.1
-    """Share of the points below `above_m` that are gone, up to this: snow, cars, people."""
+    """Share of the points below `above_m` that go, as under snow, or with cars and people."""
     above_m: NotNegative = 2.0
     construction: Construction = field(default_factory=lambda: Construction(spacing_m=0.4))
 
@@ -59,46 +60,52 @@ class Ageing:
                 )
 
     def aged(self, points_m: Points, rng: np.random.Generator) -> Points:
-        """The points (n, 3) of a scan after a year: with what has been built, without what is gone.
+        """The points (n, 3) of a scan as a later day would see them.
 
-        z is up from the ground around the sensor.
+        They are in metres in the sensor's frame, z up from the ground around it.
         """
+        # New walls, without what is behind them.
         walls = self.construction.random_walls(int(rng.integers(0, self.walls + 1)), rng)
         for wall in walls:
             points_m = np.concatenate([points_m, wall.points(self.construction.spacing_m)])
         for wall in walls:
             points_m = points_m[~wall.hides(points_m, self.construction.sensor_height_m)]
-        for middle_m in _places(rng, int(rng.integers(0, self.went + 1))):
-            points_m = points_m[np.hypot(*(points_m[:, :2] - middle_m).T) >= rng.uniform(*WENT_M)]
+        # Things that go.
+        for middle_m in _positions(rng, int(rng.integers(0, self.went + 1))):
+            away_m = np.hypot(*(points_m[:, :2] - middle_m).T)
+            points_m = points_m[away_m >= rng.uniform(*WENT_M)]
+        # Things that come.
         for largest_count, make_points in ((self.cars, _car), (self.crowns, _crown)):
-            for middle_m in _places(rng, int(rng.integers(0, largest_count + 1))):
+            for middle_m in _positions(rng, int(rng.integers(0, largest_count + 1))):
                 points_m = np.concatenate([points_m, make_points(rng) + np.append(middle_m, 0.0)])
+        # A wedge of directions without points.
         width_rad = np.deg2rad(rng.uniform(0, self.wedge_deg)) * rng.integers(0, 2)
         first_rad = rng.uniform(0, 2 * np.pi)
         bearing_rad = (np.arctan2(points_m[:, 1], points_m[:, 0]) - first_rad) % (2 * np.pi)
         points_m = points_m[bearing_rad >= width_rad]
-        return points_m[rng.random(len(points_m)) >= self._gone(points_m, rng)]
+        # Leaves and snow.
+        return points_m[rng.random(len(points_m)) >= self._chance_to_go(points_m, rng)]
 
-    def _gone(self, points_m: Points, rng: np.random.Generator) -> NDArray[np.float64]:
-        """The chance (n,) of each point to be gone."""
+    def _chance_to_go(self, points_m: Points, rng: np.random.Generator) -> NDArray[np.float64]:
+        """The chance (n,) of each point to go, by its height."""
         above = rng.uniform(0, self.above)
         below = rng.uniform(0, self.below)
         return np.where(points_m[:, 2] > self.above_m, above, below)
 
 
-def _places(rng: np.random.Generator, count: int) -> NDArray[np.float64]:
-    """Where things stand (count, 2), at any distance of AWAY_M."""
+def _positions(rng: np.random.Generator, count: int) -> NDArray[np.float64]:
+    """Random positions (count, 2) around the sensor, at distances of AWAY_M."""
     away_m = rng.uniform(*AWAY_M, count)
     bearing_rad = rng.uniform(0, 2 * np.pi, count)
     return np.column_stack([away_m * np.cos(bearing_rad), away_m * np.sin(bearing_rad)])
 
 
 def _car(rng: np.random.Generator) -> Points:
-    """Points (n, 3) of the five faces of a parked car, at any heading."""
+    """Points (n, 3) on the four sides and the roof of a parked car, at a random heading."""
     points_m = rng.uniform(-0.5, 0.5, (CAR_POINTS, 3)) * CAR_M
     face = rng.integers(0, 5, CAR_POINTS)
     rows = np.arange(CAR_POINTS)
-    # the last face is its roof
+    # faces 0 to 4 are front, back, left, right and roof
     points_m[rows, face // 2] = np.where(face % 2, -0.5, 0.5) * CAR_M[face // 2]
     turn = rng.uniform(0, np.pi)
     rotation = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
@@ -106,8 +113,9 @@ def _car(rng: np.random.Generator) -> Points:
 
 
 def _crown(rng: np.random.Generator) -> Points:
-    """Points (n, 3) of the leaves of a tree."""
-    out = rng.normal(0, 1, (CROWN_POINTS, 3))
+    """Points (n, 3) of the crown of a tree: a sphere above the ground."""
+    directions = rng.normal(0, 1, (CROWN_POINTS, 3))
+    lengths = np.linalg.norm(directions, axis=1, keepdims=True)
     radius_m = rng.uniform(*CROWN_M)
     middle_m = np.array([0.0, 0.0, rng.uniform(*CROWN_HIGH_M)])
-    return np.asarray(radius_m * out / np.linalg.norm(out, axis=1, keepdims=True) + middle_m)
+    return np.asarray(radius_m * directions / lengths + middle_m)

@@ -1,7 +1,9 @@
 """Expectations: the signs that right fixes have, place by place (METHODS 9.5).
 
-Among houses a right pose overlaps more, and is held better, than on an open field or in a wide
-square. So a sign counts by how far it lies from what right fixes around it had on the training day.
+A sign is a number that speaks for a pose, such as its overlap with the map (`chances.SIGNS`). Among
+houses a right pose overlaps more, and its position is more certain, than on an open field. So
+before a pose is judged, its signs are lowered by as much as those of right fixes around it, on the
+training day, exceed the usual.
 """
 
 from collections.abc import Mapping
@@ -15,9 +17,9 @@ from numpy.typing import NDArray
 from pipeline.posing.chances import SIGNS
 
 AROUND_M = 15.0
-"""Right fixes so near to a pose tell what is to be expected there."""
+"""Right fixes nearer to a pose than this say what to expect there."""
 FEWEST = 3
-"""Where fewer are so near, the usual signs of the day are expected."""
+"""If fewer right fixes are so near, the usual signs of the day are expected."""
 POSITIONS = "expected_xy_m"
 """The name of `xy_m` in a site file."""
 SIGN_ROWS = "expected_signs"
@@ -26,19 +28,19 @@ SIGN_ROWS = "expected_signs"
 
 @dataclass(frozen=True)
 class Expectations:
-    """The signs of right held-out fixes, and where these lie; without any, nothing is expected."""
+    """The signs of right fixes on held-out blocks of training, and the positions of these fixes."""
 
     xy_m: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 2)))
-    """(fix, 2) in the world's frame."""
+    """(fix, 2) positions in the world's frame."""
     signs: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, len(SIGNS))))
-    """(fix, sign) in the order of chances.SIGNS."""
+    """(fix, sign) signs in the order of chances.SIGNS."""
 
     @classmethod
     def of_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> Self:
-        """Those of a site file's arrays.
+        """The expectations in a site file, from its arrays.
 
-        Raises KeyError where it lacks one, ValueError where they do not fit together or hold a
-        number that is not finite.
+        Raises KeyError if one is missing, ValueError if they do not fit together or a number is not
+        finite.
         """
         xy_m = arrays[POSITIONS]
         signs = arrays[SIGN_ROWS]
@@ -55,7 +57,7 @@ class Expectations:
     def excess(self, xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """By how much the signs (sign,) of right fixes around a position (2,) exceed the usual.
 
-        Medians are compared. 0 where fewer than FEWEST lie within AROUND_M.
+        It is the difference of their medians; 0 if fewer than FEWEST lie within AROUND_M.
         """
         is_around = np.linalg.norm(self.xy_m - xy_m, axis=1) < AROUND_M
         if is_around.sum() < FEWEST:
@@ -64,5 +66,5 @@ class Expectations:
 
     @cached_property
     def _usual(self) -> NDArray[np.float64]:
-        """The medians (sign,) of the day."""
+        """The median of each sign (sign,) over all right fixes of the day."""
         return np.asarray(np.median(self.signs, axis=0))

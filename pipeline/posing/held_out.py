@@ -1,6 +1,14 @@
-"""Held-out fixes: evidence of what a fix is worth, from blocks of the training day.
+"""Held-out fixes: shows how far a fix can be trusted, from blocks of the training day (METHODS
+9.5).
 
-Each block is localised on the map without it.
+In: the training day, its map and a `Fixer`. Out: `Evidence`, from which a `Verdict` learns: fixes
+of submaps whose true poses are known. The steps of `HeldOut.evidence`:
+
+1. Choose blocks of the path and take them out of the map.
+2. Fix each of their submaps as it was driven, and once more aged, as a later day would see it.
+3. From the fixes that are right, learn from which overlap on an approach is worth refining.
+4. Fix some of the submaps again on a map without their surroundings: places never seen.
+5. From the right fixes of other blocks, learn which signs to expect where.
 """
 
 from collections.abc import Callable, Collection, Iterator, Sequence
@@ -23,7 +31,7 @@ from pipeline.matching.ranking import Localizer, Rows
 from pipeline.posing.ageing import Ageing
 from pipeline.posing.chances import Chances
 from pipeline.posing.expectations import Expectations
-from pipeline.posing.fix import Fix
+from pipeline.posing.fix import Fix, Hypothesis
 from pipeline.posing.registration import Points
 from pipeline.posing.search import LIKELY, Answers, Fixer
 from pipeline.posing.targets import Targets
@@ -32,13 +40,13 @@ from pipeline.posing.verdict import Evidence, right
 PART = 152
 """Questions that a process takes at a time."""
 LOST = 0.005
-"""Share of the right approaches of held-out submaps that may overlap less than KEPT says."""
+"""This share of the right approaches, those of least overlap, is left out in `least_overlap`."""
 KEPT = 0.8
-"""An approach is refined whose overlap is KEPT of the least overlap of a right one: a later day has
-less of it than the training day."""
+"""An approach is worth refining if it has this share of the least overlap of right ones: on a later
+day right ones have less overlap than on the training day."""
 MOST_LEAST = 0.3
-"""An approach of more overlap is refined however much right ones overlap: the training day says
-nothing of new walls, nor of another lane."""
+"""An approach of this overlap is always worth refining: the training day does not show how little
+right ones overlap after new walls, or from another lane."""
 
 
 class HeldSet(NamedTuple):
@@ -47,19 +55,20 @@ class HeldSet(NamedTuple):
     rows: NDArray[np.bool_]
     """(submap,) which are held out."""
     block: NDArray[np.int64]
-    """(held-out submap,) the block of each, over all sets."""
+    """(held-out submap,) the number of its block, counted on from one set to the next."""
 
 
 @dataclass(frozen=True)
 class Question:
-    """A held-out submap, as it is asked once."""
+    """A held-out submap as a query, asked once."""
 
     row: int
     is_aged: bool
-    """Whether it is asked as a later day would see it, not as driven."""
+    """Whether its points are changed to what a later day would see."""
     answers: Answers
+    """Where the method's ranking places it."""
     left_out: NDArray[np.bool_]
-    """(submap,) what the map lacks."""
+    """(submap,) which submaps the map lacks."""
 
 
 @dataclass(frozen=True)
@@ -70,9 +79,9 @@ class Drive:
     submaps: Path
 
     def points_m(self, rows: Collection[int]) -> dict[int, Points]:
-        """The points (n, 3) of some submaps, in their anchors' frames, z up from the ground.
+        """The points (n, 3) of some submaps by row, in their anchors' frames, z up from the ground.
 
-        All from the first to the last are read in one go: that is faster than one by one.
+        All submaps from the first to the last row are read in one go, which is the fastest.
         """
         if not rows:
             return {}
@@ -87,22 +96,22 @@ class Drive:
 
 @dataclass(frozen=True)
 class TrainingDay:
-    """The artifacts and the model of the training day, a row a submap in each."""
+    """The artifacts and the model of the training day; each artifact has one row a submap."""
 
     map_path: Path
     drive: Drive
     views: Rows
     places: NDArray[np.int64]
-    """(submap,)."""
+    """(submap,) the place of each."""
     view: Callable[[Points], NDArray[Any]]
-    """Draws a view."""
+    """Draws a view from points."""
     localizer: Localizer
     """Ranks places for views."""
     k: int
-    """Answers to each view."""
+    """Number of answers to each view."""
 
     def answers(self, images: NDArray[Any], rows: NDArray[np.int64]) -> list[Answers]:
-        """The ranking's answers to images, drawn anew, of some of the rows."""
+        """The ranking's answers to images that were drawn anew for some of the rows."""
         ranking = self.localizer(
             Rows(images, self.views.stamps_ns[rows], self.views.world_T_anchor[rows]), self.k
         )
@@ -114,15 +123,15 @@ class HeldOut:
     """Which submaps of the training day are held out, as if they were queries of another day."""
 
     every_m: Positive
-    """Path from one block to the next."""
+    """Path from the start of one block to the start of the next."""
     length_m: Positive
+    """Length of a block along the path."""
     around_m: Sequence[float]
-    """A query is asked once more without the training submaps that are nearer than one of these,
-    each in its turn: as a place never seen."""
+    """For a place never seen, a submap is asked on a map without the submaps nearer than one of
+    these distances; the rows take them in turn."""
     enough: Count = 150
-    """Blocks: where there are fewer, the path between them is held out in its turn.
-
-    A promise of .99 takes 99 accepted.
+    """Wanted number of blocks: as long as there are fewer, further sets of blocks are held out,
+    from the path between the first ones. To promise a precision of .99 takes 99 accepted queries.
     """
     ageing: Ageing = field(default_factory=Ageing)
     seed: Seed = 0
@@ -141,25 +150,25 @@ class HeldOut:
     def evidence(
         self, fixer: Fixer, day: TrainingDay, compute: Compute, progress: Progress
     ) -> Evidence:
-        """Fix all held-out submaps: as driven, aged, and without their surroundings in the map.
+        """Fix all held-out submaps: as driven, aged, and as places never seen.
 
-        The map is that of the other blocks. An aged submap is drawn and ranked anew. At places
-        never seen an approach is refined from the `least_overlap` of those that were right. Signs
-        are less what right fixes of other blocks lead to expect. Raises InputError for a map of
-        another day.
+        Raises InputError for a map of another day.
         """
         mapped = Targets.read(day.map_path).world_T_anchor
         anchors = day.views.world_T_anchor
         if not np.array_equal(mapped, anchors):
             submaps = f"{len(mapped)} submaps that are not the {len(anchors)} of the training views"
             raise InputError(f"{day.map_path}: a map of {submaps}; is it of this data set?")
+        # Each held-out submap twice: as driven, then aged.
         held_sets = list(self._held_sets(day))
-        seen = [
-            question for held in held_sets for question in self._questions(day, held.rows, compute)
-        ]
+        seen: list[Question] = []
+        for held in held_sets:
+            seen += self._questions(day, held.rows, compute)
         world_T_true = anchors[[question.row for question in seen]]
         seen_fixes = self._fixes(fixer, day, seen, compute, progress, "held-out blocks")
         least = least_overlap(seen_fixes, world_T_true)
+
+        # Each held-out submap as driven, as a place never seen.
         unseen = [
             replace(question, left_out=question.left_out | self._around(anchors, question.row))
             for question in seen[::2]
@@ -167,13 +176,15 @@ class HeldOut:
         unseen_fixes = self._fixes(
             replace(fixer, least_overlap=least), day, unseen, compute, progress, "places never seen"
         )
+
+        # Three fixes of each held-out submap, one after the other.
         triples = zip(seen_fixes[::2], seen_fixes[1::2], unseen_fixes, strict=True)
         evidence = Evidence(
-            [gated(fix, least, fixer.chances) for triple in triples for fix in triple],
-            world_T_true[::2].repeat(3, axis=0),
-            np.tile([False, False, True], len(unseen)),
-            np.concatenate([held.block for held in held_sets]).repeat(3),
-            least,
+            fixes=[gated(fix, least, fixer.chances) for triple in triples for fix in triple],
+            world_T_true=world_T_true[::2].repeat(3, axis=0),
+            unseen=np.tile([False, False, True], len(unseen)),
+            block=np.concatenate([held.block for held in held_sets]).repeat(3),
+            least_overlap=least,
         )
         return with_expectations(evidence)
 
@@ -192,7 +203,10 @@ class HeldOut:
     def _questions(
         self, day: TrainingDay, held: NDArray[np.bool_], compute: Compute
     ) -> list[Question]:
-        """Each submap that is held out (submap,) as driven, then as a later day would see it."""
+        """The questions of the submaps that are held out (submap,): each as driven, then aged.
+
+        An aged submap is drawn and ranked anew.
+        """
         rows = np.flatnonzero(held)
         drive = day.drive
         view = day.view  # a process gets these, not the model
@@ -209,11 +223,11 @@ class HeldOut:
             return []
         driven = day.answers(np.asarray(day.views.images[:])[rows], rows)
         aged = day.answers(np.stack([image for part in aged_views for image in part]), rows)
-        return [
-            Question(row, is_aged, answers, held)
-            for row, *both in zip(rows.tolist(), driven, aged, strict=True)
-            for is_aged, answers in zip((False, True), both, strict=True)
-        ]
+        questions = []
+        for row, driven_answers, aged_answers in zip(rows.tolist(), driven, aged, strict=True):
+            questions.append(Question(row, False, driven_answers, held))
+            questions.append(Question(row, True, aged_answers, held))
+        return questions
 
     def _fixes(
         self,
@@ -246,60 +260,66 @@ class HeldOut:
         return [fix for part in finished_parts for fix in part]
 
     def _aged(self, points_m: Points, row: int) -> Points:
-        """The points (n, 3) of a row as a later day would see them, always the same ones."""
+        """The points (n, 3) of a row as a later day would see them; always the same ones."""
         return self.ageing.aged(points_m, np.random.default_rng((self.seed, row)))
 
     def _around(self, world_T_anchor: NDArray[np.float64], row: int) -> NDArray[np.bool_]:
-        """The submaps (submap,) around a row, without which it is asked as a place never seen."""
+        """Which submaps (submap,) the map lacks where a row is asked as a place never seen."""
         away_m = np.linalg.norm(world_T_anchor[:, :2, 3] - world_T_anchor[row, :2, 3], axis=1)
         return np.asarray(away_m < self.around_m[row % len(self.around_m)])
 
 
 def least_overlap(fixes: Sequence[Fix], world_T_true: Poses) -> float:
-    """From which overlap on an approach is worth refining, by the fixes of held-out submaps.
+    """From which overlap on an approach is worth refining, by fixes of held-out submaps.
 
-    All but LOST of the right hypotheses of q fixes, whose true poses are (q, 4, 4), came from
-    approaches of more overlap; KEPT of that is asked for, and MOST_LEAST at most. 0 where none is
-    right.
+    It is KEPT of the least overlap (all but LOST) of those approaches of q fixes that led to a
+    right pose, but MOST_LEAST at most; 0 if none did. The true poses are (q, 4, 4).
     """
-    overlaps = [
-        hypothesis.approached
-        for fix, true in zip(fixes, world_T_true, strict=True)
-        for hypothesis in fix.hypotheses
-        if right(hypothesis.world_T_query[None], true[None])[0]
-    ]
+    overlaps = []
+    for fix, true in zip(fixes, world_T_true, strict=True):
+        overlaps += [hypothesis.approached for hypothesis in _right_hypotheses(fix, true)]
     if not overlaps:
         return 0.0
     return min(KEPT * float(np.quantile(overlaps, LOST)), MOST_LEAST)
 
 
-def with_expectations(evidence: Evidence) -> Evidence:
-    """The same evidence, with the signs of its right fixes as expectations.
-
-    Each fix is judged by those of other blocks, as a query of another day is by all of them.
-    """
-    right_fixes = [
-        (block, hypothesis)
-        for fix, true, unseen, block in zip(
-            evidence.fixes, evidence.world_T_true, evidence.unseen, evidence.block, strict=True
-        )
+def _right_hypotheses(fix: Fix, world_T_true: NDArray[np.float64]) -> list[Hypothesis]:
+    """The hypotheses of a fix that are right, given the true pose (4, 4)."""
+    return [
+        hypothesis
         for hypothesis in fix.hypotheses
-        if not unseen and right(hypothesis.world_T_query[None], true[None])[0]
+        if right(hypothesis.world_T_query[None], world_T_true[None])[0]
     ]
-    if not right_fixes:
+
+
+def with_expectations(evidence: Evidence) -> Evidence:
+    """The same evidence, with the signs of its right hypotheses as expectations.
+
+    The signs in each fix are lowered by the expectations from other blocks alone: no fix is judged
+    by its own signs.
+    """
+    right_hypotheses: list[Hypothesis] = []
+    block_of_each: list[int] = []
+    for fix, true, is_unseen, block in zip(
+        evidence.fixes, evidence.world_T_true, evidence.unseen, evidence.block, strict=True
+    ):
+        if not is_unseen:
+            of_fix = _right_hypotheses(fix, true)
+            right_hypotheses += of_fix
+            block_of_each += [int(block)] * len(of_fix)
+    if not right_hypotheses:
         return evidence
-    blocks_of_right = np.array([block for block, _ in right_fixes])
-    xy_m = np.array([hypothesis.world_T_query[:2, 3] for _, hypothesis in right_fixes])
-    all_signs = np.array([hypothesis.signs for _, hypothesis in right_fixes])
+    xy_m = np.array([hypothesis.world_T_query[:2, 3] for hypothesis in right_hypotheses])
+    all_signs = np.array([hypothesis.signs for hypothesis in right_hypotheses])
     judged_fixes = []
     for fix, block in zip(evidence.fixes, evidence.block, strict=True):
-        is_other = blocks_of_right != block
+        is_other = np.array(block_of_each) != block
         judged_fixes.append(judged_by(Expectations(xy_m[is_other], all_signs[is_other]), fix))
     return replace(evidence, fixes=judged_fixes, expectations=Expectations(xy_m, all_signs))
 
 
 def judged_by(expectations: Expectations, fix: Fix) -> Fix:
-    """The fix, its hypotheses' signs less what is expected where each of them lies."""
+    """The fix with its hypotheses' signs lowered by what is expected where each of them is."""
     return Fix.of(
         [
             replace(hypothesis, excess=expectations.excess(hypothesis.world_T_query[:2, 3]))
@@ -309,9 +329,8 @@ def judged_by(expectations: Expectations, fix: Fix) -> Fix:
 
 
 def gated(fix: Fix, least: float, chances: Chances) -> Fix:
-    """The fix as a search with a least overlap finds it, of one without."""
-    if fix.chance >= LIKELY:
+    """The fix that a search with this least overlap finds, given the fix of a search without."""
+    if fix.chance >= LIKELY:  # then any overlap is worth refining
         return fix
-    return Fix.of(
-        [hypothesis for hypothesis in fix.hypotheses if hypothesis.approached >= least], chances
-    )
+    refined = [hypothesis for hypothesis in fix.hypotheses if hypothesis.approached >= least]
+    return Fix.of(refined, chances)

@@ -1,6 +1,9 @@
-"""Verdicts: the chance that a fix is right, and the doubt from which to reject it (METHODS 9.5).
+"""Verdicts: the chance that a fix is right, and when to reject it (METHODS 9.5).
 
-Both are learned from held-out blocks.
+In: `Evidence`, the fixes of held-out queries whose true poses are known. Out: a `Judge`, which says
+for any fix how doubtful each of three BELIEFS is (that the pose is right; that the place is; that
+one of several poses is); and for each belief and each of PROMISES the doubt from which on to
+reject, so that among the accepted ones the promised share is right.
 """
 
 from collections.abc import Sequence
@@ -21,44 +24,47 @@ PROMISES = (0.95, 0.99, 0.999)
 """Wanted precisions: shares of right fixes among the accepted ones."""
 RIGHT_M = 2.0
 RIGHT_DEG = 5.0
-"""A fix is right within RIGHT_M and RIGHT_DEG: the field's measure."""
+"""A pose is right if it is off by less than RIGHT_M and RIGHT_DEG, as is usual in the field."""
 RIGHT_WITHIN = (RIGHT_M, RIGHT_DEG)
 NEAR_M = 15.0
-"""A place is right within this: the distance protocol's measure."""
+"""A place is right within this distance, as in the protocol by distance."""
 SEVERAL = 3
-"""So many poses at most, ELSEWHERE_M apart, are named where none alone is believed: the likeliest
-and its runners-up."""
+"""Largest number of poses that are named if none alone is believed: the likeliest, and the first
+runners-up elsewhere (`Fix.elsewhere`)."""
 BELIEFS = ("fix", "place", "several")
-"""What may be believed of a query, the most telling first: its pose; that it is within NEAR_M of
-it; that it has one of SEVERAL poses."""
+"""What may be believed of a query, the strongest claim first: that its pose is right; that it is
+within NEAR_M of that pose; that one of SEVERAL poses is right."""
 LEAST_DOUBT = 1e-9
+"""Doubts are cut off here before their log-odds are taken."""
 TIMES = 10.0
-"""No single belief is accepted whose doubt is over so many times what a promise allows in the mean
+"""A belief is rejected if its doubt is more than this many times what a promise allows on average
 (METHODS 9.5)."""
 
 
 @dataclass(frozen=True)
 class Judge:
-    """Gives the chance of each belief in a fix."""
+    """Says how doubtful each belief in a fix is."""
 
     pose: Chances
-    """Gives the chance that a hypothesis is right within RIGHT_M and RIGHT_DEG."""
+    """The model of the chance that a hypothesis is right within RIGHT_M and RIGHT_DEG."""
     place: Chances
-    """Gives the chance that it is within NEAR_M."""
+    """The model of the chance that a hypothesis is right within NEAR_M."""
 
     def doubts(self, fix: Fix) -> NDArray[np.float64]:
-        """One minus the chance (belief,) of each of BELIEFS; 1 without a hypothesis."""
+        """The doubt (belief,) in each of BELIEFS: one minus its chance; 1 without a hypothesis."""
         if not fix.hypotheses:
             return np.ones(len(BELIEFS))
+        # Shares (hypothesis + 1,): the last is the chance that no hypothesis is right.
         fix_signs = signs(fix.hypotheses)
         pose_shares = self.pose.shares(fix_signs)
         place_shares = self.place.shares(fix_signs)
-        far = np.append(_distances_m(fix) >= NEAR_M, True)
-        unnamed = np.ones(len(pose_shares), bool)
-        unnamed[_named(fix)] = False
-        return np.array(
-            [pose_shares[1:].sum(), place_shares[far].sum(), pose_shares[unnamed].sum()]
-        ).clip(0, 1)
+        is_far = np.append(_distances_m(fix) >= NEAR_M, True)
+        is_unnamed = np.ones(len(pose_shares), bool)
+        is_unnamed[_named(fix)] = False
+        of_pose = pose_shares[1:].sum()
+        of_place = place_shares[is_far].sum()
+        of_several = pose_shares[is_unnamed].sum()
+        return np.array([of_pose, of_place, of_several]).clip(0, 1)
 
     def of(self, fixes: Sequence[Fix]) -> NDArray[np.float64]:
         """The doubts (q, belief) of q fixes."""
@@ -67,36 +73,38 @@ class Judge:
 
 @dataclass(frozen=True)
 class Evidence:
-    """Fixes of held-out queries, each asked as driven, aged, and without its surroundings."""
+    """Fixes of held-out queries: each was asked as driven, aged, and as a place never seen."""
 
     fixes: Sequence[Fix]
     world_T_true: Poses
-    """(fix, 4, 4)."""
+    """(fix, 4, 4) the true poses."""
     unseen: NDArray[np.bool_]
-    """(fix,) whether it was asked without its surroundings."""
+    """(fix,) whether the query was asked as a place never seen: on a map without its
+    surroundings."""
     block: NDArray[np.int64]
-    """(fix,) the stretch of path that it is of: neighbours are no independent evidence."""
+    """(fix,) the stretch of path of the query; queries of one block are not independent."""
     least_overlap: float = 0.0
-    """From which overlap on an approach was refined (Fixer.least_overlap)."""
+    """The overlap from which on an approach was refined (Fixer.least_overlap)."""
     expectations: Expectations = field(default_factory=Expectations)
-    """The signs of the right fixes, by which later ones are judged."""
+    """The signs of the right fixes, by which later fixes are judged."""
 
     @property
     def blocks(self) -> int:
-        """How many blocks there are."""
+        """The number of blocks."""
         return len(np.unique(self.block))
 
     def weight(self, unseen_share: float) -> NDArray[np.float64]:
-        """For how many of `blocks` independent queries each fix (fix,) counts.
+        """The number of independent queries (fix,) that each fix counts for.
 
-        `unseen_share` of all count as unseen.
+        Together they count for as many as there are `blocks`, of which `unseen_share` are unseen.
         """
         share = np.where(self.unseen, unseen_share, 1 - unseen_share)
-        alike = np.where(self.unseen, max(self.unseen.sum(), 1), max((~self.unseen).sum(), 1))
-        return np.asarray(self.blocks * share / alike)
+        unseen_count = max(self.unseen.sum(), 1)
+        seen_count = max((~self.unseen).sum(), 1)
+        return np.asarray(self.blocks * share / np.where(self.unseen, unseen_count, seen_count))
 
     def ordered(self, chances: Chances) -> "Evidence":
-        """The same evidence, each fix with its hypotheses in the order of other chances."""
+        """The same evidence, with the hypotheses of each fix in the order of other chances."""
         return replace(self, fixes=[Fix.of(fix.hypotheses, chances) for fix in self.fixes])
 
     def true(self) -> NDArray[np.bool_]:
@@ -104,68 +112,69 @@ class Evidence:
         truths = np.zeros((len(self.fixes), len(BELIEFS)), bool)
         for row, fix, world_T_true in zip(truths, self.fixes, self.world_T_true, strict=True):
             if fix.hypotheses:
-                good, near = _right(fix, world_T_true)
-                row[:] = good[0], near[0], good[_named(fix)].any()
+                is_right, is_near = _right(fix, world_T_true)
+                row[:] = is_right[0], is_near[0], is_right[_named(fix)].any()
         return truths
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """Judges fixes: the chance of each belief in one, and the doubt from which to reject it."""
+    """Learns from evidence how to judge fixes, and from which doubt on to reject them."""
 
     evidence: Evidence
     unseen_share: float
-    """Share of queries to expect from places that the map does not have."""
+    """Share of queries to expect at places that the map does not have."""
 
     @cached_property
     def judge(self) -> Judge:
         """The judge, learned from the evidence."""
-        outcomes = [
-            _right(fix, true)
-            for fix, true in zip(self.evidence.fixes, self.evidence.world_T_true, strict=True)
-        ]
-        all_signs = [signs(fix.hypotheses) for fix in self.evidence.fixes]
+        all_signs, all_right, all_near = [], [], []
+        for fix, true in zip(self.evidence.fixes, self.evidence.world_T_true, strict=True):
+            is_right, is_near = _right(fix, true)
+            all_signs.append(signs(fix.hypotheses))
+            all_right.append(is_right)
+            all_near.append(is_near)
         weight = self.evidence.weight(self.unseen_share)
-        pose = learned(all_signs, [right for right, _ in outcomes], weight)
-        place = learned(all_signs, [near for _, near in outcomes], weight)
+        pose = learned(all_signs, all_right, weight)
+        place = learned(all_signs, all_near, weight)
         return Judge(pose, place)
 
     @cached_property
     def _judged(self) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        """The doubts of the evidence (fix, belief), and which beliefs are true."""
+        """The doubts in the fixes of the evidence (fix, belief), and which beliefs are true."""
         ordered = self.evidence.ordered(self.judge.pose)
-        # rounded as artifacts hold them
+        # rounded to the type that artifacts hold
         doubts = self.judge.of(ordered.fixes).astype(np.float32).astype(np.float64)
         return doubts, ordered.true()
 
     def limits(self, belief: str) -> list[float]:
-        """For each of PROMISES, the doubt from which to reject one of BELIEFS.
+        """For each of PROMISES, the doubt from which on one of BELIEFS is rejected.
 
-        It accepts nothing where no promise is kept. A promise is kept even if one more of the
-        accepted had been wrong: that of .99 takes 99 independent accepted queries. So conformal
-        prediction bounds the risk of a further query (Angelopoulos et al., Conformal Risk Control,
-        ICLR 2024). The limit stands in the middle of the gap, in log-odds, to the next query that
-        would break it. And nothing is accepted that is false more than TIMES as often as the
-        promise allows in the mean: what keeps it on this day may not on a later one.
+        1. The largest doubt at which the promise is kept on the evidence, and would be if one more
+           accepted query had been wrong: so the promise of .99 takes 99 independent accepted
+           queries. That bounds the risk of a further query, as in conformal prediction
+           (Angelopoulos et al., Conformal Risk Control, ICLR 2024). If no such doubt keeps the
+           promise, nothing is accepted.
+        2. Moved to the middle of the gap, in log-odds, to the next query that would break it.
+        3. But at most TIMES the share of wrong ones that the promise allows: what is accepted in
+           spite of a large doubt on this day may break the promise on a later one.
         """
-        number = BELIEFS.index(belief)
-        doubts = self._judged[0][:, number]
-        true = self._judged[1][:, number]
+        column = BELIEFS.index(belief)
+        all_doubts, all_true = self._judged
+        doubts = all_doubts[:, column]
+        true = all_true[:, column]
         weight = self.evidence.weight(self.unseen_share)
-        edges = [
-            threshold_for(promise, doubts, true, weight, wrong_besides=1.0) for promise in PROMISES
-        ]
-        largest_doubts = [TIMES * (1 - promise) for promise in PROMISES]
-        return [
-            min(middle(doubts, edge), limit)
-            for edge, limit in zip(edges, largest_doubts, strict=True)
-        ]
+        limits = []
+        for promise in PROMISES:
+            edge = threshold_for(promise, doubts, true, weight, wrong_besides=1.0)
+            limits.append(min(middle(doubts, edge), TIMES * (1 - promise)))
+        return limits
 
 
 def middle(doubts: NDArray[np.float64], limit: float) -> float:
-    """The limit moved to the middle, in log-odds, of the gap between doubts (n,) that it stands in.
+    """Move a limit to the middle, in log-odds, of the gap between doubts (n,) that it lies in.
 
-    A limit beyond all of them stays.
+    A limit below or above all of them stays.
     """
     above = doubts[doubts >= limit]
     below = doubts[doubts < limit]
@@ -176,7 +185,7 @@ def middle(doubts: NDArray[np.float64], limit: float) -> float:
 
 
 def right(world_T_query: Poses, world_T_true: Poses) -> NDArray[np.bool_]:
-    """Which fixes (n, 4, 4) are right; a missing one is not."""
+    """Which poses (n, 4, 4) are right, given the true ones; a missing pose is not."""
     away_m, turn_deg = distance_and_turn(world_T_query, world_T_true)
     return (away_m < RIGHT_M) & (turn_deg < RIGHT_DEG)
 
@@ -184,7 +193,7 @@ def right(world_T_query: Poses, world_T_true: Poses) -> NDArray[np.bool_]:
 def _right(
     fix: Fix, world_T_true: NDArray[np.float64]
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Which hypotheses (n,) of a fix are right, and which are near."""
+    """Which hypotheses (n,) of a fix are right, and which are within NEAR_M of the true pose."""
     world_T_query = np.array([hypothesis.world_T_query for hypothesis in fix.hypotheses]).reshape(
         -1, 4, 4
     )
@@ -193,11 +202,11 @@ def _right(
 
 
 def _distances_m(fix: Fix) -> NDArray[np.float64]:
-    """The distances (n,) of all hypotheses from the best one."""
+    """The distance (n,) of each hypothesis from the best one."""
     places_m = np.array([hypothesis.world_T_query[:2, 3] for hypothesis in fix.hypotheses])
     return np.asarray(np.linalg.norm(places_m - places_m[0], axis=1))
 
 
 def _named(fix: Fix) -> list[int]:
-    """The numbers of the SEVERAL poses to name: the likeliest, and the first ones elsewhere."""
+    """The indices of the SEVERAL hypotheses to name: the likeliest, and runners-up elsewhere."""
     return [0, *fix.elsewhere[: SEVERAL - 1]]
