@@ -1,14 +1,16 @@
-"""Posing: from the ranked places of a query to where it stands, and whether to believe it.
+"""Posing: from the ranked places of a query to its pose, and whether to believe it (METHODS 9).
 
-The pose has six degrees of freedom. One module a step:
+The pose has six degrees of freedom. The modules, in the order of the steps:
 
     targets       the training submaps of a map, and which of them are candidates
-    walls         candidates scored from above, at all headings
-    registration  the best of them refined point by point
-    verification  what the map then says for and against it
-    fix           the hypothesis that is left, and the runners-up
-    queries       fixes of a test sequence
-    held_out      fixes of blocks of the training day, from which a verdict learns
-    verdict       the chance that a fix is right, and where a promise is kept
-    answers       the ranking, led by what was registered
+    walls         scores candidates by their walls from above, at all headings
+    registration  aligns the query with the best candidates, point by point
+    verification  what the map then says for and against a pose
+    slides        where else along its street a pose would look right
+    search        all these steps for one query
+    fix           the poses that are left, the likeliest first
+    queries       the fixes of a test sequence
+    held_out      the fixes of held-out blocks of the training day, as evidence
+    verdict       learns from that the chance that a fix is right, and when to reject it
+    answers       the ranking, with the registered poses first
 """

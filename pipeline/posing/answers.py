@@ -1,6 +1,9 @@
-"""Answers with poses: rankings in which registered poses come first (METHODS 9.6).
+"""Answers with poses: rankings in which the registered poses come first (METHODS 9.6).
 
-How new each query looks is then judged by its fix.
+In: a method's ranking of places for each query, and the poses that registration found for it. Out:
+a ranking of the same form, and the artifact `Fixes`. In it the registered poses are the first
+answers, and how new a query looks is the doubt in its pose. So everything that judges rankings
+judges poses.
 """
 
 from collections.abc import Mapping, Sequence
@@ -21,32 +24,33 @@ from pipeline.posing.fix import Fix
 from pipeline.posing.verdict import BELIEFS, PROMISES, Judge
 
 OWN_KINDS = BELIEFS
-"""Kinds of novelty that a fix adds: one minus the chance of each belief in it."""
+"""The kinds of novelty that poses add: the doubt in each belief, such as that the pose is right."""
 MISSING = {"places": -1, "costs": np.inf, "xy_m": np.nan, "heading_deg": np.nan}
 """The values of a missing answer, column by column."""
 UNREGISTERED = 1.0
-"""Cost from which the method's own answers follow those that were registered, whose cost is one
-minus their chance."""
+"""The least cost of the method's own answers. Registered poses cost less: one minus their
+chance."""
 
 
 @dataclass(frozen=True)
 class PosedQuery:
-    """The poses that a query may have, the likeliest first, and what is believed of them."""
+    """The poses that a query may have, the likeliest first, and the doubts in them."""
 
     world_T_query: Poses
-    """(h, 4, 4)."""
+    """(h, 4, 4) poses."""
     chances: NDArray[np.float64]
-    """(h,) that each is right."""
+    """(h,) the chance that each pose is right."""
     covariance: NDArray[np.float64]
-    """(6, 6) of the first: a turn in radians and a step in metres, in the query's frame."""
+    """(6, 6) covariance of the first pose: of a turn in radians and a step in metres, in the
+    query's frame."""
     overlap: float
-    """Share of the query that the map has where the first pose lays it."""
+    """Share of the query's points that the map has too, if the query stands at the first pose."""
     doubts: NDArray[np.float64]
-    """(belief,) in each of BELIEFS."""
+    """(belief,) one minus the chance of each of BELIEFS."""
 
     @classmethod
     def of(cls, fix: Fix, judge: Judge) -> Self:
-        """What a judge makes of the fix of a 3-D scan."""
+        """The poses of the fix of a 3-D scan, with the doubts of a judge."""
         poses = [hypothesis.world_T_query for hypothesis in fix.hypotheses]
         return cls(
             np.array(poses).reshape(-1, 4, 4),
@@ -63,11 +67,11 @@ class PosedQuery:
 
 
 def posed(ranking: Ranking, queries: Sequence[PosedQuery], places: Places) -> Ranking:
-    """The ranking with its fixes first: positions, headings, and places of the registered poses.
+    """The ranking with the registered poses first, as positions, headings and places.
 
-    A place is the cell that a pose lies in, −1 where training never went. One minus the doubt in
-    the pose becomes the confidence. A place is answered once; what is then missing of k is place −1
-    at an infinite cost.
+    The place of a pose is the cell that it lies in, −1 where training never went. The confidence
+    becomes the chance that the pose is right. Each place is answered once; if fewer than k answers
+    are left, the last ones are MISSING.
     """
     k = ranking.places.shape[1]
     answers = {
@@ -78,16 +82,13 @@ def posed(ranking: Ranking, queries: Sequence[PosedQuery], places: Places) -> Ra
             continue
         xy_m = query.world_T_query[:, :2, 3]
         answers["costs"][i] = UNREGISTERED + np.arange(k) / k
-        lead(
-            answers,
-            i,
-            {
-                "places": places.at(xy_m),
-                "costs": 1 - query.chances,
-                "xy_m": xy_m,
-                "heading_deg": np.rad2deg(yaw(query.world_T_query)),
-            },
-        )
+        registered = {
+            "places": places.at(xy_m),
+            "costs": 1 - query.chances,
+            "xy_m": xy_m,
+            "heading_deg": np.rad2deg(yaw(query.world_T_query)),
+        }
+        lead(answers, i, registered)
     doubts = np.array([query.doubts for query in queries]).reshape(-1, len(BELIEFS))
     novelty = np.column_stack([doubts, ranking.novelty]).astype(np.float32)
     confidence = (1 - doubts[:, 0]).astype(np.float32)
@@ -103,14 +104,15 @@ def posed(ranking: Ranking, queries: Sequence[PosedQuery], places: Places) -> Ra
 def lead(answers: Mapping[str, NDArray[Any]], row: int, first: Mapping[str, Any]) -> None:
     """Put the answers `first`, likeliest first, before the k answers of a row, in place.
 
-    A place is answered once, what is then missing is −1.
+    Each place stays in once, where it comes first; the answers that are then missing are MISSING.
     """
     all_answers = {name: np.concatenate([first[name], answers[name][row]]) for name in MISSING}
     k = answers["places"].shape[1]
-    kept = np.sort(np.unique(all_answers["places"], return_index=True)[1])[:k]
+    _, first_of_each_place = np.unique(all_answers["places"], return_index=True)
+    chosen = np.sort(first_of_each_place)[:k]
     for name, missing in MISSING.items():
         answers[name][row] = missing
-        answers[name][row, : len(kept)] = all_answers[name][kept]
+        answers[name][row, : len(chosen)] = all_answers[name][chosen]
 
 
 @dataclass(frozen=True)
@@ -118,13 +120,15 @@ class Posing:
     """Writes the rankings of one model again, with poses."""
 
     limits: Mapping[str, Sequence[float]]
-    """For each of BELIEFS the doubt from which to reject it, one of PROMISES each."""
+    """For each of BELIEFS, and each of PROMISES: the doubt from which on the belief is rejected."""
     blocks: int
-    """Held-out blocks that the limits were checked on."""
+    """Number of held-out blocks of training that the limits were learned from."""
     right_within: tuple[float, float]
     """Metres and degrees within which a pose is right."""
     places: Places
+    """The grid cells that training visited."""
     wanted_precision: float
+    """The promise that is kept where poses are accepted: one of PROMISES."""
 
     def __post_init__(self) -> None:
         if self.wanted_precision not in PROMISES:
@@ -134,9 +138,9 @@ class Posing:
             )
 
     def write(self, path: Path, rankings: Rankings, queries: Sequence[PosedQuery]) -> str:
-        """Write the poses of a ranking's queries (q,), in all its cases.
+        """Write the ranking with the poses of its queries (q,), in all its cases, to a path.
 
-        Returns what was done, in a line.
+        Returns a summary of one line.
         """
         answered = posed(rankings.ranking(), queries, self.places)
         promise_number = PROMISES.index(self.wanted_precision)
@@ -167,16 +171,19 @@ class Posing:
         queries: Sequence[PosedQuery],
         promise_number: int,
     ) -> str:
-        """How many queries have a pose, and for how many each belief is promised, in a line."""
+        """How many queries have a pose, and for how many each belief is accepted, in a line.
+
+        It is told at the wanted promise, or at the highest one below it that can be kept.
+        """
         pose_count = sum(len(query.world_T_query) > 0 for query in queries)
-        number = next((i for i in range(promise_number, -1, -1) if self.limits["fix"][i] > 0), None)
-        if number is None:
+        kept = [i for i in range(promise_number + 1) if self.limits["fix"][i] > 0]
+        if not kept:
             return f"{pose_count} poses of {len(queries)} queries; no promise can be kept"
-        below = answered.novelty[:, : len(BELIEFS)].astype(float) < [
-            self.limits[belief][number] for belief in BELIEFS
-        ]
-        most_telling = np.where(below.any(axis=1), below.argmax(axis=1), -1)
-        pose, place, several = (int((most_telling == i).sum()) for i in range(len(BELIEFS)))
+        number = kept[-1]
+        limits = [self.limits[belief][number] for belief in BELIEFS]
+        is_accepted = answered.novelty[:, : len(BELIEFS)].astype(float) < limits  # (q, belief)
+        strongest = np.where(is_accepted.any(axis=1), is_accepted.argmax(axis=1), -1)
+        pose, place, several = (int((strongest == i).sum()) for i in range(len(BELIEFS)))
         beliefs = f"{pose} are accepted, {place} more are near, {several} more are one of several"
         return (
             f"{pose_count} poses of {len(queries)} queries; with a promise of {PROMISES[number]} "

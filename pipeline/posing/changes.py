@@ -1,11 +1,13 @@
-"""Changes: which submaps of a map are contradicted by later scans of the same spot (METHODS 11.3).
+"""Changes: which submaps of a map are contradicted by later scans of the same place (METHODS 11.3).
 
-A wall is gone where a later scan sees through it; it was built where a later scan has one and the
-map saw through. Only what at least two scans tell counts, for a parked lorry hides a wall from one
-spot only.
+In: a map, and scans of a later day with their poses. Out: the submaps that have changed, each with
+the scan that may replace it. A wall was torn down if a later scan sees through it, and built if a
+later scan has it where the map saw through. At least two scans must contradict a submap, since a
+parked lorry hides a wall from one position only.
 """
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +23,8 @@ NEAR_M = 5.0
 AGREEING = 2
 """Least number of scans that must contradict a submap."""
 USUAL = 0.99
-"""A submap is changed if it is contradicted more than this share of the pairs of one day, which
-show what is no change."""
+"""A contradiction counts if it is larger than this share of those between submaps of one day: there
+nothing has changed."""
 
 
 def contradicted(
@@ -30,69 +32,76 @@ def contradicted(
 ) -> dict[int, int]:
     """Map each submap that scans (n,) contradict to the scan nearest to it.
 
-    AGREEING scans must contradict it by more than `usual_share`.
+    At least AGREEING scans must contradict it by more than `usual_share`, which is what
+    `usual_contradiction` returns. Scans are points (m, 3) in their own frames.
     """
     tree = KDTree(world_T_scan[:, :2, 3])
+    scan_walls_m = [walls.of(points_m) for points_m in scans]
+    drawn_scans = [Drawn(walls.chart(walls_m), walls_m) for walls_m in scan_walls_m]
     changed = {}
-    walls_m = [walls.of(points_m) for points_m in scans]
-    charts = [walls.chart(points_m) for points_m in walls_m]
     for row, world_T_anchor in enumerate(targets.world_T_anchor):
         near = tree.query_ball_point(world_T_anchor[:2, 3], NEAR_M)
         if len(near) < AGREEING:
             continue
-        steps = {scan: np.linalg.inv(world_T_anchor) @ world_T_scan[scan] for scan in near}
-        old_m = walls.of(targets.points_m(row))
-        shares = [
-            contradiction(
-                walls, (targets.chart(walls, row), old_m), (charts[scan], walls_m[scan]), step
-            )
-            for scan, step in steps.items()
-        ]
-        if sum(share > usual_share for share in shares) >= AGREEING:
-            changed[row] = min(near, key=lambda scan: float(np.linalg.norm(steps[scan][:2, 3])))
+        submap = _drawn(targets, walls, row)
+        distances_m = {}
+        contradicting = 0
+        for scan in near:
+            anchor_T_scan = np.linalg.inv(world_T_anchor) @ world_T_scan[scan]
+            distances_m[scan] = float(np.linalg.norm(anchor_T_scan[:2, 3]))
+            share = contradiction(walls, submap, drawn_scans[scan], anchor_T_scan)
+            contradicting += share > usual_share
+        if contradicting >= AGREEING:
+            changed[row] = min(near, key=lambda scan: distances_m[scan])
     return changed
 
 
 def usual_contradiction(targets: Targets, walls: Walls) -> float:
     """The contradiction that USUAL of the pairs of neighbouring submaps of a map stay below.
 
-    It is 1 where there is no such pair.
+    It is 1 if there is no such pair.
     """
     tree = KDTree(targets.world_T_anchor[:, :2, 3])
     shares = []
     for row, other_row in tree.query_pairs(NEAR_M, output_type="ndarray").tolist():
-        step = np.linalg.inv(targets.world_T_anchor[row]) @ targets.world_T_anchor[other_row]
-        old, new = (
-            (targets.chart(walls, side), walls.of(targets.points_m(side)))
-            for side in (row, other_row)
-        )
-        shares.append(contradiction(walls, old, new, step))
+        row_T_other = np.linalg.inv(targets.world_T_anchor[row]) @ targets.world_T_anchor[other_row]
+        submap = _drawn(targets, walls, row)
+        other_submap = _drawn(targets, walls, other_row)
+        shares.append(contradiction(walls, submap, other_submap, row_T_other))
     return float(np.quantile(shares, USUAL)) if shares else 1.0
 
 
-def contradiction(
-    walls: Walls,
-    old: tuple[Chart, Points],
-    new: tuple[Chart, Points],
-    old_T_new: NDArray[np.float64],
-) -> float:
+class Drawn(NamedTuple):
+    """The walls of a submap or scan, as points and drawn from above."""
+
+    chart: Chart
+    walls_m: Points
+    """(n, 3) points of walls in the submap's frame."""
+
+
+def _drawn(targets: Targets, walls: Walls, row: int) -> Drawn:
+    """The walls of a submap of the map."""
+    return Drawn(targets.chart(walls, row), walls.of(targets.points_m(row)))
+
+
+def contradiction(walls: Walls, old: Drawn, new: Drawn, old_T_new: NDArray[np.float64]) -> float:
     """The share of walls that one of two submaps has and the other saw through.
 
-    The old and the new submap are each a chart and the points (n, 3) of its walls; it is the larger
-    of the shares of both.
+    There is one such share for the walls torn down and one for those built: the larger counts.
     """
-    gone = _seen_through(walls, new[0], moved(np.asarray(np.linalg.inv(old_T_new)), old[1]))
-    return max(gone, _seen_through(walls, old[0], moved(old_T_new, new[1])))
+    new_T_old = np.asarray(np.linalg.inv(old_T_new))
+    torn_down = _seen_through(walls, new.chart, moved(new_T_old, old.walls_m))
+    built = _seen_through(walls, old.chart, moved(old_T_new, new.walls_m))
+    return max(torn_down, built)
 
 
 def _seen_through(walls: Walls, chart: Chart, walls_m: Points) -> float:
-    """The share of walls (n, 3) in the chart's frame that it saw through.
+    """The share of walls (n, 3), in the frame of a chart, that the chart saw through.
 
-    Walls where the chart is unknown do not count.
+    Walls in cells that the chart knows nothing of do not count.
     """
     cells = np.floor(walls.middles(walls_m)).astype(np.int64) + walls.half_width_cells
-    values = chart[0][
-        tuple(cells[((cells >= 0) & (cells < 2 * walls.half_width_cells)).all(axis=1)].T)
-    ]
+    is_inside = ((cells >= 0) & (cells < 2 * walls.half_width_cells)).all(axis=1)
+    values = chart[0][tuple(cells[is_inside].T)]
     known_count = np.count_nonzero(values)
     return float(np.count_nonzero(values == SEEN_THROUGH) / known_count) if known_count else 0.0

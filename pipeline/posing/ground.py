@@ -1,7 +1,12 @@
-"""Ground: how high points stand above it, on slopes too (METHODS 9.2).
+"""Ground: how high points are above it, on slopes too, so that a hillside is no wall (METHODS 9.2).
 
-A hillside is no wall. So the ground is followed outwards from the sensor in each direction, as far
-as it climbs and falls no more steeply than ground does (as Himmelsbach et al., IV 2010).
+In: the points of a scan. Out: the height of each above the ground. The steps, much as by
+Himmelsbach et al., IV 2010:
+
+1. Divide the plane around the sensor into SECTORS directions, and each of these into pieces.
+2. The lowest point of each piece may be ground.
+3. In each direction, follow the ground outwards: a piece is ground if it is no steeper than ground
+   is, else the ground goes on at the height of the last piece that was.
 """
 
 import numpy as np
@@ -11,19 +16,19 @@ from numpy.typing import NDArray
 SECTORS = 72
 """Directions around the sensor in which the ground is followed."""
 STEP_M = 1.0
-"""The lowest point of each such piece of a direction may be ground."""
+"""Length of a piece along its direction."""
 SLOPE = 0.15
 """Steepest climb or fall from one piece of ground to the next."""
 ROUGH_M = 0.3
-"""On top of SLOPE, a piece may be this much higher or lower."""
+"""On top of SLOPE, a piece of ground may be this much higher or lower."""
 LEAP_M = 1.0
-"""Ground is not followed across a higher step, however far off it is seen again."""
+"""A piece of ground is at most this much higher or lower, however far away the last one is."""
 FAR_M = 200.0
-"""Ground is not followed beyond: what stands there stands on the last that was."""
+"""Ground is followed this far; points beyond belong to the last piece."""
 
 
 def heights_m(points_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The height (n,) of points (n, 3) above the ground, which is at z = 0 around the sensor.
+    """The height (n,) of points (n, 3) above the ground, which is at z = 0 at the sensor.
 
     NaN for a point that is not finite.
     """
@@ -33,15 +38,18 @@ def heights_m(points_m: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _heights(points):  # type: ignore[no-untyped-def]
+    """The heights (n,) of points (n, 3)."""
+    # The lowest point of each piece.
     steps = int(FAR_M / STEP_M)
     lowest = np.full((SECTORS, steps), np.inf)
     for i in range(len(points)):
         if np.isfinite(points[i].sum()):
             sector, step = _piece(points[i, 0], points[i, 1])
             lowest[sector, step] = min(lowest[sector, step], points[i, 2])
+    # The ground, followed outwards from z = 0.
     ground = np.zeros((SECTORS, steps))
     for sector in range(SECTORS):
-        seen_at = 0
+        seen_at = 0  # the last piece that was ground
         height = 0.0
         for step in range(steps):
             largest_step = min(ROUGH_M + SLOPE * STEP_M * (step - seen_at), LEAP_M)
@@ -49,6 +57,7 @@ def _heights(points):  # type: ignore[no-untyped-def]
                 seen_at = step
                 height = lowest[sector, step]
             ground[sector, step] = height
+    # The points above it.
     heights = np.full(len(points), np.nan)
     for i in range(len(points)):
         if np.isfinite(points[i].sum()):
@@ -59,5 +68,6 @@ def _heights(points):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _piece(x, y):  # type: ignore[no-untyped-def]
+    """The sector of a point, and the piece in it."""
     sector = int((np.arctan2(y, x) / (2 * np.pi) + 0.5) * SECTORS) % SECTORS
     return sector, int(min(np.hypot(x, y), FAR_M - STEP_M) / STEP_M)

@@ -1,4 +1,13 @@
-"""Registration: aligns a cloud with another from a first guess (generalised ICP; METHODS 9.3)."""
+"""Registration: aligns one cloud with another from a first guess (generalised ICP; METHODS 9.3).
+
+In: the points of a target (a training submap) and of a source (a query), and a guess of where the
+source is in the target's frame. Out: the source's pose there, how much of it overlaps with the
+target, and the covariance of the pose. The steps:
+
+1. `prepare`: thin both clouds to one point a voxel.
+2. `approach`: from metres away, align few points with wide cells of the target.
+3. `refine`: align all thinned points with the target's points.
+"""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,27 +21,28 @@ from pipeline.core.errors import ConfigError, InputError
 from pipeline.core.settings import Count, Positive, check
 
 Points = NDArray[np.float64]
+"""(n, 3) in metres."""
 LEAST_ALONG = 0.005
-"""Share of the squared normals that looks along a direction; of a bare plane, whose normals are
-noisy, it is less."""
+"""Least mean square of the surface normals along any direction: below, nothing holds the clouds in
+that direction. The noisy normals of a bare plane have less."""
 NEAR_ENOUGH_M = 0.02
 NEAR_ENOUGH_RAD = 0.01
-"""An approach ends with a step and a turn below these: the refinement does the rest."""
+"""An approach ends at a step and a turn below these: the refinement does the rest."""
 LEAST_OFF_M = 0.01
 """Clouds are not believed to fit better than this."""
 
 
 @dataclass(frozen=True)
 class Alignment:
-    """Where a source cloud stands in a target's frame."""
+    """The result of a registration: the pose of a source cloud in a target's frame."""
 
     target_T_source: NDArray[np.float64]
-    """(4, 4)."""
+    """(4, 4) the pose."""
     overlap: float
-    """Share of the source's voxels that have one of the target's nearer than `inlier_m`."""
+    """Share of the source's voxels with a voxel of the target nearer than `inlier_m`."""
     covariance: NDArray[np.float64]
     """(6, 6) of a small turn about x, y, z in radians, then of a step along x, y, z in metres, in
-    the source's frame; infinite where the clouds leave a direction open."""
+    the source's frame; infinite if nothing holds the clouds in some direction."""
 
     @property
     def spread_m(self) -> float:
@@ -42,22 +52,25 @@ class Alignment:
 
 
 NOWHERE = Alignment(np.eye(4), 0.0, np.full((6, 6), np.inf))
-"""What is known where there is too little to register."""
+"""Stands for an alignment where there are too few points to register."""
 
 
 @dataclass(frozen=True)
 class Cloud:
-    """A cloud thinned to one point a voxel, with the covariances of their neighbours and a tree."""
+    """A cloud that is prepared for registration: thinned, with covariances and a search tree."""
 
     points: small_gicp.PointCloud
+    """One point a voxel, each with the covariance of the points around it."""
     tree: small_gicp.KdTree
+    """Finds the nearest of these points."""
     cell_m: float
     rough_m: float
     neighbours: int
+    """As in `Registration`."""
 
     @cached_property
     def rough(self) -> small_gicp.PointCloud:
-        """The points once more, one a voxel of `rough_m`: as many as an approach takes."""
+        """Fewer points, one a voxel of `rough_m`, for the approach."""
         return small_gicp.preprocess_points(self.xyz_m, self.rough_m, self.neighbours)[0]
 
     @cached_property
@@ -74,9 +87,9 @@ class Cloud:
 
     @cached_property
     def sample_m(self) -> Points:
-        """Half of the thinned points (n / 2, 3), drawn at random but always the same.
+        """Half of the thinned points (n / 2, 3): enough to estimate shares.
 
-        Shares need no more.
+        They are drawn at random, but always the same ones.
         """
         count = len(self.xyz_m)
         sample_rows = np.random.default_rng(0).permutation(count)[: (count + 1) // 2]
@@ -88,45 +101,48 @@ class Cloud:
         return np.asarray(self.points.normals())[:, :3]
 
     def nearest(self, points_m: Points) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Find the thinned point nearest to each of points (n, 3): its row (n,) and distance (n,).
+        """The row (n,) of the thinned point nearest to each of n points, and its distance (n,).
 
-        The points are in this cloud's frame, distances in metres.
+        The points (n, 3) are in this cloud's frame, distances in metres.
         """
         rows, squares_m2 = self.tree.batch_nearest_neighbor_search(points_m)
         return np.asarray(rows, np.int64), np.sqrt(np.asarray(squares_m2, np.float64))
 
 
 class Approach(NamedTuple):
-    """Where a source cloud roughly stands in a target's frame."""
+    """The result of an approach: the rough pose of a source cloud in a target's frame."""
 
     target_T_source: NDArray[np.float64]
-    """(4, 4)."""
+    """(4, 4) the pose."""
     overlap: float
-    """Share of the source's rough points that have one of the target's nearer than `reach_m`."""
+    """Share of the source's rough points with a point of the target nearer than `reach_m`."""
 
 
 @dataclass(frozen=True)
 class Registration:
-    """Generalised ICP between thinned clouds, in two steps (both in small_gicp).
+    """Generalised ICP between thinned clouds, in two steps (both by small_gicp).
 
-    The approach pairs few points with one Gaussian a wide cell of the target (Koide, ICRA 2021): it
-    comes near from some metres away. The refinement pairs points with points (Segal, RSS 2009).
+    The approach pairs few points with Gaussians, one for each wide cell of the target (Koide, ICRA
+    2021), and so comes near from some metres away. The refinement pairs points with points (Segal,
+    RSS 2009).
     """
 
     voxel_m: Positive = 0.5
+    """Width of the voxels that clouds are thinned to."""
     neighbours: int = 10
-    """Points that each covariance is estimated from."""
+    """Number of points that each covariance is estimated from."""
     cell_m: Positive = 4.0
     """Width of the approach's cells."""
     rough_m: Positive = 2.0
-    """The approach takes one point of the source a voxel of this width."""
+    """Width of the voxels that the source is thinned to for the approach."""
     reach_m: Positive = 1.0
     """Largest distance of a pair of points in the refinement."""
     iterations: Count = 10
-    """At most, in each step."""
+    """Largest number of iterations in each step."""
     inlier_m: Positive = 0.5
+    """Points nearer than this after the refinement overlap."""
     least_voxels: int = 100
-    """Clouds of fewer voxels have too little to hold on to."""
+    """A cloud of fewer voxels cannot be registered."""
 
     def __post_init__(self) -> None:
         check(self, "registration")
@@ -171,7 +187,10 @@ class Registration:
     def approach(
         self, target: Cloud, source: Cloud, target_T_source: NDArray[np.float64]
     ) -> Approach:
-        """Bring a prepared cloud near its pose, from a guess (4, 4) that is metres off."""
+        """Bring a prepared cloud near its pose, from a guess (4, 4) that is some metres off.
+
+        Returns the guess itself if that overlaps more.
+        """
         result = small_gicp.align(
             target.cells,
             source.rough,
@@ -181,10 +200,10 @@ class Registration:
             translation_epsilon=NEAR_ENOUGH_M,
             rotation_epsilon=NEAR_ENOUGH_RAD,
         )
-        poses = (np.asarray(result.T_target_source), target_T_source)  # a guess may be better
-        shares = [self._near(target, source, pose) for pose in poses]
-        best = int(np.argmax(shares))
-        return Approach(poses[best], shares[best])
+        poses = (np.asarray(result.T_target_source), target_T_source)
+        overlaps = [self._rough_overlap(target, source, pose) for pose in poses]
+        best = int(np.argmax(overlaps))
+        return Approach(poses[best], overlaps[best])
 
     def refine(
         self, target: Cloud, source: Cloud, target_T_source: NDArray[np.float64]
@@ -199,18 +218,25 @@ class Registration:
             max_iterations=self.iterations,
         )
         target_T_source = np.asarray(result.T_target_source)
+        # The pairs of nearest points, and how far each lies off the target's surface.
         moved_m = moved(target_T_source, source.xyz_m)
         nearest, distances_m = target.nearest(moved_m)
-        paired = distances_m < self.inlier_m
-        normals = target.normals[nearest[paired]]
-        off_m = np.einsum("nx,nx->n", normals, moved_m[paired] - target.xyz_m[nearest[paired]])
-        if min(_least_along(normals), _least_along(source.normals[paired])) < LEAST_ALONG:
-            return Alignment(target_T_source, float(paired.mean()), np.full((6, 6), np.inf))
-        covariance = _covariance(source.xyz_m[paired], normals @ target_T_source[:3, :3], off_m)
-        return Alignment(target_T_source, float(paired.mean()), covariance)
+        is_paired = distances_m < self.inlier_m
+        overlap = float(is_paired.mean())
+        target_rows = nearest[is_paired]
+        normals = target.normals[target_rows]
+        off_m = np.einsum("nx,nx->n", normals, moved_m[is_paired] - target.xyz_m[target_rows])
+        # In a direction along which either cloud has no surface to hold it, the pose is open.
+        if min(_least_along(normals), _least_along(source.normals[is_paired])) < LEAST_ALONG:
+            return Alignment(target_T_source, overlap, np.full((6, 6), np.inf))
+        normals_in_source = normals @ target_T_source[:3, :3]
+        covariance = _covariance(source.xyz_m[is_paired], normals_in_source, off_m)
+        return Alignment(target_T_source, overlap, covariance)
 
-    def _near(self, target: Cloud, source: Cloud, target_T_source: NDArray[np.float64]) -> float:
-        """The share of the source's rough points that the target has within `reach_m`."""
+    def _rough_overlap(
+        self, target: Cloud, source: Cloud, target_T_source: NDArray[np.float64]
+    ) -> float:
+        """The share of the source's rough points with a point of the target within `reach_m`."""
         rough_m = np.asarray(source.rough.points())[:, :3]
         _, distances_m = target.nearest(moved(target_T_source, rough_m))
         return float((distances_m < self.reach_m).mean())
@@ -222,23 +248,21 @@ def moved(a_T_b: NDArray[np.float64], points_m: Points) -> Points:
 
 
 def _least_along(normals: NDArray[np.float64]) -> float:
-    """The mean square of normals (n, 3) along the direction that the fewest look along.
+    """The mean square of normals (n, 3) along the direction in which it is least.
 
-    It is 0 where there are too few to say.
+    It is 0 if there are too few normals to determine a pose.
     """
-    return (
-        float(np.linalg.eigvalsh(normals.T @ normals / len(normals))[0])
-        if len(normals) > 6
-        else 0.0
-    )
+    if len(normals) <= 6:
+        return 0.0
+    return float(np.linalg.eigvalsh(normals.T @ normals / len(normals))[0])
 
 
 def _covariance(
     points_m: Points, normals: NDArray[np.float64], off_m: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """The covariance (6, 6) of an alignment: the inverse Hessian of point to plane.
+    """The covariance (6, 6) of an alignment: the inverse Hessian of the point-to-plane error.
 
-    Points (n, 3) lie `off_m` (n,) off planes with normals (n, 3).
+    Points (n, 3) lie `off_m` (n,) off planes with normals (n, 3), all in the source's frame.
     """
     slopes = np.column_stack([np.cross(points_m, normals), normals])
     variance = max(float(off_m @ off_m) / (len(off_m) - 6), LEAST_OFF_M**2)

@@ -1,9 +1,12 @@
 """Slides: other poses, along the street or turned on the spot, that look right too (METHODS 9.4).
 
-Rows of houses, colonnades and avenues repeat themselves: a query registers a few houses farther on
-as well as where it is; and a crossing of equal corners looks alike in four directions. So its walls
-are laid on the charts of all training submaps around at the heading of a pose, and on the nearest
-at right angles to it too; the best fit elsewhere is named.
+Rows of houses, colonnades and avenues repeat themselves: a query can be registered a few houses
+farther on as well as where it is. A crossing with equal corners looks alike in four directions.
+
+In: a query's walls and a pose. Out: the poses elsewhere at which its walls fit best, and how much
+better they fit at the pose itself. To find them, the walls are scored at all offsets on the charts
+(walls drawn from above) of the submaps around: at the heading of the pose, and on the nearest
+submap at TURNS_DEG from that too.
 """
 
 from dataclasses import dataclass
@@ -17,25 +20,26 @@ from pipeline.posing.targets import APART_M, Targets
 from pipeline.posing.walls import Walls
 
 FAR_M = 40.0
-"""Slid copies are looked for this far around a pose."""
+"""Slid copies are searched for in submaps up to this far from a pose."""
 SLID_M = 3.0
-"""A fit nearer than this to the pose is the pose's own."""
+"""A fit nearer than this to the pose is no copy, but the pose itself."""
 TURNS_DEG = (86.0, 90.0, 94.0, 176.0, 180.0, 184.0, 266.0, 270.0, 274.0)
-"""Further headings to try, relative to that of the pose."""
+"""Further headings to try, relative to that of the pose: quarter turns, and a little off them."""
 WIDEST_LEAD = 0.3
-"""Leads are cut at this, either way: a street without another wall says no more."""
+"""Leads are cut off at plus and minus this: a larger one says no more."""
 COPIES = 3
-"""Slid copies at most."""
+"""Largest number of slid copies."""
 
 
 class Copy(NamedTuple):
     """A pose elsewhere at which the walls of a query fit well."""
 
     score: float
+    """How well, as `Walls.scores` measures it."""
     row: int
-    """The training submap that it was found in."""
+    """The training submap whose walls they fit."""
     target_T_query: NDArray[np.float64]
-    """(4, 4) in that submap's frame."""
+    """(4, 4) the pose in that submap's frame."""
 
 
 @dataclass(frozen=True)
@@ -43,10 +47,10 @@ class Slide:
     """The best fits of a query's walls elsewhere, and how far the pose leads them."""
 
     lead: float
-    """The score of the walls at the pose, less that of the best copy; 0 where no submap near enough
-    can tell."""
+    """The score of the walls at the pose, less that of the best copy; 0 if there is no submap near
+    enough to say."""
     copies: tuple[Copy, ...]
-    """The best first, each APART_M or more from those before it."""
+    """The best copies, the best first, each at least APART_M from those before it."""
 
 
 def slide(
@@ -58,50 +62,74 @@ def slide(
 ) -> Slide:
     """Find the slide of a query at a pose (4, 4).
 
-    Its walls are given by their `middles` (Walls.middles).
+    The query's walls are given by their `middles` (n, 2), see Walls.middles; training submaps
+    `left_out` (row,) are ignored.
     """
+    # The submaps near the pose, the nearest first, and the pose in the frame of each.
     anchors_m = targets.world_T_anchor[:, :2, 3]
     away_m = np.where(left_out, np.inf, np.linalg.norm(anchors_m - world_T_query[:2, 3], axis=1))
     near_rows = np.argsort(away_m, kind="stable")[: np.count_nonzero(away_m < FAR_M)]
-    offsets_m = (np.arange(2 * walls.offset_cells + 1) - walls.offset_cells) * walls.cell_m
-    own_score = -np.inf
-    fits: list[tuple[float, int, float, float, float]] = []
     rows = near_rows[_spaced(anchors_m[near_rows])]
     targets_T_query = np.linalg.inv(targets.world_T_anchor[rows]) @ world_T_query
     headings = np.arctan2(targets_T_query[:, 1, 0], targets_T_query[:, 0, 0])
+
+    # The distance (submap, offset, offset) of the offsets that are scored from the pose.
+    offsets_m = (np.arange(2 * walls.offset_cells + 1) - walls.offset_cells) * walls.cell_m
     x_m, y_m = targets_T_query[:, :2, 3].T[:, :, None, None]
-    every_off_m = np.hypot(offsets_m[:, None] - x_m, offsets_m - y_m)
-    for row, heading, off_m in zip(rows.tolist(), headings.tolist(), every_off_m, strict=True):
-        for turn_deg in (0.0, *(TURNS_DEG if row == near_rows[0] else ())):
+    all_off_m = np.hypot(offsets_m[:, None] - x_m, offsets_m - y_m)
+
+    # The score of the walls at the pose itself, and the best fit elsewhere in each submap.
+    own_score = -np.inf
+    fits: list[_Fit] = []
+    for row, heading, off_m in zip(rows.tolist(), headings.tolist(), all_off_m, strict=True):
+        turns_deg = (0.0, *TURNS_DEG) if row == near_rows[0] else (0.0,)
+        for turn_deg in turns_deg:
             turned = heading + np.deg2rad(turn_deg)
             scores = walls.scores(targets.chart(walls, row), middles, turned)
             if not turn_deg:
                 own_score = max(own_score, float(scores[off_m < SLID_M / 2].max(initial=-np.inf)))
                 scores = np.where(off_m >= SLID_M, scores, -np.inf)
             x, y = np.unravel_index(scores.argmax(), scores.shape)
-            fits.append((float(scores[x, y]), row, offsets_m[x], offsets_m[y], turned))
-    fits = sorted((fit for fit in fits if np.isfinite(fit[0])), key=lambda fit: -fit[0])
+            fits.append(_Fit(float(scores[x, y]), row, offsets_m[x], offsets_m[y], turned))
+
+    # The best of them, spaced out.
+    fits = sorted((fit for fit in fits if np.isfinite(fit.score)), key=lambda fit: -fit.score)
     if not fits or not np.isfinite(own_score):
         return Slide(0.0, ())
-    lead = float(np.clip(own_score - fits[0][0], -WIDEST_LEAD, WIDEST_LEAD))
-    places_m = np.array(
-        [(targets.world_T_anchor[row] @ (x_m, y_m, 0.0, 1.0))[:2] for _, row, x_m, y_m, _ in fits]
-    )
-    return Slide(lead, tuple(_copy(*fits[i]) for i in _spaced(places_m)[:COPIES]))
+    lead = float(np.clip(own_score - fits[0].score, -WIDEST_LEAD, WIDEST_LEAD))
+    world_xy_m = np.array([fit.world_xy_m(targets) for fit in fits])
+    return Slide(lead, tuple(fits[i].copy() for i in _spaced(world_xy_m)[:COPIES]))
 
 
-def _copy(score: float, row: int, x_m: float, y_m: float, heading: float) -> Copy:
-    at_m = np.array([[x_m, y_m, 0.0]])
-    return Copy(score, row, pose(at_m, np.array([[0.0, 0.0, heading]]))[0])
+class _Fit(NamedTuple):
+    """The best fit of a query's walls in one submap at one heading."""
+
+    score: float
+    row: int
+    x_m: float
+    y_m: float
+    """Where the query is in the submap's frame."""
+    heading: float
+    """In radians, in the submap's frame."""
+
+    def world_xy_m(self, targets: Targets) -> NDArray[np.float64]:
+        """Where the query is in the world (2,)."""
+        return np.asarray(targets.world_T_anchor[self.row] @ (self.x_m, self.y_m, 0.0, 1.0))[:2]
+
+    def copy(self) -> Copy:
+        """The fit as a pose."""
+        xyz_m = np.array([[self.x_m, self.y_m, 0.0]])
+        roll_pitch_yaw = np.array([[0.0, 0.0, self.heading]])
+        return Copy(self.score, self.row, pose(xyz_m, roll_pitch_yaw)[0])
 
 
 def _spaced(xy_m: NDArray[np.float64]) -> list[int]:
-    """The rows of positions (n, 2) that lie APART_M or more from each one kept before, in order."""
-    near = np.linalg.norm(xy_m[:, None] - xy_m, axis=2) < APART_M
-    kept: list[int] = []
-    free = np.ones(len(xy_m), bool)
-    for number in range(len(xy_m)):
-        if free[number]:
-            kept.append(number)
-            free &= ~near[number]
-    return kept
+    """The rows of positions (n, 2) to keep, in order: each at least APART_M from those before."""
+    is_near = np.linalg.norm(xy_m[:, None] - xy_m, axis=2) < APART_M
+    chosen: list[int] = []
+    is_free = np.ones(len(xy_m), bool)
+    for row in range(len(xy_m)):
+        if is_free[row]:
+            chosen.append(row)
+            is_free &= ~is_near[row]
+    return chosen

@@ -1,4 +1,9 @@
-"""Targets: the thinned training submaps that queries are registered against (METHODS 9.1)."""
+"""Targets: the thinned training submaps that queries are registered against (METHODS 9.1).
+
+`write_map` thins the submaps of a training sequence and writes them as a map artifact. `Targets`
+reads that, prepares submaps for registration when they are first needed, and names the candidates
+for a query: the submaps that a ranking points to, or those whose walls look like the query's.
+"""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import lru_cache
@@ -17,10 +22,12 @@ from pipeline.posing.verification import Seen
 from pipeline.posing.walls import Chart, Walls
 
 GRAIN_M = 0.01
+"""Points are stored as whole multiples of this."""
 APART_M = 5.0
-"""Candidates nearer to one another than this are one."""
+"""Of candidates nearer to one another than this only the first is tried."""
 KEPT = 256
-"""Prepared clouds in memory, of gathered submaps some 400 MB; charts are small, all are kept."""
+"""Number of prepared clouds in memory: some 400 MB for submaps of several scans. Charts are small,
+so all of them are kept."""
 
 
 def write_map(
@@ -33,8 +40,8 @@ def write_map(
 ) -> tuple[int, int]:
     """Thin the submaps of a training sequence to one point a voxel, and write them as a map.
 
-    Returns how many submaps and points it has. Points farther from the anchor than `range_m` are
-    left out, of submaps of several scans than `gathered_m`.
+    Points farther than `range_m` from the anchor are left out; in submaps of several scans, points
+    farther than `gathered_m`. Returns the number of submaps and of points.
     """
     world_T_anchor = submaps.load("world_T_anchor")
     offsets = [0]
@@ -53,22 +60,28 @@ def write_map(
 
 def thinned(points_m: Points, range_m: float, voxel_m: float) -> NDArray[np.int64]:
     """Thin points (n, 3) within `range_m` to one a voxel, in units of GRAIN_M."""
-    points = np.asarray(small_gicp.voxelgrid_sampling(around(points_m, range_m), voxel_m).points())[
-        :, :3
-    ]
-    return np.rint(points / GRAIN_M).astype(np.int64)
+    sampled = small_gicp.voxelgrid_sampling(around(points_m, range_m), voxel_m)
+    xyz_m = np.asarray(sampled.points())[:, :3]
+    return np.rint(xyz_m / GRAIN_M).astype(np.int64)
 
 
 def around(points_m: Points, range_m: float) -> Points:
     """The points (n, 3) within `range_m` of the anchor, seen from above.
 
-    Those not finite stay, to be refused.
+    Points that are not finite stay, so that registration refuses them.
     """
     return points_m[~(np.hypot(points_m[:, 0], points_m[:, 1]) >= range_m)]
 
 
 class Targets:
-    """The training submaps of a map, a row each."""
+    """The training submaps of a map, one a row.
+
+    - `world_T_anchor` (row, 4, 4): their poses.
+    - `single`: whether each is a single scan.
+    - `range_m`: how far from the anchor their points reach.
+    - `chart(walls, row)`, `cloud(registration, row)`, `seen(registration, walls, row)`: a submap's
+      walls from above, its cloud prepared for registration, and both together; computed once.
+    """
 
     def __init__(
         self, arrays: Mapping[str, NDArray[Any]], grain_m: float, range_m: float, single: bool
@@ -86,7 +99,7 @@ class Targets:
 
     @classmethod
     def read(cls, path: Path) -> Self:
-        """Read those of a map artifact; raises ArtifactError where there is none."""
+        """Read the targets of a map artifact; raises ArtifactError if there is none."""
         artifact = store.read(path, schemas.Maps)
         attrs = {name: artifact.attrs[name] for name in ("grain_m", "range_m", "single")}
         return cls({name: artifact.load(name) for name in schemas.Maps.columns}, **attrs)
@@ -96,9 +109,11 @@ class Targets:
         return walls.chart(walls.of(self.points_m(row)), self.single)
 
     def _cloud(self, registration: Registration, row: int) -> Cloud:
+        """A row's points, prepared for registration."""
         return registration.prepare(self.points_m(row))
 
     def _seen(self, registration: Registration, walls: Walls, row: int) -> Seen:
+        """What a row's sensor met and saw through."""
         return Seen.of(walls, self.cloud(registration, row), self.chart(walls, row))
 
     def points_m(self, row: int) -> Points:
@@ -108,7 +123,7 @@ class Targets:
     def nearest(self, xy_m: NDArray[np.float64], left_out: NDArray[np.bool_]) -> Iterator[int]:
         """The row with the nearest anchor to each of positions (n, 2), in their order.
 
-        Rows left out (row,) are not considered, nor positions that are not finite.
+        Rows that are `left_out` (row,) are ignored, and so are positions that are not finite.
         """
         anchors_m = np.where(left_out[:, None], np.inf, self.world_T_anchor[:, :2, 3])
         if not left_out.all():
@@ -118,17 +133,19 @@ class Targets:
             )
 
     def alike(self, walls: Walls, walls_m: Points, left_out: NDArray[np.bool_]) -> Iterator[int]:
-        """All rows but those left out (row,), best fit of walls with a query's (n, 3) first."""
-        turned = walls.cells_at_headings(walls_m)
-        rows = self.spaced(np.flatnonzero(~left_out))
-        matches = [(walls.match(self.chart(walls, row), turned).score, row) for row in rows]
-        yield from (row for _, row in sorted(matches, key=lambda match: -match[0]))
+        """Rows that are not `left_out` (row,), those first whose walls fit a query's (n, 3)
+        best."""
+        cells_at_headings = walls.cells_at_headings(walls_m)
+        rows = list(self.spaced(np.flatnonzero(~left_out)))
+        scores = [walls.match(self.chart(walls, row), cells_at_headings).score for row in rows]
+        best_first = sorted(range(len(rows)), key=lambda i: -scores[i])
+        yield from (rows[i] for i in best_first)
 
     def spaced(self, rows: Iterable[int]) -> Iterator[int]:
-        """The rows whose anchors do not lie near an earlier row's."""
+        """The rows whose anchors are at least APART_M from those of the rows before."""
         anchors_m = self.world_T_anchor[:, :2, 3]
-        kept = np.full((len(self.world_T_anchor), 2), np.inf)
+        chosen_m = np.full((len(self.world_T_anchor), 2), np.inf)
         for row in rows:
-            if np.linalg.norm(kept - anchors_m[row], axis=1).min() >= APART_M:
-                kept[row] = anchors_m[row]
+            if np.linalg.norm(chosen_m - anchors_m[row], axis=1).min() >= APART_M:
+                chosen_m[row] = anchors_m[row]
                 yield row

@@ -1,4 +1,9 @@
-"""Verification: which walls a query and a submap share, and which they contradict (METHODS 9.4)."""
+"""Verification: which walls a query and a submap share, and which they contradict (METHODS 9.4).
+
+In: a query and a training submap, both with the points that their sensors met and the space that
+they saw through, and the query's pose in the submap's frame. Out: an `Agreement`: shares of their
+walls. A `Fix` compares poses by them.
+"""
 
 from dataclasses import dataclass
 from typing import Self
@@ -12,24 +17,25 @@ from pipeline.posing.walls import SEEN_THROUGH, Chart, Walls, cell_numbers
 
 @dataclass(frozen=True)
 class Agreement:
-    """How a query that is laid on a training submap agrees with it: shares from 0 to 1.
+    """How well a query at a pose agrees with a training submap: shares from 0 to 1.
 
-    Of what stands alone, for ground lies on ground wherever a query is laid; and each column of
-    wall voxels counts once, for a long wall shall not outvote the trees that tell it from its
-    neighbours.
+    Only points of walls count, which are all things well above the ground: ground fits ground at
+    any pose. Each upright column of such points counts once, so that a long high wall does not
+    outvote the trees by which it can be told from other walls.
+
+    A sensor contradicts a wall if it saw through where the wall is. A wall that was hidden from the
+    sensor is neither shared nor contradicted.
     """
 
     overlap: float
-    """Of the query's wall voxels those that the submap has, and the other way round; their mean."""
+    """Share of the query's walls that the submap has too, and of the submap's that the query has
+    too: the mean of both."""
     structure: float
-    """Of the query's wall voxels that the submap has or contradicts: those that it has; 0 of none.
-
-    A wall where the submap's sensor saw through is contradicted; one that was hidden from it says
-    nothing.
-    """
+    """Of the query's walls that the submap has too or contradicts, the share that it has; 0 if
+    there are none."""
     seen_again: float
-    """Of the submap's wall voxels that the query has or contradicts: those that it has; 0 of
-    none."""
+    """Of the submap's walls that the query has too or contradicts, the share that it has; 0 if
+    there are none."""
 
     @property
     def product(self) -> float:
@@ -42,51 +48,54 @@ class Seen:
     """What a sensor met, and what it saw through."""
 
     cloud: Cloud
+    """The points that it met."""
     chart: Chart
-    standing_m: Points
-    """Wall points (n, 3) of the cloud's sample, within range."""
+    """The cells, from above, that have walls or were seen through."""
+    walls_m: Points
+    """(n, 3) points of walls among a sample of the cloud, within range."""
 
     @classmethod
     def of(cls, walls: Walls, cloud: Cloud, chart: Chart) -> Self:
-        """Build it from a cloud and its chart."""
+        """Choose the wall points of a cloud that has this chart."""
         return cls(cloud, chart, walls.of(cloud.sample_m))
 
 
 def agreement(
     walls: Walls, inlier_m: float, target: Seen, query: Seen, target_T_query: Points
 ) -> Agreement:
-    """How the query, at a pose (4, 4) in the target's frame, agrees with it.
+    """How the query, at a pose (4, 4) in the target's frame, agrees with the target.
 
-    A voxel is had by one nearer than `inlier_m`.
+    One has a point of the other if it has a point nearer than `inlier_m`.
     """
-    there_m = moved(target_T_query, query.standing_m)
-    back_m = moved(np.asarray(np.linalg.inv(target_T_query)), target.standing_m)
-    back_m = back_m[np.hypot(back_m[:, 0], back_m[:, 1]) < walls.range_m]
-    in_target, structure = _shares(walls, inlier_m, target, there_m)
-    in_query, seen_again = _shares(walls, inlier_m, query, back_m)
+    query_walls_m = moved(target_T_query, query.walls_m)  # in the target's frame
+    in_target, structure = _shares(walls, inlier_m, target, query_walls_m)
+    target_walls_m = moved(np.asarray(np.linalg.inv(target_T_query)), target.walls_m)
+    is_in_range = np.hypot(target_walls_m[:, 0], target_walls_m[:, 1]) < walls.range_m
+    in_query, seen_again = _shares(walls, inlier_m, query, target_walls_m[is_in_range])
     return Agreement((in_target + in_query) / 2, structure, seen_again)
 
 
-def _shares(walls: Walls, inlier_m: float, seen: Seen, points_m: Points) -> tuple[float, float]:
-    """The share of wall points (n, 3) that a sensor met: of all, then of those met or seen through.
+def _shares(walls: Walls, inlier_m: float, seen: Seen, walls_m: Points) -> tuple[float, float]:
+    """The share of wall points (n, 3) that a sensor met: among all, and among those it tells of.
 
-    The points are in the frame of what was seen.
+    It tells of points that it met, and of points where it saw through. All are in its frame.
     """
-    if not len(points_m):
+    if not len(walls_m):
         return 0.0, 0.0
-    _, away_m = seen.cloud.nearest(points_m)
-    matched = away_m < inlier_m
-    cells = np.floor(points_m[:, :2] / walls.cell_m).astype(np.int64) + walls.half_width_cells
-    inside = ((cells >= 0) & (cells < seen.chart.shape[1])).all(axis=1)
-    contradicted = np.zeros(len(points_m), bool)
-    contradicted[inside] = seen.chart[0][tuple(cells[inside].T)] == SEEN_THROUGH
-    weight = _per_column(cells)
-    counted = matched | contradicted
-    shared = float(weight[matched].sum() / weight[counted].sum()) if counted.any() else 0.0
-    return float(weight[matched].sum() / weight.sum()), shared
+    _, away_m = seen.cloud.nearest(walls_m)
+    is_met = away_m < inlier_m
+    cells = np.floor(walls_m[:, :2] / walls.cell_m).astype(np.int64) + walls.half_width_cells
+    is_inside = ((cells >= 0) & (cells < seen.chart.shape[1])).all(axis=1)
+    is_contradicted = np.zeros(len(walls_m), bool)
+    is_contradicted[is_inside] = seen.chart[0][tuple(cells[is_inside].T)] == SEEN_THROUGH
+    is_told = is_met | is_contradicted
+    weight = _column_weights(cells)
+    met_weight = weight[is_met].sum()
+    among_told = float(met_weight / weight[is_told].sum()) if is_told.any() else 0.0
+    return float(met_weight / weight.sum()), among_told
 
 
-def _per_column(cells: NDArray[np.int64]) -> NDArray[np.float64]:
-    """The weight (n,) of points in cells (n, 2): each column of a cell counts 1 in all."""
+def _column_weights(cells: NDArray[np.int64]) -> NDArray[np.float64]:
+    """The weight (n,) of points in cells (n, 2), so that the points of a cell weigh 1 together."""
     _, column, count = np.unique(cell_numbers(cells), return_inverse=True, return_counts=True)
     return np.asarray(1.0 / count[column])

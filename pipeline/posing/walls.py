@@ -1,10 +1,14 @@
-"""Walls from above: scan matching of a query's walls with those of a training submap.
+"""Walls from above: matches a query's walls with those of a training submap (METHODS 9.2).
 
-Each training submap becomes a chart: cells of a wall, cells beside one, cells that its sensor saw
-through, unknown ones. The query's walls are laid on it at the headings and offsets that a quick
-bound calls promising (scan matching, Olson, ICRA 2009; METHODS 9.2): a wall on a wall counts for a
-place, a wall where the map saw through counts against it, and one that was hidden from the map
-counts nothing.
+In: the points of a query and of a training submap. Out: the heading and offset at which their walls
+fit best, and how well. This is scan matching after Olson, ICRA 2009:
+
+1. Choose the points of walls: those at some height above the ground.
+2. Draw a submap's walls from above as a chart, whose cells are a wall, beside a wall, seen through
+   by the sensor, or unknown.
+3. Lay the query's walls on the chart at many headings and offsets. A wall on a wall raises the
+   score, a wall where the map saw through lowers it, and a wall that was hidden from the map does
+   neither. An upper bound tells which offsets are worth computing.
 """
 
 from dataclasses import dataclass
@@ -19,30 +23,30 @@ from pipeline.core.settings import Count, NotNegative, Positive, check
 from pipeline.posing.ground import heights_m
 
 Chart = NDArray[np.int8]
-"""Two layers (2, cell, cell), x along the first axis, the robot in the middle.
+"""(2, cell, cell) two layers; x along the first axis of cells, the robot in the middle.
 
-0: the cells, each WALL, BESIDE, SEEN_THROUGH, or 0 where nothing is known. 1: at each cell, the
-maximum of the BLOCK × BLOCK cells that start there, an upper bound for the search."""
+Layer 0 has the cells: each is WALL, BESIDE, SEEN_THROUGH, or 0 if it is unknown. Layer 1 has at
+each cell the maximum of the BLOCK × BLOCK cells that start there: an upper bound for the search."""
 WALL = 2
 BESIDE = 1
 SEEN_THROUGH = -1
 BLOCK = 4
-"""Offsets per side that share one bound."""
+"""Offsets along each side of a block, which share one bound."""
 PROMISING = 24
-"""Blocks of offsets summed at most; more is slower and nearer to exact."""
+"""Largest number of blocks of offsets that are computed; more is slower, but nearer to exact."""
 SECTORS = 180
-"""Directions in which a first wall is looked for."""
+"""Number of directions in which the first wall is looked for."""
 
 
 @dataclass(frozen=True)
 class Match:
-    """The best way to lay a query on a chart."""
+    """The pose at which a query fits a chart best."""
 
     score: float
-    """Mean over the query's walls of 1 on a wall, .5 beside one, −.5 where the map saw through, 0
-    where it knows nothing."""
+    """Mean over the cells of the query's walls: 1 on a wall of the chart, .5 beside one, −.5 where
+    the map saw through, 0 where it knows nothing."""
     target_T_query: NDArray[np.float64]
-    """(4, 4), a turn about z and a step in the plane."""
+    """(4, 4) the pose: a turn about z and a step in the plane."""
 
 
 @dataclass(frozen=True)
@@ -53,11 +57,13 @@ class Walls:
     """Points between these heights above the ground are walls: lower ones are cars and people."""
     high_m: float = 8.0
     cell_m: Positive = 1.0
+    """Side of a chart's cells."""
     range_m: Positive = 40.0
-    """Walls farther from the robot are left out."""
+    """Walls farther from the robot than this are left out."""
     headings: Count = 120
+    """Number of headings that are tried, evenly around the circle."""
     offset_m: Positive = 6.0
-    """The query is sought this far from the training anchor, along x and y."""
+    """Offsets from the training anchor are tried up to this, along x and y."""
     margin_m: NotNegative = 2.0
     """A cell counts as seen through if it lies at least this much nearer than the first wall in its
     direction."""
@@ -71,26 +77,26 @@ class Walls:
 
     @property
     def half_width_cells(self) -> int:
-        """Cells from a chart's middle to its border, beyond which no wall of a query comes."""
+        """Cells from a chart's middle to its border; no wall of a shifted query is beyond it."""
         return int(np.ceil(self.range_m / self.cell_m)) + self.offset_cells + BLOCK
 
     @property
     def offset_cells(self) -> int:
-        """How many cells a query is shifted to each side at most."""
+        """Largest shift of a query to each side, in cells."""
         return int(np.ceil(self.offset_m / self.cell_m))
 
     def of(self, points_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The points (n, 3) of walls within range, of points (m, 3), z up from the ground."""
+        """The points (n, 3) of walls within range, among points (m, 3), z up from the ground."""
         above_m = heights_m(points_m)
-        near = np.hypot(points_m[:, 0], points_m[:, 1]) < self.range_m
-        standing = (above_m > self.low_m) & (above_m < self.high_m)
-        return np.ascontiguousarray(points_m[near & standing])
+        is_in_range = np.hypot(points_m[:, 0], points_m[:, 1]) < self.range_m
+        is_wall = (above_m > self.low_m) & (above_m < self.high_m)
+        return np.ascontiguousarray(points_m[is_in_range & is_wall])
 
     def chart(self, walls_m: NDArray[np.float64], single: bool = True) -> Chart:
         """The chart of a submap's walls (n, 3).
 
-        Free space is marked only if the submap is a `single` scan, since several have no common
-        viewpoint.
+        Cells are marked as seen through only if the submap is a `single` scan, since several scans
+        have no common viewpoint.
         """
         margin_m = self.margin_m if single else np.inf
         chart: Chart = _chart(walls_m, self.cell_m, self.half_width_cells, margin_m)
@@ -113,17 +119,17 @@ class Walls:
     ) -> NDArray[np.float64]:
         """How well walls, turned by a heading in radians, fit a chart at each offset.
 
-        The walls are given by their `middles` (n, 2). Scores (offset, offset) as of a Match, along
-        x, then y; offsets are −offset_cells … offset_cells.
+        The walls are given by their `middles` (n, 2). Returns scores (offset along x, offset along
+        y) as in `Match`, for offsets from −offset_cells to offset_cells.
         """
         cells = np.floor(middles @ _transposed_rotation(heading)).astype(np.int64)
         sums = _sums(chart[0], cells + self.half_width_cells, self.offset_cells)
         return np.asarray(sums / (WALL * max(len(middles), 1)))
 
     def match(self, chart: Chart, cells_at_headings: NDArray[np.int64]) -> Match:
-        """The best heading and offset of a query (heading, n, 2) on a chart.
+        """The heading and offset at which the cells of a query (heading, n, 2) fit a chart best.
 
-        The best that `_search` finds, which may miss a slightly better one.
+        The search stops early, so that it may miss a slightly better one.
         """
         pose = np.eye(4)
         if not cells_at_headings.shape[1]:
@@ -152,14 +158,16 @@ def _transposed_rotation(angle_rad: NDArray[Any] | float) -> NDArray[Any]:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _chart(walls, cell_m, half_width_cells, margin_m):  # type: ignore[no-untyped-def]
-    """The chart of walls (n, 3); `margin_m` is infinite where nothing is seen through."""
+    """The chart of walls (n, 3); an infinite `margin_m` marks no cell as seen through."""
     width = 2 * half_width_cells
     first = np.full(SECTORS, np.inf)
     layers = np.zeros((2, width, width), np.int8)
     chart, block_maxima = layers
+    # The distance of the first wall in each direction.
     for i in range(len(walls)):
         sector = _sector(walls[i, 0], walls[i, 1])
         first[sector] = min(first[sector], np.hypot(walls[i, 0], walls[i, 1]))
+    # Cells well before the first wall are seen through.
     for x in range(width):
         for y in range(width):
             east = (x - half_width_cells + 0.5) * cell_m
@@ -168,6 +176,7 @@ def _chart(walls, cell_m, half_width_cells, margin_m):  # type: ignore[no-untype
             nearest = min(first[sector - 1], first[sector], first[(sector + 1) % SECTORS])
             if np.isfinite(nearest) and np.hypot(east, north) < nearest - margin_m:
                 chart[x, y] = SEEN_THROUGH
+    # Cells beside walls, then walls on top.
     for value, beside in ((BESIDE, 1), (WALL, 0)):
         for i in range(len(walls)):
             x = int(np.floor(walls[i, 0] / cell_m)) + half_width_cells
@@ -175,6 +184,7 @@ def _chart(walls, cell_m, half_width_cells, margin_m):  # type: ignore[no-untype
             for a in range(max(x - beside, 0), min(x + beside + 1, width)):
                 for b in range(max(y - beside, 0), min(y + beside + 1, width)):
                     chart[a, b] = value
+    # The bounds.
     for x in range(width):
         for y in range(width):
             block_maxima[x, y] = chart[x : x + BLOCK, y : y + BLOCK].max()
@@ -183,6 +193,7 @@ def _chart(walls, cell_m, half_width_cells, margin_m):  # type: ignore[no-untype
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _sector(x, y):  # type: ignore[no-untyped-def]
+    """The direction of a point, of SECTORS."""
     return int((np.arctan2(y, x) / (2 * np.pi) + 0.5) * SECTORS) % SECTORS
 
 
@@ -200,15 +211,17 @@ def _sums(chart, cells, offset_cells):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _search(charts, cells_at_headings, offset_cells):  # type: ignore[no-untyped-def]
-    """The highest sum found of chart values under cells (heading, n, 2), and where it was found.
+    """Find the highest sum of chart values under cells (heading, n, 2), by branch and bound.
 
-    The chart's second layer bounds the sums of a block of offsets. Blocks are summed in order of
-    their bounds, until no bound exceeds the best sum or PROMISING blocks are summed: in the first
-    case the sum is the highest of all, in the second it may not be.
+    Returns that sum, its heading (an index), and its offset along x and y in cells. The chart's
+    second layer bounds the sums in a block of offsets. Blocks are computed in order of their
+    bounds, until no bound exceeds the best sum: then it is the highest of all. Or until PROMISING
+    blocks are computed: then it may not be.
     """
     chart, block_maxima = charts
     blocks_per_side = -(-(2 * offset_cells + 1) // BLOCK)
     offsets = 2 * offset_cells + 1
+    # The bound of each block at each heading.
     bounds = np.zeros((len(cells_at_headings), blocks_per_side, blocks_per_side), np.int32)
     for heading in range(len(cells_at_headings)):
         for i in range(cells_at_headings.shape[1]):
@@ -217,6 +230,7 @@ def _search(charts, cells_at_headings, offset_cells):  # type: ignore[no-untyped
             for a in range(blocks_per_side):
                 for b in range(blocks_per_side):
                     bounds[heading, a, b] += block_maxima[x + a * BLOCK, y + b * BLOCK]
+    # The sums in the most promising blocks.
     best = -(2**31)
     at_heading = 0
     at_x = 0
