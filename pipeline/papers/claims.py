@@ -1,7 +1,14 @@
-"""What the two papers claim, as comparisons of numbers in kept tables of results.
+"""What the two papers claim, as comparisons of numbers in tables of our own results.
 
-The words stand in templates/words.yaml, under the same names. Tables: `nway`, SCI in full with N
-headings; `street`, bird-views of a street; `compare`, all methods; `real`, recordings.
+CLAIMS lists the findings of paper 1 (Kim, Park and Kim: SCI) and paper 2 (Yin et al.: PFL). Each
+has a name, under which templates/words.yaml has its words, and a comparison from `judging` that
+says whether our numbers show it. A side of a comparison (`rules.Side`) is one number of one model
+in one of the tables that docs/papers keeps:
+
+- `nway`: SCI trained in full, with N headings of each view;
+- `street`: methods on bird-views of a street;
+- `compare`: all methods;
+- `real`: recordings.
 """
 
 from dataclasses import dataclass, replace
@@ -22,22 +29,27 @@ from pipeline.papers.rules import BLACK_ERROR, OF_ALL, VIEWPOINT, Side
 
 HALF = 0.5
 CODES_OF_A_PLACE = 8
-"""One a heading."""
+"""One for each heading."""
 PLACE_CODE_B = 1.05 * 1024
-"""The paper's 1 KB, and 5 % for what else a place takes."""
+"""Bytes of a code: the paper's 1 KB, and 5 % for what else is stored of a place."""
 SCAN_MS = 100.0
-"""Between two scans at 10 Hz."""
+"""Time between two scans at 10 Hz."""
 DESCRIPTORS = ("scan_context", "m2dp", "pointnetvlad")
+"""The methods that paper 1 compares SCI with."""
 
 
 @dataclass(frozen=True)
 class Claim:
-    """A finding of a paper, by its name in templates/words.yaml, and how the tables judge it."""
+    """A finding of a paper, and how the tables judge it."""
 
     name: str
+    """Its name in templates/words.yaml."""
     paper: int
+    """1 or 2."""
     measure: Measure
+    """Judges it by the tables."""
     digits: int = 3
+    """Decimals of its numbers on the page."""
 
 
 SCI_IN_FULL = Side("nway", "campus", "sci")
@@ -73,15 +85,20 @@ SCI_MS, M2DP_MS, POINTNETVLAD_MS, SCAN_CONTEXT_MS, PFL_MS = (
 
 
 def with_random_turns(side: Side) -> Side:
+    """The same number, with queries that are turned at random."""
     return replace(side, change="turned")
 
 
 def with_number(number: str, *sides: Side) -> tuple[Side, ...]:
+    """The same models with another number."""
     return tuple(replace(side, number=number) for side in sides)
 
 
 def four_way_claims(four: Side, eight: Side, single: Side, suffix: str) -> tuple[Claim, ...]:
-    """Four ways against eight where queries are turned, and against one as driven."""
+    """Four headings in training against eight on turned queries, and against one as driven.
+
+    `suffix` is the end of the claims' names.
+    """
     turned = [with_random_turns(side) for side in (four, eight)]
     return (
         Claim(f"four_suffice{suffix}", 1, is_ahead(*turned, factor=KEPT_WHOLE)),

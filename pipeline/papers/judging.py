@@ -1,7 +1,9 @@
-"""How a finding is judged by kept tables: the comparisons that `claims` are made of.
+"""How a finding is judged by tables of results: the comparisons that `claims` are made of.
 
-Each function here returns the one that measures a finding on the tables. Where a number carries no
-interval, all sequences or headings must agree.
+Each public function here is given sides (numbers of models) and returns a `Measure`: a function
+that reads these numbers in the tables and returns an `Outcome`, that is the verdict, its reason and
+the numbers. `is_ahead` and `keeps_less` decide by 95 % intervals; the others, whose numbers have
+none, ask all sequences or headings to agree.
 """
 
 from collections.abc import Callable, Sequence
@@ -10,6 +12,7 @@ from typing import Literal
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from pipeline.evaluation.paired import KEPT
 from pipeline.papers.rules import (
@@ -30,18 +33,19 @@ from pipeline.report.comparison import ONE_SEED
 
 Measure = Callable[[Tables], Outcome]
 Sign = Literal[1, -1]
+"""1 where the paper finds the first side above the second, −1 where it finds it below."""
 KEPT_WHOLE = 0.9
 """A model that keeps at least this share of a number counts as unharmed."""
 FEWEST_SEEDS = 3
-"""Fewer seeds tell nothing of a spread, nor of one network against another."""
+"""Fewer seeds say nothing about a spread, nor about one network against another."""
 
 
 def is_ahead(
     leader: Side, *rivals: Side, factor: float = 1.0, sign: Sign = 1, noise: float = ONE_SEED
 ) -> Measure:
-    """One side is above `factor` of the strongest other one; below it where `sign` is -1.
+    """Claims that one side is above `factor` of the strongest rival; below it if `sign` is −1.
 
-    On the sequences that both have, if they are of one study and number.
+    If both are of one study, they are compared on the sequences that both have.
     """
 
     def measure(tables: Tables) -> Outcome:
@@ -62,19 +66,28 @@ def is_ahead(
         estimate = mean(numbers)
         strongest_estimate = mean(reference)
         difference = difference_of(estimate, strongest_estimate, factor)
-        difference = difference if sign > 0 else _negative(difference)
-        verdict, reason = by_interval(difference, _by_seed(numbers, reference, factor, sign), noise)
-        sequences = numbers.index.droplevel("seed").nunique()
-        sides = ((leader, estimate), (strongest, strongest_estimate))
-        return Outcome(verdict, reason, sides, difference, _seeds(numbers), sequences, factor)
+        if sign < 0:
+            difference = _negative(difference)
+        of_seeds = _differences_by_seed(numbers, reference, factor, sign)
+        verdict, reason = by_interval(difference, of_seeds, noise)
+        return Outcome(
+            verdict,
+            reason,
+            sides=((leader, estimate), (strongest, strongest_estimate)),
+            difference=difference,
+            seeds=_seed_count(numbers),
+            pairs=numbers.index.droplevel("seed").nunique(),
+            factor=factor,
+        )
 
     return measure
 
 
 def keeps_less(altered: Side, driven: Side, least: float = KEPT_WHOLE) -> Measure:
-    """A model keeps less than a share of its area on altered queries.
+    """Claims that a model keeps less than the share `least` of its area on altered queries.
 
-    By the share that is drawn query by query; where the table has none, by two intervals.
+    It is judged by the share that was computed on the same resamples of the queries (KEPT); if the
+    table has none, by the intervals of the two areas.
     """
 
     def measure(tables: Tables) -> Outcome:
@@ -100,9 +113,10 @@ def at_every_heading(
     beyond_deg: float = 0.0,
     limit: float = 0.0,
 ) -> Measure:
-    """One side is above the other, or above a limit, at every heading; below it if `sign` is -1.
+    """Claims that one side is above the other, or above a limit, at every heading.
 
-    Of the headings that are turned by `beyond_deg` to `within_deg` to either side.
+    If `sign` is −1, that it is below. The headings are those turned by `beyond_deg` to
+    `within_deg`, to either side.
     """
 
     def measure(tables: Tables) -> Outcome:
@@ -110,27 +124,22 @@ def at_every_heading(
         numbers_of_sides = [tables.numbers(each) for each in sides]
         if lacking := _lacking(sides, numbers_of_sides):
             return missing(*lacking)
-        numbers_of_sides = (
-            list(common(*numbers_of_sides)) if len(numbers_of_sides) > 1 else numbers_of_sides
-        )
-        turns_deg = [_turn_deg(numbers) for numbers in numbers_of_sides]
+        if other is not None:
+            numbers_of_sides = list(common(*numbers_of_sides))
         numbers_of_sides = [
-            numbers[(turn_deg >= beyond_deg) & (turn_deg <= within_deg)]
-            for numbers, turn_deg in zip(numbers_of_sides, turns_deg, strict=True)
+            _turned(numbers, beyond_deg, within_deg) for numbers in numbers_of_sides
         ]
         values = numbers_of_sides[0]["value"].unstack("seed")
-        reference = (
-            numbers_of_sides[1]["value"].groupby(["sequence", "heading"]).mean()
-            if len(numbers_of_sides) > 1
-            else limit
-        )
+        reference: pd.Series | float = limit
+        if other is not None:
+            reference = numbers_of_sides[1]["value"].groupby(["sequence", "heading"]).mean()
         differences = sign * values.sub(reference, axis=0).to_numpy().ravel()
         differences = differences[np.isfinite(differences)]
         seeds = values.shape[1]
         noise = ONE_SEED if other is not None and seeds == 1 else 0.0
         verdict, reason = everywhere(differences, noise)
         if verdict != UNDECIDED and other is not None and other.is_trained and seeds < FEWEST_SEEDS:
-            # a training shifts all of its headings at once
+            # All headings of a training are shifted alike, so they are no independent evidence.
             verdict = UNDECIDED
             reason = "one_training"
         estimates = tuple(
@@ -143,7 +152,7 @@ def at_every_heading(
 
 
 def is_below(side: Side, limit: float, factor: float = 1.0) -> Measure:
-    """`factor` of one side is below a limit on every sequence and seed."""
+    """Claims that `factor` of one side is below a limit on every sequence and with every seed."""
 
     def measure(tables: Tables) -> Outcome:
         numbers = tables.numbers(side)
@@ -152,14 +161,14 @@ def is_below(side: Side, limit: float, factor: float = 1.0) -> Measure:
         values = factor * numbers["value"]
         verdict, _ = everywhere((limit - values).to_numpy())
         estimate = Estimate(float(values.mean()))
-        seeds = _seeds(numbers)
+        seeds = _seed_count(numbers)
         return Outcome(verdict, "limit", ((side, estimate),), seeds=seeds, pairs=len(values))
 
     return measure
 
 
 def ascend(*sides: Side) -> Measure:
-    """The sides' numbers ascend in this order."""
+    """Claims that the sides' numbers ascend in this order."""
 
     def measure(tables: Tables) -> Outcome:
         numbers_of_sides = [tables.numbers(each) for each in sides]
@@ -169,21 +178,24 @@ def ascend(*sides: Side) -> Measure:
         verdict, reason = in_order(values)
         estimates = tuple(zip(sides, map(Estimate, values), strict=True))
         return Outcome(
-            verdict, reason, estimates, seeds=_seeds(numbers_of_sides[0]), pairs=len(values)
+            verdict, reason, estimates, seeds=_seed_count(numbers_of_sides[0]), pairs=len(values)
         )
 
     return measure
 
 
 def spreads_less(side: Side, other: Side) -> Measure:
-    """One side deviates less between seeds than the other at every heading; takes three seeds."""
+    """Claims that one side spreads less between seeds than the other, at every heading.
+
+    With fewer than FEWEST_SEEDS seeds it is undecided.
+    """
 
     def measure(tables: Tables) -> Outcome:
         sides = (side, other)
         numbers_of_sides = [tables.numbers(each) for each in sides]
         if lacking := _lacking(sides, numbers_of_sides):
             return missing(*lacking)
-        seeds = min(_seeds(numbers) for numbers in numbers_of_sides)
+        seeds = min(_seed_count(numbers) for numbers in numbers_of_sides)
         by_heading = [
             numbers["value"].groupby(["sequence", "heading"]) for numbers in numbers_of_sides
         ]
@@ -200,59 +212,62 @@ def spreads_less(side: Side, other: Side) -> Measure:
 
 
 def has_no_verdict(side: Side, other: Side, factor: float = 1.0) -> Measure:
-    """Numbers of a finding whose direction nobody here knows: there is no verdict."""
+    """Shows the numbers of a finding without a verdict, since its direction is not known here."""
 
     def measure(tables: Tables) -> Outcome:
         outcome = is_ahead(side, other, factor=factor)(tables)
-        return (
-            outcome
-            if outcome.reason == "missing"
-            else replace(outcome, verdict=UNDECIDED, reason="untold")
-        )
+        if outcome.reason == "missing":
+            return outcome
+        return replace(outcome, verdict=UNDECIDED, reason="untold")
 
     return measure
 
 
 def is_not_measured(_: Tables) -> Outcome:
-    """A finding that is on numbers which no table of results has."""
+    """The measure of a finding on numbers that no table of results has."""
     return Outcome(UNDECIDED, "absent")
 
 
 def _lacking(sides: Sequence[Side], numbers_of_sides: Sequence[pd.DataFrame]) -> list[Side]:
+    """The sides without any number in the tables."""
     return [side for side, numbers in zip(sides, numbers_of_sides, strict=True) if numbers.empty]
 
 
 def _from_to(values: pd.Series) -> Estimate:
-    """The mean, the lowest and the highest, for what has no interval."""
+    """The mean, lowest and highest of values, for numbers without an interval."""
     return Estimate(float(values.mean()), float(values.min()), float(values.max()))
 
 
-def _seeds(numbers: pd.DataFrame) -> int:
+def _seed_count(numbers: pd.DataFrame) -> int:
+    """The number of seeds that a side has."""
     return int(numbers.index.get_level_values("seed").nunique())
 
 
 def _negative(difference: Estimate) -> Estimate:
+    """The difference the other way round."""
     return Estimate(-difference.value, -difference.high, -difference.low)
 
 
-def _by_seed(
+def _differences_by_seed(
     numbers: pd.DataFrame, reference: pd.DataFrame, factor: float, sign: int
 ) -> list[float]:
-    """The difference of each seed; a side of one seed stands beside every seed of the other."""
-    means = [side["value"].groupby("seed").mean() for side in (numbers, reference)]
-    seeds = sorted({seed for of_seed in means for seed in of_seed.index})
-    of_numbers, of_reference = (
-        np.asarray(
-            of_seed.reindex(seeds) if len(of_seed) > 1 else np.full(len(seeds), of_seed.iloc[0]),
-            np.float64,
-        )
-        for of_seed in means
-    )
-    differences = sign * (of_numbers - factor * of_reference)
-    return [float(value) for value in differences if np.isfinite(value)]
+    """The difference for each seed; a single seed is compared with all seeds of the other side."""
+    means = numbers["value"].groupby("seed").mean()
+    reference_means = reference["value"].groupby("seed").mean()
+    seeds = sorted({*means.index, *reference_means.index})
+    values = _at_seeds(means, seeds) - factor * _at_seeds(reference_means, seeds)
+    return [float(value) for value in sign * values if np.isfinite(value)]
 
 
-def _turn_deg(numbers: pd.DataFrame) -> pd.Series:
-    """By how many degrees each row's queries are turned, to either side."""
-    heading = numbers.index.get_level_values("heading").to_numpy(np.float64)
-    return pd.Series(np.minimum(heading, 360 - heading), index=numbers.index)
+def _at_seeds(means: pd.Series, seeds: Sequence[int]) -> NDArray[np.float64]:
+    """A mean for each of the seeds, NaN if there is none; the only one for all of them."""
+    if len(means) == 1:
+        return np.full(len(seeds), means.iloc[0], np.float64)
+    return np.asarray(means.reindex(seeds), np.float64)
+
+
+def _turned(numbers: pd.DataFrame, beyond_deg: float, within_deg: float) -> pd.DataFrame:
+    """The rows whose queries are turned by an angle in this range, to either side."""
+    heading_deg = numbers.index.get_level_values("heading").to_numpy(np.float64)
+    turn_deg = np.minimum(heading_deg, 360 - heading_deg)
+    return numbers[(turn_deg >= beyond_deg) & (turn_deg <= within_deg)]

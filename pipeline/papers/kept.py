@@ -1,6 +1,7 @@
-"""The kept tables of results, docs/papers/*.csv, each with a yaml beside it that says what made it.
+"""The kept tables of results: reads them from docs/papers, and writes new ones there.
 
-A kept table holds the rows and columns that the findings read, and no others.
+Each is a csv with the rows and columns of a table of results that the papers' findings (`claims`)
+read, and no others; a yaml beside it says what made it. `Kept` judges all findings by them.
 """
 
 from collections.abc import Mapping
@@ -21,22 +22,26 @@ from pipeline.studies.study import Study
 
 FOLDER = Path("docs/papers")
 KEPT = tuple(name for name in (*COLUMNS, *CASE_COLUMNS) if name not in ("dataset", "case", "days"))
+"""The columns that are kept."""
 DIGITS = 6
+"""Decimals of the numbers that are kept."""
 NAMES = ("nway", "street", "compare", "real")
-"""Of the tables that findings read."""
+"""The tables that findings read (see `claims`)."""
 TOLD = ("question", "world", "root", "train", "tests", "budget", "methods", "altered", "cells")
-"""What a yaml says of each study."""
+"""The settings of each study that the yaml has."""
 
 
 @dataclass(frozen=True)
 class Kept:
-    """The kept tables and what made each."""
+    """The kept tables, what made each, and what they say of each finding."""
 
     frames: Mapping[str, pd.DataFrame]
+    """The tables by name."""
     origins: Mapping[str, Mapping[str, Any]]
-    """By table: `use`, the words of `yearloc use`; `cost`; `made`, a date; `machine`; `studies`."""
+    """The yaml of each table: `use`, the words of `yearloc use`; `cost`; `made`, a date; `machine`;
+    `studies`."""
     outcomes: Mapping[str, Outcome] = field(init=False)
-    """By claim."""
+    """The outcome of each claim by name."""
 
     def __post_init__(self) -> None:
         """Judge all findings."""
@@ -53,39 +58,54 @@ class Kept:
 def read(folder: Path) -> Kept:
     """Read the kept tables of a folder.
 
-    Raises ArtifactError for one that is no table of results or has no yaml.
+    Tables that are not there are left out. Raises ArtifactError for one that is no table of
+    results, or has no yaml.
     """
     frames = {}
     origins = {}
-    for path in filter(Path.is_file, (folder / f"{name}.csv" for name in NAMES)):
-        try:
-            frames[path.stem] = pd.read_csv(
-                path,
-                dtype={name: COLUMN_TYPES[name] for name in KEPT},
-                keep_default_na=False,
-                na_values={name: [""] for name in FLOAT_COLUMNS},
-            )[[*KEPT]]
-        except (ValueError, KeyError) as error:
-            raise ArtifactError(
-                f"{path}: not a kept table of results ({str(error).strip()}); `yearloc results "
-                f"--keep {path.stem}` writes it anew"
-            ) from None
-        if not path.with_suffix(".yaml").is_file():
-            raise ArtifactError(
-                f"{path.with_suffix('.yaml')}: no such file, which says what made {path.name}; "
-                f"`yearloc results --keep {path.stem}` writes it"
-            )
-        origins[path.stem] = read_yaml(path.with_suffix(".yaml"))
+    for name in NAMES:
+        path = folder / f"{name}.csv"
+        if path.is_file():
+            frames[name] = _read_table(path)
+            origins[name] = _read_origin(path)
     return Kept(frames, origins)
 
 
+def _read_table(path: Path) -> pd.DataFrame:
+    """Read a kept table; raises ArtifactError for a file that is none."""
+    try:
+        return pd.read_csv(
+            path,
+            dtype={name: COLUMN_TYPES[name] for name in KEPT},
+            keep_default_na=False,
+            na_values={name: [""] for name in FLOAT_COLUMNS},
+        )[[*KEPT]]
+    except (ValueError, KeyError) as error:
+        raise ArtifactError(
+            f"{path}: not a kept table of results ({str(error).strip()}); `yearloc results "
+            f"--keep {path.stem}` writes it anew"
+        ) from None
+
+
+def _read_origin(path: Path) -> Mapping[str, Any]:
+    """Read the yaml beside a kept table; raises ArtifactError if there is none."""
+    yaml_path = path.with_suffix(".yaml")
+    if not yaml_path.is_file():
+        raise ArtifactError(
+            f"{yaml_path}: no such file, which says what made {path.name}; "
+            f"`yearloc results --keep {path.stem}` writes it"
+        )
+    return read_yaml(yaml_path)
+
+
 def kept_rows(name: str, table: pd.DataFrame) -> pd.DataFrame:
-    """The rows of a table of results that the findings read of a kept table of this name.
+    """The rows of a table of results that findings would read if it were kept by this name.
 
     Raises ConfigError for a name that no finding reads, and for a table without such rows.
     """
     if name not in NAMES:
         raise ConfigError(f"--keep {name}: expected one of {', '.join(NAMES)}")
+    # Judge all findings, to see which rows are read.
     tables = Tables({name: table})
     for claim in CLAIMS:
         claim.measure(tables)
@@ -106,10 +126,10 @@ def keep(
     machine: str,
     folder: Path = FOLDER,
 ) -> Path:
-    """Keep a table of results and say beside it what made it; returns the path of the csv.
+    """Write a table of results as a kept one, with its yaml; returns the path of the csv.
 
-    What its yaml says of use and cost stays. Raises ConfigError as `kept_rows` does, and where the
-    yaml's `use` is of other data sets than the studies in use.
+    `use` and `cost` of an earlier yaml stay in it. Raises ConfigError as `kept_rows` does, and if
+    that `use` names other data sets than the studies in use.
     """
     rows = kept_rows(name, table)
     path = folder / f"{name}.csv"
@@ -122,7 +142,7 @@ def keep(
         )
     origin: dict[str, Any] = {key: earlier[key] for key in ("use", "cost") if key in earlier}
     origin |= {"made": made, "machine": machine}
-    origin["studies"] = {name: _told(study) for name, study in studies.items()}
+    origin["studies"] = {name: _study_settings(study) for name, study in studies.items()}
     folder.mkdir(parents=True, exist_ok=True)
     with replace(path) as scratch:
         rows.round(DIGITS).to_csv(scratch, index=False)
@@ -134,12 +154,12 @@ def keep(
     return path
 
 
-def _told(study: Study) -> dict[str, Any]:
-    """What the yaml says of a study; of its methods their names, views, variants and seeds."""
+def _study_settings(study: Study) -> dict[str, Any]:
+    """The settings of a study for the yaml; for its methods: names, views, variants and seeds."""
     table = study.table()
-    origin = {key: table[key] for key in TOLD if key in table}
-    origin["methods"] = [
+    settings = {key: table[key] for key in TOLD if key in table}
+    settings["methods"] = [
         {key: method[key] for key in ("name", "view", "variants", "seeds") if key in method}
         for method in table["methods"]
     ]
-    return origin
+    return settings

@@ -1,4 +1,8 @@
-"""docs/papers.md: what the two papers found, and what the kept tables of results show."""
+"""Writes docs/papers.md: what the two papers found, and what the kept tables of results show.
+
+In: the kept tables with the outcome of each finding. Out: the page, filled from
+templates/page.md.j2; its words are in templates/words.yaml.
+"""
 
 from collections.abc import Mapping
 from functools import cache
@@ -21,20 +25,17 @@ PAGE = Path("docs/papers.md")
 
 @cache
 def words() -> Mapping[str, Any]:
-    """The words of the page, templates/words.yaml."""
+    """The words of the page: templates/words.yaml."""
     entries: Mapping[str, Any] = yaml.safe_load(_part("words.yaml"))
     return entries
 
 
 def page(kept: Kept) -> str:
-    """The whole page."""
-    papers = [
-        {
-            "title": title,
-            "rows": [_row(kept, claim) for claim in CLAIMS if claim.paper == number],
-        }
-        for number, title in words()["papers"].items()
-    ]
+    """The text of the page."""
+    papers = []
+    for number, title in words()["papers"].items():
+        rows = [_row(kept, claim) for claim in CLAIMS if claim.paper == number]
+        papers.append({"title": title, "rows": rows})
     headlines = [row["headline"] for paper in papers for row in paper["rows"] if row["headline"]]
     origins = [{"name": name, "use": "", **origin} for name, origin in kept.origins.items()]
     for origin in origins:
@@ -46,7 +47,7 @@ def page(kept: Kept) -> str:
 
 
 def write(folder: Path = FOLDER, path: Path = PAGE) -> None:
-    """Write the page of the tables that are kept in a folder."""
+    """Write the page from the tables that are kept in a folder."""
     with replace(path) as scratch:
         scratch.write_text(page(read(folder)), encoding="utf-8")
 
@@ -57,7 +58,7 @@ def _part(name: str) -> str:
 
 
 def _row(kept: Kept, claim: Claim) -> dict[str, Any]:
-    """The texts of a finding."""
+    """The texts in the row of a finding, by the names of the template."""
     text = words()["findings"][claim.name]
     outcome = kept.outcomes[claim.name]
     reason = words()["reasons"][outcome.reason]
@@ -85,39 +86,45 @@ def _row(kept: Kept, claim: Claim) -> dict[str, Any]:
 
 
 def _here(outcome: Outcome, numbers: list[str]) -> str:
+    """Our numbers: each side with its number, and of how many seeds they are.
+
+    Sides of the same label are told apart by their studies, or if these are equal, by their tables.
+    """
     if not outcome.sides:
         return "–"
     sides = [side for side, _ in outcome.sides]
-    is_clear = len({side.label for side in sides}) == len(sides)
+    has_unique_labels = len({side.label for side in sides}) == len(sides)
     is_one_study = len({side.study for side in sides}) == 1
-    places = [f"`{side.table}`" if is_one_study else side.study for side in sides]
-    texts = [
-        f"{side.label} {number}" if is_clear else f"{side.label} of {place} {number}"
-        for side, place, number in zip(sides, places, numbers, strict=True)
-    ]
-    is_trained = any(side.method not in UNTRAINED for side, _ in outcome.sides)
-    seeds = f"{outcome.seeds} seed{'s' * (outcome.seeds != 1)}"
-    return f"{', '.join(texts)}; {seeds if is_trained else 'nothing is trained'}"
+    texts = []
+    for side, number in zip(sides, numbers, strict=True):
+        origin = f"`{side.table}`" if is_one_study else side.study
+        label = side.label if has_unique_labels else f"{side.label} of {origin}"
+        texts.append(f"{label} {number}")
+    training = "nothing is trained"
+    if any(side.method not in UNTRAINED for side in sides):
+        training = f"{outcome.seeds} seed{'s' if outcome.seeds != 1 else ''}"
+    return f"{', '.join(texts)}; {training}"
 
 
 def _data(kept: Kept, outcome: Outcome) -> str:
-    """On which data: recorded or simulated, and in which table."""
-    places: dict[str, list[str]] = {}
+    """The studies that the numbers are from, whether recorded or simulated, and their tables."""
+    tables_of_study: dict[str, list[str]] = {}
     for side, _ in outcome.sides:
         source = "simulated" if kept.simulated(side.table, side.study) else "recorded"
-        tables = places.setdefault(f"{side.study}, {source}", [])
-        tables += [] if f"`{side.table}`" in tables else [f"`{side.table}`"]
-    texts = [f"{place}: {', '.join(tables)}" for place, tables in places.items()]
+        tables = tables_of_study.setdefault(f"{side.study}, {source}", [])
+        if f"`{side.table}`" not in tables:
+            tables.append(f"`{side.table}`")
+    texts = [f"{study}: {', '.join(tables)}" for study, tables in tables_of_study.items()]
     return "; ".join(texts) or words()["no_data"]
 
 
 def _lacking(kept: Kept, outcome: Outcome) -> str:
-    """Which tables and models are missing, and how to get them."""
-    tables: dict[str, list[Side]] = {}
+    """The tables and models that a verdict would need, and how to make the tables."""
+    missing_of_table: dict[str, list[Side]] = {}
     for side in outcome.missing:
-        tables.setdefault(side.table, []).append(side)
+        missing_of_table.setdefault(side.table, []).append(side)
     texts = []
-    for name, sides in tables.items():
+    for name, sides in missing_of_table.items():
         if name in kept.frames:
             labels = dict.fromkeys(f"{side.number} of `{side.model}`" for side in sides)
             texts.append(f"`{name}` has no {', no '.join(labels)}")
@@ -127,5 +134,7 @@ def _lacking(kept: Kept, outcome: Outcome) -> str:
 
 
 def _number(estimate: Estimate, digits: int, is_difference: bool = False) -> str:
-    value = (signed if is_difference else fixed)(estimate.value, digits)
-    return " ".join(filter(None, (value, bracket((estimate.low, estimate.high), digits))))
+    """A number with its interval in brackets, if it has one; a difference has its sign."""
+    text = signed(estimate.value, digits) if is_difference else fixed(estimate.value, digits)
+    interval = bracket((estimate.low, estimate.high), digits)
+    return f"{text} {interval}" if interval else text

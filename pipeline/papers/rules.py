@@ -1,7 +1,9 @@
-"""How a paper's finding is held against tables of results: what is compared, and three verdicts.
+"""The parts by which a paper's finding is judged: numbers of tables, differences, and verdicts.
 
-A difference is arranged so that it is above 0 where the paper is right. It is *shown* where the
-difference excludes 0 on that side, *contradicted* where it does on the other, else not decidable.
+A `Side` names one number of one model; `Tables` looks it up. The functions make means, differences
+and verdicts of such numbers. A difference is taken so that it is above 0 if the paper is right. The
+verdict is *shown* if the difference is surely above 0, *contradicted* if it is surely below, else
+not decidable. `judging` makes comparisons of these parts.
 """
 
 from collections.abc import Sequence
@@ -21,13 +23,14 @@ UNDECIDED = "not decidable here"
 UNTRAINED = ("scan_context", "m2dp", "sad")
 """Methods that learn no weights."""
 BLACK_ERROR = "black_error"
-"""Number of an image that is black everywhere."""
+"""The number that is the error of a black image, in place of a network's reconstruction."""
 VIEWPOINT = "viewpoint"
 OF_ALL = "viewpoint of all"
+"""In the column `change`: a sequence that is matched with itself, at one heading and at all."""
 CLEARLY = 1.5
-"""Medians of times without an interval differ clearly by such a factor."""
+"""Medians of times, which have no interval, differ clearly if they do by this factor."""
 CHOSEN = ("study", "method", "number", "protocol", "variant", "grid", "kind", "change")
-"""Columns that a side has a word for."""
+"""The columns in which a side names its rows."""
 
 
 @dataclass(frozen=True)
@@ -42,14 +45,16 @@ class Side:
     variant: str = ""
     grid: str = "10m"
     kind: str = ""
-    """Of novelty."""
+    """The kind of novelty, if the number is of one."""
     change: str = ""
+    """The alteration of the queries; empty for queries as driven."""
     level: float | None = 0.0
-    """None: every heading of a sequence that is matched with itself."""
+    """The level of the alteration; None for every level, as for all headings of a sequence that is
+    matched with itself."""
 
     @property
     def is_trained(self) -> bool:
-        """Whether another seed would give another number."""
+        """Whether it is of a trained network, so that another seed would give another number."""
         return self.method not in UNTRAINED and self.number != BLACK_ERROR
 
     @property
@@ -59,20 +64,23 @@ class Side:
 
     @property
     def label(self) -> str:
-        """The model, and what sets it apart: its cells, its answers, what was done to queries."""
+        """The model, and what is not as usual: altered queries, cells, novelty, answers."""
         if self.number == BLACK_ERROR:
             return "a black image"
         parts = [f"`{self.model}`"]
         if self.change not in ("", VIEWPOINT, OF_ALL):
             parts.append(Kind(self.change, self.level or 0.0).label)
-        parts += [f"{self.grid.removesuffix('m')} m"] if self.grid != "10m" else []
-        parts += [f"by {self.kind.replace('_', ' ')}"] if self.kind else []
-        parts += ["first 25"] if self.number.endswith("25") else []
+        if self.grid != "10m":
+            parts.append(f"{self.grid.removesuffix('m')} m")
+        if self.kind:
+            parts.append(f"by {self.kind.replace('_', ' ')}")
+        if self.number.endswith("25"):
+            parts.append("first 25")
         return " ".join(parts)
 
 
 class Estimate(NamedTuple):
-    """A number and the bounds of its 95 % interval, NaN where there is none."""
+    """A number and the bounds of its 95 % interval; NaN if there is none."""
 
     value: float = np.nan
     low: float = np.nan
@@ -83,17 +91,17 @@ NOTHING = Estimate()
 
 
 class Tables:
-    """Kept tables by name; it remembers which of their rows were read."""
+    """Kept tables by name; `used` are the rows of each that were read so far."""
 
     def __init__(self, frames: dict[str, pd.DataFrame]) -> None:
-        """Take the tables of results by name."""
+        """Take tables of results by name."""
         self.frames = frames
         self.used: dict[str, set[int]] = {name: set() for name in frames}
 
     def numbers(self, side: Side) -> pd.DataFrame:
-        """Value, low and high of a side, means over the repeats.
+        """Value, low and high of a side: a row for each sequence, heading and seed.
 
-        A row for each sequence, heading and seed; none where the table, or its rows, are missing.
+        They are means over the repeats. There are no rows if the table, or its rows, are missing.
         """
         frame = self.frames.get(side.table)
         if frame is None:
@@ -114,36 +122,41 @@ class Outcome:
     """What the tables say of a finding."""
 
     verdict: str
+    """SHOWN, CONTRADICTED or UNDECIDED."""
     reason: str
-    """Its key in templates/words.yaml."""
+    """Why, as a key of `reasons` in templates/words.yaml."""
     sides: tuple[tuple[Side, Estimate], ...] = ()
+    """The sides that were compared, with their numbers."""
     difference: Estimate = NOTHING
+    """Their difference, above 0 if the paper is right."""
     seeds: int = 0
+    """Number of seeds that were compared."""
     pairs: int = 0
-    """Sequences or headings."""
+    """Number of sequences or headings that were compared."""
     factor: float = 1.0
-    """Of the second side, that the first is held against."""
+    """The share of the second side that the first one is compared with."""
     missing: tuple[Side, ...] = ()
+    """The sides that the tables lack."""
 
 
 def missing(*sides: Side) -> Outcome:
-    """No verdict: the tables lack what it takes."""
+    """The outcome without a verdict, since the tables lack these sides."""
     return Outcome(UNDECIDED, "missing", missing=sides)
 
 
 def mean(numbers: pd.DataFrame) -> Estimate:
-    """The mean over sequences, headings and seeds, with the mean of the bounds.
+    """The mean over sequences, headings and seeds, of the values and of their bounds.
 
-    So the interval is as wide as if all of them erred alike.
+    So the interval is as wide as if the errors of all of them were the same.
     """
     return Estimate(*(float(numbers[name].mean()) for name in ("value", "low", "high")))
 
 
 def difference_of(estimate: Estimate, other: Estimate, factor: float = 1.0) -> Estimate:
-    """One number less `factor` of another, with an interval from those of the two.
+    """One number minus `factor` of another, with an interval from those of the two.
 
-    Half-widths add as squares do (Zou and Donner, 2008), which is too wide where both numbers are
-    of the same queries.
+    The squares of the half-widths are added (Zou and Donner, 2008). For two numbers of the same
+    queries that is too wide.
     """
     value = estimate.value - factor * other.value
     below = hypot(estimate.value - estimate.low, factor * (other.high - other.value))
@@ -152,7 +165,7 @@ def difference_of(estimate: Estimate, other: Estimate, factor: float = 1.0) -> E
 
 
 def common(numbers: pd.DataFrame, other: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Both, on the sequences and headings that both have."""
+    """The numbers of both sides on the sequences and headings that both have."""
     keys = numbers.index.droplevel("seed")
     other_keys = other.index.droplevel("seed")
     return numbers[keys.isin(other_keys)], other[other_keys.isin(keys)]
@@ -163,7 +176,8 @@ def by_interval(
 ) -> tuple[str, str]:
     """Verdict and reason of a difference with an interval.
 
-    It is clear if the interval and all seeds exclude 0; one seed must exclude `noise` as well.
+    It is decided if the interval excludes 0, and if the differences `of_seeds` all have its sign; a
+    single seed must exceed `noise` too, which is what another seed may make.
     """
     value, low, high = difference
     if not (low > 0 or high < 0):
@@ -176,7 +190,7 @@ def by_interval(
 
 
 def everywhere(differences: Sequence[float], noise: float = 0.0) -> tuple[str, str]:
-    """Verdict and reason of differences without intervals: all must exclude `noise` on one side."""
+    """Verdict and reason of differences without intervals: all must exceed `noise` on one side."""
     signs = {np.sign(value) if abs(value) > noise else 0.0 for value in differences}
     if signs == {1.0}:
         return SHOWN, "all"
@@ -186,7 +200,7 @@ def everywhere(differences: Sequence[float], noise: float = 0.0) -> tuple[str, s
 def in_order(values: Sequence[float]) -> tuple[str, str]:
     """Verdict and reason of values that should ascend.
 
-    Contradicted where one is clearly below the one before: by a factor of CLEARLY.
+    It is contradicted if one is below the one before by a factor of more than CLEARLY.
     """
     ratios = np.asarray(values[1:], np.float64) / np.asarray(values[:-1], np.float64)
     if (ratios > 1).all():
