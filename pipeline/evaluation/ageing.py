@@ -30,7 +30,7 @@ class Line:
     intercept: float
     """The value on the day of training."""
     slope: float
-    """By how much the value changes in a day."""
+    """The change of the value in a day."""
     middle_slope: float
     """The slope by Theil and Sen: the median over all pairs of sequences on different days, which
     one odd sequence hardly moves."""

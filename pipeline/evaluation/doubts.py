@@ -86,8 +86,8 @@ def doubts(
 
     `answers` and `novelty` (q,) are the model's first answers and how new each query looks. A query
     is rejected if its novelty is `reject_from` or more. That threshold was chosen to keep
-    `wanted_precision`, and keeps `kept_precision` on held-out blocks. `seen` queries lie in so many
-    `blocks` of the path.
+    `wanted_precision`, and keeps `kept_precision` on held-out blocks. `seen` is
+    the number of seen queries, `blocks` that of the blocks of the path which hold them.
     """
     values = {BLIND: blind}
     _, answer_counts = np.unique(answers, return_counts=True)

@@ -48,7 +48,7 @@ class Bands:
 
     @property
     def names(self) -> list[str]:
-        """By default `0–25 m`, `25–50 m`, `50–100 m`, `over 100 m`."""
+        """The names of the bands, by default `0–25 m`, `25–50 m`, `50–100 m`, `over 100 m`."""
         edges = [f"{edge:g}" for edge in (0.0, *self.edges_m)]
         return [f"{low}–{high} m" for low, high in pairwise(edges)] + [f"over {edges[-1]} m"]
 

@@ -221,12 +221,12 @@ class Evaluation:
 
     @property
     def cells(self) -> Judgement:
-        """By grid cells: an answer is right if it is the query's cell."""
+        """The judgement by grid cells: an answer is right if it is the query's cell."""
         return self.protocol("cells")
 
     @property
     def distance(self) -> Judgement:
-        """By distance: an answer is right if it lies near enough to the query."""
+        """The judgement by distance: an answer is right if it is near enough to the query."""
         return self.protocol("distance")
 
     @property

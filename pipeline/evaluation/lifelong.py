@@ -19,7 +19,7 @@ from pipeline.core.schemas import Lifelong
 from pipeline.evaluation.rows import TableRows, number_rows
 
 CHANGE = "lifelong"
-"""In the column `change` of the table of results."""
+"""The value of the column `change` in rows of the table of results."""
 
 
 @dataclass(frozen=True)

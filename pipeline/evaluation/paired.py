@@ -134,6 +134,7 @@ def kept_share(
     driven_truth = driven.truth(protocol)
 
     def share_of_driven(weight: Weight) -> NDArray[np.float64]:
+        """The share (1, resample)."""
         altered_auc = auc_exact(altered_truth, altered.novelty[:, 0], weight)
         driven_auc = auc_exact(driven_truth, driven.novelty[:, 0], weight)
         return (altered_auc / np.where(driven_auc > 0, driven_auc, np.nan))[None]

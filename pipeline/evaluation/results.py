@@ -168,10 +168,12 @@ class ResultsTable:
         return self.evaluation(grid, model, self.study.tests[0]).kinds[0]
 
     def _bootstrap(self, grid: str, model: ModelName) -> Bootstrap:
+        """The bootstrap that the intervals of a model's evaluations were computed with."""
         sequences = (*self.study.tests, *self.study.stress)
         return Bootstrap(**self._evaluations(grid, model, sequences[-1]).bootstrap)
 
     def _trained(self, grid: str, model: ModelName) -> dict[str, NDArray[Any]]:
+        """The arrays of a trained model."""
         return store.read_model(self._path("train", grid, model.name))
 
     def _rows_across_sequences(self, answers: Answers, bootstrap: Bootstrap) -> TableRows:
@@ -205,6 +207,7 @@ class ResultsTable:
         return [grid.name for grid in grids]
 
     def _on_bird_views(self) -> Sequence[StudyMethod]:
+        """The methods that are judged by `viewpoints`."""
         return self.study.bird_view_methods if not self.study.learns_further_days else ()
 
     def _lifelong(self) -> TableRows:
@@ -223,9 +226,11 @@ class ResultsTable:
         return self._evaluations(grid, model, sequence).case()
 
     def _evaluations(self, grid: str, model: ModelName, sequence: str) -> Evaluations:
+        """Read a model's evaluations in one sequence, in all cases."""
         return store.read(self._path("evaluate", grid, model.name, sequence), Evaluations)
 
     def _path(self, kind: str, *names: str) -> Path:
+        """The path of an artifact of the study."""
         return self.layout.path(kind, self.study.name, *names)
 
 

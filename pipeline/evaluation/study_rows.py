@@ -45,13 +45,13 @@ PERCENTILE = "novelty_percentile"
 PER_DAYS = 100
 """Slopes are the change in this many days."""
 ORACLE = "oracle"
-"""In the column `method`: answers each query with the nearest training anchor."""
+"""A value of the column `method`: each query is answered with the nearest training anchor."""
 RECONSTRUCTION = ("held_out_error", "black_error")
 """Curves of a training that become rows: see `reconstruction_rows`."""
 SHOWN = "change shown"
 TO_COME = "change to come"
-"""In the column `change`: queries near a change of the world that shows on their day, and queries
-near one that will show later."""
+"""Values of the column `change`: for queries near a change of the world that shows on their day,
+and for queries near one that will show later."""
 
 
 @dataclass(frozen=True)
@@ -59,11 +59,12 @@ class Answers:
     """The evaluations of a study at one cell size, of queries as driven."""
 
     evaluations: Mapping[str, Mapping[str, Evaluation]]
-    """Of each method with its own settings: test sequence, in the order of days, to evaluation."""
+    """The evaluations of each method with its own settings, by test sequence in the order of
+    days."""
     held_out: Mapping[str, NDArray[np.float64]]
     """Method to the novelties in use (h,) of queries on held-out blocks of training."""
     variants: Mapping[tuple[str, str], Mapping[str, Evaluation]] = field(default_factory=dict)
-    """Of each method and variant: test sequence to evaluation. Variants are only compared with the
+    """The evaluations of each (method, variant) by test sequence. They are only compared with the
     reference."""
 
     @property

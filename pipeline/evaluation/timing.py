@@ -78,9 +78,9 @@ class Latency:
     """Times of some queries, which each method localizes one by one."""
 
     generation: MillisecondsByName
-    """By view: from the points to the view."""
+    """The times from the points to each view."""
     retrieval: MillisecondsByName
-    """By method: from the view, or from the network's descriptor, to the ranking."""
+    """The times of each method from the view, or from the network's descriptor, to the ranking."""
     views: Mapping[str, str]
     """Method to its view."""
     points: NDArray[np.int64]
@@ -90,7 +90,7 @@ class Latency:
     machine: Mapping[str, Any]
     """The machine that it was measured on (`machine_record`)."""
     description: MillisecondsByName = field(default_factory=dict)
-    """By method with a network that makes the descriptor: from the view to the descriptor.
+    """The times of each method with a network, from the view to the network's descriptor.
 
     The SCI paper counts it as generation, so it is subtracted from the retrieval.
     """
@@ -191,7 +191,7 @@ class Latency:
 
     @property
     def total(self) -> MillisecondsByName:
-        """By method: from points to places, that is generation plus retrieval."""
+        """The times of each method from points to places: generation plus retrieval."""
         total_ms = {}
         for method, view in self.views.items():
             generation_ms = self.generation[view] + self.description.get(method, 0.0)

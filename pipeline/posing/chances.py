@@ -48,8 +48,7 @@ class Chances:
         return np.asarray(signs @ np.array(self.weights) + self.offset)
 
     def shares(self, signs: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The chance (n + 1,) of each hypothesis of one query; the last one is that none is
-        right."""
+        """The chance (n + 1,) of each hypothesis of one query; the last is that none is right."""
         scores = np.append(self.scores(signs), 0.0)
         return np.asarray(np.exp(scores - np.logaddexp.reduce(scores)))
 

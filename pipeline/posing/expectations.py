@@ -55,7 +55,7 @@ class Expectations:
         return {POSITIONS: self.xy_m, SIGN_ROWS: self.signs}
 
     def excess(self, xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        """By how much the signs (sign,) of right fixes around a position (2,) exceed the usual.
+        """How far the signs (sign,) of right fixes around a position (2,) exceed the usual.
 
         It is the difference of their medians; 0 if fewer than FEWEST lie within AROUND_M.
         """

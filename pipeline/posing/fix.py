@@ -50,7 +50,7 @@ class Hypothesis:
     approached: float = 1.0
     """The overlap after the rough registration (`Approach`) that this pose was refined from."""
     excess: NDArray[np.float64] = field(default_factory=lambda: np.zeros(len(SIGNS)))
-    """By how much the signs (sign,) of right fixes around it exceed the usual (Expectations)."""
+    """(sign,) how far the signs of right fixes around it exceed the usual (Expectations)."""
 
     @property
     def quality(self) -> float:

@@ -1,5 +1,4 @@
-"""Held-out fixes: shows how far a fix can be trusted, from blocks of the training day (METHODS
-9.5).
+"""Held-out fixes: evidence of how far a fix can be trusted, from the training day (METHODS 9.5).
 
 In: the training day, its map and a `Fixer`. Out: `Evidence`, from which a `Verdict` learns: fixes
 of submaps whose true poses are known. The steps of `HeldOut.evidence`:
@@ -7,8 +6,8 @@ of submaps whose true poses are known. The steps of `HeldOut.evidence`:
 1. Choose blocks of the path and take them out of the map.
 2. Fix each of their submaps as it was driven, and once more aged, as a later day would see it.
 3. From the fixes that are right, learn from which overlap on an approach is worth refining.
-4. Fix some of the submaps again on a map without their surroundings: places never seen.
-5. From the right fixes of other blocks, learn which signs to expect where.
+4. Fix each again, as driven, on a map without its surroundings: a place never seen.
+5. From the right fixes, learn which signs (`chances.SIGNS`) to expect where.
 """
 
 from collections.abc import Callable, Collection, Iterator, Sequence

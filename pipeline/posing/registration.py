@@ -66,7 +66,7 @@ class Cloud:
     cell_m: float
     rough_m: float
     neighbours: int
-    """As in `Registration`."""
+    """The settings of `Registration` that it was prepared with."""
 
     @cached_property
     def rough(self) -> small_gicp.PointCloud:

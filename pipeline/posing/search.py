@@ -1,19 +1,21 @@
 """The search for a query's pose: points and a ranking's answers in; a `Fix` out (METHODS 9.4).
 
-`Fixer.fix` makes one hypothesis after the other until one is sure:
+`Fixer.fix` makes one hypothesis, a pose that the query may have, after the other until one is sure:
 
 1. From the pose of the ranking's first answer, register against the submap there.
 2. In rounds of candidates (first the places that the ranking names, then the whole map by likeness
-   of walls): match walls from above, approach the best matches, refine the best approaches.
+   of walls): match walls from above, register roughly from the best matches (an approach), and
+   refine the approaches that overlap most.
 3. Check each refined pose against the map (`Hypothesis`), and compute the chances of all.
-4. If the likeliest pose looks right elsewhere along its street too, register there as well.
+4. If the likeliest pose looks right elsewhere along its street too (at its slid copies), register
+   there as well.
 
 `Fixer.track` starts from a pose that is nearly known instead.
 """
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import chain, islice
 from typing import NamedTuple, Self
 
@@ -154,9 +156,7 @@ class Fixer:
             return Fix()
         left_out = np.zeros(len(targets.world_T_anchor), bool) if left_out is None else left_out
         search = _Search(self, query, targets, left_out)
-        return self._first_sure(
-            lambda least_overlap: search.everywhere(answers, least_overlap), search.copies
-        )
+        return self._first_sure(partial(search.everywhere, answers), search.copies)
 
     def track(
         self, points_m: Points, targets: Targets, world_T_guess: NDArray[np.float64], rows: int = 2
@@ -170,9 +170,11 @@ class Fixer:
         if query is None:
             return Fix()
         search = _Search(self, query, targets, np.zeros(len(targets.world_T_anchor), bool))
-        return self._first_sure(
-            lambda least_overlap: search.around(world_T_guess, rows), lambda hypothesis: []
-        )
+
+        def candidates(least_overlap: Callable[[], float]) -> Iterator[Hypothesis]:
+            return search.around(world_T_guess, rows)
+
+        return self._first_sure(candidates)
 
     def _prepared(self, points_m: Points, targets: Targets) -> Query | None:
         """Prepare the query; None if it has too few points."""
@@ -186,7 +188,7 @@ class Fixer:
     def _first_sure(
         self,
         candidates: Callable[[Callable[[], float]], Iterator[Hypothesis]],
-        copies: Callable[[Hypothesis], list[Hypothesis]],
+        copies: Callable[[Hypothesis], list[Hypothesis]] | None = None,
     ) -> Fix:
         """Build the fix from as many candidates as it takes to be sure of one.
 
@@ -206,7 +208,7 @@ class Fixer:
         for hypothesis in candidates(least_overlap):
             hypotheses.append(hypothesis)
             fix = Fix.of(hypotheses, self.chances)
-            while self._has_rivals(fix, compared):
+            while copies is not None and self._has_rivals(fix, compared):
                 compared.append(fix.hypotheses[0])
                 hypotheses += copies(fix.hypotheses[0])
                 fix = Fix.of(hypotheses, self.chances)
@@ -292,21 +294,21 @@ class _Search:
     ) -> Iterator[Hypothesis]:
         """Hypotheses from candidate rows: from the best match of walls, then from the next ones."""
         fixer = self.fixer
-        matches = []
+        matches = {}  # by row
         for row in rows:
             chart = self.targets.chart(fixer.walls, row)
-            matches.append((row, fixer.walls.match(chart, self.query.cells_at_headings)))
-        best_first = sorted(matches, key=lambda match: -match[1].score)[: fixer.tries]
+            matches[row] = fixer.walls.match(chart, self.query.cells_at_headings)
+        best_rows = sorted(matches, key=lambda row: -matches[row].score)[: fixer.tries]
         # The best match alone is refined first: it is often right, and then the search may end.
-        for group, refined_count in ((best_first[:1], 1), (best_first[1:], fixer.refined - 1)):
-            approaches = []
-            for row, match in group:
-                for approach in self._approached(row, match.target_T_query):
+        for group, refined_count in ((best_rows[:1], 1), (best_rows[1:], fixer.refined - 1)):
+            approaches = {}  # by row
+            for row in group:
+                for approach in self._approached(row, matches[row].target_T_query):
                     if approach.overlap >= least_overlap():
-                        approaches.append((row, approach))
-            approaches.sort(key=lambda approach: -approach[1].overlap)
-            for row, approach in approaches[:refined_count]:
-                yield from self._refined(row, approach)
+                        approaches[row] = approach
+            most_overlap = sorted(approaches, key=lambda row: -approaches[row].overlap)
+            for row in most_overlap[:refined_count]:
+                yield from self._refined(row, approaches[row])
 
     def _registered(
         self, row: int, target_T_query: NDArray[np.float64], least_overlap: float = 0.0

@@ -108,9 +108,9 @@ class _Fit(NamedTuple):
     row: int
     x_m: float
     y_m: float
-    """Where the query is in the submap's frame."""
+    """The query's position in the submap's frame."""
     heading: float
-    """In radians, in the submap's frame."""
+    """The query's heading in the submap's frame, in radians."""
 
     def world_xy_m(self, targets: Targets) -> NDArray[np.float64]:
         """Where the query is in the world (2,)."""

@@ -24,7 +24,7 @@ from pipeline.posing.walls import Chart, Walls
 GRAIN_M = 0.01
 """Points are stored as whole multiples of this."""
 APART_M = 5.0
-"""Of candidates nearer to one another than this only the first is tried."""
+"""A candidate nearer than this to an earlier one is skipped."""
 KEPT = 256
 """Number of prepared clouds in memory: some 400 MB for submaps of several scans. Charts are small,
 so all of them are kept."""
@@ -133,8 +133,7 @@ class Targets:
             )
 
     def alike(self, walls: Walls, walls_m: Points, left_out: NDArray[np.bool_]) -> Iterator[int]:
-        """Rows that are not `left_out` (row,), those first whose walls fit a query's (n, 3)
-        best."""
+        """Rows that are not `left_out` (row,), by how well their walls fit a query's (n, 3)."""
         cells_at_headings = walls.cells_at_headings(walls_m)
         rows = list(self.spaced(np.flatnonzero(~left_out)))
         scores = [walls.match(self.chart(walls, row), cells_at_headings).score for row in rows]

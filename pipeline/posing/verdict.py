@@ -150,14 +150,14 @@ class Verdict:
     def limits(self, belief: str) -> list[float]:
         """For each of PROMISES, the doubt from which on one of BELIEFS is rejected.
 
-        1. The largest doubt at which the promise is kept on the evidence, and would be if one more
-           accepted query had been wrong: so the promise of .99 takes 99 independent accepted
+        1. Take the largest doubt at which the evidence keeps the promise, and would keep it if one
+           more accepted query had been wrong: so the promise of .99 takes 99 independent accepted
            queries. That bounds the risk of a further query, as in conformal prediction
-           (Angelopoulos et al., Conformal Risk Control, ICLR 2024). If no such doubt keeps the
-           promise, nothing is accepted.
-        2. Moved to the middle of the gap, in log-odds, to the next query that would break it.
-        3. But at most TIMES the share of wrong ones that the promise allows: what is accepted in
-           spite of a large doubt on this day may break the promise on a later one.
+           (Angelopoulos et al., Conformal Risk Control, ICLR 2024). If no doubt keeps the promise,
+           accept nothing.
+        2. Move it to the middle of the gap, in log-odds, to the next query that would break it.
+        3. Cut it off at TIMES the share of wrong ones that the promise allows: if much larger
+           doubts are accepted on this day, a later day may break the promise.
         """
         column = BELIEFS.index(belief)
         all_doubts, all_true = self._judged

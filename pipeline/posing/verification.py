@@ -31,10 +31,10 @@ class Agreement:
     """Share of the query's walls that the submap has too, and of the submap's that the query has
     too: the mean of both."""
     structure: float
-    """Of the query's walls that the submap has too or contradicts, the share that it has; 0 if
+    """Share of the query's walls that the submap has, among those that it has or contradicts; 0 if
     there are none."""
     seen_again: float
-    """Of the submap's walls that the query has too or contradicts, the share that it has; 0 if
+    """Share of the submap's walls that the query has, among those that it has or contradicts; 0 if
     there are none."""
 
     @property
