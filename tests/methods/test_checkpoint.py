@@ -1,4 +1,5 @@
-"""PointNetVLAD's authors' checkpoint, written here byte by byte as TensorFlow writes one."""
+"""Tests of reading the checkpoint of PointNetVLAD's authors, which is written here byte by byte as
+TensorFlow writes one."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -118,9 +119,9 @@ def test_what_is_written_is_read_without_tensorflow(tmp_path: Path) -> None:
     prefix = tmp_path / "model.ckpt"
     tensors = authors()
     write(prefix, tensors)
-    found = read_checkpoint(prefix)
-    assert found.keys() == tensors.keys() - {"flag"}  # a type that no weight has
-    for name, numbers in found.items():
+    result = read_checkpoint(prefix)
+    assert result.keys() == tensors.keys() - {"flag"}  # a type that no weight has
+    for name, numbers in result.items():
         np.testing.assert_array_equal(numbers, tensors[name])
     assert is_checkpoint(prefix)
     assert not is_checkpoint(tmp_path / "other")

@@ -1,4 +1,5 @@
-"""NetVLAD and the whole network, counted and worked out by hand (METHODS 3.2)."""
+"""Tests of NetVLAD and the whole PointNetVLAD network: counted and worked out by hand (METHODS
+3.2)."""
 
 from copy import deepcopy
 

@@ -1,4 +1,5 @@
-"""PointNet's trunk, counted (METHODS 3.2); it starts without changing any base."""
+"""Tests of PointNet's trunk: its numbers are counted (METHODS 3.2), and it starts without changing
+any base."""
 
 import pytest
 import torch

@@ -1,4 +1,4 @@
-"""PointNetVLAD on a few made-up places: it learns, and takes a user's weights."""
+"""Tests of PointNetVLAD on a few made-up places: it learns them, and takes a user's weights."""
 
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,4 +1,5 @@
-"""The lazy quadruplet loss worked out by hand (METHODS 3.2), and which clouds it is given."""
+"""Tests of the lazy quadruplet loss, worked out by hand (METHODS 3.2), and of the clouds that it
+compares."""
 
 import numpy as np
 import pytest

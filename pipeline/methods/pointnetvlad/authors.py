@@ -1,12 +1,14 @@
-"""The weights of PointNetVLAD's authors under this network's names (METHODS 3.2).
+"""Renames the weights of PointNetVLAD's authors to this network's names (METHODS 3.2).
 
-Their names are those of `pointnetvlad_cls.py`, `transform_nets.py` and `loupe.py`; the scope before
-them, such as `query_triplets/`, is ignored. Their dense layers are convolutions of one point, so
-their weights are transposed here. Their last T-Net biases exclude the identity; it is added here.
+In: the tensors of their TensorFlow checkpoint. Out: the weights of `netvlad.Describer`.
 
-The T-Nets' batch norms keep moving averages, named after the operation that computed the statistic;
-TensorFlow's versions name that operation differently. NetVLAD's batch norms keep `moving_mean` and
-`moving_variance`. The trunk has none.
+- Their names are those of `pointnetvlad_cls.py`, `transform_nets.py` and `loupe.py`; the scope
+  before a name, such as `query_triplets/`, is ignored.
+- Their dense layers are convolutions over single points, so weights are transposed.
+- The biases of their last T-Net layers lack the identity, which is added.
+- The T-Nets' batch norms keep moving averages, named after the operation that computed the
+  statistic; TensorFlow's versions name that operation differently. NetVLAD's batch norms keep
+  `moving_mean` and `moving_variance`. The trunk has no batch norms.
 """
 
 from collections.abc import Mapping
@@ -19,21 +21,22 @@ from pipeline.core.errors import ConfigError
 
 Arrays = Mapping[str, NDArray[Any]]
 AVERAGE = "ExponentialMovingAverage"
-"""How the name of a moving average ends, after one of MEAN or VARIANCE."""
+"""The end of a moving average's name; before it comes the operation, one of MEAN or VARIANCE."""
 MEAN = ("moments/Squeeze/", "moments/normalize/mean/", "moments/mean/")
 VARIANCE = ("moments/Squeeze_1/", "moments/normalize/variance/", "moments/variance/")
 TNETS = {"turn": ("transform_net1", "transform_XYZ"), "mix": ("transform_net2", "transform_feat")}
-"""Our T-Net to their scopes: its own, and within it that of the last layer. `turn` is the one of
-positions, `mix` the one of features."""
+"""Our name of each T-Net to their scope of it, and within that the scope of its last layer. `turn`
+is the T-Net of positions, `mix` that of features."""
 TRUNK = {"early": ("conv1", "conv2"), "late": ("conv3", "conv4", "conv5")}
 NORMS = {"assign_norm": "cluster_bn", "project_norm": "bn", "gate_norm": "gating_bn"}
 MATRICES = {"assign": "cluster_weights", "project": "hidden1_weights", "gate": "gating_weights"}
+"""Our names to theirs: of the trunk's layers, and of NetVLAD's batch norms and matrices."""
 
 
 def renamed(tensors: Arrays) -> dict[str, NDArray[np.float32]]:
-    """The weights of the network by their names here.
+    """The weights of the network by our names, from the authors' tensors by theirs.
 
-    Raises ConfigError naming a tensor that the checkpoint lacks.
+    Raises ConfigError that names a tensor which the checkpoint lacks.
     """
     return {
         name: np.ascontiguousarray(value, np.float32) for name, value in _collected(tensors).items()
@@ -41,8 +44,9 @@ def renamed(tensors: Arrays) -> dict[str, NDArray[np.float32]]:
 
 
 def _collected(tensors: Arrays) -> dict[str, NDArray[Any]]:
-    """The authors' tensors by the names of this network, in their own number types."""
+    """The weights by our names, still in the authors' number types."""
     arrays: dict[str, NDArray[Any]] = {}
+    # The T-Nets.
     for ours, (scope, last_scope) in TNETS.items():
         layers = [(f"points.{2 * i}", f"tconv{i + 1}") for i in range(3)]
         layers += [(f"cloud.{2 * i}", f"tfc{i + 1}") for i in range(2)]
@@ -54,9 +58,11 @@ def _collected(tensors: Arrays) -> dict[str, NDArray[Any]]:
         bias_key = f"pointnet.{ours}.base.bias"
         base[bias_key] = base[bias_key] + np.eye(round(len(base[bias_key]) ** 0.5)).ravel()
         arrays |= base
+    # The trunk.
     for ours, scopes in TRUNK.items():
         for i, scope in enumerate(scopes):
             arrays |= _dense(tensors, f"pointnet.{ours}.{2 * i}", scope)
+    # NetVLAD.
     for ours, scope in MATRICES.items():
         arrays[f"netvlad.{ours}.weight"] = _tensor(tensors, scope).T
     arrays["netvlad.centres"] = _tensor(tensors, "cluster_weights2")[0]
@@ -81,7 +87,7 @@ def _dense(tensors: Arrays, prefix: str, scope: str) -> dict[str, NDArray[Any]]:
 
 
 def _averaged_norm(tensors: Arrays, prefix: str, scope: str) -> dict[str, NDArray[Any]]:
-    """A batch norm whose statistics are moving averages, named by where they were computed."""
+    """A batch norm of a T-Net, whose statistics are moving averages."""
     return {
         f"{prefix}.weight": _tensor(tensors, f"{scope}/gamma"),
         f"{prefix}.bias": _tensor(tensors, f"{scope}/beta"),
@@ -91,9 +97,10 @@ def _averaged_norm(tensors: Arrays, prefix: str, scope: str) -> dict[str, NDArra
 
 
 def _tensor(tensors: Arrays, *endings: str) -> NDArray[Any]:
-    """The tensor whose name ends in one of these words, under the fewest scopes.
+    """The tensor whose name has one of these endings; of several names the shortest.
 
-    An optimizer's slots (`…/Adam`) end differently, so they never match.
+    The first ending with such a tensor counts. The optimizer's tensors (`…/Adam`) end differently,
+    so they never match. Raises ConfigError if there is no such tensor.
     """
     for ending in endings:
         names = [name for name in tensors if f"/{name}".endswith(f"/{ending}")]

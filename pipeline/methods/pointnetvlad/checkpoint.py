@@ -1,8 +1,9 @@
-"""Reads a TensorFlow checkpoint without TensorFlow: `PREFIX.index` and its `PREFIX.data-…` shards.
+"""Reads a TensorFlow checkpoint without TensorFlow: the files `PREFIX.index` and `PREFIX.data-…`.
 
-The index is a table as LevelDB writes it (blocks of sorted keys that share their beginnings, and a
-footer), its values protobuf messages: a header under the empty key, else a tensor's type, shape,
-shard, offset and size. The shards hold the numbers as they are.
+In: the path PREFIX. Out: all tensors as arrays, by name. The index is a LevelDB table: blocks of
+sorted keys, which leave out the beginning that they share with the key before, and a footer. Its
+values are protobuf messages: a header under the empty key; under each tensor's name its type,
+shape, shard, offset and size. The data files (shards) hold the numbers as they are.
 """
 
 from collections.abc import Iterator, Mapping
@@ -16,26 +17,30 @@ from pipeline.core.errors import ConfigError
 
 FOOTER_BYTES = 48
 MAGIC = 0xDB4775248B80FB57
+"""The last eight bytes of a LevelDB table."""
 TYPES: Mapping[int, type[np.generic]] = {
     1: np.float32,
     2: np.float64,
     3: np.int32,
     9: np.int64,
 }
-"""Of the enum DataType; tensors of other types are passed over."""
+"""Number types by TensorFlow's enum DataType; tensors of other types are skipped."""
 Message = dict[int, list[int | bytes]]
-"""Field number to its values in order: numbers, and bytes of what has a length."""
+"""A protobuf message: field number to the field's values in order, each a number, or bytes."""
 
 
 class Entry(NamedTuple):
-    """Where a tensor lies."""
+    """What the index says of a tensor."""
 
     dtype_code: int
-    """A key of TYPES, if it is read."""
+    """A key of TYPES, unless the tensor is skipped."""
     shape: tuple[int, ...]
     shard: int
+    """The number of the data file."""
     offset: int
+    """Where it begins in that file, in bytes."""
     size: int
+    """Its length in bytes."""
 
 
 def is_checkpoint(prefix: Path) -> bool:
@@ -51,8 +56,7 @@ def index_path(prefix: Path) -> Path:
 def read_checkpoint(prefix: Path) -> dict[str, NDArray[Any]]:
     """All tensors of a checkpoint by name.
 
-    Raises ConfigError naming the shard that is missing, or the file that is cut short or no such
-    table.
+    Raises ConfigError that names the file which is missing, cut short, or no such table.
     """
     path = index_path(prefix)
     try:
@@ -71,6 +75,7 @@ def read_checkpoint(prefix: Path) -> dict[str, NDArray[Any]]:
 
 
 def _tensor(prefix: Path, shards: int, name: str, entry: Entry) -> NDArray[Any]:
+    """Read a tensor from its data file; `shards` is the number of data files."""
     path = prefix.with_name(f"{prefix.name}.data-{entry.shard:05d}-of-{shards:05d}")
     dtype = np.dtype(TYPES[entry.dtype_code]).newbyteorder("<")
     count = int(np.prod(entry.shape, dtype=np.int64))
@@ -90,18 +95,28 @@ def _tensor(prefix: Path, shards: int, name: str, entry: Entry) -> NDArray[Any]:
 
 
 def _entry(message: Message) -> Entry:
-    def number(field: int) -> int:
-        return int(message.get(field, [0])[0])
+    """The entry of a tensor, from the protobuf message BundleEntryProto."""
+    shape_message = _message(_bytes(message.get(2, [b""])[0]))
+    dimensions = [_message(_bytes(dimension)) for dimension in shape_message.get(2, [])]
+    return Entry(
+        dtype_code=_number(message, 1),
+        shape=tuple(_number(dimension, 1) for dimension in dimensions),
+        shard=_number(message, 3),
+        offset=_number(message, 4),
+        size=_number(message, 5),
+    )
 
-    shape = [
-        int(_message(_bytes(dimension)).get(1, [0])[0])
-        for dimension in _message(_bytes(message.get(2, [b""])[0])).get(2, [])
-    ]
-    return Entry(number(1), tuple(shape), number(3), number(4), number(5))
+
+def _number(message: Message, field: int) -> int:
+    """The first value of a field; 0, protobuf's default, if it is missing."""
+    return int(message.get(field, [0])[0])
 
 
 def _entries(table: bytes) -> Iterator[tuple[str, Message]]:
-    """The keys and values of a table."""
+    """The keys and values of a table.
+
+    Its footer says where the index block is, and that where each block of entries is.
+    """
     if len(table) < FOOTER_BYTES or int.from_bytes(table[-8:], "little") != MAGIC:
         raise ValueError("it does not end as a table does")
     footer = table[-FOOTER_BYTES:]
@@ -114,14 +129,18 @@ def _entries(table: bytes) -> Iterator[tuple[str, Message]]:
 
 
 def _handle(data: bytes, at: int) -> tuple[tuple[int, int], int]:
-    """Offset and size of a block, and where the next number begins."""
+    """The offset and size of a block, read at a position of data, and the position behind them."""
     offset, at = _varint(data, at)
     size, at = _varint(data, at)
     return (offset, size), at
 
 
 def _block(table: bytes, offset: int, size: int) -> Iterator[tuple[bytes, bytes]]:
-    """The keys and values of a block, which stores of each key what the one before lacks."""
+    """The keys and values of a block.
+
+    An entry is how much of the key it shares with the one before, how long the rest of the key and
+    the value are, and both.
+    """
     if table[offset + size] != 0:
         raise ValueError("its blocks are compressed, which TensorFlow's are not")
     block = table[offset : offset + size]
@@ -139,36 +158,41 @@ def _block(table: bytes, offset: int, size: int) -> Iterator[tuple[bytes, bytes]
 
 
 def _message(data: bytes) -> Message:
-    """The fields of a protobuf message."""
+    """The fields of a protobuf message.
+
+    A field begins with its number and its wire type, which says how long the value is.
+    """
     fields: Message = {}
     at = 0
     while at < len(data):
         tag, at = _varint(data, at)
+        wire_type = tag & 7
         value: int | bytes
-        if tag & 7 == 0:
+        if wire_type == 0:
             value, at = _varint(data, at)
-        elif tag & 7 == 2:
+        elif wire_type == 2:
             length, at = _varint(data, at)
             value = data[at : at + length]
             at += length
-        elif tag & 7 in (1, 5):
-            length = 8 if tag & 7 == 1 else 4
+        elif wire_type in (1, 5):
+            length = 8 if wire_type == 1 else 4
             value = int.from_bytes(data[at : at + length], "little")
             at += length
         else:
-            raise ValueError(f"a field of wire type {tag & 7}")
+            raise ValueError(f"a field of wire type {wire_type}")
         fields.setdefault(tag >> 3, []).append(value)
     return fields
 
 
 def _bytes(value: int | bytes) -> bytes:
+    """A value that should be bytes; raises TypeError for a number."""
     if isinstance(value, int):
         raise TypeError("a number where a message was expected")
     return value
 
 
 def _varint(data: bytes, at: int) -> tuple[int, int]:
-    """A number of seven bits a byte, and where the next begins."""
+    """A number that is written in seven bits a byte, and the position behind it."""
     value = shift = 0
     while data[at] & 0x80:
         value |= (data[at] & 0x7F) << shift

@@ -1,7 +1,12 @@
-"""NetVLAD with context gating over the features of a cloud's points (METHODS 3.2).
+"""NetVLAD with context gating: one descriptor from the features of a cloud's points (METHODS 3.2).
 
-Arandjelović et al., CVPR 2016; gating: Miech et al., 2017; as put together by Uy and Lee, CVPR
-2018.
+1. Assign each point's feature to clusters, in shares.
+2. Sum the residuals from each cluster's centre, and normalise the sums.
+3. Project all of them to one short vector.
+4. Gate each of its numbers by the vector itself, and normalise.
+
+NetVLAD is by Arandjelović et al., CVPR 2016, gating by Miech et al., 2017; Uy and Lee, CVPR 2018,
+put both behind PointNet: that is `Describer`.
 """
 
 from copy import deepcopy
@@ -15,10 +20,9 @@ from pipeline.methods.pointnetvlad.pointnet import EPS, PointNet
 
 
 class NetVlad(nn.Module):
-    """A descriptor (cloud, size) of length 1 of features (cloud, point, features), whatever the
-    points' order.
+    """Descriptors (cloud, size) of length 1 from features (cloud, point, features).
 
-    16,974,976 trained numbers.
+    They do not depend on the order of the points. It has 16,974,976 trained numbers.
     """
 
     def __init__(
@@ -37,25 +41,28 @@ class NetVlad(nn.Module):
             nn.init.normal_(weight, std=inputs**-0.5)
 
     def forward(self, features: Tensor) -> Tensor:
+        # Features of length 1, assigned to clusters. It is cheaper to scale what follows from them.
         lengths = torch.linalg.vector_norm(features, dim=2, keepdim=True).float()
-        scale = 1 / lengths.clamp_min(1e-6)  # cheaper than to scale the features themselves
+        scale = 1 / lengths.clamp_min(1e-6)
         likeness = (self.assign(features) * scale).flatten(0, 1)
         share = self.assign_norm(likeness).softmax(1).unflatten(0, features.shape[:2])
-        summed = (share * scale).to(features.dtype).transpose(
-            1, 2
-        ) @ features  # (cloud, cluster, features)
+        # Residuals from the centres, (cloud, features, cluster).
+        scaled_share = (share * scale).to(features.dtype)
+        summed = scaled_share.transpose(1, 2) @ features  # (cloud, cluster, features)
         residual = summed.transpose(1, 2) - share.sum(1, keepdim=True) * self.centres
         vlad = normalize(normalize(residual.float(), dim=1).flatten(1))
+        # Projection and gate.
         projected = self.project_norm(self.project(vlad).float())
-        return normalize(projected * self.gate_norm(self.gate(projected).float()).sigmoid())
+        gate = self.gate_norm(self.gate(projected).float()).sigmoid()
+        return normalize(projected * gate)
 
 
 class Describer(nn.Module):
-    """The whole network, 19,784,393 trained numbers: descriptors (cloud, size) of clouds (cloud,
-    point, xyz).
+    """The whole network: descriptors (cloud, size) of clouds (cloud, point, xyz).
 
-    `momentum` is the weight of a new batch in the statistics of all batch norms; the authors' is
-    .001 here and, in the TNets, .5 falling to .01.
+    It has 19,784,393 trained numbers. `momentum` is the weight of a new batch in the running
+    statistics of all batch norms; the authors' is .001 in NetVLAD, and .5 falling to .01 in the
+    T-Nets.
     """
 
     def __init__(
@@ -70,23 +77,24 @@ class Describer(nn.Module):
         return descriptors
 
     def steps(self) -> int:
-        """How many batches it was trained on."""
+        """The number of batches that it was trained on."""
         seen = self.netvlad.gate_norm.num_batches_tracked
         return 0 if seen is None else int(seen)
 
 
 def folded(net: nn.Module, kind: torch.dtype = torch.float32) -> nn.Module:
-    """A copy for descriptions alone, several times faster: batch norms folded into the dense layers
-    before them, and the dense layers' weights of this kind; with bfloat16 it must run under
-    autocast."""
+    """A copy of a network that is several times faster, but cannot be trained.
+
+    Its batch norms are folded into the dense layers before them, whose weights are of this type;
+    with bfloat16 it must run under autocast.
+    """
     net = deepcopy(net).eval()
     for parent in list(net.modules()):
-        for name, pair in parent.named_children():
-            if isinstance(pair, nn.Sequential) and [type(layer) for layer in pair] == [
-                nn.Linear,
-                nn.BatchNorm1d,
-            ]:
-                setattr(parent, name, fuse_linear_bn_eval(*pair))
+        for name, child in parent.named_children():
+            if not isinstance(child, nn.Sequential):
+                continue
+            if [type(layer) for layer in child] == [nn.Linear, nn.BatchNorm1d]:
+                setattr(parent, name, fuse_linear_bn_eval(*child))
     for layer in net.modules():
         if isinstance(layer, nn.Linear):
             layer.to(kind)

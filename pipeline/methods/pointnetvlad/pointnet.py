@@ -1,8 +1,9 @@
-"""PointNet's trunk as PointNetVLAD uses it: each point by itself, after two learned changes of base
-(METHODS 3.2).
+"""PointNet's trunk as PointNetVLAD uses it: a feature of each point of a cloud (METHODS 3.2).
 
-Qi et al., CVPR 2017; Uy and Lee, CVPR 2018. As in the latter's own code the trunk has no batch norm
-and no pooling.
+Every point goes through the same dense layers by itself. Twice a small network, a T-Net, looks at
+all points of the cloud and changes their base: once that of the positions, once that of the
+features. By Qi et al., CVPR 2017; as in the code of Uy and Lee, CVPR 2018, the trunk has no batch
+norm and no pooling.
 """
 
 from itertools import pairwise
@@ -11,35 +12,33 @@ import torch
 from torch import Tensor, nn
 
 EPS = 1e-3
-"""Of every batch norm, as in TensorFlow."""
+"""What every batch norm adds to the variance, as in TensorFlow."""
 
 
 def dense(*widths: int, momentum: float | None = None) -> nn.Sequential:
     """Dense layers from each width to the next, with a ReLU after each.
 
-    With a momentum, a batch norm between the two.
+    If a momentum is given, there is a batch norm before each ReLU.
     """
     layers: list[nn.Module] = []
     for inputs, outputs in pairwise(widths):
         layer = nn.Linear(inputs, outputs)
         nn.init.xavier_uniform_(layer.weight)
         nn.init.zeros_(layer.bias)
-        without_norm = momentum is None
-        layers.append(
-            layer
-            if without_norm
-            else nn.Sequential(layer, nn.BatchNorm1d(outputs, eps=EPS, momentum=momentum))
-        )
+        if momentum is None:
+            layers.append(layer)
+        else:
+            norm = nn.BatchNorm1d(outputs, eps=EPS, momentum=momentum)
+            layers.append(nn.Sequential(layer, norm))
         layers.append(nn.ReLU(inplace=True))
     return nn.Sequential(*layers)
 
 
 class TNet(nn.Module):
-    """A change of base (cloud, width, width) of points (cloud, point, width): the identity before
-    training.
+    """A change of base (cloud, width, width) for points (cloud, point, width).
 
-    `momentum` is the weight of a new batch in the batch norms' running statistics. 803,081 trained
-    numbers for a width of 3, 1,857,344 for 64.
+    It is the identity before training. `momentum` is the weight of a new batch in the batch norms'
+    running statistics. It has 803,081 trained numbers for a width of 3, 1,857,344 for 64.
     """
 
     def __init__(self, width: int, momentum: float) -> None:
@@ -51,20 +50,20 @@ class TNet(nn.Module):
         self.base.bias.data = torch.eye(width).flatten()
 
     def forward(self, points: Tensor) -> Tensor:
-        clouds, number, width = points.shape
-        features = self.points(points.flatten(0, 1)).unflatten(0, (clouds, number))
-        highest = (
-            features.max(1).values if self.training else features.amax(1)
-        )  # one is faster backwards, the other forwards
-        base: Tensor = self.base(
-            self.cloud(highest.relu())
-        )  # the highest of the ReLUs is the ReLU of the highest
-        return base.view(clouds, width, width)
+        cloud_count, point_count, width = points.shape
+        features = self.points(points.flatten(0, 1)).unflatten(0, (cloud_count, point_count))
+        # Two ways to the same maximum: one is faster backwards, the other forwards.
+        highest = features.max(1).values if self.training else features.amax(1)
+        # The ReLU comes after the maximum, which gives the same numbers with less work.
+        base: Tensor = self.base(self.cloud(highest.relu()))
+        return base.view(cloud_count, width, width)
 
 
 class PointNet(nn.Module):
-    """A feature (cloud, point, features) of every point of clouds (cloud, point, xyz): 148,992
-    numbers and two TNets."""
+    """Features (cloud, point, features) of all points of clouds (cloud, point, xyz).
+
+    It has 148,992 trained numbers beside those of two T-Nets.
+    """
 
     def __init__(self, features: int = 1024, momentum: float = 0.1) -> None:
         super().__init__()

@@ -1,5 +1,11 @@
 """PointNetVLAD: places recognised by a learned descriptor of the cloud around the sensor (Uy and
-Lee, CVPR 2018; METHODS 3.2)."""
+Lee, CVPR 2018; METHODS 3.2).
+
+The network, `netvlad.Describer`, makes a descriptor of a cloud. It is trained so that clouds of the
+same place have near descriptors, and clouds far apart others (`quadruplet`). To learn, train and
+describe the training sequence's clouds. To localize, describe the query's cloud and rank the
+training clouds by the distance of their descriptors.
+"""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -27,59 +33,62 @@ from pipeline.networks.lenet import device
 ROUNDS = 4
 LEAST_STEPS = 10
 MOST_STEPS = 700
-"""A training has so many rounds, each of at least and at most so many steps; the authors' have 700.
+"""A training has ROUNDS rounds, unless one would have fewer or more steps than these bounds; the
+authors' rounds have 700 steps.
 
 Between rounds the descriptors are computed anew, to judge the network by the held-out blocks and to
 find the hardest negatives.
 """
-WARM_UP = (
-    0.25  # share of the training with random negatives alone: the authors' first 5 of 20 epochs
-)
+WARM_UP = 0.25
+"""Share of the training, its beginning, with random negatives alone: for the authors 5 of 20
+epochs."""
 AT_ONCE = 16_384
-"""Points described at a time: few enough for a processor's cache."""
+"""Number of points that are described at a time: few enough for a processor's cache."""
 
 
 @dataclass(frozen=True)
 class PointNetVlad(DescriptorMethod):
-    """The authors' network, loss and mining, learned from the training sequence: not their
-    pretrained network."""
+    """The authors' network, loss and choice of negatives, trained on the training sequence.
+
+    The pretrained network of the authors can be named in `weights`.
+    """
 
     view: str = "cloud"
     weights: str = ""
-    """A file to start from, or with `epochs` 0 to use as it is: a model of this method, or
-    safetensors under its names, with or without net/. Of a TensorFlow checkpoint, every kernel but
-    the centres is transposed to (outputs, inputs)."""
+    """A file of weights to start from, or to use as they are if `epochs` is 0: see
+    `pointnetvlad.weights`."""
     epochs: Whole = 20
     batch: Count = 2
-    """Queries a step; each brings its positives, its negatives and one cloud more."""
+    """Number of queries in a step; each comes with its positives, its negatives and one more
+    cloud."""
     positives: Count = 2
     negatives: Count = 18
     hard_negatives: Whole = 10
+    """How many of the negatives are the ones most like the query, after the warm-up."""
     positive_m: Positive = 10.0
-    """Clouds no further apart show the same place."""
+    """Clouds at most this far apart show the same place."""
     negative_m: float = 50.0
-    """Clouds further apart show different ones."""
+    """Clouds farther apart than this show different places."""
     margin: NotNegative = 0.5
     margin_star: NotNegative = 0.2
+    """The margins of the loss (`quadruplet`)."""
     train_points: Count = 4096
-    """Random points of each cloud while training."""
+    """Number of random points of each cloud that training looks at."""
     points: Count = 4096
-    """Of each cloud that make its descriptor, the first ones: a cloud comes in random order.
-
-    The model keeps this number.
-    """
+    """Number of points of each cloud that its descriptor is made of: the first ones, since a cloud
+    comes in random order. The model stores this number."""
     turn_deg: NotNegative = 0.0
-    """Each training cloud is turned by up to this to either side; the authors' is 0, and 90 an
-    option of theirs."""
+    """Each training cloud is turned by a random angle up to this, to either side; 0 for the
+    authors, whose code has 90 as an option."""
     learning_rate: Positive = 0.00005
     schedule: loop.Schedule = "one_cycle"
     """The authors' is stepped."""
     batch_norm_momentum: Positive = 0.1
-    """Weight of a new batch in the running statistics; the authors' .001 would not forget the first
-    ones in a short training."""
+    """Weight of a new batch in the batch norms' running statistics. With the authors' .001 a short
+    training would not forget the first batches."""
     precision: loop.Precision = "auto"
     threads: Count = 2
-    """Fixed, since the order of sums follows from it and the weights from that."""
+    """Fixed, since the order of sums depends on it, and so do the weights."""
     seed: Seed = 0
 
     def __post_init__(self) -> None:
@@ -98,7 +107,7 @@ class PointNetVlad(DescriptorMethod):
     def learn(self, views: Rows, places: NDArray[np.int64], progress: Progress) -> Model:
         """Train on the training sequence's clouds (n, point, xyz) outside held-out blocks.
 
-        The database has all.
+        Afterwards all clouds are described, for the database.
         """
         clouds = _clouds(views)
         database = Database.learned(views, places)
@@ -110,10 +119,11 @@ class PointNetVlad(DescriptorMethod):
             net = Describer(momentum=self.batch_norm_momentum).to(device())
             if self.weights:
                 load(net, Path(self.weights))
-            curves = (
-                self._train(net, clouds, database, is_held_out, progress) if self.epochs else {}
-            )
-            descriptors = self._describer(net)(clouds[:, : self.points])
+            curves: dict[str, NDArray[Any]] = {}
+            if self.epochs:
+                training = _Training(self, net, clouds, database, is_held_out, progress.budget)
+                curves = training.fit(progress)
+            descriptors = self.cloud_describer(net)(clouds[:, : self.points])
         evidence = database.evidence(euclidean(descriptors), views, self)
         return {
             **loop.arrays(net),
@@ -127,23 +137,28 @@ class PointNetVlad(DescriptorMethod):
     def grow(
         self, model: Model, known_set: TrainingSet, new_set: TrainingSet, progress: Progress
     ) -> Model:
-        """The network stays as it is; the database describes the new clouds too."""
+        """Add the new clouds to the database; the network stays as it is."""
         all_data = TrainingSet.joined([known_set, new_set])
         clouds = _clouds(new_set.views)[:, : int(model["points"])]
         with loop.reproducible(self.threads):
-            descriptors = np.concatenate([model["descriptors"], self._trained(model)(clouds)])
+            descriptors = np.concatenate(
+                [model["descriptors"], self._model_describer(model)(clouds)]
+            )
         database = Database.learned(*all_data)
         evidence = database.evidence(euclidean(descriptors), all_data.views, self)
         return {**model, "descriptors": descriptors, **database.arrays(), **evidence.arrays()}
 
-    def _trained(self, model: Model) -> Callable[[NDArray[np.float16]], NDArray[np.float32]]:
+    def _model_describer(
+        self, model: Model
+    ) -> Callable[[NDArray[np.float16]], NDArray[np.float32]]:
+        """A function from clouds (n, point, xyz) to descriptors (n, 256), by a model's network."""
         with torch.device("meta"):
             net = Describer()
         loop.fill(net, model, assign=True)
-        return self._describer(net.to(device()))
+        return self.cloud_describer(net.to(device()))
 
     def localizer(self, model: Model) -> Localizer:
-        """The nearest training clouds by Euclidean distance between descriptors."""
+        """Rank training clouds by the Euclidean distance of their descriptors from the query's."""
         describe = self.describer(model)
         database = Database.of(model)
         descriptors = model["descriptors"]
@@ -154,116 +169,20 @@ class PointNetVlad(DescriptorMethod):
         return rank
 
     def describer(self, model: Model) -> Callable[[Rows], NDArray[np.float32]]:
-        """The network alone: clouds (n, point, xyz) to descriptors (n, 256)."""
-        describe = self._trained(model)
+        """A function from views to descriptors (n, 256)."""
+        describe = self._model_describer(model)
         points = int(model["points"])
 
-        def described(views: Rows) -> NDArray[np.float32]:
+        def describe_views(views: Rows) -> NDArray[np.float32]:
             with loop.reproducible(self.threads):
                 return describe(_clouds(views)[:, :points])
 
-        return described
+        return describe_views
 
-    def _train(
-        self,
-        net: Describer,
-        clouds: NDArray[np.float16],
-        database: Database,
-        is_held_out: NDArray[np.bool_],
-        progress: Progress,
-    ) -> dict[str, NDArray[Any]]:
-        """Leave the weights of the best round in the network; returns its number and the curves."""
-        rows = np.flatnonzero(~is_held_out)
-        judged_rows = (
-            np.flatnonzero(is_held_out) if is_held_out.any() else rows
-        )  # a path too short for blocks is judged on what it trained
-        tuples = Tuples(
-            database.xy_m[rows],
-            self.positive_m,
-            self.negative_m,
-            self.positives,
-            self.negatives,
-            self.hard_negatives,
-        )
-        queries = tuples.queries()
-        total = max(1, round(self.epochs * progress.budget * len(queries) / self.batch))
-        steps = min(total, max(LEAST_STEPS, min(MOST_STEPS, -(-total // ROUNDS))))
-        rounds = round(total / steps)
-        gap_m = cdist(database.xy_m[judged_rows], database.xy_m[rows])
-        part = clouds[:, : self.train_points]
-        latest: list[NDArray[np.float32]] = []
-
-        def batches(order: torch.Generator) -> Iterator[Tensor]:
-            """A round's batches of clouds (query · tuple, point, xyz)."""
-            rng = np.random.default_rng(order.initial_seed())
-            steps_done = net.steps()
-            descriptors = None
-            if steps_done >= WARM_UP * rounds * steps:
-                descriptors = (latest[-1] if latest else self._describer(net)(part))[rows]
-            shuffled = np.concatenate(
-                [rng.permutation(queries) for _ in range(-(-steps * self.batch // len(queries)))]
-            )
-            for batch_queries in shuffled[: steps * self.batch].reshape(steps, self.batch):
-                chosen_rows = rows[
-                    np.concatenate(
-                        [tuples.draw(query, rng, descriptors) for query in batch_queries]
-                    )
-                ]
-                yield self._points(clouds, chosen_rows, rng)
-
-        def step(answer: Callable[[Tensor], Tensor], batch: Tensor) -> tuple[Tensor, Tensor, int]:
-            descriptors = answer(batch).view(self.batch, 2 + self.positives + self.negatives, -1)
-            return *lazy_quadruplet(
-                descriptors, self.positives, self.margin, self.margin_star
-            ), self.batch
-
-        def judge(net: Describer) -> tuple[float, float]:
-            """Loss and accuracy of held-out rows against all the trained ones.
-
-            The loss's first term, and whether the nearest row is of the right place.
-            """
-            latest[:] = [self._describer(net)(part)]
-            distances = cdist(latest[0][judged_rows], latest[0][rows], "sqeuclidean")
-            distances[judged_rows[:, None] == rows] = np.inf
-            nearest_positive = np.where(gap_m <= self.positive_m, distances, np.inf).min(axis=1)
-            nearest_negative = np.where(gap_m > self.positive_m, distances, np.inf).min(axis=1)
-            losses = np.clip(self.margin + nearest_positive - nearest_negative, 0, self.margin + 4)
-            right = database.places[rows[distances.argmin(axis=1)]] == database.places[judged_rows]
-            return float(losses.mean()), float(right.mean())
-
-        return loop.fit(
-            net,
-            batches,
-            judge,
-            epochs=rounds,
-            steps=steps,
-            learning_rate=self.learning_rate,
-            schedule=self.schedule,
-            precision=self.precision,
-            seed=self.seed,
-            progress=progress,
-            step=step,
-            fused=True,
-        )
-
-    def _points(
-        self, clouds: NDArray[np.float16], rows: NDArray[np.int64], rng: np.random.Generator
-    ) -> Tensor:
-        """Training's clouds (row, train_points, xyz), each turned as `turn_deg` allows."""
-        points = rng.choice(clouds.shape[1], min(self.train_points, clouds.shape[1]), replace=False)
-        batch = torch.from_numpy(clouds[rows[:, None], points]).float()
-        if self.turn_deg:
-            turn = torch.from_numpy(
-                np.deg2rad(rng.uniform(-self.turn_deg, self.turn_deg, (len(rows), 1)))
-            ).float()
-            x = batch[..., 0].clone()
-            y = batch[..., 1].clone()
-            batch[..., 0] = turn.cos() * x - turn.sin() * y
-            batch[..., 1] = turn.sin() * x + turn.cos() * y
-        return batch.to(device())
-
-    def _describer(self, net: Describer) -> Callable[[NDArray[np.float16]], NDArray[np.float32]]:
-        """A function from clouds (n, point, xyz) to descriptors (n, 256)."""
+    def cloud_describer(
+        self, net: Describer
+    ) -> Callable[[NDArray[np.float16]], NDArray[np.float32]]:
+        """A function from clouds (n, point, xyz) to descriptors (n, 256), by a network as it is."""
         torch_device = next(net.parameters()).device
         fast = folded(net, loop.dtype(torch_device, self.precision))
 
@@ -278,6 +197,131 @@ class PointNetVlad(DescriptorMethod):
             return torch.cat(parts).cpu().numpy()
 
         return describe
+
+
+class _Training:
+    """The training of a network in rounds: draws batches, computes their loss, judges each round.
+
+    Queries, positives and negatives are training rows outside held-out blocks.
+    """
+
+    def __init__(
+        self,
+        method: PointNetVlad,
+        net: Describer,
+        clouds: NDArray[np.float16],
+        database: Database,
+        is_held_out: NDArray[np.bool_],
+        budget: float,
+    ) -> None:
+        """Train on clouds (n, point, xyz) for a share `budget` of all epochs."""
+        self.method = method
+        self.net = net
+        self.clouds = clouds
+        self.part = clouds[:, : method.train_points]
+        self.database = database
+        self.rows = np.flatnonzero(~is_held_out)
+        # A path too short for held-out blocks is judged on its trained rows.
+        self.judged_rows = np.flatnonzero(is_held_out) if is_held_out.any() else self.rows
+        self.gap_m = cdist(database.xy_m[self.judged_rows], database.xy_m[self.rows])
+        self.tuples = Tuples(
+            database.xy_m[self.rows],
+            method.positive_m,
+            method.negative_m,
+            method.positives,
+            method.negatives,
+            method.hard_negatives,
+        )
+        self.queries = self.tuples.queries()
+        total = max(1, round(method.epochs * budget * len(self.queries) / method.batch))
+        self.steps = min(total, max(LEAST_STEPS, min(MOST_STEPS, -(-total // ROUNDS))))
+        self.rounds = round(total / self.steps)
+        self.descriptors: NDArray[np.float32] | None = None
+        """(n, 256) of all clouds, as the last judgement computed them."""
+
+    def fit(self, progress: Progress) -> dict[str, NDArray[Any]]:
+        """Train, and leave the weights of the best round in the network.
+
+        Returns its number and the curves, as `loop.fit` does.
+        """
+        return loop.fit(
+            self.net,
+            self.batches,
+            self.judge,
+            epochs=self.rounds,
+            steps=self.steps,
+            learning_rate=self.method.learning_rate,
+            schedule=self.method.schedule,
+            precision=self.method.precision,
+            seed=self.method.seed,
+            progress=progress,
+            step=self.step,
+            fused=True,
+        )
+
+    def batches(self, order: torch.Generator) -> Iterator[Tensor]:
+        """A round's batches of clouds (query · tuple, point, xyz), the negatives hard if it is
+        late.
+
+        Every query comes once, in random order, before it comes again.
+        """
+        rng = np.random.default_rng(order.initial_seed())
+        descriptors = None
+        if self.net.steps() >= WARM_UP * self.rounds * self.steps:
+            if self.descriptors is None:  # after an interruption
+                self.descriptors = self.method.cloud_describer(self.net)(self.part)
+            descriptors = self.descriptors[self.rows]
+        query_count = self.steps * self.method.batch
+        passes = -(-query_count // len(self.queries))
+        shuffled = np.concatenate([rng.permutation(self.queries) for _ in range(passes)])
+        for queries in shuffled[:query_count].reshape(self.steps, self.method.batch):
+            drawn = [self.tuples.draw(query, rng, descriptors) for query in queries]
+            yield self._points(self.rows[np.concatenate(drawn)], rng)
+
+    def _points(self, rows: NDArray[np.int64], rng: np.random.Generator) -> Tensor:
+        """Random points (row, train_points, xyz) of some clouds, each cloud turned at random."""
+        cloud_size = self.clouds.shape[1]
+        points = rng.choice(cloud_size, min(self.method.train_points, cloud_size), replace=False)
+        batch = torch.from_numpy(self.clouds[rows[:, None], points]).float()
+        turn_deg = self.method.turn_deg
+        if turn_deg:
+            angles = np.deg2rad(rng.uniform(-turn_deg, turn_deg, (len(rows), 1)))
+            turn = torch.from_numpy(angles).float()
+            x = batch[..., 0].clone()
+            y = batch[..., 1].clone()
+            batch[..., 0] = turn.cos() * x - turn.sin() * y
+            batch[..., 1] = turn.sin() * x + turn.cos() * y
+        return batch.to(device())
+
+    def step(self, answer: Callable[[Tensor], Tensor], batch: Tensor) -> tuple[Tensor, Tensor, int]:
+        """The loss of a batch, how many of its tuples are right, and of how many."""
+        method = self.method
+        tuple_size = 2 + method.positives + method.negatives
+        descriptors = answer(batch).view(method.batch, tuple_size, -1)
+        loss, right = lazy_quadruplet(
+            descriptors, method.positives, method.margin, method.margin_star
+        )
+        return loss, right, method.batch
+
+    def judge(self, net: Describer) -> tuple[float, float]:
+        """Loss and accuracy of the judged rows against all trained ones.
+
+        The loss is the first term of the training's. A row is right if the trained row with the
+        nearest descriptor is of its place.
+        """
+        margin = self.method.margin
+        positive_m = self.method.positive_m
+        places = self.database.places
+        self.descriptors = self.method.cloud_describer(net)(self.part)
+        distances = cdist(
+            self.descriptors[self.judged_rows], self.descriptors[self.rows], "sqeuclidean"
+        )
+        distances[self.judged_rows[:, None] == self.rows] = np.inf
+        to_positive = np.where(self.gap_m <= positive_m, distances, np.inf).min(axis=1)
+        to_negative = np.where(self.gap_m > positive_m, distances, np.inf).min(axis=1)
+        losses = np.clip(margin + to_positive - to_negative, 0, margin + 4)
+        right = places[self.rows[distances.argmin(axis=1)]] == places[self.judged_rows]
+        return float(losses.mean()), float(right.mean())
 
 
 def _clouds(views: Rows) -> NDArray[np.float16]:

@@ -1,5 +1,9 @@
-"""The lazy quadruplet loss, and the choice of clouds that it compares (Uy and Lee, CVPR 2018;
-METHODS 3.2)."""
+"""The lazy quadruplet loss of PointNetVLAD, and the choice of the clouds that it compares.
+
+`Tuples` draws for a query some positives (clouds of the same place), negatives (clouds far away)
+and one cloud n* that is far from all of these. `lazy_quadruplet` is the loss of their descriptors.
+Both are by Uy and Lee, CVPR 2018 (METHODS 3.2).
+"""
 
 from dataclasses import dataclass
 
@@ -10,18 +14,19 @@ from torch import Tensor
 from pipeline.core.errors import InputError
 
 CANDIDATES = 4000
-"""Random negatives among which the hardest are looked for."""
+"""Number of random negatives among which the hardest are looked for."""
 
 
 def lazy_quadruplet(
     tuples: Tensor, positives: int, margin: float, margin_star: float
 ) -> tuple[Tensor, Tensor]:
-    """Loss and number of right tuples, of descriptors in the order of `Tuples`.
+    """The loss of some tuples, and how many are right.
 
-    Descriptors are (tuple, 1 + positives + negatives + 1, size). Distances are squared. Of a
-    query's positives only the nearest counts, of its negatives only the worst: they are to be
-    further than it by a margin from the query, and by another from a cloud n* that is near none of
-    them. A tuple is right where its nearest positive is nearer than every negative.
+    `tuples` (tuple, 1 + positives + negatives + 1, size) are descriptors in the order of
+    `Tuples.draw`. With squared distances, and d the query's distance to its nearest positive, the
+    loss of a tuple is max(0, margin + d − distance from the query to the nearest negative) + max(0,
+    margin_star + d − distance from n* to the nearest negative). A tuple is right if its nearest
+    positive is nearer than every negative.
     """
     query = tuples[:, :1]
     positive = tuples[:, 1 : 1 + positives]
@@ -38,26 +43,31 @@ def lazy_quadruplet(
 
 @dataclass(frozen=True)
 class Tuples:
-    """Draws query, positives, negatives and n* among training rows by where they lie.
+    """Draws query, positives, negatives and n* among training rows by their positions.
 
-    In a world so small that a row's furthest lies within 2 `negative_m`, what is beyond half of
-    that distance is negative.
+    If the world is so small that no row is farther than 2 `negative_m` from the query, rows beyond
+    half of the largest distance are negatives.
     """
 
     xy_m: NDArray[np.float64]
-    """(n, 2)."""
+    """(n, 2) positions of the training rows."""
     positive_m: float
+    """Rows at most this far from the query are positives."""
     negative_m: float
+    """Rows farther than this from the query are negatives."""
     positives: int
     negatives: int
+    """Number of positives and negatives of a query."""
     hard: int
     """How many of the negatives are the hardest, once there are descriptors to tell."""
 
     def queries(self) -> NDArray[np.int64]:
-        """The rows that have a positive and a negative; raises InputError where none has."""
-        rows = [
-            row for row in range(len(self.xy_m)) if all(len(part) for part in self._around(row))
-        ]
+        """The rows that have a positive and a negative; raises InputError if none has."""
+        rows = []
+        for row in range(len(self.xy_m)):
+            positive_rows, negative_rows = self._around(row)
+            if len(positive_rows) and len(negative_rows):
+                rows.append(row)
         if not rows:
             raise InputError(
                 f"no training view has another within {self.positive_m:g} m and one further away"
@@ -67,41 +77,32 @@ class Tuples:
     def draw(
         self, query: int, rng: np.random.Generator, descriptors: NDArray[np.float32] | None = None
     ) -> NDArray[np.int64]:
-        """Rows (1 + positives + negatives + 1,): the query, its positives, its negatives, n*.
+        """Draw rows (1 + positives + negatives + 1,): the query, positives, negatives, n*.
 
-        Some twice where there are few. n* is a random row further than `positive_m` from the query
-        and its negatives, or where there is none the one furthest from them.
+        Rows are repeated if there are too few. n* is a random row farther than `positive_m` from
+        the query and its negatives, or if there is none, the row farthest from them.
         """
         positive_rows, negative_rows = self._around(query)
+        # Negatives at random; with descriptors the hardest first: the most alike.
         negative_rows = rng.permutation(negative_rows)
         if descriptors is not None:
             candidates = negative_rows[:CANDIDATES]
-            hardest = candidates[
-                np.argsort(-descriptors[candidates] @ descriptors[query], kind="stable")[
-                    : self.hard
-                ]
-            ]
-            negative_rows = np.concatenate(
-                [hardest, negative_rows[~np.isin(negative_rows, hardest)]]
-            )
+            most_alike = np.argsort(-descriptors[candidates] @ descriptors[query], kind="stable")
+            hardest = candidates[most_alike[: self.hard]]
+            further = negative_rows[~np.isin(negative_rows, hardest)]
+            negative_rows = np.concatenate([hardest, further])
         positive_rows = np.resize(rng.permutation(positive_rows), self.positives)
         negative_rows = np.resize(negative_rows, self.negatives)
+        # n*, by each row's distance to the nearest of query and negatives.
         query_and_negatives = np.unique(np.append(negative_rows, query))
-        gap_m = np.linalg.norm(self.xy_m[:, None] - self.xy_m[query_and_negatives], axis=2).min(
-            axis=1
-        )
-        free = np.flatnonzero(gap_m > self.positive_m)
-        return np.concatenate(
-            [
-                [query],
-                positive_rows,
-                negative_rows,
-                [rng.choice(free) if len(free) else gap_m.argmax()],
-            ]
-        )
+        distances_m = np.linalg.norm(self.xy_m[:, None] - self.xy_m[query_and_negatives], axis=2)
+        gap_m = distances_m.min(axis=1)
+        far_rows = np.flatnonzero(gap_m > self.positive_m)
+        star = rng.choice(far_rows) if len(far_rows) else gap_m.argmax()
+        return np.concatenate([[query], positive_rows, negative_rows, [star]])
 
     def _around(self, query: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """A row's positives, without itself, and negatives."""
+        """The rows of a query's positives, without itself, and of its negatives."""
         distance_m = np.linalg.norm(self.xy_m - self.xy_m[query], axis=1)
         far_m = min(self.negative_m, distance_m.max() / 2)
         is_positive = distance_m <= min(self.positive_m, far_m)

@@ -1,4 +1,7 @@
-"""Weights that a user brings, read into the network (METHODS 3.2)."""
+"""Reads a file of weights that a user names into the network (METHODS 3.2).
+
+The file is a model of this method, a safetensors file, or a TensorFlow checkpoint of the authors.
+"""
 
 from pathlib import Path
 from typing import Any
@@ -16,31 +19,34 @@ from pipeline.networks import loop
 
 
 def load(net: nn.Module, path: Path) -> None:
-    """Read tensors of a model or a safetensors file under the network's own names.
+    """Load the weights of a file into the network.
 
-    They may have net/ before them. Or those of a TensorFlow checkpoint of the authors, whose path
-    is that of its files without `.index` and `.data-…`.
-
-    Raises ConfigError naming the file and the first tensor that is missing, unknown or of another
+    In a model and a safetensors file they have the network's own names, with or without net/ before
+    them. The path of a checkpoint is that of its files without `.index` and `.data-…`. Raises
+    ConfigError that names the file and the first tensor that is missing, unknown or of another
     shape.
     """
     stored = _stored(path)
-    weights = net.state_dict()
+    expected = net.state_dict()
     tensors = loop.tensors(stored) or loop.tensors(stored, "")
-    tensors = {
-        name: value for name, value in weights.items() if name.endswith("num_batches_tracked")
-    } | tensors
-    for name in [*weights, *tensors]:
-        if name not in weights or name not in tensors or tensors[name].shape != weights[name].shape:
-            has, wants = (
-                tuple(part[name].shape) if name in part else "none" for part in (tensors, weights)
-            )
+    # A file may lack the batch norms' counters.
+    counters = {
+        name: value for name, value in expected.items() if name.endswith("num_batches_tracked")
+    }
+    tensors = counters | tensors
+    for name in [*expected, *tensors]:
+        has = tuple(tensors[name].shape) if name in tensors else "none"
+        wants = tuple(expected[name].shape) if name in expected else "none"
+        if has != wants:
             raise ConfigError(f"method.weights: {path}: tensor {name} is {has}, expected {wants}")
     net.load_state_dict(tensors)
 
 
 def _stored(path: Path) -> dict[str, NDArray[Any]]:
-    """The named arrays of a model of ours, of a safetensors file or of the authors' checkpoint."""
+    """The arrays of a file of weights, by the network's names.
+
+    Raises ConfigError for a file that is missing or of none of the three kinds.
+    """
     if is_checkpoint(path):
         return renamed(read_checkpoint(path))
     try:
