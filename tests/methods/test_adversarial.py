@@ -1,5 +1,5 @@
-"""The game: each term worked out by hand, who moves when, and a training that can be cut
-anywhere."""
+"""Tests of the adversarial game and its training: each loss term by hand, which networks a turn
+changes, and training that goes on after any interruption."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -168,8 +168,8 @@ def test_a_turn_gives_gradients_to_its_players_and_afl_has_two_turns() -> None:
 def test_the_papers_encoder_and_decoder_take_one_step_down_the_sum_of_all_terms() -> None:
     game = small(OBJECTIVES["paper"])
     game.joint.eval()  # without dropout
-    *others, turn = game.turns()
-    assert [(one.name, one.repeated) for one in others] == [
+    *first_turns, turn = game.turns()
+    assert [(one.name, one.repeated) for one in first_turns] == [
         ("joint_discriminator", False),
         ("image_discriminator", False),
     ]
@@ -247,13 +247,13 @@ def same(one: nn.Module, other: nn.Module) -> bool:
 def test_every_term_of_every_round_is_told(objective: Objective) -> None:
     game = small(objective)
     curves = train(game)
-    told = {
+    expected_terms = {
         term
         for turn in game.turns()
         for term in turn.terms(torch.zeros(2, 1, 64, 64), torch.zeros(2, 6))
     }
     healthy = {"held_out_error", "black_error", "code_variance", "code_distance"}
-    assert curves.keys() == told | healthy
+    assert curves.keys() == expected_terms | healthy
     assert all(column.shape == (3,) and np.isfinite(column).all() for column in curves.values())
 
 
@@ -322,9 +322,9 @@ def test_an_interrupted_training_goes_on_to_the_same_weights_and_curves(
     with pytest.raises(KeyboardInterrupt):
         train(half, PowerCut(checkpoint=tmp_path / "half", at=at))
     assert (tmp_path / "half").exists() == (at > 1)
-    rest = small(OBJECTIVES["least_squares"])
-    resumed = train(rest, Progress(checkpoint=tmp_path / "half"))
-    assert same(rest, whole)
+    second_half = small(OBJECTIVES["least_squares"])
+    resumed = train(second_half, Progress(checkpoint=tmp_path / "half"))
+    assert same(second_half, whole)
     assert all(np.array_equal(resumed[name], curves[name]) for name in curves | resumed)
 
 

@@ -1,4 +1,4 @@
-"""AFL is PFL without what stabilises it."""
+"""Tests that AFL is PFL without the terms that stabilise it."""
 
 from dataclasses import fields
 from math import log

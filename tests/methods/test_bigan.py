@@ -1,4 +1,5 @@
-"""The four networks, counted by hand (METHODS 5.2), and what the encoder does at test time."""
+"""Tests of PFL's four networks: their numbers counted by hand (METHODS 5.2), and the encoder as it
+is used for answers."""
 
 import pytest
 import torch

@@ -1,5 +1,5 @@
-"""PFL on a short made-up drive: it knows places under noise and at other headings, and moves to
-another drive."""
+"""Tests of PFL on a short made-up drive: it recognises places under noise and at other headings,
+and takes another drive as its reference."""
 
 from dataclasses import replace
 
@@ -146,9 +146,8 @@ def test_a_model_can_be_moved_to_another_drive(model: Model) -> None:
         "database/places",
         "database/xy_m",
     }
-    ranking = Pfl(length=4, precision="f32", threads=1).localizer(moved)(
-        rows(4), 1
-    )  # the network keeps its own width
+    # The network keeps its own width
+    ranking = Pfl(length=4, precision="f32", threads=1).localizer(moved)(rows(4), 1)
     assert np.abs(ranking.xy_m[:, 0, 0] - 500 - 2 * np.arange(ROWS)).mean() < 1
 
 

@@ -1,6 +1,12 @@
-"""Trains place features (METHODS 5.1): a game and images in; weights and curves of training out.
+"""Trains the networks of place features (METHODS 5.1): an adversarial game in several rounds.
 
-Beside the training stands its health: numbers that tell whether the game goes well.
+In: a `Game` (an encoder, a decoder and their discriminators, with their losses) and images. Out:
+the networks with the weights of the best round, and curves of all losses by round. A round is:
+
+1. for each batch of images, one step of the optimiser of each network in its turn;
+2. settle the batch norms' running statistics;
+3. judge the encoder and decoder on held-out images (`health`, and how many places they recognise);
+4. keep the weights if they are the best so far, and write a checkpoint.
 """
 
 import math
@@ -18,44 +24,44 @@ from pipeline.core.errors import ConfigError
 from pipeline.core.progress import Progress
 from pipeline.core.settings import Count, Positive, Seed, Whole
 from pipeline.matching.sequences import SequenceMethod
-from pipeline.methods.pfl.game import Game
+from pipeline.methods.pfl.game import Game, Turn
 from pipeline.networks import loop
 from pipeline.networks.lenet import sent
 
 RIGHT = "held_out_accuracy"
-"""The judge's number that says which round is best, where it gives one."""
+"""The judge's number by which the best round is chosen, if it gives one."""
 SETTLED = 16
-"""Batches of a round that the running statistics to localise by are taken from."""
+"""Number of batches from which the batch norms' running statistics are taken after a round."""
 BLACK = -1.0
-"""Of a pixel as networks take them."""
+"""A black pixel, as the networks take pixels: from −1 to 1."""
 Health = dict[str, float]
-"""Numbers that tell how a training goes besides its losses, by name."""
+"""Numbers that tell, beside the losses, whether a training goes well, by name."""
 
 
 def health(encoder: nn.Module, decoder: nn.Module, images: Tensor) -> Health:
-    """Health of the networks on held-out images (n, 1, 64, 64), by name.
+    """Whether the networks work on held-out images (n, 1, 64, 64), as numbers by name.
 
-    The mean squared error of their reconstructions, and of a black image in their place, below
-    which a reconstruction tells something; the codes' variance (mean over the dimensions) and their
-    mean distance from each other, both near 0 in a collapse.
+    - held_out_error: mean squared error of their reconstructions.
+    - black_error: that of a black image; a useful reconstruction has less.
+    - code_variance (mean over the dimensions) and code_distance (mean distance of two codes): both
+      are near 0 if the encoder has collapsed.
     """
     codes = encoder(images).float()
-    numbers = (
-        mse_loss(decoder(codes).float(), images),
-        (images - BLACK).square().mean(),
-        codes.var(0).mean(),
-        torch.pdist(codes).mean(),
-    )
-    names = ("held_out_error", "black_error", "code_variance", "code_distance")
-    return dict(zip(names, map(float, numbers), strict=True))
+    return {
+        "held_out_error": float(mse_loss(decoder(codes).float(), images)),
+        "black_error": float((images - BLACK).square().mean()),
+        "code_variance": float(codes.var(0).mean()),
+        "code_distance": float(torch.pdist(codes).mean()),
+    }
 
 
 @torch.no_grad()
 def settle(encoder: nn.Module, decoder: nn.Module, batches: Iterable[Tensor]) -> None:
     """Set the batch norms' running statistics from images (batch, 1, 64, 64) and reconstructions.
 
-    Those of training mix both with the fakes of half a round, and a variance that is too small or
-    too large by far looks like a collapse.
+    The statistics of training cannot be used: they are also of the generated images of half a
+    round, and with a variance that is far too small or too large the networks seem to have
+    collapsed.
     """
     layers = [
         layer
@@ -66,7 +72,7 @@ def settle(encoder: nn.Module, decoder: nn.Module, batches: Iterable[Tensor]) ->
     momenta = [layer.momentum for layer in layers]
     for layer in layers:
         layer.reset_running_stats()
-        layer.momentum = None  # a plain mean, for which a GPU is waited for at every batch
+        layer.momentum = None  # a plain mean over batches; on a GPU it waits at every batch
     for images in batches:
         decoder(encoder(images))
     for layer, momentum in zip(layers, momenta, strict=True):
@@ -80,37 +86,40 @@ def pixels(images: NDArray[np.uint8] | Tensor, torch_device: torch.device) -> Te
 
 @dataclass(frozen=True)
 class Training(SequenceMethod):
-    """Settings and rounds of the adversarial game."""
+    """Settings of the adversarial training, and its rounds."""
 
     view: str = "birdview"
     contrast_rows: int = 30
     width: Count = 64
-    """Filters of the first convolution, with which every hidden layer scales."""
+    """Number of filters of the first convolution; every hidden layer scales with it."""
     code: Count = 512
-    """Numbers in a code: 1 KB as they are stored."""
+    """Numbers in a code, which are stored in 1 KB."""
     epochs: Whole = 30
-    """Passes over all headings of the training rows; 0 leaves the weights as they were drawn, which
-    shows what matching alone does.
+    """Passes over all headings of the training rows. With 0 the weights stay as they were drawn,
+    which shows what matching alone does.
 
-    Neither the paper nor its code says how many; BiGAN's authors make 400 over MNIST's 50,000
-    images, and 30 over the 120,000 of an NCLT drive are 56,000 iterations.
+    Neither the paper nor its code gives the number. BiGAN's authors make 400 over MNIST's 50,000
+    images; 30 over the 120,000 images of an NCLT drive are 56,000 iterations.
     """
     batch: int = 64
+    """Images in a batch."""
     learning_rate: Positive = 0.0002
     schedule: loop.Schedule = "constant"
-    """The authors' is constant; a short training needs the rate to fall at its end, and then
+    """The authors' is constant. A short training needs the rate to fall at its end; then
     `learning_rate` is the peak."""
     beta1: float = 0.5
+    """Adam's first decay rate."""
     generator_steps: Count = 4
-    """Turns of the generators in an iteration, on the same batch. The discriminators and the cycles
-    have one, and so have the generators of an objective that sums their terms, the paper's."""
+    """Steps of the generators in an iteration, on the same batch. The discriminators and the cycles
+    make one, and so do the generators of an objective that sums their terms, as the paper's
+    does."""
     kept: Literal["best", "last"] = "best"
-    """Which round's weights: of the round that knew the most held-out places, of equals the last;
-    or the last round's. `best` looks at places, so it is not fully unsupervised; `last`, the
-    paper's, looks at none."""
+    """Whose weights are kept: those of the round that recognised the most held-out places (of
+    equals the last one), or those of the last round. `best` looks at places, so it is not fully
+    unsupervised; `last`, as in the paper, does not."""
     precision: loop.Precision = "auto"
     threads: Count = 2
-    """Fixed, since the order of sums follows from it, and the weights from that."""
+    """Fixed, since the order of sums depends on it, and so do the weights."""
     seed: Seed = 0
 
     def __post_init__(self) -> None:
@@ -129,26 +138,22 @@ class Training(SequenceMethod):
         iterations: int,
         progress: Progress,
     ) -> dict[str, NDArray[np.float64]]:
-        """Train the game's networks on images (n, 64, 64); returns terms and judgements by round.
+        """Train the game's networks on images (n, 64, 64) in some rounds of some iterations.
 
-        Each term's mean and the judge's numbers. Each turn has an Adam of its own, as in the
-        authors' code. The makers end with their weights of the round that is `kept`: no loss of
-        such a game says which are best, and it swings to its end. Without epochs the judgement is
-        of the weights as they are. The images stay on the networks' device. Every random draw of a
-        round follows from the seed and the round's number, so a run that goes on from
-        `progress.checkpoint` gives the weights of one that was never interrupted.
+        Returns the mean of each loss term, and each number of the judge, by round. Afterwards the
+        encoder and the decoder have the weights of the round that is `kept`: no loss of such a game
+        says which are best, and it swings until its end. With 0 epochs nothing is trained, and the
+        judge's numbers are those of the weights as they were drawn. Every random draw of a round
+        follows from the seed and the round's number, so a run that goes on from
+        `progress.checkpoint` gives the same weights as one without interruption.
         """
         torch_device = next(game.parameters()).device
-        optimizers = {}
-        for turn in game.turns():
-            weights = [weight for player in turn.players for weight in player.parameters()]
-            optimizers[f"adam/{turn.name}"] = torch.optim.Adam(
-                weights, self.learning_rate, (self.beta1, 0.999), fused=True
-            )
         data = torch.from_numpy(images).to(torch_device)
+        optimizers = self._optimizers(game)
         curves = dict[str, list[float]]()
         rounds_done = 0
-        best_weights = _makers(game)
+        best_weights = _maker_weights(game)
+        # Go on from a checkpoint, if there is one.
         if checkpoint := loop.resume(progress.checkpoint, game, optimizers):
             columns = loop.pop_prefixed(checkpoint, "curves/")
             curves = {name: column.tolist() for name, column in columns.items()}
@@ -159,6 +164,7 @@ class Training(SequenceMethod):
             batches = self._batches(len(data), iterations).to(torch_device)
 
             def rate(iteration: int, number: int = number) -> float:
+                """The learning rate of an iteration of this round."""
                 done_share = (number + iteration / iterations) / rounds
                 return self.learning_rate * loop.SCHEDULES[self.schedule](done_share)
 
@@ -170,28 +176,30 @@ class Training(SequenceMethod):
             )
             game.eval()
             row = means | judge(game)
+            _check_finite(row, number)
             for name, value in row.items():
-                if not math.isfinite(value):
-                    raise ConfigError(
-                        f"training diverged: {name} in round {number + 1} is {value}; lower "
-                        "method.learning_rate"
-                    )
                 curves.setdefault(name, []).append(value)
             if self.kept_round(curves) == number:
-                best_weights = _makers(game)
+                best_weights = _maker_weights(game)
             progress.note(epoch=number + 1, **row)
             if progress.checkpoint is not None:
-                columns = {
-                    f"curves/{name}": torch.tensor(column, dtype=torch.float64)
-                    for name, column in curves.items()
-                }
-                columns |= {f"{loop.BEST}{name}": value for name, value in best_weights.items()}
-                loop.keep(progress.checkpoint, game, optimizers, columns)
+                further_tensors = _checkpoint_tensors(curves, best_weights)
+                loop.keep(progress.checkpoint, game, optimizers, further_tensors)
         game.load_state_dict(best_weights, strict=False)
         return {name: np.array(column) for name, column in curves.items()}
 
+    def _optimizers(self, game: Game) -> dict[str, torch.optim.Optimizer]:
+        """An Adam for each turn, as in the authors' code, by its name in a checkpoint."""
+        optimizers: dict[str, torch.optim.Optimizer] = {}
+        for turn in game.turns():
+            weights = [weight for player in turn.players for weight in player.parameters()]
+            optimizers[_optimizer_name(turn)] = torch.optim.Adam(
+                weights, self.learning_rate, (self.beta1, 0.999), fused=True
+            )
+        return optimizers
+
     def _batches(self, count: int, iterations: int) -> Tensor:
-        """Rows (iteration, batch) of `count` images: one random order of all after the other."""
+        """The rows (iteration, batch) of `count` images, in one random order after the other."""
         passes = -(-iterations * self.batch // count)
         rows = torch.cat([torch.randperm(count) for _ in range(passes)])
         return rows[: iterations * self.batch].view(iterations, self.batch)
@@ -206,7 +214,7 @@ class Training(SequenceMethod):
     ) -> dict[str, float]:
         """Take all turns on each batch (iteration, row) of the images; returns each term's mean.
 
-        `rate` gives the learning rate of the iteration of this number.
+        `rate` gives the learning rate of an iteration, by its number in the round.
         """
         turns = game.turns()
         torch_device = data.device
@@ -222,23 +230,47 @@ class Training(SequenceMethod):
                 with loop.autocast(torch_device, self.precision):
                     terms = turn.terms(real_images, codes)
                 loss = sum(terms.values(), zero)
-                _move(optimizers[f"adam/{turn.name}"], rate(iteration), loss)
+                _move(optimizers[_optimizer_name(turn)], rate(iteration), loss)
                 times = len(batches) * (self.generator_steps if turn.repeated else 1)
                 for name, term in terms.items():
                     means[name] = means.get(name, zero) + term.detach() / times
         return {name: float(value) for name, value in means.items()}
 
     def kept_round(self, curves: Mapping[str, Sequence[float] | NDArray[np.float64]]) -> int:
-        """The round whose weights are kept, 0-based."""
-        rounds = len(next(iter(curves.values())))
-        right = np.asarray(
-            curves[RIGHT] if self.kept == "best" and RIGHT in curves else [0] * rounds
-        )
-        return rounds - 1 - int(right[::-1].argmax())
+        """The index of the round whose weights are kept, so far."""
+        last = len(next(iter(curves.values()))) - 1
+        if self.kept == "last" or RIGHT not in curves:
+            return last
+        return last - int(np.asarray(curves[RIGHT])[::-1].argmax())
 
 
-def _makers(game: Game) -> dict[str, Tensor]:
-    """The weights of encoder and decoder, as they are now."""
+def _check_finite(row: Mapping[str, float], number: int) -> None:
+    """Raise ConfigError if a loss term or number of a round is not finite."""
+    for name, value in row.items():
+        if not math.isfinite(value):
+            raise ConfigError(
+                f"training diverged: {name} in round {number + 1} is {value}; lower "
+                "method.learning_rate"
+            )
+
+
+def _checkpoint_tensors(
+    curves: Mapping[str, Sequence[float]], best_weights: Mapping[str, Tensor]
+) -> dict[str, Tensor]:
+    """What a checkpoint holds beside the networks and optimisers: curves, and the best weights."""
+    tensors = {
+        f"curves/{name}": torch.tensor(column, dtype=torch.float64)
+        for name, column in curves.items()
+    }
+    return tensors | {f"{loop.BEST}{name}": value for name, value in best_weights.items()}
+
+
+def _optimizer_name(turn: Turn) -> str:
+    return f"adam/{turn.name}"
+
+
+def _maker_weights(game: Game) -> dict[str, Tensor]:
+    """The present weights of the encoder and the decoder."""
     return {
         name: weights.clone()
         for name, weights in game.state_dict().items()
@@ -247,7 +279,10 @@ def _makers(game: Game) -> dict[str, Tensor]:
 
 
 def _move(optimizer: torch.optim.Optimizer, learning_rate: float, loss: Tensor) -> None:
-    """Step the optimiser's own weights; the other players' gradients are not even computed."""
+    """Take a step of an optimiser down a loss.
+
+    Gradients are computed for its own weights only, not for those of the other networks.
+    """
     optimizer.param_groups[0]["lr"] = learning_rate
     weights: list[Any] = optimizer.param_groups[0]["params"]
     optimizer.zero_grad(set_to_none=True)

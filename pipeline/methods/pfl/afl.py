@@ -1,5 +1,8 @@
 """AFL: place features learned by the joint adversarial game alone, which PFL stabilises (Yin et
-al., IROS 2018; METHODS 5.1)."""
+al., IROS 2018; METHODS 5.1).
+
+Networks, training and matching are those of `FeatureMethod`, as for PFL; the loss has fewer terms.
+"""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -10,12 +13,13 @@ from pipeline.methods.pfl.game import OBJECTIVES, Objective
 
 @dataclass(frozen=True)
 class Afl(FeatureMethod):
-    """Adversarial feature learning, with the cost of one of PFL's objectives."""
+    """Adversarial feature learning: the joint game of PFL, without PFL's further terms."""
 
     objective: Literal["least_squares", "bce", "paper"] = "least_squares"
-    """The cost that PFL has under this name: the authors' squares, BiGAN's logistic cost, or the
-    text's minimax, one step an iteration. So PFL against AFL compares terms, not costs."""
+    """The cost of scores, the same as PFL's under this name: squares as in the authors' code, the
+    logistic cost of BiGAN, or the minimax of the paper's text, with one step an iteration. So a
+    comparison of PFL with AFL is one of terms, not of costs."""
 
     def terms(self) -> Objective:
-        """The joint discriminator's line and the generators'."""
+        """The losses of the joint discriminator and of the generators that try to deceive it."""
         return OBJECTIVES[self.objective].joint_alone()

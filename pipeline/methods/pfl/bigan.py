@@ -1,9 +1,12 @@
-"""The four networks of place feature learning, on bird-views in [−1, 1] (METHODS 5.2).
+"""The four networks of place feature learning, on bird-views with pixels in [−1, 1] (METHODS 5.2).
 
-Yin et al., IROS 2018, by their code; the game is BiGAN's (Donahue et al., 2017), also called ALI
-(Dumoulin et al., 2017). `width` is the number of filters of the first convolution, the authors' 64;
-all hidden layers scale with it. TensorFlow pads a stride of 2 by one pixel before and two behind,
-here it is two and two: the same shapes and counts.
+An encoder makes a code of an image, a decoder an image of a code; one discriminator scores pairs of
+image and code, another images alone. They follow the code of Yin et al., IROS 2018; the game that
+they play is BiGAN's (Donahue et al., 2017), also called ALI (Dumoulin et al., 2017).
+
+In all of them `width` is the number of filters of the first convolution, the authors' 64; all
+hidden layers scale with it. TensorFlow pads a stride of 2 by one pixel before and two behind; here
+it is two and two, which gives the same shapes and counts.
 """
 
 from copy import deepcopy
@@ -17,12 +20,15 @@ from torch.nn.utils.fusion import fuse_conv_bn_eval
 SIDE = 64
 """Pixels along a side of an image."""
 Head = Literal["scalar", "vector"]
-"""An image's score is one number, or as in the authors' code the 16 · width features themselves,
-each of them judged."""
+"""Whether an image's score is one number, or as in the authors' code its 16 · width features, each
+of which is then judged."""
 
 
 def halvings(width: int, channels: int) -> nn.Sequential:
-    """Features (batch, 128 · width) of images (batch, channels, 64, 64)."""
+    """Four convolutions that each halve the side of images (batch, channels, 64, 64).
+
+    Their output is flat: (batch, 128 · width).
+    """
     layers: list[nn.Module] = []
     for inputs, outputs in pairwise((channels, width, 2 * width, 4 * width, 8 * width)):
         convolution = nn.Sequential(
@@ -33,7 +39,7 @@ def halvings(width: int, channels: int) -> nn.Sequential:
 
 
 def features(width: int, channels: int) -> nn.Sequential:
-    """What a discriminator sees in images (batch, channels, 64, 64): (batch, 16 · width)."""
+    """A discriminator's features (batch, 16 · width) of images (batch, channels, 64, 64)."""
     return nn.Sequential(
         halvings(width, channels),
         nn.Linear(128 * width, 16 * width),
@@ -45,21 +51,20 @@ def features(width: int, channels: int) -> nn.Sequential:
 def start(net: nn.Module) -> None:
     """Initialise as the authors do: weights N(0, 0.02), batch norms N(1, 0.02), zero biases."""
     for layer in net.modules():
-        if isinstance(
-            layer, nn.Conv2d | nn.ConvTranspose2d | nn.Linear | nn.BatchNorm1d | nn.BatchNorm2d
-        ):
-            nn.init.normal_(
-                layer.weight,
-                1.0 if isinstance(layer, nn.BatchNorm1d | nn.BatchNorm2d) else 0.0,
-                0.02,
-            )
+        if isinstance(layer, nn.BatchNorm1d | nn.BatchNorm2d):
+            nn.init.normal_(layer.weight, 1.0, 0.02)
+            nn.init.zeros_(layer.bias)
+        elif isinstance(layer, nn.Conv2d | nn.ConvTranspose2d | nn.Linear):
+            nn.init.normal_(layer.weight, 0.0, 0.02)
             nn.init.zeros_(layer.bias)  # type: ignore[arg-type]
     net.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
 
 class Encoder(nn.Module):
-    """Codes (batch, code) of images (batch, channels, 64, 64): 8,503,296 numbers for three
-    channels."""
+    """Codes (batch, code) of images (batch, channels, 64, 64).
+
+    It has 8,503,296 numbers for three channels.
+    """
 
     def __init__(self, width: int = 64, channels: int = 1, code: int = 512) -> None:
         super().__init__()
@@ -74,8 +79,10 @@ class Encoder(nn.Module):
 
 
 class Decoder(nn.Module):
-    """Images (batch, channels, 64, 64) in (−1, 1) of codes (batch, code): 8,510,467 numbers for
-    three channels."""
+    """Images (batch, channels, 64, 64) in (−1, 1) of codes (batch, code).
+
+    It has 8,510,467 numbers for three channels.
+    """
 
     def __init__(self, width: int = 64, channels: int = 1, code: int = 512) -> None:
         super().__init__()
@@ -98,13 +105,15 @@ class Decoder(nn.Module):
 
 
 def doubling(inputs: int, outputs: int) -> nn.ConvTranspose2d:
-    """Twice the side."""
+    """A transposed convolution that doubles the side of images."""
     return nn.ConvTranspose2d(inputs, outputs, 5, stride=2, padding=2, output_padding=1)
 
 
 class ImageDiscriminator(nn.Module):
-    """Scores (batch, 1), or (batch, 16 · width) without a head, of images: 12,700,160 numbers for
-    three channels and no head."""
+    """Scores of images: (batch, 1), or (batch, 16 · width) with a `vector` for a head.
+
+    It has 12,700,160 numbers for three channels and such a head.
+    """
 
     def __init__(self, width: int = 64, channels: int = 1, head: Head = "scalar") -> None:
         super().__init__()
@@ -120,11 +129,10 @@ class ImageDiscriminator(nn.Module):
 
 
 class JointDiscriminator(nn.Module):
-    """Scores (batch, 1) of images and codes that belong together: 22,669,825 numbers for three
-    channels.
+    """Scores (batch, 1) of pairs of an image and a code: whether they belong together.
 
-    The output is linear; the authors' code has a leaky ReLU there, which would hide half of a
-    score.
+    It has 22,669,825 numbers for three channels. The output is linear; the authors' code has a
+    leaky ReLU there, which would suppress negative scores.
     """
 
     def __init__(self, width: int = 64, channels: int = 1, code: int = 512) -> None:
@@ -151,14 +159,16 @@ class JointDiscriminator(nn.Module):
         start(self)
 
     def forward(self, images: Tensor, codes: Tensor) -> Tensor:
-        seen = self.features(images.contiguous(memory_format=torch.channels_last))
-        scores: Tensor = self.head(torch.cat([seen, self.code(codes)], 1))
+        features = self.features(images.contiguous(memory_format=torch.channels_last))
+        scores: Tensor = self.head(torch.cat([features, self.code(codes)], 1))
         return scores
 
 
 def folded(encoder: Encoder, kind: torch.dtype = torch.float32) -> Encoder:
-    """A copy for encoding alone: batch norms folded into the convolutions before them, and weights
-    of this kind."""
+    """A copy of an encoder that is faster, but cannot be trained, with weights of this type.
+
+    Its batch norms are folded into the convolutions before them.
+    """
     encoder = deepcopy(encoder).eval()
     for index, block in enumerate(encoder.halvings):
         if isinstance(block, nn.Sequential):

@@ -1,8 +1,11 @@
 """Place feature learning: codes of bird-views, learned by an adversarial game and matched in
 sequences (METHODS 5).
 
-Yin et al., IROS 2018. A reference place has the codes of eight headings, a query has one, of
-heading 0; the distance is the least of the eight.
+It is the common part of PFL and AFL (Yin et al., IROS 2018), which differ in their loss terms. To
+learn, train an encoder on the bird-views of the training sequence (`adversarial`) and store the
+codes of eight headings of each. To localize, encode a query's view at the robot's own heading, take
+the distance to the nearest of the eight codes of each training row, and rank rows by sequences of
+such distances.
 """
 
 from abc import ABC, abstractmethod
@@ -36,58 +39,49 @@ from pipeline.networks.lenet import device
 ROUNDS = 8
 LEAST_ITERATIONS = 10
 MOST_ITERATIONS = 2000
-"""Rounds of a training, and bounds on the iterations of each; after a round the networks are judged
-and kept."""
+"""A training has this many rounds, unless one would have fewer or more iterations than these
+bounds. After each round the networks are judged and kept."""
 ENCODER = "net/encoder."
 DECODER = "net/decoder."
+"""Prefixes of the networks' weights in a model."""
 AT_ONCE = 256
-"""Images encoded at a time."""
+"""Number of images that are encoded at a time."""
 HELD = 256
+"""Largest number of held-out images by which a round is judged."""
 PICTURES = 16
-"""Held-out images used at most for judging a round, and stored as pictures."""
+"""Largest number of held-out images that a model stores, with their reconstructions."""
 
 
 @dataclass(frozen=True)
 class FeatureMethod(Training, ABC):
-    """Codes and matching, shared by the variants of place feature learning."""
+    """Learns codes and matches them; PFL and AFL add their loss terms."""
 
     reference_headings: ReferenceHeadings = 8
-    """Headings of a place whose codes are kept: the paper's eight bins, or fewer to see what they
-    are worth."""
+    """Number of headings of a training row whose codes are kept: eight as in the paper, or fewer to
+    see what they are worth."""
 
     @abstractmethod
     def terms(self) -> Objective:
         """The loss terms of this variant, and their weights."""
 
     def learn(self, views: Rows, places: NDArray[np.int64], progress: Progress) -> Model:
-        """Train on all headings of the rows that are not held out; the database has all rows."""
+        """Train on all headings of the rows that are not held out, then encode all rows."""
         images = _images(views)
         database = Database.learned(views, places)
         is_held_out = self.held_out(views)
-        judged_images = images[
-            is_held_out if is_held_out.any() else ~is_held_out
-        ]  # a path too short for blocks is judged on its trained rows
+        # A path too short for held-out blocks is judged on its trained rows.
+        is_judged = is_held_out if is_held_out.any() else ~is_held_out
+        judged_images = images[is_judged]
         with loop.reproducible(self.threads):
+            # Train in rounds.
             torch.manual_seed(self.seed)
-            objective = self.terms()
-            game = Game(
-                Encoder(self.width, code=self.code),
-                Decoder(self.width, code=self.code),
-                JointDiscriminator(self.width, code=self.code),
-                ImageDiscriminator(self.width, head=objective.head) if objective.image else None,
-                objective,
-            ).to(device())
-            judge = self._judge(
-                game, images, views, database, _spread(judged_images.reshape(-1, SIDE, SIDE), HELD)
-            )
-            data = images[~is_held_out].reshape(-1, SIDE, SIDE)
-            total = max(1, round(self.epochs * progress.budget * len(data) / self.batch))
-            iterations = min(
-                total, max(LEAST_ITERATIONS, min(MOST_ITERATIONS, -(-total // ROUNDS)))
-            )
-            if not self.epochs:  # one round of none, judged once its batch norms are settled
-                total = iterations = SETTLED
-            curves = self.play(game, data, judge, round(total / iterations), iterations, progress)
+            game = self._game()
+            sample = _spread(judged_images.reshape(-1, SIDE, SIDE), HELD)
+            judge = self._judge(game, images, views, database, sample)
+            trained_images = images[~is_held_out].reshape(-1, SIDE, SIDE)
+            rounds, iterations = self._rounds(len(trained_images), progress.budget)
+            curves = self.play(game, trained_images, judge, rounds, iterations, progress)
+            # The model: both networks, the curves, some pictures to look at, and the codes.
             nets = loop.arrays(game.encoder, ENCODER) | loop.arrays(game.decoder, DECODER)
             columns = {f"curves/{name}": column for name, column in curves.items()}
             model = {**nets, **columns, "best_epoch": np.array(self.kept_round(curves))}
@@ -100,6 +94,26 @@ class FeatureMethod(Training, ABC):
         evidence = self.evidence(database, views, _difference(codes))
         return {**model, **pictures, "codes": codes, **database.arrays(), **evidence.arrays()}
 
+    def _game(self) -> Game:
+        """The networks before training, on the device."""
+        objective = self.terms()
+        return Game(
+            Encoder(self.width, code=self.code),
+            Decoder(self.width, code=self.code),
+            JointDiscriminator(self.width, code=self.code),
+            ImageDiscriminator(self.width, head=objective.head) if objective.image else None,
+            objective,
+        ).to(device())
+
+    def _rounds(self, image_count: int, budget: float) -> tuple[int, int]:
+        """Number of rounds, and of iterations in each, in a share `budget` of a full training."""
+        if not self.epochs:  # one round without training, to settle the batch norms and to judge
+            return 1, SETTLED
+        total = max(1, round(self.epochs * budget * image_count / self.batch))
+        iterations = max(LEAST_ITERATIONS, min(MOST_ITERATIONS, -(-total // ROUNDS)))
+        iterations = min(total, iterations)
+        return round(total / iterations), iterations
+
     def _judge(
         self,
         game: Game,
@@ -108,16 +122,20 @@ class FeatureMethod(Training, ABC):
         database: Database,
         sample: NDArray[np.uint8],
     ) -> Callable[[Game], Health]:
-        """Make the judge of a round: held-out rows known, and health on images (n, 64, 64)."""
-        codes = _batched(game.encoder)
+        """Make the judge of a round.
+
+        It returns the share of held-out rows whose place is recognised, and the health of the
+        networks on a sample of held-out images (n, 64, 64).
+        """
+        encode = _batched(game.encoder)
         held_out = pixels(sample, device())
         headings = reference_headings(images.shape[1], self.reference_headings)
 
         def difference(rows: NDArray[np.int64], queries: NDArray[np.int64]) -> NDArray[np.float32]:
-            reference = codes(images[rows, headings].reshape(-1, SIDE, SIDE)).reshape(
-                len(rows), -1, self.code
-            )
-            return nearest_heading(reference, codes(images[queries, 0]))[0]
+            """The differences of rows from queries, by codes of the present encoder."""
+            codes = encode(images[rows, headings].reshape(-1, SIDE, SIDE))
+            reference = codes.reshape(len(rows), -1, self.code)
+            return nearest_heading(reference, encode(images[queries, 0]))[0]
 
         @torch.inference_mode()
         def judge(game: Game) -> Health:
@@ -127,7 +145,7 @@ class FeatureMethod(Training, ABC):
         return judge
 
     def localizer(self, model: Model) -> Localizer:
-        """Rank reference rows by the nearest heading to the query, over a sequence."""
+        """Rank training rows by sequences; views that are passed together are one sequence."""
         describe = self.describer(model)
         database = Database.of(model)
         codes = model["codes"]
@@ -139,12 +157,12 @@ class FeatureMethod(Training, ABC):
         return rank
 
     def describer(self, model: Model) -> Callable[[Rows], NDArray[np.float32]]:
-        """The encoder alone: the images at the robot's heading to codes (n, code)."""
+        """A function from views to the codes (n, code) of their images at the robot's heading."""
         encode = self.encoder(model)
         return lambda views: encode(_images(views, 0))
 
     def moved(self, model: Model, views: Rows, places: NDArray[np.int64]) -> Model:
-        """The same networks with another database.
+        """The model with the same networks, but these views and places as its database.
 
         The evidence stays that of the training sequence.
         """
@@ -160,20 +178,17 @@ class FeatureMethod(Training, ABC):
     def grow(
         self, model: Model, known_set: TrainingSet, new_set: TrainingSet, progress: Progress
     ) -> Model:
-        """The networks stay as they are; the database holds the new codes too."""
+        """Add the new views to the database; the networks stay as they are."""
         all_data = TrainingSet.joined([known_set, new_set])
         grown = self.moved(model, *all_data)
-        return {
-            **grown,
-            **self.evidence(
-                Database.of(grown), all_data.views, _difference(grown["codes"])
-            ).arrays(),
-        }
+        difference = _difference(grown["codes"])
+        evidence = self.evidence(Database.of(grown), all_data.views, difference)
+        return {**grown, **evidence.arrays()}
 
     def encoder(self, model: Model) -> Callable[[NDArray[np.uint8]], NDArray[np.float32]]:
         """A function from images (n, 64, 64) to codes (n, code).
 
-        Each code is independent of the others in the batch.
+        A code does not depend on the other images of the call.
         """
         encode = _batched(self._folded(model))
 
@@ -198,13 +213,17 @@ class FeatureMethod(Training, ABC):
         return codes.reshape(*reference.shape[:2], -1).astype(np.float16)
 
     def _folded(self, model: Model) -> Encoder:
+        """A model's encoder, made faster, with weights of the type that `precision` says."""
         return folded(_trained(Encoder, model, ENCODER), loop.dtype(device(), self.precision))
 
 
 def _difference(
     codes: NDArray[np.float16],
 ) -> Callable[[NDArray[np.int64], NDArray[np.int64]], NDArray[np.float32]]:
-    """The differences of rows of codes (n, heading, code) from queries at the robot's own."""
+    """A function for the differences of rows of codes (n, heading, code) from each other.
+
+    The code of a query is that of the robot's own heading; of a row the nearest heading counts.
+    """
 
     def difference(rows: NDArray[np.int64], queries: NDArray[np.int64]) -> NDArray[np.float32]:
         return nearest_heading(codes[rows], codes[queries, 0].astype(np.float32))[0]
@@ -213,9 +232,9 @@ def _difference(
 
 
 def _trained(kind: Callable[[int, int, int], loop.Net], model: Model, prefix: str) -> loop.Net:
-    """A model's encoder or decoder in evaluation mode: batch norms use their running statistics.
+    """A model's encoder or decoder, ready to answer: batch norms use their running statistics.
 
-    Width, channels and code length are the model's, whatever the method's settings are.
+    Width, channels and code length are those of the model, not of the method's settings.
     """
     width, channels = model[f"{ENCODER}halvings.0.0.weight"].shape[:2]
     net = kind(width, channels, len(model[f"{ENCODER}dense.bias"]))
@@ -224,29 +243,33 @@ def _trained(kind: Callable[[int, int, int], loop.Net], model: Model, prefix: st
 
 
 def _batched(net: Callable[[Tensor], Tensor]) -> Callable[[NDArray[np.uint8]], NDArray[np.float32]]:
-    """A network's answers to images (n, 64, 64), AT_ONCE at a time; a GPU is waited for once."""
+    """A function for a network's answers to images (n, 64, 64).
+
+    It computes AT_ONCE images at a time, and waits for a GPU only at the end.
+    """
 
     @torch.inference_mode()
     def answer(images: NDArray[np.uint8]) -> NDArray[np.float32]:
-        starts = range(0, max(len(images), 1), AT_ONCE)
         data = torch.as_tensor(images).to(device())
-        return (
-            torch.cat([net(pixels(data[i : i + AT_ONCE], device())).float() for i in starts])
-            .cpu()
-            .numpy()
-        )
+        answers = []
+        for start in range(0, max(len(images), 1), AT_ONCE):
+            answers.append(net(pixels(data[start : start + AT_ONCE], device())).float())
+        return torch.cat(answers).cpu().numpy()
 
     return answer
 
 
 def _spread(images: NDArray[np.uint8], most: int) -> NDArray[np.uint8]:
-    """At most `most` of the images, evenly spread."""
+    """Some of the images, `most` at most, evenly spread over all."""
     rows = np.linspace(0, len(images) - 1, min(most, len(images))).astype(int)
     return np.asarray(images[rows])
 
 
 def _images(views: Rows, headings: int | slice = slice(None)) -> NDArray[np.uint8]:
-    """Bird-views (n, heading, 64, 64), or (n, 64, 64) at one heading."""
+    """The images of bird-views (n, heading, 64, 64), or (n, 64, 64) at one heading.
+
+    Raises InputError for views of another shape.
+    """
     shape = views.images.shape
     if len(shape) != 4 or shape[1] % 2 or shape[2:] != (SIDE, SIDE):
         raise InputError(

@@ -1,10 +1,11 @@
-"""The adversarial game by which place features are learned: networks in; loss terms out.
+"""The adversarial game by which place features are learned: networks in; their losses out.
 
-Yin et al., IROS 2018, eq. 7–11, and their code where it says otherwise (METHODS 5.1). An encoder
-makes a code of an image, a decoder an image of a code. A joint discriminator tells pairs of a real
-image and its code from pairs of a code and the image made of it; encoder and decoder learn to make
-pairs that it mistakes for each other. That is AFL. PFL stabilises it by a discriminator that sees
-images alone, and by the loss of a pass through both networks (the cycles).
+It follows Yin et al., IROS 2018, eq. 7–11, or their code where that differs (METHODS 5.1). An
+encoder makes a code of an image, a decoder an image of a code. A joint discriminator learns to tell
+pairs of a real image and its code from pairs of a random code and the image made of it; encoder and
+decoder learn to make pairs that it mistakes for each other. That is AFL. PFL stabilises it with a
+second discriminator, of images alone, and with the error of a pass through both networks: image to
+code to image, and code to image to code (the cycles).
 """
 
 from collections.abc import Callable, Mapping
@@ -20,35 +21,36 @@ from pipeline.methods.pfl.bigan import Head
 
 @dataclass(frozen=True)
 class Objective:
-    """The loss of the game: how scores cost, and the weight of each term besides the joint game.
+    """The loss of the game: what scores cost, and the weight of each term beside the joint game.
 
     A term of weight 0 is not computed.
     """
 
     loss: Literal["least_squares", "bce", "minimax"] = "least_squares"
-    """What wrong scores cost: their squares, or logistic costs. In `minimax`, the paper's own, the
-    generators maximise what the discriminators minimise, and costs are summed, not averaged."""
+    """What wrong scores cost: squares, or logistic costs. `minimax` is the paper's own: there the
+    generators maximise the logistic costs that the discriminators minimise, and costs are summed
+    instead of averaged."""
     image: float = 0.1
     """Weight of the game on images alone."""
     fakes: Literal["prior", "reconstruction", "both"] = "prior"
-    """What the image discriminator takes for fakes: images of random codes, of images' own codes,
-    or half and half."""
+    """The generated images that the image discriminator learns to tell from real ones: those made
+    of random codes, of the codes of real images, or half of each."""
     image_cycle: float = 0.1
-    """Weight of the change of an image by encoder and decoder."""
+    """Weight of the error of an image that is encoded and decoded."""
     code_cycle: float = 0.1
-    """Weight of the change of a code by decoder and encoder."""
+    """Weight of the error of a code that is decoded and encoded."""
     head: Head = "scalar"
-    """What a discriminator scores: the pair as a whole, or each of its features."""
+    """What the image discriminator scores: the image as a whole, or each of its features."""
     summed: bool = False
-    """Encoder and decoder take one step an iteration, down the sum of all their terms (eq. 11),
-    instead of a turn for each; eq. 7's moves the encoder too."""
+    """Whether encoder and decoder take one step an iteration, down the sum of all their terms (eq.
+    11), instead of one for each term. Then the term of eq. 7 trains the encoder too."""
 
     def joint_alone(self) -> "Objective":
-        """The same cost of scores in the joint game alone, which is AFL."""
+        """The same cost of scores, but only the joint game: AFL."""
         return replace(self, image=0.0, image_cycle=0.0, code_cycle=0.0, head="scalar")
 
     def cost(self, scores: Tensor, right_score: float) -> Tensor:
-        """Mean cost of scores that should all be 0 or all be 1."""
+        """Mean cost of scores that should all be `right_score`, 0 or 1."""
         target = torch.full_like(scores, right_score, dtype=torch.float32)
         if self.loss == "least_squares":
             return mse_loss(scores.float(), target)
@@ -60,10 +62,10 @@ class Objective:
         return both if self.loss == "minimax" else both / 2
 
     def generator_cost(self, scores: Tensor, right_score: float) -> Tensor:
-        """The generators' cost of scores that a discriminator wants to be all 0 or all 1.
+        """The generators' cost of scores that the discriminator wants to be all `right_score`.
 
-        The cost of the other score; in `minimax` what the discriminator gains, log(1 − D) or log D,
-        which saturates where the discriminator is sure.
+        It is the cost of the opposite score. In `minimax` it is minus the discriminator's cost,
+        log(1 − D) or log D, whose gradient vanishes where the discriminator is sure.
         """
         if self.loss == "minimax":
             return -self.cost(scores, right_score)
@@ -77,14 +79,15 @@ OBJECTIVES: Mapping[str, Objective] = {
     "author_code": Objective(code_cycle=0.0, head="vector"),
     "both_fakes": Objective(fakes="both"),
 }
-"""`paper` is the text, eq. 7 to 11 as written; `author_code` dropped the cycle of codes and judges
-feature vectors."""
+"""Objectives by the names that PFL's and AFL's settings use. `paper` is the paper's text, eq. 7 to
+11 as written; `author_code` has no cycle of codes, and scores each feature of an image."""
 
 
 class Game(nn.Module):
-    """The networks that play, and each one's loss.
+    """The networks, and the loss of each.
 
-    Losses are of images (batch, 1, 64, 64) and random codes (batch, code), given term by term.
+    All losses take images (batch, 1, 64, 64) and random codes (batch, code), and return terms by
+    name, which are to be summed.
     """
 
     def __init__(
@@ -103,7 +106,10 @@ class Game(nn.Module):
         self.objective = objective
 
     def turns(self) -> list["Turn"]:
-        """The turns in their order; those of the generators are repeated, unless summed."""
+        """The turns of an iteration in their order.
+
+        Those of the generators may be taken several times, unless their terms are summed.
+        """
         makers = (self.encoder, self.decoder)
         turns = [Turn("joint_discriminator", (self.joint,), self.judge_pairs)]
         if self.image is not None:
@@ -117,7 +123,10 @@ class Game(nn.Module):
         return [*turns, Turn("joint_generator", makers, self.fool_pairs, repeated=True)]
 
     def judge_pairs(self, images: Tensor, codes: Tensor) -> dict[str, Tensor]:
-        """The joint discriminator's loss: 1 for an image with its code, 0 for a code's image."""
+        """The joint discriminator's loss.
+
+        It should score an image with its code 1, and a random code with its image 0.
+        """
         with torch.no_grad():
             image_codes = self.encoder(images)
             fakes = self.decoder(codes)
@@ -135,7 +144,7 @@ class Game(nn.Module):
         return terms | self.fool_pairs(images, codes)
 
     def fool_pairs(self, images: Tensor, codes: Tensor) -> dict[str, Tensor]:
-        """The encoder's and decoder's loss: 1 for a code's image, 0 for an image with its code."""
+        """The encoder's and decoder's loss: the opposite scores, so that both pairs look alike."""
         image_codes = self.encoder(images)
         fakes = self.decoder(codes)
         fake_cost = self.objective.generator_cost(self.joint(fakes, codes), 0.0)
@@ -144,7 +153,7 @@ class Game(nn.Module):
         return {"joint_generator": both if self.objective.loss == "minimax" else both / 2}
 
     def judge_images(self, images: Tensor, codes: Tensor) -> dict[str, Tensor]:
-        """The image discriminator's loss: 1 for a real image, 0 for a generated one."""
+        """The image discriminator's loss: it should score real images 1, generated ones 0."""
         assert self.image is not None
         with torch.no_grad():
             fakes = self._fakes(images, codes)
@@ -153,7 +162,7 @@ class Game(nn.Module):
         return {"image_discriminator": self.objective.image * torch.stack(costs).mean()}
 
     def fool_images(self, images: Tensor, codes: Tensor) -> dict[str, Tensor]:
-        """The decoder's loss, and if summed the encoder's: 1 for a generated image."""
+        """The decoder's loss, and if summed the encoder's: generated images should score 1."""
         assert self.image is not None
         costs = [
             self.objective.generator_cost(self.image(fake), 0.0)
@@ -162,7 +171,8 @@ class Game(nn.Module):
         return {"image_generator": self.objective.image * torch.stack(costs).mean()}
 
     def reconstruct(self, images: Tensor, codes: Tensor) -> dict[str, Tensor]:
-        """The encoder's and decoder's loss: mean squared change by a pass through both."""
+        """The encoder's and decoder's loss in the cycles: mean squared error of a pass through
+        both."""
         terms = {}
         if self.objective.image_cycle:
             terms["image_cycle"] = self.objective.image_cycle * mse_loss(
@@ -175,21 +185,22 @@ class Game(nn.Module):
         return terms
 
     def _fakes(self, images: Tensor, codes: Tensor) -> list[Tensor]:
-        """The images that count as fakes, by `Objective.fakes`: one batch, or two of `both`."""
-        fakes_of = {
-            "prior": lambda: self.decoder(codes),
-            "reconstruction": lambda: self.decoder(self.encoder(images)),
-        }
-        return [fakes_of[kind]() for kind in fakes_of if self.objective.fakes in (kind, "both")]
+        """The generated images that `Objective.fakes` names: one batch, or two for `both`."""
+        fakes = []
+        if self.objective.fakes in ("prior", "both"):
+            fakes.append(self.decoder(codes))
+        if self.objective.fakes in ("reconstruction", "both"):
+            fakes.append(self.decoder(self.encoder(images)))
+        return fakes
 
 
 @dataclass(frozen=True)
 class Turn:
-    """One optimiser's step in an iteration: the networks that it changes, and their loss."""
+    """One step of an optimiser in an iteration: the networks that it changes, and their loss."""
 
     name: str
     players: tuple[nn.Module, ...]
     terms: Callable[[Tensor, Tensor], dict[str, Tensor]]
-    """Loss terms of images and codes, to be summed."""
+    """Computes the loss terms, to be summed, from images and codes."""
     repeated: bool = False
-    """Whether it may be taken several times an iteration."""
+    """Whether it is taken `generator_steps` times in an iteration."""

@@ -1,7 +1,8 @@
 """PFL: place features that two discriminators and two cycles learn together, which keeps them
 stable (Yin et al., IROS 2018).
 
-"Stabilize an Unsupervised Feature Learning for LiDAR-based Place Recognition"; METHODS 5.
+The paper is "Stabilize an Unsupervised Feature Learning for LiDAR-based Place Recognition" (METHODS
+5). Networks, training and matching are those of `FeatureMethod`; here the loss is chosen.
 """
 
 from dataclasses import dataclass
@@ -13,16 +14,15 @@ from pipeline.methods.pfl.game import OBJECTIVES, Objective
 
 @dataclass(frozen=True)
 class Pfl(FeatureMethod):
-    """Place feature learning, with the objective of the paper's text, of its authors' code, or
-    between the two."""
+    """Place feature learning, with the loss of the paper, of its authors' code, or a mixture."""
 
     objective: Literal["least_squares", "bce", "paper", "author_code", "both_fakes"] = (
         "least_squares"
     )
-    """See pipeline.methods.pfl.game; `least_squares` and `bce` have the code's weights and the
-    paper's terms. `paper` alone is the paper as written: its one step an iteration takes the place
-    of `generator_steps`."""
+    """A key of pipeline.methods.pfl.game.OBJECTIVES. `least_squares` and `bce` have the paper's
+    terms with the weights of the authors' code. Only `paper` is the paper as written: it makes one
+    step an iteration, and ignores `generator_steps`."""
 
     def terms(self) -> Objective:
-        """All four of eq. 7 to 11."""
+        """All four loss terms of eq. 7 to 11."""
         return OBJECTIVES[self.objective]
