@@ -1,5 +1,9 @@
 """M2DP: the nearest training signature by Euclidean distance; nothing is trained (He, Wang and
-Zhang, IROS 2016; METHODS 3.1)."""
+Zhang, IROS 2016; METHODS 3.1).
+
+A signature is a vector that sums up a submap; the view `m2dp` computes it. To learn, keep those of
+the training sequence. To localize, rank them by their distance from the query's.
+"""
 
 from dataclasses import dataclass
 
@@ -14,20 +18,25 @@ from pipeline.matching.ranking import Localizer, Model, Ranking, Rows
 
 @dataclass(frozen=True)
 class M2dp(DescriptorMethod):
-    """The database is the signatures themselves."""
+    """The training signatures as they are, without any setting of its own."""
 
     view: str = "m2dp"
 
     def learn(self, views: Rows, places: NDArray[np.int64], progress: Progress) -> Model:
-        """The training sequence's signatures (n, d); raises InputError unless each has a place."""
+        """Keep the training sequence's signatures (n, d).
+
+        Raises InputError unless each view has a place.
+        """
         database = Database.learned(views, places)
         signatures = _signatures(views)
         evidence = database.evidence(euclidean(signatures), views, self)
         return {"signatures": signatures, **database.arrays(), **evidence.arrays()}
 
     def localizer(self, model: Model) -> Localizer:
-        """Cost and novelty are distances; 2 at most, since each half of a signature has length
-        1."""
+        """Rank training signatures; cost and novelty are the distance.
+
+        It is 2 at most, since each half of a signature has length 1 and no negative number.
+        """
         database = Database.of(model)
         signatures = model["signatures"]
 
@@ -38,6 +47,7 @@ class M2dp(DescriptorMethod):
 
 
 def _signatures(views: Rows) -> NDArray[np.float32]:
+    """All signatures (n, d) of a view."""
     signatures = np.ascontiguousarray(views.images[:], np.float32)
     if signatures.ndim != 2:
         raise InputError(f"views of shape {signatures.shape}: expected signatures (n, d)")

@@ -1,7 +1,9 @@
 """SAD: sequences of bird-views compared pixel by pixel at one heading; nothing is trained (Milford
 and Wyeth, ICRA 2012).
 
-SeqSLAM's differences, paper 2's baseline; METHODS 5.5 and 6.
+These are the differences of SeqSLAM, the baseline of paper 2 (METHODS 5.5 and 6). To learn, keep
+the normalised images of the training sequence. To localize, take the sum of absolute differences of
+a query from each of them, and rank training rows by sequences of such sums.
 """
 
 from dataclasses import dataclass
@@ -22,26 +24,29 @@ from pipeline.matching.sequences import SequenceMethod
 
 @dataclass(frozen=True)
 class Sad(UntrainedMethod, SequenceMethod):
-    """Views are compared at the robot's own heading, so a turned view is a different image; answers
-    have no heading, unless several are kept of a place."""
+    """The training images, and how they are normalised.
+
+    Views are compared at the robot's own heading. So a turned view is a different image, and
+    answers have no heading, unless several headings are kept of each training place.
+    """
 
     view: str = "birdview"
     side_px: Side = 64
-    """Views are brought to this side."""
+    """Views are resized to this side."""
     patch_px: Count = 8
-    """Side of the patches that are normalised."""
+    """Side of the patches in which images are normalised."""
     contrast_rows: Whole = 10
     reference_headings: ReferenceHeadings = 1
-    """Headings of a place whose images are kept: SeqSLAM's one, or up to the eight that PFL's codes
-    have."""
+    """Number of headings of a training place whose images are kept: one as in SeqSLAM, or up to the
+    eight whose codes PFL keeps."""
     held_out_every_m: Positive = 80.0
-    """Nothing is trained, so held-out blocks cost nothing; between them lies the length of a
-    sequence."""
+    """Blocks are held out more often than by methods that train, since this costs nothing here;
+    between two of them lies the length of a sequence."""
 
     def learn(self, views: Rows, places: NDArray[np.int64], progress: Progress) -> Model:
-        """The training sequence's normalised images (n, heading, side, side), 4 KB each.
+        """Keep the training sequence's normalised images (n, heading, side, side), 4 KB each.
 
-        Raises InputError unless each has a place.
+        Raises InputError unless each view has a place.
         """
         database = Database.learned(views, places)
         images = self._reference(views)
@@ -56,14 +61,14 @@ class Sad(UntrainedMethod, SequenceMethod):
     def moved(self, model: Model, views: Rows, places: NDArray[np.int64]) -> Model:
         """The model with these views and places as its database.
 
-        The evidence of its held-out blocks is kept.
+        The evidence stays that of the training sequence's held-out blocks.
         """
         database = Database.learned(views, places)
         evidence = Evidence.of(model)
         return {"images": self._reference(views), **database.arrays(), **evidence.arrays()}
 
     def localizer(self, model: Model) -> Localizer:
-        """The training rows along the best sequence; views passed together are one sequence."""
+        """Rank training rows by sequences; views that are passed together are one sequence."""
         database = Database.of(model)
         images = model["images"]
 
@@ -76,7 +81,7 @@ class Sad(UntrainedMethod, SequenceMethod):
         return localize
 
     def reconstructed(self, model: Model, images: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """No image: pixels are compared as they are."""
+        """Returns no image, since no network reconstructs any."""
         return images[:0]
 
     def _reference(self, views: Rows) -> NDArray[np.uint8]:
@@ -86,7 +91,10 @@ class Sad(UntrainedMethod, SequenceMethod):
         return self._images(views, headings)
 
     def _images(self, views: Rows, headings: slice) -> NDArray[np.uint8]:
-        """Each view's normalised images (n, heading, side, side); the first is the robot's own."""
+        """Each view's normalised images (n, heading, side, side) at some headings.
+
+        Heading 0 is the robot's own.
+        """
         _check(views)
         images = np.asarray(views.images[:, headings])
         flat = resized(images.reshape(-1, *images.shape[2:]), self.side_px)
@@ -96,10 +104,10 @@ class Sad(UntrainedMethod, SequenceMethod):
 def nearest_differences(
     references: NDArray[np.uint8], queries: NDArray[np.uint8]
 ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
-    """Differences (n, m) of queries (m, side, side) from the nearest heading of each reference.
+    """The differences (n, m) of m queries from n references, each at its nearest heading (n, m).
 
-    And that heading (n, m), of equally near ones the first. References are (n, heading, side,
-    side).
+    Queries are images (m, side, side), references images (n, heading, side, side). Of equally near
+    headings the first one counts. Returns the differences and the headings.
     """
     sums = differences(references[:, 0], queries)
     bins = np.zeros(sums.shape, np.uint8)

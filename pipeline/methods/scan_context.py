@@ -1,5 +1,9 @@
 """Scan Context-50: the nearest of the 50 whose rings look alike, at its best heading (Kim and Kim,
-IROS 2018; METHODS 1.4)."""
+IROS 2018; METHODS 1.4).
+
+The search is `ShiftMethod`: it keeps the training scans' images, preselects candidates by ring key
+(a vector that does not depend on the heading), and compares these at all headings.
+"""
 
 from dataclasses import dataclass
 
@@ -9,8 +13,10 @@ from pipeline.matching.shift_method import ShiftMethod
 
 @dataclass(frozen=True)
 class ScanContext50(ShiftMethod):
-    """The authors' place recognition."""
+    """The authors' settings of the search by columns (`ShiftMethod`)."""
 
     view: str = "scan_context"
     candidates: Count = 50
+    """Number of training scans, nearest by ring key, that are compared at every heading."""
     least_engaged: float = 0.0
+    """As in the authors' comparison, a heading counts however few columns of two scans overlap."""

@@ -1,6 +1,7 @@
 """Scan Context against every training scan at every heading (Kim and Kim, IROS 2018; METHODS 1.3).
 
-It does without the preselection by ring keys, which may miss the right scan.
+It is the search of `ShiftMethod` without the preselection by ring keys, which may miss the right
+scan.
 """
 
 from dataclasses import dataclass
@@ -14,4 +15,4 @@ class ScanContextAll(ShiftMethod):
 
     view: str = "scan_context"
     least_engaged: float = 0.0
-    """As the authors compare: every heading counts at which any columns of two scans overlap."""
+    """As in the authors' comparison, a heading counts however few columns of two scans overlap."""

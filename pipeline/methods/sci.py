@@ -1,5 +1,10 @@
 """SCI localisation: places as classes of a small CNN over Scan Context Images (Kim, Park and Kim,
-RA-L 2019; METHODS 2)."""
+RA-L 2019; METHODS 2).
+
+The network is `LeNet`; settings, training and answers are those of `Classifier` and `Learner`,
+which the ring shares. Here is what is SCI's own: training on N turned copies of each view, and how
+the network's outputs become logits and features.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -18,19 +23,19 @@ from pipeline.networks.lenet import LeNet, device
 
 @dataclass(frozen=True)
 class Sci(Learner):
-    """The paper's network and training."""
+    """The paper's network, trained on turned copies of each view."""
 
     architecture = LeNet
     n_way: int = 2
-    """Copies of each training image, turned by 360°/n_way; the authors ship 2, forward and
-    reversed."""
+    """Number of copies of each training image, turned by 360°/n_way from one to the next; 2 in the
+    authors' code: forward and reversed."""
 
     def batches(
         self, heights: Tensor, views: Rows, places: Tensor, trained: Tensor
     ) -> tuple[loop.Batches[tuple[Tensor, Tensor]], int]:
-        """Every trained view at its `n_way` headings, shuffled.
+        """The batches of an epoch: every trained view at its `n_way` headings, shuffled.
 
-        Raises ConfigError where n_way does not divide the sectors.
+        Raises ConfigError if n_way does not divide the number of sectors.
         """
         if self.n_way < 1 or heights.shape[2] % self.n_way:
             raise ConfigError(
@@ -42,7 +47,7 @@ class Sci(Learner):
         def epoch(order: torch.Generator) -> Iterator[tuple[Tensor, Tensor]]:
             shuffled = torch.randperm(copies, generator=order).to(device())
             for copy_numbers in torch.split(shuffled, self.batch):
-                if len(copy_numbers) > 1 or copies == 1:  # batch norms need two
+                if len(copy_numbers) > 1 or copies == 1:  # batch norms need two images
                     yield (
                         self.images(self._turned(heights, trained, copy_numbers)),
                         places[trained[copy_numbers // self.n_way]],
@@ -51,13 +56,16 @@ class Sci(Learner):
         return epoch, -(-copies // self.batch)
 
     def _turned(self, heights: Tensor, trained: Tensor, copy_numbers: Tensor) -> Tensor:
-        """Heights of trained views: copy number i is view i // n_way at heading i % n_way."""
+        """Heights (m, rings, sectors) of turned copies of trained views.
+
+        Copy number i is view i // n_way, turned by i % n_way steps.
+        """
         turns = (copy_numbers % self.n_way) * (heights.shape[2] // self.n_way)
         return rolled(heights[trained[copy_numbers // self.n_way]], turns)
 
     @torch.inference_mode()
     def predict(self, net: LeNet, heights: Tensor, forgotten: Tensor | None = None) -> Prediction:
-        """Logits and features; a class is a place, so there is no heading."""
+        """Logits and features; the headings are NaN, since a class is a place at any heading."""
         net.eval()
         embedded = torch.cat(
             [self.embedded(net, part) for part in torch.split(heights, self.batch)]

@@ -1,13 +1,17 @@
-"""Headings around the circle, of images that turn by rolling their columns."""
+"""Headings around the circle: helpers of the networks that tell headings.
+
+An image whose columns are sectors around the robot turns by rolling its columns.
+"""
 
 import torch
 from torch import Tensor
 
 
 def neighbours(headings: Tensor, count: int) -> tuple[Tensor, Tensor, Tensor]:
-    """The two of `count` headings around each fractional one (n,), and its share between them.
+    """The two of `count` headings (n,) between which each fractional heading (n,) lies.
 
-    The share (n,) is how far it is from the first to the second.
+    Returns the lower ones, the upper ones, and how far (n,) each heading is from the lower to the
+    upper one, from 0 to 1.
     """
     below = headings.floor()
     lower = below.long() % count
@@ -23,13 +27,13 @@ def rolled(heights: Tensor, turns: Tensor) -> Tensor:
 
 
 def circular_mean_deg(chances: Tensor) -> Tensor:
-    """Circular mean (n, …), in (−180, 180] degrees, of chances (n, heading, …).
+    """The circular mean heading (n, …), in (−180, 180] degrees, of chances (n, heading, …).
 
-    Headings are even around the circle, the first at 0.
+    The headings are evenly spaced around the circle, the first at 0.
     """
-    angles = 2 * torch.pi * torch.arange(chances.shape[1], device=chances.device) / chances.shape[1]
-    north, east = (
-        torch.tensordot(part, chances, dims=([0], [1])) for part in (angles.sin(), angles.cos())
-    )
-    turned = torch.atan2(north, east).rad2deg()
-    return 180 - (180 - turned) % 360
+    count = chances.shape[1]
+    angles = 2 * torch.pi * torch.arange(count, device=chances.device) / count
+    mean_sine = torch.tensordot(angles.sin(), chances, dims=([0], [1]))
+    mean_cosine = torch.tensordot(angles.cos(), chances, dims=([0], [1]))
+    mean_deg = torch.atan2(mean_sine, mean_cosine).rad2deg()
+    return 180 - (180 - mean_deg) % 360

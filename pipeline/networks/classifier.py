@@ -1,6 +1,9 @@
-"""A network over Scan Context Images whose classes are places (METHODS 2).
+"""Localises by a network whose classes are places (METHODS 2): the common part of SCI and its ring.
 
-The part that SCI and its ring share.
+In: Scan Context Images (heights in rings × sectors around the robot). Out: a ranking of places by
+their softmax, with a confidence, kinds of novelty and headings. `Classifier` has the settings and
+`localizer`, which answers; `training` and `growth` learn. A method adds its network, its batches
+and how the network's outputs become logits, features and headings.
 """
 
 from abc import ABC, abstractmethod
@@ -31,19 +34,22 @@ from pipeline.networks.evidence import Prediction
 from pipeline.networks.lenet import device, sent
 from pipeline.views.scan_context import colours, quantize
 
-Kinds = dict[str, NDArray[np.float64]]  # kind of novelty to its values (n,)
+Kinds = dict[str, NDArray[np.float64]]
+"""Kind of novelty to its values (n,); the first kind is the one in use."""
 
 
 @dataclass(frozen=True)
 class Classifier(ABC):
-    """Settings, training judged on held-out blocks, and answers by softmax.
+    """Settings of training, and answers by softmax.
 
-    A method adds its network and its batches.
+    `heights` below are heights quantized to 256 levels, in the view's rings × sectors.
     """
 
     architecture: ClassVar[type[nn.Module]]
+    """The class of the network."""
     view: str = "scan_context_authors"
     colormap: Literal["jet", "grey"] = "jet"
+    """How heights become the colours of an image."""
     h_min_m: float = 0.0
     h_max_m: float = 15.0
     """Heights are clipped to [h_min_m, h_max_m] before they are coloured."""
@@ -51,35 +57,33 @@ class Classifier(ABC):
     batch: Count = 64
     learning_rate: Positive = 0.002
     schedule: loop.Schedule = "one_cycle"
-    """The authors' is constant; falling at the end is what makes a short training good."""
+    """The authors' is constant. A short training is only good if the rate falls at its end."""
     dropout: Share = 0.7
     batch_norm_momentum: Share = 0.1
     """The authors' 0.01 needs some 500 steps to forget the first weights: more than a short
     training has."""
-    precision: loop.Precision = (
-        "auto"  # of training and of answers; the last layer always answers in f32
-    )
+    precision: loop.Precision = "auto"
+    """The arithmetic of training and answers; the last layer always answers in float32."""
     threads: Count = 2
-    """Fixed, since the order of sums follows from it and the weights from that."""
+    """Fixed, since the order of sums depends on it, and so do the weights."""
     seed: Seed = 0
     held_out_every_m: Positive = 40.0
     held_out_length_m: Positive = 4.0
-    """One block of this length in every `held_out_every_m` of the training path chooses the epoch
-    and the threshold."""
+    """One block of this length in every `held_out_every_m` of the training path is held out, to
+    choose the epoch, the temperature and the threshold."""
     neighbour_m: NotNegative = 20.0
-    """A held-out query counts as unseen once the places and training views nearer than this are
-    forgotten."""
+    """A held-out query is asked as an unseen one by ignoring the places and training views nearer
+    than this."""
     refit: Share = 0.0
-    """Share of the schedule, its end, that is run once more on all views, once held-out blocks have
-    given all that is chosen."""
+    """After all is chosen on held-out blocks, this share of the schedule, its end, is run once more
+    on all views."""
     grown: SomeShare = 0.3
-    """Share of the schedule, its end, in which further days are learned."""
+    """Share of the schedule, its end, that is run to learn a further day."""
     rehearsed: Whole = 2
-    """Views of each known place, those of the highest loss, that are shown again
-    with further days."""
-    distilled: NotNegative = (
-        0.0  # weight of the distance to the earlier network's answers in the loss of further days
-    )
+    """Number of views of each known place that are shown again with further days: those of the
+    highest loss."""
+    distilled: NotNegative = 0.0
+    """Weight of the distance to the earlier network's answers, in the loss of further days."""
 
     def __post_init__(self) -> None:
         check(self, "method")
@@ -89,7 +93,7 @@ class Classifier(ABC):
             )
 
     def network(self, places: int, rings: int, sectors: int) -> nn.Module:
-        """The network before training; raises InputError for views that do not suit it."""
+        """The network before training; raises InputError for images of an unsuitable size."""
         channels = len(colours(self.colormap)[0])
         return self.architecture(
             places, rings, sectors, channels, self.dropout, self.batch_norm_momentum
@@ -99,13 +103,13 @@ class Classifier(ABC):
     def batches(
         self, heights: Tensor, views: Rows, places: Tensor, trained: Tensor
     ) -> tuple[loop.Batches[Any], int]:
-        """The batches of an epoch over the rows `trained` (m,), and how many there are."""
+        """A function for the batches of an epoch over the rows `trained` (m,), and their number."""
 
     @abstractmethod
     def predict(self, net: Any, heights: Tensor, forgotten: Tensor | None = None) -> Prediction:
-        """Outputs for quantized heights (n, rings, sectors).
+        """The network's outputs for heights (n, rings, sectors).
 
-        Places `forgotten` (n, places) get a logit of −∞.
+        Places that are `forgotten` (n, places) get a logit of −∞.
         """
 
     @abstractmethod
@@ -114,38 +118,39 @@ class Classifier(ABC):
     ) -> tuple[Tensor, Tensor]:
         """Features (m, 64) of training views, of length 1, and the row (m,) of each.
 
-        A query's nearest view is found by them.
+        The training view most like a query is found by them.
         """
 
     def remembered(
         self, images: NDArray[np.float32], views: Rows, places: NDArray[np.int64], trained: Tensor
     ) -> Model:
-        """Arrays of the model that `reranked` needs of the trained views.
+        """The arrays of the trained views that the model keeps for `reranked`; by default none.
 
-        Their heights (n, rings, sectors) are in metres.
+        `images` are their heights (n, rings, sectors) in metres.
         """
         return {}
 
     def reranked(
         self, prediction: Prediction, images: NDArray[np.float32], model: Model
     ) -> Prediction:
-        """The outputs for heights (n, rings, sectors) in metres, compared with remembered views.
+        """The outputs, changed by comparing the queries with the remembered views.
 
-        By default as they are.
+        `images` are the queries' heights (n, rings, sectors) in metres. By default nothing changes.
         """
         return prediction
 
     def novelties(
         self, logits: NDArray[np.float64], softness: float, likeness: NDArray[np.float64]
     ) -> Kinds:
-        """Kinds of novelty (n,) of logits (n, places) at a temperature, the one in use first.
+        """Kinds of novelty of queries, the one in use first.
 
-        `likeness` (n,) is the cosine to the likest training view.
+        They follow from the logits (n, places), the temperature `softness`, and `likeness` (n,),
+        the cosine between the features of each query and of the training view most like it.
         """
         return novelties(logits, softness, likeness)
 
     def localizer(self, model: Model) -> Localizer:
-        """Rank the k places of highest softmax; cost = 1 − probability."""
+        """Rank the k places of highest softmax; the cost of each is 1 − its softmax."""
         place_xy = model["place_xy_m"]
         softness = float(model["temperature"])
         rings, sectors = (int(side) for side in model["image_shape"])
@@ -161,32 +166,37 @@ class Classifier(ABC):
                     f"views of {tuple(heights.shape[1:])}: the model learned {rings} rings × "
                     f"{sectors} sectors"
                 )
+            # The network's outputs, and the training view most like each query.
             with loop.reproducible(self.threads):
                 prediction = self.reranked(self.predict(net, heights), images, model)
-                likest = [
+                most_like = [
                     (part @ memory.T).max(1) for part in torch.split(prediction.features, 512)
                 ]
-            likeness, row = (torch.cat(parts).numpy() for parts in zip(*likest, strict=True))
+            likeness, row = (torch.cat(parts).numpy() for parts in zip(*most_like, strict=True))
+            # Places by their softmax.
             scores = prediction.scores
             probability = softmax(scores, axis=1)
-            novelty = self.novelties(scores, softness, likeness)
             places = np.argsort(-probability, axis=1, kind="stable")[:, :k]
+            costs = 1 - np.take_along_axis(probability, places, axis=1)
+            # Novelty and confidence at the temperature.
+            novelty = self.novelties(scores, softness, likeness)
+            confidence = softmax(scores / softness, axis=1).max(axis=1)
             return Ranking(
-                places.astype(np.int64),
-                (1 - np.take_along_axis(probability, places, axis=1)).astype(np.float32),
-                self.positions(place_xy[places], model["memory_xy_m"][row]),
-                np.stack([*novelty.values()], axis=1).astype(np.float32),
-                softmax(scores / softness, axis=1).max(axis=1).astype(np.float32),
-                np.take_along_axis(prediction.heading_deg.numpy(), places, axis=1),
-                tuple(novelty),
+                places=places.astype(np.int64),
+                costs=costs.astype(np.float32),
+                xy_m=self.positions(place_xy[places], model["memory_xy_m"][row]),
+                novelty=np.stack([*novelty.values()], axis=1).astype(np.float32),
+                confidence=confidence.astype(np.float32),
+                heading_deg=np.take_along_axis(prediction.heading_deg.numpy(), places, axis=1),
+                kinds=tuple(novelty),
             )
 
         return localize
 
     def step(self, answer: Any, batch: Any) -> tuple[Tensor, Tensor, int]:
-        """Mean loss of a batch, how many of its views are right, and of how many.
+        """Mean loss of a batch, how many of its views are answered right, and of how many.
 
-        Cross-entropy by default.
+        By default the loss is the cross-entropy.
         """
         return loop.classify(answer, batch)
 
@@ -195,28 +205,25 @@ class Classifier(ABC):
     ) -> NDArray[np.float64]:
         """World positions (n, k, 2) of the answers.
 
-        By default the mean position `places_m` (n, k, 2) of each place's views. `likest_m` (n, 2)
-        is the position of the training view most like the query.
+        By default they are `places_m` (n, k, 2), the mean positions of each place's views.
+        `likest_m` (n, 2) are the positions of the training views most like the queries.
         """
         return places_m
 
     def embedded(self, net: Any, heights: Tensor) -> Tensor:
-        """Inputs of the last layer for quantized heights (n, rings, sectors).
-
-        At the precision of training.
-        """
+        """The inputs of the network's last layer for heights (n, rings, sectors)."""
         torch_device = next(net.parameters()).device
         with loop.autocast(torch_device, self.precision):
-            seen: Tensor = net.embed(self.images(heights.to(torch_device)))
-            return seen.float()
+            embedded: Tensor = net.embed(self.images(heights.to(torch_device)))
+            return embedded.float()
 
     def images(self, heights: Tensor) -> Tensor:
-        """Coloured images (n, channels, rings, sectors) in [0, 1] of quantized heights."""
+        """Coloured images (n, channels, rings, sectors) in [0, 1] of heights."""
         table = sent(torch.from_numpy(colours(self.colormap)), heights.device).float() / 255
         return table[heights.long()].permute(0, 3, 1, 2)
 
     def whole(self, logits: Tensor) -> Tensor:
-        """The network's logits (n, …, places) for whole images."""
+        """The logits (n, …, places) for whole images, if the network also answers for parts."""
         return logits
 
     def filled(self, model: Model) -> nn.Module:
@@ -226,5 +233,5 @@ class Classifier(ABC):
         return net.to(device())
 
     def heights(self, images: NDArray[np.float32]) -> Tensor:
-        """Quantized heights (n, rings, sectors) of those in metres."""
+        """Heights (n, rings, sectors), quantized from metres."""
         return torch.from_numpy(quantize(images, self.h_min_m, self.h_max_m))

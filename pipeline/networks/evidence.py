@@ -1,4 +1,9 @@
-"""Temperature and evidence of a network on held-out views (METHODS 2.6)."""
+"""Temperature and evidence of a network, from held-out views of the training day (METHODS 2.6).
+
+In: a network, and views of held-out blocks, which it did not learn but whose places it knows. Out:
+the temperature at which its softmax is calibrated; and the evidence from which the threshold of
+rejection is chosen: how new these views look as they are, and with their surroundings forgotten.
+"""
 
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
@@ -21,11 +26,11 @@ class Prediction(NamedTuple):
     """A network's outputs for n images."""
 
     logits: Tensor
-    """(n, places)."""
+    """(n, places) a logit of each place."""
     features: Tensor
-    """(n, 64) inputs of the last layer, brought to length 1."""
+    """(n, 64) inputs of the last layer, scaled to length 1."""
     heading_deg: Tensor
-    """(n, places) if that is the place; NaN where the network has no heading."""
+    """(n, places) the heading if the place is right; NaN for a network without headings."""
 
     @property
     def scores(self) -> NDArray[np.float64]:
@@ -39,11 +44,12 @@ class KnownViews(NamedTuple):
     seen: Tensor
     """(n, rings, sectors) quantized heights, or (n, 64) features."""
     places: NDArray[np.int64]
+    """(n,) the place of each."""
     xy_m: NDArray[np.float64]
-    """(n, 2)."""
+    """(n, 2) the position of each."""
 
     def some(self, rows: NDArray[np.bool_] | Tensor) -> "KnownViews":
-        """Those of a mask or of row numbers."""
+        """The views of some rows, given by a mask or by their numbers."""
         return KnownViews(self.seen[rows], self.places[rows], self.xy_m[rows])
 
 
@@ -58,24 +64,28 @@ def judge_held_out(
     progress: Progress,
     fallback: float | None = None,
 ) -> tuple[float, Evidence]:
-    """The temperature, and the evidence of held-out views with and without their surroundings.
+    """The temperature, and the evidence of h held-out views.
 
-    Without: the places and training views near them are forgotten. `block` (h,) is the held-out
-    block of each. Where the views fix no temperature, it is the `fallback`.
+    Each view is asked twice: as seen, and as unseen, when the places and training views nearer than
+    `neighbour_m` are forgotten. `place_xy_m` (place, 2) are the positions of the places, `memory`
+    the features of the training views, `block` (h,) is the held-out block of each view. If the
+    views do not determine a temperature, it is the `fallback`.
     """
     heights, places, xy_m = held_out
     seen = predict(heights, None)
     unseen = predict(heights, torch.from_numpy(is_near(xy_m, place_xy_m, neighbour_m)))
+
     softness = temperature(seen.scores, places)
-    if fallback is not None and not determined(softness, seen.scores, places):
-        softness = fallback
-    elif not determined(softness, seen.scores, places):
-        line = f"the {len(places)} held-out views fix no temperature, {softness:.3g} is used"
-        progress.tell(f"{line}: confidence and tempered_entropy are not calibrated")
-    seen_cosines, unseen_cosines = (
-        (prediction.features.numpy() @ memory.seen.numpy().T).astype(np.float64)
-        for prediction in (seen, unseen)
-    )
+    if not determined(softness, seen.scores, places):
+        if fallback is not None:
+            softness = fallback
+        else:
+            line = f"the {len(places)} held-out views fix no temperature, {softness:.3g} is used"
+            progress.tell(f"{line}: confidence and tempered_entropy are not calibrated")
+
+    memory_features = memory.seen.numpy()
+    seen_cosines = (seen.features.numpy() @ memory_features.T).astype(np.float64)
+    unseen_cosines = (unseen.features.numpy() @ memory_features.T).astype(np.float64)
     unseen_cosines[is_near(xy_m, memory.xy_m, neighbour_m)] = -1
     return softness, Evidence(
         seen.scores.argmax(axis=1) == places,

@@ -1,4 +1,14 @@
-"""Grows a classifier: learns further days without forgetting the earlier ones (METHODS 11.1)."""
+"""Grows a classifier: learns further days without forgetting the earlier ones (METHODS 11.1).
+
+In: a model, the views that it knows, and the views of new days with their places. Out: a model of
+all days. The steps:
+
+1. Widen the network's last layer by a row for each new place (`widened`).
+2. Choose what to train on: the new views, and of each known place the views of the highest loss
+   (`hardest`).
+3. Train; where the earlier network is right, keep the new one near its answers (`distilled`).
+4. Gather evidence from the held-out blocks of the new days.
+"""
 
 from collections.abc import Callable
 from functools import partial
@@ -17,7 +27,7 @@ from pipeline.networks.lenet import device
 from pipeline.networks.training import Training, blocks
 
 SOFTNESS = 2.0
-"""Temperature at which the answers of two networks are compared (Hinton et al., 2015)."""
+"""Temperature at which the answers of the two networks are compared (Hinton et al., 2015)."""
 
 
 def grown(
@@ -27,15 +37,13 @@ def grown(
     new_set: TrainingSet,
     progress: Progress,
 ) -> Model:
-    """The model of all days, its network trained on with new views and hard known ones.
+    """The model of all days, from the model of the known ones.
 
-    Of each known place the views of the highest loss are shown again. Where the earlier network is
-    right, its answers are kept (Li and Hoiem, Learning without Forgetting, PAMI 2018). The evidence
-    is that of the new days' held-out blocks beside what the model has: on the earlier blocks its
-    network has since been trained.
+    Its evidence is the model's own together with that of the new days' held-out blocks; the earlier
+    blocks cannot be asked again, since the network may have been trained on them meanwhile.
     """
     data = TrainingSet.joined([known_set, new_set])
-    fresh = len(known_set) + np.arange(len(new_set))
+    new_rows = len(known_set) + np.arange(len(new_set))
     is_held_out = np.concatenate([np.zeros(len(known_set), bool), blocks(method, new_set)])
     with loop.reproducible(method.threads):
         torch.manual_seed(method.seed)
@@ -49,23 +57,24 @@ def grown(
             progress,
             partial(distilled, method, before),
         )
-        features, rows = method.embed_training(
-            before, training.heights[fresh], new_set.views, torch.arange(len(new_set))
+        features, feature_rows = method.embed_training(
+            before, training.heights[new_rows], new_set.views, torch.arange(len(new_set))
         )
-        net.load_state_dict(widened(before, features, new_set.places[rows.numpy()]))
-        seen = method.predict(before, training.heights[: len(known_set)]).logits
-        rehearsed_rows = np.concatenate([hardest(seen, known_set.places, method.rehearsed), fresh])
-        curves = training.fit(rehearsed_rows[~is_held_out[rehearsed_rows]], method.grown)
+        net.load_state_dict(widened(before, features, new_set.places[feature_rows.numpy()]))
+        known_logits = method.predict(before, training.heights[: len(known_set)]).logits
+        rehearsed_rows = hardest(known_logits, known_set.places, method.rehearsed)
+        trained_rows = np.concatenate([rehearsed_rows, new_rows])
+        curves = training.fit(trained_rows[~is_held_out[trained_rows]], method.grown)
         softness, evidence = training.evidence(np.flatnonzero(~is_held_out), model)
         if method.refit:
-            training.fit(rehearsed_rows, method.refit * method.grown, "refit")
+            training.fit(trained_rows, method.refit * method.grown, "refit")
         return training.model(softness, evidence, np.arange(len(data)), curves)
 
 
 def hardest(logits: Tensor, places: NDArray[np.int64], each: int) -> NDArray[np.int64]:
-    """Rows (m,) of the `each` views of each place with the highest cross-entropy.
+    """Rows (m,) of the views with the highest cross-entropy: `each` of each place.
 
-    By logits (n, places).
+    `logits` (n, places) are the network's for all views.
     """
     losses = nn.functional.cross_entropy(logits, torch.from_numpy(places), reduction="none").numpy()
     order = np.lexsort((-losses, places))
@@ -76,51 +85,55 @@ def hardest(logits: Tensor, places: NDArray[np.int64], each: int) -> NDArray[np.
 def widened(before: nn.Module, features: Tensor, places: NDArray[np.int64]) -> dict[str, Tensor]:
     """An earlier network's weights, with a row of the last layer for each new place.
 
-    `features` (n, 64) are of length 1. A new place's row is the mean of its features, as long as
-    the others are (Qi et al., Imprinted Weights, CVPR 2018).
+    A new place's row is the mean of the `features` (n, 64), of length 1, of its views, scaled to
+    the mean length of the other rows (Qi et al., Imprinted Weights, CVPR 2018). `places` (n,) are
+    those of the views.
     """
     weights = {name: value.clone() for name, value in before.state_dict().items()}
-    weight, bias = (f"{before.last_layer}.{name}" for name in ("weight", "bias"))
-    rows = weights[weight]
-    n_known = len(weights[weight])
-    new_rows = [
+    weight_name = f"{before.last_layer}.weight"
+    bias_name = f"{before.last_layer}.bias"
+    known_rows = weights[weight_name]
+    known_bias = weights[bias_name]
+    new_means = [
         features[torch.from_numpy(places == place)].mean(0)
-        for place in range(n_known, int(places.max()) + 1)
+        for place in range(len(known_rows), int(places.max()) + 1)
     ]
-    if new_rows:
-        length = rows.norm(dim=1).mean()
-        weights[weight] = torch.cat(
-            [rows, nn.functional.normalize(torch.stack(new_rows)).to(rows) * length]
-        )
-        weights[bias] = torch.cat([weights[bias], weights[bias].mean().expand(len(new_rows))])
+    if new_means:
+        length = known_rows.norm(dim=1).mean()
+        new_rows = nn.functional.normalize(torch.stack(new_means)).to(known_rows) * length
+        new_bias = known_bias.mean().expand(len(new_means))
+        weights[weight_name] = torch.cat([known_rows, new_rows])
+        weights[bias_name] = torch.cat([known_bias, new_bias])
     return weights
 
 
 def distilled(
     method: Classifier, before: nn.Module, answer: Callable[..., Tensor], batch: Any
 ) -> tuple[Tensor, Tensor, int]:
-    """A method's step whose loss adds the distance to an earlier network's answers.
+    """A method's step (`loop.Step`), with the distance to an earlier network's answers in its loss.
 
-    Only where that network is right.
+    It is the Kullback-Leibler divergence over the earlier places, and counts only where the earlier
+    network is right (Li and Hoiem, Learning without Forgetting, PAMI 2018).
     """
     answers: list[Tensor] = []
 
-    def listened(*inputs: Any) -> Tensor:
+    def recorded_answer(*inputs: Any) -> Tensor:
         answers.append(answer(*inputs))
         return answers[-1]
 
-    loss, right, count = method.step(listened, batch)
-    if method.distilled:
-        images, classes, *_ = batch
-        with torch.no_grad(), loop.autocast(device(), method.precision):
-            earlier = method.whole(before(images)).float()
-        places = earlier.shape[-1]
-        logits = method.whole(answers[0]).float()[..., :places]
-        log_chances = (logits / SOFTNESS).flatten(1).log_softmax(1)
-        earlier_log_chances = (earlier / SOFTNESS).flatten(1).log_softmax(1)
-        divergence = nn.functional.kl_div(
-            log_chances, earlier_log_chances, reduction="none", log_target=True
-        ).sum(1)
-        knew = earlier_log_chances.argmax(1) % places == classes
-        loss = loss + method.distilled * SOFTNESS**2 * (divergence * knew).mean()
-    return loss, right, count
+    loss, right, count = method.step(recorded_answer, batch)
+    if not method.distilled:
+        return loss, right, count
+    images, classes, *_ = batch
+    with torch.no_grad(), loop.autocast(device(), method.precision):
+        earlier_logits = method.whole(before(images)).float()
+    place_count = earlier_logits.shape[-1]
+    logits = method.whole(answers[0]).float()[..., :place_count]
+    log_chances = (logits / SOFTNESS).flatten(1).log_softmax(1)
+    earlier_log_chances = (earlier_logits / SOFTNESS).flatten(1).log_softmax(1)
+    divergence = nn.functional.kl_div(
+        log_chances, earlier_log_chances, reduction="none", log_target=True
+    ).sum(1)
+    was_right = earlier_log_chances.argmax(1) % place_count == classes
+    distance = (divergence * was_right).mean()
+    return loss + method.distilled * SOFTNESS**2 * distance, right, count

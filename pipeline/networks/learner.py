@@ -1,4 +1,7 @@
-"""A classifier that learns places, and more of them later."""
+"""A classifier that learns the places of the training day, and more of them on further days.
+
+It joins `Classifier`, which answers, with `training` and `growth`, which learn.
+"""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,15 +18,15 @@ class Learner(Classifier):
     def learn(self, views: Rows, places: NDArray[np.int64], progress: Progress) -> Model:
         """Train on the views of the training sequence.
 
-        Raises ConfigError or InputError where they do not suit the network.
+        Raises ConfigError or InputError if they do not suit the network.
         """
         return training.learned(self, TrainingSet.joined([TrainingSet(views, places)]), progress)
 
     def grow(
         self, model: Model, known_set: TrainingSet, new_set: TrainingSet, progress: Progress
     ) -> Model:
-        """Train on with further days.
+        """Train on with the views of further days.
 
-        Raises InputError where its views or places do not follow those of the model.
+        Raises InputError if their views or places do not continue those of the model.
         """
         return growth.grown(self, model, known_set, new_set, progress)

@@ -1,5 +1,8 @@
-"""The SCI paper's network (Table I): three convolutions and two dense layers over a Scan Context
-Image (METHODS 2.4)."""
+"""The SCI paper's network (Table I): a Scan Context Image in, a logit for each place out.
+
+It has three convolutions and two dense layers (METHODS 2.4). `trunk` and `start` are also used by
+the ring; `device` and `sent` by all networks.
+"""
 
 from collections.abc import Iterable
 from itertools import pairwise
@@ -10,14 +13,14 @@ from torch import Tensor, nn
 from pipeline.core.errors import InputError
 
 FILTERS = 64, 128, 256
-"""Of the three convolutions."""
+"""Number of filters of the three convolutions."""
 
 
 class LeNet(nn.Module):
     """Logits (batch, places) of images (batch, channels, rings, sectors) in [0, 1].
 
-    `momentum` is the weight of a new batch in the batch norms' running statistics, Keras's 1 −
-    0.99. 2,296,515 numbers for 579 places, 384 of them the batch norms' running ones.
+    `momentum` is the weight of a new batch in the batch norms' running statistics, which is 1 −
+    0.99 in Keras. For 579 places it has 2,296,515 numbers, 384 of them running statistics.
     """
 
     last_layer = "head.4"
@@ -55,16 +58,17 @@ class LeNet(nn.Module):
         return logits
 
     def embed(self, images: Tensor) -> Tensor:
-        """What the last layer looks at (batch, 64)."""
+        """The inputs of the last layer (batch, 64)."""
         features: Tensor = self.features(images.contiguous(memory_format=torch.channels_last))
         embedded: Tensor = self.head[:3](features.contiguous())
         return embedded
 
 
 def trunk(convolutions: Iterable[nn.Conv2d], momentum: float) -> nn.Sequential:
-    """Features (batch, 256, rings // 8, sectors // 8) of images, by three convolutions of FILTERS.
+    """Layers from images to features (batch, 256, rings // 8, sectors // 8).
 
-    The pool comes before the ReLU, which then has a quarter of the work and gives the same bits.
+    They are three convolutions, which are given, with pooling, ReLU and batch norms. The pooling
+    comes before the ReLU, which then has a quarter of the work and gives the same bits.
     """
     first_convolution, second_convolution, third_convolution = convolutions
     norms = [nn.BatchNorm2d(filters, eps=1e-3, momentum=momentum) for filters in FILTERS]
@@ -94,14 +98,14 @@ def start(net: nn.Module) -> None:
 
 
 def device() -> torch.device:
-    """A GPU where there is one."""
+    """The device of all networks: a GPU if there is one, else the processor."""
     return torch.device("cuda" if torch.cuda.is_available() else "cpu")
 
 
 def sent(tensor: Tensor, torch_device: torch.device) -> Tensor:
-    """A tensor of the processor's on a device, without waiting for the copy or for what runs there.
+    """Copy a tensor from the processor to a device, without waiting.
 
-    Plain `to` waits for both.
+    Plain `to` waits for the copy, and for what runs on the device.
     """
     if torch_device.type == "cpu":
         return tensor

@@ -1,7 +1,11 @@
-"""The training loop: a network and batches in; its best weights and the curves of training out.
+"""The training loop of all networks but those of adversarial training: `fit`.
 
-`fit` can be interrupted anywhere and ends in the same weights. Beside it stand what it is made of:
-the arithmetic of a device, the storing of weights, schedules of the learning rate, checkpoints.
+In: a network, and functions that draw the batches of an epoch, compute the loss of a batch, and
+judge the network on held-out rows. Out: the network with its best weights, and the curves of
+training. `fit` goes on from a checkpoint after an interruption, and ends with the same weights.
+
+Beside it are its parts, which other trainings use too: fixed random draws, the arithmetic of a
+device, storing and loading weights, schedules of the learning rate, and checkpoints.
 """
 
 import math
@@ -25,25 +29,28 @@ from pipeline.networks.lenet import device
 Net = TypeVar("Net", bound=nn.Module)
 Batch = TypeVar("Batch")
 Batches = Callable[[torch.Generator], Iterator[Batch]]
-"""The batches of an epoch, whose random draws follow from the generator."""
+"""Draws the batches of an epoch; all random draws follow from the generator."""
 Step = Callable[[Callable[..., Tensor], Batch], tuple[Tensor, Tensor, int]]
-"""Mean loss of the network's answers to a batch, how many of them are right, and of how many."""
+"""Computes, from a network and a batch, the mean loss of the answers, how many are right, and of
+how many."""
 Judge = Callable[[Any], tuple[float, float]]
-"""Loss and accuracy of a network on held-out rows."""
+"""Computes loss and accuracy of a network on held-out rows."""
 Schedule = Literal["one_cycle", "stepped", "constant"]
 Precision = Literal["auto", "bf16", "f32"]
 NET = "net/"
 BEST = "best/"
-"""Prefixes within a checkpoint."""
+"""Prefixes in a checkpoint: of the present weights, and of the best ones so far."""
 CURVES = ("loss", "accuracy", "held_out_loss", "held_out_accuracy")
+"""What is recorded of each epoch."""
 
 
 @contextmanager
 def reproducible(threads: int) -> Iterator[None]:
-    """A fixed number of threads and a random state of its own, for the block.
+    """Run a block with a fixed number of threads, and a random state of its own.
 
-    Sums depend on how work is split. The caller's count and random state are put back. On a GPU
-    draws are reproducible, and sums only up to their order.
+    The number of threads is fixed since sums depend on how the work is split. Afterwards the
+    caller's number and random state are put back. On a GPU random draws are reproducible, but sums
+    only up to the order of their terms.
     """
     before = torch.get_num_threads()
     torch.set_num_threads(threads)
@@ -58,12 +65,12 @@ def reproducible(threads: int) -> Iterator[None]:
 def dtype(torch_device: torch.device, precision: Precision) -> torch.dtype:
     """bfloat16 or float32, as `precision` says.
 
-    With auto bfloat16 on any GPU, and on processors with the instructions.
+    `auto` means bfloat16 on any GPU, and on processors with instructions for it.
     """
-    fast = precision == "auto" and (
-        torch_device.type != "cpu" or torch.ops.mkldnn._is_mkldnn_bf16_supported()
-    )
-    return torch.bfloat16 if precision == "bf16" or fast else torch.float32
+    if precision == "auto":
+        is_fast = torch_device.type != "cpu" or torch.ops.mkldnn._is_mkldnn_bf16_supported()
+        return torch.bfloat16 if is_fast else torch.float32
+    return torch.bfloat16 if precision == "bf16" else torch.float32
 
 
 def arithmetic() -> str:
@@ -72,16 +79,16 @@ def arithmetic() -> str:
 
 
 def autocast(torch_device: torch.device, precision: Precision) -> torch.autocast:
-    """Autocast to the type of `precision`."""
+    """A context in which torch computes in the type of `precision`."""
     return torch.autocast(
         torch_device.type, torch.bfloat16, enabled=dtype(torch_device, precision) == torch.bfloat16
     )
 
 
 def cast(net: nn.Module, torch_device: torch.device, precision: Precision) -> None:
-    """Convert the convolutions' kernels to the type of `precision` for good.
+    """Convert the convolutions' kernels to the type of `precision`, for answers alone.
 
-    Autocast would do it again at every answer, with the same bits.
+    The bits are those of `autocast`, which would convert them at every answer.
     """
     for module in net.modules():
         if isinstance(module, nn.Conv2d):
@@ -89,7 +96,7 @@ def cast(net: nn.Module, torch_device: torch.device, precision: Precision) -> No
 
 
 def arrays(net: nn.Module, prefix: str = NET) -> dict[str, NDArray[Any]]:
-    """A network's weights, as they are stored in a model."""
+    """A network's weights as arrays of a model, with a prefix before their names."""
     return {
         f"{prefix}{name}": value.cpu().contiguous().numpy()
         for name, value in net.state_dict().items()
@@ -97,7 +104,7 @@ def arrays(net: nn.Module, prefix: str = NET) -> dict[str, NDArray[Any]]:
 
 
 def tensors(model: Mapping[str, NDArray[Any]], prefix: str = NET) -> dict[str, Tensor]:
-    """The weights of a network that are stored in a model."""
+    """The weights of a network from the arrays of a model, without the prefix."""
     return {
         name.removeprefix(prefix): torch.from_numpy(array.copy())
         for name, array in model.items()
@@ -110,7 +117,7 @@ def fill(
 ) -> None:
     """Load a model's weights into a network.
 
-    Raises ArtifactError where they are not of such a network.
+    Raises ArtifactError if they do not fit the network.
     """
     try:
         net.load_state_dict(tensors(model, prefix), assign=assign)
@@ -123,14 +130,14 @@ def fill(
 def classify(
     net: Callable[[Tensor], Tensor], batch: tuple[Tensor, Tensor]
 ) -> tuple[Tensor, Tensor, int]:
-    """Cross-entropy in nats of logits (n, classes) of a batch of images (n, …) and classes (n,)."""
+    """The step (`Step`) of a classifier, for a batch of images (n, …) and their classes (n,).
+
+    The loss is the cross-entropy in nats of the network's logits (n, classes).
+    """
     images, classes = batch
     logits = net(images)
-    return (
-        nn.functional.cross_entropy(logits.float(), classes),
-        (logits.argmax(1) == classes).sum(),
-        len(classes),
-    )
+    loss = nn.functional.cross_entropy(logits.float(), classes)
+    return loss, (logits.argmax(1) == classes).sum(), len(classes)
 
 
 def fit(
@@ -149,22 +156,24 @@ def fit(
     fused: bool = False,
     since: float = 0.0,
 ) -> dict[str, NDArray[Any]]:
-    """Train `net` with Adam on the loss of each `step`, judged after each epoch.
+    """Train `net` with Adam on the loss of `step`, and leave the weights of the best epoch in it.
 
-    `judge` gives loss and accuracy on held-out rows. Leaves the weights of the best epoch in it,
-    that of the highest held-out accuracy, of equals the last, and so the last where there is no
-    judge; returns `best_epoch`, 0-based, and the `curves/` of CURVES (epoch,), as they are stored
-    in a model. An epoch has `steps` batches; `learning_rate` is the highest that the schedule
-    reaches, of which a share `since` lies behind. `fused` Adam rounds differently, and is much
-    faster for a network of many numbers. Every random draw of an epoch follows from the seed and
-    the epoch's number, so a run that goes on from `progress.checkpoint` gives the weights of one
-    that was never interrupted.
+    The best epoch is the one of the highest held-out accuracy by `judge`, of equals the last one;
+    without a judge it is the last. Returns arrays as a model stores them: `best_epoch`, counted
+    from 0, and for each of CURVES `curves/` (epoch,).
+
+    An epoch has `steps` batches. `learning_rate` is the highest that the schedule reaches; training
+    begins at a share `since` of the schedule. `fused` Adam rounds differently, but is much faster
+    for a network of many numbers. Every random draw of an epoch follows from the seed and the
+    epoch's number, so a run that goes on from `progress.checkpoint` gives the same weights as one
+    without interruption.
     """
     torch_device = next(net.parameters()).device
     fused = fused or torch_device.type == "cuda"
     optimizer = torch.optim.Adam(net.parameters(), learning_rate, eps=1e-7, fused=fused or None)
 
     def answer(*inputs: Any) -> Tensor:
+        """The network's answers in the type of `precision`."""
         with autocast(torch_device, precision):
             answers: Tensor = net(*inputs)
             return answers
@@ -178,6 +187,7 @@ def fit(
     for epoch in progress.track(range(len(curves), epochs), epochs - len(curves), activity):
 
         def rate(number: int, epoch: int = epoch) -> float:
+            """The learning rate of a batch of this epoch, by its number."""
             done_share = since + (1 - since) * (epoch + number / steps) / epochs
             return learning_rate * SCHEDULES[schedule](done_share)
 
@@ -215,11 +225,11 @@ def _train_epoch(
     rate: Callable[[int], float],
     torch_device: torch.device,
 ) -> tuple[float, float]:
-    """One step down the loss of each batch; returns mean loss and accuracy over all.
+    """Take one step down the loss of each batch; returns mean loss and accuracy over all.
 
-    `rate` gives the learning rate of the batch of this number.
+    `rate` gives the learning rate of a batch, by its number.
     """
-    # Sums stay on the device: to look at them would wait for it.
+    # The sums stay on the device, since reading them waits for it.
     loss_sum = torch.zeros((), device=torch_device)
     right = torch.zeros((), device=torch_device)
     seen = 0
@@ -238,16 +248,16 @@ def _train_epoch(
 def _best_epoch(curves: NDArray[np.float64]) -> int:
     """The last epoch of the highest held-out accuracy.
 
-    Not of the lowest held-out loss, which rises while the ranking still improves.
+    The lowest held-out loss would be too early: it rises while the ranking still improves.
     """
     return len(curves) - 1 - int(curves[::-1, 3].argmax())
 
 
 def one_cycle(progress: float) -> float:
-    """Share of the peak learning rate at a share of the training.
+    """The learning rate at a share of the training, as a share of its peak.
 
-    A cosine from 4 % up to 1 at 30 %, then down to nearly 0. Smith and Topin, 2018: a short
-    training needs the rate to fall at its end.
+    It is a cosine from 4 % up to 1 at 30 % of the training, then down to nearly 0. By Smith and
+    Topin, 2018: a short training needs the rate to fall at its end.
     """
     if progress < 0.3:
         return 0.52 - 0.48 * math.cos(math.pi * progress / 0.3)
@@ -256,11 +266,11 @@ def one_cycle(progress: float) -> float:
 
 SCHEDULES: Mapping[Schedule, Callable[[float], float]] = {
     "one_cycle": one_cycle,
-    # as PointNetVLAD's authors do in 20 epochs
+    # as PointNetVLAD's authors in 20 epochs
     "stepped": lambda progress: 0.9 ** int(4 * progress),
     "constant": lambda progress: 1.0,
 }
-"""Share of the learning rate at a share of the training."""
+"""Each computes the learning rate at a share of the training, as a share of its peak."""
 
 
 def keep(
@@ -285,10 +295,10 @@ def keep(
 def resume(
     path: Path | None, net: nn.Module, optimizers: Mapping[str, torch.optim.Optimizer]
 ) -> dict[str, Tensor]:
-    """Load a checkpoint into a network and its optimisers, and return its other tensors.
+    """Load a checkpoint into a network and its optimisers, and return its further tensors.
 
-    None where there is no file. Raises ArtifactError for a file that is cut off or of another
-    training.
+    They are empty if there is no file. Raises ArtifactError for a file that is cut off, or of
+    another training.
     """
     if path is None or not path.is_file():
         return {}
@@ -302,7 +312,7 @@ def resume(
             ]
             for name, value in pop_prefixed(checkpoint, f"{optimizer_name}/").items():
                 index, _, field = name.partition("/")
-                # with the weight's strides, on which rounding depends
+                # A moment gets the strides of its weight, on which rounding depends.
                 moment = torch.empty_like(weights[int(index)])
                 state.setdefault(int(index), {})[field] = (
                     value.cpu() if field == "step" else moment.copy_(value)
@@ -318,7 +328,7 @@ def resume(
 
 
 def pop_prefixed(tensors_by_name: dict[str, Tensor], prefix: str) -> dict[str, Tensor]:
-    """Remove and return the tensors of a prefix, under their names without it."""
+    """Remove the tensors whose names have a prefix, and return them by the names without it."""
     return {
         name.removeprefix(prefix): tensors_by_name.pop(name)
         for name in list(tensors_by_name)

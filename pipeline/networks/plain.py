@@ -1,12 +1,13 @@
-"""The trained networks of SCI and of its ring in plain NumPy: they answer without torch.
+"""The trained networks of SCI and of its ring in plain NumPy, so that a robot needs no torch.
 
-torch takes over a second to be imported, more than all else that a first fix needs. The layers are
-those of `lenet` and of the ring (METHODS 2.4, 8.1), the arithmetic is float32.
+In: a model's weights, and the heights of a Scan Context Image. Out: the score and heading of each
+place, and the features. The layers are those of `lenet` and of the ring (METHODS 2.4, 8.1), the
+arithmetic is float32. Importing torch takes over a second, more than all else before a first fix.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal, Self
+from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,44 +21,44 @@ Weights = Mapping[str, NDArray[Any]]
 NET = "net/"
 """Prefix of the weights within a model."""
 RING = f"{NET}fc1"
-"""FC1's weights, a slice a heading, which only the ring has."""
+"""The weights of the first dense layer (FC1) in a model of the ring: one slice a sector."""
 LENET = f"{NET}head.2.weight"
-"""FC1's weights, which only SCI's network has."""
+"""The weights of the first dense layer in a model of SCI."""
 CONVOLUTIONS = (("features.0", "features.3"), ("features.4", "features.7"), ("features.8", ""))
-"""Names of each convolution and of the batch norm behind it; the last has none."""
+"""Names of each convolution and of the batch norm behind it; the last has no batch norm."""
 EPSILON = 1e-3
-"""What the batch norms add to a variance."""
+"""What the batch norms add to the variance."""
 HEADING_SOFTNESS = 2.0
 """Temperature of the softmax over a place's headings, whose circular mean is the answer: at 1 the
-mean leans to the nearest heading. Chosen on held-out blocks of two simulated worlds."""
+mean is drawn to the nearest heading. Chosen on held-out blocks of two simulated worlds."""
 
 
 @dataclass(frozen=True)
 class Layer:
-    """A convolution, then the largest of 2 × 2, the ReLU and the batch norm, as one affine map."""
+    """A convolution, then pooling by 2 × 2, the ReLU and the batch norm."""
 
     kernels: Floats
-    """(rows · columns · channels, filters)."""
+    """(rows · columns · channels, filters) the convolution as a matrix."""
     bias: Floats
-    """(filters,)."""
+    """(filters,) bias of the convolution."""
     rows: int
     columns: int
+    """Size of the kernels."""
     wraps: bool
-    """Whether the image goes on at its other side, along the sectors."""
+    """Whether the convolution wraps around the sectors."""
     scale: Floats
-    """(filters,) of the batch norm."""
     offset: Floats
-    """(filters,) of the batch norm."""
+    """(filters,) the batch norm, as one scale and offset."""
 
     def __call__(self, image: Floats) -> Floats:
-        """The features of an image (rings, sectors, channels), with half of both sides."""
+        """The features (rings / 2, sectors / 2, filters) of an image (rings, sectors, channels)."""
         above = self.rows // 2
         aside = self.columns // 2
         beyond: Literal["wrap", "constant"] = "wrap" if self.wraps else "constant"
         padded = np.pad(image, ((above, above), (0, 0), (0, 0)))
         padded = np.pad(padded, ((0, 0), (aside, aside), (0, 0)), mode=beyond)
         rings, sectors, channels = image.shape
-        # a window of a row is one piece of memory
+        # A view of all windows without a copy: a row of a window is one piece of memory.
         windows = np.lib.stride_tricks.as_strided(
             padded,
             (rings, sectors, self.rows, self.columns * channels),
@@ -71,20 +72,34 @@ class Layer:
         return np.asarray(np.maximum(largest, np.float32(0)) * self.scale + self.offset)
 
 
+class Outputs(NamedTuple):
+    """A network's answer to one image."""
+
+    scores: Floats
+    """(places,) the logit of each place."""
+    features: Floats
+    """(64,) inputs of the last layer, scaled to length 1."""
+    heading_deg: Floats
+    """(places,) the heading if the place is right; NaN for a network without headings."""
+
+
 @dataclass(frozen=True)
 class Plain:
     """A trained network of SCI or of its ring."""
 
     weights: Weights
+    """The network's weights by their names in torch."""
     layers: tuple[Layer, ...]
+    """The convolutions."""
     colour: Floats
-    """(256, channels) of each quantized height."""
+    """(256, channels) the colour of each quantized height."""
     h_min_m: float
     h_max_m: float
+    """Heights are clipped to this range before they are quantized."""
 
     @classmethod
     def is_in(cls, model: Weights) -> bool:
-        """Whether a model has such a network."""
+        """Whether a model has the weights of such a network."""
         return RING in model or LENET in model
 
     @classmethod
@@ -95,7 +110,7 @@ class Plain:
         h_min_m: float = 0.0,
         h_max_m: float = 15.0,
     ) -> Self:
-        """The network of a model, with the settings by which it looks at heights."""
+        """The network of a model, with the method's settings for heights."""
         weights = {
             name.removeprefix(NET): np.asarray(array)
             for name, array in model.items()
@@ -105,47 +120,48 @@ class Plain:
         colour = (colours(colormap).astype(np.float32) / np.float32(255)).astype(np.float32)
         return cls(weights, layers, colour, h_min_m, h_max_m)
 
-    def __call__(self, heights_m: NDArray[np.float32]) -> tuple[Floats, Floats, Floats]:
-        """Scores (places,), features (64,) of length 1 and headings (places,) in degrees.
-
-        Heights (rings, sectors) are in metres; headings are NaN of a network without them.
-        """
+    def __call__(self, heights_m: NDArray[np.float32]) -> Outputs:
+        """Answer for heights (rings, sectors) in metres."""
         image = self.colour[quantize(heights_m, self.h_min_m, self.h_max_m)]
         for layer in self.layers:
             image = layer(image)
         return self._ring(image) if "fc1" in self.weights else self._lenet(image)
 
-    def _lenet(self, features: Floats) -> tuple[Floats, Floats, Floats]:
+    def _lenet(self, features: Floats) -> Outputs:
         """The dense layers of SCI's network."""
         weights = self.weights
         embedded = weights["head.2.weight"] @ features.transpose(2, 0, 1).ravel()
         embedded = embedded + weights["head.2.bias"]
         scores = weights["head.4.weight"] @ embedded + weights["head.4.bias"]
-        return scores, _of_length_1(embedded), np.full_like(scores, np.nan)
+        return Outputs(scores, _of_length_1(embedded), np.full_like(scores, np.nan))
 
-    def _ring(self, features: Floats) -> tuple[Floats, Floats, Floats]:
-        """The dense layers of the ring, at every heading."""
+    def _ring(self, features: Floats) -> Outputs:
+        """The dense layers of the ring, at every heading (methods.sci_ring.ring.Ring)."""
         weights = self.weights
         count, width, _ = weights["fc1"].shape
+        # FC1: the product of every sector with every slice, summed for each heading.
         columns = features.transpose(1, 0, 2).reshape(count, -1)
-        products = (columns @ weights["fc1"].reshape(count * width, -1).T).reshape(
-            count, count, width
-        )
+        products = columns @ weights["fc1"].reshape(count * width, -1).T
+        products = products.reshape(count, count, width)
         slices = np.arange(count)
-        sectors = (slices - slices[:, None]) % count  # of each heading, slice by slice
+        sectors = (slices - slices[:, None]) % count  # (heading, slice)
         embedded = products[sectors, slices].sum(axis=1) + weights["fc1_bias"]
-        logits = embedded @ weights["fc2.weight"].T + weights["fc2.bias"]
+        # FC2, and each place's score and heading.
+        logits = embedded @ weights["fc2.weight"].T + weights["fc2.bias"]  # (heading, place)
         scores = logsumexp(logits, axis=0)
         heading_deg = _circular_mean_deg(softmax(logits / HEADING_SOFTNESS, axis=0))
-        at = heading_deg[scores.argmax()] * (count / 360)
-        lower = int(np.floor(at))
-        share = np.float32(at - lower)
+        # The features at the heading of the first place, interpolated between two headings.
+        first_heading = heading_deg[scores.argmax()] * (count / 360)
+        lower = int(np.floor(first_heading))
+        share = np.float32(first_heading - lower)
         lower_row = embedded[lower % count]
         upper_row = embedded[(lower + 1) % count]
-        return scores, _of_length_1(lower_row + share * (upper_row - lower_row)), heading_deg
+        interpolated = lower_row + share * (upper_row - lower_row)
+        return Outputs(scores, _of_length_1(interpolated), heading_deg)
 
 
 def _layer(weights: Weights, convolution: str, norm: str, wraps: bool) -> Layer:
+    """The layer of a convolution and the batch norm behind it, by their names."""
     kernels = weights[f"{convolution}.weight"]  # (filters, channels, rows, columns)
     filters, _, rows, columns = kernels.shape
     scale: NDArray[Any] = np.ones(filters, np.float32)
@@ -158,10 +174,11 @@ def _layer(weights: Weights, convolution: str, norm: str, wraps: bool) -> Layer:
 
 
 def _circular_mean_deg(chances: NDArray[Any]) -> NDArray[Any]:
-    """The circular mean (n,) of chances (heading, n)."""
+    """The circular mean heading (n,) of chances (heading, n)."""
     angles = np.linspace(0, 2 * np.pi, len(chances), endpoint=False, dtype=np.float32)
     return wrapped_deg(np.rad2deg(np.arctan2(np.sin(angles) @ chances, np.cos(angles) @ chances)))
 
 
 def _of_length_1(vector: NDArray[Any]) -> NDArray[Any]:
+    """A vector scaled to length 1."""
     return vector / max(float(np.linalg.norm(vector)), 1e-12)

@@ -1,4 +1,15 @@
-"""Trains a classifier: fit, judged on held-out blocks, then fitted again on all views."""
+"""Trains a classifier on the training day: views with their places in; a model out (METHODS 2).
+
+The steps of `learned`:
+
+1. Hold out blocks of the path, and train on the other views (`fit`); the epoch is kept that answers
+   most held-out views right.
+2. On the held-out views find the temperature, and the evidence for the threshold of rejection.
+3. If the method wants it (`refit`), train on all views for the end of the schedule.
+4. Store the weights, and of each view what answers need (`remembered`).
+
+`growth` learns further days by the same parts.
+"""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -26,19 +37,20 @@ class Training:
     method: Classifier
     data: TrainingSet
     is_held_out: NDArray[np.bool_]
-    """(submap,) which views are held out, until everything is chosen."""
+    """(n,) which views are held out, until everything is chosen."""
     net: nn.Module
     progress: Progress
     step: loop.Step[Any]
+    """Computes the loss of a batch."""
 
     @cached_property
     def images(self) -> NDArray[np.float32]:
-        """Heights (n, rings, sectors) in metres."""
+        """The views: heights (n, rings, sectors) in metres."""
         return np.asarray(self.data.views.images[:])
 
     @cached_property
     def heights(self) -> Tensor:
-        """The images, quantized, on the device."""
+        """The views as heights (n, rings, sectors) that are quantized, on the device."""
         return self.method.heights(self.images).to(device())
 
     @cached_property
@@ -58,9 +70,9 @@ class Training:
     def fit(
         self, rows: NDArray[np.int64], share: float, part: str = "", judge: loop.Judge | None = None
     ) -> Model:
-        """Train on the batches of some rows and return the curves.
+        """Train on some rows for the last `share` of the schedule, and return the curves.
 
-        For the last `share` of the schedule.
+        `part` names what is trained in the progress shown.
         """
         method = self.method
         progress = self.progress.part(part) if part else self.progress
@@ -79,12 +91,16 @@ class Training:
         """Loss and accuracy on the held-out views."""
         logits = self.method.predict(net, self.heights[self.is_held_out]).logits
         classes = torch.from_numpy(self.data.places[self.is_held_out])
-        return float(nn.functional.cross_entropy(logits, classes)), float(
-            (logits.argmax(1) == classes).float().mean()
-        )
+        loss = float(nn.functional.cross_entropy(logits, classes))
+        accuracy = float((logits.argmax(1) == classes).float().mean())
+        return loss, accuracy
 
     def remembered(self, rows: NDArray[np.int64]) -> tuple[KnownViews, Tensor, Model]:
-        """Features of some views or more, the row of each, and the arrays `reranked` needs."""
+        """What answers need of some views: features, and arrays of the method (`reranked`).
+
+        Returns the features as views with their places, the row of each, and the arrays. A method
+        may return features of further rows too.
+        """
         views = self.data.views
         places = self.data.places
         trained = torch.from_numpy(rows)
@@ -94,7 +110,11 @@ class Training:
         return views_known, feature_rows, remembered_arrays
 
     def evidence(self, rows: NDArray[np.int64], earlier: Model | None) -> tuple[float, Evidence]:
-        """The temperature and the evidence of held-out views, when `rows` are remembered."""
+        """The temperature and the evidence of the held-out views, if `rows` are remembered.
+
+        The evidence of an `earlier` model is joined to it. If no view is held out, both are those
+        of the earlier model.
+        """
         earlier_temperature = None if earlier is None else float(earlier["temperature"])
         if earlier_temperature is not None and not self.is_held_out.any():
             return earlier_temperature, Evidence.of(earlier or {})
@@ -103,16 +123,18 @@ class Training:
         images = self.images[self.is_held_out]
 
         def predict(heights: Tensor, forgotten: Tensor | None) -> Prediction:
-            return self.method.reranked(
-                self.method.predict(self.net, heights, forgotten), images, remembered_arrays
-            )
+            """The outputs for held-out views."""
+            prediction = self.method.predict(self.net, heights, forgotten)
+            return self.method.reranked(prediction, images, remembered_arrays)
 
-        held_out_views = KnownViews(self.heights, self.data.places, self.xy_m).some(
-            self.is_held_out
+        all_heights = KnownViews(self.heights, self.data.places, self.xy_m)
+        held_out_views = all_heights.some(self.is_held_out)
+        block = holdout.numbered(
+            self.data.views.world_T_anchor,
+            self.is_held_out,
+            self.method.held_out_every_m,
+            self.method.held_out_length_m,
         )
-        world_T_anchor = self.data.views.world_T_anchor
-        of_blocks = (self.method.held_out_every_m, self.method.held_out_length_m)
-        block = holdout.numbered(world_T_anchor, self.is_held_out, *of_blocks)
         softness, evidence = judge_held_out(
             predict,
             self.method.novelties,
@@ -131,7 +153,7 @@ class Training:
     def model(
         self, softness: float, evidence: Evidence, rows: NDArray[np.int64], curves: Model
     ) -> Model:
-        """The arrays of the model, with `rows` remembered."""
+        """The arrays of the model, which remembers `rows`."""
         known_views, _, remembered_arrays = self.remembered(rows)
         arrays = {
             "place_xy_m": self.place_xy_m,
@@ -150,13 +172,10 @@ class Training:
 
 
 def learned(method: Classifier, data: TrainingSet, progress: Progress) -> Model:
-    """The model of the first day, with epoch, temperature and thresholds of held-out blocks.
-
-    Then `refit` trains on all views.
-    """
+    """Train on the views of the training day, and return the model."""
     is_held_out = blocks(method, data)
     trained = np.flatnonzero(~is_held_out)
-    if not is_held_out.any():  # a path too short for blocks is judged on what it trained
+    if not is_held_out.any():  # a path too short for blocks is judged on its trained views
         is_held_out = ~is_held_out
     with loop.reproducible(method.threads):
         torch.manual_seed(method.seed)
@@ -165,12 +184,13 @@ def learned(method: Classifier, data: TrainingSet, progress: Progress) -> Model:
         curves = training.fit(trained, 1.0, judge=training.judge)
         softness, evidence = training.evidence(trained, None)
         if method.refit:
-            training.fit(trained := np.arange(len(data)), method.refit, "refit")
+            trained = np.arange(len(data))
+            training.fit(trained, method.refit, "refit")
         return training.model(softness, evidence, trained, curves)
 
 
 def blocks(method: Classifier, data: TrainingSet) -> NDArray[np.bool_]:
-    """Which views (n,) are held out."""
+    """Which views (n,) are held out: blocks of the path, by the method's settings."""
     places = np.unique(data.places, return_inverse=True)[1]
     return holdout.blocks(
         data.views.world_T_anchor, places, method.held_out_every_m, method.held_out_length_m

@@ -1,4 +1,4 @@
-"""Trainings that are small enough for tests."""
+"""Settings of trainings that are small enough for tests."""
 
 from collections.abc import Iterator
 from functools import partial

@@ -1,5 +1,5 @@
-"""What methods have in common: models of the same bytes, answers that do not depend on other
-queries, and views they refuse."""
+"""Tests of what all methods have in common: the same bytes from the same seed, answers that do not
+depend on other queries, and views that they refuse."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -90,9 +90,8 @@ def test_one_query_is_answered_as_in_a_crowd_and_none_not_at_all(name: str) -> N
     for row in (0, 30):
         alone = ask(queries.some(slice(row, row + 1)), 3)
         assert alone.places.tolist() == crowd.places[row : row + 1].tolist()
-        atol = (
-            0 if name in ("fifty", "all", "m2dp") else 1e-5
-        )  # networks round by what is computed together
+        # Networks round by what is computed together
+        atol = 0 if name in ("fifty", "all", "m2dp") else 1e-5
         np.testing.assert_allclose(alone.costs[0], crowd.costs[row], rtol=0, atol=atol)
         np.testing.assert_allclose(alone.heading_deg, crowd.heading_deg[row : row + 1], atol=1e-2)
     assert len(none.places) == len(none.costs) == len(none.novelty) == len(none.heading_deg) == 0
@@ -123,36 +122,35 @@ def test_other_views_are_refused(name: str, shape: tuple[int, ...], said: str) -
 @pytest.mark.parametrize("name", [name for name in METHODS if name not in ("pfl", "sad")])
 def test_a_grown_model_knows_the_new_place_and_the_old_ones(name: str) -> None:
     method, views, queries, places = METHODS[name]
-    known = places < places.max()
+    is_known = places < places.max()
     budget = Progress(budget=1.0)
-    parts = [TrainingSet(_some(views, rows), places[rows]) for rows in (known, ~known)]
+    parts = [TrainingSet(_some(views, rows), places[rows]) for rows in (is_known, ~is_known)]
     if name in ("sci", "sci_ring"):
         method = replace(method, grown=0.5, epochs=16)
     model = method.learn(*parts[0], budget)
     grown = method.grow(model, *parts, budget)
     assert same(method.grow(model, *parts, budget), grown)
-    queries = (
-        views if name == "m2dp" else queries
-    )  # signatures here are made up, another day's are others
+    # Signatures here are made up, another day's are others
+    queries = views if name == "m2dp" else queries
     answers = method.localizer(grown)(queries, 1).places[:, 0]
-    assert (answers == places)[known].mean() > 0.9
-    assert (answers == places)[~known].mean() > 0.9
-    assert (method.localizer(model)(queries, 1).places[:, 0] == places)[~known].mean() == 0
+    assert (answers == places)[is_known].mean() > 0.9
+    assert (answers == places)[~is_known].mean() > 0.9
+    assert (method.localizer(model)(queries, 1).places[:, 0] == places)[~is_known].mean() == 0
 
 
 @pytest.mark.parametrize("name", ["pfl", "sad"])
 def test_a_grown_database_of_sequences_has_all_rows_and_the_same_networks(name: str) -> None:
     method, views, _, places = METHODS[name]
-    known = np.arange(len(places)) < len(places) - 1
-    known[np.unique(places, return_index=True)[1]] = True
-    model = method.learn(_some(views, known), places[known], SHARE)
+    is_known = np.arange(len(places)) < len(places) - 1
+    is_known[np.unique(places, return_index=True)[1]] = True
+    model = method.learn(_some(views, is_known), places[is_known], SHARE)
     new = (
-        TrainingSet(_some(views, ~known), places[~known])
-        if (~known).any()
+        TrainingSet(_some(views, ~is_known), places[~is_known])
+        if (~is_known).any()
         else TrainingSet(views.some(slice(1)), places[:1])
     )
-    grown = method.grow(model, TrainingSet(_some(views, known), places[known]), new, SHARE)
-    assert len(grown["database/places"]) == known.sum() + len(new)
+    grown = method.grow(model, TrainingSet(_some(views, is_known), places[is_known]), new, SHARE)
+    assert len(grown["database/places"]) == is_known.sum() + len(new)
     networks = [key for key in model if key.startswith("net/")]
     assert all(np.array_equal(grown[key], model[key]) for key in networks)
 

@@ -1,4 +1,5 @@
-"""M2DP as a method: the nearest training signature answers, and what has none near is new."""
+"""Tests of M2DP as a method: the nearest training signature is the answer, and a query far from all
+of them is new."""
 
 from pathlib import Path
 
@@ -40,9 +41,8 @@ def test_the_nearest_signature_answers_and_its_distance_is_cost_and_novelty() ->
 def test_what_training_never_saw_is_rejected_by_the_threshold_of_the_held_out_blocks() -> None:
     rng = np.random.default_rng(0)
     n = 200
-    path = np.cumsum(
-        rng.normal(0, 0.05, (n, 192)), axis=0
-    )  # signatures that change along the path, some 0.7 a row
+    # Signatures that change along the path, some 0.7 a row
+    path = np.cumsum(rng.normal(0, 0.05, (n, 192)), axis=0)
     training = rows(path)
     again = rows(path + rng.normal(0, 0.01, path.shape))
     method = M2dp(held_out_length_m=1.0)  # one row in forty
@@ -53,8 +53,10 @@ def test_what_training_never_saw_is_rejected_by_the_threshold_of_the_held_out_bl
     evidence = Evidence.of(model)
     assert (evidence.unseen["distance"] > evidence.seen["distance"]).all()
     # Five blocks, all right, a fifth of the queries unseen: 4 of 4, and one more counted wrong.
-    ((threshold, kept),) = Rejection(wanted_precision=0.8).thresholds(model, ("distance",))
-    assert kept == pytest.approx(0.8)
+    ((threshold, kept_precision),) = Rejection(wanted_precision=0.8).thresholds(
+        model, ("distance",)
+    )
+    assert kept_precision == pytest.approx(0.8)
     assert threshold > ACCEPT_NOTHING
     ranking = method.localizer(model)(again, 1)
     assert (ranking.places[:, 0] == places).all()

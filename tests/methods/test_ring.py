@@ -1,4 +1,5 @@
-"""The network on a ring, counted, and turned (METHODS 8.1)."""
+"""Tests of the network on a ring: its numbers are counted, and a turned image gives a turned answer
+(METHODS 8.1)."""
 
 import pytest
 import torch
@@ -115,9 +116,8 @@ def test_what_is_dropped_of_the_features_is_dropped_at_every_heading(image: torc
     assert torch.equal(embedded, net.fc1_bias.expand_as(embedded))
     half = Ring(2, dropout=0.5).train()
     with torch.no_grad():
-        half.fc1.copy_(
-            half.fc1[:1].expand_as(half.fc1)
-        )  # every slice alike: a heading sums the same kept columns
+        # Every slice alike: a heading sums the same kept columns
+        half.fc1.copy_(half.fc1[:1].expand_as(half.fc1))
         embedded = half.embed(image)
     torch.testing.assert_close(embedded, embedded[:, :1].expand_as(embedded), atol=1e-5, rtol=1e-4)
 

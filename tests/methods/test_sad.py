@@ -1,5 +1,5 @@
-"""SAD as a method: the sequence of normalised bird-views that differs least, all seen as the robot
-was heading."""
+"""Tests of SAD as a method: it answers with the sequence of normalised bird-views that differs
+least, all at the robot's own heading."""
 
 from pathlib import Path
 from typing import Any
@@ -41,7 +41,7 @@ STREET = street(np.random.default_rng(0))
 PLACES = np.arange(N) // 20
 
 
-def asked(images: np.ndarray, places: np.ndarray = PLACES, **settings: Any) -> Localizer:
+def learned(images: np.ndarray, places: np.ndarray = PLACES, **settings: Any) -> Localizer:
     method = Sad(**settings)
     return method.localizer(method.learn(rows(images), places, Progress()))
 
@@ -71,11 +71,11 @@ def test_a_street_is_known_on_another_day_and_another_street_is_new() -> None:
 def test_a_view_turned_by_half_a_circle_is_another_image_and_one_alone_is_answered_by_its_own_differences() -> (
     None
 ):
-    localize = asked(STREET)
+    localize = learned(STREET)
     turned = localize(rows(STREET[50:150, :, ::-1, ::-1]), 1)
     assert (turned.places[:, 0] == PLACES[50:150]).mean() < 0.2
     assert turned.novelty[:, 0].min() > localize(rows(STREET[50:150]), 1).novelty[:, 0].max()
-    ranking = asked(STREET, contrast_rows=40)(rows(STREET[[100]]), 3)
+    ranking = learned(STREET, contrast_rows=40)(rows(STREET[[100]]), 3)
     assert ranking.xy_m[0, 0, 0] == 100
     assert np.isfinite(ranking.novelty).all()
 
@@ -89,7 +89,7 @@ def test_only_the_first_heading_is_looked_at() -> None:
 def test_of_several_reference_headings_the_nearest_is_told() -> None:
     images = STREET.copy()
     images[:, 2] = images[:, 0, ::-1, ::-1]
-    localize = asked(images, reference_headings=2)
+    localize = learned(images, reference_headings=2)
     for quarters in (0, 2):
         ranking = localize(rows(np.roll(images[50:150], -quarters, axis=1)), 1)
         assert (ranking.places[:, 0] == PLACES[50:150]).mean() > 0.9
@@ -126,7 +126,7 @@ def test_a_moved_model_knows_another_street_and_rejects_as_before() -> None:
 def test_the_drive_home_is_known_from_a_view_that_is_the_same_from_behind() -> None:
     images = STREET[:80].copy()
     images[:, 0] = np.maximum(images[:, 0], images[:, 0, ::-1])
-    localize = asked(images, np.arange(80), both_ways=True)
+    localize = learned(images, np.arange(80), both_ways=True)
     assert (localize(rows(images[60:20:-1]), 1).places[:, 0] == np.arange(60, 20, -1)).mean() > 0.9
 
 
@@ -143,7 +143,7 @@ def test_real_scans_find_their_neighbours(real: Path) -> None:
         image[((15 - x[there]) / 30 * 64).astype(int), ((15 - y[there]) / 30 * 64).astype(int)] = (
             255
         )
-    drive = asked(images[::2], np.arange(8), contrast_rows=30)(rows(images[1::2]), 1).places[:, 0]
+    drive = learned(images[::2], np.arange(8), contrast_rows=30)(rows(images[1::2]), 1).places[:, 0]
     assert (np.abs(drive - (np.arange(8) + 0.5)) < 2).all()
     alone = differences(normalised(images[::2, 0]), normalised(images[1::2, 0])).argmin(axis=0)
     assert (np.abs(alone - (np.arange(8) + 0.5)) < 2).mean() > 0.7

@@ -1,5 +1,5 @@
-"""Scan Context-50 and the exhaustive search: what they rank, at which heading, and how they fare on
-held-out blocks."""
+"""Tests of Scan Context-50 and the exhaustive search: rankings, headings, and evidence on held-out
+blocks."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -67,9 +67,8 @@ def test_known_scenes_are_found_at_any_heading(method: Both, turn: int):
     assert (np.diff(ranking.costs, axis=1) >= 0).all()
     assert (ranking.novelty[:, 0] == ranking.costs[:, 0]).all()
     assert ranking.kinds == ("distance",)
-    np.testing.assert_allclose(
-        ranking.heading_deg[:, 0], 15 * ((-turn + 12) % 24 - 12), atol=1e-3
-    )  # 24 sectors of 15°
+    # 24 sectors of 15°
+    np.testing.assert_allclose(ranking.heading_deg[:, 0], 15 * ((-turn + 12) % 24 - 12), atol=1e-3)
     np.testing.assert_allclose(ranking.xy_m[:, 0, 0] // (2 * EACH), TRUTH)
 
 

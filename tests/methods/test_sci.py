@@ -1,5 +1,5 @@
-"""SCI on a few made-up places: it learns them, forward and reversed, and says what it does not
-know."""
+"""Tests of SCI on a few made-up places: it learns them, forward and reversed, and tells which views
+are new."""
 
 from dataclasses import replace
 
@@ -66,9 +66,8 @@ def test_places_are_learned(model: Model, clears: Clears) -> None:
     clears(1 - model["curves/loss"][-1] / model["curves/loss"][0], 0.7)
     assert model["curves/loss"].shape == (16,)
     accuracy = model["curves/held_out_accuracy"]
-    assert (
-        int(model["best_epoch"].item()) == np.flatnonzero(accuracy == accuracy.max())[-1]
-    )  # of equals the last
+    # Of equals the last
+    assert int(model["best_epoch"].item()) == np.flatnonzero(accuracy == accuracy.max())[-1]
 
 
 @pytest.mark.learning
@@ -109,11 +108,11 @@ def test_answers_are_ranked_from_cheapest_to_dearest_and_lie_at_the_mean_of_thei
 def test_more_places_than_there_are_is_all_of_them_and_costs_and_confidence_are_of_probabilities(
     model: Model,
 ) -> None:
-    found = SMALL.localizer(model)(rows(3), k=25)
-    assert sorted(found.places[0].tolist()) == list(range(PLACES))
-    np.testing.assert_allclose((1 - found.costs).sum(axis=1), 1, atol=1e-5)
-    odds = (1 - found.costs.astype(np.float64)).clip(1e-12) ** (1 / float(model["temperature"]))
-    np.testing.assert_allclose(found.confidence, odds.max(axis=1) / odds.sum(axis=1), atol=1e-4)
+    result = SMALL.localizer(model)(rows(3), k=25)
+    assert sorted(result.places[0].tolist()) == list(range(PLACES))
+    np.testing.assert_allclose((1 - result.costs).sum(axis=1), 1, atol=1e-5)
+    odds = (1 - result.costs.astype(np.float64)).clip(1e-12) ** (1 / float(model["temperature"]))
+    np.testing.assert_allclose(result.confidence, odds.max(axis=1) / odds.sum(axis=1), atol=1e-4)
 
 
 def test_novelty_is_between_zero_and_one_and_higher_for_unknown_scenes(

@@ -1,5 +1,5 @@
-"""SCI on a ring, on a few made-up places: it knows them however it is turned, and says how that
-is."""
+"""Tests of SCI on a ring, on a few made-up places: it recognises them at any heading, and tells the
+heading."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,7 +13,7 @@ from pipeline.core.progress import Progress
 from pipeline.matching import holdout
 from pipeline.matching.ranking import Model, Ranking, Rows
 from pipeline.matching.rejection import ACCEPT_NOTHING, Evidence, Rejection
-from pipeline.methods.sci_ring.sci_ring import SciRing
+from pipeline.methods.sci_ring.sci_ring import Batch, SciRing
 from pipeline.views.scan_context import ScanContext
 from tests.interrupted import PowerCut, same
 from tests.learning import Clears
@@ -93,10 +93,10 @@ def test_a_sensor_turned_to_the_left_is_known_and_told_so(
     """Its yaw in the world grows by as much; headings here are 72° apart, so an answer lies between
     them."""
     yaw_deg = YAW_DEG + turn_deg
-    found = SMALL.localizer(model)(rows(2, yaw_deg), 1)
-    clears((found.places[:, 0] == TRUTH).mean(), 0.8)
-    clears(1 - np.median(off_deg(found.heading_deg[:, 0], yaw_deg)) / 72, 1 - 20 / 72)
-    assert ((found.heading_deg > -180) & (found.heading_deg <= 180)).all()
+    result = SMALL.localizer(model)(rows(2, yaw_deg), 1)
+    clears((result.places[:, 0] == TRUTH).mean(), 0.8)
+    clears(1 - np.median(off_deg(result.heading_deg[:, 0], yaw_deg)) / 72, 1 - 20 / 72)
+    assert ((result.heading_deg > -180) & (result.heading_deg <= 180)).all()
 
 
 def test_a_view_rolled_by_a_heading_is_answered_as_before_but_turned(
@@ -105,11 +105,11 @@ def test_a_view_rolled_by_a_heading_is_answered_as_before_but_turned(
     # 8 of 40 columns: what was seen at azimuth a is seen at a + 72°, so the sensor looks 72° less
     # to the left.
     views = rows(3)
-    found = SMALL.localizer(model)(replace(views, images=np.roll(views.images, 8, axis=2)), 3)
-    assert found.places.tolist() == ranking.places.tolist()
-    np.testing.assert_allclose(found.costs, ranking.costs, atol=1e-6)
-    np.testing.assert_allclose(found.novelty, ranking.novelty, atol=1e-5)
-    np.testing.assert_allclose(off_deg(found.heading_deg, ranking.heading_deg - 72), 0, atol=1e-2)
+    result = SMALL.localizer(model)(replace(views, images=np.roll(views.images, 8, axis=2)), 3)
+    assert result.places.tolist() == ranking.places.tolist()
+    np.testing.assert_allclose(result.costs, ranking.costs, atol=1e-6)
+    np.testing.assert_allclose(result.novelty, ranking.novelty, atol=1e-5)
+    np.testing.assert_allclose(off_deg(result.heading_deg, ranking.heading_deg - 72), 0, atol=1e-2)
 
 
 def test_the_first_answer_lies_where_the_likest_training_view_stands_the_others_at_their_places_mean(
@@ -246,11 +246,11 @@ def test_the_target_is_shared_by_the_two_headings_nearest_the_true_one() -> None
     # 1. A yaw of 1.25 headings is three quarters of the first after the last, heading 1, and a
     # quarter of heading 0: −(.75 ln 6/12 + .25 ln 2/12).
     chances = torch.tensor([[[1.0, 2.0, 1.0], [1.0, 6.0, 1.0]]]) / 12
-    batch = (torch.zeros(1, 1, 1, 1), torch.tensor([1]), 0, torch.tensor([1.25]))
+    batch = Batch(torch.zeros(1, 1, 1, 1), torch.tensor([1]), 0, torch.tensor([1.25]))
     loss, right, count = SMALL.step(lambda images, arc: chances.log()[:, None] + 3, batch)
     assert float(loss) == pytest.approx(-(0.75 * np.log(1 / 2) + 0.25 * np.log(1 / 6)))
     assert (int(right), count) == (1, 1)
-    back = (*batch[:3], torch.tensor([-0.75]))  # the same yaw, a whole turn less
+    back = batch._replace(headings=torch.tensor([-0.75]))  # the same yaw, a whole turn less
     assert float(SMALL.step(lambda images, arc: chances.log()[:, None], back)[0]) == pytest.approx(
         float(loss)
     )
@@ -262,6 +262,6 @@ def test_the_loss_is_shared_with_the_arc_that_costs_most(share: float, expected:
     # of sums that are 1: in bits.
     chances = torch.tensor([1 / 4, 1 / 16, 1 / 8])
     logits = torch.stack([chances, 1 - chances], dim=1).log()[None, :, None]
-    batch = (torch.zeros(1, 1, 1, 1), torch.tensor([0]), 1, torch.tensor([0.0]))
+    batch = Batch(torch.zeros(1, 1, 1, 1), torch.tensor([0]), 1, torch.tensor([0.0]))
     loss, _, _ = replace(SMALL, worst_arc=share).step(lambda images, arc: logits, batch)
     assert float(loss) / np.log(2) == pytest.approx(expected)

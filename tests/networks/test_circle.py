@@ -1,4 +1,4 @@
-"""Headings around the circle, and images that turn by rolling."""
+"""Tests of headings around the circle, and of images that turn by rolling."""
 
 import numpy as np
 import torch

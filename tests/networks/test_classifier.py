@@ -1,4 +1,5 @@
-"""What SCI and its ring refuse alike, and how precisely they answer."""
+"""Tests of what SCI and its ring share: the views that they refuse, and the precision of their
+answers."""
 
 from dataclasses import dataclass, field, replace
 from typing import Any

@@ -1,5 +1,5 @@
-"""The networks on a GPU, where there is one: the same training, and answers as a processor gives
-them."""
+"""Tests of the networks on a GPU, if there is one: the same training gives the same network, and
+the answers are those of a processor."""
 
 import warnings
 from collections.abc import Callable, Iterator
@@ -52,9 +52,8 @@ def test_a_gpu_trains_a_model_that_a_processor_answers_with(
         here = method.localizer(model)(rows(), 4)
     assert (there.places[:, 0] == TRUTH).mean() > 0.9
     np.testing.assert_array_equal(there.places[:, 0], here.places[:, 0])
-    np.testing.assert_allclose(
-        there.costs, here.costs, atol=0.05
-    )  # bfloat16 on the one, perhaps not on the other
+    # bfloat16 on the one, perhaps not on the other
+    np.testing.assert_allclose(there.costs, here.costs, atol=0.05)
 
 
 @pytest.mark.parametrize("kind", [Sci, SciRing])

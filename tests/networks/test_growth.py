@@ -1,4 +1,5 @@
-"""A network that learns further places: what it is shown again, and where its new rows begin."""
+"""Tests of a network that learns further places: which views are shown again, and the rows of new
+places."""
 
 import numpy as np
 import pytest

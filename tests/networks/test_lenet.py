@@ -1,4 +1,4 @@
-"""The paper's network, counted (METHODS 2.4)."""
+"""Tests of the SCI paper's network: its numbers are counted (METHODS 2.4)."""
 
 import pytest
 import torch

@@ -1,4 +1,5 @@
-"""The training loop: reproducible, interruptible, and judged on what it did not see."""
+"""Tests of the training loop: it is reproducible, goes on after an interruption, and keeps the best
+epoch by held-out rows."""
 
 from collections.abc import Iterator
 from dataclasses import replace

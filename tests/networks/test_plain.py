@@ -1,4 +1,4 @@
-"""The networks in plain NumPy answer as torch's do."""
+"""Tests that the networks in plain NumPy answer as those in torch do."""
 
 from typing import Any
 

@@ -1,8 +1,12 @@
-"""SCI's network closed into a ring: turning the image turns what it answers, exactly (METHODS 8.1).
+"""SCI's network closed into a ring: turning the image turns the answer, exactly (METHODS 8.1).
 
-Kim, Park and Kim's layers (RA-L 2019; METHODS 2.4) but that the sectors' last is a neighbour of
-their first, that kernels span few sectors, and that the dense layers run at every heading with the
-same weights.
+In: Scan Context Images, whose columns are sectors around the robot. Out: a logit for each place at
+each heading. The layers are those of Kim, Park and Kim (RA-L 2019; METHODS 2.4), with three
+changes:
+
+- the last sector is a neighbour of the first, so that convolutions wrap around;
+- kernels span few sectors;
+- the dense layers look at the features at every heading, with the same weights.
 """
 
 from itertools import pairwise
@@ -13,19 +17,18 @@ from torch import Tensor, nn
 from pipeline.core.errors import InputError
 from pipeline.networks.lenet import FILTERS, start, trunk
 
-# three poolings by two: columns of the image to a sector of the features, and so to a heading
 POOLED = 8
-
-
+"""Columns of the image to a sector of the features, since three layers pool by two. A heading is a
+sector."""
 SPANS = 3, 3, 1
-"""Sectors that the convolutions' kernels span, and 5 rings: a feature sees 42°, so that one new
-wall reaches few of them."""
+"""Number of sectors that the kernels of the three convolutions span (beside 5 rings). A feature
+then sees 42°, so that a new wall changes few of them."""
 
 
 class RingConv(nn.Conv2d):
     """A convolution of 5 rings × `span` sectors that wraps around the sectors.
 
-    It sees zeros beyond the rings.
+    Beyond the first and the last ring it sees zeros.
     """
 
     def __init__(self, channels: int, filters: int, span: int) -> None:
@@ -42,19 +45,23 @@ class RingConv(nn.Conv2d):
 class Ring(nn.Module):
     """Logits over headings and places of images (batch, channels, rings, sectors) in [0, 1].
 
-    Heading h is that of a sensor which is turned by h · 8 columns, counter-clockwise, against the
-    one that looks along +x: its image is turned back by as much before FC1 looks at it. An image
-    rolled by 8 columns is answered bit for bit as before, its headings rolled by −1. Initialised as
-    LeNet is. Raises InputError where 8 does not divide the sectors.
+    Heading h is that of a sensor which is turned by h · 8 columns, counter-clockwise, against one
+    that looks along +x. To answer for it, the features are turned back by h sectors before the
+    first dense layer, FC1, looks at them. So if an image is rolled by 8 columns, the answer is the
+    same bit for bit, with the headings rolled by −1. It is initialised as LeNet is. Raises
+    InputError if 8 does not divide the number of sectors.
+
+    FC1's weights are cut into slices, one for each sector that it looks at. Instead of turning the
+    features, every sector is multiplied with every slice once (`products`), and each heading sums
+    the products that belong to it.
     """
 
     last_layer = "fc2"
-    """The layer with a row a place."""
-    by_slice: (
-        Tensor  # (heading, slice): which of all products of a sector and a slice are a heading's
-    )
+    """The layer with one row a place."""
+    by_slice: Tensor
+    """(heading, slice) the indices of the products that a heading sums, slice by slice."""
     by_sector: Tensor
-    """(heading, sector): the same, in the order of the image's sectors."""
+    """(heading, sector) the same indices, sector by sector of the image."""
 
     def __init__(
         self,
@@ -76,7 +83,7 @@ class Ring(nn.Module):
         self.headings = sectors // POOLED
         column = 256 * (rings // POOLED)
         self.fc1 = nn.Parameter(torch.empty(self.headings, 64, column))
-        """FC1's slice of each sector, the rings' channels one after the other."""
+        """(slice, 64, column) FC1's slices; a column has the channels of all rings of a sector."""
         self.fc1_bias = nn.Parameter(torch.zeros(64))
         self.fc2 = nn.Linear(64, places)
         self.dropout = nn.Dropout(dropout)
@@ -95,41 +102,38 @@ class Ring(nn.Module):
     def forward(self, images: Tensor, arc: int = 0) -> Tensor:
         """Logits (batch, 1 + arcs, heading, places) of whole images, then without each arc.
 
-        An arc is so many sectors of the features. All are from one pass, since FC1 is linear and an
-        arc can be taken off its sum; no arcs with 0.
+        An arc is `arc` neighbouring sectors of the features, and one begins at every sector; with 0
+        there are none. All come from one pass: FC1 is linear, so an arc can be subtracted from its
+        sum.
         """
         if not arc:
             return self.place(self.embed(images))[:, None]
-        upto = nn.functional.pad(
-            self.products(images)[:, self.by_sector].repeat(1, 1, 2, 1).cumsum(2), (0, 0, 1, 0)
-        )
-        whole_sum = upto[:, :, self.headings, None]
-        without_arc = (
-            whole_sum - upto[:, :, arc : arc + self.headings] + upto[:, :, : self.headings]
-        )
-        return self.place(
-            torch.cat([whole_sum, without_arc], dim=2).transpose(1, 2) + self.fc1_bias
-        )
+        # Sums of the first sectors, twice around the circle, so that an arc may wrap.
+        products = self.products(images)[:, self.by_sector].repeat(1, 1, 2, 1)
+        sum_up_to = nn.functional.pad(products.cumsum(2), (0, 0, 1, 0))
+        whole_sum = sum_up_to[:, :, self.headings, None]
+        arc_ends = sum_up_to[:, :, arc : arc + self.headings]
+        arc_starts = sum_up_to[:, :, : self.headings]
+        without_arc = whole_sum - arc_ends + arc_starts
+        sums = torch.cat([whole_sum, without_arc], dim=2).transpose(1, 2)
+        return self.place(sums + self.fc1_bias)
 
     def embed(self, images: Tensor) -> Tensor:
-        """FC1's vector at each heading (batch, heading, 64)."""
+        """FC1's output at each heading (batch, heading, 64)."""
         embedded: Tensor = self.products(images)[:, self.by_slice].sum(2) + self.fc1_bias
         return embedded
 
     def products(self, images: Tensor) -> Tensor:
         """Every sector of the features times every slice of FC1 (batch, sector · slice, 64).
 
-        What dropout drops of the features it drops at every heading.
+        Dropout drops the same features at every heading.
         """
         features: Tensor = self.features(images.contiguous(memory_format=torch.channels_last))
         columns = self.dropout(features.permute(0, 3, 2, 1).flatten(2))
-        return (
-            nn.functional.linear(columns, self.fc1.flatten(0, 1))
-            .float()
-            .view(len(images), self.headings**2, 64)
-        )
+        products = nn.functional.linear(columns, self.fc1.flatten(0, 1)).float()
+        return products.view(len(images), self.headings**2, 64)
 
     def place(self, embedded: Tensor) -> Tensor:
-        """Logits (…, places) of FC1's vectors (…, 64)."""
+        """Logits (…, places) from FC1's output (…, 64)."""
         logits: Tensor = self.fc2(self.dropout(embedded))
         return logits

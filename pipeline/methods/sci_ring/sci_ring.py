@@ -1,7 +1,14 @@
-"""SCI on a ring: one softmax over places × headings, so an answer has a heading too (METHODS 8)."""
+"""SCI on a ring: one softmax over places × headings, so an answer has a heading too (METHODS 8).
+
+It is our own method, in neither paper. The network is `ring.Ring`; settings, training and answers
+are those of `Classifier` and `Learner`, as for SCI. It differs from SCI in the network and in three
+more ways: training also asks for the right answer without some sectors (`step`), the first places
+are ranked anew by their outlines (`reranked`), and novelty is another one (`novelties`).
+"""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -21,29 +28,39 @@ from pipeline.networks.learner import Learner
 from pipeline.networks.lenet import device, sent
 from pipeline.networks.plain import HEADING_SOFTNESS
 
-Batch = tuple[Tensor, Tensor, int, Tensor]
-"""Images (b, channels, rings, sectors), their places (b,), sectors of an arc, and the images' yaw
-(b,) in headings."""
+
+class Batch(NamedTuple):
+    """A batch of training images."""
+
+    images: Tensor
+    """(b, channels, rings, sectors) coloured images, each turned at random."""
+    places: Tensor
+    """(b,) their places."""
+    arc: int
+    """Number of neighbouring sectors of the features without which the loss is computed too; 0 for
+    none."""
+    headings: Tensor
+    """(b,) the yaw of the images, in headings of the network."""
 
 
 @dataclass(frozen=True)
 class SciRing(Learner):
-    """Our own method, of neither paper.
+    """SCI with the network `Ring`.
 
-    The view's columns run counter-clockwise, and 8 divides their number.
+    It needs a view whose columns run counter-clockwise, and their number must be a multiple of 8.
     """
 
     architecture = Ring
     epochs: Count = 300
-    """In one each training view is shown once, turned at random."""
+    """An epoch shows each training view once, turned at random."""
     batch: Count = 32
     dropout: Share = 0.5
     worst_arc: Share = 0.5
-    """Share of the loss that is the loss without the arc whose absence costs most: no place may
-    hang on a few sectors."""
-    widest_arc: Count = (
-        5  # sectors of the features, of 24° each; a batch's arcs have 1 to so many, at random
-    )
+    """Share of the loss without the arc of sectors whose absence costs most, so that no place
+    depends on a few sectors alone."""
+    widest_arc: Count = 5
+    """Largest number of sectors of an arc, of 24° each; each batch draws a number from 1 to
+    this."""
     refit: Share = 0.3
     yaw_noise_deg: NotNegative = 0.0
     """Standard deviation of Gaussian noise on the yaw of each training view, to study how well it
@@ -52,7 +69,7 @@ class SciRing(Learner):
     def batches(
         self, heights: Tensor, views: Rows, places: Tensor, trained: Tensor
     ) -> tuple[loop.Batches[Batch], int]:
-        """Every trained view once, shuffled, each turned by a random number of columns."""
+        """The batches of an epoch: every trained view once, shuffled and turned at random."""
         sectors = heights.shape[2]
         columns = self._columns(views, sectors).to(device())
         heights, places, trained = (part.to(device()) for part in (heights, places, trained))
@@ -61,50 +78,50 @@ class SciRing(Learner):
         def epoch(order: torch.Generator) -> Iterator[Batch]:
             shuffled = trained[torch.randperm(len(trained), generator=order).to(device())]
             for rows in torch.split(shuffled, self.batch):
-                if len(rows) > 1 or len(trained) == 1:  # batch norms need two
+                if len(rows) > 1 or len(trained) == 1:  # batch norms need two images
                     turns = torch.randint(sectors, (len(rows),), generator=order)
                     turns = sent(turns, device())
                     arc = int(torch.randint(1, widest + 1, (), generator=order)) if widest else 0
                     headings = (columns[rows] - turns) / POOLED
-                    yield self.images(rolled(heights[rows], turns)), places[rows], arc, headings
+                    images = self.images(rolled(heights[rows], turns))
+                    yield Batch(images, places[rows], arc, headings)
 
         return epoch, -(-len(trained) // self.batch)
 
     def _columns(self, views: Rows, sectors: int) -> Tensor:
-        """The yaw (n,) of training views in columns, with `yaw_noise_deg`."""
-        noise_deg = np.random.default_rng(self.seed).normal(
-            0, self.yaw_noise_deg, len(views.world_T_anchor)
-        )
-        return torch.from_numpy(
-            (np.rad2deg(yaw(views.world_T_anchor)) + noise_deg) * (sectors / 360)
-        ).float()
+        """The yaw (n,) of training views in columns, with the noise of `yaw_noise_deg`."""
+        random = np.random.default_rng(self.seed)
+        noise_deg = random.normal(0, self.yaw_noise_deg, len(views.world_T_anchor))
+        yaw_deg = np.rad2deg(yaw(views.world_T_anchor)) + noise_deg
+        return torch.from_numpy(yaw_deg * (sectors / 360)).float()
 
     def step(self, answer: Callable[..., Tensor], batch: Batch) -> tuple[Tensor, Tensor, int]:
         """Cross-entropy in nats over headings × places, and the number of right first places.
 
-        The target is split linearly between the two headings nearest the true one. `worst_arc` of
-        the loss is that without the arc whose absence costs most.
+        The target is split linearly between the two headings nearest to the true one. A share
+        `worst_arc` of the loss is the largest one without an arc of sectors.
         """
-        images, classes, arc, headings = batch
-        logits = answer(images, arc).float()
-        lower, upper, share = neighbours(headings, logits.shape[2])
-        each = torch.arange(len(classes), device=classes.device)
-        target = logits[each, :, lower, classes].lerp(
-            logits[each, :, upper, classes], share[:, None]
-        )
+        logits = answer(batch.images, batch.arc).float()  # (b, 1 + arcs, heading, place)
+        places = batch.places
+        lower, upper, share = neighbours(batch.headings, logits.shape[2])
+        each = torch.arange(len(places), device=places.device)
+        at_lower = logits[each, :, lower, places]
+        at_upper = logits[each, :, upper, places]
+        target = at_lower.lerp(at_upper, share[:, None])
         costs = logits.flatten(2).logsumexp(2) - target  # (b, 1 + arcs)
-        right = (logits[:, 0].logsumexp(1).argmax(1) == classes).sum()
-        return costs[:, 0].lerp(costs.amax(1), self.worst_arc).mean(), right, len(classes)
+        right = (logits[:, 0].logsumexp(1).argmax(1) == places).sum()
+        return costs[:, 0].lerp(costs.amax(1), self.worst_arc).mean(), right, len(places)
 
     def whole(self, logits: Tensor) -> Tensor:
-        """The logits (n, heading, places) of images that lack no arc."""
+        """The logits (n, heading, places) of images without a missing arc."""
         return logits[:, 0]
 
     @torch.inference_mode()
     def predict(self, net: Ring, heights: Tensor, forgotten: Tensor | None = None) -> Prediction:
-        """Logits summed over headings, each place's heading, and features.
+        """Logits and headings of the places, and features.
 
-        The features are interpolated at the heading of the first place.
+        A place's chance is the sum over its headings, and its heading is their circular mean. The
+        features are those at the heading of the first place, interpolated.
         """
         net.eval()
         torch_device = next(net.parameters()).device
@@ -117,9 +134,8 @@ class SciRing(Learner):
             scores = logits.logsumexp(1)
             each = torch.arange(len(rows), device=embedded.device)
             heading_deg = circular_mean_deg((logits / HEADING_SOFTNESS).softmax(1))
-            lower, upper, share = neighbours(
-                heading_deg[each, scores.argmax(1)] * (net.headings / 360), net.headings
-            )
+            first_heading = heading_deg[each, scores.argmax(1)] * (net.headings / 360)
+            lower, upper, share = neighbours(first_heading, net.headings)
             features = embedded[each, lower].lerp(embedded[each, upper], share[:, None])
             outputs.append((scores, nn.functional.normalize(features), heading_deg))
         return Prediction(*(torch.cat(parts).cpu() for parts in zip(*outputs, strict=True)))
@@ -128,7 +144,7 @@ class SciRing(Learner):
     def embed_training(
         self, net: Ring, heights: Tensor, views: Rows, trained: Tensor
     ) -> tuple[Tensor, Tensor]:
-        """Every view, held-out ones included, turned to face +x."""
+        """Features of every view, held-out ones included, turned to face +x."""
         net.eval()
         north = rolled(heights, self._columns(views, heights.shape[2]).round().long())
         parts = [self.embedded(net, part)[:, 0] for part in torch.split(north, self.batch)]
@@ -137,7 +153,7 @@ class SciRing(Learner):
     def remembered(
         self, images: NDArray[np.float32], views: Rows, places: NDArray[np.int64], trained: Tensor
     ) -> Model:
-        """The arrays of the trained views' outlines."""
+        """The arrays of the trained views' outlines, in the order of their places."""
         rows = trained.numpy()[np.argsort(places[trained.numpy()], kind="stable")]
         return Outlines(
             outlines(images[rows]),
@@ -148,7 +164,10 @@ class SciRing(Learner):
     def reranked(
         self, prediction: Prediction, images: NDArray[np.float32], model: Model
     ) -> Prediction:
-        """The first places' scores and headings, compared by outlines."""
+        """The outputs, with the first places ranked anew by the likeness of their outlines.
+
+        An outline is the nearest thing that stands in each sector (matching.outlines).
+        """
         scores, heading_deg = reranked(
             prediction.scores, prediction.heading_deg.numpy(), outlines(images), Outlines.of(model)
         )
@@ -160,19 +179,20 @@ class SciRing(Learner):
     def positions(
         self, places_m: NDArray[np.float64], likest_m: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Positions of the answers: the first at the training view most like the query.
+        """World positions (n, k, 2) of the answers.
 
-        The others at their places' means.
+        The first answer is at the training view most like the query, the others are at their
+        places' mean positions.
         """
         return np.concatenate([likest_m[:, None], places_m[:, 1:]], axis=1)
 
     def novelties(
         self, logits: NDArray[np.float64], softness: float, likeness: NDArray[np.float64]
     ) -> Kinds:
-        """`combined`, the tempered entropy times the feature distance, comes first.
+        """The kinds of novelty; in use is `combined`: tempered entropy times feature distance.
 
-        On held-out blocks of two simulated worlds neither factor alone reached as high an AUROC and
-        AUC.
+        On held-out blocks of two simulated worlds neither of the two alone reached as high an AUROC
+        and AUC.
         """
         kinds = super().novelties(logits, softness, likeness)
         return {"combined": kinds["tempered_entropy"] * kinds["feature_distance"], **kinds}
