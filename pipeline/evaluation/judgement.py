@@ -213,7 +213,7 @@ class Evaluation:
         Mapping[str, float],
         "by protocol, recall@1 of one and the same answer to every query; null if none is seen",
     ]
-    block_m: Annotated[float, "side of the blocks that the bootstrap draws"]
+    block_m: Annotated[float, "length along the path of the blocks that the bootstrap draws"]
     unsuited: Annotated[
         Mapping[str, float],
         "reasons why the submaps do not suit the views, each with the value that says so",
@@ -250,9 +250,10 @@ class Evaluation:
 
         Answers are poses if the method estimates poses, else places.
         """
-        judged, accepted, wrong = (
-            self._pose_acceptance() if self.has_poses else self._place_acceptance()
-        )
+        if self.has_poses:
+            judged, accepted, wrong = self._pose_acceptance()
+        else:
+            judged, accepted, wrong = self._place_acceptance()
         refused = judged & ~accepted
         return {
             "accepted": accepted,

@@ -96,8 +96,7 @@ class ResultsTable:
     def _answers_at_study_grid(self, grid: str, models: Sequence[ModelName]) -> TableRows:
         """Rows of every model at a cell size of the study, and rows that take several evaluations.
 
-        At the other cell sizes, at which the study asks too, only the first kind is made, and only
-        for plain models.
+        The study's further cell sizes (`cells`) have only rows of the first kind, of plain models.
         """
         sequences = (*self.study.tests, *self.study.stress)
         by_method: dict[str, dict[str, Evaluation]] = {}
