@@ -21,13 +21,25 @@ from pipeline.running.texts import read_yaml
 from pipeline.studies.study import Study
 
 FOLDER = Path("docs/papers")
-KEPT = tuple(name for name in (*COLUMNS, *CASE_COLUMNS) if name not in ("dataset", "case", "days"))
+KEPT_COLUMNS = tuple(
+    name for name in (*COLUMNS, *CASE_COLUMNS) if name not in ("dataset", "case", "days")
+)
 """The columns that are kept."""
 DIGITS = 6
 """Decimals of the numbers that are kept."""
 NAMES = ("nway", "street", "compare", "real")
 """The tables that findings read (see `claims`)."""
-TOLD = ("question", "world", "root", "train", "tests", "budget", "methods", "altered", "cells")
+STUDY_KEYS = (
+    "question",
+    "world",
+    "root",
+    "train",
+    "tests",
+    "budget",
+    "methods",
+    "altered",
+    "cells",
+)
 """The settings of each study that the yaml has."""
 
 
@@ -76,10 +88,10 @@ def _read_table(path: Path) -> pd.DataFrame:
     try:
         return pd.read_csv(
             path,
-            dtype={name: COLUMN_TYPES[name] for name in KEPT},
+            dtype={name: COLUMN_TYPES[name] for name in KEPT_COLUMNS},
             keep_default_na=False,
             na_values={name: [""] for name in FLOAT_COLUMNS},
-        )[[*KEPT]]
+        )[[*KEPT_COLUMNS]]
     except (ValueError, KeyError) as error:
         raise ArtifactError(
             f"{path}: not a kept table of results ({str(error).strip()}); `yearloc results "
@@ -109,7 +121,7 @@ def kept_rows(name: str, table: pd.DataFrame) -> pd.DataFrame:
     tables = Tables({name: table})
     for claim in CLAIMS:
         claim.measure(tables)
-    rows = table.loc[sorted(tables.used[name]), [*KEPT]]
+    rows = table.loc[sorted(tables.used[name]), [*KEPT_COLUMNS]]
     if rows.empty:
         raise ConfigError(
             f"--keep {name}: the studies in use have none of the numbers that the papers' findings "
@@ -157,7 +169,7 @@ def keep(
 def _study_settings(study: Study) -> dict[str, Any]:
     """The settings of a study for the yaml; for its methods: names, views, variants and seeds."""
     table = study.table()
-    settings = {key: table[key] for key in TOLD if key in table}
+    settings = {key: table[key] for key in STUDY_KEYS if key in table}
     settings["methods"] = [
         {key: method[key] for key in ("name", "view", "variants", "seeds") if key in method}
         for method in table["methods"]

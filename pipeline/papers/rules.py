@@ -26,10 +26,11 @@ BLACK_ERROR = "black_error"
 """The number that is the error of a black image, in place of a network's reconstruction."""
 VIEWPOINT = "viewpoint"
 OF_ALL = "viewpoint of all"
-"""In the column `change`: a sequence that is matched with itself, at one heading and at all."""
+"""Values of the column `change`, for a sequence that is matched with itself: at one heading, and at
+all headings together."""
 CLEARLY = 1.5
 """Medians of times, which have no interval, differ clearly if they do by this factor."""
-CHOSEN = ("study", "method", "number", "protocol", "variant", "grid", "kind", "change")
+SIDE_COLUMNS = ("study", "method", "number", "protocol", "variant", "grid", "kind", "change")
 """The columns in which a side names its rows."""
 
 
@@ -106,7 +107,9 @@ class Tables:
         frame = self.frames.get(side.table)
         if frame is None:
             return pd.DataFrame(columns=["value", "low", "high"])
-        wanted = {"stress": "", "shadow": False} | {name: getattr(side, name) for name in CHOSEN}
+        wanted = {"stress": "", "shadow": False} | {
+            name: getattr(side, name) for name in SIDE_COLUMNS
+        }
         if side.level is not None:
             wanted["level"] = side.level
         chosen = np.logical_and.reduce([frame[name] == value for name, value in wanted.items()])

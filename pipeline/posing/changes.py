@@ -22,7 +22,7 @@ NEAR_M = 5.0
 """Scans nearer to a submap's anchor than this can contradict it."""
 AGREEING = 2
 """Least number of scans that must contradict a submap."""
-USUAL = 0.99
+USUAL_QUANTILE = 0.99
 """A contradiction counts if it is larger than this share of those between submaps of one day: there
 nothing has changed."""
 
@@ -57,7 +57,8 @@ def contradicted(
 
 
 def usual_contradiction(targets: Targets, walls: Walls) -> float:
-    """The contradiction that USUAL of the pairs of neighbouring submaps of a map stay below.
+    """The contradiction that USUAL_QUANTILE of the pairs of neighbouring submaps of a map stay
+    below.
 
     It is 1 if there is no such pair.
     """
@@ -68,7 +69,7 @@ def usual_contradiction(targets: Targets, walls: Walls) -> float:
         submap = _drawn(targets, walls, row)
         other_submap = _drawn(targets, walls, other_row)
         shares.append(contradiction(walls, submap, other_submap, row_T_other))
-    return float(np.quantile(shares, USUAL)) if shares else 1.0
+    return float(np.quantile(shares, USUAL_QUANTILE)) if shares else 1.0
 
 
 class Drawn(NamedTuple):

@@ -36,14 +36,14 @@ from pipeline.posing.search import LIKELY, Answers, Fixer
 from pipeline.posing.targets import Targets
 from pipeline.posing.verdict import Evidence, right
 
-PART = 152
+PART_LENGTH = 152
 """Questions that a process takes at a time."""
-LOST = 0.005
+LOST_SHARE = 0.005
 """This share of the right approaches, those of least overlap, is left out in `least_overlap`."""
-KEPT = 0.8
+KEPT_SHARE = 0.8
 """An approach is worth refining if it has this share of the least overlap of right ones: on a later
 day right ones have less overlap than on the training day."""
-MOST_LEAST = 0.3
+LARGEST_LEAST = 0.3
 """An approach of this overlap is always worth refining: the training day does not show how little
 right ones overlap after new walls, or from another lane."""
 
@@ -209,7 +209,7 @@ class HeldOut:
         rows = np.flatnonzero(held)
         drive = day.drive
         view = day.view  # a process gets these, not the model
-        parts = [rows[first : first + PART] for first in range(0, len(rows), PART)]
+        parts = [rows[first : first + PART_LENGTH] for first in range(0, len(rows), PART_LENGTH)]
 
         def drawn(part: NDArray[np.int64]) -> list[NDArray[Any]]:
             return [
@@ -240,7 +240,10 @@ class HeldOut:
         """The fix of each question."""
         drive = day.drive
         map_path = day.map_path
-        parts = [questions[first : first + PART] for first in range(0, len(questions), PART)]
+        parts = [
+            questions[first : first + PART_LENGTH]
+            for first in range(0, len(questions), PART_LENGTH)
+        ]
 
         def fixes(part: Sequence[Question]) -> list[Fix]:
             targets = Targets.read(map_path)
@@ -271,15 +274,15 @@ class HeldOut:
 def least_overlap(fixes: Sequence[Fix], world_T_true: Poses) -> float:
     """From which overlap on an approach is worth refining, by fixes of held-out submaps.
 
-    It is KEPT of the least overlap (all but LOST) of those approaches of q fixes that led to a
-    right pose, but MOST_LEAST at most; 0 if none did. The true poses are (q, 4, 4).
+    It is KEPT_SHARE of the least overlap (all but LOST_SHARE) of those approaches of q fixes that
+    led to a right pose, but LARGEST_LEAST at most; 0 if none did. The true poses are (q, 4, 4).
     """
     overlaps = []
     for fix, true in zip(fixes, world_T_true, strict=True):
         overlaps += [hypothesis.approached for hypothesis in _right_hypotheses(fix, true)]
     if not overlaps:
         return 0.0
-    return min(KEPT * float(np.quantile(overlaps, LOST)), MOST_LEAST)
+    return min(KEPT_SHARE * float(np.quantile(overlaps, LOST_SHARE)), LARGEST_LEAST)
 
 
 def _right_hypotheses(fix: Fix, world_T_true: NDArray[np.float64]) -> list[Hypothesis]:

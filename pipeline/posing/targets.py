@@ -25,7 +25,7 @@ GRAIN_M = 0.01
 """Points are stored as whole multiples of this."""
 APART_M = 5.0
 """A candidate nearer than this to an earlier one is skipped."""
-KEPT = 256
+CACHED_CLOUDS = 256
 """Number of prepared clouds in memory: some 400 MB for submaps of several scans. Charts are small,
 so all of them are kept."""
 
@@ -94,8 +94,8 @@ class Targets:
         self.range_m = range_m
         self.world_T_anchor: Poses = arrays["world_T_anchor"]
         self.chart: Callable[[Walls, int], Chart] = lru_cache(None)(self._chart)
-        self.seen: Callable[[Registration, Walls, int], Seen] = lru_cache(KEPT)(self._seen)
-        self.cloud: Callable[[Registration, int], Cloud] = lru_cache(KEPT)(self._cloud)
+        self.seen: Callable[[Registration, Walls, int], Seen] = lru_cache(CACHED_CLOUDS)(self._seen)
+        self.cloud: Callable[[Registration, int], Cloud] = lru_cache(CACHED_CLOUDS)(self._cloud)
 
     @classmethod
     def read(cls, path: Path) -> Self:

@@ -12,7 +12,7 @@ from pipeline.core.progress import Progress
 from pipeline.matching.ranking import Model, Rows
 from pipeline.matching.rejection import Evidence, Rejection
 from pipeline.methods.pfl.bigan import Encoder
-from pipeline.methods.pfl.features import HELD
+from pipeline.methods.pfl.features import JUDGED_IMAGES
 from pipeline.methods.pfl.game import OBJECTIVES
 from pipeline.methods.pfl.pfl import Pfl
 from tests.learning import Clears
@@ -168,7 +168,7 @@ def test_an_untrained_encoder_ranks_through_the_same_matching(model: Model) -> N
 
 def test_a_black_image_is_judged_on_the_images_that_the_reconstructions_are(model: Model) -> None:
     images = rows().images[SMALL.held_out(rows())].reshape(-1, 64, 64)
-    assert len(images) <= HELD
+    assert len(images) <= JUDGED_IMAGES
     black = np.square(images / 127.5).mean()
     np.testing.assert_allclose(model["curves/black_error"], black, rtol=1e-5)
 

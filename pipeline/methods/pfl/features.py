@@ -46,7 +46,7 @@ DECODER = "net/decoder."
 """Prefixes of the networks' weights in a model."""
 AT_ONCE = 256
 """Number of images that are encoded at a time."""
-HELD = 256
+JUDGED_IMAGES = 256
 """Largest number of held-out images by which a round is judged."""
 PICTURES = 16
 """Largest number of held-out images that a model stores, with their reconstructions."""
@@ -76,7 +76,7 @@ class FeatureMethod(Training, ABC):
             # Train in rounds.
             torch.manual_seed(self.seed)
             game = self._game()
-            sample = _spread(judged_images.reshape(-1, SIDE, SIDE), HELD)
+            sample = _spread(judged_images.reshape(-1, SIDE, SIDE), JUDGED_IMAGES)
             judge = self._judge(game, images, views, database, sample)
             trained_images = images[~is_held_out].reshape(-1, SIDE, SIDE)
             rounds, iterations = self._rounds(len(trained_images), progress.budget)
