@@ -1,5 +1,5 @@
-"""Small evaluations and judgements, worked out by hand, that several tests look at, and how they
-are written as artifacts."""
+"""Small evaluations and judgements for the tests of evaluation, with outcomes worked out by hand,
+and functions that write them as artifacts."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, fields, replace

@@ -1,5 +1,5 @@
-"""Lines through a number over the days since training, and the day on which it has fallen too
-far."""
+"""Tests of the line through a number over the days since training, and of the day on which the
+number has fallen too far."""
 
 from dataclasses import replace
 
@@ -22,9 +22,9 @@ T_2 = 4.302653
 
 
 def line(values: np.ndarray = VALUES, days: np.ndarray = DAYS) -> Line:
-    found = Ageing().line(days, values)
-    assert found is not None
-    return found
+    result = Ageing().line(days, values)
+    assert result is not None
+    return result
 
 
 def test_the_line_is_the_one_of_least_squares_and_the_interval_of_its_slope_is_students() -> None:
@@ -82,23 +82,24 @@ def test_two_sequences_give_a_slope_but_no_interval_and_one_gives_none() -> None
     assert np.isnan(two.p)
     assert Ageing().line(DAYS[:1], VALUES[:1]) is None
     assert Ageing().line(np.array([20, 20]), VALUES[:2]) is None  # both of one day
-    found = line(
-        np.append(VALUES, np.nan), np.append(DAYS, 400)
-    )  # one without the number is left out
-    assert (found.number, found.last_day, found.slope) == (4, 300, pytest.approx(-0.0014))
+    # One without the number is left out
+    result = line(np.append(VALUES, np.nan), np.append(DAYS, 400))
+    assert (result.number, result.last_day, result.slope) == (4, 300, pytest.approx(-0.0014))
 
 
 def test_intervals_hold_the_true_slope_and_the_true_day_as_often_as_they_say() -> None:
     rng = np.random.default_rng(0)
     days = np.array([20, 62, 152, 287, 446])
     lines = [line(0.8 - 0.0004 * days + rng.normal(0, 0.015, 5), days) for _ in range(300)]
-    held = [low <= -0.0004 <= high for low, high in (one.interval or (1.0, 0.0) for one in lines)]
-    told = [
+    slope_held = [
+        low <= -0.0004 <= high for low, high in (one.interval or (1.0, 0.0) for one in lines)
+    ]
+    day_held = [
         first <= 200 <= last
         for _, first, last in (one.lost(0.1) or (0.0, 300.0, 0.0) for one in lines)
     ]
-    assert np.mean(held) == pytest.approx(0.95, abs=0.03)
-    assert np.mean(told) == pytest.approx(0.95, abs=0.03)
+    assert np.mean(slope_held) == pytest.approx(0.95, abs=0.03)
+    assert np.mean(day_held) == pytest.approx(0.95, abs=0.03)
 
 
 def test_newness_is_where_the_median_seen_novelty_lies_among_the_held_out() -> None:

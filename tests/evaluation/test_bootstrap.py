@@ -1,4 +1,4 @@
-"""Intervals from resampled blocks of the path."""
+"""Tests of the 95 % intervals, which come from resampled blocks of the path."""
 
 from collections.abc import Callable
 
@@ -23,18 +23,20 @@ def share_of(right: np.ndarray) -> Numbers:
 
 
 def test_blocks_are_metres_travelled_and_not_metres_away() -> None:
+    # 0 … 49 m, 50 … 99 m, 100 … 119 m
     assert np.bincount(blocks(straight(120), 50.0)).tolist() == [
         50,
         50,
         20,
-    ]  # 0 … 49 m, 50 … 99 m, 100 … 119 m
+    ]
     out = straight(60)
     back = straight(60)[::-1]
+    # One query turns on the spot
     assert np.bincount(blocks(np.concatenate([out, back]), 50.0)).tolist() == [
         50,
         51,
         19,
-    ]  # one query turns on the spot
+    ]
     standing = np.zeros((5, 2))
     assert blocks(standing, 50.0).tolist() == [0] * 5
     gap = np.concatenate([straight(10), straight(10) + 1000.0])
@@ -93,9 +95,8 @@ def test_resamples_that_leave_a_number_undefined_are_left_out_and_where_all_do_t
         return np.where((weight == 1).all(axis=1), 0.5, np.nan)[None]  # as the estimate is
 
     def of_others(weight: np.ndarray) -> np.ndarray:
-        return np.where(
-            weight[:, :1].T == 1, np.nan, 0.5
-        )  # defined in resamples that draw the first block twice or never
+        # Defined in resamples that draw the first block twice or never
+        return np.where(weight[:, :1].T == 1, np.nan, 0.5)
 
     assert np.isnan(Bootstrap(resamples=3, seed=1).intervals(of_all_once, straight(1000))).all()
     assert np.isnan(Bootstrap(resamples=50).intervals(of_others, straight(150))).all()

@@ -1,4 +1,4 @@
-"""Confidence against the share that is right."""
+"""Tests of the calibration error: confidences against the share of right answers."""
 
 import numpy as np
 import pytest
@@ -10,11 +10,11 @@ from pipeline.evaluation.calibration import ece, reliability
 def test_bins_of_six_answers_by_hand() -> None:
     confidence = np.array([0.05, 0.82, 0.84, 0.86, 0.88, 1.0], np.float32)
     right = np.array([False, True, True, False, True, True])
-    found = reliability(confidence, right)
-    assert found.count.tolist() == [1, 0, 0, 0, 0, 0, 0, 0, 4, 1]  # 1 is in the last bin
-    np.testing.assert_allclose(found.confidence[[0, 8, 9]], [0.05, 0.85, 1.0], rtol=1e-6)
-    assert found.right[[0, 8, 9]].tolist() == [0.0, 0.75, 1.0]
-    assert np.isnan(found.right[1:8]).all()
+    result = reliability(confidence, right)
+    assert result.count.tolist() == [1, 0, 0, 0, 0, 0, 0, 0, 4, 1]  # 1 is in the last bin
+    np.testing.assert_allclose(result.confidence[[0, 8, 9]], [0.05, 0.85, 1.0], rtol=1e-6)
+    assert result.right[[0, 8, 9]].tolist() == [0.0, 0.75, 1.0]
+    assert np.isnan(result.right[1:8]).all()
     # (1 · .05 + 4 · |.85 − .75| + 1 · 0) / 6
     assert ece(confidence, right) == pytest.approx((0.05 + 0.4) / 6)
 

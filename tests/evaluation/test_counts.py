@@ -1,4 +1,5 @@
-"""The four outcomes of METHODS.md 2.7."""
+"""Tests of the counts of the four outcomes: hit, miss, false alarm, correct rejection (METHODS.md
+2.7)."""
 
 import numpy as np
 import pytest
@@ -59,9 +60,8 @@ def test_every_query_has_one_outcome_at_every_threshold() -> None:
     total = counts.hits + counts.misses + counts.false_alarms + counts.correct_rejections
     assert counts.hits.shape == (25, 200)
     assert (total == 300).all()
-    assert (
-        counts.misses[0, 0] == seen.sum()
-    )  # at threshold 0 everything is rejected: Table II's seen …
+    # At threshold 0 everything is rejected: Table II's seen …
+    assert counts.misses[0, 0] == seen.sum()
     assert counts.correct_rejections[0, 0] == (~seen).sum()  # … and unseen
 
 
@@ -74,16 +74,17 @@ def test_a_query_neither_seen_nor_unseen_is_in_no_count() -> None:
     )
     novelty = np.array([0.1, 0.2, 0.3], np.float32)
     counts = count(truth, novelty, np.array([0.0, 1.0]), top_n=1)
-    found = [
+    result = [
         a[0].tolist()
         for a in (counts.hits, counts.misses, counts.false_alarms, counts.correct_rejections)
     ]
-    assert found == [
+    # All rejected, all accepted: two queries each time
+    assert result == [
         [0, 1],
         [1, 0],
         [0, 1],
         [1, 0],
-    ]  # all rejected, all accepted: two queries each time
+    ]
     swept = ExactCounts(truth, novelty, np.ones((1, 3))).count(1)
     assert swept.hits.tolist() == [[0, 1, 1, 1]]
     assert swept.false_alarms.tolist() == [[0, 0, 1, 1]]

@@ -1,4 +1,5 @@
-"""Precision, recall and AUC: by hand, and against the SCI authors' published counts."""
+"""Tests of precision, recall and the areas under curves: by hand, against scikit-learn, and against
+the SCI authors' published counts."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -59,15 +60,13 @@ def test_precision_recall_and_area_of_six_queries_by_hand() -> None:
     # misplaced one is never recalled.
     precision, recall = precision_recall(count(TOY, NOVELTY, THRESHOLDS), seen=4)
     assert recall[0].tolist() == [1 / 4, 1 / 4, 2 / 4, 2 / 4, 3 / 4, 3 / 4]
-    np.testing.assert_allclose(
-        precision[0], [1, 1 / 2, 2 / 3, 1 / 2, 3 / 5, 1 / 2]
-    )  # as by the authors' rule
+    # As by the authors' rule
+    np.testing.assert_allclose(precision[0], [1, 1 / 2, 2 / 3, 1 / 2, 3 / 5, 1 / 2])
 
 
 def test_at_the_ends_of_the_curve() -> None:
-    precision, recall = precision_recall(
-        Counts(*(np.array([[n]]) for n in (0, 0, 0, 4)))
-    )  # no seen query at all: 0/0 twice
+    # No seen query at all: 0/0 twice
+    precision, recall = precision_recall(Counts(*(np.array([[n]]) for n in (0, 0, 0, 4))))
     assert (precision.item(), recall.item()) == (1.0, 0.0)
     # All accepted: seen but misplaced is a false alarm, not a miss, so there is one hit, no miss,
     # one false alarm.
@@ -105,9 +104,8 @@ def test_the_exact_usual_curve_of_six_queries_by_hand() -> None:
     assert recall.tolist() == [0, 1 / 4, 1 / 4, 2 / 4, 2 / 4, 3 / 4, 3 / 4]
     # Trapezoids where recall moves: (1/4)(1) + (1/4)(7/12) + (1/4)(11/20)
     assert auc(precision, recall) == pytest.approx((1 + 7 / 12 + 11 / 20) / 4)
-    assert f1_max(precision, recall) == pytest.approx(
-        2 * 0.6 * 0.75 / 1.35
-    )  # at precision 3/5, recall 3/4
+    # At precision 3/5, recall 3/4
+    assert f1_max(precision, recall) == pytest.approx(2 * 0.6 * 0.75 / 1.35)
 
 
 def test_where_no_threshold_is_precise_enough_recall_is_zero() -> None:
@@ -130,9 +128,8 @@ def test_two_hundred_thresholds_come_near_the_exact_curve_and_few_do_not() -> No
 
     assert off(np.linspace(0, 1, 200)) < 0.005
     assert off(np.linspace(0, 1, 4)) > 0.01
-    crowded = (
-        novelty / 1000
-    )  # all between the first two of 200 thresholds: the curve is one straight line
+    # All between the first two of 200 thresholds: the curve is one straight line
+    crowded = novelty / 1000
     assert abs(auc(*exact(truth, crowded, usual=False)) - area) < 1e-12
     assert (
         abs(auc(*precision_recall(count(truth, crowded, np.linspace(0, 1, 200))))[0] - area) > 0.02
@@ -170,8 +167,8 @@ def made(queries: list[tuple[bool, bool, int]]) -> tuple[Truth, np.ndarray]:
 @given(QUERIES)
 def test_auroc_is_scikit_learn_s(queries: list[tuple[bool, bool, int]]) -> None:
     truth, novelty = made(queries)
-    found = auroc(ExactCounts(truth, novelty, np.ones((1, len(novelty)))).count(1)).item()
-    assert found == pytest.approx(metrics.roc_auc_score(truth.unseen, novelty))
+    result = auroc(ExactCounts(truth, novelty, np.ones((1, len(novelty)))).count(1)).item()
+    assert result == pytest.approx(metrics.roc_auc_score(truth.unseen, novelty))
 
 
 @given(QUERIES)
@@ -209,9 +206,8 @@ def test_the_best_f1_is_that_of_the_best_threshold(queries: list[tuple[bool, boo
 
 
 def test_small_unsigned_counts_do_not_overflow() -> None:
-    counts = Counts(
-        *(np.array([[n]], np.uint16) for n in (60_000, 0, 20_000, 0))
-    )  # 80,000 does not fit 16 bits
+    # 80,000 does not fit 16 bits
+    counts = Counts(*(np.array([[n]], np.uint16) for n in (60_000, 0, 20_000, 0)))
     assert precision_recall(counts)[0].item() == 0.75
 
 
@@ -226,7 +222,6 @@ def test_the_authors_counts_give_the_published_areas(sequence: str) -> None:
 
 @recorded
 def test_the_authors_first_sequence_has_the_accuracy_their_notebook_prints() -> None:
-    counts = official(
-        "2012-02-04"
-    )  # threshold 1 accepts all, so the hits there are all that are right
+    # Threshold 1 accepts all, so the hits there are all that are right
+    counts = official("2012-02-04")
     assert counts.hits[0, -1] / 5170 == pytest.approx(0.82766, abs=1e-5)

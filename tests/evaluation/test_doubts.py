@@ -1,5 +1,5 @@
-"""Scores that say little: one answer to all, a site within the tolerance, thresholds that reject
-all or nothing."""
+"""Tests of the doubts about a score: one answer to all queries, a site within the tolerance,
+thresholds that reject all or nothing."""
 
 from pathlib import Path
 
@@ -19,8 +19,8 @@ def test_what_one_answer_to_all_would_reach() -> None:
     # By cells place 1 is right for two of the three seen; by distance 10 m is within 15 m of three
     # of the four near ones.
     xy_m = np.array([[0.0, 0], [10, 0], [20, 0], [90, 0], [200, 0]])
-    found = blind(np.array([1, 1, 2, -1, -1]), np.array([0, 1, 2, 3, 100.0]), xy_m, Distance())
-    assert found == {"cells": 2 / 3, "distance": 3 / 4}
+    result = blind(np.array([1, 1, 2, -1, -1]), np.array([0, 1, 2, 3, 100.0]), xy_m, Distance())
+    assert result == {"cells": 2 / 3, "distance": 3 / 4}
     nothing = blind(np.array([-1]), np.array([100.0]), xy_m[:1], Distance())
     assert np.isnan([*nothing.values()]).all()
 
@@ -55,9 +55,9 @@ def test_a_doubt_is_there_where_it_applies(change: dict, applies: dict) -> None:
         "wanted_precision": 0.9,
     }
     usual |= {"seen": 31, "blocks": 6}
-    found = doubts(**usual | change)
-    assert found.pop(BLIND) == pytest.approx((usual | change)["blind"], nan_ok=True)
-    assert found == applies
+    result = doubts(**usual | change)
+    assert result.pop(BLIND) == pytest.approx((usual | change)["blind"], nan_ok=True)
+    assert result == applies
 
 
 @pytest.mark.parametrize(

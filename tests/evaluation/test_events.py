@@ -1,4 +1,5 @@
-"""How far queries are from what has really changed, and how they fare by that."""
+"""Tests of the distance of queries to changes of the world, and of the results in bands of that
+distance."""
 
 from dataclasses import replace
 
@@ -26,16 +27,16 @@ def test_the_distance_is_to_the_nearest_change() -> None:
 def test_what_shows_in_later_sequences_alone_is_to_come_unless_something_that_shows_is_nearer() -> (
     None
 ):
-    found = distances(
+    result = distances(
         {"early": PATH_M, "late": PATH_M},
         {"early": [TREE, BUILT], "late": [TREE, BUILT, GONE]},
         KINDS,
     )
-    shown, to_come = found["early"]
+    shown, to_come = result["early"]
     assert shown == pytest.approx([5.0, np.hypot(97, 26)])
     assert np.isnan(to_come[0])  # 100 m from the demolition, but 5 m from the fence
     assert to_come[1] == 30.0
-    shown, to_come = found["late"]
+    shown, to_come = result["late"]
     assert shown.tolist() == [5.0, 30.0]
     assert np.isnan(to_come).all()
     # Trees count where they are among the kinds.
@@ -116,7 +117,7 @@ def test_no_block_of_the_path_holds_queries_of_two_sequences() -> None:
         for rank in (np.zeros(7, int), np.full(7, -1))
     )
     rule = Bootstrap(block_m=1000.0, resamples=200)
-    found = judge_by_band(
+    result = judge_by_band(
         [right, wrong], [np.zeros(7), np.zeros(7)], Bands((25.0,)), "cells", rule
     ).values[0, 0]
-    assert found == pytest.approx([0.5, 0.0, 1.0])
+    assert result == pytest.approx([0.5, 0.0, 1.0])

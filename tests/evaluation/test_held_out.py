@@ -1,4 +1,4 @@
-"""The AUC that settings are chosen by comes from held-out blocks of training alone."""
+"""Tests of the AUC on held-out blocks of training, by which settings are chosen."""
 
 import numpy as np
 import pytest
@@ -30,8 +30,8 @@ def test_an_unseen_query_counts_by_the_share_to_expect() -> None:
     # The unseen one, of weight u, is first: precision 0 at recall 0; then the right one, of weight
     # 1 − u: precision 1 − u at recall 1. The area is the one trapezoid between.
     for share in (0.2, 0.5):
-        found = held_out_auc(evidence([True], [0.2], [0.1]), "entropy", share)
-        assert found == pytest.approx((1 - share) / 2)
+        result = held_out_auc(evidence([True], [0.2], [0.1]), "entropy", share)
+        assert result == pytest.approx((1 - share) / 2)
 
 
 def test_a_query_that_is_counted_twice_is_two_queries() -> None:

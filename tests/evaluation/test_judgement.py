@@ -1,4 +1,5 @@
-"""The judgement of one test sequence by both protocols, and its numbers."""
+"""Tests of the judgement of one test sequence: outcomes and numbers by both protocols, and the
+artifact that holds them."""
 
 import json
 from dataclasses import asdict, replace
@@ -58,7 +59,7 @@ LABELS = Labels(
 
 
 LEFT_DEG = np.array([30.0, -90.0, 180.0, 0.0, 10.0], np.float32)
-"""How far a case turned the robots."""
+"""The angle by which a case turned each robot."""
 TURNED = replace(
     RANKING,
     places=RANKING.places[:, ::-1],
@@ -90,8 +91,8 @@ def test_an_evaluation_is_what_its_schema_asks_for() -> None:
     turned = Case("turned", repeat=1)
     again = Case("turned", repeat=2)
     cases = {Case(): drive(), turned: drive(TURNED, turned_deg=LEFT_DEG), again: drive()}
-    found = of_cases(cases).arrays
-    assert found.keys() == Evaluations.columns.keys()
+    result = of_cases(cases).arrays
+    assert result.keys() == Evaluations.columns.keys()
     lengths = {
         "case": 3,
         "protocol": 2,
@@ -104,8 +105,8 @@ def test_an_evaluation_is_what_its_schema_asks_for() -> None:
     }
     lengths |= {"number": len(NUMBERS), "measure": len(MEASURES), "confidence2": 2}
     for name, column in Evaluations.columns.items():
-        assert found[name].dtype == np.dtype(column.dtype), name
-        assert found[name].shape == tuple(lengths[dim] for dim in column.dims), name
+        assert result[name].dtype == np.dtype(column.dtype), name
+        assert result[name].shape == tuple(lengths[dim] for dim in column.dims), name
 
 
 def test_each_query_has_the_outcome_worked_out_by_hand() -> None:
@@ -139,35 +140,36 @@ def test_the_numbers_of_five_queries_by_hand() -> None:
     assert (numbers["days"], numbers["queries"]) == (20, 5)
     doubted = ("blind_recall_at_1", "doubt_few_seen", "doubt_few_blocks", "void")
     assert tuple(distance) == ("seen", "unseen", *NUMBERS, "threshold", *doubted)
-    assert (
-        tuple(cells) == tuple(distance)[:-1]
-    )  # the three seen stand within 15 m of one another, in cells of their own
+    # The three seen stand within 15 m of one another, in cells of their own
+    assert tuple(cells) == tuple(distance)[:-1]
     assert [
         cells[name] for name in ("seen", "unseen", "threshold", "recall_at_1", "recall_at_5")
     ] == [4, 1, 0.5, 3 / 4, 1.0]
-    assert (
-        cells["recall_at_1_same_heading"] == 1 / 2
-    )  # queries 0 (10°) and 2 (−45°, still the same), of which 0 is right
+    # Queries 0 (10°) and 2 (−45°, still the same), of which 0 is right
+    assert cells["recall_at_1_same_heading"] == 1 / 2
+    # Turned are 1 (180°) and 3 (46°)
     assert (cells["recall_at_1_turned"], cells["oracle"]) == (
         1.0,
         3 / 4,
-    )  # turned are 1 (180°) and 3 (46°)
+    )
+    # Two hits, false alarm, miss
     assert (cells["precision_at_threshold"], cells["recall_at_threshold"]) == (
         2 / 3,
         2 / 3,
-    )  # two hits, false alarm, miss
+    )
+    # Of 1, 2, 5 and 10; the unseen query's 50 does not count
     assert (cells["median_error_m"], cells["auroc"]) == (
         3.5,
         1.0,
-    )  # of 1, 2, 5 and 10; the unseen query's 50 does not count
+    )
     assert [
         distance[name] for name in ("seen", "unseen", "threshold", "recall_at_1", "oracle")
     ] == [3, 1, 0.5, 1.0, 1.0]
     assert (distance["median_error_m"], distance["precision_at_threshold"]) == (5.0, 1.0)
-    # A heading is judged where the answer is right.
+    # A heading is judged where the answer is right. Over ±180° too
     assert evaluation.heading_error_deg == pytest.approx(
         [20, 3, 45, 0, np.nan], nan_ok=True, abs=1e-4
-    )  # over ±180° too
+    )
     # Right by cells are 0, 1 and 3, by distance 0, 1 and 2.
     assert cells["median_heading_error_deg"] == pytest.approx(3.0, abs=1e-4)
     assert distance["median_heading_error_deg"] == pytest.approx(20.0, abs=1e-4)
@@ -199,9 +201,8 @@ def test_the_arrays_and_the_numbers_agree() -> None:
             judgement.false_alarms,
             judgement.correct_rejections,
         )
-        near = np.searchsorted(
-            evaluation.thresholds, 0.5
-        )  # no query's novelty lies between it and .5
+        # No query's novelty lies between it and .5
+        near = np.searchsorted(evaluation.thresholds, 0.5)
         assert np.bincount(judgement.outcome, minlength=4)[:4].tolist() == [
             array[0, near] for array in counts
         ]
@@ -250,8 +251,8 @@ def test_every_number_lies_in_its_interval() -> None:
     numbers = summary(evaluation)
     for name in ("cells", "distance"):
         low, high = evaluation.protocol(name).numbers[:, 1:].T
-        found = np.array([numbers[name][number] for number in NUMBERS], float)
-        inside = (low <= found) & (found <= high)
+        result = np.array([numbers[name][number] for number in NUMBERS], float)
+        inside = (low <= result) & (result <= high)
         # of level sweeps alone
         assert [n for n, ok in zip(NUMBERS, inside, strict=True) if not ok] == ["within_1m_10deg"]
         assert (low < high)[NUMBERS.index("recall_at_1")]
@@ -309,10 +310,10 @@ def test_each_case_that_is_written_is_read_back(tmp_path: Path) -> None:
             20,
         )
         assert isinstance(again.distance, Judgement)
-        found = of_cases({Case(): again}).arrays
+        result = of_cases({Case(): again}).arrays
         expected = of_cases({Case(): evaluation}).arrays
         for name in Evaluations.columns:
-            np.testing.assert_array_equal(found[name], expected[name], name)
+            np.testing.assert_array_equal(result[name], expected[name], name)
 
 
 @pytest.mark.parametrize("name", ["numbers", "measures", "protocols"])
@@ -378,21 +379,21 @@ def test_each_case_is_judged_by_its_own_answers(tmp_path: Path) -> None:
         store.read(tmp_path / name, getattr(schemas, name.capitalize()))
         for name in ("rankings", "labels", "submaps")
     ]
-    found = judge_cases(*artifacts, Distance(), Bootstrap(block_m=5.0, resamples=40))
-    assert list(found) == cases
-    assert [(one.wanted_precision, one.kept_precision[0]) for one in found.values()] == [
+    result = judge_cases(*artifacts, Distance(), Bootstrap(block_m=5.0, resamples=40))
+    assert list(result) == cases
+    assert [(one.wanted_precision, one.kept_precision[0]) for one in result.values()] == [
         (0.99, 0.812)
     ] * 2
-    assert np.isnan(found[Case()].kept_precision[1])
+    assert np.isnan(result[Case()].kept_precision[1])
     for one, alone in zip(
-        found.values(), (drive(), drive(TURNED, turned_deg=LEFT_DEG)), strict=True
+        result.values(), (drive(), drive(TURNED, turned_deg=LEFT_DEG)), strict=True
     ):
         arrays = of_cases({Case(): one}).arrays
         for name, column in of_cases({Case(): alone}).arrays.items():
             np.testing.assert_allclose(arrays[name], column, atol=1e-12, err_msg=name)
     # by cells three of the four seen are right as driven, the third at second rank; swapped, the
     # third alone
-    driven, turned = found.values()
+    driven, turned = result.values()
     assert (driven.number("cells", "recall_at_1")[0], turned.number("cells", "recall_at_1")[0]) == (
         0.75,
         0.25,
@@ -452,14 +453,14 @@ def test_poses_are_judged_and_an_answer_outside_all_places_says_unseen_by_cells_
 def test_a_row_of_metrics_has_few_numbers_and_none_that_are_not_there() -> None:
     # By distance three are seen, all right and accepted; the fourth is not judged, the fifth is
     # rejected: 3 of 4 answered.
-    found = metrics(drive())
-    assert {name: found[name] for name in ("recall_at_1", "answered", "right_of_answered")} == {
+    result = metrics(drive())
+    assert {name: result[name] for name in ("recall_at_1", "answered", "right_of_answered")} == {
         "recall_at_1": 1.0,
         "answered": 3 / 4,
         "right_of_answered": 1.0,
     }
-    assert found["auc_top1"] == summary(drive())["cells"]["auc_top1"]
-    assert "within_2m_5deg" not in found  # there are no poses
+    assert result["auc_top1"] == summary(drive())["cells"]["auc_top1"]
+    assert "within_2m_5deg" not in result  # there are no poses
     assert metrics(drive(poses=standing(XY_M, YAW_DEG)))["within_2m_5deg"] == 1.0
 
 

@@ -1,4 +1,4 @@
-"""Recall and forgetting after each step of learning, worked out by hand."""
+"""Tests of recall, forgetting and transfer after each step of learning, worked out by hand."""
 
 from pathlib import Path
 from typing import Any
@@ -25,7 +25,7 @@ COURSE = Course(
 
 
 def artifact(path: Path, order: str, steps: list[str]) -> store.Artifact:
-    """By distance the third query is right after every step, and the first after none."""
+    """An artifact in which, by distance, the third query is right after every step, the first never."""
     error_m = np.where(RIGHT, 15.0, 15.1)
     error_m[:, 2] = 3.0
     error_m[:, 0] = 99.0
@@ -60,9 +60,8 @@ def test_recall_is_of_the_queries_whose_place_is_known_by_the_step() -> None:
     assert COURSE.matrix.tolist() == [[1.0, 0.0], [0.5, 1.0], [0.5, pytest.approx(2 / 3)]]
     assert COURSE.recall(2, 1, known_by=0) == 1.0  # the third query alone
     assert [COURSE.mean_recall(step) for step in range(3)] == pytest.approx([0.5, 0.75, 7 / 12])
-    assert [COURSE.recall_of_all(step) for step in range(3)] == pytest.approx(
-        [3 / 5, 3 / 5, 3 / 5]
-    )  # never known: not counted
+    # Never known: not counted
+    assert [COURSE.recall_of_all(step) for step in range(3)] == pytest.approx([3 / 5, 3 / 5, 3 / 5])
 
 
 def test_forgetting_is_the_most_that_was_lost_of_what_was_known_then() -> None:
@@ -77,8 +76,8 @@ def test_forgetting_is_the_most_that_was_lost_of_what_was_known_then() -> None:
 
 
 def test_transfer_is_what_was_gained_on_days_still_to_come(tmp_path: Path) -> None:
-    """Of the queries known from the first step the third alone is asked on the second day: wrong at
-    first, right from then on."""
+    """Of the queries known from the first step, only the third is of the second day: it is wrong
+    after the first step and right after the others."""
     assert [COURSE.transfer(step) for step in (0, 1)] == [0.0, 1.0]
     assert np.isnan(COURSE.transfer(2))  # no day is still to come
     days = Course.of(artifact(tmp_path / "days.zarr", "days", ["a", "b", "c"]), "cells")
@@ -124,20 +123,19 @@ def test_an_answer_is_right_by_distance_nearer_than_15_m(tmp_path: Path) -> None
 def test_rows_say_step_group_and_protocol(tmp_path: Path) -> None:
     rows = list(lifelong_rows(artifact(tmp_path / "a.zarr", "days", ["a", "b", "c"])))
     assert {(one["change"], one["kind"]) for one in rows} == {("lifelong", "days grown")}
-    known = {
+    values = {
         (one["number"], one["protocol"], one["level"], one.get("sequence", "")): one["value"]
         for one in rows
     }
-    assert len(known) == len(rows)
-    assert known["recall_at_1", "cells", 2.0, "second"] == pytest.approx(2 / 3)
-    assert known["forgetting", "cells", 2.0, ""] == pytest.approx(0.5)
-    assert known["recall_of_all", "distance", 0.0, ""] == pytest.approx(
-        3 / 5
-    )  # the second, third and fourth
-    assert known["places", "", 1.0, "b"] == 4
-    assert known["bytes", "", 2.0, "c"] == 30
-    assert known["adopted", "", 1.0, "b"] == 8
-    assert ("adopted", "", 0.0, "a") not in known
+    assert len(values) == len(rows)
+    assert values["recall_at_1", "cells", 2.0, "second"] == pytest.approx(2 / 3)
+    assert values["forgetting", "cells", 2.0, ""] == pytest.approx(0.5)
+    # The second, third and fourth
+    assert values["recall_of_all", "distance", 0.0, ""] == pytest.approx(3 / 5)
+    assert values["places", "", 1.0, "b"] == 4
+    assert values["bytes", "", 2.0, "c"] == 30
+    assert values["adopted", "", 1.0, "b"] == 8
+    assert ("adopted", "", 0.0, "a") not in values
     assert {one["case"] for one in rows} == {f"days grown {step}" for step in range(3)}
 
 

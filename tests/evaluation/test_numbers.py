@@ -1,4 +1,5 @@
-"""The compared numbers, from weighted queries."""
+"""Tests of the numbers by which methods are compared, for six queries worked out by hand and for
+weighted ones."""
 
 from dataclasses import replace
 
@@ -28,78 +29,81 @@ QUERIES = Queries(
 EVERYONE = np.ones((1, 6))
 
 
-def told(
+def values_by_name(
     truth: Truth = TOY, queries: Queries = QUERIES, weight: np.ndarray = EVERYONE
 ) -> dict[str, float]:
     return {name: value.item() for name, value in numbers(truth, queries, weight).items()}
 
 
 def test_the_numbers_of_six_queries_by_hand() -> None:
-    found = told()
-    assert tuple(found) == NUMBERS
-    assert (found["recall_at_1"], found["recall_at_5"], found["recall_at_25"]) == (3 / 4, 1.0, 1.0)
-    assert (
-        found["recall_at_1_same_heading"] == 1 / 2
-    )  # queries 0 (10°) and 1 (−45°, still the same), of which 0 is right
-    assert found["recall_at_1_turned"] == 1.0  # queries 2 (46°) and 4 (180°)
-    assert (found["oracle"], found["oracle_same_heading"], found["oracle_turned"]) == (
+    result = values_by_name()
+    assert tuple(result) == NUMBERS
+    assert (result["recall_at_1"], result["recall_at_5"], result["recall_at_25"]) == (
+        3 / 4,
+        1.0,
+        1.0,
+    )
+    # Queries 0 (10°) and 1 (−45°, still the same), of which 0 is right
+    assert result["recall_at_1_same_heading"] == 1 / 2
+    assert result["recall_at_1_turned"] == 1.0  # queries 2 (46°) and 4 (180°)
+    assert (result["oracle"], result["oracle_same_heading"], result["oracle_turned"]) == (
         3 / 4,
         1.0,
         1 / 2,
     )
+    # As in test_curves.py
     assert (
-        found["auc_top1"]
-        == found["auc_exact_top1"]
+        result["auc_top1"]
+        == result["auc_exact_top1"]
         == pytest.approx(0.25 + 0.0625 + 7 / 36 + 11 / 60)
-    )  # test_curves.py
-    assert found["f1_max"] == pytest.approx(0.75)
-    assert found["recall_at_99_precision"] == 1 / 4
-    assert found["auroc"] == 7 / 8
-    assert found["precision_at_threshold"] == 1 / 2  # below .5: right, misplaced, right, unseen
-    assert found["recall_at_threshold"] == 2 / 3  # two hits, one miss
-    assert found["median_error_m"] == 3.0  # of 1, 2, 4 and 40
-    assert (
-        found["median_heading_error_deg"] == 10.0
-    )  # of 2, 10 and 170: query 1 is misplaced, 3 and 5 are unseen
-    assert found["heading_within_10deg"] == 2 / 3
+    )
+    assert result["f1_max"] == pytest.approx(0.75)
+    assert result["recall_at_99_precision"] == 1 / 4
+    assert result["auroc"] == 7 / 8
+    assert result["precision_at_threshold"] == 1 / 2  # below .5: right, misplaced, right, unseen
+    assert result["recall_at_threshold"] == 2 / 3  # two hits, one miss
+    assert result["median_error_m"] == 3.0  # of 1, 2, 4 and 40
+    # Of 2, 10 and 170: query 1 is misplaced, 3 and 5 are unseen
+    assert result["median_heading_error_deg"] == 10.0
+    assert result["heading_within_10deg"] == 2 / 3
     # The oracle, nearest first: queries 0 and 1 right, 5 unseen, 2 right, 4 misplaced, 3 unseen.
     # Precision falls from 1 after the second to 2/3, 3/4, 3/5, 3/6, recall rises 1/4, 2/4, 2/4,
     # 3/4, 1, 1.
-    assert found["oracle_auc_exact_top1"] == pytest.approx(
+    assert result["oracle_auc_exact_top1"] == pytest.approx(
         1 / 2 + (2 / 3 + 3 / 4) / 8 + (3 / 4 + 3 / 5) / 8
     )
     # By the usual recall a misplaced query is not recalled.
-    found = told(replace(TOY, recall_of_all_seen=True))
-    assert found["recall_at_threshold"] == 2 / 4  # two hits of four seen
-    assert found["auc_exact_top1"] == pytest.approx((1 + 7 / 12 + 11 / 20) / 4)  # test_curves.py
-    assert found["f1_max"] == pytest.approx(2 / 3)
-    assert found["precision_at_threshold"] == 1 / 2
+    result = values_by_name(replace(TOY, recall_of_all_seen=True))
+    assert result["recall_at_threshold"] == 2 / 4  # two hits of four seen
+    assert result["auc_exact_top1"] == pytest.approx((1 + 7 / 12 + 11 / 20) / 4)  # test_curves.py
+    assert result["f1_max"] == pytest.approx(2 / 3)
+    assert result["precision_at_threshold"] == 1 / 2
 
 
 def test_poses_are_held_against_both_measures_and_the_promise() -> None:
-    found = told()
-    assert found["within_2m_5deg"] == 3 / 4  # seen are 0, 1, 2, 4; 1 is 3 m off
-    assert found["within_05m_2deg"] == 2 / 4
-    assert found["within_2m_5deg_same_heading"] == 1 / 2  # queries 0 and 1
-    assert found["within_2m_5deg_turned"] == 1.0  # queries 2 and 4
-    assert found["within_2m_5deg_beside"] == 2 / 3  # queries 1, 2 and 4
-    assert (found["error_m"], found["error_deg"]) == (1.15, 1.25)
-    assert found["wrong_of_accepted_99"] == 2 / 4  # accepted are 0, 1, 2 and, without a pose, 3
-    assert found["recall_99"] == 2 / 4
+    result = values_by_name()
+    assert result["within_2m_5deg"] == 3 / 4  # seen are 0, 1, 2, 4; 1 is 3 m off
+    assert result["within_05m_2deg"] == 2 / 4
+    assert result["within_2m_5deg_same_heading"] == 1 / 2  # queries 0 and 1
+    assert result["within_2m_5deg_turned"] == 1.0  # queries 2 and 4
+    assert result["within_2m_5deg_beside"] == 2 / 3  # queries 1, 2 and 4
+    assert (result["error_m"], result["error_deg"]) == (1.15, 1.25)
+    assert result["wrong_of_accepted_99"] == 2 / 4  # accepted are 0, 1, 2 and, without a pose, 3
+    assert result["recall_99"] == 2 / 4
     # √((.01 + 9 + 3.61 + .16 + .09) / 5) over the five that have a pose
-    assert found["trajectory_m"] == pytest.approx(np.sqrt(12.87 / 5))
-    assert np.isnan(found["within_1m_10deg"])  # of level sweeps alone
-    level = told(queries=replace(QUERIES, right_within=(1.0, 10.0)))
+    assert result["trajectory_m"] == pytest.approx(np.sqrt(12.87 / 5))
+    assert np.isnan(result["within_1m_10deg"])  # of level sweeps alone
+    level = values_by_name(queries=replace(QUERIES, right_within=(1.0, 10.0)))
     assert level["within_1m_10deg"] == 2 / 4  # 1 and 2 are 3 and 1.9 m off
     assert level["wrong_of_accepted_99"] == 3 / 4
-    right_though_unseen = told(
+    right_though_unseen = values_by_name(
         queries=replace(QUERIES, novelty=QUERIES.novelty[[0, 1, 2, 5, 4, 3]])
     )
     assert right_though_unseen["wrong_of_accepted_99"] == 1 / 4  # 5 in place of 3
-    without = told(queries=replace(QUERIES, reject_pose_from=np.nan))
+    without = values_by_name(queries=replace(QUERIES, reject_pose_from=np.nan))
     assert all(np.isnan(without[name]) for name in POSES)
-    assert without == pytest.approx(found | dict.fromkeys(POSES, np.nan), nan_ok=True)
-    none_accepted = told(queries=replace(QUERIES, reject_pose_from=-1.0))
+    assert without == pytest.approx(result | dict.fromkeys(POSES, np.nan), nan_ok=True)
+    none_accepted = values_by_name(queries=replace(QUERIES, reject_pose_from=-1.0))
     assert np.isnan(none_accepted["wrong_of_accepted_99"])
     assert none_accepted["recall_99"] == 0
 
@@ -110,13 +114,12 @@ def test_each_kind_of_novelty_rejects_at_its_own_threshold() -> None:
         for kind in (0, 1)
     )
     assert tuple(first) == MEASURES
-    assert first == {name: told()[name] for name in MEASURES}
+    assert first == {name: values_by_name()[name] for name in MEASURES}
     # The second kind accepts queries 0, 1, 2 below 7.5: two hits, a false alarm, and the seen query
     # 4 missed.
     assert (second["precision_at_threshold"], second["recall_at_threshold"]) == (2 / 3, 2 / 3)
-    assert (
-        second["auroc"] == (4 + 3.5) / 8
-    )  # 9 is above all four seen; 8 above three and level with one
+    # 9 is above all four seen; 8 above three and level with one
+    assert second["auroc"] == (4 + 3.5) / 8
 
 
 def test_the_area_is_that_of_the_authors_counts() -> None:
@@ -125,53 +128,52 @@ def test_the_area_is_that_of_the_authors_counts() -> None:
     truth = Truth(seen, ~seen, np.where(seen, rng.integers(-1, 30, 400) // 3, -1), seen)
     novelty = rng.random((400, 1)).astype(np.float32)
     thresholds = np.linspace(0, 1, 200)
-    found = told(
+    result = values_by_name(
         truth, Queries(novelty, (0.5,), thresholds, *rng.random((6, 400)), 0.5), np.ones((1, 400))
     )
     areas = auc(*precision_recall(count(truth, novelty[:, 0], thresholds)))
-    assert [found[f"auc_top{n}"] for n in (1, 5, 25)] == areas[[0, 4, 24]].tolist()
+    assert [result[f"auc_top{n}"] for n in (1, 5, 25)] == areas[[0, 4, 24]].tolist()
 
 
 def test_a_heading_that_is_not_told_counts_neither_way() -> None:
-    found = told(
+    result = values_by_name(
         queries=replace(QUERIES, heading_error_deg=np.array([np.nan, 1.0, 10.0, 3.0, 170.0, 0.0]))
     )
-    assert (found["median_heading_error_deg"], found["heading_within_10deg"]) == (90.0, 1 / 2)
-    found = told(queries=replace(QUERIES, heading_error_deg=np.full(6, np.nan)))
-    assert np.isnan([found["median_heading_error_deg"], found["heading_within_10deg"]]).all()
+    assert (result["median_heading_error_deg"], result["heading_within_10deg"]) == (90.0, 1 / 2)
+    result = values_by_name(queries=replace(QUERIES, heading_error_deg=np.full(6, np.nan)))
+    assert np.isnan([result["median_heading_error_deg"], result["heading_within_10deg"]]).all()
 
 
 @pytest.mark.parametrize(
-    ("threshold", "told_there"), [(0.0, (np.nan, 0.0)), (np.inf, (3 / 6, 1.0))]
+    ("threshold", "precision_and_recall"), [(0.0, (np.nan, 0.0)), (np.inf, (3 / 6, 1.0))]
 )
 def test_a_threshold_that_accepts_nothing_has_no_precision_and_one_without_end_accepts_all(
-    threshold: float, told_there: tuple[float, float]
+    threshold: float, precision_and_recall: tuple[float, float]
 ) -> None:
-    found = told(queries=replace(QUERIES, reject_from=(threshold, threshold)))
-    assert (found["precision_at_threshold"], found["recall_at_threshold"]) == pytest.approx(
-        told_there, nan_ok=True
+    result = values_by_name(queries=replace(QUERIES, reject_from=(threshold, threshold)))
+    assert (result["precision_at_threshold"], result["recall_at_threshold"]) == pytest.approx(
+        precision_and_recall, nan_ok=True
     )
 
 
 def test_a_number_of_nothing_is_missing() -> None:
     # Without a seen query only precision is defined, without an unseen one only auroc is missing.
     nobody = np.zeros(6, bool)
-    found = told(Truth(nobody, ~nobody, np.full(6, -1), nobody))
-    assert found.pop("precision_at_threshold") == 0.0  # whatever is accepted is a false alarm
-    assert (
-        found.pop("wrong_of_accepted_99") == 2 / 4
-    )  # a pose may be right where training never went
-    assert found.pop("trajectory_m") > 0  # of all queries
-    assert all(np.isnan(value) for value in found.values())
-    found = told(Truth(SEEN, np.zeros(6, bool), TOY.true_rank, TOY.oracle_right))
-    assert [name for name, value in found.items() if np.isnan(value)] == [
+    result = values_by_name(Truth(nobody, ~nobody, np.full(6, -1), nobody))
+    assert result.pop("precision_at_threshold") == 0.0  # whatever is accepted is a false alarm
+    # A pose may be right where training never went
+    assert result.pop("wrong_of_accepted_99") == 2 / 4
+    assert result.pop("trajectory_m") > 0  # of all queries
+    assert all(np.isnan(value) for value in result.values())
+    result = values_by_name(Truth(SEEN, np.zeros(6, bool), TOY.true_rank, TOY.oracle_right))
+    assert [name for name, value in result.items() if np.isnan(value)] == [
         "auroc",
         "within_1m_10deg",  # of level sweeps alone
     ]
-    found = told(queries=replace(QUERIES, turn_deg=np.zeros(6)))
-    assert np.isnan(found["recall_at_1_turned"])
-    assert np.isnan(found["oracle_turned"])
-    assert found["recall_at_1_same_heading"] == found["recall_at_1"]
+    result = values_by_name(queries=replace(QUERIES, turn_deg=np.zeros(6)))
+    assert np.isnan(result["recall_at_1_turned"])
+    assert np.isnan(result["oracle_turned"])
+    assert result["recall_at_1_same_heading"] == result["recall_at_1"]
 
 
 @given(
@@ -208,7 +210,7 @@ def test_a_weight_is_a_number_of_equal_queries(
             seen, unseen, np.where(seen, rank[index], -1), seen & (rank[index] % 2 == 0), usual
         )
         novelty = (level[index, None] / 6).astype(np.float32)
-        own = (
+        errors = (
             error_m[index] / 2,
             turn_deg[index],
             6.0 - level[index],
@@ -217,7 +219,9 @@ def test_a_weight_is_a_number_of_equal_queries(
             off_deg[index] / 3,
             0.7,
         )
-        return told(truth, Queries(novelty, (0.6,), np.linspace(0, 1, 20), *own), weight)
+        return values_by_name(
+            truth, Queries(novelty, (0.6,), np.linspace(0, 1, 20), *errors), weight
+        )
 
     weighted = of(np.arange(len(rows)), weight[None].astype(float))
     repeated = of(np.repeat(np.arange(len(rows)), weight), np.ones((1, weight.sum())))
@@ -228,7 +232,7 @@ def test_each_resample_has_its_own_numbers() -> None:
     weight = np.array([[1, 1, 1, 1, 1, 1], [2, 0, 1, 0, 1, 3], [0, 0, 0, 1, 0, 1]], float)
     together = numbers(TOY, QUERIES, weight)
     for i, row in enumerate(weight):
-        assert told(weight=row[None]) == pytest.approx(
+        assert values_by_name(weight=row[None]) == pytest.approx(
             {name: value[i] for name, value in together.items()}, nan_ok=True
         )
 

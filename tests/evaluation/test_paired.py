@@ -1,4 +1,4 @@
-"""The paired test of two methods on the same queries."""
+"""Tests of the paired comparison of two methods on the same queries."""
 
 from dataclasses import replace
 
@@ -27,10 +27,10 @@ def method(
     """A query a metre, seen but for the last sixth; a wrong answer lies a kilometre off."""
     seen = np.arange(METRES) < 500
     nothing = np.full(METRES, np.nan, np.float32)
-    good = right & seen
+    is_right = right & seen
     novelty = np.where(seen, 0.25, 0.75) if novelty is None else novelty
-    xy_m = (XY_M + np.where(good, 1.0, 1000.0)[:, None] * (1, 0))[:, None]
-    places = np.where(good, 0, 5)[:, None]
+    xy_m = (XY_M + np.where(is_right, 1.0, 1000.0)[:, None] * (1, 0))[:, None]
+    places = np.where(is_right, 0, 5)[:, None]
     column = novelty.astype(np.float32)[:, None]
     ranking = Ranking(
         places,
@@ -41,7 +41,7 @@ def method(
         nothing[:, None],
         ("distance",),
     )
-    own = (
+    label_columns = (
         np.where(seen, 0, -1),
         np.arange(6),
         np.zeros(METRES, int),
@@ -52,11 +52,11 @@ def method(
         (0.0, 600.0),
         (-10.0, 10.0),
     )
-    return judge(ranking, (0.5,), Labels(*own), standing(XY_M), Distance(), bootstrap)
+    return judge(ranking, (0.5,), Labels(*label_columns), standing(XY_M), Distance(), bootstrap)
 
 
 def runs(share: float, seed: int) -> np.ndarray:
-    """Right and wrong in runs of 10 m."""
+    """Which queries are right: this share, in runs of 10 m."""
     return np.repeat(np.random.default_rng(seed).random(METRES // 10) < share, 10)
 
 
@@ -69,9 +69,9 @@ def test_differences_and_who_alone_is_right_by_hand(protocol: str) -> None:
     first, second = np.zeros((2, METRES), bool)
     first[:300] = True
     second[100:350] = True  # 100 right by the first alone, 50 by the second alone, of 500 seen
-    found = compare(method(first), method(second), protocol, BOOTSTRAP)
-    assert found.differences[COMPARED.index("recall_at_1")].value == pytest.approx(50 / 500)
-    assert (found.only_this, found.only_reference) == (100, 50)
+    result = compare(method(first), method(second), protocol, BOOTSTRAP)
+    assert result.differences[COMPARED.index("recall_at_1")].value == pytest.approx(50 / 500)
+    assert (result.only_this, result.only_reference) == (100, 50)
 
 
 def test_a_small_but_steady_gain_on_a_hard_path_is_found_where_the_intervals_overlap() -> None:
@@ -79,9 +79,9 @@ def test_a_small_but_steady_gain_on_a_hard_path_is_found_where_the_intervals_ove
     # every block.
     better = method(HARD)
     worse = method(HARD & MOST)
-    found = compare(better, worse, "cells", BOOTSTRAP).differences[0]
-    assert found.p == pytest.approx(2 / 200)  # no resample has it the other way round
-    assert 0 < found.low < found.value < found.high
+    result = compare(better, worse, "cells", BOOTSTRAP).differences[0]
+    assert result.p == pytest.approx(2 / 200)  # no resample has it the other way round
+    assert 0 < result.low < result.value < result.high
     (_, low, _), (_, _, high) = (
         method(right, bootstrap=BOOTSTRAP).number("cells", "recall_at_1")
         for right in (HARD, HARD & MOST)
@@ -92,7 +92,7 @@ def test_a_small_but_steady_gain_on_a_hard_path_is_found_where_the_intervals_ove
 def test_p_is_twice_the_smaller_share_of_resamples_and_never_zero() -> None:
     this = method(HARD)
     other = method(runs(0.6, 1))
-    found = compare(this, other, "cells", BOOTSTRAP).differences[0]
+    result = compare(this, other, "cells", BOOTSTRAP).differences[0]
 
     def recall(evaluation: Evaluation, weight: np.ndarray) -> np.ndarray:
         return np.asarray(
@@ -102,10 +102,10 @@ def test_p_is_twice_the_smaller_share_of_resamples_and_never_zero() -> None:
     (spread,) = BOOTSTRAP.spreads(
         lambda weight: (recall(this, weight) - recall(other, weight))[None], XY_M
     )
-    assert found.p == pytest.approx(
+    assert result.p == pytest.approx(
         min(1.0, 2 * (1 + min((spread <= 0).sum(), (spread >= 0).sum())) / 200)
     )
-    assert (found.low, found.high) == pytest.approx(tuple(np.percentile(spread, (2.5, 97.5))))
+    assert (result.low, result.high) == pytest.approx(tuple(np.percentile(spread, (2.5, 97.5))))
 
 
 @pytest.mark.parametrize(("stretches", "least"), [(4, 0.125), (5, 0.0625), (8, 2 / 256)])
@@ -114,9 +114,8 @@ def test_p_is_never_less_than_a_sign_test_of_so_few_blocks_can_reach(
 ) -> None:
     always = np.ones(METRES, bool)
     never = np.zeros(METRES, bool)
-    block_m = (
-        500 / stretches
-    )  # all 500 seen metres, of which the first method alone places every one
+    # All 500 seen metres, of which the first method alone places every one
+    block_m = 500 / stretches
     assert compare(method(always), method(never), "cells", Bootstrap(block_m=block_m)).differences[
         0
     ].p == pytest.approx(least)
@@ -125,13 +124,13 @@ def test_p_is_never_less_than_a_sign_test_of_so_few_blocks_can_reach(
 def test_the_same_answers_differ_surely_in_nothing_and_a_path_of_one_block_has_no_interval() -> (
     None
 ):
-    found = compare(method(HARD), method(HARD), "distance", BOOTSTRAP)
-    assert [(one.value, one.low, one.high, one.p) for one in found.differences] == [
+    result = compare(method(HARD), method(HARD), "distance", BOOTSTRAP)
+    assert [(one.value, one.low, one.high, one.p) for one in result.differences] == [
         (0.0, 0.0, 0.0, 1.0)
     ] * 2
-    assert (found.only_this, found.only_reference) == (0, 0)
-    found = compare(method(HARD), method(~HARD), "cells", Bootstrap(block_m=5000.0)).differences[0]
-    assert np.isnan([found.low, found.high, found.p]).all()
+    assert (result.only_this, result.only_reference) == (0, 0)
+    result = compare(method(HARD), method(~HARD), "cells", Bootstrap(block_m=5000.0)).differences[0]
+    assert np.isnan([result.low, result.high, result.p]).all()
 
 
 def test_the_area_is_compared_too() -> None:
@@ -145,13 +144,16 @@ def test_the_area_is_compared_too() -> None:
 def test_either_way_round_is_the_same_test() -> None:
     this = method(HARD)
     other = method(runs(0.7, 1))
-    there = compare(this, other, "cells", BOOTSTRAP)
-    back = compare(other, this, "cells", BOOTSTRAP)
-    for one, two in zip(there.differences, back.differences, strict=True):
+    forwards = compare(this, other, "cells", BOOTSTRAP)
+    backwards = compare(other, this, "cells", BOOTSTRAP)
+    for one, two in zip(forwards.differences, backwards.differences, strict=True):
         assert one.value == -two.value
         assert (one.low, one.high) == pytest.approx((-two.high, -two.low))
         assert one.p == two.p
-    assert (there.only_this, there.only_reference) == (back.only_reference, back.only_this)
+    assert (forwards.only_this, forwards.only_reference) == (
+        backwards.only_reference,
+        backwards.only_this,
+    )
 
 
 def test_chance_is_called_a_difference_as_often_as_the_level_says() -> None:

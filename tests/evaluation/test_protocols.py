@@ -1,4 +1,5 @@
-"""Who is seen, and which answer is right: by the SCI paper's cells and by distance."""
+"""Tests of which queries are seen and which answers are right: by the SCI paper's cells and by
+distance."""
 
 import numpy as np
 import pytest

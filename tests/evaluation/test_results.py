@@ -1,4 +1,5 @@
-"""The one table of results: the rows of an evaluation, and a study's artifacts gathered into it."""
+"""Tests of the table of results: the rows of an evaluation, and all artifacts of a study gathered
+into one table."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -42,18 +43,18 @@ STUDY = made_study(
 )
 CASES = (Case(), Case("turned", repeat=1), Case("construction", 2.0, shadow=True))
 WORSE = replace(SCI, places=SCI.places + np.array([[9, 0]] + [[0, 0]] * 6))
-"""As SCI, but wrong at the first query too: by cells 2 of 5 instead of 3."""
+"""SCI, but with a wrong answer to the first query too: by cells 2 of 5 are right instead of 3."""
 KNOWN, UNKNOWN = (
     dict.fromkeys(("entropy", "distance"), low + np.arange(3) / 10) for low in (0.1, 0.7)
 )
 EVIDENCE = Evidence(np.ones(3, bool), KNOWN, UNKNOWN, np.arange(3))
-"""Right, and told apart."""
+"""All held-out queries are answered right, and novelty separates seen from unseen ones."""
 CURVES = {
     "curves/held_out_error": np.array([0.5, 0.25, 0.375]),
     "curves/black_error": np.array([0.125, 0.125, 0.125]),
     "best_epoch": np.array(1),
 }
-"""Of a network that draws what it sees, three rounds; the second is kept."""
+"""The curves of a network that reconstructs images: three rounds, of which the second is kept."""
 
 
 def gathering(root: Path, study: Study = STUDY) -> ResultsTable:
@@ -62,8 +63,8 @@ def gathering(root: Path, study: Study = STUDY) -> ResultsTable:
 
 @pytest.fixture(scope="module")
 def artifacts(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What the stages before leave of the study: two methods and a variant, tests, a sequence of
-    stress, turned queries."""
+    """The artifacts of the study that `results` reads: of two methods and a variant, on two test
+    sequences, as driven and altered, and a sequence of stress."""
     root = tmp_path_factory.mktemp("artifacts")
     for grid, model in (
         ("10m", "sci"),
@@ -97,16 +98,16 @@ def gathered(artifacts: Path) -> pd.DataFrame:
 
 
 def value(frame: pd.DataFrame, number: str, **where: Any) -> float:
-    """Of the only row."""
+    """The value of the only row with this number and these columns."""
     for column, wanted in {"grid": "10m", "number": number, **where}.items():
         frame = frame[frame[column] == wanted]
-    (found,) = frame["value"]
-    return float(found)
+    (result,) = frame["value"]
+    return float(result)
 
 
 def test_an_evaluation_gives_counts_numbers_kinds_of_novelty_and_calibration() -> None:
     one = replace(evaluation(), kept_precision=(0.731, 0.95), wanted_precision=0.9)
-    found = {(row["case"], row["protocol"], row["number"]): row for row in evaluation_rows(one)}
+    result = {(row["case"], row["protocol"], row["number"]): row for row in evaluation_rows(one)}
     names = (
         "queries",
         "seen",
@@ -119,7 +120,7 @@ def test_an_evaluation_gives_counts_numbers_kinds_of_novelty_and_calibration() -
         *(name for name in NUMBERS if name not in POSES),
     )
     novelties = [f"novelty {kind}" for kind in one.kinds]
-    assert list(found) == [
+    assert list(result) == [
         *(
             key
             for by in ("cells", "distance")
@@ -131,35 +132,39 @@ def test_an_evaluation_gives_counts_numbers_kinds_of_novelty_and_calibration() -
         *(("", "cells", name) for name in ("ece_raw", "ece")),
         *(("", "distance", name) for name in one.acceptance_counts),
     ]
-    told = {name: found["", "cells", name]["value"] for name in (*names, "doubt_less_kept")}
+    expected = {name: result["", "cells", name]["value"] for name in (*names, "doubt_less_kept")}
     # Three of the five seen are right, one of them turned; entropy tells 9 of 10 pairs of seen and
     # unseen right, energy all.
-    assert [told[name] for name in names[:5]] == [7, 5, 2, 0.5, 1 / 5]
-    assert told["answered"] == 5 / 7  # novelties below .5: .1, .2, .3, .05, .4
-    assert (told["kept_precision"], told["wanted_precision"], told["doubt_less_kept"]) == (
+    assert [expected[name] for name in names[:5]] == [7, 5, 2, 0.5, 1 / 5]
+    assert expected["answered"] == 5 / 7  # novelties below .5: .1, .2, .3, .05, .4
+    assert (
+        expected["kept_precision"],
+        expected["wanted_precision"],
+        expected["doubt_less_kept"],
+    ) == (
         0.731,
         0.9,
         0.731,
     )
-    assert found["novelty energy", "cells", "kept_precision"]["value"] == 0.95
-    assert told["recall_at_1"] == 3 / 5
-    assert [found[case, "cells", "auroc"]["value"] for case in novelties] == pytest.approx(
+    assert result["novelty energy", "cells", "kept_precision"]["value"] == 0.95
+    assert expected["recall_at_1"] == 3 / 5
+    assert [result[case, "cells", "auroc"]["value"] for case in novelties] == pytest.approx(
         [0.9, 1.0]
     )
-    assert found["novelty energy", "cells", "auroc"]["kind"] == "energy"
-    recall = found["", "cells", "recall_at_1"]
+    assert result["novelty energy", "cells", "auroc"]["kind"] == "energy"
+    recall = result["", "cells", "recall_at_1"]
     assert (recall["value"], recall["low"], recall["high"]) == one.number("cells", "recall_at_1")
 
 
 def test_rows_of_an_altered_case_say_what_was_done_and_leave_novelties_out() -> None:
-    found = list(evaluation_rows(evaluation(), Case("construction", 2.0, shadow=True, repeat=0)))
+    result = list(evaluation_rows(evaluation(), Case("construction", 2.0, shadow=True, repeat=0)))
     others = Case(), Case("turned", repeat=3), Case("demolition", 60.0), Case("construction", 2.0)
     assert [*map(case_text, others)] == ["", "turned 3", "demolition 60°", "construction 2 walls"]
     parts = {
-        (row["case"], row["change"], row["level"], row["shadow"], row["repeat"]) for row in found
+        (row["case"], row["change"], row["level"], row["shadow"], row["repeat"]) for row in result
     }
     assert parts == {("construction 2 walls, shadow", "construction", 2.0, True, 0)}
-    assert len(found) == 2 * (8 + len(NUMBERS) - len(POSES)) + 2 + len(
+    assert len(result) == 2 * (8 + len(NUMBERS) - len(POSES)) + 2 + len(
         evaluation().acceptance_counts
     )
 
@@ -193,7 +198,7 @@ def test_every_model_answers_every_sequence_it_is_asked_about(gathered: pd.DataF
         & (gathered["case"] == "")
         & (gathered["protocol"] == "cells")
     ]
-    found = set(
+    result = set(
         map(
             tuple,
             driven[["grid", "method", "variant", "sequence", "days", "stress"]].to_numpy().tolist(),
@@ -203,7 +208,7 @@ def test_every_model_answers_every_sequence_it_is_asked_about(gathered: pd.DataF
     models = (("sci", ""), ("sci", "4way"), ("sad", ""))
     asked = (*tests, (RAIN, 21.0, "wet"))
     own = [("10m", *model, *test) for model in models for test in asked]
-    assert found == {
+    assert result == {
         *own,
         *(("5m", method, "", *test) for method in ("sci", "sad") for test in tests),
     }
@@ -217,9 +222,8 @@ def test_every_model_answers_every_sequence_it_is_asked_about(gathered: pd.DataF
 
 
 def test_each_grid_says_how_near_is_right(gathered: pd.DataFrame) -> None:
-    assert (
-        value(gathered, "correct_m", protocol="distance") == 12.0
-    )  # as the evaluations were judged
+    # As the evaluations were judged
+    assert value(gathered, "correct_m", protocol="distance") == 12.0
 
 
 def test_numbers_age_over_the_days(gathered: pd.DataFrame) -> None:
@@ -254,11 +258,11 @@ def test_methods_are_compared_with_the_first_on_the_same_queries(gathered: pd.Da
         "kind": "sci",
         "protocol": "cells",
     }
-    for sequence, told in ((FEB, (-1 / 5, 1, 2)), (MAR, (0.0, 2, 2))):
+    for sequence, expected in ((FEB, (-1 / 5, 1, 2)), (MAR, (0.0, 2, 2))):
         names = ("recall_at_1_difference", "only_this_right", "only_reference_right")
         assert [
             value(gathered, name, sequence=sequence, **tested) for name in names
-        ] == pytest.approx(told)
+        ] == pytest.approx(expected)
         assert 0 < value(gathered, "recall_at_1_difference_p", sequence=sequence, **tested) <= 1
 
 
@@ -372,9 +376,8 @@ def test_a_sequence_without_a_seen_query_has_no_number_and_the_line_passes_it_by
     answers = unseen(10)
     frame = table([*ageing_rows(answers, Ageing()), *paired_rows(answers, BOOTSTRAP)], grid="10m")
     cells = {"method": "sci", "protocol": "cells"}
-    assert (
-        value(frame, "recall_at_1_per_100_days", **cells) == 0.0
-    )  # through the first and the third
+    # Through the first and the third
+    assert value(frame, "recall_at_1_per_100_days", **cells) == 0.0
     assert value(frame, "recall_at_1_line", sequence="b", **cells) == pytest.approx(3 / 5)
     for gone in (
         value(frame, "novelty_percentile", method="sci", sequence="b"),
@@ -416,15 +419,16 @@ def test_timings_are_read_with_the_table(gathered: pd.DataFrame, written: Path) 
     (written / "latency/campus").mkdir(parents=True)
     timed = table([{"method": "sci", "number": "query_ms", "value": 3.0}], grid="10m")
     timed.to_csv(written / "latency/campus/10m.csv", index=False)
-    found = results.read(Layout(written), {"campus": STUDY})
-    assert len(found) == len(gathered) + 1
-    assert value(found, "query_ms", method="sci") == 3.0
-    assert found.dtypes.tolist() == gathered.dtypes.tolist()
+    result = results.read(Layout(written), {"campus": STUDY})
+    assert len(result) == len(gathered) + 1
+    assert value(result, "query_ms", method="sci") == 3.0
+    assert result.dtypes.tolist() == gathered.dtypes.tolist()
+    # Measured for another study
     assert (
         results.read(Layout(written), {"campus": replace(STUDY, latency=False)})["number"]
         .ne("query_ms")
         .all()
-    )  # measured for another study
+    )
     assert results.read(Layout(written), {}).empty
     with pytest.raises(
         ArtifactError, match=r"results.csv: no results yet; `dvc repro` gathers them"
@@ -460,22 +464,23 @@ def test_rows_are_chosen_by_the_text_of_their_columns(gathered: pd.DataFrame) ->
         "sequence": FEB,
         "protocol": "cells",
     }
-    found = results.where(gathered, wanted)
-    assert found["method"].tolist() == [
+    result = results.where(gathered, wanted)
+    # Own, variant, own; and in other cells
+    assert result["method"].tolist() == [
         "sci",
         "sci",
         "sad",
         "sci",
         "sad",
-    ]  # own, variant, own; and in other cells
-    assert len(results.where(found, {"seed": "0", "simulated": "True"})) == 5
+    ]
+    assert len(results.where(result, {"seed": "0", "simulated": "True"})) == 5
     assert (
-        len(results.where(found, {"days": "20"}))
-        == len(results.where(found, {"days": "62,20.0"}))
+        len(results.where(result, {"days": "20"}))
+        == len(results.where(result, {"days": "62,20.0"}))
         == 5
     )
-    assert results.where(found, {"days": "2"}).empty
-    assert results.where(found, {"method": "sc"}).empty
+    assert results.where(result, {"days": "2"}).empty
+    assert results.where(result, {"method": "sc"}).empty
     with pytest.raises(
         ConfigError, match=r"--where model=sci: expected one of the columns study, dataset"
     ):

@@ -1,5 +1,5 @@
-"""Latency: what is timed, on which submaps, the rows that tell it, and the stage on artifacts at
-their smallest."""
+"""Tests of the timing of queries: what is timed, on which submaps, the rows of the results, and the
+stage `latency` on the smallest artifacts."""
 
 import json
 import time
@@ -80,15 +80,15 @@ def drive(
         "scans": {"grain_m": 0.005, "skipped": {}, "clipped": 0},
         "submaps": {"layout": "odom_T_scan", "left_out": {}, "appearance": SUITED},
     }
-    found = []
+    result = []
     for kind, schema in (("scans", schemas.Scans), ("submaps", schemas.Submaps)):
         with store.draft(
             folder / kind / "campus" / f"{sequence}.zarr", schema, **attrs[kind]
         ) as draft:
             for name, column in columns[kind].items():
                 draft.put(name, column)
-        found.append(store.read(folder / kind / "campus" / f"{sequence}.zarr", schema))
-    return found[0], found[1]
+        result.append(store.read(folder / kind / "campus" / f"{sequence}.zarr", schema))
+    return result[0], result[1]
 
 
 class Recorder:
@@ -141,7 +141,7 @@ def test_each_part_takes_its_own_time(measured: Latency) -> None:
 def test_a_network_that_makes_a_descriptor_is_generation(
     recorder: Recorder, tmp_path: Path
 ) -> None:
-    """As the SCI paper's Table III counts PointNetVLAD."""
+    """The network's time counts as generation, as for PointNetVLAD in the SCI paper's Table III."""
     asked = TimedMethod(
         "view", recorder.draw, recorder.localize(0.012), lambda _: time.sleep(0.008)
     )
@@ -197,18 +197,18 @@ def test_points_are_those_that_views_are_drawn_from(sweeps: int, tmp_path: Path)
         list(Drawing(scans, submaps, lambda points: points.sum(axis=0)).blocks(Compute(workers=1)))
     )
     rows = np.array([1, 2, 6])
-    found = list(clouds(scans, submaps, rows))
-    np.testing.assert_allclose([points.sum(axis=0) for points in found], drawn[rows], atol=1e-9)
-    assert len(found[0]) == sum(200 + i for i in range(1, 1 + sweeps))
+    result = list(clouds(scans, submaps, rows))
+    np.testing.assert_allclose([points.sum(axis=0) for points in result], drawn[rows], atol=1e-9)
+    assert len(result[0]) == sum(200 + i for i in range(1, 1 + sweeps))
 
 
 def test_rows_hold_medians_and_95th_percentiles_of_each_part() -> None:
     # b: generation 10 10 40, retrieval 0.5, total 10.5 10.5 40.5; nine tenths of the way from the
     # second to the third: 37. a: totals 5 3 4.
-    found = {(one["method"], one["number"]): one["value"] for one in BY_HAND.rows()}
-    assert list(found) == [(method, part) for method in "abc" for part in PARTS]
-    assert [found["b", part] for part in PARTS] == pytest.approx([10, 37, 0.5, 0.5, 10.5, 37.5])
-    assert (found["a", "generation_ms"], found["a", "query_ms"]) == (2, 4)
+    result = {(one["method"], one["number"]): one["value"] for one in BY_HAND.rows()}
+    assert list(result) == [(method, part) for method in "abc" for part in PARTS]
+    assert [result["b", part] for part in PARTS] == pytest.approx([10, 37, 0.5, 0.5, 10.5, 37.5])
+    assert (result["a", "generation_ms"], result["a", "query_ms"]) == (2, 4)
     assert (
         BY_HAND.line()
         == "a 4.00 ms, b 10.50 ms, c 10.00 ms; medians of 3 queries, from points to places"
@@ -222,14 +222,14 @@ def test_a_model_costs_its_file_and_what_its_training_took_if_it_was_trained_her
     for name in ("here", "elsewhere"):
         Path(name).write_bytes(bytes(2_500))
     Trace(wall_s=3.0, cpu_s=5.0, peak_memory_mb=70.0).write("here")
-    found = list(
+    result = list(
         cost_rows({ModelName("sci", "4way", 1): Path("here"), ModelName("m2dp"): Path("elsewhere")})
     )
-    assert {(one["method"], one["variant"], one["seed"]) for one in found} == {
+    assert {(one["method"], one["variant"], one["seed"]) for one in result} == {
         ("sci", "4way", 1),
         ("m2dp", "", 0),
     }
-    assert [(one["number"], one["value"]) for one in found if one["method"] == "m2dp"] == [
+    assert [(one["number"], one["value"]) for one in result if one["method"] == "m2dp"] == [
         ("model_mb", 0.0025)
     ]
     costs = {
@@ -238,7 +238,7 @@ def test_a_model_costs_its_file_and_what_its_training_took_if_it_was_trained_her
         "train_wall_s": 3.0,
         "train_peak_memory_mb": 70.0,
     }
-    assert {one["number"]: one["value"] for one in found[:-1]} == costs
+    assert {one["number"]: one["value"] for one in result[:-1]} == costs
 
 
 def test_every_sample_is_recorded() -> None:

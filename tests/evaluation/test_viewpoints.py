@@ -1,4 +1,5 @@
-"""Paper 2's protocol: a sequence matched with itself from other headings, and the numbers of it."""
+"""Tests of paper 2's protocol: a sequence is matched with itself from other headings, and the
+matches are judged."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -77,9 +78,8 @@ class Fake:
     def localizer(self, model: Model) -> Localizer:
         def localize(views: Rows, k: int) -> Ranking:
             self.asked.append(views)
-            away = np.linalg.norm(
-                model["codes"] - small(views.images[:, :1])[:, None], axis=3
-            )  # (q, n, heading)
+            # (q, n, heading)
+            away = np.linalg.norm(model["codes"] - small(views.images[:, :1])[:, None], axis=3)
             row = away.min(axis=2).argmin(axis=1)
             return ranking(model["xy_m"][row], away.min(axis=(1, 2)), model["places"][row])
 
@@ -148,8 +148,8 @@ def test_a_turned_query_shows_what_a_turned_robot_sees_at_the_same_places() -> N
 
 def test_the_queries_are_the_odd_headings_and_the_reference_is_the_sequence_itself() -> None:
     method = Fake()
-    found = judge(method)
-    assert found.headings_deg.tolist() == [22.5, 67.5, 112.5, 157.5, 202.5, 247.5, 292.5, 337.5]
+    result = judge(method)
+    assert result.headings_deg.tolist() == [22.5, 67.5, 112.5, 157.5, 202.5, 247.5, 292.5, 337.5]
     assert [
         (rows.images[:, 0] == VIEWS.images[:, 2 * i + 1]).all()
         for i, rows in enumerate(method.asked)
@@ -159,19 +159,19 @@ def test_the_queries_are_the_odd_headings_and_the_reference_is_the_sequence_itse
     assert (reference.images == VIEWS.images).all()
     assert (reference.world_T_anchor == VIEWS.world_T_anchor).all()
     assert places.tolist() == list(range(30))
-    assert found.row.shape == (8, 30)
-    assert found.error_m == pytest.approx(
-        np.linalg.norm(found.xy_m[found.row] - found.xy_m, axis=2)
+    assert result.row.shape == (8, 30)
+    assert result.error_m == pytest.approx(
+        np.linalg.norm(result.xy_m[result.row] - result.xy_m, axis=2)
     )
-    assert (found.novelty, found.length, found.correct_m) == ("cost", 4, 10.0)
-    assert found.score.dtype == np.float32
-    assert (found.score < 0).all()  # a distance's negative
+    assert (result.novelty, result.length, result.correct_m) == ("cost", 4, 10.0)
+    assert result.score.dtype == np.float32
+    assert (result.score < 0).all()  # a distance's negative
     assert (
-        found.pictures == VIEWS.images[15, ::2]
+        result.pictures == VIEWS.images[15, ::2]
     ).all()  # the middle place at the reference's eight headings
-    assert (found.reconstructed == 255 - found.pictures).all()
+    assert (result.reconstructed == 255 - result.pictures).all()
     # 8 codes of 64 float32 a place, 16 B of position and 8 B of place; the evidence does not grow
-    assert found.bytes_per_place == 8 * 64 * 4 + 16 + 8
+    assert result.bytes_per_place == 8 * 64 * 4 + 16 + 8
 
 
 def test_a_method_that_knows_one_heading_alone_is_right_there_alone() -> None:
@@ -184,9 +184,9 @@ def test_a_method_that_knows_one_heading_alone_is_right_there_alone() -> None:
             [off_m * np.ones(len(xy_m)), np.zeros(len(xy_m))], axis=1
         ), 1.0 - 0.5 * odd
 
-    found = judge(Scripted(answers))
-    np.testing.assert_allclose(found.values, [[np.nan, 1, 1, 1], *[[0, 0.25, 0.5, 0]] * 7])
-    numbers = found.by_heading()
+    result = judge(Scripted(answers))
+    np.testing.assert_allclose(result.values, [[np.nan, 1, 1, 1], *[[0, 0.25, 0.5, 0]] * 7])
+    numbers = result.by_heading()
     assert list(numbers) == [
         *(f"{deg}_deg" for deg in (22.5, 67.5, 112.5, 157.5, 202.5, 247.5, 292.5, 337.5)),
         "mean",
@@ -223,19 +223,19 @@ def test_a_match_is_correct_up_to_ten_metres_off_whatever_the_direction(
     )
     poses = np.tile(np.eye(4), (8, 1, 1))
     views = Rows(VIEWS.images[:8], VIEWS.stamps_ns[:8], poses)
-    found = judge(Scripted(lambda _, xy_m: (xy_m + off_m, np.arange(8.0))), views, viewpoints)
-    assert [one["accuracy"] for one in found.by_heading().values()] == [accuracy] * 9
+    result = judge(Scripted(lambda _, xy_m: (xy_m + off_m, np.arange(8.0))), views, viewpoints)
+    assert [one["accuracy"] for one in result.by_heading().values()] == [accuracy] * 9
 
 
 def test_only_rows_with_a_whole_window_around_them_are_valid() -> None:
     # METHODS.md 6: 30 queries in windows of 10 steps leave five at either end without an answer.
     xy_m = VIEWS.world_T_anchor[:, :2, 3]
     off_m = np.where((np.arange(30) >= 5) & (np.arange(30) <= 24), 0.0, 99.0)[:, None]
-    found = judge(Scripted(lambda _, places_m: (places_m + off_m, np.zeros(30)), length=10))
-    assert np.flatnonzero(found.valid).tolist() == list(range(5, 25))
-    assert found.by_heading()["mean"]["accuracy"] == 1.0
-    assert found.correct.sum(axis=1).tolist() == [20] * 8
-    assert (found.xy_m == xy_m).all()
+    result = judge(Scripted(lambda _, places_m: (places_m + off_m, np.zeros(30)), length=10))
+    assert np.flatnonzero(result.valid).tolist() == list(range(5, 25))
+    assert result.by_heading()["mean"]["accuracy"] == 1.0
+    assert result.correct.sum(axis=1).tolist() == [20] * 8
+    assert (result.xy_m == xy_m).all()
     short = judge(
         Fake(length=10), Rows(VIEWS.images[:10], VIEWS.stamps_ns[:10], VIEWS.world_T_anchor[:10])
     )
@@ -248,12 +248,12 @@ def test_the_areas_are_those_of_scikit_learn(ties: int) -> None:
     rng = np.random.default_rng(ties)
     correct = rng.random((2, 90)) < 0.6
     score = (rng.integers(0, ties, (2, 90)) + 0.3 * ties * correct).round().astype(np.float32)
-    found = judged(correct, score)
-    for i, numbers in enumerate(list(found.by_heading().values())[:2]):
+    result = judged(correct, score)
+    for i, numbers in enumerate(list(result.by_heading().values())[:2]):
         precision, recall, _ = metrics.precision_recall_curve(correct[i], score[i])
         assert numbers["roc_auc"] == pytest.approx(metrics.roc_auc_score(correct[i], score[i]))
         assert numbers["pr_auc"] == pytest.approx(metrics.auc(recall, precision))
-        ours = np.stack(found.curve(i))
+        ours = np.stack(result.curve(i))
         assert ours == pytest.approx(np.stack([precision, recall])[:, ::-1])
 
 
@@ -269,14 +269,14 @@ def test_recall_is_of_all_valid_queries_at_the_last_threshold_that_is_precise() 
 
 
 def test_what_is_written_is_read_again(tmp_path: Path) -> None:
-    found = judge(Fake())
-    store.write(tmp_path / "a.zarr", found)
+    result = judge(Fake())
+    store.write(tmp_path / "a.zarr", result)
     again = store.read(tmp_path / "a.zarr", ViewpointMatches)
-    assert again.by_heading() == found.by_heading()
-    assert again.attrs == found.attrs
+    assert again.by_heading() == result.by_heading()
+    assert again.attrs == result.attrs
     assert again.numbers == NUMBERS
     for name in ViewpointMatches.columns:
-        np.testing.assert_array_equal(again[name][:], found[name])
+        np.testing.assert_array_equal(again[name][:], result[name])
 
 
 def test_views_that_were_not_drawn_at_headings_are_refused() -> None:

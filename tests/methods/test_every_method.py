@@ -43,7 +43,7 @@ METHODS: dict[str, tuple[Any, Rows, Rows, np.ndarray]] = {
     "pfl": (pfl.SMALL, pfl.rows(), pfl.rows(2), pfl.PLACES),
     "sad": (Sad(), along(IMAGES), along(IMAGES), np.arange(4)),
 }
-"""Each with training views, queries and the places of training."""
+"""Each method with training views, queries, and the places of the training views."""
 SHARE = Progress(budget=0.25)
 
 

@@ -34,7 +34,7 @@ LONGER: dict[str, Any] = SETTINGS | {"epochs": 16, "dropout": 0.2, "precision": 
 
 @contextmanager
 def processor() -> Iterator[None]:
-    """As if there were no GPU."""
+    """Hides the GPU from the networks."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(torch.cuda, "is_available", lambda: False)
         yield
@@ -47,24 +47,24 @@ def test_a_gpu_trains_a_model_that_a_processor_answers_with(
     torch.cuda.reset_peak_memory_stats()
     model = method.learn(rows(), TRUTH, Progress())
     assert torch.cuda.max_memory_allocated() > 0  # it was used
-    there = method.localizer(model)(rows(), 4)
+    on_gpu = method.localizer(model)(rows(), 4)
     with processor():
-        here = method.localizer(model)(rows(), 4)
-    assert (there.places[:, 0] == TRUTH).mean() > 0.9
-    np.testing.assert_array_equal(there.places[:, 0], here.places[:, 0])
+        on_processor = method.localizer(model)(rows(), 4)
+    assert (on_gpu.places[:, 0] == TRUTH).mean() > 0.9
+    np.testing.assert_array_equal(on_gpu.places[:, 0], on_processor.places[:, 0])
     # bfloat16 on the one, perhaps not on the other
-    np.testing.assert_allclose(there.costs, here.costs, atol=0.05)
+    np.testing.assert_allclose(on_gpu.costs, on_processor.costs, atol=0.05)
 
 
 @pytest.mark.parametrize("kind", [Sci, SciRing])
 def test_a_few_steps_cost_on_a_gpu_what_they_cost_on_a_processor(kind: type[Classifier]) -> None:
-    """Of the same views, turned and coloured alike, in the same order."""
+    """Two trainings see the same views, turned and coloured alike, in the same order."""
     method = kind(**SETTINGS | {"epochs": 2, "dropout": 0.0})
-    there = method.learn(rows(), TRUTH, Progress())
+    on_gpu = method.learn(rows(), TRUTH, Progress())
     with processor():
-        here = method.learn(rows(), TRUTH, Progress())
+        on_processor = method.learn(rows(), TRUTH, Progress())
     for name in ("curves/loss", "curves/held_out_loss"):
-        np.testing.assert_allclose(there[name], here[name], rtol=0.05, atol=0.02)
+        np.testing.assert_allclose(on_gpu[name], on_processor[name], rtol=0.05, atol=0.02)
 
 
 @pytest.mark.parametrize("objective", ["least_squares", "paper"])
@@ -85,12 +85,12 @@ def test_a_few_turns_of_the_game_cost_on_a_gpu_what_they_cost_on_a_processor(
 
         return adversarial.train(game, judge=judge, rounds=2)
 
-    there = curves("cuda")
+    on_gpu = curves("cuda")
     with processor():
-        here = curves("cpu")
-    assert there.keys() == here.keys()
-    for name, column in here.items():
-        np.testing.assert_allclose(there[name], column, rtol=0.05, atol=0.02, err_msg=name)
+        on_processor = curves("cpu")
+    assert on_gpu.keys() == on_processor.keys()
+    for name, column in on_processor.items():
+        np.testing.assert_allclose(on_gpu[name], column, rtol=0.05, atol=0.02, err_msg=name)
 
 
 def test_a_gpu_learns_place_features_that_a_processor_answers_with() -> None:
@@ -126,16 +126,16 @@ def test_a_gpus_interrupted_training_goes_on_from_its_checkpoint(tmp_path: Path,
 
 
 def waits(train: Callable[[], object]) -> int:
-    """How often a processor waits for the GPU, once everything is loaded."""
+    """The number of times that a processor waits for the GPU, once everything is loaded."""
     train()
     try:
-        with warnings.catch_warnings(record=True) as told:
+        with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             torch.cuda.set_sync_debug_mode("warn")
             train()
     finally:
         torch.cuda.set_sync_debug_mode("default")
-    return sum("synchronizing CUDA operation" in str(warning.message) for warning in told)
+    return sum("synchronizing CUDA operation" in str(warning.message) for warning in caught)
 
 
 @pytest.mark.parametrize("kind", [Sci, SciRing])

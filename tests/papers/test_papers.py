@@ -1,5 +1,5 @@
-"""docs/papers.md: each rule gives each verdict on a small table, and the page is what the generator
-gives of the kept tables."""
+"""Tests of the verdicts on the papers' findings, on small tables, and that docs/papers.md is what
+the kept tables give."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

@@ -1,4 +1,5 @@
-"""A scene to register in: a ground and the walls of a few houses, sampled as a sensor's points."""
+"""A scene for the tests of posing: a ground and the walls of a few houses, as the points that a
+sensor would see."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,7 @@ from pipeline.posing.verification import Agreement
 
 
 def scene(seed: int = 0, houses: int = 12) -> NDArray[np.float64]:
-    """Points (n, 3) of a square of 80 m around the origin, ground at 0."""
+    """Points (n, 3) of a square of 80 m around the origin: its ground at z = 0, and some houses."""
     rng = np.random.default_rng(seed)
     parts = [np.column_stack([rng.uniform(-40, 40, (4000, 2)), rng.normal(0, 0.02, 4000)])]
     for _ in range(houses):
@@ -23,12 +24,9 @@ def scene(seed: int = 0, houses: int = 12) -> NDArray[np.float64]:
         along = rng.uniform(-0.5, 0.5, 900)
         side = rng.integers(4, size=900)
         half = np.where(side % 2, 0.5, -0.5)
-        xy_m = (
-            np.where(
-                (side < 2)[:, None], np.column_stack([along, half]), np.column_stack([half, along])
-            )
-            * size_m
-        )
+        long_walls = np.column_stack([along, half])
+        short_walls = np.column_stack([half, along])
+        xy_m = np.where((side < 2)[:, None], long_walls, short_walls) * size_m
         turned = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
         centre_m = away_m * np.array([np.cos(bearing), np.sin(bearing)])
         parts.append(np.column_stack([xy_m @ turned + centre_m, rng.uniform(0, height_m, 900)]))
@@ -43,7 +41,7 @@ def planar(x_m: float, y_m: float, yaw_deg: float) -> NDArray[np.float64]:
 def seen_from(
     points_m: NDArray[np.float64], world_T_robot: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Points (n, 3) of the world in a robot's frame."""
+    """Points (n, 3) of the world, moved into a robot's frame."""
     robot_T_world = np.linalg.inv(world_T_robot)
     return points_m @ robot_T_world[:3, :3].T + robot_T_world[:3, 3]
 
@@ -51,8 +49,7 @@ def seen_from(
 def hypothesis(
     x_m: float, overlap: float, spread_m: float = 0.01, yaw_deg: float = 0.0, lead: float = 0.2
 ) -> Hypothesis:
-    """A hypothesis at (x, 0) of so much overlap and spread, whose walls the map has and which has
-    the map's."""
+    """A hypothesis at (x, 0) with this overlap and spread; its walls agree fully with the map's."""
     alignment = Alignment(np.eye(4), overlap, spread_m**2 * np.eye(6))
     agreement = Agreement(overlap, 1.0, 1.0)
     return Hypothesis(

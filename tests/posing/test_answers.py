@@ -1,5 +1,5 @@
-"""Answers with poses: places, costs and novelties of a ranking led by what was registered, and the
-chance of a fix."""
+"""Tests of answers with poses: the places, costs and novelties of a ranking in which registered
+poses come first."""
 
 from dataclasses import replace
 
@@ -17,7 +17,7 @@ from tests.methods.test_sci_ring import KINDS as RING_KINDS
 from tests.posing.scene import hypothesis
 
 OVERLAPS = Chances((10.0, *5 * (0.0,)), -5.0)
-"""By overlap alone: .5 is as likely right as none is."""
+"""Chances by overlap alone: a hypothesis of overlap .5 is as likely as that none is right."""
 FIXES = [
     Fix.of([hypothesis(25, 0.8, yaw_deg=90), hypothesis(45, 0.3)], OVERLAPS),
     Fix(),
@@ -37,7 +37,7 @@ PLACES = Places(Grid(10.0, (0.0, 100.0), (-5.0, 5.0)), np.arange(9))
 
 
 DOUBTS = np.array([[0.1, 0.05, 0.01], [1.0, 1.0, 1.0], [0.4, 0.3, 0.4]])
-"""In the pose, that it is near, that it is one of several."""
+"""(query, belief) that the pose is right, that the query is near it, that one of several is right."""
 
 
 def queries() -> list[PosedQuery]:
@@ -50,26 +50,26 @@ def queries() -> list[PosedQuery]:
 
 
 def test_registered_places_lead_the_ranking() -> None:
-    found = posed(RANKING, queries(), PLACES)
-    assert found.places.tolist() == [[2, 4, 1, 0], [1, 4, 2, 0], [-1, 1, 4, 2]]
-    assert found.xy_m[0, :2] == pytest.approx(np.array([[25, 0], [45, 0]]))
-    assert found.xy_m[1].tolist() == RANKING.xy_m[1].tolist()
-    assert (np.diff(found.costs, axis=1) >= 0).all()
+    result = posed(RANKING, queries(), PLACES)
+    assert result.places.tolist() == [[2, 4, 1, 0], [1, 4, 2, 0], [-1, 1, 4, 2]]
+    assert result.xy_m[0, :2] == pytest.approx(np.array([[25, 0], [45, 0]]))
+    assert result.xy_m[1].tolist() == RANKING.xy_m[1].tolist()
+    assert (np.diff(result.costs, axis=1) >= 0).all()
     odds = np.exp([3.0, -2.0])
-    assert found.costs[0, :2] == pytest.approx(1 - odds / (1 + odds.sum()))
+    assert result.costs[0, :2] == pytest.approx(1 - odds / (1 + odds.sum()))
     headings_deg = [[90, 0, 7, np.nan], [7, 8, 9, np.nan], [-45, 7, 8, 9]]
-    assert found.heading_deg == pytest.approx(np.array(headings_deg), nan_ok=True)
-    assert found.kinds == (*OWN_KINDS, "entropy")
-    assert found.novelty == pytest.approx(np.column_stack([DOUBTS, [0.2, 0.9, 0.4]]))
-    assert found.confidence == pytest.approx(1 - DOUBTS[:, 0])
+    assert result.heading_deg == pytest.approx(np.array(headings_deg), nan_ok=True)
+    assert result.kinds == (*OWN_KINDS, "entropy")
+    assert result.novelty == pytest.approx(np.column_stack([DOUBTS, [0.2, 0.9, 0.4]]))
+    assert result.confidence == pytest.approx(1 - DOUBTS[:, 0])
 
 
 def test_a_place_that_is_named_twice_is_answered_once() -> None:
-    found = posed(replace(RANKING, places=np.array([[1, 1, 2, 2]] * 3)), queries(), PLACES)
-    assert found.places[0].tolist() == [2, 4, 1, -1]
-    assert found.costs[0, 3] == np.inf
-    assert np.isnan(found.xy_m[0, 3]).all()
-    assert np.isnan(found.heading_deg[0, 3])
+    result = posed(replace(RANKING, places=np.array([[1, 1, 2, 2]] * 3)), queries(), PLACES)
+    assert result.places[0].tolist() == [2, 4, 1, -1]
+    assert result.costs[0, 3] == np.inf
+    assert np.isnan(result.xy_m[0, 3]).all()
+    assert np.isnan(result.heading_deg[0, 3])
 
 
 def test_no_novelty_of_the_ring_is_called_as_one_of_a_fix() -> None:

@@ -1,5 +1,5 @@
-"""Chances: shares of what a query's hypotheses have for them, learned from queries whose pose is
-known."""
+"""Tests of the chances of hypotheses: they are shares by their signs, learned from queries whose
+poses are known."""
 
 import numpy as np
 import pytest
@@ -33,10 +33,10 @@ def drawn(n: int, seed: int = 0) -> tuple[list[np.ndarray], list[np.ndarray]]:
 
 def test_what_tells_right_from_wrong_is_learned_and_nothing_speaks_against() -> None:
     signs, right = drawn(300)
-    found = learned(signs, right, np.ones(300), Chances(6 * (0.0,), 0.0))
-    assert min(found.weights) >= 0
-    assert found.weights[0] > 10
-    chance = np.array([found.of(one).max() for one in signs])
+    result = learned(signs, right, np.ones(300), Chances(6 * (0.0,), 0.0))
+    assert min(result.weights) >= 0
+    assert result.weights[0] > 10
+    chance = np.array([result.of(one).max() for one in signs])
     assert chance[1::3].min() > 0.5 > chance[::3].max()
     assert chance.mean() == pytest.approx(2 / 3, abs=0.03)  # as many as are right
 

@@ -1,4 +1,5 @@
-"""Which submaps a later day contradicts: walls that are gone, walls that were built."""
+"""Tests of which submaps a later day contradicts: walls that were torn down, and walls that were
+built."""
 
 import numpy as np
 import pytest
@@ -68,6 +69,5 @@ def test_what_is_usual_is_learned_from_neighbours_in_the_map() -> None:
     assert usual_contradiction(targets(room(FAR), moved_room(2.0)), WALLS) == pytest.approx(
         0, abs=0.02
     )
-    assert (
-        usual_contradiction(targets(room(NEAR)), WALLS) == 1.0
-    )  # no neighbours: nothing can be told
+    # No neighbours: nothing can be told
+    assert usual_contradiction(targets(room(NEAR)), WALLS) == 1.0

@@ -1,4 +1,5 @@
-"""Peers of our poses (benchmarks/closures.py)."""
+"""Tests of the benchmark that compares our poses with those of other software
+(benchmarks/closures.py)."""
 
 import sys
 from pathlib import Path
@@ -17,12 +18,12 @@ def closures(monkeypatch):
 
 
 def answers(closures, x_m: list[float], accepted: list[bool], seen: list[bool]):
-    """Of queries that truly are at the origin."""
-    found = np.tile(np.eye(4), (len(x_m), 1, 1))
-    found[:, 0, 3] = x_m
+    """The answers of a peer to queries that are all at the origin."""
+    result = np.tile(np.eye(4), (len(x_m), 1, 1))
+    result[:, 0, 3] = x_m
     true = np.tile(np.eye(4), (len(x_m), 1, 1))
     return closures.Answers(
-        found, true, np.array(accepted), np.array(seen), np.array([10.0, 20.0, 30.0, 90.0])
+        result, true, np.array(accepted), np.array(seen), np.array([10.0, 20.0, 30.0, 90.0])
     )
 
 
@@ -31,11 +32,11 @@ def test_a_peer_that_is_not_there_is_left_out_with_a_line(closures, monkeypatch,
         closures, "yearloc", lambda day: answers(closures, [0.0] * 4, [True] * 4, [True] * 4)
     )
     monkeypatch.setitem(sys.modules, "kiss_matcher", None)  # import fails
-    _, _, ours, *others = closures.table(
+    _, _, ours, *further_lines = closures.table(
         SimpleNamespace(scan_context=tmp_path / "scan_context"), Path(tmp_path)
     )
     assert ours.split()[0] == "yearloc"
-    assert [line.split(" left out")[0].strip() for line in others] == [
+    assert [line.split(" left out")[0].strip() for line in further_lines] == [
         "MapClosures",
         "GICP",
         "KISS-Matcher",
@@ -53,6 +54,6 @@ def test_a_row_counts_the_right_of_the_seen_and_the_wrong_of_the_accepted(closur
 
 def test_from_above_height_does_not_count(closures):
     """All are 3 m too high, the last is 3 m aside too."""
-    found = answers(closures, [0.0, 0.0, 0.0, 3.0], [True] * 4, [True] * 4)
-    found.world_T_query[:, 2, 3] = 3.0
-    assert found.line("peer").split()[5:8] == ["4", "4", "1"]
+    result = answers(closures, [0.0, 0.0, 0.0, 3.0], [True] * 4, [True] * 4)
+    result.world_T_query[:, 2, 3] = 3.0
+    assert result.line("peer").split()[5:8] == ["4", "4", "1"]

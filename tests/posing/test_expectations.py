@@ -1,4 +1,4 @@
-"""Expectations: a sign counts by how far it lies from what right fixes around it had."""
+"""Tests of the expectations: signs are judged by what right fixes around the same place had."""
 
 from dataclasses import replace
 

@@ -1,5 +1,5 @@
-"""Fixes: among candidate training submaps the right pose is found, and where there is too little to
-tell, none."""
+"""Tests of the search and its fixes: the right pose is found among candidate submaps, and none
+where there are too few points."""
 
 from pathlib import Path
 
@@ -37,7 +37,7 @@ def written(path: Path, seeds: range) -> Targets:
 
 @pytest.fixture(scope="module")
 def targets(tmp_path_factory: pytest.TempPathFactory) -> Targets:
-    """Three places."""
+    """A map of three places."""
     return written(tmp_path_factory.mktemp("map") / "day.zarr", range(3))
 
 
@@ -53,8 +53,8 @@ def test_the_pose_is_found_among_candidates(
     targets: Targets, row: int, x_m: float, y_m: float, yaw_deg: float
 ) -> None:
     anchor_T_query = planar(x_m, y_m, yaw_deg)
-    found = Fixer().fix(seen_from(scene(row), anchor_T_query), targets, PLACES)
-    best = found.hypotheses[0]
+    result = Fixer().fix(seen_from(scene(row), anchor_T_query), targets, PLACES)
+    best = result.hypotheses[0]
     away_m, turn_deg = distance_and_turn(
         best.world_T_query[None], (ANCHORS[row] @ anchor_T_query)[None]
     )
@@ -65,7 +65,7 @@ def test_the_pose_is_found_among_candidates(
     assert best.here.structure > 0.8
     assert best.here.seen_again > 0.8
     assert best.beside == best.here  # there is no other submap near
-    assert found.chance > 0.9
+    assert result.chance > 0.9
 
 
 def test_a_place_that_the_map_does_not_have_overlaps_little(targets: Targets) -> None:
@@ -80,15 +80,15 @@ def test_a_place_that_the_map_does_not_have_overlaps_little(targets: Targets) ->
 def test_approaches_of_little_overlap_are_refined_only_beside_a_likely_hypothesis(
     targets: Targets,
 ) -> None:
-    """Of a place that is not there nothing is refined. Of one that is there the other two are, to
-    compare it with, as far as a search goes that is never sure."""
+    """A query from elsewhere has no approach that is refined. For one from the map, the search, which
+    is never sure here, refines the right place, and then the other two to compare it with."""
     there, elsewhere = (seen_from(scene(seed), planar(1, 1, 20)) for seed in (0, 7))
     fixer = Fixer(least_overlap=0.7, sure=1.0)
     assert len(Fixer().fix(elsewhere, targets, PLACES).hypotheses) > 0
     assert fixer.fix(elsewhere, targets, PLACES) == Fix()
-    found = fixer.fix(there, targets, PLACES)
-    assert found.hypotheses[0].approached > 0.7
-    assert min(other.approached for other in found.hypotheses[1:]) < 0.7
+    result = fixer.fix(there, targets, PLACES)
+    assert result.hypotheses[0].approached > 0.7
+    assert min(other.approached for other in result.hypotheses[1:]) < 0.7
 
 
 @pytest.mark.parametrize(
@@ -102,23 +102,23 @@ def test_approaches_of_little_overlap_are_refined_only_beside_a_likely_hypothesi
     ids=["none", "12 points", "NaN", "one plane"],
 )
 def test_too_little_to_tell_is_no_pose(targets: Targets, points_m: np.ndarray) -> None:
-    found = Fixer().fix(points_m, targets, PLACES)
-    assert found.hypotheses == ()
-    assert found.alignment is NOWHERE
-    assert found.chance == 0
+    result = Fixer().fix(points_m, targets, PLACES)
+    assert result.hypotheses == ()
+    assert result.alignment is NOWHERE
+    assert result.chance == 0
 
 
 def test_without_answers_the_whole_map_is_searched(targets: Targets) -> None:
-    found = Fixer().fix(
+    result = Fixer().fix(
         seen_from(scene(1), planar(1, 0, 90)), targets, Answers.at(np.full((5, 2), np.nan))
     )
-    assert found.hypotheses[0].row == 1
-    assert found.alignment.overlap > 0.8
+    assert result.hypotheses[0].row == 1
+    assert result.alignment.overlap > 0.8
 
 
 def test_what_is_left_out_is_not_there(targets: Targets) -> None:
-    found = Fixer().fix(scene(1), targets, PLACES, left_out=np.array([False, True, False]))
-    assert {one.row for one in found.hypotheses} <= {0, 2}
+    result = Fixer().fix(scene(1), targets, PLACES, left_out=np.array([False, True, False]))
+    assert {one.row for one in result.hypotheses} <= {0, 2}
     assert Fixer().fix(scene(1), targets, PLACES, left_out=np.ones(3, bool)) == Fix()
 
 
@@ -130,11 +130,11 @@ def test_millimetres_are_not_accepted(targets: Targets) -> None:
 
 
 OVERLAPS = Chances((10.0, *5 * (0.0,)), -5.0)
-"""By overlap alone: .5 is as likely right as none is."""
+"""Chances by overlap alone: a hypothesis of overlap .5 is as likely as that none is right."""
 
 
 def test_the_likeliest_leads_whatever_its_spread_and_others_stand_elsewhere() -> None:
-    found = Fix.of(
+    result = Fix.of(
         [
             hypothesis(0, 0.4, 0.001),
             hypothesis(7, 0.9, 0.03),
@@ -143,19 +143,19 @@ def test_the_likeliest_leads_whatever_its_spread_and_others_stand_elsewhere() ->
         ],
         OVERLAPS,
     )
-    assert [one.here.overlap for one in found.hypotheses] == [0.9, 0.5, 0.4, 0.3]
-    assert found.elsewhere == [2, 3]  # 9 m is within 5 m of 7 m
+    assert [one.here.overlap for one in result.hypotheses] == [0.9, 0.5, 0.4, 0.3]
+    assert result.elsewhere == [2, 3]  # 9 m is within 5 m of 7 m
     odds = np.exp([4.0, 0.0, -1.0, -2.0])
-    assert found.chances == pytest.approx(odds / (1 + odds.sum()))
+    assert result.chances == pytest.approx(odds / (1 + odds.sum()))
 
 
 def test_hypotheses_of_one_pose_are_one_and_share_no_chance() -> None:
     one = hypothesis(0, 0.5)
     again = hypothesis(1.5, 0.4)
     turned = hypothesis(0, 0.4, yaw_deg=6)
-    found = Fix.of([again, turned, one], OVERLAPS)
-    assert found.hypotheses == (one, turned)
-    assert found.chance == pytest.approx(1 / (1 + 1 + np.exp(-1)))
+    result = Fix.of([again, turned, one], OVERLAPS)
+    assert result.hypotheses == (one, turned)
+    assert result.chance == pytest.approx(1 / (1 + 1 + np.exp(-1)))
 
 
 def test_a_look_alike_takes_from_the_chance() -> None:
@@ -177,10 +177,10 @@ def test_the_rankings_own_pose_is_tried_first(targets: Targets) -> None:
     query = seen_from(scene(1), planar(1, 2, 30))
     world_T_query = ANCHORS[1] @ planar(1, 2, 30)
     answers = Answers(world_T_query[None, :2, 3] + 0.5, np.array([123.0]))
-    found = Fixer(sure=0.9, rounds=(1,), tries=1).fix(query, targets, answers)
-    assert len(found.hypotheses) == 1
+    result = Fixer(sure=0.9, rounds=(1,), tries=1).fix(query, targets, answers)
+    assert len(result.hypotheses) == 1
     away_m, turn_deg = distance_and_turn(
-        found.hypotheses[0].world_T_query[None], world_T_query[None]
+        result.hypotheses[0].world_T_query[None], world_T_query[None]
     )
     assert away_m[0] < 0.1
     assert turn_deg[0] < 0.3

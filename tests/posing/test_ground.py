@@ -1,4 +1,4 @@
-"""Ground: a slope is ground as far as it goes, and what stands on it stands on it."""
+"""Tests of heights above the ground: a slope is ground, and things on a slope stand on it."""
 
 import numpy as np
 import pytest

@@ -1,5 +1,5 @@
-"""Held-out fixes: blocks of a training day are asked with and without their surroundings, and say
-when a fix is clear."""
+"""Tests of the evidence from held-out blocks of a training day, asked with and without their
+surroundings."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -49,7 +49,7 @@ def localizer(views: Rows, k: int) -> Ranking:
     return Ranking(np.zeros((n, 1), np.int64), column, xy_m, column, column[:, 0], column, ("own",))
 
 
-def asked(views: Rows, path: Path, how: HeldOut = HELD_OUT) -> Evidence:
+def evidence_of(views: Rows, path: Path, how: HeldOut = HELD_OUT) -> Evidence:
     drive = Drive(path.parent / "scans" / "day.zarr", path.parent / "submaps" / "day.zarr")
     places = np.zeros(len(views.stamps_ns), np.int64)
     return how.evidence(
@@ -63,10 +63,10 @@ def asked(views: Rows, path: Path, how: HeldOut = HELD_OUT) -> Evidence:
 def test_blocks_are_right_with_their_surroundings_aged_or_not_and_wrong_without(path: Path) -> None:
     """Blocks of 2 m in every 4; as these are too few, the scans between them are asked in their
     turn."""
-    evidence = asked(VIEWS, path)
+    evidence = evidence_of(VIEWS, path)
     queries = len(evidence.fixes) // 3
     assert queries == 8
-    few = asked(VIEWS, path, replace(HELD_OUT, enough=1))
+    few = evidence_of(VIEWS, path, replace(HELD_OUT, enough=1))
     assert len(few.fixes) == 3 * 4
     assert few.blocks < evidence.blocks
     assert evidence.unseen.tolist() == [False, False, True] * queries
@@ -99,7 +99,7 @@ def test_a_fix_lacks_what_a_search_with_a_least_overlap_does_not_refine() -> Non
 
 
 def test_evidence_stands_for_as_many_queries_as_there_are_blocks(path: Path) -> None:
-    evidence = asked(VIEWS, path)
+    evidence = evidence_of(VIEWS, path)
     weight = evidence.weight(0.25)
     assert weight.sum() == pytest.approx(evidence.blocks)
     assert weight[evidence.unseen].sum() == pytest.approx(evidence.blocks / 4)
@@ -141,9 +141,8 @@ def test_a_scan_ages_by_what_was_built_felled_and_torn_down() -> None:
     went = [len(Ageing(**none | {"went": 3}).aged(circle_m, rng)) for _ in range(40)]
     assert 2000 < min(went) < max(went) == 3600
     walls = [Ageing(**none | {"walls": 2}).aged(circle_m, rng) for _ in range(40)]
-    assert (
-        min(np.isclose(np.hypot(*one[:, :2].T), 10.0).sum() for one in walls) < 3600
-    )  # some stand before the circle
+    # Some stand before the circle
+    assert min(np.isclose(np.hypot(*one[:, :2].T), 10.0).sum() for one in walls) < 3600
     assert any(len(one) > 3600 for one in walls)
 
 
@@ -152,7 +151,7 @@ def test_a_map_of_another_day_is_refused(path: Path) -> None:
     with pytest.raises(
         InputError, match=r"day\.zarr: a map of 8 submaps that are not the 8 of the training views"
     ):
-        asked(other, path)
+        evidence_of(other, path)
 
 
 def test_settings_that_make_no_evidence_are_refused() -> None:

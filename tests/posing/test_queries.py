@@ -1,4 +1,5 @@
-"""Queries: the candidates that rankings name, and the points of altered cases."""
+"""Tests of the queries of a test sequence: the candidates that rankings name, and the points of
+altered cases."""
 
 from collections.abc import Sequence
 from dataclasses import asdict

@@ -1,5 +1,5 @@
-"""Real revisits: NCLT's key frames of 2013-01-10, a street driven out and, minutes later, back in
-reverse (METHODS 7.6, 9); and a loop of KITTI."""
+"""Tests of posing on recorded revisits: key frames of NCLT of 2013-01-10, where a street is driven
+out and, minutes later, back in reverse (METHODS 7.6, 9); and a loop of KITTI."""
 
 from pathlib import Path
 
@@ -62,7 +62,7 @@ def targets(frames: KeyFrames, tmp_path_factory: pytest.TempPathFactory) -> Targ
 
 
 def fixes(frames: KeyFrames, targets: Targets, rows: range) -> list[Fix]:
-    """Of key frames without any ranking: the whole map is searched."""
+    """The fixes of key frames without any ranking, so that the whole map is searched."""
     return [Fixer().fix(frames.points_m(row), targets) for row in rows]
 
 

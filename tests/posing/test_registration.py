@@ -1,4 +1,5 @@
-"""Registration: a known pose is found, and what cannot be registered is refused."""
+"""Tests of registration: a known pose is found, and clouds that cannot be registered are
+refused."""
 
 import numpy as np
 import pytest
@@ -13,19 +14,19 @@ from tests.posing.scene import planar, scene, seen_from
 def test_a_known_pose_is_found(x_m: float, y_m: float, yaw_deg: float) -> None:
     target = scene()
     true = planar(x_m, y_m, yaw_deg)
-    found = Registration().align(target, seen_from(scene(), true), true @ planar(1.0, 0.5, 4.0))
-    away_m, turn_deg = distance_and_turn(found.target_T_source[None], true[None])
+    result = Registration().align(target, seen_from(scene(), true), true @ planar(1.0, 0.5, 4.0))
+    away_m, turn_deg = distance_and_turn(result.target_T_source[None], true[None])
     assert away_m[0] < 0.05
     assert turn_deg[0] < 0.2
-    assert found.overlap > 0.95
-    assert found.covariance.shape == (6, 6)
-    assert found.spread_m < 0.05
+    assert result.overlap > 0.95
+    assert result.covariance.shape == (6, 6)
+    assert result.spread_m < 0.05
 
 
 def test_other_houses_overlap_less() -> None:
-    found = Registration().align(scene(0), scene(1), np.eye(4))
+    result = Registration().align(scene(0), scene(1), np.eye(4))
     same = Registration().align(scene(0), scene(0), np.eye(4))
-    assert found.overlap < 0.75 * same.overlap
+    assert result.overlap < 0.75 * same.overlap
 
 
 def test_a_bare_plane_and_a_bare_wall_leave_directions_open() -> None:
@@ -46,9 +47,9 @@ def test_the_covariance_is_what_repeated_noise_gives() -> None:
     poses = []
     for _ in range(24):
         noisy = [scene() + rng.normal(0, 0.05, scene().shape) for _ in range(2)]
-        found = Registration().align(*noisy, np.eye(4))
-        poses.append(found.target_T_source[:3, 3])
-    expected = np.sqrt(np.diag(found.covariance)[3:])
+        result = Registration().align(*noisy, np.eye(4))
+        poses.append(result.target_T_source[:3, 3])
+    expected = np.sqrt(np.diag(result.covariance)[3:])
     assert (np.std(poses, axis=0) / expected < 4).all()
     assert (np.std(poses, axis=0) / expected > 0.25).all()
 

@@ -1,4 +1,4 @@
-"""Slides: where a street repeats itself a pose does not lead, and where it does not it does."""
+"""Tests of slides: a pose leads its slid copies only where the street does not repeat itself."""
 
 from itertools import pairwise
 from pathlib import Path
@@ -94,8 +94,8 @@ STREETS = {
 }
 
 
-def street(kind: str, own: bool, drive: int) -> np.ndarray:
-    """A street and its ground; with a kiosk of its `own` at 30 m.
+def street(kind: str, has_kiosk: bool, drive: int) -> np.ndarray:
+    """Points (n, 3) of a street of some kind and its ground, with a kiosk at 30 m or without.
 
     Each drive meets other points of them.
     """
@@ -104,7 +104,7 @@ def street(kind: str, own: bool, drive: int) -> np.ndarray:
         [rng.uniform(-40, 160, 9000), rng.uniform(-20, 20, 9000), rng.normal(0, 0.02, 9000)]
     )
     parts = [ground, STREETS[kind](rng)]
-    if own:
+    if has_kiosk:
         parts += [
             upright(rng, [(26, 4), (33, 4), (33, 5.5), (26, 5.5), (26, 4)], 600),
             upright(rng, [(38, -4), (38, -6), (41, -6)]),
@@ -112,9 +112,9 @@ def street(kind: str, own: bool, drive: int) -> np.ndarray:
     return np.concatenate(parts)
 
 
-def driven(folder: Path, kind: str, own: bool) -> tuple[np.ndarray, Targets]:
+def driven(folder: Path, kind: str, has_kiosk: bool) -> tuple[np.ndarray, Targets]:
     """The street as a later drive meets it, and the map of one along it, a submap every 4 m."""
-    points_m = street(kind, own, 0)
+    points_m = street(kind, has_kiosk, 0)
     anchors = np.array([planar(x_m, 0, 0) for x_m in np.arange(0, 120, 4)])
     if kind.startswith("a crossing"):
         anchors = anchors[6:11]  # 24 to 40 m
@@ -125,7 +125,7 @@ def driven(folder: Path, kind: str, own: bool) -> tuple[np.ndarray, Targets]:
         out.put("points", np.rint(np.concatenate(clouds) / GRAIN_M).astype(np.int64))
         out.put("offsets", np.cumsum([0, *map(len, clouds)]))
         out.put("world_T_anchor", anchors)
-    return street(kind, own, 1), Targets.read(folder / "day.zarr")
+    return street(kind, has_kiosk, 1), Targets.read(folder / "day.zarr")
 
 
 def visible(points_m: np.ndarray, world_T_robot: np.ndarray) -> np.ndarray:
@@ -139,36 +139,36 @@ AT = planar(32, 0.5, 2)
 
 @pytest.fixture(
     scope="module",
-    params=[(kind, own) for kind in STREETS for own in (False, True)],
+    params=[(kind, has_kiosk) for kind in STREETS for has_kiosk in (False, True)],
     ids=lambda one: f"{one[0]}, {'with' if one[1] else 'without'} a kiosk",
 )
 def world(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Scene:
-    kind, own = request.param
-    return kind, own, *driven(tmp_path_factory.mktemp("street"), kind, own)
+    kind, has_kiosk = request.param
+    return kind, has_kiosk, *driven(tmp_path_factory.mktemp("street"), kind, has_kiosk)
 
 
 def test_a_pose_leads_by_what_only_its_own_place_has(world: Scene) -> None:
-    _, own, points_m, targets = world
+    _, has_kiosk, points_m, targets = world
     walls = Walls()
-    found = slide(
+    result = slide(
         walls,
         targets,
         walls.middles(walls.of(visible(points_m, AT))),
         AT,
         np.zeros(len(targets.world_T_anchor), bool),
     )
-    assert (found.lead > 0.05) is own
+    assert (result.lead > 0.05) is has_kiosk
 
 
 def test_where_a_street_repeats_itself_no_pose_is_believed(world: Scene) -> None:
     """The right pose and its copies share the chance; with a kiosk the right one has it."""
-    _, own, points_m, targets = world
-    found = Fixer().fix(
+    _, has_kiosk, points_m, targets = world
+    result = Fixer().fix(
         visible(points_m, AT), targets, Answers(np.array([[32.0, 0.0]]), np.array([0.0]))
     )
-    assert (found.chance > 0.9) is own
-    if own:
-        assert np.linalg.norm(found.hypotheses[0].world_T_query[:2, 3] - AT[:2, 3]) < 0.3
+    assert (result.chance > 0.9) is has_kiosk
+    if has_kiosk:
+        assert np.linalg.norm(result.hypotheses[0].world_T_query[:2, 3] - AT[:2, 3]) < 0.3
 
 
 def test_far_from_all_submaps_a_slide_tells_nothing(
@@ -184,15 +184,15 @@ def test_far_from_all_submaps_a_slide_tells_nothing(
 
 def test_the_copies_of_a_pose_among_equal_houses_stand_whole_houses_away(tmp_path: Path) -> None:
     """Houses stand every 18 m."""
-    points_m, targets = driven(tmp_path, "equal houses", own=False)
+    points_m, targets = driven(tmp_path, "equal houses", has_kiosk=False)
     walls = Walls()
     middles = walls.middles(walls.of(visible(points_m, AT)))
-    found = slide(walls, targets, middles, AT, np.zeros(len(targets.world_T_anchor), bool))
-    assert [copy.score for copy in found.copies] == sorted(
-        (copy.score for copy in found.copies), reverse=True
+    result = slide(walls, targets, middles, AT, np.zeros(len(targets.world_T_anchor), bool))
+    assert [copy.score for copy in result.copies] == sorted(
+        (copy.score for copy in result.copies), reverse=True
     )
-    anchors = [targets.world_T_anchor[copy.row] for copy in found.copies]
-    pairs = zip(anchors, found.copies, strict=True)
+    anchors = [targets.world_T_anchor[copy.row] for copy in result.copies]
+    pairs = zip(anchors, result.copies, strict=True)
     away_m = [(anchor @ copy.target_T_query)[0, 3] - AT[0, 3] for anchor, copy in pairs]
     assert len(away_m) == 3
     assert min(abs(abs(away) - EVERY_M) for away in away_m) < 1.5
@@ -200,21 +200,21 @@ def test_the_copies_of_a_pose_among_equal_houses_stand_whole_houses_away(tmp_pat
 
 def test_a_search_that_begins_a_house_too_early_ends_at_the_right_one(tmp_path: Path) -> None:
     """The ranking is a house off, where the walls fit; the kiosk tells the copy that is right."""
-    points_m, targets = driven(tmp_path, "equal houses", own=True)
+    points_m, targets = driven(tmp_path, "equal houses", has_kiosk=True)
     answers = Answers(np.array([[32.0 - EVERY_M, 0.0]]), np.array([0.0]))
-    found = Fixer(rounds=(1,)).fix(visible(points_m, AT), targets, answers)
-    assert np.linalg.norm(found.hypotheses[0].world_T_query[:2, 3] - AT[:2, 3]) < 0.3
+    result = Fixer(rounds=(1,)).fix(visible(points_m, AT), targets, answers)
+    assert np.linalg.norm(result.hypotheses[0].world_T_query[:2, 3] - AT[:2, 3]) < 0.3
     wrong = Fixer().track(visible(points_m, AT), targets, planar(32.0 - EVERY_M, 0, 0))
     assert np.linalg.norm(wrong.hypotheses[0].world_T_query[:2, 3] - AT[:2, 3]) > 10
 
 
 def test_a_copy_that_becomes_the_likeliest_is_compared_with_its_own_copies(tmp_path: Path) -> None:
     """The ranking is two houses off; beyond the right one lies a copy too far from it to be its."""
-    points_m, targets = driven(tmp_path, "equal houses", own=True)
+    points_m, targets = driven(tmp_path, "equal houses", has_kiosk=True)
     first_m = AT[0, 3] + 2 * EVERY_M
     answers = Answers(np.array([[first_m, 0.0]]), np.array([0.0]))
-    found = Fixer(rounds=(1,)).fix(visible(points_m, AT), targets, answers)
-    x_m = [hypothesis.world_T_query[0, 3] for hypothesis in found.hypotheses]
+    result = Fixer(rounds=(1,)).fix(visible(points_m, AT), targets, answers)
+    x_m = [hypothesis.world_T_query[0, 3] for hypothesis in result.hypotheses]
     assert abs(x_m[0] - AT[0, 3]) < 0.3
     assert first_m - min(x_m) > FAR_M
 
@@ -222,16 +222,16 @@ def test_a_copy_that_becomes_the_likeliest_is_compared_with_its_own_copies(tmp_p
 def test_at_a_crossing_of_equal_corners_the_likest_fit_elsewhere_is_turned(tmp_path: Path) -> None:
     """Four corners look alike when the robot turns by 90°; nothing along the street fits as
     well."""
-    points_m, targets = driven(tmp_path, "a crossing of equal corners", own=False)
+    points_m, targets = driven(tmp_path, "a crossing of equal corners", has_kiosk=False)
     walls = Walls()
     at = planar(32, 0, 0)
-    found = slide(
+    result = slide(
         walls,
         targets,
         walls.middles(walls.of(visible(points_m, at))),
         at,
         np.zeros(len(targets.world_T_anchor), bool),
     )
-    turn_deg = np.rad2deg(yaw(found.copies[0].target_T_query[None])[0])
+    turn_deg = np.rad2deg(yaw(result.copies[0].target_T_query[None])[0])
     assert abs(turn_deg) > 80
-    assert abs(found.lead) < 0.05
+    assert abs(result.lead) < 0.05

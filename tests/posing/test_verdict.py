@@ -1,5 +1,5 @@
-"""Verdicts: what is believed of a fix, and where a promise is kept, by evidence that is known by
-hand."""
+"""Tests of verdicts: the doubts in a fix, and the limits that keep a promise, from small evidence
+worked out by hand."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from pipeline.posing.verdict import PROMISES, Evidence, Judge, Verdict, middle
 from tests.posing.scene import hypothesis, planar
 
 OVERLAPS = Chances((10.0, *5 * (0.0,)), -5.0)
-"""By overlap alone: .5 is as likely right as none is."""
+"""Chances by overlap alone: a hypothesis of overlap .5 is as likely as that none is right."""
 
 
 def test_doubts_in_the_pose_in_its_place_and_in_the_poses_that_are_named() -> None:
@@ -52,10 +52,10 @@ def evidence(blocks: int, wrong: int = 0, seed: int = 0) -> Evidence:
 def test_right_and_near_are_told_apart() -> None:
     fixes = [Fix.of([hypothesis(x_m, 0.7)]) for x_m in (1.9, 2.1, 14.0, 16.0)]
     fixes.append(Fix.of([hypothesis(50, 0.7), hypothesis(0, 0.6)]))
-    known = Evidence(
+    known_evidence = Evidence(
         [*fixes, Fix()], np.tile(np.eye(4), (6, 1, 1)), np.zeros(6, bool), np.arange(6)
     )
-    assert known.true().tolist() == [
+    assert known_evidence.true().tolist() == [
         [True, True, True],
         [False, True, False],
         [False, True, False],

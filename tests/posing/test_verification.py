@@ -1,5 +1,5 @@
-"""Verification: a wall that the map has, one that it contradicts, one that was hidden from it, and
-the map's own."""
+"""Tests of the agreement of a query with a submap: walls that both have, that one contradicts, or
+that were hidden."""
 
 import numpy as np
 import pytest
@@ -31,32 +31,30 @@ def seen_by(points_m: np.ndarray, single: bool = True) -> Seen:
     return Seen.of(WALLS, cloud, chart)
 
 
-def found(query: Seen, ahead_m: float = 0.0) -> Agreement:
+def result(query: Seen, ahead_m: float = 0.0) -> Agreement:
     """With a map of one wall 30.5 m ahead, from so far ahead."""
     return agreement(WALLS, 0.5, seen(wall(30.5)), query, planar(ahead_m, 0, 0))
 
 
 def test_walls_speak_for_and_against_a_pose_and_hidden_ones_say_nothing() -> None:
-    assert found(seen(wall(30.5))) == Agreement(1.0, 1.0, 1.0)
-    behind = found(seen(wall(30.5), wall(38.5)))
+    assert result(seen(wall(30.5))) == Agreement(1.0, 1.0, 1.0)
+    behind = result(seen(wall(30.5), wall(38.5)))
     assert behind.structure == 1.0
     # of the query's walls the map has half, hidden or not; of the map's the query has all
     assert behind.overlap == pytest.approx(0.75, abs=0.03)
-    across = found(seen(wall(30.5), wall(15.5, half_m=4.0)))
+    across = result(seen(wall(30.5), wall(15.5, half_m=4.0)))
     assert across.structure == pytest.approx(20 / (20 + 8), abs=0.05)
-    assert found(seen(wall(15.5, half_m=4.0))).structure == 0.0
+    assert result(seen(wall(15.5, half_m=4.0))).structure == 0.0
 
 
 def test_the_maps_walls_are_seen_again_or_seen_through_or_hidden() -> None:
-    assert found(seen(wall(20.5)), ahead_m=10.0) == Agreement(1.0, 1.0, 1.0)
-    assert (
-        found(seen(wall(38.5))).seen_again == 0.0
-    )  # the query looks through where the map has its wall
-    half = found(seen(wall(30.5)[wall(30.5)[:, 1] > 0], wall(38.5)[wall(38.5)[:, 1] < 0]))
+    assert result(seen(wall(20.5)), ahead_m=10.0) == Agreement(1.0, 1.0, 1.0)
+    # The query looks through where the map has its wall
+    assert result(seen(wall(38.5))).seen_again == 0.0
+    half = result(seen(wall(30.5)[wall(30.5)[:, 1] > 0], wall(38.5)[wall(38.5)[:, 1] < 0]))
     assert half.seen_again == pytest.approx(0.5, abs=0.05)
-    assert (
-        found(seen(wall(15.5, half_m=9.0))).seen_again == 0.0
-    )  # hidden: nothing speaks for the pose
+    # Hidden: nothing speaks for the pose
+    assert result(seen(wall(15.5, half_m=9.0))).seen_again == 0.0
 
 
 def test_a_high_wall_counts_no_more_than_a_low_one() -> None:
@@ -68,4 +66,4 @@ def test_a_high_wall_counts_no_more_than_a_low_one() -> None:
 
 
 def test_a_query_of_several_scans_contradicts_nothing() -> None:
-    assert found(seen_by(wall(38.5), single=False)) == Agreement(0.0, 0.0, 0.0)
+    assert result(seen_by(wall(38.5), single=False)) == Agreement(0.0, 0.0, 0.0)

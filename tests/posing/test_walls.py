@@ -1,5 +1,5 @@
-"""Walls from above: heading and offset are found, and what the map saw through counts against a
-match."""
+"""Tests of matching walls from above: heading and offset are found, and walls where the map saw
+through count against a match."""
 
 import numpy as np
 import pytest
@@ -15,15 +15,15 @@ from tests.posing.scene import planar, scene, seen_from
 def test_heading_and_offset_are_found(x_m: float, y_m: float, yaw_deg: float) -> None:
     walls = Walls()
     true = planar(x_m, y_m, yaw_deg)
-    found = walls.match(
+    result = walls.match(
         walls.chart(walls.of(scene())), walls.cells_at_headings(walls.of(seen_from(scene(), true)))
     )
-    assert found.target_T_query == pytest.approx(true, abs=1.0)
-    assert found.target_T_query[:2, :2] == pytest.approx(true[:2, :2], abs=0.06)
+    assert result.target_T_query == pytest.approx(true, abs=1.0)
+    assert result.target_T_query[:2, :2] == pytest.approx(true[:2, :2], abs=0.06)
     other = walls.match(
         walls.chart(walls.of(scene(1))), walls.cells_at_headings(walls.of(seen_from(scene(), true)))
     )
-    assert found.score > other.score + 0.1
+    assert result.score > other.score + 0.1
 
 
 def test_a_chart_knows_walls_and_what_was_seen_through() -> None:
