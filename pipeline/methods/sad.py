@@ -40,8 +40,8 @@ class Sad(UntrainedMethod, SequenceMethod):
     """Number of headings of a training place whose images are kept: one as in SeqSLAM, or up to the
     eight whose codes PFL keeps."""
     held_out_every_m: Positive = 80.0
-    """Blocks are held out more often than by methods that train, since this costs nothing here;
-    between two of them lies the length of a sequence."""
+    """Blocks are held out more often than by PFL and AFL, since without training this costs
+    nothing; between two of them lies the length of a sequence."""
 
     def learn(self, views: Rows, places: NDArray[np.int64], progress: Progress) -> Model:
         """Keep the training sequence's normalised images (n, heading, side, side), 4 KB each.
