@@ -1,8 +1,8 @@
-"""Builds objects from settings: a mapping of a yaml or a site file in; a dataclass's object out.
+"""Builds objects from settings: a mapping of a yaml or a site file in; an object of a class out.
 
 The key `_target_` names the class, such as pipeline.views.scan_context.ScanContext, and the other
-keys are its fields. Settings may come from anywhere, so only dataclasses of named parts of this
-project are built.
+keys are its fields. Settings may come from a stranger's file, so only dataclasses of named parts of
+this project are built.
 """
 
 import ast
@@ -20,9 +20,9 @@ TARGET = "_target_"
 def build(settings: Any, roots: tuple[str, ...]) -> Any:
     """Build the object that `settings` describe; objects nested in its fields are built first.
 
-    `roots` are the allowed beginnings of a class's name, such as pipeline.views. with its dot.
-    What is no mapping with `_target_` is returned as it is. Keys that the class has no field for
-    are left out. Raises ConfigError for a class that is not allowed.
+    `roots` are the allowed beginnings of a class's name, such as `pipeline.views.`, with the dot.
+    Settings without `_target_` are returned as they are, with what is nested in them built. Keys
+    that the class has no field for are ignored. Raises ConfigError for a class that is not allowed.
     """
     if isinstance(settings, list):
         return [build(item, roots) for item in settings]
@@ -37,9 +37,9 @@ def build(settings: Any, roots: tuple[str, ...]) -> Any:
 
 
 def target_class(target: str, roots: tuple[str, ...]) -> type[Any]:
-    """The dataclass named `target`, of a module below `roots`.
+    """Import the dataclass named `target`; its module must lie below one of `roots`.
 
-    Raises ConfigError for any other, NotInstalledError if its module needs a missing package.
+    Raises ConfigError for any other class, NotInstalledError if its module needs a missing package.
     """
     module, _, name = target.rpartition(".")
     cls = None
@@ -64,10 +64,7 @@ def target_of(instance: object) -> str:
 
 
 def parsed(text: object) -> Any:
-    """The value that a text of a model's recipe stands for.
-
-    `0.002` is a number, `True` a switch, `jet` a word.
-    """
+    """Parse a text of a model's recipe: `0.002` is a number, `True` a bool, `jet` a string."""
     with suppress(ValueError, SyntaxError):
         return ast.literal_eval(str(text))
     return text

@@ -1,4 +1,9 @@
-"""Dask's workers in processes: of this machine, a running scheduler, SLURM or Kubernetes."""
+"""Runs blocks of rows on Dask's workers: a function and row ranges in; results, in order, out.
+
+`connected` starts or reaches the workers of one kind of cluster: processes of this machine, a
+scheduler that runs already, SLURM jobs or Kubernetes pods. `in_order` sends the blocks to them and
+yields their results. `compute.Compute` chooses between these and plain threads or processes.
+"""
 
 import logging
 import os
@@ -19,37 +24,39 @@ from pipeline.core.settings import Count, within
 
 Result = TypeVar("Result")
 LIBRARY = Path(__file__).parents[1]
+"""The folder `pipeline`, whose source a worker must have too."""
 SILENT = logging.CRITICAL
-"""Of Dask's own log: what goes wrong is said once, as an error of this project."""
-
-
+"""The level of Dask's own log, so that an error is printed once, as an error of this project."""
 NO_DASHBOARD = {"dashboard": False, "dashboard_address": "127.0.0.1:0"}
+"""Options of Dask's scheduler: it serves no web page."""
 
 
 @contextmanager
 def connected(
     scheduler: str, workers: int, wait_s: float, settings: Mapping[str, Any]
 ) -> Iterator[Any]:
-    """Dask's client of one of CLUSTERS once it has a worker; both are closed at the end.
+    """Start or reach one of CLUSTERS and yield Dask's client once a worker has connected.
 
-    Raises ConfigError for settings that are none of that cluster's, NotInstalledError, and
-    ComputeError where no worker connects in time.
+    `scheduler` is a key of CLUSTERS, `settings` are the arguments of its function. The client and
+    the cluster are closed at the end of the block. Raises ConfigError for settings that the cluster
+    does not take, NotInstalledError without the package that it needs, and ComputeError if no
+    worker connects within `wait_s`.
     """
     import dask
     from distributed import Client
 
     for name in ("distributed", "tornado.application", "asyncio"):
         logging.getLogger(name).setLevel(SILENT)
-    limits = {
+    dask_settings = {
         "distributed.scheduler.no-workers-timeout": f"{wait_s} s",
         "distributed.scheduler.http.routes": [],
         "distributed.worker.http.routes": [],
         "distributed.admin.large-graph-warning-threshold": "1 TB",
-        "distributed.client.direct-to-workers": scheduler
-        == "local",  # else each result passes through the scheduler
+        # results of this machine's workers need not pass through the scheduler
+        "distributed.client.direct-to-workers": scheduler == "local",
     }
     with ExitStack() as stack:
-        stack.enter_context(dask.config.set(limits))
+        stack.enter_context(dask.config.set(dask_settings))
         try:
             cluster = stack.enter_context(CLUSTERS[scheduler](workers, **settings))
             client = stack.enter_context(Client(cluster, timeout=wait_s, set_as_default=False))
@@ -70,41 +77,45 @@ def in_order(
     fn: Callable[[int, int], Result],
     spans: Sequence[tuple[int, int]],
 ) -> Iterator[Result]:
-    """Yield fn(start, stop) of each span, in order.
+    """Yield fn(start, stop) for each span (start, stop), in order.
 
-    Two a worker are computed ahead, and each is fetched as soon as it is done. A block whose worker
-    ends is computed again by another. Raises ComputeError for one at which four workers ended, or
-    where no worker is left, and ConfigError where a worker has other versions or another disk.
+    Up to two blocks a worker are computed ahead of the one that is yielded, and each result is
+    fetched as soon as it is done. If a worker ends, another one computes its block again. Raises
+    ComputeError if four workers ended at one block or no worker is left, and ConfigError if a
+    worker has other versions or another disk.
     """
     import cloudpickle
     from distributed import as_completed
 
-    call = uuid4().hex
-    stage = (os.getcwd(), versions())
+    call_id = uuid4().hex
+    folder = os.getcwd()
+    stage_versions = versions()
     n_sent = 0
     results = dict[int, Result]()
     running = as_completed(loop=client.loop, with_results=True)
-    job = client.submit(
-        bytes, cloudpickle.dumps(fn), key=("job", call)
-    )  # goes to each worker once, not with each block
+    # the function goes to each worker once, not with each block
+    job = client.submit(bytes, cloudpickle.dumps(fn), key=("job", call_id))
     with _worker_errors(scheduler):
-        for row in range(len(spans)):
+        for index in range(len(spans)):
+            # send blocks until enough are under way
             ahead = 2 * max(workers, len(client.nthreads()))
-            while n_sent < min(row + ahead, len(spans)):
+            while n_sent < min(index + ahead, len(spans)):
+                start, stop = spans[n_sent]
+                key = ("rows", call_id, n_sent)
                 running.add(
-                    client.submit(
-                        run_block, job, *stage, *spans[n_sent], key=("rows", call, n_sent)
-                    )
+                    client.submit(run_block, job, folder, stage_versions, start, stop, key=key)
                 )
                 n_sent += 1
-            while row not in results:
+            # collect results until the next one in order is there
+            while index not in results:
                 future, result = next(running)
                 if future.cancelled():
                     raise ComputeError(
                         f"compute={scheduler}: the connection to the scheduler is lost"
                     )
-                results[future.key[2]] = result
-            yield results.pop(row)
+                _, _, block_index = future.key
+                results[block_index] = result
+            yield results.pop(index)
 
 
 @contextmanager
@@ -134,9 +145,10 @@ def _worker_errors(scheduler: str) -> Iterator[None]:
 
 
 def run_block(job: bytes, folder: str, stage_versions: str, start: int, stop: int) -> Any:
-    """Compute a block in a worker, in the stage's folder, since DVC's paths are relative to it.
+    """Compute one block in a worker: call the pickled function `job` with (start, stop).
 
-    Raises ConfigError for a worker with other versions, or without that folder.
+    The worker changes into the stage's `folder`, since DVC's paths are relative to it. Raises
+    ConfigError if the worker has other versions than the stage, or has no such folder.
     """
     if (worker_versions := versions()) != stage_versions:
         raise ConfigError(
@@ -154,7 +166,7 @@ def run_block(job: bytes, folder: str, stage_versions: str, start: int, stop: in
 
 @lru_cache(1)
 def _function(job: bytes) -> Callable[[int, int], Any]:
-    """The function of all a call's blocks: what it has read for one is there for the next."""
+    """Unpickle the function of a call's blocks once, so that what it read for one block is kept."""
     import cloudpickle
 
     return cast(Callable[[int, int], Any], cloudpickle.loads(job))
@@ -162,7 +174,7 @@ def _function(job: bytes) -> Callable[[int, int], Any]:
 
 @cache
 def versions() -> str:
-    """Versions of what decides an artifact's bytes, this library's source among them."""
+    """The versions that an artifact's bytes depend on, with a digest of this library's source."""
     source = sha256(
         b"".join(path.read_bytes() for path in sorted(LIBRARY.rglob("*.py")))
     ).hexdigest()[:12]
@@ -171,10 +183,7 @@ def versions() -> str:
 
 
 def _local(workers: int) -> AbstractContextManager[Any]:
-    """Processes of this machine, which end with the stage.
-
-    Nothing outside the machine can reach them.
-    """
+    """Start worker processes on this machine, which nothing outside it can reach."""
     from distributed import LocalCluster
 
     cluster: AbstractContextManager[Any] = LocalCluster(
@@ -191,6 +200,10 @@ def _local(workers: int) -> AbstractContextManager[Any]:
 
 
 def _running(workers: int, address: str | None = None) -> AbstractContextManager[Any]:
+    """Return the address of a scheduler that runs already, with workers of its own.
+
+    Raises ConfigError if neither the settings nor the environment have one.
+    """
     address = address or os.environ.get("DASK_SCHEDULER_ADDRESS")
     if not address:
         raise ConfigError(
@@ -201,9 +214,10 @@ def _running(workers: int, address: str | None = None) -> AbstractContextManager
 
 
 def _slurm(workers: int, folder: str, **settings: Any) -> AbstractContextManager[Any]:
-    """A SLURM job each worker, of one process with one thread.
+    """Start each worker as a SLURM job of one process with one thread.
 
-    The jobs' logs and the keys of the run lie in a shared folder.
+    `folder` is on a shared disk: it keeps the jobs' logs and the keys of the encrypted connection.
+    Raises ConfigError if SLURM refuses such a job.
     """
     within("compute.workers", workers, Count)
     try:
@@ -227,13 +241,14 @@ def _slurm(workers: int, folder: str, **settings: Any) -> AbstractContextManager
         "silence_logs": SILENT,
     }
     cluster: Any = SLURMCluster(**job, **folders, **settings)
-    ask = {
-        "input": cluster.job_script(),
-        "capture_output": True,
-        "encoding": "utf-8",
-        "errors": "replace",
-    }
-    trial: Any = subprocess.run(["sbatch", "--test-only"], **ask)
+    trial = subprocess.run(
+        ["sbatch", "--test-only"],
+        input=cluster.job_script(),
+        capture_output=True,
+        encoding="utf-8",
+        errors="replace",
+        check=False,
+    )
     if trial.returncode:
         cluster.close()
         raise ConfigError(
@@ -245,7 +260,7 @@ def _slurm(workers: int, folder: str, **settings: Any) -> AbstractContextManager
 
 
 def _kubernetes(workers: int, **settings: Any) -> AbstractContextManager[Any]:
-    """A pod each worker, by Dask's operator."""
+    """Start each worker as a Kubernetes pod, by Dask's operator."""
     within("compute.workers", workers, Count)
     try:
         from dask_kubernetes.operator import KubeCluster
@@ -266,7 +281,8 @@ def pods(
 ) -> dict[str, Any]:
     """The DaskCluster resource for Kubernetes.
 
-    Its workers see the disk of a claim at `mounted` and start in `folder`.
+    Its workers start in `folder` and see the disk of the persistent volume claim `claim` at the
+    path `mounted`. Each has `cpu` cores and `memory`, such as 4Gi.
     """
     from dask_kubernetes.operator import make_cluster_spec
 
@@ -291,3 +307,4 @@ CLUSTERS: dict[str, Callable[..., AbstractContextManager[Any]]] = {
     "slurm": _slurm,
     "kubernetes": _kubernetes,
 }
+"""Starts the workers of each kind of cluster; the keys are values of `Compute.scheduler`."""

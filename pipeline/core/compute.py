@@ -1,6 +1,7 @@
-"""Computes blocks of rows in parallel and delivers them in order.
+"""Computes blocks of rows in parallel: a function and a number of rows in; results, in order, out.
 
-In threads or processes of this machine, or by Dask's distributed workers.
+Every stage that computes much does it by one `Compute`, which conf/compute sets up: in threads or
+processes of this machine, or on Dask's workers (`clusters`). The results are the same in each mode.
 """
 
 import multiprocessing
@@ -23,28 +24,29 @@ Result = TypeVar("Result")
 Item = TypeVar("Item")
 Span = tuple[int, int]
 Block = Callable[[int, int], Any]
+"""A function of a block of rows, given by its first row and the row after its last."""
 Run = Callable[[Block, Sequence[Span]], Iterator[Any]]
-"""Yields a function of each span, in order."""
+"""Takes a function and spans (start, stop), and yields the function's results in their order."""
 
 
 @dataclass
 class Compute:
-    """How blocks of rows are computed; results and their order are the same in every mode.
+    """Computes blocks of rows; results and their order are the same in every mode.
 
-    Within a `with` block its processes stay for all calls, and end with it; else each call has its
-    own.
+    Within a `with` block the workers serve all calls and end with the block. Without one, each call
+    starts workers of its own.
     """
 
     scheduler: Literal["threads", "processes", "local", "cluster", "slurm", "kubernetes"] = (
         "threads"
     )
-    """All but the first two are Dask's distributed (`clusters`)."""
+    """The mode. All but the first two are Dask's workers, started by `clusters`."""
     workers: Whole = 0
     """How many blocks at a time; 0 means one for each core of this machine."""
     wait_s: Positive = 60.0
     """How long to wait for the first worker, and for another when none is left."""
     settings: Mapping[str, Any] = field(default_factory=dict)
-    """Of the scheduler `cluster`, `slurm` or `kubernetes`."""
+    """Settings of the scheduler `cluster`, `slurm` or `kubernetes` alone."""
 
     def __post_init__(self) -> None:
         check(self, "compute")
@@ -67,8 +69,8 @@ class Compute:
     def rows(self, fn: Callable[[int, int], Result], n: int, block: int) -> Iterator[Result]:
         """Yield fn(start, stop) for the blocks of `block` rows that cover range(n), in order.
 
-        At most two blocks a worker are in memory at a time. Raises ComputeError where workers end
-        or cannot be had.
+        At most two blocks a worker are in memory at a time. Raises ComputeError if workers end, or
+        none can be started.
         """
         spans = [(start, min(start + block, n)) for start in range(0, n, block)]
         if self._run:
@@ -78,57 +80,79 @@ class Compute:
                 yield from compute.rows(fn, n, block)
 
     def each(self, fn: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Result]:
-        """Yield fn(item) of each item, in order."""
+        """Yield fn(item) for each item, in order."""
         return self.rows(lambda start, _: fn(items[start]), len(items), 1)
 
     def one_by_one_in_threads(self) -> Self:
-        """The same, but in mode `threads` one block at a time.
+        """The same compute, but with one block at a time in mode `threads`.
 
-        For blocks whose libraries have settings of the whole process.
+        It is for blocks that use libraries with settings of the whole process, such as torch.
         """
         return replace(self, workers=1) if self.scheduler == "threads" else self
 
     @contextmanager
     def _started(self, workers: int) -> Iterator[Run]:
-        """Start what computes the blocks, and end it with the block."""
+        """Start the workers, yield the function that runs blocks on them, and end them."""
         if self.scheduler == "threads":
             with ThreadPoolExecutor(workers) as threads:
-
-                def run(fn: Block, spans: Sequence[Span]) -> Iterator[Any]:
-                    return _ahead(lambda *span: threads.submit(fn, *span), workers, spans)
-
-                yield run
+                yield partial(_run_in_threads, threads, workers)
         elif self.scheduler == "processes":
-            import cloudpickle
-            from dask.multiprocessing import get_context, initialize_worker_process
-
-            with ProcessPoolExecutor(
-                workers, get_context(), _initialize, (initialize_worker_process,)
-            ) as pool:
-
-                def run(fn: Block, spans: Sequence[Span]) -> Iterator[Any]:
-                    job = cloudpickle.dumps(fn)
-                    return _ahead(lambda *span: pool.submit(_computed, job, *span), workers, spans)
-
-                try:
-                    yield run
-                except (KeyboardInterrupt, SystemExit):  # nobody waits for the blocks under way
-                    for worker in multiprocessing.active_children():
-                        worker.kill()
-                    raise
+            with _process_pool(workers) as processes:
+                yield partial(_run_in_processes, processes, workers)
         else:
             with connected(self.scheduler, workers, self.wait_s, self.settings) as client:
                 yield partial(in_order, client, self.scheduler, workers)
 
 
+def _run_in_threads(
+    threads: ThreadPoolExecutor, workers: int, fn: Block, spans: Sequence[Span]
+) -> Iterator[Any]:
+    """A `Run` in threads of this process."""
+
+    def submit(start: int, stop: int) -> "Future[Any]":
+        return threads.submit(fn, start, stop)
+
+    return _ahead(submit, workers, spans)
+
+
+def _run_in_processes(
+    processes: ProcessPoolExecutor, workers: int, fn: Block, spans: Sequence[Span]
+) -> Iterator[Any]:
+    """A `Run` in processes of this machine."""
+    import cloudpickle
+
+    job = cloudpickle.dumps(fn)
+
+    def submit(start: int, stop: int) -> "Future[Any]":
+        return processes.submit(_computed, job, start, stop)
+
+    return _ahead(submit, workers, spans)
+
+
+@contextmanager
+def _process_pool(workers: int) -> Iterator[ProcessPoolExecutor]:
+    """Processes that are killed, with the blocks under way, when the stage is interrupted."""
+    from dask.multiprocessing import get_context, initialize_worker_process
+
+    with ProcessPoolExecutor(
+        workers, get_context(), _initialize_worker, (initialize_worker_process,)
+    ) as processes:
+        try:
+            yield processes
+        except (KeyboardInterrupt, SystemExit):  # nobody waits for the blocks under way
+            for worker in multiprocessing.active_children():
+                worker.kill()
+            raise
+
+
 def _ahead(
     submit: Callable[[int, int], "Future[Any]"], workers: int, spans: Sequence[Span]
 ) -> Iterator[Any]:
-    """Compute blocks, up to two a worker ahead of the one that is asked for."""
+    """Yield the results of all spans, with up to two blocks a worker computed ahead."""
     waiting = deque[Future[Any]]()
     try:
-        for span in spans:
-            waiting.append(submit(*span))
+        for start, stop in spans:
+            waiting.append(submit(start, stop))
             if len(waiting) == 2 * workers:
                 yield waiting.popleft().result()
         while waiting:
@@ -139,21 +163,21 @@ def _ahead(
 
 
 def _computed(job: bytes, start: int, stop: int) -> Any:
-    """A block of a pickled function, in a process of its own."""
+    """Compute a block in a worker process by a pickled function."""
     import cloudpickle
 
     return cloudpickle.loads(job)(start, stop)
 
 
-def _initialize(dask_s: Callable[[], None]) -> None:
-    """Start a worker as Dask does, and end it when its stage is killed.
+def _initialize_worker(initialize_dask_worker: Callable[[], None]) -> None:
+    """Start a worker process as Dask does, and end it when its stage is killed.
 
-    Else it would keep its memory for ever.
+    Without that it would keep its memory for ever.
     """
 
     def end_with(stage: Any) -> None:
         stage.join()
         os.kill(os.getpid(), signal.SIGKILL)
 
-    dask_s()
+    initialize_dask_worker()
     Thread(target=end_with, args=(multiprocessing.parent_process(),), daemon=True).start()

@@ -1,5 +1,6 @@
-"""Every error this project raises on purpose, each a single line that says which file or value, and
-what to do.
+"""The errors that this project raises on purpose.
+
+The message of each is a single line that says which file or value is wrong, and what to do.
 
 YearlocError
 ├── InputError      an array or number handed to the library is not what its docstring asks for
@@ -29,14 +30,14 @@ MACHINE_ERRNOS = {
     )
     if hasattr(errno, name)
 }
-"""What the machine refuses: a full disk, no permission, a medium that fails.
+"""Error numbers of a machine that refuses: a full disk, no permission, a medium that fails.
 
-No bug of ours, and nothing that we could mend.
+These are no bugs of this project, so they too are printed as one line, not as a traceback.
 """
 
 
 def machine_refusal(error: BaseException) -> str:
-    """What the machine refused, in a line with the file; nothing for any other error."""
+    """One line on what the machine refused, with the file; empty for any other error."""
     if isinstance(error, MemoryError):
         return "not enough memory: fewer workers or a smaller view need less"
     if isinstance(error, OSError) and error.errno in MACHINE_ERRNOS:

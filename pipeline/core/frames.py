@@ -1,4 +1,4 @@
-"""Coordinate frames: 4×4 poses, and trajectories asked at any moment.
+"""Coordinate frames: computes with 4×4 poses, and interpolates trajectories at any stamp.
 
 `a_T_b` maps b-coordinates into a: p_a = a_T_b @ p_b. World and vehicle frames are x forward, y
 left, z up unless a name says otherwise; `ned` is x forward (north), y right (east), z down.
@@ -17,6 +17,7 @@ Poses = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 
 NED_FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
+"""Maps a z-up frame to a north-east-down one and back: y and z change sign."""
 
 
 def pose(xyz_m: NDArray[np.float64], rpy_rad: NDArray[np.float64]) -> Poses:
@@ -36,7 +37,7 @@ def rpy(poses: Poses) -> NDArray[np.float64]:
 
 
 def yaw(poses: Poses) -> NDArray[np.float64]:
-    """Heading of the x axis in the xy plane, (n,) in radians, counter-clockwise from +x."""
+    """Headings (n,) of poses (n, 4, 4): the x axis in the xy plane, radians counter-clockwise."""
     return np.arctan2(poses[:, 1, 0], poses[:, 0, 0])
 
 
@@ -48,49 +49,50 @@ def wrapped_deg(angles_deg: NDArray[Any]) -> NDArray[Any]:
 def distance_and_turn(
     world_T_a: Poses, world_T_b: Poses
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Distance (n,) in metres and turn (n,) in degrees between poses (n, 4, 4).
+    """Distances (n,) in metres and turns (n,) in degrees between two arrays of poses (n, 4, 4).
 
-    NaN where a pose is.
+    Both are NaN where one of the poses is NaN.
     """
-    away_m = np.linalg.norm(world_T_a[:, :3, 3] - world_T_b[:, :3, 3], axis=1)
+    distances_m = np.linalg.norm(world_T_a[:, :3, 3] - world_T_b[:, :3, 3], axis=1)
     traces = np.einsum("nij,nij->n", world_T_a[:, :3, :3], world_T_b[:, :3, :3])
-    return away_m, np.rad2deg(np.arccos(((traces - 1) / 2).clip(-1, 1)))
+    turns_rad = np.arccos(((traces - 1) / 2).clip(-1, 1))  # trace R = 1 + 2 cos(turn)
+    return distances_m, np.rad2deg(turns_rad)
 
 
 def flip_ned(poses: Poses) -> Poses:
-    """Convert poses between two north-east-down frames into poses between the z-up ones, and back.
+    """Convert poses (n, 4, 4) between north-east-down frames into poses between z-up ones, or back.
 
-    F P F, with F = diag(1, −1, −1, 1).
+    A pose P becomes F P F, with F = diag(1, −1, −1, 1).
     """
     return NED_FLIP @ poses @ NED_FLIP
 
 
 def turns(left_rad: NDArray[np.float64]) -> Poses:
-    """Rotations (n, 4, 4) of a robot to the left (n,) on the spot."""
-    still = np.zeros((len(left_rad), 3))
-    return pose(still, np.column_stack([still[:, :2], left_rad]))
+    """Poses (n, 4, 4) of a robot that turned on the spot by angles (n,) to the left."""
+    zeros = np.zeros(len(left_rad))
+    rpy_rad = np.column_stack([zeros, zeros, left_rad])
+    return pose(np.zeros((len(left_rad), 3)), rpy_rad)
 
 
 def transform(a_T_b: NDArray[np.float64], points_b: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Points (n, 3) of frame b in frame a, computed in float64."""
+    """Points (n, 3) in metres, moved from frame b into frame a; computed in float64."""
     return (points_b @ a_T_b[:3, :3].T + a_T_b[:3, 3]).astype(np.float32)
 
 
 ROUNDED_NS = 1_000
-"""Files of poses write stamps with six decimals of a second; a body does not move in a
-microsecond."""
+"""Stamps that differ by at most a microsecond are equal: files of poses round stamps to that."""
 
 
 @dataclass(frozen=True)
 class Trajectory:
-    """A body's poses at increasing stamps; rows that hold a NaN are gaps."""
+    """The poses of a body at increasing stamps; a row with a NaN is a gap, where none is known."""
 
     stamps_ns: Stamps
     """(n,) strictly increasing."""
     world_T_body: Poses
     """(n, 4, 4)."""
     max_gap_s: float
-    """Neighbouring rows further apart than this are a gap too."""
+    """No pose is interpolated between neighbouring rows that are further apart than this."""
 
     def __post_init__(self) -> None:
         if len(self.stamps_ns) != len(self.world_T_body):
@@ -101,56 +103,56 @@ class Trajectory:
     def at(self, stamps_ns: Stamps) -> tuple[Poses, NDArray[np.bool_]]:
         """Poses (m, 4, 4) at `stamps_ns` (m,) and whether each is known (m,); unknown ones are NaN.
 
-        Positions are interpolated linearly, rotations by slerp, between the two rows around a
-        stamp; never across a gap and never beyond the ends. A row within ROUNDED_NS of a stamp is
-        its pose.
+        A row within ROUNDED_NS of a stamp is its pose. Else the position is interpolated linearly
+        and the rotation by slerp between the two rows around the stamp, but never across a gap and
+        never beyond the ends.
         """
         poses = np.full((len(stamps_ns), 4, 4), np.nan)
         if not len(self.stamps_ns):
             return poses, np.zeros(len(stamps_ns), bool)
-        finite: NDArray[np.bool_] = np.all(np.isfinite(self.world_T_body), axis=(1, 2))
-        after = np.searchsorted(self.stamps_ns, stamps_ns, side="left").clip(
-            0, len(self.stamps_ns) - 1
-        )
+        has_pose: NDArray[np.bool_] = np.all(np.isfinite(self.world_T_body), axis=(1, 2))
+        # the rows before and after each stamp
+        after = np.searchsorted(self.stamps_ns, stamps_ns, side="left")
+        after = after.clip(0, len(self.stamps_ns) - 1)
         before = (after - 1).clip(0)
-        nearest = np.where(
-            np.abs(self.stamps_ns[after] - stamps_ns) <= np.abs(self.stamps_ns[before] - stamps_ns),
-            after,
-            before,
-        )
-        exact = (np.abs(self.stamps_ns[nearest] - stamps_ns) <= ROUNDED_NS) & finite[nearest]
-        poses[exact] = self.world_T_body[nearest[exact]]
-        step_ns = self.stamps_ns[after] - self.stamps_ns[before]
-        inside = (
-            (self.stamps_ns[before] < stamps_ns)
-            & (stamps_ns < self.stamps_ns[after])
-            & finite[before]
-            & finite[after]
-        )
-        between = inside & (step_ns <= self.max_gap_s * 1e9) & ~exact
-        if between.any():
-            a = before[between]
-            b = after[between]
-            share = (stamps_ns[between] - self.stamps_ns[a]) / step_ns[between]
-            poses[between] = interpolate(self.world_T_body[a], self.world_T_body[b], share)
-        return poses, exact | between
+        before_ns = self.stamps_ns[before]
+        after_ns = self.stamps_ns[after]
+        # stamps of a row
+        is_after_nearer = np.abs(after_ns - stamps_ns) <= np.abs(before_ns - stamps_ns)
+        nearest = np.where(is_after_nearer, after, before)
+        is_exact = np.abs(self.stamps_ns[nearest] - stamps_ns) <= ROUNDED_NS
+        is_exact &= has_pose[nearest]
+        poses[is_exact] = self.world_T_body[nearest[is_exact]]
+        # stamps between two rows
+        is_between = (before_ns < stamps_ns) & (stamps_ns < after_ns)
+        is_between &= has_pose[before] & has_pose[after]
+        is_between &= after_ns - before_ns <= self.max_gap_s * 1e9
+        is_between &= ~is_exact
+        if is_between.any():
+            start_ns = before_ns[is_between]
+            end_ns = after_ns[is_between]
+            share = (stamps_ns[is_between] - start_ns) / (end_ns - start_ns)
+            start = self.world_T_body[before[is_between]]
+            end = self.world_T_body[after[is_between]]
+            poses[is_between] = interpolate(start, end, share)
+        return poses, is_exact | is_between
 
 
 def interpolate(start: Poses, end: Poses, share: NDArray[np.float64]) -> Poses:
-    """Poses (n, 4, 4) a share (n,) of the way from `start` to `end`.
+    """Poses (n, 4, 4) at a share (n,) of the way from the poses `start` to the poses `end`.
 
-    A share above 1 goes straight on past `end`, turning on.
+    With a share above 1 the motion goes on past `end` at the same rate.
     """
     Rotation = scipy.spatial.transform.Rotation
     turn = Rotation.from_matrix(start[:, :3, :3]).inv() * Rotation.from_matrix(end[:, :3, :3])
     poses = np.tile(np.eye(4), (len(share), 1, 1))
-    part = Rotation.from_rotvec(turn.as_rotvec() * share[:, None])
-    poses[:, :3, :3] = (Rotation.from_matrix(start[:, :3, :3]) * part).as_matrix()
+    part_of_turn = Rotation.from_rotvec(turn.as_rotvec() * share[:, None])
+    poses[:, :3, :3] = (Rotation.from_matrix(start[:, :3, :3]) * part_of_turn).as_matrix()
     poses[:, :3, 3] = start[:, :3, 3] + share[:, None] * (end[:, :3, 3] - start[:, :3, 3])
     return poses
 
 
 def days_between(start_ns: int, end_ns: int) -> int:
-    """Calendar days (UTC) from one stamp to another."""
+    """Whole calendar days (UTC) from the date of one stamp to the date of another."""
     day_ns = 86_400 * 10**9
     return int(end_ns) // day_ns - int(start_ns) // day_ns

@@ -1,4 +1,8 @@
-"""Progress of long work: the share of it to do, where to store checkpoints, and how to show it."""
+"""`Progress`, which long work is given: how much of it to do, and where to report and to store it.
+
+The library calls its methods as it works. This class shows nothing; the commands and the stages
+hand in subclasses that draw bars on a terminal (`pipeline.cli.progress`, `stages.ProgressBar`).
+"""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -12,27 +16,22 @@ Item = TypeVar("Item")
 
 @dataclass(frozen=True)
 class Progress:
-    """Shows nothing: the null object. Stages hand in a subclass that draws bars on a terminal."""
+    """The share of the work, its checkpoint, and methods that show nothing (a null object)."""
 
     budget: float = 1.0
-    """Share of a method's own full training to run."""
+    """The share of a method's full training to run."""
     checkpoint: Path | None = None
-    """File for the state of training, from which an interrupted run goes on after its last whole
+    """File for the state of training: an interrupted run goes on from it after the last whole
     epoch."""
 
     def __post_init__(self) -> None:
         within("budget.share", self.budget, Positive)
 
     def part(self, name: str) -> Self:
-        """The progress of a further part of the work, with a checkpoint of its own.
-
-        That lies beside the first part's.
-        """
-        return replace(
-            self,
-            checkpoint=self.checkpoint
-            and self.checkpoint.with_stem(f"{self.checkpoint.stem}-{name}"),
-        )
+        """The progress of a further part of the work, with a checkpoint beside this one's."""
+        if self.checkpoint is None:
+            return replace(self)
+        return replace(self, checkpoint=self.checkpoint.with_stem(f"{self.checkpoint.stem}-{name}"))
 
     def done(self) -> None:
         """Remove the checkpoints of all parts."""
@@ -41,7 +40,7 @@ class Progress:
                 part.unlink()
 
     def track(self, items: Iterable[Item], total: int, what: str) -> Iterator[Item]:
-        """Yield the `total` items, showing progress under the name `what`."""
+        """Yield the items, `total` in all, and show progress under the name `what`."""
         yield from items
 
     def note(self, **numbers: float) -> None:

@@ -1,7 +1,7 @@
-"""Reads artifacts from an object store, as s3://BUCKET/KEY.
+"""Reads the files of artifacts from a local folder or, as s3://BUCKET/KEY, from an object store.
 
-Keys and address come from the environment, as every S3 program takes them: AWS_ACCESS_KEY_ID,
-AWS_SECRET_ACCESS_KEY, and AWS_ENDPOINT_URL for another store than Amazon's.
+The store's keys and address come from the environment, as in every S3 program: AWS_ACCESS_KEY_ID,
+AWS_SECRET_ACCESS_KEY, and AWS_ENDPOINT_URL for a store that is not Amazon's.
 """
 
 from pathlib import Path
@@ -10,11 +10,12 @@ from typing import Any
 from pipeline.core.errors import ArtifactError, NotInstalledError
 
 S3 = "s3://"
-# s3fs itself tries again
 PATIENCE = {"connect_timeout": 5, "read_timeout": 10, "retries": {"total_max_attempts": 1}}
+"""Seconds and attempts of botocore, which makes the requests; s3fs above it tries again."""
 
 
 def is_remote(path: str | Path) -> bool:
+    """Whether a path is one in an object store."""
     return isinstance(path, str) and path.startswith(S3)
 
 
@@ -24,17 +25,17 @@ def content(path: str | Path) -> bytes:
 
 
 def listed(folder: str | Path, pattern: str) -> list[str] | list[Path]:
-    """Files below an artifact's folder, by a pattern as of `Path.glob`, in order."""
+    """The files below an artifact's folder that match a pattern of `Path.glob`, sorted."""
     if is_remote(folder):
         return [f"{S3}{key}" for key in sorted(_store().glob(f"{folder}/{pattern}"))]
     return sorted(Path(folder).glob(pattern))
 
 
 def look(url: str) -> None:
-    """Check that there is such a bucket or key.
+    """Check that the bucket or key exists.
 
-    Raises ArtifactError if not, or if the store does not answer or refuses, NotInstalledError
-    without the extra `s3`.
+    Raises ArtifactError if it does not, or if the store refuses or does not answer, and
+    NotInstalledError without the extra `s3`.
     """
     try:
         store = _store()
@@ -59,6 +60,7 @@ def look(url: str) -> None:
 
 
 def _store() -> Any:
+    """Connect to the object store that the environment names."""
     import s3fs
 
     store = s3fs.S3FileSystem(config_kwargs=PATIENCE, skip_instance_cache=True)

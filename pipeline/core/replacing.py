@@ -1,7 +1,8 @@
-"""Files and folders that are written whole or not at all.
+"""Writes files and folders whole or not at all.
 
-A draft grows in a scratch sibling, is fsynced and renamed into place, so a kill leaves either the
-old one, the new one or none, and a scratch sibling that the next draft of the same path removes.
+A draft grows beside its final path, under a scratch name, and is fsynced and renamed into place
+when it is done. A kill therefore leaves the old file, the new one or none, never half of one. It
+may also leave the scratch, which the next writer of the same path removes.
 """
 
 import os
@@ -15,10 +16,10 @@ import psutil
 
 @contextmanager
 def replace(path: str | Path) -> Iterator[Path]:
-    """Give a fresh scratch path that takes the place of `path`, fsynced, if the block ends well."""
+    """Yield a fresh scratch path, which takes the place of `path` if the block raises nothing."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    _sweep(path)
+    _remove_old_scratches(path)
     scratch = path.with_name(f".{path.name}.{os.getpid()}.scratch")
     try:
         yield scratch
@@ -28,36 +29,35 @@ def replace(path: str | Path) -> Iterator[Path]:
         scratch.replace(path)
         _fsync_one(path.parent)
     finally:
-        # after Ctrl-C another thread may still write into it; the next writer sweeps it
+        # after Ctrl-C another thread may still write into it; the next writer removes it
         with suppress(OSError):
             _remove(scratch)
 
 
-def _sweep(path: Path) -> None:
-    """Remove the scratch siblings that killed writers of `path` left."""
+def _remove_old_scratches(path: Path) -> None:
+    """Remove the scratches that killed writers of `path` left behind."""
     for scratch in path.parent.glob(f".{path.name}.*.scratch"):
         writer = scratch.name.removeprefix(f".{path.name}.").removesuffix(".scratch")
-        if writer.isdigit() and not _writing(int(writer), scratch):
+        if writer.isdigit() and not _is_writing(int(writer), scratch):
             _remove(scratch)
 
 
-def _writing(pid: int, scratch: Path) -> bool:
-    """Whether the process `pid` lives and may be the one that writes `scratch`.
+def _is_writing(pid: int, scratch: Path) -> bool:
+    """Whether another process, `pid`, is alive and may be the one that writes `scratch`.
 
-    It must be no zombie, and older than the scratch path.
+    A process that is younger than the scratch has only got the number of the one that wrote it.
     """
     try:
         process = psutil.Process(pid)
-        alive = (
-            process.status() != psutil.STATUS_ZOMBIE
-            and process.create_time() <= scratch.lstat().st_ctime
-        )
+        is_alive = process.status() != psutil.STATUS_ZOMBIE
+        is_older = process.create_time() <= scratch.lstat().st_ctime
     except psutil.NoSuchProcess:
         return False
-    return alive and pid != os.getpid()
+    return is_alive and is_older and pid != os.getpid()
 
 
 def _remove(path: Path) -> None:
+    """Remove a file, a link or a whole folder, if it exists."""
     if path.is_dir() and not path.is_symlink():
         shutil.rmtree(path)
     else:
@@ -65,15 +65,19 @@ def _remove(path: Path) -> None:
 
 
 def _fsync(path: Path) -> None:
-    for folder, _, files in (
-        os.walk(path) if path.is_dir() else [(str(path.parent), [], [path.name])]
-    ):
+    """Flush a file, or a folder with all that it holds, to the disk."""
+    if not path.is_dir():
+        _fsync_one(path)
+        _fsync_one(path.parent)
+        return
+    for folder, _, files in os.walk(path):
         for name in files:
             _fsync_one(Path(folder, name))
         _fsync_one(Path(folder))
 
 
 def _fsync_one(path: Path) -> None:
+    """Flush the content of one file, or the list of names of one folder, to the disk."""
     handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)

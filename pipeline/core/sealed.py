@@ -1,7 +1,8 @@
-"""Checksums of chunks and of metadata, so that damaged bytes are never read as numbers.
+"""Checks the checksums of artifacts, so that damaged bytes are never read as numbers.
 
-A chunk ends in zstd's own checksum; the metadata of a zarr group and of its arrays have one in the
-group's attribute `seal`.
+An artifact is a zarr group of arrays in chunks. Each chunk ends in a checksum of its own, written
+by zstd; the metadata of the group and its arrays have one in the group's attribute `seal`. `store`
+writes and reads artifacts through this module.
 """
 
 import json
@@ -18,9 +19,11 @@ if TYPE_CHECKING:  # a robot that localises in a site reads no artifact
     from zarr.codecs import ZstdCodec
 
 SEAL = "seal"
+"""The attribute with the checksum of the metadata."""
 REBUILD = "remove it and `dvc repro` it"
+"""The advice in errors about a damaged artifact."""
 ALL_CHUNKS = {"write_empty_chunks": True}
-"""Chunks of zeros are written too, so that a file that is not there always means damage."""
+"""Option of zarr: chunks of zeros are written too, so that a missing file always means damage."""
 
 
 def compressor() -> "ZstdCodec":
@@ -31,22 +34,21 @@ def compressor() -> "ZstdCodec":
 
 
 class Stored:
-    """An array of an artifact, read by slices.
+    """An array of an artifact on disk, read by slices like a numpy array.
 
-    Raises ArtifactError where bytes are damaged or missing.
+    Raises ArtifactError if bytes are damaged or missing.
     """
 
     def __init__(self, path: Path | str, array: Any) -> None:
+        """`path` is the artifact's, `array` the zarr array in it."""
         self._path = path
         self._array = array
-        files = math.prod(
-            -(-length // part)
-            for length, part in zip(array.shape, array.shards or array.chunks, strict=True)
-        )
-        if (file_count := len(listed(path, f"{array.basename}/c.*"))) < files:
+        file_shape = array.shards or array.chunks
+        expected = math.prod(map(_rounded_up, array.shape, file_shape))
+        missing = expected - len(listed(path, f"{array.basename}/c.*"))
+        if missing > 0:
             raise ArtifactError(
-                f"{path}: {files - file_count} of {files} files of {array.basename} are missing; "
-                f"{REBUILD}"
+                f"{path}: {missing} of {expected} files of {array.basename} are missing; {REBUILD}"
             )
 
     def __getitem__(self, rows: Any) -> Any:
@@ -55,10 +57,8 @@ class Stored:
         except (IndexError, MemoryError, OSError):
             raise
         except Exception as error:  # zarr and its codecs may raise anything at a damaged chunk
-            reason = (
-                f"{type(error).__name__}: "
-                f"{(str(error).splitlines() or ['no reason given'])[0][:120]}"
-            )
+            first_line, *_ = str(error).splitlines() or ["no reason given"]
+            reason = f"{type(error).__name__}: {first_line[:120]}"
             raise ArtifactError(
                 f"{self._path}: {self._array.basename} is damaged ({reason}); {REBUILD}"
             ) from None
@@ -67,11 +67,17 @@ class Stored:
         return int(self._array.shape[0])
 
     def __getattr__(self, name: str) -> Any:
+        """Everything else, such as `shape`, is the zarr array's own."""
         return getattr(self._array, name)
 
 
+def _rounded_up(length: int, part: int) -> int:
+    """The number of parts that cover a length."""
+    return -(-length // part)
+
+
 def metadata_checksum(path: Path | str) -> int:
-    """The checksum of the metadata of a group and its arrays."""
+    """The checksum of the zarr.json of a group, without the seal, and those of its arrays."""
     metadata = json.loads(content(f"{path}/zarr.json"))
     metadata["attributes"].pop(SEAL, None)
     array_metadata = [content(file) for file in listed(path, "*/zarr.json")]
@@ -79,6 +85,6 @@ def metadata_checksum(path: Path | str) -> int:
 
 
 def check_metadata(path: Path | str, group: "zarr.Group") -> None:
-    """Raise ArtifactError unless the metadata are as they were written."""
+    """Raise ArtifactError unless a group's metadata are as they were written."""
     if group.attrs.get(SEAL) != metadata_checksum(path):
         raise ArtifactError(f"{path}: its zarr.json are not as they were written; {REBUILD}")

@@ -1,4 +1,8 @@
-"""Checks settings of a yaml or command line against the types and ranges of their dataclass."""
+"""Checks settings against their dataclass: a mapping of a yaml or command line in; an object out.
+
+The fields of the dataclass are annotated with the types and ranges that a setting may have. A wrong
+setting raises a ConfigError that names it and says what was expected.
+"""
 
 import json
 import math
@@ -11,32 +15,38 @@ from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 from pipeline.core.errors import ConfigError
 
 NAMES = {float: "a number", int: "a whole number", str: "a word", bool: "true or false"}
+"""How an error calls what is expected of each type."""
 LARGEST = 1e6
-"""Of a number whose field says nothing else."""
+"""The largest number, and minus it the least, of a field that names no range."""
 Filled = TypeVar("Filled")
+"""The dataclass that is filled with settings."""
 Build = Callable[[Any], Any]
-"""Makes the object that a table with `_target_` describes."""
+"""Builds the object of a table whose key `_target_` names a class (`core.building`)."""
 
 
 @dataclass(frozen=True)
 class Range:
-    """Which numbers a setting may be: `Annotated[float, Range(0.0, 1.0)]`."""
+    """The numbers that a setting may have: `Annotated[float, Range(0.0, 1.0)]`."""
 
     low: float = -LARGEST
     high: float = LARGEST
     above: bool = False
-    """`low` itself is none of them."""
+    """Whether a number must be above `low`, which itself is refused then."""
     wording: str = ""
-    """What was expected, where it is not the end that a number lies beyond."""
+    """What an error says that was expected; if empty, it names the end that was passed."""
 
     def expected(self, number: float) -> str:
-        """What was expected instead of a number; empty where it is in the range."""
-        if (self.low < number if self.above else self.low <= number) and number <= self.high:
+        """What was expected instead of a number; empty if the number is in the range."""
+        is_high_enough = self.low < number if self.above else self.low <= number
+        if is_high_enough and number <= self.high:
             return ""
-        least = (
+        if self.wording:
+            return self.wording
+        if number > self.high:
+            return f"at most {self.high:,.10g}"
+        return (
             f"a number above {self.low:g}" if self.above else f"a number of at least {self.low:g}"
         )
-        return self.wording or (f"at most {self.high:,.10g}" if number > self.high else least)
 
 
 Positive = Annotated[float, Range(0, above=True)]
@@ -47,19 +57,19 @@ SomeShare = Annotated[float, Range(0, 1, above=True, wording="a share above 0, a
 Count = Annotated[int, Range(0, above=True)]
 Whole = Annotated[int, Range(0)]
 Side = Annotated[int, Range(0, 2_000, above=True)]
-"""Of an image, in cells or pixels."""
+"""The side of an image, in cells or pixels."""
 Seed = Annotated[int, Range(0, 2**32 - 1)]
 Names = tuple[str, ...]
-"""Of sequences or models; one word on a command line, with blanks between."""
+"""Names of sequences or models; on a command line they are one word, with blanks between."""
 
 
 def filled(kind: type[Filled], table: Mapping[str, Any], build: Build, parent: str = "") -> Filled:
     """Fill the dataclass `kind` with the settings in `table`, each checked against its field.
 
-    `parent` comes before a field's name in an error, such as `grid.`. A field `from_` is the
-    setting `from`, which Python keeps for itself. A setting that is null takes its field's default.
-    Settings that `kind` has no field for are left out: a stage takes what it needs of a group.
-    Raises ConfigError for settings that are missing, and for one of a wrong type or out of range.
+    `parent` is put before a setting's name in an error, such as `grid.`. The setting `from` fills
+    the field `from_`, since Python reserves the word. A setting that is null takes its field's
+    default. Settings that `kind` has no field for are ignored: a stage takes what it needs of a
+    group. Raises ConfigError for settings that are missing, of a wrong type or out of range.
     """
     hints = get_type_hints(kind, include_extras=True)
     values = {}
@@ -77,20 +87,21 @@ def filled(kind: type[Filled], table: Mapping[str, Any], build: Build, parent: s
 
 
 def written(value: Any) -> str:
-    """A value as a word of a command line and as a flow value of YAML; `filled` reads it again.
+    """A value as YAML of one line, for a word of a command line; `filled` reads it again.
 
-    A dataclass is a table of the fields that differ from their defaults and are compared, a mapping
-    a list of pairs: keys such as 2012-01-15 are text then, whoever reads them.
+    A dataclass becomes a table of those compared fields that differ from their defaults. A mapping
+    becomes a list of pairs, so that a key such as 2012-01-15 is read as text, not as a date.
     """
     if is_dataclass(value):
-        parts = (
-            f"{field.name}: {written(getattr(value, field.name))}"
-            for field in fields(value)
-            if field.compare and not _is_default(field, getattr(value, field.name))
-        )
-        return f"{{{', '.join(parts)}}}"
+        settings = []
+        for field in fields(value):
+            field_value = getattr(value, field.name)
+            if field.compare and not _is_default(field, field_value):
+                settings.append(f"{field.name}: {written(field_value)}")
+        return f"{{{', '.join(settings)}}}"
     if isinstance(value, Mapping):
-        return f"[{', '.join(f'[{written(key)}, {written(of)}]' for key, of in value.items())}]"
+        pairs = [f"[{written(key)}, {written(item)}]" for key, item in value.items()]
+        return f"[{', '.join(pairs)}]"
     if isinstance(value, Sequence) and not isinstance(value, str):
         return f"[{', '.join(map(written, value))}]"
     return json.dumps(value, ensure_ascii=False)
@@ -98,14 +109,16 @@ def written(value: Any) -> str:
 
 def _is_default(field: Field[Any], value: Any) -> bool:
     factory = field.default_factory
-    return bool(value == (field.default if factory is MISSING else factory()))
+    default = field.default if factory is MISSING else factory()
+    return bool(value == default)
 
 
 def check(settings: Any, group: str) -> None:
-    """Raise ConfigError naming the first field whose value is not of its declared type and range.
+    """Raise ConfigError for the first field of a dataclass that is not of its type and range.
 
-    Numbers, words, switches, literals, what may be null, lists of these, tables. A whole number is
-    a number too.
+    Fields may be numbers, words, booleans, literals, tables, lists of these, and null where the
+    type allows it. A whole number is taken for a number too. `group` is put before the field's name
+    in the error.
     """
     hints = get_type_hints(type(settings), include_extras=True)
     for field in fields(settings):
@@ -115,21 +128,21 @@ def check(settings: Any, group: str) -> None:
 
 
 def within(name: str, value: Any, hint: Any) -> None:
-    """Raise ConfigError unless a value is of a type and range, such as `Count`.
+    """Raise ConfigError unless one value is of a type and range, such as `Count`.
 
-    For a value that fills no dataclass.
+    `name` is what the error calls the value.
     """
     if expected := _expected(value, hint):
         raise ConfigError(f"{name}={value}: expected {expected}")
 
 
 def _value(name: str, value: Any, hint: Any, build: Build) -> Any:
-    """A setting as its field has it: built, a path, a tuple of names, or checked as it is."""
+    """A setting as its field has it: built, a path, a mapping, a tuple, or the value, checked."""
     origin = get_origin(hint)
     args = get_args(hint)
     if origin in (Union, UnionType):
-        (hint,) = (arg for arg in args if arg is not NoneType)
-        return _value(name, value, hint, build)
+        (hint_if_given,) = (arg for arg in args if arg is not NoneType)
+        return _value(name, value, hint_if_given, build)
     is_recipe = isinstance(value, Mapping) and "_target_" in value
     if (hint is Any or is_dataclass(hint)) and is_recipe:
         return build(value)
@@ -139,9 +152,9 @@ def _value(name: str, value: Any, hint: Any, build: Build) -> Any:
     if hint is Path:
         return Path(str(value))
     if origin is Mapping:
-        pairs = value.items() if isinstance(value, Mapping) else value
-        within(name, pairs, Sequence[Any] if pairs is value else Any)
-        return {str(key): _value(f"{name}.{key}", of, args[1], build) for key, of in pairs}
+        pairs = _pairs(name, value)
+        _, item_hint = args
+        return {str(key): _value(f"{name}.{key}", item, item_hint, build) for key, item in pairs}
     if origin is tuple:
         items = value.split() if isinstance(value, str) else value
         within(name, items, Sequence[Any])
@@ -150,45 +163,63 @@ def _value(name: str, value: Any, hint: Any, build: Build) -> Any:
     return value
 
 
+def _pairs(name: str, value: Any) -> Any:
+    """The pairs (key, value) of a mapping, or of the list of pairs that `written` makes of one."""
+    if isinstance(value, Mapping):
+        return value.items()
+    within(name, value, Sequence[Any])
+    return value
+
+
 def _expected(value: Any, hint: Any) -> str:
-    """What a hint expects instead of a value; empty where it fits, or the hint is not checked."""
+    """What a type expects instead of a value; empty if it fits, or if the type is not checked."""
     origin = get_origin(hint)
     args = get_args(hint)
     if origin is Annotated:
-        return _expected(value, args[0]) or str(args[1].expected(value))
+        plain_hint, number_range = args
+        return _expected(value, plain_hint) or str(number_range.expected(value))
     if origin is Literal:
         *choices, last_choice = map(str, args)
         return "" if value in args else f"{', '.join(choices)} or {last_choice}"
     if origin in (Union, UnionType):
-        expectations = [_expected(value, arg) for arg in args if arg is not type(None)]
-        return (
-            ""
-            if "" in expectations or (value is None and type(None) in args)
-            else f"{expectations[0]}{' or null' * (type(None) in args)}"
-        )
+        return _expected_of_either(value, args)
     if origin is Mapping:
         return "" if isinstance(value, Mapping) else "a table"
     if is_dataclass(hint) and isinstance(hint, type):
         return "" if isinstance(value, hint) else f"a table of the settings of {hint.__name__}"
     if origin in (Sequence, tuple):
-        is_list = isinstance(value, Sequence) and not isinstance(value, str)
-        return (
-            next(filter(None, (_expected(item, args[0]) for item in value)), "")
-            if is_list
-            else "a list"
-        )
-    if hint is float:
-        fits = (
-            isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
-        )
+        return _expected_of_list(value, args[0])
+    if hint in NAMES:
+        return _expected_of_scalar(value, hint)
+    return ""
+
+
+def _expected_of_either(value: Any, hints: Sequence[Any]) -> str:
+    """What a union of types expects; None among them allows null."""
+    may_be_null = NoneType in hints
+    expectations = [_expected(value, hint) for hint in hints if hint is not NoneType]
+    if "" in expectations or (value is None and may_be_null):
+        return ""
+    return f"{expectations[0]} or null" if may_be_null else expectations[0]
+
+
+def _expected_of_list(value: Any, item_hint: Any) -> str:
+    """What a list of items of one type expects: what its first wrong item should be."""
+    if isinstance(value, str) or not isinstance(value, Sequence):
+        return "a list"
+    expectations = (_expected(item, item_hint) for item in value)
+    return next(filter(None, expectations), "")
+
+
+def _expected_of_scalar(value: Any, hint: type) -> str:
+    """What a number, a word or a boolean should be; Python's True is no number here."""
+    is_bool = isinstance(value, bool)
+    if hint is bool:
+        fits = is_bool
+    elif hint is float:
+        fits = isinstance(value, int | float) and not is_bool and math.isfinite(value)
     else:
-        fits = (
-            isinstance(value, hint) and (hint is bool or not isinstance(value, bool))
-            if hint in NAMES
-            else True
-        )
-    return (
-        (NAMES[hint] if not fits else Range().expected(value) if hint in (int, float) else "")
-        if hint in NAMES
-        else ""
-    )
+        fits = isinstance(value, hint) and not is_bool
+    if not fits:
+        return NAMES[hint]
+    return Range().expected(value) if hint in (int, float) else ""

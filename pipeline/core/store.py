@@ -1,10 +1,12 @@
-"""Artifacts on disk, written whole or not at all: zarr groups of a declared kind, and models.
+"""Reads and writes artifacts, what one stage leaves on disk for the next: whole or not at all.
 
-A kind of artifact is a frozen dataclass (pipeline/core/schemas.py): its fields say what each array
-and each attribute is, and are how it is read and written.
+An artifact is a zarr group of a declared kind. The kind is a frozen dataclass (core.schemas), whose
+annotated fields say which arrays and attributes the group has. `read` opens an artifact, `write`
+writes one that is in memory, and `draft` writes one block by block.
 
-A model is a zarr group too, of arrays by any names, and lies in one zip: a network has some two
-hundred arrays, and each would be a folder.
+A model, what a method learned, is a zarr group of arrays by any names. It lies in one zip file,
+since a network has some two hundred arrays and each would be a folder (`write_model`,
+`read_model`).
 """
 
 import json
@@ -41,8 +43,9 @@ if TYPE_CHECKING:  # a robot that localises in a site reads no artifact
     from zarr.abc.buffer import Buffer
 
 MODEL = ".zarr.zip"
-"""How the file of a model ends."""
+"""How the name of a model's file ends."""
 MODEL_KIND = {"kind": "model", "version": 1}
+"""Attributes of the zarr group of every model."""
 
 
 @dataclass(frozen=True)
@@ -50,46 +53,50 @@ class Array:
     """Describes an array of an artifact: `Annotated[NDArray[np.float32], Array(...)]`."""
 
     dims: tuple[str, ...]
-    """One name a dimension, rows first. Dimensions of one name have one length within an artifact;
-    `scan+1` marks an array of offsets, one longer than its scans."""
+    """A name for each dimension, rows first. Dimensions of one name have one length within an
+    artifact; `scan+1` marks an array of offsets, which is one longer than there are scans."""
     says: str
-    """What a number in it means."""
+    """What a number in the array means."""
     unit: str = ""
-    """Of its numbers, as xarray shows it; empty for counts, indices and shares."""
+    """The unit of its numbers, as xarray shows it; empty for counts, indices and shares."""
     chunk: int = 65_536
-    """Rows read and compressed together."""
+    """How many rows are read and compressed together."""
     shard: int = 4_194_304
-    """Rows in one file; a multiple of `chunk`."""
+    """How many rows lie in one file; a multiple of `chunk`."""
     dtype: str = ""
-    """Such as float32, as the field is annotated."""
+    """The type of its numbers, such as float32; `definition` takes it from the annotation."""
 
 
 @dataclass(frozen=True)
 class Stack:
-    """Describes a sequence of dataclasses whose arrays lie along a further first dimension.
+    """Describes a sequence of dataclasses that are stored in common arrays.
 
-    `Annotated[Sequence[Judgement], Stack("protocol")]`; each is read by itself, and their
-    attributes are those of the first.
+    `Annotated[Sequence[Judgement], Stack("protocol")]` stores the arrays of all judgements along a
+    further first dimension, `protocol`. Each judgement is read by itself. Their attributes are
+    stored once: those of the first.
     """
 
     dim: str
+    """The name of the further dimension."""
     chunk: int = 1
+    """How many of the dataclasses are read and compressed together."""
     shard: int = 64
+    """How many of them lie in one file."""
 
 
 @dataclass(frozen=True)
 class Definition:
-    """What the annotated fields of a dataclass say."""
+    """The arrays, attributes and stacks of a dataclass, by the names of its fields."""
 
     arrays: Mapping[str, Array]
     attributes: Mapping[str, tuple[Any, str]]
-    """Type and meaning of each."""
+    """The type and the meaning of each attribute."""
     stacks: Mapping[str, tuple[Stack, type]]
-    """How they lie, and the type of one of them."""
+    """How each sequence of dataclasses is stored, and the class of its items."""
 
     @property
     def columns(self) -> dict[str, Array]:
-        """All arrays by name, those of stacked dataclasses with the further dimension."""
+        """All arrays by name, with those of stacked dataclasses in their further dimension."""
         columns = dict(self.arrays)
         for stack, part in self.stacks.values():
             for name, array in definition(part).columns.items():
@@ -99,7 +106,7 @@ class Definition:
 
     @property
     def meanings(self) -> dict[str, str]:
-        """All attributes by name, those of stacked dataclasses too."""
+        """The meaning of every attribute by name, with those of stacked dataclasses."""
         meanings = {name: meaning for name, (_, meaning) in self.attributes.items()}
         for _, part in self.stacks.values():
             meanings |= definition(part).meanings
@@ -107,7 +114,7 @@ class Definition:
 
 
 def definition(cls: type) -> Definition:
-    """Read a dataclass's definition off its annotations."""
+    """The definition of a dataclass, by the annotations of its fields."""
     arrays = {}
     attributes = {}
     stacks = {}
@@ -127,11 +134,12 @@ def definition(cls: type) -> Definition:
 
 
 class Artifact:
-    """One kind of artifact: a zarr group of arrays and attributes.
+    """Base class of all kinds of artifacts: a zarr group of arrays and attributes.
 
     A kind is a frozen dataclass whose fields are annotated with `Array` (an array), a sentence (an
-    attribute) or `Stack`. An artifact is made of its fields, or read: then `artifact.column` is
-    read whole when it is first asked for, and `artifact["column"]` is an array to be sliced.
+    attribute) or `Stack`. An artifact is either made in memory from its fields, or opened by
+    `read`. Of an opened one, `artifact.column` reads an array whole when it is first used, and
+    `artifact["column"]` is an array on disk that reads only the slices that are taken of it.
     """
 
     kind: ClassVar[str]
@@ -141,9 +149,11 @@ class Artifact:
     attributes: ClassVar[Mapping[str, str]]
     """What each attribute means."""
     path: Path | str = ""
-    """Where it was read from; empty if it was not."""
+    """Where it was opened; empty if it was made in memory."""
     _group: Any = None
+    """The zarr group of an opened artifact."""
     _stored_attrs: dict[str, Any]
+    """The attributes of an opened artifact, without the seal."""
 
     def __init_subclass__(cls, kind: str = "", version: int = 0) -> None:
         cls.kind = kind
@@ -172,12 +182,12 @@ class Artifact:
         return sealed.Stored(self.path, self._group[name])
 
     def load(self, name: str) -> NDArray[Any]:
-        """A whole column as an array."""
+        """Read a whole column as an array."""
         return np.asarray(self[name][:])
 
     @classmethod
     def _opened(cls, path: Path | str, group: "zarr.Group") -> Self:
-        """The artifact in a group, whose arrays are yet to be read."""
+        """The artifact of a zarr group; its fields are read when they are first used."""
         artifact = cls.__new__(cls)
         artifact.__dict__["path"] = path
         artifact.__dict__["_group"] = group
@@ -189,7 +199,7 @@ class Artifact:
     if not TYPE_CHECKING:  # a mistyped field is a type error
 
         def __getattr__(self, name: str) -> Any:
-            """Read a field when it is first asked for."""
+            """Read a field when it is first used, and keep it."""
             fields = self.definition
             if name in fields.arrays:
                 value = self.load(name)
@@ -204,12 +214,13 @@ class Artifact:
 
 
 A = TypeVar("A", bound=Artifact)
+"""A kind of artifact."""
 
 
 def read(path: str | Path, *kinds: type[A]) -> A:
     """Open an artifact in a folder, or in an object store as s3://BUCKET/PATH.
 
-    Raises ArtifactError if it is missing or not of one of the kinds, in its version.
+    Raises ArtifactError if it is missing or damaged, or not of one of the kinds in this version.
     """
     import zarr
 
@@ -234,7 +245,7 @@ def read(path: str | Path, *kinds: type[A]) -> A:
 
 
 def write(path: str | Path, artifact: Artifact) -> None:
-    """Write an artifact that is whole in memory."""
+    """Write an artifact that was made in memory."""
     arrays, attrs = _flat(artifact)
     with draft(path, type(artifact), **attrs) as out:
         for name, rows in arrays.items():
@@ -243,9 +254,11 @@ def write(path: str | Path, artifact: Artifact) -> None:
 
 @contextmanager
 def draft(path: str | Path, kind: type[Artifact], **attrs: object) -> Iterator["Draft"]:
-    """Draft an artifact, which appears at `path` only if the block ends well and fits its kind.
+    """Yield a draft, which becomes the artifact at `path` if the block ends well.
 
-    An attribute that is known only at the end may be a callable without arguments.
+    Raises ArtifactError, and leaves `path` as it was, if the draft does not fit `kind`. `attrs` are
+    the attributes; one that is known only at the end may be a callable without
+    arguments, which is called then.
     """
     import zarr
 
@@ -263,21 +276,24 @@ class Draft:
         self._group = group
         self._kind = kind
         self._waiting: dict[str, list[NDArray[Any]]] = {}
+        """The rows of each column that do not fill a shard yet."""
         self._arrays: dict[str, Any] = {}
+        """The zarr array of each column."""
 
     def put(self, name: str, rows: NDArray[Any]) -> None:
         """Write the column `name` whole, once.
 
-        Floats may be rounded to the kind's type, integers must fit.
+        Floats are rounded to the column's type; integers that do not fit raise ArtifactError.
         """
         if name in self._waiting:
             raise ArtifactError(f"{self._kind.kind}.{name}: written already")
         self.append(name, rows)
 
     def append(self, name: str, rows: NDArray[Any]) -> None:
-        """Write the next rows of column `name`, a whole shard at a time.
+        """Take the next rows of column `name`, and write those that fill whole shards.
 
-        Unaligned shard writes corrupt (zarr #3682).
+        The rest waits for further rows or for `finish`, since zarr corrupts rows if a write begins
+        within a shard (zarr #3682).
         """
         column = self._column(name)
         rows = np.asarray(rows)
@@ -286,11 +302,11 @@ class Draft:
                 f"{self._kind.kind}.{name}: {rows.dtype}{rows.shape} does not fit "
                 f"{column.dtype}{column.dims}"
             )
-        cast = rows.astype(column.dtype, copy=False)
-        if cast.dtype.kind in "iu" and (cast != rows).any():
+        cast_rows = rows.astype(column.dtype, copy=False)
+        if cast_rows.dtype.kind in "iu" and (cast_rows != rows).any():
             raise ArtifactError(f"{self._kind.kind}.{name}: a value does not fit {column.dtype}")
         waiting_rows = self._waiting.setdefault(name, [])
-        waiting_rows.append(cast)
+        waiting_rows.append(cast_rows)
         if sum(map(len, waiting_rows)) >= column.shard:
             joined = np.concatenate(waiting_rows)
             whole_rows = len(joined) // column.shard * column.shard
@@ -298,7 +314,11 @@ class Draft:
             self._waiting[name] = [joined[whole_rows:]]
 
     def finish(self, attrs: Mapping[str, object]) -> None:
-        """Write what waits, set the attributes and check the whole against the kind."""
+        """Write the rows that wait, set the attributes and check the whole against the kind.
+
+        Raises ArtifactError if an array or attribute is missing or surplus, or if dimensions of one
+        name differ in length.
+        """
         for name, waiting_rows in self._waiting.items():
             self._write(name, self._column(name), np.concatenate(waiting_rows))
         self._waiting.clear()
@@ -313,6 +333,11 @@ class Draft:
                 f"{kind.kind}: arrays {sorted(self._group.array_keys())} are not "
                 f"{sorted(kind.columns)}"
             )
+        self._check_lengths()
+
+    def _check_lengths(self) -> None:
+        """Raise ArtifactError unless dimensions of one name have one length."""
+        kind = self._kind
         lengths: dict[str, int] = {}
         for name, column in kind.columns.items():
             for dim, length in zip(column.dims, self._group[name].shape, strict=True):
@@ -324,24 +349,27 @@ class Draft:
                     )
 
     def seal(self, path: Path) -> None:
-        """Write the checksum of the metadata, once nothing follows."""
+        """Write the checksum of the metadata; nothing may be written after it."""
         self._group.attrs[sealed.SEAL] = sealed.metadata_checksum(path)
 
     def _column(self, name: str) -> Array:
+        """The description of a column; raises ArtifactError if the kind has none of this name."""
         if name not in self._kind.columns:
             raise ArtifactError(f"{self._kind.kind} has no column {name}")
         return self._kind.columns[name]
 
     def _write(self, name: str, column: Array, rows: NDArray[Any]) -> None:
+        """Write rows at the end of a column's zarr array; the first ones create it."""
         if name not in self._arrays:
-            shape = (0, *rows.shape[1:])
+            row_shape = rows.shape[1:]
+            row_chunk = tuple(max(1, side) for side in row_shape)
             self._arrays[name] = self._group.create_array(
                 name,
-                shape=shape,
+                shape=(0, *row_shape),
                 dtype=rows.dtype,
-                chunks=(column.chunk, *(max(1, side) for side in rows.shape[1:])),
-                shards=(column.shard, *(max(1, side) for side in rows.shape[1:])),
-                # c.0.0: no folders, each of which DVC would visit
+                chunks=(column.chunk, *row_chunk),
+                shards=(column.shard, *row_chunk),
+                # files c.0.0 instead of folders c/0/0, each of which DVC would visit
                 chunk_key_encoding={"name": "default", "separator": "."},
                 dimension_names=column.dims,
                 attributes={"units": column.unit} if column.unit else {},
@@ -358,9 +386,10 @@ class Draft:
 def write_model(
     path: str | Path, model: Mapping[str, NDArray[Any]], recipe: Mapping[str, object]
 ) -> None:
-    """Write named arrays as a zarr group in one zip; equal models have equal bytes.
+    """Write a model's named arrays as a zarr group in one zip; equal models have equal bytes.
 
-    The group's attribute `recipe` has the parameters that they were learned with, as texts.
+    `recipe` has the parameters that the model was learned with; they are written as texts. Raises
+    ArtifactError if the file cannot be written.
     """
     import zarr
     from zarr.storage import MemoryStore
@@ -380,7 +409,8 @@ def write_model(
     try:
         with replace(path) as scratch, ZipFile(scratch, "w") as archive:
             for name in sorted(members):
-                archive.writestr(ZipInfo(name), members[name].to_bytes())  # dated 1980, all of them
+                # ZipInfo dates every file 1980, so the bytes do not depend on the clock
+                archive.writestr(ZipInfo(name), members[name].to_bytes())
     except OSError as error:
         raise ArtifactError(f"{path}: cannot be written ({error.strerror or error})") from None
 
@@ -410,7 +440,10 @@ def read_recipe(path: str | Path) -> dict[str, str]:
 
 @contextmanager
 def _whole(path: str | Path) -> Iterator[None]:
-    """Say in one line what is wrong with a model's file: each file in the zip has a checksum."""
+    """Raise ArtifactError where a model's file is missing, or the block finds it damaged.
+
+    zipfile compares a checksum of each file in the zip that the block reads.
+    """
     if not Path(path).exists():
         raise ArtifactError(f"{path}: no such model; `dvc repro` trains it")
     if Path(path).is_dir():
@@ -428,20 +461,24 @@ def _checksum(names: Iterable[str]) -> int:
 
 
 def _flat(part: Any) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
-    """All arrays of a dataclass, and its attributes as JSON can hold them."""
+    """All arrays of a dataclass by name, and its attributes as JSON can hold them."""
     fields = definition(type(part))
     arrays = {name: np.asarray(getattr(part, name)) for name in fields.arrays}
     attrs = {name: _encoded(getattr(part, name)) for name in fields.attributes}
     for name in fields.stacks:
-        flat_parts = [_flat(inner) for inner in getattr(part, name)]
-        inner_arrays, inner_attrs = flat_parts[0]
-        arrays |= {key: np.stack([flat[0][key] for flat in flat_parts]) for key in inner_arrays}
-        attrs |= inner_attrs
+        flat_items = [_flat(item) for item in getattr(part, name)]
+        arrays_of_items = [item_arrays for item_arrays, _ in flat_items]
+        for array_name in arrays_of_items[0]:
+            arrays[array_name] = np.stack(
+                [item_arrays[array_name] for item_arrays in arrays_of_items]
+            )
+        _, first_attrs = flat_items[0]
+        attrs |= first_attrs
     return arrays, attrs
 
 
 def _part(cls: type, arrays: Mapping[str, NDArray[Any]], attrs: Mapping[str, Any]) -> Any:
-    """A dataclass from its arrays and attributes."""
+    """Build a dataclass from its arrays and attributes: `_flat` the other way round."""
     fields = definition(cls)
     values: dict[str, Any] = {name: arrays[name] for name in fields.arrays}
     for name, (attribute_type, _) in fields.attributes.items():
@@ -457,7 +494,7 @@ def _part(cls: type, arrays: Mapping[str, NDArray[Any]], attrs: Mapping[str, Any
 
 
 class _Parts(Sequence[Any]):
-    """The stacked dataclasses of an artifact, each read when it is asked for."""
+    """The stacked dataclasses of an artifact on disk, each of which is read when it is used."""
 
     def __init__(self, artifact: Artifact, part: type) -> None:
         self._artifact = artifact
@@ -476,7 +513,7 @@ class _Parts(Sequence[Any]):
 
 
 def _encoded(value: Any) -> Any:
-    """A value of an attribute as JSON can hold it: NaN is null."""
+    """The value of an attribute as JSON can hold it: NaN becomes null."""
     if isinstance(value, float) and math.isnan(value):
         return None
     if isinstance(value, Mapping):
@@ -487,7 +524,7 @@ def _encoded(value: Any) -> Any:
 
 
 def _decoded(value_type: Any, value: Any) -> Any:
-    """A value of an attribute from JSON, as its field is annotated."""
+    """The value of an attribute from JSON, in the type of its field: null becomes NaN."""
     if value_type is float:
         return np.nan if value is None else float(value)
     inner_types = get_args(value_type)
