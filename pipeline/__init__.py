@@ -1,7 +1,12 @@
-"""Learn a place from LiDAR on one day, localise in it for a year."""
+"""The library of yearloc: learn a place from LiDAR on one day, localise in it for a year.
 
-from pipeline.kernel_cache import settle
+Importing it chooses the folder of compiled kernels, before any module defines a kernel.
+"""
 
-KERNELS = settle()
-"""A temporary folder where compiled kernels are kept, or "nowhere"; empty where they are kept as
-usual."""
+from pipeline.kernel_cache import choose_folder
+
+KERNELS = choose_folder()
+"""The temporary folder where compiled kernels are kept, or "nowhere" if they cannot be kept.
+
+It is empty in the usual case, in which numba finds a folder by itself.
+"""

@@ -1,8 +1,8 @@
-"""Chooses the folder where numba keeps compiled kernels.
+"""Chooses the folder where numba keeps compiled kernels, so that they are compiled only once.
 
-It is NUMBA_CACHE_DIR, beside the source or in the user's cache folder, as numba does it. Where none
-of these can be written it is a temporary folder of this user, and where that cannot be either, they
-are not kept.
+numba itself takes the folder NUMBA_CACHE_DIR, or one beside the source, or the user's cache folder.
+If it can write none of them, this module gives it a temporary folder of this user. If there is none
+either, kernels are not kept, and are compiled at every start.
 """
 
 import os
@@ -14,43 +14,48 @@ from typing import Any
 
 CACHE_VARIABLE = "NUMBA_CACHE_DIR"
 SOURCE = Path(__file__).parent
+"""The folder of the library's source."""
 
 
-def settle() -> str:
-    """Point numba to a folder that can be written; called before the first kernel is defined.
+def choose_folder() -> str:
+    """Point numba to a folder that can be written, before the first kernel is defined.
 
-    Returns that folder if it is a temporary one, "nowhere" if there is none, else an empty string.
+    Returns the folder if it is a temporary one, "nowhere" if there is none, and an empty string if
+    numba finds a folder by itself.
     """
-    if any(_is_writable(folder) for folder in _usual_folders()):
+    if any(_is_writable(folder) for folder in _folders_of_numba()):
         return ""
     if folder := _temporary_folder():
         os.environ[CACHE_VARIABLE] = folder
-        if numba := sys.modules.get("numba"):  # has read it already
+        if numba := sys.modules.get("numba"):  # it has read the variable already
             numba.config.CACHE_DIR = folder
         return folder
     from numba.core.dispatcher import Dispatcher
 
-    # else `cache=True` is an error
+    # without this, a kernel with `cache=True` raises an error
     Dispatcher.enable_caching = lambda self: None  # type: ignore[method-assign]
     return "nowhere"
 
 
 def cold(kernel: Any) -> bool:
-    """Whether a kernel is still to be compiled on this machine.
+    """Whether a numba kernel must still be compiled on this machine.
 
-    It is unless numba's own index has it, compiled for this processor from the source as it is.
+    It need not be if numba's index lists it as compiled for this processor from the present source.
     """
     try:
         file = getattr(kernel._cache, "_cache_file", None)
         compiled_for = {processor for _, processor, _ in file._load_index()} if file else set()
         return kernel.targetctx.codegen().magic_tuple() not in compiled_for
-    except AttributeError:  # nothing is compiled (NUMBA_DISABLE_JIT), or another numba's inside
+    except AttributeError:  # NUMBA_DISABLE_JIT compiles nothing; or this numba differs inside
         return False
 
 
-def _usual_folders() -> list[Path]:
-    configured = os.environ.get(CACHE_VARIABLE)
-    return [*([Path(configured)] if configured else []), SOURCE / "__pycache__", _user_folder()]
+def _folders_of_numba() -> list[Path]:
+    """The folders that numba tries by itself."""
+    folders = [SOURCE / "__pycache__", _user_folder()]
+    if configured := os.environ.get(CACHE_VARIABLE):
+        folders.insert(0, Path(configured))
+    return folders
 
 
 def _user_folder() -> Path:
@@ -58,17 +63,16 @@ def _user_folder() -> Path:
 
 
 def _is_writable(folder: Path) -> bool:
-    """Whether a folder can be written, or made."""
-    existing = next(
-        parent for parent in (folder.absolute(), *folder.absolute().parents) if parent.exists()
-    )
+    """Whether a folder can be written to, or can be made."""
+    path = folder.absolute()
+    existing = next(parent for parent in (path, *path.parents) if parent.exists())
     return existing.is_dir() and os.access(existing, os.W_OK | os.X_OK)
 
 
 def _temporary_folder() -> str:
-    """A temporary folder that nobody else can write to, as what it holds is run.
+    """A temporary folder that only this user can write to; an empty string if there is none.
 
-    An empty string where there is none.
+    The kernels in it are run, so nobody else may put one there.
     """
     try:
         folder = Path(tempfile.gettempdir(), f"yearloc-kernels-{os.getuid()}")

@@ -96,7 +96,7 @@ def test_a_folder_that_can_be_written_is_left_to_numba(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setenv(kernel_cache.CACHE_VARIABLE, str(tmp_path))
-    assert kernel_cache.settle() == ""
+    assert kernel_cache.choose_folder() == ""
     assert os.environ[kernel_cache.CACHE_VARIABLE] == str(tmp_path)
 
 
