@@ -1,6 +1,7 @@
-"""What each method is, from its yaml and its module's first paragraph.
+"""Lists the methods that can be compared: conf/method in; what each is, and its paper, out.
 
-Nothing of a method is imported.
+The description of a method is the first paragraph of its module's docstring. It is read from the
+source, so no method is imported, which would load torch.
 """
 
 import ast
@@ -15,7 +16,9 @@ from pipeline.core.errors import ConfigError
 from pipeline.running.texts import read_yaml
 
 PROJECT = Path(__file__).parents[2]
+"""The project's folder."""
 BRACKET = r" \(([^()]*)\)"
+"""A text in brackets, in which a description cites papers and sections of docs/METHODS.md."""
 
 
 @dataclass(frozen=True)
@@ -23,20 +26,19 @@ class Entry:
     """One method as the catalogue describes it."""
 
     name: str
-    """Its file's and its yaml's."""
+    """The name of its file and of its yaml."""
     description: str
-    """The paragraph that its module begins with."""
+    """The paragraph that its module begins with, without what is in brackets."""
     view: str
     """What it looks at: a file in conf/view."""
     source: str
-    """The paper, in that paragraph's brackets beside sections of docs/METHODS.md;
-    empty for none."""
+    """The papers that the paragraph cites in brackets; empty if there are none."""
 
 
 def entries(conf: Path = PROJECT / "conf") -> list[Entry]:
-    """Every method of conf/method, by name.
+    """Every method of conf/method, sorted by name.
 
-    Raises ConfigError for one whose module is missing or has no docstring.
+    Raises ConfigError for a method whose module is missing or has no docstring.
     """
     methods = []
     for path in sorted((conf / "method").glob("*.yaml")):
@@ -47,9 +49,9 @@ def entries(conf: Path = PROJECT / "conf") -> list[Entry]:
 
 
 def what(target: str) -> str:
-    """The description of a method by its class, such as pipeline.methods.sci.Sci.
+    """The description of a method, given by its class, such as pipeline.methods.sci.Sci.
 
-    Empty where its module is missing.
+    It is empty if the method's module is missing or has no docstring.
     """
     with suppress(ConfigError):
         return _described(target)[0]
@@ -57,26 +59,23 @@ def what(target: str) -> str:
 
 
 def table(methods: Iterable[Entry]) -> str:
-    """The methods as the README's GitHub table, a row a method."""
+    """The methods as a markdown table, a row a method; README.md shows it."""
     rows = [("method", "what it is", "looks at", "source"), (":--", ":--", ":--", ":--")]
-    rows += [
-        (f"`{method.name}`", method.description, f"`{method.view}`", method.source or "–")
-        for method in methods
-    ]
+    for method in methods:
+        rows.append(
+            (f"`{method.name}`", method.description, f"`{method.view}`", method.source or "–")
+        )
     return "".join(f"| {' | '.join(cells)} |\n" for cells in rows)
 
 
 def listing(methods: Iterable[Entry], width: int) -> str:
-    """The methods as a paragraph each, for a terminal of few columns."""
-    paragraphs = (
-        f"{method.name}: {method.description}; looks at {method.view}; "
-        f"{method.source or 'no source'}"
-        for method in methods
-    )
-    return "".join(
-        f"{textwrap.fill(paragraph, max(width, 20), subsequent_indent='  ')}\n"
-        for paragraph in paragraphs
-    )
+    """The methods as a paragraph each, for a terminal of `width` columns."""
+    paragraphs = []
+    for method in methods:
+        source = method.source or "no source"
+        text = f"{method.name}: {method.description}; looks at {method.view}; {source}"
+        paragraphs.append(textwrap.fill(text, max(width, 20), subsequent_indent="  "))
+    return "".join(f"{paragraph}\n" for paragraph in paragraphs)
 
 
 def _described(target: str) -> tuple[str, str]:
@@ -84,20 +83,15 @@ def _described(target: str) -> tuple[str, str]:
     path = PROJECT.joinpath(*target.split(".")[:-1]).with_suffix(".py")
     if not path.is_file():
         raise ConfigError(f"{target}: no {path}, which its yaml names")
-    first_paragraph = " ".join(
-        (ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or "")
-        .partition("\n\n")[0]
-        .split()
-    ).rstrip(".")
+    docstring = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
+    first_paragraph = " ".join(docstring.partition("\n\n")[0].split()).rstrip(".")
     if not first_paragraph:
         raise ConfigError(
             f"{path}: expected a docstring whose first paragraph says what the method is"
         )
-    cited = [
-        citation.strip()
-        for bracket in re.findall(BRACKET, first_paragraph)
-        for citation in bracket.split(";")
-    ]
-    return re.sub(BRACKET, "", first_paragraph), "; ".join(
-        citation for citation in cited if not citation.startswith("METHODS")
-    )
+    papers = []
+    for bracket in re.findall(BRACKET, first_paragraph):
+        for citation in bracket.split(";"):
+            if not citation.strip().startswith("METHODS"):
+                papers.append(citation.strip())
+    return re.sub(BRACKET, "", first_paragraph), "; ".join(papers)

@@ -1,7 +1,9 @@
 """Courses of a study of lifelong learning: which days a model learns after training, and how.
 
-A course is an order, surveyed days that are `learned` or `updates` that a site learns by itself,
-and a strategy, a file of conf/strategy. A preset sets them in a `Study`, `expansion` lists them.
+A course is an order and a strategy. The order says what is learned step by step: surveyed days, or
+updates, which are days that a site learns by its own poses. The strategy, a file of conf/strategy,
+says how, such as growing the database. `proposal` chooses the courses of a study, and `expansion`
+makes an instance of the stage `lifelong` of each.
 """
 
 from collections.abc import Mapping
@@ -12,7 +14,7 @@ from pipeline.core.errors import ConfigError
 from pipeline.studies.study import Study, StudyMethod
 
 REHEARSED = "rehearsed"
-"""A method with this setting trains its network further; of others the database grows."""
+"""A method with this setting trains its network further; any other only grows its database."""
 
 
 def instances(
@@ -23,31 +25,31 @@ def instances(
     `trained` are the settings of the model itself, which each instance takes too.
     """
     model = f"{study.name}-{trained['grid']}-{trained['model']}"
-    days = {"days": study.learned, "updates": study.updates}
-    return {
-        f"{model}-{order}-{strategy}": {
-            **trained,
-            "order": order,
-            "strategy": strategy,
-            "learned": " ".join(days.get(order, ())),
-            "asked": " ".join(study.tests),
-        }
-        for order, strategies in method.courses.items()
-        for strategy in strategies
-    }
+    days_of_order = {"days": study.learned, "updates": study.updates}
+    courses_of_model = {}
+    for order, strategies in method.courses.items():
+        for strategy in strategies:
+            courses_of_model[f"{model}-{order}-{strategy}"] = {
+                **trained,
+                "order": order,
+                "strategy": strategy,
+                "learned": " ".join(days_of_order.get(order, ())),
+                "asked": " ".join(study.tests),
+            }
+    return courses_of_model
 
 
 def with_further_days(
     study: Study, defaults: Mapping[str, Any], preset: str, learned: str
 ) -> Study:
-    """The study with some of its test days learned instead, and the others left to test.
+    """The study in which a model learns some of the test days, and is asked about the others.
 
-    `learned` names the learned days, with commas between; empty, they are those of `defaults`, the
-    study in the data set's yaml, for this preset of a world, or else every second test day. Raises
-    ConfigError where no day is left to learn or to test.
+    `learned` names the learned days, with commas between. If it is empty they are those that
+    `defaults`, the study in the data set's yaml, has for this preset of a world, or else every
+    second test day. Raises ConfigError if no day is left to learn or to ask about.
     """
-    default = defaults.get("learned", {}).get(preset, study.tests[::2])
-    learned_days = learned.split(",") if learned else list(default)
+    default_days = defaults.get("learned", {}).get(preset, study.tests[::2])
+    learned_days = learned.split(",") if learned else list(default_days)
     asked_days = [day for day in study.tests if day not in learned_days]
     if not learned_days or not asked_days:
         raise ConfigError(
@@ -63,13 +65,15 @@ def with_further_days(
 def courses(
     defaults: Mapping[str, Any], settings: Mapping[str, Any], updates: bool
 ) -> dict[str, tuple[str, ...]]:
-    """The strategies of each order for a method with these settings.
+    """The strategies of each order for a method with these settings of its yaml.
 
-    `defaults` has those of methods that train further and of others; without `updates` a study has
-    no such order.
+    `defaults` has two tables: `trained` for methods that train further, and `courses` for others.
+    The order `updates` is left out unless `updates` says that the study has such days.
     """
     trains_further = REHEARSED in settings
-    strategies = dict(defaults["trained" if trains_further else "courses"])
+    strategies_of_orders = defaults["trained" if trains_further else "courses"]
     return {
-        order: tuple(strategies[order]) for order in strategies if order != "updates" or updates
+        order: tuple(strategies)
+        for order, strategies in strategies_of_orders.items()
+        if order != "updates" or updates
     }

@@ -1,7 +1,8 @@
-"""Finds the sequences of a data set: options of `yearloc use` in; which train and test out.
+"""Finds the sequences of a data set, and says which train and which test.
 
-Of a simulated data set they are those that its world's table drives, of a recorded one those that
-lie on disk and can be read. `proposal` makes a study of them.
+A sequence is one drive on one date. Those of a simulated data set stand in its world's table, those
+of a recorded one are found on disk. The options of `yearloc use`, such as train= and tests=, choose
+among them. `proposal` makes a study of the result.
 """
 
 import re
@@ -9,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from pydoc import locate
-from typing import Any
+from typing import Any, Self
 
 from pipeline.core.errors import ConfigError
 from pipeline.readers.log import Reader
@@ -18,11 +19,11 @@ from pipeline.running.texts import read_yaml
 from pipeline.studies.layout import Layout
 
 SAFE_PATH = re.compile(r"[\w./~+@ -]+")
-"""A root that no shell or yaml misreads."""
+"""Paths that no shell or yaml misreads."""
 SAFE_NAME = re.compile(r"\w[\w.+-]*")
-"""Of a sequence, whose name becomes part of stages' names and of paths."""
+"""Names of sequences that may become part of the names of stages and of paths."""
 BUDGETS = {"tiny": "tiny", "year": "full"}
-"""Of the presets of simulated worlds; others train as the demo does."""
+"""How long methods train in each preset of a simulated world; in others it is `demo`."""
 
 
 @dataclass(frozen=True)
@@ -34,20 +35,21 @@ class Drives:
     root: str
     """The folder of the logs."""
     train: str
-    """Training sequences, with blanks between."""
+    """The training sequences, with blanks between."""
     tests: list[str]
+    """The test sequences."""
     budget: str
-    """What is usual for them: a file of conf/budget."""
+    """How long methods train if nothing else is said: a file of conf/budget."""
     notes: list[str]
-    """What a person should know about them."""
+    """What a person should know about the sequences, such as which cannot be read."""
 
 
 def simulated(
     conf: Path, name: str, defaults: Mapping[str, Any], options: Mapping[str, str]
 ) -> Drives:
-    """The sequences of the world's table that a study is proposed of.
+    """Choose sequences of a simulated world's table, conf/world/NAME_PRESET.yaml.
 
-    Raises ConfigError for a preset or a test sequence that it lacks.
+    Raises ConfigError for a preset that does not exist, or a test sequence that its table lacks.
     """
     tests_of_world: Mapping[str, list[str]] = defaults["tests"]
     world = options.get("world", "demo")
@@ -66,42 +68,78 @@ def simulated(
     return Drives(f"{name}_{world}", root, train, tests, BUDGETS.get(world, "demo"), [])
 
 
+@dataclass
+class LogFolder:
+    """A folder of recorded logs, and the sequences in it that a study may use."""
+
+    root: Path
+    lacking: Mapping[str, list[str]]
+    """Every sequence, with what it lacks to be read; nothing if it can be read."""
+    readable: list[str]
+    """The sequences that can be read."""
+    notes: list[str]
+    """What a person should know about the sequences."""
+
+    @classmethod
+    def searched(cls, root: Path, name: str, reader: Mapping[str, Any], expected: str) -> Self:
+        """Look for sequences below `root`, as the reader of data set `name` knows them.
+
+        Raises ConfigError if there is none; `expected` then says what should be there.
+        """
+        lacking = _reader(name, reader).sequences(root)
+        if not lacking:
+            raise ConfigError(f"root={root}: no {name} sequence there; expected {expected}")
+        for sequence in lacking:
+            if not SAFE_NAME.fullmatch(sequence):
+                lacking[sequence] = ["a name of letters, digits and ._+-: rename it"]
+        return cls(
+            root,
+            lacking,
+            readable=[sequence for sequence, missing in lacking.items() if not missing],
+            notes=[
+                f"{sequence}: lacks {', '.join(missing)}"
+                for sequence, missing in lacking.items()
+                if missing
+            ],
+        )
+
+    @property
+    def notes_text(self) -> str:
+        """The notes as the end of an error's line."""
+        return "".join(f"; {note}" for note in self.notes)
+
+
 def recorded(
     name: str, reader: Mapping[str, Any], defaults: Mapping[str, Any], options: Mapping[str, str]
 ) -> Drives:
-    """The sequences below the root that can be read, and that a study is proposed of.
+    """Choose among the sequences below the folder root= that can be read.
 
-    Options win over the study in the data set's yaml, `defaults`. Raises ConfigError where that
-    leaves no training or no test sequence.
+    Options win over `defaults`, the study in the data set's yaml. Raises ConfigError if no training
+    or no test sequence is left.
     """
-    root = _root(name, options)
-    lacking = _lacking(name, reader, root, defaults["expected"])
-    notes = [
-        f"{sequence}: lacks {', '.join(missing_parts)}"
-        for sequence, missing_parts in lacking.items()
-        if missing_parts
-    ]
-    readable = [sequence for sequence, missing_parts in lacking.items() if not missing_parts]
-    train = defaults["train"]
-    tests = list(defaults["tests"])
-    named_parts = _named_parts(options, readable)
+    logs = LogFolder.searched(_root(name, options), name, reader, defaults["expected"])
+    default_train = defaults["train"]
+    default_tests = list(defaults["tests"])
+    named_parts = _named_parts(options, logs.readable)
     rule = _rule(name, defaults, options)
-    if rule and readable:
-        log = options.get("log", _default_log(train, readable))
-        train, *tests = [f"{log}-a", f"{log}-b"] if rule == "halves" else names(log, rule)
-        readable = [train, *tests] if log in readable else []
-        notes.append(
-            f"logs found: {', '.join(lacking)}; each has its own frame, this study is on {log} "
-            "(log=NN chooses another, parts=time:2 splits it otherwise)"
+    if rule and logs.readable:
+        # the study is on the parts of one log
+        log = options.get("log", _default_log(default_train, logs.readable))
+        parts = [f"{log}-a", f"{log}-b"] if rule == "halves" else names(log, rule)
+        default_train, *default_tests = parts
+        logs.readable = list(parts) if log in logs.readable else []
+        logs.notes.append(
+            f"logs found: {', '.join(logs.lacking)}; each has its own frame, this study is on "
+            f"{log} (log=NN chooses another, parts=time:2 splits it otherwise)"
         )
-    readable = list(dict.fromkeys([*readable, *named_parts]))
-    trained = _trained(root, options, train, readable, notes)
-    tests = _tested(root, options, tests, trained, readable, lacking, notes)
-    return Drives("recorded", str(root), " ".join(trained), tests, "full", notes)
+    logs.readable = list(dict.fromkeys([*logs.readable, *named_parts]))
+    trained = _trained(logs, options, default_train)
+    tests = _tested(logs, options, default_tests, trained)
+    return Drives("recorded", str(logs.root), " ".join(trained), tests, "full", logs.notes)
 
 
 def _root(name: str, options: Mapping[str, str]) -> Path:
-    """The folder of the logs; raises ConfigError where it is not given or cannot be."""
+    """The folder of the logs; raises ConfigError if it is not given, or cannot be used."""
     if "root" not in options:
         raise ConfigError(f"where is {name}? Say root=FOLDER")
     root = Path(options["root"]).expanduser()
@@ -116,40 +154,27 @@ def _root(name: str, options: Mapping[str, str]) -> Path:
     return root
 
 
-def _lacking(
-    name: str, reader: Mapping[str, Any], root: Path, expected: str
-) -> dict[str, list[str]]:
-    """The sequences below the root, each with what it lacks to be read; nothing where it can be.
-
-    Raises ConfigError where there is no sequence.
-    """
-    lacking = _reader(name, reader).sequences(root)
-    if not lacking:
-        raise ConfigError(f"root={root}: no {name} sequence there; expected {expected}")
-    odd = [sequence for sequence in lacking if not SAFE_NAME.fullmatch(sequence)]
-    lacking |= {sequence: ["a name of letters, digits and ._+-: rename it"] for sequence in odd}
-    return lacking
-
-
 def _named(options: Mapping[str, str]) -> list[str]:
-    """All names after train= and tests=."""
-    return [
-        name
-        for option in ("train", "tests")
-        for name in options.get(option, "").replace(",", " ").split()
-    ]
+    """All names that the options train= and tests= give."""
+    train = options.get("train", "").replace(",", " ").split()
+    tests = options.get("tests", "").replace(",", " ").split()
+    return train + tests
 
 
 def _named_parts(options: Mapping[str, str], readable: Sequence[str]) -> list[str]:
-    """The names after train= and tests= that are parts of readable logs."""
-    log_of = {name: Part.named(name) for name in _named(options)}
-    return [name for name, (log, part) in log_of.items() if part and log in readable]
+    """The names in train= and tests= that are parts of readable logs, such as drive+path1of2."""
+    named_parts = []
+    for name in dict.fromkeys(_named(options)):
+        log, part = Part.named(name)
+        if part and log in readable:
+            named_parts.append(name)
+    return named_parts
 
 
 def _rule(name: str, defaults: Mapping[str, Any], options: Mapping[str, str]) -> str | None:
-    """How a log is split into parts, of which a study trains on one; None where it is not.
+    """How one log is split into parts, of which the first trains; None if no log is split.
 
-    Raises ConfigError for options that contradict it.
+    Raises ConfigError for options that contradict the rule.
     """
     rule: str | None = options.get("parts", defaults.get("parts"))
     if "log" in options and not rule:
@@ -165,98 +190,88 @@ def _rule(name: str, defaults: Mapping[str, Any], options: Mapping[str, str]) ->
 
 
 def _default_log(train: str | None, readable: Sequence[str]) -> str:
-    """The log to split: that of the data set's usual training part, else the first readable one."""
+    """The log to split: that of the data set's default training part, else the first readable."""
     log = (train or "").partition("-")[0]
     return log if log in readable else readable[0]
 
 
-def _trained(
-    root: Path,
-    options: Mapping[str, str],
-    default: str | None,
-    readable: Sequence[str],
-    notes: list[str],
-) -> list[str]:
-    """The training sequences; of several only those that can be read, and a note on the others.
+def _trained(logs: LogFolder, options: Mapping[str, str], default: str | None) -> list[str]:
+    """The training sequences: those of train=, or the data set's default, or the first readable.
 
-    They are those after train=, or the data set's `default` one, or the first that can be read.
-    Raises ConfigError where none can be read, or a test sequence holds what one is a part of.
+    Of several, only those that can be read are taken; a note names each other one. Raises
+    ConfigError if none can be read, or if a test sequence contains a training one.
     """
-    first = readable[0] if readable else ""
-    trained = options.get("train", default or first).replace(",", " ").split()
+    first_readable = logs.readable[0] if logs.readable else ""
+    trained = options.get("train", default or first_readable).replace(",", " ").split()
     if len(trained) > 1:
-        notes += [
-            f"{sequence}: not below {root}, not trained on"
-            for sequence in trained
-            if sequence not in readable
-        ]
-        trained = [sequence for sequence in trained if sequence in readable]
+        for sequence in trained:
+            if sequence not in logs.readable:
+                logs.notes.append(f"{sequence}: not below {logs.root}, not trained on")
+        trained = [sequence for sequence in trained if sequence in logs.readable]
     train = " ".join(trained)
-    logs = [Part.named(sequence)[0] for sequence in trained]
-    if overlapping := [name for name in _named(options) if name in logs and name not in trained]:
+    whole_logs = [Part.named(sequence)[0] for sequence in trained]
+    for name in _named(options):
+        if name in whole_logs and name not in trained:
+            raise ConfigError(
+                f"tests={name}: holds what the training sequence {train} is a part of; "
+                "give another part"
+            )
+    if not trained or not set(trained) <= set(logs.readable):
+        advice = "no sequence there can"
+        if logs.readable:
+            advice = f"give train=, one of {', '.join(logs.readable)}"
         raise ConfigError(
-            f"tests={overlapping[0]}: holds what the training sequence {train} is a part of; "
-            "give another part"
-        )
-    if not trained or not set(trained) <= set(readable):
-        advice = (
-            f"give train=, one of {', '.join(readable)}" if readable else "no sequence there can"
-        )
-        raise ConfigError(
-            f"the training sequence {train} cannot be read below {root}: {advice}{_listed(notes)}"
+            f"the training sequence {train} cannot be read below {logs.root}: {advice}"
+            f"{logs.notes_text}"
         )
     return trained
 
 
 def _tested(
-    root: Path,
-    options: Mapping[str, str],
-    default: Sequence[str],
-    trained: Sequence[str],
-    readable: Sequence[str],
-    lacking: Mapping[str, list[str]],
-    notes: list[str],
+    logs: LogFolder, options: Mapping[str, str], default: Sequence[str], trained: Sequence[str]
 ) -> list[str]:
-    """The test sequences that can be read, and a note on each other one that is asked for.
+    """The test sequences: those of tests=, or the data set's default, or all but the training ones.
 
-    They are those after tests=, or the data set's `default` ones, or all that training leaves.
-    Raises ConfigError where none is left.
+    Only those that can be read are taken; a note names each that is not on disk. Raises ConfigError
+    if none is left.
     """
-    trained_logs = [Part.named(sequence)[0] for sequence in trained]
-    tests = (
-        options["tests"].split(",")
-        if "tests" in options
-        else default or [name for name in readable if name not in (*trained, *trained_logs)]
-    )
     train = " ".join(trained)
+    trained_logs = [Part.named(sequence)[0] for sequence in trained]
+    if "tests" in options:
+        tests = options["tests"].split(",")
+    elif default:
+        tests = list(default)
+    else:
+        tests = [name for name in logs.readable if name not in (*trained, *trained_logs)]
     if tests == [train]:
         raise ConfigError(f"tests={train}: is the training sequence; give others")
-    listed_notes = _listed(notes)
-    notes += [
-        f"{sequence}: not below {root}, left out"
-        for sequence in tests
-        if sequence not in readable and sequence not in lacking
-    ]
-    readable_tests = [test for test in tests if test in readable and test not in trained]
+    earlier_notes = logs.notes_text
+    for sequence in tests:
+        if sequence not in logs.readable and sequence not in logs.lacking:
+            logs.notes.append(f"{sequence}: not below {logs.root}, left out")
+    readable_tests = [test for test in tests if test in logs.readable and test not in trained]
     if not readable_tests:
-        other_sequences = ", ".join(sequence for sequence in readable if sequence not in trained)
-        measure = "time" if options.get("poses") == "slam" else "path"  # poses tell a path
-        need = (
-            f"one more is needed, or parts={measure}:2 splits it, without train="
-            if len(readable) == 1
-            else "one more is needed"
+        raise ConfigError(
+            f"no test sequence can be read below {logs.root}: "
+            f"{_advice_on_tests(logs, options, trained)}{earlier_notes}"
         )
-        advice = f"give tests=, some of {other_sequences}" if other_sequences else need
-        raise ConfigError(f"no test sequence can be read below {root}: {advice}{listed_notes}")
     return readable_tests
 
 
-def _listed(notes: Sequence[str]) -> str:
-    """The notes behind an error's line."""
-    return "".join(f"; {note}" for note in notes)
+def _advice_on_tests(logs: LogFolder, options: Mapping[str, str], trained: Sequence[str]) -> str:
+    """What to do if no test sequence can be read."""
+    choices = [sequence for sequence in logs.readable if sequence not in trained]
+    if choices:
+        return f"give tests=, some of {', '.join(choices)}"
+    if len(logs.readable) == 1:
+        # a split by path needs poses, which slam has not estimated yet
+        measure = "time" if options.get("poses") == "slam" else "path"
+        return f"one more is needed, or parts={measure}:2 splits it, without train="
+    return "one more is needed"
 
 
 def _reader(name: str, settings: Mapping[str, Any]) -> Reader:
+    """Build the reader in a data set's yaml; raises ConfigError for a wrong class or key."""
     kind: Any = locate(settings.get("_target_", ""))
     if kind is None:
         raise ConfigError(

@@ -1,7 +1,8 @@
-"""Expands studies to conf/lists.yaml: a list for each `foreach` of dvc.yaml, an entry an instance.
+"""Expands studies to the lists of conf/lists.yaml, from which DVC makes the stages that it runs.
 
-An instance is one run of a stage: of a sequence, a view, or a model at a cell size. DVC can look up
-no name within another, so each entry holds all names and settings that its command line needs.
+Each list is the `foreach` of one stage in dvc.yaml, and each entry is an instance: one run of the
+stage, such as the training of one model at one cell size. DVC cannot look names up elsewhere, so an
+entry holds every name and setting that its command line needs.
 """
 
 import shlex
@@ -16,7 +17,8 @@ from pipeline.studies.models import ModelName
 from pipeline.studies.study import CellSize, Study, StudyMethod
 
 Lists = dict[str, dict[str, dict[str, Any]]]
-"""List, such as models, to instance, such as campus-10m-sci, to the names and settings it takes."""
+"""The lists by name, such as models. A list maps an instance, such as campus-10m-sci, to its names
+and settings."""
 
 LISTS = (
     "drives",
@@ -43,9 +45,9 @@ LISTS = (
     "absent",
 )
 STRUCTURE = ("demolition", "construction")
-"""Alterations that only a method's own model is asked about.
+"""Alterations of buildings, which only a method's own model is asked about.
 
-Variants and seeds differ in the headings that they learned, which buildings have no part in.
+Variants and seeds differ in which headings they learned, and buildings do not matter for that.
 """
 
 
@@ -53,70 +55,81 @@ def expand(studies: Mapping[str, Study]) -> Lists:
     """The lists of all studies together."""
     lists: Lists = {name: {} for name in LISTS}
     for study in studies.values():
-        _views(lists, study)
+        _add_drives(lists, study)
+        _add_views(lists, study)
+        _add_labels(lists, study)
         for grid, method in product(study.all_grids, study.methods):
             for model in method.models:
-                if grid in study.grids or model == ModelName(method.name):
-                    _model(lists, study, grid, method, model)
-        _measurements(lists, study)
+                is_methods_own = model == ModelName(method.name)
+                if grid in study.grids or is_methods_own:
+                    _add_model(lists, study, grid, method, model)
+        _add_measurements(lists, study)
     lists["report"]["all"] = {"studies": _word("studies", [*studies.values()])}
     return lists
 
 
-def _views(lists: Lists, study: Study) -> None:
-    """Add what is computed before training: logs, scans, submaps, views, labels."""
+def _add_drives(lists: Lists, study: Study) -> None:
+    """Add the logs, scans, estimated poses and submaps of each sequence."""
     dataset = study.name
-    drive = _drive(study)
-    sequences = " ".join(study.sequences)
     for sequence in study.sequences:
+        slam_names = (dataset, sequence) if study.slam else (dataset,)
         lists["drives"][f"{dataset}-{sequence}"] = {
             "dataset": dataset,
             "sequence": sequence,
-            "slam": _path("slam", dataset, *([sequence] if study.slam else [])),
-            **drive,
+            "slam": _path("slam", *slam_names),
+            **_drive(study),
         }
-    for sequence in study.sequences if study.slam else ():
+    if study.slam:
         train = study.train[0]
-        kind = "slam" if sequence == train else "slam_further"
-        lists[kind][f"{dataset}-{sequence}"] = {
-            "dataset": dataset,
-            "root": study.root,
-            "sequence": sequence,
-            "train": train,
-        }
-    if not study.slam:
+        for sequence in study.sequences:
+            name = "slam" if sequence == train else "slam_further"
+            lists[name][f"{dataset}-{sequence}"] = {
+                "dataset": dataset,
+                "root": study.root,
+                "sequence": sequence,
+                "train": train,
+            }
+    else:
         _add_absent(lists, "slam", dataset)
     lists["submaps"][dataset] = {
         "dataset": dataset,
         "submap": study.submap,
-        "sequences": sequences,
+        "sequences": " ".join(study.sequences),
     }
+
+
+def _add_views(lists: Lists, study: Study) -> None:
+    """Add the views that the methods look at, of the submaps as driven and altered."""
     for method in study.methods:
         for view in method.views:
-            instance = f"{dataset}-{view}"
-            names = {"dataset": dataset, "view": view}
-            lists[method.stage][instance] = {**names, "sequences": sequences}
+            instance = f"{study.name}-{view}"
+            names = {"dataset": study.name, "view": view}
+            lists[method.stage][instance] = {**names, "sequences": " ".join(study.sequences)}
             for alteration, altered_sequences in study.altered.items():
                 lists["altered"][f"{instance}-{alteration}"] = {
                     **names,
                     "alteration": alteration,
                     "sequences": " ".join(altered_sequences),
                 }
-    labelled = sequences if study.asks_about_the_year else study.train_text
+
+
+def _add_labels(lists: Lists, study: Study) -> None:
+    """Add the places of the submaps, at each cell size."""
+    labelled = study.sequences if study.asks_about_the_year else study.train
     for grid in study.all_grids:
-        lists["labels"][f"{dataset}-{grid.name}"] = {
+        lists["labels"][f"{study.name}-{grid.name}"] = {
             "grid": grid.name,
-            "dataset": dataset,
+            "dataset": study.name,
             "train": study.train_text,
-            "sequences": labelled,
+            "sequences": " ".join(labelled),
         }
 
 
-def _model(
+def _add_model(
     lists: Lists, study: Study, grid: CellSize, method: StudyMethod, model: ModelName
 ) -> None:
-    """Add the training of a model, what it learns further, and what it is asked."""
-    trained = _trained(study, grid, method, model)
+    """Add the training of a model, and either the further days that it learns or its answers."""
+    trained = _model_settings(study, grid, method, model)
     training = {
         "budget": study.budget,
         "of": "" if len(study.train) > 1 else f"/{study.train_text}.zarr",
@@ -132,14 +145,17 @@ def _model(
         }
         lists["lifelong"] |= instances(course, study, method)
     if study.asks_about_the_year:
-        _questions(lists, study, grid, model, trained)
+        _add_answers(lists, study, grid, model, trained)
 
 
-def _trained(study: Study, grid: CellSize, method: StudyMethod, model: ModelName) -> dict[str, Any]:
-    """What every stage is told of a model: its names, and the words that make its method."""
+def _model_settings(
+    study: Study, grid: CellSize, method: StudyMethod, model: ModelName
+) -> dict[str, Any]:
+    """The settings of a model for every stage: its names, and the words that make its method."""
     settings = " ".join(f"method.{name}={value}" for name, value in method.settings.items())
+    variant_words = method.variants.get(model.variant, "")
     seed = f"method.seed={model.seed}" if model.seed else ""
-    recipe = (f"method={model.method}", settings, method.variants.get(model.variant, ""), seed)
+    recipe = (f"method={model.method}", settings, variant_words, seed)
     return {
         "dataset": study.name,
         "grid": grid.name,
@@ -152,22 +168,19 @@ def _trained(study: Study, grid: CellSize, method: StudyMethod, model: ModelName
     }
 
 
-def _questions(
+def _add_answers(
     lists: Lists, study: Study, grid: CellSize, model: ModelName, trained: Mapping[str, Any]
 ) -> None:
-    """Add a model's rankings, poses and paths, and the evaluation of each.
+    """Add what a model answers: rankings, poses and paths, and the evaluation of each.
 
-    At the cell sizes of `cells` it is asked about the tests alone, as driven, without poses.
+    At the study's own cell sizes, it is asked about tests and stress, as driven and altered. At the
+    further sizes in `cells`, it is asked only about the tests as driven, without poses.
     """
     dataset = study.name
     instance = _instance(study, grid, model)
     is_own_grid = grid in study.grids
-    alterations = [
-        name
-        for name in study.altered
-        if is_own_grid and (name not in STRUCTURE or model == ModelName(model.method))
-    ]
     tests = " ".join(study.asked_days if is_own_grid else study.tests)
+    alterations = _alterations_of(study, model) if is_own_grid else []
     queries = {"tests": tests, "alterations": " ".join(alterations)}
     if not study.altered:
         _add_absent(lists, "altered", dataset, trained["view"])
@@ -197,84 +210,102 @@ def _questions(
             }
 
 
+def _alterations_of(study: Study, model: ModelName) -> list[str]:
+    """The alterations that a model is asked about."""
+    is_methods_own = model == ModelName(model.method)
+    return [name for name in study.altered if is_methods_own or name not in STRUCTURE]
+
+
 def _instance(study: Study, grid: CellSize, answers: ModelName) -> str:
-    """The name of a stage's instance for one model: campus-10m-sci."""
+    """The name of an instance for one model and cell size: campus-10m-sci."""
     return f"{study.name}-{grid.name}-{answers.name}"
 
 
-def _measurements(lists: Lists, study: Study) -> None:
-    """Add timings, viewpoints and events, and the results that gather all numbers."""
+def _add_measurements(lists: Lists, study: Study) -> None:
+    """Add timings, viewpoints and events, and the results that gather all numbers of the study."""
     dataset = study.name
     is_evaluated = study.asks_about_the_year
     is_lifelong = study.learns_further_days
-    is_robustness = study.question == "robustness"
     is_timed = is_evaluated and study.latency
-    bird_view_methods = study.bird_view_methods if not is_lifelong else []
-    for grid in study.grids if is_timed else ():
-        lists["latency"][f"{dataset}-{grid.name}"] = {
-            "grid": grid.name,
-            "dataset": dataset,
-            "simulated": _switch(study.simulated),
-            "sequence": study.tests[-1],  # as the SCI paper's Table III
-            "contenders": _word(
-                "contenders", {method.name: method.view for method in study.methods}
-            ),
-            "trained": _word("trained", study.models),
-        }
-    for grid, method in product(study.grids, bird_view_methods):
-        for model in method.models:
-            lists["viewpoints"][f"{dataset}-{grid.name}-{model.name}"] = {
-                "dataset": dataset,
-                "grid": grid.name,
-                "model": model.name,
-                "code": method.code,
-                "view": method.view_of(model.variant),
-                "tests": " ".join(study.tests),
-            }
-    if is_robustness:
+    has_events = study.question == "robustness"
+    has_viewpoints = bool(study.bird_view_methods) and not is_lifelong
+    if is_timed:
+        _add_latency(lists, study)
+    if has_viewpoints:
+        _add_viewpoints(lists, study)
+    if has_events:
         lists["events"][dataset] = {
             "dataset": dataset,
             "train": study.train_text,
             "sequences": " ".join(study.tests),
             **_drive(study),
         }
-    present = {
+    has_artifacts = {
         "evaluate": is_evaluated,
-        "viewpoints": bool(bird_view_methods),
-        "events": is_robustness,
+        "viewpoints": has_viewpoints,
+        "events": has_events,
         "lifelong": is_lifelong,
         "latency": is_timed,
     }
-    for kind, is_present in present.items():
-        if not is_present:
+    for kind, is_made in has_artifacts.items():
+        if not is_made:
             _add_absent(lists, kind, dataset)
     lists["results"][dataset] = {"dataset": dataset, "study": _word("study", study)}
     if is_evaluated or is_lifelong:
         lists["published"][dataset] = {"dataset": dataset}
 
 
-def _add_absent(lists: Lists, kind: str, *names: str) -> None:
-    """Add the empty folder of a kind of artifacts that a study has none of.
+def _add_latency(lists: Lists, study: Study) -> None:
+    """Add the timing of each method's queries, on the last test sequence."""
+    contenders = {method.name: method.view for method in study.methods}
+    for grid in study.grids:
+        lists["latency"][f"{study.name}-{grid.name}"] = {
+            "grid": grid.name,
+            "dataset": study.name,
+            "simulated": _switch(study.simulated),
+            "sequence": study.tests[-1],  # as the SCI paper's Table III
+            "contenders": _word("contenders", contenders),
+            "trained": _word("trained", study.models),
+        }
 
-    DVC has no optional dependencies: whatever reads the kind finds nothing in there.
+
+def _add_viewpoints(lists: Lists, study: Study) -> None:
+    """Add the judging of turned robots, for every model that looks at bird-views."""
+    for grid, method in product(study.grids, study.bird_view_methods):
+        for model in method.models:
+            lists["viewpoints"][_instance(study, grid, model)] = {
+                "dataset": study.name,
+                "grid": grid.name,
+                "model": model.name,
+                "code": method.code,
+                "view": method.view_of(model.variant),
+                "tests": " ".join(study.tests),
+            }
+
+
+def _add_absent(lists: Lists, kind: str, *names: str) -> None:
+    """Add an empty folder in the place of a kind of artifacts that a study has none of.
+
+    DVC has no optional dependencies. A stage that reads the kind finds the folder empty.
     """
     lists["absent"]["-".join((*names, kind))] = {"out": _path(kind, *names)}
 
 
 def _word(setting: str, value: Any) -> str:
-    """A setting with a table or a list as a word of a shell's command line."""
+    """A setting whose value is a table or a list, as one word of a shell's command line."""
     return shlex.quote(f"{setting}={written(value)}")
 
 
 def _switch(value: bool) -> str:
+    """A boolean as YAML has it."""
     return str(value).lower()
 
 
 def _drive(study: Study) -> dict[str, str]:
-    """What the stages of one drive take from its study."""
+    """The settings of a study that the stages of each single drive take."""
     return {"world": study.world, **study.origin, "root": study.root}
 
 
 def _path(kind: str, *names: str) -> str:
-    """The path of a kind of artifacts as dvc.yaml has it."""
+    """The path of an artifact, or of a folder of them, as dvc.yaml has it."""
     return Layout().path(kind, *names).as_posix()

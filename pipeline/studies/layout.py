@@ -1,7 +1,7 @@
-"""Where each artifact lies: `artifacts/KIND/DATASET/…`, the file or folder of its last name.
+"""Says where each artifact lies: a kind and names in; the path artifacts/KIND/DATASET/… out.
 
-The stages get their paths on the command line, from the dvc.yaml of each; whoever reads artifacts
-of several stages asks a Layout.
+A stage gets its paths on the command line, from its dvc.yaml. Whatever reads the artifacts of
+several stages, such as the report, asks a `Layout`.
 """
 
 from dataclasses import dataclass, replace
@@ -33,11 +33,11 @@ LEVELS = {
     "results": ("dataset", "file"),
     "report": ("dataset", "grid", "file"),
 }
-"""The names below the folder of a kind, one folder each; the last one is the artifact's own."""
+"""What the names of each kind's artifacts stand for; all but the last are folders."""
 ENDINGS = {"train": MODEL, "events": ".csv", "latency": ".csv"}
-"""How the artifact's own name goes on, if not .zarr."""
+"""The ending of an artifact's file or folder, for kinds where it is not .zarr."""
 PLAIN = ("logs", "results", "report")
-"""Kinds whose last name is whole as it is given."""
+"""Kinds whose artifacts get no ending: their last name is given with its own."""
 
 
 @dataclass(frozen=True)
@@ -50,8 +50,8 @@ class Layout:
         """The path of an artifact, or of a folder where not all `names` of LEVELS are given.
 
         path("labels", "campus", "10m", "2012-01-15") is labels/campus/10m/2012-01-15.zarr below the
-        root, path("labels", "campus") is labels/campus. Raises KeyError for a kind that LEVELS has
-        not.
+        root, and path("labels", "campus") is labels/campus. Raises KeyError for a kind that is not
+        in LEVELS.
         """
         folder = self.root / kind
         if len(names) < len(LEVELS[kind]) or kind in PLAIN:
@@ -60,7 +60,7 @@ class Layout:
         return folder.joinpath(*parents, f"{name}{ENDINGS.get(kind, '.zarr')}")
 
     def answers(self, dataset: str, grid: str, answers: ModelName, *sequence: str) -> Path:
-        """Where a model's rankings, poses or paths lie: the folder, or those of one sequence."""
+        """The folder of a model's rankings, poses or paths, or the artifact of one sequence."""
         if answers.path:
             return self.path("paths", dataset, grid, answers.name, *sequence)
         kind = "poses" if answers.posed else "localize"

@@ -1,10 +1,12 @@
-"""The study that a table of results is of, which the stage `results` keeps beside it.
+"""Writes and reads the study that was measured, as a file beside its table of results.
 
-What reads results asks for the study that was measured, whatever conf/studies.yaml says by now.
+conf/studies.yaml may change after a study was measured. Whatever shows results therefore reads the
+study from here, and can say that its results are out of date (`stale`).
 """
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from pipeline.core.errors import ArtifactError, ConfigError
 from pipeline.core.settings import filled, written
@@ -13,6 +15,7 @@ from pipeline.studies.layout import Layout
 from pipeline.studies.study import Study
 
 FILE = "study.yaml"
+"""The name of the file, in the folder of the study's results."""
 
 
 def write(folder: Path, study: Study) -> None:
@@ -21,19 +24,25 @@ def write(folder: Path, study: Study) -> None:
 
 
 def read(layout: Layout, name: str) -> Study:
-    """Read the study of the results of this name; raises ArtifactError where there are none."""
+    """Read the measured study of this name; raises ArtifactError if there are no results of it."""
     path = layout.path("results", name, FILE)
     if not path.is_file():
         raise ArtifactError(f"{path}: no results yet; `dvc repro` gathers them")
-    return filled(Study, read_yaml(path), lambda table: table)
+    return filled(Study, read_yaml(path), _unchanged)
 
 
 def stale(layout: Layout, studies: Mapping[str, Study]) -> list[str]:
-    """The names of the studies whose results are of another study: one that was changed since."""
+    """The names of the studies that were changed since they were measured, or never were."""
     return [name for name, study in studies.items() if _measured(layout, name) != study]
 
 
+def _unchanged(table: Any) -> Any:
+    """Builds nothing: no setting of a study is an object of another class."""
+    return table
+
+
 def _measured(layout: Layout, name: str) -> Study | None:
+    """The measured study, or None if there is none that can be read."""
     try:
         return read(layout, name)
     except (ArtifactError, ConfigError):

@@ -1,4 +1,4 @@
-"""Names of models: method, variant, seed, and how its answers were posed."""
+"""The name of a model and of its answers, such as sci-4way-pose-seed1, with its parts."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -10,22 +10,23 @@ class ModelName:
 
     method: str
     variant: str = ""
+    """A method with some settings changed; empty for the method itself."""
     seed: int = 0
     posed: bool = False
-    """Its answers were registered, which makes them a variant of their own."""
+    """Whether its answers were registered to poses; they count as a variant of their own."""
     path: str = ""
-    """A file of conf/path: how the poses of a drive were joined, which makes them a further
-    variant."""
+    """How the poses of a drive were joined, a file of conf/path; such answers are a variant too."""
 
     @property
     def family(self) -> str:
-        """A method or a variant of one, whatever the seed: `sci-4way`, `sci-4way-pose`."""
+        """The method with its variant, whatever the seed: `sci-4way`, `sci-4way-pose`."""
         return f"{self.method}-{self.answered}" if self.answered else self.method
 
     @property
     def answered(self) -> str:
         """The variant as the table of results has it: `4way-pose`, `pose-filter`."""
-        return "-".join(filter(None, (self.variant, "pose" * self.posed, self.path)))
+        pose = "pose" if self.posed else ""
+        return "-".join(filter(None, (self.variant, pose, self.path)))
 
     @property
     def name(self) -> str:
@@ -33,5 +34,6 @@ class ModelName:
         return f"{self.family}-seed{self.seed}" if self.seed else self.family
 
     @property
-    def columns(self) -> dict[str, Any]:  # of the table of results
+    def columns(self) -> dict[str, Any]:
+        """The columns that name it in the table of results."""
         return {"method": self.method, "variant": self.answered, "seed": self.seed}

@@ -1,8 +1,10 @@
-"""Proposes the study of a data set: what `yearloc use` writes into conf/studies.yaml.
+"""Proposes the study of a data set: the words of `yearloc use` in; a `Study` out.
 
-A study begins with the drives of the data set and the choices in its yaml. Functions from study to
-study follow in this order: the preset of its world, the scale, the models of each method, the
-question, and what a person asks for besides.
+1. Find the sequences that train and test (`discovery`).
+2. Make a study of them, with the choices in the data set's yaml (`first_choices`).
+3. Apply CHANGES to it one after another: the preset of its world, the scale, the variants and seeds
+   of each method, the question, altered queries, poses, and timing. Each is a function that takes a
+   study and returns a changed one.
 """
 
 from collections.abc import Mapping, Sequence
@@ -41,17 +43,17 @@ OPTIONS = (
     "tests",
     "variants",
 )
-"""What every study takes."""
+"""The options of `yearloc use` that every study takes."""
 MOST_SEEDS = 100
 NEEDLESS = {
     "viewpoints": {"altered", "cells", "poses", "paths", "latency"},
     LIFELONG: {"altered", "cells", "poses", "paths", "latency"},
 }
-"""Options of `yearloc use` that nothing reads of a study with this question."""
+"""By question, the options of `yearloc use` that have no effect on its studies."""
 SLAM = "slam"
-"""Among `poses=`: poses are estimated from the scans; the other words there name models."""
+"""The word after `poses=` by which poses are estimated from the scans; other words name models."""
 PRESET = "demo"
-"""Of a simulated world, where nothing else is said: a file of conf/world of the data set."""
+"""The preset of a simulated world without the option `world=`: one of its files in conf/world."""
 
 
 @dataclass(frozen=True)
@@ -64,50 +66,49 @@ class Proposal:
 
 @dataclass(frozen=True)
 class Request:
-    """What a person asks of a data set."""
+    """What a person asks of a data set, beside the choices that its yaml makes."""
 
     conf: Path
+    """The project's folder conf/."""
     options: Mapping[str, str]
     """The words KEY=VALUE of `yearloc use`."""
     defaults: Mapping[str, Any]
-    """The study in the data set's yaml, with what the question changes in it."""
+    """The study in the data set's yaml, with the changes that the question makes to it."""
 
     def __contains__(self, option: str) -> bool:
         return option in self.options
 
     def names(self, option: str, offered: Sequence[str]) -> list[str]:
-        """The names that an option wants: all where it is missing, none where it is empty.
+        """The names after an option; all `offered` ones without the option, none if it is empty.
 
-        Raises ConfigError for a name that is not `offered`.
+        Raises ConfigError for a name that is not offered.
         """
         wanted = self.options[option].split(",") if option in self.options else offered
         names = [name for name in dict.fromkeys(wanted) if name]
-        if unknown := [name for name in names if name not in offered]:
-            expected = (
-                f"expected some of {', '.join(offered)}"
-                if offered
-                else "this question and these methods have none"
-            )
-            raise ConfigError(f"{option}={unknown[0]}: {expected}")
+        for name in names:
+            if name not in offered:
+                expected = "this question and these methods have none"
+                if offered:
+                    expected = f"expected some of {', '.join(offered)}"
+                raise ConfigError(f"{option}={name}: {expected}")
         return names
 
 
 def propose(conf: Path, name: str, options: Mapping[str, str]) -> Proposal:
-    """Propose the study of data set `name`.
+    """Propose the study of data set `name`, a file of conf/dataset.
 
-    Options are root, log, parts, world, budget, question, scale and seeds, and with commas train,
-    learned, tests, methods, variants, altered, cells, poses and paths. Raises ConfigError for an
-    unknown data set or option, and where what is on disk does not make a study.
+    `options` are the words KEY=VALUE of `yearloc use`. Several values have commas between. Raises
+    ConfigError for an unknown data set, option or value, and if the logs on disk do not make a
+    study.
     """
     dataset = read_yaml(file_of(conf, "dataset", name, f"no data set {name}: expected one of"))
     question = options.get("question", QUESTIONS[0])
     _refuse_unknown(name, dataset, question, options)
     request = Request(conf, options, _defaults(conf, name, dataset["study"], question))
-    drives = (
-        simulated(conf, name, request.defaults, options)
-        if dataset["simulated"]
-        else recorded(name, dataset["reader"], request.defaults, options)
-    )
+    if dataset["simulated"]:
+        drives = simulated(conf, name, request.defaults, options)
+    else:
+        drives = recorded(name, dataset["reader"], request.defaults, options)
     study = first_choices(request, name, question, dataset["simulated"], drives)
     for change in CHANGES:
         study = change(study, request)
@@ -121,9 +122,9 @@ def first_choices(
     """The study of these drives with the choices of the data set's yaml, and a person's budget."""
     conf = request.conf
     defaults = request.defaults
-    views = defaults.get("views", {})
     names = request.options["methods"].split(",") if "methods" in request else defaults["methods"]
-    views_of_methods = {method: str(settings_of(conf, method)["view"]) for method in names}
+    view_of_method = {method: str(settings_of(conf, method)["view"]) for method in names}
+    replaced_views = defaults.get("views", {})
     budget = request.options.get("budget", drives.budget)
     file_of(conf, "budget", budget, f"budget={budget}: expected one of")
     return Study(
@@ -138,15 +139,15 @@ def first_choices(
         submap=defaults["submap"],
         grids=tuple(CellSize.read(conf, name, grid) for grid in defaults["grids"]),
         methods=tuple(
-            StudyMethod.described(conf, method, views.get(view, view))
-            for method, view in views_of_methods.items()
+            StudyMethod.described(conf, method, replaced_views.get(view, view))
+            for method, view in view_of_method.items()
         ),
         tolerance=Tolerance.read(conf, name, TOLERANCE),
     )
 
 
 def with_preset(study: Study, request: Request) -> Study:
-    """What goes with the preset of a simulated world: its sequences of stress."""
+    """The study with the stress sequences of its world: drives that are hard in one way."""
     if not study.simulated:
         return study
     stress = request.defaults.get("stress", {}).get(_preset(request), {})
@@ -154,9 +155,9 @@ def with_preset(study: Study, request: Request) -> Study:
 
 
 def with_scale(study: Study, request: Request) -> Study:
-    """What a scale, a file of conf/scale, has instead of the data set's choices.
+    """The study at another scale, a file of conf/scale, if the option is given.
 
-    Its submaps, cells and tolerance, and each method's view and settings.
+    A scale replaces the submaps, the cell sizes, the tolerance, and views and settings of methods.
     """
     if "scale" not in request:
         return study
@@ -188,23 +189,25 @@ def with_scale(study: Study, request: Request) -> Study:
 
 
 def with_models(study: Study, request: Request) -> Study:
-    """The variants of each method, and the seeds of one that draws at random in training."""
+    """The study with the variants of each method, and the seeds of those that train at random."""
     seeds = request.options.get("seeds", str(request.defaults.get("seeds", 1)))
     if not (seeds.isdecimal() and 1 <= int(seeds) <= MOST_SEEDS):
         raise ConfigError(f"seeds={seeds}: expected a number from 1 to {MOST_SEEDS}")
     names = [method.name for method in study.methods]
-    offered: dict[str, Mapping[str, str]] = {
-        method: variants
-        for method, variants in request.defaults.get("variants", {}).items()
-        if method in names
-    }
-    all_variants = sorted({name for variants in offered.values() for name in variants})
-    unasked = study.question == "viewpoints" and "variants" not in request
-    wanted = [] if unasked else request.names("variants", all_variants)  # each trains for minutes
+    variants_of_methods: Mapping[str, Mapping[str, str]] = request.defaults.get("variants", {})
+    offered = set[str]()
+    for name in names:
+        offered |= variants_of_methods.get(name, {}).keys()
+    if study.question == "viewpoints" and "variants" not in request:
+        wanted = []  # each would train for minutes
+    else:
+        wanted = request.names("variants", sorted(offered))
     methods = []
     for method in study.methods:
         variants = {
-            name: words for name, words in offered.get(method.name, {}).items() if name in wanted
+            variant: words
+            for variant, words in variants_of_methods.get(method.name, {}).items()
+            if variant in wanted
         }
         is_random = "seed" in settings_of(request.conf, method.name)
         methods.append(replace(method, variants=variants, seeds=int(seeds) if is_random else 1))
@@ -216,7 +219,10 @@ def with_models(study: Study, request: Request) -> Study:
 
 
 def with_question(study: Study, request: Request) -> Study:
-    """What a question needs: methods on bird-views, or further days and strategies."""
+    """The study with what its question needs, such as further days and strategies to learn them.
+
+    Raises ConfigError for methods that the question of viewpoints cannot be asked about.
+    """
     if study.question == "viewpoints" and len(study.bird_view_methods) < len(study.methods):
         raise ConfigError(
             f"methods={','.join(method.name for method in study.methods)}: only methods that look "
@@ -226,20 +232,16 @@ def with_question(study: Study, request: Request) -> Study:
         return study
     preset = _preset(request) if study.simulated else ""
     study = with_further_days(study, request.defaults, preset, request.options.get("learned", ""))
-    methods = [
-        replace(
-            method,
-            courses=courses(
-                request.defaults, settings_of(request.conf, method.name), bool(study.updates)
-            ),
-        )
-        for method in study.methods
-    ]
+    methods = []
+    for method in study.methods:
+        settings = settings_of(request.conf, method.name)
+        courses_of_method = courses(request.defaults, settings, bool(study.updates))
+        methods.append(replace(method, courses=courses_of_method))
     return replace(study, methods=tuple(methods))
 
 
 def with_alterations(study: Study, request: Request) -> Study:
-    """Altered queries of some test sequences, and further cell sizes."""
+    """The study with altered queries of some test sequences, and with further cell sizes."""
     alterable = {
         name: tuple(spread([*study.tests], number))
         for name, number in request.defaults.get("altered", {}).items()
@@ -259,45 +261,54 @@ def with_alterations(study: Study, request: Request) -> Study:
 
 
 def with_poses(study: Study, request: Request) -> Study:
-    """Which models' answers are registered with the map, and how poses are joined along a drive.
+    """The study with the models whose answers are registered to poses, and the ways to join them.
 
-    Without poses= these are the models that the data set's yaml names.
+    poses= names the models; without it they are those that the data set's yaml names. poses=slam
+    means that the logs have no poses and these are estimated from the scans. paths= names the ways
+    in which poses are joined along a drive.
     """
-    registered = request.defaults.get("poses", ())
-    if study.simulated and registered:
-        registered = registered.get(_preset(request), ())
-    if "poses" in NEEDLESS.get(study.question, set()):
-        registered = ()
-    families = [model.family for model in study.models if not model.seed]
-    wanted = request.options.get("poses", "").split(",")
-    names_models = "poses" in request and wanted != [SLAM]
-    offered = [name for name in families if names_models or name in registered]
-    poses = request.names("poses", [*offered, SLAM]) if names_models else offered
-    poses = [name for name in poses if name != SLAM]
+    wants_slam = SLAM in request.options.get("poses", "").split(",")
+    poses = _posed_families(study, request)
     offered_paths = [path.stem for path in sorted((request.conf / "path").glob("*.yaml"))]
-    paths = request.names("paths", offered_paths if "paths" in request else [])
+    paths = request.names("paths", offered_paths) if "paths" in request else []
     if paths and not poses:
         raise ConfigError(
             f"paths={request.options['paths']}: joins poses along a drive; say poses=METHOD too"
         )
-    return replace(study, poses=tuple(poses), paths=tuple(paths), slam=SLAM in wanted)
+    return replace(study, poses=tuple(poses), paths=tuple(paths), slam=wants_slam)
+
+
+def _posed_families(study: Study, request: Request) -> list[str]:
+    """The families of models (method and variant) whose answers are registered."""
+    families = [model.family for model in study.models if not model.seed]
+    names_models = "poses" in request and request.options["poses"] != SLAM
+    if names_models:
+        return [name for name in request.names("poses", [*families, SLAM]) if name != SLAM]
+    if "poses" in NEEDLESS.get(study.question, set()):
+        return []
+    default_families = request.defaults.get("poses", ())
+    if study.simulated and default_families:
+        default_families = default_families.get(_preset(request), ())
+    return [name for name in families if name in default_families]
 
 
 def with_timing(study: Study, request: Request) -> Study:
-    """Whether the cost of a query is measured."""
-    if (latency := request.options.get("latency", "yes")) not in ("yes", "no"):
+    """The study with the choice whether the cost of a query is measured."""
+    latency = request.options.get("latency", "yes")
+    if latency not in ("yes", "no"):
         raise ConfigError(f"latency={latency}: expected yes or no")
     return replace(study, latency=latency == "yes")
 
 
 def _preset(request: Request) -> str:
+    """The preset of the simulated world."""
     return request.options.get("world", PRESET)
 
 
 def _refuse_unknown(
     name: str, dataset: Mapping[str, Any], question: str, options: Mapping[str, str]
 ) -> None:
-    """Raises ConfigError for an option that a data set or a question does not take."""
+    """Raise ConfigError for an option that a data set or a question does not take."""
     allowed = set(OPTIONS)
     allowed |= {"learned"} if question == LIFELONG else set()
     allowed |= {"world"} if dataset["simulated"] else {"root", "log", "parts", "train"}
@@ -311,48 +322,47 @@ def _refuse_unknown(
 
 
 def refuse_unposed(study: Study, reader: Mapping[str, Any]) -> None:
-    """Raise ConfigError for logs without poses that are not to be estimated, or cannot be."""
-    without = [key for key in ("truth", "poses") if key in reader and not reader[key]]
-    if without and not study.slam:
-        raise ConfigError(
-            f"{study.name}: reader.{without[0]} of its yaml names no poses; say poses=slam, and "
-            "they are estimated from the scans"
-        )
-    by_path = [
-        name for name in study.sequences if (part := Part.named(name)[1]) and part.needs_path
-    ]
-    if by_path and study.slam:
-        raise ConfigError(
-            f"{by_path[0]}: a part by path, which is not known before poses=slam has estimated it; "
-            "split the log by time, as in parts=time:2"
-        )
+    """Raise ConfigError if logs have no poses, and these cannot or shall not be estimated."""
+    for key in ("truth", "poses"):
+        if key in reader and not reader[key] and not study.slam:
+            raise ConfigError(
+                f"{study.name}: reader.{key} of its yaml names no poses; say poses=slam, and "
+                "they are estimated from the scans"
+            )
+    for sequence in study.sequences if study.slam else ():
+        _, part = Part.named(sequence)
+        if part and part.needs_path:
+            raise ConfigError(
+                f"{sequence}: a part by path, which is not known before poses=slam has estimated "
+                "it; split the log by time, as in parts=time:2"
+            )
 
 
 def _defaults(conf: Path, name: str, study: Mapping[str, Any], question: str) -> Mapping[str, Any]:
-    """A data set's study with what a question changes in every study, and in this one.
+    """The study in a data set's yaml, with the changes that a question makes to it.
 
-    Raises ConfigError for a question that this data set cannot be asked.
+    conf/question/QUESTION.yaml has the changes to every study, the data set's yaml those to its
+    own. Raises ConfigError for a question that this data set cannot be asked.
     """
     offered = [word for word in QUESTIONS if word != "viewpoints" or word in study]
     if question not in offered:
         raise ConfigError(f"question={question}: of {name} expected {' or '.join(offered)}")
     whole_logs = {"parts": False} if question == "viewpoints" else {}
-    asked_of_all = conf / "question" / f"{question}.yaml"
-    changes = read_yaml(asked_of_all) if asked_of_all.is_file() else {}
-    asked_of_this = study.get(question, {})
-    merged = {**study, **whole_logs, **changes, **asked_of_this}
-    if "variants" in changes and "variants" in asked_of_this:
-        general = changes["variants"]
-        further = asked_of_this["variants"]
-        merged["variants"] = {
-            method: {**general.get(method, {}), **further.get(method, {})}
-            for method in (general | further)
+    question_file = conf / "question" / f"{question}.yaml"
+    general_changes = read_yaml(question_file) if question_file.is_file() else {}
+    own_changes = study.get(question, {})
+    defaults = {**study, **whole_logs, **general_changes, **own_changes}
+    if "variants" in general_changes and "variants" in own_changes:
+        general = general_changes["variants"]
+        own = own_changes["variants"]
+        defaults["variants"] = {
+            method: {**general.get(method, {}), **own.get(method, {})} for method in general | own
         }
-    return merged
+    return defaults
 
 
 def spread(tests: list[str], number: int) -> list[str]:
-    """`number` of the test sequences, evenly from the first to the last; all if there are fewer."""
+    """Choose `number` test sequences evenly from the first to the last; all if there are fewer."""
     if number >= len(tests):
         return list(tests)
     return [tests[round(i * (len(tests) - 1) / max(number - 1, 1))] for i in range(number)]
@@ -367,4 +377,4 @@ CHANGES = (
     with_poses,
     with_timing,
 )
-"""From study to study, in the order in which they are applied."""
+"""The changes to a study in the order in which they are applied."""

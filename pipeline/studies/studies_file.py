@@ -1,6 +1,7 @@
-"""Reads conf/studies.yaml: a file in; checked studies by name out.
+"""Reads conf/studies.yaml, the one list of what is learned and asked: checked studies by name.
 
-The commands read it; a sweep wants conf/lists.yaml, which follows from it, to be up to date too.
+A sweep of settings also needs conf/lists.yaml, which follows from it, to be up to date
+(`read_listed_studies`).
 """
 
 from collections.abc import Mapping
@@ -13,30 +14,27 @@ from pipeline.studies.expansion import expand
 from pipeline.studies.study import RECORDED, SIMULATED, Study, named_file, settings_of
 
 LEVEL = "flat"
-"""How the files of conf/submap begin that gather level sweeps: all their points have one height."""
+"""The beginning of the names in conf/submap that gather level sweeps, of a 2-D laser."""
 
 
 def read_listed_studies(conf: Path) -> dict[str, Study]:
-    """Read the studies of conf/studies.yaml as `read_studies` does.
-
-    Raises ConfigError where lists.yaml does not follow from them.
-    """
+    """Read the studies as `read_studies` does; raises ConfigError also if lists.yaml is stale."""
     studies = read_studies(conf)
     check_lists(studies, read_yaml(conf / "lists.yaml").get("lists"))
     return studies
 
 
 def read_studies(conf: Path) -> dict[str, Study]:
-    """The studies of conf/studies.yaml by name.
+    """Read the studies of conf/studies.yaml by name.
 
-    Raises ConfigError where it holds none, and for one that `Study.of` or `refuse_unknown` refuse.
+    Raises ConfigError if it holds none, or one that `Study.of` or `refuse_unknown` refuses.
     """
     path = conf / "studies.yaml"
     tables = read_yaml(path).get("studies")
-    if not (
-        isinstance(tables, dict)
-        and tables
-        and all(isinstance(table, dict) for table in tables.values())
+    if (
+        not isinstance(tables, dict)
+        or not tables
+        or not all(isinstance(table, dict) for table in tables.values())
     ):
         raise ConfigError(
             f"{path}: expected `studies:` with a study for each data set; `yearloc use campus` "
@@ -49,28 +47,18 @@ def read_studies(conf: Path) -> dict[str, Study]:
 
 
 def refuse_unknown(conf: Path, study: Study) -> None:
-    """Raise ConfigError for a study that names a file which conf/ has not.
+    """Raise ConfigError for a study that cannot be run, since
 
-    Nor can it say that it is simulated where its data set is recorded, or want poses of altered
-    level sweeps.
+    - it names a file that conf/ does not have,
+    - it says that it is simulated though its data set is recorded, or the other way round, or
+    - it wants poses of altered level sweeps.
     """
     if study.poses and study.altered and study.submap.startswith(LEVEL):
         raise ConfigError(
             f"{study.name}: poses={','.join(study.poses)}: level sweeps (submap {study.submap}) "
             "are localised as driven alone; leave poses or altered out"
         )
-    for method in study.methods:
-        settings_of(conf, method.name)
-    dataset = named_file(conf, study.name, "dataset", study.name)
-    for group, name in (
-        ("world", study.world),
-        ("submap", study.submap),
-        ("budget", study.budget),
-        *(("alteration", alteration) for alteration in study.altered),
-        *(("view", view) for method in study.methods for view in method.views),
-        *(("path", path) for path in study.paths),
-    ):
-        named_file(conf, study.name, group, name)
+    dataset = _check_files(conf, study)
     if study.simulated != read_yaml(dataset).get("simulated"):
         expected = RECORDED if study.simulated else SIMULATED
         raise ConfigError(
@@ -79,20 +67,35 @@ def refuse_unknown(conf: Path, study: Study) -> None:
         )
 
 
-def check_lists(studies: Mapping[str, Study], lists: Any) -> None:
-    """Raise ConfigError where the lists of lists.yaml are not what the studies expand to.
+def _check_files(conf: Path, study: Study) -> Path:
+    """Raise ConfigError for a file of conf/ that is missing; returns that of the data set."""
+    for method in study.methods:
+        settings_of(conf, method.name)
+    dataset = named_file(conf, study.name, "dataset", study.name)
+    named_file(conf, study.name, "world", study.world)
+    named_file(conf, study.name, "submap", study.submap)
+    named_file(conf, study.name, "budget", study.budget)
+    for alteration in study.altered:
+        named_file(conf, study.name, "alteration", alteration)
+    for method in study.methods:
+        for view in method.views:
+            named_file(conf, study.name, "view", view)
+    for path in study.paths:
+        named_file(conf, study.name, "path", path)
+    return dataset
 
-    The drives of a large study are listed in several parts (`parts`).
-    """
+
+def check_lists(studies: Mapping[str, Study], lists: Any) -> None:
+    """Raise ConfigError unless the lists of lists.yaml are what the studies expand to."""
     lists = lists if isinstance(lists, Mapping) else {}
-    drives = {
-        instance: drive
-        for name, part in lists.items()
-        if name.startswith("drives") and isinstance(part, Mapping)
-        for instance, drive in part.items()
-    }
-    listed = {**lists, "drives": drives}
-    if any(listed.get(name) != instances for name, instances in expand(studies).items()):
+    # a long list of drives lies in several parts (`parts`): join them
+    drives: dict[str, Any] = {}
+    for name, part in lists.items():
+        if name.startswith("drives") and isinstance(part, Mapping):
+            drives |= part
+    joined_lists = {**lists, "drives": drives}
+    expanded = expand(studies)
+    if any(joined_lists.get(name) != instances for name, instances in expanded.items()):
         raise ConfigError(
             "conf/lists.yaml does not follow from conf/studies.yaml; `yearloc use` generates it "
             "anew"

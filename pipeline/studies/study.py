@@ -1,19 +1,18 @@
-"""A study: what is learned on which days, what is asked on which others, and of which methods.
+"""A study: which days are learned, which days are asked about, and which methods are compared.
 
-Its question is how a localiser lasts over a `year`; methods on bird-views are judged with turned
-robots besides (DOM and PFL, IROS 2018). A study of `robustness` judges also altered queries,
-sequences of `stress`, other cells and variants of the methods. A study of `viewpoints` judges
-turned robots alone, on sequences that share no place with training; then several may train. A study
-of `lifelong` judges what a model answers after it learned further days (studies.courses).
+A study has one of four questions.
+- `year`: how does a localiser last over a year? Methods on bird-views are judged with turned robots
+  besides (DOM and PFL, IROS 2018).
+- `robustness`: the same, also with altered queries, stress sequences (drives that are hard in one
+  way), other cell sizes, and variants of the methods.
+- `viewpoints`: turned robots alone, on sequences that share no place with training.
+- `lifelong`: what does a model answer after it learned further days (studies.courses)?
 
-`Study.of` reads a study of conf/studies.yaml and checks it, `Study.table` gives what is written
-there.
+`Study.of` reads a study of conf/studies.yaml and checks it; `Study.table` is what is written there.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import reduce
-from operator import getitem
 from pathlib import Path
 from typing import Any, Literal, Self
 
@@ -25,11 +24,13 @@ from pipeline.studies.models import ModelName
 LIFELONG = "lifelong"
 QUESTIONS = ("year", "robustness", "viewpoints", LIFELONG)
 VIEWS = "views"
+"""The stage that draws views of single submaps."""
 BIRD_VIEWS = "birdviews"
+"""The stage that draws bird-views, of an octree of all scans so far."""
 VIEW_WORD = "method.view="
-"""The stages that draw views: of a submap alone, and of all scans before."""
+"""The beginning of the word by which a variant looks at another view than its method."""
 TOLERANCE = "15m"
-"""How near an answer must be, where a study says nothing: a file of conf/tolerance."""
+"""How near an answer must be if a study does not say it: a file of conf/tolerance."""
 NEEDED = (
     "world",
     "source",
@@ -42,12 +43,13 @@ NEEDED = (
     "grids",
     "methods",
 )
+"""Keys that every study in conf/studies.yaml must have."""
 SIMULATED = {"source": "world", "heeds": "simulated"}
 RECORDED = {"source": "readers", "heeds": "reader"}
 """Where the logs of a simulated and of a recorded study come from.
 
-`source` is a package of pipeline: who makes the logs. `heeds` is what the logs depend on in the
-data set's yaml: the reader, or of a simulated one no more than that it is simulated.
+`source` is the package of pipeline that provides the logs. `heeds` is the key of the data set's
+yaml that they depend on: `reader` if they are recorded, else only `simulated`.
 """
 KEYS: Mapping[str, Any] = {
     "question": Literal["year", "robustness", "viewpoints", "lifelong"],
@@ -72,7 +74,7 @@ KEYS: Mapping[str, Any] = {
     "tolerance": str,
     "latency": bool,
 }
-"""What a study in conf/studies.yaml may say, in the order in which it is written."""
+"""The keys of a study in conf/studies.yaml with their types, in the order of writing."""
 METHOD_KEYS: Mapping[str, Any] = {
     "name": str,
     "view": str,
@@ -83,11 +85,12 @@ METHOD_KEYS: Mapping[str, Any] = {
     "variants": Mapping[str, Any],
     "courses": Mapping[str, Any],
 }
+"""The keys of a method in a study, with their types."""
 
 
 @dataclass(frozen=True)
 class CellSize:
-    """A grid of a study: a file of conf/grid, and the wanted side of its cells in metres."""
+    """The cell size of a study's grid: a file of conf/grid, and the wanted side of its cells."""
 
     name: str
     cell_m: float
@@ -120,35 +123,37 @@ class StudyMethod:
     view: str
     """What it looks at: a file of conf/view."""
     code: str
-    """Its module, or its folder where networks live beside it."""
+    """The file of its module, or its folder if it has several."""
     stage: str = VIEWS
     """The stage that draws its view."""
     seeds: int = 1
-    """Models that differ in what training draws at random."""
+    """How many models are trained that differ in what training draws at random."""
     settings: Mapping[str, Any] = field(default_factory=dict)
-    """Settings of its yaml that have another value in this study."""
+    """The settings of its yaml to which this study gives another value."""
     variants: Mapping[str, str] = field(default_factory=dict)
-    """Name to the words of the command line that make it."""
+    """Its variants by name, each with the words of the command line that make it."""
     courses: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    """Order of the further days to strategies: files of conf/strategy."""
+    """For each order of the further days the strategies to learn them: files of conf/strategy."""
 
     @classmethod
     def described(cls, conf: Path, name: str, view: str = "") -> Self:
-        """A method by its yaml, looking at `view` instead of the yaml's own.
+        """The method of conf/method/`name`.yaml, looking at `view` if that is given.
 
-        Raises ConfigError where there is no such method.
+        Raises ConfigError if there is no such method.
         """
         settings = settings_of(conf, name)
-        module = settings["_target_"].split(".")[:-1]
-        code = "/".join(module[:3]) + (".py" if len(module) == 3 else "")
-        looked_at = view or str(settings["view"])
-        return cls(name, looked_at, code, stage_of(conf, looked_at))
+        module = settings["_target_"].split(".")[:-1]  # pipeline.methods.NAME, or longer
+        code = "/".join(module[:3])
+        if len(module) == 3:
+            code += ".py"
+        view = view or str(settings["view"])
+        return cls(name, view, code, stage_of(conf, view))
 
     @classmethod
     def of(cls, conf: Path, study: str, entry: Any) -> Self:
         """Read an entry of a study's methods: a name, or a table that may leave out view and code.
 
-        Raises ConfigError for a key or a value that is none of a method.
+        Raises ConfigError for a key or a value that a method cannot have.
         """
         table: Mapping[str, Any] = {"name": entry} if isinstance(entry, str) else entry
         check_value(study, "methods", table, Mapping[str, Any])
@@ -163,23 +168,21 @@ class StudyMethod:
         return cls(**{**table, "stage": stage, "courses": courses})
 
     def view_of(self, variant: str) -> str:
-        """What a variant looks at: the file of conf/view that its words name as `method.view`, else
-        the method's own."""
-        named = [
-            word.removeprefix(VIEW_WORD)
-            for word in self.variants.get(variant, "").split()
-            if word.startswith(VIEW_WORD)
-        ]
-        return named[-1] if named else self.view
+        """What a variant looks at: the view that its words name, else the method's own."""
+        view = self.view
+        for word in self.variants.get(variant, "").split():
+            if word.startswith(VIEW_WORD):
+                view = word.removeprefix(VIEW_WORD)
+        return view
 
     @property
     def views(self) -> tuple[str, ...]:
-        """All that it and its variants look at."""
+        """The views that it and its variants look at, each once."""
         return tuple(dict.fromkeys(map(self.view_of, ("", *self.variants))))
 
     @property
     def models(self) -> list[ModelName]:
-        """Its models: its own, then its variants, each with every seed."""
+        """The models of the method itself, then of each variant, each with every seed."""
         return [
             ModelName(self.name, variant, seed)
             for variant in ("", *self.variants)
@@ -188,7 +191,7 @@ class StudyMethod:
 
     @property
     def families(self) -> dict[str, list[ModelName]]:
-        """Its models by family, its own and that of each variant: one model of each seed."""
+        """The models by family: the method itself or a variant, with one model of each seed."""
         families: dict[str, list[ModelName]] = {}
         for model in self.models:
             families.setdefault(model.family, []).append(model)
@@ -200,21 +203,21 @@ class StudyMethod:
         return self.stage == BIRD_VIEWS
 
     def table(self) -> dict[str, Any]:
-        """The method as conf/studies.yaml has it: what differs from a method's defaults."""
-        courses = {order: list(strategies) for order, strategies in self.courses.items()}
-        optional = {
-            "stage": self.stage if self.stage != VIEWS else "",
-            "seeds": self.seeds if self.seeds > 1 else 0,
-            "settings": dict(self.settings),
-            "variants": dict(self.variants),
-            "courses": courses,
-        }
-        return {
-            "name": self.name,
-            "view": self.view,
-            "code": self.code,
-            **{key: value for key, value in optional.items() if value},
-        }
+        """The method as conf/studies.yaml has it, without what has its default."""
+        table: dict[str, Any] = {"name": self.name, "view": self.view, "code": self.code}
+        if self.stage != VIEWS:
+            table["stage"] = self.stage
+        if self.seeds > 1:
+            table["seeds"] = self.seeds
+        if self.settings:
+            table["settings"] = dict(self.settings)
+        if self.variants:
+            table["variants"] = dict(self.variants)
+        if self.courses:
+            table["courses"] = {
+                order: list(strategies) for order, strategies in self.courses.items()
+            }
+        return table
 
 
 @dataclass(frozen=True)
@@ -222,57 +225,57 @@ class Study:
     """One data set's training sequences, its test sequences, and what is compared on them."""
 
     name: str
-    """Of the data set, a file of conf/dataset; and so of the study."""
+    """The name of the data set, a file of conf/dataset; the study is called the same."""
     question: str
     """One of QUESTIONS."""
     simulated: bool
-    """Whether the logs are driven in a simulated world, not recorded."""
+    """Whether the logs were driven in a simulated world, not recorded."""
     world: str
-    """A file of conf/world: which simulated world, or `recorded`."""
+    """The simulated world, or `recorded`: a file of conf/world."""
     root: str
     """The folder of the logs."""
     train: tuple[str, ...]
-    """Training sequences; several for a study of viewpoints."""
+    """The training sequences; a study of viewpoints may have several."""
     tests: tuple[str, ...]
-    """Test sequences."""
+    """The test sequences."""
     budget: str
     """How long methods train: a file of conf/budget."""
     submap: str
-    """A file of conf/submap."""
+    """How a drive is cut into submaps: a file of conf/submap."""
     grids: tuple[CellSize, ...]
-    """Its own cell sizes."""
+    """The cell sizes at which everything is measured."""
     methods: tuple[StudyMethod, ...]
-    """What is compared."""
+    """The methods that are compared."""
     tolerance: Tolerance
-    """How near an answer must be."""
+    """How near an answer must be to be right."""
     learned: tuple[str, ...] = ()
-    """Surveyed sequences that are learned after training."""
+    """Sequences with surveyed poses that models learn after training."""
     updates: tuple[str, ...] = ()
-    """Sequences that a site learns by itself."""
+    """Sequences that a site learns by its own poses."""
     altered: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    """A file of conf/alteration to the test sequences whose queries are altered."""
+    """For each alteration (a file of conf/alteration) the test sequences that it alters."""
     cells: tuple[CellSize, ...] = ()
-    """Further cell sizes, which the methods' own models are asked about."""
+    """Further cell sizes, at which only the methods' own models are asked."""
     stress: Mapping[str, str] = field(default_factory=dict)
-    """A sequence that is hard in one way to a description of it."""
+    """Sequences that are hard in one way, each with a description of it."""
     poses: tuple[str, ...] = ()
     """Families of models whose answers are registered with the map: `sci`, `sci-4way`."""
     paths: tuple[str, ...] = ()
-    """Files of conf/path: how the poses of a drive are joined."""
+    """The ways in which the poses of a drive are joined: files of conf/path."""
     latency: bool = True
     """Whether the cost of a query is measured."""
     slam: bool = False
     """Whether poses are estimated from the scans, not read from the logs."""
     key_order: tuple[str, ...] = field(default=(), compare=False)
-    """The keys that conf/studies.yaml says, in its order; written in that order again."""
+    """The keys that conf/studies.yaml has, in its order, so that they are written so again."""
 
     @classmethod
     def of(cls, conf: Path, name: str, table: Mapping[str, Any]) -> Self:
         """Read the study `name` of conf/studies.yaml.
 
-        A hand may leave out the question, and each method's view, code and stage. Raises
-        ConfigError for a key that is missing or unknown, for a value that cannot be meant, and for
-        a grid, tolerance or method that conf/ has no file of.
+        Whoever writes it by hand may leave out the question, and each method's view, code and
+        stage. Raises ConfigError for a key that is missing or unknown, for a value of a wrong type,
+        and for a grid, tolerance or method that conf/ has no file of.
         """
         check_keys(name, table)
         altered = table.get("altered", {})
@@ -327,13 +330,13 @@ class Study:
             "latency": self.latency,
         }
         defaults = {"tolerance": TOLERANCE, "latency": True}
-        keys = dict.fromkeys(("question", *self.key_order, *values))
-        return {
-            key: values[key]
-            for key in keys
-            if key in self.key_order
-            or (values[key] != defaults[key] if key in defaults else values[key])
-        }
+        table: dict[str, Any] = {}
+        for key in dict.fromkeys(("question", *self.key_order, *values)):
+            value = values[key]
+            is_default = value == defaults[key] if key in defaults else not value
+            if key in self.key_order or not is_default:
+                table[key] = value
+        return table
 
     @property
     def origin(self) -> Mapping[str, str]:
@@ -347,17 +350,17 @@ class Study:
 
     @property
     def asks_about_the_year(self) -> bool:
-        """Whether the tests show the training sequence's places."""
+        """Whether its question is `year` or `robustness`: the tests revisit training's places."""
         return self.question in QUESTIONS[:2]
 
     @property
     def learns_further_days(self) -> bool:
-        """Whether models learn days after training."""
+        """Whether its question is `lifelong`: models learn days after training."""
         return self.question == LIFELONG
 
     @property
     def sequences(self) -> tuple[str, ...]:
-        """All sequences: of training, tests, stress, and further days."""
+        """All sequences: those of training, tests and stress, and further days."""
         return (*self.train, *self.tests, *self.stress, *self.learned, *self.updates)
 
     @property
@@ -367,12 +370,12 @@ class Study:
 
     @property
     def grid_names(self) -> list[str]:
-        """The names of its own cell sizes."""
+        """The names of the cell sizes at which everything is measured."""
         return [grid.name for grid in self.grids]
 
     @property
     def all_grids(self) -> tuple[CellSize, ...]:
-        """Its own cell sizes, and those of its study of cell sizes."""
+        """All cell sizes, with the further ones at which little is measured."""
         return (*self.grids, *self.cells)
 
     @property
@@ -390,7 +393,7 @@ class Study:
         return next(model for model in self.models if model.name == name)
 
     def answers_of(self, model: ModelName) -> list[ModelName]:
-        """A model's own answers, those with poses if the study has them, and along each path."""
+        """The names of a model's answers: without poses, and with those that the study has."""
         if model.family not in self.poses:
             return [model]
         posed = replace(model, posed=True)
@@ -398,30 +401,33 @@ class Study:
 
     @property
     def answerers(self) -> list[ModelName]:
-        """All answers at the study's own cell sizes: of each model, with poses and paths too."""
+        """The names of all answers of all models, without and with poses and paths."""
         return [answers for model in self.models for answers in self.answers_of(model)]
 
 
 def check_keys(study: str, table: Mapping[str, Any]) -> None:
     """Raise ConfigError for a key of a study that is missing or unknown, or has a wrong value."""
-    if lacks := [key for key in NEEDED if key not in table]:
-        raise ConfigError(
-            f"conf/studies.yaml: {study} has no {lacks[0]}; `yearloc use {study}` writes the study "
-            "anew"
-        )
-    if unknown := [key for key in table if key not in KEYS]:
-        raise ConfigError(
-            f"conf/studies.yaml: {study} has a key {unknown[0]}; expected some of {', '.join(KEYS)}"
-        )
+    for key in NEEDED:
+        if key not in table:
+            raise ConfigError(
+                f"conf/studies.yaml: {study} has no {key}; `yearloc use {study}` writes the study "
+                "anew"
+            )
+    for key in table:
+        if key not in KEYS:
+            raise ConfigError(
+                f"conf/studies.yaml: {study} has a key {key}; expected some of {', '.join(KEYS)}"
+            )
     for key, value in table.items():
         check_value(study, key, value, KEYS[key])
     for alteration, sequences in table.get("altered", {}).items():
         check_value(study, f"altered.{alteration}", sequences, Sequence[str])
-    if empty := [key for key in NEEDED if not table[key]]:
-        raise ConfigError(
-            f"conf/studies.yaml: {study}: {empty[0]} is empty; `yearloc use {study}` writes the "
-            "study anew"
-        )
+    for key in NEEDED:
+        if not table[key]:
+            raise ConfigError(
+                f"conf/studies.yaml: {study}: {key} is empty; `yearloc use {study}` writes the "
+                "study anew"
+            )
     origin = SIMULATED if table["source"] == SIMULATED["source"] else RECORDED
     if table["heeds"] != origin["heeds"]:
         raise ConfigError(
@@ -432,18 +438,19 @@ def check_keys(study: str, table: Mapping[str, Any]) -> None:
 
 def check_method(study: str, table: Mapping[str, Any]) -> None:
     """Raise ConfigError for a key of a study's method that is unknown, or has a wrong value."""
-    if unknown := [key for key in table if key not in METHOD_KEYS]:
-        raise ConfigError(
-            f"conf/studies.yaml: {study}: a method has a key {unknown[0]}; expected some of "
-            f"{', '.join(METHOD_KEYS)}"
-        )
+    for key in table:
+        if key not in METHOD_KEYS:
+            raise ConfigError(
+                f"conf/studies.yaml: {study}: a method has a key {key}; expected some of "
+                f"{', '.join(METHOD_KEYS)}"
+            )
     check_value(study, "methods.name", table.get("name"), str)
     for key, value in table.items():
         check_value(study, f"methods.{table['name']}.{key}", value, METHOD_KEYS[key])
 
 
 def check_value(study: str, key: str, value: Any, hint: Any) -> None:
-    """Raise ConfigError unless a value of a study is of the type that its key expects."""
+    """Raise ConfigError unless a value of a study has the type that its key expects."""
     try:
         within(key, value, hint)
     except ConfigError as error:
@@ -461,33 +468,34 @@ def named_file(conf: Path, study: str, group: str, name: str) -> Path:
 
 
 def number_of(conf: Path, study: str, group: str, name: str, *keys: str) -> float:
-    """The number at a path of keys in a file of conf/ that a study names.
+    """Read a number in a file of conf/ that a study names; `keys` lead to it, table by table.
 
     Raises ConfigError as `file_of` does.
     """
-    content: Any = read_yaml(named_file(conf, study, group, name))
-    return float(reduce(getitem, keys, content))
+    value: Any = read_yaml(named_file(conf, study, group, name))
+    for key in keys:
+        value = value[key]
+    return float(value)
 
 
 def file_of(conf: Path, group: str, name: str, refusal: str) -> Path:
-    """The path of a file of conf/.
+    """The path of the file conf/`group`/`name`.yaml.
 
-    Where it is missing, raises ConfigError with `refusal` and the names that there are.
+    If it is missing, raises ConfigError with `refusal` and the names of the files that exist.
     """
     path = conf / group / f"{name}.yaml"
     if not path.is_file():
-        raise ConfigError(
-            f"{refusal} {', '.join(sorted(file.stem for file in path.parent.glob('*.yaml')))}"
-        )
+        choices = sorted(file.stem for file in path.parent.glob("*.yaml"))
+        raise ConfigError(f"{refusal} {', '.join(choices)}")
     return path
 
 
 def settings_of(conf: Path, method: str) -> dict[str, Any]:
-    """The yaml of a method; raises ConfigError where there is no such method."""
+    """Read the yaml of a method; raises ConfigError if there is no such method."""
     return read_yaml(file_of(conf, "method", method, f"methods={method}: expected some of"))
 
 
 def stage_of(conf: Path, view: str) -> str:
-    """The stage that draws a view: an octree has memory, and so eats scans in their order."""
+    """The stage that draws a view: `birdviews` if it is of an octree, which has a memory."""
     path = conf / "view" / f"{view}.yaml"
     return BIRD_VIEWS if path.is_file() and "octree" in read_yaml(path) else VIEWS
