@@ -1,4 +1,8 @@
-"""The `yearloc` command."""
+"""The `yearloc` command: gathers the functions of all commands, and runs the one that is called.
+
+Each module here has one command or two: a function whose signature declares the options. `main`
+turns an error that a person can put right into one line and an exit code.
+"""
 
 import os
 import sys
@@ -58,14 +62,14 @@ GROUPS: dict[str, tuple[Callable[..., None], ...]] = {
 }
 """The commands, in the order and under the headings of `yearloc --help`."""
 COMPLETION = "_YEARLOC_COMPLETE"
-"""The variable by which a shell asks for the words that may come next."""
+"""The environment variable by which a shell asks which words may come next."""
 
 
 class Command(TyperCommand):
-    """A command of this project, not of the one that the folder was copied from."""
+    """A command that refuses to run in a copied project which still runs the first one's code."""
 
     def invoke(self, ctx: Any) -> Any:
-        """Run it; raises ConfigError where another project's code would run."""
+        """Run the command; raises ConfigError if another project's code would run."""
         refuse_code_of_another()
         return super().invoke(ctx)
 
@@ -80,30 +84,24 @@ COMMANDS = {
     for group, functions in GROUPS.items()
     for function in functions
 }
-"""The functions by the words that name them on the command line."""
+"""The functions of the commands, by the words that name them on the command line."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the command that the arguments name.
+    """Run the command that the arguments name, by default those of the process.
 
-    A YearlocError becomes one line and exit code 1, a wrong command line one and exit code 2.
+    A YearlocError becomes one line and exit code 1, a wrong command line one line and exit code 2.
     """
     print_anywhere()
     keep_freed_memory()
     end_when_asked()
     if os.environ.get(COMPLETION):
         app(prog_name="yearloc")
-    commands = get_command(app)
     words = sys.argv[1:] if arguments is None else [*arguments]
-    command = "".join(f" {word}" for word in words[:1] if word in COMMANDS)
+    is_command = bool(words) and words[0] in COMMANDS
+    command = f" {words[0]}" if is_command else ""
     try:
-        with commands.make_context("yearloc", words) as context:
-            commands.invoke(context)
-    except typer.Exit as ended:
-        sys.exit(ended.exit_code)
-    except SystemExit as ended:
-        if not isinstance(ended.__context__, BrokenPipeError):  # of which rich makes one
-            raise
+        _invoke(words)
     except typer.TyperException as error:
         mistake = one_line(_mistake(error))
         print(
@@ -117,22 +115,36 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except KeyboardInterrupt:
         print(f"yearloc{command}: interrupted", file=sys.stderr)
         sys.exit(130)
-    except BrokenPipeError:  # a reader such as head has seen enough
+    except BrokenPipeError:  # whatever reads the output, such as head, has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except (OSError, MemoryError) as error:
-        if not (line := machine_refusal(error)):
+        if not (refusal := machine_refusal(error)):
             raise
-        print(f"yearloc{command}: {one_line(line)}", file=sys.stderr)
+        print(f"yearloc{command}: {one_line(refusal)}", file=sys.stderr)
         sys.exit(1)
 
 
+def _invoke(words: Sequence[str]) -> None:
+    """Parse the command line and call the command's function."""
+    commands = get_command(app)
+    try:
+        with commands.make_context("yearloc", [*words]) as context:
+            commands.invoke(context)
+    except typer.Exit as ended:
+        sys.exit(ended.exit_code)
+    except SystemExit as ended:
+        # rich exits when its output is no longer read; that is no failure
+        if not isinstance(ended.__context__, BrokenPipeError):
+            raise
+
+
 def _mistake(error: typer.TyperException) -> str:
-    """What is wrong in the command line; of a value that cannot be parsed, with the value."""
+    """What is wrong in the command line; if a value cannot be parsed, with the value."""
     match error:
         case typer.BadParameter(param_hint=str() as name):
             return f"{name}: {error.message}"
         case typer.BadParameter(param=parameter, __cause__=cause) if parameter and cause:
-            validation: Any = cause  # pydantic's
+            validation: Any = cause  # pydantic's ValidationError
             refused = validation.errors()[0]
             expected = refused["msg"].removeprefix("Value error, ").rstrip(".")
             for words in (f"{refused['input']!r} is not", "Input should be"):

@@ -1,4 +1,4 @@
-"""`python -m pipeline.cli` is `yearloc`."""
+"""Lets `python -m pipeline.cli` run the command `yearloc`."""
 
 from pipeline.cli import main
 

@@ -1,4 +1,4 @@
-"""`yearloc fetch` and `yearloc inspect`: bring data, and look at it."""
+"""`yearloc fetch` downloads the archives of a data set; `yearloc inspect` says what a file is."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -35,14 +35,15 @@ def fetch(
         names = ", ".join(sorted(file.stem for file in path.parent.glob("*.yaml")))
         raise ConfigError(f"no archives of {dataset}: expected one of {names}")
     options = dict(word.split("=", 1) for word in words if "=" in word)
-    sequences = [w for w in words if "=" not in w]
+    sequences = [word for word in words if "=" not in word]
     if unknown := sorted(set(options) - {"root", "base"}):
         raise ConfigError(f"fetch has no option {unknown[0]}: expected root or base")
     root = Path(options.pop("root", f"data/{dataset}")).expanduser()
     publisher = Publisher.of({**read_yaml(path), **options})
-    if not (sequences or publisher.sequences):
+    sequences = sequences or [*publisher.sequences]
+    if not sequences:
         raise ConfigError(f"which sequences of {dataset}? Say, for example, 2012-01-15")
-    for line in publisher.fetch(root, sequences or publisher.sequences, Bytes()):
+    for line in publisher.fetch(root, sequences, Bytes()):
         print(f"  {line}", flush=True)
     print(f"next: yearloc use {dataset} root={root}")
 
@@ -64,37 +65,46 @@ def inspect(
     """Say what a file or artifact is: ranges, counts, frames, provenance, warnings."""
     from pipeline.inspection import report
 
-    if save and (
-        save.parent.resolve() != (conf_folder() / "dataset").resolve() or save.suffix != ".yaml"
-    ):
-        raise ConfigError(
-            f"--save {save}: expected conf/dataset/NAME.yaml, where `yearloc use NAME` finds it"
-        )
-    if save and save.exists():
-        raise ConfigError(f"--save {save}: is there already; remove it first, or give another name")
+    if save:
+        _check_save(save)
     if path.suffix == ".site":
         from pipeline.online.description import describe
 
         print(describe(path).text(terminal_width()))
         return
-    print(report.inspect(path, format_name, folder_reader=_own_reader()).text(terminal_width()))
+    print(report.inspect(path, format_name, folder_reader=_folder_reader()).text(terminal_width()))
     if save:
-        from pipeline.inspection.bags import proposal
+        _save_proposal(path, save)
 
-        with replace(save) as scratch:
-            scratch.write_text(proposal([path]), encoding="utf-8")
-        has_truth = read_yaml(save)["reader"]["truth"] is not None
-        further = "" if has_truth else " train=DRIVE poses=slam"
-        print(
-            f"\n{save}: written; next: yearloc use {save.stem} root=FOLDER{further}, where the "
-            "bags of all days are"
+
+def _check_save(save: Path) -> None:
+    """Raise ConfigError unless `save` is a new yaml in conf/dataset."""
+    if save.parent.resolve() != (conf_folder() / "dataset").resolve() or save.suffix != ".yaml":
+        raise ConfigError(
+            f"--save {save}: expected conf/dataset/NAME.yaml, where `yearloc use NAME` finds it"
         )
+    if save.exists():
+        raise ConfigError(f"--save {save}: is there already; remove it first, or give another name")
 
 
-def _own_reader() -> "Folder":
-    """The reader of the user's own scan folders.
+def _save_proposal(bags: Path, save: Path) -> None:
+    """Write the yaml of a data set that is proposed for bags, and say what to call next."""
+    from pipeline.inspection.bags import proposal
 
-    It is set up by the project's conf/dataset/folder.yaml, or by its defaults outside of a project.
+    with replace(save) as scratch:
+        scratch.write_text(proposal([bags]), encoding="utf-8")
+    has_truth = read_yaml(save)["reader"]["truth"] is not None
+    further_words = "" if has_truth else " train=DRIVE poses=slam"
+    print(
+        f"\n{save}: written; next: yearloc use {save.stem} root=FOLDER{further_words}, where the "
+        "bags of all days are"
+    )
+
+
+def _folder_reader() -> "Folder":
+    """The reader of a user's own folders of scans.
+
+    conf/dataset/folder.yaml sets it up, or outside of a project its defaults.
     """
     from pipeline.core.building import build
     from pipeline.readers.folder import Folder

@@ -1,4 +1,8 @@
-"""`yearloc example`: a site that is ready, asked about three scans."""
+"""`yearloc example` asks the site that comes with the package about three scans.
+
+A site is one file with all that it takes to localise in a place. Its answer to a scan is a fix: a
+pose, and a verdict that says what of it to believe.
+"""
 
 from typing import TYPE_CHECKING
 
@@ -16,8 +20,9 @@ MEANING: dict["Word", str] = {
     "rejected": "nothing is believed; it may be from elsewhere",
     "no pose": "too few points, or nothing fits",
 }
-"""What each verdict says."""
+"""What each verdict on a fix means, in words."""
 PROMISE = 0.99
+"""The wanted share of right poses among those that are accepted."""
 
 
 def example() -> None:
@@ -40,23 +45,25 @@ def example() -> None:
 
 
 def lines(scan: "ExampleScan", fix: "Fix") -> list[str]:
-    """What a site answers to one scan, and how far that is from the truth."""
+    """A heading, and a row for each part of a site's answer: how sure it is, and how far off."""
     from pipeline.core.frames import distance_and_turn
 
     rows = [("verdict", f"{fix.verdict}: {MEANING[fix.verdict].format(promise=PROMISE)}")]
     if fix.verdict != "no pose":
-        away_m, turn_deg = distance_and_turn(fix.world_T_sensor[None], scan.world_T_scan[None])
-        chance = f"chance {1 - fix.novelty:.3f}, {away_m[0]:.2f} m and {turn_deg[0]:.1f}° off"
-        rows.append(("pose", f"{_pose(fix.world_T_sensor)}; {chance}"))
-    rows += [
-        ("runner-up", f"{_pose(other.world_T_sensor)}; chance {other.chance:.3f}")
-        for other in fix.runners_up[:1]
-    ]
+        off_m, off_deg = distance_and_turn(fix.world_T_sensor[None], scan.world_T_scan[None])
+        chance = f"chance {1 - fix.novelty:.3f}, {off_m[0]:.2f} m and {off_deg[0]:.1f}° off"
+        rows.append(("pose", f"{_pose_text(fix.world_T_sensor)}; {chance}"))
+    if fix.runners_up:
+        second, *_ = fix.runners_up
+        rows.append(
+            ("runner-up", f"{_pose_text(second.world_T_sensor)}; chance {second.chance:.3f}")
+        )
     heading = f"{scan.path.name}, {scan.day}: {scan.about}"
     return [heading, *(f"  {name:<10} {text}" for name, text in rows)]
 
 
-def _pose(world_T_sensor: "Poses") -> str:
+def _pose_text(world_T_sensor: "Poses") -> str:
+    """Position and heading of a pose (4, 4) in the world."""
     import numpy as np
 
     from pipeline.core.frames import yaw

@@ -1,13 +1,12 @@
-"""`yearloc failures`: fixes with their true poses in; pictures of those judged wrongly out.
+"""`yearloc failures` draws a picture of each fix that the verdict got wrong.
 
-A fix is judged wrongly if it is accepted though wrong, or rejected though right. The fixes are
-those of a study's test days, or of a site that localises a log with true poses.
+A fix is the pose that was found for a scan. Its verdict is wrong if it is accepted though wrong, or
+rejected though right. The fixes are those of a study's test days, or of a site (one file with all
+that it takes to localise in a place) that localises a log whose true poses are known.
 """
 
 from collections import Counter
-from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -52,7 +51,7 @@ class JudgedFixes:
     targets: "Targets"
     """The submaps of the map."""
     promise_text: str
-    """What the verdicts promise, for the heading of each picture."""
+    """The precision that the verdicts promise, in words, for the heading of each picture."""
     simulated: bool
 
 
@@ -74,7 +73,7 @@ def failures(
         judged = _judged_of_site(of, log, body_T_lidar, promise)
     misjudged_fixes = cards.failures(judged.fixes)
     out.mkdir(parents=True, exist_ok=True)
-    heading_end = judged.promise_text + ", simulated" * judged.simulated
+    heading_end = f"{judged.promise_text}, simulated" if judged.simulated else judged.promise_text
     for number, fix in enumerate(misjudged_fixes[:worst], start=1):
         cards.draw(judged.targets, fix, out / f"{number:03d}_{fix.file_name}", heading_end)
     accepted_wrong = sum(fix.accepted for fix in misjudged_fixes)
@@ -88,9 +87,9 @@ def failures(
 def _judged_of_site(
     name: str, log: str | None, body_T_lidar: str | None, promise: float | None
 ) -> JudgedFixes:
-    """Localises the scans of a log that have a true pose, by a site file.
+    """Localise those scans of a log that have a true pose, by a site file.
 
-    Raises ConfigError without a log, LogError for one without true poses.
+    Raises ConfigError without a log, LogError for a log without true poses.
     """
     import numpy as np
 
@@ -121,9 +120,9 @@ def _judged_of_site(
 
 
 def _judged_of_study(name: str, day: str | None, promise: float | None) -> JudgedFixes:
-    """Reads the fixes of STUDY/GRID/METHOD on one test day, or on all.
+    """Read the fixes of STUDY/GRID/METHOD on one test day, or on all.
 
-    Raises ConfigError for a study, model or day that is not there.
+    Raises ConfigError for a study, model or day that does not exist.
     """
     from pipeline.online.failures import of_study
     from pipeline.posing.targets import Targets
@@ -132,21 +131,19 @@ def _judged_of_study(name: str, day: str | None, promise: float | None) -> Judge
     dataset, grid, _ = name.split("/")
     study = _study(name)
     model = _posed_model(study, name)
-    days = study.asked_days
-    if day not in (None, *days):
-        raise ConfigError(f"{day}: expected one of {', '.join(days)}")
+    if day not in (None, *study.asked_days):
+        raise ConfigError(f"{day}: expected one of {', '.join(study.asked_days)}")
     layout = Layout()
-    fixes_by_day: list[Iterator[JudgedFix]] = [
-        of_study(
-            layout.answers(dataset, grid, model, asked_day),
-            layout.path("scans", dataset, asked_day),
-            layout.path("submaps", dataset, asked_day),
+    fixes: list[JudgedFix] = []
+    for test_day in [day] if day else study.asked_days:
+        fixes += of_study(
+            layout.answers(dataset, grid, model, test_day),
+            layout.path("scans", dataset, test_day),
+            layout.path("submaps", dataset, test_day),
             promise,
         )
-        for asked_day in ([day] if day else days)
-    ]
     return JudgedFixes(
-        list(chain.from_iterable(fixes_by_day)),
+        fixes,
         Targets.read(layout.path("map", dataset, study.train_text)),
         "nothing was promised" if promise is None else f"promise {promise:g}",
         study.simulated,
@@ -154,7 +151,7 @@ def _judged_of_study(name: str, day: str | None, promise: float | None) -> Judge
 
 
 def _study(name: str) -> "Study":
-    """The study of STUDY/GRID/METHOD; raises ConfigError if there is none with such a grid."""
+    """The study of STUDY/GRID/METHOD; raises ConfigError if it or its grid does not exist."""
     dataset, grid, _ = name.split("/")
     studies = read_studies()
     if dataset not in studies or grid not in studies[dataset].grid_names:
@@ -165,7 +162,7 @@ def _study(name: str) -> "Study":
 
 
 def _posed_model(study: "Study", name: str) -> "ModelName":
-    """The model of STUDY/GRID/METHOD whose answers have poses; its own name may end in -pose.
+    """The model of STUDY/GRID/METHOD whose answers have poses; METHOD may lack the ending -pose.
 
     Raises ConfigError if there is none.
     """

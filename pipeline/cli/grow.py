@@ -1,7 +1,7 @@
-"""`yearloc grow`: a site file and the log of a later day in; a site file that knows that day out.
+"""`yearloc grow` teaches a site a later day: it reads a site file and a log, and writes a new site.
 
-Which scans are learned, and at which poses, `lifelong.adoption` decides; what the site makes of
-them, `lifelong.growth`.
+A site is one file with all that it takes to localise in a place. `lifelong.adoption` decides which
+scans of the log are learned, and at which poses; `lifelong.growth` adds them to the site.
 """
 
 import sys
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 POSES_OF_LOG = "log"
 """The word after `--poses` for the poses that the log itself has."""
 SURVEY_GAP_S = 1.0
-"""Surveyed poses are not interpolated over longer gaps."""
+"""Surveyed poses are not interpolated over gaps that are longer than this."""
 
 LogPath = Annotated[
     str,
@@ -109,10 +109,10 @@ def grow(
 def _adoption(
     site: "Site", scans: "Sequence[Scan]", surveyed: str | None, promise: float
 ) -> "Adoption":
-    """The scans that the site is to learn, each with its pose.
+    """Choose the scans that the site learns, each with its pose.
 
-    The poses are of the survey where `surveyed` names one, else the site's own fixes that keep
-    the promise. Raises NothingAdoptedError where no scan is left.
+    If `surveyed` is given, the poses are those of the survey; else they are the site's own fixes
+    that keep the promise, a precision. Raises NothingAdoptedError if no scan has such a pose.
     """
     from pipeline.core.frames import Trajectory
     from pipeline.lifelong import adoption

@@ -1,6 +1,7 @@
-"""`yearloc kernels`: compiles, once per machine, the functions that a first scan waits for.
+"""`yearloc kernels` compiles the kernels that the first scan would wait for, once per machine.
 
-Commands that localise tell the user before they compile them (`tell_cold`).
+Kernels are functions that numba compiles to machine code when they are first called. Commands that
+localise call `tell_cold`, so that the user knows why the first scan takes half a minute.
 """
 
 import sys
@@ -27,14 +28,14 @@ def tell_cold() -> None:
             flush=True,
         )
         return
-    from pipeline.views.kernels import bin_heights  # which every first scan needs
+    from pipeline.views.kernels import bin_heights  # every first scan needs this kernel
 
     if cold(bin_heights):
-        folder_note = (
-            f", kept in {pipeline.KERNELS}: set {CACHE_VARIABLE} to a folder that lasts"
-            if pipeline.KERNELS
-            else ""
-        )
+        folder_note = ""
+        if pipeline.KERNELS:
+            folder_note = (
+                f", kept in {pipeline.KERNELS}: set {CACHE_VARIABLE} to a folder that lasts"
+            )
         print(
             f"  compiling kernels, once per machine: half a minute{folder_note}",
             file=sys.stderr,

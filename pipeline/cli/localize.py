@@ -1,4 +1,9 @@
-"""`yearloc localize`: a site file and scans in; a pose and a verdict for each scan out."""
+"""`yearloc localize` says where scans were taken: a pose and a verdict for each of them.
+
+It reads a site (one file with all that it takes to localise in a place) and scans from files, logs,
+bags or a recording under way, and writes text, JSON, CSV or a trajectory. The verdict says what of
+the pose to believe, at a promised precision.
+"""
 
 import gc
 import sys
@@ -99,13 +104,10 @@ def localize(
     tell_cold()
     with writer(output_format, out) as write:
         for source in inputs:
-            scans = (
-                options.followed_scans(source, idle, summary)
-                if follow
-                else options.scans(source, summary.skipped)
-            )
+            scans = options.scans_or_followed(source, follow, idle, summary)
             for scan, points_m, fix in localized(scans, tracker or site, promise, summary.broken):
-                if not summary.verdicts and not site.is_level:
+                is_first = not summary.verdicts
+                if is_first and not site.is_level:
                     _tell_unlike(points_m, site.description.sensor, scan.body_T_lidar)
                 write(scan, fix)
                 summary.add(scan, fix)
@@ -119,12 +121,12 @@ def localize(
 
 @contextmanager
 def _without_garbage_collection() -> Iterator[None]:
-    """Import faster: modules make no garbage, and looking for it is a tenth of a start."""
+    """Import faster: modules make no garbage, and searching for it is a tenth of the start."""
     gc.disable()
     try:
         yield
     finally:
-        gc.freeze()  # modules stay, so no later collection need look at them
+        gc.freeze()  # modules stay, so no later collection needs to search them
         gc.enable()
 
 
@@ -143,7 +145,7 @@ def _check_lift(lift_m: float, inputs: list[str], site: "Site") -> None:
 def _tell_unlike(
     points_m: "NDArray[np.float64]", sensor: "Sensor", body_T_lidar: "Poses | None"
 ) -> None:
-    """Print in what a scan (n, 3) differs from those that the site was learned with."""
+    """Print how the points (n, 3) of a scan differ from the scans that the site learned."""
     from pipeline.online.sensor import unlike
 
     for line in unlike(points_m, sensor, body_T_lidar):

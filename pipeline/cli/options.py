@@ -1,4 +1,8 @@
-"""Arguments and options of several commands: types of parameters, and their values."""
+"""Arguments and options that several commands share, as annotated types for their signatures.
+
+typer reads names, help and parsers off these annotations. Below them are the functions that check
+or convert the values.
+"""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -19,7 +23,7 @@ def share_or_none(word: str) -> float | None:
 
 
 def some_words(metavar: str, help_text: str) -> Any:
-    """An argument of any number of words, none by default."""
+    """A command-line argument that takes any number of words, by default none."""
     return typer.Argument(metavar=metavar, default_factory=list, show_default=False, help=help_text)
 
 
@@ -76,15 +80,19 @@ Idle = Annotated[
 
 
 def lidar_of(body_T_lidar: str | None) -> "Poses | None":
-    """The pose (4, 4) that `--body-T-lidar` gives; None without the option."""
+    """The pose (4, 4) of the lidar that `--body-T-lidar` gives; None without the option."""
     from pipeline.online.inputs import placement
 
     return None if body_T_lidar is None else placement("--body-T-lidar", body_T_lidar)
 
 
 def only_one(options: Mapping[str, object]) -> str | None:
-    """The name of the option that is given; raises typer.BadParameter for a second one."""
-    names = [name for name, value in options.items() if value is not None and value is not False]
-    if len(names) > 1:
-        raise typer.BadParameter(f"not together with --{names[0]}", param_hint=f"--{names[1]}")
-    return names[0] if names else None
+    """The name of the one option with a value, or None; raises typer.BadParameter for two.
+
+    `options` has the values by name, None or False of an option that is not given.
+    """
+    given = [name for name, value in options.items() if value is not None and value is not False]
+    if len(given) > 1:
+        first, second, *_ = given
+        raise typer.BadParameter(f"not together with --{first}", param_hint=f"--{second}")
+    return given[0] if given else None

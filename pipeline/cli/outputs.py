@@ -1,4 +1,4 @@
-"""Checks before the work starts that the output file or folder of a command can be written."""
+"""Checks, before the work starts, that a command will be able to write its output."""
 
 import os
 from pathlib import Path
@@ -8,9 +8,10 @@ from pipeline.core.errors import ConfigError
 
 
 def check_file(out: Path | None, whole: bool = True) -> None:
-    """Raise ConfigError for a file that cannot be written.
+    """Raise ConfigError if the output file `out` cannot be written; None is standard output.
 
-    A `whole` file is moved into place when done; any other may be a device or a pipe.
+    A `whole` file is written beside its path and moved there when it is done, so it must be a plain
+    file. Any other is written as the lines come, so it may be a device or a pipe.
     """
     if out is None:
         return
@@ -27,7 +28,7 @@ def check_file(out: Path | None, whole: bool = True) -> None:
 
 
 def check_folder(out: Path) -> None:
-    """Raise ConfigError for a folder that cannot be made or written to."""
+    """Raise ConfigError if the output folder `out` cannot be made or written to."""
     _check_parent(out)
     if out.exists() and not out.is_dir():
         raise ConfigError(f"{out}: is a file, expected a folder")

@@ -1,4 +1,8 @@
-"""`yearloc picture`: a moving picture of one test day."""
+"""`yearloc picture` draws a moving picture of a drive, which shows the answers that are believed.
+
+The drive is a test day of a study, over the map of the training day, or a log in the plan of a
+level site (a building that a 2-D laser knows).
+"""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -17,27 +21,31 @@ from pipeline.core.errors import ConfigError, LogError
 if TYPE_CHECKING:
     import pandas as pd
 
+    from pipeline.studies.study import Study
+
 
 @dataclass(frozen=True)
 class Drawn:
-    """A moving picture that was written, and what it shows."""
+    """A moving picture that was written, and the words of its caption."""
 
     path: Path
     title: str
     """The days: `Learned 2012-01-15, driven 2013-04-05, 446 days later`."""
     counts: str
-    """How many answers were accepted and refused, and how many wrong among each."""
+    """How many answers were accepted and refused, and how many of each were wrong."""
     colours: str
-    """What the colours say."""
+    """What the colours mean."""
     simulated: bool
-    frames: int
+    frame_count: int
 
     @property
     def line(self) -> str:
         """The line that the command prints: file, days, counts, frames and size."""
+        simulated = ", simulated" if self.simulated else ""
+        size_mb = self.path.stat().st_size / 1e6
         return (
-            f"{self.path}: {self.title}: {self.counts}{', simulated' * self.simulated}; "
-            f"{self.frames} frames, {self.path.stat().st_size / 1e6:.2f} MB"
+            f"{self.path}: {self.title}: {self.counts}{simulated}; "
+            f"{self.frame_count} frames, {size_mb:.2f} MB"
         )
 
     @property
@@ -76,7 +84,7 @@ def picture(
     Of a level site it shows the drive of a log or bag in the plan of the building, tracked.
     """
     if of.endswith(".site"):
-        print(_of_site(Path(of), day, out, promise, topic, odometry))
+        print(draw_level_drive(Path(of), day, out, promise, topic, odometry))
     else:
         print(draw(of, day, out).line)
 
@@ -86,35 +94,18 @@ def draw(of: str, test_day: str | None, out: Path) -> Drawn:
     from pipeline.evaluation import results
     from pipeline.report.figures import animation, chase
     from pipeline.report.figures.believed import BelievedDrive
-    from pipeline.report.study import Study
+    from pipeline.report.study import Study as StudyOfGrid
     from pipeline.studies.layout import Layout
 
     check_file(out)
     animation.check_ending(out)
-    studies = read_studies()
-    (name, grid, model) = _parts(of)
-    if name not in studies or grid not in studies[name].grid_names:
-        choices = ", ".join(
-            f"{study_name}/{study_grid}"
-            for study_name, study in studies.items()
-            for study_grid in study.grid_names
-        )
-        raise ConfigError(
-            f"{of}: no such study and grid, expected one of "
-            f"{choices or 'none: `yearloc use campus` first'}"
-        )
-    study = studies[name]
-    if not study.asks_about_the_year:
-        raise ConfigError(f"{of}: this study turns robots where they stand, and drives no test day")
-    if model not in (models := [answers.name for answers in study.answerers]):
-        raise ConfigError(f"{of}: no such method, expected one of {', '.join(models)}")
-    days = study.asked_days
-    if test_day and test_day not in days:
-        raise ConfigError(f"{test_day}: no such test day, expected one of {', '.join(days)}")
+    name, grid, model = _parts(of)
+    study = _study_with(read_studies(), name, grid, of)
+    _check_model_and_day(study, model, test_day, of)
     table = results.read(Layout(), {name: study})
     sequence = test_day or last_day(table, study.tests)
-    drive = BelievedDrive.of(Study(Layout(), study, grid, table), model, sequence)
-    frames, _ = chase.write(drive, out, Bar())
+    drive = BelievedDrive.of(StudyOfGrid(Layout(), study, grid, table), model, sequence)
+    frame_count, _ = chase.write(drive, out, Bar())
     accepted, wrong, refused, wrong_refused = drive.counts[:, -1].tolist()
     noun = "pose" if drive.posed else "answer"
     counts = (
@@ -122,10 +113,10 @@ def draw(of: str, test_day: str | None, out: Path) -> Drawn:
         f"{wrong_refused} wrong among them"
     )
     colours = f"The map is grey; a scan is blue where its {noun} is accepted, orange where refused."
-    return Drawn(out, drive.title, counts, colours, drive.simulated, frames)
+    return Drawn(out, drive.title, counts, colours, drive.simulated, frame_count)
 
 
-def _of_site(
+def draw_level_drive(
     path: Path,
     log: str | None,
     out: Path,
@@ -133,9 +124,9 @@ def _of_site(
     topic: str | None,
     odometry: str | None,
 ) -> str:
-    """Write the moving picture of a drive through a level site; returns what it shows, in a line.
+    """Write the moving picture of a drive through a level site; returns a line on what it shows.
 
-    Raises ConfigError for a site of 3-D scans.
+    Raises ConfigError for a site of 3-D scans, or without a log.
     """
     from pipeline.online.inputs import scans
     from pipeline.online.level_site import LevelSite, LevelTracker
@@ -153,34 +144,33 @@ def _of_site(
     skipped: Counter[str] = Counter()
     broken: list[str] = []
     lift_m = site.description.sensor.lift_m
-    sweeps = scans(log, site.description.reader, lift_m, topic, odometry, skipped, None, True)
+    sweeps = scans(
+        log, site.description.reader, lift_m, topic, odometry, skipped, None, is_level=True
+    )
     drive = [
         level_plan.Seen(points_m, fix, scan.world_T_scan)
         for scan, points_m, fix in localized(sweeps, LevelTracker(site, promise), promise, broken)
     ]
     if not drive:
         raise LogError(broken[0] if broken else f"{log}: no scan there")
-    title = f"{site.name}{', simulated' * site.description.simulated}: {Path(log).name}"
-    frames, size_bytes = level_plan.write(site.level_map, drive, title, out, Bar())
+    simulated = ", simulated" if site.description.simulated else ""
+    title = f"{site.name}{simulated}: {Path(log).name}"
+    frame_count, size_bytes = level_plan.write(site.level_map, drive, title, out, Bar())
     accepted = sum(seen.fix.verdict == "accepted" for seen in drive)
     return (
-        f"{out}: {title}: {accepted} of {len(drive)} sweeps accepted; {frames} frames, "
+        f"{out}: {title}: {accepted} of {len(drive)} sweeps accepted; {frame_count} frames, "
         f"{size_bytes / 1e6:.2f} MB"
     )
 
 
 def last_day(table: "pd.DataFrame", tests: Sequence[str]) -> str:
-    """The test day farthest from training.
+    """The test day that is the most days after training.
 
-    `table` is of results; some of its rows belong to no day.
+    `table` is the table of results; its column `days` is empty in rows that belong to no day.
     """
-    age = (
-        table[table["days"].notna()]
-        .drop_duplicates("sequence")
-        .set_index("sequence")["days"]
-        .to_dict()
-    )
-    return max(tests, key=lambda test: age.get(test, 0.0))
+    rows_with_day = table[table["days"].notna()].drop_duplicates("sequence")
+    days_after: dict[str, float] = rows_with_day.set_index("sequence")["days"].to_dict()
+    return max(tests, key=lambda test: days_after.get(test, 0.0))
 
 
 def _parts(name: str) -> tuple[str, str, str]:
@@ -192,3 +182,31 @@ def _parts(name: str) -> tuple[str, str, str]:
             f"{name}: expected STUDY/GRID/METHOD, such as campus/10m/sci_ring"
         ) from None
     return study, grid, model
+
+
+def _study_with(studies: "dict[str, Study]", name: str, grid: str, of: str) -> "Study":
+    """The study `name`; raises ConfigError, naming `of`, if it or its grid does not exist."""
+    if name in studies and grid in studies[name].grid_names:
+        return studies[name]
+    choices = [
+        f"{study.name}/{study_grid}"
+        for study in studies.values()
+        for study_grid in study.grid_names
+    ]
+    raise ConfigError(
+        f"{of}: no such study and grid, expected one of "
+        f"{', '.join(choices) or 'none: `yearloc use campus` first'}"
+    )
+
+
+def _check_model_and_day(study: "Study", model: str, test_day: str | None, of: str) -> None:
+    """Raise ConfigError for a study without test days, or a model or day that it lacks."""
+    if not study.asks_about_the_year:
+        raise ConfigError(f"{of}: this study turns robots where they stand, and drives no test day")
+    models = [answers.name for answers in study.answerers]
+    if model not in models:
+        raise ConfigError(f"{of}: no such method, expected one of {', '.join(models)}")
+    if test_day and test_day not in study.asked_days:
+        raise ConfigError(
+            f"{test_day}: no such test day, expected one of {', '.join(study.asked_days)}"
+        )

@@ -1,4 +1,7 @@
-"""Progress of a command on the terminal: lines, a bar of items, a bar of bytes."""
+"""Shows the progress of a command: a bar on a terminal, and else a line now and then.
+
+The classes differ in what they count: items, bytes, or scans with their speed.
+"""
 
 import sys
 import time
@@ -8,18 +11,18 @@ from typing import Any
 from pipeline.core.progress import Item, Progress
 
 LINE_S = 5.0
-"""Where there is no terminal, a line of progress is written so often."""
+"""Seconds between two lines of progress where there is no terminal, as in a log file."""
 
 
 class Lines(Progress):
-    """Lines on standard error."""
+    """Prints lines on standard error, and shows no bar."""
 
     def tell(self, line: str) -> None:
         print(f"  {line}", file=sys.stderr, flush=True)
 
 
 class Bar(Lines):
-    """A bar of items on a terminal, lines now and then elsewhere."""
+    """Shows a bar of items, with the time that is left."""
 
     def track(self, items: Iterable[Item], total: int, what: str) -> Iterator[Item]:
         from rich.progress import MofNCompleteColumn, TimeRemainingColumn
@@ -28,7 +31,7 @@ class Bar(Lines):
 
 
 class Bytes(Lines):
-    """A bar of bytes on a terminal, lines now and then elsewhere."""
+    """Shows a bar of bytes, with the speed and the time that is left; an item is a chunk."""
 
     def track(self, items: Iterable[Item], total: int, what: str) -> Iterator[Item]:
         from rich.progress import DownloadColumn, TimeRemainingColumn, TransferSpeedColumn
@@ -47,26 +50,30 @@ class Bytes(Lines):
 
 
 class Scans(Lines):
-    """Speed and scans left: a bar on a terminal, a line every tenth of the way where there is none.
+    """Shows how many scans are done and left, and the speed.
 
-    Each line is of what has been done, since work is faster in some stretches than in others; the
-    first scan is left out, for it waits for kernels to compile.
+    The speed is the mean of all scans but the first, which waits for kernels to compile.
     """
 
     def track(self, items: Iterable[Item], total: int, what: str) -> Iterator[Item]:
-        from rich.progress import MofNCompleteColumn, TimeRemainingColumn
+        if sys.stderr.isatty():
+            from rich.progress import MofNCompleteColumn, TimeRemainingColumn
 
-        columns = (MofNCompleteColumn(), _speed_column(), TimeRemainingColumn())
-        shown_s = first_s = time.monotonic()
-        on_terminal = sys.stderr.isatty()
-        shown = _tracked(items, total, 1, what, *columns) if on_terminal else items
-        for done, item in enumerate(shown, start=1):
+            columns = (MofNCompleteColumn(), _speed_column(), TimeRemainingColumn())
+            yield from _tracked(items, total, 1, what, *columns)
+        else:
+            yield from self._with_lines(items, total, what)
+
+    def _with_lines(self, items: Iterable[Item], total: int, what: str) -> Iterator[Item]:
+        """Yield the items, and print a line every LINE_S."""
+        printed_s = first_s = time.monotonic()
+        for done, item in enumerate(items, start=1):
             yield item
             now_s = time.monotonic()
             if done == 1:
                 first_s = now_s
-            elif now_s - shown_s >= LINE_S and not on_terminal:
-                shown_s = now_s
+            elif now_s - printed_s >= LINE_S:
+                printed_s = now_s
                 speed = (done - 1) / (now_s - first_s)
                 self.tell(
                     f"{what}: {done:,} of {total:,} scans, {speed:.3g} a second, "
@@ -75,7 +82,7 @@ class Scans(Lines):
 
 
 def _speed_column() -> Any:
-    """A column with the speed of a bar."""
+    """A column of rich's bar that shows the speed."""
     from rich.progress import ProgressColumn, Task
     from rich.text import Text
 
@@ -89,31 +96,34 @@ def _speed_column() -> Any:
 def _tracked(
     items: Iterable[Item], total: int, advance: int, what: str, *columns: Any
 ) -> Iterator[Item]:
-    """Yield the items under a bar that grows by `advance` with each of them."""
+    """Yield the items, and show them in a bar that grows by `advance` with each.
+
+    Without a terminal, lines are printed instead.
+    """
     from rich.console import Console
     from rich.progress import BarColumn, TextColumn
     from rich.progress import Progress as RichProgress
 
     console = Console(stderr=True)
     if not console.is_terminal:
-        yield from _told(items, total, what)
+        yield from _with_lines(items, total, what)
         return
-    shown = (TextColumn(what), BarColumn(24), *columns)
-    with RichProgress(*shown, console=console, transient=True) as bar:
+    all_columns = (TextColumn(what), BarColumn(24), *columns)
+    with RichProgress(*all_columns, console=console, transient=True) as bar:
         task = bar.add_task(what, total=total * advance)
         for item in items:
             yield item
             bar.update(task, advance=advance)
 
 
-def _told(items: Iterable[Item], total: int, what: str) -> Iterator[Item]:
-    """Yield the items, and print a line on how far they are at most every LINE_S, as to a log."""
-    start_s = told_s = time.monotonic()
+def _with_lines(items: Iterable[Item], total: int, what: str) -> Iterator[Item]:
+    """Yield the items, and print a line on how many are done at most every LINE_S."""
+    start_s = printed_s = time.monotonic()
     for done, item in enumerate(items, start=1):
         yield item
         now_s = time.monotonic()
-        if now_s - told_s > LINE_S and done < total:
+        if now_s - printed_s > LINE_S and done < total:
             left_s = (now_s - start_s) / done * (total - done)
             line = f"  {what}: {done} of {total}, about {left_s:.0f} s left"
             print(line, file=sys.stderr, flush=True)
-            told_s = now_s
+            printed_s = now_s

@@ -1,4 +1,4 @@
-"""The project that the commands are called in: its conf folder and its studies."""
+"""Finds the project that a command is called in: its conf folder, its studies and its code."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,10 +10,7 @@ if TYPE_CHECKING:
 
 
 def conf_folder() -> Path:
-    """The project's conf folder; the command is meant to be called from the project's root.
-
-    Raises ConfigError elsewhere.
-    """
+    """The project's conf folder; raises ConfigError unless called in the project's root folder."""
     folder = Path("conf")
     if not (folder / "dataset").is_dir():
         raise ConfigError("call this in the project's root folder, where conf/ is")
@@ -21,25 +18,23 @@ def conf_folder() -> Path:
 
 
 def refuse_code_of_another() -> None:
-    """Raise ConfigError if the code that runs is another project's.
+    """Raise ConfigError if the code that runs is another project's than the one called in.
 
-    So it is in a project that was copied with its .venv, which still runs the first one's code.
+    That happens in a project that was copied with its .venv, which still runs the original's code.
     """
     local_code = Path("pipeline/cli")
-    running = Path(__file__).resolve().parent
-    project = running.parents[1]
-    if (
-        local_code.is_dir()
-        and local_code.resolve() != running
-        and (project / "pyproject.toml").is_file()
-    ):
+    running_code = Path(__file__).resolve().parent
+    project = running_code.parents[1]
+    is_other_code = local_code.is_dir() and local_code.resolve() != running_code
+    is_of_project = (project / "pyproject.toml").is_file()  # not an installed package
+    if is_other_code and is_of_project:
         raise ConfigError(
             f"the code of {project} would run, not this folder's: `rm -r .venv && make install`"
         )
 
 
 def read_studies() -> "dict[str, Study]":
-    """The studies of conf/studies.yaml by name; raises ConfigError where it holds none."""
+    """The studies of conf/studies.yaml by name; raises ConfigError if it holds none."""
     from pipeline.studies import studies_file
 
     return studies_file.read_studies(conf_folder())

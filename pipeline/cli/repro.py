@@ -1,4 +1,8 @@
-"""`yearloc repro` and `yearloc repair`: DVC's stages counted, and its files put right."""
+"""`yearloc repro` runs DVC and counts its stages; `yearloc repair` mends DVC's files after a kill.
+
+DVC prints a line when it begins a stage. `Counting` puts before it which of how many stages that
+is, and about how long the others will take.
+"""
 
 import os
 import re
@@ -6,11 +10,10 @@ import subprocess
 import sys
 import time
 from collections import Counter
-from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from shutil import which
-from typing import Any
+from typing import Any, NamedTuple
 
 import yaml
 
@@ -23,11 +26,12 @@ STAGE = re.compile(
     r"(?P<running>Running s|S)tage '(?:[^':]+:)?(?P<stage>[^'@:]+)(?:@[^']*)?'"
     r"(?:| didn't change.*| is cached.*)[:,]?"
 )
+"""A line of DVC on a stage: it runs it, or skips it as up to date."""
 ASIDE = re.compile(
     r"Updating lock file|To track the changes|\tgit add|To enable auto|\tdvc config|"
     r"Use `dvc push`|WARNING: '.*' is empty"
 )
-"""Lines of DVC that are not shown."""
+"""Beginnings of those lines of DVC that are not shown."""
 USUAL_S = {
     "logs": 9.0,
     "scans": 4.0,
@@ -43,13 +47,15 @@ USUAL_S = {
     "report": 18.0,
     "publish": 10.0,
 }
-"""Seconds that a stage of each kind took in `make demo` on 2 cores; only their shares count.
+"""Seconds that an instance of each stage took in `make demo` on 2 cores.
 
-Without them a guess from quick stages falls short of training, and one after training is far off.
+Only their ratios count. Without them, a guess from quick stages would be far too short for
+training, and one made after training far too long.
 """
 OTHER_S = 10.0
-AS_USUAL = 2
-"""So many stages of a kind are taken to be as usual, beside those that were measured."""
+"""The same for stages that are not listed."""
+USUAL_WEIGHT = 2
+"""The usual time weighs as much as this many measured instances of the stage."""
 
 
 def repro() -> None:
@@ -57,7 +63,8 @@ def repro() -> None:
     for name in WRITTEN:
         read_yaml(conf_folder() / name)
     counting = Counting(count_instances(Path()))
-    environment = {**os.environ, "PYTHONUNBUFFERED": "1"}  # else lines come when a buffer is full
+    # an unbuffered DVC prints each line when it begins a stage
+    environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
     if not which("dvc"):
         raise NotInstalledError(
             "dvc: not found; `source .venv/bin/activate` first, or `pip install 'yearloc[chain]'`"
@@ -73,16 +80,14 @@ def repro() -> None:
             for line in dvc.stdout or ():
                 if line.strip() and not ASIDE.match(line):
                     print(counting.line(line, time.monotonic()), end="", flush=True)
-        except KeyboardInterrupt:  # the terminal has told DVC too
+        except KeyboardInterrupt:  # the terminal interrupts DVC too
             dvc.wait()
             raise
-        except (
-            SystemExit
-        ):  # nobody has told it, nor the stage under way, which the next repro would run beside
+        except SystemExit:  # a signal to this process alone: DVC and its stage would go on
             end_all(dvc)
             raise
     if dvc.returncode:
-        check_files(conf_folder())  # of which DVC says less
+        check_files(conf_folder())  # explains a broken file of conf/ better than DVC does
         sys.exit(dvc.returncode)
 
 
@@ -101,9 +106,10 @@ def repair() -> None:
 
 
 def count_instances(root: Path) -> Counter[str]:
-    """Count the instances of each stage of the project at `root`.
+    """Count how many instances each stage of the project at `root` has.
 
-    Empty where the project's lists are not written yet.
+    A stage has one, or one for each entry of the list in conf/lists.yaml that its `foreach` names.
+    The result is empty if the lists are not written yet.
     """
     try:
         lists = yaml.safe_load((root / "conf/lists.yaml").read_text(encoding="utf-8"))["lists"]
@@ -113,69 +119,78 @@ def count_instances(root: Path) -> Counter[str]:
         ]
     except (OSError, yaml.YAMLError, KeyError, TypeError):
         return Counter()
-    stages: Iterable[tuple[str, Mapping[str, Any]]] = (
-        named_stage for file in files for named_stage in file["stages"].items()
-    )
     instances: Counter[str] = Counter()
-    for name, stage in stages:
-        foreach_list = re.fullmatch(r"\$\{lists\.(\w+)\}", str(stage.get("foreach", "")))
-        instances[name] += len(lists.get(foreach_list[1], ())) if foreach_list else 1
+    for file in files:
+        for name, stage in file["stages"].items():
+            foreach = str(stage.get("foreach", ""))
+            foreach_list = re.fullmatch(r"\$\{lists\.(\w+)\}", foreach)
+            instances[name] += len(lists.get(foreach_list[1], ())) if foreach_list else 1
     return instances
+
+
+class RunningStage(NamedTuple):
+    """The stage that DVC is running, and the time at which it began."""
+
+    stage: str
+    start_s: float
 
 
 @dataclass
 class Counting:
     """Numbers the stages in DVC's lines, and estimates the time left.
 
-    Without `instances` it leaves lines as they are.
+    If `instances` is empty, lines stay as they are.
     """
 
     instances: Counter[str]
+    """How many instances each stage has."""
     met: Counter[str] = field(default_factory=Counter)
+    """How many instances of each stage DVC has run or skipped so far."""
     took_s: dict[str, list[float]] = field(default_factory=dict)
-    now: tuple[str, float] | None = None
-    """The stage under way, and when it began."""
+    """How long the instances of each stage took that were run to the end."""
+    now: RunningStage | None = None
 
     def line(self, line: str, time_s: float) -> str:
         """The text to print for a line of DVC that came at `time_s`."""
-        if not (match := STAGE.match(line)) or not self.instances:
+        match = STAGE.match(line)
+        if not match or not self.instances:
             return line
         if self.now:
-            self.took_s.setdefault(self.now[0], []).append(time_s - self.now[1])
+            self.took_s.setdefault(self.now.stage, []).append(time_s - self.now.start_s)
         stage = match["stage"]
-        running = match["running"] != "S"
-        self.now = (stage, time_s) if running else None
+        is_run = match["running"] != "S"  # else it is skipped
+        self.now = RunningStage(stage, time_s) if is_run else None
         self.met[stage] += 1
-        remaining = f", {self.remaining_text()}" if running and self.took_s else ""
-        return (
-            f"[{self.met.total()}/{self.instances.total()}{remaining}] {line}" if running else line
-        )
+        if not is_run:
+            return line
+        remaining = f", {self.remaining_text()}" if self.took_s else ""
+        return f"[{self.met.total()}/{self.instances.total()}{remaining}] {line}"
 
     def remaining_text(self) -> str:
-        """About how long the remaining stages take.
+        """About how long the remaining instances take, the one under way among them.
 
-        Kinds of stages share the pace at which those that ran took USUAL_S; what the stages of a
-        kind took counts the more the more of them there were.
+        The instances that were run give a pace: their time by their usual time. An instance of a
+        stage is expected to take its usual time at that pace, corrected by those of the same stage
+        (`_expected_s`).
         """
-        took_s = sum(map(sum, self.took_s.values()))
-        usual_s = sum(_usual_s(stage) * len(times_s) for stage, times_s in self.took_s.items())
+        total_took_s = sum(map(sum, self.took_s.values()))
+        total_usual_s = sum(_usual_s(stage) * len(times) for stage, times in self.took_s.items())
+        pace = total_took_s / total_usual_s
         remaining = {
             stage: max(number - self.met[stage], 0) for stage, number in self.instances.items()
         }
         if self.now:
-            remaining[self.now[0]] = remaining.get(self.now[0], 0) + 1
-        seconds = sum(
-            number * self._expected_s(stage, took_s / usual_s)
-            for stage, number in remaining.items()
-        )
+            remaining[self.now.stage] = remaining.get(self.now.stage, 0) + 1
+        seconds = sum(number * self._expected_s(stage, pace) for stage, number in remaining.items())
         return (
             f"about {seconds / 60:.0f} min left" if seconds > 90 else f"about {seconds:.0f} s left"
         )
 
     def _expected_s(self, stage: str, pace: float) -> float:
-        """The mean of what stages of this kind took, and of some that took as long as usual."""
+        """The mean of the stage's measured times and, USUAL_WEIGHT times, its usual one."""
         took_s = self.took_s.get(stage, [])
-        return (AS_USUAL * _usual_s(stage) * pace + sum(took_s)) / (AS_USUAL + len(took_s))
+        usual_s = _usual_s(stage) * pace
+        return (USUAL_WEIGHT * usual_s + sum(took_s)) / (USUAL_WEIGHT + len(took_s))
 
 
 def _usual_s(stage: str) -> float:

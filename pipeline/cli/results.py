@@ -1,4 +1,8 @@
-"""`yearloc results`: the table of results in; lines for a terminal, a page or a program out."""
+"""`yearloc results` prints the table of results, or writes it into the project's pages.
+
+Every measured number is a row of this table. The command prints it in a few lines, in full, as csv,
+as json or as markdown, and fills the blocks of README.md and docs/ that show numbers.
+"""
 
 import sys
 from itertools import chain
@@ -23,8 +27,9 @@ if TYPE_CHECKING:
 
 
 README_PICTURE = Path("docs/year.gif")
+"""The moving picture that README.md shows."""
 PAPERS = "papers"
-"""The kind of --write that is a page of its own: what the papers found."""
+"""The kind of --write that fills docs/papers.md, what the papers found beside these numbers."""
 
 Words = Annotated[
     list[str],
@@ -102,7 +107,7 @@ def results(
 
 
 def _table(studies: "dict[str, Study]") -> "pd.DataFrame":
-    """The table of results of the studies; tells which of them changed since it was measured."""
+    """Read the table of results, and warn of studies that changed since they were measured."""
     from pipeline.evaluation.results import read
     from pipeline.studies.layout import Layout
     from pipeline.studies.measured import stale
@@ -118,7 +123,7 @@ def _table(studies: "dict[str, Study]") -> "pd.DataFrame":
 
 
 def _print_reports(studies: "dict[str, Study]") -> None:
-    """Print the text report of each study and cell size, as the stage `report` wrote it."""
+    """Print the text report of each study and cell size, which stage `report` wrote."""
     from pipeline.studies.layout import Layout
 
     for name, study in studies.items():
@@ -131,9 +136,9 @@ def _print_reports(studies: "dict[str, Study]") -> None:
 
 
 def _print_rows(table: "pd.DataFrame", conditions: list[str], csv: bool, json: bool) -> None:
-    """Print the rows that meet all conditions COLUMN=VALUE: as csv, json, or in columns.
+    """Print the rows that meet all conditions COLUMN=VALUE, as csv, as json or in columns.
 
-    Raises ConfigError where there is none.
+    Raises ConfigError if there is no such row.
     """
     from pipeline.evaluation.results import where as selected
     from pipeline.evaluation.rows import COLUMNS
@@ -156,9 +161,10 @@ def _print_rows(table: "pd.DataFrame", conditions: list[str], csv: bool, json: b
 
 
 def _write_pages(table: "pd.DataFrame", studies: "dict[str, Study]", kinds: list[str]) -> None:
-    """Fill the marked blocks of the pages: those of these `kinds`, of all kinds if none are given.
+    """Fill the marked blocks of README.md and docs/ with numbers of these studies.
 
-    A block that these studies have no numbers for is left as it is.
+    Only blocks of the given kinds are filled, all kinds if none is given. A block that the studies
+    have no numbers for is left as it is. Raises ConfigError for an unknown kind.
     """
     from pipeline.core.replacing import replace
     from pipeline.networks.loop import arithmetic
@@ -197,7 +203,7 @@ def _write_pages(table: "pd.DataFrame", studies: "dict[str, Study]", kinds: list
 
 
 def _picture_texts(blocks: "Iterable[Block]", studies: "dict[str, Study]") -> "dict[Block, str]":
-    """Draw the picture that a block wants where these studies can; returns the block's text."""
+    """Draw the picture of each block that these studies have answers for; returns the texts."""
     from pipeline.cli.picture import draw
 
     texts = {}
@@ -212,7 +218,7 @@ def _picture_texts(blocks: "Iterable[Block]", studies: "dict[str, Study]") -> "d
 
 
 def _write_papers() -> None:
-    """Write docs/papers.md from the tables that are kept."""
+    """Write docs/papers.md from the tables in docs/papers/."""
     from pipeline.papers import page
 
     page.write()
@@ -220,7 +226,7 @@ def _write_papers() -> None:
 
 
 def _keep(name: str, table: "pd.DataFrame", studies: "dict[str, Study]") -> None:
-    """Keep the rows that the papers' findings read, and say on what machine and when."""
+    """Keep the rows that the papers' findings read, with the machine and the date."""
     from datetime import date
     from importlib.metadata import version
 

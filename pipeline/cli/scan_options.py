@@ -1,4 +1,4 @@
-"""The options that say how scans are read, of `localize`, `watch`, `grow` and `failures`."""
+"""Reads scans for a site as the options of `localize`, `watch`, `grow` and `failures` say."""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -20,20 +20,20 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ScanOptions:
-    """How scans are read for a site: what the site says, and what the command line says."""
+    """How scans are read for a site, by the site's description and the command line."""
 
     reader: "Mapping[str, Any]"
-    """The site's reader: logs that it opens have poses."""
+    """Settings of the reader of the site's data set, which opens logs with their poses."""
     lift_m: float
-    """Raises the points of files and bags, so that the ground is at z = 0."""
+    """By how much the points of files and bags are raised, so that the ground is at z = 0."""
     topic: str | None
-    """Of a bag with several clouds."""
+    """The topic of a bag to read, if the bag has clouds on several."""
     odometry: str | None
-    """Of a bag: a topic of poses, or tf:PARENT>CHILD."""
+    """The odometry of a bag: a topic of poses, or tf:PARENT>CHILD."""
     body_T_lidar: "Poses | None"
-    """(4, 4) places the points, in place of `lift_m` and a bag's transforms."""
+    """The pose (4, 4) that places the points, instead of `lift_m` and a bag's transforms."""
     is_level: bool
-    """Whether a bag's sweeps are read, not its clouds."""
+    """Whether the site is of a level 2-D laser: then a bag's sweeps are read, not its clouds."""
 
     @classmethod
     def of(
@@ -44,9 +44,9 @@ class ScanOptions:
         body_T_lidar: str | None = None,
         lift_m: float | None = None,
     ) -> "ScanOptions":
-        """The options for a site.
+        """The options for a site, by the values of the command line's options.
 
-        Raises ConfigError for a `body_T_lidar` that is no x,y,z,roll,pitch,yaw.
+        Raises ConfigError for a `body_T_lidar` that is not of the form x,y,z,roll,pitch,yaw.
         """
         return cls(
             site.description.reader,
@@ -57,8 +57,19 @@ class ScanOptions:
             site.is_level,
         )
 
+    def scans_or_followed(
+        self, path: str, follow: bool, idle_s: float, summary: "Summary"
+    ) -> "Iterator[Scan]":
+        """The scans of a finished input, or with `follow` those of a recording under way."""
+        if follow:
+            return self.followed_scans(path, idle_s, summary)
+        return self.scans(path, summary.skipped)
+
     def scans(self, path: str, skipped: Counter[str]) -> "Iterator[Scan]":
-        """The scans of a file, folder, log or bag; those left out are counted in `skipped`."""
+        """The scans of a file, folder, log or bag.
+
+        Scans that are left out are counted in `skipped`, by reason.
+        """
         from pipeline.online.inputs import scans
 
         return scans(
@@ -75,7 +86,7 @@ class ScanOptions:
     def followed_scans(self, path: str, idle_s: float, summary: "Summary") -> "Iterator[Scan]":
         """The scans of an .mcap that is still being recorded, until `idle_s` pass without a byte.
 
-        What was lost on the way is added to the summary at the end.
+        At the end, the scans that were dropped or left out are counted in the summary.
         """
         from pipeline.online.follow import Following
 
@@ -92,7 +103,7 @@ class ScanOptions:
 def check_site(
     site: "Site", promise: float | None, odometry: str | None, track: bool, follow: bool
 ) -> None:
-    """Raise ConfigError for options of `localize` and `watch` that the site has no use for."""
+    """Raise ConfigError for options of `localize` and `watch` that this site cannot heed."""
     site.check(promise)
     if odometry and not track and not site.is_level:
         raise ConfigError(f"--odometry {odometry}: needs --track")

@@ -1,4 +1,8 @@
-"""`yearloc serve`: a site file in; an answer to each scan that comes by HTTP or Zenoh out."""
+"""`yearloc serve` answers scans over the network: a program sends points and gets a pose back.
+
+It opens a site (one file with all that it takes to localise in a place) and serves it over HTTP, or
+over Zenoh, a protocol of robots.
+"""
 
 import os
 import socket
@@ -61,9 +65,10 @@ def serve(
 
 
 def _serve_http(path: Path, host: str, port: int, workers: int) -> None:
-    """Answer requests until interrupted.
+    """Answer HTTP requests until interrupted.
 
-    Raises ConfigError where it cannot listen, or where others could reach it without a token.
+    Raises ConfigError if the port cannot be listened at, or if other machines could reach it
+    without a token.
     """
     try:
         import uvicorn
@@ -101,7 +106,7 @@ def _serve_http(path: Path, host: str, port: int, workers: int) -> None:
 
 
 def _check_port(host: str, port: int) -> None:
-    """Raise ConfigError if no server can listen there, before uvicorn would say so in its way."""
+    """Raise ConfigError if no server can listen there, before uvicorn prints its own error."""
     try:
         with socket.create_server((host, port)):
             pass
@@ -112,9 +117,9 @@ def _check_port(host: str, port: int) -> None:
 def _serve_zenoh(
     path: Path, endpoint: str, key: str, promise: float | None, body_T_lidar: str | None
 ) -> None:
-    """Answer scans on KEY/points by fixes on KEY/fix until interrupted.
+    """Answer each scan on KEY/points by a fix, the pose found, on KEY/fix until interrupted.
 
-    Raises ConfigError where zenoh is not installed.
+    Raises ConfigError if zenoh is not installed.
     """
     from pipeline.online.site import Site
 
@@ -124,14 +129,10 @@ def _serve_zenoh(
         raise ConfigError(f"{error.name}: not installed; `pip install 'yearloc[zenoh]'`") from None
     site = Site.open(path, level=False)
     tell_cold()
+    ready_line = f"{path}: {key}/points → {key}/fix at {endpoint}; Ctrl-C stops it"
+
+    def print_ready() -> None:
+        print(ready_line, file=sys.stderr, flush=True)
+
     with bridge.connected(endpoint) as session:
-        ready_line = f"{path}: {key}/points → {key}/fix at {endpoint}; Ctrl-C stops it"
-        bridge.run(
-            site,
-            session,
-            key,
-            promise,
-            lambda: print(ready_line, file=sys.stderr, flush=True),
-            print,
-            lidar_of(body_T_lidar),
-        )
+        bridge.run(site, session, key, promise, print_ready, print, lidar_of(body_T_lidar))

@@ -1,6 +1,8 @@
-"""`yearloc pack`: a study's model and map, or a building's map, in; a site file out.
+"""`yearloc pack` makes a site file, and `yearloc export` frees one of torch.
 
-And `yearloc export`: a site file in; its network as ONNX, or a site that needs no torch, out.
+A site is one file with all that it takes to localise in a place: a study's model and map, or the
+map of a building for a level laser. An export is a site's network as ONNX, or a site that answers
+through ONNX.
 """
 
 from pathlib import Path

@@ -1,4 +1,7 @@
-"""`yearloc slam`: a log's poses from its scans alone."""
+"""`yearloc slam` estimates the poses of a log from its scans alone.
+
+It writes them as a trajectory, and if asked a map of all points and a picture of the trajectory.
+"""
 
 import sys
 from pathlib import Path
@@ -62,14 +65,14 @@ def slam(
     uses_odometry = odometry != "none"
     opened = without_truth(open_unposed(log, topic, odometry if uses_odometry else None))
     tell_cold()
-    watch = Scans()
-    estimate = Slam(use_log_odometry=uses_odometry).estimate(opened, watch)
+    progress = Scans()
+    estimate = Slam(use_log_odometry=uses_odometry).estimate(opened, progress)
     if out:
         with replace(out) as scratch:
             scratch.write_text(outputs.tum_text(estimate), encoding="utf-8")
     if map_path:
         with replace(map_path) as scratch:
-            scratch.write_bytes(outputs.map_pcd(opened, estimate, watch))
+            scratch.write_bytes(outputs.map_pcd(opened, estimate, progress))
     if picture:
         with replace(picture) as scratch:
             outputs.draw(estimate, scratch, log.name)
@@ -77,7 +80,7 @@ def slam(
 
 
 def _tell(estimate: "Estimates", notes: tuple[str, ...], written: list[Path]) -> None:
-    """Say on standard error what is known of the result, and what was written."""
+    """Print a summary of the estimate on standard error, and the files that were written."""
     from pipeline.slam import summary
 
     for line in (*notes, *summary.lines(estimate)):

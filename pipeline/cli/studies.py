@@ -1,4 +1,8 @@
-"""`yearloc use` and `yearloc methods`: what the chain runs on, and what it can compare."""
+"""`yearloc use` chooses what the chain runs on; `yearloc methods` lists what it can compare.
+
+`use` proposes a study of each data set that is named (its training and test days, and methods to
+compare) and writes them to conf/studies.yaml, with the lists that dvc.yaml expands to.
+"""
 
 from contextlib import suppress
 from itertools import chain
@@ -49,8 +53,12 @@ def use(
         raise ConfigError(
             f"{next(iter(options))}=: of which data set? Call `yearloc use DATASET KEY=VALUE`"
         )
-    is_listed = (conf / WRITTEN[0]).exists()
-    listed_studies = read_studies() if (is_listed and (add or keep)) or not datasets else {}
+    # the studies that are in use, if the answer depends on them
+    listed_studies = {}
+    has_list = (conf / WRITTEN[0]).exists()
+    if not datasets or (has_list and (add or keep)):
+        listed_studies = read_studies()
+    # the studies of the data sets that are named
     proposals = {dataset: propose(conf, dataset, options) for dataset in datasets}
     proposed_studies = {dataset: proposal.study for dataset, proposal in proposals.items()}
     if not datasets or (keep and _have_same_choices(proposed_studies, listed_studies)):
@@ -72,7 +80,7 @@ def use(
 
 
 def _have_same_choices(proposed: "Mapping[str, Study]", listed: "Mapping[str, Study]") -> bool:
-    """Whether two lists of studies are of the same data sets, worlds and budgets."""
+    """Whether two lists of studies agree in their data sets, worlds and budgets."""
     return proposed.keys() == listed.keys() and all(
         (study.world, study.budget) == (listed[name].world, listed[name].budget)
         for name, study in proposed.items()
@@ -80,9 +88,9 @@ def _have_same_choices(proposed: "Mapping[str, Study]", listed: "Mapping[str, St
 
 
 def _write(conf: Path, studies: "Mapping[str, Study]") -> None:
-    """Write conf/studies.yaml, conf/lists.yaml, and what of dag/ a long list of drives needs.
+    """Write conf/studies.yaml and conf/lists.yaml, and the parts of dag/ for a long list of drives.
 
-    Tells which studies are no longer there. Raises ConfigError while DVC works in the project.
+    Prints which studies were removed. Raises ConfigError while DVC is running in the project.
     """
     from pipeline.running.at_work import refuse_at_work
     from pipeline.studies.expansion import expand
@@ -97,7 +105,7 @@ def _write(conf: Path, studies: "Mapping[str, Study]") -> None:
     }
     if changed_texts:
         refuse_at_work(conf.parent)
-    with suppress(ConfigError):  # a broken list is written anew
+    with suppress(ConfigError):  # a list that cannot be read is written anew
         for name in sorted(read_studies().keys() - studies.keys()):
             print(f"  {name} is no longer among the studies; --add keeps what is there")
     for path, text in changed_texts.items():

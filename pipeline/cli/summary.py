@@ -1,4 +1,7 @@
-"""What `localize` and `watch` print at the end: fixes in; verdicts, times, errors as lines out."""
+"""The summary that `localize` and `watch` print at the end: verdicts, times, errors and losses.
+
+A fix is the pose that was found for a scan, with a verdict on what of it to believe.
+"""
 
 import sys
 from collections import Counter
@@ -11,7 +14,7 @@ if TYPE_CHECKING:
     from pipeline.online.site import Fix
 
 VERDICTS = ("accepted", "near", "ambiguous", "rejected", "no pose")
-"""In the order in which their counts are printed."""
+"""The verdicts in the order in which their counts are printed."""
 
 
 class Summary:
@@ -20,18 +23,18 @@ class Summary:
     def __init__(self, is_level: bool = False) -> None:
         self.is_level = is_level
         self.verdicts: Counter[str] = Counter()
-        """Localised scans by the verdict on their fix."""
+        """Counts of the localised scans by the verdict on their fix."""
         self.broken: list[str] = []
         """For each scan that could not be read, why."""
         self.skipped: Counter[str] = Counter()
-        """Scans that a log or bag leaves out, by reason."""
+        """Counts of the scans that a log or bag leaves out, by reason."""
         self.dropped = 0
-        """Scans of a recording that were pushed out by newer ones while one was localised."""
+        """How many scans of a recording were dropped because newer ones came too fast."""
         self.steps = Counter[bool]()
-        """A tracker's steps: True by odometry, False by constant motion."""
+        """Counts of a tracker's steps: True by odometry, False by constant motion."""
         self._took_ms: list[float] = []
         self._rightness = Counter[bool]()
-        """Accepted fixes whose true pose is known, by whether they are right."""
+        """Counts of the accepted fixes with a known true pose, by whether they are right."""
 
     def add(self, scan: "Scan", fix: "Fix") -> None:
         """Count one more localised scan."""
@@ -54,16 +57,17 @@ class Summary:
             raise LogError(self.broken[0] if self.broken else f"{source}: no scan there")
 
     def tell(self) -> None:
-        """Print the summary beside the output."""
+        """Print the summary on standard error, beside the output."""
         print(self.text(), file=sys.stderr)
 
     def text(self) -> str:
-        """Lines with the verdicts, the times, the errors where true poses are known, the losses."""
+        """The summary's lines: verdicts and times, then what else there is to say."""
         lines = [self._verdict_line()]
         if self._rightness:
+            limit = "1 m or 10°" if self.is_level else "2 m or 5°"
             lines.append(
                 f"of {self._rightness.total()} accepted with a true pose {self._rightness[False]} "
-                f"are over {'1 m or 10°' if self.is_level else '2 m or 5°'} off"
+                f"are over {limit} off"
             )
         if self.steps:
             lines.append(
@@ -79,17 +83,19 @@ class Summary:
         return "\n".join(lines)
 
     def _verdict_line(self) -> str:
-        """How many scans got which verdict, and how long they took.
+        """How many scans got each verdict, and how long they took.
 
-        The time of the first, which also loads and compiles, counts only if there is no other.
+        The first scan, which also waits for loading and compiling, is timed only if it is the only
+        one.
         """
         import numpy as np
 
         scan_count = self.verdicts.total()
         counts = ", ".join(f"{self.verdicts[verdict]} {verdict}" for verdict in VERDICTS)
         median_ms, slow_ms = np.percentile(self._took_ms[1:] or self._took_ms, (50, 95))
+        plural = "" if scan_count == 1 else "s"
         return (
-            f"{scan_count} scan{'s' * (scan_count != 1)}: {counts}; median {median_ms:.0f} ms, "
+            f"{scan_count} scan{plural}: {counts}; median {median_ms:.0f} ms, "
             f"95 % within {slow_ms:.0f} ms"
         )
 

@@ -1,4 +1,8 @@
-"""`yearloc watch`: a site file and a drive in; rerun's viewer, or a file for a viewer, out."""
+"""`yearloc watch` shows a drive on a site's map, scan by scan, with the verdict on each pose.
+
+It localises a log or a recording by a site (one file with all that it takes to localise in a place)
+and opens rerun's viewer, or writes a file for rerun or Foxglove.
+"""
 
 from itertools import islice
 from pathlib import Path
@@ -63,12 +67,7 @@ def watch(
     tell_cold()
     options = ScanOptions.of(site, topic, odometry, body_T_lidar)
     summary = Summary(site.is_level)
-    all_scans = (
-        options.followed_scans(log, idle, summary)
-        if follow
-        else options.scans(log, summary.skipped)
-    )
-    scans = islice(all_scans, 0, None, every)
+    scans = islice(options.scans_or_followed(log, follow, idle, summary), 0, None, every)
     localizer = tracker_of(site, promise, track) or site
     with open_recording(site, save, promise) as recording:
         fixes = localized(scans, localizer, promise, summary.broken)
