@@ -1,10 +1,12 @@
-"""The frame of all stages: a file a stage, named like its DVC stage, its yaml in conf/ and the
-folder of its artifacts.
+"""What all stages share: the decorator that makes a command of a stage's function, and its helpers.
 
-A stage is a function of its settings, made a command by `stage`: Hydra composes its yaml with the
-words of the command line, the settings are checked, the function reads artifacts, asks the library
-and writes an artifact, and a line on it is printed. `each_sequence` serves those that write one
-artifact a sequence.
+A stage is one step of the chain that DVC runs, from raw logs to the report. Each has a file here,
+which has the name of its DVC stage, of its yaml in conf/ and of the folder of its artifacts. Its
+function takes the settings, reads artifacts, calls the library, writes an artifact and returns a
+line on it.
+
+`python -m stages.NAME KEY=VALUE …` runs one: Hydra composes its yaml with the words of the command
+line, the settings are checked, the function runs, and its line is printed.
 """
 
 import logging
@@ -48,78 +50,84 @@ Item = TypeVar("Item")
 Settings = TypeVar("Settings")
 """The dataclass of a stage's settings."""
 Prepare = Callable[[DictConfig, Sequence[str]], DictConfig]
-"""Changes a composed configuration by the words of the command line."""
+"""Takes a composed configuration and the words of the command line, and returns a changed one."""
 ROOT = Path(__file__).parents[1]
-"""Of the project."""
+"""The project's folder."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class EachSequence:
-    """The settings of a stage that writes an artifact of each sequence into a folder."""
+    """Settings that all stages share which write an artifact of each sequence into a folder."""
 
     sequences: Names
     out: Path
+    """The folder."""
     compute: DictConfig
-    """How many at a time and where: a file of conf/compute, built where it is used."""
+    """How many sequences at a time, and in which workers: a file of conf/compute."""
 
 
-def _kernels() -> str:
-    """A folder for numba's compiled kernels that follows from the library's source.
+def _kernel_folder() -> str:
+    """A folder for numba's compiled kernels, with a name that follows from the library's source.
 
-    numba itself looks only at the file of the outermost kernel, and would go on running an edited
-    inner one as it was.
+    numba by itself looks only at the file of the outermost kernel, so it would go on running an
+    inner kernel that was edited in another file.
     """
-    digest = sha256(
-        b"".join(path.read_bytes() for path in sorted((ROOT / "pipeline").rglob("*.py")))
-    )
-    return str(ROOT / ".numba" / digest.hexdigest()[:16])
+    sources = [path.read_bytes() for path in sorted((ROOT / "pipeline").rglob("*.py"))]
+    return str(ROOT / ".numba" / sha256(b"".join(sources)).hexdigest()[:16])
 
 
-def _uncaught(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
-    """Ctrl-C while a stage is being loaded is a line too."""
+def _on_uncaught(
+    kind: type[BaseException], error: BaseException, trace: TracebackType | None
+) -> None:
+    """Print one line for a Ctrl-C while a stage is still being imported, not a traceback."""
     if issubclass(kind, KeyboardInterrupt):
         print("interrupted", file=sys.stderr)
     else:
         sys.__excepthook__(kind, error, trace)
 
 
-sys.excepthook = _uncaught
-os.environ.setdefault("NUMBA_CACHE_DIR", _kernels())
-os.environ.setdefault("HYDRA_FULL_ERROR", "1")  # its errors reach `reported`
-os.environ.setdefault(
-    "OMP_WAIT_POLICY", "passive"
-)  # read when torch is loaded: a waiting thread sleeps (benchmarks/waiting.py)
-keep_freed_memory()
-print_anywhere()
-for talkative in (
-    "aiobotocore",
-    "botocore",
-    "faiss",
-):  # where keys were found; which instructions it was built for
-    logging.getLogger(talkative).setLevel(logging.WARNING)
+def _prepare_process() -> None:
+    """Set up the process of a stage, before its file imports what reads these settings."""
+    sys.excepthook = _on_uncaught
+    os.environ.setdefault("NUMBA_CACHE_DIR", _kernel_folder())
+    os.environ.setdefault("HYDRA_FULL_ERROR", "1")  # Hydra's errors reach `reported`
+    # torch's waiting threads sleep, where they would spin (benchmarks/waiting.py)
+    os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+    keep_freed_memory()
+    print_anywhere()
+    # these log where keys were found, and which instructions a library was built for
+    for library in ("aiobotocore", "botocore", "faiss"):
+        logging.getLogger(library).setLevel(logging.WARNING)
+
+
+_prepare_process()
 
 
 class Stage(Protocol):
-    """What `stage` makes of a function."""
+    """A stage's function as the decorator `stage` returns it."""
 
     run: Callable[[DictConfig], str]
-    """The function with a configuration's settings, and telemetry.
+    """Runs the function with the settings of a configuration, and records telemetry.
 
-    No Hydra, no line printed, errors as they are.
+    It composes nothing, prints nothing, and raises errors as they are.
     """
 
     def __call__(self) -> None:
-        """Main: compose conf/`name`.yaml with the command line, run, print the line."""
+        """Run it as a command: compose conf/`name`.yaml with the command line, run, print."""
 
 
 def stage(
     name: str, prepare: Prepare = lambda cfg, _: cfg
 ) -> Callable[[Callable[[Settings], str]], Stage]:
-    """A stage's main: composes conf/`name`.yaml with the command line, runs, prints its line.
+    """Decorate the function of the stage `name`: its command composes settings, runs, and prints.
 
-    The function takes one dataclass, the stage's settings; `filled` makes it of the composed
-    configuration, which `prepare` may change by the words of the command line before. An error that
-    this project raises on purpose becomes one line and exit code 1; any other keeps its traceback.
+    1. Hydra composes conf/`name`.yaml with the words of the command line.
+    2. `prepare` may change the configuration by these words.
+    3. `filled` checks it and fills the one argument of the function, a dataclass of settings.
+    4. The function runs, and the line that it returns is printed.
+
+    An error that this project raises on purpose becomes one line and exit code 1. Any other keeps
+    its traceback.
     """
 
     def decorate(function: Callable[[Settings], str]) -> Stage:
@@ -134,20 +142,21 @@ def stage(
                 return function(settings)
 
         @wraps(function)
-        def checked(cfg: DictConfig) -> None:
+        def run_and_print(cfg: DictConfig) -> None:
             with reported(name):
-                print(f"{name}: {run(prepare(cfg, HydraConfig.get().overrides.task))}", flush=True)
+                line = run(prepare(cfg, HydraConfig.get().overrides.task))
+                print(f"{name}: {line}", flush=True)
 
-        composed = hydra.main(version_base="1.3", config_path=str(ROOT / "conf"), config_name=name)(
-            checked
-        )
+        compose_and_run = hydra.main(
+            version_base="1.3", config_path=str(ROOT / "conf"), config_name=name
+        )(run_and_print)
 
         @wraps(function)
         def main() -> None:
             end_when_asked()
             with reported(name):
                 sys.argv[1:] = [*compute_words(name, sys.argv[1:]), *sys.argv[1:]]
-                composed()
+                compose_and_run()
 
         decorated = cast(Stage, main)
         decorated.run = run
@@ -164,14 +173,14 @@ def each_sequence(
 ) -> str:
     """Write an artifact of each sequence into the folder `settings.out`; returns their lines.
 
-    `write(sequence, folder)` writes one and returns its line; it may run in a process of its own.
-    The folder is replaced once all are written. `one_by_one_in_threads` is as of Compute.
+    `write(sequence, folder)` writes one and returns a line on it; it may run in a process of its
+    own. The folder takes its place once all artifacts are written. `activity` names the work in the
+    progress bar. `one_by_one_in_threads` is explained in `Compute`.
     """
     compute = instantiate(settings.compute)
-    with (
-        compute.one_by_one_in_threads() if one_by_one_in_threads else compute as started,
-        replace(settings.out) as folder,
-    ):
+    if one_by_one_in_threads:
+        compute = compute.one_by_one_in_threads()
+    with compute as started, replace(settings.out) as folder:
         folder.mkdir()
         sequences = settings.sequences
         lines = started.each(lambda sequence: write(sequence, folder), sequences)
@@ -180,9 +189,9 @@ def each_sequence(
 
 @contextmanager
 def reported(name: str) -> Iterator[None]:
-    """Print an error that somebody can put right as one line, with exit code 1.
+    """Turn an error of the block that somebody can put right into one line and exit code 1.
 
-    Any other keeps its traceback.
+    Any other error keeps its traceback.
     """
     try:
         yield
@@ -190,36 +199,39 @@ def reported(name: str) -> Iterator[None]:
         print(f"{name}: interrupted", file=sys.stderr)
         sys.exit(130)
     except Exception as error:
-        if not (line := _line(error)):
+        if not (line := _explanation(error)):
             raise
         sys.exit(f"{name}: {one_line(line)}")
 
 
-def _line(error: Exception) -> str:
-    """The line of an error that somebody can put right; empty for a bug.
-
-    A file of conf/ that cannot be read is such an error too.
-    """
+def _explanation(error: Exception) -> str:
+    """One line on an error that somebody can put right; empty for a bug."""
     cause = error.__cause__
-    is_of_constructor = isinstance(error, InstantiationException)  # which Hydra wraps
+    # Hydra wraps an error of a class that it builds
+    is_of_constructor = isinstance(error, InstantiationException)
     if is_of_constructor and isinstance(cause, YearlocError | TypeError):
         return str(cause)
-    if line := str(error) if isinstance(error, YearlocError) else machine_refusal(error):
-        return line
+    if isinstance(error, YearlocError):
+        return str(error)
+    if refusal := machine_refusal(error):
+        return refusal
+    # any other error may come from a file of conf/ that cannot be read
     try:
         check_files(ROOT / "conf")
-    except ConfigError as broken:
-        return str(broken)
-    text = f"{str(error).partition('Config search path')[0]} {cause or ''}"
-    is_of_configuration = isinstance(error, HydraException) and not is_of_constructor
-    return " ".join(text.split()) if is_of_configuration else ""
+    except ConfigError as broken_file:
+        return str(broken_file)
+    if isinstance(error, HydraException) and not is_of_constructor:
+        text = f"{str(error).partition('Config search path')[0]} {cause or ''}"
+        return " ".join(text.split())
+    return ""
 
 
 def compute_words(name: str, overrides: Sequence[str]) -> list[str]:
-    """The word `compute=…` that the environment's YEARLOC_COMPUTE adds to a stage's command line.
+    """The words that the environment variable YEARLOC_COMPUTE adds to a stage's command line.
 
-    None where the stage computes nothing in parallel, or the command line has its own. It is no
-    part of the command in dvc.yaml, since no result depends on it.
+    They are `compute=…`, or nothing if the stage computes nothing in parallel or the command line
+    names a compute already. The command in dvc.yaml has no such word, since no result depends on
+    it.
     """
     scheduler = os.environ.get("YEARLOC_COMPUTE")
     defaults = read_yaml(ROOT / f"conf/{name}.yaml").get("defaults", ())
@@ -238,15 +250,16 @@ def _targets(node: object) -> Iterator[str]:
 
 
 def build(group: str, name: str, **changed_fields: Any) -> Any:
-    """The object that a file of conf/ describes, with some of its fields changed."""
+    """Build the object that conf/`group`/`name`.yaml describes, with some of its fields changed."""
     return instantiate(OmegaConf.load(ROOT / "conf" / group / f"{name}.yaml"), **changed_fields)
 
 
 def within_budget(cfg: DictConfig, overrides: Sequence[str]) -> DictConfig:
-    """The configuration with what its budget, a file of conf/budget, says of its method.
+    """The configuration of a training, with what its budget says of its method put in.
 
-    That is the share of its full training, and settings of the method; what `overrides` set stays
-    as it is.
+    A budget, a file of conf/budget, has the share of a method's full training to run, and may have
+    a table of settings for a method. What `overrides`, the words of the command line, set
+    themselves stays.
     """
     overridden = {override.lstrip("+").partition("=")[0] for override in overrides}
     method_module = cfg.method._target_.split(".")[-2]
@@ -254,15 +267,17 @@ def within_budget(cfg: DictConfig, overrides: Sequence[str]) -> DictConfig:
     share = settings.pop("share", cfg.budget.share)
     if "budget.share" in overridden:
         share = cfg.budget.share
-    method = {key: value for key, value in settings.items() if f"method.{key}" not in overridden}
-    return OmegaConf.create({**cfg, "method": {**cfg.method, **method}, "budget": {"share": share}})
+    changed = {key: value for key, value in settings.items() if f"method.{key}" not in overridden}
+    method = {**cfg.method, **changed}
+    return OmegaConf.create({**cfg, "method": method, "budget": {"share": share}})
 
 
 @dataclass(frozen=True)
 class ProgressBar(Progress):
-    """A progress bar on a terminal; a line every tenth of the way where there is none."""
+    """A bar on a terminal; elsewhere a line at every tenth of the way, if there are numbers."""
 
     numbers: dict[str, float] = field(default_factory=dict)
+    """The latest numbers, such as a loss, which are shown beside the bar."""
 
     def track(self, items: Iterable[Item], total: int, what: str) -> Iterator[Item]:
         console = Console(stderr=True)
@@ -279,16 +294,16 @@ class ProgressBar(Progress):
             task = bar.add_task(what, total=total, numbers="")
             for n_done, item in enumerate(items, start=1):
                 yield item
-                shown = "  ".join(
-                    f"{name} {value:.3g}" for name, value in self.numbers.items() if name != "epoch"
-                )
-                bar.update(task, advance=1, numbers=shown)
-                if (
-                    self.numbers
-                    and not console.is_terminal
-                    and (n_done * 10 // total > (n_done - 1) * 10 // total or n_done == 1)
-                ):
-                    print(f"  {what} {n_done}/{total}: {shown}", file=sys.stderr, flush=True)
+                numbers = self._numbers_text()
+                bar.update(task, advance=1, numbers=numbers)
+                ends_a_tenth = n_done * 10 // total > (n_done - 1) * 10 // total
+                if self.numbers and not console.is_terminal and (ends_a_tenth or n_done == 1):
+                    print(f"  {what} {n_done}/{total}: {numbers}", file=sys.stderr, flush=True)
+
+    def _numbers_text(self) -> str:
+        """The numbers without the epoch, which the bar counts itself."""
+        numbers = [f"{name} {value:.3g}" for name, value in self.numbers.items() if name != "epoch"]
+        return "  ".join(numbers)
 
     def note(self, **numbers: float) -> None:
         self.numbers.clear()

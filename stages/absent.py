@@ -1,4 +1,8 @@
-"""Nothing → an empty folder, in the place of a kind of artifacts that a study has none of."""
+"""Stage `absent`: writes an empty folder in the place of a kind of artifacts that a study lacks.
+
+DVC has no optional dependencies. A stage that reads such a kind depends on the folder, and finds it
+empty.
+"""
 
 from dataclasses import dataclass
 from pathlib import Path

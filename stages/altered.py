@@ -1,5 +1,9 @@
-"""Submaps of some test sequences → views of them in every case of an alteration: turned, with walls
-added or parts missing."""
+"""Stage `altered`: draws the views of submaps whose points were changed on purpose.
+
+An alteration turns the robot, adds walls or removes buildings; each way in which it does so to all
+submaps of a test sequence is a case. The stage reads scans and submaps and writes an artifact of
+views a sequence, case after case. `localize` answers them beside the views as driven.
+"""
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -17,7 +21,9 @@ class Settings(EachSequence):
     """The stage's settings: the keys of conf/altered.yaml."""
 
     view: Any
+    """What is drawn: a file of conf/view."""
     alteration: Any
+    """What is done to the points before: a file of conf/alteration."""
     scans: Path
     submaps: Path
 
@@ -25,10 +31,7 @@ class Settings(EachSequence):
 @stage("altered")
 def main(settings: Settings) -> str:
     def draw(sequence: str, folder: Path) -> str:
-        """Draw the views of one sequence in every case but the one as driven.
-
-        The stage of the view draws that one.
-        """
+        """Draw one sequence's views in every case but `as driven`, which its own stage draws."""
         name = f"{sequence}.zarr"
         cases = altered(
             store.read(settings.scans / name, schemas.Scans),
@@ -36,15 +39,14 @@ def main(settings: Settings) -> str:
             settings.view,
             settings.alteration,
         )
-        listed = [asdict(case) for case in cases]
-        with store.draft(folder / name, settings.view.schema, cases=listed) as out:
-            for rows in cases.values():
+        rows_of_cases = list(cases.values())
+        case_tables = [asdict(case) for case in cases]
+        with store.draft(folder / name, settings.view.schema, cases=case_tables) as out:
+            for rows in rows_of_cases:
                 out.append("images", rows.images)
             for column in ("stamps_ns", "world_T_anchor"):
-                out.put(column, np.concatenate([getattr(rows, column) for rows in cases.values()]))
-        return (
-            f"{sequence}: {len(cases)} cases of {len(next(iter(cases.values())).stamps_ns)} views"
-        )
+                out.put(column, np.concatenate([getattr(rows, column) for rows in rows_of_cases]))
+        return f"{sequence}: {len(cases)} cases of {len(rows_of_cases[0].stamps_ns)} views"
 
     return each_sequence(settings, draw, "alter")
 

@@ -1,5 +1,8 @@
-"""Scans, in the order of the drive → bird-views: pictures from above of the octree that the scans
-grow, one of each submap at each heading."""
+"""Stage `birdviews`: draws bird-views, pictures from above of the octree that the scans build up.
+
+It reads the scans of each sequence in the order of the drive, since the octree remembers earlier
+ones, and writes one picture of each submap at each heading.
+"""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,7 +26,7 @@ class Settings(EachSequence):
 @stage("birdviews")
 def main(settings: Settings) -> str:
     def draw(sequence: str, folder: Path) -> str:
-        """The bird-views of one sequence."""
+        """Write the bird-views of one sequence."""
         name = f"{sequence}.zarr"
         scans = store.read(settings.scans / name, schemas.Scans)
         submaps = store.read(settings.submaps / name, schemas.Submaps)

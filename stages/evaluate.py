@@ -1,5 +1,9 @@
-"""A ranking and the true places → counts, curves, outcomes and numbers by both protocols, in each
-case of the queries."""
+"""Stage `evaluate`: judges a model's answers to each test sequence against the true places.
+
+It reads rankings (with poses or without), labels and submaps. For each case of the queries, such as
+as driven or turned, it writes counts, curves, outcomes and numbers by both protocols: an answer is
+right if it is the query's cell, or if it is near enough.
+"""
 
 import json
 from dataclasses import asdict, dataclass
@@ -16,7 +20,7 @@ from stages import EachSequence, each_sequence, stage
 
 @dataclass(frozen=True)
 class Tolerance:
-    """A file of conf/tolerance."""
+    """How near a right answer is, and how intervals are drawn: a file of conf/tolerance."""
 
     distance: Distance
     bootstrap: Bootstrap
@@ -41,7 +45,7 @@ def main(settings: Settings) -> str:
         metrics_folder.mkdir()
 
         def evaluate(sequence: str, folder: Path) -> str:
-            """One sequence's evaluation in every case, and the metrics of the one as driven."""
+            """Write the evaluation of one sequence in every case, and its metrics as driven."""
             name = f"{sequence}.zarr"
             distance = settings.tolerance.distance
             bootstrap = settings.tolerance.bootstrap

@@ -1,5 +1,8 @@
-"""A world → what has changed since training by the day of each sequence: a simulated one's own
-events, else the user's csv."""
+"""Stage `events`: writes what had changed in the world since training, by each sequence's day.
+
+A simulated world knows its own events; of a recorded one they come from a csv that the user wrote.
+A study of robustness asks how answers near such changes fare.
+"""
 
 from collections import Counter
 from dataclasses import dataclass

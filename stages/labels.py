@@ -1,5 +1,9 @@
-"""Submaps → places: the grid cells of the training sequence, and which of them each submap of a
-sequence is in."""
+"""Stage `labels`: finds the true place of each submap.
+
+Places are the cells of a grid that the training sequence drove through. The stage reads the submaps
+of all sequences and writes, for each submap, the place that it lies in, or that training never was
+there, with the distance to the nearest training submap.
+"""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +19,7 @@ from stages import EachSequence, each_sequence, stage
 
 @dataclass(frozen=True)
 class Box:
-    """The rectangle in which a data set's places lie."""
+    """The rectangle of the world's xy plane in which a data set's places lie: lowest, highest."""
 
     x_m: tuple[float, float]
     y_m: tuple[float, float]
@@ -30,7 +34,7 @@ class DataSet:
 
 @dataclass(frozen=True)
 class Cells:
-    """A file of conf/grid."""
+    """The wanted side of a cell: a file of conf/grid."""
 
     cell_m: Annotated[float, Range(0.1, 10_000)]
 
@@ -48,9 +52,9 @@ class Settings(EachSequence):
 @stage("labels")
 def main(settings: Settings) -> str:
     def labelled(sequence: str, folder: Path) -> str:
-        """The labels of one sequence by a training one.
+        """Write the labels of one sequence, by the first training sequence.
 
-        Of several training sequences each is labelled by itself.
+        If several train, each of them is labelled by itself instead.
         """
         train = sequence if sequence in settings.train else settings.train[0]
         submaps, training = (
@@ -62,11 +66,9 @@ def main(settings: Settings) -> str:
         labels = label(submaps.world_T_anchor, training.world_T_anchor, grid, days)
         store.write(folder / f"{sequence}.zarr", labels)
         seen = int((labels.places >= 0).sum())
-        hint = (
-            ""
-            if seen
-            else ": no submap lies at a place of training, do the poses of both share a frame?"
-        )
+        hint = ""
+        if not seen:
+            hint = ": no submap lies at a place of training, do the poses of both share a frame?"
         return (
             f"{sequence}: {seen} seen, {len(labels.places) - seen} unseen, {len(labels.cells)} "
             f"places of {grid.cell_m:g} m{hint}"

@@ -1,5 +1,9 @@
-"""Submaps of a test sequence and a study's models → what a query and a training cost on this
-machine (SCI paper, Table III)."""
+"""Stage `latency`: measures what a query costs on this machine, as the SCI paper's Table III does.
+
+It asks each method's model about submaps of one test sequence, on one thread, and times drawing the
+view and answering. It writes rows for the table of results, with what the training of each model
+cost, and the single times.
+"""
 
 import os
 
@@ -23,7 +27,7 @@ from pipeline.studies.models import ModelName
 from stages import build, stage
 
 METHODS = ("pipeline.methods.",)
-"""Where the classes of models lie."""
+"""The package of all methods' classes; a model's recipe may name no other class."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +39,7 @@ class Settings:
     cells: str
     """A file of conf/grid."""
     sequence: str
-    """Whose submaps are the queries."""
+    """The test sequence whose submaps are the queries."""
     scans: Path
     submaps: Path
     models: Path
@@ -82,7 +86,7 @@ def main(settings: Settings) -> str:
 
 
 def timed_method(view: str, draw: Any, path: Path) -> TimedMethod:
-    """The method of a stored model, on one thread where the method has threads."""
+    """Load a stored model, ready to be timed: its method asks on one thread."""
     recipe = {name: parsed(value) for name, value in store.read_recipe(path).items()}
     method = build_method({**recipe, "threads": 1}, METHODS)
     model = store.read_model(path)

@@ -1,4 +1,9 @@
-"""A model learns further days by one strategy → what it answers after each."""
+"""Stage `lifelong`: lets a model learn further days, and asks it about all query days after each.
+
+A course says which days are learned and in which order; a strategy says how, such as growing the
+database or training the network further. The stage writes the answers after each step of learning,
+and what each step cost.
+"""
 
 import json
 from dataclasses import dataclass
@@ -19,10 +24,11 @@ from stages import ROOT, ProgressBar, stage, within_budget
 
 @dataclass(frozen=True)
 class Strategy:
-    """A file of conf/strategy."""
+    """How a model learns a further day: a file of conf/strategy."""
 
     name: str
     way: Any
+    """The object that learns a day, one of pipeline.lifelong."""
 
 
 @dataclass(frozen=True)
@@ -52,13 +58,13 @@ class Settings:
     cells: str
     """A file of conf/grid."""
     name: ModelName
-    """Of the model: its method, variant and seed."""
+    """The model's method, variant and seed."""
     order: Order
     train: str
     later_days: Names
-    """Days that are learned after the first."""
+    """The days that are learned after the first."""
     query_days: Names
-    """Days that are asked after each."""
+    """The days whose queries the model is asked about after each step."""
     view_name: str
     """What the method looks at: a file of conf/view."""
     model: Path
@@ -68,7 +74,7 @@ class Settings:
     scans: Path
     submaps: Path
     map: Path
-    """Folder of the first day's map, made where there is none; read by order `updates` alone."""
+    """Folder of the first day's map, which only the order `updates` reads; made if missing."""
     out: Path
     timing: Path
     """File for the CPU time of each step."""

@@ -1,5 +1,9 @@
-"""A model and the test sequences' views → a ranking of places for each query, and when to reject
-one as unseen."""
+"""Stage `localize`: asks a model about the views of the test sequences.
+
+It writes, for each query, a ranking of places with costs, and how new the query looks (its
+novelty); and for the whole sequence the threshold of novelty from which a query is rejected as
+unseen, chosen on held-out blocks of the training sequence.
+"""
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -22,12 +26,13 @@ class Settings(EachSequence):
     model: Path
     views: Path
     altered: Path
-    """Folder of the same view's altered queries."""
+    """Folder of the altered queries, drawn as the same view (stage `altered`)."""
     alterations: Names = ()
     """Names of the alterations to answer."""
     k: Count
     """Places ranked for each query."""
     rejection: Any
+    """Chooses the thresholds on held-out blocks."""
 
 
 @stage("localize")
@@ -35,7 +40,7 @@ def main(settings: Settings) -> str:
     stored_model = StoredModel(str(settings.model), settings.method, settings.rejection, settings.k)
 
     def rank(sequence: str, folder: Path) -> str:
-        """The rankings of one sequence: as driven, then of each altered case."""
+        """Write the rankings of one sequence: as driven, then of each altered case."""
         name = f"{sequence}.zarr"
         altered = [settings.altered / alteration / name for alteration in settings.alterations]
         return ranked(stored_model, Rows.queries(settings.views / name, altered), folder / name)
@@ -44,14 +49,14 @@ def main(settings: Settings) -> str:
 
 
 def ranked(stored_model: StoredModel, cases: dict[Any, Rows], path: Path) -> str:
-    """Write the rankings of the queries of each case of a sequence; returns its line."""
+    """Write the rankings of a sequence's queries in all cases; returns a line on them."""
     ranking = stored_model.rank(cases)
     rejection = stored_model.rejection
     n_driven = len(next(iter(cases.values())).stamps_ns)
+    # one threshold for each kind of novelty
     thresholds = rejection.thresholds(stored_model.model, ranking.kinds)
-    reject_from, kept_precision = (
-        tuple(map(float, values)) for values in zip(*thresholds, strict=True)
-    )
+    reject_from = tuple(float(threshold.reject_from) for threshold in thresholds)
+    kept_precision = tuple(float(threshold.kept_precision) for threshold in thresholds)
     rankings = schemas.Rankings(
         **vars(ranking),
         turned_deg=turned_deg(cases).astype(np.float32),

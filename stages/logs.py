@@ -1,5 +1,8 @@
-"""A world → raw logs of one sequence, in a data set's own format; or recorded logs → an inventory
-of them."""
+"""Stage `logs`: drives one sequence through a simulated world and writes its raw logs.
+
+The logs have the data set's own format, so the later stages read simulated and recorded logs alike.
+If the logs are recorded, the stage checks that the files are there and writes a list of them.
+"""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,4 +1,7 @@
-"""The training day's submaps → a map of each: its points, thinned, to register queries against."""
+"""Stage `map`: thins the points of the training day's submaps to one a voxel.
+
+Stage `poses` registers queries with these points.
+"""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,14 +19,17 @@ class Settings(EachSequence):
     scans: Path
     submaps: Path
     voxel_m: Positive
+    """Side of a voxel."""
     range_m: Positive
+    """Points farther from a submap's anchor are left out."""
     gathered_m: Positive
+    """The same as `range_m`, for submaps of several scans: far points drift while scans gather."""
 
 
 @stage("map")
 def main(settings: Settings) -> str:
     def thin(sequence: str, folder: Path) -> str:
-        """The map of one training sequence."""
+        """Write the map of one training sequence."""
         name = f"{sequence}.zarr"
         n_submaps, n_points = write_map(
             folder / name,

@@ -1,4 +1,8 @@
-"""Poses of single queries and odometry → poses along each test sequence's path."""
+"""Stage `paths`: joins the poses of single queries along the path of each test sequence.
+
+It reads the poses that stage `poses` found for each query by itself, and the odometry between them,
+and writes poses that agree with both, in the same form.
+"""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,7 +31,7 @@ class Settings(EachSequence):
 @stage("paths")
 def main(settings: Settings) -> str:
     def follow(sequence: str, folder: Path) -> str:
-        """Write the poses of one sequence anew; it may run in a process of its own."""
+        """Write the joined poses of one sequence; it may run in a process of its own."""
         name = f"{sequence}.zarr"
         train = f"{settings.train}.zarr"
         fixes = store.read(settings.fixes / name, schemas.Fixes)
@@ -36,12 +40,11 @@ def main(settings: Settings) -> str:
         places = Places.of(store.read(settings.labels / train, schemas.Labels))
         along_path = joined(fixes, odom_T_scan[submaps.scans], settings.path, places)
         store.write(folder / name, along_path)
-        is_accepted, was_accepted = (
-            answers.novelty[:, 0] < answers.reject_from() for answers in (along_path, fixes)
-        )
+        n_accepted = int((along_path.novelty[:, 0] < along_path.reject_from()).sum())
+        n_accepted_alone = int((fixes.novelty[:, 0] < fixes.reject_from()).sum())
         return (
-            f"{sequence}: {is_accepted.sum()} of {len(is_accepted)} queries accepted along the "
-            f"path, {was_accepted.sum()} one by one"
+            f"{sequence}: {n_accepted} of {len(along_path.novelty)} queries accepted along the "
+            f"path, {n_accepted_alone} one by one"
         )
 
     return each_sequence(settings, follow, "paths")

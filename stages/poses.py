@@ -1,4 +1,13 @@
-"""Rankings and the map → a pose of each query, its places re-ranked, and whether to believe it."""
+"""Stage `poses`: registers each query with the map, and says whether to believe the pose.
+
+A method's ranking of places gives candidates. Each query's points are registered with the map's
+submaps there, and the best pose is its fix. The stage writes the fixes of each test sequence: the
+pose, the places re-ranked by it, and a doubt (one minus the chance that the pose is right) with the
+limits from which to reject it. The limits keep promised precisions on held-out blocks of the
+training sequence.
+
+Level sweeps, of a 2-D laser, are searched in a grid of the whole map instead.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -29,7 +38,7 @@ class Budget:
     """What the stage takes of a file of conf/budget."""
 
     poses: Mapping[str, Any] | None = None
-    """Fields of the fixer that have another value."""
+    """Fields of the fixer that this budget gives another value."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,31 +56,37 @@ class Settings(EachSequence):
     others: Names = ()
     """Folders of other methods' rankings, whose places are candidates too."""
     alterations: Names = ()
-    """Of some test sequences, as localize was asked."""
+    """The alterations whose queries stage `localize` answered too: files of conf/alteration."""
     map: Path
     labels: Path
     scans: Path
     submaps: Path
     k: Count
-    """Candidate places of each ranking."""
+    """How many places of each ranking are candidates."""
     wanted_precision: Share
+    """The precision that accepted places keep."""
     unseen_share: Share
+    """The share of unseen queries that the limits assume."""
     held_out: Any
+    """Registers the held-out blocks of the training sequence."""
     fixer: DictConfig
+    """Registers a query at its candidate places."""
 
 
 @dataclass(frozen=True)
 class Learned:
-    """What the training day says of poses, and how the queries of a sequence are asked."""
+    """What the held-out blocks of the training day teach, and how queries are posed with it."""
 
     limits: Mapping[str, Sequence[float]]
-    """The doubt from which to reject each of BELIEFS, by promise."""
-    fixes: int
-    """Of held-out stretches."""
-    blocks: int
+    """For each of BELIEFS the doubts from which to reject it, one for each promised precision."""
+    fix_count: int
+    """How many fixes of held-out queries the limits were chosen on."""
+    block_count: int
+    """How many held-out blocks these queries are from."""
     right_within: tuple[float, float]
-    """Metres and degrees."""
-    queries: Callable[[str], list[PosedQuery]]
+    """Metres and degrees within which a pose is right."""
+    posed_queries: Callable[[str], list[PosedQuery]]
+    """Finds the poses of the queries of a test sequence, given by its name."""
 
 
 @stage("poses")
@@ -81,33 +96,31 @@ def main(settings: Settings) -> str:
     sweeps = Sweeps.of(store.read(settings.scans / name, schemas.Scans), is_posed=True)
     with instantiate(settings.compute) as compute, store.replace(settings.out) as folder:
         folder.mkdir()
-        learned = (
-            learned_level(settings, sweeps)
-            if sweeps.is_level
-            else learned_standing(settings, labels, compute)
-        )
+        # choose the limits on the training day
+        if sweeps.is_level:
+            learned = learned_of_sweeps(settings, sweeps)
+        else:
+            learned = learned_of_scans(settings, labels, compute)
+        lines = [f"{learned.fix_count} fixes of {learned.block_count} held-out blocks"]
         posing = Posing(
             learned.limits,
-            learned.blocks,
+            learned.block_count,
             learned.right_within,
             Places.of(labels),
             settings.wanted_precision,
         )
-        lines = [f"{learned.fixes} fixes of {learned.blocks} held-out blocks"]
+        # pose the queries of each test sequence
         sequences = settings.sequences
-        queries_by_sequence = compute.each(learned.queries, sequences)
-        for sequence, queries in zip(
-            sequences,
-            ProgressBar().track(queries_by_sequence, len(sequences), "register"),
-            strict=True,
-        ):
+        queries_of_sequences = compute.each(learned.posed_queries, sequences)
+        tracked = ProgressBar().track(queries_of_sequences, len(sequences), "register")
+        for sequence, queries in zip(sequences, tracked, strict=True):
             rankings = store.read(settings.rankings / f"{sequence}.zarr", schemas.Rankings)
             lines.append(posing.write(folder / f"{sequence}.zarr", rankings, queries))
     return "; ".join(lines)
 
 
-def learned_standing(settings: Settings, labels: schemas.Labels, compute: Compute) -> Learned:
-    """Register held-out blocks of 3-D scans with the map; queries are registered alike."""
+def learned_of_scans(settings: Settings, labels: schemas.Labels, compute: Compute) -> Learned:
+    """Register held-out blocks of 3-D scans with the map, and judge later queries by them."""
     name = f"{settings.train}.zarr"
     fixer = instantiate(settings.fixer, **(settings.budget.poses or {}))
     map_path = settings.map / name
@@ -130,24 +143,25 @@ def learned_standing(settings: Settings, labels: schemas.Labels, compute: Comput
         expectations=evidence.expectations,
     )
 
-    def queries(sequence: str) -> list[PosedQuery]:
-        """The queries of one sequence; it may run in a process of its own."""
+    def posed_queries(sequence: str) -> list[PosedQuery]:
+        """Pose the queries of one sequence; it may run in a process of its own."""
         alterations = [build("alteration", name) for name in settings.alterations]
         rankings = (str(settings.rankings), *settings.others)
-        folders = (str(settings.scans), str(settings.submaps))
-        asked = Queries(sequence, *folders, rankings, alterations)
-        return [PosedQuery.of(fix, judge) for fix in asked.fixes(fixer, map_path, settings.k)]
+        queries = Queries(
+            sequence, str(settings.scans), str(settings.submaps), rankings, alterations
+        )
+        return [PosedQuery.of(fix, judge) for fix in queries.fixes(fixer, map_path, settings.k)]
 
     limits = {belief: verdict.limits(belief) for belief in BELIEFS}
-    return Learned(limits, len(evidence.fixes), evidence.blocks, RIGHT_WITHIN, queries)
+    return Learned(limits, len(evidence.fixes), evidence.blocks, RIGHT_WITHIN, posed_queries)
 
 
-def learned_level(settings: Settings, sweeps: Sweeps) -> Learned:
-    """Draw level sweeps into a grid that is searched for held-out stretches, and for queries."""
+def learned_of_sweeps(settings: Settings, sweeps: Sweeps) -> Learned:
+    """Search a grid of level sweeps for held-out stretches, and judge later queries by them."""
     day = LevelDay.learned(sweeps, settings.unseen_share, LevelHeldOut())
 
-    def queries(sequence: str) -> list[PosedQuery]:
-        """The queries of one sequence; it may run in a process of its own."""
+    def posed_queries(sequence: str) -> list[PosedQuery]:
+        """Pose the queries of one sequence; it may run in a process of its own."""
         name = f"{sequence}.zarr"
         rankings = store.read(settings.rankings / name, schemas.Rankings)
         if len(rankings.cases) > 1:
@@ -163,7 +177,7 @@ def learned_level(settings: Settings, sweeps: Sweeps) -> Learned:
     limits = {belief: verdict.limits(belief) for belief in BELIEFS}
     evidence = verdict.evidence
     return Learned(
-        limits, len(evidence.fixes), evidence.blocks, level_verdict.RIGHT_WITHIN, queries
+        limits, len(evidence.fixes), evidence.blocks, level_verdict.RIGHT_WITHIN, posed_queries
     )
 
 

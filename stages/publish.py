@@ -1,5 +1,8 @@
-"""The table of results, models and figures → MLflow, which can be thrown away and published anew at
-any time."""
+"""Stage `publish`: shows a study in MLflow, from its table of results, models and figures.
+
+Everything that MLflow gets is in the artifacts already, so its database may be deleted and
+published anew at any time.
+"""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,7 +13,7 @@ from pipeline.running.dvc_files import DvcLock
 from pipeline.studies import measured
 from pipeline.studies.layout import Layout
 from pipeline.studies.models import ModelName
-from pipeline.studies.study import LIFELONG
+from pipeline.studies.study import LIFELONG, StudyMethod
 from pipeline.tracking import page
 from pipeline.tracking import runs as tracking
 from pipeline.tracking.records import StudyRuns, of_strategies, stage_costs
@@ -20,7 +23,7 @@ from stages import stage
 
 @dataclass(frozen=True)
 class Tracking:
-    """A file of conf/tracking."""
+    """Where MLflow keeps its runs, and where it is served: a file of conf/tracking."""
 
     host: str
     port: int
@@ -41,32 +44,25 @@ class Settings:
 def main(settings: Settings) -> str:
     layout = Layout(settings.artifacts)
     study = measured.read(layout, settings.study)
-    runs = list[tracking.RunRecord]()
     table = results.read(layout, {study.name: study})
     lock = DvcLock.read(layout.root.parent / "dvc.lock")
-    further = study.learns_further_days
+    runs = list[tracking.RunRecord]()
     for grid in study.grid_names:
         figures = layout.path("report", study.name, grid)
         study_runs = StudyRuns(study, grid, table[table["grid"] == grid], figures, lock)
-        runs += of_strategies(study_runs) if further else ()
-        for method in study.methods if study.asks_about_the_year else ():
-            path = layout.path("train", study.name, grid, method.name)
-            extra = stage_costs(layout, study.name, grid, method, path)
-            own_answers, *further_answers = study.answers_of(ModelName(method.name))
-            recipe = store.read_recipe(path)
-            runs += [
-                study_runs.method_run(posed, {}, recipe, {})
-                for posed in further_answers
-                if not posed.path
-            ]
-            run = study_runs.method_run(own_answers, store.read_model(path), recipe, extra)
-            runs.append(replace(run, model=Served.read(path)))
-    name = tracking.experiment_of(study.name, study.simulated, LIFELONG if further else "")
+        if study.learns_further_days:
+            runs += of_strategies(study_runs)
+        if study.asks_about_the_year:
+            for method in study.methods:
+                runs += runs_of_method(layout, study_runs, method)
+    experiment = tracking.experiment_of(
+        study.name, study.simulated, LIFELONG if study.learns_further_days else ""
+    )
     published = tracking.publish(
         settings.tracking.database,
-        name,
+        experiment,
         runs,
-        page.FURTHER_DAYS if further else page.YEAR,
+        page.FURTHER_DAYS if study.learns_further_days else page.YEAR,
         settings.tracking.artifacts,
     )
     address = page.url(published.experiment_id, settings.tracking.host, settings.tracking.port)
@@ -80,6 +76,25 @@ def main(settings: Settings) -> str:
         f"{moved_note}{published.written} runs written, {published.kept} there already; "
         f"`make dashboard` serves them at {address}"
     )
+
+
+def runs_of_method(
+    layout: Layout, study_runs: StudyRuns, method: StudyMethod
+) -> list[tracking.RunRecord]:
+    """The runs of a method's own model: one for its poses if it has any, and one for itself."""
+    study = study_runs.study
+    grid = study_runs.grid
+    path = layout.path("train", study.name, grid, method.name)
+    recipe = store.read_recipe(path)
+    costs = stage_costs(layout, study.name, grid, method, path)
+    own_answers, *further_answers = study.answers_of(ModelName(method.name))
+    runs = [
+        study_runs.method_run(answers, {}, recipe, {})
+        for answers in further_answers
+        if not answers.path
+    ]
+    run = study_runs.method_run(own_answers, store.read_model(path), recipe, costs)
+    return [*runs, replace(run, model=Served.read(path))]
 
 
 if __name__ == "__main__":

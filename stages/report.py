@@ -1,7 +1,11 @@
-"""Stage `report`: the tables of results and artifacts → markdown, SVGs and one HTML page."""
+"""Stage `report`: writes what was measured as markdown, figures and one HTML page.
+
+It reads the tables of results and the artifacts of all studies, and measures nothing itself.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from pipeline.core import store
@@ -20,7 +24,7 @@ class Settings:
     """The stage's settings: the keys of conf/report.yaml."""
 
     studies: tuple[Study, ...]
-    """As conf/studies.yaml has them; the numbers are of those that were measured."""
+    """The studies as conf/studies.yaml has them now; the report shows those that were measured."""
     artifacts: Path
     few: Count
     """Fewer seen queries than this near a real change say little."""
@@ -30,13 +34,13 @@ class Settings:
 @stage("report")
 def main(settings: Settings) -> str:
     layout = Layout(settings.artifacts)
-    named = {study.name: study for study in settings.studies}
-    studies = {name: measured.read(layout, name) for name in named}
-    table = results.read(layout, studies)
-    stale = measured.stale(layout, named)
+    current_studies = {study.name: study for study in settings.studies}
+    measured_studies = {name: measured.read(layout, name) for name in current_studies}
+    table = results.read(layout, measured_studies)
+    stale = measured.stale(layout, current_studies)
     with store.replace(settings.out) as folder:
         line = report.write(
-            folder, layout, studies, table, settings.few, lambda name: build("view", name), stale
+            folder, layout, measured_studies, table, settings.few, partial(build, "view"), stale
         )
     return f"{line}; open {settings.out}/page.html in a browser, it needs no network"
 

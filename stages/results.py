@@ -1,5 +1,8 @@
-"""All that was measured of one study → its table of results, a copy of the study they belong to,
-and the plain data of two plots for `dvc plots`."""
+"""Stage `results`: gathers all numbers that were measured of one study into one table.
+
+It reads the artifacts of the study, and writes the table (a row a number) as a csv, a copy of the
+study beside it, and the data of two plots for `dvc plots`. Reports and pages read this table.
+"""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,4 +1,8 @@
-"""Raw logs → pose-aligned scans of one sequence."""
+"""Stage `scans`: reads the raw logs of one sequence and writes its scans, each with its pose.
+
+Every data set's reader ends here: the later stages see only scans (or 2-D sweeps), poses in the
+world and odometry, in one form.
+"""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,9 +35,11 @@ class Settings:
     """Folder of the logs."""
     sequence: str
     slam: Path
-    """Its estimated poses; an empty folder where the logs have their own."""
+    """The poses that stage `slam` estimated; an empty folder if the logs have their own."""
     grain_m: Positive
+    """Metres per unit of the stored integers."""
     every_m: NotNegative
+    """The least way between two scans that are kept; 0 keeps all."""
     compute: DictConfig
     out: Path
 
@@ -41,7 +47,9 @@ class Settings:
 @stage("scans")
 def main(settings: Settings) -> str:
     log = open_part(settings.dataset.reader, settings.root, settings.sequence)
-    log = with_estimated_poses(log, settings.slam) if any(settings.slam.iterdir()) else log
+    has_estimated_poses = any(settings.slam.iterdir())
+    if has_estimated_poses:
+        log = with_estimated_poses(log, settings.slam)
     intake = Intake(log, settings.grain_m, settings.every_m)
     attrs = {
         "grain_m": settings.grain_m,

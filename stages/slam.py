@@ -1,4 +1,8 @@
-"""The scans of one log without poses → their poses, in a world of the training sequence's."""
+"""Stage `slam`: estimates the poses of a log that has none, from its scans.
+
+The training sequence is estimated first, and its poses define the world's frame. Every other
+sequence is then located on the training sequence's map, so that all poses are in one world.
+"""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,19 +28,20 @@ class DataSet:
 
 @dataclass(frozen=True)
 class Settings:
-    """What the stage is told."""
+    """The stage's settings: the keys of conf/slam.yaml."""
 
     dataset: DataSet
     root: Path
     """Folder of the logs."""
     sequence: str
     train: str
-    """The training sequence, whose own poses make the world."""
+    """The training sequence, whose estimated poses define the world's frame."""
     slam: Slam
     picture: Path
+    """File for a picture of the trajectory."""
     out: Path
     map: Path | None = None
-    """The training sequence's estimated poses; None where it is estimated itself."""
+    """The training sequence's estimated poses; None if the sequence is the training one itself."""
 
 
 @stage("slam")

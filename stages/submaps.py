@@ -1,4 +1,9 @@
-"""Scans → submaps: one every `step_m` of path, each around an anchor pose."""
+"""Stage `submaps`: chooses the scans of each sequence that make a submap.
+
+A submap is the points of one scan, or of several scans or sweeps, around one anchor pose; there is
+one every `step_m` of path. The stage writes which scans each submap gathers and where its anchor
+is, and no points.
+"""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,13 +20,14 @@ class Settings(EachSequence):
     """The stage's settings: the keys of conf/submaps.yaml."""
 
     submap: Any
+    """Cuts a drive into submaps: a file of conf/submap."""
     scans: Path
 
 
 @stage("submaps")
 def main(settings: Settings) -> str:
     def cut(sequence: str, folder: Path) -> str:
-        """The submaps of one sequence."""
+        """Write the submaps of one sequence."""
         name = f"{sequence}.zarr"
         scans = store.read(settings.scans / name, schemas.Scans)
         submaps = settings.submap.cut(scans, Progress())

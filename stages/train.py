@@ -1,5 +1,8 @@
-"""Views and places of the training sequences → a new model, or an earlier model grown by the later
-sequences."""
+"""Stage `train`: a method learns the views of the training sequences and their places.
+
+It writes a model. If an earlier model of the first sequence is given, that one is grown by the
+later sequences instead of learning from the start.
+"""
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -34,11 +37,12 @@ class Settings:
     budget: Budget
     sequences: Names
     from_: Path | None = None
-    """If set: a model of the first sequence, grown by the others in turn."""
+    """A model of the first sequence, to be grown by the later ones; without it a new one learns."""
     views: Path
     labels: Path
     out: Path
     checkpoints: Path
+    """Folder for the state of an unfinished training."""
 
 
 @stage("train", within_budget)
@@ -81,16 +85,14 @@ def main(settings: Settings) -> str:
 
 
 def _summary(model: Model, places: NDArray[np.int64], share: float) -> str:
-    """The stage's line: how many views and places, and which epoch of a training is kept."""
-    epochs = next((len(array) for name, array in model.items() if name.startswith("curves/")), 0)
-    trained = (
-        f"{share:g} of the full training, epoch {int(model.get('best_epoch', epochs - 1)) + 1} of "
-        f"{epochs} kept"
-    )
-    return (
-        f"{len(places)} views of {places.max() + 1} places, "
-        f"{trained if epochs else 'nothing to train'}"
-    )
+    """A line on the model: how many views and places, and which epoch of a training is kept."""
+    learned = f"{len(places)} views of {places.max() + 1} places"
+    curves = [array for name, array in model.items() if name.startswith("curves/")]
+    epochs = len(curves[0]) if curves else 0
+    if not epochs:
+        return f"{learned}, nothing to train"
+    kept_epoch = int(model.get("best_epoch", epochs - 1)) + 1
+    return f"{learned}, {share:g} of the full training, epoch {kept_epoch} of {epochs} kept"
 
 
 if __name__ == "__main__":

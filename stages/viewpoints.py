@@ -1,5 +1,8 @@
-"""A model of bird-views and test sequences → how well places are known again from other headings
-(DOM and PFL, IROS 2018)."""
+"""Stage `viewpoints`: judges how well a model recognises places from other headings.
+
+It asks a model of bird-views about each place of a test sequence as a turned robot sees it, as the
+paper on DOM and PFL does (IROS 2018), and writes the matches and their mean numbers by heading.
+"""
 
 import json
 from dataclasses import dataclass
@@ -14,7 +17,7 @@ from pipeline.matching.ranking import Rows
 from stages import ProgressBar, stage
 
 METHODS = ("pipeline.methods.",)
-"""Where the classes of models lie."""
+"""The package of all methods' classes; a model's recipe may name no other class."""
 
 
 @dataclass(frozen=True)
@@ -25,7 +28,7 @@ class Settings:
     views: Path
     sequences: Names
     tests: Count
-    """How many of the sequences are asked about, the first ones."""
+    """How many of the sequences are asked about, from the first on."""
     viewpoints: Any
     out: Path
     metrics: Path

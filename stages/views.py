@@ -1,4 +1,8 @@
-"""Submaps → one view of each."""
+"""Stage `views`: draws one view of each submap, such as a Scan Context: what a method looks at.
+
+It reads the scans and submaps of each sequence and writes an artifact of views a sequence.
+Bird-views, whose octree remembers earlier scans, have a stage of their own (`birdviews`).
+"""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,11 +29,11 @@ class Settings(EachSequence):
 @stage("views")
 def main(settings: Settings) -> str:
     def draw(sequence: str, folder: Path) -> str:
-        """The views of one sequence, drawn in one thread."""
+        """Write the views of one sequence, in one thread."""
         return written(settings, sequence, folder, Compute(workers=1), Progress())
 
     if not opened(settings, settings.sequences[0]).one_scan_each:
-        # neighbouring submaps share scans: sequences are drawn side by side, not blocks
+        # neighbouring submaps share scans, so sequences are drawn in parallel, not blocks of them
         return each_sequence(settings, draw, "draw")
     with instantiate(settings.compute) as compute, store.replace(settings.out) as folder:
         folder.mkdir()
@@ -40,7 +44,7 @@ def main(settings: Settings) -> str:
 
 
 def opened(settings: Settings, sequence: str) -> Drawing:
-    """One sequence's scans and submaps, and the view to compute."""
+    """Open the scans and submaps of one sequence, ready to be drawn."""
     name = f"{sequence}.zarr"
     return Drawing(
         store.read(settings.scans / name, schemas.Scans),
@@ -52,7 +56,7 @@ def opened(settings: Settings, sequence: str) -> Drawing:
 def written(
     settings: Settings, sequence: str, folder: Path, compute: Compute, progress: Progress
 ) -> str:
-    """Write the views of one sequence; returns its line."""
+    """Write the views of one sequence; returns a line on them."""
     drawing = opened(settings, sequence)
     return f"{sequence}: {drawing.write(folder / f'{sequence}.zarr', compute, progress)}"
 

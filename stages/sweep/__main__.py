@@ -1,6 +1,9 @@
-"""Many values of any setting: one job each, every artifact built once, one table at the end.
+"""Sweeps settings: runs the chain for every combination of values; one table and figure at the end.
 
-python -m stages.sweep -m grid.cell_m=5,10,20 method.n_way=1,2,4
+    python -m stages.sweep -m grid.cell_m=5,10,20 method.n_way=1,2,4
+
+Each combination is a job (`stages.sweep.job`). Hydra's multirun starts the jobs, here or on a
+cluster. An artifact that several jobs need is built once.
 """
 
 import os
@@ -24,29 +27,30 @@ from stages.sweep.job import CORRECTABLE, SWEEPS, job
 
 
 def main() -> None:
-    """Run the jobs, wherever the launcher says, and report on all of them."""
+    """Run the jobs, wherever Hydra's launcher starts them, and report on all of them."""
     folder = SWEEPS / "runs" / f"{time.strftime('%Y%m%d-%H%M%S')}-{os.getpid()}"
     job_words, tracking_words = split_tracking_words(sys.argv[1:])
     start_s = time.perf_counter()
     with reported("sweep"):
-        check_files(ROOT / "conf")  # else each job fails for itself
+        check_files(ROOT / "conf")  # an unreadable file is one error here, not one of each job
         tracking = tracking_of(tracking_words)
-        defaults = usual_choices(job_words)
+        defaults = choices_of_study(job_words)
         sys.argv[1:] = command_line(job_words, defaults, folder)
         job()
     if job_records := read(folder):
-        wrong = report(folder, job_records, defaults, tracking)
+        is_published = report(folder, job_records, defaults, tracking)
         print(
             f"{cost(job_records)}, {time.perf_counter() - start_s:.0f} s\n"
             f"sweep: table and figure in {folder}"
         )
-        sys.exit(1 if wrong or any(record.error for record in job_records) else 0)
+        has_failed = any(record.error for record in job_records) or not is_published
+        sys.exit(1 if has_failed else 0)
 
 
-def usual_choices(words: Sequence[str]) -> dict[str, str]:
-    """The study's choices that the command line does not make.
+def choices_of_study(words: Sequence[str]) -> dict[str, str]:
+    """The choices that the command line leaves open, as the study of its data set makes them.
 
-    Its data set, world, submaps, budget, first grid and first method.
+    They are the data set itself, its world, submaps and budget, and the first grid and method.
     """
     all_studies = read_listed_studies(ROOT / "conf")
     chosen_words = dict(word.partition("=")[::2] for word in words)
@@ -58,35 +62,38 @@ def usual_choices(words: Sequence[str]) -> dict[str, str]:
 
 
 def command_line(words: Sequence[str], defaults: Mapping[str, str], folder: Path) -> list[str]:
-    """Hydra's command line: a multirun into `folder`, unless it has other flags."""
-    swept = {key for key, _, value in (word.partition("=") for word in words) if "," in value}
-    overrides = [_for_each(word, swept) for word in words if word not in ("-m", "--multirun")]
-    flags = [] if any(word.startswith("-") for word in overrides) else ["-m"]
+    """Hydra's command line: a multirun into `folder`, unless the words have other flags."""
+    swept_keys = {key for key, _, value in (word.partition("=") for word in words) if "," in value}
+    overrides = [
+        _swept_with_group(word, swept_keys) for word in words if word not in ("-m", "--multirun")
+    ]
+    has_flags = any(word.startswith("-") for word in overrides)
     return [
-        *flags,
+        *([] if has_flags else ["-m"]),
         *overrides,
         f"hydra.sweep.dir={folder}",
         *(f"{group}={choice}" for group, choice in defaults.items()),
     ]
 
 
-def _for_each(word: str, swept: Set[str]) -> str:
-    """An override; a field of a swept group itself becomes a choice of one.
+def _swept_with_group(word: str, swept_keys: Set[str]) -> str:
+    """The override of one field of a group that is swept itself, as a sweep over one value.
 
-    Hydra would look for it in the usual file otherwise.
+    With grid=10m,20m, the word grid.cell_m=5 becomes grid.cell_m=choice(5). As a plain override,
+    Hydra would look for the field in the default file of the group. Other words stay as they are.
     """
     key, _, value = word.partition("=")
-    return (
-        f"{key}=choice({value})"
-        if key.partition(".")[0] in swept - {key} and value and "," not in value
-        else word
-    )
+    group = key.partition(".")[0]
+    if group in swept_keys - {key} and value and "," not in value:
+        return f"{key}=choice({value})"
+    return word
 
 
 def split_tracking_words(words: Sequence[str]) -> tuple[list[str], list[str]]:
     """The words for the jobs, and those about MLflow.
 
-    No job gets the latter: Hydra writes down what each job was told.
+    The jobs do not get the words about MLflow, which may hold a password: Hydra writes down the
+    command line of each job.
     """
     tracking_words = [
         word for word in words if word.lstrip("+").startswith(("tracking.", "tracking="))
@@ -95,14 +102,14 @@ def split_tracking_words(words: Sequence[str]) -> tuple[list[str], list[str]]:
 
 
 def tracking_of(words: Sequence[str]) -> DictConfig:
-    """The settings of MLflow, by the words about it."""
+    """The settings of MLflow: conf/tracking with the words of the command line about it."""
     try:
         with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
             return compose("sweep", [*words]).tracking
     except CORRECTABLE:
         if not words:
             raise
-        # else its text may hold a password
+        # the text of Hydra's own error may hold a password
         raise ConfigError(
             "tracking: not understood; expected KEY=VALUE with a key of conf/tracking/local.yaml"
         ) from None
@@ -113,7 +120,7 @@ def report(
 ) -> bool:
     """Write the table and figure of all jobs, and publish their runs to MLflow.
 
-    Returns whether those could not be written.
+    Returns whether the runs could be published.
     """
     first = job_records[0]
     print(sweep_report(folder, job_records, defaults))
@@ -124,9 +131,9 @@ def report(
         published = publish(tracking.database, experiment, [run], files=tracking.artifacts)
     except YearlocError as error:
         print(f"sweep: {error}", file=sys.stderr)
-        return True
+        return False
     print(f"MLflow: {published.written} runs written, {published.kept} there already")
-    return False
+    return True
 
 
 if __name__ == "__main__":

@@ -1,5 +1,8 @@
-"""One job of a sweep: builds what its overrides touch, takes the rest from DVC or earlier jobs, and
-leaves a record of it."""
+"""One job of a sweep: runs the chain with some settings changed, and writes a record of it.
+
+It builds only the artifacts that the changed settings touch. It takes the others from DVC, if they
+are there and up to date, or from earlier jobs (`pipeline.sweeps`).
+"""
 
 import math
 import sys
@@ -36,8 +39,9 @@ from stages import ROOT
 from stages.sweep.settings import Composer, listed, own_fields
 
 SWEEPS = Path(".sweeps")
+"""The folder of all that sweeps build, and of their records."""
 EMPTY = "absent"
-"""The stage that makes empty folders: it is no work and is not counted."""
+"""The stage that makes empty folders, which are not counted as artifacts."""
 CORRECTABLE = (YearlocError, HydraException, OmegaConfBaseException)
 """Errors that a person can put right."""
 
@@ -46,9 +50,9 @@ ConfigStore.instance().store("stage_fields", OmegaConf.create(own_fields()))
 
 @hydra.main(version_base="1.3", config_path=str(ROOT / "conf"), config_name="sweep")
 def job(cfg: DictConfig) -> float:
-    """Run one job; returns what an optimising sweeper maximises: the AUC on held-out blocks.
+    """Run one job; returns the AUC on held-out blocks, which an optimising sweeper maximises.
 
-    NaN if the job failed.
+    It is NaN if the job failed.
     """
     hydra_run = HydraConfig.get()
     start_s = time.perf_counter()
@@ -80,9 +84,10 @@ def job(cfg: DictConfig) -> float:
 
 
 def run_chain(cfg: DictConfig, overrides: Mapping[str, str], dataset: str) -> dict[str, Any]:
-    """Build a job's artifacts or find them: its rows of results, and where the artifacts came from.
+    """Find or build the artifacts of a job; returns its results and where the artifacts came from.
 
-    The keys are fields of `Record`. Raises ConfigError for a data set that is no study.
+    The keys are fields of `Record`: the rows of the table of results, and three counts of
+    artifacts. Raises ConfigError for a data set that is in no study.
     """
     all_studies = read_listed_studies(ROOT / "conf")
     if dataset not in all_studies:
@@ -93,10 +98,12 @@ def run_chain(cfg: DictConfig, overrides: Mapping[str, str], dataset: str) -> di
     composer = Composer(overrides)
 
     def run(step: Step, fields: Mapping[str, str]) -> None:
+        """Run a stage in this process, with `fields` for its paths and names."""
         line = import_module(f"stages.{step.stage}").main.run(composer.config(step, fields))
         print(f"{step.stage}: {line}", flush=True)
 
     def plan(study: Study) -> tuple[ArtifactResolver, dict[str, Step]]:
+        """The resolver of the job's artifacts, and the steps of the chain by stage."""
         steps = expand(definition(ROOT), listed(study, overrides, cfg.method.view))
         artifacts = ArtifactResolver(
             steps, UpToDate(ROOT), ArtifactCache(SWEEPS), composer.settings, run
@@ -105,15 +112,21 @@ def run_chain(cfg: DictConfig, overrides: Mapping[str, str], dataset: str) -> di
 
     study = all_studies[dataset]
     artifacts, step_of = plan(study)
-    # a job that differs from what DVC built leaves altered queries out: it would answer them anew
+    # A job whose rankings DVC does not have leaves altered queries out, to save the time.
     if not artifacts.dvc_has(step_of["localize"]):
         artifacts, step_of = plan(replace(study, altered={}))
     unseen_share = composer.config(step_of["localize"], {}).rejection.unseen_share
-    rows = list(results(artifacts, step_of["evaluate"], step_of["train"], unseen_share))
-    return {"rows": rows} | {
-        name: {stage: n for stage, n in getattr(artifacts, name).items() if stage != EMPTY}
-        for name in ("from_dvc", "from_sweeps", "built")
+    return {
+        "rows": list(results(artifacts, step_of["evaluate"], step_of["train"], unseen_share)),
+        "from_dvc": _without_empty(artifacts.from_dvc),
+        "from_sweeps": _without_empty(artifacts.from_sweeps),
+        "built": _without_empty(artifacts.built),
     }
+
+
+def _without_empty(count_by_stage: Mapping[str, int]) -> dict[str, int]:
+    """The counts of all stages but the one that makes empty folders."""
+    return {stage: count for stage, count in count_by_stage.items() if stage != EMPTY}
 
 
 def results(

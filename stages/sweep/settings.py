@@ -1,4 +1,9 @@
-"""Composes each stage's settings from a sweep's overrides."""
+"""Composes the settings of each stage in a job: the job's overrides in; configurations out.
+
+An override of a sweep, such as method.n_way=4, concerns only some stages of the chain. This module
+expands the chain for the job's study (`listed`), and composes each stage's yaml with those
+overrides that it has a field for (`Composer`).
+"""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -18,15 +23,9 @@ from pipeline.sweeps.resolver import StepSettings
 from stages import ROOT, within_budget
 
 GROUPS = {path.name for path in (ROOT / "conf").iterdir() if path.is_dir() and path.name != "hydra"}
-LISTED = (
-    "world",
-    "submap",
-    "budget",
-    "grid",
-    "method",
-    "view",
-    "tolerance",
-)  # groups whose file conf/lists.yaml names
+"""The groups of conf/: folders of files, of which a stage's configuration takes one."""
+LISTED = ("world", "submap", "budget", "grid", "method", "view", "tolerance")
+"""The groups whose file the lists of the chain name for each step."""
 CHAIN = (
     "logs",
     "scans",
@@ -43,23 +42,27 @@ cannot."""
 
 
 def own_fields() -> dict[str, dict[str, Any]]:
-    """The settings of each stage's own file, by stage; not those that dvc.yaml fills in."""
-    files = {
-        stage: yaml.safe_load((ROOT / "conf" / f"{stage}.yaml").read_text(encoding="utf-8"))
-        for stage in CHAIN
-    }
-    inherited = ("defaults", "hydra")
-    own_settings = {
-        name: {k: v for k, v in file.items() if k not in inherited and v is not None}
-        for name, file in files.items()
-    }
-    return {name: fields for name, fields in own_settings.items() if fields}
+    """The settings of each stage's own file, by stage, without those that dvc.yaml fills in."""
+    fields_by_stage = {}
+    for stage in CHAIN:
+        path = ROOT / "conf" / f"{stage}.yaml"
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+        fields = {
+            key: value
+            for key, value in content.items()
+            if key not in ("defaults", "hydra") and value is not None
+        }
+        if fields:
+            fields_by_stage[stage] = fields
+    return fields_by_stage
 
 
 def listed(study: Study, overrides: Mapping[str, str], method_view: str) -> dict[str, Any]:
-    """The lists for a job of one study, grid and method, unless `overrides` name others.
+    """The lists of the chain for a job: its study with one grid and one method.
 
-    `method_view` is the view of the job's method in its yaml.
+    The job's `overrides` choose the files of groups such as grid or method; else they are the
+    study's first. `method_view` is the view of the job's method in its yaml. Raises ConfigError for
+    a study that does not ask about the year.
     """
     if not study.asks_about_the_year:
         raise ConfigError(
@@ -67,19 +70,8 @@ def listed(study: Study, overrides: Mapping[str, str], method_view: str) -> dict
             "see `yearloc use`"
         )
     conf = ROOT / "conf"
-    views = {method.name: method.view for method in study.methods}
     name = overrides.get("method", study.methods[0].name)
-    view = overrides.get("view") or (
-        method_view if "method.view" in overrides else views.get(name, method_view)
-    )
-    changed_settings = {
-        key: value for method in study.methods for key, value in method.settings.items()
-    }
-    own_settings = settings_of(conf, name)
-    method = replace(
-        StudyMethod.described(conf, name, view),
-        settings={key: value for key, value in changed_settings.items() if key in own_settings},
-    )
+    method = _method_of_job(study, name, overrides, method_view)
     grid = overrides.get("grid", study.grids[0].name)
     job_study = replace(
         study,
@@ -95,8 +87,29 @@ def listed(study: Study, overrides: Mapping[str, str], method_view: str) -> dict
     return expand({study.name: job_study})
 
 
+def _method_of_job(
+    study: Study, name: str, overrides: Mapping[str, str], method_view: str
+) -> StudyMethod:
+    """The job's method, with the settings that the study changes in its methods."""
+    view_in_study = {method.name: method.view for method in study.methods}
+    if overrides.get("view"):
+        view = overrides["view"]
+    elif "method.view" in overrides:
+        view = method_view
+    else:
+        view = view_in_study.get(name, method_view)
+    changed_settings: dict[str, Any] = {}
+    for study_method in study.methods:
+        changed_settings |= study_method.settings
+    own_settings = settings_of(ROOT / "conf", name)
+    return replace(
+        StudyMethod.described(ROOT / "conf", name, view),
+        settings={key: value for key, value in changed_settings.items() if key in own_settings},
+    )
+
+
 class Composer:
-    """Composes each step's settings from a job's overrides."""
+    """Composes the settings of each step, an instance of a stage, from a job's overrides."""
 
     def __init__(self, overrides: Mapping[str, str]) -> None:
         self._overrides = overrides
@@ -106,8 +119,8 @@ class Composer:
         choices, changes = self._words(step)
         files = tuple((PurePath(file).parts, keys) for file, keys in step.params.items())
         values = _values(step.stage, choices + changes, files)
-        follows_conf = not changes or values == _values(step.stage, choices, files)
-        return StepSettings(values, follows_conf)
+        values_of_conf = _values(step.stage, choices, files) if changes else values
+        return StepSettings(values, follows_conf=values == values_of_conf)
 
     def config(self, step: Step, fields: Mapping[str, str]) -> DictConfig:
         """The step's whole configuration, with `fields` for its paths and names."""
@@ -118,31 +131,42 @@ class Composer:
         )
 
     def _words(self, step: Step) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """The step's choices of files, and the overrides of something in its configuration."""
-        groups = _composed(step.stage, ()).keys() & GROUPS
+        """The step's choices of files, and those overrides of the job that change its settings."""
+        choices = tuple(f"{group}={choice}" for group, choice in step.choices.items())
+        groups_of_stage = _composed(step.stage, ()).keys() & GROUPS
         changes = []
         for key, value in self._overrides.items():
             head, dot, field = key.partition(".")
-            if dot and head == step.stage:
+            if dot and head == step.stage:  # train.k=1: a field of the stage itself
                 changes.append(f"{field}={value}")
-            elif head in groups and (dot or head not in LISTED):
+            elif head in groups_of_stage and (dot or head not in LISTED):
                 changes.append(f"{key}={value}")
-        return tuple(f"{group}={choice}" for group, choice in step.choices.items()), tuple(changes)
+        return choices, tuple(changes)
 
 
 @cache
 def _composed(stage: str, overrides: tuple[str, ...]) -> DictConfig:
+    """Compose a stage's configuration, as its own command would."""
     cfg = compose(stage, list(overrides))  # by the Hydra that runs the job
     return within_budget(cfg, overrides) if stage == "train" else cfg
 
 
 @cache
-def _values(stage: str, overrides: tuple[str, ...], files: Any) -> dict[str, Any]:
-    """The stage's own fields and what it takes of each tracked group."""
+def _values(
+    stage: str,
+    overrides: tuple[str, ...],
+    files: tuple[tuple[tuple[str, ...], tuple[str, ...]], ...],
+) -> dict[str, Any]:
+    """The stage's own fields, and what it takes of each group that dvc.yaml lists for it.
+
+    `files` are the parts of a path, such as conf, grid, 10m.yaml, and the keys in that file that
+    count; without keys all count.
+    """
     settings: Any = OmegaConf.to_container(_composed(stage, overrides))
     values = {key: value for key, value in settings.items() if key not in GROUPS}
     for parts, keys in files:
         if len(parts) == 3:
-            group = settings[parts[1]]
-            values[parts[1]] = {key: group.get(key) for key in keys} if keys else group
+            _, group, _ = parts
+            content = settings[group]
+            values[group] = {key: content.get(key) for key in keys} if keys else content
     return values
