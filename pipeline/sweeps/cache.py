@@ -1,6 +1,7 @@
-"""The cache of sweeps: a key of code, parameters and inputs in; a folder with the artifacts out.
+"""The cache of sweeps: what one job of a sweep has built, no later job builds again.
 
-What one job has built no later one builds again.
+An entry is found by its kind and a key, a digest of all that its artifacts depend on: the code, the
+parameters and the keys of the inputs (`resolver`).
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -15,11 +16,11 @@ from pipeline.running.provenance import fingerprint
 
 @dataclass(frozen=True)
 class ArtifactCache:
-    """A folder with one entry a key, such as `train/0f3c…/sci.zarr.zip`.
+    """A folder with an entry for each kind and key, such as `train/0f3c…/sci.zarr.zip`.
 
-    Every file of an entry is written whole or not at all, so an entry is finished when all of them
-    are there; a lock beside it keeps a second builder waiting. Deleting any of it, or all, costs
-    only the time to build it again.
+    Every file of an entry is written whole or not at all, so an entry is finished when all its
+    files exist. A lock beside it makes a second job wait for the one that builds it. Entries may be
+    deleted at any time; they are then built again.
     """
 
     root: Path
@@ -29,7 +30,7 @@ class ArtifactCache:
     ) -> tuple[Path, bool]:
         """The folder of an entry with the files `names`, and whether it was built just now.
 
-        `build` is to write the files into the folder; it is called where one is missing.
+        If a file is missing, `build(folder)` is called, which must write all of them.
         """
         folder = self.root / kind / key
         folder.mkdir(parents=True, exist_ok=True)
@@ -40,7 +41,7 @@ class ArtifactCache:
         return folder, is_unfinished
 
     def gather(self, parts: Mapping[str, str]) -> Path:
-        """A folder of symbolic links: name in it to the path that it leads to."""
+        """Make a folder of symbolic links; `parts` has the path that each name in it leads to."""
         folder = self.root / "gathered" / fingerprint(sorted(parts.items()))
         folder.mkdir(parents=True, exist_ok=True)
         for name, path in parts.items():

@@ -1,6 +1,7 @@
-"""The chain as a sweep sees it: dvc.yaml and its lists in; a step for each instance of a stage out.
+"""Expands dvc.yaml as DVC does: its stages and lists in; a step for each instance of a stage out.
 
-A job of a sweep runs single steps without DVC, with other settings than dvc.yaml has.
+A job of a sweep runs single steps without DVC, with other settings than dvc.yaml has. For that it
+must know each step's command, what it reads and what it writes.
 """
 
 import re
@@ -16,7 +17,7 @@ from pipeline.core.errors import ConfigError
 from pipeline.studies.layout import ARTIFACTS
 
 REFERENCE = re.compile(r"\$\{([\w.]+)\}")
-"""A name that dvc.yaml has for a value: ${item.dataset}."""
+"""A reference in dvc.yaml to a value, such as ${item.dataset}."""
 
 
 @dataclass(frozen=True)
@@ -27,21 +28,22 @@ class Step:
     command: str
     """python -m stages.STAGE KEY=VALUE …"""
     deps: tuple[str, ...]
-    """What it reads: files and folders of code, and artifacts."""
+    """The files and folders of code that it runs, and the artifacts that it reads."""
     params: Mapping[str, tuple[str, ...]]
-    """File of conf/ to the keys in it that count; without keys all count."""
+    """Files of conf/, each with the keys in it that its result depends on; if empty, all keys."""
     outs: tuple[str, ...]
     """The artifacts that it writes."""
 
     @cached_property
     def overrides(self) -> dict[str, str]:
-        """The key=value words of its command line, unquoted."""
-        pairs = (word.partition("=") for word in shlex.split(self.command)[3:])
+        """The values of the words KEY=VALUE of its command line, by key, unquoted."""
+        _, _, _, *words = shlex.split(self.command)  # python -m stages.STAGE KEY=VALUE …
+        pairs = (word.partition("=") for word in words)
         return {key: value.strip("'") for key, _, value in pairs}
 
     @cached_property
     def choices(self) -> dict[str, str]:
-        """Overrides that choose a file of a group, such as grid=10m."""
+        """The overrides that choose a file of a group of conf/, such as grid=10m."""
         return {
             key: value
             for key, value in self.overrides.items()
@@ -50,24 +52,26 @@ class Step:
 
     @cached_property
     def fields(self) -> dict[str, str]:
-        """The other overrides: paths, and names such as the sequence's."""
+        """The other overrides: paths of artifacts, and names such as the sequence's."""
         return {key: value for key, value in self.overrides.items() if key not in self.choices}
 
 
 def expand(definition: Mapping[str, Any], lists: Mapping[str, Any]) -> list[Step]:
-    """The steps of dvc.yaml as parsed, with `lists` as conf/lists.yaml has them, or others.
+    """The steps of a parsed dvc.yaml, `definition`, with the lists that it expands to.
 
-    Raises ConfigError for a name in dvc.yaml that the lists have not.
+    A stage has a step for each item of the list that its `foreach` names, or a single one. Raises
+    ConfigError for a reference in dvc.yaml that `lists` cannot fill.
     """
-    return [
-        _step(stage, _filled(body.get("do", body), {"lists": lists, "key": key, "item": item}))
-        for stage, body in definition["stages"].items()
-        for key, item in _items(body, lists).items()
-    ]
+    steps = []
+    for stage, body in definition["stages"].items():
+        for key, item in _items(body, lists).items():
+            values = {"lists": lists, "key": key, "item": item}
+            steps.append(_step(stage, _filled(body.get("do", body), values)))
+    return steps
 
 
 def _items(body: Mapping[str, Any], lists: Mapping[str, Any]) -> Mapping[str, Any]:
-    """What a stage's `foreach` goes through; of a stage without one a single item."""
+    """The list that a stage's `foreach` names; without `foreach` a list of one empty item."""
     items: Mapping[str, Any] = {"": None}
     if "foreach" in body:
         items = _filled(body["foreach"], {"lists": lists})
@@ -75,37 +79,39 @@ def _items(body: Mapping[str, Any], lists: Mapping[str, Any]) -> Mapping[str, An
 
 
 def _step(stage: str, instance: Mapping[str, Any]) -> Step:
-    """The step of an instance of a stage, as dvc.yaml has it with all names filled in."""
-    params = {
-        file: tuple(keys or ())
-        for entry in instance.get("params", ())
-        for file, keys in entry.items()
-    }
-    # an entry of outs is a path, or a mapping of it to settings such as `cache: false`
-    entries = (*instance.get("outs", ()), *instance.get("metrics", ()))
-    outs = [out for entry in entries for out in ([entry] if isinstance(entry, str) else entry)]
+    """The step of an instance of a stage, given as dvc.yaml has it with all references filled."""
+    params = {}
+    for entry in instance.get("params", ()):
+        for file, keys in entry.items():
+            params[file] = tuple(keys or ())
+    outs: list[str] = []
+    for out in (*instance.get("outs", ()), *instance.get("metrics", ())):
+        # an output is a path, or maps the path to settings such as `cache: false`
+        outs += [out] if isinstance(out, str) else [*out]
     return Step(stage, instance["cmd"], tuple(instance["deps"]), params, tuple(outs))
 
 
 def producers(steps: Sequence[Step]) -> dict[str, Step]:
-    """Map each artifact to the step that makes it."""
+    """The step that makes each artifact, by the artifact's path."""
     return {out: step for step in steps for out in step.outs}
 
 
 def inputs(step: Step, makers: Mapping[str, Step]) -> dict[str, Step]:
-    """Map the artifacts that a step reads to the steps that make them.
+    """The artifacts that a step reads, each with the step that makes it.
 
-    It may read an artifact whole, a part of it, or a folder of several.
+    `makers` has the step that makes each artifact of the chain.
     """
     read_paths = [PurePosixPath(dep) for dep in step.deps if dep.startswith(f"{ARTIFACTS}/")]
     return {
         artifact: maker
         for artifact, maker in makers.items()
-        if any(
-            dep.is_relative_to(artifact) or PurePosixPath(artifact).is_relative_to(dep)
-            for dep in read_paths
-        )
+        if any(_is_read(PurePosixPath(artifact), path) for path in read_paths)
     }
+
+
+def _is_read(artifact: PurePosixPath, path: PurePosixPath) -> bool:
+    """Whether a path is the artifact itself, a part of it, or a folder that it is in."""
+    return path.is_relative_to(artifact) or artifact.is_relative_to(path)
 
 
 def code(step: Step) -> list[Path]:
@@ -114,9 +120,9 @@ def code(step: Step) -> list[Path]:
 
 
 def _filled(node: Any, values: Mapping[str, Any]) -> Any:
-    """A part of a yaml with every ${a.b} replaced by what `values` have under that path.
+    """A part of a parsed yaml with every reference ${a.b} replaced by the value at that path.
 
-    A text that is nothing but a reference becomes the value itself, such as a list.
+    A text that is only a reference becomes the value itself, such as a list.
     """
     if isinstance(node, Mapping):
         return {_filled(key, values): _filled(value, values) for key, value in node.items()}
@@ -130,6 +136,7 @@ def _filled(node: Any, values: Mapping[str, Any]) -> Any:
 
 
 def _look_up(path: str, values: Mapping[str, Any]) -> Any:
+    """The value at a path of keys with dots between; raises ConfigError if there is none."""
     try:
         return reduce(getitem, path.split("."), values)
     except (KeyError, TypeError):

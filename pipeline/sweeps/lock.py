@@ -1,8 +1,8 @@
-"""Whether a step is up to date, as `dvc status` would say: dvc.lock and files in; yes or no out.
+"""Says whether a step of the chain is up to date, as `dvc status` would, by dvc.lock and the files.
 
 A job of a sweep may take an artifact that DVC built if the step's command, code, parameters and
-inputs are still those that dvc.lock records. DVC itself cannot be asked in a job: it locks the
-whole project.
+inputs are still those that dvc.lock records. It cannot ask DVC itself, which locks the whole
+project.
 """
 
 import hashlib
@@ -20,70 +20,75 @@ from pipeline.running.dvc_files import DvcLock, Yaml
 from pipeline.sweeps.chain import Step, inputs
 
 IGNORED = ("__pycache__", ".numba")
-"""Folders that no digest counts."""
+"""Folders whose files no digest counts."""
 
 
 class UpToDate:
-    """What DVC's lock files record of the steps of a job, read once."""
+    """Compares steps with what DVC's lock files record, which are read once."""
 
     def __init__(self, root: Path) -> None:
+        """`root` is the project's folder."""
         self._root = root
         self._entries = DvcLock.read(root / "dvc.lock").entries
-        """By output; without any, a sweep builds all that it needs."""
+        """The recorded steps by their outputs; if there are none, a sweep builds all it needs."""
         self._output_md5 = {
             out.path: out.md5 for entry in self._entries.values() for out in entry.outs
         }
         self._digest = cache(lambda path: digest(root / path))
         self._answers: dict[str, bool] = {}
-        """Of `is_up_to_date`, by the step's command."""
+        """The answers of `is_up_to_date`, by the step's command."""
 
     def is_up_to_date(self, step: Step, makers: Mapping[str, Step]) -> bool:
         """Whether `dvc status` would report nothing for a step and all steps before it.
 
-        `makers` maps each artifact to its step. The artifact's own content is checked by
-        `is_intact`.
+        `makers` has the step that makes each artifact. The step's own artifacts are not looked at:
+        that is `is_intact`.
         """
         if step.command not in self._answers:
             self._answers[step.command] = self._is_unchanged(step, makers)
         return self._answers[step.command]
 
     def is_intact(self, step: Step) -> bool:
-        """Whether the artifacts of a step have the digests that dvc.lock recorded."""
+        """Whether the artifacts of a step still have the digests that dvc.lock records."""
         return all(self._digest(out) == self._output_md5.get(out) for out in step.outs)
 
     def _is_unchanged(self, step: Step, makers: Mapping[str, Step]) -> bool:
+        """Compare a step with its record: command, parameters, inputs, and the steps before it."""
         entry = self._entries.get(step.outs[0])
         if entry is None or entry.command != step.command:
             return False
-        input_md5 = {dep.path: dep.md5 for dep in entry.deps}
+        recorded_md5 = {dep.path: dep.md5 for dep in entry.deps}
         params = {file: self._params(file, keys) for file, keys in step.params.items()}
-        if input_md5.keys() != set(step.deps) or entry.params != params:
+        if recorded_md5.keys() != set(step.deps) or entry.params != params:
             return False
-        return all(
-            input_md5[path] == (self._output_md5.get(path) or self._digest(path))
-            for path in step.deps
-        ) and all(self.is_up_to_date(maker, makers) for maker in inputs(step, makers).values())
+        for path in step.deps:
+            # the output of another step has the digest that its own record says
+            if recorded_md5[path] != (self._output_md5.get(path) or self._digest(path)):
+                return False
+        return all(self.is_up_to_date(maker, makers) for maker in inputs(step, makers).values())
 
     def _params(self, file: str, keys: tuple[str, ...]) -> dict[str, Any]:
-        """The values of these keys in a file, such as `studies.town`, where it has them.
+        """The values of `keys`, such as `studies.town`, in a file; without keys all its content.
 
-        Without keys it is the whole content.
+        A key that the file lacks is left out.
         """
         content: dict[str, Any] = yaml.load((self._root / file).read_text(encoding="utf-8"), Yaml)
+        if not keys:
+            return content
         values: dict[str, Any] = {}
         for key in keys:
             with suppress(KeyError, TypeError):
                 values[key] = reduce(getitem, key.split("."), content)
-        return values if keys else content
+        return values
 
 
 def digest(path: Path) -> str | None:
-    """The md5 digest of a file or folder as DVC records it; None where there is neither.
+    """The md5 digest of a file or folder as DVC records it; None if there is neither.
 
-    Of a folder it is the digest of a list of its files' digests.
+    The digest of a folder is that of a list of its files and their digests, with the ending .dir.
     """
     if path.is_file():
-        return hashlib.md5(path.read_bytes(), usedforsecurity=False).hexdigest()
+        return _md5(path.read_bytes())
     if not path.is_dir():
         return None
     files = [
@@ -93,7 +98,8 @@ def digest(path: Path) -> str | None:
         {"md5": digest(file), "relpath": file.relative_to(path).as_posix()} for file in files
     ]
     listing.sort(key=itemgetter("relpath"))
-    return (
-        hashlib.md5(json.dumps(listing, sort_keys=True).encode(), usedforsecurity=False).hexdigest()
-        + ".dir"
-    )
+    return f"{_md5(json.dumps(listing, sort_keys=True).encode())}.dir"
+
+
+def _md5(content: bytes) -> str:
+    return hashlib.md5(content, usedforsecurity=False).hexdigest()

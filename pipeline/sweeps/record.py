@@ -1,6 +1,7 @@
-"""What remains of a job of a sweep: a JSON file with its overrides, and its results or its error.
+"""The record of one job of a sweep: a JSON file with its overrides, and its results or its error.
 
-Jobs may run on other machines, so each writes a file; the sweep reads them all at its end.
+Jobs may run on other machines, so each writes a file of its own. The sweep reads them all at its
+end, to make its table and figure.
 """
 
 import json
@@ -19,45 +20,45 @@ class Record:
     """One job, finished or failed."""
 
     number: int
-    """Of the job in the sweep, from 0."""
+    """The job's number in the sweep, from 0."""
     overrides: Mapping[str, str]
-    """Hydra's, such as {"grid.cell_m": "5", "method": "sci"}."""
+    """The settings that the job changes, such as {"grid.cell_m": "5", "method": "sci"}."""
     dataset: str
     simulated: bool
     method: str
     error: str | None = None
     """Why the job failed, in one line."""
     rows: Sequence[Mapping[str, Any]] = ()
-    """Rows of the table of results: of the test sequences as driven, and the AUC on held-out blocks
-    of training."""
+    """Rows of the table of results: numbers of the test sequences as driven, and the AUC on
+    held-out blocks of training."""
     from_dvc: Mapping[str, int] = field(default_factory=dict)
-    """Stage to how many of its artifacts DVC had built."""
+    """How many artifacts of each stage DVC had built already."""
     from_sweeps: Mapping[str, int] = field(default_factory=dict)
-    """Stage to how many of its artifacts other jobs had built."""
+    """How many artifacts of each stage other jobs had built already."""
     built: Mapping[str, int] = field(default_factory=dict)
-    """Stage to how many of its artifacts this job built."""
+    """How many artifacts of each stage this job built."""
     wall_s: float = 0.0
     cpu_s: float = 0.0
-    """Of the job's own process."""
+    """CPU time of the job's own process."""
 
     def values(self, protocol: str, number: str) -> list[float]:
-        """The values of a number, one a test sequence that has it; empty for a failed job."""
-        rows = [
-            row
-            for row in self.rows
-            if (row["protocol"], row["number"]) == (protocol, number) and not row.get("kind")
-        ]
-        return [row["value"] for row in rows if math.isfinite(row["value"])]
+        """The finite values of a number, one a test sequence; empty for a failed job."""
+        values = []
+        for row in self.rows:
+            is_asked_for = (row["protocol"], row["number"]) == (protocol, number)
+            if is_asked_for and not row.get("kind") and math.isfinite(row["value"]):
+                values.append(row["value"])
+        return values
 
     @property
     def held_out_auc(self) -> float | None:
-        """The AUC by cells on held-out blocks of training; None where there is none."""
+        """The AUC by cells on held-out blocks of training, or None if it was not measured."""
         return next(iter(self.values("cells", "held_out_auc")), None)
 
     def write(self, folder: Path) -> None:
-        """Write the record, whole or not at all.
+        """Write the record as `number`.json into a folder, whole or not at all.
 
-        A number that is not finite becomes null, as JSON has none.
+        JSON has no NaN or infinity: such a number becomes null.
         """
         rows = [{name: _finite_or_none(value) for name, value in row.items()} for row in self.rows]
         with store.replace(folder / f"{self.number}.json") as scratch:
@@ -81,11 +82,12 @@ def read(folder: Path) -> list[Record]:
 
 
 def _finite_or_none(value: Any) -> Any:
+    """The value itself, or None if it is a number that is not finite."""
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def cost(records: Sequence[Record]) -> str:
-    """One line: artifacts reused and built, failed jobs and CPU time."""
+    """A line on what a sweep cost: artifacts reused and built, jobs, failed ones, CPU time."""
     parts = []
     for origin in ("from_dvc", "from_sweeps", "built"):
         counts = Counter[str]()

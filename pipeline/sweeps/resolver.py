@@ -1,8 +1,8 @@
 """Finds or builds the artifacts of one job of a sweep: its settings in; paths of the artifacts out.
 
-An artifact is taken from DVC where DVC built it with the same settings, or from an earlier job by
-the key of its inputs, or else built. The steps of the chain are `chain`'s, what DVC built is known
-by `lock`, and what jobs built lies in `cache`.
+1. If DVC built an artifact with the same settings, code and inputs, it is taken (`lock`).
+2. If an earlier job did, it is taken from the cache, by a key of all of these (`cache`).
+3. Else its inputs are found or built in the same way, and its step of the chain is run (`chain`).
 """
 
 import json
@@ -17,24 +17,22 @@ from pipeline.sweeps.chain import Step, code, inputs, producers
 from pipeline.sweeps.lock import UpToDate, digest
 
 Gather = Callable[[Mapping[str, str]], str]
-"""Joins the replacements of several artifacts into one, for a field that names their common folder.
+"""Makes one replacement for a folder of several artifacts from the replacements of each.
 
-The replacements are given by the artifacts' paths within that folder."""
+They are given by the artifacts' paths within that folder.
+"""
 
 
 class StepSettings(NamedTuple):
-    """The parameters that a step's result depends on."""
+    """The parameters that a step's result depends on, in one job."""
 
     values: Mapping[str, Any]
     follows_conf: bool
-    """Whether all are those of the files in conf/."""
+    """Whether all of them are as in the files of conf/, so that DVC may have built the step."""
 
 
 class ArtifactResolver:
-    """Finds the artifacts of one job, or builds them.
-
-    `from_dvc`, `from_sweeps` and `built` count by stage where they came from.
-    """
+    """Finds the artifacts of one job, or builds them, and counts by stage where they came from."""
 
     def __init__(
         self,
@@ -44,9 +42,10 @@ class ArtifactResolver:
         settings: Callable[[Step], StepSettings],
         run: Callable[[Step, Mapping[str, str]], None],
     ) -> None:
-        """`settings` gives a step's parameters in this job, `run` executes a step.
+        """`steps` are those of the whole chain, as the job wants it.
 
-        `run` takes the step's paths and names on its command line as {field: value}.
+        `settings(step)` returns a step's parameters in this job. `run(step, fields)` executes a
+        step with the values of its fields, the paths and names of its command line.
         """
         self._producers = producers(steps)
         self._inputs = {step.command: inputs(step, self._producers) for step in steps}
@@ -55,20 +54,22 @@ class ArtifactResolver:
         self._settings = settings
         self._run = run
         self._keys: dict[str, str] = {}
+        """The cache's key of each step, by the step's first artifact."""
         self._paths: dict[str, Path] = {}
+        """Where each artifact that was found or built lies."""
         self.from_dvc = Counter[str]()
         self.from_sweeps = Counter[str]()
         self.built = Counter[str]()
 
     def obtain(self, artifact: str) -> Path:
-        """Where an artifact, named as in dvc.yaml, lies for this job; it is built if it must be."""
+        """Find an artifact, named as in dvc.yaml, or build it; returns where it lies."""
         if artifact not in self._paths:
             step = self._producers[artifact]
             self._paths |= dict(zip(step.outs, self._outputs(step), strict=True))
         return self._paths[artifact]
 
     def dvc_has(self, step: Step) -> bool:
-        """Whether DVC has this step's artifacts just as this job wants them."""
+        """Whether DVC built this step's artifacts exactly as this job wants them."""
         return (
             self._follows_conf(step)
             and self._lock.is_up_to_date(step, self._producers)
@@ -76,13 +77,13 @@ class ArtifactResolver:
         )
 
     def _follows_conf(self, step: Step) -> bool:
-        """Whether this step and all before it have just the parameters of the files in conf/."""
+        """Whether this step and all steps before it have the parameters of the files in conf/."""
         return self._settings(step).follows_conf and all(
             map(self._follows_conf, self._inputs[step.command].values())
         )
 
     def _outputs(self, step: Step) -> list[Path]:
-        """The paths of a step's artifacts, in the order of `outs`."""
+        """Find or build a step's artifacts; returns their paths in the order of `outs`."""
         if self.dvc_has(step):
             self.from_dvc[step.stage] += 1
             return [Path(out) for out in step.outs]
@@ -103,10 +104,11 @@ class ArtifactResolver:
         return [folder / name for name in names]
 
     def _gathered_folder(self, paths: Mapping[str, str]) -> str:
+        """The `Gather` of paths: a folder of links to them."""
         return self._cache.gather(paths).as_posix()
 
     def _key(self, step: Step) -> str:
-        """Digest of a step's parameters, code, and the keys of its inputs."""
+        """The cache's key of a step: a digest of its parameters, code, and the inputs' keys."""
         name = step.outs[0]
         if name not in self._keys:
             input_keys = {
@@ -114,28 +116,34 @@ class ArtifactResolver:
                 for artifact, producer in self._inputs[step.command].items()
             }
             fields = substituted_fields(step, input_keys, _gathered_key)
-            # Leave out the fields that name its own outputs.
-            fields = {
-                field: fields[field] for field in fields if step.fields[field] not in step.outs
+            fields_without_outputs = {
+                field: value
+                for field, value in fields.items()
+                if step.fields[field] not in step.outs
             }
             sources = [(path.as_posix(), digest(path)) for path in code(step)]
             values = self._settings(step).values
             self._keys[name] = fingerprint(
-                step.stage, json.dumps(values, sort_keys=True), sorted(fields.items()), sources
+                step.stage,
+                json.dumps(values, sort_keys=True),
+                sorted(fields_without_outputs.items()),
+                sources,
             )
         return self._keys[name]
 
 
 def _gathered_key(keys: Mapping[str, str]) -> str:
+    """The `Gather` of keys: a digest of them."""
     return fingerprint(sorted(keys.items()))
 
 
 def substituted_fields(
     step: Step, replacements: Mapping[str, str], gather: Gather
 ) -> dict[str, str]:
-    """A step's fields, each path to an artifact of `replacements` replaced.
+    """A step's fields, in which each path to an artifact is replaced.
 
-    Replacements are paths where the step is to run, keys where it is to be fingerprinted.
+    `replacements` has for each artifact its path in this job, if the step is to run, or its key, if
+    a key of the step is computed.
     """
     return {
         field: _substituted(value, replacements, gather) for field, value in step.fields.items()
@@ -143,14 +151,15 @@ def substituted_fields(
 
 
 def _substituted(value: str, replacements: Mapping[str, str], gather: Gather) -> str:
-    """A field's value, replaced if it is the path to an artifact, to a part of one, or to a folder
-    of several."""
+    """A field's value; if it is the path of an artifact, of a part or a folder, its replacement."""
     if not value:
         return value  # an empty path would be the parent of every artifact
     path = PurePosixPath(value)
+    # an artifact, or a part of one
     for artifact, replacement in replacements.items():
         if path.is_relative_to(artifact):
             return (PurePosixPath(replacement) / path.relative_to(artifact)).as_posix()
+    # a folder of several artifacts, by their paths within it
     parts = {
         PurePosixPath(artifact).relative_to(path).as_posix(): replacement
         for artifact, replacement in replacements.items()
@@ -158,14 +167,14 @@ def _substituted(value: str, replacements: Mapping[str, str], gather: Gather) ->
     }
     folders = {replacement.removesuffix(f"/{name}") for name, replacement in parts.items()}
     if len(folders) == 1:
-        return folders.pop()  # side by side already, as DVC leaves them
+        return folders.pop()  # they lie in one folder already, as DVC leaves them
     return gather(parts) if parts else value
 
 
 def _distinct_names(outs: Sequence[str]) -> list[str]:
-    """A name for each artifact of one step.
+    """A file name for each artifact of one step, in the order of `outs`.
 
-    It is prefixed by the artifact's kind if an earlier one has the same name.
+    A name that an earlier artifact has already gets the artifact's kind before it.
     """
     names: list[str] = []
     for path in map(PurePosixPath, outs):
