@@ -1,7 +1,9 @@
-"""The data dictionary: every artifact, its arrays and attributes, their dimensions and units.
+"""The data dictionary: every kind of artifact, with dimensions, unit and meaning of each array.
 
-Two kinds live in `pipeline.evaluation`, beside their functions: Evaluations and ViewpointMatches.
-docs/artifacts.md is generated from these definitions.
+An artifact is what one stage of the chain writes for the next; `core.store` reads and writes it by
+these classes. They stand here in the order of the chain: scans, submaps, views, labels, rankings,
+fixes (poses). Two further kinds are in `pipeline.evaluation`, beside the functions that make them:
+Evaluations and ViewpointMatches. docs/artifacts.md is generated from all of them.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,35 +17,35 @@ from pipeline.core.errors import InputError
 from pipeline.core.store import Array, Artifact
 
 SINCE_1970 = "nanoseconds since 1970-01-01"
-"""As xarray and CF name the unit of a stamp."""
+"""The unit of stamps, in the words of xarray and the CF conventions."""
 
 PoseColumn = Literal["odom_T_scan", "world_T_scan"]
-"""The column of Scans whose poses lay the scans of a submap out around its anchor."""
+"""The column of Scans with the poses by which a submap's scans are laid out around its anchor."""
 
 
 @dataclass(frozen=True, eq=False)
 class Scans(Artifact, kind="scans", version=2):
-    """The scans of one sequence with their poses; sweeps, of a 2-D LiDAR."""
+    """The scans of one sequence, or the sweeps of a 2-D LiDAR, with their poses."""
 
     points: Annotated[
         NDArray[np.int16],
         Array(
             ("point", "xyz"),
-            "in units of grain_m, vehicle frame (x forward, y left, z up)",
+            "all points, in the vehicle's frame (x forward, y left, z up), in units of grain_m",
             unit="grain_m",
             chunk=32_768,
         ),
     ]
     offsets: Annotated[
         NDArray[np.int64],
-        Array(("scan+1",), "scan (or sweep) i is points[offsets[i]:offsets[i + 1]]"),
+        Array(("scan+1",), "the points of scan i are points[offsets[i]:offsets[i + 1]]"),
     ]
     stamps_ns: Annotated[NDArray[np.int64], Array(("scan",), "when it was taken", unit=SINCE_1970)]
     world_T_scan: Annotated[
         NDArray[np.float64],
         Array(
             ("scan", "row", "col"),
-            "ground truth at the stamp; NaN where odometry alone is known",
+            "true pose at the stamp; NaN where only odometry is known",
             unit="m",
         ),
     ]
@@ -51,7 +53,7 @@ class Scans(Artifact, kind="scans", version=2):
         NDArray[np.float64],
         Array(
             ("scan", "row", "col"),
-            "the log's own odometry at the stamp; NaN where it has none",
+            "pose by the log's own odometry at the stamp; NaN where it has none",
             unit="m",
         ),
     ]
@@ -59,32 +61,34 @@ class Scans(Artifact, kind="scans", version=2):
         NDArray[np.float64],
         Array(
             ("scan", "gathered"),
-            "variance that the odometry says it gathered since its start: of the position (mean of "
-            "x and y), of the heading; NaN where it says nothing",
+            "variance of the odometry since its start, as the log gives it: of the position (mean "
+            "of x and y), of the heading; NaN where it gives none",
             unit="m², rad²",
         ),
     ]
     grain_m: Annotated[float, "metres per unit of points"]
-    skipped: Annotated[Mapping[str, int], "scans of the log that are not here: reason to count"]
+    skipped: Annotated[Mapping[str, int], "how many scans of the log were left out, by reason"]
     clipped: Annotated[int, "points beyond the 16-bit range that were dropped"]
 
 
 @dataclass(frozen=True, eq=False)
 class Estimates(Artifact, kind="slam", version=1):
-    """The poses of one log by its scans alone."""
+    """The poses of one log without any, as estimated from its scans."""
 
     stamps_ns: Annotated[NDArray[np.int64], Array(("scan",), "when it was taken", unit=SINCE_1970)]
     odom_T_scan: Annotated[
         NDArray[np.float64],
         Array(
-            ("scan", "row", "col"), "by registration, before any loop; anew after a break", unit="m"
+            ("scan", "row", "col"),
+            "pose by registering scan to scan, before loops are closed; starts anew after a break",
+            unit="m",
         ),
     ]
     world_T_scan: Annotated[
         NDArray[np.float64],
         Array(
             ("scan", "row", "col"),
-            "the result; NaN of scans that are not joined with the longest part, or with the map",
+            "the result; NaN for scans that are joined neither with the longest part nor the map",
             unit="m",
         ),
     ]
@@ -92,18 +96,19 @@ class Estimates(Artifact, kind="slam", version=1):
         NDArray[np.float64],
         Array(
             ("scan",),
-            "share of what stands in this scan that the one before has too, or the other way "
-            "round: the larger of the two",
+            "share of the standing things in this scan that the one before also has, or the other "
+            "way round: the larger of the two",
         ),
     ]
     by_log: Annotated[
-        NDArray[np.bool_], Array(("scan",), "the step to it is the log's own odometry")
+        NDArray[np.bool_],
+        Array(("scan",), "True if the step to this scan is from the log's own odometry"),
     ]
     breaks: Annotated[
-        NDArray[np.int64], Array(("break",), "scans that nothing joins with the one before")
+        NDArray[np.int64], Array(("break",), "scans that could not be joined with the one before")
     ]
     fixed: Annotated[
-        NDArray[np.int64], Array(("fix",), "scans that were found on the training sequence's map")
+        NDArray[np.int64], Array(("fix",), "scans that were located on the training sequence's map")
     ]
     earlier: Annotated[NDArray[np.int64], Array(("loop",), "the earlier scan of a loop")]
     later: Annotated[NDArray[np.int64], Array(("loop",), "the later scan of a loop")]
@@ -112,17 +117,22 @@ class Estimates(Artifact, kind="slam", version=1):
         Array(("loop", "row", "col"), "the later scan's pose in the earlier one's frame", unit="m"),
     ]
     residual_m: Annotated[
-        NDArray[np.float64], Array(("loop",), "between that pose and the result", unit="m")
+        NDArray[np.float64],
+        Array(("loop",), "distance between the loop's pose and the result", unit="m"),
     ]
     residual_deg: Annotated[
-        NDArray[np.float64], Array(("loop",), "between that pose and the result", unit="degree")
+        NDArray[np.float64],
+        Array(("loop",), "turn between the loop's pose and the result", unit="degree"),
     ]
-    used: Annotated[NDArray[np.bool_], Array(("loop",), "False of a loop that the others overrule")]
-    skipped: Annotated[Mapping[str, int], "scans without a pose: reason to count"]
+    used: Annotated[
+        NDArray[np.bool_],
+        Array(("loop",), "False if the loop contradicts the others and was dropped"),
+    ]
+    skipped: Annotated[Mapping[str, int], "how many scans have no pose, by reason"]
 
     @property
     def path_m(self) -> NDArray[np.float64]:
-        """Metres of path (scan,) driven until each; breaks and scans without odometry add none."""
+        """Metres (scan,) driven up to each scan; breaks and scans without odometry add none."""
         steps_m = np.linalg.norm(np.diff(self.odom_T_scan[:, :3, 3], axis=0), axis=1)
         steps_m[self.breaks - 1] = 0.0
         return np.concatenate([[0.0], np.cumsum(np.where(np.isfinite(steps_m), steps_m, 0.0))])
@@ -135,9 +145,9 @@ class Estimates(Artifact, kind="slam", version=1):
 
 @dataclass(frozen=True, eq=False)
 class Submaps(Artifact, kind="submaps", version=3):
-    """The submaps of one sequence, in order of time.
+    """The submaps of one sequence in order of time: which scans each gathers, and its anchor.
 
-    A submap gathers the scans `first` to `scans`, both included.
+    A submap gathers the scans `first` to `scans`, both included. Its anchor is the newest of them.
     """
 
     first: Annotated[
@@ -145,28 +155,32 @@ class Submaps(Artifact, kind="submaps", version=3):
         Array(("submap",), "the oldest scan that it gathers: a row of the scans artifact"),
     ]
     scans: Annotated[
-        NDArray[np.int64], Array(("submap",), "the newest, whose frame is the anchor's")
+        NDArray[np.int64],
+        Array(("submap",), "the newest scan that it gathers, whose frame is the anchor's"),
     ]
     ground_m: Annotated[
         NDArray[np.float64],
         Array(
             ("submap",),
-            "height of the ground in that frame, taken off all heights",
+            "height of the ground in the anchor's frame, which is subtracted from all heights",
             unit="m",
         ),
     ]
     used: Annotated[
-        NDArray[np.bool_], Array(("scan",), "scans that go into the submaps around them")
+        NDArray[np.bool_],
+        Array(("scan",), "False if submaps leave the scan out, as the robot hardly moved"),
     ]
-    stamps_ns: Annotated[NDArray[np.int64], Array(("submap",), "of the anchor", unit=SINCE_1970)]
+    stamps_ns: Annotated[
+        NDArray[np.int64], Array(("submap",), "stamp of the anchor", unit=SINCE_1970)
+    ]
     world_T_anchor: Annotated[
         NDArray[np.float64],
-        Array(("submap", "row", "col"), "ground truth of the anchor", unit="m"),
+        Array(("submap", "row", "col"), "true pose of the anchor", unit="m"),
     ]
     layout: Annotated[
         PoseColumn, "the column of the scans artifact whose poses lay a submap's scans out"
     ]
-    left_out: Annotated[Mapping[str, int], "anchors that make no submap: reason to count"]
+    left_out: Annotated[Mapping[str, int], "how many anchors made no submap, by reason"]
     appearance: Annotated[
         Mapping[str, float],
         "medians over a few submaps: azimuth_deg, degrees around with points; ground_m and "
@@ -176,25 +190,27 @@ class Submaps(Artifact, kind="submaps", version=3):
 
 Cases = Annotated[
     Sequence[Mapping[str, Any]],
-    "what was done to the queries, such as turned: change, level, shadow, repeat; a row a submap "
-    "in each, case after case",
+    "what was done to all queries in each case: change (such as turned), level, shadow, repeat; "
+    "arrays have the rows of one case after another",
 ]
 
 
 @dataclass(frozen=True, eq=False)
 class Views(Artifact):
-    """What a method looks at: an image of each submap, in each case.
+    """What a method looks at: an image of each submap, in each case (as driven, or altered).
 
-    Artifacts of the stages views, birdviews and altered; the kinds differ in their images.
+    The stages views, birdviews and altered write such artifacts. The kinds differ in their images.
     """
 
     images: NDArray[Any]
-    stamps_ns: Annotated[NDArray[np.int64], Array(("submap",), "of the anchor", unit=SINCE_1970)]
+    stamps_ns: Annotated[
+        NDArray[np.int64], Array(("submap",), "stamp of the anchor", unit=SINCE_1970)
+    ]
     world_T_anchor: Annotated[
         NDArray[np.float64],
         Array(
             ("submap", "row", "col"),
-            "true pose of the anchor, turned as the robot is in each case",
+            "true pose of the anchor, with the robot turned as in each case",
             unit="m",
         ),
     ]
@@ -203,7 +219,7 @@ class Views(Artifact):
 
 @dataclass(frozen=True, eq=False)
 class ScanContextViews(Views, kind="views", version=2):
-    """Scan Context: the highest point of each bin around the robot."""
+    """Scan Contexts: the highest point in each bin of rings and sectors around the robot."""
 
     images: Annotated[
         NDArray[np.float32],
@@ -225,7 +241,7 @@ class CloudViews(Views, kind="clouds", version=2):
         NDArray[np.float16],
         Array(
             ("submap", "point", "xyz"),
-            "about their mean, in units of the cube's half side",
+            "points relative to their mean, in units of the cube's half side",
             chunk=16,
             shard=512,
         ),
@@ -244,13 +260,13 @@ class SignatureViews(Views, kind="signatures", version=2):
 
 @dataclass(frozen=True, eq=False)
 class BirdViews(Views, kind="birdviews", version=2):
-    """The octree of the scans so far, seen from above at several headings."""
+    """Bird-views: the octree of the scans so far, seen from above at several headings."""
 
     images: Annotated[
         NDArray[np.uint8],
         Array(
             ("submap", "heading", "row_px", "col_px"),
-            "occupied share of 255, front up, left left",
+            "occupied share times 255, with the robot's front up and its left on the left",
             chunk=16,
             shard=512,
         ),
@@ -275,16 +291,20 @@ class Labels(Artifact, kind="labels", version=1):
         NDArray[np.int64],
         Array(
             ("submap",),
-            "place of the geometrically nearest training anchor: the best that can be answered",
+            "place of the nearest training anchor: the best that a method can answer",
         ),
     ]
     nearest_m: Annotated[
         NDArray[np.float64],
-        Array(("submap",), "distance to that anchor in the xy plane", unit="m"),
+        Array(("submap",), "distance to the nearest training anchor in the xy plane", unit="m"),
     ]
     nearest_turn_deg: Annotated[
         NDArray[np.float64],
-        Array(("submap",), "heading against that anchor's, in (−180, 180]", unit="degree"),
+        Array(
+            ("submap",),
+            "heading relative to the nearest training anchor's, in (−180, 180]",
+            unit="degree",
+        ),
     ]
     days: Annotated[int, "whole days from the training sequence's date to this one's"]
     cell_m: Annotated[float, "wanted side of a cell in metres"]
@@ -294,23 +314,29 @@ class Labels(Artifact, kind="labels", version=1):
 
 @dataclass(frozen=True, eq=False)
 class Ranking:
-    """A method's answer to queries: k places each, cheapest first, and their novelty."""
+    """A method's answer to queries: k places each, cheapest first, and how new each query looks."""
 
-    places: Annotated[NDArray[np.int64], Array(("query", "rank"), "places, cheapest first")]
+    places: Annotated[
+        NDArray[np.int64], Array(("query", "rank"), "the answered places, cheapest first")
+    ]
     costs: Annotated[
-        NDArray[np.float32], Array(("query", "rank"), "cost of each, smaller is better")
+        NDArray[np.float32], Array(("query", "rank"), "cost of each place, smaller is better")
     ]
     xy_m: Annotated[
         NDArray[np.float64],
         Array(
             ("query", "rank", "xy"),
-            "where each answer lies in the world: the matched training row, or the place's mean",
+            "where each answer lies in the world: at the matched training submap, or the mean of "
+            "the place's",
             unit="m",
         ),
     ]
     novelty: Annotated[
         NDArray[np.float32],
-        Array(("query", "kind"), "larger: more likely unseen; the first kind is the one in use"),
+        Array(
+            ("query", "kind"),
+            "how likely the query is unseen, larger is likelier; the first kind is in use",
+        ),
     ]
     confidence: Annotated[
         NDArray[np.float32],
@@ -328,9 +354,9 @@ class Ranking:
     kinds: Annotated[tuple[str, ...], "name of each kind of novelty"]
 
     def checked(self, n: int) -> Self:
-        """The ranking itself; raises InputError unless its arrays have the shapes of `n` queries.
+        """The ranking itself, checked.
 
-        So does a novelty that is NaN.
+        Raises InputError if an array does not have the shape of `n` queries, or a novelty is NaN.
         """
         k = self.places.shape[-1]
         shapes = {
@@ -357,10 +383,8 @@ class Ranking:
     def with_kind_first(self, kind: str) -> Self:
         """The ranking with this kind of novelty first."""
         first_column = self.kinds.index(kind)
-        order = [
-            first_column,
-            *(column for column in range(len(self.kinds)) if column != first_column),
-        ]
+        other_columns = [column for column in range(len(self.kinds)) if column != first_column]
+        order = [first_column, *other_columns]
         return replace(
             self,
             novelty=self.novelty[:, order],
@@ -370,29 +394,29 @@ class Ranking:
 
 @dataclass(frozen=True, eq=False)
 class SequenceRanking(Ranking, Artifact):
-    """The ranking of one sequence's queries in every case, and when to reject one as unseen.
+    """The ranking of one sequence's queries in every case, and when to reject a query as unseen.
 
-    Artifacts of the stages localize (Rankings), poses and paths (Fixes).
+    Stage localize writes it as Rankings, the stages poses and paths as Fixes.
     """
 
     turned_deg: Annotated[
         NDArray[np.float32],
         Array(
             ("query",),
-            "by how much the case turned the robot to the left, in (−180, 180]",
+            "angle by which the case turned the robot to the left, in (−180, 180]",
             unit="degree",
         ),
     ]
     cases: Cases
     thresholds: Annotated[
         tuple[float, ...],
-        "reject as unseen from this novelty on, for each kind; chosen on held-out blocks of the "
-        "training sequence",
+        "for each kind of novelty, the value from which a query is rejected as unseen; chosen on "
+        "held-out blocks of the training sequence",
     ]
-    wanted_precision: Annotated[float, "the precision that they were chosen for"]
+    wanted_precision: Annotated[float, "the precision that the thresholds were chosen for"]
 
     def ranking(self, rows: slice = slice(None)) -> Ranking:
-        """Some of the queries without what the artifact adds."""
+        """The plain ranking of some of the queries, without what the artifact adds."""
         return Ranking(
             self.places[rows],
             self.costs[rows],
@@ -406,22 +430,22 @@ class SequenceRanking(Ranking, Artifact):
 
 @dataclass(frozen=True, eq=False)
 class Rankings(SequenceRanking, kind="rankings", version=5):
-    """What a method answers."""
+    """The rankings that a method answers, without poses."""
 
     kept_precision: Annotated[
         tuple[float, ...],
-        "the precision that each threshold keeps on those blocks, wanted_precision or less; null "
-        "of one that accepts nothing",
+        "the precision that each threshold keeps on the held-out blocks: wanted_precision or less, "
+        "null if it accepts nothing",
     ]
 
 
 JUDGED_PROMISE = 0.99
-"""The precision that accepted poses are to keep where they are judged, of those in `promises`."""
+"""The one of `promises`, precisions of accepted poses, that results and pictures are judged at."""
 
 
 @dataclass(frozen=True, eq=False)
 class Fixes(SequenceRanking, kind="fixes", version=5):
-    """Rankings whose first answers were registered to poses; their first novelty doubts these."""
+    """Rankings of queries that were registered to poses; the first novelty is of these poses."""
 
     world_T_query: Annotated[
         NDArray[np.float64],
@@ -435,45 +459,47 @@ class Fixes(SequenceRanking, kind="fixes", version=5):
         NDArray[np.float64],
         Array(
             ("query", "turn_step_row", "turn_step_col"),
-            "of the pose's error, six numbers: a turn about x, y, z in radians, then a step along "
-            "them in metres; NaN along a path",
+            "covariance of the pose's error in six numbers: a turn about x, y and z in radians, "
+            "then a step along x, y and z in metres; NaN along a path",
         ),
     ]
     overlap: Annotated[
         NDArray[np.float32],
         Array(
             ("query",),
-            "share of the query's voxels that the map has; that of its own fix along a path",
+            "share of the query's voxels that the map also has; along a path, that of the query's "
+            "own fix",
         ),
     ]
-    promises: Annotated[tuple[float, ...], "precisions that a user may want"]
+    promises: Annotated[tuple[float, ...], "precisions that a user may want of accepted poses"]
     promised: Annotated[
         tuple[float, ...],
-        "reject from this novelty in use on to keep each of them, by held-out blocks of the "
-        "training sequence",
+        "for each promise, the first kind's novelty from which a pose is rejected to keep it, by "
+        "held-out blocks of the training sequence",
     ]
     promised_place: Annotated[
         tuple[float, ...],
-        "the same of the novelty `place`: the query is within 15 m of its pose",
+        "the same for the novelty `place`, by which the query is within 15 m of its pose",
     ]
     promised_several: Annotated[
-        tuple[float, ...], "the same of the novelty `several`: one of its first poses is right"
+        tuple[float, ...],
+        "the same for the novelty `several`, by which one of its first poses is right",
     ]
     held_out: Annotated[
         int,
-        "how many of those blocks there are, each asked as driven, aged, and without its "
+        "how many held-out blocks there are, each asked as driven, aged, and without its "
         "surroundings",
     ]
     right_within: Annotated[
         tuple[float, float],
-        "metres and degrees within which a pose is right: 2 and 5, of level sweeps 1 and 10",
+        "metres and degrees within which a pose is right: 2 and 5, or 1 and 10 for level sweeps",
     ]
 
     def reject_from(self, promise: float = JUDGED_PROMISE, belief: str = "fix") -> float:
-        """The novelty from which to reject to keep a precision, one of `promises`.
+        """The novelty from which a belief is rejected, to keep the precision `promise`.
 
-        `belief` is what is rejected: the pose (`fix`), or that the query is near it (`place`), or
-        that one of its first poses is right (`several`).
+        The belief is that the pose is right (`fix`), that the query is near it (`place`), or that
+        one of the query's first poses is right (`several`).
         """
         limits = {
             "fix": self.promised,
@@ -491,14 +517,14 @@ class Maps(Artifact, kind="maps", version=1):
         NDArray[np.int16],
         Array(
             ("point", "xyz"),
-            "one a voxel, in grains, anchor's frame, z up from the ground",
+            "one point a voxel, in the anchor's frame, z up from the ground, in units of grain_m",
             unit="grain_m",
             chunk=32_768,
         ),
     ]
     offsets: Annotated[
         NDArray[np.int64],
-        Array(("submap+1",), "submap i is points[offsets[i]:offsets[i + 1]]"),
+        Array(("submap+1",), "the points of submap i are points[offsets[i]:offsets[i + 1]]"),
     ]
     world_T_anchor: Annotated[
         NDArray[np.float64],
@@ -507,16 +533,16 @@ class Maps(Artifact, kind="maps", version=1):
     grain_m: Annotated[float, "metres per unit of points"]
     voxel_m: Annotated[float, "side of a voxel"]
     range_m: Annotated[float, "points farther from the anchor are left out"]
-    single: Annotated[bool, "each submap is one scan, seen from one place"]
+    single: Annotated[bool, "True if each submap is one scan, seen from one place"]
 
 
 @dataclass(frozen=True, eq=False)
 class Lifelong(Artifact, kind="lifelong", version=3):
-    """What a localiser answers to all asked days after each step of learning."""
+    """What a localiser answers to the queries of all asked days after each step of learning."""
 
     right: Annotated[
         NDArray[np.bool_],
-        Array(("step", "query"), "the first answer is the query's cell", chunk=8, shard=8),
+        Array(("step", "query"), "True if the first answer is the query's cell", chunk=8, shard=8),
     ]
     error_m: Annotated[
         NDArray[np.float64],
@@ -530,7 +556,7 @@ class Lifelong(Artifact, kind="lifelong", version=3):
     ]
     known_from: Annotated[
         NDArray[np.int64],
-        Array(("query",), "the step from which its cell was surveyed; −1 for never"),
+        Array(("query",), "the step from which on the query's cell was surveyed; −1 for never"),
     ]
     day: Annotated[NDArray[np.int64], Array(("query",), "index of the asked day")]
     xy_m: Annotated[
@@ -544,22 +570,23 @@ class Lifelong(Artifact, kind="lifelong", version=3):
         NDArray[np.int64],
         Array(
             ("place",),
-            "stamp of its newest view that was surveyed or adopted",
+            "stamp of the cell's newest view that was surveyed or adopted",
             unit=SINCE_1970,
         ),
     ]
     order: Annotated[str, "days, streets or updates: what is learned in each step"]
-    strategy: Annotated[str, "what a model does with it: a file of conf/strategy"]
+    strategy: Annotated[str, "how a model learns it: a file of conf/strategy"]
     steps: Annotated[tuple[str, ...], "name of each step"]
     asked: Annotated[tuple[str, ...], "name of each asked day"]
     learned_ns: Annotated[tuple[int, ...], "stamp of the newest view after each step"]
     asked_ns: Annotated[tuple[int, ...], "first stamp of each asked day"]
-    correct_m: Annotated[float, "right by distance: the answer is at most so far away"]
-    places: Annotated[tuple[int, ...], "cells surveyed by each step"]
+    correct_m: Annotated[float, "an answer is right by distance if it is at most so far away"]
+    places: Annotated[tuple[int, ...], "how many cells were surveyed by each step"]
     bytes: Annotated[  # the name in the artifact; nothing here calls the built-in
         tuple[int, ...], "size of the model after each step"
     ]
     counts: Annotated[
         Sequence[Mapping[str, int]],
-        "by each update: scans asked and adopted, adopted at a wrong pose, submaps that changed",
+        "counts of each update: scans asked and adopted, adopted at a wrong pose, submaps that "
+        "changed",
     ]
