@@ -177,7 +177,7 @@ def _expected(value: Any, hint: Any) -> str:
     args = get_args(hint)
     if origin is Annotated:
         plain_hint, number_range = args
-        return _expected(value, plain_hint) or str(number_range.expected(value))
+        return _expected_of_scalar(value, plain_hint) or str(number_range.expected(value))
     if origin is Literal:
         *choices, last_choice = map(str, args)
         return "" if value in args else f"{', '.join(choices)} or {last_choice}"
@@ -189,6 +189,8 @@ def _expected(value: Any, hint: Any) -> str:
         return "" if isinstance(value, hint) else f"a table of the settings of {hint.__name__}"
     if origin in (Sequence, tuple):
         return _expected_of_list(value, args[0])
+    if hint in (int, float):
+        return _expected_of_scalar(value, hint) or Range().expected(value)
     if hint in NAMES:
         return _expected_of_scalar(value, hint)
     return ""
@@ -212,7 +214,7 @@ def _expected_of_list(value: Any, item_hint: Any) -> str:
 
 
 def _expected_of_scalar(value: Any, hint: type) -> str:
-    """What a number, a word or a boolean should be; Python's True is no number here."""
+    """The type that a number, a word or a boolean should have; Python's True is no number here."""
     is_bool = isinstance(value, bool)
     if hint is bool:
         fits = is_bool
@@ -220,6 +222,4 @@ def _expected_of_scalar(value: Any, hint: type) -> str:
         fits = isinstance(value, int | float) and not is_bool and math.isfinite(value)
     else:
         fits = isinstance(value, hint) and not is_bool
-    if not fits:
-        return NAMES[hint]
-    return Range().expected(value) if hint in (int, float) else ""
+    return "" if fits else NAMES[hint]

@@ -12,7 +12,7 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from pipeline.core.errors import ConfigError, YearlocError
-from pipeline.core.settings import Count, NotNegative, Positive, Share, within
+from pipeline.core.settings import Count, NotNegative, Positive, Seed, Share, within
 
 ROOT = Path(__file__).parents[2]
 HOSTILE = (-1, 0, 10**9, float("nan"), float("inf"), True, "ten", None, [1])
@@ -68,6 +68,7 @@ def test_a_hostile_value_is_taken_or_refused_in_one_line(target: str, node: Dict
         (NotNegative, -0.5, "a number of at least 0"),
         (Share, 1.5, "a share from 0 to 1"),
         (Count, 2.5, "a whole number"),
+        (Seed, 2**32, "at most 4,294,967,295"),
     ],
 )
 def test_a_number_out_of_its_range_is_refused_with_what_was_expected(
@@ -75,3 +76,10 @@ def test_a_number_out_of_its_range_is_refused_with_what_was_expected(
 ) -> None:
     with pytest.raises(ConfigError, match=f"^k={value}: expected {said}$"):
         within("k", value, hint)
+
+
+def test_a_range_may_reach_beyond_the_largest_number_without_one() -> None:
+    """Numbers without a range end at a million, seeds at 2³² − 1."""
+    within("seed", 2**32 - 1, Seed)
+    with pytest.raises(ConfigError, match=r"^k=2000000: expected at most 1,000,000$"):
+        within("k", 2_000_000, int)
