@@ -64,7 +64,7 @@ class Compute:
         traceback: TracebackType | None,
     ) -> None:
         self._run = None
-        self._stack.close()
+        self._stack.__exit__(kind, error, traceback)
 
     def rows(self, fn: Callable[[int, int], Result], n: int, block: int) -> Iterator[Result]:
         """Yield fn(start, stop) for the blocks of `block` rows that cover range(n), in order.

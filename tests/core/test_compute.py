@@ -99,6 +99,36 @@ def test_workers_end_with_a_stage_that_is_killed(tmp_path: Path) -> None:
     )
 
 
+EXITS = """
+import sys, time
+from pipeline.core.compute import Compute
+
+def slow(start, stop):
+    time.sleep(300 if start else 0)
+
+if __name__ == "__main__":
+    with Compute("processes", workers=2) as compute:
+        for _ in compute.rows(slow, 4, 1):
+            sys.exit(7)
+"""
+
+
+def test_a_stage_that_exits_does_not_wait_for_the_blocks_under_way(tmp_path: Path) -> None:
+    """Block 0 is done at once; those that are under way then would take five minutes each."""
+    script = tmp_path / "stage.py"
+    script.write_text(EXITS)
+    stage = subprocess.run(
+        [sys.executable, script],
+        env=os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])},
+        capture_output=True,
+        text=True,
+        timeout=100,
+        check=False,
+    )
+    assert stage.returncode == 7
+    assert not stage.stderr
+
+
 def _within(seconds: float, there: Callable[[], bool]) -> bool:
     """Whether something comes true in time."""
     until = time.monotonic() + seconds
