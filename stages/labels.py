@@ -27,7 +27,7 @@ class Box:
 
 @dataclass(frozen=True)
 class DataSet:
-    """What the stage takes of a file of conf/dataset."""
+    """The settings of a file of conf/dataset that this stage uses."""
 
     box: Box | None = None
 

@@ -33,14 +33,14 @@ class Strategy:
 
 @dataclass(frozen=True)
 class Tolerance:
-    """What the stage takes of a file of conf/tolerance."""
+    """The settings of a file of conf/tolerance that this stage uses."""
 
     distance: Distance
 
 
 @dataclass(frozen=True)
 class Budget:
-    """What a file of conf/budget says of the method that is trained."""
+    """The settings of a file of conf/budget for the method that is trained."""
 
     share: Positive
 

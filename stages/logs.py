@@ -17,7 +17,7 @@ from stages import ProgressBar, stage
 
 @dataclass(frozen=True)
 class DataSet:
-    """What the stage takes of a file of conf/dataset."""
+    """The settings of a file of conf/dataset that this stage uses."""
 
     simulated: bool
     reader: DictConfig

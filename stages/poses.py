@@ -35,7 +35,7 @@ from stages import EachSequence, ProgressBar, build, stage
 
 @dataclass(frozen=True)
 class Budget:
-    """What the stage takes of a file of conf/budget."""
+    """The settings of a file of conf/budget that this stage uses."""
 
     poses: Mapping[str, Any] | None = None
     """Fields of the fixer that this budget gives another value."""

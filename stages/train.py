@@ -23,7 +23,7 @@ from stages import ProgressBar, stage, within_budget
 
 @dataclass(frozen=True)
 class Budget:
-    """What a file of conf/budget says of the method that is trained."""
+    """The settings of a file of conf/budget for the method that is trained."""
 
     share: Positive
     """The share of the method's full training to run."""

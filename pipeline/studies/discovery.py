@@ -73,8 +73,8 @@ class LogFolder:
     """A folder of recorded logs, and the sequences in it that a study may use."""
 
     root: Path
-    lacking: Mapping[str, list[str]]
-    """Every sequence, with what it lacks to be read; nothing if it can be read."""
+    missing: Mapping[str, list[str]]
+    """Every sequence, with what is missing to read it; nothing if it can be read."""
     readable: list[str]
     """The sequences that can be read."""
     notes: list[str]
@@ -86,22 +86,20 @@ class LogFolder:
 
         Raises ConfigError if there is none; `expected` then says what should be there.
         """
-        lacking = _reader(name, reader).sequences(root)
-        if not lacking:
+        missing = _reader(name, reader).sequences(root)
+        if not missing:
             raise ConfigError(f"root={root}: no {name} sequence there; expected {expected}")
-        for sequence in lacking:
-            if not SAFE_NAME.fullmatch(sequence):
-                lacking[sequence] = ["a name of letters, digits and ._+-: rename it"]
-        return cls(
-            root,
-            lacking,
-            readable=[sequence for sequence, missing in lacking.items() if not missing],
-            notes=[
-                f"{sequence}: lacks {', '.join(missing)}"
-                for sequence, missing in lacking.items()
-                if missing
-            ],
-        )
+        unsafe = [sequence for sequence in missing if not SAFE_NAME.fullmatch(sequence)]
+        for sequence in unsafe:
+            missing |= {sequence: ["a name of letters, digits and ._+-: rename it"]}
+        readable = []
+        notes = []
+        for sequence, missing_parts in missing.items():
+            if missing_parts:
+                notes.append(f"{sequence}: lacks {', '.join(missing_parts)}")
+            else:
+                readable.append(sequence)
+        return cls(root, missing, readable, notes)
 
     @property
     def notes_text(self) -> str:
@@ -129,7 +127,7 @@ def recorded(
         default_train, *default_tests = parts
         logs.readable = list(parts) if log in logs.readable else []
         logs.notes.append(
-            f"logs found: {', '.join(logs.lacking)}; each has its own frame, this study is on "
+            f"logs found: {', '.join(logs.missing)}; each has its own frame, this study is on "
             f"{log} (log=NN chooses another, parts=time:2 splits it otherwise)"
         )
     logs.readable = list(dict.fromkeys([*logs.readable, *named_parts]))
@@ -247,7 +245,7 @@ def _tested(
         raise ConfigError(f"tests={train}: is the training sequence; give others")
     earlier_notes = logs.notes_text
     for sequence in tests:
-        if sequence not in logs.readable and sequence not in logs.lacking:
+        if sequence not in logs.readable and sequence not in logs.missing:
             logs.notes.append(f"{sequence}: not below {logs.root}, left out")
     readable_tests = [test for test in tests if test in logs.readable and test not in trained]
     if not readable_tests:

@@ -393,7 +393,7 @@ class Study:
         return next(model for model in self.models if model.name == name)
 
     def answers_of(self, model: ModelName) -> list[ModelName]:
-        """The names of a model's answers: without poses, and with those that the study has."""
+        """The names of a model's answers: without poses, with poses, and along each path."""
         if model.family not in self.poses:
             return [model]
         posed = replace(model, posed=True)
