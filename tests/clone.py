@@ -1,4 +1,4 @@
-"""A copy of the project to run whole: DVC and sweeps."""
+"""Copies of the project in which tests run DVC and sweeps."""
 
 import json
 import os
@@ -22,33 +22,38 @@ PROJECT = (
 
 
 def name_of(address: str) -> str:
-    """A stage's name, such as train@campus-10m-sci, of DVC's
-    dag/train/dvc.yaml:train@campus-10m-sci."""
+    """The stage train@campus-10m-sci of DVC's address dag/train/dvc.yaml:train@campus-10m-sci."""
     return address.rpartition(":")[2]
 
 
 def share_kernels(compiled: Path, copy: Path) -> None:
-    """Give a copy of the project the kernels that numba compiled for another, which it keeps by the
-    path of their source."""
+    """Give a copy of the project the kernels that were compiled for another.
+
+    numba keeps them in a folder that is named by the path of their source.
+    """
     kernels = Path(os.environ["NUMBA_CACHE_DIR"])
     for source in compiled.glob("pipeline/**/*.py"):
-        own, others = (
+        copied_source = copy / source.relative_to(compiled)
+        folder, folder_of_copy = (
             kernels / UserProvidedCacheLocator.get_suitable_cache_subpath(str(path))
-            for path in (source, copy / source.relative_to(compiled))
+            for path in (source, copied_source)
         )
-        if own.is_dir() and not others.exists():
-            shutil.copytree(own, others, ignore_dangling_symlinks=True)
+        if folder.is_dir() and not folder_of_copy.exists():
+            shutil.copytree(folder, folder_of_copy, ignore_dangling_symlinks=True)
 
 
 class Clone:
     """A copy of the project to run DVC in, without git unless it is asked for."""
 
     def __init__(self, folder: Path, built: str | None = None, git: bool = False) -> None:
-        """An unbuilt one; or one that is built already, given what was told of that."""
+        """Copy the project into `folder`; or use what lies there, if `built` says how it was built.
+
+        `built` is JSON with the attributes `ran` and `undisturbed`.
+        """
         self.folder = folder
-        told = json.loads(built or "{}")
-        self.ran: list[str] = told.get("ran", [])
-        self.undisturbed: dict[str, str] = told.get("undisturbed", {})
+        attributes = json.loads(built or "{}")
+        self.ran: list[str] = attributes.get("ran", [])
+        self.undisturbed: dict[str, str] = attributes.get("undisturbed", {})
         if built:
             return
         for name in filter(lambda name: (ROOT / name).exists(), PROJECT):
@@ -70,7 +75,7 @@ class Clone:
 
     @property
     def env(self) -> dict[str, str]:
-        """What its commands see."""
+        """The environment of its commands."""
         path = f"{BIN}:{os.environ['PATH']}"
         return os.environ | {
             "PATH": path,
@@ -79,7 +84,7 @@ class Clone:
         }
 
     def twin(self, folder: Path) -> "Clone":
-        """The same with all that it has built, elsewhere."""
+        """A copy of this clone in another folder, with all that it has built."""
         other = copy(self)
         other.folder = shutil.copytree(self.folder, folder, dirs_exist_ok=True)
         share_kernels(self.folder, folder)
@@ -97,7 +102,7 @@ class Clone:
         return other
 
     def git(self, *words: str) -> str:
-        """What git prints; its author is nobody."""
+        """Run git as the author nobody; returns what it prints."""
         who = ("-c", "user.name=nobody", "-c", "user.email=nobody@localhost")
         done = subprocess.run(
             ["git", *who, *words], cwd=self.folder, capture_output=True, text=True, check=True
@@ -116,7 +121,7 @@ class Clone:
         return done.stdout
 
     def repro(self) -> list[str]:
-        """The stages that ran."""
+        """Run `dvc repro`; returns the stages that ran."""
         out = self.run("dvc", "repro")
         return [
             name_of(line.split("'")[1])

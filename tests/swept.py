@@ -1,4 +1,4 @@
-"""A call of the sweep, for the tests of sweeps."""
+"""Runs a sweep of settings in a copy of the project, for the tests of sweeps."""
 
 import json
 import subprocess
@@ -8,7 +8,7 @@ from tests.clone import BIN, Clone
 
 
 class Swept:
-    """One call of the sweep."""
+    """One sweep that was run: its exit code, output and records."""
 
     def __init__(self, clone: Clone, *overrides: str) -> None:
         command = [str(BIN / "python"), "-m", "stages.sweep", "-m", *overrides]
@@ -28,9 +28,11 @@ class Swept:
 
     @property
     def built(self) -> set[str]:
+        """The stages of which some job built an artifact."""
         return {stage for job in self.jobs for stage in job["built"]}
 
     def value(self, job: int, name: str = "auc_top1") -> list[float]:
+        """The values of a number by cells in a job, one a test sequence."""
         wanted = [
             row
             for row in self.jobs[job]["rows"]
@@ -40,5 +42,5 @@ class Swept:
 
 
 def outcome(swept: Swept) -> list[Any]:
-    """What each job gave, its rows as text: no NaN equals another."""
+    """The overrides, rows and error of each job; rows are text, since no NaN equals another."""
     return [(job["overrides"], str(job["rows"]), job["error"]) for job in swept.jobs]

@@ -1,4 +1,4 @@
-"""The `yearloc` command: one line for a person's mistake, and files that are put right."""
+"""The `yearloc` command: what it writes and prints, and that a mistake is answered by one line."""
 
 import fcntl
 import json
@@ -40,6 +40,7 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def studies(project: Path, kind: str = "studies") -> dict[str, dict[str, object]]:
+    """The studies of conf/studies.yaml by name, or the lists of conf/lists.yaml."""
     return yaml.safe_load((project / f"conf/{kind}.yaml").read_text())[kind]
 
 
@@ -48,14 +49,14 @@ def lists(project: Path) -> dict[str, dict[str, object]]:
 
 
 def by_hand(project: Path, old: str, new: str, file: str = "studies") -> None:
-    """Edit the first such word of a file."""
+    """Replace the first `old` in a file of conf/ by `new`, as a person would."""
     path = project / f"conf/{file}.yaml"
     assert old in path.read_text()
     path.write_text(path.read_text().replace(old, new, 1))
 
 
 def study(project: Path) -> dict[str, object]:
-    """The only one."""
+    """The only study of conf/studies.yaml."""
     (only,) = studies(project).values()
     return only
 
@@ -74,7 +75,7 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
         main(arguments)
     assert stop.value.code == 1
     *before, line = capsys.readouterr().err.splitlines()
-    assert all("; try " in told for told in before)
+    assert all("; try " in earlier_line for earlier_line in before)
     return line
 
 
@@ -120,11 +121,10 @@ def test_keep_leaves_an_added_sequence_but_not_another_world(project):
 
 
 def test_a_study_written_by_hand_may_leave_out_what_follows(project):
-    """The question, and a method's view, code and stage; the lists then have what they would have
-    with all told."""
+    """It may leave out the question, and a method's view, code and stage; the lists stay equal."""
     main(["use", "campus", "world=tiny", "methods=sci,sad"])
-    told = lists(project)
-    spelled_out = studies(project)
+    complete_lists = lists(project)
+    complete_studies = studies(project)
     by_hand(project, "    question: year\n", "")
     by_hand(
         project,
@@ -133,10 +133,12 @@ def test_a_study_written_by_hand_may_leave_out_what_follows(project):
     )
     by_hand(project, "      code: pipeline/methods/sad.py\n      stage: birdviews\n", "")
     main(["use"])
-    assert (lists(project), studies(project)) == (told, spelled_out)
+    assert (lists(project), studies(project)) == (complete_lists, complete_studies)
     by_hand(project, "    - '2012-10-28'\n", "    - '2012-10-28'\n    - '2013-02-23'\n")
     main(["use"])
-    assert lists(project)["drives"].keys() - told["drives"].keys() == {"campus-2013-02-23"}
+    assert lists(project)["drives"].keys() - complete_lists["drives"].keys() == {
+        "campus-2013-02-23"
+    }
 
 
 @pytest.mark.parametrize("key", ["world", "train", "tests", "grids", "methods", "budget"])
@@ -162,6 +164,7 @@ def test_studies_stand_side_by_side(project, capsys):
 
 
 def nclt(root: Path, *dates: str) -> None:
+    """Make a folder of NCLT that looks complete for these dates; its files are empty."""
     for date in dates:
         (root / date / "velodyne_sync").mkdir(parents=True)
         (root / date / f"groundtruth_{date}.csv").touch()
@@ -182,6 +185,7 @@ def test_use_nclt_takes_what_is_on_disk_and_says_what_is_missing(project, capsys
 
 
 def kitti(root: Path, *logs: str) -> None:
+    """Make a folder of KITTI that looks complete for these logs; its files are empty."""
     (root / "poses").mkdir(parents=True)
     for log in logs:
         (root / f"sequences/{log}/velodyne").mkdir(parents=True)
@@ -281,7 +285,7 @@ def test_studies_do_not_change_while_dvc_works_on_them(project, capsys):
 
 
 def test_level_sweeps_have_poses_as_driven_alone(project, capsys):
-    """They are gathered along the path, which an altered query has none of."""
+    """Level sweeps are gathered along a path, and an altered query has none."""
     carmen_log(project / "logs", name="drive.log")
     use = ("use", "carmen", f"root={project / 'logs'}", "poses=sci_ring")
     main([*use, "scale=indoor"])
@@ -338,13 +342,13 @@ def test_use_kitti_for_viewpoints_trains_on_all_other_logs_that_are_there(projec
 def test_a_simulated_study_of_viewpoints_stands_beside_one_of_the_year(project):
     main(["use", "campus", "world=tiny"])
     main(["use", "suburb", "world=tiny", "question=viewpoints", "--add"])
-    found = lists(project)
-    judged = {name: entry["model"] for name, entry in found["viewpoints"].items()}
-    models = {name for name in found["models"] if name.startswith("suburb")}
+    all_lists = lists(project)
+    judged = {name: entry["model"] for name, entry in all_lists["viewpoints"].items()}
+    models = {name for name in all_lists["models"] if name.startswith("suburb")}
     assert judged.keys() == models | {"campus-10m-pfl", "campus-10m-sad"}
-    assert list(found["published"]) == ["campus"]
+    assert list(all_lists["published"]) == ["campus"]
     seeds = [f"suburb-10m-{method}-seed{seed}" for method in ("pfl", "afl") for seed in (1, 2)]
-    assert [name for name in found["models"] if "seed" in name] == seeds
+    assert [name for name in all_lists["models"] if "seed" in name] == seeds
     assert studies(project)["campus"]["methods"][-1] == SAD
 
 
@@ -472,7 +476,7 @@ def test_a_training_sequence_that_is_not_there_is_refused_with_those_that_are(pr
     )
 
 
-def test_a_sequence_that_cannot_be_read_is_told_with_its_reason(project, capsys):
+def test_a_sequence_that_cannot_be_read_is_named_with_its_reason(project, capsys):
     root = project / "own"
     use = ("use", "folder", f"root={project / 'own'}")
     for day in ("mon", "tue"):
@@ -698,9 +702,9 @@ def test_a_mistyped_command_option_or_value_is_one_line(capsys, name, words, mis
     with pytest.raises(SystemExit) as stop:
         main([*name.split()[1:], *words.split()])
     assert stop.value.code == 2
-    told = capsys.readouterr()
-    assert told.err == f"{name}: {mistake}; `{name} --help` shows what is needed\n"
-    assert not told.out
+    printed = capsys.readouterr()
+    assert printed.err == f"{name}: {mistake}; `{name} --help` shows what is needed\n"
+    assert not printed.out
 
 
 def test_shells_complete_commands_and_options():
@@ -734,7 +738,7 @@ def test_help_into_a_closed_pipe_is_no_error():
 
 
 def yearloc(*words: str, **environment: str) -> subprocess.CompletedProcess[str]:
-    """A call in a process of its own."""
+    """Call the command in a process of its own, with some environment variables set."""
     return subprocess.run(
         [sys.executable, "-m", "pipeline.cli", *words],
         cwd=ROOT,

@@ -60,7 +60,7 @@ def test_stages_are_counted_and_the_exit_code_is_dvcs(
 
 
 def test_asked_to_end_it_ends_the_stage_under_way(project: Path) -> None:
-    """Else the stage writes on, and the next repro runs it a second time beside itself."""
+    """Without that the stage writes on, and the next repro runs a second one beside it."""
     (project / "bin/dvc").write_text("#!/bin/sh\nsh -c 'echo $$ > stage; exec sleep 60'\n")
     repro = subprocess.Popen(
         [sys.executable, "-c", "from pipeline.cli import main; main(['repro'])"], cwd=project

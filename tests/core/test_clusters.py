@@ -1,5 +1,4 @@
-"""Dask's workers in processes of their own: what a kill costs, what is left, and what is said when
-none can be had."""
+"""Dask's workers: the same results as threads, what a killed worker costs, and errors in one line."""
 
 import gc
 import os
@@ -40,7 +39,8 @@ def local() -> Iterator[Compute]:
         yield compute
 
 
-def who(start: int, stop: int) -> int:
+def worker_pid(start: int, stop: int) -> int:
+    """A block whose result is the process that computed it."""
     time.sleep(0.05)
     return os.getpid()
 
@@ -57,9 +57,9 @@ def test_two_processes_give_the_bytes_of_threads_in_order_and_stay_for_the_next_
     assert [block.tobytes() for block in blocks] == [
         block.tobytes() for block in Compute().rows(scaled, 23, 4)
     ]
-    workers = set(local.rows(who, 8, 1))
+    workers = set(local.rows(worker_pid, 8, 1))
     assert len(workers) == 2
-    assert set(local.rows(who, 8, 1)) == workers
+    assert set(local.rows(worker_pid, 8, 1)) == workers
     assert os.getpid() not in workers
 
 
@@ -158,12 +158,12 @@ def test_no_worker_is_left_of_a_stage_that_is_killed(tmp_path: Path) -> None:
     )
 
 
-def within(seconds: float, there: Callable[[], bool]) -> bool:
-    """Whether something comes true in time."""
+def within(seconds: float, is_true: Callable[[], bool]) -> bool:
+    """Whether a condition comes true within so many seconds."""
     until = time.monotonic() + seconds
-    while not there() and time.monotonic() < until:
+    while not is_true() and time.monotonic() < until:
         time.sleep(0.05)
-    return there()
+    return is_true()
 
 
 def test_a_scheduler_that_runs_already_is_left_as_it_was() -> None:

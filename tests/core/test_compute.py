@@ -1,4 +1,4 @@
-"""Blocks of rows: in order, complete, and the same in every mode."""
+"""Blocks of rows are computed in order and completely, and are the same in every mode."""
 
 import os
 import subprocess
@@ -19,8 +19,7 @@ SCHEDULERS = ("threads", "processes")
 
 @pytest.fixture(scope="module")
 def delivered() -> dict[str, list[np.ndarray]]:
-    """np.arange as the function of a block, by each scheduler: block (start, stop) is its own
-    rows."""
+    """The blocks of each scheduler for np.arange: block (start, stop) has the rows' own numbers."""
     return {name: list(Compute(name, workers=2).rows(np.arange, 23, 4)) for name in SCHEDULERS}  # type: ignore[arg-type]
 
 
@@ -129,12 +128,12 @@ def test_a_stage_that_exits_does_not_wait_for_the_blocks_under_way(tmp_path: Pat
     assert not stage.stderr
 
 
-def _within(seconds: float, there: Callable[[], bool]) -> bool:
-    """Whether something comes true in time."""
+def _within(seconds: float, is_true: Callable[[], bool]) -> bool:
+    """Whether a condition comes true within so many seconds."""
     until = time.monotonic() + seconds
-    while not there() and time.monotonic() < until:
+    while not is_true() and time.monotonic() < until:
         time.sleep(0.05)
-    return there()
+    return is_true()
 
 
 def test_an_error_in_a_block_reaches_the_caller() -> None:
@@ -153,6 +152,6 @@ def test_an_unknown_scheduler_is_a_config_error() -> None:
         list(Compute("fibres").rows(np.arange, 3, 1))  # type: ignore[arg-type]
 
 
-def test_apart_holds_back_threads_alone() -> None:
+def test_one_by_one_in_threads_limits_threads_alone() -> None:
     assert Compute(workers=2).one_by_one_in_threads().workers == 1
     assert Compute("processes", workers=2).one_by_one_in_threads().workers == 2

@@ -1,4 +1,4 @@
-"""Poses and trajectories, by hand."""
+"""Poses and trajectories, with values that are worked out by hand."""
 
 import numpy as np
 import pytest
@@ -44,24 +44,24 @@ def test_north_east_down_becomes_z_up() -> None:
     z_up = flip_ned(poses((1, 2, 3, 90)))
     np.testing.assert_allclose(z_up[0, :3, 3], [1, -2, -3])
     assert np.rad2deg(yaw(z_up))[0] == pytest.approx(-90)
-    some = pose(np.array([[1.0, -2, 3]]), np.array([[0.3, -0.2, 2.0]]))
-    np.testing.assert_allclose(flip_ned(flip_ned(some)), some, atol=1e-15)  # and back
+    poses_ned = pose(np.array([[1.0, -2, 3]]), np.array([[0.3, -0.2, 2.0]]))
+    np.testing.assert_allclose(flip_ned(flip_ned(poses_ned)), poses_ned, atol=1e-15)  # and back
 
 
 def test_a_pose_halfway_is_halfway_in_place_and_turn() -> None:
     # From 170° to −170° is 20° through 180°, not 340° through 0.
     path = Trajectory(np.array([0, SECOND]), poses((0, 0, 0, 170), (2, 4, -6, -170)), max_gap_s=1.0)
-    found, known = path.at(np.array([SECOND // 2, SECOND // 4]))
+    world_T_body, known = path.at(np.array([SECOND // 2, SECOND // 4]))
     assert known.all()
-    np.testing.assert_allclose(found[:, :3, 3], [[1, 2, -3], [0.5, 1, -1.5]])
-    np.testing.assert_allclose(np.abs(np.rad2deg(yaw(found))), [180, 175])
+    np.testing.assert_allclose(world_T_body[:, :3, 3], [[1, 2, -3], [0.5, 1, -1.5]])
+    np.testing.assert_allclose(np.abs(np.rad2deg(yaw(world_T_body))), [180, 175])
 
 
 def test_slerp_turns_about_one_axis_at_constant_speed() -> None:
     # Rolled by 90° at the end, 30° after a third of the time.
     ends = pose(np.zeros((2, 3)), np.array([[0, 0, 0], [np.pi / 2, 0, 0]]))
-    found, _ = Trajectory(np.array([0, 3 * SECOND]), ends, 5.0).at(np.array([SECOND]))
-    np.testing.assert_allclose(np.rad2deg(rpy(found)), [[30, 0, 0]], atol=1e-9)
+    world_T_body, _ = Trajectory(np.array([0, 3 * SECOND]), ends, 5.0).at(np.array([SECOND]))
+    np.testing.assert_allclose(np.rad2deg(rpy(world_T_body)), [[30, 0, 0]], atol=1e-9)
 
 
 @pytest.mark.parametrize("stamp", [-1_001, 3 * SECOND + 1_001, 10**18, -(10**18)])
@@ -69,18 +69,18 @@ def test_there_is_no_pose_beyond_the_ends(stamp: int) -> None:
     path = Trajectory(
         np.array([0, SECOND, 2 * SECOND, 3 * SECOND]), poses(*[(i, 0, 0, 0) for i in range(4)]), 1.0
     )
-    found, known = path.at(np.array([stamp]))
+    world_T_body, known = path.at(np.array([stamp]))
     assert not known.any()
-    assert np.isnan(found).all()
+    assert np.isnan(world_T_body).all()
 
 
 @pytest.mark.parametrize("off_ns", [-1_000, -456, 456, 1_000])
 def test_a_pose_whose_stamp_was_rounded_to_a_microsecond_is_a_pose(off_ns: int) -> None:
     """At the ends and beside a gap too, where nothing can be interpolated."""
     path = Trajectory(np.array([0, 10 * SECOND]), poses((0, 0, 0, 0), (5, 0, 0, 0)), 1.0)
-    found, known = path.at(np.array([0, 10 * SECOND]) + off_ns)
+    world_T_body, known = path.at(np.array([0, 10 * SECOND]) + off_ns)
     assert known.all()
-    assert found[:, 0, 3].tolist() == [0, 5]
+    assert world_T_body[:, 0, 3].tolist() == [0, 5]
 
 
 def test_gaps_are_never_bridged() -> None:
@@ -89,9 +89,9 @@ def test_gaps_are_never_bridged() -> None:
     table[2, 0, 3] = np.nan
     path = Trajectory(np.array([0, 1, 2, 3, 5.5]) * SECOND, table, 1.0)
     asked = np.array([0, 0.5, 1, 1.5, 2, 2.5, 3, 4, 5.5])
-    found, known = path.at((asked * SECOND).astype(np.int64))
+    world_T_body, known = path.at((asked * SECOND).astype(np.int64))
     assert known.tolist() == [True, True, True, False, False, False, True, False, True]
-    np.testing.assert_allclose(found[known, 0, 3], asked[known])
+    np.testing.assert_allclose(world_T_body[known, 0, 3], asked[known])
 
 
 def test_a_trajectory_without_rows_knows_nothing() -> None:

@@ -1,5 +1,4 @@
-"""Every setting that conf/ builds an object from, given what no setting is: taken, or refused in
-one line of our own."""
+"""Every class that conf/ builds takes any value of any setting, or refuses it in one clear line."""
 
 from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
@@ -19,29 +18,30 @@ HOSTILE = (-1, 0, 10**9, float("nan"), float("inf"), True, "ten", None, [1])
 UNLISTED = ("lists.yaml", "studies.yaml")
 
 
-def described(node: object, found: dict[str, DictConfig]) -> None:
-    """Of each class that a conf file builds, its first description."""
+def collect(node: object, descriptions: dict[str, DictConfig]) -> None:
+    """Collect the first description of each class that a conf file builds, by its name."""
     if isinstance(node, DictConfig):
         if "_target_" in node:
-            found.setdefault(node["_target_"], node)
+            descriptions.setdefault(node["_target_"], node)
         for key in node:
-            described(OmegaConf.select(node, str(key), throw_on_resolution_failure=False), found)
+            child = OmegaConf.select(node, str(key), throw_on_resolution_failure=False)
+            collect(child, descriptions)
 
 
 def classes() -> Iterator[tuple[str, DictConfig]]:
-    found: dict[str, DictConfig] = {}
+    """The names and descriptions of all dataclasses that the files of conf/ build."""
+    descriptions: dict[str, DictConfig] = {}
     for path in sorted((ROOT / "conf").rglob("*.yaml")):
         if path.name not in UNLISTED:
-            described(OmegaConf.load(path), found)
-    return (
-        one
-        for one in found.items()
-        if is_dataclass(get_class(one[0])) and not one[0].endswith(".Recorded")
-    )
+            collect(OmegaConf.load(path), descriptions)
+    for target, node in descriptions.items():
+        if is_dataclass(get_class(target)) and not target.endswith(".Recorded"):
+            yield target, node
 
 
 @pytest.mark.parametrize(
-    ("target", "node"), [pytest.param(*one, id=one[0].rpartition(".")[2]) for one in classes()]
+    ("target", "node"),
+    [pytest.param(target, node, id=target.rpartition(".")[2]) for target, node in classes()],
 )
 def test_a_hostile_value_is_taken_or_refused_in_one_line(target: str, node: DictConfig) -> None:
     instantiate(node)
@@ -56,7 +56,9 @@ def test_a_hostile_value_is_taken_or_refused_in_one_line(target: str, node: Dict
                 refused.append((field.name, value, YearlocError("")))
     assert refused or not fields(get_class(target))
     assert not [
-        one for one in refused if not isinstance(one[-1], YearlocError) or "\n" in str(one[-1])
+        (name, value, error)
+        for name, value, error in refused
+        if not isinstance(error, YearlocError) or "\n" in str(error)
     ]
 
 

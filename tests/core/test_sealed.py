@@ -1,5 +1,4 @@
-"""A bit that turns in an artifact or a model is found: what is read is what was written, or
-nothing."""
+"""Damage in an artifact or a model is noticed: what is read is what was written, or an error."""
 
 import json
 from concurrent.futures import ThreadPoolExecutor
@@ -21,7 +20,7 @@ MODEL = {
 }
 
 
-def turned(path: Path, rng: np.random.Generator) -> bytes:
+def turn_a_bit(path: Path, rng: np.random.Generator) -> bytes:
     """Turn one bit of a file; returns the file as it was."""
     before = path.read_bytes()
     damaged = bytearray(before)
@@ -32,17 +31,17 @@ def turned(path: Path, rng: np.random.Generator) -> bytes:
 
 def test_an_artifact_with_a_turned_bit_is_refused_or_the_same(tmp_path: Path) -> None:
     put(path := tmp_path / "a.zarr")
-    files = sorted(one for one in path.rglob("*") if one.is_file())
+    files = sorted(file for file in path.rglob("*") if file.is_file())
     rng = np.random.default_rng(0)
     refused = 0
     for i in range(TRIES):
         file = files[i % len(files)]
-        before = turned(file, rng)
+        before = turn_a_bit(file, rng)
         try:
-            found = store.read(path, Things)
-            assert found.attrs == {"kind": "things", "version": 3, "grain_m": 0.005}
+            artifact = store.read(path, Things)
+            assert artifact.attrs == {"kind": "things", "version": 3, "grain_m": 0.005}
             for name, rows in COLUMNS.items():
-                np.testing.assert_array_equal(found.load(name), rows)
+                np.testing.assert_array_equal(artifact.load(name), rows)
         except ArtifactError:
             refused += 1
         file.write_bytes(before)
@@ -87,13 +86,13 @@ def test_a_model_with_a_turned_bit_is_refused_or_the_same(tmp_path: Path) -> Non
     rng = np.random.default_rng(0)
     refused = 0
     for _ in range(TRIES):
-        before = turned(path, rng)
+        before = turn_a_bit(path, rng)
         try:
-            found = store.read_model(path)
+            model = store.read_model(path)
             assert store.read_recipe(path) == {"epochs": "3"}
-            assert found.keys() == MODEL.keys()
+            assert model.keys() == MODEL.keys()
             assert all(
-                found[name].dtype == array.dtype and np.array_equal(found[name], array)
+                model[name].dtype == array.dtype and np.array_equal(model[name], array)
                 for name, array in MODEL.items()
             )
         except ArtifactError:

@@ -1,4 +1,4 @@
-"""Settings from a yaml: a wrong one is refused by name, with what was expected."""
+"""A wrong setting is refused with its name, and with what was expected instead."""
 
 from dataclasses import dataclass
 from typing import Literal

@@ -1,4 +1,4 @@
-"""Artifacts: whole or not at all, and bytes that follow from what was put in."""
+"""Artifacts are written whole or not at all, and their bytes follow from what was put in."""
 
 import errno
 import os

@@ -1,4 +1,4 @@
-"""Studies as conf/studies.yaml may have them, with the rest as usual."""
+"""Makes studies for tests: a small study of the campus, with the keys that a test changes."""
 
 from pathlib import Path
 from typing import Any
@@ -23,5 +23,5 @@ TABLE: dict[str, Any] = {
 
 
 def study(name: str = "campus", **words: Any) -> Study:
-    """The study of these words, which win over those of TABLE."""
+    """The study of TABLE, with the values of some of its keys replaced by `words`."""
     return Study.of(CONF, name, TABLE | words)

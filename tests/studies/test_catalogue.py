@@ -1,4 +1,4 @@
-"""What each method is, as the front pages and the report tell it."""
+"""The catalogue says what each method is, for `yearloc methods`, the front pages and the report."""
 
 import subprocess
 import sys
@@ -13,13 +13,15 @@ from pipeline.studies.catalogue import Entry, entries, table
 ROOT = Path(__file__).parents[2]
 
 
-def test_every_method_with_a_yaml_is_told_once() -> None:
-    found = entries()
-    assert [one.name for one in found] == sorted(
+def test_every_method_with_a_yaml_is_listed_once() -> None:
+    methods = entries()
+    assert [method.name for method in methods] == sorted(
         path.stem for path in (ROOT / "conf/method").glob("*.yaml")
     )
-    assert all(one.description and "METHODS" not in one.description + one.source for one in found)
-    sci = next(one for one in found if one.name == "sci")
+    for method in methods:
+        assert method.description
+        assert "METHODS" not in method.description + method.source
+    sci = next(method for method in methods if method.name == "sci")
     what = "SCI localisation: places as classes of a small CNN over Scan Context Images"
     assert sci == Entry("sci", what, "scan_context_authors", "Kim, Park and Kim, RA-L 2019")
     assert catalogue.what("pipeline.methods.sci.Sci") == what
@@ -38,10 +40,11 @@ def test_a_table_for_the_front_pages() -> None:
 
 
 def test_the_front_pages_hold_what_yearloc_methods_prints() -> None:
-    found = f"<!-- methods -->\n{table(entries())}<!-- /methods -->"
-    index, readme = ((ROOT / page).read_text() for page in ("docs/index.md", "README.md"))
-    assert found in index
-    assert found in readme or "<!-- methods -->" not in readme
+    block = f"<!-- methods -->\n{table(entries())}<!-- /methods -->"
+    index = (ROOT / "docs/index.md").read_text()
+    readme = (ROOT / "README.md").read_text()
+    assert block in index
+    assert block in readme or "<!-- methods -->" not in readme
 
 
 def test_brackets_are_the_source_wherever_they_stand(
@@ -66,12 +69,12 @@ def test_brackets_are_the_source_wherever_they_stand(
         entries(tmp_path / "conf")
 
 
-def test_no_method_is_imported_to_be_told() -> None:
+def test_no_method_is_imported_to_be_described() -> None:
     code = (
         "import sys; from pipeline.studies.catalogue import entries; entries(); print({'torch', "
         "'numpy'} & sys.modules.keys())"
     )
-    found = subprocess.run(
+    listing = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT
     )
-    assert found.stdout.strip() == "set()"
+    assert listing.stdout.strip() == "set()"

@@ -1,4 +1,4 @@
-"""Studies spelled out for dvc.yaml."""
+"""Studies are expanded to the lists of dvc.yaml: which instances each stage gets, with what."""
 
 import shlex
 from typing import Any
@@ -38,12 +38,13 @@ def made(**tables: dict[str, Any]) -> dict[str, Study]:
     return {name: Study.of(CONF, name, table) for name, table in tables.items()}
 
 
-def spelled_out(**tables: dict[str, Any]) -> Lists:
+def expanded(**tables: dict[str, Any]) -> Lists:
+    """The lists of the studies of these tables, by name."""
     return expand(made(**tables))
 
 
 def test_every_stage_gets_one_instance_for_each_of_its_names() -> None:
-    lists = spelled_out(one=ONE, other=OTHER)
+    lists = expanded(one=ONE, other=OTHER)
     counts = {name: len(members) for name, members in lists.items()}
     # drives 3 + 2; submaps 1 + 1; views 2 + 1 (two methods share one); labels 2 + 1; models 2 × 3 +
     # 1; latency 2 + 1
@@ -74,14 +75,14 @@ def test_every_stage_gets_one_instance_for_each_of_its_names() -> None:
     assert lists["rankings"]["one-5m-m2dp"]["tests"] == "b c"
     assert lists["absent"]["one-cloud-altered"] == {"out": "artifacts/altered/one/cloud"}
     (word,) = shlex.split(lists["report"]["all"]["studies"])
-    told = yaml.safe_load(word.removeprefix("studies="))
-    assert [named["name"] for named in told] == ["one", "other"]
+    studies = yaml.safe_load(word.removeprefix("studies="))
+    assert [study["name"] for study in studies] == ["one", "other"]
     assert lists["views"]["one-cloud"]["sequences"] == "a b c"
 
 
 def test_poses_are_estimated_where_a_study_says_so() -> None:
     """The training day first, the others on its map; elsewhere the scans get an empty folder."""
-    lists = spelled_out(one=ONE | {"slam": True}, other=OTHER)
+    lists = expanded(one=ONE | {"slam": True}, other=OTHER)
     assert list(lists["slam"]) == ["one-a"]
     assert list(lists["slam_further"]) == ["one-b", "one-c"]
     assert lists["slam_further"]["one-b"]["train"] == "a"
@@ -94,7 +95,7 @@ def test_poses_are_estimated_where_a_study_says_so() -> None:
 
 
 def test_a_study_of_viewpoints_trains_on_several_sequences_and_ranks_no_places() -> None:
-    lists = spelled_out(turned=TURNED)
+    lists = expanded(turned=TURNED)
     counts = {name: len(members) for name, members in lists.items() if members}
     once = dict.fromkeys(("submaps", "birdviews", "labels", "results", "report"), 1)
     assert counts == once | {"drives": 3, "models": 2, "viewpoints": 2, "absent": 5}
@@ -112,7 +113,7 @@ def test_a_study_of_viewpoints_trains_on_several_sequences_and_ranks_no_places()
     }
 
 
-def test_results_are_told_the_whole_study_in_one_word() -> None:
+def test_stage_results_gets_the_whole_study_in_one_word() -> None:
     (study,) = made(turned=TURNED | {"stress": {"00": 'the driver\'s "detour"'}}).values()
     (word,) = shlex.split(expand({"turned": study})["results"]["turned"]["study"])
     name, _, value = word.partition("=")
@@ -123,7 +124,7 @@ def test_results_are_told_the_whole_study_in_one_word() -> None:
 
 
 def test_methods_that_look_at_bird_views_are_asked_about_viewpoints_beside_the_year() -> None:
-    lists = spelled_out(one=ONE | {"methods": [*ONE["methods"], SEEN_FROM_ABOVE]})
+    lists = expanded(one=ONE | {"methods": [*ONE["methods"], SEEN_FROM_ABOVE]})
     models = ("5m-pfl", "5m-pfl-seed1", "10m-pfl", "10m-pfl-seed1")
     assert list(lists["viewpoints"]) == [f"one-{model}" for model in models]
     assert list(lists["birdviews"]) == ["one-bird"]
@@ -133,7 +134,7 @@ def test_methods_that_look_at_bird_views_are_asked_about_viewpoints_beside_the_y
 def test_a_variant_may_look_at_another_view() -> None:
     variants = {"other": "method.view=sc2", "own": "method.n_way=4"}
     asked = {"question": "robustness", "altered": {"turned": ["d"]}}
-    lists = spelled_out(one=OTHER | {"methods": [SCI | {"variants": variants}], **asked})
+    lists = expanded(one=OTHER | {"methods": [SCI | {"variants": variants}], **asked})
     assert list(lists["views"]) == ["one-sc", "one-sc2"]
     assert list(lists["altered"]) == ["one-sc-turned", "one-sc2-turned"]
     for model, view in (("sci", "sc"), ("sci-own", "sc"), ("sci-other", "sc2")):
@@ -150,7 +151,7 @@ def test_robustness_adds_sequences_cells_variants_and_alterations() -> None:
         "cells": ["20m"],
         "altered": {"turned": ["d"], "construction": ["d"]},
     }
-    lists = spelled_out(one=OTHER | {"question": "robustness", "methods": methods, **asked})
+    lists = expanded(one=OTHER | {"question": "robustness", "methods": methods, **asked})
     # of the study's own cells each variant with each seed; of the further ones the methods as they
     # are
     models = (
@@ -195,20 +196,20 @@ def test_robustness_adds_sequences_cells_variants_and_alterations() -> None:
 
 
 def test_without_latency_nothing_is_timed_and_nothing_waits_for_it() -> None:
-    lists = spelled_out(one=ONE | {"latency": False})
+    lists = expanded(one=ONE | {"latency": False})
     assert lists["latency"] == {}
     assert lists["absent"]["one-latency"] == {"out": "artifacts/latency/one"}
-    assert lists["evaluations"] == spelled_out(one=ONE)["evaluations"]
+    assert lists["evaluations"] == expanded(one=ONE)["evaluations"]
 
 
 def test_poses_are_found_within_the_budget_of_their_study() -> None:
-    assert spelled_out(one=ONE | {"poses": ["sci"]})["poses"]["one-10m-sci"]["budget"] == "tiny"
+    assert expanded(one=ONE | {"poses": ["sci"]})["poses"]["one-10m-sci"]["budget"] == "tiny"
 
 
 def test_poses_are_a_variant_of_the_models_that_a_study_names() -> None:
     sci = SCI | {"seeds": 2, "variants": {"4way": "method.n_way=4"}}
     words = ONE | {"methods": [sci, M2DP], "poses": ["sci-4way", "m2dp"], "cells": ["20m"]}
-    lists = spelled_out(one=words)
+    lists = expanded(one=words)
     posed = [
         f"{grid}-{name}"
         for grid in ("5m", "10m")
@@ -231,14 +232,15 @@ def test_poses_are_a_variant_of_the_models_that_a_study_names() -> None:
         "artifacts/poses/one/5m/sci-4way-seed1",
         "sci-4way-pose-seed1",
     )
-    answers = [(one.method, one.answered, one.seed) for one in study("one", **words).answerers]
+    answerers = study("one", **words).answerers
+    answers = [(model.method, model.answered, model.seed) for model in answerers]
     assert answers[2:5] == [("sci", "4way", 0), ("sci", "4way-pose", 0), ("sci", "4way", 1)]
     assert answers[-2:] == [("m2dp", "", 0), ("m2dp", "pose", 0)]
 
 
 def test_studies_do_not_mix() -> None:
-    both = spelled_out(one=ONE, other=OTHER)
-    alone = spelled_out(other=OTHER)
+    both = expanded(one=ONE, other=OTHER)
+    alone = expanded(other=OTHER)
     del alone["report"]  # which is of all studies
     assert all(members.items() <= both[name].items() for name, members in alone.items())
 
@@ -268,7 +270,7 @@ def test_a_study_of_many_drives_follows_from_lists_in_parts() -> None:
 
 
 def test_lists_that_a_hand_left_behind_are_refused() -> None:
-    lists = spelled_out(one=ONE)
+    lists = expanded(one=ONE)
     for edit in ({"tests": ["b", "c", "e"]}, {"methods": ["sci"]}, {"grids": ["20m"]}):
         with pytest.raises(ConfigError, match=r"conf/lists.yaml does not follow .* `yearloc use`"):
             check_lists(made(one=ONE | edit), lists)

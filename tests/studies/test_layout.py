@@ -1,4 +1,4 @@
-"""The paths of artifacts."""
+"""Every artifact has a path that follows from its kind and its names."""
 
 from pathlib import Path
 
@@ -44,8 +44,9 @@ def test_answers_lie_with_the_stage_that_gave_them() -> None:
     model = ModelName("sci", "4way", 1)
     posed = ModelName("sci", "4way", 1, posed=True)
     followed = ModelName("sci", "4way", 1, posed=True, path="filter")
-    found = [LAYOUT.answers("campus", "10m", one, "day") for one in (model, posed, followed)]
-    assert [path.relative_to("artifacts").as_posix() for path in found] == [
+    names = (model, posed, followed)
+    paths = [LAYOUT.answers("campus", "10m", name, "day") for name in names]
+    assert [path.relative_to("artifacts").as_posix() for path in paths] == [
         "localize/campus/10m/sci-4way-seed1/day.zarr",
         "poses/campus/10m/sci-4way-seed1/day.zarr",
         "paths/campus/10m/sci-4way-pose-filter-seed1/day.zarr",

@@ -1,4 +1,4 @@
-"""The study that results are of, kept beside them."""
+"""The study that was measured is kept beside its results, so that stale results are known."""
 
 from pathlib import Path
 

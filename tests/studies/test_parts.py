@@ -1,4 +1,4 @@
-"""Long lists of drives in parts."""
+"""A long list of drives is split into parts, and each part has its own dvc.yaml and dvc.lock."""
 
 from pathlib import Path
 
@@ -36,7 +36,7 @@ def root(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def chosen(root: Path, drives: str) -> dict[str, list[str]]:
-    """The instances that each lock file has after these drives are chosen."""
+    """Choose these drives, one a letter; returns the instances that each lock file has then."""
     lists = split_drives({"drives": {drive: {} for drive in drives}, "models": {"x": {}}})
     (root / "conf").mkdir(exist_ok=True)
     (root / "conf/lists.yaml").write_text(yaml.safe_dump({"lists": lists}))

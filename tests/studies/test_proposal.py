@@ -30,6 +30,7 @@ PLAIN = study(tests=["a", "b", "c"], methods=["sci", "m2dp"])
 
 
 def asked(**options: str) -> Request:
+    """What a person asks by these options, on top of DEFAULTS."""
     return Request(CONF, options, DEFAULTS)
 
 
@@ -89,7 +90,7 @@ def test_poses_are_those_of_the_preset_or_those_asked_for() -> None:
 
 
 def test_slam_among_poses_is_no_model() -> None:
-    """Alone it leaves the models that have poses as they are usual."""
+    """Alone, it leaves the choice of models that have poses to the data set's yaml."""
     alone = with_poses(PLAIN, asked(poses="slam"))
     assert (alone.poses, alone.slam) == (("sci",), True)
     both = with_poses(PLAIN, asked(poses="slam,m2dp"))

@@ -1,4 +1,4 @@
-"""The cache: whoever comes first builds, everybody else waits and reads."""
+"""The cache of sweeps: the first job builds an entry, every other waits for it and reads it."""
 
 import subprocess
 import sys
@@ -24,15 +24,17 @@ for key in ("key0", "key1", "key2", "key3"):
     folder, _ = ArtifactCache(Path(sys.argv[1])).get("train", key, ("a", "b"), fill)
     assert all((folder / name).read_text() == key * 1000 for name in ("a", "b"))
 """
-"""Builds slowly, in two files, leaving a trace of who was here; then reads what it asked for."""
+"""Builds four entries slowly, of two files each, with a mark for each builder; then reads them."""
 
 
 def fill(folder: Path) -> None:
+    """Build an entry whole."""
     for name in ("a", "b"):
         (folder / name).write_text(folder.name)
 
 
 def killed(folder: Path) -> None:
+    """Build half of an entry."""
     (folder / "a").write_text("k")
     raise KeyboardInterrupt
 

@@ -1,4 +1,4 @@
-"""dvc.yaml, and those in dag/, are read as DVC reads them."""
+"""A sweep reads dvc.yaml, and those in dag/, as DVC itself does."""
 
 from pathlib import Path
 
@@ -8,7 +8,7 @@ from dvc.repo import Repo
 
 from pipeline.core.errors import ConfigError
 from pipeline.running.dvc_files import definition
-from pipeline.studies.expansion import expand as spelled_out
+from pipeline.studies.expansion import expand as expand_studies
 from pipeline.studies.study import Study
 from pipeline.sweeps.chain import code, expand, inputs, producers
 
@@ -20,17 +20,20 @@ STUDIES, LISTS = (
 STEPS = expand(DEFINITION, LISTS)
 
 
-def of(deps: list[object], kind: bool) -> list[object]:
-    return [dep for dep in deps if (type(dep).__name__ == "ParamsDependency") == kind]
+def dependencies(deps: list[object], are_params: bool) -> list[object]:
+    """Those of DVC's dependencies that are parameters, or those that are files."""
+    return [dep for dep in deps if (type(dep).__name__ == "ParamsDependency") == are_params]
 
 
 def test_every_stage_is_the_one_that_dvc_finds() -> None:
-    theirs = {stage.cmd: stage for stage in Repo(ROOT).index.stages}
-    assert theirs.keys() == {step.command for step in STEPS}
+    dvc_stages = {stage.cmd: stage for stage in Repo(ROOT).index.stages}
+    assert dvc_stages.keys() == {step.command for step in STEPS}
     for step in STEPS:
-        stage = theirs[step.command]
-        assert {dep.def_path for dep in of(stage.deps, False)} == set(step.deps)
-        assert {dep.def_path: tuple(dep.params) for dep in of(stage.deps, True)} == step.params
+        stage = dvc_stages[step.command]
+        files = dependencies(stage.deps, are_params=False)
+        params = dependencies(stage.deps, are_params=True)
+        assert {dep.def_path for dep in files} == set(step.deps)
+        assert {dep.def_path: tuple(dep.params) for dep in params} == step.params
         assert {out.def_path for out in stage.outs} == set(step.outs)
 
 
@@ -43,7 +46,7 @@ def test_other_names_make_another_chain() -> None:
     }
     steps = expand(
         DEFINITION,
-        spelled_out({"campus": Study.of(ROOT / "conf", "campus", STUDIES["campus"] | other)}),
+        expand_studies({"campus": Study.of(ROOT / "conf", "campus", STUDIES["campus"] | other)}),
     )
     (evaluate,) = [step for step in steps if step.stage == "evaluate"]
     assert evaluate.outs == ("artifacts/evaluate/campus/5m/sci", "artifacts/metrics/campus/5m/sci")
@@ -53,7 +56,9 @@ def test_other_names_make_another_chain() -> None:
 
 
 def test_a_command_is_read_as_choices_of_files_and_fields() -> None:
-    (step,) = [s for s in STEPS if s.stage == "labels" and s.overrides["dataset"] == "campus"]
+    (step,) = [
+        step for step in STEPS if step.stage == "labels" and step.overrides["dataset"] == "campus"
+    ]
     assert step.choices == {"dataset": "campus", "grid": "10m"}
     train, *tests = STUDIES["campus"]["train"], *STUDIES["campus"]["tests"]
     assert step.fields == {
@@ -66,7 +71,7 @@ def test_a_command_is_read_as_choices_of_files_and_fields() -> None:
 
 
 def test_inputs_are_artifacts_and_the_rest_is_code() -> None:
-    step = next(s for s in STEPS if s.stage == "train")
+    step = next(step for step in STEPS if step.stage == "train")
     makers = inputs(step, producers(STEPS))
     assert {maker.stage for maker in makers.values()} == {"views", "labels"}
     assert Path("stages/train.py") in code(step)

@@ -1,4 +1,4 @@
-"""The records of a sweep's jobs."""
+"""The record of a sweep's job is plain JSON, and is read with the numbers it was written with."""
 
 import json
 import math
@@ -27,9 +27,9 @@ def test_a_record_is_json_and_comes_back_with_its_numbers(tmp_path: Path) -> Non
     for number in (1, 0):
         Record(number, {"grid.cell_m": "5"}, "campus", True, "sci", rows=ROWS).write(tmp_path)
     Record(2, {}, "campus", True, "sci", error="refused").write(tmp_path)
-    told = json.loads((tmp_path / "0.json").read_text(), parse_constant=refuse)
-    assert [one["value"] for one in told["rows"]] == [0.5, None, None]
-    assert told["rows"][0]["low"] is None  # a number without an interval
+    content = json.loads((tmp_path / "0.json").read_text(), parse_constant=refuse)
+    assert [row["value"] for row in content["rows"]] == [0.5, None, None]
+    assert content["rows"][0]["low"] is None  # a number without an interval
     first, second, failed = read(tmp_path)
     assert (first.number, second.number, failed.error, failed.rows) == (0, 1, "refused", [])
     assert first.values("cells", "auc_top1") == [0.5]

@@ -34,8 +34,7 @@ stages:
 
 
 class Project:
-    """A toy project in which a stage writes its inputs, settings and code into its outputs, and a
-    dvc.lock of it."""
+    """A toy project of three stages, each of which writes its settings and inputs as its output."""
 
     def __init__(self, root: Path) -> None:
         self.root = root
@@ -61,14 +60,15 @@ class Project:
             path.write_text(f"{step.stage} {self.values(step)} of {read}")
 
     def values(self, step: Step, **changes: int) -> dict[str, int]:
-        found: dict[str, int] = {}
+        """A step's settings by the files in conf/, with those changes that it has a key for."""
+        values: dict[str, int] = {}
         for file, keys in step.params.items():
-            all_of_it = yaml.safe_load(Path(file).read_text())
-            found |= {key: all_of_it[key] for key in keys} if keys else all_of_it
-        return found | {key: value for key, value in changes.items() if key in found}
+            content = yaml.safe_load(Path(file).read_text())
+            values |= {key: content[key] for key in keys} if keys else content
+        return values | {key: value for key, value in changes.items() if key in values}
 
     def repro(self) -> None:
-        """What DVC would do and record."""
+        """Run all steps, and write the dvc.lock that DVC would write."""
         stages = {}
         for step in self.steps:
             self.run(step, step.fields)
@@ -86,6 +86,8 @@ class Project:
         self.ran.clear()
 
     def job(self, **changes: int) -> ArtifactResolver:
+        """A job with these settings changed."""
+
         def settings(step: Step) -> StepSettings:
             values = self.values(step, **changes)
             return StepSettings(values, values == self.values(step))
