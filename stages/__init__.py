@@ -57,7 +57,7 @@ ROOT = Path(__file__).parents[1]
 
 @dataclass(frozen=True, kw_only=True)
 class EachSequence:
-    """Settings that all stages share which write an artifact of each sequence into a folder."""
+    """The settings of a stage that writes one artifact for each sequence into a folder."""
 
     sequences: Names
     out: Path

@@ -99,7 +99,7 @@ def draw(of: str, test_day: str | None, out: Path) -> Drawn:
 
     check_file(out)
     animation.check_ending(out)
-    name, grid, model = _parts(of)
+    name, grid, model = _split_name(of)
     study = _study_with(read_studies(), name, grid, of)
     _check_model_and_day(study, model, test_day, of)
     table = results.read(Layout(), {name: study})
@@ -173,7 +173,7 @@ def last_day(table: "pd.DataFrame", tests: Sequence[str]) -> str:
     return max(tests, key=lambda test: days_after.get(test, 0.0))
 
 
-def _parts(name: str) -> tuple[str, str, str]:
+def _split_name(name: str) -> tuple[str, str, str]:
     """Split STUDY/GRID/METHOD; raises ConfigError for another form."""
     try:
         study, grid, model = name.split("/")

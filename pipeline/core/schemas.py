@@ -1,9 +1,9 @@
 """The data dictionary: every kind of artifact, with dimensions, unit and meaning of each array.
 
 An artifact is what one stage of the chain writes for the next; `core.store` reads and writes it by
-these classes. They stand here in the order of the chain: scans, submaps, views, labels, rankings,
-fixes (poses). Two further kinds are in `pipeline.evaluation`, beside the functions that make them:
-Evaluations and ViewpointMatches. docs/artifacts.md is generated from all of them.
+these classes: Scans, Estimates (poses by SLAM), Submaps, Views, Labels, Rankings, Fixes (poses of
+queries), Maps, Lifelong. Two further kinds are in `pipeline.evaluation`, beside the functions that
+make them: Evaluations and ViewpointMatches. docs/artifacts.md is generated from all of them.
 """
 
 from collections.abc import Mapping, Sequence
