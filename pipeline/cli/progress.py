@@ -106,7 +106,7 @@ def _tracked(
 
     console = Console(stderr=True)
     if not console.is_terminal:
-        yield from _with_lines(items, total, what)
+        yield from _tracked_by_lines(items, total, what)
         return
     all_columns = (TextColumn(what), BarColumn(24), *columns)
     with RichProgress(*all_columns, console=console, transient=True) as bar:
@@ -116,7 +116,7 @@ def _tracked(
             bar.update(task, advance=advance)
 
 
-def _with_lines(items: Iterable[Item], total: int, what: str) -> Iterator[Item]:
+def _tracked_by_lines(items: Iterable[Item], total: int, what: str) -> Iterator[Item]:
     """Yield the items, and print a line on how many are done at most every LINE_S."""
     start_s = printed_s = time.monotonic()
     for done, item in enumerate(items, start=1):
