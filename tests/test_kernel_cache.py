@@ -1,4 +1,4 @@
-"""Compiled kernels are kept where a folder can be written, and a cold start is told."""
+"""Compiled kernels are kept where a folder can be written; the user is told of a slow first start."""
 
 import importlib.util
 import os
@@ -26,10 +26,11 @@ import pipeline
 from pipeline.formats.pointcloud2 import decode
 print(pipeline.KERNELS)
 """
-"""Neither the source nor the home can be written."""
+"""A program that defines a kernel where neither the source nor the home can be written."""
 
 
 def run(folder: Path) -> str:
+    """Run FIRST_KERNEL with this temporary folder; returns where kernels are kept."""
     environment = {
         name: value for name, value in os.environ.items() if name != kernel_cache.CACHE_VARIABLE
     } | {"TMPDIR": str(folder)}

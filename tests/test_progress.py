@@ -1,4 +1,4 @@
-"""What a command says of long work to a log, which is no terminal."""
+"""Without a terminal, as in a log file, progress is a line now and then instead of a bar."""
 
 import pytest
 

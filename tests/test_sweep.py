@@ -1,5 +1,4 @@
-"""Sweeps at their smallest: what a job takes from DVC and from other jobs, and what it leaves
-alone."""
+"""A sweep of two cell sizes: its jobs reuse what DVC and other jobs built, and change nothing else."""
 
 import pandas as pd
 import pytest
@@ -14,6 +13,7 @@ from tests.swept import Swept, outcome
 
 @pytest.fixture(scope="module")
 def before(built: Clone) -> tuple[set[str], dict[str, str]]:
+    """What is out of date, and the digests of all artifacts, before any sweep."""
     return built.outdated(), built.digests()
 
 
@@ -24,16 +24,17 @@ def cells(built: Clone, before: object) -> Swept:
 
 def test_a_job_of_the_benchmarks_own_settings_is_dvcs_work(built: Clone, cells: Swept) -> None:
     assert cells.code == 0
-    own = cells.jobs[1]
-    assert own["built"] == own["from_sweeps"] == {}
-    known = results.read(Layout(built.folder / "artifacts"), {"campus": made_study()})
-    known = known[(known["method"] == "sci") & (known["variant"] == "") & (known["change"] == "")]
-    told, known = (
-        frame.set_index(["sequence", "kind", "protocol", "number"])["value"]
-        for frame in (table(own["rows"]), known)
+    job = cells.jobs[1]
+    assert job["built"] == job["from_sweeps"] == {}
+    rows = results.read(Layout(built.folder / "artifacts"), {"campus": made_study()})
+    rows = rows[(rows["method"] == "sci") & (rows["variant"] == "") & (rows["change"] == "")]
+    columns = ["sequence", "kind", "protocol", "number"]
+    values_of_job = table(job["rows"]).set_index(columns)["value"]
+    values_of_dvc = rows.set_index(columns)["value"]
+    assert len(values_of_job) > 100
+    pd.testing.assert_series_equal(
+        values_of_job, values_of_dvc.loc[values_of_job.index], rtol=1e-12
     )
-    assert len(told) > 100
-    pd.testing.assert_series_equal(told, known.loc[told.index], rtol=1e-12)
 
 
 def test_a_cell_size_costs_labels_models_and_what_follows(cells: Swept) -> None:

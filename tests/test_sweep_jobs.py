@@ -1,5 +1,4 @@
-"""What a job of a sweep builds, how several run beside each other, and what is refused; each test
-stands alone."""
+"""Which artifacts a job of a sweep builds, how jobs run in parallel, and which settings are refused."""
 
 import subprocess
 from concurrent.futures import ThreadPoolExecutor
@@ -23,7 +22,7 @@ def test_a_stages_field_costs_that_stage_and_what_follows(built: Clone) -> None:
     assert Swept(built, "compute.workers=1").built == set()
 
 
-def test_a_failed_job_is_told_and_the_others_finish(built: Clone) -> None:
+def test_a_failed_job_is_reported_and_the_others_finish(built: Clone) -> None:
     swept = Swept(built, "method.n_way=7,2")
     assert swept.code == 1
     assert "method.n_way=7: must divide the 48 sectors" in swept.jobs[0]["error"]
