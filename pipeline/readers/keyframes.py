@@ -63,7 +63,8 @@ class KeyFrames:
         on_disk = np.array([cloud_path.is_file() for cloud_path in cloud_paths])
         if not on_disk.any():
             raise LogError(f"{folder}: none of the {len(rows)} clouds that {FILE} names")
-        skipped = Counter({"no such file": int((~on_disk).sum())})
+        skipped: Counter[str] = Counter()
+        skipped["no such file"] += int((~on_disk).sum())
         rows = rows[on_disk]
         paths_on_disk = [cloud_paths[row] for row in np.flatnonzero(on_disk)]
         stamps_ns = log.nanoseconds(path, rows[:, STAMP_COLUMN], "s", 10**9)

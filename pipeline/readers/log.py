@@ -164,7 +164,7 @@ def rows_with_poses(
     if odometry is not None:
         odometry, break_notes = vehicle.split_at_jumps("the odometry", odometry)
         odom_T_scan = vehicle.odometry_at(odometry, stamps_ns[rows], vehicle.breaks_ns(odometry))
-        notes += break_notes
+        notes = notes + break_notes
     return PosedRows(rows, world_T_scan[rows], odom_T_scan, notes)
 
 
