@@ -1,4 +1,8 @@
-"""Where runs are published: a sqlite file or PostgreSQL server, and a place for files."""
+"""Where runs are published: a sqlite file or PostgreSQL server, and a place for files.
+
+In: the address and the place from conf/tracking. Out: a `Database`, whose lock one publisher holds
+at a time.
+"""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,13 +18,10 @@ from pipeline.core.errors import ArtifactError, ConfigError, NotInstalledError
 if TYPE_CHECKING:
     from sqlalchemy import URL
 
-WAIT_S = 10
-"""For a server to take a connection."""
+WAIT_S = 10  # for a server to take a connection
+# The number of the advisory lock that publishers hold: "yearloc" in ASCII. Each database has locks
+# of its own, so it holds back publishers to the same database alone.
 LOCK = 0x7965_6172_6C6F_63
-"""The advisory lock of publishers: "yearloc".
-
-A database has its own, so it holds back those of the same database alone.
-"""
 EXPECTED = (
     "a sqlite file or postgresql://USER:PASSWORD@HOST/NAME; in a password, @ is %40 and / is %2F"
 )
@@ -36,7 +37,7 @@ class Database:
 
     @property
     def path(self) -> Path | None:
-        """The sqlite file; None of a server's."""
+        """The sqlite file; None for a server."""
         return None if self.shared else Path(self.uri.removeprefix("sqlite:///"))
 
     @contextmanager
@@ -68,10 +69,8 @@ class Database:
             raise ConfigError(
                 f"tracking.database={shown(make_url(self.uri))}: cannot be opened: {reason}"
             ) from None
-        with (
-            connection,
-            _failures_as_config_errors(shown(make_url(self.uri))),
-        ):  # the server lets the lock go with the connection, however that ends
+        # the server lets the lock go with the connection, however that ends
+        with connection, _failures_as_config_errors(shown(make_url(self.uri))):
             connection.execute(text("select pg_advisory_lock(:key)"), {"key": LOCK})
             yield
 
@@ -87,13 +86,13 @@ def _failures_as_config_errors(place: str) -> Iterator[None]:
     try:
         yield
     except Exception as error:
-        parts = type(error).__module__.partition(".")[0]
+        package = type(error).__module__.partition(".")[0]
         unavailable = (
             isinstance(error, MlflowException) and error.error_code == "TEMPORARILY_UNAVAILABLE"
         )
-        if not unavailable and parts not in ("boto3", "botocore", "sqlalchemy"):
+        if not unavailable and package not in ("boto3", "botocore", "sqlalchemy"):
             raise
-        reason = next((line.strip() for line in str(error).splitlines() if line.strip()), parts)
+        reason = next((line.strip() for line in str(error).splitlines() if line.strip()), package)
         raise ConfigError(
             f"tracking.database={place}: failed under way: {reason}; publish again, and whole runs "
             "stay"
@@ -108,8 +107,8 @@ def shown(url: "URL") -> str:
 def database(place: str | Path, files: str = "") -> Database:
     """The database at a path or postgresql:// address, with its files in a folder or s3://BUCKET/.
 
-    Without a word about files they go to `mlruns` beside a sqlite file; a server needs one. Raises
-    ConfigError for what is neither, or a bucket that does not answer.
+    If `files` is empty, files go to `mlruns` beside a sqlite file; a server needs a place for them.
+    Raises ConfigError for another kind of address, or a bucket that does not answer.
     """
     if "://" not in str(place):
         path = Path(place).absolute()
@@ -124,9 +123,10 @@ def database(place: str | Path, files: str = "") -> Database:
 
 
 def _server(address: str) -> "URL":
-    """Parse a postgresql:// address; raises ConfigError without showing any part of it.
+    """Parse a postgresql:// address.
 
-    Any part of an address that cannot be read may be of the password.
+    Raises ConfigError, which shows no part of the address: any part of one that cannot be read may
+    be of the password.
     """
     from sqlalchemy import make_url
     from sqlalchemy.exc import ArgumentError
@@ -141,6 +141,7 @@ def _server(address: str) -> "URL":
 
 
 def _folder(files: str | Path) -> str:
+    """The URI of a folder or bucket; raises ConfigError for a bucket that does not answer."""
     if not remote.is_remote(files):
         return Path(files).absolute().as_uri()
     bucket = str(files).split("/")[2]

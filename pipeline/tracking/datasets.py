@@ -1,6 +1,7 @@
 """The sequences that a run was trained and tested on, as MLflow's datasets.
 
-A dataset has a name, a digest and a use.
+In: a study, and what DVC recorded of its submaps. Out: `UsedSequence`s, each with a digest of what
+it was made of, which `log` adds to a run.
 """
 
 import hashlib
@@ -16,7 +17,7 @@ from pipeline.studies.study import Study
 if TYPE_CHECKING:
     from mlflow import MlflowClient
 
-LENGTH = 8  # characters of a digest, as of those that MLflow makes itself: the page shows them all
+LENGTH = 8  # characters of a digest, as many as MLflow's own have: the page shows them all
 USED_FOR = "mlflow.data.context"
 
 
@@ -33,10 +34,10 @@ class UsedSequence:
 def used_sequences(
     study: Study, tests: Sequence[str], lock: DvcLock, train: bool = True
 ) -> list[UsedSequence]:
-    """The training sequence, unless `train` is false, and the test sequences.
+    """The training sequences, if `train`, and the test sequences.
 
-    A digest is that of the study's submaps in DVC's lock files with the sequence's name; where they
-    record none, that of the study's settings.
+    A digest is of the sequence's name and the digest of the study's submaps in DVC's lock files;
+    if they record none, of the name and the study's settings.
     """
     folder = Layout().path("submaps", study.name).as_posix()
     made_of = lock.of(folder)[0] or json.dumps(study.table(), sort_keys=True, default=str)

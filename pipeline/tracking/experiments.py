@@ -1,6 +1,7 @@
-"""Finds or creates the experiment that runs are published to.
+"""Finds or creates the MLflow experiment that runs are published to.
 
-It is found by name, and brought back from MLflow's bin if need be.
+It is found by its name, and restored if somebody deleted it. MLflow fixes the folder of an
+experiment's files when it is made, so one whose folder has moved is put aside for a new one.
 """
 
 from typing import TYPE_CHECKING
@@ -13,17 +14,15 @@ if TYPE_CHECKING:
     from mlflow import MlflowClient
     from mlflow.entities import Experiment
 
-KEY = "yearloc.key"
-"""The tag of a run that was published here."""
+KEY = "yearloc.key"  # the tag of a run that was published here
 
 
 def find(client: "MlflowClient", name: str, database: Database) -> tuple[str, str]:
     """The id of the experiment of this name whose files go where the database says, and `aside`.
 
-    `aside` is the name that an older one now bears: empty but where the folder moved, since MLflow
-    fixes an experiment's folder when it is made. An experiment whose files went elsewhere is then
-    put aside, and deleted unless it holds runs that were not published here. In a server's database
-    it may be somebody else's, who would do the same to ours: ConfigError.
+    `aside` is the new name of an older experiment of this name whose files went to another folder,
+    else empty. Raises ConfigError for such an experiment in a server's database: it may be somebody
+    else's, who would put ours aside in turn.
     """
     aside = ""
     if experiment := client.get_experiment_by_name(name):
@@ -44,7 +43,8 @@ def find(client: "MlflowClient", name: str, database: Database) -> tuple[str, st
 def _put_aside(client: "MlflowClient", experiment: "Experiment") -> str:
     """Rename an experiment, delete its runs that were published here, and return its new name.
 
-    Its files are left alone, since another copy of the project may show them.
+    It is deleted too if it holds no other runs. Its files are left alone, since another copy of the
+    project may show them.
     """
     aside = f"{experiment.name}, folder moved ({experiment.experiment_id})"
     client.rename_experiment(experiment.experiment_id, aside)

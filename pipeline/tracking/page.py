@@ -1,4 +1,7 @@
-"""How MLflow's page looks when it opens: which charts, in which order, over which axis.
+"""How MLflow's page of an experiment looks when it opens: which charts, in which order.
+
+In: a view, as templates/views.yaml describes it. Out: the tags of an experiment (`tags`) and the
+address of its page (`url`) that make the page open so.
 
 MLflow 3 keeps a view of an experiment's page in the experiment's tag `mlflow.sharedViewState.KEY`,
 and a page whose address says `viewStateShareKey=KEY` opens on it. The tag holds JSON `{"name",
@@ -33,19 +36,17 @@ from pipeline.tracking import texts
 
 KEY = "yearloc"
 LIMIT = 5_000  # characters that MLflow keeps of an experiment's tag
+# The y scale of shares. A scale cut to the data would make a hundredth look like a season.
 SCALE = {"yMin": -0.02, "yMax": 1.02}
-"""Of shares: a scale cut to the data would make a hundredth look like a season."""
 COLOUR = "mlflow.runColor"  # the tag that fixes a run's colour in the charts, as #rrggbb
+# The colour of a run without its own. MLflow would make one of the run's id, which is new each
+# time, and often the same for two runs.
 GREY = "#808080"
-"""Of a run without a colour; MLflow would take one from the run's id, another one each time, and
-often the same for two."""
+# The colours of children without their own, from first to last: viridis, its yellow darkened to be
+# seen on white.
 RAMP = ((68, 1, 84), (59, 82, 139), (33, 145, 140), (94, 201, 98), (216, 176, 0))
-"""Viridis, its yellow darkened to be seen on white: the colours of children without one, from first
-to last."""
-
-
-View = Mapping[str, Any]
-"""What the page of an experiment shows, as templates/views.yaml says."""
+View = Mapping[str, Any]  # a view of templates/views.yaml
+# How the names of metrics begin that SCALE does not fit: they are no shares, or too small ones.
 UNBOUNDED = (
     "accepted/",
     "ageing/",
@@ -58,8 +59,8 @@ UNBOUNDED = (
     "distance/forgetting",
     "distance/transfer",
 )
-"""How the names of metrics begin that are not shares, or are too small ones to be seen on
-`SCALE`."""
+# The sections below those of a view, which hold the charts that the page adds itself, and how many
+# columns they have: one for lines, two for bars.
 FOLDED = {
     "accepted": 1,
     "cells": 1,
@@ -74,37 +75,30 @@ FOLDED = {
     "ageing": 2,
     "cost": 2,
 }
-"""Sections below, for the charts that the page adds itself, and their columns: one where they are
-lines, two where bars."""
+# The columns of the table of runs beside a run's name and date, with their widths in px; the
+# metrics of a view follow.
 COLUMNS = {
     "attributes.`Dataset`": 290,
     "attributes.`Models`": 240,
     "attributes.`Description`": 120,
 }
-"""What the table of runs shows beside a run's name and date, and how wide, in px; the metrics of a
-view follow."""
 YEAR, FURTHER_DAYS = yaml.safe_load(texts.part("views.yaml")).values()
 
 
 def shade(place: int, count: int) -> str:
-    """The colour of one of `count` runs that have none of their own, as #rrggbb on `RAMP`."""
+    """The colour on RAMP of one of `count` children, as #rrggbb."""
     position = place / max(count - 1, 1) * (len(RAMP) - 1)
     before = min(int(position), len(RAMP) - 2)
     share = position - before
-    return (
-        "#"
-        + bytes(
-            round((1 - share) * low + share * high)
-            for low, high in zip(*RAMP[before : before + 2], strict=True)
-        ).hex()
-    )
+    channels = zip(RAMP[before], RAMP[before + 1], strict=True)
+    mixed = [round((1 - share) * low + share * high) for low, high in channels]
+    return f"#{bytes(mixed).hex()}"
 
 
 def tags(view: View) -> dict[str, str]:
     """The tags of an experiment that shows this view."""
-    state = base64.b64encode(
-        zlib.compress(json.dumps(_state(view), separators=(",", ":")).encode(), 9)
-    ).decode()
+    text = json.dumps(_state(view), separators=(",", ":"))
+    state = base64.b64encode(zlib.compress(text.encode(), 9)).decode()
     shared_view = json.dumps({"name": view["name"], "createdAt": 0, "state": f"deflate;{state}"})
     kind = "custom_model_development"  # else the page asks what kind of experiment this is
     return {
@@ -115,10 +109,7 @@ def tags(view: View) -> dict[str, str]:
 
 
 def fragment(experiment_id: str) -> str:
-    """The end of the address of the experiment's charts in the view above.
-
-    MLflow 3 would else open elsewhere.
-    """
+    """The end of the address at which the page opens as charts, on the view that `tags` gives."""
     query = f"viewStateShareKey={KEY}&compareRunsMode=CHART&workflowType=machine_learning"
     return f"#/experiments/{experiment_id}/runs?{query}"
 

@@ -1,7 +1,8 @@
 """Builds the runs that MLflow shows, from the table of results and the records of sweeps.
 
-One run for each method, with a child run for each test sequence; one for each strategy of learning
-further days; one for each sweep, with a child run for each job.
+There is one run for each method, with a child run for each test sequence; one for each strategy of
+learning further days; and one for each sweep, with a child run for each job. Nothing is computed
+here but means over test days or seeds. `runs.publish` writes the runs to MLflow.
 """
 
 import json
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 from pipeline.core.errors import ArtifactError
 from pipeline.evaluation.lifelong import CHANGE
 from pipeline.evaluation.rows import table
-from pipeline.evaluation.study_rows import AGEING
+from pipeline.evaluation.study_rows import AGEING, PERCENTILE
 from pipeline.running.dvc_files import DvcLock
 from pipeline.running.telemetry import Trace, costs
 from pipeline.studies.catalogue import what
@@ -32,32 +33,31 @@ from pipeline.tracking.page import COLOUR
 from pipeline.tracking.runs import RunRecord
 from pipeline.tracking.texts import filled
 
+# The charts of a sweep's own run: the name of each, and the protocol and number whose mean over the
+# test days it shows for each job.
 CHARTED = {
     "cells_auc_top1": ("cells", "auc_top1"),
     "cells_recall_at_1": ("cells", "recall_at_1"),
     "distance_recall_at_1": ("distance", "recall_at_1"),
     "held_out_auc": ("cells", "held_out_auc"),
 }
-"""What the parent of a sweep charts of each job: a metric's name to the protocol and number whose
-mean over the tests it is."""
-NOT_OF_JOBS = ("queries", "turned_share")
-"""Numbers that MLflow shows of a method's run and not of a sweep's job."""
+NOT_OF_JOBS = ("queries", "turned_share")  # numbers that a sweep's jobs do not show
+# Numbers by cells that are shown for each kind of novelty, and how they are called there.
 REJECTION = {
     "auroc": "auroc",
     "precision_at_threshold": "precision",
     "recall_at_threshold": "recall",
 }
-"""Numbers by cells that are charted for each kind of novelty, to the end of the metric's name."""
+# Numbers that have another group in MLflow than their protocol's. MLflow sorts groups by name, so
+# that `accepted` comes first.
 GROUPS = {
     **dict.fromkeys(("accepted", "accepted_wrong", "refused", "refused_wrong"), "accepted"),
     "ece": "calibration",
     "ece_raw": "calibration",
-    "novelty_percentile": "ageing",
+    PERCENTILE: "ageing",
 }
-"""The group that a number is charted in, instead of its protocol's.
-
-MLflow sorts groups by name; `accepted` thereby comes first.
-"""
+# Protocol and number of the means over the test days that a method's run holds: MLflow's table of
+# runs would else show the numbers of the last day.
 MEANS = (
     ("cells", "auc_top1"),
     ("cells", "recall_at_1"),
@@ -68,28 +68,20 @@ MEANS = (
     ("distance", "auroc"),
     ("distance", "heading_within_10deg"),
 )
-"""Numbers whose mean over the test days is stored with a method's run, because MLflow's table of
-runs shows last values only: protocol and number."""
-LARGEST = 1e30
-"""A threshold beyond this rejects nothing, and is not charted."""
-LONGEST_NAME = 240
-"""Characters of a run's name at most: MLflow's databases hold 250."""
-Series = dict[str, list[tuple[int, float]]]
-"""Metrics by name, each with its points: (step, value)."""
+LARGEST = 1e30  # a threshold beyond this rejects nothing, and is not shown
+LONGEST_NAME = 240  # characters of a run's name: MLflow's databases hold 250
+Series = dict[str, list[tuple[int, float]]]  # name of a metric to its points: (step, value)
 
 
 @dataclass(frozen=True)
 class StudyRuns:
-    """Builds the runs of one study and grid, from its rows and figures."""
+    """Builds the runs of one study at one cell size, from its rows and figures."""
 
     study: Study
     grid: str
-    rows: pd.DataFrame
-    """The rows of the table of results that are of this study and grid."""
-    figures: Path
-    """The folder of the report's figures, with the list that says which model each shows."""
-    lock: DvcLock = field(default_factory=lambda: DvcLock({}))
-    """Gives the digests of the study's sequences."""
+    rows: pd.DataFrame  # of the table of results, of this study and cell size alone
+    figures: Path  # the folder of its report, with the list of which model each figure shows
+    lock: DvcLock = field(default_factory=lambda: DvcLock({}))  # for the digests of sequences
 
     def method_run(
         self,
@@ -100,34 +92,23 @@ class StudyRuns:
     ) -> RunRecord:
         """The run of a method, or of its answers with poses, with a child for each test sequence.
 
-        `arrays` and `recipe` are the model's file. The run's metrics are those over the days,
-        ageing, curves of training, and `extra_series`.
+        `arrays` and `recipe` are what the model's file holds; `extra_series` are further metrics.
         """
         study = self.study
         model = answerer.family
-        rows = self.rows[
-            (self.rows["method"] == answerer.method)
-            & (self.rows["variant"] == answerer.answered)
-            & (self.rows["seed"] == 0)
-        ]
+        rows = self.rows[self.rows["method"] == answerer.method]
+        rows = rows[(rows["variant"] == answerer.answered) & (rows["seed"] == 0)]
         driven = rows[(rows[["change", "stress"]] == "").all(axis=1)]
         tested = driven[driven["sequence"].isin(study.tests)]
+        series = over_days(tested) | means(tested) | training_curves(arrays)
+        series |= ageing(driven) | viewpoints(rows) | extra_series
         place = {"dataset": study.name, "grid": self.grid}
+        tint = darker(colour(model)) if answerer.answered else colour(model)
         run = RunRecord(
             name=self.run_name(model),
-            tags={
-                COLOUR: darker(colour(model)) if answerer.answered else colour(model),
-                **place,
-                "method": model,
-                "data": self.data,
-            },
+            tags={COLOUR: tint, **place, "method": model, "data": self.data},
             params={**place, "train": study.train_text, **recipe},
-            series=over_days(tested)
-            | means(tested)
-            | training_curves(arrays)
-            | ageing(driven)
-            | viewpoints(rows)
-            | extra_series,
+            series=series,
             figures=self.files(model),
             registered="" if answerer.posed else self._registered(model),
             about=self._about(
@@ -145,26 +126,26 @@ class StudyRuns:
     def _day(self, run: RunRecord, model: str, test: str, rows: pd.DataFrame) -> RunRecord:
         """The child of a method's run that holds one test sequence."""
         of_day = rows[rows["sequence"] == test]
-        days = of_day["days"].dropna().astype(int)
+        days = of_day["days"].dropna().astype(int).tolist()
         return RunRecord(
             name=test,
             tags={**run.tags, "sequence": test},
             params={**run.params, "test": test},
             series=over_days(of_day),
             figures=self.files(model, test),
-            about=self._about("day.md.j2", sequence=test, days=next(iter(days), None)),
+            about=self._about("day.md.j2", sequence=test, days=days[0] if days else None),
             used=used_sequences(self.study, [test], self.lock, train=False),
         )
 
     @property
     def data(self) -> str:
-        """Whether the study's data are simulated or recorded."""
+        """`simulated` or `recorded`, as the study's data are."""
         return "simulated" if self.study.simulated else "recorded"
 
     def run_name(self, model: str) -> str:
-        """The name of a model's run, with the grid where the study has several.
+        """The name of a model's run, with the grid if the study has several.
 
-        Short, since a chart's legend has two lines for all runs.
+        It is short, since a chart's legend has two lines for the names of all runs.
         """
         return model if self.study.grid_names == [self.grid] else f"{model} {self.grid}"
 
@@ -174,6 +155,7 @@ class StudyRuns:
         return "-".join(words + ["simulated"] * self.study.simulated)
 
     def _about(self, template: str, **values: Any) -> str:
+        """The description of a run, from a template."""
         return filled(
             template,
             study=self.study.name,
@@ -186,25 +168,25 @@ class StudyRuns:
         )
 
     def files(self, model: str, sequence: str = "") -> list[Path]:
-        """The figures of a model, with those of all models; or its figures on one test sequence.
+        """The figures of a model and those of all models; or those of a model on one test sequence.
 
-        Raises ArtifactError where there is no report: DVC removes the old one before it writes
+        Raises ArtifactError if there is no report: DVC removes the old one before it writes
         another.
         """
         manifest = self.figures / "figures.json"
         if not manifest.is_file():
             raise ArtifactError(f"{self.figures}: no report yet; `dvc repro` writes it")
-        owners = {model} if sequence else {model, ""}
+        models = {model} if sequence else {model, ""}
         names = dict.fromkeys(
             entry["file"]
             for entry in json.loads(manifest.read_text(encoding="utf-8"))
-            if entry["sequence"] == sequence and entry["model"] in owners
+            if entry["sequence"] == sequence and entry["model"] in models
         )
         return [self.figures / name for name in names]
 
 
 def of_strategies(study_runs: StudyRuns) -> Iterator[RunRecord]:
-    """The runs of a study of learning further days: one for each strategy, model and order.
+    """The runs of a study of learning further days: one for each strategy, model and order of days.
 
     Their metrics are means over the seeds, with a point for each step; a step learns a day.
     """
@@ -212,9 +194,8 @@ def of_strategies(study_runs: StudyRuns) -> Iterator[RunRecord]:
     rows = study_runs.rows
     rows = rows[(rows["change"] == CHANGE) & np.isfinite(rows["value"])]
     strategies = rows["kind"].str.partition(" ")[2].unique().tolist()
-    # `kind` is "ORDER STRATEGY".
     for (kind, method, variant), group in rows.groupby(["kind", "method", "variant"], sort=False):
-        order, _, strategy = kind.partition(" ")
+        order, _, strategy = kind.partition(" ")  # a kind is "ORDER STRATEGY"
         course = {
             "dataset": study.name,
             "grid": study_runs.grid,
@@ -225,8 +206,9 @@ def of_strategies(study_runs: StudyRuns) -> Iterator[RunRecord]:
         seeds = group["seed"].unique()
         places = group[group["number"] == "places"].sort_values("level")
         steps = places["sequence"].unique().tolist()
-        learned = {*study.train, *study.learned, *study.updates}
-        surveyed = replace(study, train=tuple(step for step in steps if step in learned))
+        # a step may also be a part of a day, which is no sequence
+        sequences = {*study.train, *study.learned, *study.updates}
+        learned = replace(study, train=tuple(step for step in steps if step in sequences))
         yield RunRecord(
             name=f"{study_runs.run_name(course['model'])} {order} {strategy}",
             tags={
@@ -250,32 +232,34 @@ def of_strategies(study_runs: StudyRuns) -> Iterator[RunRecord]:
                 seeds=seeds,
                 simulated=study.simulated,
             ),
-            used=used_sequences(surveyed, study.tests, study_runs.lock),
+            used=used_sequences(learned, study.tests, study_runs.lock),
         )
 
 
 def of_sweep(
     records: Sequence[Record], defaults: Mapping[str, str], figures: Sequence[Path]
 ) -> RunRecord:
-    """The run of one sweep, named by what was swept.
+    """The run of one sweep, named by what was swept, with a child for each job.
 
-    The steps of the parent's own metrics are the jobs' numbers.
+    Its own metrics have a point for each job, at the job's number. Settings that are in `defaults`
+    are left out.
     """
     first = records[0]
     settings = [
         {name: value for name, value in record.overrides.items() if name not in defaults}
         for record in records
     ]
+    names = dict.fromkeys(name for job in settings for name in job)
     swept = {
         name: ",".join(dict.fromkeys(job[name] for job in settings if name in job))
-        for name in dict.fromkeys(name for job in settings for name in job)
+        for name in names
     }
-    series = {
-        f"sweep/{name}": [
-            (record.number, fmean(values)) for record in records if (values := record.values(*key))
-        ]
-        for name, key in CHARTED.items()
-    }
+    series = Series()
+    for name, key in CHARTED.items():
+        for record in records:
+            if values := record.values(*key):
+                points = series.setdefault(f"sweep/{name}", [])
+                points.append((record.number, fmean(values)))
     tags = {
         "dataset": first.dataset,
         "method": first.method,
@@ -285,7 +269,7 @@ def of_sweep(
         name=f"sweep {_short(swept)}"[:LONGEST_NAME],
         tags=tags,
         params=swept,
-        series={name: points for name, points in series.items() if points},
+        series=series,
         figures=figures,
         children=[_job(record, job, tags) for record, job in zip(records, settings, strict=True)],
     )
@@ -309,8 +293,7 @@ def _short(values: Mapping[str, str]) -> str:
 
 
 def over_days(rows: pd.DataFrame) -> Series:
-    """Every number of these rows over the days since training, named by its group in MLflow and
-    itself: `cells/auc_top1`."""
+    """Every number of these rows over the days since training, named as `cells/auc_top1`."""
     shown = np.isfinite(rows["days"]) & (rows["value"].abs() <= LARGEST)
     rows = rows[shown & ~rows["number"].str.endswith("_line")]
     plain = rows[rows["kind"] == ""]
@@ -324,7 +307,7 @@ def over_days(rows: pd.DataFrame) -> Series:
 
 
 def means(rows: pd.DataFrame) -> Series:
-    """The mean of each of MEANS over the test days that have it, as the one value of `mean/…`."""
+    """The mean of each of MEANS over the test days that have it: a single value, `mean/…`."""
     plain = rows[(rows["kind"] == "") & np.isfinite(rows["days"]) & np.isfinite(rows["value"])]
     mean = plain.groupby(["protocol", "number"])["value"].mean()
     return {f"mean/{by}_{name}": [(0, mean[by, name])] for by, name in MEANS if (by, name) in mean}
@@ -342,37 +325,38 @@ def training_curves(arrays: Mapping[str, NDArray[Any]]) -> Series:
 def ageing(rows: pd.DataFrame) -> Series:
     """The change of each number per 100 days with its interval, and when to train again.
 
-    Single values, at step 0: MLflow draws a metric whose only step is 0 as bars over the runs, any
-    other as a line, which would be a dot.
+    They are single values at step 0: MLflow draws a metric whose only step is 0 as bars over the
+    runs, and any other as a line, which would be a dot.
     """
     of_year = rows[rows["sequence"] == ""].set_index(["protocol", "number"])
     series = Series()
     for protocol, number in AGEING:
-        name = number if number == "novelty_percentile" else f"{protocol}_{number}"
-        for end, bounds in (
-            ("per_100_days", {"": "value", "_low": "low", "_high": "high"}),
-            ("retrain_after_days", {"": "value"}),
+        name = number if number == PERCENTILE else f"{protocol}_{number}"
+        for end, columns in (
+            ("per_100_days", ("value", "low", "high")),
+            ("retrain_after_days", ("value",)),
         ):
             key = (protocol, f"{number}_{end}")
-            values = of_year.loc[key] if key in of_year.index else {}
-            series |= {
-                f"ageing/{name}_{end}{bound}": [(0, float(values[column]))]
-                for bound, column in bounds.items()
-                if np.isfinite(values.get(column, np.nan))
-            }
+            if key not in of_year.index:
+                continue
+            for column in columns:
+                metric = f"ageing/{name}_{end}" + ("" if column == "value" else f"_{column}")
+                value = float(of_year.loc[key, column])
+                if np.isfinite(value):
+                    series[metric] = [(0, value)]
     return series
 
 
 def viewpoints(rows: pd.DataFrame) -> Series:
-    """Numbers on turned queries over the heading, cut to whole degrees."""
+    """Numbers of paper 2's protocol over the heading of the queries, cut to whole degrees."""
     turned = rows[(rows["change"] == "viewpoint") & np.isfinite(rows["value"])]
     return _points(turned, "viewpoints/" + turned["number"] + " " + turned["sequence"], "level")
 
 
 def over_steps(rows: pd.DataFrame) -> Series:
-    """The means over the seeds of each metric over the steps of a strategy.
+    """Each number of a strategy over its steps: the mean over the seeds.
 
-    Recall of each asked day or part has a group of its own.
+    The recall of each asked day, or part of the site, is in a group of its own.
     """
     groups = rows["protocol"].replace("", "cost") + "/" + rows["number"]
     of_days = "recall_by_" + rows["protocol"] + "/" + rows["sequence"]
@@ -382,7 +366,7 @@ def over_steps(rows: pd.DataFrame) -> Series:
 
 
 def _points(rows: pd.DataFrame, names: pd.Series, step: str) -> Series:
-    """The values of each metric over a column, cut to whole numbers."""
+    """The points of each metric: its values over the column `step`, cut to whole numbers."""
     return {
         name: sorted(zip(group[step].astype(int).tolist(), group["value"].tolist(), strict=True))
         for name, group in rows.groupby(names)
@@ -390,7 +374,7 @@ def _points(rows: pd.DataFrame, names: pd.Series, step: str) -> Series:
 
 
 def stage_costs(layout: Layout, study: str, grid: str, method: StudyMethod, model: Path) -> Series:
-    """The costs of a method's stages and the trace of its training, where they ran here."""
+    """The costs of a method's stages and the trace of its training, if they ran here."""
     trace = Trace.read(model)
     measured = costs(
         {

@@ -1,6 +1,6 @@
-"""Models in MLflow's registry: one registered model a study, grid and method.
+"""Models in MLflow's registry: one registered model per study, cell size and method.
 
-Its one version published here is the model in its run.
+A version of it is the model in a published run. When the run is replaced, its version goes too.
 """
 
 import json

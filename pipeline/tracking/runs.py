@@ -1,9 +1,9 @@
-"""Publishing runs to MLflow: each run is stored once, however often it is published.
+"""Publishes runs to MLflow: each run is stored once, however often it is published.
 
-The database is a view that can be thrown away: publishing again rebuilds it from the artifacts. A
-run carries the tag `yearloc.key`, a digest of all that it holds, written last; so a run that stands
-whole is recognised and left alone, and one that changed, or was cut off, is replaced. Runs without
-that tag are somebody else's and are never touched.
+In: `RunRecord`s, as `records` builds them. The database can be thrown away: publishing again
+rebuilds it from the artifacts. A run carries the tag `yearloc.key`, a digest of all that it holds,
+which is written last. A run whose tag has the right digest is left alone; one that changed, or was
+cut off, is replaced. Runs without that tag are somebody else's and are never touched.
 """
 
 import hashlib
@@ -33,35 +33,29 @@ if TYPE_CHECKING:
 PARENT = "mlflow.parentRunId"
 NOTE = "mlflow.note.content"
 BATCH = 1_000  # metric points that MLflow takes at once
+# The group of metrics that the page shows on its tab of system metrics, over time: their steps are
+# seconds.
 SYSTEM = "system/"
-"""Metrics of this group are on the page's tab of system metrics, which shows them over their time:
-their steps are seconds."""
+# The time of a point of step 0: 2000-01-01, in ms since 1970. MLflow's page takes small numbers for
+# years.
 NO_CLOCK_MS = 946_684_800_000
-"""2000-01-01: the time, in ms since 1970, that a point of step 0 bears.
-
-MLflow's page takes small numbers for years.
-"""
-
 Models = Mapping[str, Sequence["LoggedModel"]]  # run id to the models that the run logged
 
 
 @dataclass(frozen=True)
 class RunRecord:
-    """The content of one MLflow run."""
+    """The content of one MLflow run; raises InputError if MLflow could not show all of it."""
 
     name: str
     tags: Mapping[str, str]
     params: Mapping[str, object]
-    series: Mapping[
-        str, Sequence[tuple[int, float]]
-    ]  # metric, such as `cells/auc_top1`, to (days since training or epoch, value)
+    # name of a metric, such as `cells/auc_top1`, to points: (days since training or epoch, value)
+    series: Mapping[str, Sequence[tuple[int, float]]]
     figures: Sequence[Path] = ()
     children: Sequence["RunRecord"] = ()  # one level deep: the page nests no further
     model: served.Served | None = None
     registered: str = ""  # the model's name in the registry
-    about: str = (
-        ""  # the description, in markdown; its $page becomes the address of the experiment's charts
-    )
+    about: str = ""  # markdown; its $page becomes the address of the experiment's charts
     used: Sequence[datasets.UsedSequence] = ()
 
     def __post_init__(self) -> None:
@@ -107,14 +101,12 @@ def experiment_of(dataset: str, simulated: bool, question: str = "") -> str:
 
 @dataclass(frozen=True)
 class Published:
-    """What a call of `publish` did; runs include children."""
+    """What a call of `publish` did: the numbers of runs, children included."""
 
     experiment_id: str
     written: int
     kept: int
-    aside: str = ""
-    """The name that an experiment was given whose files went to another folder, where the project
-    was moved."""
+    aside: str = ""  # the new name of an older experiment, if the project's folder was moved
 
 
 def publish(
@@ -126,9 +118,9 @@ def publish(
 ) -> Published:
     """Make `experiment` in the database at `address` hold these runs.
 
-    Figures and models go to `files`: see `databases.database`. Its page opens on `view`. A run of
-    the same name, or method and grid, whose content differs is marked deleted, with its children;
-    others are left alone.
+    Figures and models go to `files`: see `databases.database`. The experiment's page opens on
+    `view`. A run of the same name, or of the same method and grid, whose content differs is marked
+    deleted, with its children; other runs are left alone.
     """
     if len({run.name for run in runs}) != len(runs):
         raise InputError(f"two runs of experiment {experiment} have one name")
@@ -146,30 +138,32 @@ def publish(
         ]
         models = served.owners(client, experiment_id)
         kept = 0
-        run_ids = []
+        registered_of_run = {}
         now_ms = time.time_ns() // 1_000_000
         for place, record in enumerate(runs):
             earlier = [
-                run for run in own_runs if _is_of(run, record) and PARENT not in run.data.tags
+                run for run in own_runs if PARENT not in run.data.tags and _is_of(run, record)
             ]
-            complete = [
-                run.info.run_id for run in earlier if _stands(run, record, own_runs, models)
-            ]
-            kept += (1 + len(record.children)) * bool(complete)
-            family = {page.COLOUR: page.GREY}
-            run_id = next(iter(complete), None) or _write(
-                client, experiment_id, record, family, now_ms - place
-            )
+            # the run that holds this record already, or a new one
+            run_id = ""
+            for run in earlier:
+                if not run_id and _is_whole(run, record, own_runs, models):
+                    run_id = run.info.run_id
+                    kept += 1 + len(record.children)
+            if not run_id:
+                own_tags = {page.COLOUR: page.GREY}
+                run_id = _write(client, experiment_id, record, own_tags, now_ms - place)
+            # earlier states of it go
             for run in earlier:
                 if run.info.run_id != run_id:
                     _delete(client, run.info.run_id, own_runs, models)
-            run_ids.append(run_id)
+            if record.registered:
+                registered_of_run[run_id] = record.registered
         logged = served.owners(client, experiment_id)
         registered = {
-            record.registered: model
-            for record, run_id in zip(runs, run_ids, strict=True)
+            name: model
+            for run_id, name in registered_of_run.items()
             for model in logged.get(run_id, ())
-            if record.registered
         }
         registry.settle(client, experiment, experiment_id, registered)
     written = sum(1 + len(record.children) for record in runs) - kept
@@ -178,9 +172,10 @@ def publish(
 
 @contextmanager
 def _quiet_client(target: Database) -> Iterator["MlflowClient"]:
-    """A client of a database, without telemetry and without log lines about it.
+    """A client of a database for the block, without telemetry and log lines.
 
-    The database is created and migrated if need be.
+    The database is created if need be: elsewhere first, since a kill while MLflow makes its tables
+    would leave some of them.
     """
     os.environ["MLFLOW_DISABLE_TELEMETRY"] = os.environ["DO_NOT_TRACK"] = "true"
     os.environ["MLFLOW_ENABLE_ARTIFACTS_PROGRESS_BAR"] = "false"
@@ -197,13 +192,10 @@ def _quiet_client(target: Database) -> Iterator["MlflowClient"]:
     try:
         for name, level in quiet.items():
             logging.getLogger(name).setLevel(level)
-        if (
-            target.path and not target.path.is_file()
-        ):  # made elsewhere first: a kill while MLflow makes its tables would leave some
+        if target.path and not target.path.is_file():
             with replace(target.path) as scratch, TemporaryDirectory() as folder:
-                mlflow.MlflowClient(tracking_uri=f"sqlite:///{folder}/new.db").search_experiments(
-                    max_results=1
-                )
+                new = mlflow.MlflowClient(tracking_uri=f"sqlite:///{folder}/new.db")
+                new.search_experiments(max_results=1)
                 shutil.copyfile(f"{folder}/new.db", scratch)
         yield mlflow.MlflowClient(tracking_uri=target.uri, registry_uri=target.uri)
     finally:
@@ -213,27 +205,23 @@ def _quiet_client(target: Database) -> Iterator["MlflowClient"]:
 
 def _is_of(run: "Run", record: RunRecord) -> bool:
     """Whether a run is an earlier state of a record: of its name, or of its method and grid."""
-    identity = ("method", "grid")
-    has_identity = all(record.tags.get(tag) for tag in identity)
-    return bool(
-        run.info.run_name == record.name
-        or (has_identity and all(run.data.tags.get(tag) == record.tags[tag] for tag in identity))
-    )
+    identity = {tag: record.tags.get(tag) for tag in ("method", "grid")}
+    has_identity = all(identity.values())
+    is_same = all(run.data.tags.get(tag) == value for tag, value in identity.items())
+    return run.info.run_name == record.name or (has_identity and is_same)
 
 
-def _stands(run: "Run", record: RunRecord, own_runs: Sequence["Run"], models: Models) -> bool:
+def _is_whole(run: "Run", record: RunRecord, own_runs: Sequence["Run"], models: Models) -> bool:
     """Whether a run holds this record completely, with its children and model."""
-    if len(models.get(run.info.run_id, ())) != (record.model is not None):
-        return False
-    children = sorted(
-        r.data.tags[KEY] for r in own_runs if r.data.tags.get(PARENT) == run.info.run_id
-    )
-    return run.data.tags[KEY] == record.key() and children == sorted(
-        child.key() for child in record.children
-    )
+    run_id = run.info.run_id
+    has_model = len(models.get(run_id, ())) == (record.model is not None)
+    children = [r.data.tags[KEY] for r in own_runs if r.data.tags.get(PARENT) == run_id]
+    has_children = sorted(children) == sorted(child.key() for child in record.children)
+    return has_model and has_children and run.data.tags[KEY] == record.key()
 
 
 def _delete(client: "MlflowClient", run_id: str, own_runs: Sequence["Run"], models: Models) -> None:
+    """Delete a run with its children and their models."""
     family = [run.info.run_id for run in own_runs if run.data.tags.get(PARENT) == run_id]
     for member in [*family, run_id]:
         for model in models.get(member, ()):
@@ -245,21 +233,21 @@ def _write(
     client: "MlflowClient",
     experiment_id: str,
     record: RunRecord,
-    family: Mapping[str, str],
+    own_tags: Mapping[str, str],
     start_ms: int,
 ) -> str:
     """Write one run and its children, its key last, when it is whole; returns its id.
 
-    A point's time is its step in seconds, so no clock enters.
-
-    The page loads the newest 100 runs first, and nests them only if they are sorted by start:
-    children start in 2000, in the order given, so that no sweep's jobs push a method off the page.
-    A run lasts as long as its system metrics.
+    `own_tags` are tags that the record may overwrite. The time of a point is its step in seconds,
+    so that the same record gives the same points. The page loads the newest 100 runs first, and
+    nests them only if they are sorted by their start: children start in 2000, in the order given,
+    so that no sweep's jobs push a method off the page. A run lasts as long as its system metrics.
     """
     from mlflow.entities import Metric, Param
 
-    note = {NOTE: texts.linked(record.about, page.fragment(experiment_id))} if record.about else {}
-    tags = {**family, **record.tags, **note}
+    tags = {**own_tags, **record.tags}
+    if record.about:
+        tags[NOTE] = texts.linked(record.about, page.fragment(experiment_id))
     run = client.create_run(experiment_id, start_ms, {**tags, KEY: "unfinished"}, record.name)
     run_id = str(run.info.run_id)
     params = [Param(name, str(value)) for name, value in record.params.items()]

@@ -1,5 +1,6 @@
 """A method's model as MLflow serves it: its arrays, its code and a signature; no pickle.
 
+In: the file of a trained model. Out: an MLflow model in a run; `pyfunc` is the code that loads it.
 `mlflow.pyfunc.load_model("models:/m-…").predict(views)` ranks places for views, such as heights
 (query, ring, sector) in metres.
 """
@@ -27,8 +28,10 @@ if TYPE_CHECKING:
     from mlflow import MlflowClient
 
 LIBRARY = Path(__file__).parents[1]
+# The folders of the library that localising imports; a test compares them with the import graph.
 FOLDERS = ("alterations", "core", "matching", "methods", "networks", "views")
-"""Folders of the library that localising imports; a test compares them with the import graph."""
+# The packages that localising imports. They are listed, since MLflow would else try the model out
+# for half a minute to find them.
 REQUIREMENTS = (
     "faiss-cpu",
     "mlflow",
@@ -40,13 +43,10 @@ REQUIREMENTS = (
     "torch",
     "zarr",
 )
-"""What the library imports to localise.
-
-Given, since MLflow would else try the model out for half a minute to find them.
-"""
 OURS = "yearloc.model"  # the tag of a model that was logged here; others are somebody else's
 PYFUNC = LIBRARY / "tracking/pyfunc.py"  # what MLflow runs to load the model
 Dims = tuple[str | int, ...]
+# The columns of `pipeline.matching.ranking.Ranking` that are served.
 OUTPUTS: Mapping[str, tuple[type, Dims]] = {
     "places": (np.int64, ("query", "rank")),
     "costs": (np.float32, ("query", "rank")),
@@ -55,7 +55,6 @@ OUTPUTS: Mapping[str, tuple[type, Dims]] = {
     "confidence": (np.float32, ("query",)),
     "heading_deg": (np.float32, ("query", "rank")),
 }
-"""The columns of `pipeline.matching.ranking.Ranking` that are served."""
 
 
 @dataclass(frozen=True)
@@ -108,59 +107,54 @@ class Served:
 
         MLflow itself shows the signature in a file only.
         """
-
         return filled(
             "model.md.j2", model_id=model_id, k=self.k, inputs=self.inputs, outputs=OUTPUTS
         )
 
     def save(self, folder: Path, **metadata: Any) -> None:
         """Write an MLflow model into a new folder; `metadata` goes into its MLmodel file."""
-        with warnings.catch_warnings():
-            warnings.simplefilter(
-                "ignore"
-            )  # MLflow's, of type hints of its own and of no example beside the signature
-            from mlflow.models import Model, ModelSignature
+        with warnings.catch_warnings(), TemporaryDirectory() as scratch:
+            # MLflow warns of type hints of its own, and that there is no example of an input
+            warnings.simplefilter("ignore")
+            from mlflow.models import Model
             from mlflow.pyfunc import save_model
-            from mlflow.types import ParamSchema, ParamSpec, Schema, TensorSpec
 
-            def schema(tensors: Mapping[str, tuple[type, Dims]]) -> Any:
-                shapes = {
-                    name: tuple(-1 if isinstance(dim, str) else dim for dim in dims)
-                    for name, (_, dims) in tensors.items()
-                }
-                return Schema(
-                    [
-                        TensorSpec(np.dtype(kind), shapes[name], name)
-                        for name, (kind, _) in tensors.items()
-                    ]
-                )
+            code = Path(scratch, LIBRARY.name)
+            for path in shipped():
+                copy = code / path.relative_to(LIBRARY)
+                copy.parent.mkdir(parents=True, exist_ok=True)
+                shutil.copyfile(path, copy)
+            config = {
+                "method": self.method,
+                "parameters": dict(self.parameters),
+                "outputs": list(OUTPUTS),
+            }
+            save_model(
+                folder,
+                python_model=str(PYFUNC),
+                artifacts={"arrays": str(self.arrays)},
+                code_paths=[str(code)],
+                model_config=config,
+                signature=self._signature(),
+                pip_requirements=[
+                    f"{name}=={version(name).partition('+')[0]}" for name in REQUIREMENTS
+                ],
+                mlflow_model=Model(**metadata),
+            )
 
-            with TemporaryDirectory() as scratch:
-                code = Path(scratch, LIBRARY.name)
-                for path in shipped():
-                    copy = code / path.relative_to(LIBRARY)
-                    copy.parent.mkdir(parents=True, exist_ok=True)
-                    shutil.copyfile(path, copy)
-                save_model(
-                    folder,
-                    python_model=str(PYFUNC),
-                    artifacts={"arrays": str(self.arrays)},
-                    code_paths=[str(code)],
-                    model_config={
-                        "method": self.method,
-                        "parameters": dict(self.parameters),
-                        "outputs": list(OUTPUTS),
-                    },
-                    signature=ModelSignature(
-                        schema(self.inputs),
-                        schema(OUTPUTS),
-                        ParamSchema([ParamSpec("k", "long", self.k)]),
-                    ),
-                    pip_requirements=[
-                        f"{name}=={version(name).partition('+')[0]}" for name in REQUIREMENTS
-                    ],
-                    mlflow_model=Model(**metadata),
-                )
+    def _signature(self) -> Any:
+        """The inputs, outputs and parameters of `predict`, as MLflow has them."""
+        from mlflow.models import ModelSignature
+        from mlflow.types import ParamSchema, ParamSpec, Schema, TensorSpec
+
+        schemas = []
+        for tensors in (self.inputs, OUTPUTS):
+            specs = []
+            for name, (kind, dims) in tensors.items():
+                shape = tuple(-1 if isinstance(dim, str) else dim for dim in dims)
+                specs.append(TensorSpec(np.dtype(kind), shape, name))
+            schemas.append(Schema(specs))
+        return ModelSignature(*schemas, ParamSchema([ParamSpec("k", "long", self.k)]))
 
 
 def shipped() -> list[Path]:
@@ -177,24 +171,16 @@ def log(client: "MlflowClient", experiment_id: str, run_id: str, name: str, serv
     """Add the model to a run."""
     from mlflow.entities import LoggedModelOutput
 
-    params = {
-        "method": served.method,
-        **{key: str(value) for key, value in served.parameters.items()},
-    }
+    params = {key: str(value) for key, value in served.parameters.items()}
+    params = {"method": served.method, **params}
     model = client.create_logged_model(experiment_id, name, run_id, params=params)
     client.set_logged_model_tags(
         model.model_id, {OURS: "true", "mlflow.note.content": served.note(model.model_id)}
     )
     with TemporaryDirectory() as scratch:
         folder = Path(scratch, "model")
-        number = model.model_id
-        served.save(
-            folder,
-            run_id=run_id,
-            artifact_path=model.artifact_location,
-            model_uuid=number,
-            model_id=number,
-        )
+        metadata = {"run_id": run_id, "artifact_path": model.artifact_location}
+        served.save(folder, model_uuid=model.model_id, model_id=model.model_id, **metadata)
         client.log_model_artifacts(model.model_id, str(folder))
     client.finalize_logged_model(model.model_id, "READY")
     client.log_outputs(run_id, [LoggedModelOutput(model.model_id, 0)])
@@ -210,7 +196,7 @@ def owners(client: "MlflowClient", experiment_id: str) -> dict[str, list[Any]]:
 
 
 def all_results(search: Callable[..., Any], *experiment_ids: str) -> Iterator[Any]:
-    """All results of an MLflow search, in an experiment if given, page by page; nothing deleted."""
+    """All results of an MLflow search, page by page, in the experiments if any are given."""
     token = None
     within = [[*experiment_ids]] if experiment_ids else []
     while page := search(*within, page_token=token):
