@@ -1,7 +1,13 @@
-"""The results in a few lines: each method on the first and last day, and what it accepts."""
+"""The results in a few lines: each method on the first and last day, and what it accepts.
+
+In: the table of results. Out: at most 30 lines of text, which `yearloc results` prints and the
+README quotes.
+"""
 
 from collections.abc import Mapping, Sequence
 from io import StringIO
+from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -11,25 +17,25 @@ from rich.text import Text
 
 from pipeline.evaluation.doubts import VOID
 from pipeline.report.result import Scores, day, ranked, read_scores
+from pipeline.report.selection import pick
 from pipeline.report.strategies import PROTOCOL, grouped, read_strategies
 from pipeline.report.table import MISSING, average, fixed
 from pipeline.studies.colours import method_of
 from pipeline.studies.study import CellSize, Study
 
-LINES = 30
+LINES = 30  # of all studies together; the last one says where all numbers are
 WIDEST = 78
-AROUND = 5
-"""Lines of a study besides its methods; the last line of all says where the rest is."""
-SHORT = 7  # strategies of a study of learning further days
+AROUND = 5  # lines of a study besides those of its methods
+SHORT = 7  # lines of strategies, at most, of a study of learning further days
+# A terminal of fewer columns than these lacks the columns that matter less.
 NARROW = 72
 NARROWEST = 64
-"""Below these widths the columns that matter less are left out."""
 
 
 def brief(table: pd.DataFrame, studies: Mapping[str, Study], width: int) -> str:
     """A few lines on each study of a table of results, recorded studies first.
 
-    At most LINES lines of at most `width` columns (WIDEST if that is less).
+    There are at most LINES lines, as wide as `width` or WIDEST columns, whichever is less.
     """
     pairs = [(study, grid) for study in studies.values() for grid in study.grids]
     row_limit = max((LINES - 1) // max(len(pairs), 1) - AROUND, 2)
@@ -43,25 +49,31 @@ def brief(table: pd.DataFrame, studies: Mapping[str, Study], width: int) -> str:
         markup=False,
     )
     for study, grid in sorted(pairs, key=lambda pair: pair[0].simulated):
-        rows = table[(table["study"] == study.name) & (table["grid"] == grid.name)]
-        write = _learning if study.learns_further_days else _year
-        title, heads, lines = write(study, grid, rows, console.width)
-        name = f"{study.name}, {'simulated' if study.simulated else 'recorded'}: "
-        console.print(name + title, overflow="ellipsis", no_wrap=True)
-        if heads:
+        rows = pick(table, study=study.name, grid=grid.name)
+        summarize = _learning if study.learns_further_days else _year
+        summary = summarize(study, grid, rows, console.width)
+        data = "simulated" if study.simulated else "recorded"
+        title = f"{study.name}, {data}: {summary.title}"
+        console.print(title, overflow="ellipsis", no_wrap=True)
+        if summary.heads:
             most = min(row_limit, SHORT) if study.learns_further_days else row_limit
-            _print_table(console, heads, lines, most)
+            _print_table(console, summary, most)
     return "\n".join(line.rstrip() for line in file.getvalue().splitlines())
 
 
-Lines = tuple[str, Sequence[str], Sequence[Sequence[str]]]
-"""A title, the heads of the columns of numbers, and rows: a name and numbers."""
+class Summary(NamedTuple):
+    """One study at one cell size."""
+
+    title: str
+    heads: Sequence[str] = ()  # of the columns of numbers
+    rows: Sequence[Sequence[str]] = ()  # a name and numbers each
 
 
-def _learning(study: Study, grid: CellSize, rows: pd.DataFrame, width: int) -> Lines:
-    """One study of learning further days: recall and forgetting after the last step of each order.
+def _learning(study: Study, grid: CellSize, rows: pd.DataFrame, width: int) -> Summary:
+    """Summarise a study of learning further days: recall and forgetting after the last step.
 
-    Entries are means over the seeds.
+    There is one row per model and strategy, with columns for each order of days; entries are means
+    over the seeds.
     """
     strategies = read_strategies(rows)
     orders = [*grouped(strategies, "order")]
@@ -72,24 +84,23 @@ def _learning(study: Study, grid: CellSize, rows: pd.DataFrame, width: int) -> L
     for model, group in grouped(strategies, "model").items():
         for name, of_orders in grouped(group, "name").items():
             by_order = {strategy.order: strategy for strategy in of_orders}
-            cells = [
-                fixed(average(by_order[order].last(number, PROTOCOL)), 3)
-                if order in by_order
-                else MISSING
-                for order in orders
-                for number in numbers
-            ]
-            lines.append([f"{model} {name}", *cells])
-    correct_m = rows.loc[rows["number"] == "correct_m", "value"].max()
+            line = [f"{model} {name}"]
+            for order, number in product(orders, numbers):
+                has_number = order in by_order
+                mean = average(by_order[order].last(number, PROTOCOL)) if has_number else np.nan
+                line.append(fixed(mean, 3))
+            lines.append(line)
+    correct_m = pick(rows, number="correct_m")["value"].max()
     title = f"learned further days, cells of {grid.cell_m:g} m, right within {correct_m:g} m"
-    return title, [head.format(order) for order in orders for head in numbers.values()], lines
+    heads = [head.format(order) for order in orders for head in numbers.values()]
+    return Summary(title, heads, lines)
 
 
-def _year(study: Study, grid: CellSize, rows: pd.DataFrame, width: int) -> Lines:
-    """One study at one cell size."""
+def _year(study: Study, grid: CellSize, rows: pd.DataFrame, width: int) -> Summary:
+    """Summarise a study of the year: one row per method, that with poses if it has any."""
     scores = read_scores(rows, study.tests)
     if not scores:
-        return "judged by viewpoints alone; `yearloc results --full`\n", (), ()
+        return Summary("judged by viewpoints alone; `yearloc results --full`\n")
     models = ranked(scores)
     first, *later = tests = next(iter(models.values()))
     days = f"{len(tests)} test days" if later else "1 test day"
@@ -98,33 +109,29 @@ def _year(study: Study, grid: CellSize, rows: pd.DataFrame, width: int) -> Lines
     heads += ["\naccepted", "wrong\nof those", "wrong ones\nrefused"] * (width >= NARROWEST)
     timed = any(np.isfinite(score.number("", "query_ms")) for score in scores)
     heads += ["ms a\nquery"] * (width >= NARROW and timed)
-    # of each method the model that has poses, or else its best one
+    # the model of each method that has poses, or else its best one
     posed_first = sorted(models, key=lambda model: not models[model][0].posed)
     chosen = {method_of(model): model for model in reversed(posed_first)}.values()
     lines = [[model, *_cells(models[model])[: len(heads)]] for model in models if model in chosen]
-    return (
-        f"learned {day(study.train[0])}, {days}, cells of {grid.cell_m:g} m",
-        heads,
-        lines,
-    )
+    title = f"learned {day(study.train[0])}, {days}, cells of {grid.cell_m:g} m"
+    return Summary(title, heads, lines)
 
 
-def _print_table(
-    console: Console, heads: Sequence[str], rows: Sequence[Sequence[str]], most: int
-) -> None:
-    """Print at most so many rows, a name and numbers each, and how many are left."""
+def _print_table(console: Console, summary: Summary, most: int) -> None:
+    """Print the first `most` rows of a summary, and the number of further ones."""
     lines = Table(box=None, pad_edge=False, expand=True, padding=(0, 2, 0, 0))
     lines.add_column("", ratio=1, no_wrap=True)
-    for head in heads:
+    for head in summary.heads:
         lines.add_column(Text(head), justify="right", no_wrap=True)
-    for name, *cells in rows[:most]:
+    for name, *cells in summary.rows[:most]:
         lines.add_row(Text(name), *cells)
     console.print(lines)
-    left = len(rows) - most
-    console.print(f"  … and {left} more\n" if left > 0 else "")
+    further = len(summary.rows) - most
+    console.print(f"  … and {further} more\n" if further > 0 else "")
 
 
 def _cells(group: Sequence[Scores]) -> list[str]:
+    """Texts of one model: recall on the first and last day, what is accepted, a query's time."""
     right = [
         VOID if score.void("distance") else fixed(score.number("distance", "recall_at_1"), 3)
         for score in (group[0], *group[1:][-1:])

@@ -1,7 +1,12 @@
-"""What altered queries and sequences of stress show: who leads, who keeps its AUC, and chance."""
+"""What altered queries and sequences of stress show: who leads, who keeps its AUC, and chance.
+
+In: a `Comparison` of models, and the kind of query that a finding is about. Out: `Finding`s, which
+templates/words.yaml turns into sentences.
+"""
 
 from collections.abc import Mapping
 from dataclasses import asdict, replace
+from operator import attrgetter, itemgetter
 from typing import Any
 
 import numpy as np
@@ -19,14 +24,14 @@ from pipeline.report.comparison import (
 from pipeline.report.findings import Finding
 from pipeline.report.table import average
 
-# who keeps this share of its AUC has kept it, and who is right at this share of the queries is
-# nearly always right
+# A model that keeps this share of its AUC has kept it, and one that is right at this share of the
+# queries is nearly always right.
 WHOLE = 0.95
-PAPERS_WAYS = 4  # the SCI paper finds that so many headings suffice
+PAPERS_WAYS = 4  # the SCI paper finds that training at so many headings suffices
 
 
 def leader(comparison: Comparison, kind: Kind, measure: Measure) -> Finding:
-    """The best model in one kind of case, and by how much it is ahead of the next ones."""
+    """The best model on one kind of query, and by how much it is ahead of the next three."""
     ranked = _means(comparison, kind, measure)[:4]
     for entry in ranked[1:]:
         margin = comparison.ahead(ranked[0]["model"], entry["model"], kind, measure)
@@ -46,56 +51,53 @@ def kept(comparison: Comparison, kind: Kind) -> Finding:
 
 def nearly_always(comparison: Comparison, kind: Kind) -> Finding:
     """Which models are right, by distance, at nearly all queries."""
-    models = comparison.models
-    right = [m for m in models if comparison.measurement(m, kind, FAR).mean >= WHOLE]
-    return Finding("nearly_always", kind=kind, right=right, models=len(models), limit=WHOLE)
+    right = [e["model"] for e in _means(comparison, kind, FAR, ranked=False) if e["mean"] >= WHOLE]
+    models = len(comparison.models)
+    return Finding("nearly_always", kind=kind, right=right, models=models, limit=WHOLE)
 
 
 def heading_errors(comparison: Comparison, kind: Kind) -> Finding:
     """How large the heading errors are, for the models that give headings."""
-    entries = _means(comparison, kind, OFF)
-    listed = sorted(entries, key=lambda entry: comparison.models.index(entry["model"]))
+    listed = _means(comparison, kind, OFF, ranked=False)
     return Finding("heading_errors", kind=kind, listed=listed)
 
 
 def chance(comparison: Comparison, kind: Kind) -> Finding:
-    """How far chance alone moves the AUC: between repeats, between seeds, between days."""
+    """How far chance alone moves the AUC of a model: between repeats, seeds and sequences."""
     measurements = [comparison.measurement(model, kind, AUC) for model in comparison.models]
-    deviations = {
+    means = {
         "repeat": average([measurement.over_repeats for measurement in measurements]),
         "seed": average([measurement.over_seeds for measurement in measurements]),
         "sequence": average([measurement.over_sequences for measurement in measurements]),
     }
-    finite = [{"name": k, "mean": mean} for k, mean in deviations.items() if np.isfinite(mean)]
-    return Finding("chance", kind=kind, deviations=finite)
+    deviations = [{"name": k, "mean": mean} for k, mean in means.items() if np.isfinite(mean)]
+    return Finding("chance", kind=kind, deviations=deviations)
 
 
 def shadows(comparison: Comparison) -> list[Finding]:
-    """What it changes to hide the space behind the most walls; empty without such cases."""
-    shadowed = [
-        kind
-        for kind in comparison.changes
-        if kind.shadow and replace(kind, shadow=False) in comparison.kinds
-    ]
-    if not shadowed:
+    """What it changes to hide the space behind the most walls; empty without such queries."""
+    without_shadow = {
+        replace(kind, shadow=False): kind for kind in comparison.changes if kind.shadow
+    }
+    both = [kind for kind in without_shadow if kind in comparison.kinds]
+    if not both:
         return []
-    worst = max(shadowed, key=lambda kind: kind.level)
-    bare = replace(worst, shadow=False)
-    differences = np.array(
-        [
-            comparison.measurement(model, worst, AUC).mean
-            - comparison.measurement(model, bare, AUC).mean
-            for model in comparison.models
-        ]
+    most_walls = max(both, key=attrgetter("level"))
+    bare, shadowed = (
+        np.array([comparison.measurement(model, kind, AUC).mean for model in comparison.models])
+        for kind in (most_walls, without_shadow[most_walls])
     )
-    counts = {"lower": int((differences < 0).sum()), "models": len(differences)}
-    return [Finding("shadows", kind=bare, mean=average(differences), **counts)]
+    lower = int((shadowed < bare).sum())
+    mean = average(shadowed - bare)
+    return [Finding("shadows", kind=most_walls, mean=mean, lower=lower, models=len(bare))]
 
 
 def n_ways(comparison: Comparison, kind: Kind) -> Finding:
     """Whether training at four headings suffices, as the SCI paper finds.
 
-    It must suffice for arbitrary headings and keep the performance at normal ones.
+    It suffices if the model keeps its AUC on turned queries and training at more headings is not
+    clearly better. It `keeps` the performance on queries as driven if training at fewer headings
+    is not clearly better there.
     """
     ways = comparison.ways()
     listed = [{"n": n, **_aucs(comparison, model, kind)} for n, model in ways.items()]
@@ -140,20 +142,25 @@ def best_on_each(comparison: Comparison, titles: Mapping[str, str]) -> Finding:
 
 
 def _means(
-    comparison: Comparison, kind: Kind, measure: Measure, sequence: int | None = None
+    comparison: Comparison,
+    kind: Kind,
+    measure: Measure,
+    sequence: int | None = None,
+    ranked: bool = True,
 ) -> list[dict[str, Any]]:
-    """The models that have a number, the largest first: mean and deviation over the sequences.
+    """The models that have a number, with its mean and its deviation over the sequences.
 
-    Of one sequence alone if its index is given.
+    The largest mean comes first if `ranked`. `sequence` is the index of the one that alone counts.
     """
     entries = []
     for model in comparison.models:
         measurement = comparison.measurement(model, kind, measure)
-        measurement = measurement if sequence is None else measurement.on(sequence)
+        if sequence is not None:
+            measurement = measurement.on(sequence)
         deviation = measurement.over_sequences
         if np.isfinite(measurement.mean):
             entries.append({"model": model, "mean": measurement.mean, "deviation": deviation})
-    return sorted(entries, key=lambda entry: -entry["mean"])
+    return sorted(entries, key=itemgetter("mean"), reverse=True) if ranked else entries
 
 
 def _aucs(comparison: Comparison, model: str, kind: Kind) -> dict[str, float]:

@@ -1,4 +1,8 @@
-"""What the laser saw, from above: the footprint of the training drive, and scans to lay on it."""
+"""What the laser saw, from above: the footprint of the training drive, and scans to lay on it.
+
+In: a study whose scans are on the disk. Out: a `Footprint`, the map that the page and figures draw,
+and a `Drive`, which gives the points of any submap (a scan, or several gathered at one pose).
+"""
 
 from dataclasses import dataclass
 from typing import Self
@@ -14,28 +18,28 @@ from pipeline.mapping.gathering import submap_points
 from pipeline.report.figures.style import png_text
 from pipeline.report.study import Study
 
+# Points between these heights above the ground are drawn: walls and trunks, no ground, no crowns.
 STANDING_M = (0.8, 12.0)
-"""Heights above the ground of what is drawn: walls and trunks, no ground and no crowns."""
-FLAT_M = 0.5  # points within less height are of a laser that sweeps one plane: all are drawn
-APART_M = 4.0  # the training submaps that make the footprint
+FLAT_M = 0.5  # a cloud that is less high is of a laser that sweeps one plane: all of it is drawn
+APART_M = 4.0  # distance between the training submaps that make the footprint
 CELL_M = 0.5
-LARGEST_PX = 2_000  # the longer side of a footprint
-ALONE = 1  # points in a cell that are taken for noise
-REACH_M = 63.0
+LARGEST_PX = 2_000  # the longer side of a footprint; its cells grow with it
+ALONE = 1  # so many points in a cell are taken for noise
+REACH_M = 63.0  # points farther from the anchor do not fit into the bytes of `Drive.cells`
 POINTS = 300  # of a scan, at most
 
 
 @dataclass(frozen=True, eq=False)
 class Footprint:
-    """Which cells of the ground something stood on when training drove there."""
+    """The cells of the ground on which something stood when training drove there."""
 
     occupied: NDArray[np.bool_]  # (row, column), the southernmost row first
-    corner_m: NDArray[np.float64]  # (2,) south-western corner in the world
+    corner_m: NDArray[np.float64]  # (2,) the south-western corner in the world
     cell_m: float
 
     @classmethod
     def read(cls, study: Study) -> Self | None:
-        """Read it from the training drives; None where their scans are not here."""
+        """Read it from the training drives; None if their scans are not here."""
         try:
             xy_m = trained_m(study)[:, :2]
         except ArtifactError:
@@ -55,22 +59,22 @@ class Footprint:
 
 
 def trained_m(study: Study) -> NDArray[np.float64]:
-    """What stood along the training drives: points (n, 3) in the world.
+    """The points (n, 3) in the world of what stood along the training drives.
 
-    Raises ArtifactError where their scans or submaps are not here.
+    Raises ArtifactError if their scans or submaps are not here.
     """
     clouds = []
     for sequence in study.settings.train:
         drive = Drive.read(study, sequence)
         steps_m = np.linalg.norm(np.diff(drive.world_T_anchor[:, :2, 3], axis=0), axis=1)
-        strides = np.floor(np.concatenate([[0.0], np.cumsum(steps_m)]) / APART_M)
-        rows = np.unique(strides, return_index=True)[1]
+        driven_m = np.concatenate([[0.0], np.cumsum(steps_m)])
+        rows = np.unique(np.floor(driven_m / APART_M), return_index=True)[1]
         clouds += [laid(drive.world_T_anchor[row], drive.standing_m(row)) for row in rows]
     return np.concatenate(clouds)
 
 
 def laid(world_T_points: Poses, points_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Points (n, 3) in the world, given in the frame of a pose (4, 4)."""
+    """The points (n, 3) of a pose's frame in the world, where the pose (4, 4) lays them."""
     return np.asarray(points_m @ world_T_points[:3, :3].T + world_T_points[:3, 3])
 
 
@@ -84,7 +88,7 @@ class Drive:
 
     @classmethod
     def read(cls, study: Study, sequence: str) -> Self:
-        """Open a drive; raises ArtifactError where its scans or submaps are not here."""
+        """Open a drive; raises ArtifactError if its scans or submaps are not here."""
         submaps = study.artifact(Submaps, "submaps", sequence)
         scans = study.artifact(Scans, "scans", sequence)
         return cls(scans, submaps, submaps.load("world_T_anchor"))
@@ -99,7 +103,10 @@ class Drive:
         return points_m[(heights_m > low_m) & (heights_m < high_m)]
 
     def cells(self, row: int) -> NDArray[np.int8]:
-        """The cells (n, 2) of CELL_M that a submap's points stand in, from its anchor."""
+        """The cells (n, 2) of side CELL_M that a submap's points stand in, counted from its anchor.
+
+        There are at most POINTS of them, chosen at random but the same each time.
+        """
         xy_m = self.standing_m(row)[:, :2]
         near_m = xy_m[np.abs(xy_m).max(axis=1, initial=0.0) < REACH_M]
         cells = np.unique(np.rint(near_m / CELL_M).astype(np.int8), axis=0)

@@ -1,6 +1,8 @@
-"""Models compared over cases, sequences, seeds and repeats.
+"""Compares models on altered queries and on sequences of stress.
 
-Values are picked from the table of results, never computed anew.
+In: rows of the table of results. Out: a `Comparison`, which gives the `Measurement` of any model,
+kind of query and number over sequences, seeds and repeats, orders models by it, and says by how
+much one is ahead of another. Figures, tables and findings of a study of robustness are made of it.
 """
 
 from collections.abc import Mapping
@@ -11,45 +13,44 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pipeline.core.errors import InputError
-from pipeline.report.selection import pick
+from pipeline.report.selection import pick, with_model
 from pipeline.studies.colours import method_of
-from pipeline.studies.models import ModelName
 
+# What another seed may do to a model of one seed: means over a simulated year of three seeds
+# deviate by .003 to .016 for SCI trained with one or two headings and for its ring.
 ONE_SEED = 0.02
-"""What another seed may do to a model of one seed: means over a simulated year of three seeds
-deviate by .003 to .016 for SCI trained with one or two headings and for its ring."""
 
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of case, whose repeats are taken together; without a change it is as driven."""
+    """What was done to the queries; its repeats are taken together."""
 
-    change: str = ""
-    level: float = 0.0
-    shadow: bool = False
+    change: str = ""  # an alteration, such as `turned`; empty for queries as driven
+    level: float = 0.0  # degrees removed, or the number of new walls
+    shadow: bool = False  # whether new walls hide what is behind them
 
     @property
     def label(self) -> str:
-        """The kind in a word or two, for legends."""
+        """A word or two for legends: `as driven`, `60° removed`."""
         walls = f"{self.level:g} new wall{'s' * (self.level != 1)}{' and shadow' * self.shadow}"
         labels = {"": "as driven", "demolition": f"{self.level:g}° removed", "construction": walls}
         return labels.get(self.change, self.change)
 
     @property
     def clause(self) -> str:
-        """The kind as part of a sentence: `with 60° removed`, `turned`."""
+        """A part of a sentence: `with 60° removed`, `turned`."""
         return f"{'with ' * (self.change in ('demolition', 'construction'))}{self.label}"
 
 
 @dataclass(frozen=True)
 class Measure:
-    """Names a number of the table, or what share of it is left once the queries are altered."""
+    """A number of the table of results, or the share of it that is left on altered queries."""
 
     protocol: str
     name: str
     title: str
     digits: int = 3
-    # as a share of the same model's, of the same seed and sequence, as driven
+    # whether it is the share of what the same model and seed has on the sequence as driven
     relative: bool = False
 
 
@@ -64,15 +65,14 @@ FAR = Measure("distance", "recall_at_1", "recall@1 by distance")
 FAR_AUROC = Measure("distance", "auroc", "AUROC by distance")
 OFF = Measure("distance", "median_heading_error_deg", "heading error [°]", 1)
 WITHIN = Measure("distance", "heading_within_10deg", "within 10°")
-KEY = ["model", "case", "protocol", "number", "seed", "sequence", "repeat"]
-"""What a value of the table of results is found by."""
 MEASURES = (AUC, RECALL, AUROC, FAR_AUC, FAR, FAR_AUROC, OFF, WITHIN)
 
 
 class Measurement:
     """One number of one model in one kind of case, over seeds, sequences and repeats.
 
-    Means are of the finite values, NaN where there is none.
+    Means are of the finite values, and NaN where there is none. Standard deviations are NaN for
+    fewer than two values.
     """
 
     def __init__(self, values: NDArray[np.float64]) -> None:
@@ -81,16 +81,13 @@ class Measurement:
         repeat_means = _mean(values, 2)
         self.by_sequence = _mean(repeat_means, 0)  # (sequence,) means over repeats, then over seeds
         self.by_seed = _mean(repeat_means, 1)  # (seed,) means over repeats, then over sequences
-        seed_means = _mean(values, 0)
-        self.by_repeat = _mean(seed_means, 0)  # (repeat,) means over seeds, then over sequences
+        self.by_repeat = _mean(_mean(values, 0), 0)  # (repeat,) over seeds, then over sequences
         self.mean = float(_mean(self.by_sequence, 0))
-        # standard deviations, NaN of fewer than two: over the sequences; over the seeds of what
-        # each has on average; over the repeats of one seed on one sequence, on average
         self.over_sequences = deviation(self.by_sequence)
         self.over_seeds = deviation(self.by_seed)
-        self.over_repeats = float(
-            _mean(np.ma.filled(np.ma.masked_invalid(values).std(axis=2, ddof=1), np.nan), None)
-        )
+        # the deviation over the repeats of one seed on one sequence, on average
+        deviations = np.ma.masked_invalid(values).std(axis=2, ddof=1)
+        self.over_repeats = float(_mean(np.ma.filled(deviations, np.nan), None))
 
     def on(self, sequence: int) -> "Measurement":
         """The measurement on one sequence alone, given by its index."""
@@ -117,7 +114,7 @@ class Margin:
     """
 
     value: float
-    number: int  # sequences compared
+    number: int  # of sequences compared
     clear: bool
 
 
@@ -125,35 +122,31 @@ class Comparison:
     """Compares models on the rows of some sequences and cases."""
 
     def __init__(self, table: pd.DataFrame, n_way: Mapping[str, int]) -> None:
-        """Take rows of the table of results, and model to the N of its N-way training.
+        """Take rows of the table of results.
 
-        Raises InputError for no rows.
+        `n_way` maps a model that was trained with scans turned to N headings to N. Raises
+        InputError for no rows.
         """
         if table.empty:
             raise InputError("a comparison needs at least one row of the table of results")
-        rows = pick(table[table["number"].isin({measure.name for measure in MEASURES})], kind="")
-        rows = rows.assign(
-            model=[
-                ModelName(*names).family
-                for names in rows[["method", "variant"]].itertuples(index=False)
-            ],
-            case=[
-                Kind(*key) for key in rows[["change", "level", "shadow"]].itertuples(index=False)
-            ],
-        )
+        is_measure = table["number"].isin({measure.name for measure in MEASURES})
+        rows = with_model(pick(table[is_measure], kind=""))
+        cases = rows[["change", "level", "shadow"]].itertuples(index=False)
+        rows = rows.assign(case=[Kind(*case) for case in cases])
         self.models = [*rows["model"].unique()]  # methods and variants, in the order they come
         # as driven comes first
         self.kinds = sorted(rows["case"].unique(), key=lambda kind: kind.change != "")
         self.changes = [kind for kind in self.kinds if kind.change]
         self.sequences = [*rows.sort_values(["days", "sequence"])["sequence"].unique()]
-        # how many seeds each model has
+        # model to its number of seeds
         self.seeds: dict[str, int] = (rows.groupby("model")["seed"].max() + 1).to_dict()
-        self.repeats = int(rows["repeat"].max()) + 1  # the most that a kind of case has
+        self.repeats = int(rows["repeat"].max()) + 1  # of the kind of case that has most
         self._n_way = n_way
-        self._values = rows.set_index(KEY)["value"].to_dict()
+        keys = ["model", "case", "protocol", "number", "seed", "sequence", "repeat"]
+        self._values = rows.set_index(keys)["value"].to_dict()
 
     def ways(self) -> dict[int, str]:
-        """N to model, ascending, of the method with most N-way trained models."""
+        """The method with most N-way trained models: maps N to model, in ascending order."""
         models_by_method: dict[str, dict[int, str]] = {}
         for model in self.models:
             if model in self._n_way:
@@ -164,17 +157,16 @@ class Comparison:
     def measurement(self, model: str, kind: Kind, measure: Measure) -> Measurement:
         """One number of one model in one kind of case, over seeds, sequences and repeats."""
         values = np.full((self.seeds[model], len(self.sequences), self.repeats), np.nan)
+        number = (model, kind, measure.protocol, measure.name)
         for seed, sequence, repeat in np.ndindex(*values.shape):
-            of = (model, kind, measure.protocol, measure.name)
-            key = (*of, seed, self.sequences[sequence], repeat)
+            key = (*number, seed, self.sequences[sequence], repeat)
             values[seed, sequence, repeat] = self._values.get(key, np.nan)
         if not measure.relative:
             return Measurement(values)
-        as_driven = self.measurement(model, Kind(), replace(measure, relative=False))
-        whole = as_driven.values[:, :, :1]
-        return Measurement(
-            np.divide(values, whole, out=np.full_like(values, np.nan), where=whole > 0)
-        )
+        absolute = replace(measure, relative=False)
+        as_driven = self.measurement(model, Kind(), absolute).values[:, :, :1]
+        no_share = np.full_like(values, np.nan)
+        return Measurement(np.divide(values, as_driven, out=no_share, where=as_driven > 0))
 
     def ordered(self, kind: Kind, measure: Measure) -> list[str]:
         """The models, the largest mean first, those without a number last."""
@@ -183,18 +175,14 @@ class Comparison:
 
     def ahead(self, model: str, reference: str, kind: Kind, measure: Measure) -> Margin:
         """By how much a model is ahead of a reference."""
-        model_numbers = self.measurement(model, kind, measure)
-        reference_numbers = self.measurement(reference, kind, measure)
-        differences = model_numbers.by_sequence - reference_numbers.by_sequence
+        both = [self.measurement(name, kind, measure) for name in (model, reference)]
+        differences = both[0].by_sequence - both[1].by_sequence
         differences = differences[np.isfinite(differences)]
         if not len(differences):
             return Margin(np.nan, 0, False)
-        seeds = (
-            ONE_SEED if np.isnan(measurement.over_seeds) else measurement.over_seeds
-            for measurement in (model_numbers, reference_numbers)
-        )
         value = float(differences.mean())
-        noise = np.nanmax([deviation(differences), *seeds])
+        over_seeds = [np.nan_to_num(one.over_seeds, nan=ONE_SEED) for one in both]
+        noise = np.nanmax([deviation(differences), *over_seeds])
         same_sign = bool((differences > 0).all() or (differences < 0).all())
         clear = len(differences) > 1 and same_sign and abs(value) > noise
         return Margin(value, len(differences), clear)

@@ -1,36 +1,37 @@
-"""What the numbers show, as data: who is compared, by how much, and whether that is clear.
+"""What the numbers of a study show, as data: who is compared, by how much, and whether it is clear.
 
-Templates make the sentences.
-
-Every value is a row of the table of results, or a mean of such rows over the test sequences; names
-of models come from there too.
+In: a study or rows of its table of results. Out: `Finding`s, which templates/words.yaml turns into
+sentences. Every value is a row of the table of results, or a mean of such rows over the test
+sequences.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from pipeline.evaluation.doubts import BLIND, DOUBTS, VOID
+from pipeline.evaluation.numbers import MEASURES
 from pipeline.evaluation.paired import COMPARED, LEVEL
 from pipeline.evaluation.protocols import PROTOCOLS
-from pipeline.evaluation.study_rows import ORACLE, PER_DAYS, SHOWN, TO_COME
+from pipeline.evaluation.study_rows import ORACLE, PER_DAYS, PERCENTILE, SHOWN, TO_COME
 from pipeline.report.result import TITLES, Result, by_model, day, mean
 from pipeline.report.selection import Values, indexed, pick
 from pipeline.report.study import Study, against
 
-SLIGHT = 0.0005  # a loss that is smaller would be printed as 0
+SLIGHT = 0.0005  # a smaller loss would be printed as 0
 BOTH = "both protocols"
 
 
 @dataclass(frozen=True, init=False)
 class Finding:
-    """A verdict on the numbers, as data."""
+    """One thing that the numbers show."""
 
-    kind: str  # its key in templates/words.yaml, which holds the sentence
-    # what the sentence is filled with: names of models, differences, intervals, whether clear
+    kind: str  # the key of its sentence in templates/words.yaml
+    # what fills the sentence: names of models, differences, intervals, whether they are clear
     values: Mapping[str, Any]
 
     def __init__(self, kind: str, /, **values: Any) -> None:
@@ -40,87 +41,87 @@ class Finding:
 def answer(study: Study) -> Finding:
     """The study in a paragraph: how often the best model is right, how it ages, how others fare."""
     groups = by_model(study.results)
+    best, *others = (_summary(model, groups[model]) for model in study.ranked)
     record = study.models[study.ranked[0]]
-    first, *others = (
-        {
-            "model": model,
-            "mean": {by: mean(groups[model], by, "recall_at_1") for by in PROTOCOLS},
-            "ends": [
-                (result.number("distance", "recall_at_1"), result.days)
-                for result in (groups[model][0], groups[model][-1])
-            ],
-            "at": {
-                measure: mean(groups[model], "distance", f"{measure}_at_threshold")
-                for measure in ("precision", "recall")
-            },
-            "wanted": groups[model][0].wanted_precision,
-            "kept": groups[model][0].kept,
-        }
-        for model in study.ranked
-    )
+    was_cut = record.rounds and "budget" in record.recipe
     return Finding(
         "answer",
         where=study.where,
         train=day(study.train),
         tests=len(groups[study.ranked[0]]),
-        budget=float(record.recipe["budget"])
-        if record.rounds and "budget" in record.recipe
-        else None,
+        budget=float(record.recipe["budget"]) if was_cut else None,
         near_m=study.distance.correct_m,
         cell_m=study.cell_m,
-        first=first,
+        first=best,
         others=others,
     )
+
+
+def _summary(model: str, group: Sequence[Result]) -> dict[str, Any]:
+    """One model over the year: mean recall, recall on the first and last day, at its threshold."""
+    ends = (group[0], group[-1])
+    return {
+        "model": model,
+        "mean": {by: mean(group, by, "recall_at_1") for by in PROTOCOLS},
+        "ends": [(result.number("distance", "recall_at_1"), result.days) for result in ends],
+        "at": {
+            measure: mean(group, "distance", f"{measure}_at_threshold")
+            for measure in ("precision", "recall")
+        },
+        "wanted": group[0].wanted_precision,
+        "kept": group[0].kept,
+    }
 
 
 def doubts(study: Study) -> list[Finding]:
     """Why a model's numbers say little or nothing, and on which test sequences.
 
-    A finding a model, or two where the protocols differ.
+    There is one finding per model, or two where the protocols differ. `blind` is the recall that
+    one and the same answer to every query would reach.
     """
     findings = []
     for model, group in by_model(study.results).items():
         doubts_by = {protocol: _doubts(group, protocol) for protocol in PROTOCOLS}
         if doubts_by["cells"] == doubts_by["distance"]:
             doubts_by = {BOTH: doubts_by["cells"]}
-        findings += [
-            Finding(
-                "doubts",
-                model=model,
-                protocol=protocol,
-                listed=listed,
-                wanted=group[0].wanted_precision,
-                tests=len(group),
-                blind=max(
-                    result.number(by, BLIND)
-                    for result in group
-                    for by in PROTOCOLS
-                    if protocol in (BOTH, by)
-                ),
+        for protocol, listed in doubts_by.items():
+            if not listed:
+                continue
+            judged_by = PROTOCOLS if protocol == BOTH else (protocol,)
+            blind = max(result.number(by, BLIND) for result in group for by in judged_by)
+            findings.append(
+                Finding(
+                    "doubts",
+                    model=model,
+                    protocol=protocol,
+                    listed=listed,
+                    wanted=group[0].wanted_precision,
+                    tests=len(group),
+                    blind=blind,
+                )
             )
-            for protocol, listed in doubts_by.items()
-            if listed
-        ]
     return findings
 
 
 def _doubts(group: Sequence[Result], protocol: str) -> list[dict[str, Any]]:
-    """Each doubt of a model by one protocol: on which test sequences, and its largest value."""
-    rows = {
-        name: {r.sequence: r.number(protocol, name) for r in group if (protocol, name) in r.numbers}
-        for name in (VOID, *DOUBTS)
-    }
-    return [
-        {"name": name, "on": [*on], "value": max(on.values(), key=abs)}
-        for name, on in rows.items()
-        if on
-    ]
+    """Each doubt about a model by one protocol: its sequences, and its largest value there.
+
+    See `pipeline.evaluation.doubts` for their names.
+    """
+    listed = []
+    for name in (VOID, *DOUBTS):
+        doubted = [result for result in group if (protocol, name) in result.numbers]
+        if doubted:
+            largest = max((result.number(protocol, name) for result in doubted), key=abs)
+            on = [result.sequence for result in doubted]
+            listed.append({"name": name, "on": on, "value": largest})
+    return listed
 
 
 def paired(rows: pd.DataFrame, protocol: str) -> list[Finding]:
-    """A finding a model: on which sequences it is clearly better or worse than the reference.
+    """One finding per model: where it is clearly better or worse than the reference.
 
-    Both are compared on the same queries.
+    Both are compared on the same queries of each sequence.
     """
     findings = []
     for (model, reference), group in against(rows, protocol).groupby(["model", "kind"], sort=False):
@@ -147,38 +148,26 @@ def paired(rows: pd.DataFrame, protocol: str) -> list[Finding]:
 
 
 def novelties(study: Study, protocol: str) -> list[Finding]:
-    """A finding a model: which kind of novelty rejects best, and which kept its precision best."""
+    """One finding per model: which kind of novelty rejects best, and which kept its precision best.
+
+    The kind in use is the first one. By how much it is behind is counted over the sequences.
+    """
     findings = []
     for model, group in by_model(study.results).items():
         kinds = group[0].evaluation.kinds
-        wanted = group[0].wanted_precision
-        # (sequence, kind, measure, 3)
-        values = np.stack([result.evaluation.protocol(protocol).rejection for result in group])
-        _, _, _, precision, recall = np.moveaxis(values[..., 0], 2, 0)
-        values = values[np.isfinite(values[:, :, 0, 0]).all(axis=1)]
-        if not len(values):
+        # (sequence, kind, measure, 3): value, low, high of each of MEASURES
+        rejection = np.stack([result.evaluation.protocol(protocol).rejection for result in group])
+        rejection = rejection[np.isfinite(rejection[:, :, 0, 0]).all(axis=1)]
+        if not len(rejection):
             continue
-        auroc = values[:, :, 0]  # (sequence, kind, 3)
-        ranked = sorted(
-            (
-                {"kind": kind, "auroc": auroc[:, k, 0].mean(), "auc": values[:, k, 1, 0].mean()}
-                for k, kind in enumerate(kinds)
-            ),
-            key=lambda novelty: -novelty["auroc"],
-        )
+        auroc, low, high = np.moveaxis(rejection[:, :, 0], 2, 0)  # (sequence, kind) each
+        auc = rejection[:, :, 1, 0]
+        ranked = [
+            {"kind": kind, "auroc": auroc[:, k].mean(), "auc": auc[:, k].mean()}
+            for k, kind in enumerate(kinds)
+        ]
+        ranked.sort(key=itemgetter("auroc"), reverse=True)
         first = kinds.index(ranked[0]["kind"])
-        # other thresholds were chosen for the precision that could be kept, not the wanted one
-        below = np.array(group[0].evaluation.kept_precision) < wanted
-        chosen = np.isfinite(precision).all(axis=0) & ~below
-        miss = np.where(chosen, np.abs(precision - wanted).mean(axis=0), np.inf)
-        best = int(miss.argmin())
-        kept = {
-            "kind": kinds[best],
-            "miss": miss[best],
-            "wanted": wanted,
-            "lowest": precision[:, best].min(),
-            "recall": recall[:, best].mean(),
-        }
         findings.append(
             Finding(
                 "novelties",
@@ -186,25 +175,51 @@ def novelties(study: Study, protocol: str) -> list[Finding]:
                 protocol=protocol,
                 used=kinds[0],
                 ranked=ranked,
-                largest=max(ranked, key=lambda novelty: novelty["auc"]),
-                ahead=int((auroc[:, first, 0] > auroc[:, 0, 0]).sum()),
-                clearly=int((auroc[:, first, 1] > auroc[:, 0, 2]).sum()),
-                tests=len(values),
-                kept=kept if protocol == "cells" and np.isfinite(miss[best]) else {},
+                largest=max(ranked, key=itemgetter("auc")),
+                ahead=int((auroc[:, first] > auroc[:, 0]).sum()),
+                clearly=int((low[:, first] > high[:, 0]).sum()),
+                tests=len(rejection),
+                kept=_kept_best(group) if protocol == "cells" else {},
             )
         )
     return findings
 
 
+def _kept_best(group: Sequence[Result]) -> dict[str, Any]:
+    """The kind of novelty whose threshold came nearest to the wanted precision, by cells.
+
+    Kinds are left out whose threshold was chosen for less, since the wanted precision could not be
+    kept on held-out blocks. Empty if no kind remains.
+    """
+    wanted = group[0].wanted_precision
+    # (sequence, kind) each
+    rejection = np.stack([result.evaluation.cells.rejection for result in group])
+    precision = rejection[:, :, MEASURES.index("precision_at_threshold"), 0]
+    recall = rejection[:, :, MEASURES.index("recall_at_threshold"), 0]
+    fell_short = np.array(group[0].evaluation.kept_precision) < wanted
+    is_chosen = np.isfinite(precision).all(axis=0) & ~fell_short
+    if not is_chosen.any():
+        return {}
+    miss = np.where(is_chosen, np.abs(precision - wanted).mean(axis=0), np.inf)
+    best = int(miss.argmin())
+    return {
+        "kind": group[0].evaluation.kinds[best],
+        "miss": miss[best],
+        "wanted": wanted,
+        "lowest": precision[:, best].min(),
+        "recall": recall[:, best].mean(),
+    }
+
+
 def ageing(rows: pd.DataFrame, title: str, protocol: str, number: str, last_day: float) -> Finding:
     """Which models clearly lose of one number with the days, and when to train them again.
 
-    For the other models: the most that they may lose.
+    Of the other models it names the one that may lose most. `rows` are of queries as driven.
     """
     slopes = _lines(rows, protocol, f"{number}_per_{PER_DAYS}_days")
     retrain_after = _lines(rows, protocol, f"{number}_retrain_after_days")
     lowest = {model: low for model, (_, low, high) in slopes.items() if high >= 0}
-    worst = min(lowest, key=lambda model: lowest[model], default="")
+    worst = min(lowest, key=lowest.__getitem__, default="")
     return Finding(
         "ageing",
         title=title,
@@ -222,42 +237,48 @@ def ageing(rows: pd.DataFrame, title: str, protocol: str, number: str, last_day:
 
 
 def newer(rows: pd.DataFrame) -> Finding:
-    """For which models the seen places clearly look newer with the days."""
-    slopes = _lines(rows, "distance", f"novelty_percentile_per_{PER_DAYS}_days")
+    """Which models take the places that they know more and more for new, with the days."""
+    slopes = _lines(rows, "distance", f"{PERCENTILE}_per_{PER_DAYS}_days")
     clear = [{"model": model, "slope": slope} for model, slope in slopes.items() if slope[1] > 0]
-    everyone = len(clear) == len(slopes)
-    return Finding("newer", known=len(slopes), sure=clear, all=everyone, per=PER_DAYS)
+    all_clear = len(clear) == len(slopes)
+    return Finding("newer", known=len(slopes), sure=clear, all=all_clear, per=PER_DAYS)
 
 
 def confounders(study: Study) -> Finding:
-    """What else differs between the sequences than their age.
+    """What changes with the sequences besides their age.
 
-    These are the shares of unseen queries, and of seen ones that drive another way.
+    That is the share of unseen queries, and the share of seen ones that drive another way than
+    training.
     """
     results = by_model(study.results)[study.families[0]]
-    days = np.array([result.days for result in results], np.float64)
-
-    def change(shares: Sequence[float]) -> dict[str, float]:
-        defined = (
-            len(days) > 2 and np.isfinite(shares).all() and min(np.ptp(shares), np.ptp(days)) > 1e-6
-        )
-        correlation = float(np.corrcoef(days, shares)[0, 1]) if defined else np.nan
-        return {"first": shares[0], "last": shares[-1], "correlation": correlation}
-
+    days = [result.days for result in results]
     unseen = [r.number("cells", "unseen") / max(r.number("cells", "queries"), 1) for r in results]
     turned = [result.number("cells", "turned_share") for result in results]
-    return Finding("confounders", tests=len(days), unseen=change(unseen), turned=change(turned))
+    return Finding(
+        "confounders",
+        tests=len(days),
+        unseen=_change(days, unseen),
+        turned=_change(days, turned),
+    )
+
+
+def _change(days: Sequence[float], shares: Sequence[float]) -> dict[str, float]:
+    """The first and last of some shares, and their correlation with the days, NaN if undefined."""
+    varies = min(np.ptp(shares), np.ptp(days)) > 1e-6
+    is_defined = len(days) > 2 and np.isfinite(shares).all() and varies
+    correlation = float(np.corrcoef(days, shares)[0, 1]) if is_defined else np.nan
+    return {"first": shares[0], "last": shares[-1], "correlation": correlation}
 
 
 def slopes_counted(
     rows: pd.DataFrame, numbers: Sequence[tuple[str, str]], level: float = 0.95
 ) -> Finding:
-    """How many of the drawn slopes clearly mean ageing, and how many would by chance.
+    """How many slopes of some numbers clearly mean ageing, and how many would by chance.
 
-    Adds the oracle's slope.
+    It adds the slope of the oracle, which answers each query with its nearest training pose.
     """
     worse = [
-        low > 0 if name == "novelty_percentile" else high < 0
+        low > 0 if name == PERCENTILE else high < 0
         for protocol, name in numbers
         for _, low, high in _lines(rows, protocol, f"{name}_per_{PER_DAYS}_days").values()
     ]
@@ -273,36 +294,35 @@ def slopes_counted(
 
 
 def near_changes(rows: pd.DataFrame, number: str, names: Mapping[float, str], few: int) -> Finding:
-    """Which models clearly do worse once a change shows, by cells.
+    """Which models clearly do worse near a real change than where it is still to come, by cells.
 
-    Taken from the nearest band with at least `few` seen queries.
+    They are compared in the nearest band of distance that has at least `few` seen queries of both.
+    `names` maps the farthest distance of a band in metres to its name.
     """
     values = indexed(pick(rows, protocol="cells"), "number", "level", "change", "method")
     models = pick(rows, protocol="cells", number=number, change=SHOWN)["method"].unique()
-    for edge in sorted(filter(np.isfinite, names)):
-        seen = [values.get(("seen", edge, when, models[0]), (0,))[0] for when in (SHOWN, TO_COME)]
-        if min(seen) >= few:
-            return Finding(
-                "near_changes",
-                title=TITLES[number],
-                band=names[edge],
-                counts=[*map(int, seen)],
-                verdicts=[
-                    {
-                        "model": model,
-                        "shown": values[number, edge, SHOWN, model][0],
-                        "before": values[number, edge, TO_COME, model][0],
-                        "lower": values[number, edge, SHOWN, model][2]
-                        < values[number, edge, TO_COME, model][1],
-                    }
-                    for model in models
-                ],
-            )
+    for edge_m in sorted(filter(np.isfinite, names)):
+        seen = [values.get(("seen", edge_m, when, models[0]), (0,))[0] for when in (SHOWN, TO_COME)]
+        if min(seen) < few:
+            continue
+        verdicts = []
+        for model in models:
+            shown, _, shown_high = values[number, edge_m, SHOWN, model]
+            before, before_low, _ = values[number, edge_m, TO_COME, model]
+            is_lower = shown_high < before_low
+            verdicts.append({"model": model, "shown": shown, "before": before, "lower": is_lower})
+        return Finding(
+            "near_changes",
+            title=TITLES[number],
+            band=names[edge_m],
+            counts=[*map(int, seen)],
+            verdicts=verdicts,
+        )
     return Finding("near_changes", title=TITLES[number], band="")
 
 
 def changes_counted(rows: pd.DataFrame, kinds: Sequence[str], within_m: float) -> Finding:
-    """The number of real changes, and of seen queries near one."""
+    """The numbers of real changes by kind, and of seen queries at most `within_m` from one."""
     near = pick(rows, number="seen_near_a_change").set_index("sequence")["value"]
     busiest = {"sequence": day(near.idxmax()), "seen": int(near.max())} if near.any() else {}
     return Finding(
@@ -315,26 +335,24 @@ def changes_counted(rows: pd.DataFrame, kinds: Sequence[str], within_m: float) -
 
 
 def trend(values: Mapping[str, Sequence[Any]], title: str, sizes_m: Sequence[float]) -> Finding:
-    """Whether a number rises or falls from the smallest cells to the largest.
+    """Which models' numbers rise, and which fall, from the smallest cells to the largest.
 
-    Models are compared with themselves on the same sequences.
+    `values` maps a model to its values (sequence,) at each size. A number rises if it does so on
+    every sequence.
     """
     changes = {
         model: np.asarray(by_size[-1]) - np.asarray(by_size[0])
         for model, by_size in values.items()
         if len(by_size[0]) == len(by_size[-1])
     }
-    ways = [
-        {
-            "way": way,
-            "models": [
-                {"model": model, "mean": float(change.mean())}
-                for model, change in changes.items()
-                if len(change) and (sign * change > 0).all()
-            ],
-        }
-        for way, sign in (("rises", 1), ("falls", -1))
-    ]
+    ways = []
+    for way, sign in (("rises", 1), ("falls", -1)):
+        models = [
+            {"model": model, "mean": float(change.mean())}
+            for model, change in changes.items()
+            if len(change) and (sign * change > 0).all()
+        ]
+        ways.append({"way": way, "models": models})
     ends = {"first_m": sizes_m[0], "last_m": sizes_m[-1]}
     return Finding("trend", title=title, models=len(changes), ways=ways, **ends)
 
@@ -342,20 +360,18 @@ def trend(values: Mapping[str, Sequence[Any]], title: str, sizes_m: Sequence[flo
 def best_at_each_size(
     values: Mapping[str, Sequence[Any]], title: str, sizes_m: Sequence[float]
 ) -> Finding:
-    """The best model at each cell size."""
-    best_models: list[dict[str, Any]] = []
+    """The best model at each cell size; `values` as in `trend`."""
+    best_models = []
     for i, size_m in enumerate(sizes_m):
-        means: list[dict[str, Any]] = [
-            {"model": model, "size_m": size_m, "mean": float(np.mean(by_size[i]))}
-            for model, by_size in values.items()
-            if len(by_size[i])
-        ]
-        best_models += sorted(means, key=lambda entry: -entry["mean"])[:1]
+        means = {m: float(np.mean(by_size[i])) for m, by_size in values.items() if len(by_size[i])}
+        if means:
+            model = max(means, key=means.__getitem__)
+            best_models.append({"model": model, "size_m": size_m, "mean": means[model]})
     return Finding("best_at_each_size", title=title, listed=best_models)
 
 
 def scope(study: Study, sequences: int, seeds: int, repeats: int = 1) -> Finding:
-    """The data of a section: where, cells, sequences, repeats, seeds and budget."""
+    """What data a section is of: where, which cells, and how many sequences, seeds and repeats."""
     return Finding(
         "scope",
         where=study.where,
@@ -368,7 +384,7 @@ def scope(study: Study, sequences: int, seeds: int, repeats: int = 1) -> Finding
 
 
 def _lines(rows: pd.DataFrame, protocol: str, number: str) -> dict[str, Values]:
-    """One number of the whole year and its interval, by model.
+    """Map each model to one number of the whole year and its interval.
 
     The oracle, and models without an interval, are left out.
     """

@@ -1,4 +1,8 @@
-"""Fills the result blocks of README.md and docs/RESULTS.md from the tables of results."""
+"""Fills the result blocks of README.md and docs/RESULTS.md from the tables of results.
+
+A block is the text between `<!-- results: STUDY BUDGET KIND -->` and `<!-- end of results -->`.
+`blocks` lists those of a page, `table_texts` makes texts for them, and `filled` puts them in.
+"""
 
 import re
 from collections.abc import Mapping
@@ -23,13 +27,11 @@ class Block(NamedTuple):
     """What a mark such as `<!-- results: campus minutes brief -->` asks for."""
 
     study: str
-    budget: str
-    """As the study was trained: a file of conf/budget."""
+    budget: str  # how it was trained: a file of conf/budget
+    # One of KINDS: a few lines; all tables; the table as a processor of that arithmetic gives it;
+    # or the moving picture.
     kind: str
-    """One of KINDS: a few lines, all tables, the moving picture, or the table as a processor of
-    that arithmetic gives it."""
-    model: str = ""
-    """Whose answers a picture shows, such as sci_ring-pose; the other kinds name none."""
+    model: str = ""  # whose answers a picture shows, such as sci_ring-pose; else empty
 
 
 def blocks(page: str) -> list[Block]:
@@ -60,7 +62,10 @@ def filled(page: str, texts: Mapping[Block, str]) -> str:
 def table_texts(
     results: pd.DataFrame, studies: Mapping[str, Study], arithmetic: str
 ) -> dict[Block, str]:
-    """The texts of all blocks of tables that these studies fill, on a processor of `arithmetic`."""
+    """The texts of all blocks of tables that these studies fill.
+
+    `arithmetic` is that of the processor that they were measured on: `bfloat16` or `float32`.
+    """
     texts = {}
     for name, study in studies.items():
         one_study = {name: study}

@@ -1,6 +1,8 @@
-"""Fills the templates.
+"""Fills the templates of the report.
 
-words.yaml holds titles, captions and sentences; the *.j2 files are the report and the page.
+In: sections, findings and tables, which are data. Out: text. words.yaml holds titles, captions and
+sentences by kind; the *.j2 files are the report, the page and the document of all results. The
+functions below are filters in both.
 """
 
 import re
@@ -22,8 +24,9 @@ from pipeline.report.result import Scores, day
 from pipeline.report.section import Illustration, Section, anchor
 from pipeline.report.table import MISSING, Table, fixed, signed
 
-UNIT = re.compile(r"(?<=\d) (?=(?:m|MB|d|days?)\b|%)")  # a blank that no line breaks at
-# blanks left between two parts of a sentence; those that begin a line mean something
+UNIT = re.compile(r"(?<=\d) (?=(?:m|MB|d|days?)\b|%)")  # a blank at which no line may break
+# Several blanks between two parts of a sentence, which become one. Those that begin a line stay:
+# they mean something in markdown.
 BLANKS = re.compile(r"(?<=\S) {2,}")
 
 
@@ -38,11 +41,10 @@ def template(name: str, **values: Any) -> str:
 
 
 def texts(piece: Section | Illustration) -> tuple[str, str, str]:
-    """Title, question and remarks of a section; for a figure: title, "", and how to read it."""
+    """Title, question and remarks of a section; title, "" and how to read it of a figure."""
     if isinstance(piece, Section):
-        title, question, remarks = f"{words('sections', piece.kind, **piece.values)}\n\n".split(
-            "\n", 2
-        )
+        lines = words("sections", piece.kind, **piece.values)
+        title, question, remarks = f"{lines}\n\n".split("\n", 2)
         return title, question, remarks.strip()
     title, _, read = words("figures", piece.kind, **piece.values).partition("\n")
     return title, "", " ".join(read.split())
@@ -135,7 +137,10 @@ def from_to(results: Sequence[Scores], name: str) -> str:
 
 
 def each(items: Iterable[Any], pattern: str, between: str = ", ") -> str:
-    """Fill a pattern with each item, a mapping or a sequence, and join the texts."""
+    """Fill a pattern with each item, a mapping or a sequence, and join the texts.
+
+    See `_Numbers` for what a pattern may hold.
+    """
     filled_texts = (
         _Numbers().vformat(pattern, (), item)
         if isinstance(item, Mapping)

@@ -1,7 +1,11 @@
-"""The whole report: markdown and figures of every study, and one HTML page."""
+"""The whole report: markdown and figures of every study, and one HTML page.
+
+In: the table of results and the artifacts of the studies. Out: a folder per study and cell size
+with report.md, results.txt (for a terminal), its figures, and a list of them; and page.html.
+"""
 
 import json
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +16,7 @@ from pipeline.report import terminal
 from pipeline.report.render import template
 from pipeline.report.section import Section
 from pipeline.report.sections import cases, lifelong, viewpoints, year
+from pipeline.report.selection import pick
 from pipeline.report.study import Study
 from pipeline.report.web import page
 from pipeline.report.web.front import front
@@ -19,7 +24,7 @@ from pipeline.running.dvc_files import DvcLock
 from pipeline.studies.layout import Layout
 from pipeline.studies.study import Study as StudySettings
 
-# which figure files a study has, and whose they are: MLflow shows them beside model and sequence
+# The list of a study's figures, with the model and the sequence that each shows, for MLflow.
 MANIFEST = "figures.json"
 
 
@@ -40,50 +45,52 @@ def write(
     entries = []
     for name, settings in studies.items():
         for grid in settings.grid_names:
-            study = Study(layout, settings, grid, table[table["study"] == name])
+            study = Study(layout, settings, grid, pick(table, study=name))
             study_folder = folder / name / grid
             study_folder.mkdir(parents=True)
-            study_sections = list(_sections(study, study_folder, few, view))
-            (study_folder / "report.md").write_text(
-                template("report.md.j2", study=study, sections=study_sections, folder=study_folder),
-                encoding="utf-8",
-            )
-            files = [
-                {"file": illustration.path.name}
-                | {key: illustration.values.get(key, "") for key in ("model", "sequence")}
-                for section in study_sections
-                for illustration in section.illustrations
-            ]
-            (study_folder / "results.txt").write_text(
-                terminal.text(study, len(list(study_folder.glob("*.svg")))) + "\n", encoding="utf-8"
-            )
-            (study_folder / MANIFEST).write_text(
-                json.dumps(files, indent=1) + "\n", encoding="utf-8"
-            )
-            entries.append(
-                page.Entry(
-                    study, study_sections, front(study) if settings.asks_about_the_year else None
-                )
-            )
+            sections = list(_sections(study, study_folder, few, view))
+            _write_study(study, study_folder, sections)
+            first_screen = front(study) if settings.asks_about_the_year else None
+            entries.append(page.Entry(study, sections, first_screen))
     if not entries:
         raise ArtifactError(f"{layout.root}: nothing to report yet; `dvc repro` builds the studies")
     path = folder / "page.html"
-    path.write_text(
-        page.html(entries, DvcLock.read(layout.root.parent / "dvc.lock"), stale), encoding="utf-8"
-    )
-    sections = [section for entry in entries for section in entry.sections]
-    figures = sum(len(section.illustrations) for section in sections)
+    lock = DvcLock.read(layout.root.parent / "dvc.lock")
+    path.write_text(page.html(entries, lock, stale), encoding="utf-8")
+    all_sections = [section for entry in entries for section in entry.sections]
+    figures = sum(len(section.illustrations) for section in all_sections)
     study_count = "1 study" if len(studies) == 1 else f"{len(studies)} studies"
     size_mb = path.stat().st_size / 1e6
     return (
-        f"{len(sections)} sections and {figures} figures of {study_count}; "
+        f"{len(all_sections)} sections and {figures} figures of {study_count}; "
         f"page.html has {size_mb:.1f} MB"
     )
+
+
+def _write_study(study: Study, folder: Path, sections: Sequence[Section]) -> None:
+    """Write the files of one study, whose figures lie in the folder already."""
+    figures = [
+        {
+            "file": illustration.path.name,
+            "model": illustration.values.get("model", ""),
+            "sequence": illustration.values.get("sequence", ""),
+        }
+        for section in sections
+        for illustration in section.illustrations
+    ]
+    drawn = len(list(folder.glob("*.svg")))
+    for name, text in (
+        ("report.md", template("report.md.j2", study=study, sections=sections, folder=folder)),
+        ("results.txt", terminal.text(study, drawn) + "\n"),
+        (MANIFEST, json.dumps(figures, indent=1) + "\n"),
+    ):
+        (folder / name).write_text(text, encoding="utf-8")
 
 
 def _sections(
     study: Study, folder: Path, few: int, view: Callable[[str], Any]
 ) -> Iterator[Section]:
+    """Draw the figures of a study into its folder and yield its sections."""
     if study.settings.asks_about_the_year:
         yield from year.sections(study, folder, view)
         yield from cases.sections(study, folder, few)

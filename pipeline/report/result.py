@@ -1,4 +1,9 @@
-"""One model on one test sequence, and how such results are grouped."""
+"""One model on one test sequence, and how such results are grouped by model or by sequence.
+
+In: the rows of the table of results that are of one study and cell size. Out: `Scores`, the numbers
+of a model on a test sequence; a `Result` holds each of its queries too. Figures, tables and
+findings of a study of the year are made of lists of them.
+"""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -12,15 +17,14 @@ from numpy.typing import NDArray
 from pipeline.core.errors import ArtifactError, InputError
 from pipeline.evaluation.doubts import VOID
 from pipeline.evaluation.judgement import NOT_JUDGED, Evaluation
-from pipeline.report.selection import NONE, Values, indexed
+from pipeline.report.selection import NONE, Values, indexed, pick, with_model
 from pipeline.report.table import average
-from pipeline.studies.models import ModelName
 
+# The titles of the numbers that a study is about.
 TITLES = {"recall_at_1": "recall@1", "auc_top1": "AUC top-1", "auc_exact_top1": "exact AUC"}
-"""Of the numbers that a study is about."""
 DATE = re.compile(r"\d{4}-\d\d-\d\d")
 PRECISIONS = [percent / 100 for percent in range(50, 101)]
-ROUNDING = 1e-9
+ROUNDING = 1e-9  # a precision may fall short of one of PRECISIONS by so much
 AnyScores = TypeVar("AnyScores", bound="Scores")
 
 
@@ -31,7 +35,7 @@ class Scores:
     model: str  # such as sci or scan_context-engaged
     sequence: str  # the test sequence, named by its date
     days: int  # whole days since the training sequence
-    # by protocol and number; those of all sequences too
+    # protocol and number to its value and interval; numbers of the whole year are among them
     numbers: Mapping[tuple[str, str], Values]
 
     @property
@@ -65,7 +69,8 @@ class Scores:
     def void(self, protocol: str) -> bool:
         """Whether the numbers by that protocol mean nothing.
 
-        So it is where one constant answer to every query would do as well, or no query is seen.
+        That is so if one and the same answer to every query would be right for half of them, or if
+        no query is seen.
         """
         return (protocol, VOID) in self.numbers
 
@@ -80,15 +85,15 @@ class Scores:
 
 @dataclass(frozen=True)
 class Result(Scores):
-    """One model on one test sequence as it was driven, with each of its queries."""
+    """One model on one test sequence as it was driven, with each query judged."""
 
     evaluation: Evaluation
 
     @property
     def coverage(self) -> list[float]:
-        """By distance, for each of PRECISIONS: the largest share that can be accepted at it.
+        """For each of PRECISIONS the largest share of the queries that can be accepted at it.
 
-        Judged queries are accepted in the order of their novelty, least first.
+        See `coverage`; right answers are those by distance.
         """
         judgement = self.evaluation.distance
         is_judged = judgement.outcome != NOT_JUDGED
@@ -101,43 +106,42 @@ def read_scores(rows: pd.DataFrame, tests: Sequence[str]) -> list[Scores]:
 
     Raises ArtifactError for a table of an earlier version, which does not say how near is right.
     """
-    driven = rows[(rows[["change", "kind", "stress"]] == "").all(axis=1) & (rows["seed"] == 0)]
-    judged = driven[driven["sequence"].isin(tests) & (driven["protocol"] == "distance")]
+    driven = with_model(pick(rows, change="", kind="", stress="", seed=0))
+    judged = pick(driven[driven["sequence"].isin(tests)], protocol="distance")
     days = judged.groupby("sequence")["days"].first().astype(int)
-    numbers: dict[tuple[str, str], dict[tuple[str, str], Values]] = {}
-    for (method, variant, sequence), group in driven.groupby(["method", "variant", "sequence"]):
-        numbers[ModelName(method, variant).name, sequence] = indexed(group, "protocol", "number")
-    answered = judged[judged["number"] == "answered"]
-    models = answered[["method", "variant"]].drop_duplicates().itertuples(index=False)
-    names = [ModelName(*model).name for model in models]
-    if names and ("distance", "correct_m") not in numbers.get(("", ""), ()):
+    models = pick(judged, number="answered")["model"].unique()
+    # Rows without a model are of the study or its sequences, those without a sequence of all tests.
+    numbers: dict[tuple[str, str], dict[tuple[str, str], Values]] = {
+        key: indexed(group, "protocol", "number")
+        for key, group in driven.groupby(["model", "sequence"])
+    }
+    if len(models) and ("distance", "correct_m") not in numbers.get(("", ""), ()):
         raise ArtifactError(
             "the tables of results do not say how near is right; `dvc repro` gathers them anew"
         )
-    return [
-        Scores(
-            name,
-            str(sequence),
-            days[sequence],
-            numbers["", ""] | numbers.get((name, ""), {}) | numbers.get((name, sequence), {}),
-        )
-        for name in names
-        for sequence in days.index
-    ]
+    scores = []
+    for model in models:
+        of_year = numbers["", ""] | numbers.get((model, ""), {})
+        for sequence in days.index:
+            of_sequence = of_year | numbers.get((model, sequence), {})
+            scores.append(Scores(model, str(sequence), days[sequence], of_sequence))
+    return scores
 
 
 def coverage(novelty: NDArray[np.floating], right: NDArray[np.bool_]) -> list[float]:
-    """For each of PRECISIONS: the largest share of the queries that can be accepted at it.
+    """For each of PRECISIONS the largest share of the queries that can be accepted at it.
 
-    Queries (q,) are accepted in the order of their novelty, least first; 0 where none can be.
+    Takes the novelty (q,) of each query and whether its answer is right (q,). Queries are accepted
+    in the order of their novelty, least first. The share is 0 where no threshold has the precision,
+    and NaN if there are no queries.
     """
     if not len(novelty):
         return [np.nan] * len(PRECISIONS)
     order = np.argsort(novelty, kind="stable")
     # equal novelties are accepted together
-    whole = np.append(np.flatnonzero(np.diff(novelty[order])), len(order) - 1)
-    accepted = whole + 1
-    precision = np.cumsum(right[order])[whole] / accepted
+    ends = np.append(np.flatnonzero(np.diff(novelty[order])), len(order) - 1)
+    accepted = ends + 1
+    precision = np.cumsum(right[order])[ends] / accepted
     return [
         float(max(accepted[precision >= least - ROUNDING], default=0) / len(order))
         for least in PRECISIONS
@@ -147,7 +151,7 @@ def coverage(novelty: NDArray[np.floating], right: NDArray[np.bool_]) -> list[fl
 def by_model(results: Sequence[AnyScores]) -> dict[str, list[AnyScores]]:
     """Group the results by model, each group in the order of days.
 
-    Models stay in the order they come. Raises InputError for no results.
+    The models keep their order. Raises InputError if there are no results.
     """
     ordered = _by_day(results)
     return {
@@ -169,9 +173,9 @@ def mean(results: Sequence[Scores], protocol: str, name: str) -> float:
 
 
 def by_sequence(results: Sequence[AnyScores]) -> dict[str, list[AnyScores]]:
-    """Group the results by test sequence, in the order of days.
+    """Group the results by test sequence, the sequences in the order of days.
 
-    Models stay in the order they come. Raises InputError for no results.
+    The models keep their order. Raises InputError if there are no results.
     """
     ordered = _by_day(results)
     return {
@@ -189,7 +193,8 @@ def _by_day(results: Sequence[AnyScores]) -> list[AnyScores]:
 def day(sequence: str) -> str:
     """The date in a sequence's name, without the time of day.
 
-    For a part of a log it is the part's name; for a name without a date, the whole name.
+    A part of a log, as in `log+part`, is named by its part; another name without a date is returned
+    whole.
     """
     return sequence[:10] if DATE.match(sequence) else sequence.partition("+")[2] or sequence
 

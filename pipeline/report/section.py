@@ -1,6 +1,7 @@
-"""A section of a report: a question, findings, figures, tables, and sources of the numbers.
+"""A section of a report: a question, findings, figures, tables, and the sources of its numbers.
 
-Templates write its words.
+The modules of `sections` make sections with `illustrate` and `section_of`. Templates write them as
+markdown and HTML; words.yaml holds their titles and sentences by `kind`.
 """
 
 import re
@@ -21,12 +22,12 @@ from pipeline.report.table import Table
 class Illustration:
     """A figure file of a section."""
 
-    kind: str  # its key in templates/words.yaml: title and how to read it
+    kind: str  # the key of its words in templates/words.yaml: a title and how to read it
     path: Path  # the SVG
-    findings: Sequence[Finding] = ()  # what it shows here
-    # what its words are filled with, such as the model and the sequence
+    findings: Sequence[Finding] = ()  # what it shows in this study
+    # what fills its words, such as the model and the sequence
     values: Mapping[str, Any] = field(default_factory=dict)
-    on_page: bool = True  # whether the HTML page shows it too; the markdown report shows all
+    on_page: bool = True  # whether the HTML page shows it; the markdown report shows every figure
 
 
 @dataclass(frozen=True)
@@ -34,13 +35,13 @@ class Section:
     """One part of a study's report."""
 
     name: str  # its anchor, such as campus-10m-turned
-    kind: str  # its key in templates/words.yaml: title, question and remarks
-    values: Mapping[str, Any] = field(default_factory=dict)  # what its words are filled with
+    kind: str  # the key of its words in templates/words.yaml: a title, a question and remarks
+    values: Mapping[str, Any] = field(default_factory=dict)  # what fills its words
     findings: Sequence[Finding] = ()  # the first is what a reader in a hurry takes away
     illustrations: Sequence[Illustration] = ()
     tables: Sequence[Table] = ()
     sources: Sequence[str] = ()  # paths of the artifacts that its numbers are from
-    parameters: Mapping[str, Any] = field(default_factory=dict)  # what they were computed with
+    parameters: Mapping[str, Any] = field(default_factory=dict)  # that the numbers depend on
 
 
 def illustrate(
@@ -52,9 +53,9 @@ def illustrate(
     name: str = "",
     **values: str,
 ) -> Illustration | None:
-    """Save a figure as an SVG named by its kind or `name`; `values` fill its words.
+    """Save a figure of a study into `folder`, as an SVG named by its kind or `name`.
 
-    None where there is none.
+    `findings` say what it shows, `values` fill its words. None if there is no figure.
     """
     if figure is None:
         return None
@@ -71,7 +72,7 @@ def section_of(
     name: str = "",
     **parts: Any,
 ) -> Section:
-    """A section of a study, named by its kind or `name`.
+    """A section of a study, named by its kind or `name`; `parts` are further fields of `Section`.
 
     Figures and tables that are None are left out.
     """
@@ -86,5 +87,5 @@ def section_of(
 
 
 def anchor(*names: str) -> str:
-    """An HTML id made of names: runs of other characters than letters and digits become a dash."""
+    """An HTML id made of names: letters and digits, with a dash for all between them."""
     return "-".join(re.sub(r"[^0-9A-Za-z]+", "-", name).strip("-") for name in names if name)

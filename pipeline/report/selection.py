@@ -1,4 +1,8 @@
-"""Selections of the table of results: what a figure or a table shows."""
+"""Selects rows and numbers of the table of results, for figures, tables and findings.
+
+A row of that table is one number: of which model, on which sequence, in which case of its queries,
+by which protocol, with its value and its 95 % interval.
+"""
 
 from typing import Any
 
@@ -6,16 +10,24 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from pipeline.studies.models import ModelName
+
 # a number and its 95 % interval, lowest and highest; NaN where there is none
 Values = tuple[float, float, float]
 NONE: Values = (np.nan, np.nan, np.nan)
 
 
 def pick(rows: pd.DataFrame, **entries: object) -> pd.DataFrame:
-    """The rows with these entries in these columns, in their order."""
+    """The rows that have these entries in these columns, in the order of the table."""
     for column, entry in entries.items():
         rows = rows[rows[column] == entry]
     return rows
+
+
+def with_model(rows: pd.DataFrame) -> pd.DataFrame:
+    """The rows with a column `model`: the method, or the method and its variant as `sci-4way`."""
+    names = zip(rows["method"], rows["variant"], strict=True)
+    return rows.assign(model=[ModelName(*name).family for name in names])
 
 
 def values(rows: pd.DataFrame) -> NDArray[np.float64]:
@@ -24,9 +36,10 @@ def values(rows: pd.DataFrame) -> NDArray[np.float64]:
 
 
 def indexed(rows: pd.DataFrame, *columns: str) -> dict[Any, Values]:
-    """Map the entries of some columns to a row's value and interval.
+    """Map the entries of some columns to the value and interval of their row.
 
-    The key is a tuple, or the entry itself for a single column. Of equal keys the last row wins.
+    A key is a tuple, or the entry itself for a single column. Where rows have equal keys the last
+    one counts.
     """
     keys = rows[columns[0]] if len(columns) == 1 else zip(*(rows[c] for c in columns), strict=True)
     return dict(zip(keys, map(tuple, values(rows).tolist()), strict=True))

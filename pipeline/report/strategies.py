@@ -1,4 +1,9 @@
-"""Strategies of learning further days (METHODS 11.4): their numbers, and what they show."""
+"""Strategies of learning further days (docs/METHODS.md, 11.4): their numbers, and what they show.
+
+In: the rows of the table of results that are on learning further days. Out: a `Strategy` for each
+model, order of days and strategy, whose numbers figures and tables show, and the findings on them.
+A step learns a day (or a part of a day); after each step the same days are asked.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -10,19 +15,16 @@ from numpy.typing import NDArray
 
 from pipeline.evaluation.lifelong import CHANGE
 from pipeline.report.findings import Finding
-from pipeline.report.selection import pick
+from pipeline.report.selection import pick, with_model
 from pipeline.report.table import average
-from pipeline.studies.models import ModelName
 
+# Strategies that are compared with each other: files of conf/strategy.
 GROWN = "grown"
 TUNED = "tuned"
 JOINT = "joint"
 UPDATED = "updated"
-"""Strategies that are compared with each other: files of conf/strategy."""
-UPDATES = "updates"
-"""The order of days that nobody surveyed."""
-PROTOCOL = "distance"
-"""By which figures, findings and the terminal judge; the tables have both."""
+UPDATES = "updates"  # the order of days that nobody surveyed
+PROTOCOL = "distance"  # by which figures, findings and the terminal judge; tables have both
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,8 +33,8 @@ class Strategy:
 
     order: str
     model: str  # method and variant
-    name: str  # of the strategy: a file of conf/strategy
-    rows: pd.DataFrame  # those of the table of results
+    name: str  # a file of conf/strategy
+    rows: pd.DataFrame  # its rows of the table of results
 
     @property
     def steps(self) -> list[str]:
@@ -41,19 +43,19 @@ class Strategy:
 
     @property
     def seeds(self) -> list[int]:
-        """The seeds of which there is a model."""
+        """The seeds that the model was trained with."""
         return sorted(pick(self.rows, number="places")["seed"].unique())
 
     @property
     def groups(self) -> list[str]:
-        """The asked days, or the parts of the site."""
+        """The days that are asked after each step, or the parts of the site."""
         return [*pick(self.rows, number="recall_at_1")["sequence"].unique()]
 
     def over(self, number: str, protocol: str = "", group: str = "") -> NDArray[np.float64]:
-        """One number after each step (seed, step), of a group if given; NaN where there is none."""
-        rows = pick(
-            self.rows, number=number, protocol=protocol, **{"sequence": group} if group else {}
-        )
+        """One number after each step (seed, step), NaN where there is none; of a group if given."""
+        rows = pick(self.rows, number=number, protocol=protocol)
+        if group:
+            rows = pick(rows, sequence=group)
         wide = rows.pivot(index="seed", columns="level", values="value")
         return np.asarray(wide.reindex(self.seeds, columns=range(len(self.steps))), np.float64)
 
@@ -62,13 +64,15 @@ class Strategy:
         return self.over(number, protocol, group)[:, -1]
 
     def total(self, number: str) -> list[float]:
-        """The sum over the steps for each seed; the first step adopts and counts nothing."""
+        """The sum of a number over the steps, for each seed."""
         return [*pd.DataFrame(self.over(number)).sum(axis=1, min_count=1)]
 
     def matrix(self, protocol: str) -> NDArray[np.float64]:
         """Mean recall (step, group) over the seeds; NaN where no place of the group is known."""
-        recall_by_group = [self.over("recall_at_1", protocol, group).T for group in self.groups]
-        return np.array([[average(seeds) for seeds in steps] for steps in recall_by_group]).T
+        recalls = [self.over("recall_at_1", protocol, group) for group in self.groups]
+        return np.array(
+            [[average(recall[:, step]) for recall in recalls] for step in range(len(self.steps))]
+        )
 
 
 def read_strategies(rows: pd.DataFrame) -> list[Strategy]:
@@ -76,15 +80,13 @@ def read_strategies(rows: pd.DataFrame) -> list[Strategy]:
 
     Strategies that were only timed are left out.
     """
-    learning_rows = rows[rows["change"] == CHANGE]
-    timed = learning_rows["number"] == "cpu_s"
-    learning_rows = pd.concat([learning_rows[~timed], learning_rows[timed]])
-    strategies = [
-        Strategy(kind.partition(" ")[0], ModelName(*names).name, kind.partition(" ")[2], group)
-        for (kind, *names), group in learning_rows.groupby(
-            ["kind", "method", "variant"], sort=False
-        )
-    ]
+    rows = with_model(pick(rows, change=CHANGE))
+    is_time = rows["number"] == "cpu_s"
+    rows = pd.concat([rows[~is_time], rows[is_time]])
+    strategies = []
+    for (kind, model), group in rows.groupby(["kind", "model"], sort=False):
+        order, _, name = kind.partition(" ")
+        strategies.append(Strategy(order, model, name, group))
     return [strategy for strategy in strategies if strategy.steps]
 
 
@@ -102,30 +104,25 @@ def findings(strategies: Sequence[Strategy]) -> list[Finding]:
     A model has the findings that its strategies allow.
     """
     models = grouped(strategies, "model")
-    compared = [
-        Finding(
-            kind,
-            model=model,
-            reference=reference,
-            listed=entries,
-            protocol=PROTOCOL,
-            strategy=GROWN,
-        )
-        for kind, number, reference in (
-            ("growth_forgets", "forgetting", TUNED),
-            ("below_joint", "recall_of_all", JOINT),
-        )
-        for model, group in models.items()
-        if (entries := against(group, number, reference))
-    ]
-    return [*compared, *(finding for group in models.values() for finding in regained(group))]
+    all_findings = []
+    for kind, number, reference in (
+        ("growth_forgets", "forgetting", TUNED),
+        ("below_joint", "recall_of_all", JOINT),
+    ):
+        for model, group in models.items():
+            if listed := against(group, number, reference):
+                values = {"listed": listed, "protocol": PROTOCOL, "strategy": GROWN}
+                all_findings.append(Finding(kind, model=model, reference=reference, **values))
+    for group in models.values():
+        all_findings += regained(group)
+    return all_findings
 
 
 def against(strategies: Sequence[Strategy], number: str, reference: str) -> list[dict[str, Any]]:
     """Compare one model's growth with a reference strategy in each order, after the last step.
 
-    Gives the means of both over the seeds, and the mean, lowest and highest difference on the same
-    seed.
+    Returns the means of both over the seeds, and the mean, lowest and highest difference between
+    models of the same seed.
     """
     entries = []
     for order, group in grouped(strategies, "order").items():
@@ -147,10 +144,10 @@ def against(strategies: Sequence[Strategy], number: str, reference: str) -> list
 
 
 def regained(strategies: Sequence[Strategy]) -> Iterator[Finding]:
-    """One model's recall before and after days that nobody surveyed.
+    """One model's recall before and after days that nobody surveyed, if it had any.
 
-    Recall is of the last asked day and on average. Adds how many scans were adopted, and at a wrong
-    pose.
+    Recall is that of the last asked day, and the mean of all. The finding adds how many scans were
+    adopted, and how many of them at a wrong pose.
     """
     updates = [strategy for strategy in strategies if strategy.order == UPDATES]
     entries = []

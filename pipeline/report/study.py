@@ -1,4 +1,8 @@
-"""One study at one cell size: its rows of the table of results, and its artifacts."""
+"""One study at one cell size: its rows of the table of results, and its artifacts.
+
+Every section of a report is made of a `Study`. It reads what it is asked for when it is asked, and
+knows where each artifact lies.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -17,6 +21,7 @@ from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.judgement import Evaluations
 from pipeline.evaluation.protocols import Distance
 from pipeline.report.result import Result, by_model, ranked, read_scores
+from pipeline.report.selection import pick, with_model
 from pipeline.studies import study as studies
 from pipeline.studies.layout import Layout
 from pipeline.studies.models import ModelName
@@ -27,9 +32,9 @@ class TrainingRecord:
     """How a model was trained, read from its file."""
 
     recipe: Mapping[str, str]  # the parameters that it was trained with
-    # name to values (round,), a round lying between two looks at held-out blocks
+    # names to values (round,); after each round the model is tried on held-out blocks
     curves: Mapping[str, NDArray[np.float64]]
-    best_round: int | None  # the one that was kept, 0-based; None where the model does not say
+    best_round: int | None  # whose model was kept, from 0; None if the file does not say
     megabytes: float
 
     @property
@@ -47,23 +52,13 @@ class TrainingRecord:
             if name.startswith("curves/")
         }
         best_round = int(model["best_epoch"]) if "best_epoch" in model else None
-        return cls(
-            store.read_recipe(path),
-            curves,
-            best_round,
-            sum(array.nbytes for array in model.values()) / 1e6,
-        )
+        megabytes = sum(array.nbytes for array in model.values()) / 1e6
+        return cls(store.read_recipe(path), curves, best_round, megabytes)
 
 
 def against(rows: pd.DataFrame, protocol: str) -> pd.DataFrame:
     """The rows of paired tests by one protocol, with an added column `model`."""
-    paired_rows = rows[(rows["change"] == "against") & (rows["protocol"] == protocol)]
-    return paired_rows.assign(
-        model=[
-            ModelName(*names).name
-            for names in zip(paired_rows["method"], paired_rows["variant"], strict=True)
-        ]
-    )
+    return with_model(pick(rows, change="against", protocol=protocol))
 
 
 @dataclass(frozen=True)
@@ -71,9 +66,9 @@ class Study:
     """A study at one of its cell sizes."""
 
     layout: Layout
-    settings: studies.Study  # of conf/studies.yaml
-    grid: str
-    table: pd.DataFrame  # all rows of the study, those of other grids too
+    settings: studies.Study  # what conf/studies.yaml says of it
+    grid: str  # the name of the cell size
+    table: pd.DataFrame  # the study's rows of the table of results, at all its cell sizes
 
     @property
     def name(self) -> str:
@@ -92,7 +87,7 @@ class Study:
 
     @property
     def where(self) -> str:
-        """The study's name, marked where it is simulated: `simulated campus`."""
+        """The study's name, which says if it is simulated: `simulated campus`."""
         return f"{'simulated ' * self.simulated}{self.name}"
 
     @cached_property
@@ -106,21 +101,19 @@ class Study:
 
         Numbers of a single kind of novelty are left out.
         """
-        return self.rows[
-            (self.rows["change"] == "") & (self.rows["kind"] == "") & (self.rows["seed"] == 0)
-        ]
+        return pick(self.rows, change="", kind="", seed=0)
 
     @cached_property
     def families(self) -> list[str]:
-        """The models of the report: each method's main model.
+        """The models of the report, of the first seed: methods, and those that answer with poses.
 
-        Models with poses come too, and in a study of the year the variants.
+        Variants of methods come too in a study of the year.
         """
-        first_seeds = [model for model in self.settings.answerers if not model.seed]
+        with_variants = self.settings.question == "year"
         return [
             model.name
-            for model in first_seeds
-            if model.posed or not model.variant or self.settings.question == "year"
+            for model in self.settings.answerers
+            if not model.seed and (model.posed or not model.variant or with_variants)
         ]
 
     @cached_property
@@ -140,15 +133,13 @@ class Study:
     @cached_property
     def results(self) -> list[Result]:
         """The result of each model of the report on each test sequence."""
-        scores = read_scores(self.rows, self.settings.tests)
-        results = [
-            Result(**vars(score), evaluation=artifact.case())
-            for score in scores
-            if score.model in self.families
-            for artifact in [self.artifact(Evaluations, "evaluate", score.sequence, score.model)]
-        ]
-        ordered = sorted(results, key=lambda result: self.families.index(result.model))
-        return [result for group in by_model(ordered).values() for result in group]
+        results = []
+        for score in read_scores(self.rows, self.settings.tests):
+            if score.model in self.families:
+                judged = self.artifact(Evaluations, "evaluate", score.sequence, score.model)
+                results.append(Result(**vars(score), evaluation=judged.case()))
+        results.sort(key=lambda result: self.families.index(result.model))
+        return [result for group in by_model(results).values() for result in group]
 
     @cached_property
     def ranked(self) -> list[str]:
@@ -157,16 +148,13 @@ class Study:
 
     @property
     def best(self) -> str:
-        """The model that a robot would be given.
-
-        Of those with poses, else of all, it has the highest mean recall@1.
-        """
+        """The model that a robot would be given: with poses if any has, of the highest recall@1."""
         posed = {result.model for result in self.results if result.posed}
         return next((model for model in self.ranked if model in posed), self.ranked[0])
 
     @cached_property
     def cut_short(self) -> dict[str, float]:
-        """The models that had less than their own full training, with their share of it."""
+        """Maps each model that had less than its own full training to its share of it."""
         shares = {
             name: float(record.recipe.get("budget", 1.0))
             for name, record in self.models.items()
@@ -196,41 +184,46 @@ class Study:
     @cached_property
     def distance(self) -> Distance:
         """The distances that the evaluations were judged by."""
-        return Distance(
-            **self.artifact(
-                Evaluations, "evaluate", self.settings.tests[0], self.families[0]
-            ).distance
-        )
+        return Distance(**self._first_evaluations.distance)
 
     @cached_property
     def bootstrap(self) -> Bootstrap:
         """How the intervals of the evaluations were computed."""
-        return Bootstrap(
-            **self.artifact(
-                Evaluations, "evaluate", self.settings.tests[0], self.families[0]
-            ).bootstrap
-        )
+        return Bootstrap(**self._first_evaluations.bootstrap)
+
+    @cached_property
+    def _first_evaluations(self) -> Evaluations:
+        """Any of the study's evaluations: all were judged in the same way."""
+        return self.artifact(Evaluations, "evaluate", self.settings.tests[0], self.families[0])
 
     def find(self, kind: str, sequence: str = "", model: str = "") -> Path:
-        """The path of an artifact.
+        """The path of an artifact of a stage.
 
-        Scans, submaps and labels go by sequence, models by model, other artifacts by both. The
-        answers of a model with poses lie with the poses.
+        Scans, submaps and labels go by sequence, models by model, other artifacts by both. A model
+        that answers with poses is the same file as the one without, and its answers lie with the
+        poses.
         """
-        methods = {method.name: method for method in self.settings.methods}
-        answerer = {candidate.name: candidate for candidate in self.settings.answerers}.get(model)
+        named = {answerer.name: answerer for answerer in self.settings.answerers}
+        answerer = named.get(model)
         if kind == "localize" and answerer:
             return self.layout.answers(self.name, self.grid, answerer, sequence)
-        learner = replace(answerer, posed=False, path="").name if answerer else model
-        names = {
-            "labels": (self.grid, sequence),
-            "views": (
-                methods[answerer.method].view_of(answerer.variant) if answerer else "",
-                sequence,
-            ),
-            "train": (self.grid, learner),
-        }.get(kind, (self.grid, model, sequence) if model else (sequence,))
-        return self.layout.path(kind, self.name, *names)
+        if kind == "views":
+            return self.layout.path(kind, self.name, self._view_of(answerer), sequence)
+        if kind == "labels":
+            return self.layout.path(kind, self.name, self.grid, sequence)
+        if kind == "train":
+            learner = replace(answerer, posed=False, path="").name if answerer else model
+            return self.layout.path(kind, self.name, self.grid, learner)
+        if model:
+            return self.layout.path(kind, self.name, self.grid, model, sequence)
+        return self.layout.path(kind, self.name, sequence)
+
+    def _view_of(self, answerer: ModelName | None) -> str:
+        """The name of what a model looks at; empty for no model."""
+        if answerer is None:
+            return ""
+        methods = {method.name: method for method in self.settings.methods}
+        return methods[answerer.method].view_of(answerer.variant)
 
     def artifact(self, kind: type[A], stage: str, sequence: str = "", model: str = "") -> A:
         """Open the artifact of a stage; raises ArtifactError where it is missing."""

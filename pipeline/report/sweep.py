@@ -1,4 +1,8 @@
-"""The report of a sweep: a row a job, the job that held-out blocks choose, and a figure."""
+"""The report of a sweep: a table of its jobs, the job that held-out blocks choose, and a figure.
+
+In: the records of the jobs, each with its settings and its rows of numbers. Out: sweep.md,
+sweep.svg and a text for a terminal.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -14,7 +18,8 @@ from pipeline.report.section import Illustration, Section, anchor
 from pipeline.report.table import Table, average, number, spread, table
 from pipeline.sweeps.record import Record
 
-SHOWN = {  # protocol and number: heading, digits after the point
+# The columns of the table: protocol and number to heading and digits after the point.
+SHOWN = {
     ("cells", "auc_top1"): ("AUC top-1 (cells)", 3),
     ("cells", "recall_at_1"): ("recall@1 (cells)", 3),
     ("distance", "recall_at_1"): ("recall@1 (distance)", 3),
@@ -26,15 +31,12 @@ SHOWN = {  # protocol and number: heading, digits after the point
 def write(folder: Path, records: Sequence[Record], usual_overrides: Mapping[str, str]) -> str:
     """Write sweep.md, sweep.txt and, if any job succeeded, sweep.svg into `folder`.
 
-    Returns the text for a terminal. `usual_overrides` are not shown.
+    Returns the text for a terminal. Settings named in `usual_overrides` are not shown.
     """
-    jobs = [
-        replace(
-            record,
-            overrides={k: v for k, v in record.overrides.items() if k not in usual_overrides},
-        )
-        for record in records
-    ]
+    jobs = []
+    for record in records:
+        shown = {k: v for k, v in record.overrides.items() if k not in usual_overrides}
+        jobs.append(replace(record, overrides=shown))
     first = jobs[0]
     names = dict.fromkeys(name for job in jobs for name in job.overrides)
     swept = [name for name in names if len({job.overrides.get(name) for job in jobs}) > 1]
@@ -64,35 +66,32 @@ def write(folder: Path, records: Sequence[Record], usual_overrides: Mapping[str,
 
 
 def _table(jobs: Sequence[Record], swept: Sequence[str]) -> Table:
-    """A row a job: means over the test sequences ± standard deviation; dashes for a failed job."""
-    rows = [
-        (
-            str(job.number),
-            *(setting(job, name) for name in swept),
-            *(spread(job.values(*key), digits) for key, (_, digits) in SHOWN.items()),
-            "failed"
-            if job.error
-            else number(np.nan if job.held_out_auc is None else job.held_out_auc, 3),
-        )
-        for job in jobs
-    ]
+    """One row per job: means ± deviation over the test sequences; dashes for a failed job."""
+    rows = []
+    for job in jobs:
+        settings = [setting(job, name) for name in swept]
+        means = [spread(job.values(*key), digits) for key, (_, digits) in SHOWN.items()]
+        held_out_auc = np.nan if job.held_out_auc is None else job.held_out_auc
+        outcome = "failed" if job.error else number(held_out_auc, 3)
+        rows.append((str(job.number), *settings, *means, outcome))
     header = ("job", *swept, *(heading for heading, _ in SHOWN.values()), "held-out AUC")
     return table("sweep", header, rows, words=1 + len(swept))
 
 
 def _findings(jobs: Sequence[Record], swept: Sequence[str]) -> list[Finding]:
-    """The failed jobs, and for each grid the job with the best held-out AUC and its scores.
+    """The failed jobs, and for each cell size the job with the best held-out AUC and its scores.
 
-    Grids are apart, since the held-out AUC is by cells.
+    The held-out AUC is by cells, so that of one cell size says nothing about another.
     """
-    grid = [name for name in swept if name.partition(".")[0] == "grid"]
-    others = [name for name in swept if name not in grid]
-    best: dict[str, tuple[float, Record]] = {}  # of each grid
+    grid_settings = [name for name in swept if name.partition(".")[0] == "grid"]
+    other_settings = [name for name in swept if name not in grid_settings]
+    best: dict[str, Record] = {}  # grid to job
     for job in jobs:
-        held_out = job.held_out_auc
-        key = _settings(job, grid)
-        if held_out is not None and (key not in best or held_out > best[key][0]):
-            best[key] = held_out, job
+        grid = _settings(job, grid_settings)
+        if job.held_out_auc is not None and (
+            grid not in best or job.held_out_auc > (best[grid].held_out_auc or 0.0)
+        ):
+            best[grid] = job
     failed = [
         Finding("sweep_failed", number=job.number, error=job.error) for job in jobs if job.error
     ]
@@ -100,16 +99,17 @@ def _findings(jobs: Sequence[Record], swept: Sequence[str]) -> list[Finding]:
         Finding(
             "sweep_choice",
             number=job.number,
-            grid=key,
-            settings=_settings(job, others),
-            held_out=held_out,
+            grid=grid,
+            settings=_settings(job, other_settings),
+            held_out=job.held_out_auc,
             auc=average(job.values("cells", "auc_top1")),
             recall=average(job.values("distance", "recall_at_1")),
         )
-        for key, (held_out, job) in best.items()
+        for grid, job in best.items()
     ]
     return failed + chosen
 
 
 def _settings(job: Record, names: Sequence[str]) -> str:
+    """Some settings of a job as words: `grid.cell_m=5, grid.x=1`."""
     return ", ".join(f"{name}={setting(job, name)}" for name in names)

@@ -1,4 +1,8 @@
-"""Tables of a report: each cell has a text and a number to sort by."""
+"""A table of a report: how numbers become cells, and cells markdown or plain text.
+
+`number`, `count`, `difference` and `spread` make cells, `table` makes the table of rows of them. A
+cell keeps the number itself, by which the page sorts its column.
+"""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -17,12 +21,9 @@ class Cell:
 
     text: str
     key: float | None = None  # what the column is sorted by; None for a word or a missing number
-    small: str = (
-        ""  # an interval or a deviation beside the number, such as `[.76, .83]` or `± .025`
-    )
+    small: str = ""  # beside the number: its interval or deviation, `[.76, .83]` or `± .025`
     mark: str = ""  # `+` or `−`: clearly better or worse than the reference
-    # model and sequence, where the page's map can show what the number is of
-    of: tuple[str, str] = ("", "")
+    of: tuple[str, str] = ("", "")  # model and sequence, if the page's map can show them
 
     def __str__(self) -> str:
         return " ".join(part for part in (self.text, self.small, self.mark) if part)
@@ -35,12 +36,12 @@ class Table:
     The first `words` columns are words, flush left; the others are numbers, flush right.
     """
 
-    kind: str  # its key in templates/words.yaml, which holds its caption
+    kind: str  # the key of its caption in templates/words.yaml
     header: Sequence[str]
     rows: Sequence[Sequence[Cell]]
     words: int = 1
-    values: Mapping[str, object] = field(default_factory=dict)  # what its caption is filled with
-    foot: bool = False  # the last row stays below the others: the oracle's, which is no method
+    values: Mapping[str, object] = field(default_factory=dict)  # what fills the caption
+    foot: bool = False  # whether the last row stays below when the page sorts the others
 
     def markdown(self) -> str:
         """A GitHub table, padded so that it can be read as it stands."""
@@ -56,33 +57,34 @@ class Table:
 
         A table that is too wide goes on below, with its words repeated.
         """
-        widths = [len(cell) + 2 for cell in self._padded(range(len(self.header)), least=1)[0]]
-        parts = [list(range(self.words))]
         texts = []
-        room = WIDEST + 2 - sum(widths[: self.words])
-        for column in range(self.words, len(widths)):
-            if (
-                len(parts[-1]) > self.words
-                and sum(widths[c] for c in [*parts[-1][self.words :], column]) > room
-            ):
-                parts.append(list(range(self.words)))
-            parts[-1].append(column)
-        for part in parts:
-            header, *rows = self._padded(part, least=1)
+        for columns in self._parts():
+            header, *rows = self._padded(columns, least=1)
             rule = ["─" * len(cell) for cell in header]
-            texts.append(
-                "".join("  ".join(cells).rstrip() + "\n" for cells in (header, rule, *rows))
-            )
+            lines = ["  ".join(cells).rstrip() + "\n" for cells in (header, rule, *rows)]
+            texts.append("".join(lines))
         return "\n".join(texts)
+
+    def _parts(self) -> list[list[int]]:
+        """The columns of each part that a terminal has room for, the words first."""
+        widths = [len(cell) + 2 for cell in self._padded(range(len(self.header)), least=1)[0]]
+        words = list(range(self.words))
+        parts = [words]
+        for column in range(self.words, len(widths)):
+            is_full = sum(widths[c] for c in [*parts[-1], column]) > WIDEST + 2
+            if is_full and parts[-1] != words:
+                parts.append(words)
+            parts[-1] = [*parts[-1], column]
+        return parts
 
     def _padded(self, columns: Iterable[int], least: int) -> list[list[str]]:
         """Texts of the header and the rows in the chosen columns, padded to one width a column."""
-        lines = [list(self.header), *([str(cell) for cell in row] for row in self.rows)]
         padded_columns = []
         for i in columns:
-            width = max(least, *(len(line[i]) for line in lines))
+            texts = [self.header[i], *(str(row[i]) for row in self.rows)]
+            width = max(least, *map(len, texts))
             padded_columns.append(
-                [line[i].ljust(width) if i < self.words else line[i].rjust(width) for line in lines]
+                [text.ljust(width) if i < self.words else text.rjust(width) for text in texts]
             )
         return [list(line) for line in zip(*padded_columns, strict=True)]
 
@@ -104,7 +106,7 @@ def table(
 
 
 def number(
-    value: float, digits: int, interval: tuple[float, float] | None = None, mark: str = ""
+    value: float, digits: int, interval: Sequence[float] | None = None, mark: str = ""
 ) -> Cell:
     """A cell with a number and its interval; a dash for NaN."""
     return (
@@ -115,7 +117,7 @@ def number(
 
 
 def kept(precision: float, wanted: float) -> Cell:
-    """A cell with the precision on held-out blocks; `0.731 of 0.9` where less than wanted."""
+    """A cell with the precision on held-out blocks; `0.731 of 0.9` if less than was wanted."""
     return replace(number(precision, 3), small=f"of {wanted:g}" if precision < wanted else "")
 
 
@@ -124,7 +126,7 @@ def count(value: float) -> Cell:
     return number(value, 0)
 
 
-def difference(value: float, digits: int, interval: tuple[float, float] = (np.nan, np.nan)) -> Cell:
+def difference(value: float, digits: int, interval: Sequence[float] = (np.nan, np.nan)) -> Cell:
     """A cell with a signed difference and its interval: `+0.031 [−0.010, +0.080]`."""
     low, high = (signed(bound, digits) for bound in interval)
     small = f"[{low}, {high}]" if np.isfinite(interval[0]) else ""
@@ -163,16 +165,13 @@ def signed(value: float, digits: int) -> str:
 
 
 def short(value: float, digits: int) -> str:
-    """A number with two decimals or more loses the 0 before its point: `.025`, `−.02`."""
+    """A number whose two or more decimals have no 0 before their point: `.025`, `−.02`."""
     text = fixed(value, digits)
-    return (
-        text.replace("0.", ".", 1)
-        if digits > 1 and abs(value) < 1 and text.lstrip("−").startswith("0.")
-        else text
-    )
+    is_fraction = abs(value) < 1 and text.lstrip("−").startswith("0.")
+    return text.replace("0.", ".", 1) if digits > 1 and is_fraction else text
 
 
-def bracket(interval: tuple[float, float] | None, digits: int) -> str:
+def bracket(interval: Sequence[float] | None, digits: int) -> str:
     """An interval: `[.76, .83]` of a share, `[2.1, 3.4]` of metres; empty where there is none."""
     if interval is None or not np.isfinite(interval[0]):
         return ""

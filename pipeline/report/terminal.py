@@ -1,4 +1,7 @@
-"""The results of a study as plain text for a terminal, and where its report lies."""
+"""The results of a study as plain text for a terminal, and where its report lies.
+
+In: a study. Out: the text of results.txt: its main tables with captions, and doubts about them.
+"""
 
 import textwrap
 from collections.abc import Iterator
@@ -12,12 +15,13 @@ from pipeline.report.table import WIDEST
 
 
 def text(study: Study, figures: int) -> str:
-    """The text for a study at one cell size; `figures` is the number of figures in its report."""
+    """The text of a study; `figures` is the number of figures in its report."""
     report = study.layout.path("report", study.name, study.grid, "report.md")
     return "\n".join([*_blocks(study), f"  {report}, with {figures} figures beside it\n"])
 
 
 def _blocks(study: Study) -> Iterator[str]:
+    """The lines and tables of a study, by the questions that it asks."""
     if study.settings.asks_about_the_year:
         yield f"{study.where}, trained on {study.train} alone, cells of {study.cell_m:g} m\n"
         yield tables.setup(study, longest=78).text()
@@ -25,9 +29,9 @@ def _blocks(study: Study) -> Iterator[str]:
             main_table = tables.main(study, protocol, number)
             yield from (_wrap(caption(main_table)), main_table.text())
         yield from (tables.means(study).text(), _wrap(words("terminal")) + "\n")
-        posed = [result for result in study.results if result.posed]
-        for pose_table in tables.poses(posed) if posed else ():
-            yield from (_wrap(caption(pose_table)), pose_table.text())
+        if posed := [result for result in study.results if result.posed]:
+            for pose_table in tables.poses(posed):
+                yield from (_wrap(caption(pose_table)), pose_table.text())
         if doubts := [_wrap(sentence(doubt)) for doubt in findings.doubts(study)]:
             yield "\n".join(doubts) + "\n"
     if study.settings.learns_further_days:
@@ -44,4 +48,5 @@ def _blocks(study: Study) -> Iterator[str]:
 
 
 def _wrap(line: str) -> str:
+    """A sentence without its marks of markdown, in lines that a terminal has room for."""
     return textwrap.fill(line.replace("`", "").replace("*", ""), WIDEST - 20)
