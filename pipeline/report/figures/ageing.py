@@ -1,4 +1,8 @@
-"""Numbers over the days since training with a fitted line, and the slopes of those lines."""
+"""Numbers over the days since training with a fitted line, and the slopes of those lines.
+
+In: rows of the table of results, of models on queries as driven and of the oracle, which answers
+each query with its nearest training pose. The lines were fitted where the table was made.
+"""
 
 from collections.abc import Sequence
 
@@ -8,32 +12,30 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from pipeline.core.errors import InputError
-from pipeline.evaluation.study_rows import ORACLE, PER_DAYS
+from pipeline.evaluation.study_rows import ORACLE, PER_DAYS, PERCENTILE
 from pipeline.report.figures.panels import name_rows, points
 from pipeline.report.figures.style import QUIET, VEIL, WIDTH_IN, figure, folded, styled, tints
 from pipeline.report.selection import NONE, Values, indexed, pick, values
 from pipeline.report.table import signed
 
-# a panel of slopes reaches so many times as far as the steepest slope; it cuts longer intervals
-ROOM = 2.5
-RISING = "novelty_percentile"
-"""The number that rises with age, from 0 to 100; others fall, from 1 to 0."""
+ROOM = 2.5  # a panel of slopes reaches so many times as far as the steepest; longer bars are cut
+# The numbers to draw: protocol, name in the table of results and title of each.
 Followed = Sequence[tuple[str, str, str]]
-"""Numbers that are followed over the days: protocol, number and title, each a column of panels."""
 
 
 @styled
 def lines(rows: pd.DataFrame, followed: Followed) -> Figure:
-    """A row a model, a column a number: points and fitted line with their 95 % intervals.
+    """A row per model, a column per number: points and fitted line with their 95 % intervals.
 
-    The slope is bold where it is clear. `rows` are of models as driven and of the oracle.
+    The slope is written in the panel, bold if its interval does not contain 0.
     """
     shades = tints(model for model in _models(rows, followed) if model != ORACLE)
     fig = figure(WIDTH_IN, 0.75 + 0.88 * len(shades), f"Change per {PER_DAYS} days, of each model")
     axes = fig.subplots(len(shades), len(followed), squeeze=False, sharex=True, sharey="col")
     for column, (protocol, number, title) in zip(axes.T, followed, strict=True):
         column[0].set_title(title.replace(", ", "\n", 1), pad=5)
-        column[0].set_ylim(*((-4.0, 104.0) if number == RISING else (0.0, 1.04)))
+        # the percentile of novelty rises with age from 0 to 100, other numbers fall from 1 to 0
+        column[0].set_ylim(*((-4.0, 104.0) if number == PERCENTILE else (0.0, 1.04)))
         of_number = pick(rows, protocol=protocol).sort_values("days")
         oracle = pick(of_number, method=ORACLE, number=f"{number}_line")
         for axis, (model, tint) in zip(column, shades.items(), strict=True):
@@ -55,7 +57,7 @@ def lines(rows: pd.DataFrame, followed: Followed) -> Figure:
 
 @styled
 def slopes(rows: pd.DataFrame, followed: Followed) -> Figure:
-    """A panel a number, a row a model: the slope with its interval, filled where it is clear."""
+    """A panel per number, a row per model: the slope with its interval, filled if it is clear."""
     models = _models(rows, followed)
     shades = tints(models) | ({ORACLE: QUIET} if ORACLE in models else {})
     fig = figure(WIDTH_IN, 0.95 + 0.21 * len(models), f"Change per {PER_DAYS} days since training")
@@ -78,7 +80,10 @@ def slopes(rows: pd.DataFrame, followed: Followed) -> Figure:
 
 
 def _models(rows: pd.DataFrame, followed: Followed) -> list[str]:
-    """The models, and the oracle, of which a number has a line."""
+    """The models for which any of the numbers has a line, the oracle among them.
+
+    Raises InputError if there is none but the oracle.
+    """
     fitted = [pick(rows, protocol=name, number=f"{number}_line") for name, number, _ in followed]
     models = [*pd.concat(fitted)["method"].unique()]
     if set(models) <= {ORACLE}:
@@ -96,7 +101,7 @@ def _clear(slope: Values) -> bool:
 
 
 def _panel(axis: Axes, rows: pd.DataFrame, number: str, tint: str) -> None:
-    """Draw points with their intervals, the line with its own, and the slope where it is free."""
+    """Draw one model's points and line with their intervals, and its slope where there is room."""
     line = pick(rows, number=f"{number}_line")
     if line.empty:
         return
@@ -108,13 +113,13 @@ def _panel(axis: Axes, rows: pd.DataFrame, number: str, tint: str) -> None:
     axis.plot(line["days"], fitted, color=tint, lw=1.0, zorder=2)
     slope = indexed(pick(rows, number=_slope(number)), "number").get(_slope(number), NONE)
     if np.isfinite(slope[0]):
-        # 0.74: below the oracle
+        # above points that lie low, but below the oracle; else below the points
         y = 0.74 if np.nanmean(dots["value"]) < np.mean(axis.get_ylim()) else 0.26
         weight, shade = ("bold", "0.1") if _clear(slope) else ("normal", QUIET)
         axis.text(
             0.97,
             y,
-            signed(slope[0], 1 if number == RISING else 3),
+            signed(slope[0], 1 if number == PERCENTILE else 3),
             va="center",
             ha="right",
             transform=axis.transAxes,

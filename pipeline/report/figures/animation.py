@@ -1,4 +1,7 @@
-"""Files of moving pictures: few colours, unchanged pixels left out, the same bytes each time."""
+"""Writes moving pictures: few colours, unchanged pixels left out, the same bytes each time.
+
+In: frames as pixels, and a palette. Out: a file as .gif, .webp or animated .png.
+"""
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -13,11 +16,10 @@ from pipeline.core.errors import ConfigError
 from pipeline.core.store import replace
 
 ENDINGS = {".gif": "GIF", ".webp": "WEBP", ".png": "PNG"}
+# How long a frame is shown, and the last one.
 FRAME_MS = 80
 END_MS = 2500
-"""How long a frame is shown, and the last one."""
-BLENDS = 9
-"""Shades from white to an ink, as letters and lines have at their edges."""
+BLENDS = 9  # shades from white to an ink, as letters and lines have at their edges
 
 
 def check_ending(path: Path) -> None:
@@ -27,12 +29,15 @@ def check_ending(path: Path) -> None:
 
 
 def spread(count: int, most: int) -> NDArray[np.int64]:
-    """At most so many of `count` queries (frame,), evenly over the drive, the last one included."""
+    """At most `most` of the queries 0 to count − 1 (frame,), evenly spread, with the last one."""
     return np.linspace(0, count - 1, min(count, most)).round().astype(np.int64)
 
 
 def palette(inks: Sequence[str], plain: Sequence[str]) -> NDArray[np.uint8]:
-    """At most 256 colours (colour, 3): white, inks with their shades, and plain ones."""
+    """The colours (colour, 3) of inks with their shades down to white, and of plain ones.
+
+    A file has room for 256 of them.
+    """
     strength = np.linspace(0, 1, BLENDS)[:, None, None]
     shades = 1 - strength * (1 - np.array([getrgb(ink) for ink in inks]) / 255)
     shaded = np.rint(255 * shades.reshape(-1, 3)).astype(np.uint8)

@@ -1,4 +1,7 @@
-"""One test day of a model with poses: where each scan was laid, and whether that was believed."""
+"""One test day of a model: where each of its scans was laid, and whether that was believed.
+
+In: a study, a model and a test sequence. Out: a `BelievedDrive`, which the moving picture shows.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,8 +20,7 @@ from pipeline.report.clouds import Drive, laid, trained_m
 from pipeline.report.result import day
 from pipeline.report.study import Study
 
-VOXEL_M = 0.6
-"""One map point is drawn of each voxel."""
+VOXEL_M = 0.6  # of the map's points one is drawn in each voxel of this side
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,8 +33,8 @@ class BelievedDrive:
     driven: str  # the test day
     days: int  # whole days between them
     simulated: bool
-    posed: bool  # whether the answers are poses, or else places
-    promise: float | None  # that the verdict keeps; None where no precision can be promised
+    posed: bool  # whether the answers are poses; else they are places
+    promise: float | None  # the precision of what is accepted; None if none can be promised
     map_m: NDArray[np.float64]  # (n, 3) what stood there at training, in the world
     world_T_true: Poses  # (q, 4, 4)
     world_T_query: Poses  # (q, 4, 4) NaN where there is no pose
@@ -42,10 +44,10 @@ class BelievedDrive:
 
     @classmethod
     def of(cls, study: Study, model: str, sequence: str, wanted_promise: float = 0.99) -> Self:
-        """Read what a model answered on one test day, by the highest promise up to the wanted one.
+        """Read what a model answered on one test day, at the highest promise up to the wanted one.
 
-        A model without poses lays a scan where its place is, as it was turned. Raises
-        ArtifactError where an artifact is not built.
+        A model without poses lays a scan at the place that it names, with the true heading. Raises
+        ArtifactError if an artifact is not built.
         """
         scans = Drive.read(study, sequence)
         world_T_true = scans.world_T_anchor
@@ -84,15 +86,15 @@ class BelievedDrive:
     @property
     def title(self) -> str:
         """The days: `Learned 2012-01-15, driven 2013-04-05, 446 days later`."""
-        between = f"{abs(self.days)} day{'s' * (abs(self.days) != 1)}"
-        when = (
-            f"{between} {'later' if self.days > 0 else 'earlier'}" if self.days else "the same day"
-        )
+        when = "the same day"
+        if self.days:
+            between = f"{abs(self.days)} day{'s' * (abs(self.days) != 1)}"
+            when = f"{between} {'later' if self.days > 0 else 'earlier'}"
         return f"Learned {self.trained}, driven {self.driven}, {when}"
 
     @property
     def counts(self) -> NDArray[np.int64]:
-        """How many queries up to each one (4, q): accepted, wrong ones, refused, wrong ones."""
+        """Counts up to each query (4, q): accepted, wrong ones of those, refused, wrong ones."""
         placed = np.isfinite(self.world_T_query).all(axis=(1, 2))
         kinds = (
             self.accepted,
@@ -103,7 +105,7 @@ class BelievedDrive:
         return np.cumsum(kinds, axis=1)
 
     def walls_m(self, query: int) -> NDArray[np.float64]:
-        """The points (n, 3) of a query in the world, where it was laid; none without a pose."""
+        """The points (n, 3) of a query in the world, as its pose lays them; none without a pose."""
         pose = self.world_T_query[query]
         return laid(pose, self.points_m(query)) if np.isfinite(pose).all() else np.empty((0, 3))
 
@@ -111,10 +113,11 @@ class BelievedDrive:
 def verdicts(
     fixes: schemas.Fixes, count: int, wanted_promise: float
 ) -> tuple[Poses, NDArray[np.bool_], float | None]:
-    """The poses (count, 4, 4) of queries as driven, which are accepted, and what that promises.
+    """The poses (count, 4, 4) of queries as driven, which of them are accepted (count,), and why.
 
-    The promise is the highest up to the wanted one; without any, none is accepted. Raises
-    ArtifactError for another number of poses.
+    A pose is accepted at the threshold of the highest promised precision up to the wanted one,
+    which is returned; if none can be promised, no pose is accepted. Raises ArtifactError if there
+    are not so many poses.
     """
     driven = read_cases(fixes.cases).index(Case())
     rows = slice(driven * count, (driven + 1) * count)
@@ -123,14 +126,14 @@ def verdicts(
         raise ArtifactError(
             f"{fixes.path}: {len(world_T_query)} poses of {count} submaps; `dvc repro` it"
         )
-    limits = {
+    thresholds = {
         promise: reject_from
         for promise, reject_from in zip(fixes.promises, fixes.promised, strict=True)
         if reject_from > 0 and promise <= wanted_promise
     }
-    if not limits:
+    if not thresholds:
         return world_T_query, np.zeros(count, bool), None
-    promise = max(limits)
-    doubt = fixes.load("novelty")[rows, 0].astype(np.float64)
+    promise = max(thresholds)
+    novelty = fixes.load("novelty")[rows, 0].astype(np.float64)
     placed = np.isfinite(world_T_query).all(axis=(1, 2))
-    return world_T_query, placed & (doubt < limits[promise]), promise
+    return world_T_query, placed & (novelty < thresholds[promise]), promise

@@ -23,34 +23,31 @@ from pipeline.report.figures.style import SIMULATED
 
 WIDTH_PX = 800
 HEIGHT_PX = 450
-FRAMES = 90
-"""At most so many."""
+FRAMES = 90  # at most
+# Where the camera is: so far behind the robot and above it, looking at a point so far ahead.
 BEHIND_M = 26.0
 ABOVE_M = 17.0
 AHEAD_M = 14.0
-"""The camera is so far behind the robot and above it, and looks at a point so far ahead."""
 FOCAL_PX = 520.0
+# Points nearer to the camera or farther off than these are not drawn.
 NEAREST_M = 4.0
 FARTHEST_M = 90.0
-"""Points nearer to the camera or farther off are not drawn."""
-LARGE_M = 45.0
-"""Map points nearer than this are two pixels wide; a scan's all are."""
+LARGE_M = 45.0  # map points nearer than this are two pixels wide, as all points of a scan are
 ACCEPTED = "#1878C7"
 REFUSED = "#D55E00"
 WRONG = "#000000"
 INK = "#222222"
 GREY = "#6E6E6E"
+# The inks of map points, from near to far.
 GREYS = ("#7A7A7A", "#8E8E8E", "#A3A3A3", "#B8B8B8", "#CCCCCC", "#DDDDDD")
-"""Of map points, from near to far."""
-PLAN_PX = (170, 150)
-"""The plan of the whole drive, in the lower right corner."""
+PLAN_PX = (170, 150)  # the plan of the whole drive, in the lower right corner
 TEXT_PX = 15
 
 
 def write(drive: BelievedDrive, path: Path, progress: Progress) -> tuple[int, int]:
     """Write the picture as .gif, .webp or (animated) .png; returns its frames and bytes.
 
-    Same artifacts, same bytes. Raises ConfigError for another ending.
+    The same artifacts give the same bytes. Raises ConfigError for another ending.
     """
     counts = drive.counts
     shown = animation.spread(len(drive.accepted), FRAMES).tolist()
@@ -76,7 +73,10 @@ def frame(drive: BelievedDrive, query: int, counts: Sequence[int]) -> NDArray[np
 
 
 def chase(world_T_robot: Poses) -> Poses:
-    """The inverse pose (4, 4) of a camera behind a robot: x right, y down, z ahead."""
+    """camera_T_world (4, 4) of a camera behind a robot (4, 4).
+
+    x of the camera is to the right, y down, and z ahead.
+    """
     turn_rad = float(yaw(world_T_robot[None])[0])
     ahead = np.array([np.cos(turn_rad), np.sin(turn_rad), 0.0])
     robot_m = world_T_robot[:3, 3]
@@ -112,7 +112,10 @@ def splat(
     inks: Sequence[str],
     over: bool = False,
 ) -> None:
-    """Draw points (n, 3), far ones first, in inks from near to far; `over` makes all large."""
+    """Draw points (n, 3) of the world, far ones first, in inks from near to far.
+
+    Near points are two pixels wide, or all if `over`.
+    """
     at_px, depth_m = projected(camera_T_world, points_m)
     order = np.argsort(-depth_m, kind="stable")
     columns, rows = at_px[order].astype(np.int64).T
@@ -127,15 +130,14 @@ def splat(
 def _dots(
     draw: ImageDraw.ImageDraw, drive: BelievedDrive, query: int, camera_T_world: Poses
 ) -> None:
-    """Draw on the ground where the robot was, in the colours of verdicts, refused ones larger."""
+    """Draw dots where the robot was, in the colours of verdicts, larger ones for refused poses."""
     ground_m = drive.world_T_true[: query + 1, :3, 3]
     for accepted, ink, radius_m in ((True, ACCEPTED, 0.35), (False, REFUSED, 0.8)):
         chosen = ground_m[drive.accepted[: query + 1] == accepted]
         at_px, depth_m = projected(camera_T_world, chosen)
-        for (x, y), radius_px in zip(
-            at_px.tolist(), (radius_m * FOCAL_PX / depth_m).tolist(), strict=True
-        ):
-            flat_px = radius_px * 0.5
+        radii_px = radius_m * FOCAL_PX / depth_m
+        for (x, y), radius_px in zip(at_px.tolist(), radii_px.tolist(), strict=True):
+            flat_px = radius_px * 0.5  # the ground is seen from a low angle
             draw.ellipse((x - radius_px, y - flat_px, x + radius_px, y + flat_px), fill=ink)
 
 
@@ -147,17 +149,14 @@ def _robot(draw: ImageDraw.ImageDraw, world_T_robot: Poses, camera_T_world: Pose
 
 
 def _plan(draw: ImageDraw.ImageDraw, drive: BelievedDrive, query: int) -> None:
-    """Draw the whole drive from above, what lies behind the robot in the colours of verdicts."""
+    """Draw the plan of the whole drive: queries so far in the colours of verdicts, wrong ones ×."""
     xy_m = drive.world_T_true[:, :2, 3]
-    low_m = xy_m.min(axis=0)
     scale = float((np.array(PLAN_PX) / np.maximum(np.ptp(xy_m, axis=0), 1.0)).min())
-    corner_px = np.array((WIDTH_PX - 14, HEIGHT_PX - 14)) - PLAN_PX
-    at_px = (xy_m - low_m) * scale
-    at_px[:, 1] = np.ptp(xy_m[:, 1]) * scale - at_px[:, 1]
-    at_px += corner_px + PLAN_PX - at_px.max(axis=0)
-    draw.rectangle(
-        (*(at_px.min(axis=0) - 9).tolist(), *(at_px.max(axis=0) + 9).tolist()), fill="#FFFFFF"
-    )
+    at_px = (xy_m - xy_m.min(axis=0)) * scale
+    at_px[:, 1] = np.ptp(xy_m[:, 1]) * scale - at_px[:, 1]  # y of the world runs upwards
+    at_px += np.array((WIDTH_PX - 14, HEIGHT_PX - 14)) - at_px.max(axis=0)
+    background = (*(at_px.min(axis=0) - 9).tolist(), *(at_px.max(axis=0) + 9).tolist())
+    draw.rectangle(background, fill="#FFFFFF")
     draw.line([tuple(at) for at in at_px.tolist()], fill=GREYS[3], width=1)
     for accepted, ink, radius_px in ((True, ACCEPTED, 1), (False, REFUSED, 2)):
         for at in at_px[: query + 1][drive.accepted[: query + 1] == accepted].tolist():
@@ -172,11 +171,12 @@ def _plan(draw: ImageDraw.ImageDraw, drive: BelievedDrive, query: int) -> None:
 def _words(
     draw: ImageDraw.ImageDraw, drive: BelievedDrive, query: int, counts: Sequence[int]
 ) -> None:
-    """Write the days, what is promised, the counts so far, and the verdict on this scan."""
+    """Write the days, the promised precision, the counts so far, and the verdict on this scan."""
     data = SIMULATED if drive.simulated else "recorded"
-    promise = "nothing can be promised" if drive.posed else "at its own threshold"
     if drive.promise is not None:
         promise = f"promise {drive.promise:g}"
+    else:
+        promise = "nothing can be promised" if drive.posed else "at its own threshold"
     draw.rectangle((0, 0, WIDTH_PX, 50), fill="#FFFFFF")
     draw.text((14, 8), drive.title, INK, font(TEXT_PX + 2, bold=True))
     draw.text((14, 30), f"{drive.where}, {drive.model}, {promise}", GREY, font(TEXT_PX - 2))

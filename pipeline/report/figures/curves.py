@@ -1,9 +1,14 @@
-"""The papers' curves: numbers over the year, precision over recall, recall@n, and training."""
+"""The papers' curves: numbers over the year, precision over recall, recall@n, and training.
+
+In: the results of some models on the test sequences, or the training curves of one model. Out:
+figures with a line per model in its own colour.
+"""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
@@ -12,6 +17,8 @@ from pipeline.evaluation.protocols import PROTOCOLS
 from pipeline.report.comparison import AUC, AUC_5, AUC_25, FAR, RECALL, Measure
 from pipeline.report.figures.panels import (
     SLANTED,
+    Line,
+    balanced,
     course,
     facets,
     name_ends,
@@ -24,13 +31,13 @@ from pipeline.report.result import PRECISIONS, Result, by_model, by_sequence, da
 from pipeline.studies.colours import colour, marker
 
 DOT: Any = {"mec": "white", "mew": 0.6, "zorder": 4}
-PAGE_IN = (5.2, 3.6)  # of a figure beside the page's text
+PAGE_IN = (5.2, 3.6)  # width and height of a figure on the first screen of the page
+NAME_IN = 0.088 * 6.2 / 3  # height of a model's name beside a panel
 FEW = 3  # from so many models on, panels are larger
-HELD_OUT = "held_out_"
-SHARE_ENDINGS = ("accuracy", "recall")  # curves of these names lie between 0 and 1
+HELD_OUT = "held_out_"  # how the name of a training curve on held-out blocks begins
+SHARE_ENDINGS = ("accuracy", "recall")  # curves whose names end so lie between 0 and 1
 OVER_THE_YEAR = (AUC, RECALL, FAR)
-FIGURE_8 = (AUC, AUC_5, AUC_25)
-"""The panels of Fig. 8 of the SCI paper."""
+FIGURE_8 = (AUC, AUC_5, AUC_25)  # the panels of Fig. 8 of the SCI paper.
 
 
 @styled
@@ -40,48 +47,58 @@ def year(
     measures: Sequence[Measure] = OVER_THE_YEAR,
     size_in: tuple[float, float] = (WIDTH_IN, 6.2),
 ) -> Figure:
-    """Numbers over the days since training, a panel a measure, as in Fig. 8 of the SCI paper.
+    """Numbers over the days since training, a panel per measure, as in Fig. 8 of the SCI paper.
 
-    Bands are 95 % intervals; the oracle's recall@1 is grey. A marker has the id of its result.
+    Bands are 95 % intervals. Grey is the oracle's recall@1: what answering with the nearest
+    training pose would reach. A marker has the id of its result.
     """
     groups = by_model(results)
-    first = [group[0] for group in by_sequence(results).values()]
+    first_of_day = [group[0] for group in by_sequence(results).values()]
     fig = figure(*size_in, f"The year after training on {day(train)}")
     axes = fig.subplots(len(measures), 1, squeeze=False, sharex=True)[:, 0]
     for axis, measure in zip(axes, measures, strict=True):
-        ends = []
-        for model, line in look(groups).items():
-            tint = line["color"]
-            days = [result.days for result in groups[model]]
-            rows = [result.values(measure.protocol, measure.name) for result in groups[model]]
-            values, low, high = np.array(rows).T
-            veil = 0.4 / max(len(groups), 3)
-            axis.fill_between(days, low, high, color=tint, alpha=veil, lw=0, zorder=1)
-            if len(days) == 1:  # a band has no width there
-                axis.vlines(days, low, high, color=tint, lw=0.9, alpha=0.6)
-            axis.plot(days, values, zorder=3, **line)
-            for result, value in zip(groups[model], values, strict=True):
-                shape = marker(model)
-                axis.plot(result.days, value, shape, ls="", ms=4, gid=result.id, color=tint, **DOT)
-            ends.append((model, tint, np.stack([days, values], axis=1)))
-        oracle = [result.number(measure.protocol, "oracle") for result in first]
-        driven = [result.days for result in first]
+        band_alpha = 0.4 / max(len(groups), 3)
+        ends = [
+            _over_days(axis, groups[model], measure, line, band_alpha)
+            for model, line in look(groups).items()
+        ]
+        oracle = [result.number(measure.protocol, "oracle") for result in first_of_day]
+        driven = [result.days for result in first_of_day]
         ends.append(oracle_line(axis, driven, oracle, "oracle recall@1"))
         axis.set_ylabel(measure.title)
         axis.set_ylim(*share_limits(axis.dataLim.intervaly))
         axis.grid(axis="y")
-        name_ends(axis, ends, gap=0.088 * 6.2 / 3 * len(measures) / size_in[1])
+        name_ends(axis, ends, gap=NAME_IN * len(measures) / size_in[1])
     labels = {result.days: day(result.sequence) for result in results}  # one label a day
     axes[-1].set_xticks([*labels], [*labels.values()], **SLANTED)
     axes[-1].set_xlabel("test sequence, spaced by days since training; bands: 95 % intervals")
     return fig
 
 
+def _over_days(
+    axis: Axes, group: Sequence[Result], measure: Measure, line: Mapping[str, Any], alpha: float
+) -> Line:
+    """Draw one model's number over the days with a band of its intervals, and return the line."""
+    tint = line["color"]
+    days = [result.days for result in group]
+    rows = [result.values(measure.protocol, measure.name) for result in group]
+    values, low, high = np.array(rows).T
+    axis.fill_between(days, low, high, color=tint, alpha=alpha, lw=0, zorder=1)
+    if len(days) == 1:  # a band has no width there
+        axis.vlines(days, low, high, color=tint, lw=0.9, alpha=0.6)
+    axis.plot(days, values, zorder=3, **line)
+    for result, value in zip(group, values, strict=True):
+        shape = marker(result.model)
+        axis.plot(result.days, value, shape, ls="", ms=4, gid=result.id, color=tint, **DOT)
+    return Line(group[0].model, tint, np.stack([days, values], axis=1))
+
+
 @styled
 def coverage(results: Sequence[Result]) -> Figure:
     """The share of one test sequence's queries that can be answered at each wanted precision.
 
-    By distance; the marker, with the id of its result, is the model's own threshold.
+    Answers are right by distance. The marker of a model is at its own threshold, and has the id of
+    its result.
     """
     looks = look(by_model(results))
     fig = figure(*PAGE_IN, f"What can be answered on {day(results[0].sequence)}")
@@ -110,18 +127,22 @@ def coverage(results: Sequence[Result]) -> Figure:
 
 @styled
 def precision_recall(results: Sequence[Result], protocol: str) -> Figure:
-    """Fig. 6 of the SCI paper: precision over recall, a panel a test sequence.
+    """Fig. 6 of the SCI paper: precision over recall, a panel per test sequence.
 
-    The curve is exact; the marker is at the model's own threshold.
+    The curve has a point for every novelty; the marker is at the model's own threshold.
     """
     looks = look(by_model(results))
-    wide = len(by_sequence(results)) > 1
+    groups = [*by_sequence(results).values()]
+    is_wide = len(groups) > 1
+    most = 5 if len(looks) < FEW else 3
+    _, columns = balanced(len(groups), most)
     fig, panels = facets(
-        [*by_sequence(results).values()],
-        5 if len(looks) < FEW else 3,
+        groups,
+        most,
         f"Precision over recall, by {protocol}",
-        lambda rows, columns: 0.85 + (1.5 if columns > 3 else 2.0) * rows,
-        WIDTH_IN if wide else 3.5,
+        around_in=0.85,
+        row_in=1.5 if columns > 3 else 2.0,
+        width_in=WIDTH_IN if is_wide else 3.5,
         x="recall",
         y="precision",
     )
@@ -131,22 +152,21 @@ def precision_recall(results: Sequence[Result], protocol: str) -> Figure:
             precision, recall = result.evaluation.exact_curve(protocol)
             axis.plot(recall, precision, lw=1.0, zorder=3, **line)
             names = ("recall_at_threshold", "precision_at_threshold")
-            at = [result.number(protocol, name) for name in names]
-            if np.isfinite(at).all():
-                axis.plot(
-                    *at, marker(result.model), ms=4.5, color=line["color"], clip_on=False, **DOT
-                )
+            at_threshold = [result.number(protocol, name) for name in names]
+            if np.isfinite(at_threshold).all():
+                dot = {"ms": 4.5, "color": line["color"], "clip_on": False, **DOT}
+                axis.plot(*at_threshold, marker(result.model), **dot)
         precision_axes(axis, group[0].label)
     title = "marker: the model's own threshold, where it accepts anything"
-    below(fig, handles(looks), 5 if wide else 2, title=title)
+    below(fig, handles(looks), 5 if is_wide else 2, title=title)
     return fig
 
 
 @styled
 def recall_at(results: Sequence[Result]) -> Figure:
-    """Recall among the first n places, without rejection.
+    """The share of seen queries whose place is among the first n, without rejection.
 
-    A model's mean over the test sequences is bold, each sequence faint.
+    A model's mean over the test sequences is bold, each sequence is faint.
     """
     groups = by_model(results)
     fig = figure(WIDTH_IN, 2.6, "Recall among the first n places")
@@ -155,7 +175,7 @@ def recall_at(results: Sequence[Result]) -> Figure:
         (protocol, model): np.stack([r.evaluation.protocol(protocol).recall_at for r in group])
         for protocol in PROTOCOLS
         for model, group in groups.items()
-    }  # (sequence, n)
+    }  # (sequence, n) each
     n = np.arange(1, 1 + len(results[0].evaluation.protocol(PROTOCOLS[0]).recall_at))
     axes[0].set_ylim(*share_limits(*recalls.values()))
     for axis, protocol in zip(axes, PROTOCOLS, strict=True):
@@ -165,7 +185,7 @@ def recall_at(results: Sequence[Result]) -> Figure:
             curves = curves[np.isfinite(curves).all(axis=1)]
             if len(curves):
                 mean = course(axis, n, curves, line["color"], ls=line["ls"], lw=1.6)
-                ends.append((model, line["color"], np.stack([n, mean], axis=1)))
+                ends.append(Line(model, line["color"], np.stack([n, mean], axis=1)))
         ticks = (1, 5, 10, 15, 20, 25)
         axis.set(xlim=(1, 1.05 * len(n)), xlabel="n", title=f"by {protocol}", xticks=ticks)
         axis.grid(axis="y")
@@ -176,19 +196,17 @@ def recall_at(results: Sequence[Result]) -> Figure:
 
 @styled
 def history(curves: Mapping[str, NDArray[np.float64]], best: int | None, model: str) -> Figure:
-    """The training of a model: a panel a curve (round,), on training and on held-out blocks.
+    """The training of a model: a panel per curve (round,), on training and on held-out blocks.
 
-    The round `best`, from 0, was kept.
+    `best` is the round whose model was kept, from 0; None if the model does not say.
     """
     names = sorted({name.removeprefix(HELD_OUT) for name in curves})
     rounds = np.arange(1, len(next(iter(curves.values()))) + 1)
-    kept = f"{len(rounds)} rounds"
+    heading = f"{model}: {len(rounds)} rounds"
     if best is not None:
-        kept = f"kept after round {best + 1} of {len(rounds)}"
-    heading = f"{model}: {kept}"
-    fig, panels = facets(
-        names, 3, heading, lambda rows, _: 0.4 + (2.0 if rows == 1 else 1.5) * rows, shared=False
-    )
+        heading = f"{model}: kept after round {best + 1} of {len(rounds)}"
+    row_in = 2.0 if len(names) <= 3 else 1.5
+    fig, panels = facets(names, 3, heading, around_in=0.4, row_in=row_in, shared=False)
     for axis, name in panels:
         shape = "." if len(rounds) < 3 else ""
         for key, tint, label in (

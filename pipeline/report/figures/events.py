@@ -1,10 +1,15 @@
-"""Each model's numbers over the distance to the nearest real change."""
+"""Each model's numbers over the distance to the nearest real change: a building up or down.
+
+In: rows of the table of results, which are of queries near a change that shows, or near one that
+is still to come. Out: one figure, with both beside each other in each band of distance.
+"""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -15,25 +20,29 @@ from pipeline.report.figures.style import WIDTH_IN, below, dot, figure, folded, 
 from pipeline.report.selection import indexed
 
 NEAR = {"recall_at_1": "recall@1", "auc_exact_top1": "exact AUC"}
-BESIDE = 0.13  # distance of the two markers from the middle of a band
-PALE = 0.3
-HOLLOW: Any = {"mfc": "white", "mec": "0.6", "mew": 1.0}
+OFFSET = 0.13  # of the two markers from the middle of a band
+PALE = 0.3  # opacity of a number of few queries
+# How numbers near a change that is still to come are drawn: grey and hollow.
+LATER = "0.6"
+HOLLOW: Any = {"mfc": "white", "mec": LATER, "mew": 1.0}
 
 
 @styled
 def by_distance(
     rows: pd.DataFrame, models: Sequence[str], bands: Mapping[float, str], few: int
 ) -> Figure:
-    """A row a model, a column a number by each protocol: values of the bands with 95 % intervals.
+    """A row per model, a column per number and protocol: a value per band with its 95 % interval.
 
-    `bands` are names by the farthest distance in metres. Those of fewer than `few` seen queries are
-    pale; hollow ones are near a change that is still to come.
+    `bands` maps the farthest distance of a band in metres to its name. Numbers of fewer than `few`
+    seen queries are pale; hollow ones are near a change that is still to come. Bars below count the
+    queries.
     """
     shades = tints(models)
     numbers = indexed(rows, "change", "method", "protocol", "number", "level")
 
     def over_bands(when: str, model: str, protocol: str, number: str) -> NDArray[np.float64]:
-        return np.array([numbers[when, model, protocol, number, edge] for edge in bands])
+        """Value, low and high of a number in each band (band, 3)."""
+        return np.array([numbers[when, model, protocol, number, edge_m] for edge_m in bands])
 
     fig = figure(
         WIDTH_IN,
@@ -42,29 +51,25 @@ def by_distance(
     )
     columns = [(protocol, name) for protocol in PROTOCOLS for name in NEAR]
     axes = fig.subplots(len(shades) + 1, len(columns), squeeze=False, sharex=True, sharey="row")
-    for (*column, counts), (protocol, name) in zip(axes.T, columns, strict=True):
-        column[0].set_title(f"{NEAR[name]}, by {protocol}", pad=5)
-        for when, offset, shade in ((TO_COME, BESIDE, "0.75"), (SHOWN, -BESIDE, "0.35")):
+    for (*panels, counts), (protocol, name) in zip(axes.T, columns, strict=True):
+        panels[0].set_title(f"{NEAR[name]}, by {protocol}", pad=5)
+        for when, offset, grey in ((TO_COME, OFFSET, "0.75"), (SHOWN, -OFFSET, "0.35")):
             seen = over_bands(when, models[0], protocol, "seen")[:, 0]
             unseen = over_bands(when, models[0], protocol, "unseen")[:, 0]
-            for axis, (model, tint) in zip(column, shades.items(), strict=True):
-                of_bands = over_bands(when, model, protocol, name)
-                for band in np.flatnonzero(np.isfinite(of_bands[:, 0])):
-                    look = HOLLOW if when == TO_COME else {}
-                    look = look | {"alpha": PALE if seen[band] < few else 1.0}
-                    shown_tint = tint if when == SHOWN else "0.6"
-                    points(axis, [band + offset], of_bands[[band]], shown_tint, **look)
+            for axis, (model, tint) in zip(panels, shades.items(), strict=True):
+                values = over_bands(when, model, protocol, name)
+                if when == SHOWN:
+                    _in_bands(axis, values, seen < few, offset, tint)
+                else:
+                    _in_bands(axis, values, seen < few, offset, LATER, **HOLLOW)
             queries = seen if name == "recall_at_1" else seen + unseen
-            bars = counts.bar(
-                np.arange(len(bands)) + 1.4 * offset, queries, 2 * BESIDE, color=shade
-            )
-            counts.bar_label(bars, size=5.5, color=shade)
-        counts.set_xticks(
-            range(len(bands)),
-            [band.replace(" m", "").replace("over ", ">") for band in bands.values()],
-        )
+            middle = np.arange(len(bands)) + 1.4 * offset
+            bars = counts.bar(middle, queries, 2 * OFFSET, color=grey)
+            counts.bar_label(bars, size=5.5, color=grey)
+        names = [band.replace(" m", "").replace("over ", ">") for band in bands.values()]
+        counts.set_xticks(range(len(bands)), names)
         counts.set_xlabel("metres")
-    for row, (model, tint) in zip(axes, shades.items(), strict=False):
+    for row, (model, tint) in zip(axes[:-1], shades.items(), strict=True):
         row[0].set_ylabel(folded(model), color=tint, size=7.5)
         row[0].set_ylim(0, 1.04)
     axes[-1, 0].set_ylabel("queries", size=7.5)
@@ -72,9 +77,24 @@ def by_distance(
     axes[-1, 0].set_xlim(-0.5, len(bands) - 0.5)
     for axis in axes.flat:
         axis.grid(axis="y")
-    near = (
+    entries = [
         dot("near a change that shows", "0.2"),
-        dot("nearer to one still to come", "0.6", full=False),
-    )
-    below(fig, [*near, dot(f"of fewer than {few} seen queries", "0.2", alpha=PALE)])
+        dot("nearer to one still to come", LATER, full=False),
+        dot(f"of fewer than {few} seen queries", "0.2", alpha=PALE),
+    ]
+    below(fig, entries)
     return fig
+
+
+def _in_bands(
+    axis: Axes,
+    values: NDArray[np.float64],
+    is_few: NDArray[np.bool_],
+    offset: float,
+    tint: str,
+    **look: Any,
+) -> None:
+    """Draw the finite values (band, 3) of the bands, pale where a band has few queries (band,)."""
+    for band in np.flatnonzero(np.isfinite(values[:, 0])):
+        alpha = PALE if is_few[band] else 1.0
+        points(axis, [band + offset], values[[band]], tint, alpha=alpha, **look)

@@ -1,4 +1,8 @@
-"""What the verdict got wrong: scans laid on the map where they were believed, or refused."""
+"""What a model's verdict got wrong: poses that were believed and are wrong, or right and refused.
+
+`misjudged` chooses the worst of them, and `cards` draws each scan on the training map where its
+pose lays it, with an arrow there and one where it was taken.
+"""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -17,10 +21,10 @@ from pipeline.report.figures.style import QUIET, WIDTH_IN, styled
 from pipeline.report.result import Result
 from pipeline.report.study import Study
 
-MOST = 6
+MOST = 6  # cards
 SHOWN_M = 40.0  # from the middle of a card to its edge
+# Colours of a pose that was believed (accepted) and is wrong, and of one that was refused.
 INKS = {True: "#C8400A", False: "#0072B2"}
-"""Of a pose that was believed and is wrong, and of one that is right and was refused."""
 GREYS = ListedColormap(["#C4C3BD"])
 
 
@@ -33,15 +37,15 @@ class Failure(NamedTuple):
 
     @property
     def surprise(self) -> float:
-        """Its novelty, negative where the pose was refused: the lower, the surer the verdict."""
+        """The lower, the surer the wrong verdict was: the novelty, negated if it was refused."""
         novelty = float(self.result.evaluation.novelty[self.query, 0])
         return novelty if self.accepted else -novelty
 
 
 def misjudged(group: Sequence[Result]) -> list[Failure]:
-    """At most MOST poses of a model whose verdict is wrong: the surest believed ones come first.
+    """At most MOST poses of a model whose verdict is wrong, the surest verdicts first.
 
-    Right ones follow that were refused, of the highest novelty.
+    Wrong poses that were believed come before right ones that were refused.
     """
     failures = []
     for result in group:
@@ -55,9 +59,9 @@ def misjudged(group: Sequence[Result]) -> list[Failure]:
 
 
 def cards(study: Study, group: Sequence[Result]) -> Figure | None:
-    """A card a failure: its scan where it was laid, and an arrow where it was taken.
+    """A card per failure: its scan where it was laid, and an arrow where it was taken.
 
-    None where no verdict of the model is wrong, or the scans are not here.
+    None if no verdict of the model is wrong, or the scans are not here.
     """
     failures = misjudged(group)
     footprint = Footprint.read(study) if failures else None
@@ -78,7 +82,8 @@ def _cards(study: Study, failures: Sequence[Failure], footprint: Footprint) -> F
         failures,
         3,
         f"{model}: what its verdict got wrong",
-        lambda rows, _: rows * (WIDTH_IN / 3 + 0.2) + 0.3,
+        around_in=0.3,
+        row_in=WIDTH_IN / 3 + 0.2,
         shared=False,
     )
     for axis, (result, query, accepted) in panels:

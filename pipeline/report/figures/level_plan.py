@@ -1,7 +1,8 @@
-"""The moving picture of a level drive: the plan of the building, and what is believed of the robot.
+"""The moving picture of a drive with a level laser: the plan of a building, and the robot in it.
 
-Walls are dark, known free space is white. Each sweep lies where its fix lays it, in the colour of
-its verdict; where the robot was by the log is a ring, and accepted poses leave a dot.
+Walls are dark, and known free space is white. Each sweep lies where its fix (a pose and a verdict
+on it) lays it, in the colour of its verdict. A ring shows where the robot was by the log, and
+accepted poses leave a dot.
 """
 
 from collections.abc import Sequence
@@ -22,34 +23,30 @@ from pipeline.report.figures.chase import font
 WIDTH_PX = 800
 MOST_HEIGHT_PX = 700
 HEAD_PX = 56
-FRAMES = 120
-"""At most so many."""
-MARGIN_M = 1.0
+FRAMES = 120  # at most
+MARGIN_M = 1.0  # around what is known of the building
 UNKNOWN = "#E4E4E4"
 FREE = "#FFFFFF"
 WALL = "#4A4A4A"
 INK = "#222222"
 GREY = "#6E6E6E"
-WALL_SHARE = 0.15
-"""A pixel is a wall from this share of it on."""
-ROBOT_M = 0.9
-"""Length of the robot's arrow, so that it can be seen."""
+WALL_SHARE = 0.15  # a pixel is drawn as a wall from this share of it on
+ROBOT_M = 0.9  # length of the robot's arrow, which can be seen so
 
 
 class Seen(NamedTuple):
-    """A sweep and what was made of it."""
+    """A sweep and its fix."""
 
-    points_m: NDArray[np.float64]
-    """(n, 2) or (n, 3) hits, in the robot's frame."""
+    points_m: NDArray[np.float64]  # (n, 2) or (n, 3) hits, in the robot's frame
     fix: Fix
-    world_T_true: NDArray[np.float64]
-    """(4, 4); NaN where it is not known."""
+    world_T_true: NDArray[np.float64]  # (4, 4); NaN where it is not known
 
 
 class Plan:
-    """A level map as pixels, its longer side across, its known cells as large as there is room."""
+    """A level map as an image, as large as there is room for, and where the world lies in it."""
 
     def __init__(self, level_map: LevelMap) -> None:
+        """Draw the known part of a map, turned by 90° if it is higher than wide."""
         walls = level_map.walls
         free = level_map.free
         self._plan_T_world = np.linalg.inv(level_map.world_T_grid)
@@ -62,6 +59,7 @@ class Plan:
             walls = walls.T[::-1]
             free = free.T[::-1]
             known = np.argwhere(walls | free)
+        # the cells to draw, and the size of the picture that has room for them
         margin = round(MARGIN_M / level_map.cell_m)
         low = np.maximum(known.min(axis=0) - margin, 0)
         high = np.minimum(known.max(axis=0) + 1 + margin, walls.shape)
@@ -69,10 +67,10 @@ class Plan:
         height, width = (high - low).tolist()
         scale = min(WIDTH_PX / width, (MOST_HEIGHT_PX - HEAD_PX) / height)
         size = (max(1, round(width * scale)), max(1, round(height * scale)))
+        # the picture; a wall is thinner than a pixel, so a small share of it counts
         unknown, known_free, wall = animation.rgb((UNKNOWN, FREE, WALL))
         pixels = np.full((size[1], size[0], 3), unknown)
         pixels[_shares(free[rows, cols], size) > 0.5] = known_free
-        # a wall is thinner than a pixel
         pixels[_shares(walls[rows, cols], size) > WALL_SHARE] = wall
         self._scale = scale / level_map.cell_m
         self._corner_m = low[::-1] * level_map.cell_m
@@ -101,7 +99,7 @@ def write(
 ) -> tuple[int, int]:
     """Write the picture as .gif, .webp or (animated) .png; returns its frames and bytes.
 
-    Same input, same bytes. Raises ConfigError for another ending.
+    The same drive gives the same bytes. Raises ConfigError for another ending.
     """
     plan = Plan(level_map)
     shown = animation.spread(len(drive), FRAMES).tolist()
@@ -112,7 +110,7 @@ def write(
 
 
 def frame(plan: Plan, drive: Sequence[Seen], title: str) -> NDArray[np.uint8]:
-    """Draw the frame (height, width, 3) at the last of some sweeps."""
+    """Draw the frame (height, width, 3) at the last of the sweeps so far."""
     image = plan.image.copy()
     draw = ImageDraw.Draw(image)
     for seen in drive:
@@ -125,8 +123,9 @@ def frame(plan: Plan, drive: Sequence[Seen], title: str) -> NDArray[np.uint8]:
         hits_m = points_m[:, :2] @ world_T_robot[:2, :2].T + world_T_robot[:2, 3]
         for x, y in plan.at_px(hits_m).tolist():
             draw.rectangle((x - 1, y - 1, x + 1, y + 1), fill=colour)
-        for other in fix.runners_up if fix.verdict == "ambiguous" else ():
-            _arrow(draw, plan, other.world_T_sensor, None)
+        if fix.verdict == "ambiguous":
+            for runner_up in fix.runners_up:
+                _arrow(draw, plan, runner_up.world_T_sensor, None)
         _arrow(draw, plan, world_T_robot, colour)
     if np.isfinite(world_T_true).all():
         radius_px = max(7.0, plan.px(0.8))
@@ -147,7 +146,7 @@ def _arrow(
     world_T_robot: NDArray[np.float64],
     colour: tuple[int, int, int] | None,
 ) -> None:
-    """Draw the robot as an arrow, hollow without a colour."""
+    """Draw the robot as an arrow, which is hollow without a colour."""
     length_m = max(ROBOT_M, 14 / plan.px(1.0))
     corners_m = length_m * np.array([(0.7, 0.0), (-0.4, 0.4), (-0.2, 0.0), (-0.4, -0.4)])
     in_world_m = corners_m @ world_T_robot[:2, :2].T + world_T_robot[:2, 3]
@@ -156,6 +155,6 @@ def _arrow(
 
 
 def _shares(cells: NDArray[np.bool_], size: tuple[int, int]) -> NDArray[np.float64]:
-    """The share (height, width) of each pixel that is set; row 0 of the cells lies below."""
+    """The share of each pixel (height, width) that is True in the cells, whose row 0 lies below."""
     image = Image.fromarray(255 * cells[::-1].astype(np.uint8))
     return np.asarray(image.resize(size, Image.Resampling.BOX)) / 255

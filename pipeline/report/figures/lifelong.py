@@ -1,7 +1,12 @@
-"""Learning further days: recall after each step, forgetting, and since when places are known."""
+"""Draws the learning of further days: recall after each step, and since when places are known.
 
+A model learns one day (or one part of a day) a step, by one of several strategies and in one of
+several orders; after each step the same days are asked.
+"""
+
+import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import matplotlib
 import numpy as np
@@ -10,26 +15,34 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from pipeline.report.figures.maps import bounds_m, scale_bar
+from pipeline.report.figures.maps import bounds_m, height_per_width, scale_bar
 from pipeline.report.figures.panels import SLANTED, course, facets, share_limits
 from pipeline.report.figures.style import MARK, QUIET, THICK, WIDTH_IN, below, dot, figure, styled
 from pipeline.report.result import day
 from pipeline.report.table import MISSING, short
 from pipeline.studies.colours import MARKERS, PALETTE
 
-DARK = 0.6
-"""From this share of the colours on, a number in a cell is white."""
+DARK = 0.6  # from this share of the colours on, the number in a cell is white
 ALONE_IN = 4.2  # width of a single matrix
-LEAST = 0.1  # a scale of recall or forgetting spans at least so much
+LEAST = 0.1  # a scale of recall or forgetting spans at least this
 PATH = "0.15"  # of the training path, above the queries
 NEVER = "0.75"  # grey of queries whose place is never known
 
 
-FirstKnown = tuple[NDArray[np.float64], NDArray[np.int64], Sequence[str]]
-"""Of one order: where queries were taken (query, 2), the step from which the place of each is known
-(query,), −1 for never, and the names of the steps."""
-Points = tuple[NDArray[np.float64], NDArray[np.int64], Sequence[tuple[str, str]]]
-"""Where points lie (n, 2), their kind (n,), and the name and colour of each kind."""
+class FirstKnown(NamedTuple):
+    """The queries of all asked days, in one order of learning."""
+
+    xy_m: NDArray[np.float64]  # (query, 2) where each was taken
+    step: NDArray[np.int64]  # (query,) from which its place is known; −1 for never
+    names: Sequence[str]  # of the steps
+
+
+class Layer(NamedTuple):
+    """The points of one kind on a map."""
+
+    xy_m: NDArray[np.float64]  # (n, 2)
+    name: str
+    tint: str
 
 
 @styled
@@ -41,14 +54,15 @@ def matrices(
 ) -> Figure:
     """Recall (step, group) of each strategy, with a number in each cell.
 
-    NaN where no place of the group is known yet.
+    A group is an asked day or a part of the site. Recall is NaN where no place of it is known yet.
     """
     fig, panels = facets(
         [*recalls.items()],
         3,
         heading,
-        lambda rows, _: rows * (0.85 + 0.24 * len(steps)) + 0.35,
-        WIDTH_IN if len(recalls) > 1 else ALONE_IN,
+        around_in=0.35,
+        row_in=0.85 + 0.24 * len(steps),
+        width_in=WIDTH_IN if len(recalls) > 1 else ALONE_IN,
     )
     low, high = share_limits(*recalls.values())
     for axis, (strategy, values) in panels:
@@ -75,14 +89,15 @@ def over_steps(
     numbers: Mapping[str, Mapping[tuple[str, str], NDArray[np.float64]]],
     heading: str,
 ) -> Figure:
-    """A column an order over its steps, a row a number by its title.
+    """Numbers over the steps: a column of panels per order, a row per number.
 
-    Numbers (seed, step) go by order and strategy. A line joins the means, thin lines are single
-    seeds; each panel has its own scale.
+    `orders` maps an order to its steps; `numbers` maps a title to the values (seed, step) of each
+    order and strategy. A line joins the means, thin lines are single seeds; each panel has its own
+    scale.
     """
     strategies = dict.fromkeys(strategy for values in numbers.values() for _, strategy in values)
     looks: dict[str, Any] = {
-        strategy: {"color": PALETTE[i % len(PALETTE)], "marker": MARKERS[i % len(MARKERS)]}
+        strategy: {"tint": PALETTE[i % len(PALETTE)], "marker": MARKERS[i % len(MARKERS)]}
         for i, strategy in enumerate(strategies)
     }
     fig = figure(WIDTH_IN, 0.9 + 1.6 * len(numbers), heading)
@@ -93,9 +108,8 @@ def over_steps(
         for axis, order in zip(row, orders, strict=True):
             for (line_order, strategy), seeds in values.items():
                 if line_order == order:
-                    tint, shape = looks[strategy].values()
                     x = np.arange(seeds.shape[1])
-                    course(axis, x, seeds, tint, lw=1.3, marker=shape, ms=4)
+                    course(axis, x, seeds, **looks[strategy], lw=1.3, ms=4)
             axis.grid(axis="y")
     for column, (order, steps) in zip(axes.T, orders.items(), strict=True):
         column[0].set_title(order, pad=4)
@@ -109,7 +123,11 @@ def over_steps(
         axis.set_ylim(low - spare, high + spare)
     for axis in axes[-1]:
         axis.axhline(0.0, **MARK)
-    below(fig, [Line2D([], [], label=name, **THICK, **line) for name, line in looks.items()])
+    entries = [
+        Line2D([], [], label=name, color=look["tint"], marker=look["marker"], **THICK)
+        for name, look in looks.items()
+    ]
+    below(fig, entries)
     return fig
 
 
@@ -117,16 +135,16 @@ def over_steps(
 def known_places(
     queries_by_order: Mapping[str, FirstKnown], train_xy_m: NDArray[np.float64]
 ) -> Figure:
-    """Queries of all asked days by the step from which their place is known, a panel an order.
+    """Queries of all asked days by the step from which their place is known, a panel per order.
 
     They are drawn over the training path (n, 2).
     """
-    points = {}
-    for order, (xy_m, known_from, steps) in queries_by_order.items():
-        shades = [NEVER, *(PALETTE[i % len(PALETTE)] for i in range(len(steps)))]
-        kinds = list(zip(["never", *_short_names(steps)], shades, strict=True))
-        points[order] = xy_m, known_from + 1, kinds
-    return _maps(points, train_xy_m, "From which step each place is known")
+    maps = {}
+    for order, (xy_m, step, names) in queries_by_order.items():
+        maps[order] = [Layer(xy_m[step < 0], "never", NEVER)]
+        for i, name in enumerate(_short_names(names)):
+            maps[order].append(Layer(xy_m[step == i], name, PALETTE[i % len(PALETTE)]))
+    return _maps(maps, train_xy_m, "From which step each place is known")
 
 
 @styled
@@ -134,41 +152,40 @@ def ages(
     places_by_order: Mapping[str, tuple[NDArray[np.float64], NDArray[np.int64]]],
     train_xy_m: NDArray[np.float64],
 ) -> Figure:
-    """Places by the age in days of their newest view, a panel an order.
+    """Places by the age in days of their newest view, a panel per order.
 
-    Takes where places lie (n, 2), and their age (n,).
+    `places_by_order` maps an order to the positions of places (n, 2) and their ages (n,).
     """
-    points = {}
+    maps = {}
     for order, (xy_m, days) in places_by_order.items():
-        distinct_days, kind = np.unique(days, return_inverse=True)
-        shades = matplotlib.colormaps["viridis_r"](np.linspace(0.1, 0.95, len(distinct_days)))
-        names = [f"{age} days" for age in distinct_days]
-        points[order] = xy_m, kind, list(zip(names, map(to_hex, shades), strict=True))
-    return _maps(points, train_xy_m, "The age of each place's newest view")
+        ages = np.unique(days)
+        shades = matplotlib.colormaps["viridis_r"](np.linspace(0.1, 0.95, len(ages)))
+        maps[order] = [
+            Layer(xy_m[days == age], f"{age} days", to_hex(shade))
+            for age, shade in zip(ages, shades, strict=True)
+        ]
+    return _maps(maps, train_xy_m, "The age of each place's newest view")
 
 
 def _maps(
-    points_by_title: Mapping[str, Points], train_xy_m: NDArray[np.float64], heading: str
+    maps: Mapping[str, Sequence[Layer]], train_xy_m: NDArray[np.float64], heading: str
 ) -> Figure:
-    """Draw a map a panel, later kinds on top, with the number of points of each kind."""
-    around = bounds_m(train_xy_m, *(xy_m for xy_m, *_ in points_by_title.values()))
-    slope = float(np.divide(*(around[1] - around[0])[::-1]))
-    columns = len(points_by_title)
+    """Draw a map per title, later layers on top, with the number of points of each layer."""
+    around = bounds_m(train_xy_m, *(layer.xy_m for layers in maps.values() for layer in layers))
+    columns = len(maps)
     panel_in = min(WIDTH_IN / max(columns, 2), 4.5)
-    most_kinds = max(len(looks) for *_, looks in points_by_title.values())
-    height_in = panel_in * slope + 0.35 + 0.16 * (-(-(most_kinds + 1) // 2))
+    most_layers = max(map(len, maps.values()))
+    height_in = panel_in * height_per_width(around) + 0.35 + 0.16 * math.ceil((most_layers + 1) / 2)
     fig = figure(panel_in * max(columns, 2), height_in, heading)
     axes = fig.subplots(1, columns, squeeze=False)[0]
-    for axis, (title, (xy_m, kind, looks)) in zip(axes, points_by_title.items(), strict=True):
+    for axis, (title, layers) in zip(axes, maps.items(), strict=True):
         axis.plot(*train_xy_m.T, color=PATH, lw=0.5, zorder=90)
-        entries = [Line2D([], [], color=PATH, lw=0.5, label="training path")]
-        for place, (name, tint) in enumerate(looks):
-            kind_xy_m = xy_m[kind == place]
-            if len(kind_xy_m):
-                axis.scatter(
-                    *kind_xy_m.T, 5.0, tint, linewidths=0, zorder=2 + place, rasterized=True
-                )
-                entries.insert(-1, dot(f"{name}: {len(kind_xy_m)}", tint))
+        entries = []
+        for zorder, (xy_m, name, tint) in enumerate(layers, start=2):
+            if len(xy_m):
+                axis.scatter(*xy_m.T, 5.0, tint, linewidths=0, zorder=zorder, rasterized=True)
+                entries.append(dot(f"{name}: {len(xy_m)}", tint))
+        entries.append(Line2D([], [], color=PATH, lw=0.5, label="training path"))
         axis.set(xlim=around[:, 0], ylim=around[:, 1], aspect="equal")
         axis.set_axis_off()
         axis.set_title(title, pad=3)
@@ -185,5 +202,5 @@ def _maps(
 
 
 def _short_names(names: Sequence[str]) -> list[str]:
-    """Short names: for a part of a day the part alone, for a day its date."""
+    """Names of steps or groups: of a part of a day the part alone, of a day its date."""
     return [day(name.rpartition(" ")[2]) for name in names]

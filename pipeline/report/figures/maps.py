@@ -1,7 +1,12 @@
-"""Maps of queries placed right, placed wrong or rejected, by cells or by their poses."""
+"""Maps of queries placed right, placed wrong or rejected, by cells or by their poses.
+
+In: the results of models, and the training path (n, 2) in metres. Out: `outcome_map` and `fix_map`
+of one result, and `montage` of all. `bounds_m` and `scale_bar` serve other maps too.
+"""
 
 from collections.abc import Sequence
 from itertools import product
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -16,16 +21,15 @@ from pipeline.report.figures.style import WIDTH_IN, dot, figure, folded, styled
 from pipeline.report.result import Result, by_model, by_sequence
 from pipeline.studies.colours import colour
 
+# Name, colour and marker of the three kinds of first answers: right; wrong though training was
+# there; and given where training never was. RIGHT, WRONG and UNSEEN are their places in it.
 ANSWERS = (("right", "#0072B2", "o"), ("wrong", "#C8400A", "X"), ("unseen", "#3A3A3A", "s"))
-"""What the first answer is, its colour and marker: right; wrong though training was there; given
-where it never was."""
 RIGHT, WRONG, UNSEEN = range(3)
-REJECTED = 0.25
-"""Opacity of what the model rejects at its own threshold."""
+REJECTED = 0.25  # opacity of what the model rejects at its own threshold
 
 
 def outcome_map(result: Result, train_xy_m: NDArray[np.float64]) -> Figure:
-    """The queries of one test sequence by outcome, over the training path (n, 2).
+    """The queries of one test sequence by their outcome, over the training path (n, 2).
 
     Outcomes are by cells, at the model's threshold.
     """
@@ -36,7 +40,7 @@ def outcome_map(result: Result, train_xy_m: NDArray[np.float64]) -> Figure:
 def fix_map(result: Result, train_xy_m: NDArray[np.float64]) -> Figure:
     """The queries of one test sequence by whether their poses are right.
 
-    Faint where a pose was not accepted with a promise of .99.
+    A pose that was not accepted with a promised precision of .99 is faint.
     """
     accepted = result.evaluation.pose_accepted
     right = result.evaluation.pose_right
@@ -48,7 +52,8 @@ def fix_map(result: Result, train_xy_m: NDArray[np.float64]) -> Figure:
 def answers(result: Result) -> tuple[NDArray[np.integer], NDArray[np.bool_]]:
     """By cells: which of ANSWERS the first answer to each query (q,) is, and whether accepted."""
     judgement = result.evaluation.cells
-    kinds = np.where(judgement.seen, np.where(judgement.true_rank == 0, RIGHT, WRONG), UNSEEN)
+    of_seen = np.where(judgement.true_rank == 0, RIGHT, WRONG)
+    kinds = np.where(judgement.seen, of_seen, UNSEEN)
     return kinds, np.isin(judgement.outcome, (HIT, FALSE_ALARM))
 
 
@@ -63,7 +68,7 @@ def _single(
 ) -> Figure:
     """One map, with the numbers of the first `count` of ANSWERS and how many were accepted."""
     box = bounds_m(train_xy_m, result.evaluation.xy_m)
-    slope = float(np.divide(*(box[1] - box[0])[::-1]))
+    slope = height_per_width(box)
     height_in = min(max(WIDTH_IN * slope, 2.2), 5.6)
     width_in = min(max(height_in / slope, 4.6), WIDTH_IN)
     fig = figure(width_in, height_in + 0.6, heading)
@@ -80,31 +85,32 @@ def _single(
 
 @styled
 def montage(results: Sequence[Result], train_xy_m: NDArray[np.float64]) -> Figure:
-    """All maps on one scale, a row a model where there are several.
+    """All maps on one scale, in a row per model if there are several.
 
     The counts below each map are in the order of the legend.
     """
     box = bounds_m(train_xy_m, *(result.evaluation.xy_m for result in results))
     models = by_model(results)
-    slope = float(np.divide(*(box[1] - box[0])[::-1]))
-    rows, columns = balanced(len(results), 5)
-    panel_in = WIDTH_IN / max(columns, 3)
-    title_in = 0.42
-    if several := len(models) > 1:
+    has_several = len(models) > 1
+    if has_several:
         rows = len(models)
         columns = len(by_sequence(results))
         panel_in = WIDTH_IN / max(columns, 4)
         title_in = 0.24
-    height_in = rows * (panel_in * slope + title_in) + 0.7
+    else:
+        rows, columns = balanced(len(results), 5)
+        panel_in = WIDTH_IN / max(columns, 3)
+        title_in = 0.42
+    height_in = rows * (panel_in * height_per_width(box) + title_in) + 0.7
     fig = figure(panel_in * max(columns, 2), height_in, "First answers by cells")
     ordered = [result for group in models.values() for result in group]
     axes = panels(fig, len(ordered), columns, shared=False)
     for number, (axis, result) in enumerate(zip(axes, ordered, strict=True)):
         kinds, accepted = answers(result)
         _map(axis, result.evaluation.xy_m, kinds, accepted, train_xy_m, box, size=1.6)
-        if not several or number < columns:
+        if not has_several or number < columns:
             axis.set_title(result.label, pad=2)
-        if several and number % columns == 0:
+        if has_several and number % columns == 0:
             name = axis.text(-0.04, 0.5, folded(result.model), transform=axis.transAxes, size=7)
             name.set(rotation=90, ha="right", va="center", multialignment="center")
             name.set(color=colour(result.model), weight="bold")
@@ -136,8 +142,8 @@ def _map(
 ) -> None:
     """Draw the training path, and queries (q, 2) as markers of `size` square points.
 
-    Markers become pixels in an SVG. Rejected queries are faint and lie below; wrong ones lie above
-    right ones.
+    Rejected queries are faint and lie below accepted ones; wrong ones lie above right ones. Markers
+    become pixels in an SVG, which is smaller so.
     """
     axis.plot(*train_xy_m.T, color="0.85", lw=1.6 if size > 5 else 1.0, zorder=1)
     layers = product((False, True), (RIGHT, UNSEEN, WRONG))
@@ -145,25 +151,16 @@ def _map(
         _, tint, marker = ANSWERS[code]
         x_m, y_m = xy_m[(kinds == code) & (accepted == is_accepted)].T
         alpha = 1.0 if is_accepted else REJECTED
-        axis.scatter(
-            x_m,
-            y_m,
-            size,
-            tint,
-            alpha=alpha,
-            zorder=order,
-            marker=marker,
-            linewidths=0,
-            rasterized=True,
-        )
+        look: Any = {"marker": marker, "alpha": alpha, "zorder": order}
+        axis.scatter(x_m, y_m, size, tint, linewidths=0, rasterized=True, **look)
     axis.set(xlim=box[:, 0], ylim=box[:, 1], aspect="equal")
     axis.set_axis_off()
 
 
 def bounds_m(*xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Lowest and highest x and y (2, 2) in metres of all positions (n, 2), with a margin.
+    """Lowest and highest x and y (2, 2) of all positions (n, 2) in metres, with a margin.
 
-    There is room below for the scale bar.
+    There is room below for the scale bar. Raises InputError if there are no positions.
     """
     everything = np.concatenate(xy_m)
     if not len(everything):
@@ -171,14 +168,21 @@ def bounds_m(*xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
     low = everything.min(axis=0)
     high = everything.max(axis=0)
     middle = (low + high) / 2
+    # a straight path has some width too
     half = np.maximum((high - low) / 2, 0.2 * (high - low).max() + 1.0) * 1.03
     return np.stack([middle - half - (0.0, 0.24 * half[1]), middle + half])
+
+
+def height_per_width(box: NDArray[np.float64]) -> float:
+    """How many times as high as wide a box of `bounds_m` is."""
+    width_m, height_m = box[1] - box[0]
+    return float(height_m / width_m)
 
 
 def scale_bar(axis: Axes, box: NDArray[np.float64], size: float = 7.0) -> None:
     """Draw a scale bar of 1, 2 or 5 × 10ᵏ metres in the lower left corner of a panel.
 
-    It takes at most three tenths of the panel's width; `size` is of its text.
+    It takes at most three tenths of the panel's width; `size` is the size of its text.
     """
     longest_m = 0.3 * (box[1, 0] - box[0, 0])
     power = 10.0 ** np.floor(np.log10(longest_m))
@@ -197,7 +201,7 @@ def scale_bar(axis: Axes, box: NDArray[np.float64], size: float = 7.0) -> None:
 
 
 def _legend(fig: Figure, counts: Sequence[str]) -> None:
-    """Name the first ANSWERS, each with its count behind it."""
+    """Name the first of ANSWERS, as many as there are counts, each with its count behind it."""
     entries = [
         dot(name + count, tint, marker)
         for count, (name, tint, marker) in zip(counts, ANSWERS, strict=False)

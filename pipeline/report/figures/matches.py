@@ -1,11 +1,11 @@
 """Fig. 7 of the SCI paper: queries beside the training images that they were matched with.
 
-Right ones are chosen over the year; wrong ones are those of least novelty.
+`choose` picks a model's examples: right answers over the year, and wrong ones of each kind, which
+are those of least novelty, so that the model was surest of them. `matches` draws them, a row each.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -19,24 +19,14 @@ from pipeline.report.figures.style import WIDTH_IN, figure, styled
 from pipeline.report.result import Result
 from pipeline.views.scan_context import colorize
 
-Which = Callable[[Evaluation], NDArray[np.bool_]]
-RIGHT = 3  # sequences with a right example
-# kinds of wrong answers, how many examples to show of each, and which queries (q,) they are
-WRONG: tuple[tuple[str, int, Which], ...] = (
-    (
-        "next cell",
-        1,
-        lambda e: (e.cells.outcome == FALSE_ALARM) & e.cells.seen & (e.distance.outcome == HIT),
-    ),
-    (
-        "misplaced",
-        4,
-        lambda e: e.distance.seen & (e.distance.true_rank != 0) & (e.cells.true_rank != 0),
-    ),
-    ("unseen", 2, lambda e: (e.distance.outcome == FALSE_ALARM) & e.distance.unseen),
-)
+RIGHT = 3  # so many sequences have a right example
+# Kinds of wrong answers, and how many examples to show of each; see `_is_kind`.
+NEXT_CELL = "next cell"
+MISPLACED = "misplaced"
+UNSEEN = "unseen"
+WRONG = {NEXT_CELL: 1, MISPLACED: 4, UNSEEN: 2}
 APART_M = 40.0  # least distance between examples of one kind, so that they are no neighbours
-TURNED_DEG = 90.0
+TURNED_DEG = 90.0  # a query that heads farther off training's heading is turned
 RED = "#B2182B"
 
 
@@ -50,7 +40,7 @@ class Example:
 
     @property
     def xy_m(self) -> NDArray[np.float64]:
-        """Position of the query (2,)."""
+        """Position of the query (2,) in the world."""
         return np.asarray(self.result.evaluation.xy_m[self.query])
 
     @property
@@ -77,12 +67,12 @@ class Example:
 def choose(group: Sequence[Result]) -> list[Example]:
     """Examples of one model: right ones over the year, one of them turned; wrong ones of each kind.
 
-    Wrong ones are those of least novelty.
+    Wrong ones are those of least novelty that lie apart.
     """
     chosen = _right(group)
-    for verdict, number, select in WRONG:
+    for kind, number in WRONG.items():
         examples: list[Example] = []
-        for example in _surest(group, verdict, select):
+        for example in _surest(group, kind):
             if len(examples) < number and example.is_far_from(examples):
                 examples.append(example)
         chosen += examples
@@ -90,37 +80,51 @@ def choose(group: Sequence[Result]) -> list[Example]:
 
 
 def _right(group: Sequence[Result]) -> list[Example]:
-    """The hit of median novelty in RIGHT sequences over the year, then the surest turned one.
+    """Right answers in RIGHT sequences over the year, then the surest one that is turned.
 
-    A turned one drove another way than training.
+    Of a sequence it is the one of median novelty, or the next one that is far from the others. A
+    turned query drives another way than training.
     """
-    hits_by_day = [_surest([result], "right", lambda e: e.cells.outcome == HIT) for result in group]
-    hits_by_day = [hits for hits in hits_by_day if hits]
+    hits_by_day = [hits for result in group if (hits := _surest([result], "right"))]
     chosen: list[Example] = []
     spread = np.linspace(0, len(hits_by_day) - 1, RIGHT if hits_by_day else 0)
     for day in np.unique(spread.round().astype(int)):
         hits = hits_by_day[day]
         middle = len(hits) // 2
         outwards = sorted(range(len(hits)), key=lambda i: abs(i - middle))
-        chosen.append(
-            next((hits[i] for i in outwards if hits[i].is_far_from(chosen)), hits[middle])
-        )
-    turned = _surest(
-        group, "right", lambda e: (e.cells.outcome == HIT) & (np.abs(e.turn_deg) > TURNED_DEG)
-    )
-    chosen_keys = {(example.result.sequence, example.query) for example in chosen}
-    others = (hit for hit in turned if (hit.result.sequence, hit.query) not in chosen_keys)
-    return [*chosen, *islice(others, 1)]
+        far = (hits[i] for i in outwards if hits[i].is_far_from(chosen))
+        chosen.append(next(far, hits[middle]))
+    for hit in _surest(group, "right"):
+        is_turned = abs(hit.result.evaluation.turn_deg[hit.query]) > TURNED_DEG
+        is_new = all(hit.result is not e.result or hit.query != e.query for e in chosen)
+        if is_turned and is_new:
+            return [*chosen, hit]
+    return chosen
 
 
-def _surest(group: Sequence[Result], verdict: str, select: Which) -> list[Example]:
-    """The selected queries of all sequences, least novel first."""
+def _surest(group: Sequence[Result], verdict: str) -> list[Example]:
+    """The answers of a verdict in all sequences, least novel first."""
     examples = [
         Example(result, int(i), verdict)
         for result in group
-        for i in np.flatnonzero(select(result.evaluation))
+        for i in np.flatnonzero(_is_kind(result.evaluation, verdict))
     ]
     return sorted(examples, key=lambda example: example.novelty)
+
+
+def _is_kind(evaluation: Evaluation, verdict: str) -> NDArray[np.bool_]:
+    """Which answers (q,) are of a verdict: "right", or one of the kinds of WRONG."""
+    cells = evaluation.cells
+    distance = evaluation.distance
+    if verdict == NEXT_CELL:  # near enough, but over the edge of the query's cell
+        is_kind = (cells.outcome == FALSE_ALARM) & cells.seen & (distance.outcome == HIT)
+    elif verdict == MISPLACED:  # by both protocols
+        is_kind = distance.seen & (distance.true_rank != 0) & (cells.true_rank != 0)
+    elif verdict == UNSEEN:  # accepted where training never was
+        is_kind = (distance.outcome == FALSE_ALARM) & distance.unseen
+    else:
+        is_kind = cells.outcome == HIT
+    return np.asarray(is_kind)
 
 
 def degrees(angle_deg: float) -> str:
@@ -156,28 +160,29 @@ def matches(
     images: Callable[[str], Any],
     own_views: bool = True,
 ) -> Figure:
-    """A row an example: the query's view, the matched training view, and the nearest one if wrong.
+    """A row per example: the query's view, the matched training view, and the nearest one if wrong.
 
-    `images` gives the views (submap, ring, sector) of a test sequence; `own_views` says that they
-    are the model's own. Training views are rolled to the heading at which they look most like the
-    query, as the network's training copies are.
+    `images` gives the views (submap, ring, sector) of a test sequence; `own_views` says whether the
+    model itself looks at them. Training views are rolled to the heading at which they look most
+    like the query, as the network's training copies are.
     """
     heading = f"{examples[0].result.model}: queries and the training images they were matched with"
-    heading += "" if own_views else ", as Scan Contexts"
+    if not own_views:
+        heading += ", as Scan Contexts"
     fig = figure(WIDTH_IN, 0.45 + 0.73 * len(examples), heading)
     axes = fig.subplots(len(examples), 4, squeeze=False, width_ratios=(0.85, 1.0, 1.0, 1.0))
     for (text, left, middle, right), example in zip(axes, examples, strict=True):
         evaluation = example.result.evaluation
         i = example.query
-        wrong = example.verdict != "right"
+        is_wrong = example.verdict != "right"
         query = np.asarray(images(example.result.sequence)[i])
         text.set_axis_off()
         caption = text.text(0.0, 0.5, example.caption(), transform=text.transAxes, va="center")
-        caption.set(size=7, color=RED if wrong else "0.1", linespacing=1.3)
+        caption.set(size=7, color=RED if is_wrong else "0.1", linespacing=1.3)
         _show(left, query)
         matched = training.answered(int(evaluation.answer[i]), evaluation.answer_xy_m[i])
         _show(middle, query, np.asarray(training.images[matched]))
-        if wrong:
+        if is_wrong:
             _show(right, query, np.asarray(training.images[training.nearest(example.xy_m)]))
             _note(right, 0.99, f"{evaluation.nearest_m[i]:.0f} m away")
         else:
@@ -195,14 +200,19 @@ def matches(
 
 
 def _show(axis: Axes, query: NDArray[np.float32], image: NDArray[np.float32] | None = None) -> None:
-    """Draw a query, or a view rolled towards it: heights (ring, sector), nearest ring lowest."""
-    shift, image = (0, query) if image is None else (best_shift(query, image), image)
+    """Draw a query or, if given, an image rolled towards it: heights (ring, sector) in metres.
+
+    The nearest ring is lowest.
+    """
+    shift = 0 if image is None else best_shift(query, image)
+    image = query if image is None else image
     rolled = colorize(np.roll(image, shift, axis=1))
     axis.imshow(rolled, origin="lower", aspect="auto", interpolation="nearest")
     axis.set(xticks=[], yticks=[])
     axis.spines[:].set_visible(False)
     if shift:
-        _note(axis, 0.01, f"rolled {degrees(180 - (180 - shift * 360 / image.shape[1]) % 360)}")
+        rolled_deg = 180 - (180 - shift * 360 / image.shape[1]) % 360  # from -180 to 180
+        _note(axis, 0.01, f"rolled {degrees(rolled_deg)}")
 
 
 def _note(axis: Axes, x: float, text: str) -> None:

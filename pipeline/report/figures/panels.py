@@ -1,7 +1,12 @@
-"""Panels of a figure: how many beside each other, their scales, names beside lines and rows."""
+"""Panels of a figure: how many stand beside each other, what is drawn in them, and names beside it.
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, TypeVar
+`facets` makes a figure with a panel per item. `points`, `course`, `calibration`, `model_lines` and
+`oracle_line` draw in one panel; `name_ends` and `name_rows` name lines and rows of models.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,48 +18,55 @@ from pipeline.report.comparison import Measurement
 from pipeline.report.figures.style import MARK, QUIET, VEIL, WIDTH_IN, figure, folded, look
 from pipeline.studies.colours import marker
 
-OFF = "#B2182B"  # of what is off
-SMALLEST = 4.0
-EVEN = 12.0
-"""Square points of the marker of a bin that few queries are in, and of any where all are alike."""
+OFF = "#B2182B"  # red, of what is wrong
+SMALLEST = 4.0  # square points of the marker of a bin that few queries are in
+EVEN = 12.0  # square points of markers that are all alike
 LINE_IN = 0.125  # height of a line of text
 SLANTED: Any = {"rotation": 40, "ha": "right", "rotation_mode": "anchor"}  # names below an axis
-Line = tuple[str, str, NDArray[np.float64]]  # name, colour and points (n, 2)
 Item = TypeVar("Item")
+
+
+class Line(NamedTuple):
+    """A line whose end is named."""
+
+    name: str
+    tint: str
+    xy: NDArray[np.float64]  # (n, 2)
 
 
 def facets(
     items: Sequence[Item],
     most: int,
     heading: str,
-    height_in: Callable[[int, int], float],
+    around_in: float,
+    row_in: float,
     width_in: float = WIDTH_IN,
     shared: bool = True,
     x: str = "",
     y: str = "",
 ) -> tuple[Figure, list[tuple[Axes, Item]]]:
-    """A figure with a panel an item, at most `most` in a row, on one scale if `shared`.
+    """A figure with a panel per item, at most `most` in a row, on one scale if `shared`.
 
-    `height_in` is of the figure, from its rows and columns. `x` and `y` label the lowest and the
-    leftmost panels.
+    It is `around_in` inches high, and `row_in` more for each row of panels. `x` and `y` label the
+    lowest and the leftmost panels.
     """
     rows, columns = balanced(len(items), most)
-    fig = figure(width_in, height_in(rows, columns), heading)
+    fig = figure(width_in, around_in + row_in * rows, heading)
     return fig, list(zip(panels(fig, len(items), columns, shared, x, y), items, strict=True))
 
 
 def balanced(number: int, most: int) -> tuple[int, int]:
     """Rows and columns for `number` panels, at most `most` in a row, with few empty cells."""
-    rows = -(-number // most)
-    return rows, -(-number // rows)
+    rows = math.ceil(number / most)
+    return rows, math.ceil(number / rows)
 
 
 def panels(
     fig: Figure, number: int, columns: int, shared: bool = True, x: str = "", y: str = ""
 ) -> list[Axes]:
-    """`number` axes in rows of `columns`; see `facets`."""
+    """The first `number` axes of a grid with so many columns; see `facets`."""
     columns = min(columns, number)
-    rows = -(-number // columns)
+    rows = math.ceil(number / columns)
     axes = list(fig.subplots(rows, columns, squeeze=False, sharex=shared, sharey=shared).flat)
     for axis in axes[number:]:
         axis.remove()
@@ -76,15 +88,15 @@ def precision_axes(axis: Axes, title: str) -> None:
 
 
 def in_corner(axis: Axes, line: int, text: str, tint: str, upper: bool = False) -> None:
-    """Write a number in the lower left corner of a panel, or in the upper right one.
+    """Write in the lower left corner of a panel, or in the upper right one if `upper`.
 
-    It stands `line` lines away from the corner.
+    The text stands `line` lines away from the corner.
     """
-    corner, step, side = ((0.97, 0.9), -8.5, "right") if upper else ((0.04, 0.03), 8.5, "left")
+    corner, line_pt, side = ((0.97, 0.9), -8.5, "right") if upper else ((0.04, 0.03), 8.5, "left")
     note = axis.annotate(
         text,
         corner,
-        (0, step * line),
+        (0, line_pt * line),
         xycoords="axes fraction",
         textcoords="offset points",
         ha=side,
@@ -113,7 +125,7 @@ def points(
     alpha: float = 1.0,
     **options: Any,
 ) -> None:
-    """Draw markers of values (n, 3) with their intervals as bars."""
+    """Draw markers at `x` with bars: value, low and high end of each interval (n, 3)."""
     value, low, high = values.T
     axis.vlines(x, low, high, color=tint, lw=0.9, alpha=0.7 * alpha, zorder=2)
     look: Any = {"ls": "", "ms": 3.6, "mec": "white", "mew": 0.4, "zorder": 3, "clip_on": False}
@@ -123,9 +135,9 @@ def points(
 def course(
     axis: Axes, x: Any, members: NDArray[np.float64], tint: str, dots: bool = False, **line: Any
 ) -> NDArray[np.float64]:
-    """Draw a line through the means of the finite members (member, x), and return them (x,).
+    """Draw a line through the means of the finite `members` (member, x), and return them (x,).
 
-    Members, where there are several, are faint lines, or faint dots.
+    The members themselves are faint dots if `dots`, else faint lines where there are several.
     """
     finite = np.ma.masked_invalid(members)
     if dots:
@@ -140,26 +152,27 @@ def course(
 
 
 def calibration(axis: Axes, bins: Reliability, tint: str, largest: float = 0.0) -> None:
-    """Draw the share that is right over the chance, and by how much each bin is off, in red.
+    """Draw the share of right answers over their chance, and by how much each bin is off, in red.
 
-    With `largest`, the area in square points of a marker is its share of the queries.
+    With `largest`, the area of a marker in square points is that times the bin's share of the
+    queries.
     """
-    full = bins.count > 0
-    chance = bins.confidence[full]
-    right = bins.right[full]
+    has_queries = bins.count > 0
+    chance = bins.confidence[has_queries]
+    right = bins.right[has_queries]
     axis.plot([0, 1], [0, 1], **MARK)
     axis.vlines(chance, chance, right, color=OFF, lw=0.9, alpha=0.7, zorder=2)
     axis.plot(chance, right, color=tint, lw=0.8, zorder=2)
-    shares = bins.count[full] / bins.count.sum()
+    shares = bins.count[has_queries] / bins.count.sum()
     area = np.maximum(largest * shares, SMALLEST) if largest else EVEN
     axis.scatter(chance, right, area, tint, linewidths=0, alpha=0.8, zorder=3, clip_on=False)
     axis.set(xlim=(0, 1), ylim=(0, 1))
 
 
 def model_lines(axis: Axes, rows: Mapping[str, Sequence[Measurement]]) -> list[Line]:
-    """Draw a line a model through its means, slightly beside the other lines.
+    """Draw a line per model through the means of its measurements, and return the lines.
 
-    Bars are deviations over the test sequences.
+    Lines stand slightly beside each other; bars are deviations over the test sequences.
     """
     ends = []
     for i, (model, line) in enumerate(look(rows).items()):
@@ -186,7 +199,7 @@ def model_lines(axis: Axes, rows: Mapping[str, Sequence[Measurement]]) -> list[L
             mew=0.4,
             **line,
         )
-        ends.append((model, line["color"], np.stack([x, means], axis=1)))
+        ends.append(Line(model, line["color"], np.stack([x, means], axis=1)))
     return ends
 
 
@@ -198,29 +211,28 @@ def means_of(measurements: Sequence[Measurement]) -> NDArray[np.float64]:
 def oracle_line(
     axis: Axes, x: Sequence[float], shares: Sequence[float], name: str = "oracle"
 ) -> Line:
-    """Draw the oracle's recall@1 (n,) in grey."""
+    """Draw the recall@1 (n,) of answering with the nearest training pose, in grey."""
     line = np.stack([x, shares], axis=1).astype(np.float64)
     axis.plot(*line.T, color="0.6", lw=0.8, marker="." if len(line) == 1 else "", zorder=2)
-    return name, QUIET, line
+    return Line(name, QUIET, line)
 
 
 def name_ends(axis: Axes, lines: Sequence[Line], gap: float) -> None:
-    """Write names right of the last finite values of lines.
+    """Write the names of lines right of their last finite values.
 
-    They are at least `gap`, a share of the y axis, apart.
+    Names are at least `gap`, a share of the y axis, apart.
     """
     low, high = axis.get_ylim()
     gap *= high - low
-    finite = [(name, tint, points[np.isfinite(points[:, 1])]) for name, tint, points in lines]
-    ends = sorted(
-        (float(points[-1, 1]), name, tint) for name, tint, points in finite if len(points)
-    )
-    right = max((points[-1, 0] for _, _, points in lines), default=0.0)
-    y = -np.inf
-    places = [y := max(end, y + gap) for end, _, _ in ends]
-    y = high + gap
-    places = [y := min(place, y - gap) for place in reversed(places)]
-    for place, (_, name, tint) in zip(places, reversed(ends), strict=True):
+    ends = []
+    for name, tint, xy in lines:
+        y = xy[np.isfinite(xy[:, 1]), 1]
+        if len(y):
+            ends.append((float(y[-1]), name, tint))
+    ends.sort()
+    right = max((xy[-1, 0] for _, _, xy in lines), default=0.0)
+    places = _apart([y for y, _, _ in ends], gap, high)
+    for place, (_, name, tint) in zip(reversed(places), reversed(ends), strict=True):
         axis.annotate(
             name,
             (right, place),
@@ -230,6 +242,17 @@ def name_ends(axis: Axes, lines: Sequence[Line], gap: float) -> None:
             va="center",
             annotation_clip=False,
         )
+
+
+def _apart(values: Sequence[float], gap: float, highest: float) -> list[float]:
+    """Move ascending values until they are at least `gap` apart and none is above `highest`."""
+    places = list(values)
+    for i in range(1, len(places)):
+        places[i] = max(places[i], places[i - 1] + gap)
+    for i in reversed(range(len(places))):
+        places[i] = min(places[i], highest)
+        highest = places[i] - gap
+    return places
 
 
 def name_rows(axis: Axes, tints: Mapping[str, str]) -> None:

@@ -1,4 +1,9 @@
-"""How a model rejects: its novelty, precision and recall at its thresholds, and calibration."""
+"""How a model rejects queries that it takes for new: novelty, thresholds and calibration.
+
+In: the results of one model on the test sequences. `histograms` shows the novelty of right, wrong
+and unseen queries, `rejection` precision and recall at the threshold of each kind of novelty, and
+`diagram` whether its confidence is the share of its answers that is right.
+"""
 
 from collections.abc import Sequence
 
@@ -12,13 +17,20 @@ from numpy.typing import NDArray
 from pipeline.evaluation.calibration import BINS, Reliability, chances, ece, reliability
 from pipeline.evaluation.numbers import MEASURES
 from pipeline.evaluation.protocols import PROTOCOLS
-from pipeline.report.figures.panels import SLANTED, calibration, facets, points, share_limits
+from pipeline.report.figures.panels import (
+    SLANTED,
+    balanced,
+    calibration,
+    facets,
+    points,
+    share_limits,
+)
 from pipeline.report.figures.style import MARK, VEIL, WIDTH_IN, below, dot, figure, styled
 from pipeline.report.result import Result, day
 from pipeline.report.table import fixed
 from pipeline.studies.colours import colour
 
-STEPS = 25  # of a histogram
+STEPS = 25  # bins of a histogram
 RIGHT = "#8CC8EE"
 MISPLACED = "#D9604C"
 UNSEEN = "#1B3C73"
@@ -28,7 +40,7 @@ LEGEND = (
     Line2D([], [], color=UNSEEN, lw=1.2, label="unseen"),
     Line2D([], [], label="rejected from here on", **MARK),
 )
-# colour and marker of each kind of novelty, the one in use first; different in grey too
+# Colour and marker of each kind of novelty, the one in use first; they differ in grey too.
 KINDS = (
     ("#111111", "o"),
     ("#DDAA33", "s"),
@@ -37,14 +49,14 @@ KINDS = (
     ("#228833", "v"),
     ("#AA3377", "P"),
 )
-LONG_BAR = 0.15  # an interval may reach so far below the lowest value; the panel cuts a longer one
+LONG_BAR = 0.15  # an interval that reaches farther below the lowest value is cut by the panel
 
 
 @styled
 def histograms(group: Sequence[Result], protocol: str) -> Figure:
-    """Fig. 4 of the SCI paper: densities of a model's novelty, a panel a test sequence.
+    """Fig. 4 of the SCI paper: densities of a model's novelty, a panel per test sequence.
 
-    Right and misplaced seen queries are stacked; unseen ones are a line.
+    Right and misplaced seen queries are stacked; unseen queries are a line.
     """
     kind = group[0].evaluation.kinds[0].replace("_", " ")
     novelties = np.concatenate([result.evaluation.novelty[:, 0] for result in group])
@@ -52,12 +64,14 @@ def histograms(group: Sequence[Result], protocol: str) -> Figure:
     low = finite.min(initial=0.0)
     high = finite.max(initial=0.0)
     edges = np.linspace(low, high if high > low else low + 1.0, STEPS + 1)
+    _, columns = balanced(len(group), 5)
     fig, panels = facets(
         group,
         5,
         f"{group[0].model}: {kind} of seen and unseen queries, by {protocol}",
-        lambda rows, columns: 0.85 + (1.35 if columns > 3 else 1.65) * rows,
-        WIDTH_IN if len(group) > 1 else 4.8,
+        around_in=0.85,
+        row_in=1.35 if columns > 3 else 1.65,
+        width_in=WIDTH_IN if len(group) > 1 else 4.8,
         x=kind,
         y="density",
     )
@@ -69,6 +83,7 @@ def histograms(group: Sequence[Result], protocol: str) -> Figure:
 
 
 def _histogram(axis: Axes, result: Result, protocol: str, edges: NDArray[np.float64]) -> None:
+    """Draw one panel; densities are of all seen, and of all unseen queries."""
     judgement = result.evaluation.protocol(protocol)
     threshold = result.evaluation.reject_from[0]
     novelty = result.evaluation.novelty[:, 0].astype(np.float64)
@@ -93,28 +108,30 @@ def _histogram(axis: Axes, result: Result, protocol: str, edges: NDArray[np.floa
 def rejection(group: Sequence[Result]) -> Figure:
     """Precision and recall of a model at the threshold of each kind of novelty.
 
-    Thresholds are chosen without a test sequence.
+    Thresholds were chosen on held-out blocks of training, for a wanted precision that a kind may
+    not have kept there.
     """
     kinds = group[0].evaluation.kinds[: len(KINDS)]
     wanted = group[0].wanted_precision
     fig = figure(WIDTH_IN, 4.2, f"{group[0].model}: precision and recall at the chosen thresholds")
     axes = fig.subplots(2, len(PROTOCOLS), sharex=True, sharey="row")
-    # (protocol, sequence, kind, measure, 3)
+    # (protocol, sequence, kind, measure, 3): value, low, high
     rejections = np.array(
         [[result.evaluation.protocol(name).rejection for result in group] for name in PROTOCOLS]
     )
     accepts_nothing = np.isnan(rejections[..., MEASURES.index("precision_at_threshold"), 0])
+    rejections[accepts_nothing] = np.nan
     for row, name in zip(axes, ("precision", "recall"), strict=True):
+        # (protocol, sequence, kind, 3)
         values = rejections[..., MEASURES.index(f"{name}_at_threshold"), :]
-        values = np.where(accepts_nothing[..., None], np.nan, values)
-        for axis, of_kinds in zip(row, np.moveaxis(values, 2, 1)[:, : len(kinds)], strict=True):
-            for k, (kind_values, (tint, marker)) in enumerate(zip(of_kinds, KINDS, strict=False)):
+        for axis, of_protocol in zip(row, values, strict=True):
+            for k, (tint, marker) in enumerate(KINDS[: len(kinds)]):
                 x = np.arange(len(group)) + 0.16 * (k - (len(kinds) - 1) / 2)
-                points(axis, x, kind_values, tint, marker)
+                points(axis, x, of_protocol[:, k], tint, marker)
             axis.set_xlim(-0.5, len(group) - 0.5)
             axis.grid(axis="y")
-        cut = np.fmax(values[..., 1], np.nanmin(values[..., 0], initial=0.9) - LONG_BAR)
-        row[0].set(ylabel=name, ylim=share_limits(cut))
+        lowest = np.nanmin(values[..., 0], initial=0.9)
+        row[0].set(ylabel=name, ylim=share_limits(np.fmax(values[..., 1], lowest - LONG_BAR)))
     for (upper, lower), protocol in zip(axes.T, PROTOCOLS, strict=True):
         upper.set_title(f"by {protocol}", pad=6)
         upper.axhline(wanted, **MARK)
@@ -122,10 +139,13 @@ def rejection(group: Sequence[Result]) -> Figure:
     fig.align_ylabels(axes[:, 0])
     entries = []
     for i, (kind, (tint, marker)) in enumerate(zip(kinds, KINDS, strict=False)):
-        in_use = " (in use)" * (i == 0 < len(kinds) - 1)
-        precision = group[0].evaluation.kept_precision[i]
-        keeps = f", keeps {precision:.3f}" * (precision < wanted)
-        entries.append(dot(kind.replace("_", " ") + in_use + keeps, tint, marker))
+        label = kind.replace("_", " ")
+        if i == 0 and len(kinds) > 1:
+            label += " (in use)"
+        kept_precision = group[0].evaluation.kept_precision[i]
+        if kept_precision < wanted:
+            label += f", keeps {kept_precision:.3f}"
+        entries.append(dot(label, tint, marker))
     below(fig, [*entries, Line2D([], [], label=f"wanted precision {wanted:g}", **MARK)], 5)
     return fig
 
@@ -133,14 +153,14 @@ def rejection(group: Sequence[Result]) -> Figure:
 def confidences(results: Sequence[Result]) -> list[tuple[str, Reliability, float]]:
     """Calibration of the raw confidence (1 − cost of the first place) and of the scaled one.
 
-    The scaled one is by temperature. Each with its name, the seen queries (by cells) of all test
-    sequences in bins, and its expected calibration error (ECE). Empty where a model has neither.
+    The scaled one is by temperature. Each comes with its name, the seen queries (by cells) of all
+    test sequences in bins, and its expected calibration error (ECE). Empty if a model has neither.
     """
-    parts = [(result.evaluation, result.evaluation.cells.seen) for result in results]
-    right = np.concatenate([(e.cells.true_rank == 0)[seen] for e, seen in parts])
-    raw = np.concatenate([1.0 - e.cost[seen] for e, seen in parts])
-    scaled = np.concatenate([e.confidence[seen] for e, seen in parts])
-    # without a confidence, a cost is no chance either, but a distance
+    evaluations = [result.evaluation for result in results]
+    right = np.concatenate([(e.cells.true_rank == 0)[e.cells.seen] for e in evaluations])
+    raw = np.concatenate([1.0 - e.cost[e.cells.seen] for e in evaluations])
+    scaled = np.concatenate([e.confidence[e.cells.seen] for e in evaluations])
+    # without a confidence a cost is a distance, and no chance
     if not len(right) or not chances(scaled):
         return []
     return [
@@ -154,8 +174,8 @@ def confidences(results: Sequence[Result]) -> list[tuple[str, Reliability, float
 def diagram(results: Sequence[Result]) -> Figure | None:
     """Share of right answers over confidence: of those with 80 %, are 80 % right?
 
-    Below: the share of the queries in each bin. The mean distance to the diagonal over the queries
-    is the ECE. None for a model without confidence.
+    Below stands the share of the queries in each bin. The mean distance to the diagonal over the
+    queries is the ECE. None for a model without confidence.
     """
     if not (calibrations := confidences(results)):
         return None

@@ -1,6 +1,8 @@
-"""Fig. 9 to 11 of the SCI paper: numbers as driven and altered.
+"""Fig. 9 to 11 of the SCI paper: numbers of queries as driven and altered.
 
-They are drawn over levels of change, over N-way training and over cell sizes.
+`dots` draws kinds of query beside each other and `sequences` those of stress; `levels` draws over
+the level of a change, `ways` over the number of headings that training turned scans to (N-way), and
+`cells` over the side of a cell.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -45,17 +47,18 @@ from pipeline.report.figures.style import (
 )
 from pipeline.studies.colours import colour, method_of
 
-MARKERS = "osD^vP"
-MEASURES = (AUC, KEPT, FAR)
+MARKERS = "osD^vP"  # of kinds of query
+MEASURES = (AUC, KEPT, FAR)  # the panels of `levels` and `ways`
 
 
 @styled
 def dots(
     comparison: Comparison, measures: Sequence[Measure], order_by: Kind, heading: str
 ) -> Figure:
-    """A row a model, the best AUC in the kind `order_by` first; a panel a measure, a marker a kind.
+    """A panel per measure, a row per model, a marker per kind of query.
 
-    Bars are deviations over the sequences.
+    The best AUC in the kind `order_by` stands first. Bars are deviations over the sequences. The
+    marker of queries as driven is hollow.
     """
     models = comparison.ordered(order_by, AUC)
     kinds = comparison.kinds
@@ -68,7 +71,8 @@ def dots(
             means_of([comparison.measurement(model, kind, measure) for model in models])
             for kind in kinds
         ]
-        for i in range(int(measure.relative), len(kinds)):
+        first = 1 if measure.relative else 0  # as driven nothing is lost
+        for i in range(first, len(kinds)):
             _row(axis, models, values[i], marks[i], i > 0, lifts[i])
         if len(kinds) == 2 and not measure.relative:
             means = values[0][0], values[1][0]
@@ -82,9 +86,9 @@ def dots(
 
 @styled
 def sequences(comparison: Comparison, titles: Mapping[str, str], heading: str) -> Figure:
-    """As driven: a row of panels a test sequence under its title, a row a model, the best on top.
+    """Queries as driven: a row of panels per sequence under its title, in it a row per model.
 
-    Bars are deviations over the seeds.
+    The best model is on top. Bars are deviations over the seeds.
     """
     models = comparison.ordered(Kind(), RECALL)
     measures = (RECALL, AUC, AUROC, FAR)
@@ -95,7 +99,8 @@ def sequences(comparison: Comparison, titles: Mapping[str, str], heading: str) -
     for i, (row, sequence) in enumerate(zip(grid, comparison.sequences, strict=True)):
         for axis, measure in zip(row, measures, strict=True):
             numbers = [comparison.measurement(model, Kind(), measure).on(i) for model in models]
-            _row(axis, models, np.array([(number.mean, number.over_seeds) for number in numbers]).T)
+            means_and_deviations = np.array([(n.mean, n.over_seeds) for n in numbers]).T
+            _row(axis, models, means_and_deviations)
             _scale_x(axis, measure)
         row[0].set_title(titles[sequence], loc="left", pad=4)
         name_rows(row[0], tints(models))
@@ -108,9 +113,9 @@ def sequences(comparison: Comparison, titles: Mapping[str, str], heading: str) -
 
 @styled
 def levels(comparison: Comparison, heading: str, unit: str) -> Figure:
-    """A panel a measure, a line a model, over the level of the change in `unit`.
+    """A panel per measure, a line per model, over the level of the change in `unit`.
 
-    Walls with shadow are in a second row.
+    New walls that hide what is behind them are in a second row.
     """
     models = comparison.models
     shadows = sorted({kind.shadow for kind in comparison.changes})
@@ -134,8 +139,10 @@ def levels(comparison: Comparison, heading: str, unit: str) -> Figure:
         _scale_y(column, measure)
         for axis, lines in zip(column, ends, strict=True):
             name_ends(axis, lines, gap=LINE_IN / panel_in)
-    for axis, shadow in zip(grid[:, 0], shadows if any(shadows) else (), strict=False):
-        axis.set_ylabel("what is behind is hidden" if shadow else "what is behind stays in view")
+    if any(shadows):
+        for axis, shadow in zip(grid[:, 0], shadows, strict=True):
+            label = "what is behind is hidden" if shadow else "what is behind stays in view"
+            axis.set_ylabel(label)
     return fig
 
 
@@ -143,9 +150,9 @@ def levels(comparison: Comparison, heading: str, unit: str) -> Figure:
 def ways(
     comparison: Comparison, kind: Kind, reference_models: Sequence[str], heading: str
 ) -> Figure:
-    """A method over N of its N-way training, as driven and altered.
+    """A method over the N of its N-way training, on queries as driven and of one other kind.
 
-    `reference_models` are drawn as level lines, altered.
+    `reference_models` are level lines, on queries of that kind.
     """
     models_by_n = comparison.ways()
     shades = tints(comparison.models)
@@ -173,12 +180,13 @@ def ways(
                 lw=1.3,
                 ls=dash,
             )
-            ends.append((f"{method} {case.label}", tint, np.stack([positions, means], axis=1)))
+            xy = np.stack([positions, means], axis=1)
+            ends.append(Line(f"{method} {case.label}", tint, xy))
         for model in reference_models:
             mean = comparison.measurement(model, kind, measure).mean
             level = np.array([[-0.3, positions[-1]], [mean, mean]])
             axis.plot(*level, color=shades[model], lw=1.0, ls=DASHES[2])
-            ends.append((model, shades[model], level.T))
+            ends.append(Line(model, shades[model], level.T))
         axis.set_xticks(positions, [str(n) for n in models_by_n])
         axis.set(xlim=(-0.3, len(models_by_n) - 0.7), xlabel="N of N-way")
         axis.set_title(measure.title, loc="left", pad=5)
@@ -194,10 +202,10 @@ def cells(
     oracle: Mapping[str, Sequence[float]],
     heading: str,
 ) -> Figure:
-    """A panel a number, a line a model over the cell sizes, and the oracle's mean recall@1.
+    """A panel per number, a line per model over the cell sizes, and the oracle's mean recall@1.
 
-    `values` go by model, protocol and number: for each size one value a test sequence (s,). Lines
-    are means over the sequences, bars deviations.
+    `values` maps a model, protocol and number to the values (sequence,) at each size; `oracle` maps
+    a protocol to the mean at each size. Lines are means over the sequences, bars deviations.
     """
     models = list(dict.fromkeys(model for model, _, _ in values))
     panel_in = 0.6 + LINE_IN * max(len(models) + 1, 9)
@@ -226,10 +234,13 @@ def _row(
     full: bool = True,
     lift: float = 0.0,
 ) -> None:
-    """Draw a marker in the row of each model, from means and deviations (2, model)."""
-    for y, tint, mean, deviation in zip(
-        np.arange(len(models)) + lift, tints(models).values(), *values, strict=True
-    ):
+    """Draw a marker in the row of each model, from means and deviations (2, model).
+
+    The marker is filled if `full`, and stands `lift` rows below the middle of its row.
+    """
+    rows = np.arange(len(models)) + lift
+    shades = tints(models).values()
+    for y, tint, mean, deviation in zip(rows, shades, *values, strict=True):
         axis.hlines(y, mean - deviation, mean + deviation, color=tint, lw=0.8, alpha=0.6, zorder=2)
         axis.plot(
             mean, y, marker, ms=4.5, mfc=tint if full else "white", mec=tint, mew=0.9, zorder=3
@@ -237,7 +248,7 @@ def _row(
 
 
 def _scale_x(axis: Axes, measure: Measure) -> None:
-    """Scale x to shares up to 1 or degrees from 0; draw a line where nothing is lost."""
+    """Scale x to shares up to 1, or to degrees from 0; a line marks where nothing is lost."""
     limits = share_limits(axis.dataLim.intervalx)
     axis.set_xlim(*((0.0, max(limits[1], 5.5)) if measure is OFF else limits))
     if measure.relative:
@@ -248,7 +259,7 @@ def _scale_x(axis: Axes, measure: Measure) -> None:
 
 
 def _scale_y(axes: Iterable[Axes], measure: Measure) -> None:
-    """Give panels one y scale, and draw a line where nothing is lost."""
+    """Give the panels one y scale of shares; a line marks where nothing is lost."""
     limits = share_limits(*(axis.dataLim.intervaly for axis in axes))
     for axis in axes:
         axis.set_ylim(*limits)

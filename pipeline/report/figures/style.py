@@ -1,6 +1,8 @@
-"""The style of every figure: fonts, a colour a model, the mark of simulated data.
+"""The style of every figure: fonts, a colour per model, legends, and the SVG that it becomes.
 
-Files have the same bytes each time.
+A figure is drawn by a function with the decorator `styled`, on what `figure` returns. `save` writes
+it as a file, `inline` makes it an element of the page. Simulated data are marked as such in both,
+and the same figure gives the same bytes each time.
 """
 
 import re
@@ -8,7 +10,7 @@ from base64 import b64decode, b64encode
 from collections.abc import Iterable, Mapping, Sequence
 from io import BytesIO, StringIO
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import matplotlib
 from markupsafe import Markup, escape
@@ -45,30 +47,24 @@ STYLE: Any = {
 }
 TICKS = {"major.width": 0.5, "major.size": 2.5, "color": "0.25", "labelsize": 7.5}
 STYLE |= {f"{axis}tick.{name}": value for axis in "xy" for name, value in TICKS.items()}
-Mark = tuple[str, str, str]  # model, test sequence and tooltip of an artist on the page
-styled = matplotlib.rc_context(STYLE)
-"""Decorator of functions that draw a figure."""
+styled = matplotlib.rc_context(STYLE)  # decorator of functions that draw a figure
 WIDTH_IN = 7.16  # both columns of an IEEE page
 WIDE_IN = 6.0  # from this width on, a heading and SIMULATED stand in one line
-LINE_IN = 0.17
+LINE_IN = 0.17  # height of the line that a heading takes
 MARGIN_IN = 0.04  # of the heading
 COLOURS = 64  # of the images within an SVG
 FAMILY = f"font-family: {FONT}, Verdana, sans-serif"
-UNUSED_IDS = re.compile(r' id="[A-Za-z.0-9]+_\d+"')  # matplotlib's own; what is linked has others
+UNUSED_IDS = re.compile(r' id="[A-Za-z.0-9]+_\d+"')  # matplotlib's own, which nothing refers to
 COORDINATES = re.compile(r' (?:d|x|y|points)="[^"]*"|translate\([^)]*\)')
 DECIMALS = re.compile(r"-?\d+\.\d+")
 DPI = 150  # of PNG files, and of the dense points within an SVG
 SIMULATED = "simulated, not recorded data"
 QUIET = "0.45"  # grey of labels and lines of less weight
-VEIL: Any = {
-    "facecolor": "white",
-    "edgecolor": "none",
-    "alpha": 0.75,
-    "pad": 0.6,
-}  # behind text that curves may cross
-DASHED = (0, (4, 3))  # lines of thresholds and of marks to reach
+# A box behind text that curves may cross.
+VEIL: Any = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.6}
+DASHED = (0, (4, 3))  # of lines of thresholds, and of values to compare with
 MARK: Any = {"color": QUIET, "lw": 0.7, "ls": DASHED, "zorder": 1}  # a line to compare with
-# of a method, then of its variants
+# The dashes of a method's line, then those of its variants.
 DASHES: tuple[Any, ...] = (
     "-",
     (0, (4, 1.5)),
@@ -81,8 +77,16 @@ THICK: Any = {"lw": 1.6, "ms": 4, "mec": "white", "mew": 0.5}  # a legend's line
 LONG = 12  # letters of a model's name that fit beside a panel
 
 
+class Link(NamedTuple):
+    """What a click on an artist of the page opens."""
+
+    model: str
+    sequence: str
+    tooltip: str
+
+
 def look(models: Iterable[str]) -> dict[str, dict[str, Any]]:
-    """Colour and dash (`color` and `ls`) of the line of each model in a figure.
+    """Map each model of a figure to the colour and dash (`color` and `ls`) of its line.
 
     A variant has its method's colour, darker and with another dash.
     """
@@ -102,12 +106,12 @@ def look(models: Iterable[str]) -> dict[str, dict[str, Any]]:
 
 
 def tints(models: Iterable[str]) -> dict[str, str]:
-    """Their colours alone."""
+    """Map each model of a figure to its colour."""
     return {model: line["color"] for model, line in look(models).items()}
 
 
 def handles(models: Iterable[str]) -> list[Line2D]:
-    """A legend's entries, one a model."""
+    """The entries of a legend, one per model."""
     return [
         Line2D([], [], marker=marker(model), label=model, **THICK, **line)
         for model, line in look(models).items()
@@ -117,45 +121,34 @@ def handles(models: Iterable[str]) -> list[Line2D]:
 def dot(
     label: str, tint: str = QUIET, marker: str = "o", full: bool = True, alpha: float = 1.0
 ) -> Line2D:
-    """A legend entry of a marker."""
-    return Line2D(
-        [],
-        [],
-        ls="",
-        color=tint,
-        alpha=alpha,
-        label=label,
-        marker=marker,
-        ms=4,
-        mfc=tint if full else "white",
-        mew=0.8,
-    )
+    """A legend entry of a marker, hollow unless `full`."""
+    fill = tint if full else "white"
+    look: Any = {"marker": marker, "ms": 4, "mfc": fill, "mew": 0.8}
+    return Line2D([], [], ls="", color=tint, alpha=alpha, label=label, **look)
 
 
 def below(fig: Figure, entries: Sequence[Any], columns: int = 6, **options: Any) -> None:
-    """Add a legend below the panels."""
-    fig.legend(
-        handles=entries, loc="outside lower center", ncols=min(columns, len(entries)), **options
-    )
+    """Add a legend of at most `columns` columns below the panels."""
+    columns = min(columns, len(entries))
+    fig.legend(handles=entries, loc="outside lower center", ncols=columns, **options)
 
 
 def folded(model: str) -> str:
-    """A model's name; a long one in two lines, broken before its last dash or underscore."""
+    """A model's name; a long one breaks before its last dash or underscore into two lines."""
     cut = max(model.rfind("_"), model.rfind("-"))
     return f"{model[:cut]}\n{model[cut:]}" if len(model) > LONG and cut > 0 else model
 
 
 def figure(width_in: float, height_in: float, heading: str) -> Figure:
     """An empty figure with a tight layout below its heading."""
-    fig = Figure(
-        figsize=(width_in, height_in), layout=ConstrainedLayoutEngine(w_pad=0.03, h_pad=0.03)
-    )
+    layout = ConstrainedLayoutEngine(w_pad=0.03, h_pad=0.03)
+    fig = Figure(figsize=(width_in, height_in), layout=layout)
     fig.text(MARGIN_IN / width_in, 1.0, heading, ha="left", va="top", size=8, weight="bold")
     return fig
 
 
 def save(fig: Figure, path: Path, simulated: bool) -> Path:
-    """Write a figure as .svg, marked where its data were simulated.
+    """Write a figure as .svg, marked if its data were simulated; returns the path.
 
     The bytes are the same each time: no date, no random ids, fonts from matplotlib itself. Raises
     InputError for another ending.
@@ -166,13 +159,12 @@ def save(fig: Figure, path: Path, simulated: bool) -> Path:
     return path
 
 
-def inline(fig: Figure, simulated: bool, name: str, marks: Mapping[str, Mark]) -> Markup:
-    """A figure as an SVG element of a page, where `name` begins all its ids.
+def inline(fig: Figure, simulated: bool, name: str, links: Mapping[str, Link]) -> Markup:
+    """A figure as an SVG element of a page, all of whose ids begin with `name`.
 
-    `marks` are what the artists of these ids stand for: a click opens it, and a tooltip names it.
-    Nothing is clipped, since a page whose policy is strict loads nothing.
+    `links` maps the id of an artist to what a click on it opens, which its tooltip names.
     """
-    for artist in fig.findobj():
+    for artist in fig.findobj():  # a clip path is loaded by its address: a strict page forbids it
         artist.set_clip_on(False)
     text = _svg(fig, simulated)
     head, _, body = text[text.index("<svg") :].partition(">")
@@ -180,9 +172,9 @@ def inline(fig: Figure, simulated: bool, name: str, marks: Mapping[str, Mark]) -
     label = f' class="chart" role="img" aria-label="{escape(fig.texts[0].get_text())}">'
     body = re.sub(r"<style.*?</style>", "", body, flags=re.DOTALL)
     body = re.sub(r'\b(id|href)="(#?)', rf'\1="\g<2>{name}-', body)
-    for gid, mark in marks.items():
+    for gid, link in links.items():
         group = f'<g id="{name}-{gid}"'
-        model, sequence, tooltip = map(escape, mark)
+        model, sequence, tooltip = map(escape, link)
         opens = f' data-model="{model}" data-day="{sequence}"><title>{tooltip}</title>'
         body = body.replace(f"{group}>", group + opens)
     return Markup(head + label + re.sub(r"\s+", " ", body))
@@ -191,19 +183,19 @@ def inline(fig: Figure, simulated: bool, name: str, marks: Mapping[str, Mark]) -
 def _svg(fig: Figure, simulated: bool) -> str:
     """The text of an SVG, light enough to be one of many on a page.
 
-    Letters stay letters, in the figures' font or in Verdana, which is as wide.
+    The layout is solved first and rounded: its last bits vary, and matplotlib makes ids of
+    positions. Then what a browser does not need is left out, coordinates keep a tenth of a point,
+    and images few colours. Letters stay letters, in the figures' font or in Verdana, which is as
+    wide.
     """
     with matplotlib.rc_context(STYLE), StringIO() as file:
         _head(fig, simulated)
         FigureCanvasAgg(fig)
         cast(ConstrainedLayoutEngine, fig.get_layout_engine()).execute(fig)
         fig.set_layout_engine("none")
-        for axis in (
-            fig.axes
-        ):  # the layout solver's last bits vary, and ids in an SVG are made of positions
-            left, bottom, width, height = (
-                round(float(side), 6) for side in axis.get_position(original=True).bounds
-            )
+        for axis in fig.axes:
+            bounds = axis.get_position(original=True).bounds
+            left, bottom, width, height = (round(float(side), 6) for side in bounds)
             axis.set_position((left, bottom, width, height), which="original")
         fig.set_dpi(DPI)  # of its images
         canvas: Any = FigureCanvasSVG(fig)
@@ -222,7 +214,7 @@ def _tenth(number: re.Match[str]) -> str:
 
 
 def _fewer_colours(png: str) -> str:
-    """A PNG in base64 with a palette of COLOURS, which dense points and small views fit into."""
+    """The same PNG in base64 with a palette of COLOURS, enough for dense points and small views."""
     image = Image.open(BytesIO(b64decode(png))).convert("RGBA")
     return png_text(image.quantize(COLOURS, Image.Quantize.FASTOCTREE))
 
@@ -235,7 +227,7 @@ def png_text(image: Image.Image, **options: Any) -> str:
 
 
 def _head(fig: Figure, simulated: bool) -> None:
-    """Make room for the heading, and for SIMULATED beside it or, in a narrow figure, above it."""
+    """Make room for the heading, and write SIMULATED beside it or, in a narrow figure, above it."""
     width_in, height_in = fig.get_size_inches()
     is_narrow = width_in < WIDE_IN
     above_in = LINE_IN * (simulated and is_narrow)

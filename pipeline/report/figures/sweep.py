@@ -1,4 +1,7 @@
-"""The numbers of a sweep over the parameters that were swept."""
+"""The figure of a sweep: the scores of its jobs over a parameter that was swept.
+
+In: the records of the jobs, each with its settings and its rows of numbers.
+"""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -25,10 +28,10 @@ def setting(job: Record, name: str) -> str:
 
 @styled
 def response(jobs: Sequence[Record], swept: Sequence[str]) -> Figure:
-    """The scores over the swept parameter with most values, numeric if any is.
+    """The scores over one swept parameter: of the numeric ones, or of all, that with most values.
 
-    A panel a protocol, a line for each combination of the other parameters. Points are joined along
-    a numeric axis only. Raises InputError where every job failed.
+    There is a panel per protocol, and a line for each combination of the other parameters, whose
+    points are joined along a numeric axis only. Raises InputError if every job failed.
     """
     if not any(job.rows for job in jobs):
         raise InputError("every job of the sweep failed, so there is nothing to draw")
@@ -42,15 +45,16 @@ def response(jobs: Sequence[Record], swept: Sequence[str]) -> Figure:
     }
     lines: dict[str, list[tuple[float, Record]]] = {}
     for job in sorted(jobs, key=lambda job: (ticks[setting(job, along)], job.number)):
-        others = (name for name in swept if name != along)
-        name = ", ".join(f"{name.rpartition('.')[2]} {setting(job, name)}" for name in others)
-        line = lines.setdefault(name or "mean of the test sequences", [])
+        others = [name for name in swept if name != along]
+        label = ", ".join(f"{name.rpartition('.')[2]} {setting(job, name)}" for name in others)
+        line = lines.setdefault(label or "mean of the test sequences", [])
         line.append((ticks[setting(job, along)], job))
     fig = figure(WIDTH_IN, 3.0, f"Over {along}, by both protocols")
     for axis, measure in zip(fig.subplots(1, 2), (AUC, FAR), strict=True):
         _panel(axis, lines, measure, joined)
         axis.set(xlabel=along, ylabel=measure.title)
-        if min(ticks.values()) > 0 and max(ticks.values()) / min(ticks.values()) > WIDE_RANGE:
+        lowest = min(ticks.values())
+        if lowest > 0 and max(ticks.values()) / lowest > WIDE_RANGE:
             axis.set_xscale("log")
         axis.set_xticks([*ticks.values()], [*ticks])
         axis.set_xticks([], minor=True)
@@ -66,18 +70,19 @@ def _panel(
     measure: Measure,
     joined: bool,
 ) -> None:
-    """Draw means as lines, test sequences as dots and failed jobs as crosses.
+    """Draw one number: means as lines, test sequences as dots and failed jobs as crosses.
 
-    The mean oracle of the jobs at each place is grey.
+    `lines` maps a name to jobs with their places on the x axis. Grey is the mean of the oracles of
+    the jobs at a place.
     """
     oracle: dict[float, list[float]] = {}
     for i, (name, jobs) in enumerate(lines.items()):
         tint = PALETTE[i % len(PALETTE)]
         values = [(x, job.values(measure.protocol, measure.name)) for x, job in jobs]
-        drawn = [(x, of_job) for x, of_job in values if of_job]
+        drawn = [(x, of_sequences) for x, of_sequences in values if of_sequences]
         axis.plot(
             [x for x, _ in drawn],
-            [np.mean(of_job) for _, of_job in drawn],
+            [np.mean(of_sequences) for _, of_sequences in drawn],
             color=tint,
             ls=DASHES[i // len(PALETTE) % len(DASHES)] if joined else "",
             marker="o",
@@ -87,8 +92,8 @@ def _panel(
             label=name,
             zorder=3,
         )
-        for x, of_job in drawn:
-            axis.scatter([x] * len(of_job), of_job, 7, tint, alpha=0.35, linewidths=0, zorder=2)
+        for x, y in drawn:
+            axis.scatter([x] * len(y), y, 7, tint, alpha=0.35, linewidths=0, zorder=2)
         for x, job in jobs:
             oracle.setdefault(x, []).extend(job.values(measure.protocol, "oracle"))
             if job.error is not None:

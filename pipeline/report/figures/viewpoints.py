@@ -1,5 +1,10 @@
-"""Fig. 5 to 7 of paper 2: matching from another heading, reconstructions, and collapse."""
+"""Fig. 5 to 7 of paper 2: matching from another heading, reconstructions, and collapse.
 
+In: how the queries of a sequence, turned to other headings, were matched with the sequence itself;
+what networks reconstruct of a view from its code; and the curves of their training.
+"""
+
+import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -31,38 +36,40 @@ from pipeline.report.figures.style import (
 from pipeline.report.table import fixed
 from pipeline.studies.colours import colour
 
-INDICES = {  # number of `ViewpointMatches` and its title
+# The numbers of `ViewpointMatches` that are drawn, and their titles.
+INDICES = {
     "roc_auc": "ROC-AUC, the paper's index",
     "pr_auc": "PR-AUC, of the correct matches",
     "accuracy": "accuracy within {correct_m:g} m",
     "recall": f"recall of all queries at {PRECISE:.0%} precision",
 }
-COLLAPSE = {  # curve (round,) of a model and its title
+# The training curves (round,) that are drawn, and their titles.
+COLLAPSE = {
     "code_variance": "variance of the codes",
     "code_distance": "mean distance between codes",
     "held_out_error": "held-out reconstruction error",
 }
-BLACK = "black_error"
-"""The curve of a black image's error on the images of `held_out_error`."""
+BLACK = "black_error"  # the curve of a black image's error on the images of `held_out_error`
 MOST = 8  # pictures beside each other
-# where no accuracy is higher, curves fill the lower left corner of a panel and leave the upper
-# right one free
+# If no accuracy is higher, curves fill the lower left corner of a panel, and the numbers stand in
+# the upper right one.
 CROWDED = 0.6
 
 
 @styled
 def precision_recall(group: Mapping[str, Sequence[ViewpointMatches]], sequence: str) -> Figure:
-    """Fig. 5: precision over recall in one sequence, a panel a heading, a curve a model and seed.
+    """Fig. 5: precision over recall in one sequence: a panel per heading, curves of all models.
 
-    The model's mean accuracy stands in the panel. Recall is of the model's own correct matches, so
-    curves of models of different accuracy do not compare.
+    Recall is a share of the model's own correct matches, so curves of models of different accuracy
+    do not compare. The mean accuracy of each model stands in the panel.
     """
     looks = look(group)
     fig, panels = facets(
         next(iter(group.values()))[0].headings_deg.tolist(),
         4,
         f"Precision over recall of the correct matches, {sequence}",
-        lambda rows, _: 0.9 + 1.55 * rows,
+        around_in=0.9,
+        row_in=1.55,
         x="recall of the correct",
         y="precision",
     )
@@ -70,15 +77,17 @@ def precision_recall(group: Mapping[str, Sequence[ViewpointMatches]], sequence: 
         model: np.mean([judged.values[:, NUMBERS.index("accuracy")] for judged in seeds], axis=0)
         for model, seeds in group.items()
     }
-    upper = bool(np.max([*accuracy.values()]) < CROWDED)
+    is_upper = bool(np.max([*accuracy.values()]) < CROWDED)
+    models = list(group) if is_upper else list(group)[::-1]
     for i, (axis, deg) in enumerate(panels):
-        for place, model in enumerate(group if upper else reversed(list(group))):
-            for precision, recall in (judged.curve(i) for judged in group[model]):
+        for line, model in enumerate(models):
+            width = 1.1 if len(group[model]) == 1 else 0.8
+            for judged in group[model]:
+                precision, recall = judged.curve(i)
                 if recall[-1] > 0:
-                    width = 1.1 if len(group[model]) == 1 else 0.8
                     axis.plot(recall, precision, lw=width, zorder=3, **looks[model])
             share = fixed(accuracy[model][i], 3)
-            in_corner(axis, place, share, looks[model]["color"], upper)
+            in_corner(axis, line, share, looks[model]["color"], is_upper)
         precision_axes(axis, f"{deg:g}°")
     below(fig, handles(group), title="number: accuracy, the share that is correct")
     return fig
@@ -92,27 +101,18 @@ def indices(
 ) -> Figure:
     """Fig. 6: each number over the headings, models side by side.
 
-    `values` (n, heading), a row a sequence and seed, go by model and number; NaN where there is
-    none. Lines are means of the rows, and each row is a faint dot.
+    `values` maps a model and number to its values (sequence and seed, heading), NaN where there is
+    none. Lines are their means, and each value is a faint dot.
     """
     looks = look(dict.fromkeys(model for model, _ in values))
     positions = np.arange(len(headings_deg))
     heading = "Each index over the heading of the query"
-    fig, panels = facets([*INDICES.items()], 2, heading, lambda *_: 4.4, shared=False)
+    fig, panels = facets([*INDICES.items()], 2, heading, 0.0, row_in=2.2, shared=False)
     for axis, (name, title) in panels:
-        for i, (model, line) in enumerate(looks.items()):
+        for i, (model, look_of) in enumerate(looks.items()):
             x = positions + 0.5 * ((i + 0.5) / len(looks) - 0.5)
-            course(
-                axis,
-                x,
-                values[model, name],
-                line["color"],
-                dots=True,
-                ls=line["ls"],
-                lw=0.7,
-                marker="o",
-                ms=4,
-            )
+            line: Any = {"ls": look_of["ls"], "lw": 0.7, "marker": "o", "ms": 4}
+            course(axis, x, values[model, name], look_of["color"], dots=True, **line)
         axis.set_ylim(*share_limits(*(values[model, name] for model in looks)))
         if name == "roc_auc":
             axis.axhline(0.5, **MARK)
@@ -127,7 +127,7 @@ def indices(
 def reconstructions(pictures: Mapping[str, tuple[NDArray[Any], NDArray[Any]]]) -> Figure:
     """Fig. 7: views (heading, side, side) of one place, 0 to 255, and their reconstructions.
 
-    Numbers are mean squared errors.
+    `pictures` maps a model to both. Numbers are mean squared errors.
     """
     rows: list[tuple[str, NDArray[Any], NDArray[Any]]] = []  # name, what was seen, what is shown
     for model, (seen, reconstructed) in pictures.items():
@@ -135,7 +135,7 @@ def reconstructions(pictures: Mapping[str, tuple[NDArray[Any], NDArray[Any]]]) -
             rows.append(("seen", seen, seen))
         rows.append((model, seen, reconstructed))
     headings = max(len(seen) for _, seen, _ in rows)
-    columns = range(0, headings, -(-headings // MOST))
+    columns = range(0, headings, math.ceil(headings / MOST))
     height_in = 0.45 + ((WIDTH_IN - 0.4) / len(columns) + 0.12) * len(rows)
     fig = figure(WIDTH_IN, height_in, "Seen, and reconstructed from a code")
     axes = fig.subplots(len(rows), len(columns), squeeze=False)
@@ -154,43 +154,40 @@ def reconstructions(pictures: Mapping[str, tuple[NDArray[Any], NDArray[Any]]]) -
 
 @styled
 def collapse(curves: Mapping[str, Sequence[Mapping[str, NDArray[np.float64]]]]) -> Figure | None:
-    """Spread of the codes and reconstruction error over training, a line a seed.
+    """Spread of the codes and reconstruction error over training, a line per seed.
 
-    Codes have collapsed where variance and distance fall towards 0: all places look alike to the
-    model. A dashed line is the error of a black image, which a reconstruction has to undercut. None
-    without any such curve.
+    `curves` maps a model to the training curves of each of its seeds. Codes have collapsed if their
+    variance and distance fall towards 0: all places look alike to the model. A dashed line is the
+    error of a black image, which a reconstruction has to undercut. None if no model has any of
+    these curves.
     """
     seeds = [
-        (model, seed_curves)
-        for model, model_seeds in curves.items()
-        for seed_curves in model_seeds
-        if COLLAPSE.keys() & seed_curves.keys()
+        (model, of_seed)
+        for model, of_seeds in curves.items()
+        for of_seed in of_seeds
+        if COLLAPSE.keys() & of_seed.keys()
     ]
     if not seeds:
         return None
     models = Counter(model for model, _ in seeds)
-    # models judged on the same images have one
-    black_errors = sorted({float(drawn[BLACK][-1]) for _, drawn in seeds if BLACK in drawn})
+    # models that were judged on the same images have the same one
+    black_errors = sorted({float(of_seed[BLACK][-1]) for _, of_seed in seeds if BLACK in of_seed})
     fig, panels = facets(
-        [*COLLAPSE.items()], len(COLLAPSE), "While learning", lambda *_: 2.5, shared=False
+        [*COLLAPSE.items()], len(COLLAPSE), "While learning", 0.0, row_in=2.5, shared=False
     )
     for axis, (name, title) in panels:
-        for model, curve in ((model, drawn[name]) for model, drawn in seeds if name in drawn):
-            few = "." if len(curve) < 3 else ""
-            width = 1.0 if models[model] > 1 else 1.3
-            axis.plot(1 + np.arange(len(curve)), curve, marker=few, lw=width, **look(models)[model])
-        for error in black_errors if name == "held_out_error" else ():
-            axis.axhline(error, **MARK)
-            axis.text(
-                0.98,
-                error,
-                "a black image",
-                size=6.5,
-                color=QUIET,
-                transform=axis.get_yaxis_transform(),
-                ha="right",
-                va="bottom",
-            )
+        for model, of_seed in seeds:
+            if name in of_seed:
+                curve = of_seed[name]
+                marker = "." if len(curve) < 3 else ""
+                width = 1.0 if models[model] > 1 else 1.3
+                rounds = 1 + np.arange(len(curve))
+                axis.plot(rounds, curve, marker=marker, lw=width, **look(models)[model])
+        if name == "held_out_error":
+            for error in black_errors:
+                axis.axhline(error, **MARK)
+                note = axis.text(0.98, error, "a black image", transform=axis.get_yaxis_transform())
+                note.set(size=6.5, color=QUIET, ha="right", va="bottom")
         axis.set(xlabel="round", title=title, ylim=(0, None))
         axis.xaxis.set_major_locator(MaxNLocator(integer=True))
     below(fig, handles(models))

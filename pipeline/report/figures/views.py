@@ -1,7 +1,7 @@
 """What methods look at: one place as a Scan Context, and a scan as it becomes a bird-view.
 
-Fig. 3, 5 and 9(a) of the SCI paper, and Fig. 2 of paper 2. All clouds are seen from above, with the
-robot's front up.
+`place` draws Fig. 3, 5 and 9(a) of the SCI paper, `bird_view` Fig. 2 of paper 2. All clouds are
+seen from above, with the robot's front up.
 """
 
 import math
@@ -23,32 +23,31 @@ from pipeline.report.figures.style import WIDTH_IN, figure, styled
 from pipeline.views.birdview import BirdView
 from pipeline.views.scan_context import ScanContext, colorize
 
-COLOURS = "viridis"
-POINTS = 30_000  # shown at most, evenly spread over the cloud
+COLOURS = "viridis"  # of heights
+POINTS = 30_000  # of a cloud are drawn, at most, evenly spread
 ROBOT = "#D55E00"
-TOP_M = 15.0
-"""Where the colours of heights end, as those of a Scan Context's image do."""
-RINGS_IN = 1.35
-COARSER = 2  # levels above the leaves of the panel that shows inner nodes
+TOP_M = 15.0  # where the colours of heights end, as those of a Scan Context's image do
+RINGS_IN = 1.35  # height of the row of a cloud
+COARSER = 2  # a panel shows the octree's nodes that are so many levels above the leaves
 
 
 def altered(
     points_m: NDArray[np.floating], alteration: Alteration, stamp_ns: int
 ) -> Mapping[str, NDArray[np.floating]]:
-    """The cloud (n, 3) as driven, then each case of an alteration, by what is done to it."""
-    return {
-        case_text(case) or "as driven": (
-            points_m
-            if case == Case()
-            else alteration.alter(case, points_m, generator(alteration, stamp_ns))[0]
-        )
-        for case in alteration.cases
-    }
+    """The cloud (n, 3) as driven, and altered in each case of an alteration, by name."""
+    clouds = {}
+    for case in alteration.cases:
+        if case == Case():
+            clouds["as driven"] = points_m
+        else:
+            random = generator(alteration, stamp_ns)
+            clouds[case_text(case)] = alteration.alter(case, points_m, random)[0]
+    return clouds
 
 
 @styled
 def place(clouds_m: Mapping[str, NDArray[np.floating]], view: ScanContext) -> Figure:
-    """A row for each cloud (n, 3): from above, its Scan Context in metres, and its colour image."""
+    """One row per cloud (n, 3): from above, its Scan Context in metres, and its colour image."""
     fig = figure(WIDTH_IN, 0.3 + RINGS_IN * len(clouds_m), "One place as methods see it")
     widths = {"width_ratios": [1.0, 1.8, 1.8]}
     rows = fig.subplots(len(clouds_m), 3, squeeze=False, gridspec_kw=widths)
@@ -79,9 +78,10 @@ def bird_view(
     odom_T_vehicle: NDArray[np.float64],
     view: BirdView,
 ) -> Figure:
-    """The newest scan (n, 3), its map's highest leaves and nodes, and the bird-view of heading 0.
+    """A scan (n, 3), the highest leaves and nodes of the octree map around it, and its bird-view.
 
-    The scan is in the vehicle frame; leaves and nodes are those in the view's band of heights.
+    The scan is the newest one in the map, and in the vehicle's frame. Leaves and nodes are those in
+    the view's band of heights, and the bird-view is that of heading 0.
     """
     octree = octree_map.octree
     heights = Normalize(0.0, view.high_m)
@@ -90,10 +90,8 @@ def bird_view(
     scan, leaves, nodes, image = axes = fig.subplots(1, 4)
     _cloud(scan, points_m, half_m, heights, 0.15)
     scan.set_title(f"scan, {len(points_m):,} points")
-    for axis, name, depth in (
-        (leaves, "leaves", octree.depth),
-        (nodes, "nodes", octree.depth - COARSER),
-    ):
+    panels = ((leaves, "leaves", octree.depth), (nodes, "nodes", octree.depth - COARSER))
+    for axis, name, depth in panels:
         corners_m, tops_m = tops(octree_map, odom_T_vehicle, view, depth)
         upwards_m = np.stack([-corners_m[..., 1], corners_m[..., 0]], axis=-1)
         squares = PolyCollection([*upwards_m], cmap=COLOURS, norm=heights)
@@ -107,14 +105,8 @@ def bird_view(
     for axis in axes:
         _robot(axis, half_m, ms=3.5, mew=0)
         axis.spines[:].set_visible(True)
-    scale = fig.colorbar(
-        ScalarMappable(heights, COLOURS),
-        ax=axes,
-        location="bottom",
-        shrink=0.35,
-        aspect=35,
-        pad=0.03,
-    )
+    small: Any = {"location": "bottom", "shrink": 0.35, "aspect": 35, "pad": 0.03}
+    scale = fig.colorbar(ScalarMappable(heights, COLOURS), ax=axes, **small)
     scale.set_label(
         f"height in metres; each panel shows {2 * half_m:g} m × {2 * half_m:g} m around the robot"
     )
@@ -124,11 +116,13 @@ def bird_view(
 def tops(
     octree_map: OctreeMap, odom_T_vehicle: NDArray[np.float64], view: BirdView, depth: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Nodes of a depth with occupied leaves in the view's band of heights.
+    """The columns of nodes of a depth that hold occupied leaves in the view's band of heights.
 
-    Gives their corners (n, 4, 2) in the vehicle frame, and the height of the highest leaf (n,).
+    Returns their corners (n, 4, 2) in the vehicle's frame, and the height above the vehicle of the
+    highest such leaf in each (n,), all in metres.
     """
     octree = octree_map.octree
+    # heights of all leaves above the vehicle (x, y, z), along its own upward axis
     from_robot_m = (np.arange(octree.side) + 0.5) * octree_map.leaf_m + (
         octree_map.corner_m - odom_T_vehicle[:3, 3]
     )[:, None]
@@ -139,8 +133,10 @@ def tops(
         & (above_m >= view.low_m)
         & (above_m < view.high_m)
     )
+    # the highest occupied leaf of each column of leaves, then of nodes
     leaves = np.where(occupied, above_m, -np.inf).max(axis=2)
     highest = leaves.reshape(2**depth, -1, 2**depth, octree.side // 2**depth).max(axis=(1, 3))
+    # the corners of columns that have one, turned into the vehicle's frame
     column = np.argwhere(np.isfinite(highest))
     square = column[:, None] + np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
     around_m = octree_map.corner_m[:2] + square * (octree.edge_m / 2**depth) - odom_T_vehicle[:2, 3]
@@ -153,23 +149,15 @@ def tops(
 def _cloud(
     axis: Axes, points_m: NDArray[np.floating], half_m: float, heights: Normalize, size: float
 ) -> None:
-    """Draw the points (n, 3) around the robot, higher ones over lower ones."""
+    """Draw the points (n, 3) at most `half_m` from the robot, higher ones over lower ones."""
     near = points_m[(np.abs(points_m[:, :2]) < half_m).all(axis=1)]
-    near = near[:: -(-len(near) // POINTS) or 1]
-    near = near[np.argsort(near[:, 2], kind="stable")]
-    axis.scatter(
-        -near[:, 1],
-        near[:, 0],
-        size,
-        near[:, 2],
-        cmap=COLOURS,
-        norm=heights,
-        linewidths=0,
-        rasterized=True,
-    )
+    near = near[:: max(math.ceil(len(near) / POINTS), 1)]
+    x_m, y_m, z_m = near[np.argsort(near[:, 2], kind="stable")].T
+    look: Any = {"cmap": COLOURS, "norm": heights, "linewidths": 0, "rasterized": True}
+    axis.scatter(-y_m, x_m, size, z_m, **look)
 
 
 def _robot(axis: Axes, half_m: float, **marker: Any) -> None:
-    """Draw the robot in the middle of a panel, which reaches so far."""
+    """Draw the robot in the middle of a panel that reaches `half_m` to each side."""
     axis.plot(0, 0, "^", color=ROBOT, **marker)
     axis.set(xlim=(-half_m, half_m), ylim=(-half_m, half_m), aspect="equal", xticks=[], yticks=[])

@@ -1,6 +1,8 @@
-"""The sections of a study of robustness.
+"""The sections of a study of robustness: altered queries, stress, real changes and cell sizes.
 
-They are on turned queries, demolition, construction, stress, real changes and cell sizes.
+In: a study. Out: a section for each alteration that was asked (turned queries, directions removed,
+new walls), one on sequences of stress, one on buildings that went up or came down, and one on the
+cell size, each with its figures drawn (Fig. 9 to 11 of the SCI paper).
 """
 
 from collections.abc import Iterator, Sequence
@@ -10,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pipeline.evaluation.events import Bands
 from pipeline.evaluation.protocols import PROTOCOLS
@@ -24,8 +27,9 @@ from pipeline.report.section import Section, anchor, illustrate, section_of
 from pipeline.report.selection import pick
 from pipeline.report.study import Study
 
-UNITS = {"demolition": "degrees removed", "construction": "new walls"}
-CHANGES = ("turned", *UNITS)
+UNITS = {"demolition": "degrees removed", "construction": "new walls"}  # of their levels
+CHANGES = ("turned", *UNITS)  # what an alteration may do to a query
+# The numbers that are shown over cell sizes: protocol and number.
 PANELS = (
     ("cells", "auc_top1"),
     ("cells", "recall_at_1"),
@@ -40,16 +44,15 @@ def sections(study: Study, folder: Path, few: int) -> Iterator[Section]:
     recipes = {name: study.recipe(name) for name in study.trained}
     n_way = {name: int(recipe["n_way"]) for name, recipe in recipes.items() if "n_way" in recipe}
     for alteration, sequences in study.settings.altered.items():
-        # an alteration that is no change itself has several
+        # an alteration that is not named by its change has several, such as `glance`
         changes = (alteration,) if alteration in CHANGES else CHANGES
         altered_rows = rows[rows["sequence"].isin(sequences) & rows["change"].isin(["", *changes])]
         models = altered_rows.loc[altered_rows["change"] != "", ["method", "variant", "seed"]]
         comparison = Comparison(altered_rows.merge(models.drop_duplicates()), n_way)
-        if alteration in UNITS:
-            yield _structure(study, folder, alteration, comparison)
-        else:
-            make_section = _turned if alteration == "turned" else _glance
-            yield make_section(study, folder, alteration, comparison)
+        make_section = _structure if alteration in UNITS else _glance
+        if alteration == "turned":
+            make_section = _turned
+        yield make_section(study, folder, alteration, comparison)
     if stress := study.settings.stress:
         comparison = Comparison(pick(rows[rows["sequence"].isin(stress)], change=""), n_way)
         yield _stress(study, folder, comparison)
@@ -62,7 +65,7 @@ def sections(study: Study, folder: Path, few: int) -> Iterator[Section]:
 def _compared(
     study: Study, kind: str, comparison: Comparison, conclusions: Sequence[Finding], **parts: Any
 ) -> Section:
-    """A section on some cases, with what it rests on as its last finding."""
+    """A section of a comparison, whose last finding says what data it rests on."""
     scope = findings.scope(
         study, len(comparison.sequences), max(comparison.seeds.values()), comparison.repeats
     )
@@ -86,7 +89,11 @@ def _turned(study: Study, folder: Path, alteration: str, comparison: Comparison)
     ways = comparison.ways()
     errors = [comparison.measurement(model, kind, OFF).mean for model in comparison.models]
     measures = (AUC, KEPT, FAR, OFF) if np.isfinite(errors).any() else (AUC, KEPT, FAR)
-    others = [model for model in comparison.ordered(kind, AUC) if model not in ways.values()][:2]
+    best = [model for model in comparison.ordered(kind, AUC) if model not in ways.values()]
+    n_way_figure = None
+    if len(ways) > 1:
+        n_way_heading = f"N-way training, {study.name}"
+        n_way_figure = robustness.ways(comparison, kind, best[:2], n_way_heading)
     draw = partial(illustrate, study, folder)
     heading = f"Queries turned by random angles, {study.name}"
     return _compared(
@@ -103,12 +110,7 @@ def _turned(study: Study, folder: Path, alteration: str, comparison: Comparison)
                 verdicts.heading_errors(comparison, kind),
                 verdicts.chance(comparison, kind),
             ),
-            draw(
-                "ways",
-                robustness.ways(comparison, kind, others, f"N-way training, {study.name}")
-                if len(ways) > 1
-                else None,
-            ),
+            draw("ways", n_way_figure),
         ],
         tables=[
             tables.every_case(comparison, tables.BY_CELLS),
@@ -149,7 +151,7 @@ def _structure(study: Study, folder: Path, alteration: str, comparison: Comparis
 
 
 def _glance(study: Study, folder: Path, alteration: str, comparison: Comparison) -> Section:
-    """One or two cases of several alterations side by side."""
+    """One or two levels of several alterations side by side."""
     heading = f"Altered queries at a glance, {study.name}"
     illustration = illustrate(
         study,
@@ -228,42 +230,38 @@ def _cells(study: Study, folder: Path) -> Section:
     sides_m = {
         grid.name: replace(study, grid=grid.name).cell_m for grid in study.settings.all_grids
     }
-    grids = sorted(sides_m, key=lambda grid: sides_m[grid])
+    grids = sorted(sides_m, key=sides_m.__getitem__)
     sizes_m = [sides_m[grid] for grid in grids]
     methods = [method.name for method in study.settings.methods]
     driven = pick(study.table, change="", kind="", stress="", variant="", seed=0)
-    values = {
-        key: group.dropna().to_numpy()
-        for key, group in driven[driven["sequence"] != ""].groupby(
-            ["method", "protocol", "number", "grid"]
-        )["value"]
+    driven = driven[driven["sequence"] != ""]
+    by_grid = {
+        key: group.dropna().to_numpy()  # (sequence,)
+        for key, group in driven.groupby(["method", "protocol", "number", "grid"])["value"]
     }
-    panels = {
-        (model, *panel): [values[model, *panel, grid] for grid in grids]
-        for model in methods
-        for panel in PANELS
-    }
+    panels: dict[tuple[str, str, str], list[NDArray[np.float64]]] = {}
+    over_sizes = []  # of each panel: model to values at each size, title, sizes
+    for by, name in PANELS:
+        values = {model: [by_grid[model, by, name, grid] for grid in grids] for model in methods}
+        panels |= {(model, by, name): by_size for model, by_size in values.items()}
+        over_sizes.append((values, f"{TITLES[name]} by {by}", sizes_m))
     oracle = {
-        protocol: [values[methods[0], protocol, "oracle", grid].mean() for grid in grids]
+        protocol: [by_grid[methods[0], protocol, "oracle", grid].mean() for grid in grids]
         for protocol in PROTOCOLS
     }
-    titled = [
-        ({model: panels[model, by, name] for model in methods}, f"{TITLES[name]} by {by}", sizes_m)
-        for by, name in PANELS
-    ]
     illustration = illustrate(
         study,
         folder,
         "cells",
         robustness.cells(panels, sizes_m, oracle, f"The side of a cell, {study.name}"),
-        *(findings.best_at_each_size(*panel) for panel in titled),
+        *(findings.best_at_each_size(*number) for number in over_sizes),
     )
     section = section_of(
         study,
         "cells",
-        findings=[findings.trend(*panel) for panel in (titled[0], titled[3])],
+        findings=[findings.trend(*number) for number in (over_sizes[0], over_sizes[-1])],
         illustrations=[illustration],
-        tables=[tables.cells(*panel) for panel in titled],
+        tables=[tables.cells(*number) for number in over_sizes],
         sources=[study.folder("evaluate", grid) for grid in grids],
     )
-    return replace(section, name=anchor(study.name, "cells"))  # of all grids
+    return replace(section, name=anchor(study.name, "cells"))  # it is of all cell sizes

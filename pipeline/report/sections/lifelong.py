@@ -1,4 +1,8 @@
-"""The section on learning further days: recall after each step, forgetting, and costs."""
+"""The section on learning further days: recall after each step, forgetting, and costs.
+
+In: a study whose models learn one day after another by several strategies, in several orders of
+days. Out: the section, with its figures drawn.
+"""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -71,20 +75,19 @@ def _of_model(
     """
     draw = partial(illustrate, study, folder)
     for order, strategies in orders.items():
-        if order != UPDATES:
-            yield draw(
-                "lifelong_matrix",
-                lifelong.matrices(
-                    {strategy.name: strategy.matrix(PROTOCOL) for strategy in strategies},
-                    strategies[0].steps,
-                    strategies[0].groups,
-                    f"{model}, {order}: recall by {PROTOCOL}",
-                ),
-                name=f"lifelong_matrix_{model}_{order}",
-                model=model,
-                order=order,
-                protocol=PROTOCOL,
-            )
+        if order == UPDATES:
+            continue
+        recalls = {strategy.name: strategy.matrix(PROTOCOL) for strategy in strategies}
+        heading = f"{model}, {order}: recall by {PROTOCOL}"
+        first = strategies[0]
+        yield draw(
+            "lifelong_matrix",
+            lifelong.matrices(recalls, first.steps, first.groups, heading),
+            name=f"lifelong_matrix_{model}_{order}",
+            model=model,
+            order=order,
+            protocol=PROTOCOL,
+        )
     numbers = {
         title: {
             (order, strategy.name): strategy.over(name, PROTOCOL)
@@ -105,20 +108,23 @@ def _first_known(
 
     Orders that bring no new places are left out, unless none does.
     """
-    first_known: dict[str, lifelong.FirstKnown] = {}
+    first_known = {}
     for order, (strategy, *_) in orders.items():
         places = _artifact(study, strategy)
-        first_known[order] = places.load("xy_m"), places.load("known_from"), strategy.steps
-    grown = {order: known for order, known in first_known.items() if known[1].max() > 0}
+        first_known[order] = lifelong.FirstKnown(
+            places.load("xy_m"), places.load("known_from"), strategy.steps
+        )
+    grown = {order: known for order, known in first_known.items() if known.step.max() > 0}
     return grown or first_known
 
 
 def _ages(
     study: Study, strategies: Sequence[Strategy]
 ) -> dict[str, tuple[NDArray[np.float64], NDArray[np.int64]]]:
-    """For each order: where the places lie, and the age in days of their newest view at the end.
+    """For each order: where the places lie (n, 2), and how old the newest view of each is (n,).
 
-    Taken from the first model that learned further days.
+    Ages are in days, at the end, and of the first model that learned further days. Orders after
+    which all views are of one day are left out.
     """
     ages = {}
     for strategy in strategies:

@@ -1,11 +1,17 @@
-"""The section on paper 2's protocol: a sequence matched with itself from other headings."""
+"""The section on paper 2's protocol: a sequence matched with itself from other headings.
 
+Paper 2 is IROS 2018's on unsupervised features of bird-views. In: a study with methods that look at
+bird-views. Out: the section with its figures (Fig. 2 and 5 to 7 of that paper) and tables.
+"""
+
+from collections.abc import Mapping, Sequence
 from functools import partial
 from itertools import islice
 from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from pipeline.core import schemas, store
 from pipeline.evaluation.viewpoints import NUMBERS, ViewpointMatches
@@ -24,22 +30,15 @@ def section(study: Study, folder: Path, view: BirdView) -> Section:
         for method in study.settings.bird_view_methods
         for family, models in method.families.items()
     }
-    # by sequence and method, one of each seed
-    judgements: dict[str, dict[str, list[ViewpointMatches]]] = {}
-    for method, models in methods.items():
-        for artifact in sorted(study.find("viewpoints", "_", method).parent.glob("*.zarr")):
-            judgements.setdefault(artifact.stem, {})[method] = [
-                store.read(artifact.parents[1] / model / artifact.name, ViewpointMatches)
-                for model in models
-            ]
-    values = {
-        method: np.stack(
-            [seed.values for day in judgements.values() for seed in day.get(method, ())]
-        )
-        for method in methods
-    }  # (sequence and seed, heading, number)
-    sequence, first_day = next(iter(judgements.items()))
+    judged = _judged(study, methods)
+    sequence, first_day = next(iter(judged.items()))
     first = next(iter(first_day.values()))[0]
+    # method and number to its values (sequence and seed, heading)
+    values: dict[tuple[str, str], NDArray[np.float64]] = {}
+    for method in methods:
+        seeds = [seed for day in judged.values() for seed in day.get(method, ())]
+        stacked = np.stack([seed.values for seed in seeds])
+        values |= {(method, number): stacked[:, :, i] for i, number in enumerate(NUMBERS)}
     pictures = {
         method: (seeds[0].pictures, seeds[0].reconstructed)
         for method, seeds in first_day.items()
@@ -50,6 +49,9 @@ def section(study: Study, folder: Path, view: BirdView) -> Section:
         for method, models in methods.items()
     }
     draw = partial(illustrate, study, folder)
+    mapping = _mapping(study, view, sequence)
+    indices = viewpoints.indices(values, first.headings_deg.tolist(), first.correct_m)
+    rebuilt = viewpoints.reconstructions(pictures) if pictures else None
     return section_of(
         study,
         "viewpoints",
@@ -59,12 +61,7 @@ def section(study: Study, folder: Path, view: BirdView) -> Section:
             "step_deg": 360 / len(first.headings_deg),
         },
         illustrations=[
-            draw(
-                "birdview",
-                _mapping(study, view, sequence),
-                name="viewpoints_mapping",
-                sequence=sequence,
-            ),
+            draw("birdview", mapping, name="viewpoints_mapping", sequence=sequence),
             *(
                 draw(
                     "viewpoint_curves",
@@ -72,27 +69,10 @@ def section(study: Study, folder: Path, view: BirdView) -> Section:
                     name=f"viewpoints_{day}",
                     sequence=day,
                 )
-                for day, group in judgements.items()
+                for day, group in judged.items()
             ),
-            draw(
-                "viewpoint_indices",
-                viewpoints.indices(
-                    {
-                        (method, number): stacked[:, :, i]
-                        for method, stacked in values.items()
-                        for i, number in enumerate(NUMBERS)
-                    },
-                    first.headings_deg.tolist(),
-                    first.correct_m,
-                ),
-                name="viewpoints_indices",
-            ),
-            draw(
-                "reconstructions",
-                viewpoints.reconstructions(pictures) if pictures else None,
-                name="viewpoints_reconstructions",
-                sequence=sequence,
-            ),
+            draw("viewpoint_indices", indices, name="viewpoints_indices"),
+            draw("reconstructions", rebuilt, name="viewpoints_reconstructions", sequence=sequence),
             draw("collapse", viewpoints.collapse(curves), name="viewpoints_collapse"),
         ],
         tables=[
@@ -101,6 +81,21 @@ def section(study: Study, folder: Path, view: BirdView) -> Section:
         ],
         sources=[study.folder("viewpoints", study.grid)],
     )
+
+
+def _judged(
+    study: Study, methods: Mapping[str, Sequence[str]]
+) -> dict[str, dict[str, list[ViewpointMatches]]]:
+    """Sequence to method to the matches of its models, one per seed."""
+    judged: dict[str, dict[str, list[ViewpointMatches]]] = {}
+    for method, models in methods.items():
+        folder = study.find("viewpoints", "_", method).parent
+        for path in sorted(folder.glob("*.zarr")):
+            judged.setdefault(path.stem, {})[method] = [
+                store.read(path.parents[1] / model / path.name, ViewpointMatches)
+                for model in models
+            ]
+    return judged
 
 
 def _mapping(study: Study, view: BirdView, sequence: str) -> Figure:

@@ -1,4 +1,8 @@
-"""The sections of a study of the year: answer, set-up, results, figures, ageing and poses."""
+"""The sections of a study of the year: answer, set-up, results, figures, ageing and poses.
+
+In: a study, and a function that makes the view of a name of conf/view. Out: the sections in the
+report's order, with their figures drawn.
+"""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
@@ -30,7 +34,7 @@ from pipeline.report.study import Study
 from pipeline.report.tables import DISTANCE_FIRST, MAIN_NUMBERS
 from pipeline.views.scan_context import ScanContext
 
-# kinds of figure that the page shows; of those of one model, the best one's
+# The kinds of figure that the page shows; those that show one model it shows of the best one.
 ON_PAGE = (
     "year",
     "year_auc",
@@ -42,6 +46,7 @@ ON_PAGE = (
     "reliability",
     "matches",
 )
+# Titles of the numbers that are followed over the days; the blank is for the protocol.
 LINES = {
     "recall_at_1_same_heading": "recall@1, training's heading, by {}",
     "auc_top1": "AUC top-1, by {}",
@@ -49,13 +54,13 @@ LINES = {
     "novelty_percentile": "novelty of the seen, percentile, by {}",
     "recall_at_1": "recall@1, by {}",
 }
-DRAWN = 4  # so many of the numbers that are followed over the days are drawn, the first ones
+DRAWN = 4  # so many of these numbers are drawn, the first ones of AGEING
 
 
 def sections(study: Study, folder: Path, view: Callable[[str], Any]) -> Iterator[Section]:
     """Draw every figure into `folder` and yield the sections in the report's order.
 
-    `view` makes a view of its name.
+    `view` makes the view of a name of conf/view.
     """
     values = {
         "study": study,
@@ -111,11 +116,7 @@ def sections(study: Study, folder: Path, view: Callable[[str], Any]) -> Iterator
         "figures",
         values,
         illustrations=[
-            replace(
-                illustration,
-                on_page=illustration.kind in ON_PAGE
-                and illustration.values.get("model", study.best) == study.best,
-            )
+            replace(illustration, on_page=_is_on_page(illustration, study.best))
             for illustration in _illustrations(study, folder, view)
             if illustration
         ],
@@ -130,6 +131,11 @@ def sections(study: Study, folder: Path, view: Callable[[str], Any]) -> Iterator
             tables=tables.poses(posed),
             sources=[study.source("evaluate", r.sequence, r.model) for r in posed],
         )
+
+
+def _is_on_page(illustration: Illustration, best: str) -> bool:
+    """Whether the page shows a figure: of all models, or of the best one."""
+    return illustration.kind in ON_PAGE and illustration.values.get("model", best) == best
 
 
 def _illustrations(
@@ -173,7 +179,7 @@ def _illustrations(
 def _place(study: Study, view: Callable[[str], Any]) -> Figure | None:
     """The middle submap of training as driven and with two new walls, and its Scan Contexts.
 
-    None where no method looks at any, or the scans are not here.
+    None if no method looks at Scan Contexts, or the scans are not here.
     """
     if not study.find("scans", study.train).is_dir():
         return None
@@ -193,11 +199,12 @@ def _place(study: Study, view: Callable[[str], Any]) -> Figure | None:
 def _matches(study: Study, model: str, chosen: list[matches.Example]) -> Figure | None:
     """Queries beside their matches, drawn as Scan Contexts.
 
-    The views are the model's own, or else another model's; None where no model looks at any.
+    The views are the model's own, or else another model's. None if no model looks at any, or no
+    examples were chosen.
     """
 
-    def views_of(sequence: str, looked_at_by: str) -> Views:
-        return store.read(study.find("views", sequence, looked_at_by), *VIEW_KINDS)
+    def views_of(sequence: str, of_model: str) -> Views:
+        return store.read(study.find("views", sequence, of_model), *VIEW_KINDS)
 
     with_scan_contexts = [
         candidate
@@ -249,7 +256,7 @@ def _ageing(study: Study, folder: Path, sources: list[str]) -> Section:
 
 
 def _of_poses(study: Study, folder: Path, posed: Sequence[Result]) -> Iterator[Illustration | None]:
-    """How near, how often, and whether the promised precision was kept."""
+    """The figures of models with poses: how near they are, and what their verdicts are worth."""
     draw = partial(illustrate, study, folder)
     for model, group in by_model(posed).items():
         for kind, figure in (

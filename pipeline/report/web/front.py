@@ -1,4 +1,8 @@
-"""The first screen of a study on the page and the charts below it; templates hold the words."""
+"""The first screen of a study on the page: its best model, how it ages, and how others compare.
+
+In: a study that asks about the year. Out: the values that templates/page.html.j2 shows, tables and
+two charts among them.
+"""
 
 from functools import partial
 from typing import Any
@@ -9,13 +13,14 @@ from markupsafe import Markup
 from pipeline.report import findings, tables
 from pipeline.report.comparison import FAR
 from pipeline.report.figures import curves
-from pipeline.report.figures.style import inline
+from pipeline.report.figures.style import Link, inline
 from pipeline.report.render import percent, words
 from pipeline.report.result import Result, by_model, dates, ranked
 from pipeline.report.section import anchor
 from pipeline.report.study import Study
 from pipeline.studies.colours import method_of
 
+# Numbers of the table of results whose sums over the test days are shown.
 COUNTED = ("accepted", "accepted_wrong", "refused", "refused_wrong", "no_pose_99")
 
 
@@ -59,40 +64,39 @@ def front(study: Study) -> dict[str, Any]:
 def _baseline(compared: dict[str, list[Result]], best: str) -> list[Result] | None:
     """The results of the best compared method of another family; None without one.
 
-    Methods of a family begin with the same word: `sci_ring` is of the family of `sci`. Our variants
-    of other families' methods are no baselines.
+    Methods of a family begin with the same word: `sci_ring` is of the family of `sci`. Variants of
+    methods are no baselines, since they are ours.
     """
     family = method_of(best).partition("_")[0]
-    others = (
-        group
-        for model, group in compared.items()
-        if model == method_of(model) and model.partition("_")[0] != family
-    )
-    return next(others, None)
+    for model, group in compared.items():
+        is_variant = model != method_of(model)
+        if not is_variant and model.partition("_")[0] != family:
+            return group
+    return None
 
 
 def _year(study: Study, results: list[Result], days: int) -> Markup:
-    """Each model's share of right answers over the days since training.
+    """A chart of each model's share of right answers over the days since training.
 
-    For a single test day it is drawn over the number of places instead.
+    If there is a single test day, it is drawn over the number of places that are looked at instead.
     """
     draw = partial(inline, simulated=study.simulated, name=anchor(study.name, study.grid, "year"))
     if days == 1:
-        return draw(curves.recall_at(results), marks={})
+        return draw(curves.recall_at(results), links={})
     share = {result.id: result.number("distance", "recall_at_1") for result in results}
-    marks = {
-        r.id: (r.model, r.sequence, f"{r.model}, {r.label}: {percent(share[r.id], 1)} right")
+    links = {
+        r.id: Link(r.model, r.sequence, f"{r.model}, {r.label}: {percent(share[r.id], 1)} right")
         for r in results
     }
-    return draw(curves.year(results, study.train, (FAR,), curves.PAGE_IN), marks=marks)
+    return draw(curves.year(results, study.train, (FAR,), curves.PAGE_IN), links=links)
 
 
 def _knows(study: Study, results: list[Result]) -> Markup:
-    """On the last day: the share of queries that can be answered at each wanted precision."""
+    """A chart of the last day: the share of queries that can be answered at each precision."""
     last = [group[-1] for group in by_model(results).values()]
-    marks = {
-        result.id: (result.model, result.sequence, words("front", "threshold", result=result))
+    links = {
+        result.id: Link(result.model, result.sequence, words("front", "threshold", result=result))
         for result in last
     }
     name = anchor(study.name, study.grid, "knows")
-    return inline(curves.coverage(last), study.simulated, name, marks)
+    return inline(curves.coverage(last), study.simulated, name, links)

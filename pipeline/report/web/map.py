@@ -1,8 +1,10 @@
-"""The data of a study's map: queries, answers and views.
+"""The data of the page's map of a study: paths, queries, answers, views and scans.
 
-Arrays and pictures are written in base64, which map.js reads back.
+In: a study. Out: `chart`, which is JSON: numbers are rounded to whole steps and packed in base64,
+and views and the footprint are small PNGs. templates/map.js reads it back and draws the map.
 """
 
+import math
 from base64 import b64encode
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,7 +19,7 @@ from pipeline.core import schemas, store
 from pipeline.core.errors import ArtifactError
 from pipeline.core.frames import yaw
 from pipeline.evaluation import judgement as judged
-from pipeline.evaluation.judgement import Evaluation
+from pipeline.evaluation.judgement import Evaluation, Judgement
 from pipeline.report.alignment import best_shifts, spectra
 from pipeline.report.clouds import CELL_M, Drive, Footprint
 from pipeline.report.figures.style import png_text
@@ -27,28 +29,28 @@ from pipeline.views.scan_context import colours, quantize
 
 COLUMNS = 16  # views beside each other in a picture
 LEVELS = 32  # of the heights in a picture
-KEPT = 200  # queries of a study whose view and points a page keeps, on all days together
+KEPT = 200  # queries of a study, of all days, whose view and points the page keeps
+# Steps that numbers are rounded to.
 STEP_M = 0.05
 STEP_DEG = 0.1
-NOVELTY_STEPS = 30_000
+NOVELTY_STEPS = 30_000  # from 0 to the largest novelty
+# What an answer is, as map.js reads it; ACCEPTED is added to the code of an accepted one.
 RIGHT, WRONG, UNSEEN, NOT_JUDGED = range(4)
-"""What an answer is, as map.js counts; ACCEPTED is added to it."""
 ACCEPTED = 4
-MOST_RANKS = 120
+MOST_RANKS = 120  # ranks of the true place beyond this are cut, to fit into a byte
 
 
 def chart(study: Study) -> dict[str, Any]:
     """All data of a study's map.
 
-    There are no pictures where no model looks at Scan Contexts, and no clouds where the scans are
+    It has no views if no model looks at Scan Contexts, and no footprint and points if the scans are
     not here.
     """
     views_of = ((model, Views.read(study, model, *study.train.split())) for model in study.models)
     view_model, train = next(((model, views) for model, views in views_of if views), ("", None))
     training = Training(train, KDTree(study.train_xy_m))
     footprint = Footprint.read(study)
-    # of what is packed, for few digits
-    origin_m = np.rint(study.train_xy_m.mean(axis=0))
+    origin_m = np.rint(study.train_xy_m.mean(axis=0))  # is subtracted, so that numbers are small
     days = dates(study.results)
     sequences = []
     answers: dict[str, dict[str, Any]] = {model: {} for model in study.models}
@@ -58,12 +60,13 @@ def chart(study: Study) -> dict[str, Any]:
         kept = _kept(best.evaluation.acceptance, KEPT // len(days))
         views = Views.read(study, view_model, sequence) if train else None
         looked_at = store.read(study.find("views", sequence, results[0].model), *schemas.VIEW_KINDS)
+        heading_deg = np.rad2deg(yaw(looked_at.load("world_T_anchor")))
         sequences.append(
             {
                 "name": sequence,
                 "label": f"{days[sequence]}, {results[0].days:+d} d",
                 "xy": quantized(first.xy_m - origin_m, STEP_M),
-                "heading": quantized(np.rad2deg(yaw(looked_at.load("world_T_anchor"))), STEP_DEG),
+                "heading": quantized(heading_deg, STEP_DEG),
                 "nearest_m": quantized(first.nearest_m, STEP_M),
                 **training.nearest(first.xy_m, views),
                 "kept": indices(kept),
@@ -78,32 +81,29 @@ def chart(study: Study) -> dict[str, Any]:
         "best": study.best,
         "correct_m": study.distance.correct_m,
         "path": quantized(study.train_xy_m - origin_m, STEP_M),
-        "footprint": footprint
-        and {
-            "png": footprint.png(),
-            "corner": (footprint.corner_m - origin_m).round(2).tolist(),
-            "cell_m": footprint.cell_m,
-        },
+        "footprint": _ground(footprint, origin_m) if footprint else None,
         "train": train.picture() if train else None,
         "sequences": sequences,
-        "answers": {
-            model: model_answers for model, model_answers in answers.items() if model_answers
-        },
+        "answers": {model: of_days for model, of_days in answers.items() if of_days},
     }
+
+
+def _ground(footprint: Footprint, origin_m: NDArray[np.float64]) -> dict[str, Any]:
+    """The footprint of training as a picture, and where its corner lies."""
+    corner = (footprint.corner_m - origin_m).round(2).tolist()
+    return {"png": footprint.png(), "corner": corner, "cell_m": footprint.cell_m}
 
 
 def packed(array: NDArray[Any], dtype: str) -> dict[str, Any]:
     """An array as map.js reads it: its type, and its bytes (little-endian) in base64."""
-    return {
-        "dtype": dtype,
-        "base64": b64encode(np.ascontiguousarray(array).astype(f"<{dtype}").tobytes()).decode(),
-    }
+    content = np.ascontiguousarray(array).astype(f"<{dtype}").tobytes()
+    return {"dtype": dtype, "base64": b64encode(content).decode()}
 
 
 def quantized(values: NDArray[np.floating], step: float) -> dict[str, Any]:
-    """Numbers in whole steps, in two bytes each if they fit, else in four.
+    """Numbers rounded to whole steps, in two bytes each if they fit, else in four.
 
-    What is not finite becomes the lowest number of the type, which map.js reads as NaN.
+    A number that is not finite becomes the lowest one of the type, which map.js reads as NaN.
     """
     finite = np.isfinite(values)
     steps = np.rint(np.where(finite, values, 0.0) / step).astype(np.int64)
@@ -113,7 +113,7 @@ def quantized(values: NDArray[np.floating], step: float) -> dict[str, Any]:
 
 
 def indices(values: NDArray[np.integer]) -> dict[str, Any]:
-    """Whole numbers from 0 on; −1, which is none, becomes the type's largest number."""
+    """Whole numbers from 0 on; −1, which means none, becomes the largest number of the type."""
     dtype = "u2" if values.max(initial=0) < np.iinfo(np.uint16).max else "u4"
     return packed(np.where(values < 0, np.iinfo(dtype).max, values), dtype)
 
@@ -127,7 +127,7 @@ class Views:
 
     @classmethod
     def read(cls, study: Study, model: str, *sequences: str) -> Self | None:
-        """Read what a model looks at; None where that is missing or other views."""
+        """Read the Scan Contexts that a model looks at; None if they are others or not here."""
         paths = [study.find("views", sequence, model) for sequence in sequences]
         try:
             images = [store.read(path, schemas.ScanContextViews).load("images") for path in paths]
@@ -145,10 +145,11 @@ class Views:
 
 
 def picture(heights_m: NDArray[np.float32]) -> Image.Image:
-    """Views (view, ring, sector) with a palette, in rows of COLUMNS, ring 0 on top."""
+    """Views (view, ring, sector) as one image with a palette, in rows of COLUMNS, ring 0 on top."""
     views, rings, sectors = heights_m.shape
-    wide = 256 // LEVELS
-    levels = np.minimum(-(-quantize(heights_m).astype(np.int64) // wide) * wide, 255)
+    step = 256 // LEVELS
+    rounded_up = -(-quantize(heights_m).astype(np.int64) // step) * step
+    levels = np.minimum(rounded_up, 255)
     pixels = np.pad(levels.astype(np.uint8), ((0, -views % COLUMNS), (0, 0), (0, 0)))
     sheet = Image.fromarray(
         pixels.reshape(-1, COLUMNS, rings, sectors).swapaxes(1, 2).reshape(-1, COLUMNS * sectors)
@@ -159,15 +160,16 @@ def picture(heights_m: NDArray[np.float32]) -> Image.Image:
 
 @dataclass(frozen=True)
 class Training:
-    """The training views and positions, in which positions are looked up."""
+    """The views and positions of training, to find the nearest one to a position."""
 
     views: Views | None
     tree: KDTree
 
     def nearest(self, xy_m: NDArray[np.float64], views: Views | None) -> dict[str, dict[str, str]]:
-        """The training row nearest to each position (q, 2), and the shift of its view.
+        """The training submap nearest to each position (q, 2), and the shift of its view.
 
-        The shift is the number of columns to roll the view by so that it looks like the query.
+        The shift is the number of columns to roll that view by so that it looks most like the
+        query's; `views` are those of the queries.
         """
         rows = np.full(len(xy_m), -1)
         shifts = np.zeros(len(xy_m), np.int64)
@@ -187,9 +189,10 @@ def _answers(
     training: Training,
     origin_m: NDArray[np.float64],
 ) -> dict[str, Any]:
-    """The answers of one model, and what they are: as believed, by distance and by cells.
+    """The answers of one model on one sequence, and how they are judged.
 
-    Headings (q,) are of queries as driven, whose rows come first.
+    They are judged as believed, by distance and by cells. Only queries as driven are shown, whose
+    rows come first in the artifact of answers.
     """
     evaluation = result.evaluation
     count = len(evaluation.xy_m)
@@ -211,20 +214,25 @@ def _answers(
         "kind": evaluation.kinds[0],
         "threshold": float(threshold),
         "heading": quantized(first_deg, STEP_DEG) if np.isfinite(first_deg).any() else None,
-        "believed": {"code": packed(_belief(evaluation), "u1")},
+        "believed": {"code": packed(_believed_code(evaluation), "u1")},
     }
     for protocol, judgement in (("distance", evaluation.distance), ("cells", evaluation.cells)):
-        first_right = np.where(judgement.true_rank == 0, RIGHT, WRONG)
-        code = np.where(judgement.seen, first_right, UNSEEN)
-        code[judgement.outcome == judged.NOT_JUDGED] = NOT_JUDGED
-        code += ACCEPTED * np.isin(judgement.outcome, (judged.HIT, judged.FALSE_ALARM))
         ranks = np.minimum(judgement.true_rank, MOST_RANKS)
-        answers[protocol] = {"code": packed(code, "u1"), "rank": packed(ranks, "i1")}
+        answers[protocol] = {"code": packed(_code(judgement), "u1"), "rank": packed(ranks, "i1")}
     return answers | training.nearest(evaluation.answer_xy_m, views)
 
 
-def _belief(evaluation: Evaluation) -> NDArray[np.int64]:
-    """What each answer (q,) is as it is believed: right or wrong, and ACCEPTED or not."""
+def _code(judgement: Judgement) -> NDArray[np.int64]:
+    """The code of each answer (q,) by one protocol: RIGHT to NOT_JUDGED, ACCEPTED or not."""
+    of_seen = np.where(judgement.true_rank == 0, RIGHT, WRONG)
+    code = np.where(judgement.seen, of_seen, UNSEEN)
+    code[judgement.outcome == judged.NOT_JUDGED] = NOT_JUDGED
+    accepted = np.isin(judgement.outcome, (judged.HIT, judged.FALSE_ALARM))
+    return np.asarray(code + ACCEPTED * accepted)
+
+
+def _believed_code(evaluation: Evaluation) -> NDArray[np.int64]:
+    """The code of each answer (q,) as the model believes it, by its pose if it has poses."""
     believed = evaluation.acceptance
     wrong = believed["accepted_wrong"] | believed["refused_wrong"]
     code = np.where(wrong, WRONG, RIGHT)
@@ -235,20 +243,20 @@ def _belief(evaluation: Evaluation) -> NDArray[np.int64]:
 
 
 def _kept(believed: Mapping[str, NDArray[np.bool_]], most: int) -> NDArray[np.int64]:
-    """The queries of a day to look at: the believed wrong ones, some refused ones, others evenly.
+    """The queries of a day to keep: those believed wrongly, some refused wrongly, others evenly.
 
-    There are at most `most`, or as many as were believed wrongly.
+    There are at most `most`, or more if more were believed wrongly.
     """
     wrong = np.flatnonzero(believed["accepted_wrong"])
     refused = np.flatnonzero(believed["refused_wrong"])
-    refused = refused[:: max(-(-3 * len(refused) // most), 1)]
+    refused = refused[:: max(math.ceil(3 * len(refused) / most), 1)]  # a third of the room
     room = max(most - len(wrong) - len(refused), 1)
     evenly = np.linspace(0, len(believed["accepted"]) - 1, room).astype(np.int64)
     return np.asarray(np.unique(np.concatenate([wrong, refused, evenly])), np.int64)
 
 
 def _scans(study: Study, sequence: str, rows: NDArray[np.int64]) -> dict[str, Any] | None:
-    """The points of some submaps of a drive; None where its scans are not here."""
+    """The points of some submaps of a drive; None if its scans are not here."""
     try:
         drive = Drive.read(study, sequence)
     except ArtifactError:

@@ -1,4 +1,8 @@
-"""The report as one HTML file that needs no server, no network and no other file."""
+"""The report as one HTML file that needs no server, no network and no other file.
+
+In: the sections of each study, the data of its map, and what dvc.lock says of the artifacts that
+the numbers are from. Out: the text of templates/page.html.j2, with scripts and figures inside.
+"""
 
 import json
 import re
@@ -21,10 +25,10 @@ from pipeline.report.web.map import chart
 from pipeline.running.dvc_files import DvcLock
 
 SCRIPTS = ("page.js", "vendor/d3-zoom.min.js", "map.js")
-LISTS = ("conf/studies.yaml", "conf/lists.yaml")  # parameters of every stage, but of no number
+LISTS = ("conf/studies.yaml", "conf/lists.yaml")  # files that every stage depends on, but no number
 SIZE = "@megabytes@"  # stands in the page until its size is known
 POINT_PX = 1.2 * 96 / 72  # a figure is shown at 1.2 times its printed size where there is room
-# what a data URL in double quotes may hold as it is: less than with base64
+# What a data URL in double quotes may hold as it is, which takes less room than base64.
 UNQUOTED = " !$'()*+,-./:;<=>?@[]^_`{|}~"
 
 
@@ -63,34 +67,26 @@ def html(entries: Sequence[Entry], lock: DvcLock, stale: Collection[str] = ()) -
 
     Studies named in `stale` were changed after they were measured.
     """
-    lines = list[str]()
+    missing = list[str]()
     pictures = dict[Path, Picture]()
     sections = [section for entry in entries for section in entry.sections]
-    for path in (
-        illustration.path
-        for section in sections
-        for illustration in section.illustrations
-        if illustration.on_page
-    ):
+    illustrations = [figure for section in sections for figure in section.illustrations]
+    for path in (figure.path for figure in illustrations if figure.on_page):
         try:
             pictures[path] = Picture.of(path.read_text(encoding="utf-8"))
         except OSError:
-            lines.append(words("page", "no_figure", path=path))
+            missing.append(words("page", "no_figure", path=path))
     fronts = [entry.front for entry in entries if entry.front]
-    artifacts = {
-        path: (*lock.of(path), recipe)
-        for path, recipe in _artifacts([front["study"] for front in fronts], sections).items()
-    }
-    stages = [
-        stage for stage in dict.fromkeys(stage for _, stage, _ in artifacts.values()) if stage
-    ]
+    recipes = _artifacts([front["study"] for front in fronts], sections)
+    artifacts = {path: (*lock.of(path), recipe) for path, recipe in recipes.items()}
+    stages = dict.fromkeys(stage for _, stage, _ in artifacts.values() if stage)
     page = template(
         "page.html.j2",
         entries=entries,
         fronts=fronts,
         pictures=pictures,
         charts={entry.id: _packed(chart(entry.study)) for entry in entries if entry.front},
-        missing=lines,
+        missing=missing,
         stale=stale,
         artifacts=artifacts,
         stages={stage: _yaml(lock.params(stage)) for stage in stages},
@@ -105,33 +101,23 @@ def _artifacts(
     studies: Sequence[Study], sections: Sequence[Section]
 ) -> dict[str, Mapping[str, str]]:
     """Map the path of each source artifact to the recipe it was trained with; empty if no model."""
+    paths: list[str] = []
     recipes: dict[str, Mapping[str, str]] = {}
     for study in studies:
         driven = (*study.train.split(), *by_sequence(study.results))
-        recipes |= {
-            study.source(kind, sequence): {}
-            for kind in ("submaps", "labels")
-            for sequence in driven
-        }
-        recipes |= {
-            study.source("views", sequence, model): {}
-            for model in study.models
-            for sequence in driven
-        }
-        recipes |= {
-            study.source(kind, result.sequence, result.model): {}
-            for result in study.results
-            for kind in ("localize", "evaluate")
-        }
+        paths += [study.source(kind, day) for kind in ("submaps", "labels") for day in driven]
+        paths += [study.source("views", day, model) for model in study.models for day in driven]
+        for result in study.results:
+            for kind in ("localize", "evaluate"):
+                paths.append(study.source(kind, result.sequence, result.model))
         for model in (name for name, path in study.trained.items() if path.is_file()):
-            parameters = {
-                name: value
-                for name, value in study.recipe(model).items()
-                if not name.startswith("_")
-            }
-            recipes[study.source("train", model=model)] = parameters
-    source_paths = [path for section in sections for path in section.sources]
-    return recipes | {path: {} for path in source_paths if path not in recipes}
+            path = study.source("train", model=model)
+            paths.append(path)
+            recipe = study.recipe(model)
+            recipes[path] = {k: value for k, value in recipe.items() if not k.startswith("_")}
+    for section in sections:
+        paths += section.sources
+    return {path: recipes.get(path, {}) for path in dict.fromkeys(paths)}
 
 
 def _packed(value: Any) -> Markup:
@@ -141,6 +127,7 @@ def _packed(value: Any) -> Markup:
 
 
 def _yaml(files: Mapping[str, Any]) -> str:
+    """The parameters of a stage as YAML, by the file that sets them."""
     stage_files = {file: values for file, values in files.items() if file not in LISTS}
     return yaml.safe_dump(
         stage_files, sort_keys=False, allow_unicode=True, default_flow_style=None, width=110
