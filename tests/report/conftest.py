@@ -10,5 +10,5 @@ from tests.report import studied
 
 @pytest.fixture(scope="session")
 def study(tmp_path_factory: pytest.TempPathFactory) -> Study:
-    """Its artifacts lie on the disk."""
+    """The study of `studied`, whose artifacts lie on the disk."""
     return studied.build(Path(tmp_path_factory.mktemp("study"), "artifacts"))

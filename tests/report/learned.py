@@ -1,5 +1,7 @@
-"""The artifacts of a small study of learning further days: two methods, two seeds of the first,
-four queries, numbers by hand."""
+"""Builds the artifacts of a small study of learning further days.
+
+It has two methods, two seeds of the first one, and five queries whose numbers are set by hand.
+"""
 
 import json
 from pathlib import Path
@@ -74,7 +76,7 @@ The second seed of `tuned` gets the first query right too.
 
 
 def build(artifacts: Path) -> Study:
-    """Everything that a report of the study reads."""
+    """Write everything that a report of the study reads, and return the study."""
     n = len(TRAIN_XY_M)
     rows = {
         "first": np.arange(n),
@@ -109,7 +111,7 @@ def build(artifacts: Path) -> Study:
 
 
 def course(path: Path, order: str, strategy: str, seed: int = 0) -> dict[str, Any]:
-    """Write an artifact; returns its attributes."""
+    """Write the artifact of one strategy in one order; returns its attributes."""
     right = np.array([RIGHT["frozen"], RIGHT[strategy]], bool)
     right[1, 0] |= strategy == "tuned" and seed == 1
     names = {

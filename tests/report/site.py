@@ -1,5 +1,9 @@
-"""A small study and its sections, for the tests of the page: seven queries on two days, two models,
-some figures and tables."""
+"""A small fake study and its sections, for the tests of the page: seven queries on two days, two
+models, some figures and tables.
+
+`study` has the fields of `pipeline.report.study.Study` that the page reads; `entries` is that study
+as the page takes it.
+"""
 
 from itertools import product
 from pathlib import Path
@@ -83,7 +87,7 @@ def evaluation() -> SimpleNamespace:
 
 
 def study(root: Path, path_xy_m: np.ndarray = PATH_XY_M) -> Any:
-    """The views alone lie on the disk, under `root`."""
+    """The fake study; its views, scans and submaps lie on the disk, under `root`."""
 
     def find(kind: str, sequence: str = "", model: str = "") -> Path:
         return (
@@ -113,7 +117,7 @@ def study(root: Path, path_xy_m: np.ndarray = PATH_XY_M) -> Any:
             )
             draft.put("stamps_ns", np.arange(rows))
             draft.put("world_T_anchor", np.tile(np.eye(4), (rows, 1, 1)))
-    one = SimpleNamespace(
+    fake = SimpleNamespace(
         name="campus",
         grid="10m",
         cell_m=10.0,
@@ -122,28 +126,28 @@ def study(root: Path, path_xy_m: np.ndarray = PATH_XY_M) -> Any:
         best="sci",
         find=find,
     )
-    one.artifact = lambda kind, stage, sequence: store.read(
+    fake.artifact = lambda kind, stage, sequence: store.read(
         root / "drives" / sequence / f"{stage}.zarr", kind
     )
-    one.cut_short = {"sci": 0.1}
-    one.distance = Distance(correct_m=12.0)
-    one.bootstrap = Bootstrap()
-    one.train_xy_m = path_xy_m
-    one.results = results
-    one.rows = one.driven = told()
-    one.settings = made_study(train=" ".join(TRAIN), tests=list(TESTS))
-    one.families = list(LOOKS)
+    fake.cut_short = {"sci": 0.1}
+    fake.distance = Distance(correct_m=12.0)
+    fake.bootstrap = Bootstrap()
+    fake.train_xy_m = path_xy_m
+    fake.results = results
+    fake.rows = fake.driven = results_table()
+    fake.settings = made_study(train=" ".join(TRAIN), tests=list(TESTS))
+    fake.families = list(LOOKS)
     learned = {
         "m2dp": SimpleNamespace(rounds=0, recipe={}),
         "sci": SimpleNamespace(rounds=4, recipe={"budget": "0.1"}),
     }
-    one.models = learned
-    one.trained = {"sci": find("train", model="sci"), "not_there": find("train")}
-    one.recipe = lambda model: {"epochs": "2", "_target_": "Sci"}
-    one.source = lambda *names, **model: find(*names, **model).as_posix()
-    one.trained["sci"].parent.mkdir(parents=True, exist_ok=True)
-    one.trained["sci"].touch()
-    return one
+    fake.models = learned
+    fake.trained = {"sci": find("train", model="sci"), "not_there": find("train")}
+    fake.recipe = lambda model: {"epochs": "2", "_target_": "Sci"}
+    fake.source = lambda *names, **model: find(*names, **model).as_posix()
+    fake.trained["sci"].parent.mkdir(parents=True, exist_ok=True)
+    fake.trained["sci"].touch()
+    return fake
 
 
 def drive(folder: Path, xy_m: np.ndarray) -> None:
@@ -155,14 +159,16 @@ def drive(folder: Path, xy_m: np.ndarray) -> None:
 
 def numbers_of(model: str, day: str) -> dict[tuple[str, str], tuple[float, float, float]]:
     """The numbers of one model on one day, by protocol and number."""
-    rows = told()
+    rows = results_table()
     rows = rows[(rows["method"] == model) & (rows["sequence"] == day) & (rows["change"] == "")]
     return indexed(rows, "protocol", "number")
 
 
-def told() -> pd.DataFrame:
-    """The results of both days, as driven, and of the first turned: `sci` is right twice as
-    often."""
+def results_table() -> pd.DataFrame:
+    """The table of results of both days as driven, and of the first day's queries turned.
+
+    `sci` is right twice as often as `m2dp`.
+    """
     rows = []
     for (model, share), (day, days) in product((("m2dp", 0.4), ("sci", 0.8)), TESTS.items()):
         numbers = {
@@ -197,8 +203,8 @@ def heights(views: int) -> np.ndarray:
 
 def entries(root: Path) -> list[Entry]:
     """The study as the page takes it."""
-    one = study(root)
-    return [Entry(one, sections(root), front(one))]
+    fake = study(root)
+    return [Entry(fake, sections(root), front(fake))]
 
 
 def sections(root: Path) -> list[Section]:

@@ -1,5 +1,8 @@
-"""The artifacts of a small study of robustness: four test days, two methods, a variant, turned
-queries, walls, stress, cells."""
+"""Builds the artifacts of a small study of robustness.
+
+It has four test days, two methods and a variant, turned queries, queries with new walls, a sequence
+of stress, real changes and a second cell size.
+"""
 
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -55,7 +58,7 @@ WRONG = {"sci": (), "sci-4way": (1,), "scan_context": (0, 1)}
 
 
 def build(artifacts: Path) -> Study:
-    """Everything that a report of the study reads."""
+    """Write everything that a report of the study reads, and return the study."""
     rng = np.random.default_rng(0)
     for sequence, days in {TRAIN: 0, **TESTS, REVERSED: 168}.items():
         xy_m = TRAIN_XY_M if sequence == TRAIN else evaluation().xy_m
@@ -133,8 +136,10 @@ def build(artifacts: Path) -> Study:
 
 
 def judged(path: Path, model: str, sequence: str, days: int) -> None:
-    """The evaluation of one model on one sequence in each of its cases; it finds one place less
-    from the third day on."""
+    """Write the evaluation of one model on one sequence in each of its cases.
+
+    From the third day on it places one more query wrong.
+    """
     found = {}
     some = WALLS if sequence in SETTINGS.altered["construction"] and "-" not in model else []
     for case in [*TURNED, *some] if sequence in SETTINGS.altered["turned"] else TURNED[:1]:

@@ -1,4 +1,4 @@
-"""The results in a few lines."""
+"""`brief` prints the results in a few lines, of which the ones that matter stay."""
 
 import numpy as np
 import pandas as pd

@@ -1,4 +1,4 @@
-"""What stands along a drive, seen from above."""
+"""The footprint of a drive and the points of its scans, seen from above."""
 
 import io
 from base64 import b64decode

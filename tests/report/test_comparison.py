@@ -1,4 +1,4 @@
-"""Models compared: means, deviations, shares that are kept, clear margins, N ways."""
+"""A comparison of models gives means, deviations, shares that are kept, clear margins and N ways."""
 
 from collections.abc import Sequence
 

@@ -1,5 +1,4 @@
-"""The page of results says what each study is, and has a table a number, methods as rows and days
-as columns."""
+"""The page of results says what each study is, and has a table per number over the test days."""
 
 import pandas as pd
 
@@ -12,7 +11,7 @@ CAMPUS = made_study(tests=TESTS, world="campus_demo", budget="demo")
 
 
 def posed() -> pd.DataFrame:
-    """Method m0 with poses, right on the last day alone."""
+    """Rows of a method m0 with poses, which are right on the last day alone."""
     place = {"grid": "10m", "method": "m0", "variant": "pose"}
     rows = [
         place | {"sequence": day, "days": days} | row(name, "distance", value)

@@ -1,4 +1,4 @@
-"""What is found, worked out by hand on small tables, and the sentence that it makes."""
+"""Findings, worked out by hand on small tables, and the sentences that they become."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -25,7 +25,7 @@ DAYS_AFTER = (20, 152)
 
 
 def reporting(study: Study, given: Sequence[Result], rounds: int = 0) -> Study:
-    """The study, had it had these results."""
+    """The study, but with these results of its models."""
     one = replace(study)
     names = list(dict.fromkeys(each.model for each in given))
     learned = TrainingRecord(
@@ -41,7 +41,7 @@ def reporting(study: Study, given: Sequence[Result], rounds: int = 0) -> Study:
 
 
 def numbered(model: str, days: int, **cells_and_distance: tuple[float, float]) -> Result:
-    """With other numbers by cells and by distance."""
+    """A result of a model, with these numbers by cells and by distance."""
     numbers = dict(ONE[0].numbers)
     for name, values in cells_and_distance.items():
         numbers |= {
@@ -460,7 +460,7 @@ def test_other_findings_on_cases() -> None:
 
 
 def ways(turned: Mapping[str, float], driven: Mapping[str, float], sequences: int = 2) -> Finding:
-    """Of models that are trained so many ways, with these AUCs on every sequence."""
+    """The finding on N-way training, of models with these AUCs on every sequence."""
     values = {
         (m, kind): [[[auc]] * sequences]
         for kind, each in ((DRIVEN, driven), (TURNED, turned))

@@ -86,7 +86,7 @@ addEventListener("load", wait);
 
 @pytest.fixture(scope="module")
 def root(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """Where the artifacts lie; the words are the page's own and some for the study."""
+    """The folder of the artifacts; the words are the page's own and some for the study."""
     own = yaml.safe_load(render.part("words.yaml"))
     words = own | {group: own[group] | texts for group, texts in WORDS.items()}
     with pytest.MonkeyPatch.context() as patch:
@@ -275,7 +275,7 @@ def test_views_are_rolled_to_where_they_look_most_alike() -> None:
 
 
 def unpacked(pack: dict[str, Any]) -> np.ndarray:
-    """An array as map.js reads it."""
+    """Read an array as map.js does."""
     return np.frombuffer(b64decode(pack["base64"]), f"<{pack['dtype']}") * pack.get("step", 1)
 
 

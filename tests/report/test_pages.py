@@ -67,7 +67,7 @@ def test_a_study_fills_the_blocks_of_its_budget_and_of_this_machines_arithmetic_
 
 
 def published(kind: str, page: str = "docs/RESULTS.md") -> str:
-    """The text of the demo's block of this kind."""
+    """The text of the block of this kind that is of the demo."""
     found = re.search(
         rf"<!-- results: campus minutes {kind} -->\n(.*?)<!-- end",
         (ROOT / page).read_text(),

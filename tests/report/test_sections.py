@@ -1,5 +1,4 @@
-"""The words of the report: each that is used is there, none is left over, and none names a
-method."""
+"""Each word that the report uses is in words.yaml, none is unused, and none names a method."""
 
 import ast
 import re
@@ -44,7 +43,7 @@ MADE = {
 
 
 def strings() -> Iterator[str]:
-    """In the code, docstrings aside."""
+    """All strings in the code of the report, but its docstrings."""
     told = {id(node.value) for node in NODES if isinstance(node, ast.Expr)}
     yield from (
         n.value
@@ -54,7 +53,7 @@ def strings() -> Iterator[str]:
 
 
 def kinds(group: str) -> set[str]:
-    """Those that the code names, as the argument of what makes one."""
+    """The kinds of a group that the code names, as the argument of what makes one."""
     makers = {
         "findings": ("Finding",),
         "tables": ("table",),

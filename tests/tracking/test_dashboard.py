@@ -14,7 +14,7 @@ from tests.listening import addresses
 
 
 def recipe() -> list[str]:
-    """The words of its last command."""
+    """The words of the last command of the target."""
     shown = subprocess.run(
         ["make", "--dry-run", "dashboard"], cwd=ROOT, capture_output=True, text=True, check=True
     ).stdout

@@ -1,4 +1,4 @@
-"""Where MLflow's database is, as it is given; no server is asked, and no password is shown."""
+"""Addresses of MLflow's database are read without asking a server, and no password is shown."""
 
 import sys
 from pathlib import Path

@@ -1,5 +1,4 @@
-"""A study of learning further days in MLflow: a run a strategy, a point a step, means over the
-seeds."""
+"""A study of learning further days has a run per strategy in MLflow, and a point per step."""
 
 from pathlib import Path
 

@@ -13,7 +13,7 @@ from pipeline.tracking.records import MEANS
 
 @pytest.fixture(scope="module")
 def view() -> Any:
-    """As js/build does: the envelope, then `deflate;` and base64 of zlib, then JSON."""
+    """Read a view as the page does: the envelope, then `deflate;` and base64 of zlib, then JSON."""
     envelope = json.loads(page.tags(page.YEAR)["mlflow.sharedViewState.yearloc"])
     assert isinstance(envelope["name"], str)
     assert isinstance(envelope["createdAt"], int)

@@ -31,7 +31,7 @@ OWNERS = {
 
 @pytest.fixture
 def record(tmp_path: Path) -> RunRecord:
-    """Of a method with numbers on two days, turned queries, a variant, ageing and viewpoints."""
+    """The run of a method with numbers on two days, turned queries, a variant, ageing, viewpoints."""
     rows: list[dict[str, Any]] = []
     for sequence, days in TESTS.items():
         at = {"sequence": sequence, "days": days}

@@ -30,7 +30,7 @@ pytestmark = [
 
 
 class Experiment:
-    """One of a database; figures that its runs show lie in a folder."""
+    """An experiment of a database; figures that its runs show lie in a folder."""
 
     def __init__(self, database: Path, name: str, folder: Path = Path()) -> None:
         self.database = database
@@ -67,21 +67,21 @@ class Experiment:
 
     @property
     def runs(self) -> dict[str, Any]:
-        """Those that are not deleted, by name."""
+        """The runs that are not deleted, by name."""
         return {
             run.info.run_name: run for run in self.client.search_runs([self.found.experiment_id])
         }
 
     @property
     def model(self) -> Any:
-        """The only one."""
+        """The only logged model."""
         (model,) = self.client.search_logged_models([self.found.experiment_id])
         return model
 
 
 @pytest.fixture(scope="module")
 def database(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """One for all tests, each with an experiment of its own: making one takes seconds."""
+    """A database for all tests, which takes seconds to make; each has an experiment of its own."""
     return tmp_path_factory.mktemp("tracking") / "new folder" / "mlflow.db"
 
 
@@ -92,7 +92,7 @@ def own(database: Path, request: pytest.FixtureRequest, tmp_path: Path) -> Exper
 
 @pytest.fixture(autouse=True)
 def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Work in an empty folder, and leave it as empty."""
+    """Each test works in an empty folder, and leaves it empty."""
     folder = tmp_path / "cwd"
     folder.mkdir()
     monkeypatch.chdir(folder)

@@ -75,7 +75,7 @@ def evaluation(
 
 
 def result(model: str, sequence: str, days: int, one: Evaluation) -> Result:
-    """Its numbers are those of the table of results."""
+    """A result whose numbers are those of the table of results."""
     rows = [each for each in evaluation_rows(one) if not each.get("kind")]
     numbers = {
         (each["protocol"], each["number"]): (each["value"], each["low"], each["high"])
@@ -94,7 +94,7 @@ def results(*models: str) -> list[Result]:
 
 
 def bounded(one: Result, low: float, high: float) -> Result:
-    """The same with another interval of all numbers."""
+    """The results with another interval of all numbers."""
     return replace(
         one, numbers={key: (value, low, high) for key, (value, _, _) in one.numbers.items()}
     )

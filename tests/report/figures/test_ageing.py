@@ -1,4 +1,4 @@
-"""Figures of ageing, of real changes and of sweeps."""
+"""Figures of ageing, of real changes and of sweeps draw the numbers that they are given."""
 
 from pathlib import Path
 from typing import Any
@@ -26,7 +26,7 @@ def line(
     followed: tuple[str, str, str] = AUC,
     values: tuple[float, ...] = (1.0, 0.9, 0.7, 0.6),
 ) -> list[dict[str, Any]]:
-    """Rows of one number of one model on days whose values lie on their line."""
+    """Rows of one number of one model, whose values on the days lie on the fitted line."""
     protocol, number, _ = followed
     rows = [{"method": model} | row(f"{number}_per_100_days", protocol, *slope)]
     for days, value in zip(DAYS, values, strict=False):

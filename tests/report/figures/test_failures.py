@@ -1,4 +1,4 @@
-"""Cards of what a verdict got wrong."""
+"""Cards of poses whose verdict is wrong: which are chosen, and in which order."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -11,7 +11,7 @@ NOTHING = np.zeros(4, bool)
 
 
 def result(sequence: str, **believed: list[bool]) -> Any:
-    """Four answers of which the last has no pose; their novelties are .1, .2, .3 and 1."""
+    """A result of four answers, the last without a pose; novelties are .1, .2, .3 and 1."""
     masks = dict.fromkeys(("accepted_wrong", "refused", "refused_wrong"), NOTHING)
     masks |= {name: np.array(mask) for name, mask in believed.items()}
     evaluation = SimpleNamespace(

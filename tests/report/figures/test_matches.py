@@ -1,4 +1,4 @@
-"""Which queries are shown beside their answers, and beside what (Fig. 7)."""
+"""Which queries are shown beside their answers, and which images beside them (Fig. 7)."""
 
 from dataclasses import replace
 from typing import Any
@@ -11,7 +11,7 @@ from tests.report.figures.made import ONE, TRAIN_PLACES, TRAIN_XY_M
 
 
 def along(novelty: np.ndarray, days: int = 20, outcome: int = FALSE_ALARM) -> Any:
-    """One seen query every 10 m of a straight path, all misplaced by 200 m, or all right."""
+    """A result of a seen query every 10 m of a straight path, all misplaced by 200 m, or all right."""
     n = len(novelty)
     base = ONE[0].evaluation
     rank = np.full(n, 0 if outcome == HIT else -1)

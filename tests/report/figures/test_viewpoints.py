@@ -72,7 +72,7 @@ def pose(x: float, y: float, yaw: float) -> np.ndarray:
 
 
 def wall() -> np.ndarray:
-    """8 m ahead, from 4 m left to 4 m right, 3 m high, and the ground before it."""
+    """Points (n, 3) of a wall 8 m ahead, 8 m wide and 3 m high, and of the ground before it."""
     upright = np.stack(
         np.meshgrid([8.2], np.arange(-3.9, 4, 0.2), np.arange(0.1, 3, 0.2)), -1
     ).reshape(-1, 3)
