@@ -207,16 +207,14 @@ class Study:
         answerer = named.get(model)
         if kind == "localize" and answerer:
             return self.layout.answers(self.name, self.grid, answerer, sequence)
-        if kind == "views":
-            return self.layout.path(kind, self.name, self._view_of(answerer), sequence)
-        if kind == "labels":
-            return self.layout.path(kind, self.name, self.grid, sequence)
-        if kind == "train":
-            learner = replace(answerer, posed=False, path="").name if answerer else model
-            return self.layout.path(kind, self.name, self.grid, learner)
-        if model:
-            return self.layout.path(kind, self.name, self.grid, model, sequence)
-        return self.layout.path(kind, self.name, sequence)
+        learner = replace(answerer, posed=False, path="").name if answerer else model
+        names: dict[str, tuple[str, ...]] = {
+            "views": (self._view_of(answerer), sequence),
+            "labels": (self.grid, sequence),
+            "train": (self.grid, learner),
+        }
+        other_names = (self.grid, model, sequence) if model else (sequence,)
+        return self.layout.path(kind, self.name, *names.get(kind, other_names))
 
     def _view_of(self, answerer: ModelName | None) -> str:
         """The name of what a model looks at; empty for no model."""

@@ -116,15 +116,16 @@ def _is_kind(evaluation: Evaluation, verdict: str) -> NDArray[np.bool_]:
     """Which answers (q,) are of a verdict: "right", or one of the kinds of WRONG."""
     cells = evaluation.cells
     distance = evaluation.distance
-    if verdict == NEXT_CELL:  # near enough, but over the edge of the query's cell
-        is_kind = (cells.outcome == FALSE_ALARM) & cells.seen & (distance.outcome == HIT)
-    elif verdict == MISPLACED:  # by both protocols
-        is_kind = distance.seen & (distance.true_rank != 0) & (cells.true_rank != 0)
-    elif verdict == UNSEEN:  # accepted where training never was
-        is_kind = (distance.outcome == FALSE_ALARM) & distance.unseen
-    else:
-        is_kind = cells.outcome == HIT
-    return np.asarray(is_kind)
+    placed_wrong = (distance.true_rank != 0) & (cells.true_rank != 0)
+    answers = {
+        "right": cells.outcome == HIT,
+        # near enough, but over the edge of the query's cell
+        NEXT_CELL: (cells.outcome == FALSE_ALARM) & cells.seen & (distance.outcome == HIT),
+        MISPLACED: distance.seen & placed_wrong,
+        # accepted where training never was
+        UNSEEN: (distance.outcome == FALSE_ALARM) & distance.unseen,
+    }
+    return np.asarray(answers[verdict])
 
 
 def degrees(angle_deg: float) -> str:
