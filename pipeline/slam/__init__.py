@@ -1,1 +1,1 @@
-"""Poses of a log that has none: odometry by registration, loops, and a graph that joins them."""
+"""Estimates the poses of a log that has none: by odometry, loops, and a graph that joins both."""

@@ -1,4 +1,13 @@
-"""A drive's poses from its scans alone: odometry, loops, graph, and what is known of the result."""
+"""Estimates the poses of a drive from its scans alone, as `yearloc slam` and the stage `slam` do.
+
+A log without poses goes in, an `Estimates` artifact comes out (METHODS 12):
+
+1. Odometry aligns each scan with those before it (odometry.py).
+2. Some scans, one every few metres, become keys (keys.py).
+3. Loops join keys that show one place (loops.py).
+4. A graph of keys finds the poses that fit odometry and loops best (graph.py).
+5. The poses of the keys are carried over to the scans between them.
+"""
 
 from dataclasses import dataclass, field, replace
 
@@ -18,10 +27,12 @@ from pipeline.slam.loops import Loop, LoopSearch
 from pipeline.slam.odometry import LYING, ScanOdometry, Track
 
 LOOKED_AT = 5
-"""Scans that are looked at before the work begins."""
+"""So many scans of a log, evenly spread, are looked at before the work begins."""
 FARTHEST_M = 500.0
-"""No LiDAR of a robot sees most of its points farther off: they are millimetres."""
-NONE = np.empty(0, np.int64)
+"""Points whose median distance is over this are taken for millimetres: no LiDAR sees so far."""
+FEWEST_LYING = 10
+"""The ground's normal is unknown where fewer voxels around a key lie flat."""
+NO_SCANS = np.empty(0, np.int64)
 
 
 @dataclass(frozen=True)
@@ -32,7 +43,7 @@ class Slam:
     loops: LoopSearch = field(default_factory=LoopSearch)
     graph: DriveGraph = field(default_factory=DriveGraph)
     use_log_odometry: bool = True
-    """Whether the log's own odometry, where it has some, is the first guess of each step."""
+    """Whether each step is first guessed by the log's own odometry, where it has some."""
 
     def estimate(self, log: Log, watch: Progress) -> Estimates:
         """The poses of a log, in a world that begins at its first scan, z up from the ground.
@@ -40,17 +51,16 @@ class Slam:
         Raises LogError for scans that no pose can come of, ConfigError where gtsam is missing.
         """
         track, keys = self.tracked(log, watch)
-        usual_overlap = float(np.nanmedian(track.overlap)) if len(track.overlap) > 1 else 0.0
-        loops = self.loops.within(keys, usual_overlap, watch)
-        solution = self.graph.solve(keys, loops, track.by_log[keys.rows], ups(keys))
+        loops = self.loops.within(keys, track.usual_overlap, watch)
+        solution = self.graph.solve(keys, loops, track.by_log[keys.rows], ground_normals(keys))
         return estimated(log, track, keys, loops, solution)
 
     def tracked(self, log: Log, watch: Progress) -> tuple[Track, Keys]:
         """The odometry of a log by registration, and its keys.
 
-        Raises LogError and ConfigError as `estimate`.
+        Raises LogError and ConfigError as `estimate` does.
         """
-        imported_gtsam()  # what the graph lacks is said before the odometry, which takes minutes
+        imported_gtsam()  # if gtsam is missing, say so before the odometry, which takes minutes
         refuse_unusable(log)
         track = self.odometry.along(log, watch, self.use_log_odometry)
         count = len(log.stamps_ns)
@@ -63,7 +73,7 @@ class Slam:
         return track, self.keys(log, track, watch)
 
     def keys(self, log: Log, track: Track, watch: Progress) -> Keys:
-        """The keys of a log with a track."""
+        """The keys of a log whose odometry is `track`."""
         return Keys.read(
             log,
             track,
@@ -76,11 +86,12 @@ class Slam:
 
 
 def refuse_unusable(log: Log) -> None:
-    """Raise LogError for a log whose scans no pose can come of: level sweeps, millimetres."""
+    """Raise LogError for scans that no pose can come of: level sweeps, points in millimetres."""
     count = len(log.stamps_ns)
+    spread_rows = np.unique(np.linspace(0, count - 1, LOOKED_AT).astype(int))
     clouds_m = []
     ranges_m = []
-    for row in np.unique(np.linspace(0, count - 1, LOOKED_AT).astype(int)).tolist():
+    for row in spread_rows.tolist():
         try:
             points_m = np.asarray(log.points(row), np.float64)
         except LogError:
@@ -100,25 +111,30 @@ def refuse_unusable(log: Log) -> None:
         )
 
 
-def ups(keys: Keys) -> NDArray[np.float64]:
-    """The normal (k, 3) of the ground around each key, in its frame; NaN where little is seen."""
+def ground_normals(keys: Keys) -> NDArray[np.float64]:
+    """The upward normal (k, 3) of the ground around each key, in the key's frame.
+
+    It is NaN where too little of the ground is seen.
+    """
     registration = Registration()
-    ground = np.full((len(keys.rows), 3), np.nan)
+    normals = np.full((len(keys.rows), 3), np.nan)
     for key in range(len(keys.rows)):
         points_m = keys.points_m(key)
         near = np.hypot(points_m[:, 0], points_m[:, 1]) < NEAR_M
         if near.sum() >= registration.least_voxels:
-            ground[key] = _up(registration.prepare(np.ascontiguousarray(points_m[near])))
-    return ground
+            cloud = registration.prepare(np.ascontiguousarray(points_m[near]))
+            normals[key] = _median_upward_normal(cloud)
+    return normals
 
 
-def _up(cloud: Cloud) -> NDArray[np.float64]:
-    normals = cloud.normals * np.where(cloud.normals[:, 2:] < 0, -1.0, 1.0)
-    lying = normals[normals[:, 2] > LYING]
-    if len(lying) < 10:
+def _median_upward_normal(cloud: Cloud) -> NDArray[np.float64]:
+    """The median normal (3,) of the voxels of a cloud that lie flat; NaN where these are few."""
+    upward = cloud.normals * np.where(cloud.normals[:, 2:] < 0, -1.0, 1.0)
+    of_lying = upward[upward[:, 2] > LYING]
+    if len(of_lying) < FEWEST_LYING:
         return np.full(3, np.nan)
-    mean = np.median(lying, axis=0)
-    return np.asarray(mean / np.linalg.norm(mean))
+    median = np.median(of_lying, axis=0)
+    return np.asarray(median / np.linalg.norm(median))
 
 
 def estimated(
@@ -128,11 +144,12 @@ def estimated(
     loops: list[Loop],
     solution: Solution,
     reason: str = "in a part of the drive that no loop joins with the longest",
-    fixed: NDArray[np.int64] = NONE,
+    fixed: NDArray[np.int64] = NO_SCANS,
 ) -> Estimates:
-    """The estimate for all scans, from that of their keys.
+    """The estimate for all scans of a log, from the poses that the graph gave its keys.
 
-    `reason` is why scans with odometry may have no pose; `fixed` (m,) are scans found on a map.
+    `reason` says why a scan with odometry may have no pose. `fixed` (m,) are the rows of the scans
+    that were found on a map.
     """
     world_T_scan = spread_over_scans(keys, solution.world_T_key, track.odom_T_scan)
     skipped = dict(track.skipped)
@@ -159,5 +176,5 @@ def estimated(
 
 
 def without_truth(log: Log) -> Log:
-    """A log as if it had no true poses."""
+    """The same log, but all of its true poses NaN."""
     return replace(log, world_T_scan=np.full_like(log.world_T_scan, np.nan))

@@ -1,5 +1,16 @@
-"""The graph of a drive: odometry joins its keys, loops close it, the ground keeps it level."""
+"""The graph of a drive: the poses of its keys that fit odometry, loops and the ground best.
 
+Keys (keys.py) and loops (loops.py) go in, a `Solution` comes out: a pose in the world for each key
+(METHODS 12.3). `spread_over_scans` then carries these poses over to all scans of the drive.
+
+1. Find the keys that odometry and loops connect; without fixes on a map, of the longest part.
+2. Guess their poses: each part of the drive by odometry, laid on the others by a loop.
+3. Add a factor for each step of odometry, for the ground now and then, for each loop, each fix.
+4. Optimise all poses at once (Levenberg-Marquardt in gtsam; Dellaert and Kaess 2017).
+5. Compare the loops with the result: those that it contradicts are overruled.
+"""
+
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,7 +25,21 @@ from pipeline.slam.keys import Keys
 from pipeline.slam.loops import Loop
 
 OVERRULED = 0.1
-"""A loop whose robust weight falls below this has no say."""
+"""A loop is overruled where its weight in Cauchy's robust loss falls below this."""
+FIRST_SDS = np.array([0.1, 0.1, 1e-4, 1e-4, 1e-4, 1e-4])
+"""Without a map the first key stays where odometry has it, within these standard deviations of
+roll, pitch, yaw in radians and x, y, z in metres: only the ground may tilt it."""
+
+
+@dataclass(frozen=True)
+class KeyFix:
+    """Where a key of a drive was found to stand on a map."""
+
+    key: int
+    world_T_key: Poses
+    """(4, 4) the pose of the key's frame, whose ground is at z = 0, in the map's world."""
+    covariance: NDArray[np.float64]
+    """(6, 6) of a small turn in radians, then a step in metres, in the key's frame."""
 
 
 @dataclass(frozen=True)
@@ -22,37 +47,44 @@ class Solution:
     """The poses of k keys, and how the loops agree with them."""
 
     world_T_key: Poses
-    """(k, 4, 4); NaN of keys that nothing joins with the longest part."""
+    """(k, 4, 4); NaN for a key that nothing joins with the longest part, or with the map."""
     residual_m: NDArray[np.float64]
-    """(loop,) how far each loop's pose lies from the result; NaN of one that is not in it."""
+    """(loop,) how far each loop's pose lies from the result; NaN for a loop of keys without one."""
     residual_deg: NDArray[np.float64]
+    """(loop,) how far each loop's pose is turned from the result, likewise."""
     used: NDArray[np.bool_]
-    """(loop,) False of one that the others overrule."""
+    """(loop,) False where the result overrules the loop."""
 
 
 @dataclass(frozen=True)
 class DriveGraph:
-    """Optimises all poses at once (gtsam; Dellaert and Kaess 2017)."""
+    """Optimises the poses of all keys at once. Its fields are standard deviations (conf/slam.yaml).
+
+    That of a step of odometry grows with the length of the step.
+    """
 
     step: Positive = 0.01
+    """Of the position after a step, as a share of the step's length."""
     step_m: Positive = 0.05
-    """Standard deviation of a step: this share of its length, and so much besides."""
+    """Of the position after a step, added to that share."""
     turn_deg_per_m: Positive = 0.05
+    """Of the heading after a step, for each metre of its length."""
     turn_deg: Positive = 0.2
+    """Of the heading after a step, added to that."""
     tilt: Positive = 0.15
-    """Roll and pitch are surer than the heading, for all of the ground is seen: of its deviation
-    they have this share."""
+    """Of roll and pitch, as a share of the heading's: they are surer, for the ground is all around.
+    """
     by_log: Positive = 5.0
-    """A step that is the log's own odometry has so many times these deviations."""
+    """All of a step's deviations are so many times as large where it is the log's odometry."""
     loop_m: Positive = 0.1
     loop_deg: Positive = 0.5
-    """Added to a loop's own covariance."""
+    """Of a loop and of a fix, added to their own covariance."""
     outlier: Positive = 2.0
-    """From so many standard deviations on a loop loses its weight (Cauchy)."""
+    """A loop or a fix that is off by more deviations than this loses weight (Cauchy's loss)."""
     level_deg: Positive = 3.0
-    """The ground around the vehicle is level within this, since hills are there too."""
+    """Of the ground around the vehicle from level: there are hills, too."""
     level_m: Positive = 50.0
-    """And says so once in so much path, for a hill is long."""
+    """The ground is taken for level once in so much path, since a hill is long."""
 
     def __post_init__(self) -> None:
         check(self, "graph")
@@ -62,175 +94,197 @@ class DriveGraph:
         keys: Keys,
         loops: list[Loop],
         by_log: NDArray[np.bool_],
-        up: NDArray[np.float64],
-        fixed: list[tuple[int, Poses, NDArray[np.float64]]] | None = None,
+        ground_normals: NDArray[np.float64],
+        fixes: Sequence[KeyFix] = (),
     ) -> Solution:
-        """Optimise the longest connected part of a drive.
+        """Optimise the longest part of a drive that loops connect, or the parts with fixes.
 
-        `by_log` (k,): the step to a key is the log's odometry; `up` (k, 3): the ground's normal in
-        each key's frame. With `fixed`, keys with a pose (4, 4) in a map and its covariance (6, 6),
-        the poses are in that map, and parts that none of them joins have none.
+        `by_log` (k,) is True where the step to a key is the log's odometry; `ground_normals` (k, 3)
+        is the ground's normal in each key's frame, NaN where unknown. With fixes the poses are in
+        the world of their map, and parts that no fix joins with it have none.
         """
         gtsam = imported_gtsam()
-        part_of = self._connected(keys, loops, fixed)
-        members = np.flatnonzero(part_of)
-        graph = gtsam.NonlinearFactorGraph()
+        is_member = _connected(keys, loops, fixes)
+        members = np.flatnonzero(is_member)
+        start = _start(keys, loops, members, fixes)
         values = gtsam.Values()
-        start = self._start(keys, loops, members, fixed)
         for key in members.tolist():
             values.insert(key, gtsam.Pose3(start[key]))
-        for key in members[1:].tolist():
-            if part_of[key - 1] and keys.parts[key - 1] == keys.parts[key]:
-                self._add_step(gtsam, graph, keys, key, float(by_log[key]))
-        self._add_level(gtsam, graph, keys, members, up)
-        robust = gtsam.noiseModel.mEstimator.Cauchy.Create(self.outlier)
-        for loop in loops:
-            if part_of[loop.key] and part_of[loop.later]:
-                noise = gtsam.noiseModel.Robust.Create(robust, self._noise(gtsam, loop.covariance))
-                pose = gtsam.Pose3(loop.key_T_later)
-                graph.add(gtsam.BetweenFactorPose3(loop.key, loop.later, pose, noise))
-        for key, world_T_key, covariance in fixed or ():
-            noise = gtsam.noiseModel.Robust.Create(robust, self._noise(gtsam, covariance))
-            graph.add(gtsam.PriorFactorPose3(key, gtsam.Pose3(world_T_key), noise))
-        if not fixed:
+
+        graph = gtsam.NonlinearFactorGraph()
+        self._add_steps(graph, keys, is_member, by_log)
+        self._add_ground(graph, keys, members, ground_normals)
+        self._add_loops(graph, loops, is_member)
+        if fixes:
+            self._add_fixes(graph, fixes)
+        else:
             first = int(members[0])
-            sds = gtsam.noiseModel.Diagonal.Sigmas(np.array([0.1, 0.1, 1e-4, 1e-4, 1e-4, 1e-4]))
-            graph.add(gtsam.PriorFactorPose3(first, gtsam.Pose3(start[first]), sds))
+            noise = gtsam.noiseModel.Diagonal.Sigmas(FIRST_SDS)
+            graph.add(gtsam.PriorFactorPose3(first, gtsam.Pose3(start[first]), noise))
+
         result = gtsam.LevenbergMarquardtOptimizer(graph, values).optimize()
         world_T_key = np.full((len(keys.rows), 4, 4), np.nan)
         for key in members.tolist():
             world_T_key[key] = result.atPose3(key).matrix()
         return self._solution(world_T_key, loops)
 
-    def _add_step(self, gtsam: Any, graph: Any, keys: Keys, key: int, by_log: float) -> None:
-        step = np.linalg.inv(keys.odom_T_key[key - 1]) @ keys.odom_T_key[key]
-        length_m = float(np.linalg.norm(step[:3, 3]))
-        turn = np.deg2rad(self.turn_deg_per_m * length_m + self.turn_deg)
-        away_m = self.step * length_m + self.step_m
-        sds = np.array([self.tilt * turn, self.tilt * turn, turn, away_m, away_m, away_m])
-        sds *= self.by_log if by_log else 1.0
-        graph.add(
-            gtsam.BetweenFactorPose3(
-                key - 1, key, gtsam.Pose3(step), gtsam.noiseModel.Diagonal.Sigmas(sds)
-            )
-        )
+    def _add_steps(
+        self, graph: Any, keys: Keys, is_member: NDArray[np.bool_], by_log: NDArray[np.bool_]
+    ) -> None:
+        """Add odometry: a factor between each key and the one before it in the same part."""
+        gtsam = imported_gtsam()
+        for key in range(1, len(keys.rows)):
+            if not (is_member[key - 1] and is_member[key]):
+                continue
+            if keys.parts[key - 1] != keys.parts[key]:
+                continue
+            step = np.linalg.inv(keys.odom_T_key[key - 1]) @ keys.odom_T_key[key]
+            length_m = float(np.linalg.norm(step[:3, 3]))
+            turn = np.deg2rad(self.turn_deg_per_m * length_m + self.turn_deg)
+            away_m = self.step * length_m + self.step_m
+            sds = np.array([self.tilt * turn, self.tilt * turn, turn, away_m, away_m, away_m])
+            if by_log[key]:
+                sds *= self.by_log
+            noise = gtsam.noiseModel.Diagonal.Sigmas(sds)
+            graph.add(gtsam.BetweenFactorPose3(key - 1, key, gtsam.Pose3(step), noise))
 
-    def _add_level(
+    def _add_ground(
         self,
-        gtsam: Any,
         graph: Any,
         keys: Keys,
         members: NDArray[np.int64],
-        up: NDArray[np.float64],
+        ground_normals: NDArray[np.float64],
     ) -> None:
+        """Add that the ground is level: a factor for a key in every `level_m` of path."""
+        gtsam = imported_gtsam()
         noise = gtsam.noiseModel.Isotropic.Sigma(2, np.deg2rad(self.level_deg))
+        upward = gtsam.Unit3(0.0, 0.0, 1.0)
         last_m = -np.inf
         for key in members.tolist():
-            if keys.path_m[key] - last_m >= self.level_m and np.isfinite(up[key]).all():
+            is_known = np.isfinite(ground_normals[key]).all()
+            if is_known and keys.path_m[key] - last_m >= self.level_m:
                 last_m = float(keys.path_m[key])
-                graph.add(
-                    gtsam.AttitudeFactorPose3(
-                        key, gtsam.Unit3(0.0, 0.0, 1.0), noise, gtsam.Unit3(*up[key])
-                    )
-                )
+                normal = gtsam.Unit3(*ground_normals[key])
+                graph.add(gtsam.AttitudeFactorPose3(key, upward, noise, normal))
 
-    def _noise(self, gtsam: Any, covariance: NDArray[np.float64]) -> Any:
-        floor = np.diag(np.repeat([np.deg2rad(self.loop_deg), self.loop_m], 3) ** 2)
-        return gtsam.noiseModel.Gaussian.Covariance(covariance + floor)
-
-    def _connected(
-        self,
-        keys: Keys,
-        loops: list[Loop],
-        fixed: list[tuple[int, Poses, NDArray[np.float64]]] | None,
-    ) -> NDArray[np.bool_]:
-        """Which keys (k,) are in the longest set of parts that loops join, or in those fixed."""
-        joined = keys.parts.copy()
+    def _add_loops(self, graph: Any, loops: list[Loop], is_member: NDArray[np.bool_]) -> None:
+        gtsam = imported_gtsam()
         for loop in loops:
-            joined[joined == joined[loop.later]] = joined[loop.key]
-        if fixed is not None:
-            fixed_parts = {int(joined[key]) for key, _, _ in fixed}
-            return np.isin(joined, sorted(fixed_parts))
-        counts = np.bincount(joined)
-        return np.asarray(joined == counts.argmax())
+            if is_member[loop.key] and is_member[loop.later]:
+                pose = gtsam.Pose3(loop.key_T_later)
+                noise = self._robust_noise(loop.covariance)
+                graph.add(gtsam.BetweenFactorPose3(loop.key, loop.later, pose, noise))
 
-    def _start(
-        self,
-        keys: Keys,
-        loops: list[Loop],
-        members: NDArray[np.int64],
-        fixed: list[tuple[int, Poses, NDArray[np.float64]]] | None,
-    ) -> Poses:
-        """First guesses (k, 4, 4): each part by its odometry, laid by a loop or a fixed key."""
-        start = keys.odom_T_key.copy()
-        placed: set[int] = set()
-        for key, world_T_key, _ in fixed or ():
-            part = int(keys.parts[key])
-            if part not in placed:
-                rows = keys.parts == part
-                start[rows] = (
-                    world_T_key @ np.linalg.inv(keys.odom_T_key[key]) @ keys.odom_T_key[rows]
-                )
-                placed.add(part)
-        if not placed:
-            placed.add(int(keys.parts[members[0]]))
-        for _ in range(len(loops)):
-            for loop in loops:
-                for a, b, a_T_b in (
-                    (loop.key, loop.later, loop.key_T_later),
-                    (loop.later, loop.key, np.linalg.inv(loop.key_T_later)),
-                ):
-                    if int(keys.parts[a]) in placed and int(keys.parts[b]) not in placed:
-                        rows = keys.parts == keys.parts[b]
-                        start[rows] = (
-                            start[a]
-                            @ a_T_b
-                            @ np.linalg.inv(keys.odom_T_key[b])
-                            @ keys.odom_T_key[rows]
-                        )
-                        placed.add(int(keys.parts[b]))
-            if set(keys.parts[members].tolist()) <= placed:
-                break
-        return start
+    def _add_fixes(self, graph: Any, fixes: Sequence[KeyFix]) -> None:
+        gtsam = imported_gtsam()
+        for fix in fixes:
+            pose = gtsam.Pose3(fix.world_T_key)
+            noise = self._robust_noise(fix.covariance)
+            graph.add(gtsam.PriorFactorPose3(fix.key, pose, noise))
+
+    def _robust_noise(self, covariance: NDArray[np.float64]) -> Any:
+        """Noise of a covariance (6, 6) and the deviations of a loop, under Cauchy's loss."""
+        gtsam = imported_gtsam()
+        floor = np.diag(np.repeat([np.deg2rad(self.loop_deg), self.loop_m], 3) ** 2)
+        gaussian = gtsam.noiseModel.Gaussian.Covariance(covariance + floor)
+        cauchy = gtsam.noiseModel.mEstimator.Cauchy.Create(self.outlier)
+        return gtsam.noiseModel.Robust.Create(cauchy, gaussian)
 
     def _solution(self, world_T_key: Poses, loops: list[Loop]) -> Solution:
+        """Compare the loops with the poses (k, 4, 4) that were found."""
         residual_m = np.full(len(loops), np.nan)
         residual_deg = np.full(len(loops), np.nan)
         used = np.zeros(len(loops), bool)
         for number, loop in enumerate(loops):
-            later = world_T_key[loop.key] @ loop.key_T_later
-            if not np.isfinite([later, world_T_key[loop.later]]).all():
+            by_loop = world_T_key[loop.key] @ loop.key_T_later
+            by_graph = world_T_key[loop.later]
+            if not np.isfinite([by_loop, by_graph]).all():
                 continue
-            away_m, turn_deg = distance_and_turn(later[None], world_T_key[loop.later][None])
+            away_m, turn_deg = distance_and_turn(by_loop[None], by_graph[None])
             residual_m[number] = away_m[0]
             residual_deg[number] = turn_deg[0]
             sd_m = np.sqrt(np.trace(loop.covariance[3:, 3:]) / 3 + self.loop_m**2)
-            sd_deg = np.hypot(
-                np.rad2deg(np.sqrt(np.trace(loop.covariance[:3, :3]) / 3)), self.loop_deg
-            )
+            sd_rad = np.sqrt(np.trace(loop.covariance[:3, :3]) / 3)
+            sd_deg = np.hypot(np.rad2deg(sd_rad), self.loop_deg)
             square = (away_m[0] / sd_m) ** 2 + (turn_deg[0] / sd_deg) ** 2
-            used[number] = 1 / (1 + square / self.outlier**2) >= OVERRULED
+            cauchy_weight = 1 / (1 + square / self.outlier**2)
+            used[number] = cauchy_weight >= OVERRULED
         return Solution(world_T_key, residual_m, residual_deg, used)
 
 
 def spread_over_scans(keys: Keys, world_T_key: Poses, odom_T_scan: Poses) -> Poses:
-    """The poses (n, 4, 4) of all scans of a log, in its own frame, from those of its keys.
+    """The poses (n, 4, 4) of all scans of a log, from those of its keys.
 
-    What the graph moves two neighbouring keys by is interpolated between them; scans of parts
-    without a pose have none. `odom_T_scan` (n, 4, 4) are the track's, of the log's own frame.
+    Between two keys, the motion that the graph adds to odometry is interpolated by the number of
+    the scan. A scan has no pose (NaN) where its part has none. `odom_T_scan` (n, 4, 4) is the
+    track's; it and the result are of the log's own frame, in which the ground is not at z = 0.
     """
     odom_T_raised = lifted(odom_T_scan, keys.lift_m)
     world_T_odom = world_T_key @ np.linalg.inv(keys.odom_T_key)
+    # the keys before and after each scan, and how far it is from the one to the other
     scans = np.arange(len(odom_T_scan))
     before = np.searchsorted(keys.rows, scans, side="right") - 1
     before = before.clip(0)
     after = (before + 1).clip(max=len(keys.rows) - 1)
     same_part = keys.parts[before] == keys.parts[after]
+    after = np.where(same_part, after, before)
     between = (keys.rows[after] - keys.rows[before]).clip(1)
-    share = np.where(same_part, (scans - keys.rows[before]) / between, 0.0).clip(0.0, 1.0)
+    share = ((scans - keys.rows[before]) / between).clip(0.0, 1.0)
+    share[~same_part] = 0.0
+
+    has_odometry = np.isfinite(odom_T_raised).all((1, 2))
+    posed = has_odometry & np.isfinite(world_T_odom[before]).all((1, 2))
+    moves = interpolate(world_T_odom[before[posed]], world_T_odom[after[posed]], share[posed])
     world_T_scan = np.full_like(odom_T_scan, np.nan)
-    known = np.isfinite(odom_T_raised).all((1, 2)) & np.isfinite(world_T_odom[before]).all((1, 2))
-    to = np.where(same_part, after, before)
-    moves = interpolate(world_T_odom[before[known]], world_T_odom[to[known]], share[known])
-    world_T_scan[known] = lifted(moves @ odom_T_raised[known], -keys.lift_m)
+    world_T_scan[posed] = lifted(moves @ odom_T_raised[posed], -keys.lift_m)
     return world_T_scan
+
+
+def _connected(keys: Keys, loops: list[Loop], fixes: Sequence[KeyFix]) -> NDArray[np.bool_]:
+    """Which keys (k,) are optimised: those that loops connect with a fix.
+
+    Without fixes they are those of the set of connected parts that has the most keys.
+    """
+    group = keys.parts.copy()
+    for loop in loops:
+        group[group == group[loop.later]] = group[loop.key]
+    if fixes:
+        fixed_groups = {int(group[fix.key]) for fix in fixes}
+        return np.isin(group, sorted(fixed_groups))
+    return np.asarray(group == np.bincount(group).argmax())
+
+
+def _start(
+    keys: Keys, loops: list[Loop], members: NDArray[np.int64], fixes: Sequence[KeyFix]
+) -> Poses:
+    """First guesses (k, 4, 4) of the keys' poses: each part by its odometry, moved as a whole.
+
+    A part is laid by its first fix, else by a loop with a part that is laid already. Without fixes
+    the part of the first member stays where it is.
+    """
+    start = keys.odom_T_key.copy()
+    laid: set[int] = set()
+
+    def lay(part: int, world_T_odom: Poses) -> None:
+        rows = keys.parts == part
+        start[rows] = world_T_odom @ keys.odom_T_key[rows]
+        laid.add(part)
+
+    for fix in fixes:
+        part = int(keys.parts[fix.key])
+        if part not in laid:
+            lay(part, fix.world_T_key @ np.linalg.inv(keys.odom_T_key[fix.key]))
+    if not laid:
+        laid.add(int(keys.parts[members[0]]))
+
+    joins: list[tuple[int, int, Poses]] = []
+    for loop in loops:  # both ways: a key, another key, and that one's pose in the frame of the key
+        joins.append((loop.key, loop.later, loop.key_T_later))
+        joins.append((loop.later, loop.key, np.asarray(np.linalg.inv(loop.key_T_later))))
+    member_parts = set(keys.parts[members].tolist())
+    while not member_parts <= laid:
+        for key, other, key_T_other in joins:
+            part = int(keys.parts[other])
+            if int(keys.parts[key]) in laid and part not in laid:
+                lay(part, start[key] @ key_T_other @ np.linalg.inv(keys.odom_T_key[other]))
+    return start

@@ -1,4 +1,8 @@
-"""Keys: the scans of a drive, one every few metres, that loops and the graph are made of."""
+"""Keys: the scans of a drive, one every few metres, that loops and the graph are made of.
+
+A log and its odometry (`Track`) go in. Of each key comes out what the later steps of `yearloc slam`
+need (METHODS 12): its pose by odometry, its thinned points, and its Scan Context.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,31 +25,31 @@ from pipeline.slam.odometry import Track
 from pipeline.views.scan_context import ScanContext
 
 LOOKED_AT = 9
-"""Scans, evenly spread, by which the height of the ground is estimated."""
+"""The height of the ground is estimated from so many keys, evenly spread."""
 NEAR_M = 15.0
-"""The ground around the vehicle that says how it is tilted."""
+"""The vehicle's tilt is judged by the ground within this distance (drive.py)."""
 
 
 @dataclass(frozen=True)
 class Keys:
-    """The k keys of a drive, their points raised so that the ground is at z = 0."""
+    """The k keys of a drive. A key's frame is its scan's, moved so that the ground is at z = 0."""
 
     rows: NDArray[np.int64]
-    """(k,) of the log."""
+    """(k,) the row of each key's scan in the log."""
     parts: NDArray[np.int64]
-    """(k,) of the track."""
+    """(k,) the part of the drive that each key is in: odometry does not join two parts."""
     path_m: NDArray[np.float64]
-    """(k,) metres of path driven until each."""
+    """(k,) metres of path driven until each key."""
     odom_T_key: Poses
-    """(k, 4, 4) by the track, of the raised frame."""
+    """(k, 4, 4) pose of each key by odometry, in the frame of its part."""
     heights_m: NDArray[np.float32]
-    """(k, ring, sector) Scan Contexts."""
+    """(k, ring, sector) the Scan Context of each key."""
     points: NDArray[np.int16]
     """(n, 3) thinned points of all keys, one after the other, in units of GRAIN_M."""
     offsets: NDArray[np.int64]
     """(k + 1,) key i has points[offsets[i]:offsets[i + 1]]."""
     lift_m: float
-    """By which the log's frame was raised."""
+    """How far the points were raised to bring the ground to z = 0."""
 
     @classmethod
     def read(
@@ -58,10 +62,14 @@ class Keys:
         view: ScanContext,
         watch: Progress,
     ) -> Self:
-        """Read the scans of a track that are `every_m` or more of path apart."""
+        """Choose scans `every_m` or more of path apart, and read them.
+
+        Their points are thinned to one a voxel of `voxel_m`, within `range_m`. A scan that cannot
+        be read is left out.
+        """
         rows, path_m = key_rows(track, every_m)
         lift_m = -ground_m(log, rows)
-        kept: list[int] = []
+        readable: list[int] = []
         heights_m = []
         points: list[NDArray[np.int16]] = []
         for number, row in enumerate(watch.track(rows.tolist(), len(rows), "keys")):
@@ -70,14 +78,14 @@ class Keys:
                 points_m[:, 2] += lift_m
             except LogError:
                 continue
-            kept.append(number)
+            readable.append(number)
             heights_m.append(view(points_m))
             points.append(thinned(points_m, range_m, voxel_m).astype(np.int16))
-        rows = rows[kept]
+        rows = rows[readable]
         return cls(
             rows,
             track.parts[rows],
-            path_m[kept],
+            path_m[readable],
             lifted(track.odom_T_scan[rows], lift_m),
             np.stack(heights_m),
             np.concatenate(points),
@@ -86,7 +94,7 @@ class Keys:
         )
 
     def targets(self, world_T_key: Poses, range_m: float) -> Targets:
-        """The keys as training submaps, at these poses (k, 4, 4)."""
+        """The keys as submaps to register queries with, standing at poses (k, 4, 4)."""
         arrays: dict[str, NDArray[Any]] = {
             "points": self.points,
             "offsets": self.offsets,
@@ -100,14 +108,14 @@ class Keys:
 
     @cached_property
     def spectra(self) -> Spectra:
-        """Of the Scan Contexts, to compare them."""
+        """The Scan Contexts of all keys, transformed so that they are compared fast."""
         return Spectra.learned(self.heights_m)
 
 
 def key_rows(track: Track, every_m: float) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """The first scan of each part and then one every `every_m` of path; the path (k,) until each.
+    """The rows (k,) of the scans that become keys, and the metres of path (k,) until each.
 
-    Path is counted on through breaks.
+    The first scan of each part is a key, then one every `every_m` of path. A break adds no path.
     """
     posed = np.flatnonzero(np.isfinite(track.odom_T_scan).all(axis=(1, 2)))
     xyz_m = track.odom_T_scan[posed, :3, 3]
@@ -115,19 +123,23 @@ def key_rows(track: Track, every_m: float) -> tuple[NDArray[np.int64], NDArray[n
     same_part = np.diff(parts) == 0
     steps_m = np.linalg.norm(np.diff(xyz_m, axis=0), axis=1) * same_part
     path_m = np.concatenate([[0.0], np.cumsum(steps_m)])
-    kept = [0] if len(posed) else []
+    chosen = [0] if len(posed) else []
     for i in range(1, len(posed)):
-        if parts[i] != parts[kept[-1]] or path_m[i] - path_m[kept[-1]] >= every_m:
-            kept.append(i)
-    return posed[kept], path_m[kept]
+        is_new_part = parts[i] != parts[chosen[-1]]
+        if is_new_part or path_m[i] - path_m[chosen[-1]] >= every_m:
+            chosen.append(i)
+    return posed[chosen], path_m[chosen]
 
 
 def ground_m(log: Log, rows: Sequence[int] | NDArray[np.int64]) -> float:
     """The median z of the ground in a few of the scans `rows`; 0 where none can be read."""
+    if not len(rows):
+        return 0.0
+    spread = np.unique(np.linspace(0, len(rows) - 1, LOOKED_AT).astype(int))
     heights_m = []
-    for row in np.unique(np.linspace(0, len(rows) - 1, LOOKED_AT).astype(int)) if len(rows) else ():
+    for number in spread:
         try:
-            points_m = np.asarray(log.points(int(rows[row])), np.float64)
+            points_m = np.asarray(log.points(int(rows[number])), np.float64)
         except LogError:
             continue
         if len(points_m):

@@ -1,8 +1,17 @@
-"""Loops: places that a drive comes back to, by which its drift is found.
+"""Loops: pairs of keys at which a drive comes back to a place, by which its drift is found.
 
-Candidates come from Scan Context (Kim and Kim, IROS 2018), not from the networks that are judged on
-the map. The project's own search verifies them, look-alikes included. What odometry cannot have
-drifted to is refused first: wrong loops that look right are refused by nothing else.
+The keys of a drive (keys.py) go in, its loops come out, which the graph joins (METHODS 12.2). For
+one key in every 4 m of path:
+
+1. Take the earlier keys that odometry allows it to stand beside. Loops elsewhere are wrong however
+   right they look, and nothing else refuses them.
+2. Of these take the five that look most like it by Scan Context (Kim and Kim, IROS 2018): not by
+   the networks, which are judged on the map that results.
+3. Register the key with them, and with others that look alike, by the search of posing/search.py.
+4. Accept the likeliest pose if the two keys overlap, and if odometry may have drifted so far.
+
+Parts of a drive that odometry does not join have no step 1 and no drift: between two of them a loop
+is accepted only if enough others say the same.
 """
 
 from dataclasses import dataclass, field
@@ -21,7 +30,7 @@ from pipeline.slam.odometry import share_standing
 from pipeline.views.scan_context import ScanContext
 
 NEAR_M = 8.0
-"""A scan is registered with a key that was taken this near or nearer."""
+"""A scan can be registered with a key if the two were taken no farther apart."""
 
 
 @dataclass(frozen=True)
@@ -31,14 +40,15 @@ class Loop:
     key: int
     """The earlier one."""
     later: int
+    """The later one."""
     key_T_later: Poses
-    """(4, 4)."""
+    """(4, 4) pose of the later key in the earlier one's frame."""
     covariance: NDArray[np.float64]
-    """(6, 6) of a turn in radians and a step in metres, in the later one's frame."""
+    """(6, 6) of a small turn in radians, then a step in metres, in the later one's frame."""
     overlap: float
-    """Share of what stands in one that the other has."""
+    """Their overlap: the share of what stands in one that the other has (`share_standing`)."""
     chance: float
-    """By the search's own model, that the pose is right."""
+    """The chance that the pose is right, by the search's own model (posing/chances.py)."""
 
 
 @dataclass(frozen=True)
@@ -48,73 +58,54 @@ class LoopSearch:
     view: ScanContext = field(default_factory=ScanContext)
     fixer: Fixer = field(default_factory=Fixer)
     every_m: Positive = 2.0
-    """A key is kept after so much path."""
+    """A scan becomes a key after so much path."""
     asked_m: Positive = 4.0
     """A key is asked for loops after so much path."""
     back_m: Positive = 50.0
-    """Path between the two keys of a loop, at least."""
+    """At least so much path lies between the two keys of a loop."""
     nearest: Count = 5
-    """Candidates by Scan Context."""
+    """A key is registered with so many candidates of Scan Context."""
     drift_m: NotNegative = 2.0
     drift: NotNegative = 0.06
-    """Odometry is off by `drift_m` and this share of the path between, at most."""
+    """Odometry is off by at most `drift_m` and this share of the path between."""
     turn_deg: NotNegative = 5.0
     turn_deg_per_m: NotNegative = 0.3
-    """Its heading is off by this much and so much a metre of path between, at most."""
+    """The heading of odometry is off by at most `turn_deg` and this much for each metre between."""
     least: Share = 0.5
-    """Of the median overlap of neighbouring scans, what the two keys of a loop overlap at least."""
+    """The two keys of a loop overlap by at least this share of the drive's usual overlap."""
     agreeing: Count = 3
-    """Loops that have to agree where they join parts of a drive."""
+    """Two parts of a drive are joined only by so many loops that agree, or more."""
     sure: Share = 0.95
-    """Chance of each of these."""
+    """A loop between parts, or a fix on a map, has at least this chance to be right."""
     range_m: Positive = 100.0
     """Points farther from a key are left out."""
 
     def __post_init__(self) -> None:
         check(self, "loops")
 
-    def within_drift(self, keys: Keys, targets: Targets, key: int) -> NDArray[np.bool_]:
-        """Which keys (k,) of the same part one may stand beside again, by odometry."""
-        between_m = keys.path_m[key] - keys.path_m
-        away_m = np.linalg.norm(
-            targets.world_T_anchor[:, :2, 3] - targets.world_T_anchor[key, :2, 3], axis=1
-        )
-        near = away_m < self.drift_m + self.drift * between_m + NEAR_M
-        return np.asarray(near & (between_m > self.back_m) & (keys.parts == keys.parts[key]))
-
     def within(self, keys: Keys, usual_overlap: float, watch: Progress) -> list[Loop]:
         """The loops of a drive, within its parts and between them.
 
-        `usual_overlap` is the median overlap of neighbouring scans.
+        `usual_overlap` is the median overlap of neighbouring scans (`Track.usual_overlap`).
         """
         targets = keys.targets(keys.odom_T_key, self.range_m)
         loops: list[Loop] = []
         between_parts: list[Loop] = []
         queries = self.queries(keys)
         for key in watch.track(queries, len(queries), "loops"):
-            earlier = self.within_drift(keys, targets, key)
-            loop = self._loop(keys, targets, key, earlier, usual_overlap)
+            within_reach = self.within_drift(keys, targets, key)
+            loop = self._loop(keys, targets, key, within_reach, usual_overlap)
             if loop and self._is_drift(keys, loop):
                 loops.append(loop)
-            others = keys.parts < keys.parts[key]
-            if others.any():
-                loop = self._loop(keys, targets, key, others, usual_overlap)
+            earlier_parts = keys.parts < keys.parts[key]
+            if earlier_parts.any():
+                loop = self._loop(keys, targets, key, earlier_parts, usual_overlap)
                 if loop and loop.chance >= self.sure:
                     between_parts.append(loop)
         return loops + self._agreeing(keys, between_parts)
 
-    def candidates(
-        self, keys: Keys, targets: Targets, heights_m: NDArray[np.float32], rows: NDArray[np.int64]
-    ) -> Answers:
-        """The poses of the keys `rows` (m,) that look most like a Scan Context, nearest first."""
-        distances, turned_deg = keys.spectra.compare(heights_m, rows)
-        order = np.argsort(distances, kind="stable")[: self.nearest]
-        world_T_anchor = targets.world_T_anchor[rows[order]]
-        heading_deg = np.rad2deg(yaw(world_T_anchor)) + turned_deg[order]
-        return Answers(world_T_anchor[:, :2, 3], (heading_deg + 180.0) % 360.0 - 180.0)
-
     def queries(self, keys: Keys) -> list[int]:
-        """The keys that are asked for loops."""
+        """The keys that are asked for loops: one in `asked_m` of path, and the first of a part."""
         queried: list[int] = []
         for key, path_m in enumerate(keys.path_m.tolist()):
             if (
@@ -125,6 +116,28 @@ class LoopSearch:
                 queried.append(key)
         return queried
 
+    def within_drift(self, keys: Keys, targets: Targets, key: int) -> NDArray[np.bool_]:
+        """Which earlier keys (k,) of the same part a key may stand beside, by odometry."""
+        between_m = keys.path_m[key] - keys.path_m
+        away_m = np.linalg.norm(
+            targets.world_T_anchor[:, :2, 3] - targets.world_T_anchor[key, :2, 3], axis=1
+        )
+        near = away_m < self.drift_m + self.drift * between_m + NEAR_M
+        return np.asarray(near & (between_m > self.back_m) & (keys.parts == keys.parts[key]))
+
+    def candidates(
+        self, keys: Keys, targets: Targets, heights_m: NDArray[np.float32], rows: NDArray[np.int64]
+    ) -> Answers:
+        """Where and how turned a Scan Context may be: the keys most like it, most alike first.
+
+        Only the keys `rows` (m,) are compared.
+        """
+        distances, turned_deg = keys.spectra.compare(heights_m, rows)
+        order = np.argsort(distances, kind="stable")[: self.nearest]
+        world_T_anchor = targets.world_T_anchor[rows[order]]
+        heading_deg = np.rad2deg(yaw(world_T_anchor)) + turned_deg[order]
+        return Answers(world_T_anchor[:, :2, 3], (heading_deg + 180.0) % 360.0 - 180.0)
+
     def _loop(
         self,
         keys: Keys,
@@ -133,7 +146,7 @@ class LoopSearch:
         allowed: NDArray[np.bool_],
         usual_overlap: float,
     ) -> Loop | None:
-        """The loop of a key with one of the `allowed` (k,), None where nothing fits."""
+        """The likeliest loop of a key with one of the `allowed` keys (k,); None if nothing fits."""
         rows = np.flatnonzero(allowed)
         if not len(rows):
             return None
@@ -141,17 +154,17 @@ class LoopSearch:
         fix = self.fixer.fix(keys.points_m(key), targets, answers, ~allowed)
         if not fix.hypotheses:
             return None
-        overlap = self.overlap(keys, targets, key, fix.hypotheses[0])
+        best = fix.hypotheses[0]
+        overlap = self.overlap(keys, targets, key, best)
         if overlap < self.least * usual_overlap:
             return None
-        best = fix.hypotheses[0]
         alignment = best.alignment
         return Loop(
             best.row, key, alignment.target_T_source, alignment.covariance, overlap, fix.chance
         )
 
     def overlap(self, keys: Keys, targets: Targets, key: int, hypothesis: Hypothesis) -> float:
-        """The share of what stands in a key that the submap of a hypothesis has."""
+        """The overlap of a key with the one that it was registered with in a hypothesis."""
         registration = self.fixer.registration
         return share_standing(
             targets.cloud(registration, hypothesis.row),
@@ -161,45 +174,59 @@ class LoopSearch:
         )
 
     def _is_drift(self, keys: Keys, loop: Loop) -> bool:
-        """Whether odometry may have drifted as far as the loop says."""
+        """Whether odometry may have drifted as far as a loop says."""
         between_m = float(keys.path_m[loop.later] - keys.path_m[loop.key])
         by_loop = (keys.odom_T_key[loop.key] @ loop.key_T_later)[None]
         by_odometry = keys.odom_T_key[loop.later][None]
         return bool(self.drifted(by_loop, by_odometry, np.array([between_m]))[0])
 
-    def drifted(self, a: Poses, b: Poses, between_m: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Whether odometry may have drifted from a to b (n, 4, 4) over so much path (n,)."""
-        away_m, turn_deg = distance_and_turn(a, b)
+    def drifted(
+        self, by_odometry: Poses, true: Poses, between_m: NDArray[np.float64]
+    ) -> NDArray[np.bool_]:
+        """Whether (n,) odometry may have drifted from the true poses (n, 4, 4) to its own.
+
+        `between_m` (n,) is the path driven meanwhile.
+        """
+        away_m, turn_deg = distance_and_turn(by_odometry, true)
         return np.asarray(
             (away_m < self.drift_m + self.drift * between_m)
             & (turn_deg < self.turn_deg + self.turn_deg_per_m * between_m)
         )
 
     def _agreeing(self, keys: Keys, loops: list[Loop]) -> list[Loop]:
-        """The loops between two parts that enough others agree with.
+        """The loops between parts of a drive of which enough agree.
 
-        Each says where one part lies in the frame of the other; two agree where odometry along both
-        parts allows it.
+        For each two parts, it is the largest set of loops that agree with one of them.
         """
-        kept: list[Loop] = []
-        pairs = [(int(keys.parts[loop.key]), int(keys.parts[loop.later])) for loop in loops]
-        for parts in sorted(set(pairs)):
-            of_parts = [loop for loop, pair in zip(loops, pairs, strict=True) if pair == parts]
-            near = np.array([self._agree(keys, loop, of_parts) for loop in of_parts])
-            best = near[near.sum(axis=1).argmax()]
-            if best.sum() >= self.agreeing:
-                kept += [loop for loop, is_near in zip(of_parts, best, strict=True) if is_near]
-        return kept
+        loops_of_parts: dict[tuple[int, int], list[Loop]] = {}
+        for loop in loops:
+            parts = (int(keys.parts[loop.key]), int(keys.parts[loop.later]))
+            loops_of_parts.setdefault(parts, []).append(loop)
+        agreed: list[Loop] = []
+        for _, candidates in sorted(loops_of_parts.items(), key=lambda item: item[0]):
+            largest: list[Loop] = []
+            for loop in candidates:
+                agreeing_loops = self._agreeing_with(keys, loop, candidates)
+                if len(agreeing_loops) > len(largest):
+                    largest = agreeing_loops
+            if len(largest) >= self.agreeing:
+                agreed += largest
+        return agreed
 
-    def _agree(self, keys: Keys, loop: Loop, others: list[Loop]) -> NDArray[np.bool_]:
-        """Which other loops (n,) between the same parts say the same as a loop."""
-        part_T_later_part = keys.odom_T_key[loop.key] @ (
+    def _agreeing_with(self, keys: Keys, loop: Loop, loops: list[Loop]) -> list[Loop]:
+        """The loops between the same two parts that agree with a loop.
+
+        Each loop says where the later part lies in the frame of the earlier one. Two agree where
+        odometry along both parts may have drifted by as much as they differ.
+        """
+        earlier_T_part = keys.odom_T_key[loop.key] @ (
             loop.key_T_later @ np.linalg.inv(keys.odom_T_key[loop.later])
         )
-        later = np.array([other.later for other in others])
-        key = np.array([other.key for other in others])
-        part_T_later = keys.odom_T_key[key] @ np.stack([other.key_T_later for other in others])
+        key = np.array([other.key for other in loops])
+        later = np.array([other.later for other in loops])
+        earlier_T_later = keys.odom_T_key[key] @ np.stack([other.key_T_later for other in loops])
         driven_m = np.abs(keys.path_m[later] - keys.path_m[loop.later]) + np.abs(
             keys.path_m[key] - keys.path_m[loop.key]
         )
-        return self.drifted(part_T_later_part @ keys.odom_T_key[later], part_T_later, driven_m)
+        agrees = self.drifted(earlier_T_part @ keys.odom_T_key[later], earlier_T_later, driven_m)
+        return [other for other, is_agreeing in zip(loops, agrees, strict=True) if is_agreeing]

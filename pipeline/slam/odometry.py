@@ -1,8 +1,17 @@
-"""Odometry by registration: each scan is aligned with the voxels of those before it.
+"""Odometry by registration: where each scan of a drive stands, aligned with those before it.
 
-Voxelised GICP (Koide et al., ICRA 2021, in small_gicp) finds the nearest minimum from a first
-guess, and says nothing where it is the wrong one. So each step is checked: by the overlap of
-neighbouring scans, against what is usual in the same log.
+A log goes in, a `Track` comes out: the poses of its scans in a frame that begins at the first one
+(METHODS 12.1). Loops and a graph (loops.py, graph.py) then take away its drift. For each scan:
+
+1. Move its points to its stamp, and thin them to voxels.
+2. Guess the step since the scan before: the log's odometry, or the last step once more.
+3. Align it with the map of the last scans from that guess, by voxelised GICP (Koide et al., ICRA
+   2021, in small_gicp). This finds the nearest minimum, and does not tell if it is the wrong one.
+4. So check the step by the overlap with the scan before. Where that is low for this log, try
+   further guesses and take the one of the most overlap.
+5. Where the two hardly overlap at all, take the step of the log's odometry; where the log has none,
+   break: the odometry starts anew at this scan.
+6. Add the scan to the map.
 """
 
 from collections import deque
@@ -24,49 +33,55 @@ from pipeline.readers.log import Log
 from pipeline.views.scan_context import ScanContext
 
 REMEMBERED = 200
-"""Steps whose median overlap is the usual one."""
-REFINED_M = 0.3
-REFINED_DEG = 2.0
-"""A step from a guess is refined on the map only as long as it stays so near."""
-WRONG_DEG = 30.0
-"""Odometry is not wrong by more than this in a step, nor by more than the reach."""
+"""The usual overlap is the median over so many of the last steps."""
 FIRST_OVERLAP = 0.4
-"""Taken for usual before any step is known."""
+"""The usual overlap before any step is known."""
 MOST_CARRIED = 3.0
-"""A last step is carried on at most so many times, over a gap."""
-LYING = 0.8
-"""A voxel whose normal is this upright or more is ground or ceiling."""
-FEWEST_STANDING = 30
-SAMPLED = 500
-"""So many voxels tell an overlap."""
-TURNS_DEG = (45.0, -45.0, 90.0, -90.0)
-"""Turns that are guessed where nothing better is known."""
+"""After a gap the last step is carried on at most so many times."""
 SKEWED_M = 0.05
 SKEWED_DEG = 0.5
-"""A scan is deskewed anew where its step turns out to be so far from the guess."""
+"""A scan is deskewed once more where its step turns out to be so far from the guess."""
+TURNS_DEG = (45.0, -45.0, 90.0, -90.0)
+"""Turns to the left that are guessed where nothing better is known."""
+REFINED_M = 0.3
+REFINED_DEG = 2.0
+"""Alignment with the map may move the best of several guesses by so much; else the guess stays."""
+WRONG_DEG = 30.0
+"""A step turned by more than this against the log's odometry is refused."""
+LYING = 0.8
+"""A voxel whose normal has a z of this or more is ground or ceiling; any other stands."""
+FEWEST_STANDING = 30
+"""Where fewer voxels of a scan stand, all of its voxels are compared."""
+SAMPLED = 500
+"""About so many voxels of a scan are compared for an overlap."""
 
 
 @dataclass(frozen=True)
 class Track:
-    """The steps of one drive by registration; n scans."""
+    """The odometry of one drive of n scans."""
 
     odom_T_scan: Poses
-    """(n, 4, 4); anew from the identity after a break, NaN of a scan that cannot be registered."""
+    """(n, 4, 4) poses; they start anew at the identity after a break, and are NaN for a scan that
+    cannot be registered."""
     overlap: NDArray[np.float64]
-    """(n,) share of what stands in a scan that the scan before has too, or the other way round,
-    whichever is more; NaN of the first, and of a scan that cannot be registered."""
+    """(n,) the overlap of each scan with the one before (`share_standing`); NaN for the first scan
+    and for one that cannot be registered."""
     by_log: NDArray[np.bool_]
-    """(n,) whether the step to this scan is the log's odometry, as its neighbour shows too little
-    of the same."""
+    """(n,) True where the step to a scan is the log's odometry, for want of overlap."""
     breaks: NDArray[np.int64]
-    """(k,) scans that join the one before by nothing: there the odometry starts anew."""
+    """(k,) the scans that nothing joins with the one before, where the odometry starts anew."""
     skipped: dict[str, int]
-    """Scans without a pose: reason to count."""
+    """How many scans have no pose, by reason."""
 
     @property
     def parts(self) -> NDArray[np.int64]:
         """The part (n,) of each scan: 0 until the first break, then 1 and so on."""
         return np.searchsorted(self.breaks, np.arange(len(self.overlap)), side="right")
+
+    @property
+    def usual_overlap(self) -> float:
+        """The median overlap of neighbouring scans; 0 if there is only one scan."""
+        return float(np.nanmedian(self.overlap)) if len(self.overlap) > 1 else 0.0
 
 
 @dataclass(frozen=True)
@@ -74,21 +89,23 @@ class ScanOdometry:
     """Aligns each scan with the voxel map of the last ones (conf/slam.yaml)."""
 
     registration: Registration = field(default_factory=Registration)
-    """How guesses are tried against the scan before, and how clouds are thinned."""
+    """Thins the scans, and aligns a scan with the one before when several guesses are tried."""
     range_m: Positive = 100.0
-    """Points farther off are left out."""
+    """Points farther from the sensor are left out."""
     map_voxel_m: Positive = 1.0
+    """The side of a voxel of the map, which holds one Gaussian."""
     reach_m: Positive = 4.0
-    """Largest distance of a point from its voxel's mean."""
+    """A point is paired with a voxel whose mean is at most this far."""
     iterations: Count = 30
+    """An alignment ends after so many iterations."""
     forgotten: Count = 100
-    """A voxel that so many scans did not touch is forgotten, so that memory is bounded."""
+    """The map forgets a voxel that so many scans did not touch, so that memory is bounded."""
     usual: Share = 0.7
-    """Several guesses are tried below this share of the log's median overlap."""
+    """Further guesses are tried where the overlap is below this share of the usual one."""
     least: Share = 0.4
-    """Below this share neighbours do not overlap."""
+    """Scans do not overlap where the overlap is below this share of the usual one."""
     trials: Count = 10
-    """First steps at which all guesses are tried, until a median is known."""
+    """At so many first steps all guesses are tried, until a usual overlap is known."""
 
     def __post_init__(self) -> None:
         check(self, "odometry")
@@ -98,44 +115,62 @@ class ScanOdometry:
 
         Raises LogError where most of them have too few points.
         """
-        return _Registering(self, log, use_log_odometry).track(watch)
+        return _Tracker(self, log, use_log_odometry).track(watch)
 
 
-@dataclass
-class _Registering:
-    """The state of a drive that is being registered."""
+@dataclass(frozen=True)
+class _Step:
+    """How a scan was found to have moved since the one before."""
 
-    settings: ScanOdometry
-    log: Log
-    use_log_odometry: bool
-    map: small_gicp.GaussianVoxelMap = field(init=False)
-    last_cloud: Cloud = field(init=False)
-    before_last: tuple[Poses, Cloud] | None = field(default=None, init=False)
-    """The pose and the cloud of the scan before the last."""
+    cloud: Cloud
+    """The scan, deskewed by this motion."""
+    last_T_scan: Poses | None
+    """(4, 4) the scan's pose in the frame of the one before; None where nothing joins them."""
+    overlap: float
+    is_by_log: bool
+    """Whether the step is the log's odometry, for want of overlap."""
 
-    def __post_init__(self) -> None:
-        count = len(self.log.stamps_ns)
+
+class _Tracker:
+    """Registers the scans of one drive in their order, and keeps what the next one needs."""
+
+    def __init__(self, settings: ScanOdometry, log: Log, use_log_odometry: bool) -> None:
+        count = len(log.stamps_ns)
+        self.settings = settings
+        self.log = log
+        self.use_log_odometry = use_log_odometry
+        # the result, as Track has it
         self.poses = np.full((count, 4, 4), np.nan)
         self.overlap = np.full(count, np.nan)
         self.by_log = np.zeros(count, bool)
         self.breaks: list[int] = []
         self.sparse = 0
         self.unreadable = 0
-        self.usual_overlaps: deque[float] = deque(maxlen=REMEMBERED)
+        # what the next scan is guessed from, aligned with and compared with
+        self.map: small_gicp.GaussianVoxelMap
         self.last_row = -1
+        self.last_cloud: Cloud
         self.last_step = np.eye(4)
         self.last_step_s = 0.0
+        self.before_last: tuple[Poses, Cloud] | None = None  # its pose and its cloud
+        self.last_overlaps: deque[float] = deque(maxlen=REMEMBERED)
 
     def track(self, watch: Progress) -> Track:
+        """Register all scans; raises LogError where most of them have too few points."""
         count = len(self.log.stamps_ns)
         for row in watch.track(range(count), count, "odometry"):
             cloud = self._cloud(row)
-            if cloud is not None:
-                cloud = self._add(row, cloud)
-                if self.last_row >= 0:
-                    self.before_last = (self.poses[self.last_row], self.last_cloud)
-                self.last_row = row
-                self.last_cloud = cloud
+            if cloud is None:
+                continue
+            if self.last_row < 0:
+                self._start(row, cloud)
+            else:
+                step = self._step(row, cloud)
+                cloud = step.cloud
+                self._add(row, step)
+                self.before_last = (self.poses[self.last_row], self.last_cloud)
+            self.last_row = row
+            self.last_cloud = cloud
         if self.sparse > count / 2:
             raise LogError(
                 f"{self.sparse} of {count} scans have fewer than "
@@ -153,9 +188,9 @@ class _Registering:
         )
 
     def _cloud(self, row: int, step: Poses | None = None) -> Cloud | None:
-        """The scan's thinned points at its stamp; None where it has too few.
+        """The scan's points at its stamp, thinned; None if it has too few or cannot be read.
 
-        It moved by `step` since the scan before, or as is guessed.
+        `step` (4, 4) is how it moved since the scan before; None if that is to be guessed.
         """
         try:
             points_m = self._points(row, step)
@@ -176,34 +211,15 @@ class _Registering:
         points_m = self.log.points(row)
         if self.last_row < 0:
             return np.asarray(points_m, np.float64)
-        step = self._carried_on(row) if step is None else step
+        if step is None:
+            step = self._carried_on(row)
         return deskewed(points_m, self.log.times_s(row), step, self._seconds(row))
 
     def _is_deskewed_by_log(self, row: int) -> bool:
         return self.use_log_odometry and bool(np.isfinite(self.log.odom_T_scan[row]).all())
 
-    def _add(self, row: int, cloud: Cloud) -> Cloud:
-        """Find the scan's pose, and add it to the map; returns its points, deskewed by its step."""
-        if self.last_row < 0:
-            self._start(row, cloud)
-            return cloud
-        cloud, last_T_scan, overlap, is_by_log = self._step(row, cloud)
-        self.overlap[row] = overlap
-        if last_T_scan is None:
-            self.breaks.append(row)
-            self._start(row, cloud)
-            return cloud
-        self.poses[row] = self.poses[self.last_row] @ last_T_scan
-        self.by_log[row] = is_by_log
-        self.map.insert(cloud.points, self.poses[row])
-        self.last_step = last_T_scan
-        self.last_step_s = self._seconds(row)
-        if not is_by_log:
-            self.usual_overlaps.append(overlap)
-        return cloud
-
     def _start(self, row: int, cloud: Cloud) -> None:
-        """Begin a map at this scan."""
+        """Begin the odometry and its map at this scan."""
         self.poses[row] = np.eye(4)
         self.last_step = np.eye(4)
         self.last_step_s = 0.0
@@ -211,63 +227,168 @@ class _Registering:
         self.map.set_lru(self.settings.forgotten, 10)
         self.map.insert(cloud.points, self.poses[row])
 
-    def _step(self, row: int, cloud: Cloud) -> tuple[Cloud, Poses | None, float, bool]:
-        """The scan deskewed by its step, that step, their overlap, whether it is the log's.
+    def _add(self, row: int, step: _Step) -> None:
+        """Put the scan after the last one, by its step, and into the map."""
+        self.overlap[row] = step.overlap
+        if step.last_T_scan is None:
+            self.breaks.append(row)
+            self._start(row, step.cloud)
+            return
+        self.poses[row] = self.poses[self.last_row] @ step.last_T_scan
+        self.by_log[row] = step.is_by_log
+        self.map.insert(step.cloud.points, self.poses[row])
+        self.last_step = step.last_T_scan
+        self.last_step_s = self._seconds(row)
+        if not step.is_by_log:
+            self.last_overlaps.append(step.overlap)
 
-        The step is the scan's pose in the frame of the one before, None where nothing joins the
-        two.
-        """
+    def _step(self, row: int, cloud: Cloud) -> _Step:
+        """Find the scan's step since the one before: steps 2 to 5 of this module's docstring."""
         settings = self.settings
+        # guess and align
         odometry_step = self._odometry_step(row)
         first_guess = odometry_step if odometry_step is not None else self._carried_on(row)
         last_T_scan = self._aligned(cloud, first_guess)
+        # deskew once more, by the step itself, if it was deskewed by a guess far from it
         if self._is_skewed(row, first_guess, last_T_scan):
             cloud = self._cloud(row, last_T_scan) or cloud
             last_T_scan = self._aligned(cloud, last_T_scan)
+        # try further guesses where the overlap is low, or what is usual not yet known
         overlap = self._overlap(cloud, last_T_scan)
-        usual = self._usual()
-        if len(self.usual_overlaps) < settings.trials or overlap < settings.usual * usual:
-            tried = self._by_guesses(cloud, first_guess)
-            if tried[1] > overlap and self._may_be(tried[0], odometry_step):
-                last_T_scan, overlap = tried
-        if overlap < settings.least * usual:
+        usual_overlap = self._usual_overlap()
+        is_low = overlap < settings.usual * usual_overlap
+        if is_low or len(self.last_overlaps) < settings.trials:
+            other_step, other_overlap = self._by_guesses(cloud, first_guess)
+            if other_overlap > overlap and self._is_allowed(other_step, odometry_step):
+                last_T_scan = other_step
+                overlap = other_overlap
+        # where the scans do not overlap, only the log's odometry can join them
+        least_overlap = settings.least * usual_overlap
+        if overlap < least_overlap:
             overlap = max(overlap, self._overlap_before_last(cloud, last_T_scan))
-        if overlap >= settings.least * usual:
-            return cloud, last_T_scan, overlap, False
-        return cloud, odometry_step, overlap, odometry_step is not None
+        if overlap < least_overlap:
+            return _Step(cloud, odometry_step, overlap, is_by_log=odometry_step is not None)
+        return _Step(cloud, last_T_scan, overlap, is_by_log=False)
+
+    def _odometry_step(self, row: int) -> Poses | None:
+        """The step (4, 4) since the scan before by the log's odometry; None where it has none."""
+        if not self.use_log_odometry:
+            return None
+        between = self.log.odom_T_scan[self.last_row + 1 : row + 1]
+        if not np.isfinite(between).all():  # NaN marks a break in the odometry, too
+            return None
+        step = np.linalg.inv(self.log.odom_T_scan[self.last_row]) @ between[-1]
+        return step if np.isfinite(step).all() else None
+
+    def _carried_on(self, row: int) -> Poses:
+        """The last step (4, 4) once more, longer or shorter by the time that has passed.
+
+        Where the log has an IMU, the step turns as far as the IMU says.
+        """
+        seconds = self._seconds(row)
+        step = self.last_step
+        if self.last_step_s > 0 and seconds > 0:
+            times = np.array([min(seconds / self.last_step_s, MOST_CARRIED)])
+            step = np.asarray(interpolate(np.eye(4)[None], self.last_step[None], times)[0])
+        turn_rad = self._imu_turn_rad(row)
+        return step if turn_rad is None else turned_by(step, turn_rad)
+
+    def _imu_turn_rad(self, row: int) -> float | None:
+        """How far the vehicle turned to its left since the last scan; None without an IMU."""
+        if self.log.heading_rad is None or not self.use_log_odometry:
+            return None
+        headings_rad = self.log.heading_rad[self.last_row : row + 1]
+        if not np.isfinite(headings_rad).all():  # NaN marks a gap, too
+            return None
+        return float(headings_rad[-1] - headings_rad[0])
+
+    def _seconds(self, row: int) -> float:
+        """The time since the last scan."""
+        return float(self.log.stamps_ns[row] - self.log.stamps_ns[self.last_row]) / 1e9
+
+    def _aligned(self, cloud: Cloud, last_T_guess: Poses) -> Poses:
+        """The scan's pose in the frame of the one before, aligned with the map from a guess."""
+        odom_T_last = self.poses[self.last_row]
+        result = small_gicp.align(
+            self.map,
+            cloud.points,
+            odom_T_last @ last_T_guess,
+            max_correspondence_distance=self.settings.reach_m,
+            max_iterations=self.settings.iterations,
+        )
+        return np.asarray(np.linalg.inv(odom_T_last) @ result.T_target_source)
 
     def _is_skewed(self, row: int, guess: Poses, last_T_scan: Poses) -> bool:
-        """Whether a scan was deskewed by a guess that its step is far from."""
+        """Whether a scan was deskewed by a guess that is far from its step."""
         if self._is_deskewed_by_log(row) or self.log.times_s(row) is None:
             return False
         away_m, turn_deg = distance_and_turn(guess[None], last_T_scan[None])
         return bool(away_m[0] > SKEWED_M or turn_deg[0] > SKEWED_DEG)
 
-    def _may_be(self, last_T_scan: Poses, odometry_step: Poses | None) -> bool:
-        """Whether the log's odometry, if it has any, allows a step."""
+    def _overlap(self, cloud: Cloud, last_T_scan: Poses) -> float:
+        """The overlap of a scan with the one before."""
+        inlier_m = self.settings.registration.inlier_m
+        return share_standing(self.last_cloud, cloud, last_T_scan, inlier_m)
+
+    def _usual_overlap(self) -> float:
+        return float(np.median(self.last_overlaps)) if self.last_overlaps else FIRST_OVERLAP
+
+    def _overlap_before_last(self, cloud: Cloud, last_T_scan: Poses) -> float:
+        """The overlap of a scan with the one before the last; 0 if that is of another part.
+
+        A truck beside the sensor may have hidden from the last scan what these two see.
+        """
+        if self.before_last is None or self.last_row in self.breaks:
+            return 0.0
+        odom_T_before, cloud_before = self.before_last
+        before_T_scan = np.linalg.inv(odom_T_before) @ self.poses[self.last_row] @ last_T_scan
+        inlier_m = self.settings.registration.inlier_m
+        return share_standing(cloud_before, cloud, before_T_scan, inlier_m)
+
+    def _is_allowed(self, last_T_scan: Poses, odometry_step: Poses | None) -> bool:
+        """Whether a step is as near to the log's odometry, if it has any, as that may err."""
         if odometry_step is None:
             return True
         away_m, turn_deg = distance_and_turn(last_T_scan[None], odometry_step[None])
         return bool(away_m[0] < self.settings.reach_m and turn_deg[0] < WRONG_DEG)
 
     def _by_guesses(self, cloud: Cloud, first_guess: Poses) -> tuple[Poses, float]:
-        """The step of the most overlap from several guesses, refined on the map."""
+        """Try several guesses; returns the step (4, 4) of the most overlap, and that overlap."""
         registration = self.settings.registration
         alignments = [
             registration.refine(self.last_cloud, cloud, self._brought_near(cloud, guess))
             for guess in self._guesses(cloud, first_guess)
         ]
         best = max(alignments, key=lambda alignment: alignment.overlap).target_T_source
-        refined = self._aligned(cloud, best)
-        moved_m, turned_deg = distance_and_turn(refined[None], best[None])
+        by_map = self._aligned(cloud, best)
+        moved_m, turned_deg = distance_and_turn(by_map[None], best[None])
         is_same = moved_m[0] < REFINED_M and turned_deg[0] < REFINED_DEG
-        kept = refined if is_same else best
-        return kept, self._overlap(cloud, kept)
+        step = by_map if is_same else best
+        return step, self._overlap(cloud, step)
+
+    def _guesses(self, cloud: Cloud, first_guess: Poses) -> Iterator[Poses]:
+        """Poses (4, 4) that the scan may have in the frame of the one before."""
+        straight_on = np.eye(4)
+        straight_on[:3, 3] = self.last_step[:3, 3]
+        standing_still = np.eye(4)
+        yield first_guess
+        yield self.last_step
+        yield straight_on
+        yield standing_still
+        for turn_deg in (*self._likely_turns_deg(cloud), *TURNS_DEG):
+            yield straight_on @ turns(np.deg2rad(np.array([turn_deg])))[0]
+
+    def _likely_turns_deg(self, cloud: Cloud) -> list[float]:
+        """The turn since the scan before by Scan Context (Kim and Kim, IROS 2018), if any."""
+        view = ScanContext(voxel_m=0.0, min_points=1)
+        spectra = Spectra.learned(view(self.last_cloud.xyz_m)[None])
+        turn_deg = spectra.compare(view(cloud.xyz_m), np.array([0]))[1]
+        return [float(turn) for turn in turn_deg if np.isfinite(turn)]
 
     def _brought_near(self, cloud: Cloud, guess: Poses) -> Poses:
-        """A guess, aligned with the scan before by pairs of points as far apart as the reach.
+        """A guess aligned with the scan before, by pairs of points up to `reach_m` apart.
 
-        Gaussians of wide cells, with which poses are approached elsewhere, lose turns of 45°.
+        Gaussians of wide cells, with which posing/registration.py approaches, lose turns of 45°.
         """
         result = small_gicp.align(
             self.last_cloud.points,
@@ -279,91 +400,9 @@ class _Registering:
         )
         return np.asarray(result.T_target_source)
 
-    def _guesses(self, cloud: Cloud, first_guess: Poses) -> Iterator[Poses]:
-        """Where the scan may stand in the frame of the one before."""
-        straight_on = np.eye(4)
-        straight_on[:3, 3] = self.last_step[:3, 3]
-        yield first_guess
-        yield self.last_step
-        yield straight_on
-        yield np.eye(4)
-        for turn_deg in (*self._likely_turns_deg(cloud), *TURNS_DEG):
-            yield straight_on @ turns(np.deg2rad(np.array([turn_deg])))[0]
-
-    def _likely_turns_deg(self, cloud: Cloud) -> list[float]:
-        """The turn against the scan before by Scan Context (Kim and Kim, IROS 2018)."""
-        view = ScanContext(voxel_m=0.0, min_points=1)
-        spectra = Spectra.learned(view(self.last_cloud.xyz_m)[None])
-        turn_deg = spectra.compare(view(cloud.xyz_m), np.array([0]))[1]
-        return [float(turn) for turn in turn_deg if np.isfinite(turn)]
-
-    def _aligned(self, cloud: Cloud, last_T_guess: Poses) -> Poses:
-        """The scan's pose in the frame of the one before by the map, from a guess."""
-        odom_T_last = self.poses[self.last_row]
-        result = small_gicp.align(
-            self.map,
-            cloud.points,
-            odom_T_last @ last_T_guess,
-            max_correspondence_distance=self.settings.reach_m,
-            max_iterations=self.settings.iterations,
-        )
-        return np.asarray(np.linalg.inv(odom_T_last) @ result.T_target_source)
-
-    def _overlap(self, cloud: Cloud, last_T_scan: Poses) -> float:
-        """The share of what stands in this scan or the last that the other has."""
-        inlier_m = self.settings.registration.inlier_m
-        return share_standing(self.last_cloud, cloud, last_T_scan, inlier_m)
-
-    def _overlap_before_last(self, cloud: Cloud, last_T_scan: Poses) -> float:
-        """The same with the scan before the last: a truck hides what one scan alone might see."""
-        if self.before_last is None or self.last_row in self.breaks:
-            return 0.0
-        odom_T_before, before = self.before_last
-        before_T_scan = np.linalg.inv(odom_T_before) @ self.poses[self.last_row] @ last_T_scan
-        inlier_m = self.settings.registration.inlier_m
-        return share_standing(before, cloud, before_T_scan, inlier_m)
-
-    def _usual(self) -> float:
-        return float(np.median(self.usual_overlaps)) if self.usual_overlaps else FIRST_OVERLAP
-
-    def _odometry_step(self, row: int) -> Poses | None:
-        """The step from the scan before by the log's odometry; None where it has none."""
-        if not self.use_log_odometry:
-            return None
-        between = self.log.odom_T_scan[self.last_row + 1 : row + 1]
-        if not np.isfinite(between).all():  # NaN marks a break in the odometry, too
-            return None
-        step = np.linalg.inv(self.log.odom_T_scan[self.last_row]) @ between[-1]
-        return step if np.isfinite(step).all() else None
-
-    def _carried_on(self, row: int) -> Poses:
-        """The last step once more, longer or shorter by the time that has passed.
-
-        Where the log has an IMU it turns as that says.
-        """
-        seconds = self._seconds(row)
-        step = self.last_step
-        if self.last_step_s > 0 and seconds > 0:
-            share = np.array([min(seconds / self.last_step_s, MOST_CARRIED)])
-            step = np.asarray(interpolate(np.eye(4)[None], self.last_step[None], share)[0])
-        turn_rad = self._turn_rad(row)
-        return step if turn_rad is None else turned_by(step, turn_rad)
-
-    def _turn_rad(self, row: int) -> float | None:
-        """How far the vehicle turned to its left since the last scan, by the log's IMU, if any."""
-        if self.log.heading_rad is None or not self.use_log_odometry:
-            return None
-        headings_rad = self.log.heading_rad[self.last_row : row + 1]
-        if not np.isfinite(headings_rad).all():  # NaN marks a gap, too
-            return None
-        return float(headings_rad[-1] - headings_rad[0])
-
-    def _seconds(self, row: int) -> float:
-        return float(self.log.stamps_ns[row] - self.log.stamps_ns[self.last_row]) / 1e9
-
 
 def turned_by(step: Poses, turn_rad: float) -> Poses:
-    """A step (4, 4) as long, on an arc that turns to the left by so much; it keeps its slope."""
+    """A step (4, 4) bent to an arc that turns to the left by `turn_rad`; length and slope stay."""
     was_rad = float(np.arctan2(step[1, 0], step[0, 0]))
     more = turns(np.array([turn_rad - was_rad]))[0]
     half = turns(np.array([(turn_rad - was_rad) / 2]))[0]
@@ -372,28 +411,29 @@ def turned_by(step: Poses, turn_rad: float) -> Poses:
     return np.asarray(turned)
 
 
+def share_standing(target: Cloud, source: Cloud, target_T_source: Poses, inlier_m: float) -> float:
+    """The overlap of two scans: the share of what stands in one that the other has.
+
+    A voxel is had by a cloud with a voxel nearer than `inlier_m`. Of the shares of the two clouds
+    the larger counts: a truck before one sensor hides what the other saw.
+    """
+    source_T_target = np.asarray(np.linalg.inv(target_T_source))
+    of_source = _share(target, moved(target_T_source, standing(source)), inlier_m)
+    of_target = _share(source, moved(source_T_target, standing(target)), inlier_m)
+    return max(of_source, of_target)
+
+
 def standing(cloud: Cloud) -> Points:
     """A sample (m, 3) of the voxels of a cloud that stand: neither ground nor ceiling.
 
-    Ground lies on ground wherever a scan is laid, and so says nothing. Where hardly anything
-    stands, all voxels are taken.
+    Ground fits on ground wherever a scan is laid, and so says nothing. Where hardly anything
+    stands, all voxels are sampled.
     """
-    upright = np.abs(cloud.normals[:, 2]) < LYING
-    points_m = cloud.xyz_m[upright] if upright.sum() >= FEWEST_STANDING else cloud.xyz_m
+    points_m = cloud.xyz_m
+    is_standing = np.abs(cloud.normals[:, 2]) < LYING
+    if is_standing.sum() >= FEWEST_STANDING:
+        points_m = points_m[is_standing]
     return points_m[:: max(len(points_m) // SAMPLED, 1)]
-
-
-def share_standing(target: Cloud, source: Cloud, target_T_source: Poses, inlier_m: float) -> float:
-    """The share of one cloud's standing voxels that the other has nearer than `inlier_m`.
-
-    The larger share of the two, for a truck that stands before the sensor hides from one what the
-    other saw.
-    """
-    source_T_target = np.asarray(np.linalg.inv(target_T_source))
-    return max(
-        _share(target, moved(target_T_source, standing(source)), inlier_m),
-        _share(source, moved(source_T_target, standing(target)), inlier_m),
-    )
 
 
 def _share(cloud: Cloud, points_m: Points, inlier_m: float) -> float:

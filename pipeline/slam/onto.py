@@ -1,59 +1,53 @@
-"""Further days: a drive's own odometry, laid onto the map of the training day by fixes."""
+"""Estimates the poses of a further day's drive on the map of the training day (METHODS 12.4).
 
-from dataclasses import dataclass
+1. The drive's odometry and keys are found as on the training day (drive.py).
+2. Each key is sought among all keys of the training day; one found there with a high chance is a
+   fix.
+3. Of each part of the drive, the fixes that agree with one another by odometry are kept.
+4. The graph lays the drive's odometry onto these fixes.
+"""
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.core.errors import LogError
 from pipeline.core.frames import Poses
 from pipeline.core.progress import Progress
 from pipeline.core.schemas import Estimates
 from pipeline.readers.log import Log
-from pipeline.slam.drive import Slam, estimated, ups
+from pipeline.slam.drive import Slam, estimated, ground_normals
+from pipeline.slam.graph import KeyFix
 from pipeline.slam.keys import Keys
 from pipeline.slam.odometry import Track
 
 AGREEING = 2
-"""Fixes that have to agree by odometry before a part of a drive is laid onto the map."""
-
-
-@dataclass(frozen=True)
-class KeyFix:
-    """Where a key of a drive stands on the map."""
-
-    key: int
-    world_T_key: Poses
-    """(4, 4) of the raised frame."""
-    covariance: NDArray[np.float64]
-    """(6, 6) of a turn in radians and a step in metres, in the key's frame."""
+"""A part of a drive is laid onto the map if so many of its fixes agree by odometry."""
 
 
 def estimate_onto(
     slam: Slam, log: Log, map_log: Log, map_poses: Poses, watch: Progress
 ) -> Estimates:
-    """The poses of a drive in the world of a map, whose log has these poses (m, 4, 4).
+    """The poses of a drive in the world of a map.
 
-    Raises LogError where no scan of the drive is found on it.
+    The map is another log, `map_log`, with the poses `map_poses` (m, 4, 4). Raises LogError where
+    no scan of the drive is found on it.
     """
     track, keys = slam.tracked(log, watch)
     map_keys = keys_of_map(slam, map_log, map_poses, watch)
-    usual_overlap = float(np.nanmedian(track.overlap)) if len(track.overlap) > 1 else 0.0
-    fixes = agreeing(slam, keys, key_fixes(slam, keys, map_keys, usual_overlap, watch))
+    sure_fixes = key_fixes(slam, keys, map_keys, track.usual_overlap, watch)
+    fixes = agreeing(slam, keys, sure_fixes)
     if not fixes:
         raise LogError(
             f"none of {len(log.stamps_ns)} scans was found on the map of the training sequence: "
             "did this day drive elsewhere? Give another training sequence, or leave this one out"
         )
-    fixed = [(fix.key, fix.world_T_key, fix.covariance) for fix in fixes]
-    solution = slam.graph.solve(keys, [], track.by_log[keys.rows], ups(keys), fixed)
+    solution = slam.graph.solve(keys, [], track.by_log[keys.rows], ground_normals(keys), fixes)
     reason = "in a part of the drive that was not found on the map"
     fixed_rows = keys.rows[np.array([fix.key for fix in fixes], np.int64)]
     return estimated(log, track, keys, [], solution, reason, fixed_rows)
 
 
 def keys_of_map(slam: Slam, log: Log, world_T_scan: Poses, watch: Progress) -> Keys:
-    """The keys of a log that has poses (n, 4, 4), NaN of scans that are not in the map."""
+    """The keys of a log that has poses (n, 4, 4), which are NaN for scans that the map lacks."""
     count = len(log.stamps_ns)
     no_breaks = np.empty(0, np.int64)
     track = Track(world_T_scan, np.full(count, np.nan), np.zeros(count, bool), no_breaks, {})
@@ -63,7 +57,10 @@ def keys_of_map(slam: Slam, log: Log, world_T_scan: Poses, watch: Progress) -> K
 def key_fixes(
     slam: Slam, keys: Keys, map_keys: Keys, usual_overlap: float, watch: Progress
 ) -> list[KeyFix]:
-    """The keys of a drive that are surely found on a map, by Scan Context and the search."""
+    """The keys of a drive that are found on a map, with the chance and overlap that loops need.
+
+    Scan Context names candidates among the map's keys, the search registers the key with them.
+    """
     search = slam.loops
     targets = map_keys.targets(map_keys.odom_T_key, search.range_m)
     rows = np.arange(len(map_keys.rows))
@@ -81,24 +78,28 @@ def key_fixes(
 
 
 def agreeing(slam: Slam, keys: Keys, fixes: list[KeyFix]) -> list[KeyFix]:
-    """Of each part of a drive the most fixes that agree with one of them by odometry."""
-    kept: list[KeyFix] = []
+    """The fixes that agree by odometry with one of them: in each part, that which most agree with.
+
+    A part with fewer than AGREEING such fixes has none.
+    """
+    agreed: list[KeyFix] = []
     for part in sorted({int(keys.parts[fix.key]) for fix in fixes}):
         of_part = [fix for fix in fixes if keys.parts[fix.key] == part]
-        rows = np.array([fix.key for fix in of_part])
-        world_T_key = np.stack([fix.world_T_key for fix in of_part])
-        odom_T_key = keys.odom_T_key[rows]
-        near = np.array(
-            [
-                slam.loops.drifted(
-                    world_T_key[i] @ np.linalg.inv(odom_T_key[i]) @ odom_T_key,
-                    world_T_key,
-                    np.abs(keys.path_m[rows] - keys.path_m[rows[i]]),
-                )
-                for i in range(len(rows))
-            ]
-        )
-        best = near[near.sum(axis=1).argmax()]
-        if best.sum() >= AGREEING:
-            kept += [fix for fix, is_near in zip(of_part, best, strict=True) if is_near]
-    return kept
+        largest: list[KeyFix] = []
+        for fix in of_part:
+            agreeing_fixes = _agreeing_with(slam, keys, fix, of_part)
+            if len(agreeing_fixes) > len(largest):
+                largest = agreeing_fixes
+        if len(largest) >= AGREEING:
+            agreed += largest
+    return agreed
+
+
+def _agreeing_with(slam: Slam, keys: Keys, fix: KeyFix, fixes: list[KeyFix]) -> list[KeyFix]:
+    """The fixes of one part that stand where a fix of that part and odometry say, within drift."""
+    rows = np.array([other.key for other in fixes])
+    world_T_key = np.stack([other.world_T_key for other in fixes])
+    world_T_odom = fix.world_T_key @ np.linalg.inv(keys.odom_T_key[fix.key])
+    between_m = np.abs(keys.path_m[rows] - keys.path_m[fix.key])
+    agrees = slam.loops.drifted(world_T_odom @ keys.odom_T_key[rows], world_T_key, between_m)
+    return [other for other, is_agreeing in zip(fixes, agrees, strict=True) if is_agreeing]

@@ -1,9 +1,11 @@
-"""What is written of an estimated drive: a TUM trajectory, a map of points, a picture."""
+"""The files that `yearloc slam` writes of estimated poses: TUM trajectory, PCD map, picture."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import small_gicp
+from numpy.typing import NDArray
 
 from pipeline.core.errors import LogError
 from pipeline.core.progress import Progress
@@ -13,28 +15,31 @@ from pipeline.posing.registration import Points, moved
 from pipeline.readers.deskew import scan_at_stamp
 from pipeline.readers.log import Log
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
 MAP_VOXEL_M = 0.2
+"""The map has one point in a voxel of this side."""
 MAP_EVERY_M = 1.0
+"""The map takes a scan after so much path."""
 MAP_RANGE_M = 60.0
+"""The map takes the points of a scan within this distance."""
 GATHERED = 50
-"""Scans that are gathered before their points are thinned."""
+"""The map is thinned after every so many scans, which bounds its memory."""
 
 
 def tum_text(estimate: Estimates) -> str:
-    """A line for each scan with a pose: stamp x y z qx qy qz qw, in s and m."""
-    return "".join(
-        folder.tum_row(int(estimate.stamps_ns[row]), estimate.world_T_scan[row]) + "\n"
-        for row in np.flatnonzero(estimate.posed).tolist()
-    )
+    """A line for each scan with a pose: stamp in s, x y z in m, then the quaternion qx qy qz qw."""
+    text = ""
+    for row in np.flatnonzero(estimate.posed).tolist():
+        text += folder.tum_row(int(estimate.stamps_ns[row]), estimate.world_T_scan[row]) + "\n"
+    return text
 
 
 def map_pcd(log: Log, estimate: Estimates, watch: Progress) -> bytes:
-    """A PCD of the points of a drive in its world, one a voxel of MAP_VOXEL_M."""
-    rows = [
-        row
-        for row in np.unique(estimate.path_m // MAP_EVERY_M, return_index=True)[1].tolist()
-        if estimate.posed[row]
-    ]
+    """A PCD file of the points of a drive in its world; scans that cannot be read are left out."""
+    spaced = np.unique(estimate.path_m // MAP_EVERY_M, return_index=True)[1]
+    rows = spaced[estimate.posed[spaced]].tolist()
     whole = np.empty((0, 3))
     gathered: list[Points] = []
     for number, row in enumerate(watch.track(rows, len(rows), "map"), start=1):
@@ -52,10 +57,11 @@ def map_pcd(log: Log, estimate: Estimates, watch: Progress) -> bytes:
 
 
 def draw(estimate: Estimates, path: Path, title: str) -> None:
-    """Draw the trajectory from above.
+    """Draw the trajectory from above, and save it as a PNG.
 
-    Odometry grey, the result blue, loops green, overruled ones orange; breaks and what comes after
-    the last loop red, for nothing bounds its drift.
+    Odometry is grey, the result blue, loops and fixes on a map green, loops that the result
+    overrules orange. Breaks are red, and so is the drive after the last loop: nothing bounds its
+    drift.
     """
     from matplotlib.figure import Figure
 
@@ -65,15 +71,14 @@ def draw(estimate: Estimates, path: Path, title: str) -> None:
     world_m = estimate.world_T_scan[:, :2, 3]
     used = estimate.used
     for part in np.split(np.arange(len(odom_m)), estimate.breaks):
-        axes.plot(*odom_m[part].T, color="0.7", linewidth=1, label="" if part[0] else "odometry")
+        label = "odometry" if part[0] == 0 else ""
+        axes.plot(*odom_m[part].T, color="0.7", linewidth=1, label=label)
     axes.plot(*world_m.T, color="tab:blue", linewidth=1.5, label="result")
-    last = int(estimate.later[used].max()) if used.any() else 0
     if not len(estimate.fixed):
+        last = int(estimate.later[used].max()) if used.any() else 0
         axes.plot(*world_m[last:].T, color="tab:red", linewidth=1.5, label="after the last loop")
-    for is_used, colour, name in ((True, "tab:green", "loop"), (False, "tab:orange", "overruled")):
-        for number, loop in enumerate(np.flatnonzero(used == is_used).tolist()):
-            ends_m = world_m[[estimate.earlier[loop], estimate.later[loop]]]
-            axes.plot(*ends_m.T, color=colour, marker="o", markersize=3, label=name * (number == 0))
+    _draw_loops(axes, estimate, np.flatnonzero(used), "tab:green", "loop")
+    _draw_loops(axes, estimate, np.flatnonzero(~used), "tab:orange", "overruled")
     if len(estimate.fixed):
         axes.plot(*world_m[estimate.fixed].T, "o", color="tab:green", markersize=3, label="fix")
     if len(estimate.breaks):
@@ -84,3 +89,14 @@ def draw(estimate: Estimates, path: Path, title: str) -> None:
     axes.set_title(title)
     axes.legend(loc="best", frameon=False)
     figure.savefig(path, dpi=120, format="png", metadata={"Software": None})
+
+
+def _draw_loops(
+    axes: "Axes", estimate: Estimates, loops: NDArray[np.int64], colour: str, label: str
+) -> None:
+    """Draw a line from scan to scan for each of the loops (n,), which share one line of legend."""
+    for loop in loops.tolist():
+        ends = [estimate.earlier[loop], estimate.later[loop]]
+        ends_m = estimate.world_T_scan[ends, :2, 3]
+        axes.plot(*ends_m.T, color=colour, marker="o", markersize=3, label=label)
+        label = ""

@@ -1,15 +1,15 @@
-"""What a person should know of estimated poses, in lines."""
+"""Sums up estimated poses in a few lines of text, which `yearloc slam` prints."""
 
 import numpy as np
 
 from pipeline.core.schemas import Estimates
 
 MOST_LINES = 5
-"""Breaks that are described one by one."""
+"""At most so many breaks get a line each."""
 
 
 def lines(estimate: Estimates) -> list[str]:
-    """How many scans have a pose, where nothing joins neighbours, and what bounds the drift."""
+    """Lines on how many scans have a pose, where the odometry breaks, and what bounds its drift."""
     count = len(estimate.stamps_ns)
     path_m = float(estimate.path_m[-1])
     summary = [
@@ -28,16 +28,8 @@ def lines(estimate: Estimates) -> list[str]:
     return summary
 
 
-def _fixed_line(estimate: Estimates) -> str:
-    before_m = np.abs(estimate.path_m[:, None] - estimate.path_m[estimate.fixed])
-    farthest_m = float(before_m[estimate.posed].min(axis=1).max())
-    return (
-        f"{len(estimate.fixed)} scans were found on the map; the farthest scan is "
-        f"{farthest_m:,.0f} m of path from one of these"
-    )
-
-
 def _break_line(estimate: Estimates, row: int) -> str:
+    """How little scan `row` overlaps with the one before, and how far apart in time they are."""
     usual = float(np.nanmedian(estimate.overlap))
     seconds = (estimate.stamps_ns[row] - estimate.stamps_ns[row - 1]) / 1e9
     return (
@@ -48,12 +40,24 @@ def _break_line(estimate: Estimates, row: int) -> str:
 
 
 def _spacing(estimate: Estimates) -> str:
+    """The median time and distance between neighbouring scans."""
     step_s = float(np.median(np.diff(estimate.stamps_ns))) / 1e9
     steps_m = np.linalg.norm(np.diff(estimate.odom_T_scan[:, :3, 3], axis=0), axis=1)
     return f"{step_s:.3g} s and {np.nanmedian(steps_m):.3g} m"
 
 
+def _fixed_line(estimate: Estimates) -> str:
+    """How many scans were found on a map, and how far along the path any scan is from one."""
+    between_m = np.abs(estimate.path_m[:, None] - estimate.path_m[estimate.fixed])
+    farthest_m = float(between_m[estimate.posed].min(axis=1).max())
+    return (
+        f"{len(estimate.fixed)} scans were found on the map; the farthest scan is "
+        f"{farthest_m:,.0f} m of path from one of these"
+    )
+
+
 def _drift_line(estimate: Estimates) -> str:
+    """How well the loops agree, and how far the drive goes on after the last of them."""
     used = estimate.used
     path_m = estimate.path_m
     if not used.any():
