@@ -1,14 +1,15 @@
-"""Level: from the sweeps of a 2-D laser to where the robot stands, and whether to believe it.
+"""Localises a robot by the sweeps of a level 2-D laser, and judges the answer (METHODS 13).
 
-The pose has three degrees of freedom. One module a step:
+A pose is x, y and heading. One module does one step:
 
     level_map     which cells of a building are walls, free, or unknown
     field         how near a wall each cell is, and a pyramid of maxima over it
-    sweeps        sweeps of one stretch of path, joined by matched odometry
-    search        branch and bound over the whole map
-    refinement    the best poses refined to less than a cell
-    beams         what the map then says for and against a pose
-    fix           the hypotheses that are left
-    verdict       the chance that a fix is right, and where a promise is kept
-    held_out      fixes of stretches of the training day, from which a verdict learns
+    sweeps        joins the sweeps of one stretch of path, by odometry and matching
+    search        finds the best poses in the whole map, by branch and bound
+    refinement    refines these to less than a cell
+    beams         follows beams through the map, for and against a pose
+    fix           runs these steps; the poses that a query may have come out, likeliest first
+    verdict       the chance that a fix is right, and from which doubt on to reject it
+    held_out      localises stretches of the training day, to test a verdict on
+    day           what is known of a building after its training day: map and verdict
 """

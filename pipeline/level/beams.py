@@ -1,4 +1,9 @@
-"""What a level map says for and against a pose: beams explained, beams contradicted."""
+"""Follows a query's beams through a level map: how much of them speaks for a pose, and against it.
+
+The score of the search looks at the ends of beams alone. Here each beam is followed from the sensor
+to its end (METHODS 13.3): it may end at a wall, which explains it, or contradict the map by ending
+in free space or by passing through a wall.
+"""
 
 from dataclasses import dataclass
 
@@ -10,43 +15,47 @@ from pipeline.level.field import FARTHEST_M, Field, distance_at
 from pipeline.level.sweeps import Gathered
 
 EXPLAINED_M = 0.3
-"""A beam is explained by a wall this near its end."""
+"""A beam is explained if it ends this near a wall."""
 IN_FREE_M = 0.5
-"""A hit in known free space and this far from any wall contradicts the map."""
+"""A beam contradicts the map if it ends in known free space, farther than this from any wall."""
 BEHIND_M = 0.3
-"""A beam that comes so far out behind a wall contradicts it; one that grazes it does not."""
+"""A beam passes through a wall if it comes out behind and gets so far from any wall: one that
+grazes it does not."""
 BEAMS = 600
-"""Of a query so many beams are looked at."""
+"""At most so many beams of a query are followed."""
 
 
 @dataclass(frozen=True)
 class Support:
-    """Shares of a query's beams; what lacks of 1 ends in unknown space or just beside a wall."""
+    """What a query's beams say of a pose, as shares of them.
+
+    All other beams end in unknown space, or beside a wall but not at it: they say nothing.
+    """
 
     explained: float
-    """They end at a wall."""
+    """The share of beams that end at a wall."""
     in_free: float
-    """They end in known free space."""
+    """The share of beams that end in known free space."""
     through: float
-    """They pass through a wall."""
+    """The share of beams that pass through a wall."""
 
     @property
     def contradicted(self) -> float:
-        """Of the beams, the share that the map contradicts."""
+        """The share of beams that contradict the map."""
         return self.in_free + self.through
 
 
 def supports(field: Field, gathered: Gathered, poses: NDArray[np.float64]) -> list[Support]:
-    """The support of each of the poses (k, 3) in the field's grid."""
+    """Support of each of the poses (k, 3): x, y in metres and heading in radians, in the grid."""
     count = len(gathered.ends_m)
-    chosen = np.linspace(0, max(count - 1, 0), min(BEAMS, count)).round().astype(int)
+    spread = np.linspace(0, max(count - 1, 0), min(BEAMS, count)).round().astype(int)
     shares = _shares(
         field.distance_m,
         field.walls,
         field.free,
         field.cell_m,
-        gathered.starts_m[chosen],
-        gathered.ends_m[chosen],
+        gathered.starts_m[spread],
+        gathered.ends_m[spread],
         poses,
     )
     return [Support(*map(float, row)) for row in shares]
@@ -54,40 +63,37 @@ def supports(field: Field, gathered: Gathered, poses: NDArray[np.float64]) -> li
 
 @njit(cache=True, nogil=True)
 def _shares(distance_m, walls, free, cell_m, starts_m, ends_m, poses):  # type: ignore[no-untyped-def]
-    """Shares (k, 3) of beams that are explained, end in free space, pass a wall."""
+    """Shares (k, 3) of beams that are explained, that end in free space, that pass a wall."""
     rows, cols = walls.shape
-    shares = np.zeros((len(poses), 3))
+    counts = np.zeros((len(poses), 3))
     for number in range(len(poses)):
+        x_m = poses[number, 0]
+        y_m = poses[number, 1]
         cos = np.cos(poses[number, 2])
         sin = np.sin(poses[number, 2])
         for beam in range(len(ends_m)):
-            start_x = (
-                poses[number, 0] + cos * starts_m[beam, 0] - sin * starts_m[beam, 1]
-            ) / cell_m
-            start_y = (
-                poses[number, 1] + sin * starts_m[beam, 0] + cos * starts_m[beam, 1]
-            ) / cell_m
-            end_x = (poses[number, 0] + cos * ends_m[beam, 0] - sin * ends_m[beam, 1]) / cell_m
-            end_y = (poses[number, 1] + sin * ends_m[beam, 0] + cos * ends_m[beam, 1]) / cell_m
+            start_x = (x_m + cos * starts_m[beam, 0] - sin * starts_m[beam, 1]) / cell_m
+            start_y = (y_m + sin * starts_m[beam, 0] + cos * starts_m[beam, 1]) / cell_m
+            end_x = (x_m + cos * ends_m[beam, 0] - sin * ends_m[beam, 1]) / cell_m
+            end_y = (y_m + sin * ends_m[beam, 0] + cos * ends_m[beam, 1]) / cell_m
             if _passes_wall(distance_m, walls, start_x, start_y, end_x, end_y):
-                shares[number, 2] += 1
+                counts[number, 2] += 1
                 continue
-            distance = distance_at(distance_m, end_x, end_y, FARTHEST_M)[0]
-            if distance < EXPLAINED_M:
-                shares[number, 0] += 1
-            elif (
-                distance > IN_FREE_M
-                and 0 <= end_x < cols
-                and 0 <= end_y < rows
-                and free[int(end_y), int(end_x)]
-            ):
-                shares[number, 1] += 1
-    return shares / max(len(ends_m), 1)
+            wall_m = distance_at(distance_m, end_x, end_y, FARTHEST_M)[0]
+            is_on_map = 0 <= end_x < cols and 0 <= end_y < rows
+            if wall_m < EXPLAINED_M:
+                counts[number, 0] += 1
+            elif wall_m > IN_FREE_M and is_on_map and free[int(end_y), int(end_x)]:
+                counts[number, 1] += 1
+    return counts / max(len(ends_m), 1)
 
 
 @njit(cache=True, nogil=True, inline="always")
 def _passes_wall(distance_m, walls, start_x, start_y, end_x, end_y):  # type: ignore[no-untyped-def]
-    """Whether a beam goes through a wall and comes out more than BEHIND_M behind it."""
+    """Whether a beam passes through a wall; its start and end are in cells.
+
+    It is followed in steps of a cell. Once in a wall, it must get farther than BEHIND_M from any.
+    """
     rows, cols = walls.shape
     length = np.hypot(end_x - start_x, end_y - start_y)
     is_behind = False

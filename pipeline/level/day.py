@@ -1,4 +1,8 @@
-"""A training day of level sweeps: its map, its verdict, and what both say of a query."""
+"""A training day of level sweeps: its map and its verdict, and what these say of later queries.
+
+The stage `poses` learns a `LevelDay` of the training sequence, and asks it for the poses of all
+test sequences (METHODS 13.5).
+"""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -28,7 +32,10 @@ class LevelDay:
 
     @classmethod
     def learned(cls, sweeps: Sweeps, unseen_share: float, held_out: LevelHeldOut) -> Self:
-        """Draw the sweeps into a map, and localise held-out stretches of them."""
+        """Draw the sweeps into a map, and test the verdict on held-out stretches of them.
+
+        `unseen_share` is the share of queries to expect from places that the map does not have.
+        """
         rows = range(len(sweeps.world_T_sweep))
         drawing = Drawing.of([sweeps.points(row) for row in rows], sweeps.world_T_sweep)
         fixer = LevelFixer()
@@ -37,26 +44,28 @@ class LevelDay:
 
     @cached_property
     def field(self) -> Field:
-        """The map as it is searched."""
+        """The map, prepared for the search."""
         return Field.of(self.level_map)
 
     def queries(self, scans: Scans, rows: NDArray[np.int64]) -> list[PosedQuery]:
-        """What is believed of some scans of a sequence, each gathered with those before it."""
+        """What is believed of the scans `rows` (n,), each gathered with those before it."""
         gathered = Sweeps.of(scans).gathered(rows.tolist(), OVER_M)
         return [self.query(gathered[row]) for row in rows.tolist()]
 
     def query(self, gathered: Gathered) -> PosedQuery:
-        """What is believed of gathered sweeps: nothing of those of a laser mounted otherwise."""
+        """The poses of gathered sweeps, their chances, and the doubt in each belief.
+
+        All doubts are 1 where the laser seems to be mounted otherwise than was said.
+        """
         judge = self.verdict.judge
         fix = self.fixer.fix(self.field, gathered).ordered(judge.pose)
+        doubts = judge.doubts(fix)
         if not fix.hypotheses:
             no_covariance = np.full((6, 6), np.nan)
-            return PosedQuery(
-                np.empty((0, 4, 4)), np.empty(0), no_covariance, 0.0, judge.doubts(fix)
-            )
+            return PosedQuery(np.empty((0, 4, 4)), np.empty(0), no_covariance, 0.0, doubts)
         best = fix.hypotheses[0]
-        doubts = judge.doubts(fix)
-        if (doubts < LARGEST_DOUBT).any() and self.fixer.is_misread(self.field, gathered, fix):
+        may_be_believed = (doubts < LARGEST_DOUBT).any()
+        if may_be_believed and self.fixer.is_misread(self.field, gathered, fix):
             doubts = np.ones(len(BELIEFS))
         return PosedQuery(
             np.array([hypothesis.world_T_query for hypothesis in fix.hypotheses]),

@@ -1,7 +1,9 @@
-"""Likelihood fields: how near a wall each cell is, and a pyramid of maxima over it.
+"""Likelihood fields: a level map goes in, and comes out prepared for the search of poses.
 
-After Thrun, Burgard and Fox, Probabilistic Robotics, section 6.4, and Olson, Real-Time Correlative
-Scan Matching, ICRA 2009.
+For each cell a `Field` tells the distance to the nearest wall and from it the likelihood that a
+beam ends there (Thrun, Burgard and Fox, Probabilistic Robotics, section 6.4; METHODS 13.1). A
+`Pyramid` holds maxima of the likelihood over ever larger squares of cells: by these search.py
+bounds the score of many poses at once (Olson, Real-Time Correlative Scan Matching, ICRA 2009).
 """
 
 from dataclasses import dataclass
@@ -16,19 +18,20 @@ from scipy.ndimage import binary_dilation, distance_transform_edt
 from pipeline.level.level_map import LevelMap
 
 CELL_M = 0.1
-"""Cells of the field are at least so large: finer ones cost time and find nothing more."""
+"""Cells of the field are about this large or larger: finer ones cost time and find no more."""
 SIGMA_M = 0.2
-"""Standard deviation of a hit about its wall while searching."""
+"""Standard deviation of a hit's distance from its wall, in the search."""
 UNKNOWN_SHARE = 0.15
-"""Likelihood of a hit in unknown space, against 1 on a wall: new ground is no contradiction."""
+"""The least likelihood of a hit in unknown space, against 1 on a wall: new ground contradicts
+nothing."""
 STAND_M = 0.3
-"""A robot stands in free space, or so near to it."""
+"""A robot stands in free space, or at most so far from it."""
 FARTHEST_M = 2.0
-"""Distances to walls are kept up to here."""
+"""Distances to walls count as this at most."""
 LEVELS = 3
 """The coarsest nodes of the search are 2**LEVELS cells wide."""
 REACH_M = 30.0
-"""Hits of a query farther from it than this are not searched for."""
+"""Hits farther from the robot than this are left out."""
 
 
 @dataclass(frozen=True)
@@ -37,24 +40,24 @@ class Field:
 
     cell_m: float
     distance_m: NDArray[np.float32]
-    """(row, col) from each cell's centre to the nearest wall's, at most FARTHEST_M."""
+    """(row, col) from the centre of each cell to that of the nearest wall, at most FARTHEST_M."""
     walls: NDArray[np.bool_]
-    """(row, col)."""
+    """(row, col) True where a cell is a wall."""
     free: NDArray[np.bool_]
-    """(row, col)."""
+    """(row, col) True where a cell is known to be free."""
     world_T_grid: NDArray[np.float64]
-    """(4, 4)."""
+    """(4, 4) pose of the outer corner of cell (0, 0)."""
 
     @classmethod
     def of(cls, level_map: LevelMap) -> Self:
-        """Prepare a map; several of its cells make one of the field where they are small.
+        """Prepare a map. Where its cells are small, a square of them becomes one cell of the field.
 
-        A cell is a wall where one of them is, else free where one of them is.
+        That cell is a wall if one of them is, else free if one of them is.
         """
-        times = max(1, round(CELL_M / level_map.cell_m))
-        walls = _merged(level_map.walls, times)
-        free = _merged(level_map.free, times) & ~walls
-        cell_m = level_map.cell_m * times
+        merged_cells = max(1, round(CELL_M / level_map.cell_m))
+        walls = _merged(level_map.walls, merged_cells)
+        free = _merged(level_map.free, merged_cells) & ~walls
+        cell_m = level_map.cell_m * merged_cells
         distance_m = cell_m * distance_transform_edt(~walls)
         return cls(
             cell_m,
@@ -66,15 +69,15 @@ class Field:
 
     @cached_property
     def likelihood(self) -> NDArray[np.uint8]:
-        """(row, col) of a hit there, in 255ths."""
-        near = np.exp(-(self.distance_m.astype(np.float64) ** 2) / (2 * SIGMA_M**2))
+        """(row, col) the likelihood of a hit in each cell, in 255ths."""
+        likelihood = np.exp(-(self.distance_m.astype(np.float64) ** 2) / (2 * SIGMA_M**2))
         unknown = ~self.free & ~self.walls
-        near[unknown] = np.maximum(near[unknown], UNKNOWN_SHARE)
-        return np.asarray(np.rint(255 * near).astype(np.uint8))
+        likelihood[unknown] = np.maximum(likelihood[unknown], UNKNOWN_SHARE)
+        return np.asarray(np.rint(255 * likelihood).astype(np.uint8))
 
     @cached_property
     def stands(self) -> NDArray[np.bool_]:
-        """(row, col) where a robot may stand."""
+        """(row, col) True where a robot may stand."""
         reach = int(np.ceil(STAND_M / self.cell_m))
         y, x = np.ogrid[-reach : reach + 1, -reach : reach + 1]
         disc = x**2 + y**2 <= (STAND_M / self.cell_m) ** 2
@@ -82,7 +85,7 @@ class Field:
 
     @cached_property
     def pyramid(self) -> "Pyramid":
-        """The maxima that the search bounds with."""
+        """Maxima of the likelihood, by which the search bounds scores."""
         return Pyramid.of(self)
 
 
@@ -91,30 +94,34 @@ class Pyramid:
     """Maxima of the likelihood over squares of 1, 2, 4, … cells, with a margin around the map."""
 
     margin: int
-    """Cells around the map on each side: hits may lie beyond it."""
+    """So many cells are added around the map on each side, since hits may lie beyond it."""
     levels: NDArray[np.uint8]
-    """(level, row, col) the largest likelihood of the 2**level cells from (row, col) on."""
+    """(level, row, col) the largest likelihood in the square of 2**level cells a side that begins
+    at (row, col)."""
     phases: NDArray[np.uint8]
-    """(row in block, col in block, block) the coarsest level, so that the cells of one phase are
-    neighbours."""
+    """(phase row, phase col, block) the coarsest level once more. Blocks are its squares laid side
+    by side, numbered row by row; a phase is where in its block a cell lies. So for one phase the
+    values of neighbouring blocks are neighbours in memory."""
     block_cols: int
-    """Blocks in a row of the coarsest level."""
+    """How many blocks there are in a row."""
     stands: NDArray[np.uint8]
-    """(level, row, col) whether a robot may stand in one of these cells, margin included."""
+    """(level, row, col) 1 where a robot may stand in some cell of such a square, else 0."""
 
     @classmethod
     def of(cls, field: Field) -> Self:
         """Build the pyramid of a field."""
         block = 2**LEVELS
         margin = int(np.ceil(REACH_M / field.cell_m / block) + 1) * block
-        rows, cols = (margin + -(-side // block) * block + margin for side in field.walls.shape)
+        map_rows, map_cols = field.walls.shape
+        rows = margin + _rounded_up(map_rows, block) + margin
+        cols = margin + _rounded_up(map_cols, block) + margin
+        inside = np.s_[margin : margin + map_rows, margin : margin + map_cols]
         unknown = round(255 * UNKNOWN_SHARE)
-        lowest = np.full((rows, cols), unknown, np.uint8)
+        likelihood = np.full((rows, cols), unknown, np.uint8)
+        likelihood[inside] = field.likelihood
         stands = np.zeros((rows, cols), np.uint8)
-        inside = tuple(slice(margin, margin + side) for side in field.walls.shape)
-        lowest[inside] = field.likelihood
         stands[inside] = field.stands
-        levels = _maxima(lowest, unknown)
+        levels = _maxima(likelihood, unknown)
         phases = (
             levels[-1]
             .reshape(rows // block, block, cols // block, block)
@@ -124,8 +131,16 @@ class Pyramid:
         return cls(margin, levels, np.ascontiguousarray(phases), cols // block, _maxima(stands, 0))
 
 
+def _rounded_up(side: int, block: int) -> int:
+    """The number of cells in as many whole blocks as `side` cells need."""
+    return -(-side // block) * block
+
+
 def _maxima(lowest: NDArray[np.uint8], beyond: int) -> NDArray[np.uint8]:
-    """(level, row, col) maxima over squares of 2**level cells from each cell on."""
+    """(level, row, col) the maxima over squares of 2**level cells a side, from each cell on.
+
+    Values are (row, col); outside they are `beyond`.
+    """
     levels = [lowest]
     for level in range(LEVELS):
         below = levels[-1]
@@ -136,19 +151,21 @@ def _maxima(lowest: NDArray[np.uint8], beyond: int) -> NDArray[np.uint8]:
     return np.stack(levels)
 
 
-def _merged(cells: NDArray[np.bool_], times: int) -> NDArray[np.bool_]:
-    """Whether any of `times` x `times` cells is set."""
-    rows, cols = (-(-side // times) for side in cells.shape)
-    padded = np.zeros((rows * times, cols * times), bool)
-    padded[: cells.shape[0], : cells.shape[1]] = cells
-    return np.asarray(padded.reshape(rows, times, cols, times).any(axis=(1, 3)))
+def _merged(cells: NDArray[np.bool_], side: int) -> NDArray[np.bool_]:
+    """For each square of `side` x `side` of the cells (row, col), whether one of them is True."""
+    rows, cols = cells.shape
+    padded = np.zeros((_rounded_up(rows, side), _rounded_up(cols, side)), bool)
+    padded[:rows, :cols] = cells
+    squares = padded.reshape(padded.shape[0] // side, side, padded.shape[1] // side, side)
+    return np.asarray(squares.any(axis=(1, 3)))
 
 
 @njit(cache=True, nogil=True, inline="always")
 def distance_at(distance_m, x, y, farthest_m):  # type: ignore[no-untyped-def]
-    """Distance in metres to the nearest wall and its slope along x and y, per cell.
+    """The distance in metres to the nearest wall at x, y in cells, and its slopes along x and y.
 
-    x and y are in cells; between the centres of cells the distance is interpolated.
+    Between the centres of cells the distance (row, col) is interpolated; outside it is
+    `farthest_m`. Slopes are metres per cell.
     """
     rows, cols = distance_m.shape
     x -= 0.5
@@ -157,12 +174,12 @@ def distance_at(distance_m, x, y, farthest_m):  # type: ignore[no-untyped-def]
     row = int(np.floor(y))
     if row < 0 or col < 0 or row >= rows - 1 or col >= cols - 1:
         return farthest_m, 0.0, 0.0
-    u = x - col
-    v = y - row
-    a = distance_m[row, col]
-    b = distance_m[row, col + 1]
-    c = distance_m[row + 1, col]
-    d = distance_m[row + 1, col + 1]
-    low = a + u * (b - a)
-    high = c + u * (d - c)
-    return low + v * (high - low), (1 - v) * (b - a) + v * (d - c), high - low
+    along_x = x - col
+    along_y = y - row
+    low_slope_x = distance_m[row, col + 1] - distance_m[row, col]
+    high_slope_x = distance_m[row + 1, col + 1] - distance_m[row + 1, col]
+    low = distance_m[row, col] + along_x * low_slope_x
+    high = distance_m[row + 1, col] + along_x * high_slope_x
+    slope_y = high - low
+    slope_x = (1 - along_y) * low_slope_x + along_y * high_slope_x
+    return low + along_y * slope_y, slope_x, slope_y

@@ -1,4 +1,9 @@
-"""Fixes: the poses that gathered sweeps may have in a level map, likeliest first."""
+"""Fixes: gathered sweeps and a level map go in, the poses that they may have there come out.
+
+The steps of METHODS 13.3: search the whole map (search.py), refine the best poses (refinement.py),
+follow the beams (beams.py), and keep one of those that became the same. Each pose that is left is a
+hypothesis; its `signs` speak for it, and verdict.py makes a chance of them.
+"""
 
 from dataclasses import dataclass
 
@@ -14,25 +19,28 @@ from pipeline.level.sweeps import Gathered
 from pipeline.posing.chances import Chances
 
 SIGNS = ("likely", "in_free", "through", "surety", "ahead")
-"""What speaks for a hypothesis; more of each is never worse.
+"""What speaks for a hypothesis, the more the better:
 
-The score, minus the shares of beams that end in free space and that pass a
-wall, minus log₁₀ of the spread in metres, and how much higher its quality is than that of the
-query's best other hypothesis; without another, as if that were LEAST_RATIO of its own.
+- likely: its score;
+- in_free, through: minus the shares of beams that end in free space, and that pass a wall;
+- surety: minus log₁₀ of the spread in metres;
+- ahead: its quality less that of the query's best other hypothesis. Without another one, that is
+  taken for LEAST_RATIO of its own.
 """
 SCALES = np.array([0.15, 0.05, 0.1, 0.3, 0.1])
-"""A usual difference of each sign."""
+"""A usual difference of each sign between hypotheses: it scales the weights that are learned."""
 LEAST_SPREAD_M = 0.01
-HELD = 1e-9
-"""Variance of what a level pose does not tell: height, roll and pitch are those of the map."""
+"""A smaller spread counts as this."""
+MAP_VARIANCE = 1e-9
+"""Variance in rad² and m² of roll, pitch and height, which a level pose has from the map."""
 LEAST_POINTS = 20
-"""A query of fewer thinned hits tells nothing."""
+"""A query of fewer thinned hits has no pose."""
 LEAST_RATIO = 0.75
-"""Poses that score less than this of the best are no hypotheses."""
+"""A pose that scores less than this share of the best is no hypothesis."""
 MIRRORED_WITHIN = 0.05
-"""Sweeps may be mirrored that score no more than this less that way."""
+"""A laser may be upside down if its sweeps, mirrored, score at most so much less."""
 CONTRADICTED_COST = 0.5
-"""What a contradicted beam takes from the quality, against 1 that an explained one adds."""
+"""The share of contradicted beams lowers the quality by this much."""
 
 
 @dataclass(frozen=True)
@@ -40,45 +48,48 @@ class Hypothesis:
     """A pose that a query may have."""
 
     world_T_query: NDArray[np.float64]
-    """(4, 4)."""
+    """(4, 4) the robot's pose at the newest sweep."""
     covariance: NDArray[np.float64]
     """(3, 3) of x, y in metres and heading in radians, along the world's axes."""
     score: float
-    """The mean likelihood of the query's hits, or of its newest sweep's where that is less."""
+    """The mean likelihood of all hits of the query, or of its newest sweep's where that is less."""
     support: Support
+    """What the beams say of the pose."""
 
     @property
     def quality(self) -> float:
-        """By which the hypotheses of a query are compared."""
+        """The number by which the hypotheses of a query are compared."""
         return self.score - CONTRADICTED_COST * self.support.contradicted
 
     @property
     def pose_covariance(self) -> NDArray[np.float64]:
-        """The covariance (6, 6) as 3-D fixes have it, in the frame of the points."""
-        axes = np.eye(3)
-        axes[:2, :2] = self.world_T_query[:2, :2].T
-        turned = axes @ self.covariance @ axes.T
-        covariance = HELD * np.eye(6)
-        rows = [3, 4, 2]
-        covariance[np.ix_(rows, rows)] = turned
+        """The covariance (6, 6) as 3-D fixes have it: a turn, then a step, in the robot's frame."""
+        query_T_world = np.eye(3)
+        query_T_world[:2, :2] = self.world_T_query[:2, :2].T
+        x_y_heading = [3, 4, 2]
+        covariance = MAP_VARIANCE * np.eye(6)
+        covariance[np.ix_(x_y_heading, x_y_heading)] = (
+            query_T_world @ self.covariance @ query_T_world.T
+        )
         return covariance
 
     @property
     def spread_m(self) -> float:
-        """The standard deviation along the axis that is held worst."""
+        """The position's standard deviation along its widest direction."""
         return float(np.sqrt(np.linalg.eigvalsh(self.covariance[:2, :2])[-1]))
 
 
 @dataclass(frozen=True)
 class LevelFix:
-    """The hypotheses of a query, which contradict one another, the likeliest first."""
+    """The poses that a query may have."""
 
     hypotheses: tuple[Hypothesis, ...] = ()
+    """The best first: by quality, until `ordered` sorts them by their chances."""
     path_m: float = 0.0
-    """Length of the path over which the query's sweeps were gathered."""
+    """The length of path over which the query's sweeps were gathered."""
 
     def ordered(self, chances: Chances) -> "LevelFix":
-        """The same fix in the order of other chances."""
+        """The same fix, its hypotheses in the order of their chances."""
         order = np.argsort(-chances.of(signs(self)), kind="stable").tolist()
         return LevelFix(tuple(self.hypotheses[number] for number in order), self.path_m)
 
@@ -88,15 +99,15 @@ class LevelFixer:
     """Finds where gathered sweeps were taken."""
 
     keep: Count = 6
-    """Hypotheses that are refined and compared."""
+    """At most so many poses of the search are refined and compared."""
     most_nodes: Count = 300_000
-    """Nodes of the search, after which it ends with what it has."""
+    """The search ends with what it has after so many nodes."""
 
     def __post_init__(self) -> None:
         check(self, "level.fixer")
 
     def fix(self, field: Field, gathered: Gathered) -> LevelFix:
-        """Search the whole map; no hypothesis where there are too few hits."""
+        """Search the whole map. There is no hypothesis where there are too few hits."""
         if len(gathered.points_m) < LEAST_POINTS:
             return LevelFix()
         best = search(field, gathered.points_m, self.keep, LEAST_RATIO, self.most_nodes)
@@ -105,7 +116,7 @@ class LevelFixer:
     def track(
         self, field: Field, gathered: Gathered, world_T_guess: NDArray[np.float64]
     ) -> LevelFix:
-        """Refine a guessed pose (4, 4) alone: no rival is looked for.
+        """Refine a guessed pose (4, 4), and look for no other.
 
         There is no hypothesis where there are too few hits.
         """
@@ -117,16 +128,19 @@ class LevelFixer:
         return self._compared(field, gathered, pose)
 
     def is_misread(self, field: Field, gathered: Gathered, level_fix: LevelFix) -> bool:
-        """Whether the laser may be mounted otherwise than was said: nothing is to be believed.
+        """Whether the laser may be mounted otherwise than was said, so that no fix is believed.
 
-        Odometry contradicts its sweeps, or these fit about as well with left and right exchanged:
-        it is upside down.
+        That is so if odometry contradicts its sweeps, or if these fit about as well with left and
+        right exchanged, as those of a laser that is upside down do.
         """
-        if gathered.is_contradicted or not level_fix.hypotheses:
-            return gathered.is_contradicted
+        if gathered.is_contradicted:
+            return True
+        if not level_fix.hypotheses:
+            return False
         mirrored_m = gathered.points_m * [1.0, -1.0]
-        least = max(level_fix.hypotheses[0].score - MIRRORED_WITHIN, 0.0)
-        return len(search(field, mirrored_m, 1, LEAST_RATIO, self.most_nodes, least).poses) > 0
+        least_score = max(level_fix.hypotheses[0].score - MIRRORED_WITHIN, 0.0)
+        mirrored = search(field, mirrored_m, 1, LEAST_RATIO, self.most_nodes, least_score)
+        return len(mirrored.poses) > 0
 
     def _compared(
         self,
@@ -134,53 +148,56 @@ class LevelFixer:
         gathered: Gathered,
         poses: NDArray[np.float64],
     ) -> LevelFix:
-        """Refine poses (k, 3) in the grid, and keep the best of those that are one."""
+        """Refine poses (k, 3) in the grid; of those that become the same the best is kept."""
         poses, covariances = refined(field, gathered.points_m, poses)
-        # the newest sweep alone too: matched badly, it stands elsewhere than those before it
-        likelihoods = scores(field, gathered.points_m, poses)
+        pose_scores = scores(field, gathered.points_m, poses)
+        # a newest sweep that was matched badly with the earlier ones fits worse than they do
         if len(gathered.newest_m):
-            likelihoods = np.minimum(likelihoods, scores(field, gathered.newest_m, poses))
-        supported = supports(field, gathered, poses)
-        hypotheses = [
-            Hypothesis(_in_world(field, pose), _turned(field, covariance), float(score), support)
-            for pose, covariance, score, support in zip(
-                poses, covariances, likelihoods, supported, strict=True
-            )
-        ]
-        kept: list[Hypothesis] = []
+            pose_scores = np.minimum(pose_scores, scores(field, gathered.newest_m, poses))
+        pose_supports = supports(field, gathered, poses)
+        hypotheses = []
+        for pose, covariance, score, support in zip(
+            poses, covariances, pose_scores, pose_supports, strict=True
+        ):
+            world_T_query = _pose_in_world(field, pose)
+            in_world = _covariance_in_world(field, covariance)
+            hypotheses.append(Hypothesis(world_T_query, in_world, float(score), support))
+        distinct: list[Hypothesis] = []
         for hypothesis in sorted(hypotheses, key=lambda hypothesis: -hypothesis.quality):
-            if not any(same(hypothesis, other) for other in kept):
-                kept.append(hypothesis)
-        return LevelFix(tuple(kept), gathered.path_m)
+            if not any(same(hypothesis, better) for better in distinct):
+                distinct.append(hypothesis)
+        return LevelFix(tuple(distinct), gathered.path_m)
 
 
 def signs(fix: LevelFix) -> NDArray[np.float64]:
     """The signs (n, sign) of a fix's hypotheses, in the order of SIGNS."""
     quality = np.array([hypothesis.quality for hypothesis in fix.hypotheses])
+    ahead = (1 - LEAST_RATIO) * np.maximum(quality, 0)  # at most, and without another hypothesis
+    if len(quality) > 1:
+        is_own = np.eye(len(quality), dtype=bool)
+        best_other = np.where(is_own, -np.inf, quality).max(axis=1)
+        ahead = np.minimum(quality - best_other, ahead)
     rows = np.zeros((len(quality), len(SIGNS)))
-    for row, hypothesis in zip(rows, fix.hypotheses, strict=True):
-        row[:-1] = (
+    for number, hypothesis in enumerate(fix.hypotheses):
+        rows[number] = (
             hypothesis.score,
             -hypothesis.support.in_free,
             -hypothesis.support.through,
             -np.log10(max(hypothesis.spread_m, LEAST_SPREAD_M)),
+            ahead[number],
         )
-    farthest = (1 - LEAST_RATIO) * np.maximum(quality, 0)
-    rows[:, -1] = farthest
-    if len(quality) > 1:
-        others = np.where(np.eye(len(quality), dtype=bool), -np.inf, quality)
-        rows[:, -1] = np.minimum(quality - others.max(axis=1), farthest)
     return rows
 
 
 def same(hypothesis: Hypothesis, other: Hypothesis) -> bool:
-    """Whether two hypotheses are one pose, within APART_M and APART_DEG."""
-    a_T_b = np.linalg.inv(hypothesis.world_T_query) @ other.world_T_query
-    turn_deg = abs(np.rad2deg(np.arctan2(a_T_b[1, 0], a_T_b[0, 0])))
-    return bool(np.linalg.norm(a_T_b[:2, 3]) < APART_M and turn_deg < APART_DEG)
+    """Whether two hypotheses are the same pose, within APART_M and APART_DEG."""
+    between = np.linalg.inv(hypothesis.world_T_query) @ other.world_T_query
+    turn_deg = abs(np.rad2deg(np.arctan2(between[1, 0], between[0, 0])))
+    return bool(np.linalg.norm(between[:2, 3]) < APART_M and turn_deg < APART_DEG)
 
 
-def _in_world(field: Field, pose: NDArray[np.float64]) -> NDArray[np.float64]:
+def _pose_in_world(field: Field, pose: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The pose (4, 4) in the world of x, y in metres and heading in radians (3,) in the grid."""
     grid_T_query = np.eye(4)
     cos = np.cos(pose[2])
     sin = np.sin(pose[2])
@@ -189,8 +206,8 @@ def _in_world(field: Field, pose: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(field.world_T_grid @ grid_T_query)
 
 
-def _turned(field: Field, covariance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """A covariance (3, 3) of the grid's axes along the world's."""
-    axes = np.eye(3)
-    axes[:2, :2] = field.world_T_grid[:2, :2]
-    return np.asarray(axes @ covariance @ axes.T)
+def _covariance_in_world(field: Field, covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """A covariance (3, 3) of x, y and heading in the grid, turned to the world's axes."""
+    world_T_grid = np.eye(3)
+    world_T_grid[:2, :2] = field.world_T_grid[:2, :2]
+    return np.asarray(world_T_grid @ covariance @ world_T_grid.T)

@@ -1,4 +1,9 @@
-"""Held-out fixes: stretches of the training day, each localised on the map without it."""
+"""Localises stretches of the training day on the map without them, as evidence for a verdict.
+
+The sweeps of the day go in. Each held-out query is asked twice: on the map without its own sweeps,
+as a place that the map has; and without all sweeps around it, as a place never seen. The fixes and
+the true poses come out as `LevelEvidence`, on which verdict.py tests its limits (METHODS 13.4).
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -20,18 +25,18 @@ from pipeline.mapping.appearance import LOOKED_AT, is_level
 
 @dataclass(frozen=True)
 class Sweeps:
-    """The sweeps of a drive."""
+    """The sweeps of a drive, one after the other."""
 
     points: Callable[[int], NDArray[np.floating]]
-    """Hits (n, 2 or 3) of one sweep, in metres, in the robot's frame."""
+    """Gives the hits (n, 2 or 3) of a sweep by its number, in metres, in the robot's frame."""
     world_T_sweep: NDArray[np.float64]
-    """(sweep, 4, 4)."""
+    """(sweep, 4, 4) true poses of the robot."""
     odom_T_sweep: NDArray[np.float64]
-    """(sweep, 4, 4) by odometry alone; NaN where there is none."""
+    """(sweep, 4, 4) its poses by odometry alone; NaN where there is none."""
 
     @classmethod
     def of(cls, scans: Scans, is_posed: bool = False) -> Self:
-        """The sweeps of a scans artifact; of those with a true pose alone if `is_posed`."""
+        """The sweeps of a scans artifact; if `is_posed`, only those that have a true pose."""
         world_T_scan = scans.load("world_T_scan")
         rows = np.arange(len(world_T_scan))
         if is_posed:
@@ -39,27 +44,28 @@ class Sweeps:
         points = scans.load("points")
         offsets = scans.load("offsets")
         grain_m = scans.grain_m
-        return cls(
-            lambda row: points[offsets[rows[row]] : offsets[rows[row] + 1]] * grain_m,
-            world_T_scan[rows],
-            scans.load("odom_T_scan")[rows],
-        )
+
+        def points_m(sweep: int) -> NDArray[np.floating]:
+            row = rows[sweep]
+            return np.asarray(points[offsets[row] : offsets[row + 1]] * grain_m)
+
+        return cls(points_m, world_T_scan[rows], scans.load("odom_T_scan")[rows])
 
     @property
     def is_level(self) -> bool:
-        """Whether they are of a level laser, by some of them."""
+        """Whether the laser is level, judged by some of the sweeps."""
         rows = np.unique(np.linspace(0, len(self.world_T_sweep) - 1, LOOKED_AT).astype(int))
         return is_level(self.points(row) for row in rows.tolist())
 
     def step(self, row: int) -> NDArray[np.float64] | None:
-        """The odometry (4, 4) since the sweep before; None if unknown."""
+        """The step (4, 4) since the sweep before, by odometry; None if unknown."""
         if row == 0:
             return None
         step = np.linalg.inv(self.odom_T_sweep[row - 1]) @ self.odom_T_sweep[row]
         return np.asarray(step) if np.isfinite(step).all() else None
 
     def part(self, first: int, last: int) -> "Sweeps":
-        """The sweeps from `first` to before `last`."""
+        """The sweeps from number `first` on, up to but without `last`."""
         return Sweeps(
             lambda row: self.points(first + row),
             self.world_T_sweep[first:last],
@@ -67,7 +73,7 @@ class Sweeps:
         )
 
     def gathered(self, rows: Sequence[int], over_m: float) -> dict[int, Gathered]:
-        """The sweeps gathered over so many metres of path before each of some rows."""
+        """Each of the sweeps `rows`, with those of the `over_m` of path before it, by its row."""
         wanted = set(rows)
         gatherer = Gatherer()
         gathered_by_row: dict[int, Gathered] = {}
@@ -83,12 +89,12 @@ class LevelHeldOut:
     """Which sweeps of the training day are held out, as if they were queries of another day."""
 
     every_m: Positive = 2.5
-    """Path from one query to the next: each is a block, as of 3-D fixes."""
+    """At least so much path lies between two queries, so that each is evidence of its own."""
     most: Count = 60
-    """Queries, evenly along the path."""
+    """At most so many queries are asked, evenly along the path."""
     around_m: Sequence[float] = (8.0, 16.0)
-    """Each is asked once more without the sweeps nearer than one of these, each in its turn: as a
-    place never seen."""
+    """To be a place never seen, a query is asked without all sweeps nearer than this: the queries
+    take these distances in turn."""
 
     def __post_init__(self) -> None:
         check(self, "level.held_out")
@@ -96,7 +102,10 @@ class LevelHeldOut:
     def evidence(
         self, fixer: LevelFixer, sweeps: Sweeps, drawing: Drawing, over_m: float
     ) -> LevelEvidence:
-        """Fix each query on the map without its own sweeps, and without its surroundings."""
+        """Localise each query on the map without its own sweeps, and without its surroundings.
+
+        A query is gathered over `over_m` of path; `drawing` has the beams of all sweeps.
+        """
         path_m = travelled_m(sweeps.world_T_sweep)
         count = int(min(self.most, path_m[-1] // self.every_m))
         places_m = np.linspace(over_m, path_m[-1], max(count, 1))
@@ -104,13 +113,14 @@ class LevelHeldOut:
         gathered = sweeps.gathered(rows.tolist(), over_m)
         fixes: list[LevelFix] = []
         for number, row in enumerate(rows.tolist()):
-            own = (path_m <= path_m[row]) & (path_m >= path_m[row] - gathered[row].path_m - 1e-6)
+            first_m = path_m[row] - gathered[row].path_m - 1e-6
+            of_query = (path_m <= path_m[row]) & (path_m >= first_m)
             away_m = np.linalg.norm(
                 sweeps.world_T_sweep[:, :2, 3] - sweeps.world_T_sweep[row, :2, 3], axis=1
             )
             around = away_m < self.around_m[number % len(self.around_m)]
-            for left_out in (own, own | around):
-                fixes.append(_fix_without(fixer, drawing, left_out, gathered[row]))
+            fixes.append(_fix_without(fixer, drawing, of_query, gathered[row]))
+            fixes.append(_fix_without(fixer, drawing, of_query | around, gathered[row]))
         return LevelEvidence(
             fixes,
             sweeps.world_T_sweep[rows].repeat(2, axis=0),
@@ -120,7 +130,7 @@ class LevelHeldOut:
 
 
 def travelled_m(world_T_sweep: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The path (sweep,) up to each sweep."""
+    """The metres of path (sweep,) up to each sweep."""
     steps_m = np.linalg.norm(np.diff(world_T_sweep[:, :2, 3], axis=0), axis=1)
     return np.concatenate([[0.0], np.cumsum(steps_m)])
 
@@ -128,6 +138,7 @@ def travelled_m(world_T_sweep: NDArray[np.float64]) -> NDArray[np.float64]:
 def _fix_without(
     fixer: LevelFixer, drawing: Drawing, left_out: NDArray[np.bool_], gathered: Gathered
 ) -> LevelFix:
+    """The fix of gathered sweeps on the map without the sweeps (s,) that are `left_out`."""
     try:
         level_map = drawing.level_map(left_out)
     except InputError:  # nothing is left

@@ -1,4 +1,8 @@
-"""Level maps: which cells of a building are walls, free, or unknown to a level laser."""
+"""Level maps: which cells of a building are walls, free, or unknown to a level laser.
+
+`Drawing` draws one from sweeps with poses, by the counting model of METHODS 13.1; a map in Nav2's
+format becomes one as it is (formats/nav2_map.py).
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,15 +17,17 @@ from pipeline.core.errors import InputError
 UNKNOWN = -1
 FREE = 0
 OCCUPIED = 100
+"""Values of a cell that is drawn; maps from elsewhere have any percentage between FREE and this."""
 WALL_PERCENT = 50
-"""Cells occupied with this chance or a higher one are walls."""
+"""A cell is a wall if it is occupied with this chance or a higher one."""
 FINEST_M = 0.01
 COARSEST_M = 0.5
 MOST_CELLS = 50_000_000
+"""A map with other cells, or with more, is refused."""
 FINE_M = 0.05
 COARSE_M = 0.1
 LARGE_M2 = 12_500.0
-"""Sweeps over a larger box are drawn in cells of COARSE_M."""
+"""Maps are drawn in cells of FINE_M, or of COARSE_M if the sweeps span a larger box than this."""
 LEAST_SHARE = 0.25
 """A cell is a wall where at least this share of the beams that reached it ended there (gmapping's
 threshold)."""
@@ -32,7 +38,7 @@ class LevelMap:
     """An occupancy grid, as ROS has it: row 0 is the lowest, column 0 the leftmost."""
 
     occupancy: NDArray[np.int8]
-    """(row, col) chance in percent that a cell is occupied; UNKNOWN where no beam passed."""
+    """(row, col) chance in percent that a cell is occupied; UNKNOWN where no beam came."""
     cell_m: float
     origin: tuple[float, float, float]
     """x, y in metres and yaw in radians, in the world, of the outer corner of cell (0, 0)."""
@@ -68,7 +74,7 @@ class LevelMap:
 
     @property
     def world_T_grid(self) -> NDArray[np.float64]:
-        """(4, 4) of the outer corner of cell (0, 0)."""
+        """(4, 4) pose of the outer corner of cell (0, 0): x along columns, y along rows."""
         x_m, y_m, yaw_rad = self.origin
         pose = np.eye(4)
         pose[:2, :2] = [
@@ -80,28 +86,32 @@ class LevelMap:
 
     @property
     def free_m2(self) -> float:
-        """Free area in square metres."""
+        """The free area in square metres."""
         return float(self.free.sum()) * self.cell_m**2
 
 
 @dataclass(frozen=True)
 class Drawing:
-    """Counts the beams of sweeps in each cell of a grid, and draws maps of all or some of them."""
+    """The beams of all sweeps, counted in each cell of a grid.
+
+    From them maps are drawn of all sweeps, or without some, which are then subtracted.
+    """
 
     starts: NDArray[np.float64]
-    """(beam, 2) x, y in cells, from the corner of cell (0, 0)."""
+    """(beam, 2) x, y in cells, from the outer corner of cell (0, 0)."""
     ends: NDArray[np.float64]
-    """(beam, 2)."""
+    """(beam, 2) likewise."""
     is_hit: NDArray[np.bool_]
-    """(beam,); the others only pass."""
+    """(beam,) True where the beam ends at something; False where it is cut off at the range."""
     sweep: NDArray[np.int64]
-    """(beam,) of which sweep it is."""
+    """(beam,) the number of its sweep."""
     hits: NDArray[np.int32]
-    """(row, col) beams that end there."""
+    """(row, col) how many beams hit something in each cell."""
     passes: NDArray[np.int32]
-    """(row, col) beams that go on."""
+    """(row, col) how many beams pass each cell."""
     cell_m: float
     origin: tuple[float, float, float]
+    """As of a LevelMap."""
 
     @classmethod
     def of(
@@ -111,25 +121,29 @@ class Drawing:
         cell_m: float | None = None,
         range_m: float = 30.0,
     ) -> Self:
-        """Count the hits (n, 2 or 3) of sweeps, in the frames of their poses (s, 4, 4).
+        """Count the beams of s sweeps, whose hits (n, 2 or 3) are in the frames of their poses.
 
-        Cells are FINE_M, of large places COARSE_M, unless `cell_m` says otherwise. Beams of hits
-        farther than `range_m` only pass, up to there. Raises InputError where no hit
-        is nearer, or the grid would be too large.
+        The poses are (s, 4, 4). A beam farther than `range_m` is cut off there and hits nothing.
+        Without `cell_m` the size of the cells follows from that of the place. Raises InputError
+        where no hit is within range, or the grid would be too large.
         """
-        hits_m = [
+        ends_of_sweeps = [
             _finite(sweep)[:, :2] @ pose[:2, :2].T + pose[:2, 3]
             for sweep, pose in zip(sweeps_m, world_T_sweep, strict=True)
         ]
-        sweep = np.arange(len(hits_m)).repeat([len(hits) for hits in hits_m])
-        ends_m = np.concatenate([np.empty((0, 2)), *hits_m])
+        sweep = np.arange(len(ends_of_sweeps)).repeat([len(ends) for ends in ends_of_sweeps])
+        ends_m = np.concatenate([np.empty((0, 2)), *ends_of_sweeps])
         starts_m = world_T_sweep[:, :2, 3][sweep]
+
+        # cut off the beams that are too long
         length_m = np.linalg.norm(ends_m - starts_m, axis=1)
         is_hit = length_m <= range_m
         if not is_hit.any():
             raise InputError(f"no sweep has a hit within {range_m:g} m: they make no map")
         share = np.minimum(1, range_m / np.maximum(length_m, 1e-9))
         ends_m = starts_m + (ends_m - starts_m) * share[:, None]
+
+        # lay a grid of whole cells over all beams, with a cell to spare
         corners_m = np.stack([starts_m, ends_m])
         if cell_m is None:
             area_m2 = float(np.prod(np.ptp(corners_m.reshape(-1, 2), axis=0)))
@@ -142,6 +156,7 @@ class Drawing:
                 f"sweeps over {rows * cell_m:.0f} x {cols * cell_m:.0f} m make more than "
                 f"{MOST_CELLS:,} cells of {cell_m:g} m; choose larger cells"
             )
+
         hits = np.zeros((rows, cols), np.int32)
         passes = np.zeros((rows, cols), np.int32)
         starts = starts_m / cell_m - lowest
@@ -151,19 +166,19 @@ class Drawing:
         return cls(starts, ends, is_hit, sweep, hits, passes, cell_m, (x_m, y_m, 0.0))
 
     def level_map(self, left_out: NDArray[np.bool_] | None = None) -> LevelMap:
-        """Draw the map, without some of the sweeps (s,).
+        """Draw the map, without the sweeps (s,) that are True in `left_out`.
 
         A cell is a wall where at least LEAST_SHARE of the beams that reached it ended there, and
-        free where less did (counting model; Hähnel et al., IROS 2003). Raises InputError where that
-        makes no map.
+        free where fewer did (counting model; Hähnel et al., IROS 2003). Raises InputError where
+        that makes no map.
         """
         hits = self.hits
         passes = self.passes
         if left_out is not None:
             hits = hits.copy()
             passes = passes.copy()
-            out = left_out[self.sweep]
-            _count(self.starts[out], self.ends[out], self.is_hit[out], hits, passes, -1)
+            beams = left_out[self.sweep]
+            _count(self.starts[beams], self.ends[beams], self.is_hit[beams], hits, passes, -1)
         reached = hits + passes
         occupancy = np.full(hits.shape, UNKNOWN, np.int8)
         occupancy[reached > 0] = FREE
@@ -172,15 +187,17 @@ class Drawing:
 
 
 def _finite(points_m: NDArray[np.floating]) -> NDArray[np.float64]:
+    """The points (n, 2 or 3) that are finite."""
     points_m = np.asarray(points_m, np.float64)
     return np.asarray(points_m[np.isfinite(points_m).all(axis=1)])
 
 
 @njit(cache=True, nogil=True)
-def _count(starts, ends, is_hit, hits, passes, times):  # type: ignore[no-untyped-def]
-    """Count for each cell the beams that end in it and that pass it, each `times`.
+def _count(starts, ends, is_hit, hits, passes, by):  # type: ignore[no-untyped-def]
+    """Change the hits and passes (row, col) of each cell by `by` for each beam in it: 1 or −1.
 
-    Starts and ends (n, 2) are x, y in cells.
+    Starts and ends of beams (n, 2) are x, y in cells. A beam passes each cell once, and does not
+    pass the one that it ends in.
     """
     for beam in range(len(starts)):
         x0 = starts[beam, 0]
@@ -198,8 +215,8 @@ def _count(starts, ends, is_hit, hits, passes, times):  # type: ignore[no-untype
             row = int(y0 + share * (y1 - y0))
             if (col == end_col and row == end_row) or (col == last_col and row == last_row):
                 continue
-            passes[row, col] += times
+            passes[row, col] += by
             last_col = col
             last_row = row
         if is_hit[beam]:
-            hits[end_row, end_col] += times
+            hits[end_row, end_col] += by

@@ -1,4 +1,9 @@
-"""Poses refined to less than a cell, with covariance: Gauss-Newton on distances to walls."""
+"""Refines poses in a level map to less than a cell, and tells their covariance (METHODS 13.3).
+
+Gauss-Newton moves a pose so that the query's hits come nearer to walls: the distance of each hit to
+its nearest wall is a residual, interpolated between cells. Welsch's weights exp(−d²/2σ²) leave out
+hits far from any wall, the more so the smaller σ becomes.
+"""
 
 import numpy as np
 from numba import njit
@@ -7,13 +12,19 @@ from numpy.typing import NDArray
 from pipeline.level.field import FARTHEST_M, Field, distance_at
 
 SIGMAS_M = (0.4, 0.2, 0.1)
-"""Distances count by exp(−d²/2σ²), from wide to narrow (Welsch's weights)."""
+"""The σ of the weights, one after the other."""
 STEPS = 8
+"""At most so many steps are made for each σ."""
+LONGEST_STEP_M = 0.3
+SHORTEST_STEP_M = 1e-3
+LEAST_TURN_RAD = 1e-4
+"""A step is shortened to LONGEST_STEP_M; after one shorter than these two the pose is found."""
 INDEPENDENT = 20.0
-"""So many neighbouring hits tell as much as one: their errors are alike."""
+"""So many neighbouring hits tell as much as one, since their errors are alike."""
 RANGE_ERROR_M = 0.05
+"""Standard deviation of a hit's distance from its wall."""
 LEAST_INFORMATION = 1e-3
-"""Added to the information of each degree of freedom: what nothing holds stays where it was."""
+"""Added to the information of x, y and heading, so that what no wall holds stays as it was."""
 
 
 def refined(
@@ -22,9 +33,10 @@ def refined(
     poses: NDArray[np.float64],
     sigmas_m: tuple[float, ...] = SIGMAS_M,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Refine poses (k, 3) of points (n, 2); returns them and their covariances (k, 3, 3).
+    """Refine poses (k, 3) of hits (n, 2); returns the poses and their covariances (k, 3, 3).
 
-    Poses are x, y in metres and heading in radians, in the grid of the field.
+    A pose is x, y in metres and heading in radians, in the grid of the field; hits are in metres in
+    the query's own frame.
     """
     refined_poses = poses.copy()
     covariances = np.empty((len(poses), 3, 3))
@@ -45,15 +57,17 @@ def refined(
 
 @njit(cache=True, nogil=True)
 def refine_in(distance_m, cell_m, points_m, pose, sigmas_m, farthest_m):  # type: ignore[no-untyped-def]
-    """Refine a pose (3,) in place; returns the information (3, 3) of unit errors.
+    """Refine a pose (3,) of hits (n, 2) in place; returns its information (3, 3) for errors of 1 m.
 
-    Distances (row, col) in metres are of cells of `cell_m`, as far as `farthest_m`.
+    `distance_m` (row, col) is the distance from each cell of side `cell_m` to the nearest wall; a
+    hit `farthest_m` or more from any has no say.
     """
     information = np.zeros((3, 3))
     for sigma_m in sigmas_m:
         for _ in range(STEPS):
             information[:] = 0.0
             gradient = np.zeros(3)
+            # sum the normal equations over the hits
             cos = np.cos(pose[2])
             sin = np.sin(pose[2])
             for point in range(len(points_m)):
@@ -70,7 +84,7 @@ def refine_in(distance_m, cell_m, points_m, pose, sigmas_m, farthest_m):  # type
                 weight = np.exp(-(distance**2) / (2 * sigma_m**2))
                 slope_x /= cell_m
                 slope_y /= cell_m
-                turn = -slope_x * across_y + slope_y * across_x
+                turn = -slope_x * across_y + slope_y * across_x  # how the distance grows per radian
                 information[0, 0] += weight * slope_x * slope_x
                 information[0, 1] += weight * slope_x * slope_y
                 information[0, 2] += weight * slope_x * turn
@@ -83,14 +97,15 @@ def refine_in(distance_m, cell_m, points_m, pose, sigmas_m, farthest_m):  # type
             information[1, 0] = information[0, 1]
             information[2, 0] = information[0, 2]
             information[2, 1] = information[1, 2]
-            held = information.copy()
+            # solve them, and step
+            damped = information.copy()
             for axis in range(3):
-                held[axis, axis] += LEAST_INFORMATION
-            step = np.linalg.solve(held, gradient)
-            long = np.hypot(step[0], step[1])
-            if long > 0.3:
-                step *= 0.3 / long
+                damped[axis, axis] += LEAST_INFORMATION
+            step = np.linalg.solve(damped, gradient)
+            step_m = np.hypot(step[0], step[1])
+            if step_m > LONGEST_STEP_M:
+                step *= LONGEST_STEP_M / step_m
             pose -= step
-            if long < 1e-3 and abs(step[2]) < 1e-4:
+            if step_m < SHORTEST_STEP_M and abs(step[2]) < LEAST_TURN_RAD:
                 break
     return information

@@ -1,7 +1,10 @@
-"""Sweeps of one stretch of path, laid out by odometry that matching has corrected.
+"""Gathers the sweeps of the last metres of path into one query (METHODS 13.2).
 
-Wheels turn less well than lasers see: each sweep is matched with those just before it, after Olson,
-Real-Time Correlative Scan Matching, ICRA 2009.
+Sweeps and the steps of odometry between them go in; their hits come out, in the frame of the newest
+sweep. Wheels measure turns less well than a laser does. So each step is corrected: the new sweep is
+matched with the five before it, in a window around the pose that odometry says (Olson, Real-Time
+Correlative Scan Matching, ICRA 2009), and refined. Where it fits them nowhere in the window, they
+are forgotten.
 """
 
 from collections import deque
@@ -14,69 +17,76 @@ from numpy.typing import NDArray
 from pipeline.level.field import REACH_M
 from pipeline.level.refinement import refine_in
 
-THINNED_M = 0.1
-"""Of hits in one square of this side one is searched for."""
 OVER_M = 5.0
-"""Metres of path over which sweeps are gathered."""
+"""Sweeps are gathered over so much path."""
+MOST_SWEEPS = 60
+"""At most so many sweeps are remembered."""
 MOVED_M = 0.2
 MOVED_DEG = 10.0
-"""A sweep taken after less motion replaces the one before it."""
-MOST_SWEEPS = 60
-CELL_M = 0.1
-BESIDE_M = 0.6
-"""A hit is matched with hits this near."""
+"""A sweep taken after less motion than both replaces the one before it."""
+THINNED_M = 0.1
+"""Hits are thinned to one in each square of this side."""
+
 MATCHED_WITH = 5
-"""Sweeps before it that a sweep is matched with."""
+"""A sweep is matched with so many sweeps before it."""
+CELL_M = 0.1
+"""Matching looks distances up in cells of this side."""
+BESIDE_M = 0.6
+"""A hit with no earlier hit within this has no match."""
+SIGMA_M = 0.15
+"""Standard deviation of the distance between matching hits."""
 WINDOW_M = 0.3
 WINDOW_DEG = 15.0
-"""Odometry from sweep to sweep is searched for errors up to here."""
-SIGMA_M = 0.15
+"""The step of odometry from one sweep to the next is corrected by at most so much."""
+STEP_COST = 0.15
+"""A correction as large as the window costs so much of the mean likelihood, so that no sweep slides
+along a corridor."""
 LEAST_SHARE = 0.6
-"""Odometry joins a sweep with those before where this share of its hits has others near; else those
-before are forgotten."""
+"""Odometry joins a sweep with the earlier ones if at least this share of its hits has others near.
+"""
 JOINS = 10
 MOST_UNJOINED = 2
-"""Odometry may leave so many of the last JOINS sweeps unjoined, as where wheels slip. Where it
-leaves more it contradicts them: the laser is mounted otherwise than was said."""
-STEP_COST = 0.15
-"""What a correction of a whole window costs of the mean likelihood, so that nothing slides along a
-corridor."""
+"""Of the last JOINS sweeps so many may be unjoined, since wheels slip. Are there more, odometry
+contradicts the sweeps: the laser is mounted otherwise than was said."""
 
 
 @dataclass(frozen=True)
 class Gathered:
-    """The hits of one or several sweeps, in the frame of the newest."""
+    """The hits of one or several sweeps, in metres, in the frame of the newest sweep."""
 
     points_m: NDArray[np.float64]
-    """(n, 2) thinned."""
+    """(n, 2) the hits of all sweeps, thinned."""
     newest_m: NDArray[np.float64]
-    """(m, 2) thinned, of the newest sweep alone."""
+    """(m, 2) the hits of the newest sweep alone, thinned."""
     starts_m: NDArray[np.float64]
-    """(b, 2) where each beam comes from."""
+    """(b, 2) where each beam starts."""
     ends_m: NDArray[np.float64]
-    """(b, 2) where it ends."""
+    """(b, 2) where each beam ends: all hits, not thinned."""
     path_m: float
-    """Length of the path over which the sweeps were taken."""
+    """The length of path over which the sweeps were taken."""
     is_contradicted: bool = False
-    """Whether odometry moves otherwise than the last sweeps do."""
+    """Whether odometry contradicts the last sweeps (MOST_UNJOINED)."""
 
 
 @dataclass
 class Gatherer:
-    """Gathers the newest sweeps of a drive."""
+    """Remembers the newest sweeps of a drive, and where they were taken."""
 
     is_matched: bool = True
+    """Whether matching corrects the steps of odometry."""
     _hits: deque[NDArray[np.float64]] = field(default_factory=lambda: deque(maxlen=MOST_SWEEPS))
+    """(n, 2) of each sweep remembered, in its own frame."""
     _poses: deque[NDArray[np.float64]] = field(default_factory=lambda: deque(maxlen=MOST_SWEEPS))
-    """start_T_sweep (3, 3) of each."""
+    """start_T_sweep (3, 3) of each, in the frame of the sweep at which the gatherer last started.
+    """
     _unjoined: deque[bool] = field(default_factory=lambda: deque(maxlen=JOINS))
-    """Of the last sweeps that were matched, those that odometry does not join with others."""
+    """For each of the last matched sweeps, whether odometry does not join it with earlier ones."""
 
     def add(self, points_m: NDArray[np.float64], step: NDArray[np.float64] | None) -> None:
-        """Add the next sweep's hits (n, 2) or (n, 3); `step` (4, 4) is the odometry since the last.
+        """Add the hits (n, 2) or (n, 3) of the next sweep, taken a `step` (4, 4) after the last.
 
-        Without a step, or where it does not join the sweep with them, the earlier ones are
-        forgotten.
+        Without a step by odometry, or where it does not join the sweep with the earlier ones, these
+        are forgotten.
         """
         hits = flat(points_m)
         if step is None or not np.isfinite(step).all() or not self._hits:
@@ -99,13 +109,6 @@ class Gatherer:
         self._hits.append(hits)
         self._poses.append(start_T_sweep)
 
-    def _start(self, hits: NDArray[np.float64]) -> None:
-        """Begin anew with one sweep."""
-        self._hits.clear()
-        self._poses.clear()
-        self._hits.append(hits)
-        self._poses.append(np.eye(3))
-
     def restart(self) -> None:
         """Forget all sweeps but the newest: the robot was carried, or its odometry is wrong."""
         while len(self._hits) > 1:
@@ -113,77 +116,82 @@ class Gatherer:
             self._poses.popleft()
 
     def gathered(self, over_m: float) -> Gathered:
-        """The hits of the last `over_m` metres of path, the newest sweep first."""
-        poses = list(self._poses)[::-1]
-        hits = list(self._hits)[::-1]
-        sweep_T_start = np.linalg.inv(poses[0])
-        ends = []
-        starts = []
+        """The hits of the sweeps of the last `over_m` metres of path, the newest sweep first."""
+        newest_first = list(zip(self._poses, self._hits, strict=True))[::-1]
+        newest_pose, newest_hits = newest_first[0]
+        newest_T_start = np.linalg.inv(newest_pose)
+        last_pose = newest_pose
+        ends: list[NDArray[np.float64]] = []
+        starts: list[NDArray[np.float64]] = []
         path_m = 0.0
-        for number, (pose, points) in enumerate(zip(poses, hits, strict=True)):
-            if number:
-                farther_m = float(np.linalg.norm(pose[:2, 2] - poses[number - 1][:2, 2]))
-                if path_m + farther_m > over_m:
-                    break
-                path_m += farther_m
-            sweep_T_this = sweep_T_start @ pose
-            ends.append(points @ sweep_T_this[:2, :2].T + sweep_T_this[:2, 2])
-            starts.append(np.broadcast_to(sweep_T_this[:2, 2], points.shape))
+        for pose, hits in newest_first:
+            step_m = float(np.linalg.norm(pose[:2, 2] - last_pose[:2, 2]))
+            if path_m + step_m > over_m and ends:
+                break
+            path_m += step_m
+            last_pose = pose
+            newest_T_sweep = newest_T_start @ pose
+            ends.append(_moved(hits, newest_T_sweep))
+            starts.append(np.broadcast_to(newest_T_sweep[:2, 2], hits.shape))
         ends_m = np.concatenate(ends)
         return Gathered(
             thinned(ends_m),
-            thinned(hits[0]),
+            thinned(newest_hits),
             np.concatenate(starts),
             ends_m,
             path_m,
-            sum(self._unjoined) > MOST_UNJOINED,
+            is_contradicted=sum(self._unjoined) > MOST_UNJOINED,
         )
+
+    def _start(self, hits: NDArray[np.float64]) -> None:
+        """Forget all sweeps, and begin anew with this one."""
+        self._hits.clear()
+        self._poses.clear()
+        self._hits.append(hits)
+        self._poses.append(np.eye(3))
 
     def _matched(
         self, hits: NDArray[np.float64], start_T_sweep: NDArray[np.float64]
     ) -> NDArray[np.float64] | None:
-        """The pose (3, 3) of a sweep, corrected by the sweeps before it; None if it fits nowhere.
+        """The pose (3, 3) of a sweep by matching, from that of odometry; None if it fits nowhere.
 
-        Where there is too little to match, it is that of the odometry.
+        Where there is too little to match, the pose of odometry stays.
         """
-        beside = [
-            points @ pose[:2, :2].T + pose[:2, 2]
-            for points, pose in zip(
-                list(self._hits)[-MATCHED_WITH:], list(self._poses)[-MATCHED_WITH:], strict=True
-            )
-        ]
-        beside_m = thinned(np.concatenate(beside))
-        if len(hits) < 3 or len(beside_m) < 3:
+        # the hits of the earlier sweeps, and around them the distance to the nearest
+        earlier_hits = list(self._hits)[-MATCHED_WITH:]
+        earlier_poses = list(self._poses)[-MATCHED_WITH:]
+        laid = [_moved(*earlier) for earlier in zip(earlier_hits, earlier_poses, strict=True)]
+        earlier_m = thinned(np.concatenate(laid))
+        if len(hits) < 3 or len(earlier_m) < 3:
             return start_T_sweep
-        lowest_m = beside_m.min(axis=0) - 2 * BESIDE_M
-        cols, rows = (np.ceil((np.ptp(beside_m, axis=0) + 4 * BESIDE_M) / CELL_M) + 2).astype(int)
-        distance_m = _stamped(beside_m - lowest_m, int(rows), int(cols))
-        guess = np.array(
-            [
-                *(start_T_sweep[:2, 2] - lowest_m),
-                np.arctan2(start_T_sweep[1, 0], start_T_sweep[0, 0]),
-            ]
-        )
-        chosen = thinned(hits)
-        pose = _around(distance_m, chosen, guess)
-        refine_in(distance_m, CELL_M, chosen, pose, np.array([SIGMA_M, SIGMA_M / 2]), BESIDE_M)
-        if _near_share(distance_m, chosen, pose) < LEAST_SHARE:
+        corner_m = earlier_m.min(axis=0) - 2 * BESIDE_M
+        sides_m = np.ptp(earlier_m, axis=0) + 4 * BESIDE_M
+        cols, rows = (np.ceil(sides_m / CELL_M) + 2).astype(int)
+        distance_m = _distances(earlier_m - corner_m, int(rows), int(cols))
+        # the best pose in the window, then refined
+        heading_rad = np.arctan2(start_T_sweep[1, 0], start_T_sweep[0, 0])
+        guess = np.array([*(start_T_sweep[:2, 2] - corner_m), heading_rad])
+        matched_hits = thinned(hits)
+        pose = _best_in_window(distance_m, matched_hits, guess)
+        sigmas_m = np.array([SIGMA_M, SIGMA_M / 2])
+        refine_in(distance_m, CELL_M, matched_hits, pose, sigmas_m, BESIDE_M)
+        if _near_share(distance_m, matched_hits, pose) < LEAST_SHARE:
             return None
         cos = np.cos(pose[2])
         sin = np.sin(pose[2])
-        x_m, y_m = pose[:2] + lowest_m
+        x_m, y_m = pose[:2] + corner_m
         return np.array([[cos, -sin, x_m], [sin, cos, y_m], [0.0, 0.0, 1.0]])
 
 
 def single(points_m: NDArray[np.floating]) -> Gathered:
-    """The hits (n, 2) or (n, 3) of a single sweep."""
+    """The hits (n, 2) or (n, 3) of a single sweep, gathered as a query."""
     gatherer = Gatherer()
     gatherer.add(np.asarray(points_m, np.float64), None)
     return gatherer.gathered(0.0)
 
 
 def flat(points_m: NDArray[np.floating]) -> NDArray[np.float64]:
-    """The hits (n, 2) that are finite and within REACH_M."""
+    """The x and y (n, 2) of those hits (m, 2 or 3) that are finite and within REACH_M."""
     points_m = np.asarray(points_m, np.float64)[:, :2]
     near: NDArray[np.bool_] = np.all(np.isfinite(points_m), axis=1)
     near[near] = np.linalg.norm(points_m[near], axis=1) <= REACH_M
@@ -191,20 +199,26 @@ def flat(points_m: NDArray[np.floating]) -> NDArray[np.float64]:
 
 
 def thinned(points_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """One of the points (n, 2) in each square of THINNED_M, along columns of squares."""
+    """The points (n, 2) thinned to the first in each square of THINNED_M, sorted by squares."""
     cells = np.floor(points_m / THINNED_M).astype(np.int64)
     _, rows = np.unique(cells[:, 0] * 1_000_003 + cells[:, 1], return_index=True)
     return np.ascontiguousarray(points_m[rows])
 
 
-def _has_moved(start_T_a: NDArray[np.float64], start_T_b: NDArray[np.float64]) -> bool:
-    a_T_b = np.linalg.inv(start_T_a) @ start_T_b
-    turn_deg = abs(np.rad2deg(np.arctan2(a_T_b[1, 0], a_T_b[0, 0])))
-    return bool(np.linalg.norm(a_T_b[:2, 2]) >= MOVED_M or turn_deg >= MOVED_DEG)
+def _has_moved(start_T_before: NDArray[np.float64], start_T_after: NDArray[np.float64]) -> bool:
+    """Whether the motion between two poses (3, 3) makes the later sweep worth keeping."""
+    motion = np.linalg.inv(start_T_before) @ start_T_after
+    turn_deg = abs(np.rad2deg(np.arctan2(motion[1, 0], motion[0, 0])))
+    return bool(np.linalg.norm(motion[:2, 2]) >= MOVED_M or turn_deg >= MOVED_DEG)
+
+
+def _moved(points_m: NDArray[np.float64], pose: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Points (n, 2) of the frame with this pose (3, 3), in the frame that the pose is in."""
+    return np.asarray(points_m @ pose[:2, :2].T + pose[:2, 2])
 
 
 @njit(cache=True, nogil=True)
-def _stamped(points_m, rows, cols):  # type: ignore[no-untyped-def]
+def _distances(points_m, rows, cols):  # type: ignore[no-untyped-def]
     """(row, col) distance from the centre of each cell to the nearest point, at most BESIDE_M."""
     distance_m = np.full((rows, cols), BESIDE_M, np.float32)
     reach = int(np.ceil(BESIDE_M / CELL_M))
@@ -220,8 +234,12 @@ def _stamped(points_m, rows, cols):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _around(distance_m, points_m, guess):  # type: ignore[no-untyped-def]
-    """The likeliest pose (3,) within the window around a guess (3,)."""
+def _best_in_window(distance_m, points_m, guess):  # type: ignore[no-untyped-def]
+    """The best pose (3,) of points (n, 2) in the window around a guess (3,).
+
+    It has the highest mean likelihood less the cost of its distance from the guess. Poses are x, y
+    in metres from the corner of the cells (row, col) and heading in radians.
+    """
     rows, cols = distance_m.shape
     best = guess.copy()
     best_score = -1.0
@@ -243,8 +261,8 @@ def _around(distance_m, points_m, guess):  # type: ignore[no-untyped-def]
                         away_m = distance_m[row, col]
                         if away_m < BESIDE_M:
                             total += np.exp(-(away_m**2) / (2 * SIGMA_M**2))
-                share = (turn / turns) ** 2 + (up**2 + along**2) / steps**2
-                score = total / len(xs) - STEP_COST * share
+                correction = (turn / turns) ** 2 + (up**2 + along**2) / steps**2
+                score = total / len(xs) - STEP_COST * correction
                 if score > best_score:
                     best_score = score
                     best[0] = guess[0] + along * CELL_M
@@ -255,7 +273,7 @@ def _around(distance_m, points_m, guess):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def _near_share(distance_m, points_m, pose):  # type: ignore[no-untyped-def]
-    """The share of points (n, 2) that have another within two deviations, in a pose (3,)."""
+    """The share of points (n, 2), in a pose (3,), that lie within 2 SIGMA_M of an earlier hit."""
     rows, cols = distance_m.shape
     cos = np.cos(pose[2])
     sin = np.sin(pose[2])
