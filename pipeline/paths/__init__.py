@@ -1,1 +1,1 @@
-"""Joins the poses of single queries with the odometry of their drive (METHODS 9.9)."""
+"""Joins the fixes of a drive's queries, each found alone, with its odometry (METHODS 9.9)."""

@@ -1,6 +1,9 @@
-"""The belief in where a robot is along its path (METHODS 10.2).
+"""A Bayes filter over the poses that a robot may have along its path (METHODS 10.2).
 
-It consists of poses with chances, and of "anywhere else", unseen places included.
+Steps of odometry and fixes with chances go in, one scan after the other; the likeliest pose and its
+chance come out, given all scans so far. The filter holds a few hypotheses, poses with chances that
+earlier fixes have named. What their chances lack of 1 is that of "elsewhere": any other pose, and
+any place outside the map.
 """
 
 from dataclasses import dataclass, field
@@ -14,53 +17,63 @@ from pipeline.posing.verdict import RIGHT_DEG, RIGHT_M
 
 DRIFT = 0.05
 TURN_DEG_PER_M = 0.1
-"""Standard deviations of the odometry: of a step as a share of it, and of the heading."""
-JUMPS = 0.001
-"""Chance at each scan that the robot was carried anywhere."""
-REPEATS = 0.3
-"""How often a wrong pose lies where one was believed, repeating it or having slipped from it:
-assumed, not learned."""
-FORGOTTEN = 1e-5
+"""Standard deviations of odometry: of a step, as a share of its length; of the heading, for each
+metre."""
 DEVIATIONS = 3.0
+"""A hypothesis may have drifted by so many standard deviations."""
+JUMPS = 0.001
+"""The chance at each scan that the robot was carried off."""
+REPEATS = 0.3
+"""The share of wrong fixes that lie near a hypothesis: the next scan may show the same look-alike,
+or the fix may have slipped along a street. It is assumed, not learned."""
+FORGOTTEN = 1e-5
+"""A hypothesis of a smaller chance is dropped."""
 
 
 @dataclass
 class Belief:
-    """A forward Bayes filter over the poses that fixes have named; it begins empty."""
+    """The hypotheses about where a robot is; at first there are none."""
 
     unseen_share: float = 0.2
-    """Share of queries to expect outside the map, as the verdict was learned with (METHODS 9.5)."""
+    """The share of queries to expect outside the map, as in the site's verdict (METHODS 9.5)."""
     poses: Poses = field(default_factory=lambda: np.zeros((0, 4, 4)))
-    """(hypothesis, 4, 4) in the world, each carried on by odometry since its last fix."""
+    """(hypothesis, 4, 4) in the world: a fix, carried on by odometry since."""
     chances: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
-    """(hypothesis,) that the robot is there, give or take the drift since; what lacks of 1 is
-    anywhere else."""
+    """(hypothesis,) the chance that the robot is there, within the drift since the fix."""
     drift_m: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
-    """(hypothesis,) how far it may have drifted since that fix: a standard deviation."""
+    """(hypothesis,) standard deviation of the position by odometry since the fix."""
     drift_deg: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
-    """(hypothesis,) how far its heading may have drifted since that fix: a standard deviation."""
+    """(hypothesis,) standard deviation of the heading by odometry since the fix."""
 
     def move(self, step: Poses, doubt: tuple[float, float] | None = None) -> None:
-        """Move all hypotheses by `step` (4, 4): the new pose in the old one's frame, by odometry.
+        """Move all hypotheses by `step` (4, 4): the new pose in the frame of the old one.
 
-        A step that was guessed has standard deviations of its own: `doubt` in metres and degrees.
+        `doubt` holds the standard deviations of a step that was guessed, in metres and degrees; by
+        default they are those of odometry.
         """
-        step_m = float(np.linalg.norm(step[:3, 3]))
-        doubt_m, doubt_deg = (DRIFT * step_m, TURN_DEG_PER_M * step_m) if doubt is None else doubt
+        if doubt is None:
+            step_m = float(np.linalg.norm(step[:3, 3]))
+            doubt = (DRIFT * step_m, TURN_DEG_PER_M * step_m)
+        doubt_m, doubt_deg = doubt
         self.poses = self.poses @ step
         self.chances = (1 - JUMPS) * self.chances
         self.drift_m = self.drift_m + doubt_m
         self.drift_deg = self.drift_deg + doubt_deg
 
     def see(self, world_T_robot: Poses, chance: float, tracked: bool = False) -> float:
-        """Add a measured pose that is right with `chance`; returns its chance given all before.
+        """Add the pose (4, 4) of a fix, right with `chance` by its scan alone.
 
-        Of a robot that may be anywhere the chance stays what it was. A hypothesis that may have
-        drifted to the pose is for it, but wrong poses repeat themselves, as the next scan shows the
-        same look-alike: REPEATS of them lie there too. A `tracked` pose was sought where it was
-        believed: that it lies there says nothing, only its chance does, against that of a usual
-        fix. And a pose may have slipped along a street, wrong though the robot is where it was
-        believed: all but one that lies within RIGHT_M of a hypothesis that drift has left right.
+        Returns the chance that it is right given all scans before. Each way in which things may be
+        has a weight, and its chance is its share of their sum:
+
+        - The fix is right, and the robot was elsewhere before, or at a hypothesis near the fix.
+          The latter speaks for the fix the more, the more rarely a wrong fix lies there: REPEATS.
+          If `tracked`, the fix was sought near a hypothesis, so that it lies there says nothing.
+        - The fix is wrong, and the robot is elsewhere, or at a hypothesis. The robot is at one near
+          the fix if the fix slipped from it, and at one that agrees with the fix, being within
+          RIGHT_M of it, only if that one has drifted from being right.
+
+        The fix becomes a hypothesis in place of those that agree with it.
         """
         elsewhere = 1 - float(self.chances.sum())
         away_m, turn_deg = distance_and_turn(
@@ -70,24 +83,27 @@ class Belief:
             turn_deg < RIGHT_DEG + DEVIATIONS * self.drift_deg
         )
         agrees = near & (away_m < RIGHT_M)
-        repeated = (1 - self.unseen_share) / self.unseen_share if tracked else REPEATS
-        right_weight = chance * (elsewhere + float(self.chances[near].sum()) / repeated)
-        other_weights = (1 - chance) * self.chances
-        other_weights[near] *= REPEATS / repeated
-        other_weights[agrees] *= 1 - still_right(self.drift_m[agrees])
-        total_weight = right_weight + (1 - chance) * elsewhere + float(other_weights.sum())
-        kept = ~agrees & (other_weights > FORGOTTEN * total_weight)
-        self.poses = np.concatenate([self.poses[kept], world_T_robot[None]])
-        self.drift_m = np.append(self.drift_m[kept], 0.0)
-        self.drift_deg = np.append(self.drift_deg[kept], 0.0)
-        self.chances = np.append(other_weights[kept], right_weight) / total_weight
-        return right_weight / total_weight
+        # how often a wrong fix lies near a hypothesis; a tracked one counts against a usual query
+        repeats = (1 - self.unseen_share) / self.unseen_share if tracked else REPEATS
+        right_weight = chance * (elsewhere + float(self.chances[near].sum()) / repeats)
+        hypothesis_weights = (1 - chance) * self.chances
+        hypothesis_weights[near] *= REPEATS / repeats
+        hypothesis_weights[agrees] *= 1 - still_right(self.drift_m[agrees])
+        elsewhere_weight = (1 - chance) * elsewhere
+        total = right_weight + elsewhere_weight + float(hypothesis_weights.sum())
+
+        stays = ~agrees & (hypothesis_weights > FORGOTTEN * total)
+        self.poses = np.concatenate([self.poses[stays], world_T_robot[None]])
+        self.drift_m = np.append(self.drift_m[stays], 0.0)
+        self.drift_deg = np.append(self.drift_deg[stays], 0.0)
+        self.chances = np.append(hypothesis_weights[stays], right_weight) / total
+        return right_weight / total
 
     def slipped_m2(self) -> NDArray[np.float64]:
-        """The covariance (3, 3) of the last pose's possible slip in the world, in square metres.
+        """The covariance (3, 3) by which the last fix may have slipped, in the world, in m².
 
-        Each hypothesis that it may have slipped from counts with its chance, its distance and its
-        drift.
+        It sums up the hypotheses that the fix may have slipped from: their distances and drifts,
+        each weighted by its chance.
         """
         off_m = self.poses[:-1, :3, 3] - self.poses[-1, :3, 3]
         near = np.linalg.norm(off_m, axis=1) < RIGHT_M + DEVIATIONS * self.drift_m[:-1]
@@ -96,9 +112,9 @@ class Belief:
         return np.asarray(apart_m2 + float((chances * self.drift_m[:-1] ** 2).sum()) * np.eye(3))
 
     def best(self) -> tuple[Poses, float] | None:
-        """The pose most likely within RIGHT_M of the robot's, with its chance; None at first.
+        """The pose (4, 4) most likely within RIGHT_M of the robot's, and the chance that it is.
 
-        The chance takes account of drift.
+        None before any fix.
         """
         if not len(self.chances):
             return None
@@ -108,8 +124,8 @@ class Belief:
 
 
 def still_right(drift_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The chance that a pose which has drifted is still within RIGHT_M.
+    """The chance that a right pose is within RIGHT_M still, after it has drifted.
 
-    `drift_m` is its standard deviation in the direction of most drift.
+    `drift_m` is the standard deviation of the drift along its main direction.
     """
     return np.asarray(erf(RIGHT_M / (np.sqrt(2) * np.maximum(drift_m, 1e-9))))

@@ -1,6 +1,10 @@
-"""A pose graph of a drive, optimised at once (METHODS 9.9).
+"""Graph: the poses of a drive's queries by a pose graph of the whole drive (METHODS 9.9).
 
-Odometry joins its queries, fixes are constraints.
+1. Take the stretches of the drive in which odometry is not interrupted, and their fixes.
+2. Find the largest set of fixes that agree with one of them by odometry, and the chance that they
+   are right.
+3. Optimise the poses of all queries (gtsam): steps of odometry join neighbours, fixes hold them.
+4. The chance of a query is that of the agreeing fixes, times that of its position by the graph.
 """
 
 from dataclasses import dataclass
@@ -12,27 +16,29 @@ from numpy.typing import NDArray
 from pipeline.core.errors import ConfigError
 from pipeline.core.frames import Poses, distance_and_turn
 from pipeline.core.settings import Positive, check
-from pipeline.paths.belief import REPEATS
+from pipeline.paths.belief import DEVIATIONS, REPEATS
 from pipeline.paths.tracks import Estimates, Track
 from pipeline.posing.verdict import RIGHT_DEG, RIGHT_M
 
 
 @dataclass(frozen=True)
 class Graph:
-    """Binds a day's odometry to the map by fixes: the future work of Yin et al. (IROS 2018)."""
+    """Binds a day's odometry to the map by fixes: the future work of Yin et al. (IROS 2018).
+
+    Its fields are the keys of conf/path/graph.yaml.
+    """
 
     verdict: bool
-    """Whether only fixes that keep a promise of .99 are constraints; otherwise all are."""
+    """True if only accepted fixes, which keep a promise of .99, hold the graph; else all do."""
     drift: Positive
     """Standard deviation of a step of odometry, as a share of its length."""
     turn_deg_per_m: Positive
-    """Standard deviation of the turn in a step of odometry."""
+    """Standard deviation of the turn in a step of odometry, for each metre of its length."""
     fix_m: Positive
-    """Standard deviation of a right fix, added to its own covariance: the map's poses are not exact
-    either."""
     fix_deg: Positive
+    """Standard deviations of a right fix, added to its own covariance: the map is not exact."""
     outlier: Positive
-    """From so many standard deviations on a constraint loses its weight (Cauchy)."""
+    """A fix that is off by more deviations than this loses weight (Cauchy's loss)."""
 
     def __post_init__(self) -> None:
         check(self, "path")
@@ -40,45 +46,44 @@ class Graph:
     def along(self, track: Track) -> Estimates:
         """Estimate each query from the whole drive, past and future.
 
-        A stretch without odometry or without a fix to believe has no estimates.
+        A stretch without odometry or without such a fix has no estimates.
         """
         poses = np.full_like(track.world_T_query, np.nan)
         chances = np.zeros(len(track.chance))
-        broken = np.flatnonzero(~np.isfinite(track.steps).all((1, 2))) + 1
-        for stretch in np.split(np.arange(len(poses)), broken):
-            fix_rows = stretch[np.isfinite(track.world_T_query[stretch]).all((1, 2))]
-            fix_rows = fix_rows[track.accepted[fix_rows]] if self.verdict else fix_rows
+        has_fix = np.asarray(np.isfinite(track.world_T_query).all((1, 2)))
+        if self.verdict:
+            has_fix = has_fix & track.accepted
+        interrupted = np.flatnonzero(~np.isfinite(track.steps).all((1, 2))) + 1
+        for stretch in np.split(np.arange(len(poses)), interrupted):
+            fix_rows = stretch[has_fix[stretch]]
             if len(fix_rows) and np.isfinite(track.odom_T_query[stretch]).all():
-                agreeing_rows, chance = self.agreeing_fixes(track, fix_rows)
-                poses[stretch], within = self.optimised_poses(
+                agreeing_rows, chance_right = self.agreeing_fixes(track, fix_rows)
+                poses[stretch], chance_within = self.optimised_poses(
                     track, stretch, fix_rows, agreeing_rows
                 )
-                chances[stretch] = chance * within
+                chances[stretch] = chance_right * chance_within
         return Estimates(poses, chances)
 
     def agreeing_fixes(
         self, track: Track, fix_rows: NDArray[np.int64]
     ) -> tuple[NDArray[np.int64], float]:
-        """The largest set of fixes that agree with one of them by odometry, and their chance.
+        """The likeliest set of the fixes (n,) that agree with one of them by odometry.
 
-        It is the chance that they are right: each is with its own chance; wrong ones agree with the
-        first by REPEATS.
+        Returns their rows, and the chance that they are right: each is with its own chance, and of
+        wrong fixes a share of REPEATS agrees with the first.
         """
-        odom = track.odom_T_query[fix_rows]
-        world = track.world_T_query[fix_rows]
-        along_m = np.concatenate(
-            [[0.0], np.cumsum(np.linalg.norm(np.diff(odom[:, :2, 3], axis=0), axis=1))]
-        )
+        odom_T_fix = track.odom_T_query[fix_rows]
+        world_T_fix = track.world_T_query[fix_rows]
+        steps_m = np.linalg.norm(np.diff(odom_T_fix[:, :2, 3], axis=0), axis=1)
+        path_m = np.concatenate([[0.0], np.cumsum(steps_m)])
         sets = []
         for reference in range(len(fix_rows)):
-            away_m, turn_deg = distance_and_turn(
-                world[reference] @ np.linalg.inv(odom[reference]) @ odom, world
-            )
-            reach_m = np.abs(along_m - along_m[reference])
-            near = (away_m < RIGHT_M + 3 * self.drift * reach_m) & (
-                turn_deg < RIGHT_DEG + 3 * self.turn_deg_per_m * reach_m
-            )
-            sets.append(fix_rows[near])
+            world_T_odom = world_T_fix[reference] @ np.linalg.inv(odom_T_fix[reference])
+            away_m, turn_deg = distance_and_turn(world_T_odom @ odom_T_fix, world_T_fix)
+            between_m = np.abs(path_m - path_m[reference])
+            most_m = RIGHT_M + DEVIATIONS * self.drift * between_m
+            most_deg = RIGHT_DEG + DEVIATIONS * self.turn_deg_per_m * between_m
+            sets.append(fix_rows[(away_m < most_m) & (turn_deg < most_deg)])
         agreeing_rows = max(sets, key=lambda rows: float(track.chance[rows].sum()))
         chance = track.chance[agreeing_rows].clip(1e-6, 1 - 1e-6)
         odds = np.log(chance / (1 - chance)).sum() - (len(chance) - 1) * np.log(REPEATS)
@@ -91,40 +96,36 @@ class Graph:
         fix_rows: NDArray[np.int64],
         agreeing_rows: NDArray[np.int64],
     ) -> tuple[Poses, NDArray[np.float64]]:
-        """The poses (n, 4, 4) of a stretch, and the chance (n,) that each lies within RIGHT_M.
+        """Optimise the poses of the queries `stretch` (n,), held by the fixes `fix_rows`.
 
-        The chance holds if the fixes that agree are right.
+        Returns them (n, 4, 4), and the chance (n,) that each lies within RIGHT_M if the agreeing
+        fixes are right.
         """
         gtsam = imported_gtsam()
         graph = gtsam.NonlinearFactorGraph()
         values = gtsam.Values()
+        # each query starts where odometry leads to it from the nearest of the agreeing fixes
         nearest = agreeing_rows[np.abs(stretch[:, None] - agreeing_rows[None]).argmin(1)]
         for row, fix in zip(stretch.tolist(), nearest.tolist(), strict=True):
-            start = (
-                track.world_T_query[fix]
-                @ np.linalg.inv(track.odom_T_query[fix])
-                @ track.odom_T_query[row]
-            )
-            values.insert(row, gtsam.Pose3(start))
+            world_T_odom = track.world_T_query[fix] @ np.linalg.inv(track.odom_T_query[fix])
+            values.insert(row, gtsam.Pose3(world_T_odom @ track.odom_T_query[row]))
+        # steps of odometry
         for previous in stretch[:-1].tolist():
             step = track.steps[previous]
             length_m = float(np.linalg.norm(step[:3, 3])) + self.fix_m / 10
             sds = np.repeat([np.deg2rad(self.turn_deg_per_m), self.drift], 3) * length_m
-            graph.add(
-                gtsam.BetweenFactorPose3(
-                    previous, previous + 1, gtsam.Pose3(step), gtsam.noiseModel.Diagonal.Sigmas(sds)
-                )
-            )
+            noise = gtsam.noiseModel.Diagonal.Sigmas(sds)
+            graph.add(gtsam.BetweenFactorPose3(previous, previous + 1, gtsam.Pose3(step), noise))
+        # fixes
         floor = np.diag(np.repeat([np.deg2rad(self.fix_deg), self.fix_m], 3) ** 2)
         robust = gtsam.noiseModel.mEstimator.Cauchy.Create(self.outlier)
         for row in fix_rows.tolist():
-            noise = gtsam.noiseModel.Gaussian.Covariance(track.covariance[row] + floor)
-            pose = gtsam.Pose3(track.world_T_query[row])
-            graph.add(
-                gtsam.PriorFactorPose3(row, pose, gtsam.noiseModel.Robust.Create(robust, noise))
-            )
+            gaussian = gtsam.noiseModel.Gaussian.Covariance(track.covariance[row] + floor)
+            noise = gtsam.noiseModel.Robust.Create(robust, gaussian)
+            graph.add(gtsam.PriorFactorPose3(row, gtsam.Pose3(track.world_T_query[row]), noise))
         solution = gtsam.LevenbergMarquardtOptimizer(graph, values).optimize()
         spread = gtsam.Marginals(graph, solution)
+        # of x and y, in the query's frame
         variance_m2 = np.array(
             [np.trace(spread.marginalCovariance(row)[3:5, 3:5]) / 2 for row in stretch.tolist()]
         )

@@ -1,4 +1,7 @@
-"""Odometry alone from the first believed fix on: the baseline of filter and graph."""
+"""Odometry: the first accepted fix, driven on by odometry alone (METHODS 9.9).
+
+It is the baseline that filter and graph have to better.
+"""
 
 from dataclasses import dataclass
 
@@ -10,12 +13,12 @@ from pipeline.paths.tracks import Estimates, Track
 
 @dataclass(frozen=True)
 class Odometry:
-    """Dead reckoning from an accepted fix."""
+    """Dead reckoning from an accepted fix on."""
 
     def along(self, track: Track) -> Estimates:
-        """Carry on the first fix that keeps a promise of .99; before it there is no estimate.
+        """Carry the first accepted fix on by odometry; before it there is no estimate.
 
-        Where odometry breaks off, the next such fix is carried on.
+        Where odometry breaks off, the next accepted fix is carried on.
         """
         poses = np.full_like(track.world_T_query, np.nan)
         chances = np.zeros(len(track.chance))

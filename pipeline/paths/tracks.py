@@ -1,8 +1,13 @@
-"""Tracks: the fixes of a drive in their order, to be joined with its odometry (METHODS 9.9)."""
+"""Tracks: the fixes of a drive's queries in their order, joined with its odometry (METHODS 9.9).
+
+The stage `paths` calls `joined`: the fixes of a test sequence and its odometry go in, and a `Path`
+(filter, odometry or graph, a file each) estimates each query's pose from the whole track. These
+poses come out in place of the fixes, as a further variant of the method.
+"""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,15 +26,15 @@ class Track:
     """The fixes of q queries along one drive."""
 
     odom_T_query: Poses
-    """(q, 4, 4) by odometry; NaN where there is none."""
+    """(q, 4, 4) poses by odometry; NaN where there is none."""
     world_T_query: Poses
-    """(q, 4, 4) by each query alone; NaN where it has no pose."""
+    """(q, 4, 4) the fix of each query alone; NaN where it has none."""
     chance: NDArray[np.float64]
-    """(q,) that this pose is right."""
+    """(q,) the chance that the fix is right."""
     accepted: NDArray[np.bool_]
-    """(q,) whether it keeps a promise of .99."""
+    """(q,) whether the fix keeps the wanted precision, .99."""
     covariance: NDArray[np.float64]
-    """(q, 6, 6) of a turn in radians and a step in metres, in the query's frame."""
+    """(q, 6, 6) of the fix: a turn in radians, then a step in metres, in the query's frame."""
 
     @cached_property
     def steps(self) -> Poses:
@@ -42,27 +47,28 @@ class Track:
 
 @dataclass(frozen=True)
 class Estimates:
-    """The poses of a drive's queries by all that the drive shows, and their chances."""
+    """The poses of a drive's q queries by the whole track, and their chances."""
 
     world_T_query: Poses
     """(q, 4, 4); NaN where nothing is known."""
     chance: NDArray[np.float64]
-    """(q,) that the pose is within 2 m and 5°."""
+    """(q,) the chance that the pose is right: within 2 m and 5°."""
 
 
 class Path(Protocol):
     """A way to join fixes and odometry: one file in pipeline/paths, one or more in conf/path."""
 
     def along(self, track: Track) -> Estimates:
-        """Estimates for each query of a track."""
+        """Estimate the pose of each query of a track."""
 
 
 def joined(fixes: Fixes, odom_T_anchor: Poses, path: Path, places: Places) -> Fixes:
     """The fixes of one sequence with estimates along its path in place of single poses.
 
-    Each case is a drive. An estimate is accepted where its chance alone keeps what is wanted, for
-    no held-out blocks tell more. Raises InputError where fixes and odometry (n, 4, 4) are not of
-    the same submaps.
+    The queries of each case, one way in which they were altered (pipeline/alterations), are a
+    drive. An estimate is accepted where its chance is the wanted precision, since no held-out
+    blocks tell more. Raises InputError where fixes and odometry (n, 4, 4) are not of the same n
+    submaps.
     """
     cases = len(read_cases(fixes.cases))
     n = len(odom_T_anchor)
@@ -70,50 +76,57 @@ def joined(fixes: Fixes, odom_T_anchor: Poses, path: Path, places: Places) -> Fi
         raise InputError(
             f"{fixes.path}: {len(fixes.places)} queries in {cases} cases of {n} submaps"
         )
-    answers = {
-        name: getattr(fixes, name).copy() for name in ("places", "costs", "xy_m", "heading_deg")
-    }
     world_T_query = fixes.world_T_query.copy()
+    chance = fixes.confidence.copy()
     novelty = fixes.novelty.copy()
-    confidence = fixes.confidence.copy()
     for case in range(cases):
         rows = slice(case * n, (case + 1) * n)
-        turn_rad = np.deg2rad(fixes.turned_deg[rows].astype(np.float64))
-        doubt = fixes.novelty[rows, 0].astype(np.float64)
-        estimates = path.along(
-            Track(
-                odom_T_anchor @ turns(turn_rad),
-                fixes.world_T_query[rows],
-                1 - doubt,
-                doubt < fixes.reject_from(),
-                fixes.covariance[rows],
-            )
-        )
+        estimates = path.along(_track(fixes, rows, odom_T_anchor))
         world_T_query[rows] = estimates.world_T_query
-        confidence[rows] = estimates.chance
+        chance[rows] = estimates.chance
         novelty[rows, 0] = 1 - estimates.chance
-        for row in np.flatnonzero(np.isfinite(estimates.world_T_query).all((1, 2))).tolist():
-            pose = estimates.world_T_query[None, row]
-            xy_m = pose[:, :2, 3]
-            first = {
-                "places": places.at(xy_m),
-                "costs": [0.0],
-                "xy_m": xy_m,
-                "heading_deg": np.rad2deg(yaw(pose)),
-            }
-            lead(answers, case * n + row, first)
-    # place and several were judged of another pose
+    # the other two beliefs, place and several, were judged by another pose
     accept_nothing = (ACCEPT_NOTHING,) * len(fixes.promises)
     return replace(
         fixes,
-        **answers,
+        **_led_answers(fixes, world_T_query, places),
         world_T_query=world_T_query,
         novelty=novelty,
-        confidence=confidence,
-        # that of each query's own fix, which the estimate replaces
+        confidence=chance,
+        # the covariance was that of the query's own fix, which the estimate replaces
         covariance=np.full_like(fixes.covariance, np.nan),
         thresholds=(1 - fixes.wanted_precision, *fixes.thresholds[1:]),
         promised=tuple(1 - promise for promise in fixes.promises),
         promised_place=accept_nothing,
         promised_several=accept_nothing,
     )
+
+
+def _track(fixes: Fixes, rows: slice, odom_T_anchor: Poses) -> Track:
+    """The track of one case, whose queries are `rows`; its odometry is turned as they are."""
+    turn_rad = np.deg2rad(fixes.turned_deg[rows].astype(np.float64))
+    doubt = fixes.novelty[rows, 0].astype(np.float64)
+    return Track(
+        odom_T_anchor @ turns(turn_rad),
+        fixes.world_T_query[rows],
+        1 - doubt,
+        doubt < fixes.reject_from(),
+        fixes.covariance[rows],
+    )
+
+
+def _led_answers(fixes: Fixes, world_T_query: Poses, places: Places) -> dict[str, Any]:
+    """The ranked answers of all queries, those that have a pose (q, 4, 4) led by its place."""
+    names = ("places", "costs", "xy_m", "heading_deg")
+    answers = {name: getattr(fixes, name).copy() for name in names}
+    for row in np.flatnonzero(np.isfinite(world_T_query).all((1, 2))).tolist():
+        pose = world_T_query[None, row]
+        xy_m = pose[:, :2, 3]
+        first = {
+            "places": places.at(xy_m),
+            "costs": [0.0],
+            "xy_m": xy_m,
+            "heading_deg": np.rad2deg(yaw(pose)),
+        }
+        lead(answers, row, first)
+    return answers
