@@ -1,6 +1,7 @@
-"""Whether DVC works in a project, by DVC's own locks.
+"""Tells whether DVC works in a project just now, by DVC's own locks.
 
-A lock file between stages, a table of holders while one runs.
+Between two stages DVC holds a lock file. While a stage runs, a table names the processes that read
+or write its files.
 """
 
 import fcntl
@@ -14,15 +15,16 @@ import psutil
 from pipeline.core.errors import ConfigError
 
 TABLE = ".dvc/tmp/rwlock"
-"""Which process reads or writes which output."""
+"""The table: which process reads or writes which file."""
 LOCK = ".dvc/tmp/lock"
-"""Held by DVC whenever none of its stages runs."""
+"""The lock file, which DVC holds while it works and no stage runs."""
 
 
 def refuse_at_work(root: Path) -> None:
-    """Raise ConfigError if DVC works in the project.
+    """Raise ConfigError if DVC works in the project whose folder is `root`.
 
-    What it has begun must end with the studies that it began with.
+    Commands that would change the studies call this: a `dvc repro` must end with those that it
+    began with.
     """
     if _is_held(root / LOCK) or has_holders(root):
         raise ConfigError(
@@ -31,19 +33,18 @@ def refuse_at_work(root: Path) -> None:
 
 
 def has_holders(root: Path) -> bool:
-    """Whether a process in DVC's table of locks lives; an unreadable table names none."""
+    """Whether a process in DVC's table lives; False if the table is missing or unreadable."""
     table = root / TABLE
     try:
         written_s = table.stat().st_mtime
-        return any(
-            _lived(pid, written_s) for pid in _pids(json.loads(table.read_text(encoding="utf-8")))
-        )
+        content = json.loads(table.read_text(encoding="utf-8"))
+        return any(_has_lived_since(pid, written_s) for pid in _pids(content))
     except (OSError, ValueError):
         return False
 
 
 def _pids(node: Any) -> Iterator[int]:
-    """Every process that a part of the table names."""
+    """The ids of all processes that a part of the table names."""
     if isinstance(node, list):
         for item in node:
             yield from _pids(item)
@@ -54,10 +55,11 @@ def _pids(node: Any) -> Iterator[int]:
             yield from _pids(list(node.values()))
 
 
-def _lived(pid: int, time_s: float) -> bool:
-    """Whether a process runs and did so at a time in seconds since 1970.
+def _has_lived_since(pid: int, time_s: float) -> bool:
+    """Whether a process runs, and did so at `time_s`, in seconds since 1970.
 
-    A killed one that nobody has waited for yet does not.
+    If it began later, its id belonged to another process then. A killed process for which nobody
+    has waited yet does not run.
     """
     try:
         process = psutil.Process(pid)
@@ -67,12 +69,12 @@ def _lived(pid: int, time_s: float) -> bool:
 
 
 def _is_held(lock: Path) -> bool:
-    """Whether a process holds a lock file; a killed process holds none."""
+    """Whether a process holds a lock file. The system frees it when that process ends."""
     try:
         with lock.open("rb") as file:
             fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except BlockingIOError:
         return True
-    except OSError:  # not there, or on a file system that locks nothing
+    except OSError:  # the file is missing, or its file system has no locks
         return False
     return False

@@ -1,4 +1,7 @@
-"""Reads DVC's own files: dvc.lock and dvc.yaml of the root and of each folder dag/STAGE, as one."""
+"""Reads what DVC recorded of the stages: dvc.lock, and dvc.yaml, of the whole project as one.
+
+There is one of each in the root and one in each folder dag/STAGE.
+"""
 
 import re
 from collections.abc import Mapping
@@ -28,16 +31,16 @@ class LockedFile:
     path: str
     """Relative to the root."""
     md5: str
-    """Empty where none is recorded."""
+    """Empty if it is not recorded."""
     size: int | None
-    """Bytes of the file, or of all files of the folder; None where it is not recorded."""
+    """Bytes of the file, or of all files in the folder; None if it is not recorded."""
     file_count: int
-    """1 of a file."""
+    """The number of files in the folder; 1 if it is a file."""
     is_folder: bool
 
     @classmethod
     def of(cls, recorded: Mapping[str, Any]) -> Self:
-        """Read an entry of deps or outs."""
+        """Read an item of a stage's deps or outs."""
         return cls(
             path=str(recorded.get("path")),
             md5=str(recorded.get("md5") or ""),
@@ -54,14 +57,17 @@ class LockEntry:
     stage: str
     """Its name, such as train@campus-10m-sci."""
     command: str
+    """The command line that DVC ran."""
     deps: tuple[LockedFile, ...]
+    """What it read."""
     params: Mapping[str, Mapping[str, Any]]
-    """File of conf/ to the values of its keys."""
+    """For each file of conf/ that it depends on, the values of its keys."""
     outs: tuple[LockedFile, ...]
+    """What it wrote."""
 
     @classmethod
     def of(cls, stage: str, recorded: Mapping[str, Any]) -> Self:
-        """Read the entry of a stage."""
+        """Read the entry of a stage by its name."""
         return cls(
             stage=stage,
             command=str(recorded.get("cmd", "")),
@@ -73,38 +79,42 @@ class LockEntry:
 
 @dataclass(frozen=True)
 class DvcLock:
-    """All that the lock files record; empty without readable ones."""
+    """All that the lock files record; nothing where none can be read."""
 
     stages: Mapping[str, Mapping[str, Any]]
-    """Stage, such as train@campus-10m-sci, to its cmd, deps, params and outs; paths are relative to
-    the root."""
+    """For each stage, such as train@campus-10m-sci, its cmd, deps, params and outs. Paths are
+    relative to the root."""
 
     @classmethod
     def read(cls, front: Path) -> Self:
         """Read `front`, the root's dvc.lock, and those of the folders of dag/ beside it."""
-        return cls(
-            {
-                name: stage
-                for path in files(front)
-                for name, stage in _stages(path, path.stat().st_mtime_ns).items()
-            }
-        )
+        stages: dict[str, Mapping[str, Any]] = {}
+        for path in files(front):
+            stages |= _stages(path, path.stat().st_mtime_ns)
+        return cls(stages)
 
     @cached_property
     def entries(self) -> dict[str, LockEntry]:
-        """The path of each recorded output, with the entry of the stage that wrote it."""
-        entries = (LockEntry.of(stage, recorded) for stage, recorded in self.stages.items())
-        return {out.path: entry for entry in entries for out in entry.outs}
+        """For the path of each recorded output, the entry of the stage that wrote it."""
+        entry_by_path = {}
+        for stage, recorded in self.stages.items():
+            entry = LockEntry.of(stage, recorded)
+            for out in entry.outs:
+                entry_by_path[out.path] = entry
+        return entry_by_path
 
     def entry(self, path: Path) -> LockEntry | None:
-        """The entry of the stage that wrote `path` or the nearest folder around it, else None."""
-        candidates = (folder.as_posix() for folder in (path, *path.parents))
-        return next(
-            (self.entries[candidate] for candidate in candidates if candidate in self.entries), None
-        )
+        """The entry of the stage that wrote `path`, or the nearest folder around it, if any."""
+        for candidate in (path, *path.parents):
+            if candidate.as_posix() in self.entries:
+                return self.entries[candidate.as_posix()]
+        return None
 
     def of(self, path: str) -> tuple[str, str]:
-        """md5 and stage of an artifact, or of the nearest folder around it; empty if unknown."""
+        """The md5 and the stage of an artifact, or of the nearest folder around it.
+
+        Both are empty if no stage is recorded as having written it.
+        """
         entry = self.entry(Path(path))
         if entry is None:
             return "", ""
@@ -113,24 +123,21 @@ class DvcLock:
         return md5, entry.stage
 
     def params(self, stage: str) -> Mapping[str, Any]:
-        """The parameters of a stage, by file."""
+        """The parameters of a stage, by the file of conf/ that they are in."""
         params: Mapping[str, Any] = self.stages.get(stage, {}).get("params", {})
         return params
 
 
 def files(front: Path) -> list[Path]:
-    """The existing files of this name (dvc.lock or dvc.yaml) in the root and in dag/STAGE/."""
-    return [
-        path
-        for path in (front, *sorted(front.parent.glob(f"dag/*/{front.name}")))
-        if path.is_file()
-    ]
+    """`front`, the root's dvc.lock or dvc.yaml, and those in dag/STAGE/, as far as they exist."""
+    in_stages = sorted(front.parent.glob(f"dag/*/{front.name}"))
+    return [path for path in (front, *in_stages) if path.is_file()]
 
 
 def definition(root: Path) -> dict[str, Any]:
-    """The stages of all dvc.yaml files, as parsed: {"stages": {name: body}}.
+    """The stages of all dvc.yaml files as one, parsed: {"stages": {name: body}}.
 
-    Of a stage that is split into parts (`studies.parts`) it is the first part.
+    A stage that is split into parts (`studies.parts`) is represented by its first part.
     """
     stages: dict[str, Any] = {}
     for path in files(root / "dvc.yaml"):
@@ -141,7 +148,10 @@ def definition(root: Path) -> dict[str, Any]:
 
 @lru_cache(maxsize=64)
 def _stages(path: Path, written_ns: int) -> dict[str, Any]:
-    """The entries of one lock file as it was written at that time; none of an unreadable one."""
+    """The entries of one lock file, none if it is unreadable.
+
+    `written_ns` is when it was written: a file that has changed since is not taken from the cache.
+    """
     try:
         content = yaml.load(path.read_text(encoding="utf-8"), Yaml)
     except (UnicodeDecodeError, yaml.YAMLError):

@@ -1,4 +1,4 @@
-"""Ends a process on SIGTERM as after an error, so that what it holds is given back."""
+"""Ends processes in order: on SIGTERM as after an error, so that they clean up what they hold."""
 
 import signal
 import threading
@@ -10,15 +10,16 @@ from typing import Any
 import psutil
 
 TERMINATED = 128 + signal.SIGTERM
+"""The exit code by which shells and supervisors know a terminated process."""
 WAIT_S = 10
-"""For processes to end that were asked to."""
+"""A process that was asked to end is waited for as long as this."""
 
 
 def end_when_asked() -> None:
-    """Let SIGTERM raise SystemExit in the main thread.
+    """Let SIGTERM raise SystemExit in the main thread, so that `with` and `finally` are run.
 
-    Else nothing is cleaned up: no semaphore of workers, no scratch file. Its exit code is what
-    shells and supervisors know a terminated process by. Called in another thread it does nothing.
+    Otherwise semaphores of workers and scratch files would stay behind. Called in another thread
+    than the main one, it does nothing.
     """
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGTERM, _end)
@@ -27,7 +28,7 @@ def end_when_asked() -> None:
 def end_all(process: Popen[Any]) -> None:
     """Ask a process and all that it has started to end, and wait for them.
 
-    What a shell started outlives it otherwise.
+    A process that a shell started would outlive the shell otherwise.
     """
     with suppress(psutil.NoSuchProcess):
         started = psutil.Process(process.pid).children(recursive=True)
@@ -40,7 +41,6 @@ def end_all(process: Popen[Any]) -> None:
 
 
 def _end(number: int, frame: FrameType | None) -> None:
-    signal.signal(
-        signal.SIGTERM, signal.SIG_IGN
-    )  # once is enough: a second one would cut the cleaning up
+    """Handle the first SIGTERM; a second one, which would interrupt the cleaning up, is ignored."""
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
     raise SystemExit(TERMINATED)

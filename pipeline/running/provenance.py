@@ -1,4 +1,4 @@
-"""A key of unfinished work, made of its inputs."""
+"""Fingerprints of a computation's inputs, by which its unfinished work is found again."""
 
 import hashlib
 import inspect
@@ -9,9 +9,9 @@ import numpy as np
 
 
 def fingerprint(*parts: object) -> str:
-    """A digest of arrays, of classes and of anything else by its repr.
+    """A digest of the parts: of an array's numbers, a class's sources, anything else's repr.
 
-    A class stands for the sources of the project's modules that it imports.
+    A class's sources are its module and the modules of this project that it imports.
     """
     digest = hashlib.sha256()
     for part in parts:
@@ -28,7 +28,10 @@ def fingerprint(*parts: object) -> str:
 
 
 def _sources(module: str, seen: set[str]) -> set[str]:
-    """Files of a module of this project and of those it imports."""
+    """The source files of a module of this project and of those that it imports.
+
+    `seen` are the modules visited so far, which are passed over; this one and those are added.
+    """
     if module in seen or not module.startswith("pipeline") or module not in sys.modules:
         return set()
     seen.add(module)

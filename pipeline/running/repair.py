@@ -1,4 +1,4 @@
-"""Repairs DVC's own files after a kill or an earlier version of yearloc."""
+"""Repairs DVC's own files after a kill, and moves those of an earlier version of yearloc."""
 
 import shutil
 from pathlib import Path
@@ -10,26 +10,28 @@ from pipeline.running.at_work import TABLE, has_holders
 from pipeline.running.dvc_files import Yaml, files
 
 EMPTY = "schema: '2.0'\n"
-"""A lock file that records nothing: DVC then finds its finished stages in its run cache."""
+"""A lock file that records nothing: DVC then finds the finished stages in its run cache."""
 
 
 def repair(root: Path) -> list[Path]:
-    """Empty the lock files that a kill tore, and return them.
+    """Empty the lock files that a kill left half written, and return their paths.
 
-    DVC writes these in place. The table of locks is removed if none of its holders lives.
+    DVC writes them in place. Its table of running processes is removed if none of them lives.
     """
     move_old_locks(root)
-    torn = [lock for lock in files(root / "dvc.lock") if not isinstance(_parsed(lock), dict)]
-    for lock in torn:
+    half_written = [
+        lock for lock in files(root / "dvc.lock") if not isinstance(_parsed(lock), dict)
+    ]
+    for lock in half_written:
         lock.write_text(EMPTY, encoding="utf-8")
     table = root / TABLE
     if table.is_file() and not has_holders(root):
         table.unlink()
-    return torn
+    return half_written
 
 
 def move_old_locks(root: Path) -> None:
-    """Move the lock files of an older clone from .dvc/locks to beside their dvc.yaml."""
+    """Move the lock files of an older clone from .dvc/locks beside their dvc.yaml files."""
     old_locks = root / ".dvc/locks"
     for lock in old_locks.glob("*.lock"):
         folder = root if lock.stem == "root" else root / "dag" / lock.stem
@@ -43,6 +45,7 @@ def move_old_locks(root: Path) -> None:
 
 
 def _parsed(path: Path) -> Any:
+    """The content of a yaml file; None if it is no yaml."""
     try:
         return yaml.load(path.read_text(encoding="utf-8"), Yaml)
     except (ValueError, yaml.YAMLError):

@@ -1,9 +1,9 @@
-"""Time and memory that a stage used, stored beside its artifact.
+"""Samples the time and memory that a stage uses, and stores them as the trace of its artifact.
 
-Never in it: an artifact's bytes hold no clock and no host. The trace of
-`artifacts/train/sci.zarr.zip` is `.telemetry/artifacts/train/sci.zarr.zip.json`, which
-neither git nor DVC tracks: a clone that pulls the artifact has none. It is of the last time that
-the artifact was built here.
+A trace is a file of its own, since an artifact's bytes hold no clock and no host: that of
+`artifacts/train/sci.zarr.zip` is `.telemetry/artifacts/train/sci.zarr.zip.json`. It tells of the
+last time that the artifact was built here. Neither git nor DVC tracks it, so a clone that pulls the
+artifact has none.
 """
 
 import json
@@ -23,37 +23,38 @@ import psutil
 
 FOLDER = Path(".telemetry")
 MOST = 200
-"""Samples kept of one stage, however long it runs."""
+"""A trace has at most so many samples, however long its stage runs."""
 MB = 1e-6
+"""Megabytes in a byte."""
 
 
 def trace_path(artifact: str | Path) -> Path:
-    """The path of an artifact's trace; raises ValueError for one outside the current folder."""
+    """The path of an artifact's trace. Raises ValueError outside of the current folder."""
     path = FOLDER / Path(artifact).absolute().relative_to(Path.cwd())
     return path.with_name(f"{path.name}.json")
 
 
 @dataclass(frozen=True)
 class Trace:
-    """Resources used by a process and its children, from start to end."""
+    """The resources that a process and its children used, from start to end."""
 
     wall_s: float
     cpu_s: float
     peak_memory_mb: float
-    """Largest resident memory among the samples, processes added up (shared pages count in
-    each)."""
+    """The largest resident memory of any sample, summed over processes: pages that they share
+    count for each."""
     seconds: Sequence[float] = ()
-    """(sample,) since the start."""
+    """(sample,) seconds since the start."""
     cpu_percent: Sequence[float] = ()
     """(sample,) mean since the sample before; 100 is one core."""
     memory_mb: Sequence[float] = ()
-    """(sample,) resident."""
+    """(sample,) resident memory."""
     gpu_memory_mb: Sequence[float] = ()
-    """(sample,) that torch holds on its current GPU; empty where it has none."""
+    """(sample,) memory that torch holds on its current GPU; empty without a GPU."""
 
     @classmethod
     def read(cls, artifact: str | Path) -> Self | None:
-        """Read an artifact's trace; None where there is none, or one of another version."""
+        """Read an artifact's trace; None if it has none, or one of another version."""
         try:
             return cls(**json.loads(trace_path(artifact).read_text(encoding="utf-8")))
         except (OSError, TypeError, ValueError):
@@ -68,24 +69,28 @@ class Trace:
         scratch.replace(path)
 
     def series(self) -> dict[str, list[tuple[int, float]]]:
-        """The samples over whole seconds, in the group of MLflow's system metrics."""
+        """The samples as MLflow logs system metrics: for each name, (whole second, value) pairs.
+
+        Of several samples in one second the last counts.
+        """
         columns = {
             "process_cpu_percentage": self.cpu_percent,
             "process_memory_megabytes": self.memory_mb,
             "gpu_memory_usage_megabytes": self.gpu_memory_mb,
         }
         steps = [round(at_s) for at_s in self.seconds]
-        return {
-            f"system/{name}": list(dict(zip(steps, column, strict=True)).items())
-            for name, column in columns.items()
-            if column
-        }
+        series = {}
+        for name, column in columns.items():
+            if column:
+                value_by_step = dict(zip(steps, column, strict=True))
+                series[f"system/{name}"] = list(value_by_step.items())
+        return series
 
 
 def costs(stages: Mapping[str, Sequence[Path]]) -> dict[str, float]:
-    """Costs of each stage by name, such as `train_wall_s`, its artifacts' traces put together.
+    """The costs of each stage, such as `train_wall_s`, from the traces of all of its artifacts.
 
-    A stage one of whose traces is missing has no cost: a part of a sum would be read as the whole.
+    A stage that lacks a trace has no costs: a part of a sum would be taken for the whole.
     """
     numbers: dict[str, float] = {}
     for stage, artifacts in stages.items():
@@ -99,27 +104,29 @@ def costs(stages: Mapping[str, Sequence[Path]]) -> dict[str, float]:
 
 
 class Sample(NamedTuple):
-    """Resources of a process and all that it started, at one moment."""
+    """The resources of a process and all that it started, at one moment."""
 
     at_s: float
-    """Since the start."""
+    """Seconds since the block began."""
     cpu_s: float
-    """Used so far, since long before the start maybe."""
+    """CPU time used since the process began, which may be long before the block."""
     memory_mb: float
     gpu_memory_mb: float | None
 
 
 @dataclass
 class Telemetry:
-    """Samples this process and what it starts during the block, then writes the artifact's trace.
+    """A `with` block in which this process and all that it starts are sampled.
 
-    Only if the block ends well. Samples are taken every second at first; each time that `MOST` are
-    full every second one goes and the pace halves. No failure in here, a full disk among them, is
-    the block's.
+    If the block ends without an error, the artifact's trace is written. A sample is taken every
+    second at first. Whenever there are MOST of them, every other one is dropped, and the time
+    between samples doubles. No failure to sample or to write, such as a full disk, disturbs the
+    block.
     """
 
     artifact: str | Path
     every_s: float = 1.0
+    """The time from one sample to the next."""
     _samples: list[Sample] = field(default_factory=list)
     _peak_mb: float = 0.0
     _end: threading.Event = field(default_factory=threading.Event)
@@ -146,35 +153,40 @@ class Telemetry:
                 self._trace().write(self.artifact)
 
     def _run(self) -> None:
+        """Take samples until the block ends, in a thread of its own."""
         while not self._end.wait(self.every_s):
             self._sample()
             if len(self._samples) >= MOST:
-                del self._samples[1::2]  # the first, which all are measured from, stays
+                del self._samples[1::2]  # the first stays: all are measured from it
                 self.every_s *= 2
 
     def _sample(self) -> None:
-        cpu_s = memory_mb = 0.0
+        """Take one sample; none where that fails."""
+        cpu_s = 0.0
+        memory_mb = 0.0
         with suppress(Exception):
             for process in (self._process, *self._process.children(recursive=True)):
                 with suppress(psutil.NoSuchProcess):
-                    cpu_s += sum(
-                        process.cpu_times()[:4]
-                    )  # user and system, its own and of its children that ended
+                    # user and system time, its own and that of its children that have ended
+                    cpu_s += sum(process.cpu_times()[:4])
                     memory_mb += process.memory_info().rss * MB
-            self._samples.append(
-                Sample(time.monotonic() - self._start_s, cpu_s, memory_mb, _gpu_memory_mb())
-            )
+            at_s = time.monotonic() - self._start_s
+            self._samples.append(Sample(at_s, cpu_s, memory_mb, _gpu_memory_mb()))
             self._peak_mb = max(self._peak_mb, memory_mb)
 
     def _trace(self) -> Trace:
+        """Sum up the samples: all but the first, from which they are measured."""
         start, *samples = self._samples
         last_sample = samples[-1]
         if len(samples) > 1 and last_sample.at_s - samples[-2].at_s < self.every_s / 2:
-            samples.pop()  # too near to the one before for a rate
+            samples.pop()  # too near the one before for a rate
         rates = [
             (later.cpu_s - earlier.cpu_s) / max(later.at_s - earlier.at_s, 1e-3)
             for earlier, later in pairwise([start, *samples])
         ]
+        gpu_memory_mb = []
+        if last_sample.gpu_memory_mb is not None:
+            gpu_memory_mb = [round(sample.gpu_memory_mb or 0.0, 1) for sample in samples]
         return Trace(
             wall_s=round(last_sample.at_s, 3),
             cpu_s=round(max(last_sample.cpu_s - start.cpu_s, 0.0), 3),
@@ -182,17 +194,15 @@ class Telemetry:
             seconds=[round(sample.at_s, 3) for sample in samples],
             cpu_percent=[round(max(100 * rate, 0.0), 1) for rate in rates],
             memory_mb=[round(sample.memory_mb, 1) for sample in samples],
-            gpu_memory_mb=[round(sample.gpu_memory_mb or 0.0, 1) for sample in samples]
-            if last_sample.gpu_memory_mb is not None
-            else [],
+            gpu_memory_mb=gpu_memory_mb,
         )
 
 
 def _gpu_memory_mb() -> float | None:
-    """GPU memory of the stage; None unless it has torch use a GPU already.
+    """The GPU memory that torch holds; None unless this process uses torch on a GPU already.
 
-    Asking for it here would be what wakes it.
+    To ask torch for it otherwise would start the GPU.
     """
     cuda = getattr(sys.modules.get("torch"), "cuda", None)
-    in_use = getattr(cuda, "is_initialized", bool)()  # torch may be half imported
-    return cuda.memory_reserved() * MB if cuda and in_use else None
+    is_in_use = getattr(cuda, "is_initialized", bool)()  # torch may be half imported
+    return cuda.memory_reserved() * MB if cuda and is_in_use else None
