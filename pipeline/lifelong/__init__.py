@@ -1,0 +1,1 @@
+"""Learning further days: a site that grows, and the study of how localisers do (METHODS 11)."""

@@ -1,7 +1,13 @@
-"""Adoption (METHODS 11.2): scans of a later day in; those that a site is to learn, with poses, out.
+"""Adoption: which scans of a later day a site is to learn, and at which poses (METHODS 11.2).
 
-The poses are of a survey, or they are the site's own fixes where it believes them. `growth` makes
-the site learn the scans.
+With a survey, scans are adopted at its poses. Without one, the site localises the drive itself:
+
+1. Follow the drive through the site, once as it came and once backwards.
+2. Take for each scan the surer of its two fixes, if it keeps the promise.
+3. Fill the gaps between two fixes by odometry, where it leads from the one to the other.
+4. Thin the scans that have a pose to one every STEP_M.
+
+growth.py then makes the site learn these scans.
 """
 
 from collections.abc import Sequence
@@ -21,11 +27,11 @@ from pipeline.posing.registration import Points
 from pipeline.posing.verdict import RIGHT_DEG, RIGHT_M, right
 
 STEP_M = 0.8
-"""Least path from one adopted scan to the next: a little less than from one submap to the next."""
+"""Adopted scans are at least this far apart: a little less than two submaps are."""
 
 
 class NothingAdoptedError(LogError):
-    """A drive of which no scan can be learned."""
+    """No scan of a drive can be learned."""
 
 
 @dataclass(frozen=True)
@@ -36,17 +42,19 @@ class Adoption:
     """(n, 3) each: x forward, y left, z up from the ground, in metres."""
     stamps_ns: Stamps
     world_T_scan: Poses
+    """(scan, 4, 4)."""
     chance: NDArray[np.float64]
-    """(scan,) that the pose is right; 1 of a survey."""
+    """(scan,) the chance that the pose is right; 1 for a pose of a survey."""
     wrong: NDArray[np.bool_]
-    """(scan,) whether the pose is over 2 m or 5° off the log's own, where it has one."""
+    """(scan,) True where the pose is over 2 m or 5° off the log's true one; False if unknown."""
     surveyed: bool
-    """Whether the poses are given, so that places may be new."""
+    """Whether the poses are of a survey: only these can bring places that the site does not have.
+    """
     scan_count: int
-    """Scans of the day, adopted or not."""
+    """The number of all scans of the day, adopted or not."""
 
     def views(self, site: Site) -> Rows:
-        """The scans as the site's method looks at them."""
+        """What the site's method sees in each scan."""
         return Rows(
             np.stack([site.view(points_m) for points_m in self.points]),
             self.stamps_ns,
@@ -55,79 +63,81 @@ class Adoption:
 
 
 def adopted(site: Site, scans: Sequence[Scan], promise: float | None = 0.99) -> Adoption:
-    """Adopt the scans of one drive whose fixes keep a promise; without one, all that have a pose.
+    """Adopt scans of one drive at the site's own fixes, where these keep a promise.
 
-    The drive is followed there and back. Scans between two fixes are adopted where odometry leads
-    from one to the other. Raises NothingAdoptedError where there is none, as where the site cannot
-    make that promise.
+    Without a promise every fix that has a pose will do. Raises NothingAdoptedError where no scan is
+    adopted, or the site cannot make that promise.
     """
     if promise is not None and promise not in site.promises:
         raise NothingAdoptedError(
             f"nothing to learn of {len(scans)} scans: the site cannot promise {promise:g}"
         )
-    passes = followed(site, scans, promise), followed(site, scans[::-1], promise)[::-1]
-    believed_fixes = [
-        [fix for fix in fixes if accepts(fix, promise)] for fixes in zip(*passes, strict=True)
-    ]
-    best_fixes = [min(fixes, key=lambda fix: fix.novelty, default=None) for fixes in believed_fixes]
-    poses = np.array(
-        [NO_POSE if fix is None else fix.world_T_sensor for fix in best_fixes]
-    ).reshape(-1, 4, 4)
-    chance = np.array([0.0 if fix is None else 1 - fix.novelty for fix in best_fixes])
-    bridge(poses, chance, np.array([scan.odom_T_scan for scan in scans]).reshape(-1, 4, 4))
+    forwards = followed(site, scans, promise)
+    backwards = followed(site, scans[::-1], promise)[::-1]
+    poses = np.tile(NO_POSE, (len(scans), 1, 1))
+    chance = np.zeros(len(scans))
+    for row, both in enumerate(zip(forwards, backwards, strict=True)):
+        believed = [fix for fix in both if accepts(fix, promise)]
+        if believed:
+            surer = min(believed, key=lambda fix: fix.novelty)
+            poses[row] = surer.world_T_sensor
+            chance[row] = 1 - surer.novelty
+    odom_T_scan = np.array([scan.odom_T_scan for scan in scans]).reshape(-1, 4, 4)
+    bridge(poses, chance, odom_T_scan)
     return spaced_adoption(scans, poses, chance, False, "no fix is believed")
 
 
 def surveyed(scans: Sequence[Scan], poses: Trajectory | None = None) -> Adoption:
-    """Adopt the scans of a drive at surveyed poses, by stamps, or at the log's own poses.
+    """Adopt the scans of a drive at the poses of a survey.
 
-    Raises NothingAdoptedError where none is known.
+    These are `poses` at the stamps of the scans, or the log's own true poses. Raises
+    NothingAdoptedError where no scan has one.
     """
-    world_T_scan = np.array([scan.world_T_scan for scan in scans]).reshape(-1, 4, 4)
-    if poses is not None:
-        world_T_scan = poses.at(
-            np.array([-1 if scan.stamp_ns is None else scan.stamp_ns for scan in scans], np.int64)
-        )[0]
-    return spaced_adoption(
-        scans, world_T_scan, np.ones(len(scans)), True, "the survey has a pose of none"
-    )
+    if poses is None:
+        world_T_scan = np.array([scan.world_T_scan for scan in scans]).reshape(-1, 4, 4)
+    else:
+        stamps_ns = [-1 if scan.stamp_ns is None else scan.stamp_ns for scan in scans]
+        world_T_scan = poses.at(np.array(stamps_ns, np.int64))[0]
+    chance = np.ones(len(scans))
+    return spaced_adoption(scans, world_T_scan, chance, True, "the survey has a pose of none")
 
 
 def followed(site: Site, scans: Sequence[Scan], promise: float | None) -> list[Fix]:
-    """Track the scans one after the other, and give the fix of each."""
+    """The fix of each scan, by a tracker that follows them in this order."""
     tracker = Tracker(site, promise or min(site.promises, default=None))
     return [tracker.follow(scan, scan.points()) for scan in scans]
 
 
 def accepts(fix: Fix, promise: float | None) -> bool:
-    """Whether a fix is to be adopted: accepted, or without a promise, any that has a pose."""
+    """Whether a scan may be adopted at a fix: it is accepted, or if no promise is asked, a pose."""
     return fix.verdict == "accepted" if promise else fix.verdict != "no pose"
 
 
 def bridge(poses: Poses, chance: NDArray[np.float64], odom_T_scan: Poses) -> None:
-    """Fill gaps in poses (n, 4, 4) where odometry (n, 4, 4) leads from one known pose to the next.
+    """Fill gaps (NaN) in poses (n, 4, 4), and their chances (n,), by odometry (n, 4, 4), in place.
 
-    Where odometry misses the next pose by 2 m or 5° or more the gap stays. A smaller error is
-    spread over the path. The chance (n,) of a filled pose is that of the less sure end.
+    A gap is filled where odometry leads from the pose before it to the one after it within 2 m and
+    5°. What it is off is spread over the path. The chance of a filled pose is that of the less sure
+    end.
     """
     posed_rows = np.flatnonzero(np.isfinite(poses).all((1, 2)))
     for first, last in zip(posed_rows[:-1].tolist(), posed_rows[1:].tolist(), strict=True):
         if last - first < 2:
             continue
         world_T_odom = poses[first] @ np.linalg.inv(odom_T_scan[first])
-        onwards = world_T_odom @ odom_T_scan[first : last + 1]
-        error_m, error_deg = distance_and_turn(onwards[-1:], poses[last][None])
+        by_odometry = world_T_odom @ odom_T_scan[first : last + 1]
+        error_m, error_deg = distance_and_turn(by_odometry[-1:], poses[last][None])
         is_near_enough = error_m[0] < RIGHT_M and error_deg[0] < RIGHT_DEG
-        if np.isfinite(onwards).all() and is_near_enough:
+        if np.isfinite(by_odometry).all() and is_near_enough:
             between = slice(first + 1, last)
-            poses[between] = _corrected(onwards, poses[last])[1:-1]
+            poses[between] = _corrected(by_odometry, poses[last])[1:-1]
             chance[between] = min(chance[first], chance[last])
 
 
 def _corrected(path: Poses, last: Poses) -> Poses:
-    """A path (n, 4, 4) of odometry that ends at the pose `last` (4, 4).
+    """A path (n, 4, 4) of odometry, corrected so that it ends at the pose `last` (4, 4).
 
-    Its error at the end is spread in proportion to the length of path.
+    Each pose gets a part of the correction, in proportion to the path driven until it.
     """
     path_m = np.cumsum([0, *np.linalg.norm(np.diff(path[:, :3, 3], axis=0), axis=1)])
     share = path_m / max(path_m[-1], 1e-9)
@@ -143,9 +153,10 @@ def _corrected(path: Poses, last: Poses) -> Poses:
 def spaced_adoption(
     scans: Sequence[Scan], poses: Poses, chance: NDArray[np.float64], surveyed: bool, reason: str
 ) -> Adoption:
-    """Adopt the scans that have a pose and lie STEP_M or more from the one before.
+    """Adopt the scans that have a pose (n, 4, 4) and lie STEP_M or more from the last adopted one.
 
-    Raises NothingAdoptedError with the reason where there is none.
+    `chance` (n,) is that of the poses. Raises NothingAdoptedError with the reason where no scan has
+    a pose.
     """
     rows: list[int] = []
     for row in np.flatnonzero(np.isfinite(poses).all((1, 2))).tolist():

@@ -1,4 +1,11 @@
-"""Courses: which days a localiser of a study learns, one after the other, from its artifacts."""
+"""Courses: the days that a model of a study learns, and the localiser after each of them.
+
+The stage `lifelong` runs a course in one of three orders (METHODS 11.4):
+
+- `days`: surveyed days, one after the other;
+- `streets`: the training day in parts;
+- `updates`: days that nobody surveyed, which the model's site learns by itself.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -24,7 +31,7 @@ class Course:
     trained: Trained
     """The model, and the artifacts of its first day; those of other days lie beside them."""
     learned: Sequence[str]
-    """Sequences to learn after the first."""
+    """The sequences to learn after the first day."""
 
     def steps(
         self,
@@ -35,7 +42,11 @@ class Course:
         scratch: Path,
         progress: Progress,
     ) -> Iterator[Step]:
-        """The localiser after each step, in an order; updates pack a site into `scratch` first."""
+        """The localiser after each step of an order.
+
+        `strategy` says how a step is learned (strategies.py). For `updates` the model is first
+        packed into a site, in the folder `scratch`.
+        """
         if order == "updates":
             return self.updates(strategy, packing, scratch, progress)
         return self.surveys(strategy, method, order, progress)
@@ -43,26 +54,26 @@ class Course:
     def surveys(
         self, strategy: Any, method: Method, order: Order, progress: Progress
     ) -> Iterator[Step]:
-        """The localiser after each surveyed day, or after each part of the training day.
+        """The localiser after each surveyed day, the first of which is trained already.
 
-        The first day is trained already.
+        In the order `streets` it is the localiser after each part of the training day, the first
+        of which is to be trained.
         """
         train = self.trained.train
         folder = self.trained.views.parent
         days = {name: Rows.read(folder / f"{name}.zarr") for name in (train, *self.learned)}
         places = Places.of(store.read(self.trained.labels, schemas.Labels))
         if order == "streets":
+            parts = streets(train, days[train])
             no_places = Places(places.grid, places.cells[:0])
-            return surveyed(
-                method, strategy, streets(train, days[train]), no_places, None, progress
-            )
+            return surveyed(method, strategy, parts, no_places, None, progress)
         first_model = store.read_model(self.trained.model)
         return surveyed(method, strategy, days, places, first_model, progress)
 
     def updates(
         self, strategy: Updated, packing: Packing, scratch: Path, progress: Progress
     ) -> Iterator[Step]:
-        """The localiser after each day that the model's site learns by itself."""
+        """The localiser of the model's site after each day that the site learns by itself."""
         site = scratch / "first.site"
         progress.tell(packing.pack(self.trained, site, progress))
         days = drives.read(self.trained.scans.parent, self.trained.submaps.parent, self.learned)

@@ -1,6 +1,6 @@
-"""Drives of a study as a site is asked about them: artifacts in; scans in their order out.
+"""Reads drives of a study from its artifacts, as the scans that a site is asked about in order.
 
-Each has odometry, and its true pose, which serves to count errors only.
+Each scan has odometry, and its true pose, by which errors are counted and nothing else is done.
 """
 
 from collections.abc import Sequence
@@ -16,13 +16,17 @@ from pipeline.online.inputs import Scan
 
 
 def read(scans: Path, submaps: Path, sequences: Sequence[str]) -> dict[str, list[Scan]]:
-    """The scans of each sequence in two folders: its submaps, each of which is one scan."""
+    """The scans of each sequence, by its name; each submap is one scan.
+
+    `scans` and `submaps` are the folders of these artifacts.
+    """
     return {
         name: _scans(scans / f"{name}.zarr", submaps / f"{name}.zarr", name) for name in sequences
     }
 
 
 def _scans(scans_path: Path, submaps_path: Path, sequence: str) -> list[Scan]:
+    """The scans of one sequence, whose points are read only when asked for."""
     scans = store.read(scans_path, schemas.Scans)
     submaps = store.read(submaps_path, schemas.Submaps)
     odom_T_anchor = scans.load("odom_T_scan")[submaps.load("scans")]

@@ -1,7 +1,10 @@
-"""Growth of a site: the scans that it adopts of a later day in; the parts of the grown site out.
+"""Growth: adopted scans of a later day and a site go in, the grown site comes out (METHODS 11).
 
-`planned` says what would be learned, `grown` learns it: the site's method learns the scans' views,
-and in its map scans replace the submaps that they contradict.
+`planned` says what the site would learn; `grown` learns it:
+
+- The site's method learns the views of the scans.
+- In the map, a scan takes the place of each submap that scans contradict, and scans of new places
+  are added.
 """
 
 from dataclasses import dataclass, replace
@@ -27,20 +30,21 @@ from pipeline.posing.targets import thinned
 
 @dataclass(frozen=True)
 class Growth:
-    """What a site would learn of a day: a plan, before anything is learned."""
+    """A plan of what a site would learn of a day."""
 
     adoption: Adoption
     places: Places
+    """The site's places after growth."""
     scan_places: NDArray[np.int64]
-    """(scan,) the place of each; −1 outside all places of the site."""
+    """(scan,) the place of each adopted scan; −1 outside all places."""
     changed: dict[int, int]
-    """Submaps that are contradicted, each with the scan that takes its place."""
+    """For each submap that scans contradict, its number and that of the scan that replaces it."""
     added: NDArray[np.int64]
-    """Scans of new places, which the map gets too."""
+    """The numbers of the scans of new places, which are added to the map."""
 
     @property
     def used(self) -> NDArray[np.int64]:
-        """The scans that lie in a place of the site."""
+        """The numbers of the adopted scans that lie in some place, which the method learns."""
         return np.flatnonzero(self.scan_places >= 0)
 
     def line(self, site: Site) -> str:
@@ -48,11 +52,9 @@ class Growth:
         adoption = self.adoption
         place_count = len(site.places.cells)
         way = "surveyed" if adoption.surveyed else "adopted"
-        wrong = (
-            f", {adoption.wrong.sum()} of them wrong by the log's own poses"
-            if adoption.wrong.any()
-            else ""
-        )
+        wrong = ""
+        if adoption.wrong.any():
+            wrong = f", {adoption.wrong.sum()} of them wrong by the log's own poses"
         places = f"{len(self.places.cells) - place_count} new places beside {place_count}"
         return (
             f"{len(self.used)} of {adoption.scan_count} scans {way}{wrong}; {places}; "
@@ -61,9 +63,9 @@ class Growth:
 
 
 def planned(site: Site, adoption: Adoption) -> Growth:
-    """Plan what the site can learn of the day's scans.
+    """Plan what a site can learn of adopted scans. A survey may bring new places.
 
-    Raises NothingAdoptedError where none lies in a place.
+    Raises NothingAdoptedError where no scan lies in a place.
     """
     xy_m = adoption.world_T_scan[:, :2, 3]
     places = site.places.grown(xy_m) if adoption.surveyed else site.places
@@ -76,82 +78,83 @@ def planned(site: Site, adoption: Adoption) -> Growth:
         )
     usual_share = usual_contradiction(site.targets, walls)
     changed = contradicted(site.targets, walls, adoption.points, adoption.world_T_scan, usual_share)
-    return Growth(
-        adoption,
-        places,
-        scan_places,
-        changed,
-        np.flatnonzero(scan_places >= len(site.places.cells)),
-    )
+    of_new_places = np.flatnonzero(scan_places >= len(site.places.cells))
+    return Growth(adoption, places, scan_places, changed, of_new_places)
 
 
 def grown(site: Site, parts: Parts, growth: Growth, name: str, progress: Progress) -> Parts:
-    """The parts of a site after it learned the day `name`; `parts` are those before, with views."""
+    """The parts of a site after it learned the day `name`, as `growth` plans it.
+
+    `parts` are those that the site was opened from, with its views. Raises ConfigError for a site
+    that cannot grow.
+    """
     description = parts.description
     earlier_growth = _growth(description)
     views = parts.views
     used_scans = growth.used
+
+    # the method learns the new views beside the earlier ones
     learned = learned_views(site, parts)
-    day_views = growth.adoption.views(site)
-    new_views = TrainingSet(
-        Rows(
-            day_views.images[used_scans],
-            day_views.stamps_ns[used_scans],
-            day_views.world_T_anchor[used_scans],
-        ),
-        growth.scan_places[used_scans],
-    )
+    new_views = _new_views(site, growth)
     held_out = {key: array for key, array in views.items() if key.startswith(HELD_OUT)}
     method = build(description.method, ROOTS)
     model = method.grow({**parts.model, **held_out}, learned, new_views, progress)
+
+    # all views are kept for the next growth
     day_number = len(earlier_growth.days)
     growth_views = dict(learned_from(Rows.joined([learned.views, new_views.views]), model))
     growth_views["days"] = np.concatenate([views["days"], np.full(len(used_scans), day_number)])
     growth_views["chances"] = np.concatenate([views["chances"], growth.adoption.chance[used_scans]])
+
     new_places = len(growth.places.cells) - len(site.places.cells)
     day = LearnedDay(name, len(used_scans), new_places, len(growth.changed))
-    return Parts(
-        replace(
-            description,
-            places=growth.places.grid,
-            growth=replace(earlier_growth, days=(*earlier_growth.days, day)),
-        ),
-        {key: array for key, array in model.items() if key in parts.model},
-        {
-            **grown_map(site, parts, growth),
-            "cells": growth.places.cells,
-            **site.fixer.expectations.arrays,
-        },
-        None,
-        growth_views,
+    grown_description = replace(
+        description,
+        places=growth.places.grid,
+        growth=replace(earlier_growth, days=(*earlier_growth.days, day)),
     )
+    grown_arrays = {
+        **grown_map(site, parts, growth),
+        "cells": growth.places.cells,
+        **site.fixer.expectations.arrays,
+    }
+    grown_model = {key: array for key, array in model.items() if key in parts.model}
+    return Parts(grown_description, grown_model, grown_arrays, None, growth_views)
+
+
+def _new_views(site: Site, growth: Growth) -> TrainingSet:
+    """What the site's method sees in the scans that it learns, each with its place."""
+    views = growth.adoption.views(site)
+    used = growth.used
+    rows = Rows(views.images[used], views.stamps_ns[used], views.world_T_anchor[used])
+    return TrainingSet(rows, growth.scan_places[used])
 
 
 def learned_views(site: Site, parts: Parts) -> TrainingSet:
     """The views that a site has learned, each with its place.
 
-    `parts` are those that it was opened from.
+    `parts` are those that the site was opened from.
     """
     views = Rows(*(parts.views[key] for key in ("images", "stamps_ns", "world_T_anchor")))
     return TrainingSet(views, site.places.at(views.world_T_anchor[:, :2, 3]))
 
 
 def grown_map(site: Site, parts: Parts, growth: Growth) -> Arrays:
-    """The map after growth.
+    """The map after growth: without the changed submaps, and with the scans that replace them.
 
-    It lacks changed submaps, and has the scans that replace them or are of new places.
+    Scans of new places are added too.
     """
     arrays = parts.arrays
-    kept = np.setdiff1d(np.arange(len(arrays["world_T_anchor"])), list(growth.changed))
+    offsets = arrays["offsets"]
+    submaps = np.setdiff1d(np.arange(len(arrays["world_T_anchor"])), list(growth.changed))
     added_scans = np.unique([*growth.changed.values(), *growth.added]).astype(np.int64)
     range_m = parts.description.map.range_m
     voxel_m = _growth(parts.description).voxel_m
-    points = [arrays["points"][arrays["offsets"][row] : arrays["offsets"][row + 1]] for row in kept]
-    points += [
-        thinned(growth.adoption.points[scan], range_m, voxel_m).astype(arrays["points"].dtype)
-        for scan in added_scans
-    ]
-    poses = [arrays["world_T_anchor"][kept], growth.adoption.world_T_scan[added_scans]]
+    points = [arrays["points"][offsets[row] : offsets[row + 1]] for row in submaps]
+    for scan in added_scans:
+        scan_points = thinned(growth.adoption.points[scan], range_m, voxel_m)
+        points.append(scan_points.astype(arrays["points"].dtype))
+    poses = [arrays["world_T_anchor"][submaps], growth.adoption.world_T_scan[added_scans]]
     return {
         "points": np.concatenate(points),
         "offsets": np.cumsum([0, *map(len, points)]),
@@ -160,7 +163,7 @@ def grown_map(site: Site, parts: Parts, growth: Growth) -> Arrays:
 
 
 def _growth(description: SiteDescription) -> SiteGrowth:
-    """What the site needs to grow; raises ConfigError for one that was exported."""
+    """What a site needs to grow. Raises ConfigError for an exported one, which lacks it."""
     if description.growth is None:
         raise ConfigError(
             f"{description.name}: an exported site cannot grow; grow the site that it came from"

@@ -1,4 +1,8 @@
-"""Records what a localiser answers after each step of learning: the artifact of `lifelong`."""
+"""Records what a localiser answers after each step of learning (METHODS 11.4).
+
+The localisers of steps.py and the queries of days that are never learned go in; a `Lifelong`
+artifact comes out, which the stage `lifelong` writes.
+"""
 
 from collections.abc import Callable, Iterator, Mapping
 
@@ -9,7 +13,7 @@ from pipeline.lifelong.steps import Step
 from pipeline.matching.ranking import Rows
 
 K = 25
-"""Places ranked for each query."""
+"""So many places are ranked for each query."""
 
 
 def record(
@@ -20,10 +24,11 @@ def record(
     strategy: str,
     correct_m: float,
 ) -> tuple[Lifelong, list[float]]:
-    """Localise all query days after every step of learning; `report_line` gets a line a step.
+    """Localise all queries, by day, after every step of learning.
 
-    `order`, `strategy` and `correct_m` are kept as Lifelong says. Returns the answers, and the CPU
-    seconds of each step.
+    `report_line` is called with a line after each step. `order`, `strategy` and `correct_m` are
+    written into the artifact as they are. Returns the artifact, and the CPU seconds that each step
+    took.
     """
     query_xy_m = np.concatenate([views.world_T_anchor[:, :2, 3] for views in queries.values()])
     query_counts = [len(views.stamps_ns) for views in queries.values()]
@@ -67,9 +72,13 @@ def record(
 
 
 def line(lifelong: Lifelong) -> str:
-    """Summarise the results in a line: the share of right answers at first and at last."""
+    """Sum the results up in a line: the share of right answers after the first and last step.
+
+    It is of the queries whose place was surveyed in some step.
+    """
     knowable = lifelong.known_from >= 0
-    first, last = (float(lifelong.right[step, knowable].mean()) for step in (0, -1))
+    first = float(lifelong.right[0, knowable].mean())
+    last = float(lifelong.right[-1, knowable].mean())
     return (
         f"{len(lifelong.steps)} steps to {lifelong.places[-1]} places: of {knowable.sum()} queries "
         f"that can be known {first:.3f} right at first, {last:.3f} at last"

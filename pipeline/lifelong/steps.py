@@ -1,12 +1,13 @@
-"""Steps of learning (METHODS 11.4): further days and a strategy in; the localiser after each out.
+"""Steps of learning: further days go in, the localiser after each of them comes out (METHODS 11.4).
 
-`surveyed` is of days whose poses are known, with a method and its model; `updated` of drives that a
-site learns by itself.
+`surveyed` makes a method learn days whose poses are known, by a strategy (strategies.py).
+`updated` lets a site learn drives by itself.
 """
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -25,8 +26,8 @@ from pipeline.online.inputs import Scan
 from pipeline.online.site import Site
 
 STREETS = 4
-"""Parts of the training day that are learned one after the other, as InCloud's steps are (Knights
-et al., IROS 2022)."""
+"""The training day is cut into so many parts, to be learned one after the other as InCloud's steps
+are (Knights et al., IROS 2022)."""
 
 
 @dataclass(frozen=True)
@@ -34,30 +35,32 @@ class Step:
     """A localiser after it learned a day."""
 
     name: str
+    """The day, or the part of a day."""
     localizer: Localizer
     places: Places
     """The places surveyed by then, whether the localiser learned them or not."""
     newest_ns: NDArray[np.int64]
-    """(place,) stamp of the newest view of each that was surveyed or adopted."""
+    """(place,) the stamp of the newest view of each place by then."""
     bytes: int
-    """Of the model's arrays."""
+    """The size of the model's arrays."""
     cpu_s: float
-    """That learning the day took."""
+    """CPU seconds that learning the day took."""
     counts: Mapping[str, int] = field(default_factory=dict)
-    """Of an update, scans asked and adopted, adopted at a wrong pose, submaps that changed."""
+    """After an update: how many scans were `asked`, `adopted`, adopted at a `wrong` pose, and how
+    many submaps `changed`."""
 
 
 def streets(name: str, views: Rows) -> dict[str, Rows]:
-    """The views of the day `name`, in STREETS parts of equal length of path, by part."""
+    """The views of the day `name`, cut into STREETS parts of equal length of path, by part."""
     steps_m = np.linalg.norm(np.diff(views.world_T_anchor[:, :2, 3], axis=0), axis=1)
     path_m = np.cumsum([0, *steps_m])
     ends = np.searchsorted(path_m, path_m[-1] * np.arange(1, STREETS) / STREETS)
+    edges = [0, *ends, len(path_m)]
     loaded_views = Rows(views.images[:], views.stamps_ns, views.world_T_anchor)
-    parts = zip([0, *ends], [*ends, len(path_m)], strict=True)
-    return {
-        f"{name} {number}/{STREETS}": loaded_views.some(slice(start, end))
-        for number, (start, end) in enumerate(parts, start=1)
-    }
+    parts = {}
+    for number, (start, end) in enumerate(pairwise(edges), start=1):
+        parts[f"{name} {number}/{STREETS}"] = loaded_views.some(slice(start, end))
+    return parts
 
 
 def surveyed(
@@ -68,20 +71,20 @@ def surveyed(
     first_model: Model | None,
     progress: Progress,
 ) -> Iterator[Step]:
-    """The localiser after each day, by name, whose poses are known.
+    """The localiser after each of the days, given by name, whose poses are known.
 
-    `places` are those of the grid at the start: none, or the first day's where `first_model` has
-    learned it already.
+    `first_model` has learned the first day already; without one it is learned here. `places` are
+    those at the start: the first day's, or none without a first model.
     """
     model: Model = {}
     learned_views: TrainingSet | None = None
-    for number, (name, (new_views, places_by_then)) in enumerate(
-        zip(days, in_order(days.values(), places), strict=True)
-    ):
+    views_and_places = in_order(days.values(), places)
+    for number, name in enumerate(days):
+        new_views, places_by_then = next(views_and_places)
         start_s = time.process_time()
         part = progress.part(f"step{number}")
         if learned_views is None:
-            model = first_model if first_model is not None else method.learn(*new_views, part)
+            model = method.learn(*new_views, part) if first_model is None else first_model
             learned_views = new_views
         else:
             model = strategy.learn(method, model, learned_views, new_views, part)
@@ -107,9 +110,9 @@ def newest_ns(views: TrainingSet) -> NDArray[np.int64]:
 def updated(
     path: Path, strategy: Updated, drives: Mapping[str, Sequence[Scan]], progress: Progress
 ) -> Iterator[Step]:
-    """The site at `path`, then the site after each drive that it learned by itself.
+    """The localiser of the site at `path`, then that after each drive that it learned by itself.
 
-    A drive of which it believes nothing leaves it as it is.
+    A drive of which it believes nothing leaves it as it is. The steps are named as the drives.
     """
     parts = site_file.read(path, views=True)
     site = Site(parts, threads=2)
@@ -135,7 +138,7 @@ def _of_site(
     cpu_s: float,
     counts: Mapping[str, int] | None = None,
 ) -> Step:
-    """The step after which a site is as it is now; `parts` are those that it was opened from."""
+    """The step at whose end is this site, opened from `parts`."""
     return Step(
         name,
         site.localizer,
@@ -148,5 +151,5 @@ def _of_site(
 
 
 def _size(model: Model) -> int:
-    """Bytes of a model's arrays."""
+    """The size of a model's arrays in bytes."""
     return sum(array.nbytes for array in model.values())

@@ -1,6 +1,8 @@
-"""Strategies (METHODS 11.4): a model, the views it learned and a further day's in; a model out.
+"""Strategies: what to do with a model when a further day is to be learned (METHODS 11.4).
 
-The last one, `Updated`, is a site's own: it says which scans of a day the site learns by itself.
+The model, the views that it learned and those of the new day go in; the next model comes out. The
+last strategy, `Updated`, is for sites that learn drives by themselves: it says which scans of a
+drive they adopt.
 """
 
 from collections.abc import Mapping
@@ -24,13 +26,13 @@ class Frozen:
         new_views: TrainingSet,
         progress: Progress,
     ) -> Model:
-        """Return the model itself."""
+        """Return the model as it is."""
         return model
 
 
 @dataclass(frozen=True)
 class Joint:
-    """Trains a new model on all days: the best that growth could reach."""
+    """Trains a new model on all days, which is the most that growth could reach."""
 
     def learn(
         self,
@@ -49,7 +51,7 @@ class Grown:
     """Lets the model learn the new day without forgetting the earlier ones."""
 
     settings: Mapping[str, Any] = field(default_factory=dict)
-    """Settings of the method that are changed for growth."""
+    """The settings of the method that are changed for growth."""
 
     def learn(
         self,
