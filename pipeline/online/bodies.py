@@ -1,4 +1,4 @@
-"""Decodes a scan sent over a network: float32 x, y, z, or a PointCloud2 as ROS 2 sends it."""
+"""Decodes a scan sent over a network, for the HTTP server (serve.py) and Zenoh (bridge.py)."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,15 +9,18 @@ from pipeline.formats.messages import from_cdr, header
 from pipeline.formats.pointcloud2 import decode
 
 FLOATS = "application/octet-stream"
+"""The content type of a body of little-endian float32 x, y, z."""
 CDR = "application/cdr"
-"""Little-endian float32 x, y, z; a sensor_msgs/PointCloud2."""
-LARGEST_BYTES = 32 * 2**20  # 2.7 million points
+"""The content type of a sensor_msgs/PointCloud2, serialised as ROS 2 sends it."""
+LARGEST_BYTES = 32 * 2**20
+"""A longer body is refused; this is 2.7 million points."""
 
 
 def points(body: bytes, kind: str) -> tuple[int | None, NDArray[np.float64]]:
-    """Decode a body into its stamp in ns, None if it has none, and points (n, 3) in metres.
+    """Decode a body of the content type `kind`: its stamp in ns, and its points (n, 3) in metres.
 
-    Raises LogError for a body that is no scan.
+    The stamp is None if the body has none; any type but CDR is read as FLOATS. Raises LogError for
+    a body that is no scan.
     """
     if len(body) > LARGEST_BYTES:
         raise LogError(f"a scan of more than {LARGEST_BYTES:,} bytes")

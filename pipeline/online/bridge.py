@@ -1,4 +1,4 @@
-"""A site over Zenoh: scans from KEY/points are followed, and their fixes published on KEY/fix."""
+"""Localises over Zenoh: scans come in on KEY/points, their fixes go out as JSON on KEY/fix."""
 
 import json
 from collections.abc import Callable
@@ -15,13 +15,14 @@ from pipeline.online.tracking import Tracker
 from pipeline.readers.log import raised
 
 CONNECT_MS = 5000
+"""A peer or router that does not answer within this is not there."""
 
 
 def connected(endpoint: str, how: str = "connect") -> zenoh.Session:
-    """Open a session with one peer or router, at `endpoint` such as tcp/127.0.0.1:7447.
+    """Open a session with one peer or router, at an endpoint such as tcp/127.0.0.1:7447.
 
-    Nothing else is searched for on the network. `how` may be `listen` too. Raises ConfigError where
-    nobody answers there.
+    No other peer on the network is looked for. `how` is `connect`, or `listen` to wait for one.
+    Raises ConfigError where nobody answers.
     """
     config = zenoh.Config()
     if "/" not in endpoint:
@@ -46,23 +47,22 @@ def run(
     tell: Callable[[str], None],
     body_T_lidar: Poses | None = None,
 ) -> None:
-    """Localise scans until the session is closed; `ready` is called before the first.
+    """Follow the robot by the scans that come in, until the session is closed.
 
-    While one scan is localised the newest waits, older ones are dropped.
-
-    Points are placed by `body_T_lidar` (4, 4); by default they are raised as those that the site
-    was learned with.
+    `ready` is called before the first scan, `tell` with a line for each. While a scan is localised
+    only the newest one waits; older ones are dropped. Points are placed in the robot by
+    `body_T_lidar` (4, 4); by default they are raised as those that the site was learned with.
     """
-    body_T_lidar = raised(site.description.sensor.lift_m) if body_T_lidar is None else body_T_lidar
+    if body_T_lidar is None:
+        body_T_lidar = raised(site.description.sensor.lift_m)
     tracker = Tracker(site, promise)
     publisher = session.declare_publisher(f"{key}/fix", encoding=zenoh.Encoding.APPLICATION_JSON)
     scans = session.declare_subscriber(f"{key}/points", zenoh.handlers.RingChannel(1))
     ready()
     for number, sample in enumerate(scans):
+        kind = CDR if str(sample.encoding) == CDR else FLOATS
         try:
-            stamp_ns, points_m = points(
-                sample.payload.to_bytes(), CDR if str(sample.encoding) == CDR else FLOATS
-            )
+            stamp_ns, points_m = points(sample.payload.to_bytes(), kind)
             points_m = placed(points_m, body_T_lidar)
             fix = tracker.localize(points_m, None, stamp_ns)
         except YearlocError as error:

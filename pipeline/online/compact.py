@@ -1,18 +1,19 @@
-"""ONNX models made smaller: without the exporter's notes, with weights as 8-bit integers."""
+"""Makes an ONNX model smaller: drops the exporter's notes, stores weights as 8-bit integers."""
 
 from typing import Any
 
 import numpy as np
 
 LARGE = 1000
-"""Weights of fewer numbers stay as they are."""
+"""Arrays of fewer weights stay as they are."""
 STEPS = 127
+"""The largest weight of a row, in 8-bit steps."""
 
 
 def without_notes(model: Any) -> Any:
-    """The onnx.ModelProto itself, without notes on the code and the folders it was exported from.
+    """Drop the notes in an onnx.ModelProto on the code and folders that it was exported from.
 
-    So the bytes do not depend on where the project lies.
+    So its bytes do not depend on where the project lies. Changes the model, and returns it.
     """
     model.ClearField("metadata_props")
     graph = model.graph
@@ -25,9 +26,10 @@ def without_notes(model: Any) -> Any:
 
 
 def with_small_weights(model: Any) -> Any:
-    """The onnx.ModelProto itself, its large float32 weights stored in steps of 8 bits.
+    """Store the large float32 weights of an onnx.ModelProto as 8-bit integers.
 
-    Each row along the first axis has a scale of its own, so that its largest weight is STEPS steps.
+    Each row along the first axis becomes integers of up to STEPS and a scale of its own, and a node
+    DequantizeLinear multiplies them again. Changes the model, and returns it.
     """
     from onnx import helper, numpy_helper
 

@@ -1,6 +1,8 @@
-"""Exports a site's network to ONNX, and measures how near its answers come to torch's.
+"""Exports a site's network to ONNX, and checks its answers against torch's (METHODS 10.4).
 
-The result is an ONNX file, or a site that answers through ONNX Runtime.
+The result is an ONNX file of the network, or a site that answers through ONNX Runtime. The two
+networks are compared on random views; where their answers differ by more than ALIKE, nothing is
+written.
 """
 
 import json
@@ -30,9 +32,9 @@ from pipeline.online.compact import with_small_weights, without_notes
 from pipeline.online.runtime import CLASSIFIED, INPUT, session
 
 ALIKE = 1e-4
-"""Largest difference allowed between scores or descriptors of ONNX Runtime and of torch."""
+"""Scores or descriptors of ONNX Runtime may differ from torch's by this."""
 VIEWS_TRIED = 32
-"""Random views that parity is measured on."""
+"""They are compared on so many random views."""
 
 
 @dataclass(frozen=True)
@@ -41,15 +43,29 @@ class Parity:
 
     views: int
     largest: float
-    """Largest difference of scores, or of descriptors."""
+    """The largest difference between scores, or between numbers of descriptors."""
     same_first: float
-    """Share of views with the same best place, or nearest descriptor."""
+    """The share of views at which the same place has the highest score; of descriptors, the same
+    number is the largest."""
+
+
+@dataclass(frozen=True)
+class Exportable:
+    """A method's network, ready to be exported."""
+
+    module: nn.Module
+    views: NDArray[np.float64]
+    """(VIEWS_TRIED, …) random views to compare the networks on."""
+    input_name: str
+    output_names: list[str]
+    """The first output is compared."""
 
 
 class Scores(nn.Module):
-    """The network from heights (1, rings, sectors) in metres to scores, features and headings.
+    """A network of SCI, from heights (1, rings, sectors) in metres to the answers of CLASSIFIED.
 
-    Scores are (1, places), features (1, 64), headings in degrees (1, places).
+    These are scores (1, places), features (1, 64), and headings (1, places) in degrees. Heights are
+    clipped and quantised to 256 steps in here, so that the exported file does it too.
     """
 
     def __init__(self, method: Classifier, net: nn.Module) -> None:
@@ -69,12 +85,11 @@ class Scores(nn.Module):
 
 
 def export(source: Path, out: Path, compact: bool = False) -> str:
-    """Write FILE.onnx with its parity beside it, or FILE.site that answers through it.
+    """Write the network of the site `source` as FILE.onnx, or as FILE.site that answers by it.
 
-    `compact` stores weights in 8 bits, and answers may then differ by more than ALIKE.
-
-    Returns what was written, in a line. Raises ConfigError for a method without a network, or an
-    ending that says neither.
+    Beside FILE.onnx goes FILE.parity.json. `compact` stores weights in 8 bits; answers may then
+    differ by more than ALIKE. Returns what was written, in a line. Raises ConfigError for a method
+    without a network, another ending of `out`, or answers that differ too much.
     """
     description, model, arrays, network, _ = site_file.read(source)
     if out.suffix not in (".onnx", ".site"):
@@ -107,11 +122,9 @@ def export(source: Path, out: Path, compact: bool = False) -> str:
             "same_first": parity.same_first,
         }
         with replaced(out.with_suffix(".parity.json")) as scratch:
-            scratch.write_text(
-                json.dumps({"site": description.name, **parity_numbers}, indent=1, allow_nan=False)
-                + "\n",
-                encoding="utf-8",
-            )
+            content = {"site": description.name, **parity_numbers}
+            text = json.dumps(content, indent=1, allow_nan=False)
+            scratch.write_text(f"{text}\n", encoding="utf-8")
     return f"{out}: {out.stat().st_size / 1e6:.1f} MB; {comparison}"
 
 
@@ -122,53 +135,54 @@ def exported(
 
     Raises ConfigError for a method without a network.
     """
+    exportable = _exportable(method, model)
+    module = exportable.module.eval()
+    views = torch.from_numpy(exportable.views.astype(np.float32))
+    data = _onnx(module, views[:1], exportable.input_name, exportable.output_names, compact)
+    run = session(data)
+    differences = []
+    are_same = []
+    for view in views:
+        with torch.no_grad(), loop.reproducible(1):
+            by_torch = _first(module(view[None]))
+        by_onnx = _first(run.run(None, {exportable.input_name: view[None].numpy()}))
+        differences.append(float(np.abs(by_torch - by_onnx).max()))
+        are_same.append(by_torch.argmax() == by_onnx.argmax())
+    return data, Parity(VIEWS_TRIED, max(differences), float(np.mean(are_same)))
+
+
+def _exportable(method: Any, model: Mapping[str, NDArray[Any]]) -> Exportable:
+    """The network of a method with its trained weights; raises ConfigError if it has none."""
     rng = np.random.default_rng(0)
     if isinstance(method, Classifier):
         method = replace(method, precision="f32", threads=1)
         rings, sectors = (int(side) for side in model["image_shape"])
         net = method.network(len(model["place_xy_m"]), rings, sectors)
         loop.fill(net, model)
-        module: nn.Module = Scores(method, net)
-        views = rng.uniform(0, method.h_max_m, (VIEWS_TRIED, rings, sectors)) * (
-            rng.uniform(size=(VIEWS_TRIED, rings, sectors)) < 0.5
-        )
-        input_name = INPUT
-        names = list(CLASSIFIED)
-    elif isinstance(method, PointNetVlad):
-        module = Describer()
-        loop.fill(module, model)
-        views = rng.uniform(-1, 1, (VIEWS_TRIED, int(model["points"]), 3))
-        input_name = "points"
-        names = ["descriptor"]
-    else:
-        raise ConfigError(
-            f"{type(method).__name__}: has no network to export; sci, sci_ring and pointnetvlad "
-            "have one"
-        )
-    inputs = torch.from_numpy(views.astype(np.float32))
-    data = _onnx(module.eval(), inputs[:1], input_name, names, compact)
-    run = session(data)
-    with torch.no_grad(), loop.reproducible(1):
-        torch_answers = [_first(module(view[None])) for view in inputs]
-    onnx_answers = [_first(run.run(None, {input_name: view[None].numpy()})) for view in inputs]
-    largest = max(
-        float(np.abs(a - b).max()) for a, b in zip(torch_answers, onnx_answers, strict=True)
+        shape = (VIEWS_TRIED, rings, sectors)
+        heights_m = rng.uniform(0, method.h_max_m, shape)
+        is_filled = rng.uniform(size=shape) < 0.5
+        return Exportable(Scores(method, net), heights_m * is_filled, INPUT, list(CLASSIFIED))
+    if isinstance(method, PointNetVlad):
+        describer = Describer()
+        loop.fill(describer, model)
+        points = rng.uniform(-1, 1, (VIEWS_TRIED, int(model["points"]), 3))
+        return Exportable(describer, points, "points", ["descriptor"])
+    raise ConfigError(
+        f"{type(method).__name__}: has no network to export; sci, sci_ring and pointnetvlad "
+        "have one"
     )
-    same_first = np.mean(
-        [a.argmax() == b.argmax() for a, b in zip(torch_answers, onnx_answers, strict=True)]
-    )
-    return data, Parity(VIEWS_TRIED, largest, float(same_first))
 
 
 def _first(answers: Any) -> NDArray[np.float64]:
-    """The output that is compared: the scores, or the descriptor."""
+    """The first output of a network, which is compared: the scores, or the descriptor."""
     return np.asarray(answers if isinstance(answers, Tensor) else answers[0], np.float64)
 
 
 def _onnx(
     module: nn.Module, example: Tensor, input_name: str, outputs: list[str], compact: bool
 ) -> bytes:
-    """Export a module as an ONNX file's bytes, without the exporter's own messages."""
+    """Export a module as an ONNX file's bytes, silencing the exporter's own messages."""
     logging.getLogger("torch.onnx").setLevel(logging.ERROR)
     with (
         torch.no_grad(),
@@ -191,5 +205,7 @@ def _onnx(
                 f"{error.name}: not installed; `pip install 'yearloc[onnx]'`"
             ) from None
     assert program is not None
-    graph = without_notes(program.model_proto)
-    return bytes((with_small_weights(graph) if compact else graph).SerializeToString())
+    proto = without_notes(program.model_proto)
+    if compact:
+        proto = with_small_weights(proto)
+    return bytes(proto.SerializeToString())

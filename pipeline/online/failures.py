@@ -1,4 +1,9 @@
-"""Failure cards: pictures of accepted fixes that are wrong and of right ones that were rejected."""
+"""Failure cards: a picture of each fix whose verdict is wrong, for `yearloc failures`.
+
+A verdict is wrong if it accepts a wrong pose or rejects a right one. The fixes are those of a log
+with true poses, or of a study. A card shows the scan from above on the map, where the fix placed it
+and where it was taken.
+"""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -22,10 +27,11 @@ from pipeline.posing.targets import Targets
 from pipeline.posing.verdict import RIGHT_WITHIN
 
 WALL_M = 0.5
+"""Points below this are ground, and are not drawn."""
 SHOWN_M = 45.0
-"""Points below WALL_M are ground; a card shows SHOWN_M to each side of the robot."""
-MAP = "#9A9A9A"
-QUERY = "#B2182B"
+"""A card shows so much to each side of the robot."""
+MAP_GREY = "#9A9A9A"
+SCAN_RED = "#B2182B"
 
 
 @dataclass(frozen=True)
@@ -36,12 +42,14 @@ class JudgedFix:
     points_m: Callable[[], Points]
     """Reads the scan's points (n, 3)."""
     world_T_found: Poses
+    """(4, 4) the pose of the fix."""
     world_T_true: Poses
+    """(4, 4)."""
     accepted: bool
     overlap: float
     novelty: float
     right_within: tuple[float, float] = RIGHT_WITHIN
-    """Metres and degrees."""
+    """A pose is right within these metres and degrees of the true one."""
 
     @property
     def off(self) -> tuple[float, float]:
@@ -54,14 +62,17 @@ class JudgedFix:
         """Whether the verdict is wrong: a wrong pose accepted, or a right one rejected."""
         away_m, turn_deg = self.off
         right_m, right_deg = self.right_within
-        return (away_m < right_m and turn_deg < right_deg) != self.accepted
+        is_right = away_m < right_m and turn_deg < right_deg
+        return is_right != self.accepted
 
     @property
     def kind(self) -> str:
+        """What is wrong with the verdict, in words."""
         return "accepted, and wrong" if self.accepted else "rejected, and right"
 
     @property
     def file_name(self) -> str:
+        """The name of the card's file."""
         letters = "".join(letter if letter.isalnum() else "_" for letter in self.name)
         return f"{'accepted' if self.accepted else 'rejected'}_{letters}.png"
 
@@ -69,16 +80,17 @@ class JudgedFix:
 def failures(fixes: Iterable[JudgedFix]) -> list[JudgedFix]:
     """The fixes whose verdict is wrong, the worst first.
 
-    Accepted ones of least novelty come first, then rejected ones of the highest.
+    Accepted ones come first, those of the least novelty before others; then rejected ones, those of
+    the most novelty before others.
     """
-    return sorted(
-        (fix for fix in fixes if fix.fails),
-        key=lambda fix: (not fix.accepted, fix.novelty * (1 if fix.accepted else -1)),
-    )
+    failed = [fix for fix in fixes if fix.fails]
+    accepted = sorted((fix for fix in failed if fix.accepted), key=lambda fix: fix.novelty)
+    rejected = sorted((fix for fix in failed if not fix.accepted), key=lambda fix: -fix.novelty)
+    return accepted + rejected
 
 
 def of_log(scans: Sequence[Scan], fixes: Sequence[Fix]) -> Iterator[JudgedFix]:
-    """The judged fixes of a log, without scans whose true pose or fix is missing."""
+    """The judged fixes of a log; scans without a true pose or without a fix are left out."""
     for scan, fix in zip(scans, fixes, strict=True):
         if np.isfinite(scan.world_T_scan).all() and fix.verdict != "no pose":
             accepted = fix.verdict == "accepted"
@@ -96,7 +108,8 @@ def of_log(scans: Sequence[Scan], fixes: Sequence[Fix]) -> Iterator[JudgedFix]:
 def of_study(fixes: Path, scans: Path, submaps: Path, promise: float | None) -> Iterator[JudgedFix]:
     """The judged fixes of a test sequence as it was driven, from its artifacts.
 
-    `promise` None accepts nothing. Raises ConfigError for a promise that they cannot make.
+    A fix is accepted if it keeps `promise`; None accepts nothing. Raises ConfigError for a promise
+    that the fixes cannot make.
     """
     answers = store.read(fixes, schemas.Fixes)
     anchors = store.read(submaps, schemas.Submaps)
@@ -138,7 +151,7 @@ def _points(scans: schemas.Scans, submaps: schemas.Submaps, row: int) -> Points:
 def draw(targets: Targets, fix: JudgedFix, path: Path, heading_end: str) -> None:
     """Write a card as a PNG: the scan on the map where it was placed, and where it was taken.
 
-    `heading_end` is the last part of its heading.
+    `heading_end` is the last part of the card's title.
     """
     points_m = fix.points_m()
     points_m = points_m[points_m[:, 2] > WALL_M]
@@ -163,9 +176,9 @@ def draw(targets: Targets, fix: JudgedFix, path: Path, heading_end: str) -> None
 def _from_above(
     axes: Axes, targets: Targets, points_m: NDArray[np.float64], world_T_scan: NDArray[np.float64]
 ) -> float:
-    """Draw a scan at a pose and the two submaps nearest to it.
+    """Draw a scan's points (n, 3) at a pose (4, 4), over the two submaps nearest to it.
 
-    Returns how far the nearest is in metres.
+    Returns the distance to the nearest submap in metres.
     """
     centre_m = world_T_scan[:2, 3]
     away_m = np.linalg.norm(targets.world_T_anchor[:, :2, 3] - centre_m, axis=1)
@@ -173,14 +186,13 @@ def _from_above(
         pose = targets.world_T_anchor[row]
         mapped_m = targets.points_m(int(row))
         mapped_m = mapped_m[mapped_m[:, 2] > WALL_M] @ pose[:3, :3].T + pose[:3, 3]
-        axes.plot(*mapped_m[:, :2].T, ".", color=MAP, markersize=1.2, zorder=1)
+        axes.plot(*mapped_m[:, :2].T, ".", color=MAP_GREY, markersize=1.2, zorder=1)
     seen_m = points_m @ world_T_scan[:3, :3].T + world_T_scan[:3, 3]
-    axes.plot(*seen_m[::3, :2].T, ".", color=QUERY, markersize=1.0, zorder=2)
-    (x, y) = centre_m.tolist()
-    (ahead_x, ahead_y) = (centre_m + 6 * world_T_scan[:2, 0]).tolist()
-    axes.annotate(
-        "", (ahead_x, ahead_y), (x, y), arrowprops={"arrowstyle": "->", "color": "black", "lw": 2}
-    )
+    axes.plot(*seen_m[::3, :2].T, ".", color=SCAN_RED, markersize=1.0, zorder=2)
+    x, y = centre_m.tolist()
+    ahead_x, ahead_y = (centre_m + 6 * world_T_scan[:2, 0]).tolist()
+    arrow = {"arrowstyle": "->", "color": "black", "lw": 2}
+    axes.annotate("", (ahead_x, ahead_y), (x, y), arrowprops=arrow)
     axes.set_xlim(centre_m[0] - SHOWN_M, centre_m[0] + SHOWN_M)
     axes.set_ylim(centre_m[1] - SHOWN_M, centre_m[1] + SHOWN_M)
     axes.set_aspect("equal")

@@ -1,4 +1,8 @@
-"""Compiles all that localising needs with a made-up scan, so that later scans find it compiled."""
+"""Compiles all numba kernels that localising needs, by localising a made-up scan once.
+
+`yearloc kernels` does this, and `make install` calls it, so that no real scan waits for
+the compiler.
+"""
 
 import time
 
@@ -23,31 +27,37 @@ from pipeline.views.m2dp import M2dp
 from pipeline.views.scan_context import ScanContext
 
 APART_M = 4.0
-"""Distance from one made-up submap to the next."""
+"""The distance from one made-up submap to the next."""
 
 
 def compile_kernels() -> float:
-    """Draw, rank, register and check a scan in a made-up street; returns the seconds that it took.
+    """Localise a scan in a made-up street, and a sweep in a room; returns the seconds it took.
 
-    A compressed PCD has a kernel of its own, which the first such file compiles.
+    Only a compressed PCD has a kernel that is not compiled here: the first such file does it.
     """
     start = time.perf_counter()
     points_m = street()
-    anchors = np.tile(np.eye(4), (3, 1, 1))
-    anchors[:, 0, 3] = APART_M * np.arange(len(anchors))
-    clouds_m = [points_m - anchor[:3, 3] for anchor in anchors]
-    _formats(points_m)
+    _decode_formats(points_m)
     lean(points_m)
-    localize_level()
     M2dp()(points_m)
+    localize_level()
+
+    # the street as three submaps, one APART_M from the next
+    count = 3
+    anchors = np.tile(np.eye(4), (count, 1, 1))
+    anchors[:, 0, 3] = APART_M * np.arange(count)
+    clouds_m = [points_m - anchor[:3, 3] for anchor in anchors]
+
+    # draw and rank them, in both ways that there are kernels for
     images = np.stack([ScanContext()(cloud_m) for cloud_m in clouds_m])
-    rows = Rows(images, np.arange(len(anchors)), anchors)
-    ranker = ScanContext50(candidates=len(anchors))
-    ranker.localizer(ranker.learn(rows, np.arange(len(anchors)), Progress()))(rows, 1)
+    rows = Rows(images, np.arange(count), anchors)
+    ranker = ScanContext50(candidates=count)
+    ranker.localizer(ranker.learn(rows, np.arange(count), Progress()))(rows, 1)
     image_outlines = outlines(images)
-    trained = Outlines(image_outlines, np.arange(len(anchors)), np.zeros(len(anchors), np.float32))
-    scores_shape = (len(anchors), len(anchors))
-    reranked(np.ones(scores_shape), np.zeros(scores_shape), image_outlines, trained)
+    trained = Outlines(image_outlines, np.arange(count), np.zeros(count, np.float32))
+    reranked(np.ones((count, count)), np.zeros((count, count)), image_outlines, trained)
+
+    # register one of them with the map of all
     grains = [np.rint(cloud_m / GRAIN_M).astype(np.int64) for cloud_m in clouds_m]
     offsets = np.cumsum([0, *map(len, grains)])
     arrays = {
@@ -56,32 +66,35 @@ def compile_kernels() -> float:
         "world_T_anchor": anchors,
     }
     targets = Targets(arrays, GRAIN_M, 80.0, True)
-    Fixer(sure=1.0).fix(clouds_m[1], targets, Answers(anchors[:, :2, 3], np.zeros(len(anchors))))
+    answers = Answers(anchors[:, :2, 3], np.zeros(count))
+    Fixer(sure=1.0).fix(clouds_m[1], targets, answers)  # never sure enough: all steps are taken
     return time.perf_counter() - start
 
 
 def localize_level() -> None:
-    """Gather two sweeps in a made-up room, and search its map for them."""
+    """Gather two sweeps in a made-up room of 6 x 4 m, and search its map for them."""
     angles = np.linspace(-np.pi, np.pi, 360)
-    walls_m = np.minimum(
-        3 / np.maximum(np.abs(np.cos(angles)), 1e-9), 2 / np.maximum(np.abs(np.sin(angles)), 1e-9)
-    )
-    sweeps_m = [np.column_stack([walls_m * np.cos(angles), walls_m * np.sin(angles)])]
+    front_m = 3 / np.maximum(np.abs(np.cos(angles)), 1e-9)
+    side_m = 2 / np.maximum(np.abs(np.sin(angles)), 1e-9)
+    ranges_m = np.minimum(front_m, side_m)
+    sweep_m = np.column_stack([ranges_m * np.cos(angles), ranges_m * np.sin(angles)])
     step = np.eye(4)
-    step[0, 3] = APART_M / 8
-    sweeps_m.append(sweeps_m[0] - step[:2, 3])
-    drawing = Drawing.of(sweeps_m, np.stack([np.eye(4), step]))
-    field = Field.of(drawing.level_map(np.array([False, True])))
+    step[0, 3] = 0.5
+    later_m = sweep_m - step[:2, 3]
+    drawing = Drawing.of([sweep_m, later_m], np.stack([np.eye(4), step]))
+    without_later = np.array([False, True])
+    field = Field.of(drawing.level_map(without_later))
     gatherer = Gatherer()
-    gatherer.add(sweeps_m[0], None)
-    gatherer.add(sweeps_m[1], step)
+    gatherer.add(sweep_m, None)
+    gatherer.add(later_m, step)
     LevelFixer().fix(field, gatherer.gathered(OVER_M))
 
 
 def street() -> NDArray[np.float64]:
-    """Points (n, 3) of a ground and of houses on both sides."""
+    """Points (n, 3) in metres of a made-up street: a ground, and houses on both sides."""
     rng = np.random.default_rng(0)
-    parts = [np.column_stack([rng.uniform(-40, 40, (4000, 2)), rng.normal(0, 0.02, 4000)])]
+    ground = np.column_stack([rng.uniform(-40, 40, (4000, 2)), rng.normal(0, 0.02, 4000)])
+    parts = [ground]
     for x_m in range(-36, 36, 12):
         front = np.column_stack(
             [rng.uniform(x_m, x_m + 8, 400), np.full(400, 9.0), rng.uniform(0, 7, 400)]
@@ -90,11 +103,12 @@ def street() -> NDArray[np.float64]:
             [np.full(400, float(x_m)), rng.uniform(9, 15, 400), rng.uniform(0, 7, 400)]
         )
         parts += [front, side, front * (1, -1, 1), side * (1, -1, 1)]
-    return np.concatenate(parts) @ pose(np.zeros((1, 3)), np.array([[0.0, 0.0, 0.3]]))[0, :3, :3].T
+    turned = pose(np.zeros((1, 3)), np.array([[0.0, 0.0, 0.3]]))[0]
+    return np.asarray(np.concatenate(parts) @ turned[:3, :3].T)
 
 
-def _formats(points_m: NDArray[np.float64]) -> None:
-    """Read the points as the bytes of PointCloud2, KITTI and NCLT scans."""
+def _decode_formats(points_m: NDArray[np.float64]) -> None:
+    """Decode the points (n, 3) from the bytes of PointCloud2, KITTI and NCLT scans."""
     fields = np.zeros(
         len(points_m), [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4")]
     )

@@ -1,6 +1,8 @@
-"""Reads the clouds of an MCAP recording while it is still being written.
+"""Reads the scans of an MCAP recording while it is still being written (`--follow`).
 
-Clouds that wait too long are dropped and counted.
+A thread reads the file as it grows, and keeps the newest clouds, the poses of odometry, and the
+fixed transforms. `Following.scans` hands the clouds out as scans, the oldest first. Clouds that
+come faster than they are taken are dropped and counted.
 """
 
 import time
@@ -34,16 +36,20 @@ from pipeline.readers.deskew import deskewed
 from pipeline.readers.log import raised
 
 POLL_S = 0.02
+"""The file is looked at again after this time."""
 WAITING = 8
-"""Clouds that may wait: a recorder writes several at once. Of more the oldest is dropped."""
+"""At most so many clouds wait, since a recorder writes several at once. Then the oldest is dropped.
+"""
 STEP_S = 0.1
-"""The motion within a cloud is taken to be as in this time before its stamp."""
+"""The robot is taken to move within a cloud as in this time before its stamp."""
+LARGEST_RECORD_BYTES = 2**28
+"""A larger record is taken for damage."""
 
 
 class GrowingFile:
     """A file that another process is writing.
 
-    A read waits for bytes that are not there yet, and ends after `idle_s` without any.
+    A read waits for bytes that are not there yet, until none has come for `idle_s` seconds.
     """
 
     def __init__(self, file: BinaryIO, idle_s: float) -> None:
@@ -51,7 +57,7 @@ class GrowingFile:
         self._idle_s = idle_s
 
     def read(self, size: int) -> bytes:
-        """Read `size` bytes; fewer at the end of the file."""
+        """Read `size` bytes, or fewer if the file grows no more."""
         parts = []
         missing = size
         since = time.monotonic()
@@ -67,54 +73,53 @@ class GrowingFile:
 
 @dataclass
 class Following:
-    """Reads a recording in a thread of its own, and hands out the oldest cloud that still waits."""
+    """A recording that is being written, and what has been read of it so far."""
 
     path: Path
     """FILE.mcap, or the folder that `ros2 bag record` writes it into."""
     topic: str | None
+    """The topic of the clouds; None takes all clouds."""
     lift_m: float
+    """How far the points are raised, on top of the recording's transforms."""
     idle_s: float
+    """The recording has ended when nothing was written for so many seconds."""
     odometry: str | None = None
-    """A topic of poses, or tf:PARENT>CHILD, of one transform that is sent as such."""
+    """A topic of poses, or tf:PARENT>CHILD for a transform that is sent again and again."""
     body_T_lidar: Poses | None = None
-    """(4, 4) places the points, in place of the transforms and of `lift_m`."""
+    """(4, 4) places the points, instead of the transforms and `lift_m`."""
     dropped: int = field(default=0, init=False)
-    """Clouds that were pushed out by newer ones."""
+    """How many clouds were pushed out by newer ones."""
     skipped: Counter[str] = field(default_factory=Counter, init=False)
-    """Clouds that cannot be taken: reason to count."""
+    """How many clouds cannot be taken, by reason."""
     damage: str = field(default="", init=False)
-    """Why reading ended before the recording did; empty where it did not."""
+    """Why reading ended before the recording did; empty if it did not."""
 
     def scans(self) -> Iterator[Scan]:
-        """The scans of the recording, until nothing has been written for `idle_s`.
+        """The scans of the recording as they come, until nothing was written for `idle_s`.
 
-        Raises LogError where no recording is, or it holds no cloud.
+        Raises LogError where there is no recording, or it holds no cloud; ConfigError where mcap is
+        not installed.
         """
-        file = (
-            self.path if self.path.is_file() else next(iter(sorted(self.path.glob("*.mcap"))), None)
-        )
+        file: Path | None = self.path
+        if not self.path.is_file():
+            file = next(iter(sorted(self.path.glob("*.mcap"))), None)
         if file is None or file.suffix != ".mcap":
             raise LogError(
                 f"{self.path}: no .mcap recording to follow; other bags can be localised once they "
                 "are written"
             )
-        self._clouds = deque[tuple[int, bytes]](maxlen=WAITING)
-        self._ended: Exception | bool = False
+        # what the thread reads, and this one takes while it holds the condition
         self._changed = Condition()
-        self._edges = dict[tuple[str, str], tuple[Any, Any]]()
+        self._clouds = deque[tuple[int, bytes]](maxlen=WAITING)  # stamp and message
         self._newest_poses = Newest()
-        self._child = ""
-        Thread(target=self._reading, args=(file,), daemon=True).start()
+        self._child = ""  # the frame that odometry moves
+        self._edges = dict[tuple[str, str], tuple[Any, Any]]()  # stamps and poses of transforms
+        self._ended: Exception | bool = False
+        Thread(target=self._read_file, args=(file,), daemon=True).start()
         number = 0
-        while True:
-            with self._changed:
-                self._changed.wait_for(lambda: self._clouds or self._ended)
-                oldest = self._clouds.popleft() if self._clouds else None
-                if oldest and self.odometry:
-                    self._changed.wait_for(partial(self._poses_reach, oldest[0]), AHEAD_S)
-            if oldest is None:
-                break
-            yield self._scan(number, *oldest)
+        while (cloud := self._next_cloud()) is not None:
+            stamp_ns, message = cloud
+            yield self._scan(number, stamp_ns, message)
             number += 1
         if self.odometry and not self._newest_poses.count:
             self.damage = self.damage or f"{file}: no pose of {self.odometry} came"
@@ -123,12 +128,30 @@ class Following:
         if not number and self.damage:
             raise LogError(self.damage)
         if not number:
-            raise LogError(
-                f"{file}: no PointCloud2{f' on {self.topic}' if self.topic else ''} came within "
-                f"{self.idle_s:g} s"
-            )
+            on_topic = f" on {self.topic}" if self.topic else ""
+            raise LogError(f"{file}: no PointCloud2{on_topic} came within {self.idle_s:g} s")
+
+    def _next_cloud(self) -> tuple[int, bytes] | None:
+        """Wait for the oldest cloud that still waits, and a moment for odometry up to its stamp.
+
+        None at the end of the recording.
+        """
+        with self._changed:
+            self._changed.wait_for(lambda: self._clouds or self._ended)
+            if not self._clouds:
+                return None
+            cloud = self._clouds.popleft()
+            if self.odometry:
+                stamp_ns, _ = cloud
+                self._changed.wait_for(partial(self._poses_reach, stamp_ns), AHEAD_S)
+            return cloud
+
+    def _poses_reach(self, stamp_ns: int) -> bool:
+        """Whether odometry has come up to a stamp, or no more of it will come."""
+        return bool(self._ended) or self._newest_poses.stamp_ns >= stamp_ns
 
     def _scan(self, number: int, stamp_ns: int, data: bytes) -> Scan:
+        """The scan of a cloud's message, placed by the transforms and poses read so far."""
         tree = Tree(str(self.path), dict(self._edges), 0)
         with self._changed:
             odom_T_body = self._newest_poses.at(stamp_ns) @ child_T_body(tree, self._child)
@@ -142,11 +165,8 @@ class Following:
         points = partial(_points, data, stamp_ns, body_T_lidar, step)
         return Scan(name, stamp_ns, points, odom_T_body, NO_POSE, str(self.path), body_T_lidar)
 
-    def _poses_reach(self, stamp_ns: int) -> bool:
-        return bool(self._ended) or self._newest_poses.stamp_ns >= stamp_ns
-
-    def _reading(self, file: Path) -> None:
-        """Keep the newest clouds and all fixed transforms until the file ends or is damaged."""
+    def _read_file(self, file: Path) -> None:
+        """Read the file until it grows no more or is damaged, in a thread of its own."""
         try:
             from mcap.exceptions import EndOfFile
             from mcap.stream_reader import StreamReader
@@ -155,11 +175,12 @@ class Following:
         try:
             with file.open("rb") as growing:
                 stream: Any = GrowingFile(growing, self.idle_s)
-                self._read(
-                    StreamReader(stream, validate_crcs=True, record_size_limit=2**28).records
+                reader = StreamReader(
+                    stream, validate_crcs=True, record_size_limit=LARGEST_RECORD_BYTES
                 )
+                self._read_records(reader.records)
         except EndOfFile:
-            pass  # it grows no more, and was not closed
+            pass  # the file grows no more, and was not closed
         # mcap, zstd and struct raise whatever they like at a damaged recording
         except Exception as error:
             self.damage = (
@@ -169,90 +190,99 @@ class Following:
         self._end(True)
 
     def _end(self, reason: Exception | bool) -> None:
+        """Note that nothing more is read: True, or the error because of which."""
         with self._changed:
             self._ended = reason
             self._changed.notify()
 
-    def _read(self, records: Iterator[Any]) -> None:
-        kinds = dict[int, str]()
-        topics = dict[int, tuple[str, str]]()
+    def _read_records(self, records: Iterator[Any]) -> None:
+        """Keep what the messages among the records say."""
+        kind_by_schema = dict[int, str]()
+        topic_and_kind_by_channel = dict[int, tuple[str, str]]()
         for record in records:
             name = type(record).__name__
             if name == "Schema":
-                kinds[record.id] = record.name
+                kind_by_schema[record.id] = record.name
             elif name == "Channel":
-                topics[record.id] = (record.topic, kinds.get(record.schema_id, ""))
+                kind = kind_by_schema.get(record.schema_id, "")
+                topic_and_kind_by_channel[record.id] = (record.topic, kind)
             elif name == "Message":
-                topic, kind = topics[record.channel_id]
-                if kind == TRANSFORMS and topic.endswith("tf_static"):
-                    self._keep_transforms(record.data)
-                elif self.odometry and (
-                    topic == self.odometry
-                    or (kind == TRANSFORMS and self.odometry.startswith("tf:"))
-                ):
-                    self._keep_poses(record, kind)
-                elif kind == CLOUD and topic == (self.topic or topic):
-                    self._keep_cloud(record)
+                topic, kind = topic_and_kind_by_channel[record.channel_id]
+                self._keep(record, topic, kind)
+
+    def _keep(self, record: Any, topic: str, kind: str) -> None:
+        """Keep a message if it is a fixed transform, a pose of the odometry, or a cloud."""
+        if kind == TRANSFORMS and topic.endswith("tf_static"):
+            self._keep_transforms(record.data)
+        elif self._is_odometry(topic, kind):
+            self._keep_poses(record, kind)
+        elif kind == CLOUD and topic == (self.topic or topic):
+            self._keep_cloud(record)
+
+    def _is_odometry(self, topic: str, kind: str) -> bool:
+        """Whether a topic may hold poses of the odometry."""
+        if not self.odometry:
+            return False
+        return topic == self.odometry or (kind == TRANSFORMS and self.odometry.startswith("tf:"))
 
     def _keep_transforms(self, data: bytes) -> None:
+        """Keep fixed transforms; broken ones are reported as damage."""
         try:
             transforms = from_cdr(data, TRANSFORMS).transforms
         except LogError as error:
             self.damage = f"{self.path}: a transform was left out: {error}"
             return
         for transform in transforms:
-            self._edges[_edge(transform)] = (
-                np.zeros(1, np.int64),
-                poses([transform_numbers(transform)]),
-            )
+            stamps_ns = np.zeros(1, np.int64)
+            self._edges[_frames(transform)] = (stamps_ns, poses([transform_numbers(transform)]))
 
     def _keep_poses(self, record: Any, kind: str) -> None:
-        """Keep the poses of an odometry message.
-
-        One that is broken or of another kind is passed over.
-        """
+        """Keep the poses of an odometry message; one that is broken is passed over."""
         try:
-            message = from_cdr(record.data, kind)
-            if kind == TRANSFORMS:
-                transforms = [
-                    transform
-                    for transform in message.transforms
-                    if self.odometry == f"tf:{_edge(transform)[0]}>{_edge(transform)[1]}"
-                ]
-                stamped_poses = [
-                    (transform.header.stamp, _edge(transform)[1], transform_numbers(transform))
-                    for transform in transforms
-                ]
-            else:
-                child = frame_name(message.child_frame_id) if kind == ODOMETRY else ""
-                stamped_poses = (
-                    [(message.header.stamp, child, pose_numbers(message, kind))]
-                    if kind in KINDS
-                    else []
-                )
+            stamped_poses = self._stamped_poses(from_cdr(record.data, kind), kind)
         except LogError:
             return
         with self._changed:
-            for stamp, self._child, numbers in stamped_poses:
-                self._newest_poses.add(
-                    stamp.sec * 10**9 + stamp.nanosec or int(record.log_time), poses([numbers])[0]
-                )
+            for stamp, child, numbers in stamped_poses:
+                stamp_ns = stamp.sec * 10**9 + stamp.nanosec or int(record.log_time)
+                self._child = child
+                self._newest_poses.add(stamp_ns, poses([numbers])[0])
             self._changed.notify()
 
+    def _stamped_poses(self, message: Any, kind: str) -> list[tuple[Any, str, Any]]:
+        """The poses in an odometry message: stamp, frame that moves, and numbers of each."""
+        if kind == TRANSFORMS:
+            stamped_poses = []
+            for transform in message.transforms:
+                parent, child = _frames(transform)
+                if self.odometry == f"tf:{parent}>{child}":
+                    numbers = transform_numbers(transform)
+                    stamped_poses.append((transform.header.stamp, child, numbers))
+            return stamped_poses
+        child = frame_name(message.child_frame_id) if kind == ODOMETRY else ""
+        if kind not in KINDS:
+            return []
+        return [(message.header.stamp, child, pose_numbers(message, kind))]
+
     def _keep_cloud(self, record: Any) -> None:
+        """Let a cloud wait to be taken; if too many wait, the oldest is dropped."""
         try:
             stamp_ns = header(record.data, 2)[0] or int(record.log_time)
         except LogError:
             self.skipped["broken message"] += 1
             return
         with self._changed:
-            self.dropped += len(self._clouds) == WAITING
+            if len(self._clouds) == WAITING:
+                self.dropped += 1
             self._clouds.append((stamp_ns, record.data))
             self._changed.notify()
 
 
 def _points(data: bytes, stamp_ns: int, body_T_lidar: Poses, step: Poses) -> NDArray[np.float64]:
-    """The points (n, 3) in the body as they lay at the stamp, by its `step` of STEP_S before it."""
+    """The points (n, 3) of a cloud's message, in the body, as they lay at its stamp.
+
+    `step` (4, 4) is how the body moved in the STEP_S before it; NaN if unknown.
+    """
     cloud = from_cdr(data, CLOUD)
     points_m = placed(decode(cloud), body_T_lidar)
     if not np.isfinite(step).all():
@@ -260,6 +290,6 @@ def _points(data: bytes, stamp_ns: int, body_T_lidar: Poses, step: Poses) -> NDA
     return deskewed(points_m, times_s(cloud, stamp_ns), step, STEP_S)
 
 
-def _edge(transform: Any) -> tuple[str, str]:
+def _frames(transform: Any) -> tuple[str, str]:
     """The parent and child frame of a transform."""
     return frame_name(transform.header.frame_id), frame_name(transform.child_frame_id)

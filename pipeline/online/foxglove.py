@@ -1,6 +1,7 @@
-"""Writes fixes as a bag that Foxglove and Lichtblick open.
+"""Records a localised drive as an MCAP bag that Foxglove and Lichtblick open.
 
-It holds the map, each scan where it was placed, and the accepted poses.
+It shows the map, each scan where its fix placed it, all poses, and the accepted ones
+(`yearloc watch -o FILE.mcap`).
 """
 
 import shutil
@@ -20,16 +21,18 @@ from pipeline.online.site import Fix, Site
 from pipeline.online.watch import origin, whole_map
 
 FRAME = "map"
+"""The frame of the world, in which poses are."""
 SITE = "site"
-"""The world, and points amid the site, since those of clouds are float32."""
+"""A frame in the middle of the site, in which clouds are: their float32 would be coarse elsewhere.
+"""
 VERDICTS = ("accepted", "rejected", "near", "ambiguous")
-"""A point's intensity on /fixes is the place of its verdict here."""
+"""On /fixes the intensity of a point is the number of its verdict in this order."""
 
 
 class Recording:
     """Writes FILE.mcap, whole or not at all.
 
-    Topics: /map, /scan, /fixes (a point a pose) and /fix (the accepted poses).
+    Its topics are /map, /scan, /fixes (one point for each pose) and /fix (the accepted poses).
     Clouds are in the frame `site`, poses in `map`; /tf_static leads from one to the other.
     """
 
@@ -61,7 +64,7 @@ class Recording:
                     shutil.move(recording_file, whole)
 
     def add(self, number: int, scan: Scan, points_m: NDArray[np.float64], fix: Fix) -> None:
-        """Add a scan and its fix, at its stamp, or at its number in seconds."""
+        """Add a scan (n, 3) and its fix, at its stamp or else at its number in seconds."""
         stamp_ns = number * 10**9 if scan.stamp_ns is None else scan.stamp_ns
         if self._first:
             map_T_site = np.eye(4)
@@ -72,8 +75,8 @@ class Recording:
         if fix.verdict not in VERDICTS:
             return
         position_m = fix.world_T_sensor[:3, 3] - self._origin_m
-        seen_m = points_m @ fix.world_T_sensor[:3, :3].T + position_m
-        self._cloud(stamp_ns, seen_m, "/scan", seen_m[:, 2])
+        placed_m = points_m @ fix.world_T_sensor[:3, :3].T + position_m
+        self._cloud(stamp_ns, placed_m, "/scan", placed_m[:, 2])
         self._fixes.append((*position_m, VERDICTS.index(fix.verdict)))
         fixes = np.array(self._fixes)
         self._cloud(stamp_ns, fixes[:, :3], "/fixes", fixes[:, 3])
@@ -89,6 +92,7 @@ class Recording:
         topic: str,
         intensity: NDArray[np.floating],
     ) -> None:
+        """Write a cloud of points (n, 3) in the frame `site`, with intensities (n,)."""
         self._bag.points(
             stamp_ns,
             SITE,

@@ -1,6 +1,7 @@
-"""Scans to localise, from files, folders, logs, ROS bags and standard input.
+"""Opens what a user wants to localise: a log, ROS bags, a folder of scans, a file, standard input.
 
-Each is read only when its points are asked for.
+`scans` gives one `Scan` after the other. It holds the stamp, and the poses by odometry and survey
+where there are any; its points are read only when they are asked for.
 """
 
 import sys
@@ -8,6 +9,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,13 +30,17 @@ from pipeline.readers.log import Log, raised
 from pipeline.readers.log import extrinsic as given_extrinsic
 
 READERS = ("pipeline.readers.",)
+"""A site may name a reader of these modules only."""
 SCANS = ("velodyne_sync", "velodyne", "scans", "points")
-"""Folders of a log that may hold its scan files."""
+"""Subfolders of a log that may hold its scan files."""
+NCLT_PACKETS = "velodyne_hits.bin"
+"""Not a scan, but the packets of a whole drive of NCLT."""
 BODIES = ("base_footprint", "base_link", "body", "imu", "imu_link")
-"""Frames that stand for the vehicle, the first that a bag's fixed transforms know."""
+"""Names of the vehicle's frame; the first that a bag's fixed transforms know is taken."""
 NO_POSE = np.full((4, 4), np.nan)
+"""The pose of a scan where it is unknown."""
 ODOMETRY_GAP_S = 1.0
-"""Odometry is not interpolated over more."""
+"""Odometry is not interpolated over a longer gap."""
 
 
 @dataclass(frozen=True)
@@ -43,19 +49,19 @@ class Scan:
 
     name: str
     stamp_ns: int | None
-    """None of a file whose name is no time."""
+    """None for a file whose name is no time."""
     points: Callable[[], NDArray[np.float64]]
-    """Reads the points (n, 3) in metres, x forward, y left, z up, ground at z = 0, as they lay at
-    the stamp where the log has odometry and the times of points; raises LogError for a damaged
+    """Reads the points (n, 3) in metres: x forward, y left, z up, ground at z = 0. They lie as at
+    the stamp if the log has odometry and the time of each point. Raises LogError for a damaged
     scan."""
     odom_T_scan: NDArray[np.float64]
-    """(4, 4) by the log's odometry, NaN where there is none."""
+    """(4, 4) the pose by odometry; NaN without."""
     world_T_scan: NDArray[np.float64]
-    """(4, 4) true pose, NaN where it is unknown."""
+    """(4, 4) the true pose; NaN if it is unknown."""
     recording: str = ""
-    """What the scan was read from: another recording has another odometry."""
+    """The file or folder that it was read from. Another recording has another odometry."""
     body_T_lidar: Poses | None = None
-    """(4, 4) by which the points were placed; None of a log, which its reader places."""
+    """(4, 4) places the points of the lidar in the vehicle; None for a log, whose reader does."""
 
 
 def scans(
@@ -68,20 +74,25 @@ def scans(
     body_T_lidar: Poses | None = None,
     is_level: bool = False,
 ) -> Iterator[Scan]:
-    """The scans of a path, or of standard input for `-`; if `is_level`, the sweeps of bags.
+    """The scans at a path, or of standard input for `-`; of bags the sweeps if `is_level`.
 
-    A log that the site's own reader can open has its poses with it. Otherwise files and messages
-    are taken as x forward, y left, z up, and raised by `lift_m`; or placed by `body_T_lidar` (4,
-    4), then also in place of a bag's transforms. Of a bag, `odometry` is a topic of poses or
-    tf:PARENT>CHILD. What a log or a bag leaves out is counted in `skipped`, by reason. Raises
-    LogError where there is no scan, ConfigError for a topic that a bag has not.
+    A path is opened as the first of these that it can be:
+
+    - a log in the format of the site's data set, by its `reader`, with the log's poses;
+    - ROS bags: their clouds on `topic`, or on the one with most clouds; with the poses on
+      `odometry`, a topic or tf:PARENT>CHILD;
+    - a folder of scan files, or one such file.
+
+    Points of bags and files are x forward, y left, z up. They are raised by `lift_m`, those of bags
+    besides placed by its transforms; or all are placed by `body_T_lidar` (4, 4) instead. What a
+    log or a bag leaves out is counted in `skipped`, by reason. Raises LogError where there is no
+    scan, ConfigError for a topic that a bag does not have.
     """
     file_body_T_lidar = raised(lift_m) if body_T_lidar is None else body_T_lidar
     if source == "-":
         data = sys.stdin.buffer.read(folder.LARGEST_BYTES + 1)
-        yield _unposed(
-            "-", None, lambda: decoded(data, Path("standard input.bin")), file_body_T_lidar
-        )
+        points = partial(decoded, data, Path("standard input.bin"))
+        yield _unposed("-", None, points, file_body_T_lidar)
         return
     path = Path(source).expanduser()
     skipped = Counter() if skipped is None else skipped
@@ -89,64 +100,39 @@ def scans(
         raise LogError(f"{source}: no such file or folder")
     if log := _log(path.resolve(), reader):
         skipped.update(log.skipped)
-        for row, stamp_ns in enumerate(log.stamps_ns.tolist()):
-            points = _of_log(log, row)
-            yield Scan(
-                f"{path.name} {row}",
-                stamp_ns,
-                points,
-                log.odom_T_scan[row],
-                log.world_T_scan[row],
-                str(path),
-            )
+        for row in range(len(log.stamps_ns)):
+            yield _of_log(log, row, path, str(path))
     elif bags := find(path):
-        yield from _messages(
-            path,
-            [BagFile(bag) for bag in bags],
-            topic,
-            odometry,
-            lift_m,
-            skipped,
-            body_T_lidar,
-            SWEEP if is_level else CLOUD,
-        )
+        files = [BagFile(bag) for bag in bags]
+        kind = SWEEP if is_level else CLOUD
+        yield from _of_bags(path, files, kind, topic, odometry, lift_m, body_T_lidar, skipped)
     else:
-        files = [path] if path.is_file() else _files(path)
-        for file in files:
-            yield _unposed(file.name, _stamp_ns(file.stem), _of_file(file), file_body_T_lidar)
+        for file in [path] if path.is_file() else _files(path):
+            points = partial(_points_of_file, file)
+            yield _unposed(file.name, _stamp_ns(file.stem), points, file_body_T_lidar)
 
 
 def is_log(source: str, reader: Mapping[str, Any]) -> bool:
-    """Whether the site's own reader opens a path; it then raises the points, whatever `lift_m`."""
+    """Whether the site's own reader opens a path, and so places its points itself."""
     return source != "-" and _log(Path(source).expanduser().resolve(), reader) is not None
 
 
 def decoded(data: bytes, path: Path) -> NDArray[np.float64]:
-    """Points (n, 3) of a scan file's bytes; a .bin may be NCLT's.
+    """The points (n, 3) in the bytes of a scan file.
 
-    Raises LogError for a damaged one.
+    `path` tells its format; a .bin is NCLT's or KITTI's, whichever its bytes look like. Raises
+    LogError for damaged ones.
     """
-    if (
-        path.suffix == ".bin"
-        and len(data) <= folder.LARGEST_BYTES
-        and bin_layout.point_bytes(data) == bin_layout.NCLT_BYTES
-    ):
+    may_be_nclt = path.suffix == ".bin" and len(data) <= folder.LARGEST_BYTES
+    if may_be_nclt and bin_layout.point_bytes(data) == bin_layout.NCLT_BYTES:
         return np.asarray(nclt.decode(np.frombuffer(data, "<u2")))
     return folder.points(data, path)
 
 
-def _unposed(
-    name: str, stamp_ns: int | None, points: Callable[[], NDArray[np.float64]], body_T_lidar: Poses
-) -> Scan:
-    return Scan(
-        name, stamp_ns, lambda: placed(points(), body_T_lidar), NO_POSE, NO_POSE, name, body_T_lidar
-    )
-
-
 def placement(key: str, text: str) -> Poses:
-    """Parse the pose (4, 4) of a lidar in the body: x,y,z,roll,pitch,yaw in metres and degrees.
+    """The pose (4, 4) of a lidar in the vehicle, parsed from x,y,z,roll,pitch,yaw.
 
-    Raises ConfigError naming `key`.
+    These are in metres and degrees. Raises ConfigError that names `key`, the option.
     """
     try:
         return given_extrinsic(key, [float(word) for word in text.split(",")])
@@ -157,22 +143,46 @@ def placement(key: str, text: str) -> Poses:
 
 
 def placed(points_m: NDArray[np.floating], body_T_lidar: Poses) -> NDArray[np.float64]:
-    """Transform points (n, 3) of a lidar into the frame of the body, by a pose (4, 4)."""
-    return np.asarray(
-        np.asarray(points_m, np.float64) @ body_T_lidar[:3, :3].T + body_T_lidar[:3, 3]
+    """Points (n, 3) of a lidar in the frame of the vehicle, by the lidar's pose (4, 4) there."""
+    points_m = np.asarray(points_m, np.float64)
+    return np.asarray(points_m @ body_T_lidar[:3, :3].T + body_T_lidar[:3, 3])
+
+
+def _of_log(
+    log: Log, row: int, path: Path, recording: str, body_T_lidar: Poses | None = None
+) -> Scan:
+    """One scan of a log, which was opened at `path`."""
+    return Scan(
+        f"{path.name} {row}",
+        int(log.stamps_ns[row]),
+        partial(scan_at_stamp, log, log.odom_T_scan, NO_BREAKS, row),
+        log.odom_T_scan[row],
+        log.world_T_scan[row],
+        recording,
+        body_T_lidar,
     )
 
 
-def _of_log(log: Log, row: int) -> Callable[[], NDArray[np.float64]]:
-    return lambda: scan_at_stamp(log, log.odom_T_scan, NO_BREAKS, row)
+def _unposed(
+    name: str, stamp_ns: int | None, points: Callable[[], NDArray[np.float64]], body_T_lidar: Poses
+) -> Scan:
+    """A scan without poses; its points are placed by `body_T_lidar` (4, 4)."""
+
+    def placed_points() -> NDArray[np.float64]:
+        return placed(points(), body_T_lidar)
+
+    return Scan(name, stamp_ns, placed_points, NO_POSE, NO_POSE, name, body_T_lidar)
 
 
-def _of_file(file: Path) -> Callable[[], NDArray[np.float64]]:
-    return lambda: decoded(file.read_bytes(), file)
+def _points_of_file(file: Path) -> NDArray[np.float64]:
+    return decoded(file.read_bytes(), file)
 
 
 def _log(path: Path, reader: Mapping[str, Any]) -> Log | None:
-    """The log at a path, or None if the reader that the site was learned with cannot open it."""
+    """The log at a path; None if the reader that the site was learned with cannot open it.
+
+    The folder of all logs may be the parent of the path, or that one's.
+    """
     for root in (path.parent, *path.parents[1:2]):
         with suppress(YearlocError, OSError):
             opener = build(reader, READERS)
@@ -184,9 +194,11 @@ def _log(path: Path, reader: Mapping[str, Any]) -> Log | None:
 
 
 def _sequence(path: Path) -> str:
-    """The sequence that a path names; a CARMEN log may be named with its suffix."""
-    suffixes = (suffix for suffix in carmen.SUFFIXES if path.name.endswith(suffix))
-    return path.name.removesuffix(next(suffixes, ""))
+    """The sequence that a path names: the name without the suffix that a CARMEN log may have."""
+    for suffix in carmen.SUFFIXES:
+        if path.name.endswith(suffix):
+            return path.name.removesuffix(suffix)
+    return path.name
 
 
 def _files(path: Path) -> list[Path]:
@@ -195,7 +207,7 @@ def _files(path: Path) -> list[Path]:
         files = [
             file
             for file in place.glob("*")
-            if file.suffix in folder.SCANS and file.name != "velodyne_hits.bin"
+            if file.suffix in folder.SCANS and file.name != NCLT_PACKETS
         ]
         if files:
             return sorted(files, key=lambda file: (_stamp_ns(file.stem) or 0, file.name))
@@ -205,34 +217,41 @@ def _files(path: Path) -> list[Path]:
 
 
 def _stamp_ns(stem: str) -> int | None:
-    """The stamp in a file's name: seconds with a point, or whole micro- or nanoseconds.
+    """The stamp in a file's name, which is a time since 1970; None if it is something else.
 
-    None for the number of a row.
+    Whole numbers of 18 digits or more are nanoseconds, of 15 or more microseconds, shorter ones the
+    number of a row; with a point it is seconds.
     """
-    whole = stem.isascii() and stem.isdecimal()
-    unit = "s" if not whole else "ns" if len(stem) >= 18 else "us" if len(stem) >= 15 else ""
-    return folder.stamp_ns(stem, unit) if unit and len(stem) <= 40 and stem[:1].isdigit() else None
+    if not stem[:1].isdigit() or len(stem) > 40:
+        return None
+    if not (stem.isascii() and stem.isdecimal()):
+        return folder.stamp_ns(stem, "s")
+    if len(stem) >= 18:
+        return folder.stamp_ns(stem, "ns")
+    if len(stem) >= 15:
+        return folder.stamp_ns(stem, "us")
+    return None
 
 
-def _messages(
+def _of_bags(
     path: Path,
     files: list[BagFile],
+    kind: str,
     topic: str | None,
     odometry: str | None,
     lift_m: float,
-    skipped: Counter[str],
     body_T_lidar: Poses | None,
-    kind: str,
+    skipped: Counter[str],
 ) -> Iterator[Scan]:
-    """The clouds or sweeps of bags, with the odometry interpolated at their stamps."""
-    cloud_counts = Counter(
-        {
-            name: bag_topic.count
-            for file in files
-            for name, bag_topic in file.topics.items()
-            if bag_topic.kind == kind
-        }
-    )
+    """The clouds or sweeps of bags, messages of `kind`, with odometry interpolated at their stamps.
+
+    The other arguments are those of `scans`.
+    """
+    cloud_counts = Counter[str]()
+    for file in files:
+        for name, bag_topic in file.topics.items():
+            if bag_topic.kind == kind:
+                cloud_counts[name] = bag_topic.count
     if topic is None and not cloud_counts:
         raise LogError(
             f"{path}: no {kind.rpartition('/')[2]} in it; `yearloc inspect {path.name}` says what "
@@ -245,9 +264,8 @@ def _messages(
         )
     clouds = Clouds.read(files, topic or cloud_counts.most_common(1)[0][0], skipped)
     tree = Tree.read(files, moving=False)
-    body_T_lidar = (
-        raised(lift_m) @ extrinsic(tree, clouds.frames) if body_T_lidar is None else body_T_lidar
-    )
+    if body_T_lidar is None:
+        body_T_lidar = raised(lift_m) @ extrinsic(tree, clouds.frames)
     odom_T_body = _odometry(path, files, tree, odometry, clouds.stamps_ns)
     log = Log(
         clouds.stamps_ns,
@@ -257,60 +275,57 @@ def _messages(
         Counter(),
         times_s=clouds.times_s,
     )
-    for row, stamp_ns in enumerate(clouds.stamps_ns.tolist()):
+    for row in range(len(clouds.stamps_ns)):
         recording = str(clouds.messages[row].file.path)
-        yield Scan(
-            f"{path.name} {row}",
-            stamp_ns,
-            _of_log(log, row),
-            odom_T_body[row],
-            NO_POSE,
-            recording,
-            body_T_lidar,
-        )
+        yield _of_log(log, row, path, recording, body_T_lidar)
 
 
 def extrinsic(tree: Tree, frames: set[str]) -> NDArray[np.float64]:
-    """The pose (4, 4) of the lidar in the vehicle by the bags' fixed transforms.
+    """The pose (4, 4) of the lidar in the vehicle, by the fixed transforms of bags.
 
-    The identity where they do not give it.
+    `frames` are those of the clouds. It is the identity where the transforms do not tell it, or the
+    clouds are of several lidars.
     """
-    poses = (tree.fixed(body, *frames) for body in BODIES if len(frames) == 1)
-    return next((pose for pose in poses if pose is not None), raised(0.0))
+    if len(frames) == 1:
+        for body in BODIES:
+            body_T_lidar = tree.fixed(body, *frames)
+            if body_T_lidar is not None:
+                return body_T_lidar
+    return raised(0.0)
 
 
 def _odometry(
     path: Path, files: list[BagFile], tree: Tree, name: str | None, stamps_ns: Stamps
 ) -> Poses:
-    """Poses (n, 4, 4) of the vehicle at these stamps; NaN where there is no odometry."""
+    """The vehicle's poses (n, 4, 4) by odometry at stamps (n,); NaN where there is none.
+
+    `name` is the topic of the poses, tf:PARENT>CHILD, or None.
+    """
     if name is None:
         return np.tile(NO_POSE, (len(stamps_ns), 1, 1))
-    pose_topics = sorted(
-        {
-            topic
-            for file in files
-            for topic, bag_topic in file.topics.items()
-            if bag_topic.kind in KINDS
-        }
-    )
+    pose_topics = set[str]()
+    for file in files:
+        pose_topics |= {topic for topic, at in file.topics.items() if at.kind in KINDS}
     if name not in pose_topics and not name.startswith("tf:"):
         raise ConfigError(
-            f"--odometry {name}: {path} has the poses {', '.join(pose_topics) or 'none'}; or "
-            "tf:PARENT>CHILD"
+            f"--odometry {name}: {path} has the poses {', '.join(sorted(pose_topics)) or 'none'}; "
+            "or tf:PARENT>CHILD"
         )
     odometry_track = track(files, name, ODOMETRY_GAP_S)
     trajectory, _ = vehicle.split_at_jumps(name, odometry_track.trajectory)
     restarts_ns = odometry_track.trajectory.stamps_ns[vehicle.jumps(odometry_track.trajectory)]
-    return np.asarray(
-        vehicle.odometry_at(trajectory, stamps_ns, restarts_ns)
-        @ child_T_body(tree, odometry_track.child)
-    )
+    odom_T_child = vehicle.odometry_at(trajectory, stamps_ns, restarts_ns)
+    return np.asarray(odom_T_child @ child_T_body(tree, odometry_track.child))
 
 
 def child_T_body(tree: Tree, child: str | None) -> NDArray[np.float64]:
     """The pose (4, 4) of the vehicle in the frame that odometry moves, by fixed transforms.
 
-    The identity where they do not give it.
+    It is the identity where these do not tell it.
     """
-    bodies = (tree.fixed(child, body) for body in BODIES if child)
-    return next((pose for pose in bodies if pose is not None), np.eye(4))
+    if child:
+        for body in BODIES:
+            pose = tree.fixed(child, body)
+            if pose is not None:
+                return pose
+    return np.eye(4)

@@ -1,4 +1,7 @@
-"""Packs level sites: of a Nav2 map, or of a training day's level sweeps."""
+"""Packs a level site, for a level 2-D laser: from a Nav2 map, or from a training day's sweeps.
+
+The map, its verdict (level/verdict.py) and what they were made of are written into one site file.
+"""
 
 import hashlib
 import platform
@@ -28,16 +31,18 @@ from pipeline.online.site_json import (
 from pipeline.posing.verdict import BELIEFS, PROMISES
 
 UNSEEN_SHARE = 0.2
+"""The share of queries to expect from places that the map does not have."""
 VERSIONS = ("numpy", "numba", "scipy", "safetensors")
+"""Packages whose versions a site records."""
 CARMEN = {"_target_": "pipeline.readers.carmen.Carmen"}
-"""Opens the logs that a site of a map alone is asked with; bags need no reader."""
+"""Opens the logs that the site of a Nav2 map is asked with; bags need no reader."""
 
 
 def pack_map(map_path: Path, out: Path) -> str:
     """Write the site of a Nav2 map; returns what it holds, in a line.
 
-    Its verdict is the usual one, as a map has no sweeps to hold out. Raises ArtifactError for a
-    file that is no map of a building.
+    Its verdict has the usual limits, since a map has no sweeps to hold out and test them on. Raises
+    ArtifactError for a file that is no map of a building.
     """
     grid = nav2_map.read(map_path)
     try:
@@ -75,23 +80,29 @@ def _write(
     source: str,
     digest: str | None,
 ) -> str:
+    """Write a site file; returns what it holds, in a line.
+
+    `source` is the map's file or the training sequence, `digest` the map's md5.
+    """
     versions = {"yearloc": version("yearloc"), "python": platform.python_version()}
     versions |= {name: version(name).partition("+")[0] for name in VERSIONS}
     judge = verdict.judge
+    promised = Promises(
+        judge.pose,
+        judge.near,
+        PROMISES,
+        {belief: tuple(verdict.limits(belief)) for belief in BELIEFS},
+        verdict.evidence.blocks,
+        UNSEEN_SHARE,
+    )
+    lift_m = float(reader.get("lift_m", 0.0))
     description = LevelDescription(
         name=name,
         simulated=simulated,
         level=LevelSettings(level_map.cell_m, level_map.origin, OVER_M, LevelFixer()),
-        verdict=Promises(
-            judge.pose,
-            judge.near,
-            PROMISES,
-            {belief: tuple(verdict.limits(belief)) for belief in BELIEFS},
-            verdict.evidence.blocks,
-            UNSEEN_SHARE,
-        ),
+        verdict=promised,
         reader=dict(reader),
-        sensor=Sensor(float(reader.get("lift_m", 0.0)), None, None, None, None, None, ()),
+        sensor=Sensor(lift_m, None, None, None, None, None, ()),
         provenance=Provenance(source, {"map": digest}, versions),
     )
     arrays = {"occupancy": level_map.occupancy}

@@ -1,7 +1,7 @@
-"""A level site: the grid of a building, asked with the sweeps of a level 2-D laser.
+"""A level site: the map of a building, in which the sweeps of a level 2-D laser are localised.
 
-A single sweep tells little in a corridor. So who drives is followed by a LevelTracker, which
-gathers the sweeps of the last metres over the robot's own odometry.
+A single sweep tells little in a corridor. So a robot that drives is followed by a `LevelTracker`,
+which gathers the sweeps of the last metres by the robot's odometry (METHODS 13.5).
 """
 
 from collections import Counter
@@ -23,12 +23,14 @@ from pipeline.matching.ranking import Ranking
 from pipeline.online import odometry
 from pipeline.online.inputs import Scan
 from pipeline.online.site import (
+    NO_PLACE,
     RUNNERS_UP,
     WORDS,
     Fix,
     RunnerUp,
     Site,
     Word,
+    no_pose,
     promised,
 )
 from pipeline.online.site_file import LevelParts
@@ -36,18 +38,20 @@ from pipeline.online.site_json import LevelDescription
 from pipeline.paths.belief import Belief
 
 FEW = 20
-"""So few points may be of any laser; they make no pose."""
-NO_PLACE = -1
+"""A sweep of no more points may be of any laser; it makes no pose."""
 PATIENCE = 3
-"""Sweeps in a row that may fail to be followed before the robot is lost."""
+"""The robot is lost after so many sweeps in a row whose fix was not accepted."""
+LEAST_CHANCE = 1e-6
+"""A fix is never surely wrong, nor surely right: its chance is this far from 0 and 1."""
 
 
 class LevelSite(Site):
-    """A building that level sweeps can be localised in."""
+    """A building in which level sweeps can be localised."""
 
     is_level = True
 
-    description: LevelDescription  # type: ignore[assignment]  # what both have is what is asked
+    # callers use only what both kinds of site describe
+    description: LevelDescription  # type: ignore[assignment]
 
     def __init__(self, parts: LevelParts) -> None:
         """Build a level site from the content of its file."""
@@ -65,8 +69,8 @@ class LevelSite(Site):
 
     @cached_property
     def walls_m(self) -> NDArray[np.float64]:
-        """The middles (n, 3) of the cells that are walls, in the world, at z = 0."""
-        cells = np.argwhere(self.level_map.walls)[:, ::-1]
+        """The middles (n, 3) of the cells that are walls, in metres in the world, at z = 0."""
+        cells = np.argwhere(self.level_map.walls)[:, ::-1]  # column, row
         grid_m = (cells + 0.5) * self.level_map.cell_m
         world_T_grid = self.level_map.world_T_grid
         world_m = grid_m @ world_T_grid[:2, :2].T + world_T_grid[:2, 3]
@@ -85,7 +89,10 @@ class LevelSite(Site):
         return replace(self.upright(fix, gathered, level_fix), ms=1e3 * (perf_counter() - start))
 
     def upright(self, fix: Fix, gathered: Gathered, level_fix: LevelFix) -> Fix:
-        """The fix, rejected where its laser may be mounted otherwise than was said."""
+        """The fix, or its rejection if the laser may be mounted otherwise than was said.
+
+        `gathered` and `level_fix` are what the fix was judged by.
+        """
         if fix.verdict not in WORDS:
             return fix
         ordered = level_fix.ordered(self.level_judge.pose)
@@ -100,42 +107,40 @@ class LevelSite(Site):
         raise InputError("a level site: it has no places to rank, only a map to search")
 
     def judge_level(self, level_fix: LevelFix, promise: float | None) -> Fix:
-        """The fix of gathered sweeps, with the verdict that a promise allows."""
+        """The fix of gathered sweeps, with the verdict that a promise allows.
+
+        Its time is yet to be filled in.
+        """
         ordered = level_fix.ordered(self.level_judge.pose)
         if not ordered.hypotheses:
-            nowhere = np.full((4, 4), np.nan)
-            return Fix(
-                "no pose", NO_PLACE, nowhere, np.full((6, 6), np.nan), 0.0, 1.0, 1.0, None, (), 0.0
-            )
-        best = ordered.hypotheses[0]
+            return no_pose(np.full((6, 6), np.nan))
+        best, *others = ordered.hypotheses
         doubts = self.level_judge.doubts(ordered).astype(np.float32).astype(np.float64)
         verdict, promised_precision = self.believed(doubts, promise)
-        chances = self.level_judge.chances(ordered)
-        runners_up = tuple(
-            RunnerUp(NO_PLACE, other.world_T_query, other.support.explained, float(chance))
-            for other, chance in list(zip(ordered.hypotheses, chances, strict=True))[
-                1 : RUNNERS_UP + 1
-            ]
-        )
+        _, *chances = self.level_judge.chances(ordered).tolist()
+        runners_up = [
+            RunnerUp(NO_PLACE, other.world_T_query, other.support.explained, chance)
+            for other, chance in zip(others, chances, strict=True)
+        ]
         return Fix(
-            verdict,
-            NO_PLACE,
-            best.world_T_query,
-            best.pose_covariance,
-            best.support.explained,
-            float(doubts[0]),
-            float(doubts[1]),
-            promised_precision,
-            runners_up,
-            0.0,
+            verdict=verdict,
+            place=NO_PLACE,
+            world_T_sensor=best.world_T_query,
+            covariance=best.pose_covariance,
+            overlap=best.support.explained,
+            novelty=float(doubts[0]),
+            place_novelty=float(doubts[1]),
+            promised_precision=promised_precision,
+            runners_up=tuple(runners_up[:RUNNERS_UP]),
+            ms=0.0,
         )
 
 
 class LevelTracker:
-    """Follows a robot through a level site: its sweeps are gathered over odometry.
+    """Follows a robot through a level site, gathering its sweeps by odometry.
 
-    If `is_tracking`, each fix is judged by all sweeps before it too, and sought where the robot is
-    believed; else each is the fix of the gathered sweeps alone, sought everywhere.
+    If `is_tracking`, a fix is sought where the robot is believed to be, and judged by all sweeps so
+    far. Otherwise each fix is that of the gathered sweeps alone, sought in the whole map.
     """
 
     def __init__(
@@ -146,21 +151,21 @@ class LevelTracker:
         self.site = site
         self.is_tracking = is_tracking
         self.steps = Counter[bool]()
-        """How many sweeps came with odometry from the sweep before, and how many without."""
+        """How many sweeps came with odometry since the sweep before (True), and without (False)."""
         self._promise = promise
         self._gatherer = Gatherer()
         self._belief = Belief(site.description.verdict.unseen_share)
-        self._pose: NDArray[np.float64] | None = None
-        self._misses = 0
+        self._pose: NDArray[np.float64] | None = None  # world_T_robot, from which it is tracked
+        self._misses = 0  # sweeps in a row whose fix was not accepted, while tracked
         self._previous_scan: Scan | None = None
 
     @property
     def is_lost(self) -> bool:
-        """Whether no pose is believed from which to go on."""
+        """Whether there is no pose to track the robot from."""
         return self._pose is None
 
     def follow(self, scan: Scan, points_m: NDArray[np.floating]) -> Fix:
-        """The fix of the next sweep and its hits (n, 3), by its own odometry."""
+        """The fix of the next sweep, with its hits (n, 3) and the odometry of its log."""
         driven = odometry.step(self._previous_scan, scan)
         self._previous_scan = scan
         self.steps[driven is not None] += 1
@@ -169,9 +174,10 @@ class LevelTracker:
     def localize(
         self, points_m: NDArray[np.floating], step: NDArray[np.float64] | None = None
     ) -> Fix:
-        """The fix of the next sweep (n, 2) or (n, 3); `step` (4, 4) is the odometry since the last.
+        """The fix of the next sweep's hits (n, 2) or (n, 3), in metres.
 
-        Without odometry the sweep is taken alone. Raises InputError for a 3-D scan.
+        `step` (4, 4) is its pose in the frame of the last sweep, by odometry. Without odometry the
+        sweep is localised alone. Raises InputError for a 3-D scan.
         """
         start = perf_counter()
         self._gatherer.add(level_points(points_m), step)
@@ -185,27 +191,35 @@ class LevelTracker:
         return replace(fix, ms=1e3 * (perf_counter() - start))
 
     def _tracked(self, gathered: Gathered, step: NDArray[np.float64] | None) -> Fix:
-        """The fix of gathered sweeps, given all before."""
+        """The fix of gathered sweeps, given all sweeps before."""
+        site = self.site
+        # move what is believed; without odometry the robot may be anywhere
+        guess = None
         if step is None:
             self._pose = None
             self._belief = Belief(self._belief.unseen_share)
         else:
             self._belief.move(step)
-        guess = None if self._pose is None or step is None else self._pose @ step
-        if guess is not None:
-            level_fix = self.site.level_fixer.track(self.site.field, gathered, guess)
+            guess = None if self._pose is None else self._pose @ step
+        # localise: at the predicted pose, or in the whole map
+        if guess is None:
+            level_fix = site.level_fixer.fix(site.field, gathered)
         else:
-            level_fix = self.site.level_fixer.fix(self.site.field, gathered)
-        fix = self.site.judge_level(level_fix, self._promise)
+            level_fix = site.level_fixer.track(site.field, gathered, guess)
+        fix = site.judge_level(level_fix, self._promise)
         if guess is None or gathered.is_contradicted:
-            fix = self.site.upright(fix, gathered, level_fix)
+            fix = site.upright(fix, gathered, level_fix)
         if fix.verdict == "no pose":
             self._pose = guess
             return fix
-        chance = float(np.clip(1 - fix.novelty, 1e-6, 1 - 1e-6))
-        believed = self._belief.see(fix.world_T_sensor, chance, guess is not None)
-        kept_promises = [promise for promise in self.site.promises if believed >= promise]
+        # judge the fix by what is believed
+        chance = float(np.clip(1 - fix.novelty, LEAST_CHANCE, 1 - LEAST_CHANCE))
+        believed = self._belief.see(fix.world_T_sensor, chance, tracked=guess is not None)
+        kept_promises = [promise for promise in site.promises if believed >= promise]
         verdict: Word = "accepted" if self._promise in kept_promises else "rejected"
+        if verdict == "rejected" and guess is None and fix.verdict in ("near", "ambiguous"):
+            verdict = fix.verdict
+        # track on from here, or be lost after too many misses
         if verdict == "accepted":
             self._pose = fix.world_T_sensor
             self._misses = 0
@@ -215,8 +229,6 @@ class LevelTracker:
             if self._misses >= PATIENCE:
                 self._pose = None
                 self._gatherer.restart()
-        elif fix.verdict in ("near", "ambiguous"):
-            verdict = fix.verdict
         return replace(
             fix,
             verdict=verdict,
@@ -226,9 +238,9 @@ class LevelTracker:
 
 
 def level_points(points_m: NDArray[np.floating]) -> NDArray[np.float64]:
-    """The hits (n, 2) of a level sweep.
+    """The finite hits (n, 2) of a level sweep's points (m, 2) or (m, 3), in metres.
 
-    Raises InputError for anything of another shape or type, and for a 3-D scan.
+    Raises InputError for points of another shape or type, and for a 3-D scan.
     """
     points_m = np.asarray(points_m)
     if points_m.ndim != 2 or points_m.shape[1] not in (2, 3) or points_m.dtype.kind not in "fiu":

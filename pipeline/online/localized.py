@@ -1,4 +1,4 @@
-"""The one loop from scans to fixes: of a site that is asked scan by scan, or of a tracker."""
+"""The loop from scans to fixes that all commands share: each scan alone, or one after the other."""
 
 from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, NamedTuple, cast
@@ -16,11 +16,11 @@ if TYPE_CHECKING:
 
 
 class Localized(NamedTuple):
-    """A scan and its fix."""
+    """A scan, and what was made of it."""
 
     scan: Scan
     points_m: NDArray[np.float64]
-    """(n, 3) as the scan holds them."""
+    """(n, 3) the scan's points, in metres."""
     fix: Fix
 
 
@@ -30,9 +30,10 @@ def localized(
     promise: float | None,
     broken: list[str],
 ) -> Iterator[Localized]:
-    """The fix of each scan, one after the other; a tracker has a promise of its own.
+    """The fix of each scan, one after the other.
 
-    A scan that cannot be read is passed over, and why is appended to `broken`.
+    A site localises each scan alone, with `promise`; a tracker follows them, with its own promise.
+    A scan that cannot be read is passed over, and the reason is appended to `broken`.
     """
     for scan in scans:
         try:
@@ -48,12 +49,12 @@ def localized(
 
 
 def tracker_of(site: Site, promise: float | None, track: bool) -> "Tracker | LevelTracker | None":
-    """What follows the scans of a site; None where each is localised alone.
+    """The tracker that follows the scans in a site; None if each scan is localised alone.
 
-    The sweeps of a level site are gathered, tracked or not.
+    A level site always has one, since its sweeps are gathered; `track` says if it tracks the robot.
     """
     if site.is_level:
-        from pipeline.online.level_site import LevelTracker  # which other sites never need
+        from pipeline.online.level_site import LevelTracker  # other sites never need it
 
         return LevelTracker(cast("LevelSite", site), promise, is_tracking=track)
     return Tracker(site, promise) if track else None

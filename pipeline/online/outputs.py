@@ -1,4 +1,8 @@
-"""Writes fixes as text, JSON, CSV, TUM trajectories, and as poses in an MCAP bag."""
+"""Writes fixes in the formats of `yearloc localize`: text, JSON, CSV, TUM, or an MCAP bag.
+
+`writer` opens one of them; `record` and `person` are a single fix as a JSON object and as a line of
+text, which the server and other commands use too.
+"""
 
 import csv
 import json
@@ -22,6 +26,7 @@ from pipeline.online.inputs import Scan
 from pipeline.online.site import Fix
 
 POSE = ("x", "y", "z", "qx", "qy", "qz", "qw")
+"""Position in metres and quaternion."""
 COLUMNS = (
     "stamp",
     "name",
@@ -34,12 +39,16 @@ COLUMNS = (
     "promised_precision",
     "ms",
 )
-"""Stamp in seconds, position in metres, quaternion; all of a fix that a row of numbers can hold."""
+"""The columns of a CSV file: all of a fix that a row can hold; the stamp is in seconds."""
 Write = Callable[[Scan, Fix], None]
+"""Writes one scan's fix."""
 
 
 def record(scan: Scan, fix: Fix) -> dict[str, Any]:
-    """A fix as a JSON object: COLUMNS, covariance in the world, runners-up; null for unknown."""
+    """A fix as a JSON object: COLUMNS, covariance in the world, runners-up.
+
+    What is unknown is None.
+    """
     row = dict(zip(COLUMNS, _row(scan, fix), strict=True))
     row["stamp"] = None if scan.stamp_ns is None else scan.stamp_ns / 1e9
     has_covariance = np.isfinite(fix.covariance).all() and np.isfinite(fix.world_T_sensor).all()
@@ -59,9 +68,10 @@ def record(scan: Scan, fix: Fix) -> dict[str, Any]:
 
 
 def _row(scan: Scan, fix: Fix) -> list[Any]:
-    stamp = (
-        None if scan.stamp_ns is None else f"{scan.stamp_ns // 10**9}.{scan.stamp_ns % 10**9:09d}"
-    )
+    """A fix as the values of COLUMNS; the stamp is a text with nine decimals."""
+    stamp = None
+    if scan.stamp_ns is not None:
+        stamp = f"{scan.stamp_ns // 10**9}.{scan.stamp_ns % 10**9:09d}"
     numbers = (
         round(fix.novelty, 6),
         round(fix.place_novelty, 6),
@@ -73,20 +83,20 @@ def _row(scan: Scan, fix: Fix) -> list[Any]:
 
 
 def _pose(world_T_sensor: NDArray[np.float64]) -> dict[str, float | None]:
+    """A pose (4, 4) as POSE; None for each where it is unknown."""
     if not np.isfinite(world_T_sensor).all():
         return dict.fromkeys(POSE)
     turn = Rotation.from_matrix(world_T_sensor[:3, :3]).as_quat(canonical=True)
-    return {
-        name: round(float(value), 6)
-        for name, value in zip(POSE, (*world_T_sensor[:3, 3], *turn), strict=True)
-    }
+    values = (*world_T_sensor[:3, 3], *turn)
+    return {name: round(float(value), 6) for name, value in zip(POSE, values, strict=True)}
 
 
 def in_world(fix: Fix) -> NDArray[np.float64]:
     """The covariance (6, 6) of a fix along the world's axes: x, y, z, then turns, as in ROS."""
-    axes = np.kron(np.eye(2), fix.world_T_sensor[:3, :3])
+    world_T_sensor = np.kron(np.eye(2), fix.world_T_sensor[:3, :3])
+    turns_first = world_T_sensor @ fix.covariance @ world_T_sensor.T
     order = [3, 4, 5, 0, 1, 2]
-    return np.asarray((axes @ fix.covariance @ axes.T)[np.ix_(order, order)])
+    return np.asarray(turns_first[np.ix_(order, order)])
 
 
 def person(scan: Scan, fix: Fix) -> str:
@@ -104,10 +114,10 @@ def person(scan: Scan, fix: Fix) -> str:
 
 @contextmanager
 def writer(kind: str, path: Path | None) -> Iterator[Write]:
-    """Writes fixes as `text`, `json`, `csv`, `tum` or `mcap`, to a path, or to standard output.
+    """Writes fixes of a `kind`, text, json, csv, tum or mcap, to a path or to standard output.
 
-    TUM and mcap hold the accepted ones alone, since their readers know no verdict; a scan without a
-    stamp has its number in seconds for one. Raises ConfigError for mcap without a path.
+    TUM and mcap have only the accepted ones, since their readers know no verdict. A scan without a
+    stamp has its number there, in seconds. Raises ConfigError for mcap without a path.
     """
     if kind == "mcap":
         if path is None:
@@ -115,21 +125,25 @@ def writer(kind: str, path: Path | None) -> Iterator[Write]:
         with _bag(path) as write:
             yield write
         return
-    inner: Write | None = None
+    write_text: Write | None = None
     with ExitStack() as stack:
 
         def write(scan: Scan, fix: Fix) -> None:
-            nonlocal inner
-            # opened only when there is a fix to write: a refused call leaves an older file alone
-            if inner is None:
-                opened = path and stack.enter_context(path.open("w", newline="", encoding="utf-8"))
-                inner = _text(kind, opened or sys.stdout)
-            inner(scan, fix)
+            nonlocal write_text
+            # the file is opened at the first fix: a refused command leaves an older file as it is
+            if write_text is None:
+                stream: TextIO = sys.stdout
+                if path is not None:
+                    file = path.open("w", newline="", encoding="utf-8")
+                    stream = stack.enter_context(file)
+                write_text = _text(kind, stream)
+            write_text(scan, fix)
 
         yield write
 
 
 def _text(kind: str, stream: TextIO) -> Write:
+    """Writes fixes to a stream, as any `kind` but mcap."""
     rows = csv.writer(stream)
     number = -1
     if kind == "csv":
@@ -146,9 +160,8 @@ def _text(kind: str, stream: TextIO) -> Write:
             stream.write(person(scan, fix) + "\n")
         elif fix.verdict == "accepted":
             stamp, *_ = _row(scan, fix)
-            stream.write(
-                " ".join(map(str, (stamp or number, *_pose(fix.world_T_sensor).values()))) + "\n"
-            )
+            pose = _pose(fix.world_T_sensor).values()
+            stream.write(" ".join(map(str, (stamp or number, *pose))) + "\n")
         stream.flush()
 
     return write

@@ -1,6 +1,11 @@
-"""Packs a trained model, its map and its verdict into a site file.
+"""Packs a trained model of a study, its map and its verdict into a site file (METHODS 10.1).
 
-The verdict is learned on held-out blocks of the training day.
+1. Read the model and the artifacts of its training day.
+2. Thin the day's submaps into a map, unless that is an artifact already.
+3. Localise held-out blocks of the day, and learn from them when a fix is to be believed.
+4. Write all of it, with what it was made of, into one file.
+
+A model of level sweeps becomes a level site (level_pack.py).
 """
 
 import platform
@@ -47,8 +52,11 @@ from pipeline.studies.layout import Layout
 from pipeline.studies.study import Study, StudyMethod
 
 VERSIONS = ("numpy", "numba", "torch", "small_gicp", "safetensors")
+"""Packages whose versions a site records."""
 NOT_ASKED = (HELD_OUT, "curves/", "best_epoch")
-"""Arrays of a model that nobody needs to localise."""
+"""Arrays of a model whose names begin so are not needed to localise, and are left out."""
+SENSOR_SCANS = 9
+"""What the sensor looks like is judged by so many scans, evenly spread."""
 
 
 @dataclass(frozen=True)
@@ -61,14 +69,14 @@ class Trained:
     train: str
     """The sequence that was learned."""
     view: str
-    """What the method looks at: a file of conf/view."""
+    """What the method looks at: the name of a file of conf/view."""
     model: Path
     labels: Path
     scans: Path
     submaps: Path
     views: Path
     map: Path
-    """The day's map, which is made anew where there is none."""
+    """The day's map; it may be missing, and is then made."""
 
     @classmethod
     def named(cls, layout: Layout, studies: Mapping[str, Study], name: str) -> Self:
@@ -79,25 +87,24 @@ class Trained:
         """
         dataset, grid, model_name, method = _named(studies, name)
         train = studies[dataset].train_text
-        looked_at = next(
-            method.view_of(model.variant) for model in method.models if model.name == model_name
-        )
+        variant = next(model.variant for model in method.models if model.name == model_name)
+        view = method.view_of(variant)
         return cls(
             name,
             studies[dataset].simulated,
             train,
-            looked_at,
+            view,
             layout.path("train", dataset, grid, model_name),
             layout.path("labels", dataset, grid, train),
             layout.path("scans", dataset, train),
             layout.path("submaps", dataset, train),
-            layout.path("views", dataset, looked_at, train),
+            layout.path("views", dataset, view, train),
             layout.path("map", dataset, train),
         )
 
     @property
     def dataset(self) -> str:
-        """A file of conf/dataset."""
+        """The name of a file of conf/dataset."""
         return self.name.partition("/")[0]
 
 
@@ -106,6 +113,7 @@ class Packing:
     """Packs sites from a project's artifacts, as its conf/ describes them."""
 
     conf: Path
+    """The folder conf/ of the project."""
 
     def pack(self, trained: Trained, out: Path, progress: Progress) -> str:
         """Write the site of a model; returns what it holds, in a line.
@@ -117,12 +125,11 @@ class Packing:
         labels = store.read(trained.labels, schemas.Labels)
         scans = store.read(trained.scans, schemas.Scans)
         submaps = store.read(trained.submaps, schemas.Submaps)
-        if not (submaps.load("first") == submaps.load("scans")).all():
-            if Sweeps.of(scans).is_level:
-                reader = read_yaml(self.conf / "dataset" / f"{trained.dataset}.yaml")["reader"]
-                return pack_sweeps(
-                    name, out, scans, trained.train, trained.simulated, reader, progress
-                )
+        reader = read_yaml(self.conf / "dataset" / f"{trained.dataset}.yaml")["reader"]
+        is_single = (submaps.load("first") == submaps.load("scans")).all()
+        if not is_single and Sweeps.of(scans).is_level:
+            return pack_sweeps(name, out, scans, trained.train, trained.simulated, reader, progress)
+        if not is_single:
             raise ConfigError(
                 f"{name}: its submaps gather several scans, or sweeps that are not level; a site "
                 "localises single scans or level sweeps"
@@ -135,16 +142,15 @@ class Packing:
         fixer, held_out = (build(settings[key], site.ROOTS) for key in ("fixer", "held_out"))
         assert isinstance(held_out, HeldOut)
         with ExitStack() as stack:
+            # the map: that of the study, or one made for now
             map_path = trained.map
             if not map_path.is_dir():
                 map_path = Path(stack.enter_context(TemporaryDirectory()), map_path.name)
                 progress.tell(f"thin {submaps['scans'].shape[0]} submaps into a map")
-                thinning = {
-                    key: value
-                    for key, value in read_yaml(self.conf / "map.yaml").items()
-                    if key.endswith("_m")
-                }
-                write_map(map_path, scans, submaps, **thinning)
+                map_settings = read_yaml(self.conf / "map.yaml").items()
+                lengths = {key: value for key, value in map_settings if key.endswith("_m")}
+                write_map(map_path, scans, submaps, **lengths)
+            # the verdict's evidence: held-out blocks, localised
             site_map = store.read(map_path, schemas.Maps)
             localizer = build(recipe, site.ROOTS).localizer(trained_model)
             views = Rows.read(trained.views)
@@ -156,8 +162,14 @@ class Packing:
             evidence = held_out.evidence(fixer, learned_day, compute, progress)
             arrays = {key: site_map.load(key) for key in schemas.Maps.columns}
         verdict = Verdict(evidence, settings["unseen_share"])
-        limits = {belief: verdict.limits(belief) for belief in BELIEFS}
-        reader = read_yaml(self.conf / "dataset" / f"{trained.dataset}.yaml")["reader"]
+        promises = Promises(
+            verdict.judge.pose,
+            verdict.judge.place,
+            PROMISES,
+            {belief: tuple(verdict.limits(belief)) for belief in BELIEFS},
+            evidence.blocks,
+            settings["unseen_share"],
+        )
         description = SiteDescription(
             name=name,
             simulated=trained.simulated,
@@ -167,33 +179,18 @@ class Packing:
             k=k,
             places=Grid(labels.cell_m, labels.x_m, labels.y_m),
             map=MapSettings(site_map.grain_m, site_map.range_m, site_map.single),
-            verdict=Promises(
-                verdict.judge.pose,
-                verdict.judge.place,
-                PROMISES,
-                {belief: tuple(limits[belief]) for belief in BELIEFS},
-                evidence.blocks,
-                settings["unseen_share"],
-            ),
+            verdict=promises,
             reader=reader,
             sensor=self._sensor(scans, submaps, reader),
             provenance=self._provenance(trained),
             growth=Growth(site_map.voxel_m, (LearnedDay(trained.train, len(views.stamps_ns)),)),
         )
-        growth_views = learned_from(views, trained_model)
         model = {
             key: array for key, array in trained_model.items() if not key.startswith(NOT_ASKED)
         }
-        site_file.write(
-            out,
-            site_file.Parts(
-                description,
-                model,
-                {**arrays, "cells": labels.cells, **evidence.expectations.arrays},
-                None,
-                growth_views,
-            ),
-        )
+        arrays = {**arrays, "cells": labels.cells, **evidence.expectations.arrays}
+        growth_views = learned_from(views, trained_model)
+        site_file.write(out, site_file.Parts(description, model, arrays, None, growth_views))
         kept = description.verdict.kept
         promised = f"promises {', '.join(map(str, kept)) or 'nothing'}"
         if len(kept) < len(PROMISES):
@@ -216,17 +213,17 @@ class Packing:
     def _sensor(
         self, scans: schemas.Scans, submaps: schemas.Submaps, reader: Mapping[str, Any]
     ) -> Sensor:
-        """What nine training scans look like, and how high the reader raises them."""
-        rows = np.unique(np.linspace(0, len(submaps.scans) - 1, 9).astype(int))
+        """What some of the training scans look like, and how high the reader raises them."""
+        rows = np.unique(np.linspace(0, len(submaps.scans) - 1, SENSOR_SCANS).astype(int))
         clouds = (next(iter(submap_points(scans, submaps, slice(row, row + 1)))) for row in rows)
         lift_m = float(reader.get("lidar_height_m", reader.get("lift_m", 0.0)))
         return typical(clouds, lift_m)
 
 
 def _named(studies: Mapping[str, Study], name: str) -> tuple[str, str, str, StudyMethod]:
-    """Study, grid, model and the study's entry of its method, from STUDY/GRID/MODEL.
+    """The study, grid and model of STUDY/GRID/MODEL, and the study's entry of the method.
 
-    Raises ConfigError where there is no such model.
+    Raises ConfigError where there is no such model, or it cannot be packed.
     """
     words = name.split("/")
     if len(words) != 3 or words[0] not in studies:
@@ -254,7 +251,8 @@ def _named(studies: Mapping[str, Study], name: str) -> tuple[str, str, str, Stud
 def learned_from(views: Rows, model: Model) -> Arrays:
     """The arrays that a site keeps in order to grow.
 
-    These are its views, the day and the chance of each, and the held-out answers of its model.
+    These are the views that its model learned from, for each the number of its day and the chance
+    that its pose is right, and the model's answers to held-out views.
     """
     n = len(views.stamps_ns)
     arrays = {

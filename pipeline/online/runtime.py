@@ -1,6 +1,7 @@
-"""Localises with a network of SCI or its ring without torch.
+"""Ranks places by a network of SCI or of its ring without torch, so that a site opens fast.
 
-An exported one runs through ONNX Runtime, any other in plain NumPy.
+The network is either exported and run by ONNX Runtime (`exported`), or computed in NumPy
+(networks/plain.py). `localizer` makes rankings of its answers, as the methods do (METHODS 2.6, 8).
 """
 
 from collections.abc import Callable, Mapping
@@ -14,15 +15,17 @@ from pipeline.matching.outlines import Outlines, outlines, reranked
 from pipeline.matching.ranking import Localizer, Ranking, Rows
 
 NETWORK = "network.onnx"
+"""The name of an exported network in a site file."""
 INPUT = "heights_m"
 CLASSIFIED = ("scores", "features", "heading_deg")
+"""The names of an exported network's input and outputs."""
 Network = Callable[[NDArray[np.float32]], tuple[NDArray[np.float32], ...]]
-"""From heights (rings, sectors) in metres to scores (places,), features (64,) and headings
+"""Takes heights (rings, sectors) in metres; returns scores (places,), features (64,) and headings
 (places,) in degrees."""
 
 
 def session(data: bytes, threads: int = 1) -> Any:
-    """Open ONNX Runtime's session of a file's bytes, on the processor."""
+    """Open an ONNX Runtime session of a file's bytes, on the processor."""
     import onnxruntime
 
     options = onnxruntime.SessionOptions()
@@ -32,7 +35,7 @@ def session(data: bytes, threads: int = 1) -> Any:
 
 
 def exported(data: bytes, threads: int) -> Network:
-    """The network of an ONNX file's bytes."""
+    """The network in the bytes of an ONNX file."""
     run = session(data, threads)
 
     def answer(heights_m: NDArray[np.float32]) -> tuple[NDArray[np.float32], ...]:
@@ -43,10 +46,10 @@ def exported(data: bytes, threads: int) -> Network:
 
 
 def localizer(network: Network, model: Mapping[str, NDArray[Any]]) -> Localizer:
-    """A localizer that answers the k places of highest softmax; novelty is one minus the highest.
+    """A localizer that ranks the k places of the highest softmax of a network's scores.
 
-    A network with headings is the ring's, whose first answer lies at the training view most like
-    the query (METHODS 8).
+    The novelty of a query is one minus the highest. A network with headings is that of the ring:
+    its first answer lies where the training view with the most similar features was taken.
     """
     place_xy_m = model["place_xy_m"]
     training_outlines = Outlines.of(model) if Outlines.is_in(model) else None

@@ -1,4 +1,8 @@
-"""Checks whether scans come from a sensor like the one that a site was learned with."""
+"""Checks whether scans come from a sensor like the one that a site was learned with.
+
+`typical` sums up what the training scans look like, when a site is packed; `unlike` compares a scan
+with that, and says in a line what is wrong and how to place the points instead.
+"""
 
 from collections.abc import Iterable
 
@@ -9,27 +13,29 @@ from pipeline.core.frames import Poses, rpy
 from pipeline.inspection.cloud import RAISED_M, Diagnosis, diagnose
 from pipeline.inspection.symptoms import Kind
 from pipeline.online.site_json import Sensor
-from pipeline.online.tilt import LEVEL_DEG, lean
+from pipeline.online.tilt import LEVEL_DEG, Lean, lean
 from pipeline.readers.log import raised
 
 HEIGHT_M = 0.5
+"""A sensor is as high as another within this."""
 BEAMS = 1.5
+"""A sensor has as many beams as another within this ratio."""
 ROUND_DEG = 60.0
-"""Differences that matter: of the sensor's height, of the number of beams as a ratio, of the
-azimuth covered."""
+"""A sensor covers as much azimuth as another, less at most this."""
 RAISE = "--lift {:.2f}"
+"""The option by which the command line raises points."""
 TURN = "--body-T-lidar={}"
-"""How the command line raises points, and places them with x, y, z in metres and roll, pitch, yaw
-in degrees."""
+"""The option by which it places them, with x, y, z in metres and roll, pitch, yaw in degrees."""
 OF_LOGS = "{:+.2f} m more of reader.lift_m (of KITTI lidar_height_m)"
-"""How the reader of a log raises them."""
+"""The setting by which the reader of a log raises them."""
 COMPARED_BY_NUMBER = (Kind.GROUND, Kind.BEAMS, Kind.NOT_ROUND)
+"""Symptoms of a scan that say less than the numbers that are compared here."""
 
 
 def typical(clouds: Iterable[NDArray[np.float64]], lift_m: float) -> Sensor:
-    """What scans (n, 3) of a sensor look like, which a reader raised by `lift_m`.
+    """What scans (n, 3) of a sensor look like, as medians; a reader raised them by `lift_m`.
 
-    A median is None where most scans have no value.
+    A median is None if most scans have no value.
     """
     diagnoses = [diagnose(cloud) for cloud in clouds]
 
@@ -56,58 +62,58 @@ def unlike(
     body_T_lidar: Poses | None,
     ways: tuple[str, str] = (RAISE, TURN),
 ) -> list[str]:
-    """Warnings where the sensor of a scan (n, 3) is unlike `trained`, which `typical` gave.
+    """Warnings where the sensor of a scan (n, 3) is unlike that of the site, `trained`.
 
-    The points were already placed by `body_T_lidar` (4, 4); None of a log, which its reader places.
-    `ways` are how to raise or to place them otherwise.
+    The points have been placed by `body_T_lidar` (4, 4), or by a log's reader if that is None.
+    `ways` are the options by which the user can raise points, and place them.
     """
     diagnosis = diagnose(points_m)
     expected_kinds = {*trained.warnings, *COMPARED_BY_NUMBER}
     unexpected = [symptom for symptom in diagnosis.symptoms if symptom.kind not in expected_kinds]
-    down = any(symptom.kind == Kind.DOWN for symptom in unexpected)
-    if leaning := lean(points_m, down):  # and so heights say nothing
-        turned_over = "upside down" if leaning.upside_down else ""
-        tilted = f"tilted by about {leaning.tilt_deg:.0f}°" if leaning.tilt_deg >= LEVEL_DEG else ""
-        remedy = (
-            ""
-            if body_T_lidar is None
-            else ways[1].format(_numbers(leaning.upright_T_points @ body_T_lidar))
-        )
-        return [
-            " and ".join(filter(None, (turned_over, tilted)))
-            + (f": it would stand upright with {remedy}" if remedy else "")
-        ]
+    is_upside_down = any(symptom.kind == Kind.DOWN for symptom in unexpected)
+    if leaning := lean(points_m, is_upside_down):  # then heights say nothing
+        return [_leaning(leaning, body_T_lidar, ways)]
     remedy = OF_LOGS.format(-diagnosis.ground_m)
     if body_T_lidar is not None and np.isfinite(diagnosis.ground_m):
         remedy = _raised(body_T_lidar, diagnosis.ground_m, ways)
-    return [
-        *_differences(diagnosis, trained, remedy),
-        *(symptom.text for symptom in unexpected),
-    ]
+    warnings = list(_differences(diagnosis, trained, remedy))
+    return warnings + [symptom.text for symptom in unexpected]
+
+
+def _leaning(leaning: Lean, body_T_lidar: Poses | None, ways: tuple[str, str]) -> str:
+    """Says how a scan leans, and unless a log's reader placed it, how it would stand upright."""
+    faults = []
+    if leaning.upside_down:
+        faults.append("upside down")
+    if leaning.tilt_deg >= LEVEL_DEG:
+        faults.append(f"tilted by about {leaning.tilt_deg:.0f}°")
+    warning = " and ".join(faults)
+    if body_T_lidar is None:
+        return warning
+    remedy = ways[1].format(_numbers(leaning.upright_T_points @ body_T_lidar))
+    return f"{warning}: it would stand upright with {remedy}"
 
 
 def _raised(body_T_lidar: Poses, ground_m: float, ways: tuple[str, str]) -> str:
-    """How to place the points so that their ground is at z = 0."""
+    """The option by which the ground of the points, now at `ground_m`, would be at z = 0."""
     placed = raised(-ground_m) @ body_T_lidar
-    return (
-        ways[0].format(placed[2, 3])
-        if np.allclose(placed, raised(placed[2, 3]))
-        else ways[1].format(_numbers(placed))
-    )
+    is_only_raised = np.allclose(placed, raised(placed[2, 3]))
+    return ways[0].format(placed[2, 3]) if is_only_raised else ways[1].format(_numbers(placed))
 
 
 def _numbers(pose: Poses) -> str:
     """A pose (4, 4) as x,y,z,roll,pitch,yaw, in metres and degrees."""
     turn_deg = np.rad2deg(rpy(pose[None])[0])
-    return ",".join(
-        [
-            *(f"{value + 0:.2f}" for value in pose[:3, 3].round(2)),
-            *(f"{value + 0:.1f}" for value in turn_deg.round(1)),
-        ]
-    )
+    position = [f"{value + 0:.2f}" for value in pose[:3, 3].round(2)]  # + 0 makes −0 a 0
+    turn = [f"{value + 0:.1f}" for value in turn_deg.round(1)]
+    return ",".join(position + turn)
 
 
 def _differences(diagnosis: Diagnosis, trained: Sensor, remedy: str) -> Iterable[str]:
+    """Warnings where the numbers of a scan differ from those of the training scans.
+
+    `remedy` is how to raise the points to the ground; it may be empty.
+    """
     beams = trained.beams
     height_m = trained.sensor_m
     azimuth_deg = trained.azimuth_deg

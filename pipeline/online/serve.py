@@ -1,4 +1,8 @@
-"""A site over HTTP: POST /localize, GET /healthz, GET /metrics for Prometheus."""
+"""Localises over HTTP: POST /localize answers a scan with its fix as JSON (`yearloc serve`).
+
+Scans are localised one after the other, and a few may wait; GET /healthz and GET /metrics, for
+Prometheus, tell how the server is doing.
+"""
 
 import asyncio
 import hmac
@@ -27,33 +31,36 @@ from pipeline.online.outputs import record
 from pipeline.online.site import Fix, Site
 from pipeline.readers.log import raised
 
-FORM = "application/x-www-form-urlencoded"  # what curl and others say where nobody says anything
+FORM = "application/x-www-form-urlencoded"
+"""The content type that curl and others give a body by themselves; it is read as FLOATS."""
 BODY_S = 10.0
+"""A body that takes longer to arrive is refused."""
 ANSWER_S = 30.0
+"""A request gets an answer within this, or none."""
 WAITING = 16
-"""Scans that may wait in one worker; one more is refused."""
+"""At most so many scans wait in one worker; a further one is refused."""
 GONE = 499
 LEFT = "the client is gone"
-"""What the metrics call a request whose client does not wait any more, and what nobody reads of
-it."""
+"""The status, for the metrics, and the reason of a request whose client has left."""
 WAYS = "lift_m={:.2f}", "body_T_lidar={}"
-"""How a request raises points, or places them."""
+"""The options by which a request raises its points, or places them (sensor.py)."""
 SITE = "YEARLOC_SITE"
 TOKEN = "YEARLOC_TOKEN"
+"""Environment variables: the path of the site, and the token that requests must bear."""
 
 
 class RequestError(Exception):
-    """A request that gets no fix: HTTP status, and why in a line."""
+    """A request gets no fix, but this HTTP status, and the reason in a line."""
 
     def __init__(self, status: int, reason: str, retry_after_s: int | None = None) -> None:
-        """`retry_after_s` is when the client may try again."""
+        """`retry_after_s` tells the client when it may try again."""
         super().__init__(reason)
         self.status = status
         self.headers = None if retry_after_s is None else {"Retry-After": str(retry_after_s)}
 
 
 def check_reach(host: str, token: str) -> None:
-    """Raise ConfigError for an address that other machines can reach, if there is no token."""
+    """Raise ConfigError if other machines can reach the address `host` and there is no token."""
     try:
         local = host == "localhost" or ip_address(host).is_loopback
     except ValueError:
@@ -65,14 +72,15 @@ def check_reach(host: str, token: str) -> None:
 
 
 def serving(path: Path, token: str = "") -> FastAPI:
-    """The HTTP application of a site; a request must bear `token`, unless it is empty.
+    """The HTTP application of the site at `path`; requests must bear the token, unless it is empty.
 
     Raises ArtifactError where there is no site.
     """
     site = Site.open(path)
-    lane = ThreadPoolExecutor(1)
+    localizing = ThreadPoolExecutor(1)  # one scan after the other
+    waiting = asyncio.Semaphore(WAITING)
     registry = CollectorRegistry()
-    shared = bool(os.environ.get("PROMETHEUS_MULTIPROC_DIR"))
+    has_workers = bool(os.environ.get("PROMETHEUS_MULTIPROC_DIR"))
     answers = Counter("yearloc_fixes", "Fixes by verdict", ["verdict"], registry=registry)
     refusals = Counter(
         "yearloc_refused", "Requests without a fix by status", ["status"], registry=registry
@@ -83,10 +91,9 @@ def serving(path: Path, token: str = "") -> FastAPI:
         registry=registry,
         buckets=(0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5),
     )
-    sensor_warnings: list[str] | None = None
+    sensor_warnings: list[str] | None = None  # of the first scan that has a pose
     last_ms = 1e3
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
-    waiting = asyncio.Semaphore(WAITING)
 
     @app.exception_handler(RequestError)
     async def refuse(_: Request, error: RequestError) -> Response:
@@ -103,35 +110,26 @@ def serving(path: Path, token: str = "") -> FastAPI:
 
     @app.post("/localize")
     async def localize(request: Request) -> Response:
+        nonlocal sensor_warnings, last_ms
         _authorise(request, token)
-        if unknown_options := sorted(
-            {*request.query_params} - {"promise", "lift_m", "body_T_lidar"}
-        ):
-            raise RequestError(
-                400,
-                f"?{unknown_options[0]:.30}: no such option; expected promise, lift_m or "
-                "body_T_lidar",
-            )
+        _check_options(request)
         promise = _promise(request, site)
         body_T_lidar = _placement(request, site)
-        nonlocal sensor_warnings, last_ms
         if waiting.locked():
             raise RequestError(
                 503, f"{WAITING} scans wait already; ask again", ceil(WAITING * last_ms / 1e3)
             )
         async with waiting:
-            stamp_ns, points_m = _points(
-                await _body(request), request.headers.get("content-type", FLOATS)
-            )
+            body = await _body(request)
+            stamp_ns, points_m = _points(body, request.headers.get("content-type", FLOATS))
             points_m = placed(points_m, body_T_lidar)
+            future = localizing.submit(site.localize, points_m, promise)
             try:
-                fix = await _while_connected(request, lane.submit(site.localize, points_m, promise))
+                fix = await _while_connected(request, future)
             except YearlocError as error:
                 raise RequestError(400, str(error)) from None
         last_ms = fix.ms
-        if (
-            sensor_warnings is None and fix.verdict != "no pose" and not site.is_level
-        ):  # the first scan tells of the sensor
+        if sensor_warnings is None and fix.verdict != "no pose" and not site.is_level:
             sensor_warnings = sensor.unlike(points_m, site.description.sensor, body_T_lidar, WAYS)
         answers.labels(fix.verdict).inc()
         durations.observe(fix.ms / 1e3)
@@ -150,35 +148,44 @@ def serving(path: Path, token: str = "") -> FastAPI:
     @app.get("/metrics")
     async def metrics(request: Request) -> Response:
         _authorise(request, token)
-        all_workers = CollectorRegistry()
-        if shared:
-            MultiProcessCollector(all_workers)  # type: ignore[no-untyped-call]
-        return PlainTextResponse(
-            generate_latest(all_workers if shared else registry),
-            media_type="text/plain; version=0.0.4",
-        )
+        collected = registry
+        if has_workers:
+            collected = CollectorRegistry()
+            MultiProcessCollector(collected)  # type: ignore[no-untyped-call]
+        text = generate_latest(collected)
+        return PlainTextResponse(text, media_type="text/plain; version=0.0.4")
 
     return app
 
 
 def from_environment() -> FastAPI:
-    """The application as each of several workers builds it, from SITE and TOKEN.
-
-    Both are names of environment variables.
-    """
+    """The application of the environment's site and token, as each of several workers builds it."""
     return serving(Path(os.environ[SITE]), os.environ.get(TOKEN, ""))
 
 
 def _authorise(request: Request, token: str) -> None:
+    """Raise RequestError for a request that does not bear the token."""
     authorization = request.headers.get("authorization", "").encode("utf-8", "replace")
     if token and not hmac.compare_digest(authorization, f"Bearer {token}".encode()):
         raise RequestError(401, "expected the header Authorization: Bearer TOKEN")
 
 
+def _check_options(request: Request) -> None:
+    """Raise RequestError for an option that there is not."""
+    unknown_options = {*request.query_params} - {"promise", "lift_m", "body_T_lidar"}
+    if unknown_options:
+        raise RequestError(
+            400,
+            f"?{min(unknown_options):.30}: no such option; expected promise, lift_m or "
+            "body_T_lidar",
+        )
+
+
 def _promise(request: Request, site: Site) -> float | None:
-    promise = (
-        None if request.query_params.get("promise") == "none" else _number(request, "promise", 0.99)
-    )
+    """The promise that a request asks for; RequestError for one that the site cannot make."""
+    promise = None
+    if request.query_params.get("promise") != "none":
+        promise = _number(request, "promise", 0.99)
     try:
         site.check(promise)
     except InputError as error:
@@ -187,7 +194,7 @@ def _promise(request: Request, site: Site) -> float | None:
 
 
 def _placement(request: Request, site: Site) -> Poses:
-    """The pose (4, 4) of the points in the body."""
+    """The pose (4, 4) of a request's points in the body; RequestError for one that is none."""
     lift_m = _number(request, "lift_m", site.description.sensor.lift_m)
     if (text := request.query_params.get("body_T_lidar")) is None:
         return raised(lift_m)
@@ -200,6 +207,7 @@ def _placement(request: Request, site: Site) -> Poses:
 
 
 def _number(request: Request, name: str, default: float) -> float:
+    """The number of an option; RequestError if it is none."""
     text = request.query_params.get(name)
     try:
         number = default if text is None else float(text)
@@ -211,7 +219,7 @@ def _number(request: Request, name: str, default: float) -> float:
 
 
 async def _body(request: Request) -> bytes:
-    """Read the body; raises RequestError for one that is too long or too slow."""
+    """Read the body of a request; raises RequestError for one that is too long or too slow."""
 
     async def read() -> bytes:
         parts = bytearray()
@@ -230,9 +238,9 @@ async def _body(request: Request) -> bytes:
 
 
 async def _while_connected(request: Request, future: "Future[Fix]") -> Fix:
-    """Wait for the fix while its client is connected, no longer than ANSWER_S.
+    """Wait for a fix while its client is connected, for ANSWER_S at most.
 
-    A fix that nobody waits for any more leaves the queue.
+    A fix that nobody waits for any more leaves the queue. Raises RequestError without a fix.
     """
     disconnect = asyncio.ensure_future(request.receive())
     answer = asyncio.wrap_future(future)

@@ -1,4 +1,12 @@
-"""A site: all that localising in a place needs, in one file, without DVC, Hydra or MLflow."""
+"""A site: all that it takes to localise scans in a place, opened from one file.
+
+A scan goes in, a `Fix` comes out: where it was taken, and whether to believe that (METHODS 10.1):
+
+1. The method ranks places by the scan (`rank`).
+2. The scan is registered with the map at these places, then all over the map (`register`): its
+   hypotheses are the poses that it may have.
+3. The verdict that was learned with the site tells which to believe (`judge`).
+"""
 
 import time
 from collections.abc import Callable
@@ -27,37 +35,44 @@ from pipeline.posing.targets import Targets
 from pipeline.posing.verdict import BELIEFS, Judge
 
 ROOTS = ("pipeline.methods.", "pipeline.views.", "pipeline.posing.")
+"""A site file may name classes of these modules only."""
 LEVEL_SITE = ("pipeline.online.level_site", "LevelSite")
-"""What a level site is opened as: a Site too, so its module imports this one."""
+"""The module and class of a level site. It is a Site, so its module imports this one, and is
+imported here only when it is needed."""
 LOOKS = ("colormap", "h_min_m", "h_max_m")
-"""Settings of a method by which a network looks at heights."""
+"""Settings of a method by which its network looks at heights."""
+NO_PLACE = -1
+"""The place of a pose outside of all places."""
 RUNNERS_UP = 3
-FARTHEST_M = 1e3  # no lidar sees farther
+"""A fix names at most so many other poses."""
+FARTHEST_M = 1e3
+"""Points farther from the origin are dropped: no lidar sees so far."""
 SWEEP_POINTS = 50
-"""Fewer points may be of any laser; they make no pose."""
+"""A scan of fewer points may be of any laser; it makes no pose."""
 Word = Literal["accepted", "near", "ambiguous", "rejected", "no pose"]
-"""The verdict on a fix, with the promise that was asked for.
+"""The verdict on a fix, at the promised precision that was asked for.
 
-Accepted: the pose is right within 2 m and 5°, of a level site within 1 m and 10°. Near: that is
-not believed, but that the robot is within 15 m of the pose is, of a level site within 5 m.
-Ambiguous: it has the pose or that of a runner-up. Rejected: nothing is believed. No pose: too few
-points, or nothing fits.
+- accepted: the pose is right, within 2 m and 5° (in a level site 1 m and 10°).
+- near: the pose may be wrong, but the robot is within 15 m of it (in a level site 5 m).
+- ambiguous: the robot has the pose, or that of a runner-up.
+- rejected: none of these is believed.
+- no pose: there are too few points, or nothing fits.
 """
-NO_LIMITS = (0.0,) * len(BELIEFS)
-"""Limits that accept nothing: no doubt is below them."""
 WORDS: tuple[Word, ...] = ("accepted", "near", "ambiguous")
-"""The verdict for each of BELIEFS."""
+"""The verdict that each of BELIEFS (posing/verdict.py) leads to, if it is believed."""
+NO_LIMITS = (0.0,) * len(BELIEFS)
+"""A belief is accepted if its doubt, one minus its chance, is below its limit: here none is."""
 
 
 @dataclass(frozen=True)
 class RunnerUp:
-    """Another pose that the scan may have, which contradicts the best one."""
+    """Another pose that the scan may have instead of the best one; see Fix for its fields."""
 
     place: int
     world_T_sensor: NDArray[np.float64]
     overlap: float
     chance: float
-    """Chance that it is right."""
+    """The chance that this pose is right."""
 
 
 @dataclass(frozen=True)
@@ -66,38 +81,38 @@ class Fix:
 
     verdict: Word
     place: int
-    """The grid cell of the pose; −1 outside all cells that training visited."""
+    """The grid cell of the pose; −1 outside of all cells that training visited."""
     world_T_sensor: NDArray[np.float64]
-    """(4, 4) of the frame that the points were given in; NaN without a pose."""
+    """(4, 4) the pose of the frame that the points were given in; NaN without a pose."""
     covariance: NDArray[np.float64]
-    """(6, 6) of a turn about x, y, z in radians, then of a step along x, y, z in metres, in the
-    frame of the points; what `yearloc localize` and the server write is x, y, z first, along the
-    world's axes, as in ROS."""
+    """(6, 6) of a small turn about x, y, z in radians, then of a step along x, y, z in metres, in
+    the frame of the points. `yearloc localize` and the server write it as ROS does: x, y, z first,
+    along the world's axes."""
     overlap: float
-    """Share of the scan's voxels that the map has within half a metre; of a level site, of the
-    beams that end at a wall of the map."""
+    """The share of the scan's voxels that the map has within half a metre; in a level site, the
+    share of beams that end at a wall of the map."""
     novelty: float
     """One minus the chance that the pose is right."""
     place_novelty: float
-    """One minus the chance that the robot is within 15 m of it; of a level site, within 5 m."""
+    """One minus the chance that the robot is within 15 m of the pose (in a level site 5 m)."""
     promised_precision: float | None
-    """The highest precision promised on held-out blocks that this fix keeps; None of none."""
+    """The highest promise that this pose keeps; None if it keeps none."""
     runners_up: tuple[RunnerUp, ...]
-    """Poses elsewhere, the likeliest first: 5 m or more away, of a level site 1 m or 20°."""
+    """Other poses, the likeliest first: 5 m or more away (in a level site 1 m or 20°)."""
     ms: float
     """Milliseconds from points to fix."""
 
 
 class Site:
-    """A place that scans can be localised in: method, map and verdict of one site file."""
+    """A place in which scans can be localised, with the method, map and verdict of its file."""
 
     is_level = False
-    """Whether it is asked with the sweeps of a level 2-D laser, not with 3-D scans."""
+    """Whether it localises the sweeps of a level 2-D laser, not 3-D scans."""
 
     def __init__(self, parts: Parts, threads: int = 1) -> None:
-        """Build a site from the content of its file.
+        """Build a site from the content of its file; `threads` is for the network.
 
-        Networks of SCI and of its ring answer on one thread without torch.
+        On one thread the networks of SCI and of its ring need no torch.
         """
         description, model, arrays, network, _ = parts
         self.description = description
@@ -120,16 +135,16 @@ class Site:
             expectations=Expectations.of_arrays(arrays),
         )
         self.promises: dict[float, tuple[float, ...]] = promised(verdict)
-        """Each precision that it can promise of a pose, with the doubt to reject each of BELIEFS
-        from."""
+        """For each precision that can be promised of a pose, the limits of the doubts in
+        BELIEFS."""
         self.k = description.k
 
     @classmethod
     def open(cls, path: str | Path, threads: int = 1, level: bool = True) -> Self:
-        """Read a site file; `threads` is for the network, `level` is whether a level site will do.
+        """Open a site file. A level site is opened too, as a LevelSite, unless `level` is False.
 
-        Raises ArtifactError for one that is not whole or of this version, NotInstalledError where a
-        package that it needs is missing.
+        `threads` is for the network. Raises ArtifactError for a file that is not whole or of
+        another version, NotInstalledError where a package that it needs is missing.
         """
         path = Path(path)
         parts = read_either(path) if level else read(path)
@@ -162,20 +177,20 @@ class Site:
     def check(self, promise: float | None) -> None:
         """Raise InputError for a promise that the site cannot make."""
         if promise is not None and promise not in self.promises:
-            promises = " and ".join(map(str, self.promises))
-            possible = (
-                f"it can {promises}: say --promise {min(self.promises)}, or promise= of that"
-                if promises
-                else "nor any other; ask for none"
-            )
+            possible = "nor any other; ask for none"
+            if self.promises:
+                promises = " and ".join(map(str, self.promises))
+                possible = (
+                    f"it can {promises}: say --promise {min(self.promises)}, or promise= of that"
+                )
             raise InputError(f"promise={promise:g}: this site cannot promise that, {possible}")
 
     def localize(self, points_m: NDArray[np.floating], promise: float | None = 0.99) -> Fix:
         """Localise a scan's points (n, 3) in metres: x forward, y left, z up, ground at z = 0.
 
-        Points that are not finite are dropped. The fix is accepted with a promised precision, one
-        of `promises`; None accepts nothing. Raises InputError for points of another shape, or a
-        promise that the site cannot make.
+        Points that are not finite are dropped. The fix is accepted if it keeps `promise`, one of
+        the precisions in `promises`; None accepts nothing. Raises InputError for points of another
+        shape, or a promise that the site cannot make.
         """
         start = time.perf_counter()
         self.check(promise)
@@ -190,93 +205,102 @@ class Site:
         return replace(self.judge(registered, promise), ms=1e3 * (time.perf_counter() - start))
 
     def rank(self, points_m: NDArray[np.float64]) -> Ranking:
-        """The method's own ranking of places for one scan (n, 3), in one row."""
-        return self.localizer(
-            Rows(self.view(points_m)[None], np.zeros(1, np.int64), np.eye(4)[None]), self.k
-        )
+        """The method's ranking of places for one scan (n, 3), as a ranking of one query."""
+        views = Rows(self.view(points_m)[None], np.zeros(1, np.int64), np.eye(4)[None])
+        return self.localizer(views, self.k)
 
     def register(self, points_m: NDArray[np.float64], answers: Answers) -> Registered:
         """Register a scan's finite points (n, 3) at a ranking's answers, then all over the map."""
         return self.fixer.fix(points_m, self.targets, answers)
 
     def judge(self, registered: Registered, promise: float | None) -> Fix:
-        """The fix of a scan's hypotheses, with the verdict that a promise allows."""
+        """The fix of a registered scan, with the verdict that a promise allows.
+
+        Its time is yet to be filled in.
+        """
         if not registered.hypotheses:
-            nowhere = np.full((4, 4), np.nan)
-            return Fix(
-                "no pose",
-                -1,
-                nowhere,
-                registered.alignment.covariance,
-                0.0,
-                1.0,
-                1.0,
-                None,
-                (),
-                0.0,
-            )
+            return no_pose(registered.alignment.covariance)
         best = registered.hypotheses[0]
         doubts = self.judged.doubts(registered).astype(np.float32).astype(np.float64)
         verdict, promised_precision = self.believed(doubts, promise)
-        runner_up_pairs = [
-            (registered.hypotheses[i], registered.chances[i])
-            for i in registered.elsewhere[:RUNNERS_UP]
-        ]
-        return Fix(
-            verdict,
-            self._place(best),
-            best.world_T_query,
-            best.alignment.covariance,
-            best.alignment.overlap,
-            float(doubts[0]),
-            float(doubts[1]),
-            promised_precision,
-            tuple(
+        runners_up = []
+        for number in registered.elsewhere[:RUNNERS_UP]:
+            other = registered.hypotheses[number]
+            runners_up.append(
                 RunnerUp(
-                    self._place(hypothesis),
-                    hypothesis.world_T_query,
-                    hypothesis.alignment.overlap,
-                    chance,
+                    self._place(other),
+                    other.world_T_query,
+                    other.alignment.overlap,
+                    registered.chances[number],
                 )
-                for hypothesis, chance in runner_up_pairs
-            ),
-            0.0,
+            )
+        return Fix(
+            verdict=verdict,
+            place=self._place(best),
+            world_T_sensor=best.world_T_query,
+            covariance=best.alignment.covariance,
+            overlap=best.alignment.overlap,
+            novelty=float(doubts[0]),
+            place_novelty=float(doubts[1]),
+            promised_precision=promised_precision,
+            runners_up=tuple(runners_up),
+            ms=0.0,
         )
 
     def believed(
         self, doubts: NDArray[np.float64], promise: float | None
     ) -> tuple[Word, float | None]:
-        """The verdict that a promise allows on the doubts (belief,) of a fix with a pose.
+        """The verdict on a fix with a pose, by the doubts (belief,) in it and a promise.
 
-        And the highest promise that its pose keeps, None of none.
+        Returns the first of WORDS whose belief keeps the promise, and the highest promise that the
+        pose keeps, None if it keeps none.
         """
         limits = NO_LIMITS if promise is None else self.promises.get(promise, NO_LIMITS)
-        words = [
-            word for word, doubt, limit in zip(WORDS, doubts, limits, strict=True) if doubt < limit
-        ]
+        verdict: Word = "rejected"
+        for word, doubt, limit in zip(WORDS, doubts, limits, strict=True):
+            if doubt < limit:
+                verdict = word
+                break
         kept_promises = [
             precision
-            for precision, (reject_from, *_) in self.promises.items()
-            if doubts[0] < reject_from
+            for precision, (pose_limit, *_) in self.promises.items()
+            if doubts[0] < pose_limit
         ]
-        return words[0] if words else "rejected", max(kept_promises, default=None)
+        return verdict, max(kept_promises, default=None)
 
     def _place(self, hypothesis: Hypothesis) -> int:
+        """The place that a hypothesis lies in."""
         return int(self.places.at(hypothesis.world_T_query[None, :2, 3])[0])
 
 
+def no_pose(covariance: NDArray[np.float64]) -> Fix:
+    """The fix of a scan without a pose, and with this covariance (6, 6): infinite, or NaN."""
+    return Fix(
+        verdict="no pose",
+        place=NO_PLACE,
+        world_T_sensor=np.full((4, 4), np.nan),
+        covariance=covariance,
+        overlap=0.0,
+        novelty=1.0,
+        place_novelty=1.0,
+        promised_precision=None,
+        runners_up=(),
+        ms=0.0,
+    )
+
+
 def promised(verdict: Promises) -> dict[float, tuple[float, ...]]:
-    """Each precision that a site can promise of a pose, with the doubts to reject BELIEFS from."""
-    limits = zip(*(verdict.promised[belief] for belief in BELIEFS), strict=True)
-    return {
-        promise: reject_from
-        for promise, reject_from in zip(verdict.promises, limits, strict=True)
-        if promise in verdict.kept
-    }
+    """For each precision that a site can promise of a pose, the limits of doubts in BELIEFS."""
+    limits_of_beliefs = [verdict.promised[belief] for belief in BELIEFS]
+    limits_by_promise = {}
+    for promise, *limits in zip(verdict.promises, *limits_of_beliefs, strict=True):
+        if promise in verdict.kept:
+            limits_by_promise[promise] = tuple(limits)
+    return limits_by_promise
 
 
 def finite(points_m: NDArray[np.floating]) -> NDArray[np.float64]:
-    """The points (n, 3) that are finite.
+    """The points (n, 3) that are finite and within FARTHEST_M on each axis.
 
     Raises InputError for anything of another shape or type.
     """

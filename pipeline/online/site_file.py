@@ -1,7 +1,7 @@
-"""The site file: a zip of site.json, model.safetensors and map.safetensors.
+"""Reads and writes site files: a zip of site.json, model.safetensors and map.safetensors.
 
-It also holds views.safetensors, by which the site can grow, or network.onnx, where it was exported.
-Reading it runs nothing and unpacks nothing to disk.
+A site that can grow has views.safetensors besides, an exported one network.onnx. Reading a file
+runs nothing that is in it, and unpacks nothing to disk.
 """
 
 import json
@@ -24,9 +24,14 @@ ABOUT = "site.json"
 MODEL = "model.safetensors"
 MAP = "map.safetensors"
 VIEWS = "views.safetensors"
+REQUIRED = {ABOUT, MODEL, MAP}
+OPTIONAL = {VIEWS, NETWORK}
 LARGEST_BYTES = 2**32
-EPOCH = (1980, 1, 1, 0, 0, 0)  # of every file in the zip: the same site has the same bytes
+"""A file that would unpack to more is refused."""
+EPOCH = (1980, 1, 1, 0, 0, 0)
+"""The time of every file in the zip, so that the same site has the same bytes."""
 Arrays = Mapping[str, NDArray[Any]]
+"""Arrays by name."""
 
 
 class Parts(NamedTuple):
@@ -37,48 +42,52 @@ class Parts(NamedTuple):
     model: Arrays
     """The arrays that the method learned."""
     arrays: Arrays
-    """The map, the cells of the places, and what is expected of fixes (Expectations)."""
+    """The map, the cells of the places, and what is expected of fixes (posing/expectations.py)."""
     network: bytes | None
-    """Exported to ONNX, in place of weights in `model`."""
+    """The network as an ONNX file; then `model` has no weights. None if it was not exported."""
     views: Arrays = MappingProxyType({})
-    """The views that the model learned from, and its answers to held-out ones; read only where
-    they are asked for."""
+    """The views that the model learned from, and its answers to held-out ones (pack.py). They are
+    read only if they are asked for."""
 
 
 class LevelParts(NamedTuple):
     """The content of a level site's file."""
 
     description: LevelDescription
+    """The content of site.json."""
     arrays: Arrays
     """The map: `occupancy` (row, col) in percent, −1 where unknown, row 0 the lowest."""
 
 
 def write(path: Path, parts: Parts | LevelParts) -> None:
-    """Write a site file, whole or not at all; with an exported network, `model` has no weights."""
+    """Write a site file, whole or not at all."""
+    about = json.dumps(parts.description.as_json(), indent=1, allow_nan=False)
+    content = {ABOUT: about.encode()}
     if isinstance(parts, LevelParts):
-        parts_model: Arrays = {}
-        views: Arrays = {}
-        network = None
+        content[MODEL] = _saved({})
+        content[MAP] = _saved(parts.arrays)
     else:
-        parts_model = parts.model
-        views = parts.views
-        network = parts.network
-    arrays_by_file = {MODEL: parts_model, MAP: parts.arrays} | ({VIEWS: views} if views else {})
-    content = {ABOUT: json.dumps(parts.description.as_json(), indent=1, allow_nan=False).encode()}
-    content |= {
-        name: save({key: np.require(array, requirements="C") for key, array in part.items()})
-        for name, part in arrays_by_file.items()
-    }
-    content |= {} if network is None else {NETWORK: network}
+        content[MODEL] = _saved(parts.model)
+        content[MAP] = _saved(parts.arrays)
+        if parts.views:
+            content[VIEWS] = _saved(parts.views)
+        if parts.network is not None:
+            content[NETWORK] = parts.network
     with replaced(path) as scratch, zipfile.ZipFile(scratch, "w") as file:
         for name, data in content.items():
             file.writestr(zipfile.ZipInfo(name, EPOCH), data, zipfile.ZIP_DEFLATED, 6)
 
 
-def read(path: Path, views: bool = False) -> Parts:
-    """Read a site of 3-D scans, its views only if asked for.
+def _saved(arrays: Arrays) -> bytes:
+    """The arrays as the bytes of a safetensors file."""
+    contiguous = {key: np.require(array, requirements="C") for key, array in arrays.items()}
+    return bytes(save(contiguous))
 
-    Raises ArtifactError as `Site.open` does, and for a level site.
+
+def read(path: Path, views: bool = False) -> Parts:
+    """Read a site of 3-D scans, with its views if `views`.
+
+    Raises ArtifactError for a file that is not whole or of another version, and for a level site.
     """
     parts = read_either(path, views)
     if isinstance(parts, LevelParts):
@@ -89,7 +98,10 @@ def read(path: Path, views: bool = False) -> Parts:
 
 
 def read_either(path: Path, views: bool = False) -> Parts | LevelParts:
-    """Read a site or a level site, its views only if asked for."""
+    """Read a site of 3-D scans or a level site, with its views if `views`.
+
+    Raises ArtifactError for a file that is not whole or of another version.
+    """
     if path.suffix == ".onnx":
         raise ArtifactError(
             f"{path}: a network alone; `yearloc export SITE -o FILE.site` writes a site that "
@@ -97,22 +109,9 @@ def read_either(path: Path, views: bool = False) -> Parts | LevelParts:
         )
     try:
         with zipfile.ZipFile(path) as file:
-            entries = {entry.filename: entry.file_size for entry in file.infolist()}
-            has_parts = set(entries) - {NETWORK, VIEWS} == {ABOUT, MODEL, MAP}
-            if not has_parts or len(file.infolist()) != len(entries):
-                unexpected = next(
-                    (name for name in entries if name not in (ABOUT, MODEL, MAP, NETWORK, VIEWS)),
-                    "",
-                )
-                problem = f"holds {unexpected[:60]!r}" if unexpected else "lacks a part"
-                raise ArtifactError(
-                    f"{path}: no site, it {problem}; expected {ABOUT}, {MODEL} and {MAP}"
-                )
-            if sum(entries.values()) > LARGEST_BYTES:
-                raise ArtifactError(
-                    f"{path}: unpacks to {sum(entries.values()):,} bytes, more than a site has"
-                )
-            content = {name: file.read(name) for name in entries if views or name != VIEWS}
+            _check_entries(path, file)
+            names = [name for name in file.namelist() if views or name != VIEWS]
+            content = {name: file.read(name) for name in names}
         about = json.loads(content[ABOUT])
         model = load(content[MODEL])
         arrays = load(content[MAP])
@@ -142,3 +141,16 @@ def read_either(path: Path, views: bool = False) -> Parts | LevelParts:
     except ConfigError as error:
         raise ArtifactError(f"{path}: its {ABOUT}: {error}; pack the site anew") from None
     return Parts(description, model, arrays, content.get(NETWORK), view_arrays)
+
+
+def _check_entries(path: Path, file: zipfile.ZipFile) -> None:
+    """Raise ArtifactError for a zip that has not the files of a site, or is far too large."""
+    names = file.namelist()
+    has_parts = set(names) - OPTIONAL == REQUIRED
+    if not has_parts or len(names) != len(set(names)):
+        unexpected = [name for name in names if name not in REQUIRED | OPTIONAL]
+        problem = f"holds {unexpected[0][:60]!r}" if unexpected else "lacks a part"
+        raise ArtifactError(f"{path}: no site, it {problem}; expected {ABOUT}, {MODEL} and {MAP}")
+    size = sum(entry.file_size for entry in file.infolist())
+    if size > LARGEST_BYTES:
+        raise ArtifactError(f"{path}: unpacks to {size:,} bytes, more than a site has")

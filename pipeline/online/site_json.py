@@ -1,4 +1,8 @@
-"""What a site says of itself: its site.json as checked dataclasses."""
+"""The content of a site's site.json, as dataclasses.
+
+`SiteDescription.from_json` and `LevelDescription.from_json` check a parsed file against the types
+of their fields; `as_json` is the way back.
+"""
 
 import math
 from collections.abc import Mapping
@@ -12,9 +16,12 @@ from pipeline.level.fix import LevelFixer
 from pipeline.posing.chances import Chances
 
 VERSION = 5
+"""The version of site files that is written, and read."""
 NAMES = {float: "a number", int: "a whole number", str: "a text", bool: "true or false"}
+"""The names of types in error messages."""
 Settings = Mapping[str, Any]
-"""Of one object: its `_target_` and parameters, as `pipeline.core.building.build` takes them."""
+"""The settings of one object: its `_target_`, a class, and the parameters of that, as
+`pipeline.core.building.build` takes them."""
 
 
 @dataclass(frozen=True)
@@ -22,28 +29,33 @@ class MapSettings:
     """How the points of the map are kept."""
 
     grain_m: float
-    """Metres per unit of points."""
+    """The points are whole numbers of this many metres."""
     range_m: float
-    """Points farther from their anchor are left out."""
+    """The map has the points within this distance of their submap's anchor."""
     single: bool
-    """Each submap is one scan."""
+    """Whether each submap is one scan."""
 
 
 @dataclass(frozen=True)
 class Promises:
-    """The chances of beliefs in a fix, and from which doubt on they are rejected."""
+    """The verdict of a site: chances of beliefs in a fix, and limits of the doubt in each.
+
+    The beliefs are BELIEFS of posing/verdict.py; the doubt is one minus the chance.
+    """
 
     pose: Chances
+    """That a pose is right."""
     place: Chances
+    """That the robot is near a pose."""
     promises: tuple[float, ...]
-    """Precisions that a user may want."""
+    """The precisions that a user may ask for."""
     promised: Mapping[str, tuple[float, ...]]
-    """For each of BELIEFS: reject from this doubt on to keep each promise; none where it is not
-    above 0."""
+    """For each of BELIEFS and each promise, the doubt from which on to reject to keep the promise.
+    Where it is not above 0 the promise cannot be kept."""
     held_out: int
-    """Blocks of the training day by which they were found."""
+    """The number of held-out blocks of the training day that the limits rest on."""
     unseen_share: float
-    """Share of queries that are expected where training never went."""
+    """The share of queries that are expected where training never went."""
 
     @property
     def kept(self) -> tuple[float, ...]:
@@ -54,21 +66,25 @@ class Promises:
 
 @dataclass(frozen=True)
 class Sensor:
-    """What the scans that the site learned look like: medians, None where most have no value."""
+    """What the scans that the site learned look like.
+
+    All but `lift_m` are medians over scans, None where most scans have no value.
+    """
 
     lift_m: float
-    """How high the data set's reader raises the points."""
+    """How far the data set's reader raises the points."""
     points: float | None
-    """Of a scan."""
+    """The number of points in a scan."""
     azimuth_deg: float | None
-    """Degrees with points."""
+    """The degrees around the sensor that have points."""
     beams: float | None
+    """The number of beams."""
     ground_m: float | None
-    """z of the ground."""
+    """The z of the ground."""
     sensor_m: float | None
-    """Height over the ground."""
+    """The height of the sensor over the ground."""
     warnings: tuple[str, ...]
-    """Kinds of warning that its scans give (pipeline.inspection.symptoms)."""
+    """The kinds of warning that the scans give themselves (pipeline.inspection.symptoms)."""
 
 
 @dataclass(frozen=True)
@@ -76,10 +92,11 @@ class Provenance:
     """What the site was made of."""
 
     train: str
-    """The day that was learned."""
+    """The sequence that was learned, or the file of a map."""
     md5: Mapping[str, str | None]
-    """DVC's digest of each part; None where it is not known."""
+    """DVC's digest of each artifact; None if it is unknown."""
     versions: Mapping[str, str]
+    """The version of each package."""
 
 
 @dataclass(frozen=True)
@@ -88,19 +105,21 @@ class LearnedDay:
 
     day: str
     views: int
+    """How many scans were learned."""
     places: int | None = None
-    """New places; None on the first day."""
+    """How many new places it brought; None on the first day."""
     changed: int | None = None
-    """Submaps that changed; None on the first day."""
+    """How many submaps had changed; None on the first day."""
 
 
 @dataclass(frozen=True)
 class Growth:
-    """What a site that can grow needs."""
+    """What a site needs in order to grow."""
 
     voxel_m: float
-    """The map has one point a voxel."""
+    """The map has one point in each voxel of this side."""
     days: tuple[LearnedDay, ...]
+    """The days learned so far."""
 
 
 @dataclass(frozen=True)
@@ -112,16 +131,19 @@ class SiteDescription:
     simulated: bool
     """Whether its world is simulated."""
     method: Settings
+    """Of the method that ranks places."""
     view: Settings
+    """Of what it looks at."""
     fixer: Settings
+    """Of the search for poses (posing/search.py)."""
     k: int
-    """Places that the method ranks."""
+    """How many places the method ranks."""
     places: Grid
     """The grid whose cells are the places."""
     map: MapSettings
     verdict: Promises
     reader: Settings
-    """Of the data set's logs."""
+    """Of what reads the data set's logs."""
     sensor: Sensor
     provenance: Provenance
     growth: Growth | None = None
@@ -137,7 +159,7 @@ class SiteDescription:
         return description
 
     def as_json(self) -> dict[str, Any]:
-        """The content of site.json, of which what is optional and None is left out."""
+        """The content of site.json, without the optional keys that are None."""
         content = asdict(self)
         if self.growth is None:
             del content["growth"]
@@ -151,14 +173,14 @@ class SiteDescription:
 
 @dataclass(frozen=True)
 class LevelSettings:
-    """The grid of a level site, and how it is asked."""
+    """The map's grid of a level site, and how sweeps are localised in it."""
 
     cell_m: float
-    """Side of a cell."""
+    """The side of a cell."""
     origin: tuple[float, ...]
     """x, y in metres and yaw in radians of the outer corner of cell (0, 0)."""
     over_m: float
-    """Sweeps are gathered over so many metres of path."""
+    """Sweeps are gathered over so much path."""
     fixer: LevelFixer
 
 
@@ -172,7 +194,7 @@ class LevelDescription:
     level: LevelSettings
     verdict: Promises
     reader: Settings
-    """Of the logs that it is asked with."""
+    """Of what reads the logs that are localised in it."""
     sensor: Sensor
     provenance: Provenance
 
@@ -188,7 +210,10 @@ class LevelDescription:
 
 
 def _checked(hint: Any, value: Any, key: str) -> Any:
-    """A value as its field is annotated; raises ConfigError where it is of another type."""
+    """A value of a field with the annotation `hint`; `key` is its path in site.json.
+
+    Tables become dataclasses, lists tuples. Raises ConfigError for a value of another type.
+    """
     origin = get_origin(hint)
     arguments = get_args(hint)
     if is_dataclass(hint) and isinstance(hint, type):
@@ -197,7 +222,7 @@ def _checked(hint: Any, value: Any, key: str) -> Any:
             return hint(**values)
         except (ValueError, InputError) as error:  # a Grid checks its box
             raise ConfigError(f"{key}: {error}") from None
-    if origin is UnionType:  # `X | None`
+    if origin is UnionType:  # X | None
         return None if value is None else _checked(arguments[0], value, key)
     if origin is tuple:
         items = _of_type(list | tuple, "a list", value, key)
@@ -209,7 +234,7 @@ def _checked(hint: Any, value: Any, key: str) -> Any:
         return value
     expected = int | float if hint is float else hint
     if isinstance(value, bool) and hint is not bool:
-        expected = type(None)
+        expected = type(None)  # to Python a bool is an int: this one is refused
     number = _of_type(expected, NAMES[hint], value, key)
     if hint is float and not math.isfinite(number):
         raise ConfigError(f"{key}={value}: expected a number")
@@ -217,7 +242,7 @@ def _checked(hint: Any, value: Any, key: str) -> Any:
 
 
 def _fields(cls: Any, table: Mapping[str, Any], key: str) -> dict[str, Any]:
-    """The fields of a dataclass, from a table of their values."""
+    """The checked values of a dataclass's fields, from a table at the path `key`."""
     hints = get_type_hints(cls)
     values = {}
     for field in fields(cls):
@@ -230,6 +255,7 @@ def _fields(cls: Any, table: Mapping[str, Any], key: str) -> dict[str, Any]:
 
 
 def _of_type(expected: Any, words: str, value: Any, key: str) -> Any:
+    """The value; raises ConfigError, which expects `words`, if it is of another type."""
     if not isinstance(value, expected):
         raise ConfigError(f"{key}={value}: expected {words}")
     return value

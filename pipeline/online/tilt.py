@@ -1,4 +1,8 @@
-"""Estimates how a scan is tilted, from the plane that most of its points lie on."""
+"""Estimates how a scan is tilted, and whether it is upside down, from the plane of its ground.
+
+Planes through random points are tried: the level one that holds most points, and any one. If a
+tilted one holds clearly more, it is the ground.
+"""
 
 from dataclasses import dataclass
 
@@ -13,21 +17,22 @@ LEVEL_DEG = 4.0
 STEEPEST_DEG = 60.0
 """No ground leans more than this."""
 PLANES = 400
-"""Planes that are tried."""
+"""So many random planes are tried."""
 NEAR_M = 0.15
 """A point nearer to a plane than this lies on it."""
 FROM_M = 2.0
 TO_M = 25.0
+"""Points between these distances from the sensor are looked at."""
 APART_M = 0.4
-"""Points at these distances are looked at, one in a square of a side, since near ground and walls
-are dense."""
+"""One point is taken in each square of this side, since ground and walls near by are dense."""
+LEAST = 0.2
+"""A tilted ground holds at least this share of the points."""
+CLEARLY = 1.5
+"""A tilted ground holds at least so many times the points of the best level plane."""
 OVER_M = 0.5
 MORE = 3.0
-"""Points farther than OVER_M from the ground stand; where MORE times as many lie below it as above,
-the scan is upside down."""
-LEAST = 0.2
-CLEARLY = 1.5
-"""A ground holds LEAST of the points, and CLEARLY times what the best level plane holds."""
+"""A scan is upside down if MORE times as many points lie OVER_M below its ground as OVER_M above.
+"""
 
 
 @dataclass(frozen=True)
@@ -35,33 +40,33 @@ class Lean:
     """How far a scan is tilted, and the pose that makes it upright."""
 
     tilt_deg: float
-    """Between the normal of the ground and z, 0 to 90; of a scan that is upside down, between it
-    and −z."""
+    """The angle between the normal of the ground and z, from 0 to 90; if the scan is upside down,
+    between the normal and −z."""
     upside_down: bool
     upright_T_points: NDArray[np.float64]
-    """(4, 4) turns by roll and pitch, and raises, so that the ground is at z = 0."""
+    """(4, 4) turns the points by roll and pitch and raises them, so that the ground is at z = 0."""
 
 
 def lean(points_m: NDArray[np.float64], upside_down: bool = False) -> Lean | None:
-    """Estimate how a scan (n, 3) is tilted; None if it is level, or has no clear ground.
+    """Estimate how a scan's points (n, 3) are tilted; None if level, or without a clear ground.
 
-    A scan that is known to be upside down is never level.
+    If the scan is known to be upside down, level ground will do.
     """
     range_m = np.hypot(points_m[:, 0], points_m[:, 1])
     near_m = points_m[(range_m > FROM_M) & (range_m < TO_M)]
-    near_m = near_m[
-        np.unique(np.floor(near_m[:, :2] / APART_M).astype(np.int64), axis=0, return_index=True)[1]
-    ]
+    squares = np.floor(near_m[:, :2] / APART_M).astype(np.int64)
+    near_m = near_m[np.unique(squares, axis=0, return_index=True)[1]]
+
     level = _plane(near_m, LEVEL_DEG)
     steep = _plane(near_m, STEEPEST_DEG)
     ground = level if upside_down else None
-    leaning = steep is not None and steep[2] < np.cos(np.deg2rad(LEVEL_DEG))
-    if leaning and _points_on(near_m, steep) > max(
-        LEAST * len(near_m), CLEARLY * _points_on(near_m, level)
-    ):
+    is_tilted = steep is not None and steep[2] < np.cos(np.deg2rad(LEVEL_DEG))
+    fewest = max(LEAST * len(near_m), CLEARLY * _points_on(near_m, level))
+    if is_tilted and _points_on(near_m, steep) > fewest:
         ground = steep
     if ground is None:
         return None
+
     heights_m = near_m @ ground[:3] - ground[3]
     upside_down = upside_down or (heights_m < -OVER_M).sum() > MORE * (heights_m > OVER_M).sum()
     tilt_deg = float(np.rad2deg(np.arccos(min(ground[2], 1.0))))
@@ -72,7 +77,10 @@ def lean(points_m: NDArray[np.float64], upside_down: bool = False) -> Lean | Non
 
 
 def _plane(points_m: NDArray[np.float64], steepest_deg: float) -> NDArray[np.float64] | None:
-    """The plane that most points lie on: its unit normal, z up, and the distance along it (4,)."""
+    """The plane (4,) that most points (n, 3) lie on: its unit normal, z up, and its distance.
+
+    The distance is from the origin along the normal. None without a plane.
+    """
     coefficients = plane(points_m, NEAR_M, steepest_deg, PLANES, np.random.default_rng(0))
     if coefficients is None:
         return None
@@ -81,5 +89,7 @@ def _plane(points_m: NDArray[np.float64], steepest_deg: float) -> NDArray[np.flo
 
 
 def _points_on(points_m: NDArray[np.float64], ground: NDArray[np.float64] | None) -> int:
-    """How many points lie on a plane; 0 without a plane."""
-    return 0 if ground is None else int((np.abs(points_m @ ground[:3] - ground[3]) < NEAR_M).sum())
+    """How many points (n, 3) lie on a plane (4,); 0 without a plane."""
+    if ground is None:
+        return 0
+    return int((np.abs(points_m @ ground[:3] - ground[3]) < NEAR_M).sum())

@@ -1,6 +1,14 @@
-"""Localises along a path.
+"""Follows a robot along its path through a site of 3-D scans (METHODS 10.3).
 
-Global fixes until one is believed, then registration from the predicted pose, until lost.
+For each scan a `Tracker`
+
+1. moves what is believed (paths/belief.py) by the odometry since the last scan, or by a guess;
+2. registers the scan from the predicted pose, if the robot is tracked; if it is lost, ranks places
+   and searches the whole map;
+3. judges the fix by what is believed of all scans so far;
+4. tracks the robot from an accepted fix on; after PATIENCE scans without one it is lost.
+
+`Motion` guesses the steps of a robot without odometry.
 """
 
 from collections import Counter
@@ -22,100 +30,113 @@ from pipeline.posing.fix import Fix as Registered
 from pipeline.posing.search import Answers
 
 PATIENCE = 3
-"""Scans in a row that may fail to be tracked before the robot is lost."""
+"""The robot is lost after so many scans in a row whose fix was not accepted."""
+LEAST_CHANCE = 1e-6
+"""A fix is never surely wrong, nor surely right: its chance is this far from 0 and 1."""
+LIKELY = 0.9
+"""A fix that is believed so much tells how the robot moves, accepted or not."""
 SHORTEST = 0.02
 LONGEST = 5.0
-"""Seconds between two fixes that tell how fast a robot moves, and after which a robot without
-odometry may be anywhere; of scans without stamps so many scans."""
+"""Two fixes tell how fast a robot moves if so many seconds lie between them, at least and at most.
+After more than LONGEST a robot without odometry may be anywhere. Scans without stamps count as one
+second apart."""
 FASTEST_M = 40.0
 FASTEST_DEG = 180.0
-"""No robot moves or turns faster in a second: two such fixes tell no speed."""
+"""No robot moves or turns by more in a second."""
 STANDING_M = 0.5
-"""Odometry may move so far in no time: stamps are not exact."""
+"""Odometry may move by this in no time, since stamps are not exact."""
 GAINS = np.array([2.0, 15.0])
-"""Standard deviations of a robot's acceleration, in metres and degrees a second squared, until
-fixes have shown it."""
+"""Standard deviations of a robot's acceleration in m/s² and °/s², until fixes have shown them."""
 UNKNOWN = np.array([FASTEST_M, FASTEST_DEG]) / 3
-"""Standard deviations a second of a robot of unknown speed."""
-LIKELY = 0.9
-"""A pose believed so much tells how fast the robot moves, though it may not be accepted."""
+"""Standard deviations of the speed of a robot, in m/s and °/s, while it is unknown."""
 
 
 class Motion:
     """Predicts how a robot without odometry moves on: as between its last two fixes."""
 
     def __init__(self) -> None:
-        self._last: tuple[NDArray[np.float64], float] | None = None
-        self._moved_m = np.zeros(3)
-        self._turned_rad = np.zeros(3)  # in a second, or from scan to scan
-        self._fix_interval_s = 0.0
+        self._last_fix: tuple[NDArray[np.float64], float] | None = None  # its pose and its time
         self._since_fix_s = 0.0
+        # between the last two fixes that told a speed
+        self._speed_m = np.zeros(3)  # a second, in the robot's frame
+        self._turn_rad = np.zeros(3)  # a second, as a rotation vector
+        self._fix_interval_s = 0.0  # 0 while the speed is unknown
+        # how far robots do otherwise: the mean of squared accelerations, in m/s² and °/s²
         self._squares = GAINS**2
-        self._fixes = 1
+        self._square_count = 1
 
     def onwards(self, took_s: float) -> NDArray[np.float64]:
         """The predicted step (4, 4) in `took_s` seconds.
 
-        Where the clock jumped back or far ahead, it is the step of the time between the last two
-        fixes that told a speed.
+        Where the clock jumped back or far ahead, the time between the last two fixes that told a
+        speed is taken.
         """
-        seconds = took_s if 0 <= took_s <= LONGEST else self._fix_interval_s
+        seconds = self._plausible_s(took_s)
         step = np.eye(4)
-        step[:3, 3] = seconds * self._moved_m
-        step[:3, :3] = Rotation.from_rotvec(seconds * self._turned_rad).as_matrix()
+        step[:3, 3] = seconds * self._speed_m
+        step[:3, :3] = Rotation.from_rotvec(seconds * self._turn_rad).as_matrix()
         return step
 
     def doubt(self, took_s: float) -> tuple[float, float]:
-        """The standard deviations of the next step, in `took_s` seconds, in metres and degrees.
+        """The standard deviations of the next predicted step, in metres and degrees.
 
-        The seconds are counted: each since the last fix adds more to what a robot may do otherwise.
+        It takes `took_s` seconds. A robot that accelerates otherwise is off by ½ a t² after t
+        seconds: so the time since the last fix is counted here, and each step adds more than the
+        one before.
         """
-        seconds = took_s if 0 <= took_s <= LONGEST else self._fix_interval_s
+        seconds = self._plausible_s(took_s)
         if not self._fix_interval_s:
             away_m, turn_deg = UNKNOWN * max(seconds, SHORTEST)
             return float(away_m), float(turn_deg)
-        stood = np.zeros(2)
-        if seconds < SHORTEST:  # the same scan again, or a clock that stands still
-            stood = self._fix_interval_s * np.array(
-                [np.linalg.norm(self._moved_m), np.rad2deg(np.linalg.norm(self._turned_rad))]
-            )
+        usual_step = np.zeros(2)
+        if seconds < SHORTEST:
+            # the same scan again, or a clock that stands still while the robot moves as usual
+            turn_deg = np.rad2deg(np.linalg.norm(self._turn_rad))
+            usual_step = self._fix_interval_s * np.array([np.linalg.norm(self._speed_m), turn_deg])
             seconds = self._fix_interval_s
         before_s = self._since_fix_s
         self._since_fix_s = before_s + seconds
-        away_m, turn_deg = stood + np.sqrt(self._squares / self._fixes) / 2 * (
-            self._since_fix_s**2 - before_s**2
-        )
+        acceleration = np.sqrt(self._squares / self._square_count)
+        away_m, turn_deg = usual_step + acceleration / 2 * (self._since_fix_s**2 - before_s**2)
         return float(away_m), float(turn_deg)
 
     def fixed(self, world_T_robot: NDArray[np.float64], time_s: float) -> None:
-        """Take note of a pose that is believed at a time."""
-        last_fix = self._last
-        self._last = (world_T_robot, time_s)
+        """Take note of a fix (4, 4) that is believed, and of its time.
+
+        If the last fix was long enough and not too long ago, the two tell the speed, and how far
+        the prediction was off.
+        """
+        last_fix = self._last_fix
+        self._last_fix = (world_T_robot, time_s)
         self._since_fix_s = 0.0
-        if last_fix is None or not SHORTEST <= time_s - last_fix[1] <= LONGEST:
+        if last_fix is None:
             return
-        seconds = time_s - last_fix[1]
-        step = np.linalg.inv(last_fix[0]) @ world_T_robot
-        moved_m = step[:3, 3] / seconds
-        turned_rad = Rotation.from_matrix(step[:3, :3]).as_rotvec() / seconds
-        if np.linalg.norm(moved_m) > FASTEST_M or np.linalg.norm(turned_rad) > np.deg2rad(
-            FASTEST_DEG
-        ):
+        world_T_last, last_s = last_fix
+        seconds = time_s - last_s
+        if not SHORTEST <= seconds <= LONGEST:
+            return
+        step = np.linalg.inv(world_T_last) @ world_T_robot
+        speed_m = step[:3, 3] / seconds
+        turn_rad = Rotation.from_matrix(step[:3, :3]).as_rotvec() / seconds
+        is_too_fast = np.linalg.norm(speed_m) > FASTEST_M
+        if is_too_fast or np.linalg.norm(turn_rad) > np.deg2rad(FASTEST_DEG):
             return
         if self._fix_interval_s:
             off_m, off_deg = distance_and_turn(self.onwards(seconds)[None], step[None])
-            self._squares = self._squares + (2 * np.array([off_m[0], off_deg[0]]) / seconds**2) ** 2
-            self._fixes += 1
-        self._moved_m = moved_m
-        self._turned_rad = turned_rad
+            acceleration = 2 * np.array([off_m[0], off_deg[0]]) / seconds**2
+            self._squares = self._squares + acceleration**2
+            self._square_count += 1
+        self._speed_m = speed_m
+        self._turn_rad = turn_rad
         self._fix_interval_s = seconds
+
+    def _plausible_s(self, took_s: float) -> float:
+        """The time, or where it is negative or long, that between fixes."""
+        return took_s if 0 <= took_s <= LONGEST else self._fix_interval_s
 
 
 class Tracker:
-    """Follows a robot through a site: each fix is judged by all scans so far.
-
-    The thresholds are the site's own.
-    """
+    """Follows a robot through a site: each fix is judged by all scans so far."""
 
     def __init__(self, site: Site, promise: float | None = 0.99) -> None:
         """Raises InputError for a promise that the site cannot make; None accepts nothing."""
@@ -126,17 +147,17 @@ class Tracker:
         self._promise = promise
         self.belief = Belief(site.description.verdict.unseen_share)
         self.mode: Literal["lost", "tracking"] = "lost"
-        self._pose: NDArray[np.float64] | None = None
-        self._motion = Motion()
-        self._misses = 0
-        self._stamp_ns: int | None = None
-        self._time_s = 0.0
-        self._previous_scan: Scan | None = None
         self.steps = Counter[bool]()
-        """How many scans were followed with odometry from the scan before, and how many without."""
+        """How many scans came with odometry since the scan before (True), and without (False)."""
+        self._pose: NDArray[np.float64] | None = None  # world_T_robot, from which it is tracked
+        self._motion = Motion()
+        self._misses = 0  # scans in a row whose fix was not accepted, while tracked
+        self._stamp_ns: int | None = None  # of the last scan
+        self._time_s = 0.0  # of the last scan; without stamps a second a scan
+        self._previous_scan: Scan | None = None
 
     def follow(self, scan: Scan, points_m: NDArray[np.floating]) -> Fix:
-        """The fix of the next scan and its points (n, 3), by its own odometry and stamp."""
+        """The fix of the next scan, whose points are (n, 3), by its own odometry and stamp."""
         driven = odometry.step(self._previous_scan, scan)
         self._previous_scan = scan
         self.steps[driven is not None] += 1
@@ -148,35 +169,26 @@ class Tracker:
         step: NDArray[np.float64] | None = None,
         stamp_ns: int | None = None,
     ) -> Fix:
-        """The fix of the next scan (n, 3); `step` (4, 4) is the odometry since the last scan.
+        """The fix of the next scan (n, 3) in metres: x forward, y left, z up, ground at z = 0.
 
-        The step is the scan's pose in the last scan's frame. Without odometry, or after a step that
-        no robot makes in the time, the robot is assumed to move on as between its last two fixes,
-        for the time between the stamps. After more than LONGEST seconds it may be anywhere, and is
-        searched for everywhere.
+        `step` (4, 4) is its pose in the frame of the last scan, by odometry. Without odometry, or
+        if no robot makes such a step in the time between the stamps, the robot is taken to move on
+        as between its last two fixes. After more than LONGEST seconds without odometry it may be
+        anywhere, and is searched for in the whole map.
         """
         start = perf_counter()
         points_m = finite(points_m)
-        took_s = (
-            None
-            if stamp_ns is None or self._stamp_ns is None
-            else (stamp_ns - self._stamp_ns) / 1e9
-        )
+        took_s = None
+        if stamp_ns is not None and self._stamp_ns is not None:
+            took_s = (stamp_ns - self._stamp_ns) / 1e9
         self._stamp_ns = stamp_ns
         self._time_s = self._time_s + 1.0 if stamp_ns is None else stamp_ns / 1e9
-        guessed = step is None or not np.isfinite(step).all() or not _is_driven(step, took_s)
-        if guessed and took_s is not None and took_s > LONGEST:
-            # what was believed of a robot says nothing of where it went
-            self._pose = None
-            self.belief = Belief(self.belief.unseen_share)
-        if step is None or guessed:
-            step = self._onwards(took_s)
-            self.belief.move(step, self._motion.doubt(_passed_s(took_s)))
-        else:
-            self.belief.move(step)
+
+        step = self._moved(step, took_s)
         guess = None if self._pose is None else self._pose @ step
-        registered, tracked = self._find(points_m, guess)
-        fix = self._judge(registered, tracked)
+        registered, is_tracked = self._find(points_m, guess)
+        fix = self._judge(registered, is_tracked)
+
         if fix.verdict != "no pose" and 1 - fix.novelty >= LIKELY:
             self._motion.fixed(fix.world_T_sensor, self._time_s)
         if fix.verdict == "accepted":
@@ -189,56 +201,65 @@ class Tracker:
             self.mode = "lost" if self._pose is None else "tracking"
         return replace(fix, ms=1e3 * (perf_counter() - start))
 
-    def _onwards(self, took_s: float | None) -> NDArray[np.float64]:
-        """The predicted step (4, 4) since the last scan."""
-        return self._motion.onwards(_passed_s(took_s))
+    def _moved(self, step: NDArray[np.float64] | None, took_s: float | None) -> NDArray[np.float64]:
+        """Move what is believed by a step of odometry, or without one by a predicted step.
+
+        `took_s` is the time of the step; None if it is unknown. Returns the step (4, 4).
+        """
+        if step is not None and np.isfinite(step).all() and _is_driven(step, took_s):
+            self.belief.move(step)
+            return step
+        if took_s is not None and took_s > LONGEST:
+            # what was believed says nothing of where the robot has gone
+            self._pose = None
+            self.belief = Belief(self.belief.unseen_share)
+        passed_s = 1.0 if took_s is None else took_s
+        step = self._motion.onwards(passed_s)
+        self.belief.move(step, self._motion.doubt(passed_s))
+        return step
 
     def _find(
         self, points_m: NDArray[np.float64], guess: NDArray[np.float64] | None
     ) -> tuple[Registered, bool]:
-        """The hypotheses of a scan, and whether they come from the predicted pose alone."""
+        """Register a scan (n, 3): from a guessed pose (4, 4), or in the whole map.
+
+        Returns also whether it was from the guess alone. The whole map is searched if there is no
+        guess, or nothing fits there and the robot would be lost.
+        """
         if guess is not None:
             registered = self.site.fixer.track(points_m, self.site.targets, guess)
             if registered.hypotheses or self._misses + 1 < PATIENCE:
                 return registered, True
-        return self._search_everywhere(points_m), False
+        answers = Answers.of(self.site.rank(points_m))
+        return self.site.register(points_m, answers), False
 
-    def _search_everywhere(self, points_m: NDArray[np.float64]) -> Registered:
-        return self.site.register(points_m, Answers.of(self.site.rank(points_m)))
-
-    def _judge(self, registered: Registered, tracked: bool) -> Fix:
-        """The fix of the best hypothesis, believed or not given all scans before."""
+    def _judge(self, registered: Registered, is_tracked: bool) -> Fix:
+        """The fix of a registered scan, believed or not given all scans before."""
         fix = self.site.judge(registered, self._promise)
         if fix.verdict == "no pose":
             return fix
-        chance = float(np.clip(1 - fix.novelty, 1e-6, 1 - 1e-6))
-        believed = self.belief.see(fix.world_T_sensor, chance, tracked)
+        chance = float(np.clip(1 - fix.novelty, LEAST_CHANCE, 1 - LEAST_CHANCE))
+        believed = self.belief.see(fix.world_T_sensor, chance, is_tracked)
         kept_promises = [promise for promise in self.site.promises if believed >= promise]
         verdict: Word = "accepted" if self._promise in kept_promises else "rejected"
-        if verdict == "rejected" and not tracked and fix.verdict in ("near", "ambiguous"):
-            # of a tracked pose no rival was looked for, so its scan alone tells less
+        if verdict == "rejected" and not is_tracked and fix.verdict in ("near", "ambiguous"):
+            # only where rivals were looked for does the scan itself tell whether it is one of these
             verdict = fix.verdict
-        axes = fix.world_T_sensor[:3, :3]
+        # the fix may have slipped from where the robot was believed to be
+        world_R_sensor = fix.world_T_sensor[:3, :3]
         covariance = fix.covariance.copy()
-        covariance[3:, 3:] += axes.T @ self.belief.slipped_m2() @ axes
-        promised = max(kept_promises, default=None)
+        covariance[3:, 3:] += world_R_sensor.T @ self.belief.slipped_m2() @ world_R_sensor
         return replace(
             fix,
             verdict=verdict,
             novelty=1 - believed,
-            promised_precision=promised,
+            promised_precision=max(kept_promises, default=None),
             covariance=covariance,
         )
 
 
 def _is_driven(step: NDArray[np.float64], took_s: float | None) -> bool:
-    """Whether a robot can make a step in the time, True if the time is unknown."""
-    return (
-        took_s is None
-        or float(np.linalg.norm(step[:3, 3])) <= FASTEST_M * max(took_s, 0.0) + STANDING_M
-    )
-
-
-def _passed_s(took_s: float | None) -> float:
-    """The time since the last scan in seconds; 1 where there are no stamps."""
-    return 1.0 if took_s is None else took_s
+    """Whether a robot can make a step (4, 4) in a time; True if the time is unknown."""
+    if took_s is None:
+        return True
+    return float(np.linalg.norm(step[:3, 3])) <= FASTEST_M * max(took_s, 0.0) + STANDING_M

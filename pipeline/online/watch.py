@@ -1,10 +1,9 @@
-"""Records a localised drive for rerun's viewer, whose camera follows the robot.
+"""Records a localised drive for rerun's viewer, whose camera follows the robot (`yearloc watch`).
 
-It shows each scan on the map in the colour of its verdict, the runner-up, and the verdict over
-time. How the panels lie is stored in the recording.
+The recording shows each scan on the map in the colour of its verdict, the runner-up, which is the
+next best pose elsewhere, and the verdict and chances over time. It holds the layout of its panels.
 """
 
-from collections.abc import Iterable
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
@@ -27,19 +26,22 @@ COLOURS = {
     "rejected": (213, 94, 0),
     "no pose": (120, 120, 120),
 }
-"""Of Okabe and Ito, which colour-blind readers tell apart."""
+"""The colour of each verdict, by Okabe and Ito, whose colours colour-blind readers tell apart."""
 MAP_GREY = (150, 150, 150)
 PATH_GREY = (90, 90, 90)
-TRUTH = (240, 228, 66)
+TRUTH_YELLOW = (240, 228, 66)
 MAP_POINTS = 400_000
+"""The map is thinned to about so many points."""
 WALL_M = 0.3
-"""Map points below this are ground, which hides the walls."""
+"""Points below this are ground, which would hide the walls, and are not shown."""
 BEHIND_M = (-22.0, 0.0, 13.0)
-ABOVE_M = (-0.1, 0.0, 70.0)
 AHEAD_M = (10.0, 0.0, 0.0)
-"""Where the cameras are, and what the one behind the robot looks at, in the robot's frame."""
+"""Where the camera behind the robot is and what it looks at, in the robot's frame."""
+ABOVE_M = (-0.1, 0.0, 70.0)
+"""Where the camera above the robot is, in the robot's frame."""
 ROBOT = "world/robot"
 RUNNER_UP = "world/runner_up"
+"""The entities, in rerun's word, of the scan at its fix and at the runner-up."""
 
 
 class Recording:
@@ -89,7 +91,7 @@ class Recording:
         self._file.__exit__(kind, error, trace)
 
     def add(self, number: int, scan: Scan, points_m: NDArray[np.float64], fix: Fix) -> None:
-        """Add a scan and its fix, at its stamp or its number on the timeline."""
+        """Add a scan (n, 3) and its fix, at its number and its stamp on the timelines."""
         rerun = self._rerun
         stream = self._stream
         stream.set_time("scan", sequence=number)
@@ -110,7 +112,7 @@ class Recording:
             )
         if np.isfinite(scan.world_T_scan).all():
             truth_m = scan.world_T_scan[:3, 3] - self._origin_m
-            stream.log("world/truth", rerun.Points3D([truth_m], colors=TRUTH, radii=0.8))
+            stream.log("world/truth", rerun.Points3D([truth_m], colors=TRUTH_YELLOW, radii=0.8))
         stream.log("verdict", rerun.StateChange(state=fix.verdict))
         stream.log("chance/pose", rerun.Scalars(1 - fix.novelty))
         if runner_up is not None:
@@ -119,7 +121,7 @@ class Recording:
             stream.log("chance/accepted_from", rerun.Scalars(self._least_chance))
 
     def _log_what_stays(self) -> None:
-        """Log the map, the training path, and the names and colours of curves and verdicts."""
+        """Log once what never changes: map, training path, names and colours of the curves."""
         rerun = self._rerun
         points_m = whole_map(self._site) - self._origin_m
         self._stream.log("world", rerun.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
@@ -152,7 +154,7 @@ class Recording:
         world_T_scan: Poses,
         colour: tuple[int, int, int],
     ) -> None:
-        """Log a scan at a pose; without a pose the camera stays where it is."""
+        """Log a scan's points (n, 3) at a pose (4, 4); without one the camera stays where it is."""
         rerun = self._rerun
         if not np.isfinite(world_T_scan).all():
             self._stream.log(f"{path}/scan", rerun.Clear(recursive=False))
@@ -170,9 +172,11 @@ class Recording:
         )
 
     def _blueprint(self, live: bool) -> Any:
-        """How the panels lie: the robot from behind; from above, runner-up, verdict and chances.
+        """The layout of the panels.
 
-        What is `live` shows the newest scan, a file is played from its first.
+        On the left the robot from behind, and below it verdict and chances over time; on the right
+        the scan on the map from above, at its fix and at the runner-up. If `live`, the newest scan
+        is shown; else the recording is played from its first one.
         """
         from rerun import blueprint
 
@@ -225,27 +229,30 @@ class Recording:
 
 
 def origin(site: Site) -> NDArray[np.float64]:
-    """The middle of the site, x and y in whole metres and 0 (3,), to subtract before drawing.
+    """The middle of the site (3,): x and y in whole metres, and 0. It is subtracted for viewers.
 
-    Viewers use float32, in which coordinates as large as UTM's are off by decimetres.
+    They use float32, in which coordinates as large as UTM's are off by decimetres.
     """
-    places_m = (
-        site.walls_m if isinstance(site, LevelSite) else site.targets.world_T_anchor[:, :3, 3]
-    )
+    if isinstance(site, LevelSite):
+        places_m = site.walls_m
+    else:
+        places_m = site.targets.world_T_anchor[:, :3, 3]
     return np.append(np.rint(places_m[:, :2].mean(axis=0)), 0.0)
 
 
 def whole_map(site: Site) -> NDArray[np.float64]:
-    """Walls (n, 3) of the map in the world, thinned to MAP_POINTS."""
+    """The points (n, 3) of all walls of the map, in metres in the world, thinned to MAP_POINTS."""
     if isinstance(site, LevelSite):
-        return site.walls_m[:: max(1, len(site.walls_m) // MAP_POINTS)]
-    parts: Iterable[NDArray[np.float64]] = (
-        _walls(site.targets.points_m(row)) @ pose[:3, :3].T + pose[:3, 3]
-        for row, pose in enumerate(site.targets.world_T_anchor)
-    )
-    points_m = np.concatenate(list(parts))
+        points_m = site.walls_m
+    else:
+        walls_m = []
+        for row, world_T_anchor in enumerate(site.targets.world_T_anchor):
+            in_anchor_m = _walls(site.targets.points_m(row))
+            walls_m.append(in_anchor_m @ world_T_anchor[:3, :3].T + world_T_anchor[:3, 3])
+        points_m = np.concatenate(walls_m)
     return points_m[:: max(1, len(points_m) // MAP_POINTS)]
 
 
 def _walls(points_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The points of a scan (n, 3) that are not on the ground."""
     return points_m[points_m[:, 2] > WALL_M]

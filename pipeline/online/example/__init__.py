@@ -1,7 +1,7 @@
-"""A small simulated site and three scans of later days, which `yearloc example` asks it about.
+"""A small simulated site, and three scans of a later day, which `yearloc example` localises in it.
 
-The site is that of `make demo`, with the map of its first 300 m alone. `make example` makes all of
-it anew.
+The site is that of `make demo`, cut down to the first 300 m of its map. `make example` makes all of
+these files anew.
 """
 
 from dataclasses import dataclass
@@ -20,21 +20,22 @@ SCANS = FOLDER / "scans.yaml"
 
 @dataclass(frozen=True)
 class ExampleScan:
-    """A scan of a later day, and where it was taken."""
+    """A scan of a later day, stored in this folder, and where it was taken."""
 
     name: str
     day: str
     about: str
-    """What is special about where it was taken."""
+    """What is special about the place where it was taken."""
     world_T_scan: Poses
     """(4, 4) true pose, in the world of the site."""
 
     @property
     def path(self) -> Path:
+        """The file of its points."""
         return FOLDER / f"{self.name}.npy"
 
     def points_m(self) -> NDArray[np.float32]:
-        """Points (n, 3) in metres, x forward, y left, z up, ground at z = 0."""
+        """Its points (n, 3) in metres: x forward, y left, z up, ground at z = 0."""
         return np.asarray(np.load(self.path))
 
 
