@@ -1,4 +1,4 @@
-"""Ask a packed site where a scan was taken, and whether to believe it.
+"""The public front: asks a packed site where a scan was taken, and whether to believe that.
 
     from yearloc import Site
 
@@ -7,9 +7,9 @@
     if fix.verdict == "accepted":
         print(fix.world_T_sensor)
 
-A `Tracker` follows a drive scan by scan, a `LevelTracker` that of a level 2-D laser. `EXAMPLE` is a
-folder with a small simulated site and scans, which `yearloc example` asks about. These names keep
-their meaning from one version to the next; whatever else lies in `pipeline` may change.
+A `Tracker` follows a robot scan by scan, a `LevelTracker` one with a level 2-D laser. `EXAMPLE` is
+a folder with a small simulated site and three scans, which `yearloc example` localises. These names
+keep their meaning from one version to the next; all else in `pipeline` may change.
 """
 
 from pipeline.core.errors import YearlocError
