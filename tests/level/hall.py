@@ -1,4 +1,4 @@
-"""A hall made by hand, and what a level laser sees in it."""
+"""A hall of 20 by 12 m made by hand, and the sweeps of a level laser in it."""
 
 from itertools import pairwise
 
@@ -26,29 +26,33 @@ def sweep(
     noise: np.random.Generator | None = None,
     walls: tuple[tuple[float, ...], ...] = WALLS,
 ) -> NDArray[np.float64]:
-    """The hits (n, 2) of a half circle of beams, in the robot's frame."""
+    """The hits (n, 2) of a half circle of beams, in metres in the robot's frame.
+
+    The robot stands at x, y and looks along the heading; `noise` adds 2 cm to each range.
+    """
     angles = heading_rad + np.linspace(-np.pi / 2, np.pi / 2, beams)
-    ranges = np.full(beams, np.inf)
-    across = np.column_stack([np.cos(angles), np.sin(angles)])
+    ranges_m = np.full(beams, np.inf)
+    beam = np.column_stack([np.cos(angles), np.sin(angles)])
     for x0, y0, x1, y1 in walls:
-        along = np.array([x1 - x0, y1 - y0])
-        away = np.array([x0 - x_m, y0 - y_m])
-        # (x, y) + r across = (x0, y0) + s along, by Cramer's rule
-        turn = across[:, 0] * along[1] - across[:, 1] * along[0]
+        wall = np.array([x1 - x0, y1 - y0])
+        to_wall = np.array([x0 - x_m, y0 - y_m])
+        # solve (x, y) + range beam = (x0, y0) + share wall by Cramer's rule
+        determinant = beam[:, 0] * wall[1] - beam[:, 1] * wall[0]
         with np.errstate(divide="ignore", invalid="ignore"):
-            r = (away[0] * along[1] - away[1] * along[0]) / turn
-            s = (away[0] * across[:, 1] - away[1] * across[:, 0]) / turn
-        hit = (s >= 0) & (s <= 1) & (r > 0)
-        ranges[hit] = np.minimum(ranges[hit], r[hit])
+            range_m = (to_wall[0] * wall[1] - to_wall[1] * wall[0]) / determinant
+            share = (to_wall[0] * beam[:, 1] - to_wall[1] * beam[:, 0]) / determinant
+        hits = (share >= 0) & (share <= 1) & (range_m > 0)
+        ranges_m[hits] = np.minimum(ranges_m[hits], range_m[hits])
     if noise is not None:
-        ranges = ranges + noise.normal(0, 0.02, beams)
-    seen = np.isfinite(ranges)
+        ranges_m = ranges_m + noise.normal(0, 0.02, beams)
+    seen = np.isfinite(ranges_m)
+    seen_m = ranges_m[seen]
     local = angles[seen] - heading_rad
-    return np.column_stack([ranges[seen] * np.cos(local), ranges[seen] * np.sin(local)])
+    return np.column_stack([seen_m * np.cos(local), seen_m * np.sin(local)])
 
 
 def pose(x_m: float, y_m: float, heading_rad: float) -> NDArray[np.float64]:
-    """(4, 4)."""
+    """The pose (4, 4) of a robot on the floor."""
     world_T_robot = np.eye(4)
     cos = np.cos(heading_rad)
     sin = np.sin(heading_rad)
@@ -60,7 +64,7 @@ def pose(x_m: float, y_m: float, heading_rad: float) -> NDArray[np.float64]:
 def drive(
     corners: tuple[tuple[float, float], ...] = DRIVEN, step_m: float = 0.5, seed: int = 0
 ) -> Sweeps:
-    """Sweeps along a path, with exact poses, and odometry that turns 2° too far each metre."""
+    """Sweeps along a path, with exact poses, and odometry that turns by 2° too much each metre."""
     poses = []
     for (x0, y0), (x1, y1) in pairwise(corners):
         length_m = float(np.hypot(x1 - x0, y1 - y0))

@@ -1,4 +1,4 @@
-"""A training day of level sweeps, and what it says of the queries of another drive."""
+"""A training day of level sweeps gives the queries of another drive poses and doubts."""
 
 from pathlib import Path
 
@@ -64,7 +64,7 @@ def test_queries_of_another_drive_have_poses_near_the_truth(
     assert RIGHT_WITHIN == (1.0, 10.0)
 
 
-def test_they_lead_the_ranking_of_places_as_those_of_3_d_scans(
+def test_poses_of_sweeps_lead_the_ranking_of_places_as_those_of_3_d_scans_do(
     day: LevelDay, tuesday: schemas.Scans
 ) -> None:
     """At row 30 the robot stands in the cell of x 10 to 20, y 0 to 10, which is place 1 or 2."""

@@ -1,4 +1,4 @@
-"""Fixes of gathered sweeps: where they are, what speaks for them, and what bad sweeps make."""
+"""Fixes of gathered sweeps: how exact they are, and what beams and odometry say for or against."""
 
 import numpy as np
 import pytest
@@ -40,7 +40,7 @@ def test_a_sweep_is_found_to_less_than_a_cell(
     assert (rows[1:, -1] < 0).all()
 
 
-def test_a_grid_that_is_turned_in_the_world_gives_the_same_poses(field: Field) -> None:
+def test_a_map_whose_grid_is_turned_in_the_world_gives_the_same_poses(field: Field) -> None:
     place = PLACES[0]
     points_m = sweep(*place)
     turned = pose(5.0, -3.0, 0.7)
@@ -65,7 +65,7 @@ def test_a_grid_that_is_turned_in_the_world_gives_the_same_poses(field: Field) -
     )
 
 
-def test_a_corridor_holds_a_pose_across_it_and_not_along() -> None:
+def test_in_a_corridor_a_pose_is_certain_across_it_and_uncertain_along_it() -> None:
     cells = np.zeros((62, 400), np.int8)
     cells[[0, -1]] = 100
     corridor = Field.of(LevelMap(cells, 0.05, (0.0, 0.0, 0.0)))
@@ -77,7 +77,9 @@ def test_a_corridor_holds_a_pose_across_it_and_not_along() -> None:
     assert sd_m[0] > 10 * sd_m[1]
 
 
-def test_a_wall_between_is_a_contradiction(field: Field) -> None:
+def test_beams_through_a_wall_and_beams_that_end_in_free_space_contradict_a_pose(
+    field: Field,
+) -> None:
     # from (3, 3) looking along x the wall at x = 7 stands 4 m away; ranges of 8 m pass it
     beams = np.column_stack([np.full(9, 8.0), np.linspace(-0.5, 0.5, 9)])
     inside = np.column_stack([np.full(9, 2.0), np.linspace(-0.5, 0.5, 9)])
@@ -87,7 +89,7 @@ def test_a_wall_between_is_a_contradiction(field: Field) -> None:
     assert supports(field, single(inside), poses)[0].in_free == 1.0
 
 
-def test_matching_takes_the_error_out_of_the_odometry() -> None:
+def test_matching_corrects_the_odometry() -> None:
     sweeps = drive()
     last = 20
     off_m = []
@@ -104,7 +106,7 @@ def test_matching_takes_the_error_out_of_the_odometry() -> None:
     assert off_m[1] < off_m[0] / 2
 
 
-def test_without_odometry_the_sweeps_before_are_forgotten() -> None:
+def test_without_odometry_earlier_sweeps_are_forgotten() -> None:
     gatherer = Gatherer()
     for place in PLACES:
         gatherer.add(sweep(*place), None)
@@ -115,8 +117,8 @@ def test_without_odometry_the_sweeps_before_are_forgotten() -> None:
     assert gatherer.gathered(5.0).path_m == 0
 
 
-def test_a_sweep_that_odometry_does_not_join_forgets_those_before() -> None:
-    """In the middle of the drive the robot is carried 4 m, of which odometry says nothing."""
+def test_earlier_sweeps_are_forgotten_where_odometry_does_not_join_a_sweep_with_them() -> None:
+    """In the middle of the drive the robot is carried by 4 m, and odometry does not notice."""
     sweeps = drive()
     gatherer = Gatherer()
     for row in (*range(10), *range(18, 21)):
@@ -128,7 +130,7 @@ def test_a_sweep_that_odometry_does_not_join_forgets_those_before() -> None:
 
 @pytest.mark.parametrize("mounted", ["turned", "upside down", "as said"])
 def test_odometry_contradicts_a_laser_that_is_mounted_otherwise(mounted: str, field: Field) -> None:
-    """One that looks to the right sees the robot drive to its left."""
+    """To a laser that looks to the right, the robot seems to drive to the left."""
     robot_T_seen = {
         "turned": np.array([[0.0, 1.0], [-1.0, 0.0]]),
         "upside down": np.diag([1.0, -1.0]),
@@ -143,10 +145,12 @@ def test_odometry_contradicts_a_laser_that_is_mounted_otherwise(mounted: str, fi
     assert gathered.is_contradicted == (mounted != "as said")
     assert LevelFixer().is_misread(field, gathered, fix) == (mounted != "as said")
     gatherer.add(np.asarray(sweeps.points(0)), None)
-    assert not gatherer.gathered(5.0).is_contradicted  # another drive, of which nothing is known
+    assert not gatherer.gathered(
+        5.0
+    ).is_contradicted  # another drive, which nothing contradicts yet
 
 
-def test_gathered_sweeps_tell_apart_what_one_cannot(field: Field) -> None:
+def test_gathered_sweeps_are_found_at_three_places_of_the_drive(field: Field) -> None:
     sweeps = drive(seed=5)
     rows = [12, 30, 45]
     gathered = sweeps.gathered(rows, 4.0)
@@ -156,11 +160,11 @@ def test_gathered_sweeps_tell_apart_what_one_cannot(field: Field) -> None:
         assert 2.0 < fix.path_m <= 4.0
 
 
-def test_a_guess_is_refined_alone(field: Field) -> None:
+def test_tracking_refines_the_guess_and_looks_for_no_other_pose(field: Field) -> None:
     place = PLACES[0]
     fix = LevelFixer().track(field, single(sweep(*place)), pose(4.2, 2.9, 0.35))
-    (alone,) = fix.hypotheses
-    assert np.linalg.norm(alone.world_T_query[:2, 3] - place[:2]) < 0.06
+    (refined_guess,) = fix.hypotheses
+    assert np.linalg.norm(refined_guess.world_T_query[:2, 3] - place[:2]) < 0.06
 
 
 @pytest.mark.parametrize("points_m", [np.empty((0, 2)), np.full((99, 2), 200.0), np.ones((5, 2))])
@@ -169,8 +173,8 @@ def test_too_few_hits_make_no_pose(field: Field, points_m: np.ndarray) -> None:
     assert LevelFixer().track(field, single(points_m), np.eye(4)).hypotheses == ()
 
 
-def test_another_building_explains_less(field: Field) -> None:
-    others = tuple((y0, x0, y1, x1) for x0, y0, x1, y1 in WALLS)  # turned over: x and y exchanged
-    fix = LevelFixer().fix(field, single(sweep(3.0, 4.0, 0.3, walls=others)))
+def test_the_sweeps_of_another_building_fit_worse(field: Field) -> None:
+    mirrored = tuple((y0, x0, y1, x1) for x0, y0, x1, y1 in WALLS)  # x and y exchanged
+    fix = LevelFixer().fix(field, single(sweep(3.0, 4.0, 0.3, walls=mirrored)))
     true = LevelFixer().fix(field, single(sweep(4.0, 3.0, 0.3)))
     assert fix.hypotheses[0].quality < true.hypotheses[0].quality - 0.1

@@ -1,4 +1,4 @@
-"""What `yearloc kernels` compiles is all that a level site needs."""
+"""`yearloc kernels` compiles all kernels that a level site needs."""
 
 from types import ModuleType
 from typing import Any

@@ -1,4 +1,4 @@
-"""Level maps: what beams make of cells, and which grids are no maps."""
+"""Level maps: which cells beams make walls or free, and which grids are refused."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from pipeline.core.errors import InputError
 from pipeline.level.level_map import FREE, OCCUPIED, UNKNOWN, Drawing, LevelMap
 
 
-def test_a_beam_frees_what_it_passes_and_builds_where_it_ends() -> None:
+def test_a_beam_makes_cells_free_on_its_way_and_a_wall_where_it_ends() -> None:
     # from (.05, .05) to (.45, .05) in cells of .1 m: four cells are passed, the fifth is a wall
     pose = np.eye(4)
     pose[:2, 3] = 0.05
@@ -18,13 +18,14 @@ def test_a_beam_frees_what_it_passes_and_builds_where_it_ends() -> None:
     assert (level_map.occupancy[row + 1] == UNKNOWN).all()
 
 
-def test_who_passes_once_is_no_wall() -> None:
-    # one beam ends where four pass: 1/5 is below the share of a wall, of two passing 1/3 is not
+def test_a_cell_is_a_wall_if_a_quarter_of_its_beams_end_there() -> None:
+    # one beam ends in the cell. If two pass it, 1/3 of its beams end there; if four do, 1/5
     hits = [np.array([[1.0, 0.0]]), *[np.array([[2.0, 0.0]])] * 4]
     poses = np.tile(np.eye(4), (5, 1, 1))
     poses[:, :2, 3] = 0.05
 
     def cell(count: int) -> int:
+        """The cell where the first beam ends, in a map of the first `count` beams."""
         level_map = Drawing.of(hits[:count], poses[:count], cell_m=0.1).level_map()
         row = round(-level_map.origin[1] / 0.1)
         return int(level_map.occupancy[row, round((1.05 - level_map.origin[0]) / 0.1 - 0.5)])
@@ -33,20 +34,21 @@ def test_who_passes_once_is_no_wall() -> None:
     assert cell(5) == FREE
 
 
-def test_a_sweep_left_out_leaves_the_map_as_if_it_had_never_been() -> None:
+def test_a_map_without_a_sweep_is_as_if_it_had_never_been_drawn() -> None:
     noise = np.random.default_rng(3)
     hits = [noise.uniform(1, 5, (30, 2)) for _ in range(4)]
     poses = np.tile(np.eye(4), (4, 1, 1))
     poses[:, :2, 3] = noise.uniform(0, 2, (4, 2))
     drawing = Drawing.of(hits, poses, cell_m=0.1)
-    without = drawing.level_map(np.array([False, False, True, False]))
-    rest = [0, 1, 3]
-    alone = Drawing.of([hits[row] for row in rest], poses[rest], cell_m=0.1).level_map()
-    assert (without.occupancy == OCCUPIED).sum() == (alone.occupancy == OCCUPIED).sum()
-    assert (without.occupancy == FREE).sum() == (alone.occupancy == FREE).sum()
+    subtracted = drawing.level_map(np.array([False, False, True, False]))
+    others = [0, 1, 3]
+    never_drawn = Drawing.of([hits[row] for row in others], poses[others], cell_m=0.1).level_map()
+    for value in (OCCUPIED, FREE):
+        count = (subtracted.occupancy == value).sum()
+        assert count == (never_drawn.occupancy == value).sum()
 
 
-def test_hits_too_far_away_free_the_way_and_build_nothing() -> None:
+def test_hits_beyond_the_range_are_no_walls_but_make_cells_free_up_to_it() -> None:
     pose = np.eye(4)[None]
     hits = np.array([[80.0, 0.0], [0.0, 2.0], [np.nan, 1.0], [np.inf, 1.0]])
     level_map = Drawing.of([hits], pose, cell_m=0.1, range_m=10.0).level_map()
@@ -67,7 +69,7 @@ def test_hits_too_far_away_free_the_way_and_build_nothing() -> None:
         ([[]], 0.05, (0, 0, 0), "expected 1 to"),
     ],
 )
-def test_a_grid_that_is_no_map_is_one_line(
+def test_a_grid_that_is_no_map_is_refused_in_a_line(
     cells: list[list[int]], cell_m: float, origin: tuple[float, float, float], message: str
 ) -> None:
     with pytest.raises(InputError, match=message):

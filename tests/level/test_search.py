@@ -1,4 +1,4 @@
-"""Branch and bound: what it finds is what an exhaustive search finds."""
+"""Branch and bound finds the poses that an exhaustive search finds."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ def field() -> Field:
 
 
 def exhaustive(field: Field, points_m: np.ndarray) -> float:
-    """The best score of all cells and headings, by looking each up."""
+    """The best score of all cells and headings, by trying each."""
     likelihood = field.pyramid.levels[0].astype(int)
     rows, cols = np.nonzero(field.stands)
     best = 0.0
@@ -45,7 +45,7 @@ def test_the_best_pose_is_the_best_of_all_cells_and_headings(
     assert np.linalg.norm(world - place[:2]) < 0.3
 
 
-def test_poses_are_apart_and_fall_in_score(field: Field) -> None:
+def test_poses_come_best_first_and_no_two_are_one_answer(field: Field) -> None:
     best = search(field, sweep(16.0, 6.0, 2.0), keep=6, least_ratio=0.3)
     assert (np.diff(best.scores) <= 0).all()
     assert len(best.poses) > 2
@@ -55,7 +55,7 @@ def test_poses_are_apart_and_fall_in_score(field: Field) -> None:
             assert np.linalg.norm(pose[:2] - other[:2]) >= APART_M - 1e-9 or turn_deg >= APART_DEG
 
 
-def test_a_room_that_looks_alike_from_both_sides_has_two_poses() -> None:
+def test_in_a_symmetric_room_two_poses_are_found() -> None:
     # a bare room of 8 by 4 m, seen all around from its middle line, looks the same turned by 180°
     cells = np.zeros((82, 162), np.int8)
     cells[[0, -1]] = 100
@@ -72,7 +72,7 @@ def test_a_room_that_looks_alike_from_both_sides_has_two_poses() -> None:
     assert best.scores[1] > 0.97 * best.scores[0]
 
 
-def test_a_limit_of_nodes_is_said(field: Field) -> None:
+def test_the_search_tells_if_it_ended_at_its_limit_of_nodes(field: Field) -> None:
     assert not search(field, sweep(4.0, 3.0, 0.3), keep=8, most_nodes=4).exact
     assert len(search(field, np.empty((0, 2))).poses) == 0
     assert len(search(field, np.full((50, 2), 500.0)).poses) == 0

@@ -1,4 +1,4 @@
-"""Verdicts on level fixes: what is learned from held-out stretches, and what limits they keep."""
+"""Verdicts on level fixes: the doubts in them, and the limits that held-out stretches keep."""
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ def fixes_of(*scores: float) -> LevelFix:
     return LevelFix(tuple(hypothesis(10.0 * n, score) for n, score in enumerate(scores)))
 
 
-def test_what_speaks_for_a_hypothesis_raises_its_chance() -> None:
+def test_each_sign_of_a_hypothesis_raises_its_chance() -> None:
     usual = USUAL.doubts(fixes_of(0.9, 0.75))[0]
     assert USUAL.doubts(fixes_of(0.95, 0.75))[0] < usual
     assert USUAL.doubts(fixes_of(0.9, 0.85))[0] > usual
@@ -43,15 +43,15 @@ def test_what_speaks_for_a_hypothesis_raises_its_chance() -> None:
     assert USUAL.doubts(LevelFix()).tolist() == [1, 1, 1]
 
 
-def test_a_lead_counts_as_far_as_hypotheses_are_looked_for() -> None:
-    # alone, the others are below .75 of its quality; so is one that is named but is worse
+def test_being_ahead_of_a_bad_hypothesis_counts_no_more_than_being_alone() -> None:
+    # a hypothesis alone counts as if another had .75 of its quality; here the other has less
     alone = signs(fixes_of(0.8))
     ahead = signs(fixes_of(0.8, 0.3))
     assert alone[0, -1] == pytest.approx(0.25 * 0.8)
     assert ahead[0, -1] == alone[0, -1]
 
 
-def test_two_alike_are_ambiguous_and_not_accepted() -> None:
+def test_of_two_equal_poses_none_is_accepted_but_one_of_them_is_believed() -> None:
     doubts = USUAL.doubts(fixes_of(0.95, 0.95))
     assert doubts[0] > USUAL_LIMITS["fix"][0]
     assert doubts[2] < doubts[0] / 2
@@ -59,14 +59,15 @@ def test_two_alike_are_ambiguous_and_not_accepted() -> None:
 
 def test_right_is_within_a_metre_and_ten_degrees() -> None:
     true = np.stack([pose(0, 0, 0)] * 3)
-    asked = np.stack([pose(0.9, 0, 0.15), pose(1.1, 0, 0), pose(0, 0, 0.2)])  # .15 rad is 8.6°
-    assert pose_is_right(asked, true).tolist() == [True, False, False]
-    good, near = right(fixes_of(0.9, 0.8), pose(0.2, 0, 0))
-    assert (good.tolist(), near.tolist()) == ([True, False], [True, False])
+    found = np.stack([pose(0.9, 0, 0.15), pose(1.1, 0, 0), pose(0, 0, 0.2)])  # .15 rad is 8.6°
+    assert pose_is_right(found, true).tolist() == [True, False, False]
+    is_right, is_near = right(fixes_of(0.9, 0.8), pose(0.2, 0, 0))
+    assert is_right.tolist() == [True, False]
+    assert is_near.tolist() == [True, False]
 
 
 def evidence(right_count: int, wrong_count: int) -> LevelEvidence:
-    """So many clear fixes, the first ones right."""
+    """Fixes without doubt, each in a block of its own: the first ones right, the others wrong."""
     count = right_count + wrong_count
     true = np.stack([pose(0 if n < right_count else 30, 0, 0) for n in range(count)])
     return LevelEvidence(
@@ -84,14 +85,14 @@ def test_a_map_lowers_the_usual_limits_only_where_its_own_stretches_break_a_prom
     assert max(broken.limits("fix")) < 0
 
 
-def test_evidence_alone_promises_what_one_more_wrong_would_not_break() -> None:
+def test_evidence_alone_promises_only_what_one_more_wrong_fix_would_not_break() -> None:
     # 30 right: 30 / 31 is .968, so .95 is kept and .99 is not
     reached = LevelVerdict(evidence(30, 0), 0.0).reached("fix")
     assert [limit > 0 for limit in reached] == [True, False, False]
     assert len(reached) == len(PROMISES)
 
 
-def test_held_out_stretches_are_found_where_the_map_has_them_and_not_where_it_has_not() -> None:
+def test_held_out_stretches_are_found_on_a_map_with_their_surroundings_only() -> None:
     sweeps = drive()
     hits = [sweeps.points(row) for row in range(len(sweeps.world_T_sweep))]
     drawing = Drawing.of(hits, sweeps.world_T_sweep, cell_m=0.1)

@@ -1,5 +1,6 @@
-"""Which scans of a day a site adopts: those whose fix it believes, and those that odometry leads to
-between two of them."""
+"""A site adopts the scans whose fix it believes, and those to which odometry leads between two."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -18,68 +19,58 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Site:
     return Site.open(packed(tmp_path_factory.mktemp("site")))
 
 
-def scan(x_m: float, cloud: int = 0, truth: bool = True, odometry: bool = True) -> Scan:
-    """So far along x in the first place, where another cloud may stand."""
+def scan(x_m: float, cloud: int = 0, truth: bool = True) -> Scan:
+    """A scan `x_m` along x in the first place; with another `cloud` than 0 the place has changed."""
     points_m = seen_from(scene(cloud), planar(x_m, 0, 0))
     pose = ANCHORS[0] @ planar(x_m, 0, 0)
-    odom_T_scan = planar(x_m, 0, 0) if odometry else NO_POSE
-    known = pose if truth else NO_POSE
-    return Scan(f"{x_m}", int(1e9 * x_m), lambda: points_m, odom_T_scan, known)
+    true = pose if truth else NO_POSE
+    return Scan(f"{x_m}", int(1e9 * x_m), lambda: points_m, planar(x_m, 0, 0), true)
 
 
 def xs(found: Adoption) -> list[float]:
+    """How far along x in the first place the adopted scans lie, in metres."""
     return np.round(found.world_T_scan[:, 0, 3] - ANCHORS[0, 0, 3], 1).tolist()
 
 
 def test_scans_between_two_believed_fixes_are_adopted_where_odometry_leads(site: Site) -> None:
     drive = [scan(0), scan(1), scan(2, cloud=9), scan(3, cloud=9), scan(4), scan(5)]
     found = adopted(site, drive)
-    assert (xs(found), found.scan_count, found.wrong.any(), found.surveyed) == (
-        [0, 1, 2, 3, 4, 5],
-        6,
-        False,
-        False,
-    )
+    assert xs(found) == [0, 1, 2, 3, 4, 5]
+    assert found.scan_count == 6
+    assert not found.wrong.any()
+    assert not found.surveyed
     assert (found.chance > 0.9).all()
-    blind = adopted(
-        site,
-        [
-            scan(x, cloud, odometry=False)
-            for x, cloud in ((0, 0), (1, 0), (2, 9), (3, 9), (4, 0), (5, 0))
-        ],
-    )
-    assert xs(blind) == [0, 1, 4, 5]
+    without_odometry = [replace(one, odom_T_scan=NO_POSE) for one in drive]
+    assert xs(adopted(site, without_odometry)) == [0, 1, 4, 5]
 
 
-def test_scans_that_hardly_moved_are_left_out_and_wrong_poses_counted(site: Site) -> None:
+def test_scans_too_near_the_last_one_are_left_out_and_wrong_poses_counted(site: Site) -> None:
     wrong = Scan("w", 0, scan(0).points, NO_POSE, planar(9, 9, 0))
     found = adopted(site, [scan(0), scan(0.4), scan(1.2), wrong])
     assert xs(found) == [0, 1.2, 0]
     assert found.wrong.tolist() == [False, False, True]
 
 
-def test_a_day_that_the_site_does_not_know_is_refused(site: Site) -> None:
+def test_a_day_of_which_no_fix_is_believed_is_refused(site: Site) -> None:
     with pytest.raises(LogError, match=r"nothing to learn of 2 scans: no fix is believed"):
         adopted(site, [scan(0, cloud=7), scan(1, cloud=8)])
 
 
-def test_a_survey_gives_poses_by_stamps_or_the_logs_own() -> None:
+def test_poses_are_those_of_a_survey_at_the_stamps_or_the_logs_own() -> None:
     drive = [scan(x) for x in (0.0, 1.0, 2.0)]
     poses = Trajectory(np.array([0, 10**9]), np.array([planar(50, 0, 0), planar(51, 0, 0)]), 1.0)
     found = surveyed(drive, poses)
-    assert (found.world_T_scan[:, 0, 3].tolist(), found.surveyed, found.scan_count) == (
-        [50, 51],
-        True,
-        3,
-    )
+    assert found.world_T_scan[:, 0, 3].tolist() == [50, 51]
+    assert found.surveyed
+    assert found.scan_count == 3
     assert xs(surveyed(drive)) == [0, 1, 2]
     with pytest.raises(LogError, match="the survey has a pose of none"):
         surveyed([scan(0, truth=False)])
 
 
-def test_what_odometry_is_off_is_spread_over_the_way() -> None:
-    # Four scans a metre apart by odometry; the last fix lies .3 m to the left of it: .1 and .2 m in
-    # between.
+def test_the_error_of_odometry_is_spread_over_the_gap() -> None:
+    # Four scans are a metre apart by odometry. The last fix lies .3 m to the left of where odometry
+    # ends, so the two between are moved by .1 and .2 m.
     odometry = np.array([planar(x, 0, 0) for x in (0.0, 1.0, 2.0, 3.0)])
     poses = np.array([planar(10, 0, 0), NO_POSE, NO_POSE, planar(13, 0.3, 0)])
     chance = np.array([0.999, 0, 0, 0.99])
@@ -89,7 +80,7 @@ def test_what_odometry_is_off_is_spread_over_the_way() -> None:
 
 
 @pytest.mark.parametrize("end", [planar(13, 2.5, 0), planar(13, 0, 6)])
-def test_no_way_leads_where_odometry_ends_elsewhere(end: np.ndarray) -> None:
+def test_a_gap_stays_where_odometry_misses_the_next_fix(end: np.ndarray) -> None:
     poses = np.array([planar(10, 0, 0), NO_POSE, end])
     chance = np.array([1.0, 0, 1])
     bridge(poses, chance, np.array([planar(x, 0, 0) for x in (0.0, 1.5, 3.0)]))
@@ -97,7 +88,7 @@ def test_no_way_leads_where_odometry_ends_elsewhere(end: np.ndarray) -> None:
     assert chance[1] == 0
 
 
-def test_interrupted_odometry_leads_nowhere() -> None:
+def test_a_gap_stays_where_odometry_is_interrupted() -> None:
     poses = np.array([planar(10, 0, 0), NO_POSE, planar(12, 0, 0)])
     chance = np.array([1.0, 0, 1])
     bridge(poses, chance, np.array([planar(0, 0, 0), NO_POSE, planar(2, 0, 0)]))

@@ -1,5 +1,5 @@
-"""`yearloc grow`: a site learns a new place from a survey, what has changed by itself, and is never
-half grown."""
+"""`yearloc grow`: a site learns new places from a survey and changes by itself, and is written whole
+or not at all."""
 
 from functools import partial
 from pathlib import Path
@@ -43,7 +43,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def drive(folder: Path, clouds: dict[float, np.ndarray]) -> str:
-    """Scans named by their stamp in µs, a second a metre."""
+    """A folder of scans at so many metres along x, named by their stamp in µs: a second a metre."""
     folder.mkdir()
     for x_m, points_m in clouds.items():
         np.save(
@@ -54,7 +54,7 @@ def drive(folder: Path, clouds: dict[float, np.ndarray]) -> str:
 
 
 def survey(path: Path, world_T_start: np.ndarray, xs_m: list[float]) -> str:
-    """A TUM file of the same drive."""
+    """A TUM file with the poses of such a drive, which begins at the pose `world_T_start`."""
     poses = [(START_S + x_m, world_T_start @ planar(x_m, 0, 0)) for x_m in xs_m]
     half = np.deg2rad(10)
     path.write_text(
@@ -111,7 +111,7 @@ def test_without_a_file_nothing_is_written(
     assert site.read_bytes() == before
 
 
-def test_a_submap_that_changed_gives_way_to_the_scan_that_tells(site: Path) -> None:
+def test_a_changed_submap_is_replaced_by_the_scan_that_contradicts_it(site: Path) -> None:
     parts = site_file.read(site, views=True)
     opened = Site(parts)
     clouds = (scene(5), scene(6))

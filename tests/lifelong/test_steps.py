@@ -1,5 +1,4 @@
-"""What a localiser is after each day: growth, a frozen model and a joint one, on scenes 2 m apart
-along x."""
+"""The localiser after each day: grown, frozen and joint models compared, on scenes 2 m apart."""
 
 from pathlib import Path
 
@@ -23,7 +22,7 @@ from tests.studies.made import study as made_study
 
 CELL_M = 2.0 * EACH  # four views a cell
 GRID = Grid(CELL_M, (-1.0, -1.0 + CELL_M * PLACES), (-5.0, 5.0))
-NONE = Places(GRID, np.empty(0, np.int64))
+NO_PLACES = Places(GRID, np.empty(0, np.int64))
 
 
 def part(seed: int, first: int, last: int) -> Rows:
@@ -36,7 +35,8 @@ ASKED = {"between": part(3, 0, 12), "later": part(4, 6, 24)}
 
 
 def recorded(strategy: object) -> Lifelong:
-    steps = surveyed(FIFTY, strategy, DAYS, NONE, None, Progress())
+    """The record of a model that learns DAYS by a strategy, and is asked about ASKED."""
+    steps = surveyed(FIFTY, strategy, DAYS, NO_PLACES, None, Progress())
     lifelong, cpu_s = record(steps, ASKED, lambda line: None, "days", "grown", 15.0)
     assert len(cpu_s) == len(lifelong.steps)
     return lifelong
@@ -53,8 +53,8 @@ def shares(found: Lifelong) -> list[list[float]]:
 
 
 def test_a_frozen_model_stays_and_a_grown_one_is_the_joint_one_of_a_database() -> None:
-    # Of the later day scenes 6 to 11 are of the first day and 12 to 17 of the second; 18 to 23 are
-    # never known.
+    # Of the later day, scenes 6 to 11 are known after the first day, scenes 12 to 17 after the
+    # second, and scenes 18 to 23 never.
     frozen, grown, joint = (recorded(strategy) for strategy in (Frozen(), Grown(), Joint()))
     assert shares(frozen) == [[1, 0.5], [1, 0.5]]
     assert shares(grown) == shares(joint) == [[1, 0.5], [1, 1]]
@@ -71,31 +71,25 @@ def test_the_record_fits_its_schema_and_its_line_says_what_came_out(tmp_path: Pa
     again = store.read(tmp_path / "grown.zarr", Lifelong)
     assert again.steps == ("first", "second")
     assert again.attrs == lifelong.attrs
-    # 48 queries of the first asked day and 24 of the second are known at first, 24 more at last: 72
-    # / 96 = .75.
-    assert (
-        line(lifelong)
-        == "2 steps to 18 places: of 96 queries that can be known 0.750 right at first, 1.000 at last"
+    # 48 queries of the first day and 24 of the second are known after the first step, 24 more
+    # after the last: 72 / 96 = .75.
+    assert line(lifelong) == (
+        "2 steps to 18 places: of 96 queries that can be known 0.750 right at first, 1.000 at last"
     )
 
 
 def test_the_training_day_is_learned_in_four_parts_of_equal_length() -> None:
     parts = streets("monday", part(1, 0, 10))
     assert [*parts] == ["monday 1/4", "monday 2/4", "monday 3/4", "monday 4/4"]
-    assert [len(one.stamps_ns) for one in parts.values()] == [
-        10,
-        10,
-        10,
-        10,
-    ]  # 40 views, 78 m: 0 to 18, 20 to 38, …
+    # 40 views over 78 m: those at 0 to 18 m, at 20 to 38 m, and so on
+    assert [len(views.stamps_ns) for views in parts.values()] == [10] * 4
 
 
 def test_places_of_a_later_day_follow_the_known_ones_and_the_grid_is_extended() -> None:
-    first = NONE.grown(np.array([[17.0, 0.0], [1.0, 0.0]]))  # cells 2 and 0
+    first = NO_PLACES.grown(np.array([[17.0, 0.0], [1.0, 0.0]]))  # cells 2 and 0
     assert first.cells.tolist() == [0, 2]
-    later = first.grown(
-        np.array([[9.0, 0.0], [-30.0, 0.0]])
-    )  # cell 1, and one four cells before the box
+    # cell 1, and one four cells before the box of the grid
+    later = first.grown(np.array([[9.0, 0.0], [-30.0, 0.0]]))
     assert later.at(
         np.array([[1.0, 0.0], [17.0, 0.0], [-30.0, 0.0], [9.0, 0.0], [60.0, 0.0]])
     ).tolist() == [0, 1, 2, 3, -1]

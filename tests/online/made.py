@@ -1,4 +1,4 @@
-"""A site of three places, each another scene, whose bytes are known."""
+"""A site of three places, 200 m apart, in each of which another made-up scene stands."""
 
 import json
 import zipfile
@@ -34,16 +34,15 @@ READER = {"_target_": "pipeline.readers.nclt.Nclt"}
 
 
 def described(**changes: Any) -> SiteDescription:
-    """What the site says of itself, as it is read from JSON; `changes` are to its keys."""
+    """The description of the site, as it is read from JSON; `changes` replace some of its keys."""
     return SiteDescription.from_json(about(**changes))
 
 
 def about(**changes: Any) -> dict[str, Any]:
-    """The content of its site.json.
+    """The content of the site's site.json; `changes` replace some of its keys.
 
-    A fix of an overlap of .8 is right by .98, one of .4 by .02; .9 keeps a promise of .99.
-
-    Its place is right by 1 from an overlap of .4 on.
+    A fix is right with a chance of .98 at an overlap of .8, of .02 at one of .4; a chance of .9
+    keeps a promise of .99. The robot is surely near it from an overlap of .4 on.
     """
     verdict = {
         "pose": {"weights": (20.0, *5 * (0.0,)), "offset": -12.0},
@@ -70,7 +69,7 @@ def about(**changes: Any) -> dict[str, Any]:
 
 
 def arrays() -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """The model and the map."""
+    """The arrays of the model and of the map."""
     clouds = [scene(seed) for seed in range(3)]
     labels = label(ANCHORS, ANCHORS, GRID, 0)
     views = Rows(np.stack([ScanContext()(cloud) for cloud in clouds]), np.arange(3), ANCHORS)
@@ -87,12 +86,12 @@ def arrays() -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
 
 
 def packed(folder: Path, **changes: Any) -> Path:
-    """The site's file; `changes` are to the keys of its site.json."""
+    """Write the site's file; `changes` replace some keys of its site.json."""
     return with_content(folder / "three.site", about(**changes))
 
 
 def with_content(path: Path, content: dict[str, Any]) -> Path:
-    """A site file with this site.json, whatever it holds."""
+    """Write the site's file with this site.json, be it valid or not."""
     site_file.write(path, site_file.Parts(described(), *arrays(), None))
     with zipfile.ZipFile(path) as file:
         members = {name: file.read(name) for name in file.namelist()}
@@ -106,6 +105,6 @@ def with_content(path: Path, content: dict[str, Any]) -> Path:
 def scan(
     row: int = 1, x_m: float = -3.0, y_m: float = 4.0, yaw_deg: float = 40.0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Points seen in place `row`, so far off its anchor, and the true pose."""
+    """Points (n, 3) seen in place `row`, from so far off its anchor, and the true pose (4, 4)."""
     anchor_T_robot = planar(x_m, y_m, yaw_deg)
     return seen_from(scene(row), anchor_T_robot), ANCHORS[row] @ anchor_T_robot

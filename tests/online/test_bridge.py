@@ -1,4 +1,4 @@
-"""A site over Zenoh, between two processes."""
+"""A site answers scans over Zenoh, in a process of its own."""
 
 import json
 import queue
@@ -20,6 +20,7 @@ from tests.online.made import packed, scan
 
 @pytest.fixture
 def endpoint() -> str:
+    """An endpoint at a free port of this machine."""
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         return f"tcp/127.0.0.1:{free.getsockname()[1]}"
@@ -27,7 +28,7 @@ def endpoint() -> str:
 
 @pytest.fixture
 def bridge(endpoint: str, tmp_path: Path) -> Iterator[Callable[..., dict[str, object]]]:
-    """Another process that answers at this endpoint, once this one listens there."""
+    """A function that sends a scan to another process, which connects here, and returns its answer."""
     words = [
         sys.executable,
         "-m",
@@ -62,7 +63,7 @@ def bridge(endpoint: str, tmp_path: Path) -> Iterator[Callable[..., dict[str, ob
         fixed.undeclare()
 
 
-def test_scans_of_another_process_get_fixes_and_what_is_no_scan_a_line(bridge) -> None:
+def test_scans_are_answered_by_fixes_and_other_bodies_by_an_error_in_a_line(bridge) -> None:
     points_m, world_T_robot = scan()
     for _ in range(2):
         fix = bridge(points_m.astype("<f4").tobytes())
@@ -73,7 +74,7 @@ def test_scans_of_another_process_get_fixes_and_what_is_no_scan_a_line(bridge) -
     assert bridge(points_m.astype("<f4").tobytes())["verdict"] == "accepted"
 
 
-def test_nobody_at_the_endpoint_is_one_line(
+def test_an_endpoint_where_nobody_answers_is_an_error_in_a_line(
     endpoint: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit):
@@ -81,7 +82,7 @@ def test_nobody_at_the_endpoint_is_one_line(
     assert f"--zenoh {endpoint}: Unable to connect" in capsys.readouterr().err
 
 
-def test_floats_are_points() -> None:
+def test_a_body_of_floats_is_decoded_to_points() -> None:
     stamp_ns, points_m = points(
         np.array([[1, 2, 3], [4, 5, 6]], "<f4").tobytes(), "application/octet-stream"
     )

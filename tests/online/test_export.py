@@ -1,4 +1,4 @@
-"""An exported network answers as torch does, and a site with one needs no torch."""
+"""An exported network answers as torch's does, and a site on one thread needs no torch."""
 
 import json
 import subprocess
@@ -39,7 +39,7 @@ print(fix.verdict, *fix.world_T_sensor[:2, 3])
 
 @pytest.fixture(scope="module", params=[Sci, SciRing], ids=["sci", "sci_ring"])
 def learned(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A site whose method is a network."""
+    """A site whose method is a trained network."""
     method: Classifier = request.param(**SETTINGS)
     images = np.stack([ScanContext()(scene(seed)) for seed in range(3)] * 4)
     model = method.learn(
@@ -112,15 +112,14 @@ def test_a_packed_site_answers_on_one_thread_without_torch_as_with_it(
 def test_a_site_that_needs_torch_says_so(learned: Path) -> None:
     program = WITHOUT_TORCH.replace("Site.open(sys.argv[1])", "Site.open(sys.argv[1], threads=2)")
     words = [sys.executable, "-c", program, str(learned), "none"]
-    told = subprocess.run(words, capture_output=True, text=True, check=False).stderr.splitlines()[
-        -1
-    ]
-    assert told.startswith("pipeline.core.errors.NotInstalledError")
-    assert "torch: not installed" in told
-    assert "pip install 'yearloc[site]'" in told
+    ended = subprocess.run(words, capture_output=True, text=True, check=False)
+    last_line = ended.stderr.splitlines()[-1]
+    assert last_line.startswith("pipeline.core.errors.NotInstalledError")
+    assert "torch: not installed" in last_line
+    assert "pip install 'yearloc[site]'" in last_line
 
 
-def test_parity_stands_beside_the_file(
+def test_the_comparison_with_torch_is_written_beside_the_file(
     learned: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     found = b"network", Parity(32, 2e-5, 1.0)

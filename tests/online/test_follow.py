@@ -1,5 +1,4 @@
-"""A recording that is still being written is followed: what waits too long is dropped and
-counted."""
+"""A recording is followed while it is written: clouds that wait too long are dropped and counted."""
 
 import time
 from pathlib import Path
@@ -24,7 +23,7 @@ BODY_T_LIDAR = pose(np.array([[0.5, 0.0, 1.5]]), np.array([[0.0, 0.0, np.pi / 2]
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> bytes:
-    """The bytes of a recording of so many clouds."""
+    """The bytes of a recording of COUNT clouds, a tenth of a second apart."""
     folder = tmp_path_factory.mktemp("recorded") / "day"
     points_m = seen_from(scan()[0], BODY_T_LIDAR).astype(np.float32)
     with BagWriter(folder, "mcap") as bag:
@@ -56,7 +55,7 @@ def record(path: Path, data: bytes, seconds: float) -> Thread:
     return thread
 
 
-def test_every_cloud_is_seen_or_counted_as_dropped(recorded: bytes, tmp_path: Path) -> None:
+def test_every_cloud_is_handed_out_or_counted_as_dropped(recorded: bytes, tmp_path: Path) -> None:
     thread = record(tmp_path / "day.mcap", recorded, 2.0)
     following = Following(tmp_path / "day.mcap", None, 0.0, 1.0)
     seen = []
@@ -67,9 +66,8 @@ def test_every_cloud_is_seen_or_counted_as_dropped(recorded: bytes, tmp_path: Pa
     assert following.dropped > 0
     assert len(seen) + following.dropped == COUNT
     assert seen[-1].stamp_ns == START_NS + (COUNT - 1) * 10**8
-    np.testing.assert_allclose(
-        seen[-1].points(), scan()[0], atol=1e-4
-    )  # where the transforms put it
+    # the points are placed by the recording's transforms
+    np.testing.assert_allclose(seen[-1].points(), scan()[0], atol=1e-4)
 
 
 def test_the_command_follows_a_recording(
@@ -84,8 +82,8 @@ def test_the_command_follows_a_recording(
 
 
 @pytest.mark.parametrize("odometry", ["/wheels", "tf:odom>base_link"])
-def test_its_odometry_is_followed(tmp_path: Path, odometry: str) -> None:
-    """A robot drives a metre in a second; clouds are stamped half way between two of its poses."""
+def test_odometry_is_interpolated_at_the_stamps_of_clouds(tmp_path: Path, odometry: str) -> None:
+    """A robot drives at 1 m/s; each cloud is stamped half way between two of its poses."""
     points_m = np.ones((9, 3), np.float32)
     clouds = 4
     poses = 10
@@ -110,9 +108,11 @@ def test_its_odometry_is_followed(tmp_path: Path, odometry: str) -> None:
     assert "no pose of /feet came" in other.damage
 
 
-def test_a_pose_is_carried_on_for_a_moment() -> None:
-    """A tenth of a second after the last of two poses 0.1 s and 0.2 m apart it is 0.2 m farther;
-    after a second nobody knows."""
+def test_a_pose_is_extrapolated_for_a_moment() -> None:
+    """Two poses are 0.1 s and 0.2 m apart: 0.1 s later the robot is 0.2 m farther on.
+
+    A second later its pose is unknown.
+    """
     newest = Newest()
     newest.add(START_NS, planar(1, 0, 0))
     newest.add(START_NS + 10**8, planar(1.2, 0, 0))
@@ -121,7 +121,7 @@ def test_a_pose_is_carried_on_for_a_moment() -> None:
     assert np.isnan(newest.at(START_NS + 10**9)).all()
 
 
-def test_a_recording_that_is_damaged_is_read_up_to_there_and_says_so(
+def test_a_damaged_recording_is_read_up_to_the_damage_which_is_reported(
     recorded: bytes, tmp_path: Path
 ) -> None:
     half = len(recorded) // 2
@@ -136,7 +136,9 @@ def test_a_recording_that_is_damaged_is_read_up_to_there_and_says_so(
     [(b"", r"no PointCloud2 came within 0\.3 s"), (b"no recording at all", "damaged")],
     ids=["empty", "text"],
 )
-def test_what_holds_no_cloud_ends_in_a_line(tmp_path: Path, data: bytes, says: str) -> None:
+def test_a_file_without_clouds_is_an_error_in_a_line(
+    tmp_path: Path, data: bytes, says: str
+) -> None:
     (tmp_path / "day.mcap").write_bytes(data)
     with pytest.raises(LogError, match=rf"day\.mcap: {says}"):
         list(Following(tmp_path / "day.mcap", None, 0.0, 0.3).scans())

@@ -1,4 +1,4 @@
-"""The points of queries as they lay at the stamp of their scan."""
+"""The points of a scan are moved to where they lay at its stamp, whatever it is read from."""
 
 from pathlib import Path
 
@@ -13,17 +13,17 @@ from tests.posing.scene import planar
 START_NS = 1_700_000_000_000_000_000
 STEP_NS = 100_000_000
 READER = {"_target_": "pipeline.readers.bag.Bag", "truth": None, "odometry": "/wheels"}
-"""Of a data set of bags whose poses are estimated."""
+"""The reader of a site whose data set is bags with estimated poses."""
 OTHER = {"_target_": "pipeline.readers.carmen.Carmen"}
-"""Of a data set of another kind."""
+"""The reader of a site whose data set is of another kind."""
 
 
 @pytest.fixture
 def bag(tmp_path: Path) -> Path:
-    """A bag driven at 10 m/s along x.
+    """A bag of a robot that drives at 10 m/s along x.
 
-    Its clouds have a point 3 m ahead at the stamp, and another, of .05 s later, 3 m ahead of where
-    the robot was then: 3.5 m ahead of the stamp's place.
+    Each cloud has two points 3 m ahead of the robot, one at the stamp and one .05 s later. So the
+    second lies 3.5 m ahead of where the robot was at the stamp.
     """
     with BagWriter(tmp_path / "day", "mcap") as writer:
         for row in range(-2, 5):
@@ -41,24 +41,26 @@ def bag(tmp_path: Path) -> Path:
     return tmp_path / "day"
 
 
-def test_a_bag_s_points_are_moved_to_where_they_lay_at_the_stamp(bag: Path) -> None:
+def test_the_points_of_a_bag_are_moved_by_its_odometry(bag: Path) -> None:
     for scan in scans(str(bag), OTHER, 0.0, odometry="/wheels"):
         np.testing.assert_allclose(scan.points()[:, 0], [3.0, 3.5], atol=0.02)
 
 
-def test_those_of_a_log_of_the_site_s_data_set_too(bag: Path) -> None:
+def test_the_points_of_a_log_of_the_sites_data_set_are_moved_too(bag: Path) -> None:
     opened = list(scans(str(bag), READER, 0.0))
     assert opened[0].body_T_lidar is None  # its reader placed them
     for scan in opened:
         np.testing.assert_allclose(scan.points()[:, 0], [3.0, 3.5], atol=0.02)
 
 
-def test_without_odometry_they_stay(bag: Path) -> None:
+def test_without_odometry_points_stay_where_they_were_measured(bag: Path) -> None:
     for scan in scans(str(bag), OTHER, 0.0):
         np.testing.assert_array_equal(scan.points()[:, 0], [3.0, 3.0])
 
 
-def test_those_of_a_recording_that_is_followed_are_moved_by_the_motion_before(bag: Path) -> None:
+def test_the_points_of_a_followed_recording_are_moved_by_the_motion_before_the_stamp(
+    bag: Path,
+) -> None:
     (file,) = bag.glob("*.mcap")
     for scan in Following(file, None, 0.0, 0.3, "/wheels").scans():
         np.testing.assert_allclose(scan.points()[:, 0], [3.0, 3.5], atol=0.02)

@@ -1,4 +1,4 @@
-"""Level sites: of a Nav2 map, asked by Python and by `yearloc localize`; what they refuse."""
+"""Level sites: packed from a map or from sweeps, asked in Python and by commands."""
 
 import json
 from collections import Counter
@@ -46,13 +46,14 @@ def hall_yaml(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def hall(hall_yaml: Path) -> Path:
-    """Its site."""
+    """The site of this map."""
     out = hall_yaml.with_name("hall.site")
     main(["pack", "--map", str(hall_yaml), "-o", str(out)])
     return out
 
 
 def refused(capsys: pytest.CaptureFixture[str], *words: object) -> str:
+    """Run a command that must fail; returns its last line of standard error."""
     with pytest.raises(SystemExit) as stop:
         main(list(map(str, words)))
     assert stop.value.code == 1
@@ -60,7 +61,7 @@ def refused(capsys: pytest.CaptureFixture[str], *words: object) -> str:
     return line
 
 
-def test_a_site_of_a_map_says_that_it_is_level_and_names_the_pose_of_a_sweep(hall: Path) -> None:
+def test_a_sweep_is_localised_in_the_site_of_a_map(hall: Path) -> None:
     site = Site.open(hall)
     assert isinstance(site, LevelSite)
     assert site.is_level
@@ -80,7 +81,7 @@ def test_the_same_map_makes_the_same_bytes(hall: Path, hall_yaml: Path, tmp_path
 
 
 def hall_log(folder: Path) -> Path:
-    """A CARMEN log of another drive: 361 beams as ranges, odometry that turns too far."""
+    """A CARMEN log of another drive, whose odometry turns too far; each sweep has 180 ranges."""
     sweeps = drive(seed=9)
     odometry = [(*odom[:2, 3], np.arctan2(odom[1, 0], odom[0, 0])) for odom in sweeps.odom_T_sweep]
     lines = ["PARAM robot_front_laser_max 50.0 1 host 1\n"]
@@ -102,7 +103,7 @@ def hall_log(folder: Path) -> Path:
 
 
 @pytest.mark.parametrize("track", [[], ["--track"]])
-def test_a_log_is_localised_with_its_sweeps_gathered(
+def test_the_sweeps_of_a_log_are_gathered_and_localised(
     hall: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], track: list[str]
 ) -> None:
     log = hall_log(tmp_path)
@@ -121,7 +122,7 @@ def test_a_log_is_localised_with_its_sweeps_gathered(
     assert "0 are over 1 m or 10° off" in output.err
 
 
-def test_a_drive_is_watched_in_both_viewers_and_drawn_in_the_plan_of_the_building(
+def test_a_drive_is_recorded_for_both_viewers_and_drawn_in_the_plan_of_the_building(
     hall: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     log = hall_log(tmp_path)
@@ -157,8 +158,8 @@ def test_walls_of_the_plan_lie_where_they_are_in_the_world(hall: Path) -> None:
     assert plan.image.getpixel(tuple(middle_px)) == (255, 255, 255)
 
 
-def test_a_building_that_is_longer_in_y_lies_across(hall: Path) -> None:
-    """Then y of the map runs to the right."""
+def test_the_plan_of_a_building_that_is_longer_in_y_is_turned(hall: Path) -> None:
+    """Then the y axis of the map points to the right."""
     site = Site.open(hall)
     assert isinstance(site, LevelSite)
     occupancy = np.ascontiguousarray(np.rot90(site.level_map.occupancy, -1))  # row 0 lies below
@@ -191,24 +192,23 @@ def test_the_laser_scans_of_a_bag_are_localised(
     assert np.hypot(row["x"] - 16, row["y"] - 6) < 0.1
 
 
-def test_a_tracker_is_lost_where_odometry_ends_and_finds_itself_again(hall: Path) -> None:
+def test_a_tracker_finds_a_robot_again_that_was_carried_without_odometry(hall: Path) -> None:
     site = Site.open(hall)
     assert isinstance(site, LevelSite)
     sweeps = drive(seed=4)
     tracker = LevelTracker(site, 0.95)
     for row in range(30):
-        step = None if row in (0, 15) else sweeps.step(row if row < 15 else row + 20)
-        at = row if row < 15 else row + 20
+        at = row if row < 15 else row + 20  # it is carried 20 sweeps farther, without odometry
+        step = None if row in (0, 15) else sweeps.step(at)
         fix = tracker.localize(sweeps.points(at), step)
-        assert fix.verdict != "accepted" or pose_is_right(
-            fix.world_T_sensor[None], sweeps.world_T_sweep[at, None]
-        )
+        true = sweeps.world_T_sweep[at, None]
+        assert fix.verdict != "accepted" or pose_is_right(fix.world_T_sensor[None], true)
     assert fix.verdict == "accepted"
     with pytest.raises(InputError, match="a LevelTracker follows its sweeps"):
         Tracker(site)
 
 
-def test_what_is_of_the_other_kind_is_one_line(
+def test_scans_and_commands_of_the_other_kind_of_site_are_refused_in_a_line(
     hall: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(InputError, match="a 3-D scan, its points lie over"):
@@ -231,7 +231,7 @@ def test_what_is_of_the_other_kind_is_one_line(
         ("free_thresh: 0.196", "free_thresh: 0.0", "a map without free space"),
     ],
 )
-def test_a_map_that_cannot_serve_is_one_line(
+def test_a_map_that_cannot_be_packed_is_refused_in_a_line(
     hall_yaml: Path,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
@@ -286,13 +286,13 @@ def test_no_wrong_pose_of_a_mutated_sweep_is_accepted(hall: Path) -> None:
         fix = site.localize(points_m)
         if fix.verdict == "accepted":
             accepted[kind] += 1
-            # where a laser is turned about its own axis, that is the frame it is asked for
+            # the position counts alone: a turned laser is asked for its own, turned frame
             wrong[kind] += bool(np.linalg.norm(fix.world_T_sensor[:2, 3] - place[:2]) > 1)
     assert accepted["nan"] >= 10
     assert accepted["turned"] >= 20
     for kind in ("twelve beams", "range_max", "scaled", "noise"):
         assert accepted[kind] == 0
-    # of a room that looks the same in a mirror nothing tells
+    # a room that looks the same in a mirror does not tell that the laser is upside down
     assert wrong["upside down"] <= 2
     assert wrong.total() == wrong["upside down"]
 
@@ -302,7 +302,7 @@ OFFICE = (
     *((0, 0, 0, 9), (10, 2.5, 10, 7), (11, 2.5, 11, 9), (22, 2.5, 22, 8), (30, 0, 30, 9)),
     *((0, 9, 8, 7), (8, 7, 10, 7), (11, 9, 17, 7.5), (17, 7.5, 22, 8), (23, 2.5, 27, 6)),
 )
-"""Walls of another building."""
+"""The walls of another building, x and y of their ends in metres."""
 
 
 def test_no_pose_of_another_building_s_sweeps_is_accepted(hall: Path) -> None:

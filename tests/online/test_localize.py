@@ -1,4 +1,4 @@
-"""`yearloc localize`: scans of any kind come out as lines, objects, rows, a trajectory or a bag."""
+"""`yearloc localize` takes scans from any source, and writes their fixes in every format."""
 
 import io
 import json
@@ -30,13 +30,14 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 
 def run(capsys: pytest.CaptureFixture[str], *words: object) -> tuple[str, str]:
-    """What a call prints on standard output and on standard error."""
+    """Run `yearloc localize`; returns what it prints on standard output and on standard error."""
     main(["localize", *map(str, words)])
     told = capsys.readouterr()
     return told.out, told.err
 
 
 def refused(capsys: pytest.CaptureFixture[str], *words: object) -> str:
+    """Run `yearloc localize`, which must fail; returns its last line of standard error."""
     with pytest.raises(SystemExit) as stop:
         main(["localize", *map(str, words)])
     assert stop.value.code == 1
@@ -45,7 +46,7 @@ def refused(capsys: pytest.CaptureFixture[str], *words: object) -> str:
 
 
 def floats(folder: Path, name: str = f"{UTIME}.bin") -> Path:
-    """A scan as KITTI lays it out."""
+    """Write the scan as a file in KITTI's format."""
     points_m, _ = scan()
     path = folder / name
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -54,12 +55,12 @@ def floats(folder: Path, name: str = f"{UTIME}.bin") -> Path:
 
 
 def near(found: dict[str, float]) -> bool:
-    """Whether it is the pose of `scan()`."""
+    """Whether a fix is at the true pose of `scan()`."""
     x_m, y_m = scan()[1][:2, 3]
     return bool(np.hypot(found["x"] - x_m, found["y"] - y_m) < 0.1)
 
 
-def test_a_line_for_people_and_an_object_for_programs(
+def test_a_fix_is_printed_as_a_line_or_as_json(
     site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     line, told = run(capsys, site, floats(tmp_path))
@@ -73,7 +74,7 @@ def test_a_line_for_people_and_an_object_for_programs(
     assert np.array(found["covariance"]).shape == (6, 6)
 
 
-def test_every_format_of_a_scan(
+def test_scan_files_of_every_format_are_read(
     site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     points_m, _ = scan()
@@ -82,7 +83,6 @@ def test_every_format_of_a_scan(
     (tmp_path / "2.bin").write_bytes(
         nclt.encode(near_m, np.zeros(len(near_m)), np.arange(len(near_m)) % 32)
     )
-    size = f"WIDTH {len(points_m)}\nHEIGHT 1\nPOINTS {len(points_m)}\n"
     size = f"WIDTH {len(points_m)}\nHEIGHT 1\nPOINTS {len(points_m)}\n"
     head = f"VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\n{size}"
     (tmp_path / "3.pcd").write_bytes(
@@ -93,7 +93,7 @@ def test_every_format_of_a_scan(
     assert all(near(json.loads(line)) and json.loads(line)["stamp"] is None for line in lines)
 
 
-def test_standard_input(
+def test_a_scan_is_read_from_standard_input(
     site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(floats(tmp_path).read_bytes())))
@@ -101,7 +101,7 @@ def test_standard_input(
 
 
 @pytest.mark.parametrize("kind", ["ros1", "mcap"])
-def test_a_bag_with_its_lidar_where_its_transforms_say(
+def test_the_points_of_a_bag_are_placed_by_its_transforms(
     site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], kind: str
 ) -> None:
     path = tmp_path / ("day.bag" if kind == "ros1" else "day")
@@ -157,8 +157,7 @@ def test_a_bag_is_followed_by_its_odometry(
 def test_clouds_that_a_bag_leaves_out_are_counted(
     site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], command: str
 ) -> None:
-    """A driver that stamps in whole seconds: of five clouds in two seconds three repeat the stamp
-    of an earlier one."""
+    """Its driver stamps in whole seconds: three of five clouds repeat the stamp of an earlier one."""
     points_m = scan()[0].astype(np.float32)
     with BagWriter(tmp_path / "day", "mcap") as bag:
         for i in range(5):
@@ -169,21 +168,17 @@ def test_clouds_that_a_bag_leaves_out_are_counted(
                 np.ones(len(points_m)),
                 np.zeros(len(points_m), int),
             )
-    main(
-        [
-            command,
-            site,
-            str(tmp_path / "day"),
-            *(["--save", str(tmp_path / "a.mcap")] if command == "watch" else []),
-        ]
-    )
+    words = [command, site, str(tmp_path / "day")]
+    if command == "watch":
+        words += ["--save", str(tmp_path / "a.mcap")]
+    main(words)
     told = capsys.readouterr().err
     assert "2 scans: 2 accepted" in told
     assert "3 more were left out: stamp of an earlier one (3)" in told
 
 
 def driven(folder: Path, name: str, from_ns: int, odom_T_start: np.ndarray) -> Path:
-    """A bag of three scans a tenth of a second apart, whose odometry starts anywhere."""
+    """A bag of three scans a tenth of a second apart; by odometry the robot stands at one pose."""
     points_m = scan()[0].astype(np.float32)
     with BagWriter(folder / name, "mcap") as bag:
         for i in range(3):
@@ -207,26 +202,20 @@ def test_the_odometry_of_another_recording_starts_anew(
     onwards = driven(tmp_path, "b", 3 * 10**8, planar(5, 0, 0))
     later = driven(tmp_path / "days", "c", 10**12, planar(90, 0, 180))
     track = ("--track", "--odometry", "/wheels")
-    assert "6 accepted" in run(capsys, site, first, later, *track)[1]
-    assert (
-        "by odometry over 4 steps, by constant motion over 2"
-        in run(capsys, site, first, later, *track)[1]
-    )
-    assert (
-        "by odometry over 4 steps, by constant motion over 2"
-        in run(capsys, site, tmp_path / "days", *track)[1]
-    )
-    assert (
-        "by odometry over 5 steps, by constant motion over 1"
-        in run(capsys, site, first, onwards, *track)[1]
-    )  # one drive, split
+    two_drives = "by odometry over 4 steps, by constant motion over 2"
+    told = run(capsys, site, first, later, *track)[1]
+    assert "6 accepted" in told
+    assert two_drives in told
+    assert two_drives in run(capsys, site, tmp_path / "days", *track)[1]
+    # one drive, in two files
+    told = run(capsys, site, first, onwards, *track)[1]
+    assert "by odometry over 5 steps, by constant motion over 1" in told
 
 
-def test_odometry_that_is_set_back_tells_no_step_there(
+def test_odometry_that_jumps_gives_no_step_there(
     site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Nine scans of a robot that stands; its odometry says 90 m from the fifth on: one step that no
-    vehicle makes."""
+    """A robot stands for nine scans, and its odometry jumps by 85 m at the fifth."""
     points_m = scan()[0].astype(np.float32)
     with BagWriter(tmp_path / "day", "mcap") as bag:
         for i in range(9):
@@ -241,12 +230,11 @@ def test_odometry_that_is_set_back_tells_no_step_there(
             )
     told = run(capsys, site, tmp_path / "day", "--track", "--odometry", "/wheels")[1]
     assert "9 accepted" in told
-    assert (
-        "by odometry over 6 steps, by constant motion over 3" in told
-    )  # none to the first, to the fifth, and from it
+    # no step leads to the first scan, nor to the fifth, nor on from it
+    assert "by odometry over 6 steps, by constant motion over 3" in told
 
 
-def test_files_that_other_programs_read(
+def test_fixes_are_written_as_csv_tum_and_mcap(
     site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = floats(tmp_path)
@@ -275,7 +263,7 @@ def test_files_that_other_programs_read(
         (["watch", "--save"], "a.rrd"),
     ],
 )
-def test_a_recording_cut_short_leaves_the_one_of_before(
+def test_an_interrupted_command_leaves_an_older_file_as_it_was(
     site: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: list[str], name: str
 ) -> None:
     out = tmp_path / name
@@ -291,7 +279,7 @@ def test_a_recording_cut_short_leaves_the_one_of_before(
     assert out.read_text() == "of before"
 
 
-def test_a_broken_scan_among_others_is_counted(
+def test_a_broken_scan_among_others_is_passed_over_and_counted(
     site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     floats(tmp_path)
@@ -303,21 +291,20 @@ def test_a_broken_scan_among_others_is_counted(
     assert "no whole .npy file" in refused(capsys, site, tmp_path / "2.npy")
 
 
-def test_a_scan_of_another_sensor_is_named(
+def test_a_sensor_at_another_height_is_reported_with_how_to_raise_its_points(
     site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     points_m, _ = scan()
     np.save(tmp_path / "1.npy", points_m - (0, 0, 1.73))
     told = run(capsys, site, tmp_path / "1.npy")[1]
     assert "unlike the scans that the site was learned with: the ground lies at z = -1.7" in told
-    assert (
-        "with --lift 1.7" in run(capsys, site, tmp_path / "1.npy", "--lift", 3.0)[1]
-    )  # what to give in all, not to add
     assert "--lift 1.7" in told
+    # whatever was given, the whole lift is named
+    assert "with --lift 1.7" in run(capsys, site, tmp_path / "1.npy", "--lift", 3.0)[1]
     assert near(json.loads(run(capsys, site, tmp_path / "1.npy", "--lift", 1.73, "--json")[0]))
 
 
-def test_a_log_of_the_sites_data_set_is_raised_by_its_reader_alone(
+def test_a_log_of_the_sites_data_set_is_raised_by_its_reader_only(
     site: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     points_m = scan()[0] - (0, 0, 1.73)
@@ -349,7 +336,7 @@ def test_a_log_of_the_sites_data_set_is_raised_by_its_reader_alone(
         ),
     ],
 )
-def test_a_scan_that_leans_is_told_by_how_much_and_how_to_turn_it(
+def test_a_scan_that_leans_is_reported_with_how_to_turn_it(
     site: str,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
@@ -357,7 +344,7 @@ def test_a_scan_that_leans_is_told_by_how_much_and_how_to_turn_it(
     says: str,
     turn: str,
 ) -> None:
-    """A lidar 1.5 m over the ground that is mounted so."""
+    """A lidar is mounted 1.5 m over the ground, turned by roll, pitch and yaw."""
     lidar_T_level = pose(np.zeros((1, 3)), np.radians([rpy_deg]))[0]
     points_m = (scan()[0] - (0, 0, 1.5)) @ lidar_T_level[:3, :3].T
     np.save(tmp_path / "1.npy", points_m)
@@ -403,7 +390,7 @@ def test_level_scans_of_other_places_do_not_lean() -> None:
         (["1.bin", "--threads", "0"], "--threads 0: expected at least 1"),
     ],
 )
-def test_a_mistake_is_one_line(
+def test_wrong_arguments_are_refused_in_a_line(
     site: str,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
@@ -426,6 +413,6 @@ def test_the_lines_of_the_tutorial_run(
     np.save("scan.npy", scan()[0])
     page = (Path(__file__).parents[2] / "docs/tutorials/robot.md").read_text()
     exec(page.partition("```python\n")[2].partition("```")[0], {})
-    assert capsys.readouterr().out.startswith(
-        f"{json.loads(run(capsys, site, 'scan.npy', '--json')[0])['place']} [["
-    )
+    printed = capsys.readouterr().out
+    fix = json.loads(run(capsys, site, "scan.npy", "--json")[0])
+    assert printed.startswith(f"{fix['place']} [[")

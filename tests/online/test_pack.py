@@ -1,4 +1,4 @@
-"""A site is packed from a study's artifacts, and finds the poses that they hold."""
+"""A site is packed from the artifacts of a study, and localises a scan of its places."""
 
 import shutil
 from pathlib import Path
@@ -63,24 +63,24 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def packed(project: Path, name: str, out: Path) -> str:
+    """Pack the model `name` of the project; returns what the site holds, in a line."""
     trained = Trained.named(Layout(project / "artifacts"), {"three": STUDY}, name)
     return Packing(project / "conf").pack(trained, out, Progress())
 
 
-def test_what_is_packed_finds_a_scan(project: Path, tmp_path: Path) -> None:
+def test_a_packed_site_localises_a_scan(project: Path, tmp_path: Path) -> None:
     said = packed(project, "three/10m/scan_context", tmp_path / "three.site")
     assert said.startswith(f"{tmp_path / 'three.site'}: 3 places, 24 submaps")
     site = Site.open(tmp_path / "three.site")
-    (points_m, world_T_robot) = scan(2, 1.0, 0.5, 20.0)
-    with one_line(
-        InputError, "promise=0.99: this site cannot promise that, nor any other"
-    ):  # by 24 held-out queries
+    points_m, world_T_robot = scan(2, 1.0, 0.5, 20.0)
+    # 24 held-out queries are too few for any promise
+    with one_line(InputError, "promise=0.99: this site cannot promise that, nor any other"):
         site.localize(points_m)
     fix = site.localize(points_m, None)
     np.testing.assert_allclose(fix.world_T_sensor, world_T_robot, atol=0.1)
     assert site.description.reader["_target_"] == "pipeline.readers.folder.Folder"
     assert site.description.sensor.ground_m == pytest.approx(0, abs=0.05)
-    assert 0 < site.fixer.least_overlap <= 0.3  # held-out blocks tell it
+    assert 0 < site.fixer.least_overlap <= 0.3  # it is learned from held-out blocks
     assert site.description.provenance.train == "monday"
     assert "site three/10m/scan_context" in describe(tmp_path / "three.site").text()
 
@@ -96,7 +96,7 @@ def test_what_is_packed_finds_a_scan(project: Path, tmp_path: Path) -> None:
         ("three/10m/sad", "matches sequences of bird-views"),
     ],
 )
-def test_what_cannot_be_packed_is_named(
+def test_a_name_that_cannot_be_packed_is_refused_with_what_can(
     project: Path, tmp_path: Path, name: str, says: str
 ) -> None:
     with one_line(ConfigError, says):

@@ -1,5 +1,4 @@
-"""The ROS 2 example: its logic with messages as rosbags decodes them, and its node with fakes in
-place of ROS."""
+"""The ROS 2 example: its logic with messages decoded by rosbags, and its node with ROS faked."""
 
 import importlib.util
 import sys
@@ -29,6 +28,7 @@ START_NS = 1_700_000_000_250_000_000
 
 @pytest.fixture(scope="module")
 def example() -> ModuleType:
+    """The module of the example, which is in no package."""
     spec = importlib.util.spec_from_file_location("localizer", NODE)
     assert spec is not None
     assert spec.loader is not None
@@ -43,8 +43,10 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def sent(folder: Path, *clouds: np.ndarray) -> tuple[list[Any], list[Any]]:
-    """A cloud a second, and odometry that stands 7 m from its start and then 1 m on a second, as
-    ROS delivers them."""
+    """The messages of clouds, one a second, and of odometry, as ROS delivers them.
+
+    By odometry the robot is 7 m from its start at the first cloud, and drives at 1 m/s.
+    """
     with BagWriter(folder, "mcap") as bag:
         for i, points_m in enumerate(clouds):
             time_ns = START_NS + i * 10**9
@@ -73,7 +75,7 @@ def sent(folder: Path, *clouds: np.ndarray) -> tuple[list[Any], list[Any]]:
 def faked(
     monkeypatch: pytest.MonkeyPatch, site: Path, **parameters: object
 ) -> dict[str, MagicMock]:
-    """ROS, with these parameters of the node."""
+    """Put fakes in place of the modules of ROS, with these parameters of the node."""
     packages = (
         "rclpy",
         "rclpy.node",
@@ -97,7 +99,7 @@ def faked(
     return fakes
 
 
-def test_an_accepted_cloud_becomes_a_pose_and_others_nothing(
+def test_only_an_accepted_cloud_becomes_a_pose(
     example: ModuleType, site: Path, tmp_path: Path
 ) -> None:
     node = example.Localizer(Site.open(site))
@@ -106,13 +108,13 @@ def test_an_accepted_cloud_becomes_a_pose_and_others_nothing(
     np.testing.assert_allclose(here.map_T_body, scan()[1], atol=0.1)
     assert here.covariance.shape == (36,)
     assert (np.diag(here.covariance.reshape(6, 6)) > 0).all()
-    assert np.isnan(here.map_T_odom).all()  # nothing is known of the odometry
+    assert np.isnan(here.map_T_odom).all()  # there was no odometry
 
 
-def test_odometry_is_followed_and_led_to_the_map(
+def test_odometry_is_followed_and_its_frame_is_located_in_the_map(
     example: ModuleType, site: Path, tmp_path: Path
 ) -> None:
-    """At the second cloud, 1 m on, odometry says x = 8 m: its frame begins 8 m behind the robot."""
+    """At the second cloud, 1 m farther on, odometry is at x = 8 m, so it began 8 m behind the robot."""
     node = example.Localizer(Site.open(site), body_T_lidar="0,0,1.5,180,0,0")
     mounted = [seen_from(scene(1), planar(x_m, 0, 0)) * (1, -1, -1) + (0, 0, 1.5) for x_m in (0, 1)]
     clouds, odometry = sent(tmp_path / "day", *mounted)
@@ -131,7 +133,7 @@ def test_odometry_is_followed_and_led_to_the_map(
     np.testing.assert_allclose(here.map_T_odom, ANCHORS[1] @ planar(-7, 0, 0), atol=0.2)
 
 
-def test_the_node_copies_the_stamp_and_broadcasts_the_odometrys_frame(
+def test_the_node_copies_the_stamp_and_broadcasts_where_the_odometrys_frame_is(
     example: ModuleType, site: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     fakes = faked(monkeypatch, site, odometry="/wheels", tf=True)
@@ -181,7 +183,7 @@ def hall(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def laser_scan(row: int, *place: float) -> SimpleNamespace:
-    """What a laser half a metre ahead of the robot sees, as ROS delivers it; a second a row."""
+    """The message of a laser .5 m ahead of a robot at x, y and heading, stamped at second 1 + row."""
     x_m, y_m, heading_rad = place
     laser = (x_m + 0.5 * np.cos(heading_rad), y_m + 0.5 * np.sin(heading_rad), heading_rad)
     ranges_m = np.linalg.norm(sweep(*laser, beams=181), axis=1)
@@ -199,8 +201,10 @@ def laser_scan(row: int, *place: float) -> SimpleNamespace:
 def test_a_level_robot_is_started_once_and_again_after_it_was_carried_away(
     example: ModuleType, hall: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Odometry says that it stands still all the time. It is carried at the fifth sweep, and three
-    fail before the whole map is asked again."""
+    """The robot is carried away at the fifth sweep, and by odometry stands still all the time.
+
+    Three sweeps fail before the whole map is searched again.
+    """
     fakes = faked(monkeypatch, hall, odometry="/wheels", promise=0.95, body_T_lidar="0.5,0,0,0,0,0")
     node = fakes["rclpy.node"].Node.return_value
     publishers: dict[str, MagicMock] = {}

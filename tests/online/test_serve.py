@@ -1,4 +1,4 @@
-"""The server: fixes over HTTP, and one line for whatever else is sent."""
+"""The server answers scans by fixes over HTTP, and all else by an error in a line."""
 
 import os
 import socket
@@ -28,7 +28,7 @@ TOKEN = "secret"
 
 @dataclass(frozen=True)
 class Server:
-    """A server of the three places, in a process of its own."""
+    """A server of the site of three places, in a process of its own."""
 
     address: str
     process: psutil.Process
@@ -36,6 +36,7 @@ class Server:
     def ask(
         self, body: bytes, kind: str = FLOATS, token: str = TOKEN, **params: object
     ) -> requests.Response:
+        """Post a scan."""
         headers = {"Content-Type": kind, "Authorization": f"Bearer {token}"}
         return requests.post(
             f"{self.address}/localize", body, headers=headers, params=params, timeout=30
@@ -77,21 +78,22 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
 
 
 def floats() -> bytes:
+    """The body of a scan that is accepted."""
     return scan()[0].astype("<f4").tobytes()
 
 
 def test_a_scan_of_floats_gets_its_fix(server: Server) -> None:
     found = server.ask(floats()).json()
     assert found["verdict"] == "accepted"
-    assert server.get("/healthz").json()["unlike"] == []  # warnings on the first scan's sensor
+    assert (
+        server.get("/healthz").json()["unlike"] == []
+    )  # no warnings about the first scan's sensor
     assert np.hypot(found["x"] - scan()[1][0, 3], found["y"] - scan()[1][1, 3]) < 0.1
     assert server.ask(floats(), promise="none").json()["verdict"] == "rejected"
     assert server.ask(b"").json()["verdict"] == "no pose"
     lowered = (scan()[0] - (0, 0, 1.3)).astype("<f4").tobytes()
-    assert (
-        server.ask(lowered, "application/x-www-form-urlencoded", lift_m=1.3).json()["verdict"]
-        == "accepted"
-    )
+    as_curl_sends_it = server.ask(lowered, "application/x-www-form-urlencoded", lift_m=1.3)
+    assert as_curl_sends_it.json()["verdict"] == "accepted"
     upside_down = ((scan()[0] - (0, 0, 1.3)) * (1, -1, -1)).astype("<f4").tobytes()
     assert server.ask(upside_down, body_T_lidar="0,0,1.3,180,0,0").json()["verdict"] == "accepted"
 
@@ -165,11 +167,11 @@ def test_what_is_no_scan_is_refused_in_a_line(
     assert says in answer.json()["error"]
 
 
-def test_it_is_reached_from_this_machine_alone_unless_told_otherwise(server: Server) -> None:
+def test_by_default_it_is_reached_from_this_machine_only(server: Server) -> None:
     assert addresses(server.process) == {"127.0.0.1"}
 
 
-def test_without_its_token_nobody_is_answered(server: Server) -> None:
+def test_a_request_without_the_token_is_refused(server: Server) -> None:
     assert server.ask(floats(), token="guess").status_code == 401
     assert server.get("/metrics", token="ü").status_code == 401
     with one_line(ConfigError, "--host 0.0.0.0: reachable from other machines"):
@@ -204,10 +206,10 @@ def test_health_and_metrics(server: Server) -> None:
     assert "yearloc_fix_seconds_bucket" in text
 
 
-def test_work_whose_client_is_gone_is_dropped(server: Server) -> None:
-    """One more than may wait is refused at once.
+def test_scans_whose_client_has_left_are_dropped(server: Server) -> None:
+    """A scan more than may wait is refused at once.
 
-    Of those that hang up one may be under way, and one have been answered.
+    Of the clients that leave, one may have been answered, and one scan may be under way.
     """
     server.ask(floats())
     host, port = server.address.removeprefix("http://").split(":")
@@ -222,9 +224,7 @@ def test_work_whose_client_is_gone_is_dropped(server: Server) -> None:
         time.sleep(0.01)
     fill = [socket.create_connection((host, int(port))) for _ in range(WAITING)]
     for client in fill:
-        client.sendall(
-            f"{head}Content-Length: 12\r\n\r\n".encode()
-        )  # and no body: it waits where there is room
+        client.sendall(f"{head}Content-Length: 12\r\n\r\n".encode())  # without the body: it waits
     refused = server.ask(floats())
     assert refused.status_code == 503
     assert int(refused.headers["Retry-After"]) >= 1

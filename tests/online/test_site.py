@@ -1,5 +1,4 @@
-"""A site file: what goes in comes out, a scan is localised, and nothing but a whole site of ours is
-opened."""
+"""A site localises scans, and a file that is no whole site is refused with the reason."""
 
 import zipfile
 from contextlib import suppress
@@ -25,6 +24,7 @@ from tests.readers.damage import damaged, one_line
 
 @pytest.fixture(scope="module")
 def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The file of the site of three places."""
     return packed(tmp_path_factory.mktemp("site"))
 
 
@@ -52,9 +52,11 @@ def test_a_scan_is_localised(three: Site, row: int) -> None:
 
 def test_another_place_is_rejected_and_too_few_points_have_no_pose(three: Site) -> None:
     assert three.localize(scene(7)).verdict == "rejected"
-    few = three.localize(np.ones((5, 3)))
-    assert (few.verdict, few.place, few.promised_precision) == ("no pose", -1, None)
-    assert np.isnan(few.world_T_sensor).all()
+    of_few_points = three.localize(np.ones((5, 3)))
+    assert of_few_points.verdict == "no pose"
+    assert of_few_points.place == -1
+    assert of_few_points.promised_precision is None
+    assert np.isnan(of_few_points.world_T_sensor).all()
 
 
 @pytest.mark.parametrize(
@@ -67,11 +69,13 @@ def test_another_place_is_rejected_and_too_few_points_have_no_pose(three: Site) 
         ((), "no pose"),
     ],
 )
-def test_what_is_believed_is_the_pose_its_place_one_of_several_or_nothing(
+def test_the_verdict_is_the_first_belief_that_keeps_the_promise(
     three: Site, overlaps: tuple[float, ...], verdict: str
 ) -> None:
-    """Odds of e⁴ to 1 are accepted; of e⁻² are not, but the place is sure; two of e³, 200 m apart,
-    are one or the other."""
+    """A pose with odds of e⁴ to 1 is accepted. At e⁻² it is not, but the robot is near it.
+
+    Of two poses with e³, 200 m apart, one is right.
+    """
     found = Registered.of(
         [hypothesis(200 * row, overlap) for row, overlap in enumerate(overlaps)], three.judged.pose
     )
@@ -95,7 +99,7 @@ def test_points_that_are_not_finite_are_dropped(three: Site) -> None:
     "points_m",
     [np.zeros(3), np.zeros((4, 2)), np.array([["a", "b", "c"]]), np.zeros((2, 3), complex)],
 )
-def test_what_is_no_cloud_is_refused(three: Site, points_m: Any) -> None:
+def test_an_array_that_is_no_cloud_is_refused(three: Site, points_m: Any) -> None:
     with one_line(InputError, r"expected numbers \(n, 3\), in metres"):
         three.localize(points_m)
 
@@ -103,9 +107,7 @@ def test_what_is_no_cloud_is_refused(three: Site, points_m: Any) -> None:
 def test_a_promise_that_the_site_does_not_make_is_refused(three: Site) -> None:
     with one_line(InputError, "promise=0.5: this site cannot promise that, it can 0.95 and 0.99"):
         three.localize(scan()[0], promise=0.5)
-    with one_line(
-        InputError, "promise=0.999: this site cannot promise that"
-    ):  # no threshold keeps it
+    with one_line(InputError, "promise=0.999: this site cannot promise that"):
         Tracker(three, promise=0.999)
     assert three.localize(scan()[0], promise=None).verdict == "rejected"
 
@@ -114,7 +116,7 @@ def test_the_same_site_has_the_same_bytes(path: Path, tmp_path: Path) -> None:
     assert packed(tmp_path).read_bytes() == path.read_bytes()
 
 
-def test_a_site_that_is_not_there_says_what_writes_one(tmp_path: Path) -> None:
+def test_a_missing_site_is_refused_with_the_command_that_writes_one(tmp_path: Path) -> None:
     with one_line(ArtifactError, "campus.site: no such site; `yearloc pack"):
         Site.open(tmp_path / "campus.site")
     with one_line(ArtifactError, "a folder"):
@@ -178,7 +180,7 @@ def test_a_zip_of_something_else_is_refused(
         ),
     ],
 )
-def test_what_a_site_says_of_itself_is_checked(
+def test_the_content_of_site_json_is_checked(
     tmp_path: Path, changes: dict[str, Any], says: str
 ) -> None:
     with one_line(ArtifactError, says):
@@ -186,10 +188,10 @@ def test_what_a_site_says_of_itself_is_checked(
 
 
 def test_a_key_that_is_missing_is_named(tmp_path: Path) -> None:
-    known = about()
-    del known["sensor"]
+    content = about()
+    del content["sensor"]
     with one_line(ArtifactError, "site.json: has no sensor"):
-        Site.open(with_content(tmp_path / "a.site", known))
+        Site.open(with_content(tmp_path / "a.site", content))
 
 
 @given(st.data())
@@ -203,7 +205,7 @@ def test_a_damaged_site_is_opened_as_it_was_or_refused(
         Site.open(broken)
 
 
-def test_what_it_holds_and_promises_is_described(path: Path) -> None:
+def test_a_description_says_what_a_site_holds_and_promises(path: Path) -> None:
     text = describe(path).text()
     assert "site three/10m/scan_context, of a simulated world" in text
     assert "3 cells of 10 m" in text

@@ -1,4 +1,4 @@
-"""Following a robot: how fixes are accepted along its path, and how it is found again."""
+"""A tracker follows a robot along its path, guesses its motion, and finds it again when lost."""
 
 from pathlib import Path
 
@@ -18,6 +18,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Site:
 
 
 def seen(row: int, x_m: float) -> np.ndarray:
+    """Points (n, 3) seen from `x_m` along x in place `row`."""
     return seen_from(scene(row), planar(x_m, 0, 0))
 
 
@@ -37,15 +38,13 @@ def test_without_odometry_a_robot_moves_on_for_as_long_as_the_stamps_say(site: S
     tracker = Tracker(site)
     for i, stamp_s in ((0, 0), (2, 1)):  # a metre in a second
         tracker.localize(seen(0, 0.5 * i), None, stamp_s * 10**9)
-    fix = tracker.localize(
-        seen(0, 4.0), None, 4 * 10**9
-    )  # 3 m on after three, farther than it could be found without
+    # 3 m farther on after three seconds: from its last pose it would not be found
+    fix = tracker.localize(seen(0, 4.0), None, 4 * 10**9)
     assert (fix.verdict, tracker.mode) == ("accepted", "tracking")
     np.testing.assert_allclose(fix.world_T_sensor, ANCHORS[0] @ planar(4, 0, 0), atol=0.1)
 
 
 SECOND = 10**9
-# of scans 0 to 5, half a metre and a second apart, a fault at the fourth: what the clock said
 STAMPS = {
     "one stamp twice": [0, 1, 2, 2, 4, 5],
     "a clock set back by 100 s": [0, 1, 2, -97, -96, -95],
@@ -53,10 +52,12 @@ STAMPS = {
     "a millisecond after the last": [0, 1, 2, 2.001, 4, 5],
     "a pause of a minute": [0, 1, 2, 62, 63, 64],
 }
+"""Stamps in seconds of six scans, half a metre and a second apart, by a clock with a fault at the
+fourth."""
 
 
 @pytest.mark.parametrize("stamps_s", STAMPS.values(), ids=STAMPS)
-def test_whatever_the_clock_says_a_robot_is_predicted_no_farther_than_it_can_drive(
+def test_a_faulty_clock_does_not_predict_a_robot_farther_than_it_can_drive(
     site: Site, stamps_s: list[float]
 ) -> None:
     motion = Motion()
@@ -75,12 +76,8 @@ def test_whatever_the_clock_says_a_robot_is_predicted_no_farther_than_it_can_dri
 
 def test_fixes_that_no_robot_can_drive_tell_no_speed() -> None:
     motion = Motion()
-    for x_m, time_s in (
-        (0, 0),
-        (1, 1),
-        (101, 2),
-        (101.01, 2.001),
-    ):  # 1 m/s, 100 m/s, 10 m/s within a millisecond
+    # 1 m/s, then 100 m/s, then 10 m/s within a millisecond
+    for x_m, time_s in ((0, 0), (1, 1), (101, 2), (101.01, 2.001)):
         motion.fixed(planar(x_m, 0, 0), time_s)
     np.testing.assert_allclose(motion.onwards(2.0), planar(2, 0, 0))
     np.testing.assert_allclose(motion.onwards(0.0), np.eye(4))
@@ -93,16 +90,14 @@ def test_after_a_long_pause_a_robot_without_odometry_is_sought_everywhere(site: 
     alone = Tracker(site).localize(seen(2, 0.0), None, 60 * SECOND)
     fixes = [tracker.localize(seen(2, 0.5 * i), None, (60 + i) * SECOND) for i in range(4)]
     poses = np.array([fix.world_T_sensor for fix in fixes])
-    assert fixes[0].novelty == pytest.approx(
-        alone.novelty
-    )  # what was believed before speaks neither for it nor against
+    # what was believed before changes nothing
+    assert fixes[0].novelty == pytest.approx(alone.novelty)
     assert (np.linalg.norm(poses[:, :2, 3] - ANCHORS[2, :2, 3], axis=1) < 10).all()
     assert fixes[-1].verdict == "accepted"
 
 
 def test_odometry_that_was_set_back_does_not_carry_a_robot_off(site: Site) -> None:
-    """Half a metre a second, and once 90 m back in one: farther than a robot drives, so the step is
-    guessed."""
+    """At .5 m/s, odometry once jumps back by 90 m: no robot drives so far, so the step is guessed."""
     tracker = Tracker(site)
     for i in range(6):
         step = planar(-90 if i == 4 else 0.5, 0, 0)
@@ -120,9 +115,8 @@ def test_a_robot_that_is_carried_off_is_lost_and_found(site: Site) -> None:
     for i in range(PATIENCE + 5):
         fix = tracker.localize(seen(2, 0.5 * i), planar(0.5, 0, 0))
         modes.append(tracker.mode)
-        verdicts.append(
-            (fix.verdict, bool(np.linalg.norm(fix.world_T_sensor[:2, 3] - ANCHORS[2, :2, 3]) < 10))
-        )
+        away_m = np.linalg.norm(fix.world_T_sensor[:2, 3] - ANCHORS[2, :2, 3])
+        verdicts.append((fix.verdict, bool(away_m < 10)))
     assert modes[:2] == ["tracking", "tracking"]
     assert "lost" in modes
     assert verdicts[-1] == ("accepted", True)
@@ -138,9 +132,8 @@ def test_the_command_follows_a_path(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert "3 scans: 3 accepted" in capsys.readouterr().err
 
 
-def test_what_is_near_by_one_scan_is_not_said_of_a_tracked_one(site: Site) -> None:
-    """An overlap of .5 is near; of a pose that was sought where the robot was believed no rival was
-    looked for."""
+def test_a_tracked_pose_is_never_called_near(site: Site) -> None:
+    """At an overlap of .5 a pose is near if the whole map was searched for others, else rejected."""
     found = Registered.of([hypothesis(0, 0.5)], site.judged.pose)
-    assert Tracker(site)._judge(found, tracked=False).verdict == "near"
-    assert Tracker(site)._judge(found, tracked=True).verdict == "rejected"
+    assert Tracker(site)._judge(found, is_tracked=False).verdict == "near"
+    assert Tracker(site)._judge(found, is_tracked=True).verdict == "rejected"

@@ -1,4 +1,4 @@
-"""Recordings of a log for people: rerun's file, and a bag for Foxglove."""
+"""`yearloc watch` records a drive for rerun, and as a bag for Foxglove."""
 
 import subprocess
 import sys
@@ -22,15 +22,14 @@ from tests.posing.scene import scene
 
 @pytest.fixture(scope="module")
 def drive(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, str]:
-    """The site, and a folder of a scan that is accepted, one from elsewhere, and one that tells
-    nothing."""
+    """The site, and a folder of three scans: one accepted, one from elsewhere, one without pose."""
     folder = tmp_path_factory.mktemp("drive")
     for number, points_m in enumerate((scan()[0], scene(7), np.ones((9, 3)))):
         np.save(folder / f"{number}.npy", points_m.astype(np.float32))
     return str(packed(tmp_path_factory.mktemp("site"))), str(folder)
 
 
-def test_a_file_for_rerun(
+def test_a_recording_for_rerun_has_map_scans_and_verdicts(
     drive: tuple[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     main(["watch", *drive, "--save", str(tmp_path / "day.rrd")])
@@ -45,7 +44,7 @@ def test_a_file_for_rerun(
     )
 
 
-def test_the_file_holds_how_the_panels_lie_and_that_the_camera_goes_with_the_robot(
+def test_a_recording_holds_its_panels_and_cameras_that_follow_the_robot(
     drive: tuple[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     main(["watch", *drive, "--save", str(tmp_path / "day.rrd")])
@@ -56,7 +55,7 @@ def test_the_file_holds_how_the_panels_lie_and_that_the_camera_goes_with_the_rob
     assert all(name in text for name in ("StateTimeline", "/world/robot", "/world/runner_up"))
 
 
-def test_a_bag_for_foxglove(drive: tuple[str, str], tmp_path: Path) -> None:
+def test_a_bag_for_foxglove_has_map_scans_and_fixes(drive: tuple[str, str], tmp_path: Path) -> None:
     main(["watch", *drive, "--save", str(tmp_path / "day.mcap")])
     bag = BagFile(tmp_path / "day.mcap")
     assert {name: (topic.kind, topic.count) for name, topic in bag.topics.items()} == {
@@ -67,14 +66,19 @@ def test_a_bag_for_foxglove(drive: tuple[str, str], tmp_path: Path) -> None:
         "/fix": (POSE_COVARIANCE, 1),
     }
     fix = decode(bag.decode(bag.first("/fixes") or b"", CLOUD))
-    origin_m = (
-        bag.decode(bag.first("/tf_static") or b"", TRANSFORMS).transforms[0].transform.translation
-    )
-    np.testing.assert_allclose(fix[0, :2] + (origin_m.x, origin_m.y), scan()[1][:2, 3], atol=0.1)
+    origin_m = translation(bag)
+    np.testing.assert_allclose(fix[0, :2] + origin_m[:2], scan()[1][:2, 3], atol=0.1)
+
+
+def translation(bag: BagFile) -> np.ndarray:
+    """Where the frame of the clouds lies in the map: x, y, z in metres."""
+    (transform,) = bag.decode(bag.first("/tf_static") or b"", TRANSFORMS).transforms
+    position = transform.transform.translation
+    return np.array([position.x, position.y, position.z])
 
 
 def test_points_as_far_out_as_utm_lie_where_the_poses_put_them(tmp_path: Path) -> None:
-    """float32 holds 4,000,000 m to a quarter of a metre."""
+    """At 4,000,000 m float32 is exact to a quarter of a metre only."""
     away_m = np.array([500_000.0, 4_000_000.0, 0.0])
     parts = site_file.read(packed(tmp_path))
     far = {name: dict(part) for name, part in (("model", parts.model), ("arrays", parts.arrays))}
@@ -89,25 +93,15 @@ def test_points_as_far_out_as_utm_lie_where_the_poses_put_them(tmp_path: Path) -
     description = replace(parts.description, places=Grid(GRID.cell_m, x_m, y_m))
     site_file.write(tmp_path / "far.site", parts._replace(description=description, **far))
     np.save(tmp_path / "1.npy", scan()[0].astype(np.float32))
-    main(
-        [
-            "watch",
-            str(tmp_path / "far.site"),
-            str(tmp_path / "1.npy"),
-            "--save",
-            str(tmp_path / "day.mcap"),
-        ]
-    )
+    words = [str(tmp_path / "far.site"), str(tmp_path / "1.npy")]
+    main(["watch", *words, "--save", str(tmp_path / "day.mcap")])
     bag = BagFile(tmp_path / "day.mcap")
-    origin_m = (
-        bag.decode(bag.first("/tf_static") or b"", TRANSFORMS).transforms[0].transform.translation
-    )
-    map_T_site = np.array([origin_m.x, origin_m.y, origin_m.z])
+    origin_m = translation(bag)
     pose = bag.decode(bag.first("/fix") or b"", POSE_COVARIANCE).pose.pose.position
     np.testing.assert_allclose((pose.x, pose.y), (scan()[1][:3, 3] + away_m)[:2], atol=0.1)
-    fix_m = decode(bag.decode(bag.first("/fixes") or b"", CLOUD))[0].astype(np.float64) + map_T_site
+    fix_m = decode(bag.decode(bag.first("/fixes") or b"", CLOUD))[0].astype(np.float64) + origin_m
     np.testing.assert_allclose(fix_m, (pose.x, pose.y, pose.z), atol=0.001)
-    mapped_m = decode(bag.decode(bag.first("/map") or b"", CLOUD)).astype(np.float64) + map_T_site
+    mapped_m = decode(bag.decode(bag.first("/map") or b"", CLOUD)).astype(np.float64) + origin_m
     np.testing.assert_allclose(mapped_m, whole_map(Site.open(tmp_path / "far.site")), atol=0.001)
 
 
@@ -122,7 +116,7 @@ def test_points_as_far_out_as_utm_lie_where_the_poses_put_them(tmp_path: Path) -
         ),
     ],
 )
-def test_a_mistake_is_one_line(
+def test_wrong_options_are_refused_in_a_line(
     drive: tuple[str, str], capsys: pytest.CaptureFixture[str], words: list[str], says: str
 ) -> None:
     with pytest.raises(SystemExit):

@@ -1,4 +1,4 @@
-"""Belief: how fixes along a path speak for and against each other."""
+"""Belief: how fixes along a path raise and lower each other's chances."""
 
 import numpy as np
 import pytest
@@ -7,13 +7,14 @@ from pipeline.paths.belief import JUMPS, Belief, still_right
 from tests.posing.scene import planar
 
 
-def test_at_first_a_chance_stays_what_it_is() -> None:
+def test_the_first_fix_has_the_chance_of_its_scan() -> None:
     for chance in (0.05, 0.5, 0.99):
         belief = Belief()
         assert belief.best() is None
         assert belief.see(planar(100, 0, 0), chance) == pytest.approx(chance)
-        pose, known = belief.best()
-        assert (pose[0, 3], known) == (100, pytest.approx(chance))
+        pose, believed = belief.best()
+        assert pose[0, 3] == 100
+        assert believed == pytest.approx(chance)
 
 
 def test_fixes_that_agree_with_the_path_raise_the_chance_and_those_that_do_not_lower_it() -> None:
@@ -22,15 +23,16 @@ def test_fixes_that_agree_with_the_path_raise_the_chance_and_those_that_do_not_l
     for belief in (agreed, jumped):
         assert belief.see(planar(100, 0, 0), 0.8) == pytest.approx(0.8)
         belief.move(planar(4, 0, 0))
-    # There with 0.8 × (1 − JUMPS), and wrong poses agree by 0.3: right by 0.8 (0.2 + 0.8 / 0.3),
-    # wrong by 0.2 × 0.2.
-    there = 0.8 * (1 - JUMPS)
-    right = 0.8 * (1 - there + there / 0.3)
-    assert agreed.see(planar(104, 0, 0), 0.8) == pytest.approx(right / (right + 0.2 * (1 - there)))
-    # Elsewhere: right by 0.8 × 0.2, wrong by 0.2.
-    assert jumped.see(planar(200, 0, 0), 0.8) == pytest.approx(
-        0.8 * (1 - there) / (0.8 * (1 - there) + 0.2)
-    )
+    # The robot is at the first fix with 0.8 × (1 − JUMPS), and a wrong fix lies there with 0.3. So a
+    # fix there is right with a weight of 0.8 (0.2 + 0.8 / 0.3), wrong with one of 0.2 × 0.2.
+    at_first = 0.8 * (1 - JUMPS)
+    elsewhere = 1 - at_first
+    right = 0.8 * (elsewhere + at_first / 0.3)
+    wrong = 0.2 * elsewhere
+    assert agreed.see(planar(104, 0, 0), 0.8) == pytest.approx(right / (right + wrong))
+    # A fix elsewhere is right with a weight of 0.8 × 0.2, wrong with one of 0.2.
+    right = 0.8 * elsewhere
+    assert jumped.see(planar(200, 0, 0), 0.8) == pytest.approx(right / (right + 0.2))
 
 
 def test_a_tracked_pose_is_believed_by_its_own_chance_alone() -> None:
@@ -48,9 +50,8 @@ def test_belief_is_carried_by_the_odometry_and_less_sure_with_every_metre() -> N
         belief.move(step)
     pose, chance = belief.best()
     assert pose == pytest.approx(planar(58, 2, 90))
-    assert chance == pytest.approx(
-        0.99 * (1 - JUMPS) ** 3 * still_right(np.array(0.5))
-    )  # 5 % of 10 m
+    drift_m = np.array(0.5)  # 5 % of 10 m
+    assert chance == pytest.approx(0.99 * (1 - JUMPS) ** 3 * still_right(drift_m))
 
 
 def test_a_pose_within_the_drift_agrees_and_one_beyond_it_does_not() -> None:
@@ -61,9 +62,9 @@ def test_a_pose_within_the_drift_agrees_and_one_beyond_it_does_not() -> None:
         assert (belief.see(planar(20, off_m, 0), 0.9) > 0.9) == agrees
 
 
-def test_after_a_guessed_step_poses_are_near_that_are_metres_from_it() -> None:
-    # 2 m, and three times 2 m; a pose that was only guessed from keeps erf(2 / (√2 × 2 m)) = .68 of
-    # its chance.
+def test_after_a_guessed_step_a_fix_agrees_within_the_doubt_of_the_guess() -> None:
+    # It agrees within 2 m and three times 2 m. The pose that was moved by the guess keeps
+    # erf(2 m / (√2 × 2 m)) = .68 of its chance.
     for off_m, near in ((7.9, True), (8.1, False)):
         belief = Belief()
         belief.see(planar(0, 0, 0), 0.9)
@@ -74,11 +75,10 @@ def test_after_a_guessed_step_poses_are_near_that_are_metres_from_it() -> None:
 
 @pytest.mark.parametrize("tracked", [False, True])
 def test_a_pose_that_slipped_from_a_guess_is_doubted_as_much_as_alone(tracked: bool) -> None:
-    """Right means within 2 m: a pose 3.5 m along the street from where the robot is believed is not
-    believed for it.
+    """A fix 3.5 m along the street from a hypothesis is not near enough to be right with it.
 
-    By hand, of a usual fix: near with .999, of which none has surely not slipped: .56 × .999 / .3
-    to .44 × .999, or .81.
+    By hand, if it was not tracked: the hypothesis is believed with .999 and lies near, so the fix is
+    right with a weight of .56 × .999 / .3, and has slipped with one of .44 × .999: .81.
     """
     belief = Belief()
     for _ in range(4):
@@ -90,8 +90,10 @@ def test_a_pose_that_slipped_from_a_guess_is_doubted_as_much_as_alone(tracked: b
 
 
 def test_a_pose_that_may_have_slipped_is_off_by_as_much() -> None:
-    """3.5 m along x from a pose that was guessed to 2 m, believed by .19: .19 (3.5² + 2²) m² along
-    x, and .19 · 2² m² across."""
+    """A fix is 3.5 m along x from a hypothesis of .19 that has drifted by 2 m.
+
+    So its covariance is .19 (3.5² + 2²) m² along x, and .19 · 2² m² across.
+    """
     belief = Belief()
     for _ in range(4):
         belief.see(planar(0, 0, 0), 0.99)
@@ -133,6 +135,6 @@ def test_a_carried_robot_is_found_again_by_poses_that_agree() -> None:
     assert belief.chances.sum() <= 1 + 1e-9
 
 
-def test_the_chance_to_be_right_after_a_way() -> None:
-    # One metre is half of what is right: within 2 m in .9545 of all cases.
+def test_the_chance_to_be_right_after_a_drift() -> None:
+    # A pose is right within 2 m: two deviations of 1 m, which .9545 of all cases are within.
     assert still_right(np.array([0.0, 1.0])) == pytest.approx([1.0, 0.9545], abs=1e-4)

@@ -1,4 +1,4 @@
-"""Filter, graph and dead reckoning on a drive whose poses are known."""
+"""Filter, graph and dead reckoning along a drive whose true poses are known."""
 
 from pathlib import Path
 
@@ -34,36 +34,37 @@ def circle() -> np.ndarray:
 TRUE = circle()
 
 
-def track(known: list[int], chance: float = 0.995, scale: float = 1.0) -> Track:
-    """Fixes at the rows `known`, 5 cm off; odometry starts anywhere and is too long by a factor."""
+def track(fixed: list[int], chance: float = 0.995, scale: float = 1.0) -> Track:
+    """A track with fixes at the rows `fixed`, 5 cm off, and odometry that is `scale` times too long."""
     steps = np.linalg.inv(TRUE[:-1]) @ TRUE[1:]
     steps[:, :3, 3] *= scale
     odom = [np.eye(4)]
     for step in steps:
         odom.append(odom[-1] @ step)
     world = np.full_like(TRUE, np.nan)
-    world[known] = TRUE[known]
-    world[known, 0, 3] += np.random.default_rng(0).normal(0, 0.05, len(known))
-    seen = np.isin(np.arange(N), known)
+    world[fixed] = TRUE[fixed]
+    world[fixed, 0, 3] += np.random.default_rng(0).normal(0, 0.05, len(fixed))
+    has_fix = np.isin(np.arange(N), fixed)
     return Track(
         np.array(odom),
         world,
-        np.where(seen, chance, 0.0),
-        seen,
+        np.where(has_fix, chance, 0.0),
+        has_fix,
         np.tile(1e-4 * np.eye(6), (N, 1, 1)),
     )
 
 
 def off_m(path: tracks.Path, seen: Track) -> np.ndarray:
+    """How far the estimates (N,) along a track are from the true poses, in metres."""
     return np.linalg.norm((path.along(seen).world_T_query - TRUE)[:, :2, 3], axis=1)
 
 
-def test_odometry_alone_drifts_from_the_first_fix_on_and_knows_nothing_before():
+def test_dead_reckoning_drifts_from_the_first_fix_on_and_has_no_estimate_before():
     found = off_m(ODOMETRY, track([10, 40], scale=1.02))
     assert np.isnan(found[:10]).all()
     assert found[10] < 0.2
-    # 2 % too long on a circle of radius r: as if round one of 1.02 r, so up to 2 × 0.02 × 40 m =
-    # 1.6 m away.
+    # Odometry that is 2 % too long goes round a circle of 1.02 × 40 m: it is up to 2 × 0.02 × 40 m
+    # = 1.6 m away.
     assert 1.4 < found[10:].max() < 1.8
 
 
@@ -78,7 +79,7 @@ def test_a_filter_carries_a_fix_on_and_is_less_sure_with_every_metre():
 
 
 def test_a_filter_believes_no_lone_look_alike():
-    """One fix across the circle that claims to be right by .7, between fixes that are."""
+    """One fix lies across the circle and has a chance of .7; those before and after it are right."""
     seen = track(list(range(0, 60, 2)))
     seen.world_T_query[31] = TRUE[51]
     seen.chance[31] = 0.7
@@ -91,7 +92,7 @@ def test_a_graph_mends_the_odometry_between_fixes_before_and_after():
     alone = off_m(ODOMETRY, seen)
     mended = off_m(GRAPH, seen)
     assert np.isfinite(mended).all()
-    assert mended.max() < 0.7  # a quarter of the circle between two fixes
+    assert mended.max() < 0.7  # between two fixes lies a quarter of the circle
     assert mended.max() < alone.max() / 3
 
 
@@ -101,13 +102,13 @@ def test_a_graph_is_not_torn_by_a_wrong_fix():
     assert off_m(GRAPH, seen).max() < 0.3
 
 
-def test_only_fixes_that_keep_a_promise_bind_a_graph_if_the_verdict_is_heeded():
+def test_only_accepted_fixes_hold_a_graph_if_it_goes_by_the_verdict():
     seen = track([5, 25, 45])
     seen.accepted[:] = False
     assert np.isnan(GRAPH.along(seen).world_T_query).all()
-    heedless = Graph(False, 0.05, 0.2, 0.1, 0.5, 2.0).along(seen)
-    assert np.isfinite(heedless.world_T_query).all()
-    assert (heedless.chance > 0.5).any()
+    of_all_fixes = Graph(False, 0.05, 0.2, 0.1, 0.5, 2.0).along(seen)
+    assert np.isfinite(of_all_fixes.world_T_query).all()
+    assert (of_all_fixes.chance > 0.5).any()
 
 
 @pytest.mark.parametrize("path", [FILTER, GRAPH, ODOMETRY])
@@ -120,9 +121,11 @@ def test_nothing_is_carried_over_a_gap_in_the_odometry(path: Path):
     assert (found.chance[31:] == 0).all()
 
 
-def test_the_artifact_of_a_drive_is_written_anew(tmp_path: Path) -> None:
-    """A query without a pose gets its neighbour's, carried; its place is the cell that it stands
-    in, and it is accepted."""
+def test_the_fixes_of_a_drive_are_replaced_by_estimates(tmp_path: Path) -> None:
+    """A query without a fix gets its neighbour's, moved by odometry, and is accepted.
+
+    Its first place is the cell that this pose lies in.
+    """
     seen = track([row for row in range(N) if row != 22])
     k = 3
     path = tmp_path / "day.zarr"
@@ -147,8 +150,12 @@ def test_the_artifact_of_a_drive_is_written_anew(tmp_path: Path) -> None:
         "wanted_precision": 0.9,
         "right_within": [2.0, 5.0],
     }
-    attrs |= {"promises": [0.95, 0.99, 0.999], "promised": [0.7, 0.6, 0.0], "held_out": 300} | {
-        key: [0.3, 0.2, 0.1] for key in ("promised_place", "promised_several")
+    attrs |= {
+        "promises": [0.95, 0.99, 0.999],
+        "promised": [0.7, 0.6, 0.0],
+        "promised_place": [0.3, 0.2, 0.1],
+        "promised_several": [0.3, 0.2, 0.1],
+        "held_out": 300,
     }
     with store.draft(path, schemas.Fixes, **attrs) as out:
         for name, values in columns.items():
@@ -161,7 +168,7 @@ def test_the_artifact_of_a_drive_is_written_anew(tmp_path: Path) -> None:
     assert fixes.novelty[22, 1] == columns["novelty"][22, 1]
     assert fixes.thresholds == pytest.approx([0.1, 0.5])
     assert np.isnan(fixes.covariance).all()
-    # place and several were judged of each query's own pose
+    # the beliefs place and several were judged by each query's own fix, so no promise keeps them
     assert max((*fixes.promised_place, *fixes.promised_several)) < 0
     with pytest.raises(InputError, match="80 queries in 1 cases of 79 submaps"):
         joined(store.read(path, schemas.Fixes), seen.odom_T_query[1:], FILTER, places)

@@ -1,4 +1,4 @@
-"""Whether DVC works in a project."""
+"""DVC's locks tell whether it works in a project."""
 
 import fcntl
 import json
@@ -13,14 +13,14 @@ from pipeline.running.at_work import LOCK, TABLE, refuse_at_work
 
 @pytest.fixture
 def project(tmp_path: Path) -> Path:
-    """One in which DVC has worked before."""
+    """A project in which DVC has worked before, and does not now."""
     (tmp_path / ".dvc/tmp").mkdir(parents=True)
     (tmp_path / TABLE).write_text("{}")
     (tmp_path / LOCK).write_text(f" {os.getpid()}\n")
     return tmp_path
 
 
-def test_a_project_in_which_nobody_works_is_free(project: Path) -> None:
+def test_a_project_in_which_dvc_does_not_work_is_not_refused(project: Path) -> None:
     refuse_at_work(project)
     refuse_at_work(project / "never/used")
 
@@ -49,6 +49,6 @@ def test_a_process_younger_than_the_table_is_not_the_one_that_it_names(project: 
     refuse_at_work(project)
 
 
-def test_a_torn_table_names_nobody(project: Path) -> None:
+def test_a_half_written_table_names_no_process(project: Path) -> None:
     (project / TABLE).write_text('{"write": {"artifacts')
     refuse_at_work(project)

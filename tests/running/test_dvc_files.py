@@ -1,4 +1,4 @@
-"""DVC's files, in the root and in dag/, read as one."""
+"""The lock files and definitions of the root and of dag/ are read as one."""
 
 from pathlib import Path
 
@@ -31,7 +31,7 @@ stages:
 """
 
 
-def test_the_lock_knows_who_wrote_a_file(tmp_path: Path) -> None:
+def test_a_lock_tells_which_stage_wrote_a_file(tmp_path: Path) -> None:
     (tmp_path / "dvc.lock").write_text(LOCK)
     lock = DvcLock.read(tmp_path / "dvc.lock")
     found = lock.entry(Path("artifacts/models/sci.zarr.zip"))
@@ -55,7 +55,7 @@ def test_an_unknown_file_has_no_entry(tmp_path: Path, text: str | None) -> None:
     assert DvcLock.read(lock).entry(Path("artifacts/models/other.zarr.zip")) is None
 
 
-def test_a_lock_in_parts_is_the_whole(tmp_path: Path) -> None:
+def test_lock_files_in_several_folders_are_read_as_one(tmp_path: Path) -> None:
     whole = yaml.safe_load(LOCK)["stages"]
     for place, names in (
         (".", ["nothing"]),
@@ -67,20 +67,15 @@ def test_a_lock_in_parts_is_the_whole(tmp_path: Path) -> None:
             yaml.safe_dump({"stages": {name: whole[name] for name in names}})
         )
     (tmp_path / "dag/views").mkdir()
-    (tmp_path / "dag/views/dvc.lock").write_text("stages:\n  views: {cmd: [")  # torn by a kill
+    (tmp_path / "dag/views/dvc.lock").write_text("stages:\n  views: {cmd: [")  # half written
     one = tmp_path / "one.lock"
     one.write_text(LOCK)
-    assert (
-        DvcLock.read(tmp_path / "dvc.lock").stages.keys()
-        == DvcLock.read(one).stages.keys()
-        == whole.keys()
-    )
-    assert (
-        DvcLock.read(tmp_path / "dvc.lock").entry(Path("artifacts/models/sci.zarr.zip")) is not None
-    )
+    in_parts = DvcLock.read(tmp_path / "dvc.lock")
+    assert in_parts.stages.keys() == DvcLock.read(one).stages.keys() == whole.keys()
+    assert in_parts.entry(Path("artifacts/models/sci.zarr.zip")) is not None
 
 
-def test_a_lock_is_read_anew_after_it_was_written(tmp_path: Path) -> None:
+def test_a_lock_file_that_has_changed_is_read_again(tmp_path: Path) -> None:
     lock = tmp_path / "dvc.lock"
     lock.write_text(LOCK)
     assert DvcLock.read(lock).stages

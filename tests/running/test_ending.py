@@ -1,4 +1,4 @@
-"""A process that is asked to end gives back what it holds."""
+"""A process that is asked to end cleans up: it leaves no semaphores and no scratch files."""
 
 import signal
 import subprocess
@@ -28,8 +28,11 @@ if __name__ == "__main__":
 
 
 def ended(*words: object) -> tuple[int, float, str]:
-    """Exit code, seconds and standard error of a program that is asked to end after its first line;
-    its helpers' too."""
+    """Run a Python program, and ask it to end after its first line of output.
+
+    Returns its exit code, the seconds that it then took, and its standard error with that of its
+    workers.
+    """
     with subprocess.Popen(
         [sys.executable, *map(str, words)],
         stdout=subprocess.PIPE,
@@ -53,7 +56,7 @@ def test_workers_leave_no_semaphores(tmp_path: Path) -> None:
 
 
 def test_a_command_leaves_no_scratch_file(tmp_path: Path) -> None:
-    """The log is a folder of so many scans that it is asked in the midst of them."""
+    """The log has so many scans that the command is asked to end in the midst of them."""
     log = tmp_path / "log"
     log.mkdir()
     for number in range(500):

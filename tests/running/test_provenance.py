@@ -1,4 +1,4 @@
-"""Keys of unfinished work."""
+"""Fingerprints: the same inputs have the same one, others another."""
 
 import importlib.util
 import sys
@@ -47,8 +47,8 @@ def test_other_parameters_have_another_key(
 def test_a_class_is_known_by_its_code_and_by_what_it_imports(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    # Two modules of this project, one needed by the other; each edit gives another key, and undoing
-    # it the first one.
+    # Of two modules of this project one imports the other. An edit in either gives another key;
+    # once it is undone, the first key comes back.
     sources = {
         "pipeline.probe_helper": "class Base: pass\n",
         "pipeline.probe": "from pipeline.probe_helper import Base\nclass Method(Base): pass\n",

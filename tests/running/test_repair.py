@@ -1,4 +1,4 @@
-"""What a kill and an earlier version leave of DVC's own files."""
+"""DVC's own files are repaired after a kill, and moved from where an earlier version kept them."""
 
 import json
 import os
@@ -22,11 +22,11 @@ def clone(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_a_torn_lock_is_emptied_and_a_whole_one_left_alone(clone: Path) -> None:
-    torn = clone / "dag/train/dvc.lock"
-    torn.write_text("schema: '2.0'\nstages:\n  a: {cmd: 'x")
-    assert repair(clone) == [torn]
-    assert yaml.safe_load(torn.read_text()) == {"schema": "2.0"}
+def test_a_half_written_lock_is_emptied_and_a_whole_one_stays(clone: Path) -> None:
+    half_written = clone / "dag/train/dvc.lock"
+    half_written.write_text("schema: '2.0'\nstages:\n  a: {cmd: 'x")
+    assert repair(clone) == [half_written]
+    assert yaml.safe_load(half_written.read_text()) == {"schema": "2.0"}
     assert (clone / "dvc.lock").read_text() == WHOLE
 
 
@@ -39,7 +39,7 @@ def test_a_fresh_clone_without_lock_files_needs_no_repair(clone: Path) -> None:
 
 @pytest.mark.parametrize("links", [True, False], ids=["links still there", "links removed by git"])
 def test_lock_files_of_an_old_clone_move_beside_their_stages(clone: Path, links: bool) -> None:
-    """It kept them in .dvc/locks, and links to them in their places."""
+    """An old clone had them in .dvc/locks, and links to them beside the stages."""
     (clone / ".dvc/locks").mkdir(parents=True)
     (clone / ".dvc/locks/.gitignore").write_text("*.lock")
     for folder, name in ((clone, "root"), (clone / "dag/train", "train")):
@@ -63,7 +63,7 @@ def test_a_lock_file_that_is_there_already_is_not_replaced_by_an_old_one(clone: 
 @pytest.mark.parametrize(
     ("pid", "kept"), [(os.getpid(), True), (2**22 + 1, False)], ids=["alive", "dead"]
 )
-def test_the_table_of_locks_goes_once_its_holders_are_dead(
+def test_the_table_of_running_processes_is_removed_if_none_of_them_lives(
     clone: Path, pid: int, kept: bool
 ) -> None:
     table = clone / ".dvc/tmp/rwlock"

@@ -1,4 +1,4 @@
-"""What a stage cost is written beside its artifact, and never stands in its way."""
+"""The time and memory of a stage are stored as a trace, and sampling never disturbs the stage."""
 
 import json
 import subprocess
@@ -28,8 +28,7 @@ def test_a_trace_lies_beside_its_artifact_in_a_folder_of_its_own() -> None:
 
 
 def test_the_block_and_what_it_starts_are_measured() -> None:
-    """A child burns CPU until it has used 0.2 s of it: so much the trace must hold, whatever else
-    runs on this machine."""
+    """A child uses 0.2 s of CPU time, so the trace has as much, whatever else runs here."""
     burn = "import time\nwhile time.process_time() < 0.2: pass"
     with Telemetry("artifacts/a", every_s=0.02):
         held = bytearray(50_000_000)
@@ -53,7 +52,7 @@ def test_a_block_shorter_than_the_first_second_has_one_sample() -> None:
 
 
 def test_a_long_run_keeps_few_samples_and_its_length() -> None:
-    """The pace halves each time that the samples are too many, and every second one goes."""
+    """Whenever there are too many samples, every other one is dropped and the pace halves."""
     telemetry = Telemetry("artifacts/a", every_s=0.0005)
     with telemetry:
         while telemetry.every_s == 0.0005:
@@ -73,7 +72,7 @@ def test_a_block_that_fails_leaves_the_old_trace() -> None:
     assert trace_path("artifacts/a").read_text() == before
 
 
-def test_a_trace_that_cannot_be_written_harms_nobody(project: Path) -> None:
+def test_a_trace_that_cannot_be_written_does_not_disturb_the_block(project: Path) -> None:
     (project / ".telemetry").write_text("in the way")
     with Telemetry("artifacts/a"):
         done = True
@@ -83,7 +82,7 @@ def test_a_trace_that_cannot_be_written_harms_nobody(project: Path) -> None:
     assert not Path("/elsewhere").exists()
 
 
-def test_no_trace_and_a_strange_one_are_none() -> None:
+def test_a_missing_trace_and_one_of_another_version_are_none() -> None:
     assert Trace.read("artifacts/a") is None
     assert Trace.read("/elsewhere/a") is None
     trace_path("artifacts/a").parent.mkdir(parents=True)
@@ -101,7 +100,7 @@ def test_memory_of_a_gpu_is_watched_if_torch_uses_one(monkeypatch: pytest.Monkey
     assert trace.gpu_memory_mb == [3000.0]
 
 
-def test_samples_become_points_of_whole_seconds_once_each() -> None:
+def test_of_the_samples_of_one_second_the_last_is_logged() -> None:
     trace = Trace(
         3.2, 4.0, 90.0, [0.9, 2.1, 3.2, 3.3], [100.0, 150.0, 50.0, 10.0], [80.0, 90.0, 85.0, 86.0]
     )
@@ -120,10 +119,8 @@ def test_a_stage_costs_what_its_artifacts_cost_together() -> None:
         {
             "train": [Path("train/sci")],
             "localize": [Path("localize/june"), Path("localize/july")],
-            "evaluate": [
-                Path("evaluate/june"),
-                Path("evaluate/july"),
-            ],  # one is not known, so is the sum
+            # a trace is missing, so the sum is unknown
+            "evaluate": [Path("evaluate/june"), Path("evaluate/july")],
             "views": [],
         }
     )

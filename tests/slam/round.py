@@ -16,7 +16,7 @@ STEP_NS = 500_000_000
 ROUND = 100
 """Scans to a whole round: 2π · 16 m is 100.5 m."""
 QUICK = Slam(odometry=ScanOdometry(trials=2))
-"""All guesses are tried at the first two steps alone, not at ten: they cost most of a short
+"""Tries all guesses at the first two steps only, not at ten: they take most of the time of a short
 drive."""
 
 
@@ -51,7 +51,7 @@ def drive(
     seed: int = 0,
     range_m: float = 40.0,
 ) -> Log:
-    """The log of a robot that sees half of the points within range, another half at each pose."""
+    """The log of a robot that sees a random half of the points within range at each pose."""
     world_m = houses(seed)
     count = len(world_T_scan)
 

@@ -1,4 +1,4 @@
-"""`yearloc slam`."""
+"""`yearloc slam` writes a trajectory, a map and a picture, and refuses what it cannot do."""
 
 from pathlib import Path
 
@@ -36,7 +36,7 @@ def test_a_folder_of_clouds_becomes_a_trajectory_a_map_and_a_picture(
     assert "no loop" in told
 
 
-def test_nothing_to_write_and_wrong_endings_are_refused_at_once(
+def test_a_command_without_outputs_or_with_wrong_endings_is_refused_at_once(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for words, says in (

@@ -1,3 +1,5 @@
+"""A drive without poses: `Slam` estimates them, joins its parts, and refuses what it cannot use."""
+
 from dataclasses import replace
 from pathlib import Path
 
@@ -33,7 +35,7 @@ def estimate(log: Log) -> Estimates:
 
 
 def off_m(estimate: Estimates, world_T_scan: np.ndarray) -> np.ndarray:
-    """Metres off (n,), with the first poses laid on one another."""
+    """How far the poses (n,) are from the true ones, in metres, the first laid on one another."""
     laid = world_T_scan[0] @ np.linalg.inv(estimate.world_T_scan[0]) @ estimate.world_T_scan
     return distance_and_turn(laid, world_T_scan)[0]
 
@@ -63,8 +65,8 @@ def test_the_steps_are_those_of_the_log_where_it_has_odometry() -> None:
     assert off_m(estimate, circle(12)).max() < 0.1
 
 
-def test_a_jump_is_a_break_and_is_told(log: Log) -> None:
-    """Scans 40 to 69 are missing: 30 m on, nothing that both see stands near."""
+def test_a_jump_is_a_break_and_is_reported(log: Log) -> None:
+    """Scans 40 to 69 are missing: 30 m farther on the robot sees nothing of what it saw before."""
     rows = np.r_[0:40, 70:100]
     cut = drive(circle(100)[rows], range_m=16.0)
     estimate = QUICK.estimate(cut, Progress())
@@ -74,7 +76,7 @@ def test_a_jump_is_a_break_and_is_told(log: Log) -> None:
     assert any("drift over" in line and "unknown" in line for line in lines(estimate))
 
 
-def test_over_a_jump_the_odometry_of_the_log_leads_on() -> None:
+def test_over_a_jump_the_step_of_the_logs_odometry_is_taken() -> None:
     rows = np.r_[0:20, 50:70]
     estimate = QUICK.estimate(drive(circle(100)[rows], circle(100)[rows], range_m=16.0), Progress())
     assert np.flatnonzero(estimate.by_log).tolist() == [20]
@@ -127,9 +129,9 @@ def test_unreadable_and_empty_scans_are_left_out_and_counted() -> None:
 
 def test_the_same_log_makes_the_same_poses() -> None:
     log = drive(circle(12))
-    a = QUICK.estimate(log, Progress()).world_T_scan
-    b = QUICK.estimate(log, Progress()).world_T_scan
-    np.testing.assert_array_equal(a, b)
+    first = QUICK.estimate(log, Progress()).world_T_scan
+    second = QUICK.estimate(log, Progress()).world_T_scan
+    np.testing.assert_array_equal(first, second)
 
 
 def test_the_trajectory_is_a_tum_file(estimate: Estimates, tmp_path: Path) -> None:

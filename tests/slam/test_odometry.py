@@ -1,4 +1,4 @@
-"""First guesses of a step, and motion within a scan."""
+"""Odometry: how a step is guessed, and how motion within a scan is corrected."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -14,11 +14,11 @@ from pipeline.slam.odometry import ScanOdometry, turned_by
 from tests.slam.round import STEP_NS, drive
 
 UNHELPED = ScanOdometry(trials=1, usual=0.01, least=0.01)
-"""Takes the first guess, whatever comes of it."""
+"""Takes the step of the first guess, however low its overlap."""
 START_NS = 1_700_000_000_000_000_000
 
 
-def test_a_step_that_turns_more_bends_by_half_of_it() -> None:
+def test_a_step_that_is_turned_bends_to_an_arc() -> None:
     """A metre straight on, and a quarter turn to the left: its end lies at 45°, √½ m to each."""
     straight_on = pose(np.array([[1.0, 0.0, 0.0]]), np.zeros((1, 3)))[0]
     bent = turned_by(straight_on, np.pi / 2)
@@ -52,6 +52,7 @@ def test_an_imu_guesses_a_turn_that_registration_alone_does_not_find(tmp_path: P
 
 
 def turning_on_the_spot() -> NDArray[np.float64]:
+    """Four poses (4, 4, 4): two steps of a metre, then a turn of 60° on the spot."""
     x_m = np.array([0.0, 1.0, 2.0, 2.0])
     turn_rad = np.deg2rad([0.0, 0.0, 0.0, 60.0])
     zeros = np.zeros(4)
@@ -60,7 +61,7 @@ def turning_on_the_spot() -> NDArray[np.float64]:
     )
 
 
-def test_a_scan_is_deskewed_anew_by_the_step_that_it_turns_out_to_have_made() -> None:
+def test_a_scan_is_deskewed_once_more_by_its_own_step() -> None:
     """The robot starts with 2 m/s, its scan takes the last quarter of a second before the stamp.
 
     On average its points lie .25 m too far ahead, and so does the pose that comes of them; deskewed

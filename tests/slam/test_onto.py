@@ -1,4 +1,4 @@
-"""Further days: laid onto the map of the training day."""
+"""A further day is laid onto the map of the training day, and its poses are read from the artifact."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -20,8 +20,10 @@ pytest.importorskip("gtsam")
 COUNT = 40
 
 
-def test_a_further_day_is_laid_onto_the_map_and_kept(tmp_path: Path) -> None:
-    """It begins 10 m on, drives the other way, and its odometry knows no world."""
+def test_a_further_day_is_laid_onto_the_map_and_its_artifact_gives_a_log_these_poses(
+    tmp_path: Path,
+) -> None:
+    """It begins 10 m farther on, drives the other way, and has an odometry of its own."""
     later_poses = circle(COUNT)[10:34][::-1]
     later = drive(later_poses)
     estimate = estimate_onto(QUICK, later, drive(circle(COUNT)), circle(COUNT), Progress())
@@ -41,8 +43,8 @@ def test_a_further_day_is_laid_onto_the_map_and_kept(tmp_path: Path) -> None:
         with_estimated_poses(drive(circle(5)), path)
 
 
-def test_scans_without_a_pose_are_counted_and_break_the_odometry(tmp_path: Path) -> None:
-    """Of ten scans the fifth has no pose: the sixth begins the odometry anew."""
+def test_scans_without_a_pose_are_left_out_and_counted(tmp_path: Path) -> None:
+    """The fifth of ten scans has no pose and is left out."""
     estimate = QUICK.estimate(drive(circle(10)), Progress())
     world_T_scan = estimate.world_T_scan.copy()
     world_T_scan[4] = np.nan
@@ -51,12 +53,14 @@ def test_scans_without_a_pose_are_counted_and_break_the_odometry(tmp_path: Path)
     log = with_estimated_poses(drive(circle(10), circle(10)), path)
     assert len(log.stamps_ns) == 9
     assert log.skipped == {"no pose by slam": 1}
-    assert np.isfinite(log.odom_T_scan).all()  # its own, which knows the fifth too
+    assert np.isfinite(
+        log.odom_T_scan
+    ).all()  # the log's own odometry, which goes on over the fifth
     assert len(log.points(8)) == len(drive(circle(10)).points(9))
 
 
 def test_scans_are_handed_on_as_they_lay_at_their_stamp(tmp_path: Path) -> None:
-    """All points are measured half a step after the stamp, and are seen from .5 m on by then."""
+    """All points are measured half a step after the stamp, when the robot is .5 m farther on."""
     estimate = QUICK.estimate(drive(circle(6)), Progress())
     store.write(tmp_path / "day.zarr", estimate)
     skewed = replace(
