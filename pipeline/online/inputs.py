@@ -251,7 +251,7 @@ def _of_bags(
     for file in files:
         for name, bag_topic in file.topics.items():
             if bag_topic.kind == kind:
-                cloud_counts[name] = bag_topic.count
+                cloud_counts[name] += bag_topic.count
     if topic is None and not cloud_counts:
         raise LogError(
             f"{path}: no {kind.rpartition('/')[2]} in it; `yearloc inspect {path.name}` says what "

@@ -64,3 +64,18 @@ def test_the_points_of_a_followed_recording_are_moved_by_the_motion_before_the_s
     (file,) = bag.glob("*.mcap")
     for scan in Following(file, None, 0.0, 0.3, "/wheels").scans():
         np.testing.assert_allclose(scan.points()[:, 0], [3.0, 3.5], atol=0.02)
+
+
+def test_of_several_bags_the_topic_with_most_clouds_in_all_is_read(tmp_path: Path) -> None:
+    """Four clouds in front and three behind, of which the later bag has one and two."""
+    counts = {"first": {"/front": 3, "/rear": 1}, "later": {"/front": 1, "/rear": 2}}
+    stamp_ns = START_NS
+    points_m = np.ones((2, 3), np.float32)
+    for folder, counts_by_topic in counts.items():
+        with BagWriter(tmp_path / "day" / folder, "mcap") as writer:
+            for topic, count in counts_by_topic.items():
+                for _ in range(count):
+                    stamp_ns += STEP_NS
+                    rings = np.zeros(2, int)
+                    writer.points(stamp_ns, "base_link", points_m, np.ones(2), rings, topic)
+    assert len(list(scans(str(tmp_path / "day"), OTHER, 0.0))) == 4
