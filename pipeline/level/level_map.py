@@ -111,7 +111,7 @@ class Drawing:
     """(row, col) how many beams pass each cell."""
     cell_m: float
     origin: tuple[float, float, float]
-    """As of a LevelMap."""
+    """The same as that of the LevelMap that is drawn."""
 
     @classmethod
     def of(

@@ -23,7 +23,7 @@ MOST_SWEEPS = 60
 """At most so many sweeps are remembered."""
 MOVED_M = 0.2
 MOVED_DEG = 10.0
-"""A sweep taken after less motion than both replaces the one before it."""
+"""A sweep taken after less motion than both is dropped once the next one comes."""
 THINNED_M = 0.1
 """Hits are thinned to one in each square of this side."""
 

@@ -42,7 +42,7 @@ class Adoption:
     """(n, 3) each: x forward, y left, z up from the ground, in metres."""
     stamps_ns: Stamps
     world_T_scan: Poses
-    """(scan, 4, 4)."""
+    """(scan, 4, 4) the poses that they are learned at."""
     chance: NDArray[np.float64]
     """(scan,) the chance that the pose is right; 1 for a pose of a survey."""
     wrong: NDArray[np.bool_]

@@ -97,7 +97,7 @@ def _class_name(settings: Settings) -> str:
 
 
 def _promise_rows(verdict: Promises) -> list[tuple[str, str]]:
-    """Which fixes keep each promise."""
+    """A row for each promise: which fixes keep it."""
     rows = []
     for promise, limit in zip(verdict.promises, verdict.promised["fix"], strict=True):
         which = "nothing keeps it: too few held-out blocks, or too many wrong"
@@ -108,7 +108,7 @@ def _promise_rows(verdict: Promises) -> list[tuple[str, str]]:
 
 
 def _sensor_rows(sensor: Sensor) -> list[tuple[str, str]]:
-    """What the scans look like that the site learned."""
+    """A row for each number that says what the scans that the site learned look like."""
     medians = {
         "points a scan": sensor.points,
         "beams": sensor.beams,

@@ -74,6 +74,7 @@ class Scores(nn.Module):
         self.method = method
 
     def forward(self, heights_m: Tensor) -> tuple[Tensor, ...]:
+        """Quantise the heights as the method does, and answer with its network."""
         low = self.method.h_min_m
         high = self.method.h_max_m
         share = (heights_m.clamp(low, high).double() - low) / (high - low)

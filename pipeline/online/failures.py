@@ -44,7 +44,7 @@ class JudgedFix:
     world_T_found: Poses
     """(4, 4) the pose of the fix."""
     world_T_true: Poses
-    """(4, 4)."""
+    """(4, 4) the true pose."""
     accepted: bool
     overlap: float
     novelty: float

@@ -10,7 +10,6 @@ A model of level sweeps becomes a level site (level_pack.py).
 
 import platform
 from collections.abc import Mapping
-from contextlib import ExitStack
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -134,6 +133,8 @@ class Packing:
                 f"{name}: its submaps gather several scans, or sweeps that are not level; a site "
                 "localises single scans or level sweeps"
             )
+
+        # the method, and the settings of poses
         view = read_yaml(self.conf / "view" / f"{trained.view}.yaml")
         recipe = {key: parsed(value) for key, value in store.read_recipe(trained.model).items()}
         trained_model = store.read_model(trained.model)
@@ -141,16 +142,13 @@ class Packing:
         k = int(settings["k"])
         fixer, held_out = (build(settings[key], site.ROOTS) for key in ("fixer", "held_out"))
         assert isinstance(held_out, HeldOut)
-        with ExitStack() as stack:
-            # the map: that of the study, or one made for now
+
+        # the map, and held-out blocks localised in it
+        with TemporaryDirectory() as scratch:
             map_path = trained.map
             if not map_path.is_dir():
-                map_path = Path(stack.enter_context(TemporaryDirectory()), map_path.name)
-                progress.tell(f"thin {submaps['scans'].shape[0]} submaps into a map")
-                map_settings = read_yaml(self.conf / "map.yaml").items()
-                lengths = {key: value for key, value in map_settings if key.endswith("_m")}
-                write_map(map_path, scans, submaps, **lengths)
-            # the verdict's evidence: held-out blocks, localised
+                map_path = Path(scratch, map_path.name)
+                self._write_map(map_path, scans, submaps, progress)
             site_map = store.read(map_path, schemas.Maps)
             localizer = build(recipe, site.ROOTS).localizer(trained_model)
             views = Rows.read(trained.views)
@@ -158,9 +156,11 @@ class Packing:
             learned_day = TrainingDay(
                 map_path, drive, views, labels.load("places"), build(view, site.ROOTS), localizer, k
             )
-            compute = stack.enter_context(Compute("processes"))
-            evidence = held_out.evidence(fixer, learned_day, compute, progress)
+            with Compute("processes") as compute:
+                evidence = held_out.evidence(fixer, learned_day, compute, progress)
             arrays = {key: site_map.load(key) for key in schemas.Maps.columns}
+
+        # when to believe a fix, and all that the site says of itself
         verdict = Verdict(evidence, settings["unseen_share"])
         promises = Promises(
             verdict.judge.pose,
@@ -185,21 +185,28 @@ class Packing:
             provenance=self._provenance(trained),
             growth=Growth(site_map.voxel_m, (LearnedDay(trained.train, len(views.stamps_ns)),)),
         )
+
+        # the file
         model = {
             key: array for key, array in trained_model.items() if not key.startswith(NOT_ASKED)
         }
         arrays = {**arrays, "cells": labels.cells, **evidence.expectations.arrays}
         growth_views = learned_from(views, trained_model)
         site_file.write(out, site_file.Parts(description, model, arrays, None, growth_views))
-        kept = description.verdict.kept
-        promised = f"promises {', '.join(map(str, kept)) or 'nothing'}"
-        if len(kept) < len(PROMISES):
-            promised += f", not {', '.join(map(str, PROMISES[len(kept) :]))}"
         places = f"{len(Places.of(labels).cells)} places, {len(arrays['world_T_anchor'])} submaps"
         return (
             f"{out}: {places}, {out.stat().st_size / 1e6:.1f} MB; by {evidence.blocks} held-out "
-            f"blocks it {promised}"
+            f"blocks it {_promised_words(description.verdict.kept)}"
         )
+
+    def _write_map(
+        self, path: Path, scans: schemas.Scans, submaps: schemas.Submaps, progress: Progress
+    ) -> None:
+        """Thin the day's submaps into a map artifact, with the lengths of conf/map.yaml."""
+        progress.tell(f"thin {submaps['scans'].shape[0]} submaps into a map")
+        settings = read_yaml(self.conf / "map.yaml")
+        lengths = {key: value for key, value in settings.items() if key.endswith("_m")}
+        write_map(path, scans, submaps, **lengths)
 
     def _provenance(self, trained: Trained) -> Provenance:
         """What the site was made of: DVC's digests, versions, and the day that was learned."""
@@ -246,6 +253,14 @@ def _named(studies: Mapping[str, Study], name: str) -> tuple[str, str, str, Stud
     if models[model_name].is_on_bird_views:
         raise ConfigError(f"{name}: matches sequences of bird-views; a site localises single scans")
     return dataset, grid, model_name, models[model_name]
+
+
+def _promised_words(kept: tuple[float, ...]) -> str:
+    """Words that say which of PROMISES a site keeps, and which not."""
+    words = f"promises {', '.join(map(str, kept)) or 'nothing'}"
+    if len(kept) < len(PROMISES):
+        words += f", not {', '.join(map(str, PROMISES[len(kept) :]))}"
+    return words
 
 
 def learned_from(views: Rows, model: Model) -> Arrays:

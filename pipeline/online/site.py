@@ -171,7 +171,7 @@ class Site:
 
     @property
     def name(self) -> str:
-        """What was packed: STUDY/GRID/MODEL."""
+        """The model that was packed, STUDY/GRID/MODEL, or the map."""
         return self.description.name
 
     def check(self, promise: float | None) -> None:

@@ -127,15 +127,15 @@ class SiteDescription:
     """The content of site.json."""
 
     name: str
-    """What was packed: STUDY/GRID/MODEL."""
+    """The model that was packed: STUDY/GRID/MODEL."""
     simulated: bool
     """Whether its world is simulated."""
     method: Settings
-    """Of the method that ranks places."""
+    """The method that ranks places."""
     view: Settings
-    """Of what it looks at."""
+    """The view that the method looks at."""
     fixer: Settings
-    """Of the search for poses (posing/search.py)."""
+    """The search for poses (posing/search.py)."""
     k: int
     """How many places the method ranks."""
     places: Grid
@@ -143,7 +143,7 @@ class SiteDescription:
     map: MapSettings
     verdict: Promises
     reader: Settings
-    """Of what reads the data set's logs."""
+    """The reader of the data set's logs."""
     sensor: Sensor
     provenance: Provenance
     growth: Growth | None = None
@@ -189,12 +189,12 @@ class LevelDescription:
     """The content of a level site's site.json."""
 
     name: str
-    """What was packed: the name of a map, or STUDY/GRID/MODEL."""
+    """The name of the map or the model, STUDY/GRID/MODEL, that was packed."""
     simulated: bool
     level: LevelSettings
     verdict: Promises
     reader: Settings
-    """Of what reads the logs that are localised in it."""
+    """The reader of the logs that are localised in it."""
     sensor: Sensor
     provenance: Provenance
 

@@ -33,7 +33,7 @@ roll, pitch, yaw in radians and x, y, z in metres: only the ground may tilt it."
 
 @dataclass(frozen=True)
 class KeyFix:
-    """Where a key of a drive was found to stand on a map."""
+    """A key of a drive that was found on a map, and its pose there."""
 
     key: int
     world_T_key: Poses
@@ -58,31 +58,29 @@ class Solution:
 
 @dataclass(frozen=True)
 class DriveGraph:
-    """Optimises the poses of all keys at once. Its fields are standard deviations (conf/slam.yaml).
+    """Optimises the poses of all keys at once, by how sure odometry, loops and ground are.
 
-    That of a step of odometry grows with the length of the step.
+    Deviations are standard deviations (conf/slam.yaml).
     """
 
     step: Positive = 0.01
-    """Of the position after a step, as a share of the step's length."""
     step_m: Positive = 0.05
-    """Of the position after a step, added to that share."""
+    """The position after a step deviates by this share of its length, and by so many metres."""
     turn_deg_per_m: Positive = 0.05
-    """Of the heading after a step, for each metre of its length."""
     turn_deg: Positive = 0.2
-    """Of the heading after a step, added to that."""
+    """The heading after a step deviates by so much for each metre of its length, and by so much."""
     tilt: Positive = 0.15
-    """Of roll and pitch, as a share of the heading's: they are surer, for the ground is all around.
+    """Roll and pitch deviate by this share of the heading: the ground all around makes them surer.
     """
     by_log: Positive = 5.0
-    """All of a step's deviations are so many times as large where it is the log's odometry."""
+    """Where a step is the log's odometry, its deviations are so many times as large."""
     loop_m: Positive = 0.1
     loop_deg: Positive = 0.5
-    """Of a loop and of a fix, added to their own covariance."""
+    """A loop or a fix deviates by these besides its own covariance."""
     outlier: Positive = 2.0
     """A loop or a fix that is off by more deviations than this loses weight (Cauchy's loss)."""
     level_deg: Positive = 3.0
-    """Of the ground around the vehicle from level: there are hills, too."""
+    """The ground around the vehicle deviates from level by this, since there are hills."""
     level_m: Positive = 50.0
     """The ground is taken for level once in so much path, since a hill is long."""
 
@@ -168,6 +166,7 @@ class DriveGraph:
                 graph.add(gtsam.AttitudeFactorPose3(key, upward, noise, normal))
 
     def _add_loops(self, graph: Any, loops: list[Loop], is_member: NDArray[np.bool_]) -> None:
+        """Add a factor for each loop whose two keys are optimised."""
         gtsam = imported_gtsam()
         for loop in loops:
             if is_member[loop.key] and is_member[loop.later]:
@@ -176,6 +175,7 @@ class DriveGraph:
                 graph.add(gtsam.BetweenFactorPose3(loop.key, loop.later, pose, noise))
 
     def _add_fixes(self, graph: Any, fixes: Sequence[KeyFix]) -> None:
+        """Add a factor for each key that was found on the map."""
         gtsam = imported_gtsam()
         for fix in fixes:
             pose = gtsam.Pose3(fix.world_T_key)
@@ -266,6 +266,7 @@ def _start(
     laid: set[int] = set()
 
     def lay(part: int, world_T_odom: Poses) -> None:
+        """Move all keys of a part by the pose of its odometry's frame in the world."""
         rows = keys.parts == part
         start[rows] = world_T_odom @ keys.odom_T_key[rows]
         laid.add(part)
