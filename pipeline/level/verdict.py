@@ -32,12 +32,12 @@ allows (METHODS 13.4)."""
 
 @dataclass(frozen=True)
 class LevelJudge:
-    """Gives the doubts in a level fix, by chances that are linear in its signs (fix.py)."""
+    """Gives the doubts in a level fix, by the signs of its hypotheses (fix.py)."""
 
     pose: Chances
-    """That each hypothesis is right."""
+    """Gives the chance that a hypothesis is right."""
     near: Chances
-    """That each hypothesis is near."""
+    """Gives the chance that a hypothesis is near."""
 
     def chances(self, fix: LevelFix) -> NDArray[np.float64]:
         """The chance (n,) that each hypothesis is right."""

@@ -76,8 +76,10 @@ def unlike(
     remedy = OF_LOGS.format(-diagnosis.ground_m)
     if body_T_lidar is not None and np.isfinite(diagnosis.ground_m):
         remedy = _raised(body_T_lidar, diagnosis.ground_m, ways)
-    warnings = list(_differences(diagnosis, trained, remedy))
-    return warnings + [symptom.text for symptom in unexpected]
+    return [
+        *_differences(diagnosis, trained, remedy),
+        *(symptom.text for symptom in unexpected),
+    ]
 
 
 def _leaning(leaning: Lean, body_T_lidar: Poses | None, ways: tuple[str, str]) -> str:
@@ -87,11 +89,11 @@ def _leaning(leaning: Lean, body_T_lidar: Poses | None, ways: tuple[str, str]) -
         faults.append("upside down")
     if leaning.tilt_deg >= LEVEL_DEG:
         faults.append(f"tilted by about {leaning.tilt_deg:.0f}°")
-    warning = " and ".join(faults)
-    if body_T_lidar is None:
-        return warning
-    remedy = ways[1].format(_numbers(leaning.upright_T_points @ body_T_lidar))
-    return f"{warning}: it would stand upright with {remedy}"
+    remedy = ""
+    if body_T_lidar is not None:
+        option = ways[1].format(_numbers(leaning.upright_T_points @ body_T_lidar))
+        remedy = f": it would stand upright with {option}"
+    return f"{' and '.join(faults)}{remedy}"
 
 
 def _raised(body_T_lidar: Poses, ground_m: float, ways: tuple[str, str]) -> str:

@@ -44,9 +44,9 @@ class Promises:
     """
 
     pose: Chances
-    """That a pose is right."""
+    """Gives the chance that a pose is right."""
     place: Chances
-    """That the robot is near a pose."""
+    """Gives the chance that the robot is near a pose."""
     promises: tuple[float, ...]
     """The precisions that a user may ask for."""
     promised: Mapping[str, tuple[float, ...]]

@@ -57,11 +57,11 @@ class Motion:
     def __init__(self) -> None:
         self._last_fix: tuple[NDArray[np.float64], float] | None = None  # its pose and its time
         self._since_fix_s = 0.0
-        # between the last two fixes that told a speed
+        # by the last two fixes that told a speed
         self._speed_m = np.zeros(3)  # a second, in the robot's frame
         self._turn_rad = np.zeros(3)  # a second, as a rotation vector
         self._fix_interval_s = 0.0  # 0 while the speed is unknown
-        # how far robots do otherwise: the mean of squared accelerations, in m/s² and °/s²
+        # how the robot accelerated since: sums of squares of m/s² and °/s², and how many
         self._squares = GAINS**2
         self._square_count = 1
 

@@ -66,12 +66,12 @@ class Belief:
         Returns the chance that it is right given all scans before. Each way in which things may be
         has a weight, and its chance is its share of their sum:
 
-        - The fix is right, and the robot was elsewhere before, or at a hypothesis near the fix.
-          The latter speaks for the fix the more, the more rarely a wrong fix lies there: REPEATS.
-          If `tracked`, the fix was sought near a hypothesis, so that it lies there says nothing.
-        - The fix is wrong, and the robot is elsewhere, or at a hypothesis. The robot is at one near
-          the fix if the fix slipped from it, and at one that agrees with the fix, being within
-          RIGHT_M of it, only if that one has drifted from being right.
+        - The fix is right, and the robot was elsewhere before, or at a hypothesis near the fix. A
+          near hypothesis speaks for the fix, since few wrong fixes lie near one (REPEATS). Of a
+          `tracked` fix it does not, since that was sought near a hypothesis.
+        - The fix is wrong, and the robot is elsewhere, or at a hypothesis: at one near the fix, if
+          the fix has slipped from it; at one that agrees with the fix, being within RIGHT_M of it,
+          only if drift has left that hypothesis wrong too.
 
         The fix becomes a hypothesis in place of those that agree with it.
         """
@@ -83,7 +83,8 @@ class Belief:
             turn_deg < RIGHT_DEG + DEVIATIONS * self.drift_deg
         )
         agrees = near & (away_m < RIGHT_M)
-        # how often a wrong fix lies near a hypothesis; a tracked one counts against a usual query
+        # v of METHODS 10.2: the share of wrong fixes that lie near a hypothesis. A tracked fix lies
+        # there in any case, so only its chance counts, against that of a usual query.
         repeats = (1 - self.unseen_share) / self.unseen_share if tracked else REPEATS
         right_weight = chance * (elsewhere + float(self.chances[near].sum()) / repeats)
         hypothesis_weights = (1 - chance) * self.chances
