@@ -1,4 +1,4 @@
-"""Findings, worked out by hand on small tables, and the sentences that they become."""
+"""Findings: their numbers worked out by hand on small tables, their sentences kept as snapshots."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from syrupy.assertion import SnapshotAssertion
 
 from pipeline.evaluation.doubts import DOUBTS, VOID
 from pipeline.evaluation.rows import row, table
@@ -24,20 +25,20 @@ DRIVEN = Kind()
 DAYS_AFTER = (20, 152)
 
 
-def reporting(study: Study, given: Sequence[Result], rounds: int = 0) -> Study:
+def reporting(study: Study, results: Sequence[Result], rounds: int = 0) -> Study:
     """The study, but with these results of its models."""
-    one = replace(study)
-    names = list(dict.fromkeys(each.model for each in given))
+    changed = replace(study)
+    names = list(dict.fromkeys(result.model for result in results))
     learned = TrainingRecord(
         {"budget": "0.03"}, {"loss": np.ones(rounds)} if rounds else {}, None, 1.0
     )
-    vars(one).update(
-        results=list(given),
+    vars(changed).update(
+        results=list(results),
         families=names,
         models=dict.fromkeys(names, learned),
         distance=study.distance,
     )
-    return one
+    return changed
 
 
 def numbered(model: str, days: int, **cells_and_distance: tuple[float, float]) -> Result:
@@ -53,8 +54,9 @@ def numbered(model: str, days: int, **cells_and_distance: tuple[float, float]) -
     )
 
 
-def test_the_answer_names_the_best_model_by_distance_and_how_the_others_fare(study: Study) -> None:
-    nothing = {"precision_at_threshold": (NAN, NAN), "recall_at_threshold": (0.0, 0.0)}
+def test_the_answer_names_the_best_model_by_distance_and_how_the_others_fare(
+    study: Study, snapshot: SnapshotAssertion
+) -> None:
     best = [
         numbered("sci", 20, recall_at_1=(0.5, 0.9)),
         numbered("sci", 152, recall_at_1=(0.4, 0.7)),
@@ -63,155 +65,127 @@ def test_the_answer_names_the_best_model_by_distance_and_how_the_others_fare(stu
         numbered(model, 20, recall_at_1=(0.9, share))
         for model, share in (("a", 0.5), ("b", 0.4), ("c", 0.3))
     ]
-    found = findings.answer(reporting(study, [*others[:1], *best], rounds=2))
-    assert (found.values["first"]["model"], found.values["first"]["mean"]) == (
+    finding = findings.answer(reporting(study, [*others[:1], *best], rounds=2))
+    assert finding.values["first"]["model"] == "sci"
+    assert finding.values["first"]["mean"] == {"cells": 0.45, "distance": pytest.approx(0.8)}
+    assert sentence(finding) == snapshot(name="three models")
+    two_others = findings.answer(reporting(study, [*best, *others[:2]]))
+    assert sentence(two_others) == snapshot(name="one other than the next")
+    three_others = findings.answer(reporting(study, [*best, *others]))
+    assert sentence(three_others) == snapshot(name="several others than the next")
+
+
+def test_the_answer_says_what_the_threshold_keeps(
+    study: Study, snapshot: SnapshotAssertion
+) -> None:
+    answers_nothing = numbered(
         "sci",
-        {"cells": 0.45, "distance": pytest.approx(0.8)},
+        20,
+        recall_at_1=(0.5, 0.9),
+        precision_at_threshold=(NAN, NAN),
+        recall_at_threshold=(0.0, 0.0),
     )
-    text = sentence(found)
-    assert (
-        "`sci` (given 3 % of its full training) answers with a place within 15 m for **80 %**"
-        in text
-    )
-    assert (
-        "It goes from 90 % after 20 days to 70 % after 152 days. Next is `a` with 50 %. Left to "
-        "reject" in text
-    )
-    assert (
-        "for a precision of 90 %, it still places 60 % of them, and 60 % of its answers are right."
-        in text
-    )
-    alone = sentence(
-        findings.answer(reporting(study, [numbered("sci", 20, recall_at_1=(0.5, 0.9), **nothing)]))
-    )
-    assert "(mean of 1 test day), and with the very cell of 10 m for 50 %. Left" in alone
-    assert alone.endswith("for a precision of 90 %, it places none of them.")
-    assert "with 50 %; the other has 40 %." in sentence(
-        findings.answer(reporting(study, [*best, *others[:2]]))
-    )
-    assert "with 50 %; the others lie between 30 % and 40 %." in sentence(
-        findings.answer(reporting(study, [*best, *others]))
-    )
-    kept = {("distance", "kept_precision"): (0.731, NAN, NAN)}
-    lower = [replace(one, numbers={**one.numbers, **kept}) for one in best]
-    unkept = (
-        "training day and that keeps a precision of 73.1 % there, not the wanted 90 %, it still "
-        "places 60 % of them"
-    )
-    assert unkept in sentence(findings.answer(reporting(study, lower)))
+    finding = findings.answer(reporting(study, [answers_nothing]))
+    assert sentence(finding) == snapshot(name="nothing is answered")
+    result = numbered("sci", 20, recall_at_1=(0.5, 0.9))
+    kept_precision = {("distance", "kept_precision"): (0.731, NAN, NAN)}
+    keeps_less = replace(result, numbers={**result.numbers, **kept_precision})
+    finding = findings.answer(reporting(study, [keeps_less]))
+    assert sentence(finding) == snapshot(name="less precision than wanted is kept")
+
+
+def test_a_share_that_is_not_known_is_a_dash() -> None:
     assert percent(NAN) == "–"
 
 
-def test_doubts_are_said_once_where_both_protocols_share_them(study: Study) -> None:
+def test_doubts_are_said_once_where_both_protocols_share_them(
+    study: Study, snapshot: SnapshotAssertion
+) -> None:
     def doubted(model: str, sequence: int, **doubts: tuple[float, float]) -> Result:
-        known = numbered(model, 20, blind_recall_at_1=(0.2, 0.75), **doubts)
-        own = {
+        result = numbered(model, 20, blind_recall_at_1=(0.2, 0.75), **doubts)
+        numbers = {
             key: values
-            for key, values in known.numbers.items()
+            for key, values in result.numbers.items()
             if key[1] in doubts or key[1] not in (VOID, *DOUBTS)
         }
-        return replace(known, sequence=DAYS[sequence], days=DAYS_AFTER[sequence], numbers=own)
+        return replace(result, sequence=DAYS[sequence], days=DAYS_AFTER[sequence], numbers=numbers)
 
-    sure = doubted("sci", 0)
-    small = doubted("b", 0, void=(NAN, 1.0))
-    del small.numbers["cells", VOID]  # type: ignore[attr-defined]
-    less = findings.doubts(reporting(study, [doubted("a", 0, doubt_less_kept=(0.731, 0.731))]))
-    assert [sentence(one) for one in less] == [
-        "Doubtful: `a`, by both protocols: its threshold keeps a precision of 0.731 on held-out "
-        "blocks, where 0.9 was wanted."
-    ]
-    several = [
-        sure,
+    keeps_less = doubted("a", 0, doubt_less_kept=(0.731, 0.731))
+    (doubt,) = findings.doubts(reporting(study, [keeps_less]))
+    assert sentence(doubt) == snapshot(name="less precision than wanted is kept")
+    void_by_distance = doubted("b", 0, void=(NAN, 1.0))
+    del void_by_distance.numbers["cells", VOID]  # type: ignore[attr-defined]
+    results = [
+        doubted("sci", 0),
         doubted("a", 0, doubt_one_answer=(0.8, 0.8), doubt_no_threshold=(1, 1)),
-        small,
+        void_by_distance,
         doubted("b", 1),
     ]
-    found = findings.doubts(reporting(study, several))
-    assert [sentence(one) for one in found] == [
-        "Doubtful: `a`, by both protocols: 80 % of the queries get one and the same answer; no "
-        "threshold kept a precision of 0.9 on held-out blocks, which are too few to offer less, "
-        "so every query is rejected.",
-        "Doubtful: `b`, by distance: **void**, as one and the same answer to every query would "
-        f"have a recall@1 of 0.750 ({DAYS[0]}).",
-    ]
+    doubts = findings.doubts(reporting(study, results))
+    assert [sentence(doubt) for doubt in doubts] == snapshot(name="by both, and by distance")
 
 
 def against(
     sequence: str, recall: tuple[float, float], auc: tuple[float, float]
 ) -> list[dict[str, Any]]:
+    """Rows of m2dp against sci on one sequence: differences and p of recall and of exact AUC."""
     place = {"method": "m2dp", "change": "against", "kind": "sci", "sequence": sequence}
-    told = {"recall_at_1": recall, "auc_exact_top1": auc}
-    ends = [
-        (f"{name}_difference{end}", value)
-        for name, pair in told.items()
-        for end, value in zip(("", "_p"), pair, strict=True)
-    ]
-    return [place | row(name, "cells", value) for name, value in ends]
+    rows = []
+    for name, (difference, p) in {"recall_at_1": recall, "auc_exact_top1": auc}.items():
+        rows.append(place | row(f"{name}_difference", "cells", difference))
+        rows.append(place | row(f"{name}_difference_p", "cells", p))
+    return rows
 
 
-def test_the_paired_test_says_where_a_model_is_better_and_where_worse() -> None:
+def test_the_paired_test_says_where_a_model_is_better_and_where_worse(
+    snapshot: SnapshotAssertion,
+) -> None:
     rows = [
         *against("2012-02-04", (0.3, 0.01), (0.1, 0.2)),
         *against("2012-06-15", (-0.1, 0.04), (-0.2, 0.3)),
     ]
-    (found,) = findings.paired(table(rows), "cells")
-    recall = found.values["verdicts"][0]
-    assert (recall["mean"], recall["better"], recall["worse"]) == (
-        pytest.approx(0.1),
-        ["2012-02-04"],
-        ["2012-06-15"],
-    )
-    assert sentence(found) == (
-        "`m2dp` against `sci`, by cells: recall@1 +0.100 on average, better on 1 of 2 "
-        "(2012-02-04), worse on 1 of 2 (2012-06-15); exact AUC −0.050 on average, undecided."
-    )
+    (finding,) = findings.paired(table(rows), "cells")
+    recall = finding.values["verdicts"][0]
+    assert recall["mean"] == pytest.approx(0.1)
+    assert recall["better"] == ["2012-02-04"]
+    assert recall["worse"] == ["2012-06-15"]
+    assert sentence(finding) == snapshot
     assert findings.paired(table(rows), "distance") == []
 
 
-def test_novelties_say_which_kind_tells_unseen_from_seen_best(study: Study) -> None:
+def test_novelties_say_which_kind_tells_unseen_from_seen_best(
+    study: Study, snapshot: SnapshotAssertion
+) -> None:
     # ONE's entropy ranks 9 of 10 pairs right, its energy all; energy's threshold accepts the five
     # seen, three of them right.
-    (found,) = findings.novelties(reporting(study, ONE), "cells")
-    assert [(one["kind"], one["auroc"]) for one in found.values["ranked"]] == [
+    (finding,) = findings.novelties(reporting(study, ONE), "cells")
+    assert [(entry["kind"], entry["auroc"]) for entry in finding.values["ranked"]] == [
         ("energy", 1.0),
         ("entropy", pytest.approx(0.9)),
     ]
-    assert (found.values["ahead"], found.values["kept"]["kind"]) == (2, "energy")
-    text = sentence(found)
-    assert (
-        "energy tells unseen from seen best (mean AUROC 1.000): ahead of entropy, in use, in 2 of "
-        "2 sequences, by more" in text
-    )
-    assert text.endswith(
-        "missed it least, by 0.300 on average; the lowest precision was 0.600, the mean recall "
-        "1.000."
-    )
-    one = replace(ONE[0], evaluation=replace(ONE[0].evaluation, kinds=("cost", "ratio")))
-    cells = replace(one.evaluation.cells, rejection=one.evaluation.cells.rejection[::-1])
-    used = replace(
-        one, evaluation=replace(one.evaluation, judgements=(cells, one.evaluation.distance))
-    )
-    assert (
-        "no other kind tells unseen from seen better than cost, in use (mean AUROC 1.000; next "
-        "ratio, 0.900)" in sentence(findings.novelties(reporting(study, [used]), "cells")[0])
-    )
-    single = replace(cells, rejection=cells.rejection[:1])
-    alone = replace(
-        one, evaluation=replace(one.evaluation, kinds=("cost",), judgements=(cells, single))
-    )
-    text = sentence(findings.novelties(reporting(study, [alone]), "distance")[0])
-    assert text == "`sci`, by distance: cost has a mean AUROC of 1.000."
-    blind = replace(single, rejection=np.full_like(single.rejection, NAN))
-    assert (
-        findings.novelties(
-            reporting(
-                study,
-                [replace(alone, evaluation=replace(alone.evaluation, judgements=(cells, blind)))],
-            ),
-            "distance",
-        )
-        == []
-    )
+    assert finding.values["ahead"] == 2
+    assert finding.values["kept"]["kind"] == "energy"
+    assert sentence(finding) == snapshot(name="a kind that is not in use")
+
+
+def test_novelties_say_so_where_the_kind_in_use_is_best_or_alone(
+    study: Study, snapshot: SnapshotAssertion
+) -> None:
+    result = replace(ONE[0], evaluation=replace(ONE[0].evaluation, kinds=("cost", "ratio")))
+    by_cells = result.evaluation.cells
+    cost_first = replace(by_cells, rejection=by_cells.rejection[::-1])
+
+    def sentences(kinds: tuple[str, ...], judgements: Sequence[Any], protocol: str) -> list[str]:
+        evaluation = replace(result.evaluation, kinds=kinds, judgements=tuple(judgements))
+        reported = reporting(study, [replace(result, evaluation=evaluation)])
+        return [sentence(finding) for finding in findings.novelties(reported, protocol)]
+
+    both = (cost_first, result.evaluation.distance)
+    assert sentences(("cost", "ratio"), both, "cells") == snapshot(name="the kind in use")
+    cost_alone = replace(cost_first, rejection=cost_first.rejection[:1])
+    assert sentences(("cost",), (cost_first, cost_alone), "distance") == snapshot(name="one kind")
+    unknown = replace(cost_alone, rejection=np.full_like(cost_alone.rejection, NAN))
+    assert sentences(("cost",), (cost_first, unknown), "distance") == []
 
 
 def slopes(
@@ -225,93 +199,82 @@ def slopes(
     )
 
 
-def test_ageing_names_who_clearly_loses_and_what_cannot_be_ruled_out() -> None:
+def test_ageing_names_who_clearly_loses_and_what_cannot_be_ruled_out(
+    snapshot: SnapshotAssertion,
+) -> None:
     rows = slopes(
         {"sci": (-0.1, -0.15, -0.05), "m2dp": (0.01, -0.02, 0.04), "oracle": (-0.5, -0.6, -0.4)}
     )
-    lost = table(
+    retraining = table(
         [{"method": "sci"} | row("auroc_retrain_after_days", "distance", 95.0, 60.0, 190.0)]
     )
-    every = pd.concat([rows, lost])
-    found = findings.ageing(every, "AUROC, by distance", "distance", "auroc", 90)
-    assert [one["model"] for one in found.values["falls"]] == ["sci"]
-    assert found.values["worst"] == {"model": "m2dp", "slope": -0.02}
-    assert sentence(found) == (
-        "AUROC, by distance: `sci` −0.100 [−0.150, −0.050] per 100 days, a tenth lost after 95 "
-        "days, by extrapolation: train again by then. For the others no ageing is shown within 90 "
-        "days; yet a loss of up to 0.020 per 100 days (`m2dp`) cannot be ruled out."
+    finding = findings.ageing(
+        pd.concat([rows, retraining]), "AUROC, by distance", "distance", "auroc", 90
     )
-    only = sentence(
-        findings.ageing(
-            pd.concat([slopes({"sci": (-0.1, -0.15, -0.05)}), lost]), "A", "distance", "auroc", 287
-        )
+    assert [entry["model"] for entry in finding.values["falls"]] == ["sci"]
+    assert finding.values["worst"] == {"model": "m2dp", "slope": -0.02}
+    assert sentence(finding) == snapshot(name="one falls, the others may")
+    falling = pd.concat([slopes({"sci": (-0.1, -0.15, -0.05)}), retraining])
+    assert sentence(findings.ageing(falling, "A", "distance", "auroc", 287)) == snapshot(
+        name="one alone falls"
     )
-    assert (
-        only
-        == "A: `sci` −0.100 [−0.150, −0.050] per 100 days, a tenth lost after 95 days: train again by then."
+    rising = slopes({"sci": (0.1, 0.05, 0.15)})
+    assert sentence(findings.ageing(rising, "A", "distance", "auroc", 287)) == snapshot(
+        name="none falls"
     )
-    rises = findings.ageing(slopes({"sci": (0.1, 0.05, 0.15)}), "A", "distance", "auroc", 287)
-    assert sentence(rises) == "A: no ageing is shown within 287 days."
-    few = findings.ageing(slopes({"sci": (-0.1, NAN, NAN)}), "A", "distance", "auroc", 287)
-    assert sentence(few) == "A: too few test sequences for an interval."
+    too_few = slopes({"sci": (-0.1, NAN, NAN)})
+    assert sentence(findings.ageing(too_few, "A", "distance", "auroc", 287)) == snapshot(
+        name="too few days"
+    )
 
 
-def test_newer_and_the_slopes_are_counted_with_what_chance_would_give() -> None:
+def test_newer_says_to_which_models_seen_places_look_newer(snapshot: SnapshotAssertion) -> None:
+    newer_to_sci = {"sci": (3.0, 1.0, 5.0), "m2dp": (1.0, -1.0, 3.0)}
+    for name, slope in {
+        "to one": newer_to_sci,
+        "to none": {"m2dp": (1.0, -1.0, 3.0)},
+        "too few days": {"sci": (1.0, NAN, NAN)},
+    }.items():
+        finding = findings.newer(slopes(slope, "novelty_percentile"))
+        assert sentence(finding) == snapshot(name=name)
+
+
+def test_slopes_are_counted_with_what_chance_would_give(snapshot: SnapshotAssertion) -> None:
     rows = slopes({"sci": (3.0, 1.0, 5.0), "m2dp": (1.0, -1.0, 3.0)}, "novelty_percentile")
-    assert "the days to `sci` (+3.0 [+1.0, +5.0] per 100 days), to the others not" in sentence(
-        findings.newer(rows)
-    )
-    flat = slopes({"m2dp": (1.0, -1.0, 3.0)}, "novelty_percentile")
-    assert sentence(findings.newer(flat)).startswith(
-        "Seen places look newer with the days clearly to no model; 50"
-    )
-    assert "too few test sequences to say" in sentence(
-        findings.newer(slopes({"sci": (1.0, NAN, NAN)}, "novelty_percentile"))
-    )
-    oracle = table(
-        [
-            {"method": "oracle"}
-            | row("recall_at_1_same_heading_per_100_days", "cells", -0.01, -0.02, 0.0)
-        ]
-    )
+    oracle_row = row("recall_at_1_same_heading_per_100_days", "cells", -0.01, -0.02, 0.0)
+    oracle = table([{"method": "oracle"} | oracle_row])
     falls = slopes({"sci": (-0.1, -0.2, -0.01), "m2dp": (0, -1, 1)}, "auc_top1", "cells")
-    found = findings.slopes_counted(
+    finding = findings.slopes_counted(
         pd.concat([rows, falls, oracle]),
         [("distance", "novelty_percentile"), ("cells", "auc_top1")],
     )
-    assert (found.values["worse"], found.values["number"], found.values["chance"]) == (
-        2,
-        4,
-        pytest.approx(0.1),
-    )
-    assert sentence(found) == (
-        "2 of 4 slopes clearly mean ageing; were there none, about 0.1 would by chance. The "
-        "oracle's recall@1: −0.010 [−0.020, +0.000] per 100 days."
-    )
-    none = findings.slopes_counted(slopes({"sci": (1.0, NAN, NAN)}), [("distance", "auroc")])
-    assert sentence(none) == "There are too few test sequences for any slope's interval."
+    assert finding.values["worse"] == 2
+    assert finding.values["number"] == 4
+    assert finding.values["chance"] == pytest.approx(0.1)
+    assert sentence(finding) == snapshot(name="two of four")
+    too_few = findings.slopes_counted(slopes({"sci": (1.0, NAN, NAN)}), [("distance", "auroc")])
+    assert sentence(too_few) == snapshot(name="too few days")
 
 
-def test_confounders_say_what_else_differs_and_no_nan(study: Study) -> None:
-    def one(days: int, unseen: float, turned: float) -> Result:
+def test_confounders_say_what_else_differs_and_no_nan(
+    study: Study, snapshot: SnapshotAssertion
+) -> None:
+    def result(days: int, unseen: float, turned: float) -> Result:
         return numbered("sci", days, queries=(10, 10), unseen=(unseen, 0), turned_share=(turned, 0))
 
-    found = findings.confounders(
-        reporting(study, [one(20, 1, 0.1), one(120, 2, 0.1), one(220, 3, 0.1)])
-    )
-    assert found.values["unseen"] == {"first": 0.1, "last": 0.3, "correlation": pytest.approx(1.0)}
-    text = sentence(found)
-    assert (
-        "queries are 10 % of the first sequence and 30 % of the last (correlation with the days "
-        "+1.00), which AUC" in text
-    )
-    assert "training are 10 % of the first sequence and 10 % of the last, which" in text
-    blind = sentence(findings.confounders(reporting(study, [one(20, 10, NAN), one(120, 10, NAN)])))
-    assert "than training are a share not known, as no query is seen, which" in blind
-    assert "nan" not in blind
-    assert "unseen queries are 20 % of the one test sequence, which" in sentence(
-        findings.confounders(reporting(study, [one(20, 2, 0)]))
-    )
+    more_unseen = [result(20, 1, 0.1), result(120, 2, 0.1), result(220, 3, 0.1)]
+    finding = findings.confounders(reporting(study, more_unseen))
+    assert finding.values["unseen"] == {
+        "first": 0.1,
+        "last": 0.3,
+        "correlation": pytest.approx(1.0),
+    }
+    assert sentence(finding) == snapshot(name="more are unseen")
+    none_seen = findings.confounders(reporting(study, [result(20, 10, NAN), result(120, 10, NAN)]))
+    assert "nan" not in sentence(none_seen)
+    assert sentence(none_seen) == snapshot(name="none is seen")
+    one_day = findings.confounders(reporting(study, [result(20, 2, 0)]))
+    assert sentence(one_day) == snapshot(name="one day")
 
 
 def near(change: str, seen: int, value: float, low: float, high: float) -> list[dict[str, Any]]:
@@ -322,141 +285,109 @@ def near(change: str, seen: int, value: float, low: float, high: float) -> list[
     ]
 
 
-def test_near_changes_compare_the_nearest_band_with_enough_queries() -> None:
+def test_near_changes_compare_the_nearest_band_with_enough_queries(
+    snapshot: SnapshotAssertion,
+) -> None:
     names = {25.0: "0–25 m", np.inf: "over 25 m"}
     rows = table(
         [*near("change shown", 40, 0.5, 0.4, 0.6), *near("change to come", 50, 0.8, 0.7, 0.9)]
     )
-    assert sentence(findings.near_changes(rows, "recall_at_1", names, 30)) == (
-        "recall@1, by cells, 0–25 m away (40 and 50 seen queries), where a change shows against "
-        "where one is to come: `sci` 0.500 against 0.800 (clearly lower)."
-    )
-    few = findings.near_changes(rows, "recall_at_1", names, 41)
-    assert (
-        sentence(few)
-        == "recall@1: too few seen queries near changes, or near those to come, to say anything."
-    )
+    for least_queries, name in ((30, "enough queries"), (41, "too few queries")):
+        finding = findings.near_changes(rows, "recall_at_1", names, least_queries)
+        assert sentence(finding) == snapshot(name=name)
+
+
+def test_changes_and_the_queries_near_them_are_counted(snapshot: SnapshotAssertion) -> None:
     seen = [
-        {"sequence": name} | row("seen_near_a_change", "cells", n)
-        for name, n in (("2012-02-04-10-00-00", 3), ("2012-06-15", 1))
+        {"sequence": sequence} | row("seen_near_a_change", "cells", count)
+        for sequence, count in (("2012-02-04-10-00-00", 3), ("2012-06-15", 1))
     ]
     changes = [row("construction_changes", "", 1), row("demolition_changes", "", 0)]
-    found = findings.changes_counted(table([*seen, *changes]), ("construction", "demolition"), 50.0)
-    assert sentence(found) == (
-        "1 construction and 0 demolitions show in the test sequences, and 4 seen queries lie "
-        "within 50 m of one, 3 of them on 2012-02-04."
-    )
-    assert ", and 0 seen queries lie within 50 m of one." in sentence(
-        findings.changes_counted(table(changes), ("construction",), 50.0)
-    )
+    some = findings.changes_counted(table([*seen, *changes]), ("construction", "demolition"), 50.0)
+    assert sentence(some) == snapshot(name="queries near a change")
+    none = findings.changes_counted(table(changes), ("construction",), 50.0)
+    assert sentence(none) == snapshot(name="no query near a change")
 
 
-def test_sizes_of_cells_have_a_trend_and_a_best_model_each() -> None:
+def test_sizes_of_cells_have_a_trend_and_a_best_model_each(snapshot: SnapshotAssertion) -> None:
     values = {
         "sci": [[0.5, 0.6], [0.7, 0.9]],
         "m2dp": [[0.5, 0.8], [0.4, 0.7]],
         "sad": [[0.5, 0.5], [0.4, 0.6]],
     }
-    found = findings.trend(values, "AUC", (5.0, 10.0))
-    rises, falls = (
-        [(one["model"], one["mean"]) for one in way["models"]] for way in found.values["ways"]
-    )
-    assert (rises, falls) == ([("sci", pytest.approx(0.25))], [("m2dp", pytest.approx(-0.1))])
-    assert sentence(found) == (
-        "From 5 to 10 m, AUC rises on every sequence for 1 of 3 methods (`sci` +0.250) and falls "
-        "on every sequence for 1 of 3 methods (`m2dp` −0.100)."
-    )
-    assert sentence(findings.trend({"sad": values["sad"]}, "AUC", (5.0, 10.0))).endswith(
-        "for none of 1 method."
-    )
-    assert sentence(findings.best_at_each_size(values, "AUC", (5.0, 10.0))) == (
-        "Highest mean AUC: `m2dp` at 5 m (0.650), `sci` at 10 m (0.800)."
-    )
+    trend = findings.trend(values, "AUC", (5.0, 10.0))
+    rises, falls = trend.values["ways"]
+    assert [(entry["model"], entry["mean"]) for entry in rises["models"]] == [
+        ("sci", pytest.approx(0.25))
+    ]
+    assert [(entry["model"], entry["mean"]) for entry in falls["models"]] == [
+        ("m2dp", pytest.approx(-0.1))
+    ]
+    assert sentence(trend) == snapshot(name="one rises and one falls")
+    steady = findings.trend({"sad": values["sad"]}, "AUC", (5.0, 10.0))
+    assert sentence(steady) == snapshot(name="none")
+    best = findings.best_at_each_size(values, "AUC", (5.0, 10.0))
+    assert sentence(best) == snapshot(name="the best at each size")
 
 
-@pytest.mark.parametrize(
-    ("models", "text"),
-    [
-        (1, "Turned, `sci` has the highest AUC top-1 by cells (0.750 ± 0.071)."),
-        (2, "(0.750 ± 0.071); next `a` 0.350 (−0.400, clear)."),
-        (
-            4,
-            "(0.750 ± 0.071); next `a` 0.350 (−0.400, clear), `b` 0.250 (−0.500, clear), `c` "
-            "0.150 (−0.600, clear).",
-        ),
-    ],
-)
-def test_the_leader_is_ahead_of_the_next_three(models: int, text: str) -> None:
-    starts = {"sci": 0.7, "a": 0.3, "b": 0.2, "c": 0.1, "d": 0.0}
-    some = [*starts][: models + (models == 4)]  # a fifth is left out
-    given = compared({(m, TURNED): [[[starts[m]], [starts[m] + 0.1]]] for m in some}, {})
-    assert sentence(cases.leader(given, TURNED, AUC)).endswith(text)
-    assert (
-        sentence(cases.leader(given, DRIVEN, AUC))
-        == "As driven, no model has a number for AUC top-1 by cells."
+@pytest.mark.parametrize("models", [1, 2, 5])
+def test_the_leader_is_ahead_of_the_next_three(models: int, snapshot: SnapshotAssertion) -> None:
+    # of five models the last is left out
+    starts = dict(zip(("sci", "a", "b", "c", "d"), (0.7, 0.3, 0.2, 0.1, 0.0), strict=True))
+    given = compared(
+        {(m, TURNED): [[[starts[m]], [starts[m] + 0.1]]] for m in [*starts][:models]}, {}
     )
+    assert sentence(cases.leader(given, TURNED, AUC)) == snapshot
 
 
-def test_who_keeps_its_auc_is_named_first() -> None:
-    assert sentence(cases.kept(COMPARED, TURNED)) == (
-        "Turned, `sci-4way` (99 %), `sci_ring` (95 %) keep their AUC by cells (95 % of it or "
-        "more); `sci` keeps least, 38 % (0.300 instead of 0.800)."
-    )
+def test_without_queries_as_driven_nobody_leads(snapshot: SnapshotAssertion) -> None:
+    turned_alone = compared({("sci", TURNED): [[[0.7], [0.8]]]}, {})
+    assert sentence(cases.leader(turned_alone, DRIVEN, AUC)) == snapshot
+
+
+def test_who_keeps_its_auc_is_named_first(snapshot: SnapshotAssertion) -> None:
+    assert sentence(cases.kept(COMPARED, TURNED)) == snapshot(name="two keep it")
     built = Kind("construction", 2.0, True)
-    assert sentence(cases.kept(BUILT, built)).startswith(
-        "With 2 new walls and shadow, `m2dp` (100 %) keeps its AUC"
-    )
+    assert sentence(cases.kept(BUILT, built)) == snapshot(name="walls that hide what is behind")
     lost = compared({("sci", DRIVEN): [[[0.8]]], ("sci", TURNED): [[[0.4]]]}, {})
-    assert (
-        sentence(cases.kept(lost, TURNED))
-        == "Turned, no model keeps 95 % of its AUC by cells; `sci` keeps most, 50 %."
-    )
+    assert sentence(cases.kept(lost, TURNED)) == snapshot(name="none keeps it")
     even = compared(
         {(m, kind): [[[0.8]]] for m in ("sci", "a", "b") for kind in (DRIVEN, TURNED)}, {}
     )
-    assert (
-        "`sci` (100 %), `a` (100 %), `b` (100 %) keep their AUC by cells (95 % of it or more); "
-        "`b` keeps least" in sentence(cases.kept(even, TURNED))
-    )
+    assert sentence(cases.kept(even, TURNED)) == snapshot(name="all keep it")
     nothing = compared({("sci", DRIVEN): [[[NAN]]], ("sci", TURNED): [[[NAN]]]}, {})
-    assert sentence(cases.kept(nothing, TURNED)) == "Turned, no model has an AUC to keep."
+    assert sentence(cases.kept(nothing, TURNED)) == snapshot(name="no AUC")
 
 
-def test_other_findings_on_cases() -> None:
-    one = Kind("demolition", 60.0)
-    other = Kind("construction", 1.0)
-    assert sentence(cases.nearly_always(COMPARED, TURNED)).startswith(
-        "By distance and turned, none of 3 models are right at 95 %"
-    )
+def test_who_is_nearly_always_right_and_how_far_headings_are_off(
+    snapshot: SnapshotAssertion,
+) -> None:
+    removed = Kind("demolition", 60.0)
+    assert sentence(cases.nearly_always(COMPARED, TURNED)) == snapshot(name="none is right")
     right = compared(
-        {("sci", one): [[[0.97]]], ("a", one): [[[0.5]]]}, {}, median_heading_error_deg=2.0
+        {("sci", removed): [[[0.97]]], ("a", removed): [[[0.5]]]}, {}, median_heading_error_deg=2.0
     )
-    assert sentence(cases.nearly_always(right, one)) == (
-        "By distance and with 60° removed, 1 of 2 models is right at 95 % of the seen queries or "
-        "more (`sci`)."
-    )
-    assert sentence(cases.heading_errors(right, one)).endswith(
-        "with 60° removed: `sci` 2.0°, `a` 2.0°."
-    )
-    assert (
-        sentence(cases.heading_errors(compared({("sci", one): [[[NAN]]]}, {}), one))
-        == "No model gives a heading."
-    )
+    assert sentence(cases.nearly_always(right, removed)) == snapshot(name="one is right")
+    assert sentence(cases.heading_errors(right, removed)) == snapshot(name="two headings")
+    headless = compared({("sci", removed): [[[NAN]]]}, {})
+    assert sentence(cases.heading_errors(headless, removed)) == snapshot(name="no heading")
+    assert sentence(cases.chance(right, removed)) == ""
+
+
+def test_chance_is_told_by_repeats_seeds_and_sequences(snapshot: SnapshotAssertion) -> None:
     chance = cases.chance(COMPARED, TURNED)
-    assert sentence(chance).startswith("Turned, a model's AUC deviates by 0.0")
-    assert [one["name"] for one in chance.values["deviations"]] == ["repeat", "seed", "sequence"]
-    assert sentence(cases.chance(right, one)) == ""
+    names = [entry["name"] for entry in chance.values["deviations"]]
+    assert names == ["repeat", "seed", "sequence"]
+    assert sentence(chance) == snapshot
+
+
+def test_shadows_of_walls_and_the_best_on_each_day(snapshot: SnapshotAssertion) -> None:
     (shadows,) = cases.shadows(BUILT)
-    assert (
-        sentence(shadows)
-        == "Hiding what lies behind 2 new walls changes the AUC by −0.150 on average over the models, downwards for 1 of 2."
-    )
-    assert cases.shadows(compared({("sci", other): [[[0.5]]]}, {})) == []
-    named = dict(zip(DAYS[:2], ("one", "two"), strict=True))
-    assert sentence(cases.best_on_each(COMPARED, named)) == (
-        "Highest recall@1 by cells: one: `sci_ring` 0.900, then `sci` 0.800; two: `sci` 0.800, "
-        "then `sci-4way` 0.800."
-    )
+    assert sentence(shadows) == snapshot(name="what walls hide")
+    without_shadow = compared({("sci", Kind("construction", 1.0)): [[[0.5]]]}, {})
+    assert cases.shadows(without_shadow) == []
+    days = dict(zip(DAYS[:2], ("one", "two"), strict=True))
+    assert sentence(cases.best_on_each(COMPARED, days)) == snapshot(name="the best on each day")
 
 
 def ways(turned: Mapping[str, float], driven: Mapping[str, float], sequences: int = 2) -> Finding:
@@ -508,9 +439,6 @@ def test_four_ways_are_not_tested_without_others() -> None:
     assert "this study does not test it" in sentence(ways({"sci": 0.3}, {"sci": 0.8}))
 
 
-def test_a_section_says_what_it_rests_on(study: Study) -> None:
-    assert sentence(findings.scope(study, 2, 3, 5)) == (
-        "Measured in simulated campus, `10m` cells, 2 test sequences, 5 repeats, up to 3 seeds a "
-        "model, budget `tiny`."
-    )
-    assert "1 test sequence, one seed a model" in sentence(findings.scope(study, 1, 1))
+def test_a_section_says_what_it_rests_on(study: Study, snapshot: SnapshotAssertion) -> None:
+    assert sentence(findings.scope(study, 2, 3, 5)) == snapshot(name="repeats and seeds")
+    assert sentence(findings.scope(study, 1, 1)) == snapshot(name="one of each")
