@@ -20,7 +20,7 @@ RANKS = (1, 5, 25)
 """How many answers a query may have for the recall and the AUC that are shown."""
 
 
-def labels(artifact: Labels, inspection: Inspection) -> None:
+def add_labels(artifact: Labels, inspection: Inspection) -> None:
     """Add how many submaps of the sequence lie in places that training visited."""
     places = artifact.places
     nearest_m = artifact.nearest_m
@@ -29,7 +29,7 @@ def labels(artifact: Labels, inspection: Inspection) -> None:
         ("submaps", f"{len(places):,}"),
         (
             "places",
-            f"{len(artifact.cells):,} of training, {_distinct(places[is_seen]):,} met here",
+            f"{len(artifact.cells):,} of training, {_distinct_count(places[is_seen]):,} met here",
         ),
     ]
     if len(places):
@@ -51,34 +51,33 @@ def labels(artifact: Labels, inspection: Inspection) -> None:
         rows.append(
             ("oracle", f"{share} of the seen have their nearest training anchor in their place")
         )
-    inspection.add("", *rows)
+    inspection.add_untitled(*rows)
     no_overlap = (
         "no submap lies in a place of training: do both sequences share one world frame, and the "
         "grid's box?"
     )
-    inspection.warn(len(places) and not is_seen.any(), no_overlap)
+    inspection.warn_if(len(places) and not is_seen.any(), no_overlap)
 
 
-def rankings(artifact: Rankings, inspection: Inspection) -> None:
+def add_rankings(artifact: Rankings, inspection: Inspection) -> None:
     """Add numbers on the answers of the method, without comparing them with the truth."""
     places = artifact.places
     confidence = artifact.confidence
     queries = ("queries", f"{len(places):,}, {places.shape[1]} places each")
     if not len(places):
-        inspection.add("", queries)
+        inspection.add_untitled(queries)
         return
-    answers = _distinct(places[:, 0])
+    answer_count = _distinct_count(places[:, 0])
     heading_share = np.isfinite(artifact.heading_deg[:, 0]).mean()
-    inspection.add(
-        "",
+    inspection.add_untitled(
         queries,
-        ("first answers", f"{answers:,} distinct places"),
+        ("first answers", f"{answer_count:,} distinct places"),
         ("heading", f"estimated for {100 * heading_share:.3g} % of the queries"),
         ("confidence", "none" if np.isnan(confidence).any() else _quantiles(confidence)),
     )
     inspection.add("novelty, the first kind in use", *_novelty_rows(artifact))
     costs_fall = (np.diff(artifact.costs, axis=1) < 0).any()
-    inspection.warn(
+    inspection.warn_if(
         costs_fall,
         "costs do not rise along the ranks: the method ranked wrongly, and its recall means "
         "nothing",
@@ -86,7 +85,7 @@ def rankings(artifact: Rankings, inspection: Inspection) -> None:
     constant_answer = (
         "every query gets the same first answer: the model learned nothing, or the views are blank"
     )
-    inspection.warn(len(places) > 1 and answers == 1, constant_answer)
+    inspection.warn_if(len(places) > 1 and answer_count == 1, constant_answer)
 
 
 def _novelty_rows(artifact: Rankings) -> list[tuple[str, str]]:
@@ -95,7 +94,7 @@ def _novelty_rows(artifact: Rankings) -> list[tuple[str, str]]:
     The novelty says how likely a query is at an unseen place. The row also says where a threshold
     has less than the wanted precision on the held-out blocks of training.
     """
-    wanted = artifact.wanted_precision
+    wanted_precision = artifact.wanted_precision
     rows = []
     for kind, threshold, values, precision in zip(
         artifact.kinds,
@@ -104,20 +103,19 @@ def _novelty_rows(artifact: Rankings) -> list[tuple[str, str]]:
         artifact.kept_precision,
         strict=True,
     ):
-        rejected = f"{100 * (values >= threshold).mean():.1f} %"
-        text = f"{_quantiles(values)}; rejects {rejected} from {threshold:.4g} on"
-        if precision < wanted:
-            text += f"; keeps {precision:.3f} of the wanted {wanted:g} on held-out blocks"
+        rejected_share = f"{100 * (values >= threshold).mean():.1f} %"
+        text = f"{_quantiles(values)}; rejects {rejected_share} from {threshold:.4g} on"
+        if precision < wanted_precision:
+            text += f"; keeps {precision:.3f} of the wanted {wanted_precision:g} on held-out blocks"
         rows.append((kind, text))
     return rows
 
 
-def evaluations(artifact: Evaluations, inspection: Inspection) -> None:
+def add_evaluations(artifact: Evaluations, inspection: Inspection) -> None:
     """Add the results of the queries as driven, by both protocols: by cells and by distance."""
     evaluation = artifact.case()
     numbers = summary(evaluation)
-    inspection.add(
-        "",
+    inspection.add_untitled(
         ("queries", f"{len(evaluation.answer):,}"),
         (
             "trained",
@@ -127,14 +125,14 @@ def evaluations(artifact: Evaluations, inspection: Inspection) -> None:
     )
     for name in PROTOCOLS:
         inspection.add(f"by {name}", *_protocol_rows(evaluation.protocol(name), numbers[name]))
-    without_seen = [
+    unseen_protocols = [
         name
         for name in PROTOCOLS
         if len(evaluation.answer) and not evaluation.protocol(name).seen.any()
     ]
-    inspection.warn(
-        without_seen,
-        f"no query was seen in training by {' or '.join(without_seen)}: recall and AUC mean "
+    inspection.warn_if(
+        bool(unseen_protocols),
+        f"no query was seen in training by {' or '.join(unseen_protocols)}: recall and AUC mean "
         "nothing there",
     )
 
@@ -167,8 +165,8 @@ def _protocol_rows(judgement: Judgement, numbers: dict[str, float | None]) -> li
     ]
     if numbers["heading_within_10deg"] is not None:
         median = text("median_heading_error_deg")
-        within = text("heading_within_10deg")
-        rows.append(("heading", f"median error {median}°, within 10° {within} of the right"))
+        share = text("heading_within_10deg")
+        rows.append(("heading", f"median error {median}°, within 10° {share} of the right"))
     rows += [
         ("rejection", f"AUROC {text('auroc')}, recall at 99 % precision {rejection_recall}"),
         ("outcome", f"{outcomes} at the threshold"),
@@ -180,5 +178,5 @@ def _quantiles(values: NDArray[Any]) -> str:
     return "5 % {:.3g}, median {:.3g}, 95 % {:.3g}".format(*np.percentile(values, (5, 50, 95)))
 
 
-def _distinct(values: NDArray[Any]) -> int:
+def _distinct_count(values: NDArray[Any]) -> int:
     return len(np.unique(values))

@@ -16,71 +16,78 @@ from pipeline.core.errors import ArtifactError
 from pipeline.inspection import answers, columns, drives
 from pipeline.inspection.inspection import Inspection, nbytes
 from pipeline.inspection.kinds import KINDS
-from pipeline.inspection.origin import short, size
+from pipeline.inspection.origin import bytes_on_disk, one_line
 
 KEY_NUMBERS: dict[str, Callable[[Any, Inspection], None]] = {
-    "scans": drives.scans,
-    "submaps": drives.submaps,
-    "views": drives.views,
-    "labels": answers.labels,
-    "rankings": answers.rankings,
-    "evaluations": answers.evaluations,
+    "scans": drives.add_scans,
+    "submaps": drives.add_submaps,
+    "views": drives.add_views,
+    "labels": answers.add_labels,
+    "rankings": answers.add_rankings,
+    "evaluations": answers.add_evaluations,
 }
 """The function that adds the key numbers of an artifact, by its kind."""
 
 
-def artifact(path: Path, inspection: Inspection) -> None:
+def describe_artifact(path: Path, inspection: Inspection) -> None:
     """Describe a zarr group: its key numbers, arrays and attributes.
 
     Raises ArtifactError for a group of an unknown kind, or one that cannot be read whole.
     """
-    kind = _kind(path)
-    inspection.kind = f"{kind.kind}, version {kind.version}, {nbytes(size(path))} on disk"
-    group = store.read(path, kind)
-    extents = {name: columns.extent(group[name]) for name in kind.columns}
-    first_column = next(iter(kind.columns))
-    inspection.warn(
-        not extents[first_column].shape[0],
+    schema = _schema(path)
+    size_text = nbytes(bytes_on_disk(path))
+    inspection.kind = f"{schema.kind}, version {schema.version}, {size_text} on disk"
+    group = store.read(path, schema)
+    extents = {name: columns.extent(group[name]) for name in schema.columns}
+    # every column has as many rows as the first: one a scan, submap, query or the like
+    first_column = next(iter(schema.columns))
+    row_count = extents[first_column].shape[0]
+    inspection.warn_if(
+        not row_count,
         f"no rows: {first_column} is empty; every later stage would have nothing to work on",
     )
-    may_hold_inf = kind.kind == "rankings"
+    may_hold_inf = schema.kind == "rankings"  # the cost of an answer that does not exist
     for name, extent in extents.items():
-        inspection.warn(
-            extent.infinite and not may_hold_inf,
-            f"inf in {name}: {extent.infinite:,} values; nothing here writes one: `dvc repro` it",
+        inspection.warn_if(
+            extent.inf_count and not may_hold_inf,
+            f"inf in {name}: {extent.inf_count:,} values; nothing here writes one: `dvc repro` it",
         )
-    if kind.kind in KEY_NUMBERS:
-        KEY_NUMBERS[kind.kind](group, inspection)
-    rows = [columns.row(name, extents[name], column) for name, column in kind.columns.items()]
+    if schema.kind in KEY_NUMBERS:
+        add_key_numbers = KEY_NUMBERS[schema.kind]
+        add_key_numbers(group, inspection)
+    rows = [columns.row(name, extents[name], column) for name, column in schema.columns.items()]
     inspection.add("arrays", *rows)
-    if kind.attributes:
-        inspection.add(
-            "attributes",
-            *((name, short(group.attrs.get(name)), doc) for name, doc in kind.attributes.items()),
-        )
+    if schema.attributes:
+        attribute_rows = [
+            (name, one_line(group.attrs.get(name)), meaning)
+            for name, meaning in schema.attributes.items()
+        ]
+        inspection.add("attributes", *attribute_rows)
 
 
-def model(path: Path, inspection: Inspection) -> None:
+def describe_model(path: Path, inspection: Inspection) -> None:
     """Describe a model: its named arrays, and its recipe, the settings that it was trained with."""
     recipe = store.read_recipe(path)
     arrays = store.read_model(path)
     extents = {name: columns.extent(np.atleast_1d(array)) for name, array in sorted(arrays.items())}
     inspection.kind = f"model, {nbytes(path.stat().st_size)} on disk"
-    numbers = sum(array.size for array in arrays.values())
+    number_count = sum(array.size for array in arrays.values())
     rows = [columns.row(name, extent) for name, extent in extents.items()]
-    inspection.add(f"arrays: {len(arrays)}, {numbers:,} numbers", *rows)
+    inspection.add(f"arrays: {len(arrays)}, {number_count:,} numbers", *rows)
     if recipe:
         inspection.add("recipe", *sorted(recipe.items()))
-    diverged = [name for name, extent in extents.items() if extent.nans or extent.infinite]
-    inspection.warn(
-        diverged,
-        f"NaN/inf in {', '.join(diverged)}: training diverged; lower its learning rate and `dvc "
-        "repro` it",
+    diverged_arrays = [
+        name for name, extent in extents.items() if extent.nan_count or extent.inf_count
+    ]
+    inspection.warn_if(
+        bool(diverged_arrays),
+        f"NaN/inf in {', '.join(diverged_arrays)}: training diverged; lower its learning rate and "
+        "`dvc repro` it",
     )
 
 
-def _kind(path: Path) -> type[store.Artifact]:
-    """The kind that a zarr group declares in its attributes."""
+def _schema(path: Path) -> type[store.Artifact]:
+    """The schema of the kind that a zarr group declares in its attributes."""
     try:
         attrs = json.loads((path / "zarr.json").read_text(encoding="utf-8")).get("attributes", {})
     except FileNotFoundError:

@@ -21,8 +21,8 @@ from pipeline.formats.pointcloud2 import decode
 from pipeline.readers.bag_poses import KINDS, Tree
 
 CLOUD_STEP = 10
-CLOUDS = 9
-"""`Contents.clouds` reads so many clouds of a topic, one in CLOUD_STEP."""
+CLOUD_COUNT = 9
+"""`Contents.clouds` reads CLOUD_COUNT clouds of a topic, one in CLOUD_STEP."""
 
 
 @dataclass(frozen=True)
@@ -53,24 +53,25 @@ class Contents:
     """All topics, by name."""
     tree: Tree
     """All transforms."""
-    broken: tuple[str, ...]
+    errors: tuple[str, ...]
     """The error line of each bag that cannot be read."""
 
     @staticmethod
     def read(paths: Sequence[Path]) -> "Contents":
         """Open all bags; raises LogError where none of them can be read."""
         files: list[BagFile] = []
-        broken: list[str] = []
+        errors: list[str] = []
         for path in paths:
             try:
                 files.append(BagFile(path))
             except LogError as error:
-                broken.append(str(error))
+                errors.append(str(error))
         if not files:
-            raise LogError(broken[0])
+            raise LogError(errors[0])
         names = sorted({name for file in files for name in file.topics})
         topics = tuple(_summary(files, name) for name in names)
-        return Contents(tuple(files), topics, Tree.read(files, moving=True), tuple(broken))
+        tree = Tree.read(files, moving=True)
+        return Contents(tuple(files), topics, tree, tuple(errors))
 
     @property
     def span_ns(self) -> tuple[int, int]:
@@ -95,7 +96,7 @@ class Contents:
             for file in self.files
             if topic.name in file.topics and file.topics[topic.name].count
         )
-        messages = islice(file.messages(topic.name), 0, CLOUDS * CLOUD_STEP, CLOUD_STEP)
+        messages = islice(file.messages(topic.name), 0, CLOUD_COUNT * CLOUD_STEP, CLOUD_STEP)
         for _, data in messages:
             with suppress(LogError):
                 yield decode(file.decode(data, topic.kind))
@@ -115,7 +116,7 @@ def _summary(files: Sequence[BagFile], name: str) -> TopicSummary:
         file = files_with_messages[0] if files_with_messages else files[0]
         with suppress(LogError):  # a broken message: both stay empty, or the child
             data = file.first(name) or b""
-            frame = header(data, file.ros)[1]
+            _, frame = header(data, file.ros)
             if kind == ODOMETRY:
                 child = frame_name(file.decode(data, kind).child_frame_id)
     return TopicSummary(name, kind, count, rate_hz, frame, child)

@@ -23,11 +23,11 @@ WORLDS = ("map", "world", "earth", "utm", "enu", "global")
 """Frames that stand still, the likeliest first."""
 BODIES = ("base_footprint", "base_link", "body", "imu", "imu_link")
 """Frames that may stand for the vehicle, the likeliest first."""
-TRUE = re.compile("truth|gt|gnss|gps|rtk|ins|slam|map|locali")
+TRUE_NAMES = re.compile("truth|gt|gnss|gps|rtk|ins|slam|map|locali")
 """Matches the names of topics that are likely to hold true poses."""
-DRIFTS = re.compile("odom|vo|vio|wheel")
+DRIFTING_NAMES = re.compile("odom|vo|vio|wheel")
 """Matches the names and frames of poses that are likely to drift."""
-PACKETS = ("CustomMsg", "VelodyneScan", "PacketMsg")
+PACKET_TYPES = ("CustomMsg", "VelodyneScan", "PacketMsg")
 """Messages of Livox, Velodyne and Ouster, of which their drivers make PointCloud2."""
 MIN_CLOUD_POINTS = 1_000
 """The ground is not looked for in smaller clouds."""
@@ -47,7 +47,7 @@ def propose(contents: Contents) -> tuple[str, list[str]]:
     if best_poses is None:
         warnings.append(_without_poses(contents, is_sweep))
     else:
-        drifts = bool(DRIFTS.search(best_poses.frame))
+        drifts = bool(DRIFTING_NAMES.search(best_poses.frame))
         if drifts:
             warnings.append(_with_odometry_alone(best_poses, is_sweep))
         if odometry is None and (is_sweep or drifts):
@@ -59,7 +59,7 @@ def propose(contents: Contents) -> tuple[str, list[str]]:
     imu = None if truth or odometry else gyroscope(contents)
     gap_s = 0.5
     if best_poses and best_poses.rate_hz > 0:
-        gap_s = max(gap_s, round(3 / best_poses.rate_hz, 1))
+        gap_s = max(gap_s, round(3 / best_poses.rate_hz, 1))  # two lost messages are no gap
     shape = "LaserScan: a row is one sweep" if is_sweep else "PointCloud2"
     name = contents.files[0].path.name
     frame = points.frame or "?"
@@ -141,7 +141,7 @@ def _without_points(contents: Contents) -> str:
     topic_list = ", ".join(f"{topic.name} ({topic.kind})" for topic in contents.topics) or "nothing"
     advice = ""
     for topic in contents.topics:
-        if topic.kind.rpartition("/")[2] in PACKETS:
+        if topic.kind.rpartition("/")[2] in PACKET_TYPES:
             advice = (
                 f"; let the lidar's driver make PointCloud2 of {topic.kind} while `ros2 bag "
                 "record` runs"
@@ -174,14 +174,16 @@ def _poses(contents: Contents) -> tuple[TopicSummary | None, TopicSummary | None
     for world in (*WORLDS, "odom"):
         if body and world in frames and contents.tree.moves(world, body):
             name = f"tf:{world}>{body}"
-            sources.append(TopicSummary(name, TRANSFORMS, 0, np.nan, world, body))
+            sources.append(
+                TopicSummary(name, TRANSFORMS, count=0, rate_hz=np.nan, frame=world, child=body)
+            )
     best = max(sources, key=_trust, default=None)
     drifting_sources = [source for source in sources if source is not best and _drifts(source)]
     return best, min(drifting_sources, key=_trust, default=None)
 
 
 def _drifts(source: TopicSummary) -> bool:
-    return bool(DRIFTS.search(f"{source.frame} {source.name}"))
+    return bool(DRIFTING_NAMES.search(f"{source.frame} {source.name}"))
 
 
 def _trust(source: TopicSummary) -> int:
@@ -192,7 +194,7 @@ def _trust(source: TopicSummary) -> int:
     score = 0
     if source.frame in WORLDS:
         score += 8
-    if TRUE.search(source.name):
+    if TRUE_NAMES.search(source.name):
         score += 4
     if _drifts(source):
         score -= 4
@@ -267,6 +269,7 @@ def _lift(
         f"the ground lies at z = {ground_m:.2f} m in the posed frame, by {len(heights_m)} of the "
         "first clouds: check it"
     )
+    # within 0.1 m the estimate may be wrong, and the posed frame rather is on the ground
     lift_m = 0.0 if abs(ground_m) < 0.1 else -round(ground_m, 2)
     return lift_m, typographic(finding)
 

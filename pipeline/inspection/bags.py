@@ -17,7 +17,7 @@ from pipeline.inspection.bag_proposal import propose
 from pipeline.inspection.drives import VEHICLE
 from pipeline.inspection.folders import describe_log, survey_log
 from pipeline.inspection.inspection import Inspection, duration, moment, nbytes, typographic
-from pipeline.inspection.origin import size
+from pipeline.inspection.origin import bytes_on_disk
 from pipeline.readers.bag import Bag
 
 MAX_TRIED_BYTES = 8 * 10**9
@@ -32,25 +32,27 @@ def below(path: Path) -> list[Path]:
     return [bag for child in sorted(path.iterdir()) for bag in find(child)]
 
 
-def bags(path: Path, inspection: Inspection) -> None:
+def describe_bags(path: Path, inspection: Inspection) -> None:
     """Describe a bag, or a folder of bags; raises LogError where none can be read."""
     paths = below(path)
     contents = Contents.read(paths)
     names = ", ".join(bag.name for bag in paths)
-    size_text = nbytes(sum(map(size, paths)))
-    inspection.describe(
-        "ROS bag", ("bags", f"{len(paths)}, {size_text}: {names:.400}"), *_span_rows(contents)
+    size_text = nbytes(sum(map(bytes_on_disk, paths)))
+    inspection.kind = "ROS bag"
+    inspection.add_untitled(
+        ("bags", f"{len(paths)}, {size_text}: {names:.400}"), *_span_rows(contents)
     )
     inspection.add("topics", *_topic_rows(contents))
     if transforms := _transform_rows(contents):
         inspection.add("transforms", *transforms)
-    inspection.warnings += tuple(f"left aside: {line}" for line in contents.broken)
+    inspection.warnings += tuple(f"left aside: {line}" for line in contents.errors)
     try:
         text, warnings = propose(contents)
     except LogError as error:
-        inspection.warn(True, str(error))
+        inspection.warn(str(error))
         return
-    inspection.kind = f"ROS bag{'s' if len(paths) > 1 else ''}"
+    if len(paths) > 1:
+        inspection.kind = "ROS bags"
     inspection.add(
         "proposed for conf/dataset; root is the folder that the bags lie in",
         *((line,) for line in text.splitlines()),
@@ -69,7 +71,8 @@ def proposal(paths: Sequence[Path]) -> str:
     bag_paths = [bag for path in paths for bag in below(path)]
     if not bag_paths:
         raise LogError(f"{', '.join(map(str, paths))}: no bag there")
-    return propose(Contents.read(bag_paths))[0]
+    text, _ = propose(Contents.read(bag_paths))
+    return text
 
 
 def _span_rows(contents: Contents) -> list[tuple[str, str]]:
@@ -85,10 +88,12 @@ def _topic_rows(contents: Contents) -> list[tuple[str, ...]]:
     rows: list[tuple[str, ...]] = [("topic", "messages", "rate", "type and frames")]
     for topic in contents.topics:
         rate = f"{topic.rate_hz:.3g} a second" if topic.rate_hz > 0 else "–"
-        kind = plain(topic.kind, 60).replace("/msg/", "/")
+        message_type = plain(topic.kind, 60).replace("/msg/", "/")
         frame = f", in {topic.frame}" if topic.frame else ""
         child = f", of {topic.child}" if topic.child else ""
-        rows.append((plain(topic.name, 60), f"{topic.count:,}", rate, f"{kind}{frame}{child}"))
+        rows.append(
+            (plain(topic.name, 60), f"{topic.count:,}", rate, f"{message_type}{frame}{child}")
+        )
     return rows
 
 
@@ -117,10 +122,9 @@ def _try(path: Path, text: str, contents: Contents, inspection: Inspection) -> N
     drive = path.resolve()
     if not is_bag(drive):
         drive = next(child for child in sorted(drive.iterdir()) if find(child))
-    drive_bytes = sum(map(size, find(drive)))
+    drive_bytes = sum(map(bytes_on_disk, find(drive)))
     if drive_bytes > MAX_TRIED_BYTES:
         inspection.warn(
-            True,
             f"not tried: {nbytes(drive_bytes)} of {drive.name} would be read to open it as "
             "proposed",
         )
@@ -131,4 +135,4 @@ def _try(path: Path, text: str, contents: Contents, inspection: Inspection) -> N
         if any(topic.name == reader["points"] for topic in contents.of(CLOUD)):
             survey_log(inspection, log, VEHICLE)
     except LogError as error:
-        inspection.warn(True, f"the reader refuses the bag as proposed: {error}")
+        inspection.warn(f"the reader refuses the bag as proposed: {error}")

@@ -54,20 +54,22 @@ def find_beams(points_m: NDArray[np.float64], ground_m: float, up: float = 1.0) 
     is_far = range_m > NEAR_M
     range_m = range_m[is_far]
     z_m = points_m[is_far, 2]
-    turn = np.arctan2(points_m[is_far, 1], points_m[is_far, 0]) / (2 * np.pi) + 0.5
-    stands = np.abs(z_m - ground_m) > GROUND_M
-    if stands.sum() < MIN_POINTS:
+    turns = np.arctan2(points_m[is_far, 1], points_m[is_far, 0]) / (2 * np.pi) + 0.5
+    is_off_ground = np.abs(z_m - ground_m) > GROUND_M
+    if is_off_ground.sum() < MIN_POINTS:
         return None
-    sensor_z_m = _sensor_z_m(turn[stands], range_m[stands], z_m[stands], ground_m, up)
+    sensor_z_m = _sensor_z_m(
+        turns[is_off_ground], range_m[is_off_ground], z_m[is_off_ground], ground_m, up
+    )
     if sensor_z_m is None:
         return None
-    slice_count = COUNTING_SLICES if len(turn) >= FEW_POINTS else COUNTING_SLICES // 3
+    slice_count = COUNTING_SLICES if len(turns) >= FEW_POINTS else COUNTING_SLICES // 3
     elevation_deg = _elevation_deg(z_m - sensor_z_m, range_m)
-    return Beams(_beam_count(_slices(turn, slice_count), elevation_deg), sensor_z_m)
+    return Beams(_beam_count(_slices(turns, slice_count), elevation_deg), sensor_z_m)
 
 
 def _sensor_z_m(
-    turn: NDArray[np.float64],
+    turns: NDArray[np.float64],
     range_m: NDArray[np.float64],
     z_m: NDArray[np.float64],
     ground_m: float,
@@ -75,23 +77,24 @@ def _sensor_z_m(
 ) -> float | None:
     """The height from which points (n,) fill the fewest cells; None if no height stands out.
 
-    `turn` is their azimuth as a share of a full turn.
+    `turns` (n,) are their azimuths as shares of a full turn.
     """
-    slices = _slices(turn, HEIGHT_SLICES)
-    rows = int(180 / CELL_DEG)
+    slices = _slices(turns, HEIGHT_SLICES)
+    row_count = int(180 / CELL_DEG)
 
     def occupied_cells(height_m: float) -> int:
         elevation_deg = _elevation_deg(z_m - height_m, range_m)
-        elevation_rows = ((elevation_deg + 90) / CELL_DEG).astype(np.int64).clip(0, rows - 1)
-        is_occupied = np.zeros(HEIGHT_SLICES * rows, bool)
-        is_occupied[slices * rows + elevation_rows] = True
+        elevation_rows = ((elevation_deg + 90) / CELL_DEG).astype(np.int64).clip(0, row_count - 1)
+        is_occupied = np.zeros(HEIGHT_SLICES * row_count, bool)
+        is_occupied[slices * row_count + elevation_rows] = True
         return int(np.count_nonzero(is_occupied))
 
     coarse_m = ground_m + up * np.arange(0.3, 4.0, 0.1)
-    cells = np.array([occupied_cells(height_m) for height_m in coarse_m])
-    if (1 / cells).max() < 1.5 * np.median(1 / cells):
+    cell_counts = np.array([occupied_cells(height_m) for height_m in coarse_m])
+    # the best height stands out if it fills two thirds of the cells that the others fill, or fewer
+    if (1 / cell_counts).max() < 1.5 * np.median(1 / cell_counts):
         return None
-    fine_m = coarse_m[cells.argmin()] + np.arange(-0.08, 0.09, 0.02)
+    fine_m = coarse_m[cell_counts.argmin()] + np.arange(-0.08, 0.09, 0.02)
     return float(fine_m[np.argmin([occupied_cells(height_m) for height_m in fine_m])])
 
 
@@ -109,13 +112,13 @@ def _beam_count(slices: NDArray[np.int64], elevation_deg: NDArray[np.float64]) -
     counts = np.sort(np.bincount(slices[starts_beam], minlength=HEIGHT_SLICES))
     estimate = int(counts[-max(1, round(np.count_nonzero(counts) / 60))])
     sensor_count = min(SENSOR_COUNTS, key=lambda count: abs(count - estimate))
-    is_near = abs(sensor_count - estimate) <= 0.07 * sensor_count
-    return sensor_count if is_near else estimate
+    is_close = abs(sensor_count - estimate) <= 0.07 * sensor_count
+    return sensor_count if is_close else estimate
 
 
-def _slices(turn: NDArray[np.float64], slice_count: int) -> NDArray[np.int64]:
+def _slices(turns: NDArray[np.float64], slice_count: int) -> NDArray[np.int64]:
     """Index of the slice (n,) of azimuths given as shares of a full turn (n,)."""
-    return (turn * slice_count).astype(np.int64).clip(0, slice_count - 1)
+    return (turns * slice_count).astype(np.int64).clip(0, slice_count - 1)
 
 
 def _elevation_deg(

@@ -18,10 +18,11 @@ from pipeline.mapping.appearance import coverage
 from pipeline.mapping.appearance import ground as ground_height
 
 UNKNOWN = (float("nan"),) * 3
+"""Three numbers of a cloud that has none."""
 RAISED_M = 0.5
 """A ground farther than this from z = 0 was not put there by a reader. If it is that far below, the
 origin of the cloud is taken for the sensor."""
-SURVEYED = 5
+SURVEYED_SCANS = 5
 """Scans of a log that are diagnosed."""
 HEADER = (
     "scan",
@@ -68,7 +69,7 @@ class Diagnosis:
 
     def add_to(self, inspection: Inspection, title: str = "cloud") -> None:
         """Add the numbers as rows of text, and the symptoms as warnings."""
-        median, most, farthest = (_metres_or(length, "none") for length in self.range_m)
+        median, percentile_99, farthest = (_metres_or(length, "none") for length in self.range_m)
         beams = "unknown: the points form no rings"
         if self.beams is not None:
             beams_source = "laser ids" if self.has_laser_ids else "with returns, estimated"
@@ -78,7 +79,7 @@ class Diagnosis:
             ground = f"at z = {symptoms.signed(self.ground_m)} m"
         rows = [
             ("points", f"{self.points:,}"),
-            ("range", f"median {median}, 99 % {most}, farthest {farthest}"),
+            ("range", f"median {median}, 99 % {percentile_99}, farthest {farthest}"),
             ("height", "1 % {:.2f} m, median {:.2f} m, 99 % {:.2f} m".format(*self.z_m)),
             ("azimuth", f"{self.azimuth_deg:.0f}° of 360° covered"),
             ("beams", beams),
@@ -108,13 +109,13 @@ def diagnose(
     points = np.asarray(points_m[is_finite], np.float64)
     found_symptoms = symptoms.missing_points(len(points_m), len(points))
     if not len(points):
-        return Diagnosis(0, tuple(found_symptoms))
+        return Diagnosis(points=0, symptoms=tuple(found_symptoms))
     found_symptoms += symptoms.repeated_points(points)
     range_m = np.hypot(points[:, 0], points[:, 1])
     beams = None if lasers is None else int(lasers.max(initial=0)) + 1
     diagnosis = Diagnosis(
-        len(points),
-        (),
+        points=len(points),
+        symptoms=(),
         range_m=(
             float(np.median(range_m)),
             float(np.percentile(range_m, 99)),
@@ -131,9 +132,11 @@ def diagnose(
 
     # 2. ground and sensor, of a cloud that is in metres and not flat
     ground_m = ground_height(points, range_m)
-    low_m, _, high_m = diagnosis.z_m
-    below_m = ground_m - low_m
-    z_points_down = below_m > 1.0 and below_m > 2 * (high_m - ground_m)
+    # z points down if the cloud reaches more than 1 m below its ground, and twice as far below as
+    # above it: by the lowest and highest percent of its points, a few of which are always wrong
+    lowest_m, _, highest_m = diagnosis.z_m
+    below_m = ground_m - lowest_m
+    z_points_down = below_m > 1.0 and below_m > 2 * (highest_m - ground_m)
     sensor_m = np.nan
     rings = find_beams(points, ground_m, -1.0 if z_points_down else 1.0)
     if rings is not None:
@@ -144,7 +147,7 @@ def diagnose(
     elif ground_m < -RAISED_M:
         sensor_m = -ground_m  # the origin is taken for the sensor
     if z_points_down:
-        found_symptoms.append(symptoms.downward_z(ground_m, low_m))
+        found_symptoms.append(symptoms.downward_z(ground_m, lowest_m))
     if abs(ground_m) > RAISED_M:
         found_symptoms.append(symptoms.raised_ground(ground_m))
     found_symptoms += symptoms.limited_view(diagnosis.azimuth_deg, beams)
@@ -154,10 +157,10 @@ def diagnose(
 
 
 def spread(count: int) -> list[int]:
-    """At most SURVEYED rows, evenly spread over `count` rows, from the first to the last."""
+    """At most SURVEYED_SCANS rows, evenly spread over `count` rows, from the first to the last."""
     if not count:
         return []
-    return sorted({int(row) for row in np.linspace(0, count - 1, SURVEYED).round()})
+    return sorted({int(row) for row in np.linspace(0, count - 1, SURVEYED_SCANS).round()})
 
 
 def survey(
@@ -178,9 +181,10 @@ def survey(
     texts: dict[Kind, str] = {}
     rows_by_kind: dict[Kind, list[int]] = {}
     ground_m = np.nan_to_num([diagnosis.ground_m for diagnosis in diagnoses.values()])
-    typical_first = np.abs(ground_m - np.median(ground_m)).argsort(kind="stable")
+    # from the scan with the most typical ground on, since the first text of a kind is taken
+    order = np.abs(ground_m - np.median(ground_m)).argsort(kind="stable")
     rows = list(diagnoses)
-    for row in [rows[i] for i in typical_first]:
+    for row in [rows[i] for i in order]:
         for symptom in diagnoses[row].symptoms:
             texts.setdefault(symptom.kind, symptom.text)
             rows_by_kind.setdefault(symptom.kind, []).append(row)
@@ -189,7 +193,7 @@ def survey(
         noun = "scans" if len(kind_rows) > 1 else "scan"
         scans = f"{noun} {numbers} of the {len(diagnoses)} looked at"
         is_in_most = 2 * len(kind_rows) > len(diagnoses)
-        inspection.warn(kind != Kind.BEAMS or is_in_most, f"{texts[kind]} ({scans})")
+        inspection.warn_if(kind != Kind.BEAMS or is_in_most, f"{texts[kind]} ({scans})")
 
 
 def _cells(diagnosis: Diagnosis) -> tuple[str, ...]:

@@ -24,12 +24,12 @@ class Extent:
 
     shape: tuple[int, ...]
     dtype: np.dtype[Any]
-    low: float
-    high: float
-    """The lowest and the highest number; NaN for an array without a number."""
-    nans: int
+    lowest: float
+    highest: float
+    """The smallest and the largest number; NaN for an array without a number."""
+    nan_count: int
     """How many elements are NaN."""
-    infinite: int
+    inf_count: int
     """How many elements are infinite."""
 
     def text(self) -> str:
@@ -38,13 +38,13 @@ class Extent:
         if not count:
             return "no rows"
         if self.dtype.kind == "b":
-            return f"{str(bool(self.low)).lower()} … {str(bool(self.high)).lower()}"
-        if np.isnan(self.low):
+            return f"{str(bool(self.lowest)).lower()} … {str(bool(self.highest)).lower()}"
+        if np.isnan(self.lowest):
             return "all NaN"
-        if self.low == self.high and not self.nans:
-            return _number(self.low)
-        nan_text = f", {100 * self.nans / count:.3g} % NaN" if self.nans else ""
-        return f"{_number(self.low)} … {_number(self.high)}{nan_text}"
+        if self.lowest == self.highest and not self.nan_count:
+            return _number(self.lowest)
+        nan_text = f", {100 * self.nan_count / count:.3g} % NaN" if self.nan_count else ""
+        return f"{_number(self.lowest)} … {_number(self.highest)}{nan_text}"
 
 
 def blocks(array: Any) -> Iterator[NDArray[Any]]:
@@ -53,28 +53,35 @@ def blocks(array: Any) -> Iterator[NDArray[Any]]:
     rows_per_chunk = max(1, int(chunks[0]))
     elements_per_row = max(1, int(np.prod(array.shape[1:])))
     chunks_per_block = max(1, BLOCK_ELEMENTS // elements_per_row // rows_per_chunk)
-    step = chunks_per_block * rows_per_chunk
-    for start in range(0, array.shape[0], step):
-        yield np.asarray(array[start : start + step])
+    rows_per_block = chunks_per_block * rows_per_chunk
+    for start in range(0, array.shape[0], rows_per_block):
+        yield np.asarray(array[start : start + rows_per_block])
 
 
 def extent(array: Any) -> Extent:
     """The extent of a zarr or numpy array with at least one dimension."""
-    low = np.inf
-    high = -np.inf
-    nans = 0
-    infinite = 0
+    lowest = np.inf
+    highest = -np.inf
+    nan_count = 0
+    inf_count = 0
     for block in blocks(array):
         if block.dtype.kind == "f":
-            nans += int(np.isnan(block).sum())
-            infinite += int(np.isinf(block).sum())
+            nan_count += int(np.isnan(block).sum())
+            inf_count += int(np.isinf(block).sum())
             block = block[~np.isnan(block)]
         if block.size:
-            low = min(low, block.min().item())
-            high = max(high, block.max().item())
-    if low > high:
-        low = high = np.nan
-    return Extent(tuple(array.shape), np.dtype(array.dtype), low, high, nans, infinite)
+            lowest = min(lowest, block.min().item())
+            highest = max(highest, block.max().item())
+    if lowest > highest:  # no block had a number
+        lowest = highest = np.nan
+    return Extent(
+        shape=tuple(array.shape),
+        dtype=np.dtype(array.dtype),
+        lowest=lowest,
+        highest=highest,
+        nan_count=nan_count,
+        inf_count=inf_count,
+    )
 
 
 def row(name: str, array_extent: Extent, column: Array | None = None) -> tuple[str, ...]:
@@ -88,11 +95,13 @@ def row(name: str, array_extent: Extent, column: Array | None = None) -> tuple[s
     if column is not None and len(column.dims) == len(shape):
         dims = column.dims
     sides = [f"{length:,} {dim}".strip() for dim, length in zip(dims, shape, strict=True)]
-    span = array_extent.text()
-    if name == "stamps_ns" and array_extent.low <= array_extent.high:
-        start = moment(int(array_extent.low)).partition(" (")[0]
-        span = f"{duration((array_extent.high - array_extent.low) * 1e-9)} from {start}"
-    cells = (name, str(array_extent.dtype), " × ".join(sides) or "one number", span)
+    range_text = array_extent.text()
+    if (
+        name == "stamps_ns" and array_extent.lowest <= array_extent.highest
+    ):  # both are NaN without rows
+        start = moment(int(array_extent.lowest)).partition(" (")[0]  # without a remark on its clock
+        range_text = f"{duration((array_extent.highest - array_extent.lowest) * 1e-9)} from {start}"
+    cells = (name, str(array_extent.dtype), " × ".join(sides) or "one number", range_text)
     return cells if column is None else (*cells, column.says)
 
 
@@ -100,7 +109,7 @@ def _number(value: float) -> str:
     """A number for the terminal: a float with five digits, an integer with its thousands apart."""
     if isinstance(value, float):
         text = f"{value:.5g}"
-    elif abs(value) < 10**12:
+    elif abs(value) < 10**12:  # a count
         text = f"{value:,}"
     else:  # a stamp
         text = str(value)

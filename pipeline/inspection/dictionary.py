@@ -16,26 +16,26 @@ START = "<!-- generated: the kinds of artifacts -->"
 def page(text: str) -> str:
     """The text of the page, with all below START replaced by the tables of today's kinds."""
     head, _, _ = text.partition(START)
-    tables = [line for kind in KINDS.values() for line in _section(kind)]
+    tables = [line for schema in KINDS.values() for line in _section(schema)]
     return "\n".join([head + START, *tables]) + "\n"
 
 
-def _section(kind: type[Artifact]) -> Iterator[str]:
+def _section(schema: type[Artifact]) -> Iterator[str]:
     """The lines of one kind: a table of its arrays and one of its attributes."""
     yield ""
-    yield f"## {kind.kind}, version {kind.version}"
+    yield f"## {schema.kind}, version {schema.version}"
     yield ""
-    yield f"{(kind.__doc__ or '').strip().splitlines()[0]}"
+    yield f"{(schema.__doc__ or '').strip().splitlines()[0]}"
     yield ""
     yield "| array | type | dimensions | unit | meaning |"
     yield "|---|---|---|---|---|"
-    for name, array in kind.columns.items():
+    for name, array in schema.columns.items():
         dims = ", ".join(array.dims)
         yield f"| `{name}` | {array.dtype} | {dims} | {array.unit} | {array.says} |"
     yield ""
     yield "| attribute | meaning |"
     yield "|---|---|"
-    for name, meaning in kind.attributes.items():
+    for name, meaning in schema.attributes.items():
         yield f"| `{name}` | {meaning} |"
 
 

@@ -18,9 +18,9 @@ EMPTY_SHARE = 0.995
 """With more empty bins than this share, a view is too fine for its scans."""
 
 
-def scans(artifact: Scans, inspection: Inspection) -> None:
+def add_scans(artifact: Scans, inspection: Inspection) -> None:
     """Add numbers on the drive, and the diagnoses of a few of its clouds."""
-    rows = _drive(artifact, inspection, "world_T_scan", "scans")
+    rows = _drive_rows(artifact, inspection, "world_T_scan", "scans")
     has_truth = np.isfinite(artifact.world_T_scan).all(axis=(1, 2))
     has_odometry = np.isfinite(artifact.odom_T_scan).all(axis=(1, 2))
     offsets = artifact.offsets
@@ -36,40 +36,43 @@ def scans(artifact: Scans, inspection: Inspection) -> None:
             ("true place", f"at {100 * has_truth.mean():.3g} % of the scans"),
             ("odometry", f"at {100 * has_odometry.mean():.3g} % of the scans"),
         ]
-    unposed = int((~has_truth & ~has_odometry).sum())
-    inspection.warn(
-        unposed, f"{unposed} scans have neither a true pose nor odometry: `dvc repro` them"
+    unposed_count = int((~has_truth & ~has_odometry).sum())
+    inspection.warn_if(
+        unposed_count,
+        f"{unposed_count} scans have neither a true pose nor odometry: `dvc repro` them",
     )
     offsets_fit = (sizes >= 0).all() and offsets[-1] == artifact["points"].shape[0]
-    inspection.warn(not offsets_fit, "offsets do not fit the points: `dvc repro` the scans")
+    inspection.warn_if(not offsets_fit, "offsets do not fit the points: `dvc repro` the scans")
     are_sweeps = offsets_fit and len(sizes) and np.median(sizes) < SWEEP_POINTS
     if are_sweeps:
         rows.append(("kind", "sweeps of a 2-D LiDAR, to be accumulated"))
-    inspection.add("", *rows)
+    inspection.add_untitled(*rows)
 
     def points(row: int) -> NDArray[np.float64]:
         return np.asarray(artifact["points"][offsets[row] : offsets[row + 1]], np.float64) * grain_m
 
     if offsets_fit and not are_sweeps:
-        empty = int((sizes == 0).sum())
-        inspection.warn(
-            empty,
-            f"{empty} scans hold no point: their views would be blank; look at the log's files",
+        empty_count = int((sizes == 0).sum())
+        inspection.warn_if(
+            empty_count,
+            f"{empty_count} scans hold no point: their views would be blank; look at the log's "
+            "files",
         )
         survey(inspection, len(sizes), points, VEHICLE)
 
 
-def submaps(artifact: Submaps, inspection: Inspection) -> None:
+def add_submaps(artifact: Submaps, inspection: Inspection) -> None:
     """Add numbers on the drive, and the number of scans per submap."""
-    rows = _drive(artifact, inspection, "world_T_anchor", "submaps")
+    rows = _drive_rows(artifact, inspection, "world_T_anchor", "submaps")
     if len(artifact.scans):
         used_before = np.concatenate([[0], np.cumsum(artifact.used)])
-        gathered = used_before[artifact.scans + 1] - used_before[artifact.first]
+        # the used scans from a submap's first one to the one that it stands at
+        scan_counts = used_before[artifact.scans + 1] - used_before[artifact.first]
         ground_m = artifact.ground_m
         rows += [
             (
                 "gathers",
-                f"{gathered.min():,} … {gathered.max():,} scans each, laid out by "
+                f"{scan_counts.min():,} … {scan_counts.max():,} scans each, laid out by "
                 f"{artifact.layout}",
             ),
             (
@@ -81,16 +84,16 @@ def submaps(artifact: Submaps, inspection: Inspection) -> None:
         ]
     for reason, count in artifact.left_out.items():
         rows.append(("left out", f"{count:,} anchors: {reason}"))
-    inspection.add("", *rows)
+    inspection.add_untitled(*rows)
 
 
-def views(artifact: Views, inspection: Inspection) -> None:
+def add_views(artifact: Views, inspection: Inspection) -> None:
     """Add numbers on the drive, and the share of empty bins in the images."""
-    rows = _drive(artifact, inspection, "world_T_anchor", "views")
+    rows = _drive_rows(artifact, inspection, "world_T_anchor", "views")
     images = artifact["images"]
     bins = int(np.prod(images.shape))
     if not bins:
-        inspection.add("", *rows)
+        inspection.add_untitled(*rows)
         return
     empty_bins = 0
     blank_views = 0
@@ -101,19 +104,19 @@ def views(artifact: Views, inspection: Inspection) -> None:
         blank_views += int((~is_filled.any(axis=1)).sum())
         highest_m = max(highest_m, float(block.max()))
     share = f"{100 * empty_bins / bins:.1f} %"
-    inspection.add("", *rows, ("empty bins", share), ("highest", f"{highest_m:.2f} m"))
-    inspection.warn(
+    inspection.add_untitled(*rows, ("empty bins", share), ("highest", f"{highest_m:.2f} m"))
+    inspection.warn_if(
         blank_views,
         f"{blank_views} blank views: they look the same in every place; inspect the scans of these "
         "views",
     )
-    inspection.warn(
+    inspection.warn_if(
         empty_bins > EMPTY_SHARE * bins,
         f"{share} of the bins are empty: too fine a view for these scans; inspect the scans",
     )
 
 
-def _drive(
+def _drive_rows(
     artifact: Scans | Submaps | Views, inspection: Inspection, poses: str, row_name: str
 ) -> list[tuple[str, str]]:
     """Rows with the count, date, duration, path and step of a drive; warns of poses and stamps.
@@ -121,31 +124,30 @@ def _drive(
     `poses` is the name of the array of poses, `row_name` what a row of the artifact is called.
     """
     stamps = artifact.stamps_ns
-    xyz = np.asarray(artifact[poses][:, :3, 3])
+    xyz_m = np.asarray(artifact[poses][:, :3, 3])
     rows = [(row_name, f"{len(stamps):,}")]
     if not len(stamps):
         return rows
-    has_pose = np.isfinite(xyz).all(axis=1)
-    steps = np.linalg.norm(np.diff(xyz[has_pose], axis=0), axis=1)
+    has_pose = np.isfinite(xyz_m).all(axis=1)
+    steps_m = np.linalg.norm(np.diff(xyz_m[has_pose], axis=0), axis=1)
     rows += [
         ("date", moment(int(stamps[0]))),
         ("duration", duration(float(stamps[-1] - stamps[0]) * 1e-9)),
     ]
-    if len(steps):
-        step = (
-            f"step median {metres(float(np.median(steps)))}, at most {metres(float(steps.max()))}"
-        )
+    if len(steps_m):
+        median = metres(float(np.median(steps_m)))
+        longest = metres(float(steps_m.max()))
         rows += [
-            ("path", f"{metres(float(steps.sum()))}, {step}"),
-            ("world", f"{box(xyz[has_pose], 'xyz', 0)} (z up)"),
+            ("path", f"{metres(float(steps_m.sum()))}, step median {median}, at most {longest}"),
+            ("world", f"{box(xyz_m[has_pose], 'xyz', 0)} (z up)"),
         ]
-    unposed = int((~has_pose).sum())
-    inspection.warn(
-        unposed and poses == "world_T_anchor",
-        f"{unposed} {row_name} have no pose (NaN): `dvc repro` them",
+    unposed_count = int((~has_pose).sum())
+    inspection.warn_if(
+        unposed_count and poses == "world_T_anchor",  # scans may have odometry instead
+        f"{unposed_count} {row_name} have no pose (NaN): `dvc repro` them",
     )
     runs_back = (np.diff(stamps) <= 0).any()
-    inspection.warn(
+    inspection.warn_if(
         runs_back,
         "stamps do not increase: two logs mixed, or a clock set back; `dvc repro` the scans",
     )

@@ -22,6 +22,8 @@ REVOLUTION_US = 100_000
 """Time in which NCLT's LiDAR turns once."""
 MAX_POINTS = 2_000_000
 """In a larger array, only every n-th point is inspected."""
+MAX_UTIME_DIGITS = 17
+"""A file name of more digits is no stamp in µs since 1970."""
 
 
 def format_of(path: Path, as_format: str | None) -> str:
@@ -39,26 +41,31 @@ def format_of(path: Path, as_format: str | None) -> str:
     return "nclt" if width == bin_layout.NCLT_BYTES else "folder"
 
 
-def scan_file(path: Path, as_format: str | None, inspection: Inspection) -> None:
+def describe_scan_file(path: Path, as_format: str | None, inspection: Inspection) -> None:
     """Describe a .bin with one scan, or velodyne_hits.bin; raises LogError for a damaged one."""
     if path.name == "velodyne_hits.bin":
-        _packets(path, inspection)
+        _describe_packets(path, inspection)
         return
-    describe_by_format = {"nclt": _nclt_scan, "kitti": _kitti_scan, "folder": _own_scan}
+    describe_by_format = {
+        "nclt": _describe_nclt_scan,
+        "kitti": _describe_kitti_scan,
+        "folder": _describe_own_scan,
+    }
     describe = describe_by_format[format_of(path, as_format)]
     if not path.stat().st_size:
         raise LogError(f"{path}: empty; expected records of one scan: fetch the file anew")
     describe(path, inspection)
 
 
-def _nclt_scan(path: Path, inspection: Inspection) -> None:
+def _describe_nclt_scan(path: Path, inspection: Inspection) -> None:
     """Describe velodyne_sync/UTIME.bin, a scan of NCLT in the body frame, ground near z = 0."""
     points = read_velodyne_sync(path)
+    # the fourth word of a hit: the intensity in its low byte, the laser's id in its high byte
     intensity_and_laser = np.fromfile(path, "<u2").reshape(-1, 4)[:, 3]
     intensity = intensity_and_laser & 0xFF
     lasers = (intensity_and_laser >> 8).astype(np.uint8)
-    inspection.describe(
-        "NCLT scan, motion compensated",
+    inspection.kind = "NCLT scan, motion compensated"
+    inspection.add_untitled(
         ("size", f"{nbytes(path.stat().st_size)}, records of {nclt.RECORD_BYTES} bytes"),
         ("taken", moment_of(path)),
         ("intensity", f"{intensity.min()} … {intensity.max()}"),
@@ -72,19 +79,19 @@ def _nclt_scan(path: Path, inspection: Inspection) -> None:
         f"laser id {lasers.max()}: an HDL-32E has ids 0–31; is this file KITTI's? Then add "
         "--format kitti"
     )
-    inspection.warn(lasers.max() > 31, wrong_format)
+    inspection.warn_if(lasers.max() >= bin_layout.LASERS, wrong_format)
     diagnose(points, lasers).add_to(inspection)
 
 
-def _kitti_scan(path: Path, inspection: Inspection) -> None:
+def _describe_kitti_scan(path: Path, inspection: Inspection) -> None:
     """Describe velodyne/NNNNNN.bin, a scan of KITTI, raised by the reader's default height."""
     height_m = Kitti().lidar_height_m
     size = path.stat().st_size
     points = read_velodyne(path, height_m)
-    nonfinite = size // kitti.RECORD_BYTES - len(points)
+    nonfinite_count = size // kitti.RECORD_BYTES - len(points)
     reflectance = np.fromfile(path, "<f4").reshape(-1, 4)[:, 3]
-    inspection.describe(
-        "KITTI scan",
+    inspection.kind = "KITTI scan"
+    inspection.add_untitled(
         ("size", f"{nbytes(size)}, records of {kitti.RECORD_BYTES} bytes"),
         ("reflectance", f"{reflectance.min():.2f} … {reflectance.max():.2f}"),
         (
@@ -92,19 +99,19 @@ def _kitti_scan(path: Path, inspection: Inspection) -> None:
             f"x forward, y left, z up; raised by lidar_height_m = {height_m} m, as the reader does",
         ),
     )
-    inspection.warn(
-        nonfinite,
-        f"NaN/inf points: {nonfinite:,} of {nonfinite + len(points):,}; the reader drops them: "
-        "fetch the file anew",
+    inspection.warn_if(
+        nonfinite_count,
+        f"NaN/inf points: {nonfinite_count:,} of {nonfinite_count + len(points):,}; the reader "
+        "drops them: fetch the file anew",
     )
-    outside = float(np.nanmin(reflectance)) < 0 or float(np.nanmax(reflectance)) > 255
-    inspection.warn(
-        outside, "reflectances outside 0 … 255: is this file NCLT's? Then add --format nclt"
+    is_outside = float(np.nanmin(reflectance)) < 0 or float(np.nanmax(reflectance)) > 255
+    inspection.warn_if(
+        is_outside, "reflectances outside 0 … 255: is this file NCLT's? Then add --format nclt"
     )
     diagnose(points, mounted_m=height_m).add_to(inspection)
 
 
-def _own_scan(path: Path, inspection: Inspection) -> None:
+def _describe_own_scan(path: Path, inspection: Inspection) -> None:
     """Describe the .bin of another robot: records that begin with x, y, z as 32-bit floats."""
     data = path.read_bytes()
     points = bin_layout.points(data, path).astype(np.float64)
@@ -112,8 +119,8 @@ def _own_scan(path: Path, inspection: Inspection) -> None:
     layout_name = ""
     if width in bin_layout.NAMES_BY_COMMONNESS:
         layout_name = f" ({bin_layout.NAMES_BY_COMMONNESS[width]})"
-    inspection.describe(
-        "points of 32-bit floats",
+    inspection.kind = "points of 32-bit floats"
+    inspection.add_untitled(
         (
             "size",
             f"{nbytes(len(data))}, records of {width} bytes{layout_name}, found from the content",
@@ -127,7 +134,7 @@ def _own_scan(path: Path, inspection: Inspection) -> None:
     diagnose(points).add_to(inspection)
 
 
-def _packets(path: Path, inspection: Inspection) -> None:
+def _describe_packets(path: Path, inspection: Inspection) -> None:
     """Describe velodyne_hits.bin: all packet headers, and the points of one revolution.
 
     The revolution begins in the middle of the file; its points are brought into the body frame.
@@ -145,8 +152,8 @@ def _packets(path: Path, inspection: Inspection) -> None:
     xyzrph = np.array([nclt.BODY_T_VELODYNE_XYZRPH])
     body_T_velodyne = flip_ned(pose(xyzrph[:, :3], np.radians(xyzrph[:, 3:])))[0]
     points = transform(body_T_velodyne, nclt.decode(hits.ravel()).astype(np.float32))
-    inspection.describe(
-        "NCLT Velodyne packets",
+    inspection.kind = "NCLT Velodyne packets"
+    inspection.add_untitled(
         ("size", nbytes(path.stat().st_size)),
         ("packets", f"{len(utimes):,}, with {packets.offsets[-1]:,} hits"),
         ("from", moment(int(utimes[0]) * 1000)),
@@ -157,16 +164,17 @@ def _packets(path: Path, inspection: Inspection) -> None:
             "extrinsics of NCLT",
         ),
     )
-    disordered = int((np.diff(utimes) < 0).sum())
-    inspection.warn(
-        disordered,
-        f"{disordered} packets are stamped before the one ahead of them: sort them before use",
+    disordered_count = int((np.diff(utimes) < 0).sum())
+    inspection.warn_if(
+        disordered_count,
+        f"{disordered_count} packets are stamped before the one ahead of them: sort them before "
+        "use",
     )
     title = f"cloud, {len(revolution)} packets of one revolution from the middle"
     diagnose(points, lasers).add_to(inspection, title)
 
 
-def pcd_file(path: Path, inspection: Inspection) -> None:
+def describe_pcd_file(path: Path, inspection: Inspection) -> None:
     """Describe a .pcd: its header and its points.
 
     Raises LogError for a damaged file, or one without a finite point.
@@ -174,18 +182,18 @@ def pcd_file(path: Path, inspection: Inspection) -> None:
     data = path.read_bytes()
     header = pcd.parse(data, path)
     points = pcd.decode(data, path, LARGEST_BYTES)
-    finite = points[np.isfinite(points).all(axis=1)]
-    if not len(finite):
+    finite_points = points[np.isfinite(points).all(axis=1)]
+    if not len(finite_points):
         raise LogError(f"{path}: none of its {len(points)} points has finite x, y and z")
-    points_text = f"{len(finite):,}"
-    if len(finite) < len(points):
-        points_text += f", and {len(points) - len(finite):,} that are not finite"
+    points_text = f"{len(finite_points):,}"
+    if len(finite_points) < len(points):
+        points_text += f", and {len(points) - len(finite_points):,} that are not finite"
     fields = []
-    for name, count, kind in zip(header.fields, header.counts, header.types, strict=True):
+    for name, count, dtype in zip(header.fields, header.counts, header.types, strict=True):
         name_text = f"{name}×{count}" if count > 1 else name
-        fields.append(f"{name_text} {kind[1:]}")  # without the byte order
-    inspection.describe(
-        "PCD cloud",
+        fields.append(f"{name_text} {dtype[1:]}")  # without the byte order
+    inspection.kind = "PCD cloud"
+    inspection.add_untitled(
         ("size", f"{nbytes(len(data))}, DATA {header.data}"),
         ("fields", ", ".join(fields)),
         ("points", points_text),
@@ -195,10 +203,10 @@ def pcd_file(path: Path, inspection: Inspection) -> None:
             "lies in the vehicle",
         ),
     )
-    diagnose(finite).add_to(inspection)
+    diagnose(finite_points).add_to(inspection)
 
 
-def array_file(path: Path, inspection: Inspection) -> None:
+def describe_array_file(path: Path, inspection: Inspection) -> None:
     """Describe a .npy with points (n, 3 or more); only x, y, z are inspected.
 
     Raises LogError for any other array.
@@ -221,12 +229,13 @@ def array_file(path: Path, inspection: Inspection) -> None:
     if stride > 1:
         rows.append(("inspected", f"every {stride}th point"))
     rows.append(("frame", "taken as x forward, y left, z up, in metres"))
-    inspection.describe("array of points", *rows)
+    inspection.kind = "array of points"
+    inspection.add_untitled(*rows)
     diagnose(np.asarray(points[::stride, :3], np.float64)).add_to(inspection)
 
 
 def moment_of(path: Path) -> str:
     """When a file named UTIME.bin, by its stamp in µs since 1970, was recorded."""
-    if path.stem.isdecimal() and len(path.stem) <= 17:
+    if path.stem.isdecimal() and len(path.stem) <= MAX_UTIME_DIGITS:
         return moment(int(path.stem) * 1000)
     return "unknown: the name is no utime"

@@ -13,8 +13,8 @@ from pipeline.core.errors import LogError
 from pipeline.formats import bin_layout, carmen, folder, kitti, nclt
 from pipeline.inspection.cloud import spread, survey
 from pipeline.inspection.drives import VEHICLE
-from pipeline.inspection.files import FORMATS, format_of
-from pipeline.inspection.inspection import Inspection, clock, duration, metres, nbytes
+from pipeline.inspection.files import FORMATS, MAX_UTIME_DIGITS, format_of
+from pipeline.inspection.inspection import Inspection, duration, metres, nbytes, stamp_rows
 from pipeline.readers import log
 from pipeline.readers.carmen import Carmen
 from pipeline.readers.folder import Folder
@@ -36,45 +36,47 @@ RECORD_BYTES = {"nclt": nclt.RECORD_BYTES, "kitti": kitti.RECORD_BYTES}
 """Bytes of a point, by format."""
 
 
-def scan_folder(path: Path, as_format: str | None, inspection: Inspection) -> None:
+def describe_scan_folder(path: Path, as_format: str | None, inspection: Inspection) -> None:
     """Describe a folder with the scans of one log, such as velodyne_sync/ or velodyne/.
 
     Raises LogError if none of them is whole.
     """
-    kind = format_of(path, as_format)
-    if kind == "nclt":
-        _nclt_scans(path, inspection)
-    elif kind == "kitti":
-        _kitti_scans(path, inspection)
+    format_name = format_of(path, as_format)
+    if format_name == "nclt":
+        _describe_nclt_scans(path, inspection)
+    elif format_name == "kitti":
+        _describe_kitti_scans(path, inspection)
     else:
-        _own_scans(path, inspection)
+        _describe_own_scans(path, inspection)
 
 
-def _nclt_scans(path: Path, inspection: Inspection) -> None:
+def _describe_nclt_scans(path: Path, inspection: Inspection) -> None:
     """Describe velodyne_sync/, whose scans are named by their utimes."""
     files = _whole_scans(path, "nclt", inspection)
     times_s = np.array([int(file.stem) for file in files], np.int64) * 1e-6
     rows = _file_rows(files, RECORD_BYTES["nclt"])
-    inspection.describe("NCLT scans of one log", *rows, *rate(inspection, times_s))
+    inspection.kind = "NCLT scans of one log"
+    inspection.add_untitled(*rows, *rate_rows(inspection, times_s))
     survey(inspection, len(files), lambda row: read_velodyne_sync(files[row]), "body frame, z up")
 
 
-def _kitti_scans(path: Path, inspection: Inspection) -> None:
+def _describe_kitti_scans(path: Path, inspection: Inspection) -> None:
     """Describe velodyne/, whose scans are numbered; times.txt beside it has their times."""
     files = _whole_scans(path, "kitti", inspection)
     numbers = np.array([int(file.stem) for file in files], np.int64)
     rows = _file_rows(files, RECORD_BYTES["kitti"])
-    missing = int(numbers[-1] - numbers[0] + 1 - len(numbers))
-    inspection.warn(
-        missing,
-        f"{missing} scans between the first and the last are not there: the path has holes; fetch "
-        "them",
+    missing_count = int(numbers[-1] - numbers[0] + 1 - len(numbers))
+    inspection.warn_if(
+        missing_count,
+        f"{missing_count} scans between the first and the last are not there: the path has holes; "
+        "fetch them",
     )
     times_path = path.parent / "times.txt"
     if times_path.is_file():
         times_s = log.table(times_path, 1)[:, 0]
-        rows += rate(inspection, times_s[numbers[numbers < len(times_s)]])
-    inspection.describe("KITTI scans of one log", *rows)
+        rows += rate_rows(inspection, times_s[numbers[numbers < len(times_s)]])
+    inspection.kind = "KITTI scans of one log"
+    inspection.add_untitled(*rows)
     height_m = Kitti().lidar_height_m
     survey(
         inspection,
@@ -84,37 +86,40 @@ def _kitti_scans(path: Path, inspection: Inspection) -> None:
     )
 
 
-def _whole_scans(path: Path, kind: str, inspection: Inspection) -> list[Path]:
+def _whole_scans(path: Path, format_name: str, inspection: Inspection) -> list[Path]:
     """The scan files of a format that hold whole records, sorted by number; warns of the others.
 
     Raises LogError if there is none.
     """
-    record_bytes = RECORD_BYTES[kind]
+    record_bytes = RECORD_BYTES[format_name]
     files = [file for file in path.glob("*.bin") if file.name != "velodyne_hits.bin"]
-    numbered = [file for file in files if file.stem.isdecimal() and len(file.stem) <= 17]
-    sizes = {file: file.stat().st_size for file in numbered}
-    whole = [file for file, size in sizes.items() if size and size % record_bytes == 0]
-    unnamed_count = len(files) - len(numbered)
-    cut_count = len(numbered) - len(whole)
-    inspection.warn(
+    numbered_files = [
+        file for file in files if file.stem.isdecimal() and len(file.stem) <= MAX_UTIME_DIGITS
+    ]
+    sizes = {file: file.stat().st_size for file in numbered_files}
+    whole_files = [file for file, size in sizes.items() if size and size % record_bytes == 0]
+    unnamed_count = len(files) - len(numbered_files)
+    cut_count = len(numbered_files) - len(whole_files)
+    inspection.warn_if(
         unnamed_count, f"{unnamed_count} .bin files are named by no number: the reader skips them"
     )
-    broken = f"empty or cut short (no whole number of {record_bytes}-byte records)"
-    inspection.warn(
-        cut_count, f"{cut_count} scans are {broken}: the reader skips them; fetch them anew"
+    fault = f"empty or cut short (no whole number of {record_bytes}-byte records)"
+    inspection.warn_if(
+        cut_count, f"{cut_count} scans are {fault}: the reader skips them; fetch them anew"
     )
-    if not whole:
+    if not whole_files:
         raise LogError(
-            f"{path}: none of its {len(files)} .bin files is a whole {kind.upper()} scan; is it "
-            "the other format's?"
+            f"{path}: none of its {len(files)} .bin files is a whole {format_name.upper()} scan; "
+            "is it the other format's?"
         )
-    return sorted(whole, key=lambda file: (int(file.stem), file.name))
+    return sorted(whole_files, key=lambda file: (int(file.stem), file.name))
 
 
 def _file_rows(files: list[Path], record_bytes: int) -> list[tuple[str, str]]:
     """Rows on scan files: how many, how large, and the first and last names."""
     sizes = np.array([file.stat().st_size for file in files])
-    fewest, most, median = (np.quantile(sizes, (0, 1, 0.5)) // record_bytes).astype(int)
+    counts = np.quantile(sizes, (0, 1, 0.5)) // record_bytes
+    fewest, most, median = counts.astype(int)
     return [
         ("scans", f"{len(files):,}, {nbytes(int(sizes.sum()))}"),
         ("points a scan", f"{fewest:,} … {most:,}, median {median:,.0f}"),
@@ -122,7 +127,7 @@ def _file_rows(files: list[Path], record_bytes: int) -> list[tuple[str, str]]:
     ]
 
 
-def _own_scans(path: Path, inspection: Inspection) -> None:
+def _describe_own_scans(path: Path, inspection: Inspection) -> None:
     """Describe a folder of another robot's scans; raises LogError if all are empty."""
     files = sorted(
         file for file in path.iterdir() if file.suffix in folder.SCANS and file.stat().st_size
@@ -139,7 +144,8 @@ def _own_scans(path: Path, inspection: Inspection) -> None:
         width_text = f"of {width or 'unknown'} bytes, found from the content of {bin_file.name}"
         rows.append(("records", width_text))
     reader = "the dataset folder, with poses beside them: see conf/dataset/folder.yaml"
-    inspection.describe("scans of another robot", *rows, ("read by", reader))
+    inspection.kind = "scans of another robot"
+    inspection.add_untitled(*rows, ("read by", reader))
     survey(
         inspection,
         len(files),
@@ -148,7 +154,7 @@ def _own_scans(path: Path, inspection: Inspection) -> None:
     )
 
 
-def own_sequence(path: Path, reader: Folder, inspection: Inspection) -> None:
+def describe_own_sequence(path: Path, reader: Folder, inspection: Inspection) -> None:
     """Describe a folder of another robot's scans and poses, opened by its reader."""
     root = path.resolve().parent
     log = describe_opened(inspection, OWN, root, reader, "as its reader opens it")
@@ -156,7 +162,7 @@ def own_sequence(path: Path, reader: Folder, inspection: Inspection) -> None:
         survey_log(inspection, log, VEHICLE)
 
 
-def sequence(path: Path, inspection: Inspection) -> None:
+def describe_sequence(path: Path, inspection: Inspection) -> None:
     """Describe the folder of a sequence of NCLT or KITTI, opened by its reader.
 
     If the reader refuses it, the error becomes a warning, and only the scans are described.
@@ -177,12 +183,12 @@ def sequence(path: Path, inspection: Inspection) -> None:
         survey_log(inspection, opened_log, VEHICLE)
         return
     scan_inspection = Inspection(scans)
-    scan_folder(scans, None, scan_inspection)
+    describe_scan_folder(scans, None, scan_inspection)
     inspection.sections += scan_inspection.sections
     inspection.warnings += scan_inspection.warnings
 
 
-def root(path: Path, folder_reader: Folder, inspection: Inspection) -> None:
+def describe_root(path: Path, folder_reader: Folder, inspection: Inspection) -> None:
     """Describe the root of a data set: its sequences, and the files that each lacks.
 
     The data set is the first whose reader finds a sequence there. Raises LogError if none does.
@@ -218,10 +224,10 @@ def _add_sequences(inspection: Inspection, name: str, sequences: dict[str, list[
         for sequence, missing in sequences.items()
     ]
     inspection.add("sequences", *rows)
-    incomplete = sum(bool(missing) for missing in sequences.values())
-    inspection.warn(
-        incomplete,
-        f"{incomplete} of {len(sequences)} sequences cannot be read: fetch what they lack",
+    incomplete_count = sum(bool(missing) for missing in sequences.values())
+    inspection.warn_if(
+        incomplete_count,
+        f"{incomplete_count} of {len(sequences)} sequences cannot be read: fetch what they lack",
     )
 
 
@@ -239,19 +245,18 @@ def describe_opened(
     names_text = ", ".join(names[:MAX_NAMES])
     if len(names) > MAX_NAMES:
         names_text += f", and {len(names) - MAX_NAMES:,} more"
-    inspection.describe(
-        f"{kind} sequence {path.name}", ("holds", names_text), ("root", str(root.resolve()))
-    )
+    inspection.kind = f"{kind} sequence {path.name}"
+    inspection.add_untitled(("holds", names_text), ("root", str(root.resolve())))
     try:
         log = reader.open(root, path.name)
     except LogError as error:
-        inspection.warn(True, f"the reader refuses the sequence: {error}")
+        inspection.warn(f"the reader refuses the sequence: {error}")
         return None
     describe_log(inspection, log, title, scans)
     return log
 
 
-def key_frames(path: Path, inspection: Inspection) -> None:
+def describe_key_frames(path: Path, inspection: Inspection) -> None:
     """Describe a folder with keyframes.txt and its clouds, in the frame of their files."""
     root = path.resolve().parent
     log = describe_opened(inspection, FRAMES, root, KeyFrames(), "as its reader opens it")
@@ -260,10 +265,11 @@ def key_frames(path: Path, inspection: Inspection) -> None:
         survey_log(inspection, log, frame)
 
 
-def carmen_log(path: Path, inspection: Inspection) -> None:
+def describe_carmen_log(path: Path, inspection: Inspection) -> None:
     """Describe a CARMEN log, opened with the reader's defaults."""
     suffix = next(suffix for suffix in carmen.SUFFIXES if path.name.endswith(suffix))
-    inspection.describe("CARMEN log", ("size", nbytes(path.stat().st_size)))
+    inspection.kind = "CARMEN log"
+    inspection.add_untitled(("size", nbytes(path.stat().st_size)))
     log = Carmen().open(path.parent, path.name.removesuffix(suffix))
     describe_log(inspection, log, "as its reader opens it", "sweeps")
 
@@ -276,7 +282,7 @@ def describe_log(inspection: Inspection, log: Log, title: str, scans: str) -> No
     )
     inspection.warnings += log.notes
     count = len(log.stamps_ns)
-    true_poses = int(np.isfinite(log.world_T_scan).all(axis=(1, 2)).sum())
+    true_pose_count = int(np.isfinite(log.world_T_scan).all(axis=(1, 2)).sum())
     odometry_count = np.isfinite(log.odom_T_scan).all(axis=(1, 2)).sum()
     odometry_percent = 100 * odometry_count / max(count, 1)
     steps_m = np.linalg.norm(np.diff(log.world_T_scan[:, :3, 3], axis=0), axis=1)
@@ -287,13 +293,13 @@ def describe_log(inspection: Inspection, log: Log, title: str, scans: str) -> No
         path += f", step median {median}, longest {metres(float(steps_m.max()))}"
     inspection.add(
         title,
-        (scans, f"{count:,}, {true_poses:,} with a true pose"),
-        *rate(inspection, log.stamps_ns * 1e-9),
+        (scans, f"{count:,}, {true_pose_count:,} with a true pose"),
+        *rate_rows(inspection, log.stamps_ns * 1e-9),
         ("path", path),
         ("odometry", f"at {odometry_percent:.3g} % of the {scans}"),
     )
-    inspection.warn(
-        not true_poses,
+    inspection.warn_if(
+        not true_pose_count,
         "no scan has a true pose: such a log can be learned, and judge answers, only by poses that "
         "are estimated (poses=slam)",
     )
@@ -315,7 +321,8 @@ def survey_log(inspection: Inspection, log: Log, frame: str) -> None:
     centres = [np.median(log.points(row)[:, :2], axis=0) for row in far_rows]
     centres_m = np.array(centres).reshape(-1, 2)
     away_m = np.linalg.norm(centres_m - places_m, axis=1)
-    inspection.warn(
+    # nearer to the robot's place than to the origin, by a margin for clouds that reach to one side
+    inspection.warn_if(
         len(far_rows) > 1 and (away_m < 0.3 * np.linalg.norm(places_m, axis=1)).all(),
         "clouds in the world already: their points lie around where the robot was, not around "
         "itself; poses would move them twice: use the clouds in the frame of the LiDAR or the "
@@ -323,19 +330,19 @@ def survey_log(inspection: Inspection, log: Log, frame: str) -> None:
     )
 
 
-def rate(inspection: Inspection, times_s: NDArray[np.floating]) -> list[tuple[str, str]]:
+def rate_rows(inspection: Inspection, times_s: NDArray[np.floating]) -> list[tuple[str, str]]:
     """Rows on the first of `times_s` (n,), their span and their rate; warns of holes.
 
     A hole is a step of more than a second and of more than five times the median.
     """
     steps_s = np.diff(times_s)
-    holes = 0
+    hole_count = 0
     if len(steps_s):
-        holes = int((steps_s > max(1.0, 5 * float(np.median(steps_s)))).sum())
+        hole_count = int((steps_s > max(1.0, 5 * float(np.median(steps_s)))).sum())
     longest = duration(float(steps_s.max(initial=0)))
-    inspection.warn(
-        holes,
-        f"{holes} holes in time, the longest {longest}: the path jumps there; fetch the missing "
-        "scans",
+    inspection.warn_if(
+        hole_count,
+        f"{hole_count} holes in time, the longest {longest}: the path jumps there; fetch the "
+        "missing scans",
     )
-    return clock(times_s)
+    return stamp_rows(times_s)

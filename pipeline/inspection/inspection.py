@@ -13,14 +13,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-SMALL_M = 60.0
+SMALL_SITE_M = 60.0
 """A drive that spans less than this is in a building or a yard."""
 WIDTH = 118
 """Characters of the longest line; the last cell of a row wraps below itself."""
 MIN_LAST_CELL = 20
 """If fewer characters are left beside the other cells, the last cell begins below them."""
-CLOCK_NS = 10**9 * 86_400 * 365
-"""A stamp in the first year after 1970 is of a clock that starts at 0, not a date."""
+FIRST_YEAR_NS = 10**9 * 86_400 * 365
+"""A stamp below this counts from the start of a clock, not from 1970."""
 
 
 @dataclass(frozen=True)
@@ -44,13 +44,13 @@ class Section:
             if len(row) == 1:
                 lines.append(f"  {row[0]}".rstrip())
                 continue
-            head = "  "
+            prefix = "  "
             for column, cell in enumerate(row[:-1]):
-                head += cell.ljust(column_widths[column]) + "  "
-            if len(head) > width - MIN_LAST_CELL:
+                prefix += cell.ljust(column_widths[column]) + "  "
+            if len(prefix) > width - MIN_LAST_CELL:
                 lines += _wrapped(" ".join(row[:-1]), "  ", width)
-                head = "    "
-            lines += _wrapped(row[-1], head, width)
+                prefix = "    "
+            lines += _wrapped(row[-1], prefix, width)
         return lines
 
 
@@ -69,14 +69,22 @@ class Inspection:
         """The path and the kind."""
         return f"{self.path} — {self.kind}"
 
-    def describe(self, kind: str, *rows: tuple[str, ...]) -> None:
-        """Name the kind of file, and add a section without a title."""
-        self.kind = kind
-        self.add("", *rows)
-
     def add(self, title: str, *rows: tuple[str, ...]) -> None:
         """Add a section."""
         self.sections += (Section(title, rows),)
+
+    def add_untitled(self, *rows: tuple[str, ...]) -> None:
+        """Add a section without a title."""
+        self.add("", *rows)
+
+    def warn(self, text: str) -> None:
+        """Add a warning."""
+        self.warnings += (text,)
+
+    def warn_if(self, condition: object, text: str) -> None:
+        """Add a warning if the condition holds, such as a count that is not 0."""
+        if condition:
+            self.warn(text)
 
     def warn_of_small_site(
         self, xyz_m: NDArray[np.floating], axes: tuple[int, int] = (0, 1)
@@ -85,21 +93,21 @@ class Inspection:
 
         `xyz_m` (n, 3) are its positions, and `axes` are the two level ones among x, y and z.
         """
-        sides_m = np.ptp(xyz_m[:, axes], axis=0) if len(xyz_m) else np.full(2, np.inf)
-        self.warn(
-            sides_m.max() < SMALL_M,
+        if not len(xyz_m):
+            return
+        sides_m = np.ptp(xyz_m[:, axes], axis=0)
+        self.warn_if(
+            sides_m.max() < SMALL_SITE_M,
             f"small site: the drive spans {metres(sides_m[0])} × {metres(sides_m[1])}, where "
             "cells of 10 m and errors up to 15 m say little; `yearloc use … scale=indoor` takes "
             "cells of 2 m, a range of 20 m and errors up to 2 m",
         )
 
-    def warn(self, when: object, text: str) -> None:
-        """Add a warning if `when` is true."""
-        if when:
-            self.warnings += (text,)
-
     def text(self, width: int = WIDTH) -> str:
-        """The text for a terminal of `width` characters or more, without a final newline."""
+        """The text in lines of at most `width`, and never more than WIDTH, characters.
+
+        It has no final newline.
+        """
         width = min(width, WIDTH)
         lines = [self.headline]
         for section in self.sections:
@@ -111,27 +119,31 @@ class Inspection:
         return "\n".join(lines)
 
 
-def _wrapped(text: str, head: str, width: int) -> list[str]:
-    """The lines of a text beside `head`; all lines of the text begin below its first one.
+def _wrapped(text: str, prefix: str, width: int) -> list[str]:
+    """The lines of a text, the first one after `prefix`, the others indented as far.
 
     Words longer than a line stay whole.
     """
     wrapper = textwrap.TextWrapper(
-        width, head, " " * len(head), break_on_hyphens=False, break_long_words=False
+        width,
+        initial_indent=prefix,
+        subsequent_indent=" " * len(prefix),
+        break_on_hyphens=False,
+        break_long_words=False,
     )
-    return wrapper.wrap(text) or [head.rstrip()]
+    return wrapper.wrap(text) or [prefix.rstrip()]
 
 
 def nbytes(count: int) -> str:
     """A number of bytes: 12.3 MB."""
-    size = float(count)
+    value = float(count)
     unit = "B"
-    for bigger in ("kB", "MB", "GB", "TB"):
-        if size < 999.5:
+    for larger_unit in ("kB", "MB", "GB", "TB"):
+        if value < 999.5:  # from here on three digits would round to 1e+03
             break
-        size = size / 1000
-        unit = bigger
-    return f"{size:.0f} {unit}" if unit == "B" else f"{size:.3g} {unit}"
+        value = value / 1000
+        unit = larger_unit
+    return f"{value:.0f} {unit}" if unit == "B" else f"{value:.3g} {unit}"
 
 
 def metres(length_m: float) -> str:
@@ -146,7 +158,7 @@ def typographic(text: str) -> str:
     return text.replace("-", "−")
 
 
-def clock(times_s: NDArray[np.floating]) -> list[tuple[str, str]]:
+def stamp_rows(times_s: NDArray[np.floating]) -> list[tuple[str, str]]:
     """Rows on stamps (n,) in seconds: the first one, the span and the rate."""
     if not len(times_s):
         return []
@@ -162,22 +174,20 @@ def clock(times_s: NDArray[np.floating]) -> list[tuple[str, str]]:
     ]
 
 
-def path_length(steps: NDArray[np.floating]) -> str:
+def path_length(steps_m: NDArray[np.floating]) -> str:
     """The length of a path, and of its median step, from its steps (n, 3) in metres."""
-    steps_m = np.linalg.norm(steps, axis=1)
-    median_m = float(np.median(steps_m)) if len(steps_m) else 0.0
-    return f"{metres(float(steps_m.sum()))}, median step {metres(median_m)}"
+    lengths_m = np.linalg.norm(steps_m, axis=1)
+    median_m = float(np.median(lengths_m)) if len(lengths_m) else 0.0
+    return f"{metres(float(lengths_m.sum()))}, median step {metres(median_m)}"
 
 
 def box(xyz_m: NDArray[np.floating], names: Sequence[str], digits: int = 1) -> str:
     """The extent of positions (n, axis) in metres along each named axis."""
     if not len(xyz_m):
         return "unknown"
-    lowest = xyz_m.min(axis=0)
-    highest = xyz_m.max(axis=0)
     sides = [
-        f"{name} {low:.{digits}f} … {high:.{digits}f} m"
-        for name, low, high in zip(names, lowest, highest, strict=True)
+        f"{name} {low_m:.{digits}f} … {high_m:.{digits}f} m"
+        for name, low_m, high_m in zip(names, xyz_m.min(axis=0), xyz_m.max(axis=0), strict=True)
     ]
     return typographic(", ".join(sides))
 
@@ -193,7 +203,7 @@ def duration(seconds: float) -> str:
 
 def moment(stamp_ns: int) -> str:
     """A stamp as UTC date and time, or as seconds if its clock starts at 0."""
-    if 0 <= stamp_ns < CLOCK_NS:
+    if 0 <= stamp_ns < FIRST_YEAR_NS:
         return f"{stamp_ns / 1e9:.3f} s (a clock that starts at 0, no date)"
     try:
         return f"{datetime.fromtimestamp(stamp_ns // 10**9, UTC):%Y-%m-%d %H:%M:%S} UTC"

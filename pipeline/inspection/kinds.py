@@ -19,8 +19,8 @@ from pipeline.evaluation.judgement import Evaluations
 from pipeline.evaluation.viewpoints import ViewpointMatches
 
 KINDS: dict[str, type[Artifact]] = {
-    kind.kind: kind
-    for kind in (
+    schema.kind: schema
+    for schema in (
         Estimates,
         Scans,
         Submaps,

@@ -104,7 +104,7 @@ def _bag(path: Path, bags: list[Path], topic: str | None, odometry: str | None) 
 
 
 def _body_T_lidar(tree: Tree, bodies: list[str], lidar_frame: str) -> tuple[float, ...]:
-    """x, y, z in metres and roll, pitch, yaw in degrees of the LiDAR in the vehicle.
+    """The x, y, z in metres and roll, pitch, yaw in degrees of the LiDAR in the vehicle.
 
     The vehicle is the first of the frames `bodies` from which fixed transforms lead to the LiDAR;
     without any, the LiDAR is the vehicle.

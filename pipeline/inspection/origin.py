@@ -44,15 +44,15 @@ def _warn_if_changed(inspection: Inspection, path: Path, lock: Path, out: Locked
     """Warn if an artifact has another size or number of files than the lock recorded as `out`."""
     if out.size is None:
         return
-    files = sum(1 for file in path.rglob("*") if file.is_file()) if path.is_dir() else 1
-    nbytes_on_disk = size(path)
-    if (files, nbytes_on_disk) == (out.file_count, out.size):
+    file_count = sum(1 for file in path.rglob("*") if file.is_file()) if path.is_dir() else 1
+    present_bytes = bytes_on_disk(path)
+    if (file_count, present_bytes) == (out.file_count, out.size):
         return
-    recorded = f"{out.file_count} with {out.size:,}"
+    recorded_text = f"{out.file_count} with {out.size:,}"
     remedy = "a lost one reads as zeros: remove the artifact and `dvc checkout` it, or `dvc repro`"
     warning = (
-        f"not what {lock} recorded: {files} files with {nbytes_on_disk:,} bytes, recorded "
-        f"{recorded}; {remedy}"
+        f"not what {lock} recorded: {file_count} files with {present_bytes:,} bytes, recorded "
+        f"{recorded_text}; {remedy}"
     )
     inspection.warnings = (warning, *inspection.warnings)
 
@@ -80,7 +80,7 @@ def _settings(values: Mapping[str, Any]) -> str:
     files.
     """
     return ", ".join(
-        f"{key}={short(value)}"
+        f"{key}={one_line(value)}"
         for key, value in values.items()
         if value is not None and key != "defaults"
     )
@@ -93,18 +93,18 @@ def _digest(dep: LockedFile) -> str:
     return f"{dep.md5[:8]}{length}{count}"
 
 
-def size(path: Path) -> int:
+def bytes_on_disk(path: Path) -> int:
     """Bytes of a file, or of all files in a folder."""
     if not path.is_dir():
         return path.stat().st_size
     return sum(file.stat().st_size for file in path.rglob("*") if file.is_file())
 
 
-def short(value: object) -> str:
+def one_line(value: object) -> str:
     """The value of a parameter as one line of text."""
     if isinstance(value, list | tuple):
-        return "[" + ", ".join(short(item) for item in value) + "]"
+        return "[" + ", ".join(one_line(item) for item in value) + "]"
     if isinstance(value, dict):
-        items = ", ".join(f"{key}: {short(item)}" for key, item in value.items())
+        items = ", ".join(f"{key}: {one_line(item)}" for key, item in value.items())
         return "{" + items + "}" if value else "none"
     return f"{value:.6g}" if isinstance(value, float) else str(value)

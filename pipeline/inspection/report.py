@@ -42,14 +42,14 @@ FOREIGN = {
 }
 """For each suffix of a format that yearloc does not read: what it holds, and what to do with it."""
 FILES: dict[str, Callable[[Path, Inspection], None]] = {
-    f"*{MODEL}": artifacts.model,
-    **{f"*{suffix}": bags.bags for suffix in SUFFIXES},
-    "*.pcd": files.pcd_file,
-    "*.npy": files.array_file,
-    "odometry_cov*.csv": tracks.nclt_poses,
-    "vo.csv": robotcar.vo,
-    "ins.csv": robotcar.ins,
-    "calib.txt": tracks.kitti_calib,
+    f"*{MODEL}": artifacts.describe_model,
+    **{f"*{suffix}": bags.describe_bags for suffix in SUFFIXES},
+    "*.pcd": files.describe_pcd_file,
+    "*.npy": files.describe_array_file,
+    "odometry_cov*.csv": tracks.describe_nclt_poses,
+    "vo.csv": robotcar.describe_vo,
+    "ins.csv": robotcar.describe_ins,
+    "calib.txt": tracks.describe_kitti_calib,
 }
 """The function that describes a file, by a pattern of its name.
 
@@ -83,51 +83,51 @@ def inspect(
     inspection = Inspection(path)
     is_group = path.is_dir() and (path.suffix == ".zarr" or (path / "zarr.json").is_file())
     if is_group:
-        artifacts.artifact(path, inspection)
+        artifacts.describe_artifact(path, inspection)
     elif path.is_dir():
-        _folder(path, as_format, folder_reader or Folder(), inspection)
+        _describe_folder(path, as_format, folder_reader or Folder(), inspection)
     else:
-        _file(path, as_format, inspection)
+        _describe_file(path, as_format, inspection)
     add_provenance(inspection, path, lock, is_artifact=is_group or path.name.endswith(MODEL))
     return inspection
 
 
-def _folder(
+def _describe_folder(
     path: Path, as_format: str | None, folder_reader: Folder, inspection: Inspection
 ) -> None:
     """Describe a folder by what lies in it."""
     is_scans = path.name in files.FORMATS or any(file.suffix in SCANS for file in path.iterdir())
     if any((path / name).is_dir() for name in files.FORMATS):
-        folders.sequence(path, inspection)
+        folders.describe_sequence(path, inspection)
     elif any((path / laser).is_dir() for laser in LASERS):
-        robotcar.sequence(path, inspection)
+        robotcar.describe_sequence(path, inspection)
     elif path.name in LASERS:
-        robotcar.sweeps(path, inspection)
+        robotcar.describe_sweeps(path, inspection)
     elif (path / keyframes.FILE).is_file():
-        folders.key_frames(path, inspection)
+        folders.describe_key_frames(path, inspection)
     elif path.resolve().name in folder_reader.sequences(path.resolve().parent):
-        folders.own_sequence(path, folder_reader, inspection)
+        folders.describe_own_sequence(path, folder_reader, inspection)
     elif (as_format is None and find(path)) or (not is_scans and bags.below(path)):
-        bags.bags(path, inspection)
+        bags.describe_bags(path, inspection)
     elif is_scans:
-        folders.scan_folder(path, as_format, inspection)
+        folders.describe_scan_folder(path, as_format, inspection)
     else:
-        folders.root(path, folder_reader, inspection)
+        folders.describe_root(path, folder_reader, inspection)
 
 
-def _file(path: Path, as_format: str | None, inspection: Inspection) -> None:
+def _describe_file(path: Path, as_format: str | None, inspection: Inspection) -> None:
     """Describe a file by its name, else by its content."""
     describe = next((FILES[pattern] for pattern in FILES if path.match(pattern)), None)
     if describe is not None:
         describe(path, inspection)
     elif path.suffix == ".bin" and path.parent.name in LASERS and as_format is None:
-        robotcar.sweep(path, inspection)
+        robotcar.describe_sweep(path, inspection)
     elif path.suffix == ".bin":
-        files.scan_file(path, as_format, inspection)
+        files.describe_scan_file(path, as_format, inspection)
     elif path.suffix in TEXTS:
-        tracks.numbers(path, inspection)
+        tracks.describe_numbers(path, inspection)
     elif path.name.endswith(carmen.SUFFIXES):
-        folders.carmen_log(path, inspection)
+        folders.describe_carmen_log(path, inspection)
     elif path.suffix in FOREIGN:
         raise ConfigError(f"{path}: {FOREIGN[path.suffix]}")
     else:

@@ -15,8 +15,8 @@ from pipeline.core.errors import LogError
 from pipeline.formats import robotcar
 from pipeline.inspection import folders
 from pipeline.inspection.cloud import spread
-from pipeline.inspection.files import moment_of
-from pipeline.inspection.inspection import Inspection, box, clock, duration, metres, nbytes
+from pipeline.inspection.files import MAX_UTIME_DIGITS, moment_of
+from pipeline.inspection.inspection import Inspection, box, duration, metres, nbytes, stamp_rows
 from pipeline.mapping.appearance import coverage
 from pipeline.readers import log
 from pipeline.readers.columns import columns, numbers, utimes_ns
@@ -31,7 +31,7 @@ PLANE = np.eye(4)
 """Extrinsics that leave a sweep in its scan plane."""
 
 
-def sweep(path: Path, inspection: Inspection) -> None:
+def describe_sweep(path: Path, inspection: Inspection) -> None:
     """Describe a sweep, lms_front/UTIME.bin or lms_rear/UTIME.bin.
 
     It holds x, y and reflectance in the laser's scan plane.
@@ -51,8 +51,8 @@ def sweep(path: Path, inspection: Inspection) -> None:
     if len(reflectances):
         reflectance_text = f"{reflectances.min():g} … {reflectances.max():g}"
     far_count = int((range_m > REACH_M).sum())
-    inspection.describe(
-        f"RobotCar sweep of {path.parent.name}",
+    inspection.kind = f"RobotCar sweep of {path.parent.name}"
+    inspection.add_untitled(
         ("size", f"{nbytes(len(data))}, records of {robotcar.RECORD_BYTES} bytes"),
         ("taken", moment_of(path)),
         ("returns", f"{len(points):,} of {len(rows):,} beams in the file"),
@@ -65,17 +65,17 @@ def sweep(path: Path, inspection: Inspection) -> None:
             "extrinsics, z up",
         ),
     )
-    inspection.warn(not len(points), "no beam has a return: was the laser covered?")
-    inspection.warn(
+    inspection.warn_if(not len(points), "no beam has a return: was the laser covered?")
+    inspection.warn_if(
         len(rows) > BEAMS,
         f"{len(rows):,} beams: an LMS-151 has {BEAMS}; is this file another laser's?",
     )
-    inspection.warn(
+    inspection.warn_if(
         far_count, f"{far_count} returns beyond {metres(REACH_M)}, farther than an LMS-151 sees"
     )
 
 
-def sweeps(path: Path, inspection: Inspection) -> None:
+def describe_sweeps(path: Path, inspection: Inspection) -> None:
     """Describe lms_front/ or lms_rear/: the sweeps of one laser, and their list of stamps.
 
     Raises LogError if no sweep is whole.
@@ -83,37 +83,38 @@ def sweeps(path: Path, inspection: Inspection) -> None:
     sizes = {
         file: file.stat().st_size
         for file in path.glob("*.bin")
-        if file.stem.isdecimal() and len(file.stem) <= 17
+        if file.stem.isdecimal() and len(file.stem) <= MAX_UTIME_DIGITS
     }
-    whole = [file for file, size in sizes.items() if size and size % robotcar.RECORD_BYTES == 0]
-    whole.sort(key=_utime)
-    if not whole:
+    files = [file for file, size in sizes.items() if size and size % robotcar.RECORD_BYTES == 0]
+    files.sort(key=_utime)
+    if not files:
         raise LogError(
             f"{path}: none of its {len(sizes)} files UTIME.bin is a whole sweep; fetch them anew"
         )
-    cut = len(sizes) - len(whole)
-    inspection.warn(
-        cut, f"{cut} sweeps are empty or cut short: the reader skips them; fetch them anew"
+    cut_count = len(sizes) - len(files)
+    inspection.warn_if(
+        cut_count,
+        f"{cut_count} sweeps are empty or cut short: the reader skips them; fetch them anew",
     )
-    utimes = np.array([_utime(file) for file in whole])
-    beams = np.array([sizes[file] // robotcar.RECORD_BYTES for file in whole])
-    inspection.describe(
-        "RobotCar sweeps of one laser",
-        ("sweeps", f"{len(whole):,}, {nbytes(sum(sizes.values()))}"),
+    utimes = np.array([_utime(file) for file in files])
+    beams = np.array([sizes[file] // robotcar.RECORD_BYTES for file in files])
+    inspection.kind = "RobotCar sweeps of one laser"
+    inspection.add_untitled(
+        ("sweeps", f"{len(files):,}, {nbytes(sum(sizes.values()))}"),
         ("beams a sweep", f"{beams.min():,} … {beams.max():,}, median {np.median(beams):,.0f}"),
-        ("first, last", f"{whole[0].name}, {whole[-1].name}"),
-        *folders.rate(inspection, utimes * 1e-6),
-        ("stamps", _stamps(inspection, path, utimes)),
+        ("first, last", f"{files[0].name}, {files[-1].name}"),
+        *folders.rate_rows(inspection, utimes * 1e-6),
+        ("stamps", _stamps_text(inspection, path, utimes)),
     )
     _add_table(
         inspection,
-        len(whole),
-        lambda row: read_sweep(whole[row], PLANE),
+        len(files),
+        lambda row: read_sweep(files[row], PLANE),
         "in the laser's scan plane",
     )
 
 
-def sequence(path: Path, inspection: Inspection) -> None:
+def describe_sequence(path: Path, inspection: Inspection) -> None:
     """Describe the folder of a sequence, opened by its reader.
 
     If the reader refuses it, the error becomes a warning, and each laser's folder is described.
@@ -122,7 +123,12 @@ def sequence(path: Path, inspection: Inspection) -> None:
     path = path.resolve()
     title = f"as its reader opens it, with {' and '.join(lasers)}"
     opened_log = folders.describe_opened(
-        inspection, "RobotCar", path.parent, RobotCar(lasers), title, "sweeps"
+        inspection,
+        "RobotCar",
+        root=path.parent,
+        reader=RobotCar(lasers),
+        title=title,
+        scans="sweeps",
     )
     if opened_log is not None:
         frame = "vehicle frame: x forward, y left, z up from the camera"
@@ -130,12 +136,12 @@ def sequence(path: Path, inspection: Inspection) -> None:
         return
     for laser in lasers:
         laser_inspection = Inspection(path / laser)
-        sweeps(path / laser, laser_inspection)
+        describe_sweeps(path / laser, laser_inspection)
         inspection.add(laser, *laser_inspection.sections[0].rows)
         inspection.warnings += laser_inspection.warnings
 
 
-def vo(path: Path, inspection: Inspection) -> None:
+def describe_vo(path: Path, inspection: Inspection) -> None:
     """Describe vo/vo.csv: the vehicle's motion from image to image, chained by the reader."""
     max_gap_s = RobotCar().max_vo_gap_s
     odometry = read_vo(path, max_gap_s)
@@ -147,12 +153,12 @@ def vo(path: Path, inspection: Inspection) -> None:
     path_text = metres(float(steps_m.sum()))
     longest_text = metres(float(steps_m.max(initial=0.0)))
     steps_s = np.diff(stamps_s)[has_pose[1:] & has_pose[:-1]]
-    is_wide = steps_s > max_gap_s
-    breaks = len(odometry.breaks_ns)
-    inspection.describe(
-        "RobotCar visual odometry",
-        ("knots", f"{int(has_pose.sum()):,}, in {breaks + 1} chains"),
-        *clock(stamps_s[has_pose]),
+    is_gap = steps_s > max_gap_s
+    break_count = len(odometry.breaks_ns)
+    inspection.kind = "RobotCar visual odometry"
+    inspection.add_untitled(
+        ("knots", f"{int(has_pose.sum()):,}, in {break_count + 1} chains"),
+        *stamp_rows(stamps_s[has_pose]),
         ("path", f"{path_text}, longest step {longest_text}"),
         (
             "frame",
@@ -160,20 +166,20 @@ def vo(path: Path, inspection: Inspection) -> None:
             "it z up",
         ),
     )
-    inspection.warn(
-        breaks,
-        f"breaks: {breaks} rows start elsewhere than where the row before them ended; no "
+    inspection.warn_if(
+        break_count,
+        f"breaks: {break_count} rows start elsewhere than where the row before them ended; no "
         "accumulated submap reaches across one",
     )
-    inspection.warn(
-        is_wide.any(),
-        f"{int(is_wide.sum())} steps over {max_gap_s} s, the longest "
+    inspection.warn_if(
+        is_gap.any(),
+        f"{int(is_gap.sum())} steps over {max_gap_s} s, the longest "
         f"{duration(float(steps_s.max(initial=0)))}: sweeps there have no odometry; sparser "
         "odometry needs max_vo_gap_s in the dataset's yaml",
     )
 
 
-def ins(path: Path, inspection: Inspection) -> None:
+def describe_ins(path: Path, inspection: Inspection) -> None:
     """Describe gps/ins.csv: the poses of the INS unit.
 
     The reader takes only those with the status INS_SOLUTION_GOOD.
@@ -189,8 +195,8 @@ def ins(path: Path, inspection: Inspection) -> None:
     steps_m = np.linalg.norm(np.diff(xyz_m, axis=0), axis=1)
     steps_s = np.diff(stamps_s[is_good])
     is_outage = steps_s > max_gap_s
-    inspection.describe(
-        "RobotCar inertial navigation",
+    inspection.kind = "RobotCar inertial navigation"
+    inspection.add_untitled(
         (
             "rows",
             f"{len(is_good):,}, of which {100 * is_good.mean():.1f} % are {robotcar.INS_GOOD}",
@@ -199,7 +205,7 @@ def ins(path: Path, inspection: Inspection) -> None:
             "statuses",
             ", ".join(f"{status[:40]} {count:,}" for status, count in statuses),
         ),
-        *clock(stamps_s),
+        *stamp_rows(stamps_s),
         ("path", metres(float(steps_m[~is_outage].sum()))),
         ("box", box(xyz_m, ("northing", "easting", "down"))),
         ("UTM zone", ", ".join(zones)[:60]),
@@ -209,8 +215,10 @@ def ins(path: Path, inspection: Inspection) -> None:
             "vehicle by the extrinsics",
         ),
     )
-    inspection.warn(not is_good.any(), f"no row is {robotcar.INS_GOOD}: no sweep has a true pose")
-    inspection.warn(
+    inspection.warn_if(
+        not is_good.any(), f"no row is {robotcar.INS_GOOD}: no sweep has a true pose"
+    )
+    inspection.warn_if(
         is_outage.any(),
         f"outages: {int(is_outage.sum())} over {max_gap_s} s without a good row, the longest "
         f"{duration(float(steps_s.max(initial=0)))}: sweeps there have no place, but go into the "
@@ -232,7 +240,7 @@ def _add_table(
     inspection.add(f"sweeps, {frame}", *table)
 
 
-def _stamps(inspection: Inspection, folder: Path, utimes: NDArray[np.int64]) -> str:
+def _stamps_text(inspection: Inspection, folder: Path, utimes: NDArray[np.int64]) -> str:
     """The number of stamps in the list of the laser whose sweeps are in `folder`.
 
     `utimes` (n,) are those of its whole files. Warns of files without a stamp, and of stamps
@@ -241,17 +249,17 @@ def _stamps(inspection: Inspection, folder: Path, utimes: NDArray[np.int64]) -> 
     path = folder.with_suffix(".timestamps")
     if not path.is_file():
         inspection.warn(
-            True, f"no {path.name} beside the folder: the reader takes every file that is there"
+            f"no {path.name} beside the folder: the reader takes every file that is there"
         )
         return "by the names of the files"
     stamps = utimes_ns(path, log.table(path, 2)[:, 0]) // 1000
-    unstamped = int((~np.isin(utimes, stamps)).sum())
-    fileless = int((~np.isin(stamps, utimes)).sum())
-    unpaired = (
-        f"{path.name}: {fileless:,} stamps have no whole file and {unstamped:,} files no stamp: "
-        "the reader skips them"
+    unstamped_count = int((~np.isin(utimes, stamps)).sum())
+    fileless_count = int((~np.isin(stamps, utimes)).sum())
+    unpaired_text = (
+        f"{path.name}: {fileless_count:,} stamps have no whole file and {unstamped_count:,} files "
+        "no stamp: the reader skips them"
     )
-    inspection.warn(unstamped or fileless, unpaired)
+    inspection.warn_if(unstamped_count or fileless_count, unpaired_text)
     return f"{len(stamps):,} in {path.name}"
 
 

@@ -52,10 +52,10 @@ class Symptom:
 def missing_points(count: int, finite_count: int) -> list[Symptom]:
     """Symptoms of a cloud of `count` points with some not finite, or with too few finite ones."""
     symptoms = []
-    if nonfinite := count - finite_count:
+    if nonfinite_count := count - finite_count:
         text = (
-            f"NaN/inf points: {nonfinite:,} of {count:,} are not finite and poison every maximum "
-            "and mean; drop them when reading"
+            f"NaN/inf points: {nonfinite_count:,} of {count:,} are not finite and poison every "
+            "maximum and mean; drop them when reading"
         )
         symptoms.append(Symptom(Kind.NOT_FINITE, text))
     if finite_count < MIN_POINTS:
@@ -69,23 +69,23 @@ def missing_points(count: int, finite_count: int) -> list[Symptom]:
 
 def repeated_points(points: NDArray[np.float64]) -> list[Symptom]:
     """Symptoms of a cloud (n, 3) with many points at the origin, or many duplicate points."""
-    zeros = int((points == 0).all(axis=1).sum())
+    zero_count = int((points == 0).all(axis=1).sum())
     off_origin = points[(points != 0).any(axis=1)]
     comparable: NDArray[Any] = off_origin
     if off_origin.flags.c_contiguous:
         comparable = off_origin.view([("xyz", "V24")])  # points as bytes, which sort faster
-    duplicates = len(off_origin) - len(np.unique(comparable, axis=0))
+    duplicate_count = len(off_origin) - len(np.unique(comparable, axis=0))
     symptoms = []
-    if zeros > MAX_REPEATED_SHARE * len(points):
+    if zero_count > MAX_REPEATED_SHARE * len(points):
         text = (
-            f"points at the origin: {zeros:,} of {len(points):,} are (0, 0, 0), beams without a "
-            "return; they fill the first bin: drop them when reading"
+            f"points at the origin: {zero_count:,} of {len(points):,} are (0, 0, 0), beams without "
+            "a return; they fill the first bin: drop them when reading"
         )
         symptoms.append(Symptom(Kind.AT_ORIGIN, text))
-    if duplicates > MAX_REPEATED_SHARE * len(points):
+    if duplicate_count > MAX_REPEATED_SHARE * len(points):
         text = (
-            f"duplicate points: {duplicates:,} of {len(points):,} stand where another does and "
-            "count twice in a bin; was a scan written twice, or padded?"
+            f"duplicate points: {duplicate_count:,} of {len(points):,} stand where another does "
+            "and count twice in a bin; was a scan written twice, or padded?"
         )
         symptoms.append(Symptom(Kind.DUPLICATES, text))
     return symptoms
@@ -96,7 +96,7 @@ def wrong_unit(points: NDArray[np.float64], range_m: NDArray[np.float64]) -> Sym
 
     `range_m` (n,) are their distances from the origin in the xy plane.
     """
-    if np.abs(points).max() <= 1.0 + 1e-6:
+    if np.abs(points).max() <= 1.0 + 1e-6:  # ±1, as a cloud is normalised to, and rounding
         return Symptom(
             Kind.NORMALISED,
             "normalised cloud: every coordinate within ±1; metres are lost, and so are rings and "
@@ -113,21 +113,21 @@ def wrong_unit(points: NDArray[np.float64], range_m: NDArray[np.float64]) -> Sym
 
 def flat_cloud(points: NDArray[np.float64]) -> Symptom | None:
     """A symptom if all points (n, 3) lie in one plane, else None."""
-    thick_m = thickness(points)
-    if thick_m > LEVEL_M:
+    thickness_m = thickness(points)
+    if thickness_m > LEVEL_M:
         return None
     return Symptom(
         Kind.FLAT,
-        f"all points in one plane: {100 * thick_m:.1f} cm thick; there are no heights to draw a "
-        "view from: a 2D scan? Gather its sweeps along the path first",
+        f"all points in one plane: {100 * thickness_m:.1f} cm thick; there are no heights to draw "
+        "a view from: a 2D scan? Gather its sweeps along the path first",
     )
 
 
-def downward_z(ground_m: float, low_m: float) -> Symptom:
-    """The symptom of a cloud whose z points down: it reaches from its ground to `low_m`."""
+def downward_z(ground_m: float, lowest_m: float) -> Symptom:
+    """The symptom of a cloud whose z points down: it reaches from its ground to `lowest_m`."""
     return Symptom(
         Kind.DOWN,
-        f"z points down: it hangs from z = {signed(ground_m)} m to {signed(low_m)} m; every "
+        f"z points down: it hangs from z = {signed(ground_m)} m to {signed(lowest_m)} m; every "
         "highest z is the ground's: turn it by (x, −y, −z)",
     )
 

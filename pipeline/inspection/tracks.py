@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pipeline.core.errors import ConfigError, LogError
 from pipeline.core.frames import Trajectory
 from pipeline.formats import kitti
-from pipeline.inspection.inspection import Inspection, box, clock, duration, path_length
+from pipeline.inspection.inspection import Inspection, box, duration, path_length, stamp_rows
 from pipeline.readers import log, vehicle
 from pipeline.readers.folder import BODY_T_CAMERA, read_tum
 from pipeline.readers.nclt import Nclt, read_poses
@@ -20,28 +20,34 @@ MAX_GAP_S = 1.0
 """Between poses further apart than this in time, the path is not checked."""
 SCAN_NS = 100_000_000
 """The time from one KITTI scan to the next."""
-MAX_SKEW = 1e-3
+MAX_DEVIATION = 1e-3
 """A rotation may be off by this much from orthonormal, since numbers are rounded."""
 
 
-def numbers(path: Path, inspection: Inspection) -> None:
+def describe_numbers(path: Path, inspection: Inspection) -> None:
     """Describe a text of poses or times; the count of its columns says which, else its name.
 
     Raises ConfigError for any other file.
     """
     words = first_row(path)
     try:
-        columns = len([float(word) for word in words])
+        column_count = len([float(word) for word in words])
     except ValueError:
-        columns = 0
-    by_columns = {1: kitti_times, 7: nclt_poses, 8: tum_poses, 12: kitti_poses, 13: tum_poses}
-    by_name = {
-        "groundtruth*.csv": nclt_poses,
-        "odometry*.csv": nclt_poses,
-        "times.txt": kitti_times,
-        "[0-9][0-9].txt": kitti_poses,
+        column_count = 0
+    by_column_count = {
+        1: describe_kitti_times,
+        7: describe_nclt_poses,
+        8: describe_tum_poses,
+        12: describe_kitti_poses,
+        13: describe_tum_poses,  # whose reader says what to do with such rows
     }
-    describe = by_columns.get(columns)
+    by_name = {
+        "groundtruth*.csv": describe_nclt_poses,
+        "odometry*.csv": describe_nclt_poses,
+        "times.txt": describe_kitti_times,
+        "[0-9][0-9].txt": describe_kitti_poses,
+    }
+    describe = by_column_count.get(column_count)
     if describe is None:
         describe = next((by_name[pattern] for pattern in by_name if path.match(pattern)), None)
     if describe is None:
@@ -57,7 +63,7 @@ def first_row(path: Path) -> list[str]:
         return next((words for words in rows if words), [])
 
 
-def nclt_poses(path: Path, inspection: Inspection) -> None:
+def describe_nclt_poses(path: Path, inspection: Inspection) -> None:
     """Describe groundtruth_*.csv or odometry*.csv of NCLT.
 
     Rows are utime, x, y, z, roll, pitch, heading; the frames are north-east-down. The rows of
@@ -81,41 +87,42 @@ def nclt_poses(path: Path, inspection: Inspection) -> None:
     is_gap = steps_s > max_gap_s
     source = "wheel odometry" if path.name.startswith("odometry") else "ground truth"
     content = "motion between images" if is_relative else "poses of the body"
-    described = [
+    description_rows = [
         ("rows", f"{len(rows):,}, of which {int((~is_finite).sum()):,} hold a NaN"),
-        *clock(times_s),
+        *stamp_rows(times_s),
         ("path", path_length(xyz_m if is_relative else np.diff(xyz_m, axis=0))),
         ("frame", "north-east-down (x north, y east, z down), radians; the reader turns it z up"),
     ]
     if not is_relative:
-        described.append(("box", box(xyz_m, ("north", "east", "down"))))
-    inspection.describe(f"NCLT {source}, {content}", *described)
+        description_rows.append(("box", box(xyz_m, ("north", "east", "down"))))
+    inspection.kind = f"NCLT {source}, {content}"
+    inspection.add_untitled(*description_rows)
     _warn_of_order(inspection, times_s)
     if not is_relative and not _rows_not_later(times_s):
         inspection.warnings += vehicle.doubts("the poses", read_poses(path))
-    inspection.warn(
+    inspection.warn_if(
         is_gap.any(),
         f"{int(is_gap.sum())} gaps over {max_gap_s} s, the longest "
         f"{duration(float(steps_s.max(initial=0)))}: scans there have no pose and are skipped; a "
         "log with sparser rows needs max_gap_s in its dataset's yaml",
     )
-    inspection.warn(
+    inspection.warn_if(
         not is_finite.any(),
         "every row holds a NaN: there is no pose to read; was the file written before the drive "
         "was solved?",
     )
 
 
-def kitti_poses(path: Path, inspection: Inspection) -> None:
+def describe_kitti_poses(path: Path, inspection: Inspection) -> None:
     """Describe poses/NN.txt: rows of 3×4 matrices, the left camera's pose in its first frame."""
     rows = log.table(path, 12)
     is_finite = np.isfinite(rows).all(axis=1)
     poses = kitti.matrix(rows[is_finite])
     xyz_m = poses[:, :3, 3]
-    nan_rows = int((~is_finite).sum())
-    skew = _skew(poses)
-    inspection.describe(
-        "KITTI ground truth, poses of camera 0",
+    nan_count = int((~is_finite).sum())
+    deviation = _rotation_deviation(poses)
+    inspection.kind = "KITTI ground truth, poses of camera 0"
+    inspection.add_untitled(
         ("poses", f"{len(rows):,}"),
         ("path", path_length(np.diff(xyz_m, axis=0))),
         ("box", box(xyz_m, ("right", "down", "forward"))),
@@ -130,13 +137,13 @@ def kitti_poses(path: Path, inspection: Inspection) -> None:
     world_T_body = BODY_T_CAMERA @ poses @ BODY_T_CAMERA.T
     trajectory = Trajectory(stamps_ns, world_T_body, MAX_GAP_S)
     inspection.warnings += vehicle.doubts("the poses", trajectory)
-    inspection.warn(
-        nan_rows, f"{nan_rows} rows hold a NaN: the reader refuses the file; cut them off"
+    inspection.warn_if(
+        nan_count, f"{nan_count} rows hold a NaN: the reader refuses the file; cut them off"
     )
-    inspection.warn(
-        skew > MAX_SKEW,
-        f"rotations are off by {skew:.2g} from orthonormal: not poses, or cut numbers; fetch the "
-        "file anew",
+    inspection.warn_if(
+        deviation > MAX_DEVIATION,
+        f"rotations are off by {deviation:.2g} from orthonormal: not poses, or cut numbers; fetch "
+        "the file anew",
     )
     if path.parent.name == "poses" and len(path.parents) > 1:
         times_path = path.parents[1] / kitti.TIMES.format(log=path.stem)
@@ -148,26 +155,26 @@ def _warn_of_count(inspection: Inspection, times_path: Path, pose_count: int) ->
     if not times_path.is_file():
         return
     count = len(log.table(times_path, 1))
-    inspection.warn(
+    inspection.warn_if(
         count != pose_count,
         f"{count} times in {times_path} for {pose_count} poses: the reader refuses the log; one is "
         "cut short",
     )
 
 
-def tum_poses(path: Path, inspection: Inspection) -> None:
+def describe_tum_poses(path: Path, inspection: Inspection) -> None:
     """Describe a TUM trajectory: stamp in s, x, y, z in m, quaternion x, y, z, w."""
     stamps_ns, poses = read_tum(path)
     is_finite = np.isfinite(poses).all(axis=(1, 2))
     xyz_m = poses[is_finite, :3, 3]
-    nan_rows = int((~is_finite).sum())
+    nan_count = int((~is_finite).sum())
     rows_text = f"{len(stamps_ns):,}"
-    if nan_rows:
-        rows_text += f", of which {nan_rows:,} hold a NaN: gaps"
-    inspection.describe(
-        "TUM trajectory",
+    if nan_count:
+        rows_text += f", of which {nan_count:,} hold a NaN: gaps"
+    inspection.kind = "TUM trajectory"
+    inspection.add_untitled(
         ("rows", rows_text),
-        *clock(stamps_ns * 1e-9),
+        *stamp_rows(stamps_ns * 1e-9),
         ("path", path_length(np.diff(xyz_m, axis=0))),
         ("box", box(xyz_m, "xyz")),
         ("frame", "as the file has it; conf/dataset/folder.yaml's poses_frame says which"),
@@ -176,15 +183,16 @@ def tum_poses(path: Path, inspection: Inspection) -> None:
     inspection.warnings += vehicle.doubts("the poses", Trajectory(stamps_ns, poses, MAX_GAP_S))
 
 
-def kitti_times(path: Path, inspection: Inspection) -> None:
+def describe_kitti_times(path: Path, inspection: Inspection) -> None:
     """Describe times.txt: seconds from the start of the log, one row per scan."""
     times_s = log.table(path, 1)[:, 0]
     log.refuse_times(path, times_s, "s", 10**9)
-    inspection.describe("KITTI times", ("rows", f"{len(times_s):,}"), *clock(times_s))
+    inspection.kind = "KITTI times"
+    inspection.add_untitled(("rows", f"{len(times_s):,}"), *stamp_rows(times_s))
     _warn_of_order(inspection, times_s)
 
 
-def kitti_calib(path: Path, inspection: Inspection) -> None:
+def describe_kitti_calib(path: Path, inspection: Inspection) -> None:
     """Describe calib.txt: camera projections P0–P3, and Tr, the Velodyne's pose in camera 0."""
     entries: dict[str, NDArray[np.float64]] = {}
     try:
@@ -202,8 +210,8 @@ def kitti_calib(path: Path, inspection: Inspection) -> None:
         )
     cam_T_velo = kitti.matrix(entries["Tr"][None])
     camera_m = -cam_T_velo[0, :3, :3].T @ cam_T_velo[0, :3, 3]
-    inspection.describe(
-        "KITTI calibration",
+    inspection.kind = "KITTI calibration"
+    inspection.add_untitled(
         ("entries", ", ".join(entries)),
         ("camera 0", "at x {:.3f}, y {:.3f}, z {:.3f} m in the Velodyne's frame".format(*camera_m)),
         (
@@ -212,15 +220,15 @@ def kitti_calib(path: Path, inspection: Inspection) -> None:
             "down, z forward)",
         ),
     )
-    skew = _skew(cam_T_velo)
-    inspection.warn(
-        skew > MAX_SKEW,
-        f"Tr's rotation is off by {skew:.2g} from orthonormal: every pose would be sheared; fetch "
-        "the file anew",
+    deviation = _rotation_deviation(cam_T_velo)
+    inspection.warn_if(
+        deviation > MAX_DEVIATION,
+        f"Tr's rotation is off by {deviation:.2g} from orthonormal: every pose would be sheared; "
+        "fetch the file anew",
     )
 
 
-def _skew(poses: NDArray[np.float64]) -> float:
+def _rotation_deviation(poses: NDArray[np.float64]) -> float:
     """The largest deviation of the rotations of poses (n, 4, 4) from orthonormal."""
     R = poses[:, :3, :3]
     return float(np.abs(np.swapaxes(R, 1, 2) @ R - np.eye(3)).max(initial=0.0))
@@ -236,7 +244,6 @@ def _warn_of_order(inspection: Inspection, times_s: NDArray[np.float64]) -> None
     rows = _rows_not_later(times_s)
     if rows:
         inspection.warn(
-            True,
             f"stamps do not increase at row {rows[0]} and {len(rows) - 1} more: the reader refuses "
             "the file; sort its rows",
         )

@@ -6,7 +6,14 @@ import numpy as np
 
 from pipeline.inspection.inspection import Inspection, box, nbytes
 from pipeline.online.site_file import LevelParts, Parts, read_either
-from pipeline.online.site_json import LearnedDay, Promises, Sensor, Settings, SiteDescription
+from pipeline.online.site_json import (
+    LearnedDay,
+    LevelDescription,
+    Promises,
+    Sensor,
+    Settings,
+    SiteDescription,
+)
 
 
 def describe(path: Path) -> Inspection:
@@ -33,8 +40,8 @@ def _site(path: Path, parts: Parts) -> Inspection:
     if network is not None:
         method += ", through ONNX Runtime"
     submaps = f"{len(anchors):,} submaps, {len(arrays['points']) / 1e6:.1f} M points"
-    inspection.describe(
-        f"site {description.name}{', of a simulated world' if description.simulated else ''}",
+    inspection.kind = f"site {_site_name(description)}"
+    inspection.add_untitled(
         ("size", f"{nbytes(path.stat().st_size)}; model {model_size}"),
         ("method", method),
         ("learned on", ", then ".join(days)),
@@ -50,7 +57,7 @@ def _site(path: Path, parts: Parts) -> Inspection:
     digests = [(name, digest or "unknown") for name, digest in provenance.md5.items()]
     inspection.add("made of", *digests)
     inspection.add("with", *provenance.versions.items())
-    inspection.warn(
+    inspection.warn_if(
         not verdict.kept,
         "no promise can be kept: every fix will be rejected",
     )
@@ -66,8 +73,8 @@ def _level(path: Path, parts: LevelParts) -> Inspection:
     occupancy = arrays["occupancy"]
     rows, cols = occupancy.shape
     x_m, y_m, yaw_rad = level.origin
-    inspection.describe(
-        f"level site {description.name}{', of a simulated world' if description.simulated else ''}",
+    inspection.kind = f"level site {_site_name(description)}"
+    inspection.add_untitled(
         ("size", nbytes(path.stat().st_size)),
         ("made of", description.provenance.train),
         ("map", f"{cols} x {rows} cells of {level.cell_m:g} m"),
@@ -89,6 +96,11 @@ def first_day(description: SiteDescription) -> str:
     """
     days = () if description.growth is None else description.growth.days
     return f"; all of {days[0].day}, not of the days since" if len(days) > 1 else ""
+
+
+def _site_name(description: LevelDescription | SiteDescription) -> str:
+    """The name of a site, and whether its world is simulated."""
+    return f"{description.name}{', of a simulated world' if description.simulated else ''}"
 
 
 def _class_name(settings: Settings) -> str:

@@ -13,7 +13,7 @@ from pipeline.core.errors import LogError, YearlocError
 from pipeline.formats.bag import BagWriter
 from pipeline.inspection.bag_contents import Contents, TopicSummary
 from pipeline.inspection.bag_proposal import propose
-from pipeline.inspection.bags import bags, proposal
+from pipeline.inspection.bags import describe_bags, proposal
 from pipeline.inspection.inspection import Inspection
 from pipeline.inspection.report import inspect as look
 from pipeline.readers.bag import Bag
@@ -217,7 +217,7 @@ def test_a_damaged_bag_is_described_or_refused(whole: list[Path], data: st.DataO
     sound = file.read_bytes()
     file.write_bytes(data.draw(damaged(sound)))
     try:
-        bags(path, found := Inspection(path))
+        describe_bags(path, found := Inspection(path))
         assert found.text()
         assert isinstance(yaml.safe_load(proposal([path])), dict)
     except YearlocError as error:
