@@ -79,7 +79,7 @@ class Bag:
         body_T_lidar = self._extrinsic(where, files, clouds.frames, truth or odometry)
         vehicle_T_lidar = log.raised(self.lift_m) @ body_T_lidar
 
-        # the clouds that have a pose
+        # the clouds that have a pose, with odometry of the frame that the truth is of
         posed = self._posed_rows(where, clouds, truth, odometry, skipped)
         stamps_ns = clouds.stamps_ns[posed.rows]
         odom_T_body = posed.odom_T_scan
@@ -103,12 +103,12 @@ class Bag:
             return np.asarray(rotated + vehicle_T_lidar[:3, 3])
 
         return Log(
-            stamps_ns,
-            log.lifted(posed.world_T_scan, self.lift_m),
-            log.lifted(odom_T_body, self.lift_m),
-            points,
-            +skipped,
-            (*source_notes, *doubts, *posed.notes),
+            stamps_ns=stamps_ns,
+            world_T_scan=log.lifted(posed.world_T_scan, self.lift_m),
+            odom_T_scan=log.lifted(odom_T_body, self.lift_m),
+            points=points,
+            skipped=+skipped,  # without the reasons that were counted as 0
+            notes=(*source_notes, *doubts, *posed.notes),
             odom_variance=uncertainty.at(stamps_ns) if uncertainty else None,
             heading_rad=imu_heading.at(stamps_ns) if imu_heading else None,
             times_s=lambda row: clouds.times_s(int(posed.rows[row])),
@@ -206,12 +206,23 @@ class Bag:
         """
         if truth is None:
             trajectory = odometry.trajectory if odometry else None
-            return log.rows_with_poses(where, clouds.stamps_ns, None, trajectory, skipped, "")
+            return log.rows_with_poses(
+                where,
+                clouds.stamps_ns,
+                truth=None,
+                odometry=trajectory,
+                skipped=skipped,
+                question="",  # is asked only where the truth lacks poses
+            )
         posed = _rows_with_truth(clouds, truth, odometry, skipped)
         if not len(posed.rows):
-            question = f"do {self.points} and {self.truth} share a clock?"
             log.refuse_unposed(
-                where, "messages", clouds.stamps_ns, truth.trajectory, skipped, question
+                where,
+                "messages",
+                clouds.stamps_ns,
+                truth.trajectory,
+                skipped=skipped,
+                question=f"do {self.points} and {self.truth} share a clock?",
             )
         return posed
 
@@ -260,26 +271,30 @@ def _rows_with_truth(
     stamps_ns = clouds.stamps_ns
     world_T_body, has_truth = truth.trajectory.at(stamps_ns)
     odom_T_body = np.full_like(world_T_body, np.nan)
-    is_kept = has_truth.copy()
+    is_used = has_truth.copy()
     if odometry:
         odom_T_body, has_odometry = odometry.trajectory.at(stamps_ns)
         if clouds.kind == SWEEP:
-            is_kept |= has_odometry
-    log.count_unknown(stamps_ns[~is_kept], truth.trajectory, skipped)
+            is_used |= has_odometry
+    log.count_unknown(stamps_ns[~is_used], truth.trajectory, skipped)
     if odometry:
         # After a break of the odometry, clouds are left out until one has a true pose: only that
         # says where they are. That one has NaN as odometry, which marks the break.
         breaks_ns = vehicle.breaks_ns(odometry.trajectory)
-        chain = np.searchsorted(breaks_ns - ROUNDED_NS, stamps_ns, side="right")
-        for number in np.unique(chain[is_kept])[1:]:
-            rows = np.flatnonzero(is_kept & (chain == number))
-            leading = int(has_truth[rows].argmax()) if has_truth[rows].any() else len(rows)
-            is_kept[rows[:leading]] = False
-            odom_T_body[rows[leading : leading + 1]] = np.nan
-            skipped["between a break of the odometry and the next place"] += leading
-    rows = np.flatnonzero(is_kept)
-    unplaced = int((~has_truth[rows]).sum())
+        break_counts = np.searchsorted(breaks_ns - ROUNDED_NS, stamps_ns, side="right")
+        for break_count in np.unique(break_counts[is_used])[1:]:  # the first chain follows no other
+            rows = np.flatnonzero(is_used & (break_counts == break_count))
+            unplaced_count = len(rows)
+            if has_truth[rows].any():
+                unplaced_count = int(has_truth[rows].argmax())
+            is_used[rows[:unplaced_count]] = False
+            odom_T_body[rows[unplaced_count : unplaced_count + 1]] = np.nan
+            skipped["between a break of the odometry and the next place"] += unplaced_count
+    rows = np.flatnonzero(is_used)
+    placeless_count = int((~has_truth[rows]).sum())
     notes: tuple[str, ...] = ()
-    if unplaced:
-        notes = (f"{unplaced:,} of {len(rows):,} sweeps have no place (no pose on {truth.name})",)
+    if placeless_count:
+        notes = (
+            f"{placeless_count:,} of {len(rows):,} sweeps have no place (no pose on {truth.name})",
+        )
     return PosedRows(rows, world_T_body[rows], odom_T_body[rows], notes)

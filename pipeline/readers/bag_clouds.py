@@ -43,7 +43,7 @@ class Clouds:
     frames: set[str]
     """The frame_ids of all messages."""
     messages: list[CloudMessage]
-    """(cloud,)."""
+    """(cloud,) the address of each message."""
     notes: tuple[str, ...]
     """Lines for the user."""
 
@@ -62,9 +62,9 @@ class Clouds:
             if topic not in file.topics:
                 continue
             kinds.add(file.topics[topic].kind)
-            count = 0
+            message_count = 0
             for key, data in file.messages(topic):
-                count += 1
+                message_count += 1
                 try:
                     stamp_ns, frame = header(data, file.ros)
                 except LogError:
@@ -72,9 +72,9 @@ class Clouds:
                     continue
                 messages.append(CloudMessage(file, key, stamp_ns))
                 frames.add(frame)
-            if count != file.topics[topic].count:
+            if message_count != file.topics[topic].count:
                 notes += (
-                    f"{file.path}: {count:,} messages of {topic}, but "
+                    f"{file.path}: {message_count:,} messages of {topic}, but "
                     f"{file.topics[topic].count:,} in its index",
                 )
         if len(kinds) > 1:
@@ -88,12 +88,17 @@ class Clouds:
             topic, [(message.stamp_ns, message.key.received_ns) for message in messages]
         )
         order = np.argsort(times, kind="stable")
-        is_new = np.diff(times[order], prepend=np.int64(-1)) > 0
+        is_new = np.diff(times[order], prepend=np.int64(-1)) > 0  # no stamp is as early as −1
         skipped["stamp of an earlier one"] += int((~is_new).sum())
         order = order[is_new]
         ordered_messages = [messages[i] for i in order]
         return Clouds(
-            topic, kinds.pop(), times[order], frames, ordered_messages, notes + stamp_notes
+            topic=topic,
+            kind=kinds.pop(),
+            stamps_ns=times[order],
+            frames=frames,
+            messages=ordered_messages,
+            notes=notes + stamp_notes,
         )
 
     def points(self, row: int) -> NDArray[np.floating]:
@@ -104,7 +109,8 @@ class Clouds:
         file, key, stamp_ns = self.messages[row]
         data = file.read(key)
         try:
-            if header(data, file.ros)[0] != stamp_ns:
+            present_stamp_ns, _ = header(data, file.ros)
+            if present_stamp_ns != stamp_ns:
                 raise LogError("its stamp is not what it was when the bag was opened")
             message = file.decode(data, self.kind)
             return decode(message) if self.kind == CLOUD else sweep_points(message)

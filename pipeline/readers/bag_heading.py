@@ -19,7 +19,7 @@ from pipeline.formats.bag_file import BagFile
 from pipeline.formats.messages import header
 from pipeline.readers.bag_poses import Tree, longest_increasing, message_stamps
 
-UNMEASURED = -1.0
+UNMEASURED_COVARIANCE = -1.0
 """The first number of the covariance of what an IMU does not measure, by REP 145."""
 
 
@@ -47,10 +47,12 @@ class Heading:
         query_ns = stamps_ns - first_ns
         heading_rad = np.interp(query_ns, known_ns, self.heading_rad, left=np.nan, right=np.nan)
         is_gap = np.diff(self.stamps_ns) > self.max_gap_s * 1e9
-        gaps_begun = np.searchsorted(self.stamps_ns[:-1][is_gap], stamps_ns, side="left")
-        gaps_ended = np.searchsorted(self.stamps_ns[1:][is_gap], stamps_ns, side="right")
-        heading_rad[gaps_begun > gaps_ended] = np.nan
-        heading_rad[1:][np.diff(gaps_ended) > 0] = np.nan
+        begun_gap_count = np.searchsorted(self.stamps_ns[:-1][is_gap], stamps_ns, side="left")
+        ended_gap_count = np.searchsorted(self.stamps_ns[1:][is_gap], stamps_ns, side="right")
+        is_in_gap = begun_gap_count > ended_gap_count
+        is_after_gap = np.diff(ended_gap_count) > 0
+        heading_rad[is_in_gap] = np.nan
+        heading_rad[1:][is_after_gap] = np.nan
         return np.asarray(heading_rad)
 
 
@@ -81,7 +83,7 @@ def heading(
     yaw_rad_s = rates_rad_s @ up
     turns_rad = (yaw_rad_s[1:] + yaw_rad_s[:-1]) / 2 * np.diff(stamps_ns) / 1e9
     heading_rad = np.concatenate([[0.0], np.cumsum(turns_rad)])
-    return Heading(stamps_ns, heading_rad, max_gap_s, notes + up_notes)
+    return Heading(stamps_ns, heading_rad, max_gap_s=max_gap_s, notes=notes + up_notes)
 
 
 class _Reading(NamedTuple):
@@ -108,7 +110,7 @@ def _readings(files: Sequence[BagFile], topic: str) -> list[_Reading]:
                 continue
             velocity = message.angular_velocity
             rate_rad_s = (float(velocity.x), float(velocity.y), float(velocity.z))
-            is_measured = message.angular_velocity_covariance[0] != UNMEASURED
+            is_measured = message.angular_velocity_covariance[0] != UNMEASURED_COVARIANCE
             if is_measured and np.isfinite(rate_rad_s).all():
                 readings.append(_Reading(key.received_ns, stamp_ns, frame, rate_rad_s))
     readings.sort(key=attrgetter("received_ns"))
@@ -128,7 +130,7 @@ def _up(
         (imu,) = imu_frames
         if lidar == imu:
             return vehicle_R_lidar[2], ()
-        for moving in (False, True):
+        for moving in (False, True):  # on tf_static, else on tf, where some drivers repeat them
             lidar_T_imu = Tree.read(files, moving).fixed(lidar, imu)
             if lidar_T_imu is not None:
                 return vehicle_R_lidar[2] @ lidar_T_imu[:3, :3], ()

@@ -31,7 +31,7 @@ from pipeline.readers.log import LATEST_NS, Uncertainty
 
 KINDS = (ODOMETRY, POSE, POSE_COVARIANCE)
 """The types of messages that hold a pose."""
-STILL = 1e-6
+MAX_FIXED_CHANGE = 1e-6
 """A transform whose entries (metres, rotation matrix) never change by more than this is fixed."""
 
 Edge = tuple[str, str]
@@ -65,7 +65,7 @@ def track(files: Sequence[BagFile], name: str, max_gap_s: float) -> Track:
         parent, _, child = name.removeprefix("tf:").partition(">")
         return Tree.read(files, moving=True).track(parent, child, max_gap_s)
     where = files[0].path
-    messages, broken = _pose_messages(files, name)
+    messages, broken_count = _pose_messages(files, name)
     frames = {message.frame for message in messages}
     children = {message.child for message in messages if message.child is not None}
     for preposition, frame_names in (("in", frames), ("of", children)):
@@ -79,19 +79,19 @@ def track(files: Sequence[BagFile], name: str, max_gap_s: float) -> Track:
     times, notes = message_stamps(
         name, [(message.stamp_ns, message.received_ns) for message in messages]
     )
-    if broken:
-        notes += (f"{name}: {broken:,} broken messages are left out",)
+    if broken_count:
+        notes += (f"{name}: {broken_count:,} broken messages are left out",)
     world_T_body = poses([message.numbers for message in messages])
-    topic_trajectory, left_out = trajectory(name, times, world_T_body, max_gap_s)
+    topic_trajectory, pose_notes = trajectory(name, times, world_T_body, max_gap_s)
     rows = longest_increasing(times)
     variances = np.array([message.variance for message in messages], np.float64)[rows]
     return Track(
-        name,
-        topic_trajectory,
-        next(iter(frames), "") or None,
-        next(iter(children), "") or None,
-        notes + left_out,
-        Uncertainty(times[rows], variances),
+        name=name,
+        trajectory=topic_trajectory,
+        parent=next(iter(frames), "") or None,
+        child=next(iter(children), "") or None,
+        notes=notes + pose_notes,
+        uncertainty=Uncertainty(times[rows], variances),
     )
 
 
@@ -112,7 +112,7 @@ class _PoseMessage(NamedTuple):
 def _pose_messages(files: Sequence[BagFile], topic: str) -> tuple[list[_PoseMessage], int]:
     """The messages of a topic with poses, in order of receipt, and the count of broken ones."""
     messages: list[_PoseMessage] = []
-    broken = 0
+    broken_count = 0
     for file in files:
         kind = file.topics[topic].kind if topic in file.topics else ""
         if kind not in KINDS:
@@ -122,16 +122,20 @@ def _pose_messages(files: Sequence[BagFile], topic: str) -> tuple[list[_PoseMess
                 stamp_ns, frame = header(data, file.ros)
                 message = file.decode(data, kind)
             except LogError:
-                broken += 1
+                broken_count += 1
                 continue
-            child = frame_name(message.child_frame_id) if kind == ODOMETRY else None
-            numbers = pose_numbers(message, kind)
-            variance = gathered_variance(message, kind)
             messages.append(
-                _PoseMessage(key.received_ns, stamp_ns, frame, child, numbers, variance)
+                _PoseMessage(
+                    received_ns=key.received_ns,
+                    stamp_ns=stamp_ns,
+                    frame=frame,
+                    child=frame_name(message.child_frame_id) if kind == ODOMETRY else None,
+                    numbers=pose_numbers(message, kind),
+                    variance=gathered_variance(message, kind),
+                )
             )
     messages.sort(key=attrgetter("received_ns"))
-    return messages, broken
+    return messages, broken_count
 
 
 class _Link(NamedTuple):
@@ -159,20 +163,20 @@ class Tree:
     """The path of the first bag, for errors."""
     edges: dict[Edge, tuple[Stamps, Poses]]
     """For each pair of frames the stamps (n,) and parent_T_child (n, 4, 4), in order of receipt."""
-    broken: int
+    broken_count: int
     """Messages that could not be read."""
 
     @staticmethod
     def read(files: Sequence[BagFile], moving: bool) -> "Tree":
         """Read the transforms of the topics that end in tf_static; with `moving`, of all topics."""
         messages_by_edge: dict[Edge, list[_TransformMessage]] = defaultdict(list)
-        broken = 0
+        broken_count = 0
         for file, topic in _transform_topics(files, moving):
             for key, data in file.messages(topic):
                 try:
                     message = file.decode(data, TRANSFORMS)
                 except LogError:
-                    broken += 1
+                    broken_count += 1
                     continue
                 for stamped in message.transforms:
                     stamp = stamped.header.stamp
@@ -190,7 +194,7 @@ class Tree:
             has_pose = np.isfinite(parent_T_child[:, 0, 0])
             if has_pose.any():
                 edges[edge] = (stamps_ns[has_pose], parent_T_child[has_pose])
-        return Tree(str(files[0].path), edges, broken)
+        return Tree(str(files[0].path), edges, broken_count)
 
     def fixed(self, a: str, b: str) -> NDArray[np.float64] | None:
         """a_T_b (4, 4) by a chain of fixed transforms; None where there is none."""
@@ -200,7 +204,8 @@ class Tree:
         a_T_b = np.eye(4)
         for edge, is_forward in chain:
             parent_T_child = self._poses(edge)[-1]
-            a_T_b = a_T_b @ (parent_T_child if is_forward else np.linalg.inv(parent_T_child))
+            step = parent_T_child if is_forward else np.linalg.inv(parent_T_child)
+            a_T_b = a_T_b @ step
         return a_T_b
 
     def moves(self, a: str, b: str) -> bool:
@@ -222,26 +227,28 @@ class Tree:
                 f"{self.where}: no transforms lead from {parent} to {child}; those that it holds: "
                 f"{edge_names:.400}"
             )
-        moving = [link.edge for link in chain if not self._is_fixed(link.edge)]
-        if not moving:
+        moving_edges = [link.edge for link in chain if not self._is_fixed(link.edge)]
+        if not moving_edges:
             raise LogError(
                 f"{self.where}: {name} never changes, so it is no path; name the frame that the "
                 "vehicle moves in"
             )
         notes: tuple[str, ...] = ()
-        if self.broken:
-            notes += (f"{name}: {self.broken:,} broken messages of transforms are left out",)
+        if self.broken_count:
+            notes += (f"{name}: {self.broken_count:,} broken messages of transforms are left out",)
         trajectories: dict[Edge, Trajectory] = {}
-        for edge in moving:
-            trajectories[edge], left_out = trajectory(">".join(edge), *self.edges[edge], max_gap_s)
-            notes += left_out
+        for edge in moving_edges:
+            edge_name = ">".join(edge)
+            trajectories[edge], pose_notes = trajectory(edge_name, *self.edges[edge], max_gap_s)
+            notes += pose_notes
         stamps_ns = max((trajectory.stamps_ns for trajectory in trajectories.values()), key=len)
         parent_T_child = np.tile(np.eye(4), (len(stamps_ns), 1, 1))
         for edge, is_forward in chain:
-            steps = self._poses(edge)[-1:]
+            edge_poses = self._poses(edge)[-1:]  # of a fixed transform, one for all stamps
             if edge in trajectories:
-                steps = trajectories[edge].at(stamps_ns)[0]
-            parent_T_child = parent_T_child @ (steps if is_forward else np.linalg.inv(steps))
+                edge_poses, _ = trajectories[edge].at(stamps_ns)
+            steps = edge_poses if is_forward else np.linalg.inv(edge_poses)
+            parent_T_child = parent_T_child @ steps
         return Track(name, Trajectory(stamps_ns, parent_T_child, max_gap_s), parent, child, notes)
 
     def _poses(self, edge: Edge) -> Poses:
@@ -250,9 +257,9 @@ class Tree:
         return parent_T_child
 
     def _is_fixed(self, edge: Edge) -> bool:
-        """Whether a transform never changes by more than STILL."""
+        """Whether a transform never changes by more than MAX_FIXED_CHANGE."""
         edge_poses = self._poses(edge)
-        return bool((np.abs(edge_poses - edge_poses[-1]) <= STILL).all())
+        return bool((np.abs(edge_poses - edge_poses[-1]) <= MAX_FIXED_CHANGE).all())
 
 
 def _transform_topics(files: Sequence[BagFile], moving: bool) -> Iterator[tuple[BagFile, str]]:
@@ -290,12 +297,12 @@ def message_stamps(name: str, stamps: Sequence[tuple[int, int]]) -> tuple[Stamps
     `stamps` are pairs of the stamp in the header and the time of receipt, in ns. The times of
     receipt are taken, with a note, if all header stamps are 0.
     """
-    pairs_ns = np.array(
-        [(stamp, min(max(received, 0), LATEST_NS)) for stamp, received in stamps], np.int64
-    ).reshape(-1, 2)
-    if len(pairs_ns) and not pairs_ns[:, 0].any():
-        return pairs_ns[:, 1], (f"{name}: no message is stamped; the times of receipt are used",)
-    return pairs_ns[:, 0], ()
+    header_ns = np.array([stamp_ns for stamp_ns, _ in stamps], np.int64)
+    if not len(stamps) or header_ns.any():
+        return header_ns, ()
+    received_ns = [min(max(received_ns, 0), LATEST_NS) for _, received_ns in stamps]
+    note = f"{name}: no message is stamped; the times of receipt are used"
+    return np.array(received_ns, np.int64), (note,)
 
 
 def longest_increasing(stamps_ns: Stamps) -> NDArray[np.int64]:
@@ -308,10 +315,11 @@ def longest_increasing(stamps_ns: Stamps) -> NDArray[np.int64]:
     end_rows: list[int] = []
     previous_row = np.full(len(stamps_ns), -1)
     for row, stamp in enumerate(stamps_ns.tolist()):
-        length = bisect_left(ends, stamp)
+        length = bisect_left(ends, stamp)  # of the longest one that ends before this stamp
         previous_row[row] = end_rows[length - 1] if length else -1
-        ends[length : length + 1] = [stamp]
+        ends[length : length + 1] = [stamp]  # replaces the end, or appends the first of this length
         end_rows[length : length + 1] = [row]
+    # from the end of the longest one back to its start
     rows = end_rows[-1:]
     while rows and previous_row[rows[-1]] >= 0:
         rows.append(int(previous_row[rows[-1]]))
@@ -323,10 +331,10 @@ def trajectory(
 ) -> tuple[Trajectory, tuple[str, ...]]:
     """Poses (n, 4, 4) at `times` (n,) as a trajectory, and notes on the poses that are left out."""
     rows = longest_increasing(times)
-    unposed = int(np.isnan(world_T_body[rows, 0, 0]).sum())
+    unposed_count = int(np.isnan(world_T_body[rows, 0, 0]).sum())
     counts = {
         "poses are left out, their stamps repeat or run backwards": len(times) - len(rows),
-        "poses hold no place or no rotation: gaps": unposed,
+        "poses hold no place or no rotation: gaps": unposed_count,
     }
     notes = tuple(
         f"{name}: {count:,} of {len(times):,} {reason}" for reason, count in counts.items() if count

@@ -68,8 +68,8 @@ class Carmen:
         sweeps = [
             sweep for sweep in records.sweeps if sweep.laser in self.lasers and len(sweep.ranges_m)
         ]
-        left_out = len(records.sweeps) - len(sweeps)
-        records.skipped["sweep of another laser, or without beams"] += left_out
+        other_count = len(records.sweeps) - len(sweeps)
+        records.skipped["sweep of another laser, or without beams"] += other_count
         if not sweeps:
             raise LogError(
                 f"{path}: no sweep of a {' or '.join(self.lasers)} laser; reader.lasers says which "
@@ -93,14 +93,14 @@ class Carmen:
         posed_rows = np.flatnonzero(has_truth | np.isfinite(odom_T_scan).all(axis=(1, 2)))
         # ranges
         limits_m = [self._limit_m(records, sweep) for sweep in sweeps]
-        beyond_limit = sum(
+        far_count = sum(
             int((sweep.ranges_m >= limit_m).sum())
             for sweep, limit_m in zip(sweeps, limits_m, strict=True)
         )
-        if beyond_limit:
-            beams = sum(len(sweep.ranges_m) for sweep in sweeps)
+        if far_count:
+            beam_count = sum(len(sweep.ranges_m) for sweep in sweeps)
             notes.append(
-                f"{beyond_limit} of {beams} ranges reached the laser's limit of "
+                f"{far_count} of {beam_count} ranges reached the laser's limit of "
                 f"{max(limits_m):.2f} m: no hits"
             )
         if not is_raw and not _repeats_poses(records, sweeps):
@@ -113,12 +113,12 @@ class Carmen:
             return sweep_points(sweeps[posed_rows[row]], limits_m[posed_rows[row]], self.lift_m)
 
         return Log(
-            stamps.stamps_ns[posed_rows],
-            world_T_scan[posed_rows],
-            odom_T_scan[posed_rows],
-            points,
-            +records.skipped,
-            tuple(notes),
+            stamps_ns=stamps.stamps_ns[posed_rows],
+            world_T_scan=world_T_scan[posed_rows],
+            odom_T_scan=odom_T_scan[posed_rows],
+            points=points,
+            skipped=+records.skipped,  # without the reasons that were counted as 0
+            notes=tuple(notes),
         )
 
     def sequences(self, root: Path) -> dict[str, list[str]]:
@@ -182,16 +182,17 @@ class Carmen:
                     f"{path}: {len(sweeps)} corrected poses for {count} sweeps without stamps"
                 )
             return poses
+        # by whole milliseconds, since the two logs may round their stamps differently
         row_by_ms = {round(sweep.stamp_s * 1e3): row for row, sweep in enumerate(sweeps)}
         world_T_scan = np.full((count, 4, 4), np.nan)
-        found = 0
+        matched_count = 0
         for scan, stamp_ns in enumerate(stamps.stamps_ns.tolist()):
             row = row_by_ms.get(round(stamp_ns / 1e6))
             if row is not None:
                 world_T_scan[scan] = poses[row]
-                found += 1
-        skipped["no corrected pose"] += count - found
-        if not found:
+                matched_count += 1
+        skipped["no corrected pose"] += count - matched_count
+        if not matched_count:
             raise LogError(f"{path}: no corrected pose has the stamp of a sweep")
         return world_T_scan
 
@@ -199,13 +200,13 @@ class Carmen:
         """The range in metres from which on a beam of the sweep has no hit; inf where unknown."""
         if self.limit_m is not None:
             return self.limit_m
-        declared_m = sweep.limit_m
-        if np.isnan(declared_m):
+        limit_m = sweep.limit_m
+        if np.isnan(limit_m):
             try:
-                declared_m = float(records.params.get(LIMIT_PARAMS[sweep.laser], "nan"))
+                limit_m = float(records.params.get(LIMIT_PARAMS[sweep.laser], "nan"))
             except ValueError:
-                declared_m = np.nan
-        return declared_m - NEAR_LIMIT_M if declared_m > NEAR_LIMIT_M else np.inf
+                limit_m = np.nan
+        return limit_m - NEAR_LIMIT_M if limit_m > NEAR_LIMIT_M else np.inf
 
 
 class _SweepStamps(NamedTuple):
@@ -245,13 +246,13 @@ def _odometry(records: Records, sweeps: Sequence[Sweep], is_raw: bool) -> Poses:
     steps = [np.eye(4)]
     steps += [np.linalg.inv(before) @ after for before, after in pairwise(readings)]
     corrections = {sweep.odometry for sweep in records.sweeps}  # of either laser
-    start_T_robot = np.full((len(readings) + 1, 4, 4), np.nan)  # after so many readings
-    travelled = np.eye(4)
+    start_T_robot = np.eye(4)
+    poses = np.full((len(readings) + 1, 4, 4), np.nan)  # after so many readings
     for reading, step in enumerate(steps):
         if reading not in corrections:
-            travelled = travelled @ step
-        start_T_robot[reading + 1] = travelled
-    return start_T_robot[[sweep.odometry for sweep in sweeps]]
+            start_T_robot = start_T_robot @ step
+        poses[reading + 1] = start_T_robot
+    return poses[[sweep.odometry for sweep in sweeps]]
 
 
 def _repeats_poses(records: Records, sweeps: Sequence[Sweep]) -> bool:

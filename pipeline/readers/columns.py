@@ -28,11 +28,11 @@ def columns(path: Path, names: Sequence[str]) -> Table:
         with path.open(newline="", encoding="utf-8-sig") as file:
             rows = csv.reader(file)
             header = [name.strip() for name in next(rows, [])]
-            lacks = [name for name in names if name not in header]
-            if lacks:
+            missing_names = [name for name in names if name not in header]
+            if missing_names:
                 raise LogError(
-                    f"{path}: its first line names no column {', '.join(lacks)}; fetch the file "
-                    "anew"
+                    f"{path}: its first line names no column {', '.join(missing_names)}; fetch the "
+                    "file anew"
                 )
             pick_columns = itemgetter(*(header.index(name) for name in names))
             cells = [pick_columns(row) for row in _whole_rows(path, rows, len(header))]
@@ -55,7 +55,7 @@ def numbers(path: Path, table: Table, names: Sequence[str]) -> NDArray[np.float6
         values: list[float] = []
         try:
             values.extend(map(float, table[name]))
-        except ValueError:
+        except ValueError:  # `values` holds the numbers before the wrong word
             word = table[name][len(values)][:40]
             raise LogError(
                 f"{path}: row {len(values) + 1} has {name} {word!r}; expected a number"
@@ -70,11 +70,10 @@ def utimes_ns(path: Path, utimes: NDArray[np.float64]) -> Stamps:
     Raises LogError naming the first that is no utime or does not increase.
     """
     stamps_ns = log.nanoseconds(path, utimes, "µs", 1000)
-    broken = np.flatnonzero(stamps_ns % 1000)
-    if len(broken):
-        raise LogError(
-            f"{path}: row {broken[0] + 1} is stamped {utimes[broken[0]]:.16g}; expected whole µs"
-        )
+    bad_rows = np.flatnonzero(stamps_ns % 1000)
+    if len(bad_rows):
+        row = bad_rows[0]
+        raise LogError(f"{path}: row {row + 1} is stamped {utimes[row]:.16g}; expected whole µs")
     return stamps_ns
 
 

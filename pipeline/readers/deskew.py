@@ -51,9 +51,14 @@ def scan_at_stamp(
     if to_here is None or from_here is None:
         only_step = to_here or from_here
         return points_m if only_step is None else deskewed(points_m, times_s, *only_step)
-    is_later = times_s > 0
-    points_m[~is_later] = deskewed(points_m[~is_later], times_s[~is_later], *to_here)
-    points_m[is_later] = deskewed(points_m[is_later], times_s[is_later], *from_here)
+    is_after_stamp = times_s > 0
+    is_before_stamp = ~is_after_stamp
+    points_m[is_before_stamp] = deskewed(
+        points_m[is_before_stamp], times_s[is_before_stamp], *to_here
+    )
+    points_m[is_after_stamp] = deskewed(
+        points_m[is_after_stamp], times_s[is_after_stamp], *from_here
+    )
     return points_m
 
 
@@ -82,7 +87,7 @@ def deskewed(
     points = np.asarray(points_m, np.float64)
     if times_s is None or not len(points) or not step_s > 0 or not np.isfinite(step).all():
         return points
-    # 1. the slice of each point
+    # 1. the slice of each point; all are in the first one if they have one time
     first_s = float(times_s.min())
     span_s = float(times_s.max()) - first_s
     slices = (SLICES * (times_s - first_s) / (span_s or 1.0)).astype(np.int64).clip(0, SLICES - 1)

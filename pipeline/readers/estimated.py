@@ -39,8 +39,10 @@ def with_estimated_poses(log: Log, path: Path) -> Log:
         odom_T_scan = estimates.odom_T_scan.copy()
         odom_T_scan[estimates.breaks] = np.nan
     rows = np.flatnonzero(np.isfinite(estimates.world_T_scan).all(axis=(1, 2)))
-    unposed = len(estimates.world_T_scan) - len(rows)
-    skipped = Counter({"no pose by slam": unposed}) if unposed else Counter()
+    unposed_count = len(estimates.world_T_scan) - len(rows)
+    skipped: Counter[str] = Counter()
+    if unposed_count:
+        skipped["no pose by slam"] = unposed_count
     deskewed_log = replace(
         log,
         points=lambda row: scan_at_stamp(log, estimates.odom_T_scan, estimates.breaks, row),

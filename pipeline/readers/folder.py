@@ -100,24 +100,31 @@ class Folder:
         # the scan files that can be used, by stamp
         scan_paths = sorted(self._scan_files(folder))
         width, width_notes = self._width(scan_paths)
-        path_by_stamp = self._usable(folder, scan_paths, width, pose_stamps_ns, skipped)
+        path_by_stamp = self._usable_files(folder, scan_paths, width, pose_stamps_ns, skipped)
         stamps_ns = np.array(sorted(path_by_stamp), np.int64)
 
-        # those that have a pose
+        # the scans that have a pose
         question = f"is reader.stamps={self.stamps} the unit of the scans' names?"
-        posed = log.rows_with_poses(folder, stamps_ns, truth, odometry, skipped, question)
+        posed = log.rows_with_poses(
+            folder,
+            stamps_ns,
+            truth=truth,
+            odometry=odometry,
+            skipped=skipped,
+            question=question,
+        )
         stamps_ns = stamps_ns[posed.rows]
         posed_paths = [path_by_stamp[stamp] for stamp in stamps_ns.tolist()]
 
         body_T_lidar = log.extrinsic("reader.body_T_lidar", self.body_T_lidar)
         vehicle_T_lidar = log.raised(self.lift_m) @ body_T_lidar
         return Log(
-            stamps_ns,
-            log.lifted(posed.world_T_scan, self.lift_m),
-            log.lifted(posed.odom_T_scan, self.lift_m),
-            lambda row: read_scan(posed_paths[row], vehicle_T_lidar, width),
-            +skipped,
-            width_notes + posed.notes,
+            stamps_ns=stamps_ns,
+            world_T_scan=log.lifted(posed.world_T_scan, self.lift_m),
+            odom_T_scan=log.lifted(posed.odom_T_scan, self.lift_m),
+            points=lambda row: read_scan(posed_paths[row], vehicle_T_lidar, width),
+            skipped=+skipped,  # without the reasons that were counted as 0
+            notes=width_notes + posed.notes,
         )
 
     def sequences(self, root: Path) -> dict[str, list[str]]:
@@ -171,7 +178,7 @@ class Folder:
             "reader.point_bytes",
         )
 
-    def _usable(
+    def _usable_files(
         self,
         folder: Path,
         scan_paths: Sequence[Path],
@@ -183,14 +190,14 @@ class Folder:
 
         Counts the other files in `skipped`. Raises LogError if no file can be used.
         """
-        bad_name = "file name is no stamp"
+        name_fault = "file name is no stamp"
         if self.poses_format == "kitti":
-            bad_name = "file name is no row of the poses"
+            name_fault = "file name is no row of the poses"
         path_by_stamp: dict[int, Path] = {}
         for path in scan_paths:
             stamp_ns = self._stamp_ns(path.stem, pose_stamps_ns)
             if stamp_ns is None or not path.is_file():
-                skipped[bad_name] += 1
+                skipped[name_fault] += 1
             elif not path.stat().st_size:
                 skipped["empty file"] += 1
             elif path.suffix == ".bin" and width and path.stat().st_size % width:
@@ -212,7 +219,7 @@ class Folder:
             return files.stamp_at_end(stem)
         points_allowed = 1 if self.stamps == "s" else 0
         is_number = stem.isascii() and stem.replace(".", "", points_allowed).isdecimal()
-        if not is_number or len(stem) > 40:
+        if not is_number or len(stem) > 40:  # so long a number would be slow to convert
             return None
         if self.poses_format == "tum":
             return files.stamp_ns(stem, self.stamps)
@@ -273,11 +280,12 @@ def read_tum(path: Path) -> tuple[Stamps, Poses]:
     if not stamps:
         raise LogError(f"{path}: holds no rows")
     stamps_ns = np.array(stamps, np.int64)
-    back = np.flatnonzero(np.diff(stamps_ns) <= 0)
-    if len(back):
+    backward_steps = np.flatnonzero(np.diff(stamps_ns) <= 0)
+    if len(backward_steps):
+        row = backward_steps[0] + 1
         raise LogError(
-            f"{path}: row {back[0] + 2} is stamped {stamps_ns[back[0] + 1] / 1e9:.9f} s, not after "
-            "the row before it"
+            f"{path}: row {row + 1} is stamped {stamps_ns[row] / 1e9:.9f} s, not after the row "
+            "before it"
         )
     return stamps_ns, from_quaternions(path, rows)
 
@@ -287,19 +295,19 @@ def from_quaternions(path: Path, rows: NDArray[np.float64]) -> Poses:
 
     A row with NaN becomes a NaN pose. Raises LogError naming a wrong row of the file `path`.
     """
-    finite: NDArray[np.bool_] = np.all(np.isfinite(rows), axis=1)
-    norms = np.linalg.norm(rows[:, 3:].clip(-2, 2), axis=1)
-    not_unit = np.flatnonzero(finite & ~(np.abs(norms - 1) < 1e-3))
-    if len(not_unit):
+    is_finite: NDArray[np.bool_] = np.all(np.isfinite(rows), axis=1)
+    norms = np.linalg.norm(rows[:, 3:].clip(-2, 2), axis=1)  # clipped, or they could overflow
+    bad_rows = np.flatnonzero(is_finite & ~(np.abs(norms - 1) < 1e-3))  # files round their numbers
+    if len(bad_rows):
         raise LogError(
-            f"{path}: row {not_unit[0] + 1} has a quaternion qx qy qz qw whose length is not 1"
+            f"{path}: row {bad_rows[0] + 1} has a quaternion qx qy qz qw whose length is not 1"
         )
     poses = np.full((len(rows), 4, 4), np.nan)
-    poses[finite] = np.eye(4)
-    if finite.any():
-        poses[finite, :3, :3] = Rotation.from_quat(rows[finite, 3:]).as_matrix()
-    poses[finite, :3, 3] = rows[finite, :3]
-    log.refuse_poses(path, poses, finite)
+    poses[is_finite] = np.eye(4)
+    if is_finite.any():
+        poses[is_finite, :3, :3] = Rotation.from_quat(rows[is_finite, 3:]).as_matrix()
+    poses[is_finite, :3, 3] = rows[is_finite, :3]
+    log.refuse_poses(path, poses, is_finite)
     return poses
 
 
@@ -313,9 +321,9 @@ def read_kitti(path: Path, times_path: Path) -> tuple[Stamps, Poses]:
     if len(rows) != len(times_s):
         raise LogError(f"{times_path}: {len(times_s)} times for {len(rows)} poses in {path}")
     poses = kitti.matrix(rows)
-    finite: NDArray[np.bool_] = np.all(np.isfinite(rows), axis=1)
-    log.refuse_poses(path, poses, finite)
-    poses[~finite] = np.nan
+    is_finite: NDArray[np.bool_] = np.all(np.isfinite(rows), axis=1)
+    log.refuse_poses(path, poses, is_finite)
+    poses[~is_finite] = np.nan
     return log.nanoseconds(times_path, times_s, "s", 10**9), poses
 
 

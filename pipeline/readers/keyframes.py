@@ -34,6 +34,7 @@ POSE_COLUMNS = {
     "optimised_1": slice(19, 26),
     "optimised_2": slice(26, 33),
 }
+"""The columns of each pose; columns 2 to 4 are the flags, which are not used."""
 NUMBERS_END = 10**9
 """Clouds have smaller numbers than this."""
 
@@ -60,13 +61,13 @@ class KeyFrames:
         path = folder / FILE
         rows = log.table(path, COLUMNS)
         cloud_paths = _cloud_paths(folder, rows[:, NUMBER_COLUMN])
-        on_disk = np.array([cloud_path.is_file() for cloud_path in cloud_paths])
-        if not on_disk.any():
+        is_on_disk = np.array([cloud_path.is_file() for cloud_path in cloud_paths])
+        if not is_on_disk.any():
             raise LogError(f"{folder}: none of the {len(rows)} clouds that {FILE} names")
         skipped: Counter[str] = Counter()
-        skipped["no such file"] += int((~on_disk).sum())
-        rows = rows[on_disk]
-        paths_on_disk = [cloud_paths[row] for row in np.flatnonzero(on_disk)]
+        skipped["no such file"] += int((~is_on_disk).sum())
+        rows = rows[is_on_disk]
+        paths_on_disk = [cloud_paths[row] for row in np.flatnonzero(is_on_disk)]
         stamps_ns = log.nanoseconds(path, rows[:, STAMP_COLUMN], "s", 10**9)
         body_T_lidar = log.extrinsic("reader.body_T_lidar", self.body_T_lidar)
         lidar_T_body = np.linalg.inv(body_T_lidar)
@@ -77,12 +78,12 @@ class KeyFrames:
         vehicle_T_lidar = log.raised(self.lift_m) @ body_T_lidar
         notes = vehicle.doubts("the true poses", Trajectory(stamps_ns, world_T_scan, np.inf))
         return Log(
-            stamps_ns,
-            world_T_scan,
-            odom_T_scan,
-            lambda row: read_scan(paths_on_disk[row], vehicle_T_lidar),
-            +skipped,
-            notes,
+            stamps_ns=stamps_ns,
+            world_T_scan=world_T_scan,
+            odom_T_scan=odom_T_scan,
+            points=lambda row: read_scan(paths_on_disk[row], vehicle_T_lidar),
+            skipped=+skipped,  # without the reasons that were counted as 0
+            notes=notes,
         )
 
     def sequences(self, root: Path) -> dict[str, list[str]]:

@@ -74,15 +74,22 @@ class Kitti:
         if part:
             steps_m = np.linalg.norm(np.diff(poses[rows, :3, 3], axis=0), axis=1)
             path_m = np.concatenate([[0.0], np.cumsum(steps_m)])
-            in_first_part = path_m <= self.split * path_m[-1]
-            rows = rows[in_first_part if part == "a" else ~in_first_part]
+            is_in_a = path_m <= self.split * path_m[-1]
+            rows = rows[is_in_a if part == "a" else ~is_in_a]
         world_T_scan = log.lifted(poses[rows], self.lidar_height_m)
-        odom_T_scan = np.full_like(world_T_scan, np.nan)
+        odom_T_scan = np.full_like(world_T_scan, np.nan)  # KITTI has no odometry
 
         def points(row: int) -> NDArray[np.float64]:
             return read_velodyne(folder / f"{rows[row]:06d}.bin", self.lidar_height_m)
 
-        return Log(stamps_ns[rows], world_T_scan, odom_T_scan, points, +skipped, notes)
+        return Log(
+            stamps_ns=stamps_ns[rows],
+            world_T_scan=world_T_scan,
+            odom_T_scan=odom_T_scan,
+            points=points,
+            skipped=+skipped,  # without the reasons that were counted as 0
+            notes=notes,
+        )
 
     def sequences(self, root: Path) -> dict[str, list[str]]:
         """The sequences below `root`, each with the files that it lacks."""
@@ -152,7 +159,7 @@ def _transform_row(path: Path) -> NDArray[np.float64]:
             f"{path}: expected a row 'Tr:' with 12 numbers, the camera's frame from the Velodyne's"
         )
     cam_T_velo: NDArray[np.float64] = kitti.matrix(numbers[None])[0]
-    R = cam_T_velo[:3, :3].clip(-2, 2)
+    R = cam_T_velo[:3, :3].clip(-2, 2)  # no number that could overflow below
     if not np.allclose(R @ R.T, np.eye(3), atol=1e-3) or np.linalg.det(R) < 0:
         raise LogError(
             f"{path}: the first three columns of 'Tr:' are no rotation; fetch the file anew"
@@ -169,7 +176,8 @@ def _scan_rows(folder: Path, pose_count: int, skipped: Counter[str]) -> NDArray[
         raise LogError(f"{folder}: no such folder of scans")
     is_number = re.compile("[0-9]{6}").fullmatch
     reason = "file name is no scan number"
-    numbers = log.numbered_files(folder, kitti.RECORD_BYTES, is_number, reason, skipped)[1]
+    files = log.numbered_files(folder, kitti.RECORD_BYTES, is_number, reason, skipped)
+    numbers = files.usable
     rows = numbers[numbers < pose_count]
     skipped["outside the poses' span"] += len(numbers) - len(rows)
     if not len(rows):

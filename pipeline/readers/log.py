@@ -123,6 +123,15 @@ class Uncertainty:
         return np.stack(columns, axis=1)
 
 
+class FileNumbers(NamedTuple):
+    """The numbers that name the .bin files of a folder, in increasing order."""
+
+    named: NDArray[np.int64]
+    """(n,) of all files that are named by a number."""
+    usable: NDArray[np.int64]
+    """(k,) of those that hold a whole number of records."""
+
+
 class PosedRows(NamedTuple):
     """The scans of a log that are used, with their poses."""
 
@@ -158,7 +167,7 @@ def rows_with_poses(
         count_unknown(stamps_ns[~has_pose], truth, skipped)
         rows = np.flatnonzero(has_pose)
         if not len(rows):
-            refuse_unposed(where, "scans", stamps_ns, truth, skipped, question)
+            refuse_unposed(where, "scans", stamps_ns, truth, skipped=skipped, question=question)
         notes = vehicle.doubts("the true poses", truth)
     odom_T_scan = np.full((len(rows), 4, 4), np.nan)
     if odometry is not None:
@@ -170,9 +179,9 @@ def rows_with_poses(
 
 def count_unknown(stamps_ns: Stamps, truth: Trajectory, skipped: Counter[str]) -> None:
     """Count in `skipped` why `truth` has no pose at `stamps_ns` (n,)."""
-    outside = (stamps_ns < truth.stamps_ns[0]) | (stamps_ns > truth.stamps_ns[-1])
-    skipped["outside the poses' span"] += int(outside.sum())
-    skipped["in a gap of the poses"] += int((~outside).sum())
+    is_outside = (stamps_ns < truth.stamps_ns[0]) | (stamps_ns > truth.stamps_ns[-1])
+    skipped["outside the poses' span"] += int(is_outside.sum())
+    skipped["in a gap of the poses"] += int((~is_outside).sum())
 
 
 def refuse_unposed(
@@ -263,10 +272,11 @@ def refuse_times(path: Path, stamps: NDArray[np.float64], unit: str, unit_ns: in
 
     They are counted in `unit`, which is `unit_ns` nanoseconds.
     """
-    bad = np.flatnonzero(~(np.abs(stamps) < LATEST_NS / unit_ns))
-    if len(bad):
+    bad_rows = np.flatnonzero(~(np.abs(stamps) < LATEST_NS / unit_ns))
+    if len(bad_rows):
+        row = bad_rows[0]
         raise LogError(
-            f"{path}: row {bad[0] + 1} is stamped {stamps[bad[0]]:g}, which is no time in {unit}"
+            f"{path}: row {row + 1} is stamped {stamps[row]:g}, which is no time in {unit}"
         )
 
 
@@ -277,14 +287,16 @@ def nanoseconds(path: Path, stamps: NDArray[np.float64], unit: str, unit_ns: int
     """
     refuse_times(path, stamps, unit, unit_ns)
     # whole units and the fraction apart, since float64 cannot hold nanoseconds since 1970
-    whole = np.floor(stamps)
-    fraction_ns = np.rint((stamps - whole) * unit_ns).astype(np.int64)
-    stamps_ns = whole.astype(np.int64) * unit_ns + fraction_ns
-    back = np.flatnonzero(np.diff(stamps_ns) <= 0)
-    if len(back):
-        before, after = stamps[back[0] : back[0] + 2]
+    whole_units = np.floor(stamps)
+    fraction_ns = np.rint((stamps - whole_units) * unit_ns).astype(np.int64)
+    stamps_ns = whole_units.astype(np.int64) * unit_ns + fraction_ns
+    backward_steps = np.flatnonzero(np.diff(stamps_ns) <= 0)
+    if len(backward_steps):
+        row = backward_steps[0] + 1
+        before = stamps[row - 1]
+        after = stamps[row]
         raise LogError(
-            f"{path}: row {back[0] + 2} is stamped {after:.15g} {unit}, after {before:.15g}; "
+            f"{path}: row {row + 1} is stamped {after:.15g} {unit}, after {before:.15g}; "
             "stamps must increase"
         )
     return np.asarray(stamps_ns)
@@ -296,9 +308,9 @@ def refuse_poses(path: Path, poses: Poses, to_check: NDArray[np.bool_]) -> None:
     Only rows that are True in `to_check` (n,) are checked; `path` is the file of the poses.
     """
     is_far = ~(np.abs(poses[:, :3, 3]) < EARTH_M).all(axis=1)
-    R = np.nan_to_num(poses[:, :3, :3]).clip(-2, 2)
-    skew = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
-    is_no_rotation = (skew > 1e-3) | (np.linalg.det(R) < 0)
+    R = np.nan_to_num(poses[:, :3, :3]).clip(-2, 2)  # no number that could overflow below
+    deviation = np.abs(R @ R.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
+    is_no_rotation = (deviation > 1e-3) | (np.linalg.det(R) < 0)  # files round their numbers
     for is_wrong, reason in (
         (is_far, "is not finite, or lies nowhere on Earth; positions are in metres"),
         (is_no_rotation, "has no rotation"),
@@ -350,14 +362,14 @@ def numbered_files(
     is_number: Callable[[str], object],
     reason: str,
     skipped: Counter[str],
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """The numbers (n,) that name the .bin files of a folder, and those (k,) of the usable files.
+) -> FileNumbers:
+    """The numbers that name the .bin files of a folder.
 
-    Both increase. A file is usable if it holds a whole number of records. Counts in `skipped` the
-    files whose name fails `is_number` (under `reason`), the empty ones and the truncated ones.
+    Counts in `skipped` the files whose name fails `is_number` (under `reason`), the empty ones and
+    the truncated ones.
     """
-    named = []
-    whole = []
+    named: list[int] = []
+    usable: list[int] = []
     with os.scandir(folder) as entries:
         for entry in entries:
             stem, _, suffix = entry.name.rpartition(".")
@@ -373,5 +385,5 @@ def numbered_files(
             elif length % record_bytes:
                 skipped["truncated record"] += 1
             else:
-                whole.append(int(stem))
-    return np.array(sorted(named), np.int64), np.array(sorted(whole), np.int64)
+                usable.append(int(stem))
+    return FileNumbers(np.array(sorted(named), np.int64), np.array(sorted(usable), np.int64))

@@ -21,7 +21,17 @@ from pipeline.readers import log
 from pipeline.readers.log import Log, Uncertainty
 
 HEADER_WORDS = nclt.PACKET_HEADER_BYTES // 2
-"""16-bit words of a packet's header."""
+"""16-bit words of a packet's header.
+
+They are MAGIC_WORDS of PACKET_MAGIC, two with the count of its hits, the low one first, four with
+its utime, and two that are not used.
+"""
+MAGIC_WORDS = 4
+COUNT_WORD = 4
+UTIME_WORD = 6
+UTIME_WORDS = 4
+HIT_WORDS = 4
+"""The 16-bit words of a hit: x, y, z, then intensity and laser together."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +41,7 @@ class Nclt:
     max_gap_s: Positive = 0.5
     """Ground truth further apart than this is a gap; a scan in it is skipped."""
     lift_m: float = 0.0
-    """Added to z. The body frame of NCLT has its origin near the ground."""
+    """Added to z, for a ground that is not at z = 0: NCLT's body frame has its origin near it."""
     poses: bool = True
     """False: all scans are taken, without true poses."""
 
@@ -51,17 +61,25 @@ class Nclt:
         if not folder.is_dir():
             raise LogError(f"{folder}: no such folder of scans")
         skipped: Counter[str] = Counter()
-        utimes = log.numbered_files(
+        files = log.numbered_files(
             folder, nclt.RECORD_BYTES, log.is_utime, "file name is no utime", skipped
-        )[1]
+        )
+        utimes = files.usable
         if not len(utimes):
             raise LogError(f"{folder}: holds no readable scan (UTIME.bin)")
         odometry_path = log.first_file(root, nclt.ODOMETRY_PLACES, sequence)
         odometry = None if odometry_path is None else read_poses(odometry_path, self.max_gap_s)
         truth = read_poses(truth_path, self.max_gap_s) if self.poses and truth_path else None
-        question = f"is {truth_path.name if truth_path else 'the truth'} of this date?"
-        posed = log.rows_with_poses(folder, utimes * 1000, truth, odometry, skipped, question)
+        posed = log.rows_with_poses(
+            folder,
+            utimes * 1000,
+            truth=truth,
+            odometry=odometry,
+            skipped=skipped,
+            question=f"is {truth_path.name if truth_path else 'the truth'} of this date?",
+        )
         utimes = utimes[posed.rows]
+        stamps_ns = utimes * 1000
         notes = list(posed.notes)
         if odometry is None:
             notes.append("no odometry_mu_100hz.csv")
@@ -69,7 +87,7 @@ class Nclt:
         odom_variance = None
         if odometry is not None and covariance_path is not None:
             try:
-                odom_variance = read_uncertainty(covariance_path).at(utimes * 1000)
+                odom_variance = read_uncertainty(covariance_path).at(stamps_ns)
             except LogError as error:  # a log is read without it too
                 notes.append(f"{error}: the odometry's covariance is not used")
 
@@ -77,13 +95,13 @@ class Nclt:
             return read_velodyne_sync(folder / f"{utimes[row]}.bin", self.lift_m)
 
         return Log(
-            utimes * 1000,
-            posed.world_T_scan,
-            posed.odom_T_scan,
-            points,
-            +skipped,
-            tuple(notes),
-            odom_variance,
+            stamps_ns=stamps_ns,
+            world_T_scan=posed.world_T_scan,
+            odom_T_scan=posed.odom_T_scan,
+            points=points,
+            skipped=+skipped,  # without the reasons that were counted as 0
+            notes=tuple(notes),
+            odom_variance=odom_variance,
         )
 
     def sequences(self, root: Path) -> dict[str, list[str]]:
@@ -115,9 +133,11 @@ def read_poses(path: str | Path, max_gap_s: float = 0.5) -> Trajectory:
     path = Path(path)
     rows = log.table(path, 7, ",")
     stamps_ns = log.nanoseconds(path, rows[:, 0], "µs", 1000)
-    finite = np.isfinite(rows).all(axis=1)
+    is_finite = np.isfinite(rows).all(axis=1)
+    xyz_m = rows[is_finite, 1:4]
+    angles_rad = rows[is_finite, 4:7]
     world_T_body = np.full((len(rows), 4, 4), np.nan)
-    world_T_body[finite] = flip_ned(pose(rows[finite, 1:4], rows[finite, 4:7]))
+    world_T_body[is_finite] = flip_ned(pose(xyz_m, angles_rad))
     return Trajectory(stamps_ns, world_T_body, max_gap_s)
 
 
@@ -132,7 +152,8 @@ def read_uncertainty(path: str | Path) -> Uncertainty:
     rows = log.table(path, nclt.COVARIANCE_COLUMNS, ",")
     rows = rows[np.isfinite(rows).all(axis=1)]
     x, y, heading = rows[:, nclt.VARIANCE_COLUMNS].T
-    motion_variance = np.column_stack([(x + y) / 2, heading])
+    position = (x + y) / 2  # one variance for both axes
+    motion_variance = np.column_stack([position, heading])
     stamps_ns = log.nanoseconds(path, rows[:, 0], "µs", 1000)
     return Uncertainty(stamps_ns, np.cumsum(motion_variance, axis=0))
 
@@ -160,7 +181,7 @@ class Packets:
         """
         start = self.starts[packet] + HEADER_WORDS
         count = self.offsets[packet + 1] - self.offsets[packet]
-        return self.words[start : start + 4 * count].reshape(-1, 4)
+        return self.words[start : start + HIT_WORDS * count].reshape(-1, HIT_WORDS)
 
 
 def read_packets(path: Path) -> Packets:
@@ -168,17 +189,19 @@ def read_packets(path: Path) -> Packets:
 
     Raises LogError for an empty file, or naming the byte of a broken packet.
     """
-    size = path.stat().st_size
-    if not size:
+    nbytes = path.stat().st_size
+    if not nbytes:
         raise LogError(f"{path}: empty; expected Velodyne packets: fetch the file anew")
-    words = np.memmap(path, np.uint8, "r")[: size // 2 * 2].view("<u2")
+    whole_words_bytes = nbytes // 2 * 2  # without an odd last byte
+    words = np.memmap(path, np.uint8, "r")[:whole_words_bytes].view("<u2")
     starts, offsets, end = _find_packets(words)
-    if 2 * end != size:
+    if 2 * end != nbytes:
         raise LogError(
             f"{path}: no whole packet at byte {2 * end}; the file is damaged or cut short: fetch "
             "it anew"
         )
-    utimes = words[starts[:, None] + (6, 7, 8, 9)].view("<u8")[:, 0]
+    utime_words = UTIME_WORD + np.arange(UTIME_WORDS)
+    utimes = words[starts[:, None] + utime_words].view("<u8")[:, 0]
     if (utimes >= log.LATEST_NS // 1000).any():
         raise LogError(
             f"{path}: a packet is stamped {utimes.max()}, which is no time in µs; the file is "
@@ -194,23 +217,26 @@ def _find_packets(
     """Find the packets in a file's words.
 
     Returns the index of the first word (packet,) and the number of the first hit (packet + 1,) of
-    each packet, and the index of the word after the last whole packet. A packet is four words of
-    PACKET_MAGIC, two with the count of its hits, the rest of its header, and four words a hit.
+    each packet, and the index of the word after the last whole packet. A packet is a header (see
+    HEADER_WORDS), followed by HIT_WORDS for each hit.
     """
     starts = np.empty(len(words) // HEADER_WORDS + 1, np.int64)
     offsets = np.empty(len(words) // HEADER_WORDS + 1, np.int64)
-    count = np.int64(0)
-    at = np.int64(0)
+    packet_count = np.int64(0)
+    start = np.int64(0)
     offsets[0] = 0
-    while at + HEADER_WORDS <= len(words):
+    while start + HEADER_WORDS <= len(words):
         has_magic = True
-        for word in range(4):
-            has_magic &= words[at + word] == nclt.PACKET_MAGIC
-        hits = np.int64(words[at + 4]) + (np.int64(words[at + 5]) << 16)
-        if not has_magic or at + HEADER_WORDS + 4 * hits > len(words):
+        for word in range(MAGIC_WORDS):
+            has_magic &= words[start + word] == nclt.PACKET_MAGIC
+        low_word = np.int64(words[start + COUNT_WORD])
+        high_word = np.int64(words[start + COUNT_WORD + 1])
+        hit_count = low_word + (high_word << 16)
+        next_start = start + HEADER_WORDS + HIT_WORDS * hit_count
+        if not has_magic or next_start > len(words):
             break
-        starts[count] = at
-        offsets[count + 1] = offsets[count] + hits
-        count += 1
-        at += HEADER_WORDS + 4 * hits
-    return starts[:count].copy(), offsets[: count + 1].copy(), at
+        starts[packet_count] = start
+        offsets[packet_count + 1] = offsets[packet_count] + hit_count
+        packet_count += 1
+        start = next_start
+    return starts[:packet_count].copy(), offsets[: packet_count + 1].copy(), start

@@ -101,12 +101,12 @@ class Part:
             return np.flatnonzero(is_revisit & _is_apart(stamps_ns, ~is_revisit, apart_ns))
         progress = (stamps_ns - stamps_ns[0]) / 1e9 if self.by == "time" else _path_m(xyz_m)
         if self.at is None:
-            ends = progress[-1] * np.arange(1, self.of) / self.of
+            ends = progress[-1] * np.arange(1, self.of) / self.of  # of all parts but the last
         else:
             ends = np.array([self.at])
-        part = 1 + np.searchsorted(ends, progress, side="right")
-        is_apart = _is_apart(stamps_ns, part < self.number, apart_ns)
-        return np.flatnonzero((part == self.number) & is_apart)
+        part_numbers = 1 + np.searchsorted(ends, progress, side="right")
+        is_apart = _is_apart(stamps_ns, part_numbers < self.number, apart_ns)
+        return np.flatnonzero((part_numbers == self.number) & is_apart)
 
 
 def names(log: str, rule: str) -> list[str]:
@@ -129,8 +129,8 @@ def names(log: str, rule: str) -> list[str]:
         endings = [f"until{match['at']}", f"from{match['at']}"]
     else:
         endings = ["first", "later"]
-    apart = f"+{match['apart']}s" if match["apart"] else ""
-    return [f"{log}+{ending}{apart}" for ending in endings]
+    gap_ending = f"+{match['apart']}s" if match["apart"] else ""
+    return [f"{log}+{ending}{gap_ending}" for ending in endings]
 
 
 def open_part(reader: Reader, root: Path, sequence: str) -> Log:
@@ -161,9 +161,10 @@ def revisited(
     """True (n,) where a row lies within NEAR_M of a row more than `apart_ns` earlier."""
     is_revisit = np.zeros(len(stamps_ns), bool)
     posed_rows = np.flatnonzero(np.isfinite(xyz_m).all(axis=1))
-    near = KDTree(xyz_m[posed_rows]).query_ball_point(xyz_m[posed_rows], NEAR_M)
-    for row, near_rows in zip(posed_rows, near, strict=True):
-        earliest_ns = stamps_ns[posed_rows[near_rows]].min()
+    places_m = xyz_m[posed_rows]
+    neighbours = KDTree(places_m).query_ball_point(places_m, NEAR_M)
+    for row, near_rows in zip(posed_rows, neighbours, strict=True):
+        earliest_ns = stamps_ns[posed_rows[near_rows]].min()  # at the latest that of the row itself
         is_revisit[row] = earliest_ns < stamps_ns[row] - apart_ns
     return is_revisit
 
@@ -178,11 +179,12 @@ def _is_apart(
     next_other = np.searchsorted(other_ns, stamps_ns)
     has_next = next_other < len(other_ns)
     has_previous = next_other > 0
+    # where there is no such row, the index is clipped, and the time that it gives is not used
     to_next_ns = other_ns[np.minimum(next_other, len(other_ns) - 1)] - stamps_ns
     since_previous_ns = stamps_ns - other_ns[np.maximum(next_other - 1, 0)]
-    return (~has_next | (to_next_ns >= apart_ns)) & (
-        ~has_previous | (since_previous_ns >= apart_ns)
-    )
+    is_before_next = ~has_next | (to_next_ns >= apart_ns)
+    is_after_previous = ~has_previous | (since_previous_ns >= apart_ns)
+    return is_before_next & is_after_previous
 
 
 def _path_m(xyz_m: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -52,10 +52,12 @@ class Recorded:
             rows.append(f"{stamp},{len(points)},{sha256(data).hexdigest()[:16]}\n")
         folder.mkdir(parents=True)
         (folder / "inventory.csv").write_text("".join(rows), encoding="utf-8")
-        left_out = "".join(
+        skipped_text = "".join(
             f", {count} skipped ({reason})" for reason, count in sorted(skipped.items())
         )
-        return "; ".join([f"{len(rows) - 1} scans found below {self.root}{left_out}", *log.notes])
+        return "; ".join(
+            [f"{len(rows) - 1} scans found below {self.root}{skipped_text}", *log.notes]
+        )
 
     def changes(self, train: str, sequence: str) -> list[Change]:
         """The changes on site that are visible on the day of `sequence` but not on that of `train`.

@@ -66,7 +66,7 @@ class RobotCar:
         utimes_by_laser = {
             laser: _sweep_utimes(folder, laser, skipped, notes) for laser in self.lasers
         }
-        merged_utimes = np.unique(np.concatenate(list(utimes_by_laser.values())))
+        all_utimes = np.unique(np.concatenate(list(utimes_by_laser.values())))
 
         # poses
         extrinsics = root / self.extrinsics.replace("{sequence}", sequence)
@@ -77,25 +77,26 @@ class RobotCar:
         truth = read_ins(folder / robotcar.INS, vehicle_T_ins, self.max_ins_gap_s)
         notes += vehicle.doubts("the true poses", truth)
         odometry = read_vo(folder / robotcar.VO, self.max_vo_gap_s)
-        world_T_scan, has_truth = truth.at(merged_utimes * 1000)
-        odom_T_scan = odometry.at(merged_utimes * 1000, has_truth)
+        world_T_scan, has_truth = truth.at(all_utimes * 1000)
+        odom_T_scan = odometry.at(all_utimes * 1000, has_truth)
 
         # sweeps that have a pose
         is_posed = has_truth | np.isfinite(odom_T_scan).all(axis=(1, 2))
         skipped["neither odometry nor a true pose"] = int((~is_posed).sum())
-        utimes = merged_utimes[is_posed]
-        unplaced = int((~has_truth[is_posed]).sum())
-        if unplaced:
-            outages = int((~has_truth & np.append(True, has_truth[:-1])).sum())
+        utimes = all_utimes[is_posed]
+        unplaced_count = int((~has_truth[is_posed]).sum())
+        if unplaced_count:
+            begins_outage = ~has_truth & np.append(True, has_truth[:-1])
             notes.append(
-                f"{unplaced:,} of {len(utimes):,} sweeps have no place (INS outages: {outages})"
+                f"{unplaced_count:,} of {len(utimes):,} sweeps have no place (INS outages: "
+                f"{int(begins_outage.sum())})"
             )
         if len(odometry.breaks_ns):
             notes.append(
                 f"the visual odometry breaks off {len(odometry.breaks_ns)} times: no submap "
                 "reaches across"
             )
-        lift = np.array([0.0, 0.0, self.lift_m])
+        lift_xyz_m = np.array([0.0, 0.0, self.lift_m])
         has_sweep = {
             laser: np.isin(utimes, laser_utimes) for laser, laser_utimes in utimes_by_laser.items()
         }
@@ -106,15 +107,15 @@ class RobotCar:
                 for laser in self.lasers
                 if has_sweep[laser][row]
             ]
-            return np.asarray(np.concatenate(clouds) + lift)
+            return np.asarray(np.concatenate(clouds) + lift_xyz_m)
 
         return Log(
-            utimes * 1000,
-            world_T_scan[is_posed],
-            odom_T_scan[is_posed],
-            points,
-            +skipped,
-            tuple(notes),
+            stamps_ns=utimes * 1000,
+            world_T_scan=world_T_scan[is_posed],
+            odom_T_scan=odom_T_scan[is_posed],
+            points=points,
+            skipped=+skipped,  # without the reasons that were counted as 0
+            notes=tuple(notes),
         )
 
     def sequences(self, root: Path) -> dict[str, list[str]]:
@@ -127,11 +128,13 @@ class RobotCar:
                 if path.is_dir()
             }
         )
-        needed = [f"{{sequence}}/{place}" for place in (*self.lasers, robotcar.VO, robotcar.INS)]
-        needed += [f"{self.extrinsics}/{sensor}.txt" for sensor in (*self.lasers, "ins")]
+        needed_places = [
+            f"{{sequence}}/{place}" for place in (*self.lasers, robotcar.VO, robotcar.INS)
+        ]
+        needed_places += [f"{self.extrinsics}/{sensor}.txt" for sensor in (*self.lasers, "ins")]
         missing: dict[str, list[str]] = {}
         for name in names:
-            places = [place.replace("{sequence}", name) for place in needed]
+            places = [place.replace("{sequence}", name) for place in needed_places]
             missing[name] = [place for place in places if not (root / place).exists()]
         return missing
 
@@ -144,14 +147,15 @@ def read_sweep(path: str | Path, zup_T_laser: NDArray[np.float64]) -> NDArray[np
     missing file, one that ends within a record, or a return beyond the reach of any laser.
     """
     data = log.read_bytes(Path(path), robotcar.RECORD_BYTES, "returns")
-    xy = robotcar.decode_sweep(data)[:, :2]
-    xy = xy[np.isfinite(xy).all(axis=1) & (np.abs(xy) > NEAREST_M).any(axis=1)]
-    if (np.abs(xy) > FARTHEST_M).any():
+    xy_m = robotcar.decode_sweep(data)[:, :2]
+    xy_m = xy_m[np.isfinite(xy_m).all(axis=1) & (np.abs(xy_m) > NEAREST_M).any(axis=1)]
+    if (np.abs(xy_m) > FARTHEST_M).any():
         raise LogError(
-            f"{path}: a return lies {np.abs(xy).max():.3g} m away, where no laser reaches; the "
+            f"{path}: a return lies {np.abs(xy_m).max():.3g} m away, where no laser reaches; the "
             "file is damaged"
         )
-    return xy @ zup_T_laser[:3, :2].T + zup_T_laser[:3, 3]
+    # without the third column, since z is 0 in the scan plane
+    return xy_m @ zup_T_laser[:3, :2].T + zup_T_laser[:3, 3]
 
 
 def _sweep_utimes(
@@ -166,16 +170,18 @@ def _sweep_utimes(
     path = sequence_folder / robotcar.STAMPS.format(laser=laser)
     if not folder.is_dir():
         raise LogError(f"{folder}: no such folder of sweeps")
-    named, whole = log.numbered_files(
+    files = log.numbered_files(
         folder, robotcar.RECORD_BYTES, log.is_utime, "file name is no utime", skipped
     )
+    utimes = files.usable
     if path.is_file():
         stamps = utimes_ns(path, log.table(path, 2)[:, 0]) // 1000
-        skipped["stamp without a file"] += int((~np.isin(stamps, named)).sum())
-        skipped["file without a stamp"] += int((~np.isin(whole, stamps)).sum())
-        whole = whole[np.isin(whole, stamps)]
+        has_stamp = np.isin(utimes, stamps)
+        skipped["stamp without a file"] += int((~np.isin(stamps, files.named)).sum())
+        skipped["file without a stamp"] += int((~has_stamp).sum())
+        utimes = utimes[has_stamp]
     else:
         notes.append(f"no {path.name}: the sweeps of {laser} are those whose files are there")
-    if not len(whole):
+    if not len(utimes):
         raise LogError(f"{folder}: holds no readable sweep (UTIME.bin, its utime in {path.name})")
-    return whole
+    return utimes

@@ -17,7 +17,7 @@ from pipeline.formats import robotcar
 from pipeline.readers import log
 from pipeline.readers.columns import columns, numbers, utimes_ns
 
-LARGEST = 1e9
+LARGEST_NUMBER = 1e9
 """Limit in metres and radians: a larger number is damage."""
 
 
@@ -39,11 +39,12 @@ class Odometry:
         including the first of these: the log drops rows that have neither pose, but keeps this one,
         whose NaN marks the break.
         """
-        poses = self.trajectory.at(stamps_ns)[0]
+        poses, _ = self.trajectory.at(stamps_ns)
+        # the end counts too, for a break after which no row has a true pose
         rows_with_truth = np.append(np.flatnonzero(has_truth), len(has_truth))
-        for first in np.searchsorted(stamps_ns, self.breaks_ns, side="right"):
-            last = rows_with_truth[np.searchsorted(rows_with_truth, first)]
-            poses[first : last + 1] = np.nan
+        for first_row in np.searchsorted(stamps_ns, self.breaks_ns, side="right"):
+            last_row = rows_with_truth[np.searchsorted(rows_with_truth, first_row)]
+            poses[first_row : last_row + 1] = np.nan
         return poses
 
 
@@ -59,18 +60,19 @@ def read_vo(path: Path, max_gap_s: float) -> Odometry:
     to_utime, from_utime = numbers(path, table, robotcar.VO_STAMPS).T
     motions = numbers(path, table, robotcar.POSE)
     is_step = (from_utime >= 0) & (from_utime < to_utime) & (from_utime == np.floor(from_utime))
-    bad = np.flatnonzero(~is_step)
-    if len(bad):
+    bad_rows = np.flatnonzero(~is_step)
+    if len(bad_rows):
+        row = bad_rows[0]
         raise LogError(
-            f"{path}: row {bad[0] + 1} goes from destination_timestamp {from_utime[bad[0]]:.16g} "
-            f"to source_timestamp {to_utime[bad[0]]:.16g}; expected whole µs, the destination "
+            f"{path}: row {row + 1} goes from destination_timestamp {from_utime[row]:.16g} "
+            f"to source_timestamp {to_utime[row]:.16g}; expected whole µs, the destination "
             "before the source"
         )
-    bad = np.flatnonzero(~(np.abs(motions) < LARGEST).all(axis=1))
-    if len(bad):
+    bad_rows = np.flatnonzero(~(np.abs(motions) < LARGEST_NUMBER).all(axis=1))
+    if len(bad_rows):
         raise LogError(
-            f"{path}: row {bad[0] + 1} holds no pose; expected six finite numbers: x, y, z, roll, "
-            "pitch, yaw"
+            f"{path}: row {bad_rows[0] + 1} holds no pose; expected six finite numbers: x, y, z, "
+            "roll, pitch, yaw"
         )
     to_stamps_ns = utimes_ns(path, to_utime).tolist()
     from_stamps_ns = (from_utime.astype(np.int64) * 1000).tolist()
@@ -102,7 +104,7 @@ def read_ins(path: Path, vehicle_T_ins: NDArray[np.float64], max_gap_s: float) -
     stamps_ns = utimes_ns(path, numbers(path, table, ("timestamp",))[:, 0])
     rows = numbers(path, table, robotcar.INS_POSE)
     has_good_status = np.array(table["ins_status"]) == robotcar.INS_GOOD
-    is_good = has_good_status & (np.abs(rows) < LARGEST).all(axis=1)
+    is_good = has_good_status & (np.abs(rows) < LARGEST_NUMBER).all(axis=1)
     zones = sorted(set(np.array(table["utm_zone"])[is_good]))
     if len(zones) > 1:
         raise LogError(
@@ -127,6 +129,6 @@ def read_extrinsics(folder: Path, sensor: str) -> NDArray[np.float64]:
             "(robotcar-dataset-sdk) there"
         )
     rows = log.table(path, 6)
-    if len(rows) != 1 or not (np.abs(rows) < LARGEST).all():
+    if len(rows) != 1 or not (np.abs(rows) < LARGEST_NUMBER).all():
         raise LogError(f"{path}: expected one row of six finite numbers: x, y, z, roll, pitch, yaw")
     return np.asarray(pose(*np.hsplit(rows, 2))[0])

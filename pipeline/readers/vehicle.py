@@ -29,10 +29,12 @@ round.
 """
 STEEP = 0.5
 """A road climbs less than this, in metres of height a metre of path."""
-AROUND_S = 1.0
+NEIGHBOURHOOD_S = 1.0
 MAX_NEIGHBOURS = 200
-"""A step is compared with its neighbours: the steps of AROUND_S before and after it, at most so
-many on either side. Some topics repeat each pose many times."""
+"""A step is compared with its neighbours, the steps of NEIGHBOURHOOD_S before and after it.
+
+They are at most MAX_NEIGHBOURS on either side, since some topics repeat each pose many times.
+"""
 FASTEST_M_S = 100.0
 """No vehicle is faster."""
 JUMP_M = 0.5
@@ -99,9 +101,10 @@ def jumps(trajectory: Trajectory) -> NDArray[np.int64]:
     step_m, turn_deg = distance_and_turn(poses[:-1], poses[1:])
     is_step = (np.diff(finite_rows) == 1) & (seconds <= trajectory.max_gap_s)
     # 2. by how much it exceeds the fastest of its neighbours
-    reach = int(np.clip(np.rint(AROUND_S / np.median(seconds)), 1, MAX_NEIGHBOURS))
-    excess_m = step_m - seconds * _fastest_neighbour(step_m / seconds, is_step, reach)
-    excess_deg = turn_deg - seconds * _fastest_neighbour(turn_deg / seconds, is_step, reach)
+    typical_count = NEIGHBOURHOOD_S / np.median(seconds)
+    count = int(np.clip(np.rint(typical_count), 1, MAX_NEIGHBOURS))
+    excess_m = step_m - seconds * _fastest_neighbour(step_m / seconds, is_step, count)
+    excess_deg = turn_deg - seconds * _fastest_neighbour(turn_deg / seconds, is_step, count)
     # 3. jumps in position or heading
     is_too_fast = (step_m > JUMP_M) & (step_m > FASTEST_M_S * seconds)
     is_far = (excess_m > JUMP_M + GAIN_M_S2 * seconds**2) | is_too_fast
@@ -120,35 +123,35 @@ def breaks_ns(odometry: Trajectory) -> Stamps:
     return np.asarray(odometry.stamps_ns[finite_rows[1:][is_break]])
 
 
-def odometry_at(odometry: Trajectory, stamps_ns: Stamps, anew_ns: Stamps) -> Poses:
+def odometry_at(odometry: Trajectory, stamps_ns: Stamps, restarts_ns: Stamps) -> Poses:
     """Odometry (n, 4, 4) at increasing stamps (n,); NaN where it is unknown.
 
-    The odometry starts anew at `anew_ns` (k,). The first stamp after each of them has NaN too, as a
-    log marks a break.
+    The odometry starts anew at `restarts_ns` (k,). The first stamp after each of them has NaN
+    too, as a log marks a break.
     """
-    odom_T_body = odometry.at(stamps_ns)[0]
-    first_rows = np.searchsorted(stamps_ns, anew_ns - ROUNDED_NS)
+    odom_T_body, _ = odometry.at(stamps_ns)
+    first_rows = np.searchsorted(stamps_ns, restarts_ns - ROUNDED_NS)
     odom_T_body[first_rows[first_rows < len(stamps_ns)]] = np.nan
     return odom_T_body
 
 
 def _direction_doubts(name: str, poses: Poses) -> list[str]:
     """One line if the body of the poses (n, 4, 4) does not drive along its x axis, else none."""
-    step_m, body_step_m = _driven(poses)
+    step_m, body_step_m = _path_steps(poses)
     if len(step_m) < MIN_STEPS:
         return []
     # typical shares of a step that are along the body's y and z axes and the world's z axis
     length_m = np.linalg.norm(step_m, axis=1)
     shares = np.abs(np.column_stack([body_step_m[:, 1:], step_m[:, 2]])) / length_m[:, None]
-    across, up, climb = np.median(shares, axis=0)
+    y_share, z_share, climb = np.median(shares, axis=0)
     # by the doubled angle, which is the same forward and backward
     agreement = abs(np.exp(2j * np.arctan2(body_step_m[:, 1], body_step_m[:, 0])).mean())
-    if up > ALONG_SHARE:
+    if z_share > ALONG_SHARE:
         return [
             f"{name}: the body drives along its own z axis: are its axes a camera's, x right, "
             "y down, z forward? Set poses_frame: camera, or take the topic of the body's poses"
         ]
-    if across > ALONG_SHARE:
+    if y_share > ALONG_SHARE:
         return [
             f"{name}: the body drives sideways, along its own y axis: is its heading a quarter "
             "turn off? Turn its poses, or take the topic of the body's"
@@ -171,34 +174,39 @@ def _median_speed_m_s(truth: Trajectory) -> float:
     """The median speed over the steps in which the body moves; 0 if it never does."""
     finite_rows = np.flatnonzero(np.isfinite(truth.world_T_body).all(axis=(1, 2)))
     step_m = np.linalg.norm(np.diff(truth.world_T_body[finite_rows, :3, 3], axis=0), axis=1)
-    moving = step_m > 0
-    speeds = step_m[moving] / np.diff(truth.stamps_ns[finite_rows])[moving] * 1e9
-    return float(np.median(speeds)) if moving.any() else 0.0
+    is_moving = step_m > 0
+    if not is_moving.any():
+        return 0.0
+    step_ns = np.diff(truth.stamps_ns[finite_rows])
+    speeds_m_s = step_m[is_moving] / step_ns[is_moving] * 1e9
+    return float(np.median(speeds_m_s))
 
 
 def _fastest_neighbour(
-    rates: NDArray[np.float64], is_step: NDArray[np.bool_], reach: int
+    rates: NDArray[np.float64], is_step: NDArray[np.bool_], count: int
 ) -> NDArray[np.float64]:
-    """For each step the largest of the `rates` (n,) of the `reach` steps before and after it.
+    """For each step the largest of the `rates` (n,) of the `count` steps before and after it.
 
     Only rates that are True in `is_step` (n,) count; infinite if none of them does.
     """
-    padding = np.full(reach, -1.0)
-    padded = np.concatenate([padding, np.where(is_step, rates, -1.0), padding])
-    largest = np.lib.stride_tricks.sliding_window_view(padded, reach).max(axis=1)
-    before = largest[: len(rates)]
-    after = largest[-len(rates) :]
-    fastest = np.maximum(before, after)
-    return np.where(fastest < 0, np.inf, fastest)
+    padding = np.full(count, -1.0)  # less than any rate
+    padded_rates = np.concatenate([padding, np.where(is_step, rates, -1.0), padding])
+    windows = np.lib.stride_tricks.sliding_window_view(padded_rates, count)
+    window_maxima = windows.max(axis=1)
+    maxima_before = window_maxima[: len(rates)]  # window i ends before step i
+    maxima_after = window_maxima[-len(rates) :]
+    maxima = np.maximum(maxima_before, maxima_after)
+    return np.where(maxima < 0, np.inf, maxima)
 
 
-def _driven(poses: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _path_steps(poses: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Steps (k, 3) of about STEP_M or more along a path, in its world and in the body's frame.
 
     The body's frame is that of the pose (of n, 4, 4) at which a step begins.
     """
     path_m = np.cumsum([0.0, *np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)])
-    rows = np.unique(path_m // STEP_M, return_index=True)[1]
+    # the first pose of each STEP_M of path
+    _, rows = np.unique(path_m // STEP_M, return_index=True)
     step_m = np.diff(poses[rows, :3, 3], axis=0)
     body_step_m = np.asarray(np.einsum("nji,nj->ni", poses[rows[:-1], :3, :3], step_m))
     is_long = np.linalg.norm(step_m, axis=1) > STEP_M / 2
