@@ -93,10 +93,15 @@ class ArchiveTemplate:
         return [self._archive(sequence, number) for number in range(max(self.numbers, 1))]
 
     def _archive(self, sequence: str, number: int) -> Archive:
-        def filled(template: str) -> str:
+        def fill(template: str) -> str:
             return template.replace("{sequence}", sequence).replace("{number}", str(number))
 
-        return Archive(filled(self.path), filled(self.target), self.unpacked_ratio, self.nbytes)
+        return Archive(
+            path=fill(self.path),
+            target=fill(self.target),
+            unpacked_ratio=self.unpacked_ratio,
+            nbytes=self.nbytes,
+        )
 
 
 @dataclass(frozen=True)
@@ -110,7 +115,7 @@ class Fetch:
     """See ArchiveTemplate."""
 
     @property
-    def missing(self) -> list[Archive]:
+    def missing_archives(self) -> list[Archive]:
         """The archives that are not fetched yet."""
         return [archive for archive in self.archives if not (self.folder / archive.target).exists()]
 
@@ -207,9 +212,11 @@ class Publisher:
             for sequence in sequences
             for template in self.archives
         ]
-        missing = [fetch.missing for fetch in fetches]
-        self._check_disk(downloader, store, list(chain.from_iterable(missing)), watch)
-        for fetch, missing_archives in zip(fetches, missing, strict=True):
+        # listed before the first is fetched: the disk is checked for all of them
+        missing_by_fetch = [fetch.missing_archives for fetch in fetches]
+        all_missing = list(chain.from_iterable(missing_by_fetch))
+        self._check_disk(downloader, store, all_missing, watch)
+        for fetch, missing_archives in zip(fetches, missing_by_fetch, strict=True):
             if not missing_archives:
                 yield f"{fetch.name}: here already"
                 continue
@@ -220,7 +227,7 @@ class Publisher:
                 if not path.is_file():
                     downloader.fetch(urljoin(self.base, archive.path), path, watch)
                 nbytes += path.stat().st_size
-                digest = self._verified(path, archive)
+                digest = self._verified_digest(path, archive)
                 file_count += _move_in(path, archive, fetch.folder, digest)
             if fetch.listing_sha256:
                 digest = _listing_digest(store, fetch)
@@ -239,8 +246,8 @@ class Publisher:
         for archive in archives:
             path = store / archive.name
             part = Part.of(path)
-            arrived_bytes = part.arrived
-            total_bytes = part.total or archive.nbytes
+            arrived_bytes = part.arrived_bytes
+            total_bytes = part.total_bytes or archive.nbytes
             if path.is_file():
                 arrived_bytes = total_bytes = path.stat().st_size
             if not total_bytes:
@@ -257,7 +264,7 @@ class Publisher:
                 "fetch fewer sequences at a time"
             )
 
-    def _verified(self, path: Path, archive: Archive) -> str:
+    def _verified_digest(self, path: Path, archive: Archive) -> str:
         """The sha256 of a downloaded file.
 
         It is compared with that of the publisher, else with that of an earlier fetch. If they
@@ -265,19 +272,19 @@ class Publisher:
         """
         with path.open("rb") as file:
             digest = hashlib.file_digest(file, "sha256").hexdigest()
-        expected = digest
+        expected_digest = digest
         source = str(checksum_file(path))
         if archive.path in self.sha256:
-            expected = self.sha256[archive.path]
+            expected_digest = self.sha256[archive.path]
             source = "fetch.sha256"
         elif checksum_file(path).is_file():
             words = checksum_file(path).read_text(encoding="utf-8").split()
-            expected = words[0] if words else digest
-        if digest != expected:
+            expected_digest = words[0] if words else digest
+        if digest != expected_digest:
             path.unlink()
             raise LogError(
-                f"{path}: its sha256 is {digest}, {source} says {expected}; damaged, or changed by "
-                "its publisher: it is removed, fetch it anew"
+                f"{path}: its sha256 is {digest}, {source} says {expected_digest}; damaged, or "
+                "changed by its publisher: it is removed, fetch it anew"
             )
         return digest
 

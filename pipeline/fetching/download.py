@@ -6,6 +6,7 @@ ETag) in FILE.part.json. The missing bytes are requested with the headers Range 
 """
 
 import json
+import math
 import re
 import time
 from collections.abc import Callable
@@ -25,10 +26,10 @@ Result = TypeVar("Result")
 
 CHUNK = 2**16
 """Bytes that are written at a time."""
-RETRIED = (408, 425, 429, 500, 502, 503, 504)
+RETRIED_STATUSES = (408, 425, 429, 500, 502, 503, 504)
 """Status codes after which another try may succeed."""
 MAX_REDIRECTS = 5
-MAX_UNREACHED = 3
+MAX_FAILED_CONNECTIONS = 3
 """After so many failed connections the address counts as unreachable."""
 MAX_DOUBLINGS = 5
 """The wait between tries is doubled so often."""
@@ -48,7 +49,7 @@ class Part:
     """The file FILE.part with these bytes."""
     validator: str = ""
     """The strong ETag of the server; without one, nothing is resumed."""
-    total: int = 0
+    total_bytes: int = 0
     """Bytes of the whole file; 0 if nothing has arrived."""
 
     @staticmethod
@@ -62,7 +63,7 @@ class Part:
             return Part(part)
 
     @property
-    def arrived(self) -> int:
+    def arrived_bytes(self) -> int:
         """Number of bytes from which the download can resume."""
         return self.path.stat().st_size if self.validator and self.path.is_file() else 0
 
@@ -70,7 +71,7 @@ class Part:
         """Record the version of the file before its first byte is written."""
         self.drop()
         self._note.write_text(
-            json.dumps({"validator": self.validator, "total": self.total}), encoding="utf-8"
+            json.dumps({"validator": self.validator, "total": self.total_bytes}), encoding="utf-8"
         )
 
     def drop(self) -> None:
@@ -115,7 +116,7 @@ class Downloader:
     def _with_retries(self, url: str, work: Callable[[], Result], watch: Progress) -> Result:
         """The result of `work`, which is tried again after failures that may pass."""
         reason = ""
-        unreached = 0
+        unreached_count = 0
         for attempt in range(self.tries):
             if attempt:
                 wait_s = self.wait_s * 2 ** min(attempt - 1, MAX_DOUBLINGS)
@@ -136,8 +137,8 @@ class Downloader:
                 reason = _error_line(error)
                 cause = getattr(error.args[0], "reason", None) if error.args else None
                 if isinstance(cause, NewConnectionError):
-                    unreached += 1
-                if unreached == MAX_UNREACHED:
+                    unreached_count += 1
+                if unreached_count == MAX_FAILED_CONNECTIONS:
                     advice = "is there a network, and is the base address right?"
                     raise LogError(f"{url}: cannot be reached ({reason}); {advice}") from None
             # requests raises ValueError for some addresses
@@ -155,21 +156,22 @@ class Downloader:
     def _resume(self, url: str, path: Path, watch: Progress) -> None:
         """Download the missing bytes of a file; raises TryAgainError if some are still missing."""
         part = Part.of(path)
-        arrived = part.arrived
-        if not arrived or arrived < part.total:
+        arrived_bytes = part.arrived_bytes
+        is_whole = arrived_bytes and arrived_bytes >= part.total_bytes
+        if not is_whole:
             headers: dict[str, str] = {}
-            if arrived:
-                headers = {"Range": f"bytes={arrived}-", "If-Range": part.validator}
+            if arrived_bytes:
+                headers = {"Range": f"bytes={arrived_bytes}-", "If-Range": part.validator}
             with self._answer("GET", url, headers) as answer:
-                part, arrived = _continued(answer, part, arrived)
+                part, arrived_bytes = _continued(answer, part, arrived_bytes)
                 label = path.name
-                if arrived:
-                    label += f" from {100 * arrived / part.total:.0f} %"
-                _append(answer, part, arrived, label, watch)
+                if arrived_bytes:
+                    label += f" from {100 * arrived_bytes / part.total_bytes:.0f} %"
+                _append(answer, part, arrived_bytes, label, watch)
         nbytes = part.path.stat().st_size
-        if nbytes != part.total:
+        if nbytes != part.total_bytes:
             part.drop()
-            raise TryAgainError(f"{nbytes} bytes came of {part.total}")
+            raise TryAgainError(f"{nbytes} bytes came of {part.total_bytes}")
         part.finish(path)
 
     def _answer(self, method: str, url: str, headers: dict[str, str]) -> requests.Response:
@@ -189,9 +191,9 @@ class Downloader:
                 return _checked(answer)
             answer.close()
             location = answer.headers["Location"]
-            allowed = ("https",) if address.startswith("https:") else ("http", "https")
+            allowed_schemes = ("https",) if address.startswith("https:") else ("http", "https")
             address = urljoin(address, location)
-            if urlsplit(address).scheme not in allowed:
+            if urlsplit(address).scheme not in allowed_schemes:
                 raise LogError(
                     f"{url}: sends us on to {location[:200]}, which is not followed; is the base "
                     "address right?"
@@ -206,11 +208,12 @@ def _checked(answer: requests.Response) -> requests.Response:
 
     Raises TryAgainError for one after which another try may succeed, LogError for any other.
     """
+    # 416: the part does not fit the file any more, and `_continued` drops it
     if answer.status_code in (200, 206, 416):
         return answer
     answer.close()
     status = f"{answer.status_code} {answer.reason}"
-    if answer.status_code in RETRIED:
+    if answer.status_code in RETRIED_STATUSES:
         raise TryAgainError(status)
     raise LogError(
         f"{answer.url}: the server says {status}; is there such a sequence, and is the base "
@@ -218,7 +221,7 @@ def _checked(answer: requests.Response) -> requests.Response:
     )
 
 
-def _continued(answer: requests.Response, part: Part, arrived: int) -> tuple[Part, int]:
+def _continued(answer: requests.Response, part: Part, arrived_bytes: int) -> tuple[Part, int]:
     """The part that an answer continues, and how many of its bytes are on disk.
 
     An answer with the whole file begins a new part, of which 0 bytes are on disk. Raises
@@ -230,24 +233,24 @@ def _continued(answer: requests.Response, part: Part, arrived: int) -> tuple[Par
         part = Part(part.path, tag if is_strong else "", _content_length(answer))
         part.begin()
         return part, 0
-    expected_range = f"bytes {arrived}-{part.total - 1}/{part.total}"
+    expected_range = f"bytes {arrived_bytes}-{part.total_bytes - 1}/{part.total_bytes}"
     is_requested_range = answer.headers.get("Content-Range", "").strip() == expected_range
     is_same_version = answer.headers.get("ETag", part.validator) == part.validator
     is_continuation = answer.status_code == 206 and is_requested_range and is_same_version
-    if not arrived or not is_continuation:
+    if not arrived_bytes or not is_continuation:
         part.drop()
         raise TryAgainError(
             f"{answer.status_code} {answer.reason}: the server gives another part than was asked "
             "for"
         )
-    return part, arrived
+    return part, arrived_bytes
 
 
 def _append(
-    answer: requests.Response, part: Part, arrived: int, label: str, watch: Progress
+    answer: requests.Response, part: Part, arrived_bytes: int, label: str, watch: Progress
 ) -> None:
-    """Append the bytes of an answer to a part, of which `arrived` bytes are on disk."""
-    chunk_count = -(-(part.total - arrived) // CHUNK)
+    """Append the bytes of an answer to a part, of which `arrived_bytes` are on disk."""
+    chunk_count = math.ceil((part.total_bytes - arrived_bytes) / CHUNK)
     try:
         with part.path.open("ab") as file:
             for chunk in watch.track(answer.iter_content(CHUNK), chunk_count, label):

@@ -17,6 +17,8 @@ MAX_HEADER_BYTES = 2**20
 """Limit for the header of a member: a longer one is an attack on the memory."""
 MAX_ENTRIES = 10**6
 """Limit for the members of an archive."""
+MAX_PADDING_READS = 2**20
+"""Limit for the reads of MAX_HEADER_BYTES behind the members of an archive, a terabyte in all."""
 
 
 def unpack(path: Path, folder: Path, target: str) -> int:
@@ -30,7 +32,7 @@ def unpack(path: Path, folder: Path, target: str) -> int:
     shutil.rmtree(scratch, ignore_errors=True)
     scratch.mkdir()
     try:
-        files = _extract(path, scratch)
+        file_count = _extract(path, scratch)
         places = sorted(scratch.rglob(target), key=lambda place: len(place.parts))
         if not places:
             raise LogError(f"{path}: holds no {target}; it is not the archive it should be")
@@ -43,7 +45,7 @@ def unpack(path: Path, folder: Path, target: str) -> int:
                     "elsewhere"
                 )
             entry.replace(folder / entry.name)
-        return files
+        return file_count
     except (
         EOFError,
         ValueError,
@@ -77,25 +79,25 @@ def _extract(path: Path, scratch: Path) -> int:
     """Extract every member into `scratch`, verify gzip's checksum, and return the file count."""
     free_bytes = shutil.disk_usage(scratch).free
     unpacked_bytes = 0
-    entries = 0
-    files = 0
+    entry_count = 0
+    file_count = 0
     with Stream(path) as stream, tarfile.open(fileobj=stream, mode="r:") as tar:
         while (member := tar.next()) is not None:
             tar.members = []  # type: ignore[attr-defined]  # or they would accumulate
             _refuse_odd(path, member)
             unpacked_bytes += member.size
-            entries += 1
-            files += member.isreg()
-            if unpacked_bytes > free_bytes or entries > MAX_ENTRIES:
+            entry_count += 1
+            file_count += member.isreg()
+            if unpacked_bytes > free_bytes or entry_count > MAX_ENTRIES:
                 raise LogError(
                     f"{path}: unpacks to more than the {free_bytes / 1e9:.1f} GB free here or to a "
                     "million files; refused"
                 )
             _write_member(tar, member, scratch / member.name)
         # gzip verifies the checksum at the end of the stream, behind the padding of the tar
-        for _ in range(MAX_HEADER_BYTES):
+        for _ in range(MAX_PADDING_READS):
             if not stream.read(MAX_HEADER_BYTES):
-                return files
+                return file_count
     raise LogError(f"{path}: a terabyte of nothing behind its members; refused")
 
 

@@ -71,6 +71,7 @@ class BagWriter:
             self._writer = rosbag1.Writer(path)
         else:
             plugin = rosbag2.StoragePlugin.MCAP if kind == "mcap" else rosbag2.StoragePlugin.SQLITE3
+            # the version is that of metadata.yaml, the older one of the two that rosbags writes
             self._writer = rosbag2.Writer(path, version=8, storage_plugin=plugin)
         self._topics: dict[str, Connection] = {}
 

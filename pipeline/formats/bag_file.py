@@ -25,7 +25,7 @@ from pipeline.formats.bag import TRANSFORMS, typestore
 
 SUFFIXES = (".bag", ".mcap", ".db3")
 """Suffixes of bags that are one file."""
-MCAP = b"\x89MCAP0\r\n"
+MCAP_MAGIC = b"\x89MCAP0\r\n"
 """The first bytes of an MCAP."""
 ALIASES = {"tf/msg/tfMessage": TRANSFORMS}
 """Today's names of message types by their older ones."""
@@ -136,7 +136,8 @@ class BagFile:
                 f"{self.path}: a message of {key.topic} is gone; was the file changed since it was "
                 "opened?"
             )
-        return bytes(message[2])
+        _, _, data = message  # after the connection and the time of receipt
+        return bytes(data)
 
     def decode(self, data: bytes, kind: str) -> Any:
         """A message of the standard type `kind` from its bytes; raises LogError if it is broken."""
@@ -172,7 +173,7 @@ class BagFile:
                 )
             if self.ros == 2 or kind not in self._store.fielddefs:
                 continue
-            standard_md5 = self._store.generate_msgdef(kind)[1]
+            _, standard_md5 = self._store.generate_msgdef(kind)
             if connection.digest not in ("*", standard_md5):
                 md5 = plain(connection.digest, 32)
                 raise LogError(
@@ -214,7 +215,7 @@ def _why(path: Path, error: Exception) -> str:
                 f"a ROS 1 bag of version {version[1].decode()}; only 2.0 can be read: convert it "
                 "with `rosbag fix`"
             )
-        if head.startswith(MCAP) and (profile := _profile(head)) != "ros2":
+        if head.startswith(MCAP_MAGIC) and (profile := _profile(head)) != "ros2":
             advice = "let `ros2 bag record` write it"
             if profile == "ros1":
                 advice = "give the ROS 1 .bag that it was made from"
@@ -228,8 +229,12 @@ def _why(path: Path, error: Exception) -> str:
 
 def _profile(head: bytes) -> str:
     """The profile in the header of an MCAP: the kind of its messages, such as ros2."""
-    size = int.from_bytes(head[17:21], "little")
-    return plain(head[21 : 21 + size].decode("utf-8", "replace"), 40)
+    # before the profile stand MCAP_MAGIC, the record's type (a byte) and length (8 bytes), and the
+    # length of the profile (4 bytes)
+    length_at = len(MCAP_MAGIC) + 1 + 8
+    profile_at = length_at + 4
+    length = int.from_bytes(head[length_at:profile_at], "little")
+    return plain(head[profile_at : profile_at + length].decode("utf-8", "replace"), 40)
 
 
 def _reason(error: Exception) -> str:

@@ -21,6 +21,8 @@ from pipeline.core.errors import LogError
 
 NCLT_BYTES = 8
 """Bytes of NCLT's records: x, y, z as 16-bit integers, intensity, laser id."""
+XYZ_BYTES = 12
+"""Bytes of x, y, z as 32-bit floats."""
 NAMES_BY_COMMONNESS = {
     16: "as KITTI's",
     20: "as nuScenes'",
@@ -31,7 +33,7 @@ NAMES_BY_COMMONNESS = {
 """Layouts that begin with x, y, z as 32-bit floats, by the bytes of a record; commonest first."""
 MIN_POINTS = 50
 """With fewer points distributions are not compared: the commonest layout that fits is taken."""
-WIDTHS = range(12, 65)
+WIDTHS = range(XYZ_BYTES, 65)
 """Widths that are tried."""
 FARTHEST_M = 500.0
 NEAREST_M = 1e-6
@@ -79,7 +81,8 @@ def points(data: bytes, path: Path, width: int | None = None) -> NDArray[np.floa
             f"{path}: {len(data)} bytes are no whole number of {width}-byte points "
             "(reader.point_bytes)"
         )
-    return np.frombuffer(data, np.uint8).reshape(-1, width)[:, :12].copy().view("<f4")
+    records = np.frombuffer(data, np.uint8).reshape(-1, width)
+    return records[:, :XYZ_BYTES].copy().view("<f4")
 
 
 def point_bytes(data: bytes) -> int | None:
@@ -101,16 +104,14 @@ def width_of(data: bytes) -> Width:
     if _is_nclt(data):
         return Width(NCLT_BYTES, is_certain=True)
     points_by_width = _possible_points(data)
-    with_distinct_heights = {
+    distinct_points_by_width = {
         width: xyz_m for width, xyz_m in points_by_width.items() if _heights_differ(xyz_m)
     }
-    is_certain = bool(with_distinct_heights) or len(points_by_width) < 2
-    if not with_distinct_heights and len(data) < MIN_POINTS * max(points_by_width, default=0):
+    is_certain = bool(distinct_points_by_width) or len(points_by_width) < 2
+    if not distinct_points_by_width and len(data) < MIN_POINTS * max(points_by_width, default=0):
         return Width(_commonest(list(points_by_width)), is_certain)
-    spacing_m = {
-        width: _spacing_m(xyz_m)
-        for width, xyz_m in (with_distinct_heights or points_by_width).items()
-    }
+    candidates = distinct_points_by_width or points_by_width
+    spacing_m = {width: _spacing_m(xyz_m) for width, xyz_m in candidates.items()}
     if not spacing_m:
         return Width(None, is_certain)
     # multiples of the right width have nearly its spacing: the smallest of them is right
@@ -133,13 +134,13 @@ def refuse_planar(data: bytes, path: Path) -> None:
     for width in points_by_width:
         if width % 4 == 0 and not _columns_alike(numbers.reshape(-1, width // 4)):
             return
-    for columns in NUMBERS_PER_POINT:
-        if len(numbers) % columns:
+    for column_count in NUMBERS_PER_POINT:
+        if len(numbers) % column_count:
             continue
-        xyz_m = numbers.reshape(columns, -1)[:3].T
+        xyz_m = numbers.reshape(column_count, -1)[:3].T
         if _may_be_points(xyz_m) and _heights_differ(xyz_m):
             remedy = (
-                f"with N numbers a point, {columns} perhaps, `numpy.fromfile(FILE, "
+                f"with N numbers a point, {column_count} perhaps, `numpy.fromfile(FILE, "
                 "'<f4').reshape(N, -1).T.tofile(FILE)`"
             )
             raise LogError(
@@ -167,7 +168,7 @@ def _possible_points(data: bytes) -> dict[int, NDArray[np.float32]]:
             continue
         head_bytes = max(HEAD_BYTES // width, 1) * width
         records = np.frombuffer(data[:head_bytes], np.uint8).reshape(-1, width)
-        xyz_m = records[:, :12].copy().view("<f4")
+        xyz_m = records[:, :XYZ_BYTES].copy().view("<f4")
         if _may_be_points(xyz_m):
             points_by_width[width] = xyz_m
     return points_by_width
@@ -175,9 +176,10 @@ def _possible_points(data: bytes) -> dict[int, NDArray[np.float32]]:
 
 def _may_be_points(xyz_m: NDArray[np.float32]) -> bool:
     """Whether numbers (n, 3) look like the coordinates of points in metres."""
-    size_m = np.abs(xyz_m)
+    magnitudes_m = np.abs(xyz_m)
     with np.errstate(invalid="ignore"):
-        is_likely = (size_m < FARTHEST_M) & ((size_m > NEAREST_M) | (size_m == 0))
+        is_near = magnitudes_m < FARTHEST_M
+        is_likely = is_near & ((magnitudes_m > NEAREST_M) | (magnitudes_m == 0))
     columns_differ = all((before != after).any() for before, after in pairwise(xyz_m.T))
     is_varied = len(xyz_m) < MIN_POINTS or columns_differ
     return bool(is_likely.mean() > LIKELY_SHARE and (xyz_m != 0).any() and is_varied)
@@ -196,16 +198,20 @@ def _columns_alike(rows: NDArray[np.float32]) -> bool:
     return not any(_distributions_differ(first_column, column) for column in finite_rows.T[1:])
 
 
-def _distributions_differ(first: NDArray[np.float32], second: NDArray[np.float32]) -> bool:
+def _distributions_differ(
+    first_sample: NDArray[np.float32], second_sample: NDArray[np.float32]
+) -> bool:
     """Whether two samples (n,) come from two distributions; False for fewer than MIN_POINTS."""
-    if len(first) < MIN_POINTS:
+    if len(first_sample) < MIN_POINTS:
         return False
     # An odd stride meets all lasers of a sensor: an even number of them, whose points alternate.
-    stride = len(first) // MAX_SAMPLES | 1
-    first = first[::stride]
-    second = second[::stride]
-    distance = scipy.stats.ks_2samp(first, second, method="asymp").statistic
-    return bool(distance > MAX_KS_DISTANCE + 1.5 * np.sqrt(2 / len(first)))
+    stride = len(first_sample) // MAX_SAMPLES | 1
+    first_sample = first_sample[::stride]
+    second_sample = second_sample[::stride]
+    distance = scipy.stats.ks_2samp(first_sample, second_sample, method="asymp").statistic
+    # small samples of one distribution differ by chance, about as the root of 2 / their size
+    chance_distance = 1.5 * np.sqrt(2 / len(first_sample))
+    return bool(distance > MAX_KS_DISTANCE + chance_distance)
 
 
 def _commonest(widths: list[int]) -> int | None:

@@ -19,9 +19,11 @@ from numpy.typing import NDArray
 from pipeline.core.errors import LogError
 
 SUFFIXES = (".log.gz", ".log", ".clf.gz", ".clf")
+"""Suffixes of CARMEN logs."""
 LARGEST_BYTES = 2**29
 """Limit for a log, packed and unpacked."""
 CHUNK_BYTES = 2**20
+"""Bytes that are unpacked at a time."""
 MAX_BEAMS = 10_000
 """A record that claims more is damaged."""
 FOV_RAD = np.pi
@@ -53,7 +55,7 @@ class Sweep:
     """x, y in metres and heading in radians (3,) of the robot, in the log's frame."""
     stamp_s: float
     odometry: int
-    """Number of odometry readings before it in the log."""
+    """Number of odometry readings before it in the log, so the index of the reading after it."""
 
 
 @dataclass

@@ -7,7 +7,7 @@ splits its results by how near a query is to such a change.
 import csv
 from collections.abc import Iterable
 from dataclasses import astuple, dataclass, fields
-from math import isfinite, nan
+from math import isfinite
 from pathlib import Path
 
 from pipeline.core.errors import LogError
@@ -57,10 +57,10 @@ def read_changes(path: Path) -> list[Change]:
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
             rows = csv.DictReader(file, skipinitialspace=True)
-            lacks = [name for name in COLUMNS if name not in (rows.fieldnames or ())]
-            if lacks:
+            missing_names = [name for name in COLUMNS if name not in (rows.fieldnames or ())]
+            if missing_names:
                 raise LogError(
-                    f"{path}: its first line names no column {', '.join(lacks)}; expected "
+                    f"{path}: its first line names no column {', '.join(missing_names)}; expected "
                     f"{','.join(COLUMNS)}"
                 )
             return [_change(path, number, row) for number, row in enumerate(rows, 1)]
@@ -73,11 +73,12 @@ def read_changes(path: Path) -> list[Change]:
 def _change(path: Path, number: int, row: dict[str, str]) -> Change:
     """The change in row `number` of a csv; raises LogError for other values."""
     what, from_day, day, x_m, y_m = (row[name] for name in COLUMNS)
+    change: Change | None
     try:
         change = Change(what, int(from_day), int(day), float(x_m), float(y_m))
     except (TypeError, ValueError):
-        change = Change("", 0, 0, nan, nan)
-    if not isfinite(change.x_m + change.y_m):
+        change = None
+    if change is None or not isfinite(change.x_m + change.y_m):
         raise LogError(
             f"{path}: row {number} holds no change; expected a word, two whole days and x, y in "
             "metres"

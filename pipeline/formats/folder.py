@@ -40,6 +40,8 @@ ADVICE_BY_LENGTH = {
     ),
 }
 """What to do with rows that are no TUM poses, by the count of their numbers."""
+LATEST_NS = 2**62
+"""Stamps are 64-bit nanoseconds; a later one (after 2116) is damage."""
 NUMBER_AT_END = re.compile(r"(?<![\d.])\d{1,19}(?:\.\d{1,9})?$", re.ASCII)
 UNIT_BY_DIGITS = {18: "ns", 15: "us", 12: "ms"}
 """The unit of a stamp since 1970, if it has at least so many digits before its point."""
@@ -73,7 +75,8 @@ def stamp_ns(word: str, unit: str) -> int | None:
         stamp = Decimal(word) * UNIT_NS[unit]
     except ArithmeticError:
         return None
-    return round(stamp) if stamp.is_finite() and abs(stamp) < 2**62 else None
+    is_stamp = stamp.is_finite() and abs(stamp) < LATEST_NS
+    return round(stamp) if is_stamp else None
 
 
 def stamp_at_end(stem: str) -> int | None:
@@ -123,13 +126,13 @@ def tum(path: Path, text: str) -> tuple[list[int], NDArray[np.float64]]:
     return stamps, numbers
 
 
-def refuse_array(path: Path, kind: np.dtype[Any], shape: tuple[int, ...]) -> None:
-    """Raise LogError for an array of type `kind` and `shape` without points along its last axis.
+def refuse_array(path: Path, dtype: np.dtype[Any], shape: tuple[int, ...]) -> None:
+    """Raise LogError for an array of type `dtype` and `shape` without points along its last axis.
 
     The error says what to do if the array may hold points along its first axis.
     """
-    array_text = f"found {kind}{shape}"
-    if kind.kind not in "fiu" or kind.itemsize > 8 or len(shape) < 2:
+    array_text = f"found {dtype}{shape}"
+    if dtype.kind not in "fiu" or dtype.itemsize > 8 or len(shape) < 2:
         raise LogError(f"{path}: expected points (n, 3 or more) as numbers, {array_text}")
     if 3 <= shape[-1] <= MAX_COLUMNS:
         return
@@ -162,8 +165,8 @@ def unit_of(word: str) -> str:
 
 def _unit_by_digits(digits: int) -> str:
     """The unit of a stamp since 1970 with so many digits before its point; empty for seconds."""
-    for fewest, unit in UNIT_BY_DIGITS.items():
-        if digits >= fewest:
+    for min_digits, unit in UNIT_BY_DIGITS.items():
+        if digits >= min_digits:
             return unit
     return ""
 
@@ -173,19 +176,19 @@ def _npy(data: bytes, path: Path) -> NDArray[np.float64]:
     file = io.BytesIO(data)
     try:
         read_header = NPY_HEADERS[np.lib.format.read_magic(file)]
-        shape, is_fortran_order, kind = read_header(file)
+        shape, is_fortran_order, dtype = read_header(file)
     except Exception as error:  # the header is a Python literal, whose parser may raise anything
         raise LogError(
             f"{path}: no whole .npy file ({type(error).__name__}); save it anew"
         ) from None
-    refuse_array(path, kind, shape)
+    refuse_array(path, dtype, shape)
     body = memoryview(data)[file.tell() :]
-    expected_bytes = math.prod(shape) * kind.itemsize
+    expected_bytes = math.prod(shape) * dtype.itemsize
     if len(body) != expected_bytes:
         raise LogError(
             f"{path}: {len(body)} bytes of points, {expected_bytes} for its shape {shape}; the "
             "file is damaged"
         )
-    flat = np.frombuffer(body, kind) if expected_bytes else np.empty(0)
+    flat = np.frombuffer(body, dtype) if expected_bytes else np.empty(0)
     array = flat.reshape(shape, order="F" if is_fortran_order else "C")
     return array.reshape(-1, shape[-1])[:, :3].astype(np.float64)

@@ -20,20 +20,25 @@ FARTHEST_M = 1e8
 """A position further than this from its origin is damage: the centre of the Earth is 6.4e6 m
 away."""
 
+MAX_ANGLE_RAD = 1e3
+"""A larger angle of a scanner is damage."""
+
 
 def header(data: bytes, ros: int) -> tuple[int, str]:
     """Stamp in nanoseconds and frame_id of a message that begins with a std_msgs/Header.
 
-    Four bytes precede the stamp: in ROS 1 a counter, in the CDR of ROS 2 an encoding whose second
-    byte is the byte order. After the stamp come the length of the frame_id and its letters. Raises
-    LogError for a message that does not begin so.
+    The stamp begins at byte 4. Before it stands in ROS 1 a counter, in the CDR of ROS 2 an encoding
+    whose second byte is the byte order. After the stamp come the length of the frame_id and its
+    letters. Raises LogError for a message that does not begin so.
     """
     byte_order = "<" if ros == 1 or data[1:2] == b"\1" else ">"
     numbers = "III" if ros == 1 else "iII"
     try:
-        seconds, nanoseconds, length = struct.unpack_from(byte_order + numbers, data, 4)
+        stamp_and_length = struct.Struct(byte_order + numbers)
+        seconds, nanoseconds, length = stamp_and_length.unpack_from(data, 4)
         length = min(length, len(data) + 1)  # struct would try to allocate any length
-        frame = struct.unpack_from(f"{length}s", data, 16)[0].rstrip(b"\0").decode()
+        (letters,) = struct.unpack_from(f"{length}s", data, 4 + stamp_and_length.size)
+        frame = letters.rstrip(b"\0").decode()
     except (struct.error, UnicodeDecodeError):
         raise LogError("a message without a whole header") from None
     if seconds < 0 or nanoseconds >= 10**9:
@@ -75,7 +80,10 @@ def gathered_variance(message: Any, kind: str) -> tuple[float, float]:
     if kind not in (ODOMETRY, POSE_COVARIANCE):
         return np.nan, np.nan
     covariance = message.pose.covariance.reshape(6, 6)
-    return float(covariance[0, 0] + covariance[1, 1]) / 2, float(covariance[5, 5])
+    # rows and columns are x, y, z, and the turns about these axes
+    position = float(covariance[0, 0] + covariance[1, 1]) / 2
+    heading = float(covariance[5, 5])
+    return position, heading
 
 
 def transform_numbers(stamped: Any) -> tuple[float, ...]:
@@ -89,7 +97,7 @@ def poses(numbers: Sequence[tuple[float, ...]]) -> Poses:
     NaN where the position is not on Earth or the quaternion's length is not 1.
     """
     rows = np.array(numbers, np.float64).reshape(-1, 7)
-    with np.errstate(all="ignore"):
+    with np.errstate(all="ignore"):  # of NaN and of overflows, which are no poses either
         is_on_earth = (np.abs(rows[:, :3]) <= FARTHEST_M).all(axis=1)
         is_pose = is_on_earth & (np.abs(np.linalg.norm(rows[:, 3:], axis=1) - 1) < 0.01)
     matrices = np.full((len(rows), 4, 4), np.nan)
@@ -110,7 +118,8 @@ def sweep_points(message: Any) -> NDArray[np.float64]:
     """
     start_rad = message.angle_min
     step_rad = message.angle_increment
-    if not np.isfinite([start_rad, step_rad]).all() or max(abs(start_rad), abs(step_rad)) > 1e3:
+    is_finite = np.isfinite([start_rad, step_rad]).all()
+    if not is_finite or max(abs(start_rad), abs(step_rad)) > MAX_ANGLE_RAD:
         raise LogError(
             f"a LaserScan from {start_rad} rad in steps of {step_rad} rad: no such scanner"
         )

@@ -70,12 +70,12 @@ def read(path: Path) -> GridMap:
     negate = keys.get("negate", 0)
     if negate not in (0, 1):
         raise ArtifactError(f"{path}: negate={negate!s:.60}: expected 0 or 1")
-    occupied = _number(path, keys, "occupied_thresh", OCCUPIED_THRESH)
-    free = _number(path, keys, "free_thresh", FREE_THRESH)
-    if not 0 <= free < occupied <= 1:
+    occupied_thresh = _number(path, keys, "occupied_thresh", OCCUPIED_THRESH)
+    free_thresh = _number(path, keys, "free_thresh", FREE_THRESH)
+    if not 0 <= free_thresh < occupied_thresh <= 1:
         raise ArtifactError(
-            f"{path}: free_thresh={free:g} and occupied_thresh={occupied:g}: expected 0 <= free < "
-            "occupied <= 1"
+            f"{path}: free_thresh={free_thresh:g} and occupied_thresh={occupied_thresh:g}: "
+            "expected 0 <= free < occupied <= 1"
         )
     # 2. from pixels to cells
     shade, is_opaque = _image(path.parent / keys["image"])
@@ -86,9 +86,9 @@ def read(path: Path) -> GridMap:
         share = shade if negate else 1 - shade
         cells = np.full(share.shape, float(UNKNOWN))
         if mode == "scale":
-            cells = np.rint((share - free) / (occupied - free) * 100)
-        cells[share < free] = FREE
-        cells[share > occupied] = OCCUPIED
+            cells = np.rint((share - free_thresh) / (occupied_thresh - free_thresh) * 100)
+        cells[share < free_thresh] = FREE
+        cells[share > occupied_thresh] = OCCUPIED
         if mode == "scale":
             cells[~is_opaque] = UNKNOWN
     # 3. the image begins with its highest row, the grid with its lowest
@@ -165,8 +165,8 @@ def _number(path: Path, keys: dict[str, Any], key: str, default: float = math.na
     """The value of a key; raises ArtifactError if it is no number, or missing without a default."""
     value = keys.get(key, default)
     if not _is_number(value):
-        shown = f"{value!s:.60}" if key in keys else "missing"
-        raise ArtifactError(f"{path}: {key}={shown}: expected a number")
+        value_text = f"{value!s:.60}" if key in keys else "missing"
+        raise ArtifactError(f"{path}: {key}={value_text}: expected a number")
     return float(value)
 
 

@@ -19,6 +19,7 @@ RECORD_BYTES = 8
 PACKET_MAGIC = 44444
 """The number that each of the first four words of a packet in velodyne_hits.bin holds."""
 PACKET_HEADER_BYTES = 24
+"""Bytes of a packet before its first hit."""
 BODY_T_VELODYNE_XYZRPH = (0.002, -0.004, -0.957, 0.807, 0.166, -90.703)
 """x, y, z in metres and roll, pitch, heading in degrees of the lidar in the body frame."""
 
@@ -31,7 +32,7 @@ TRUTH_PLACES = (f"{{sequence}}/{TRUTH}", TRUTH, f"ground_truth/{TRUTH}")
 ODOMETRY_PLACES = (f"{{sequence}}/{ODOMETRY}", f"sensor_data/{{sequence}}/{ODOMETRY}")
 COVARIANCE_PLACES = (f"{{sequence}}/{COVARIANCE}", f"sensor_data/{{sequence}}/{COVARIANCE}")
 """Where the files may lie below the root of the data set, in the order of search."""
-UPPER = np.triu_indices(6)
+UPPER_TRIANGLE = np.triu_indices(6)
 """A row of COVARIANCE is a utime, then the upper triangle, row after row, of the covariance matrix
 of x, y, z, roll, pitch, heading. These are the indices of the triangle in the matrix."""
 COVARIANCE_COLUMNS = 22
@@ -63,7 +64,7 @@ def write_covariance_rows(
 
     Each is the covariance of the motion since the row before.
     """
-    write_rows(path, utimes, covariances[:, *UPPER])
+    write_rows(path, utimes, covariances[:, *UPPER_TRIANGLE])
 
 
 def encode(
@@ -74,8 +75,8 @@ def encode(
     `intensity` and `laser` are (n,).
     """
     record = np.zeros(len(points_m), [("xyz", "<u2", 3), ("intensity", "u1"), ("laser", "u1")])
-    ned = points_m.astype(np.float64) * (1.0, -1.0, -1.0)
-    record["xyz"] = np.rint((ned - OFFSET_M) / GRAIN_M)
+    file_xyz_m = points_m.astype(np.float64) * (1.0, -1.0, -1.0)  # y right, z down
+    record["xyz"] = np.rint((file_xyz_m - OFFSET_M) / GRAIN_M)
     record["intensity"] = intensity
     record["laser"] = laser
     return record.tobytes()
@@ -91,6 +92,7 @@ def decode(words: NDArray[np.uint16], lift_m: float = 0.0) -> NDArray[np.float64
     points = np.empty((words.shape[0] // 4, 3), np.float64)
     metres = points.reshape(-1)
     for i in range(words.shape[0] // 4):
+        # 0.005 is GRAIN_M, −100 is OFFSET_M
         metres[3 * i] = np.int32(words[4 * i]) * 0.005 - 100.0
         # not −(… − 100), which may be −0, whose atan2 differs
         metres[3 * i + 1] = 100.0 - np.int32(words[4 * i + 1]) * 0.005

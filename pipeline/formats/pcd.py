@@ -26,6 +26,8 @@ A file without a DATA line before it is not a PCD.
 """
 MAX_EXPANSION = 88
 """Largest expansion of LZF: three bytes encode at most 264."""
+SIZES_BYTES = 8
+"""Two 32-bit numbers before a compressed block: its packed and its unpacked bytes."""
 AXES = ("x", "y", "z")
 KINDS = {"F": "f", "I": "i", "U": "u"}
 """numpy's kinds of numbers by those of TYPE."""
@@ -60,11 +62,11 @@ class Header:
         ]
 
 
-def decode(data: bytes, path: Path, largest: int) -> NDArray[np.float64]:
+def decode(data: bytes, path: Path, max_bytes: int) -> NDArray[np.float64]:
     """Points (n, 3) from the bytes of a PCD, in its frame and unit, NaN where the file has NaN.
 
     Raises LogError, which names `path`, for a file that is not PCD 0.7, is cut short, or would
-    unpack to more than `largest` bytes.
+    unpack to more than `max_bytes` bytes.
     """
     header = parse(data, path)
     body = memoryview(data)[header.end :]
@@ -73,7 +75,7 @@ def decode(data: bytes, path: Path, largest: int) -> NDArray[np.float64]:
     if header.data == "binary":
         _refuse_wrong_size(path, header, len(body))
         return _xyz(header, body, is_interleaved=True)
-    return _xyz(header, _unpacked(path, header, body, largest), is_interleaved=False)
+    return _xyz(header, _unpacked(path, header, body, max_bytes), is_interleaved=False)
 
 
 def encode(points_m: NDArray[np.floating]) -> bytes:
@@ -125,7 +127,9 @@ def parse(data: bytes, path: Path) -> Header:
     form = " ".join(entries["DATA"])
     if form not in ("ascii", "binary", "binary_compressed"):
         raise LogError(f"{path}: DATA {form}; expected ascii, binary or binary_compressed")
-    return Header(fields, types, tuple(counts), points, form, end)
+    return Header(
+        fields=fields, types=types, counts=tuple(counts), points=points, data=form, end=end
+    )
 
 
 def _type(path: Path, kind: str, size: str) -> str:
@@ -167,7 +171,7 @@ def _refuse_wrong_size(path: Path, header: Header, nbytes: int) -> None:
 def _ascii(header: Header, body: bytes, path: Path) -> NDArray[np.float64]:
     """Points (n, 3) from lines of numbers."""
     first_columns = np.cumsum([0, *header.counts])
-    width = first_columns[-1]
+    column_count = first_columns[-1]
     lines = [line for line in body.decode("ascii", "replace").splitlines() if line.strip()]
     if len(lines) != header.points:
         raise LogError(
@@ -180,36 +184,36 @@ def _ascii(header: Header, body: bytes, path: Path) -> NDArray[np.float64]:
         rows = np.loadtxt(lines, ndmin=2, comments=None)
     except ValueError as error:
         raise LogError(
-            f"{path}: points are lines of {width} numbers; {str(error).splitlines()[0]}"
+            f"{path}: points are lines of {column_count} numbers; {str(error).splitlines()[0]}"
         ) from None
-    if rows.shape[1] != width:
-        raise LogError(f"{path}: a point has {rows.shape[1]} numbers, {width} by its header")
+    if rows.shape[1] != column_count:
+        raise LogError(f"{path}: a point has {rows.shape[1]} numbers, {column_count} by its header")
     return rows[:, first_columns[header.axes()]]
 
 
-def _unpacked(path: Path, header: Header, body: memoryview, largest: int) -> NDArray[np.uint8]:
+def _unpacked(path: Path, header: Header, body: memoryview, max_bytes: int) -> NDArray[np.uint8]:
     """The unpacked bytes of a compressed block.
 
     Before the block stand the sizes of its packed and unpacked bytes. They are checked before
     anything is allocated.
     """
-    if len(body) < 8:
+    if len(body) < SIZES_BYTES:
         raise LogError(f"{path}: no sizes after 'DATA binary_compressed'; the file is cut short")
-    packed_bytes, unpacked_bytes = (int(size) for size in np.frombuffer(body[:8], "<u4"))
+    packed_bytes, unpacked_bytes = (int(size) for size in np.frombuffer(body[:SIZES_BYTES], "<u4"))
     _refuse_wrong_size(path, header, unpacked_bytes)
-    block_end = 8 + packed_bytes
+    block_end = SIZES_BYTES + packed_bytes
     if block_end > len(body) or any(body[block_end:]):  # some writers fill a page with zeros
         raise LogError(
-            f"{path}: its block of {packed_bytes} compressed bytes is {len(body) - 8} bytes long; "
-            "the file is damaged"
+            f"{path}: its block of {packed_bytes} compressed bytes is {len(body) - SIZES_BYTES} "
+            "bytes long; the file is damaged"
         )
-    if unpacked_bytes > min(MAX_EXPANSION * packed_bytes, largest):
+    if unpacked_bytes > min(MAX_EXPANSION * packed_bytes, max_bytes):
         raise LogError(
             f"{path}: claims that {packed_bytes} compressed bytes hold {unpacked_bytes}; the file "
             "is damaged"
         )
     unpacked = np.empty(unpacked_bytes, np.uint8)
-    if not _lzf(np.frombuffer(body[8:block_end], np.uint8), unpacked):
+    if not _lzf(np.frombuffer(body[SIZES_BYTES:block_end], np.uint8), unpacked):
         raise LogError(f"{path}: its compressed block is damaged")
     return unpacked
 
@@ -227,7 +231,9 @@ def _xyz(
         offset = sum(widths[:field])
         start = offset if is_interleaved else offset * points
         step = sum(widths) if is_interleaved else widths[field]
-        xyz[:, axis] = np.ndarray(points, header.types[field], data, start, (step,))
+        xyz[:, axis] = np.ndarray(
+            points, header.types[field], buffer=data, offset=start, strides=(step,)
+        )
     return xyz
 
 
@@ -239,32 +245,32 @@ def _lzf(packed: NDArray[np.uint8], unpacked: NDArray[np.uint8]) -> bool:
     output: its 3 upper bits (and one more byte if they are 7) are the length, its 5 lower bits and
     the next byte the distance back. Copies may overlap their own output.
     """
-    read = np.int64(0)
-    written = np.int64(0)
-    while read < packed.shape[0]:
-        control = np.int64(packed[read])
-        read += 1
-        if control < 32:
+    read_bytes = np.int64(0)
+    written_bytes = np.int64(0)
+    while read_bytes < packed.shape[0]:
+        control = np.int64(packed[read_bytes])
+        read_bytes += 1
+        if control < 32:  # literal bytes follow
             length = control + 1
-            if read + length > packed.shape[0] or written + length > unpacked.shape[0]:
+            if read_bytes + length > packed.shape[0] or written_bytes + length > unpacked.shape[0]:
                 return False
             for i in range(length):
-                unpacked[written + i] = packed[read + i]
-            read += length
+                unpacked[written_bytes + i] = packed[read_bytes + i]
+            read_bytes += length
         else:
             length = (control >> 5) + 2
-            if length == 9:
-                if read >= packed.shape[0]:
+            if length == 9:  # the 3 upper bits are 7
+                if read_bytes >= packed.shape[0]:
                     return False
-                length += np.int64(packed[read])
-                read += 1
-            if read >= packed.shape[0]:
+                length += np.int64(packed[read_bytes])
+                read_bytes += 1
+            if read_bytes >= packed.shape[0]:
                 return False
-            distance = ((control & 31) << 8) + np.int64(packed[read]) + 1
-            read += 1
-            if distance > written or written + length > unpacked.shape[0]:
+            distance = ((control & 31) << 8) + np.int64(packed[read_bytes]) + 1
+            read_bytes += 1
+            if distance > written_bytes or written_bytes + length > unpacked.shape[0]:
                 return False
             for i in range(length):
-                unpacked[written + i] = unpacked[written + i - distance]
-        written += length
-    return bool(written == unpacked.shape[0])
+                unpacked[written_bytes + i] = unpacked[written_bytes + i - distance]
+        written_bytes += length
+    return bool(written_bytes == unpacked.shape[0])

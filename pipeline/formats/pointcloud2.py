@@ -32,11 +32,12 @@ Only newer ROS distributions have 9, 10 and 11 (a truth value in a byte).
 FARTHEST = float(np.finfo(np.float32).max)
 """A larger coordinate, which float32 cannot hold, counts as infinite."""
 
-TIMES = ("t", "time", "timestamp", "offset_time", "time_stamp")
+TIME_FIELDS = ("t", "time", "timestamp", "offset_time", "time_stamp")
 """Names that drivers give to the field with the time of a point."""
-UNITS_S = (1.0, 1e-3, 1e-6, 1e-9)
+TIME_UNITS_S = (1.0, 1e-3, 1e-6, 1e-9)
 """Units that such times may have, in seconds."""
-TURN_S = (0.01, 0.5)
+MIN_TURN_S = 0.01
+MAX_TURN_S = 0.5
 """A LiDAR turns once, or takes one frame, in a time between these."""
 LATEST_OFFSET_S = 3600.0
 """A time farther from 0 than this is no offset from the stamp: it counts from 1970."""
@@ -81,13 +82,13 @@ def decode(message: PointCloud2) -> NDArray[np.floating]:
 def times_s(message: PointCloud2, stamp_ns: int) -> NDArray[np.float64] | None:
     """Seconds (n,) after the stamp of the message at which each point of `decode` was measured.
 
-    None for a message without a field of TIMES whose numbers span what a turn of a LiDAR takes.
+    None for a message that has none of TIME_FIELDS whose numbers span what a turn of a LiDAR takes.
     Ouster's `t` and Livox' `offset_time` are nanoseconds, Velodyne's `time` is in seconds, Hesai's
     `timestamp` in seconds since 1970 and Livox' in nanoseconds since 1970. The unit is the one that
     makes the span of the numbers a turn.
     """
     names = [field.name for field in message.fields]
-    name = next((name for name in TIMES if name in names), None)
+    name = next((name for name in TIME_FIELDS if name in names), None)
     if name is None:
         return None
     times, *xyz = _columns(message, (name, "x", "y", "z"))
@@ -99,8 +100,8 @@ def times_s(message: PointCloud2, stamp_ns: int) -> NDArray[np.float64] | None:
     if not len(point_times) or not np.isfinite(point_times).all():
         return None
     span = float(np.ptp(point_times))
-    for unit_s in UNITS_S:
-        if TURN_S[0] <= span * unit_s <= TURN_S[1]:
+    for unit_s in TIME_UNITS_S:
+        if MIN_TURN_S <= span * unit_s <= MAX_TURN_S:
             seconds = point_times * unit_s
             is_since_1970 = abs(float(seconds[0])) > LATEST_OFFSET_S
             return np.asarray(seconds - stamp_ns / 1e9 if is_since_1970 else seconds)
@@ -113,8 +114,8 @@ def _columns(message: PointCloud2, names: Sequence[str]) -> list[NDArray[Any]]:
     shape = (_rows(message), message.width)
     strides = (_row_bytes(message), message.point_step)
     return [
-        np.ndarray(shape, kind, message.data, offset, strides).reshape(-1)
-        for kind, offset in layouts
+        np.ndarray(shape, dtype, buffer=message.data, offset=offset, strides=strides).reshape(-1)
+        for dtype, offset in layouts
     ]
 
 
@@ -153,11 +154,12 @@ def _row_bytes(message: PointCloud2) -> int:
     if height <= 0 or width <= 0:
         raise LogError(f"PointCloud2 of {height} × {width} points: an empty message")
     for field in message.fields:
-        size = np.dtype(DATATYPES.get(field.datatype, "u1")).itemsize * max(field.count, 1)
-        if field.offset < 0 or field.offset + size > point_bytes:
+        number_bytes = np.dtype(DATATYPES.get(field.datatype, "u1")).itemsize
+        field_end = field.offset + number_bytes * max(field.count, 1)
+        if field.offset < 0 or field_end > point_bytes:
             raise LogError(
-                f"PointCloud2's field {field.name!a:.40} ends at byte {field.offset + size} of "
-                f"points of {point_bytes} bytes"
+                f"PointCloud2's field {field.name!a:.40} ends at byte {field_end} of points of "
+                f"{point_bytes} bytes"
             )
     packed_bytes = width * point_bytes
     nbytes = len(message.data)
