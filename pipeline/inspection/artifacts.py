@@ -39,11 +39,11 @@ def describe_artifact(path: Path, inspection: Inspection) -> None:
     inspection.kind = f"{schema.kind}, version {schema.version}, {size_text} on disk"
     group = store.read(path, schema)
     extents = {name: columns.extent(group[name]) for name in schema.columns}
-    # every column has as many rows as the first: one a scan, submap, query or the like
+    # an artifact is empty if its first column is, which has a row a point, submap or query
     first_column = next(iter(schema.columns))
-    row_count = extents[first_column].shape[0]
+    is_empty = extents[first_column].shape[0] == 0
     inspection.warn_if(
-        not row_count,
+        is_empty,
         f"no rows: {first_column} is empty; every later stage would have nothing to work on",
     )
     may_hold_inf = schema.kind == "rankings"  # the cost of an answer that does not exist

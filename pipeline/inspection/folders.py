@@ -24,8 +24,8 @@ from pipeline.readers.log import Log, Reader
 from pipeline.readers.nclt import Nclt, read_velodyne_sync
 from pipeline.readers.robotcar import RobotCar
 
-FRAMES = "key frames"
-OWN = "another robot's"
+KEY_FRAMES = "key frames"
+OTHER_ROBOT = "another robot's"
 """Names of the data sets that the readers KeyFrames and Folder open."""
 MAX_NAMES = 20
 """Names of files in a folder that are listed."""
@@ -157,7 +157,7 @@ def _describe_own_scans(path: Path, inspection: Inspection) -> None:
 def describe_own_sequence(path: Path, reader: Folder, inspection: Inspection) -> None:
     """Describe a folder of another robot's scans and poses, opened by its reader."""
     root = path.resolve().parent
-    log = describe_opened(inspection, OWN, root, reader, "as its reader opens it")
+    log = describe_opened(inspection, OTHER_ROBOT, root, reader, "as its reader opens it")
     if log is not None:
         survey_log(inspection, log, VEHICLE)
 
@@ -198,8 +198,8 @@ def describe_root(path: Path, folder_reader: Folder, inspection: Inspection) -> 
         "NCLT": Nclt(),
         "RobotCar": RobotCar(),
         "CARMEN": Carmen(),
-        FRAMES: KeyFrames(),
-        OWN: folder_reader,
+        KEY_FRAMES: KeyFrames(),
+        OTHER_ROBOT: folder_reader,
     }
     for name, reader in readers.items():
         sequences = reader.sequences(path)
@@ -259,7 +259,7 @@ def describe_opened(
 def describe_key_frames(path: Path, inspection: Inspection) -> None:
     """Describe a folder with keyframes.txt and its clouds, in the frame of their files."""
     root = path.resolve().parent
-    log = describe_opened(inspection, FRAMES, root, KeyFrames(), "as its reader opens it")
+    log = describe_opened(inspection, KEY_FRAMES, root, KeyFrames(), "as its reader opens it")
     if log is not None:
         frame = "as stored; conf/dataset/nclt_keyframes.yaml turns and raises them"
         survey_log(inspection, log, frame)

@@ -21,9 +21,9 @@ from pipeline.readers.kitti import Kitti
 from pipeline.readers.log import Log
 from pipeline.readers.nclt import Nclt
 
-SCANS = ("scans", "points", "clouds", "velodyne", "velodyne_sync")
+SCAN_FOLDERS = ("scans", "points", "clouds", "velodyne", "velodyne_sync")
 """Names of folders in a log that may hold its scan files."""
-ODOMETRY = ("odometry.txt", "odom.txt")
+ODOMETRY_FILES = ("odometry.txt", "odom.txt")
 """Names of files beside clouds that may hold their odometry."""
 
 
@@ -65,14 +65,14 @@ def open_unposed(path: Path, topic: str | None = None, odometry: str | None = No
 
 def _clouds(path: Path) -> Log:
     """Open a folder of clouds alone, numbered or named by time; raises LogError without clouds."""
-    for scans in (".", *SCANS):
+    for scans in (".", *SCAN_FOLDERS):
         folder = path / scans
         if folder.is_dir() and any(file.suffix in files.SCANS for file in folder.iterdir()):
-            odometry = next((name for name in ODOMETRY if (path / name).is_file()), None)
+            odometry = next((name for name in ODOMETRY_FILES if (path / name).is_file()), None)
             return Folder(scans=scans, poses=None, odometry=odometry).open(path.parent, path.name)
     raise LogError(
         f"{path}: no log: neither a bag nor clouds ({', '.join(files.SCANS)}) in it or in "
-        f"{', '.join(SCANS)}"
+        f"{', '.join(SCAN_FOLDERS)}"
     )
 
 

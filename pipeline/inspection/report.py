@@ -19,7 +19,7 @@ from pipeline.inspection.origin import add_provenance
 from pipeline.readers import keyframes
 from pipeline.readers.folder import Folder
 
-SUPPORTED = (
+SUPPORTED_TEXT = (
     ".zarr, .zarr.zip (a model), .bin, .csv (NCLT poses, RobotCar vo, ins), .txt (KITTI poses, "
     "times, calib; TUM poses), .npy, .pcd, .bag, .mcap, .db3, .log and .clf (CARMEN), or a folder "
     "of these"
@@ -27,7 +27,7 @@ SUPPORTED = (
 """What can be inspected, for an error."""
 SURVEYORS_MAP = "a surveyor's map, not scans: yearloc learns from scans and where each was taken"
 ZSTD = "packed: name the folder of the bag that it belongs to, or unpack it with `zstd -d FILE`"
-FOREIGN = {
+FOREIGN_FORMATS = {
     ".pcap": (
         "packets of a lidar: play them through its driver, and record the points topic with `ros2 "
         "bag record`"
@@ -41,7 +41,7 @@ FOREIGN = {
     ".gz": "packed: unpack it with `gunzip FILE`",
 }
 """For each suffix of a format that yearloc does not read: what it holds, and what to do with it."""
-FILES: dict[str, Callable[[Path, Inspection], None]] = {
+DESCRIBE_BY_PATTERN: dict[str, Callable[[Path, Inspection], None]] = {
     f"*{MODEL}": artifacts.describe_model,
     **{f"*{suffix}": bags.describe_bags for suffix in SUFFIXES},
     "*.pcd": files.describe_pcd_file,
@@ -55,7 +55,7 @@ FILES: dict[str, Callable[[Path, Inspection], None]] = {
 
 The name of a .bin, or of a text with poses or times, does not say enough: its content is looked at.
 """
-TEXTS = (".txt", ".tum", ".csv")
+TEXT_SUFFIXES = (".txt", ".tum", ".csv")
 """Suffixes of texts with poses or times."""
 
 
@@ -117,18 +117,21 @@ def _describe_folder(
 
 def _describe_file(path: Path, as_format: str | None, inspection: Inspection) -> None:
     """Describe a file by its name, else by its content."""
-    describe = next((FILES[pattern] for pattern in FILES if path.match(pattern)), None)
-    if describe is not None:
+    patterns = [pattern for pattern in DESCRIBE_BY_PATTERN if path.match(pattern)]
+    if patterns:
+        describe = DESCRIBE_BY_PATTERN[patterns[0]]
         describe(path, inspection)
     elif path.suffix == ".bin" and path.parent.name in LASERS and as_format is None:
         robotcar.describe_sweep(path, inspection)
     elif path.suffix == ".bin":
         files.describe_scan_file(path, as_format, inspection)
-    elif path.suffix in TEXTS:
+    elif path.suffix in TEXT_SUFFIXES:
         tracks.describe_numbers(path, inspection)
     elif path.name.endswith(carmen.SUFFIXES):
         folders.describe_carmen_log(path, inspection)
-    elif path.suffix in FOREIGN:
-        raise ConfigError(f"{path}: {FOREIGN[path.suffix]}")
+    elif path.suffix in FOREIGN_FORMATS:
+        raise ConfigError(f"{path}: {FOREIGN_FORMATS[path.suffix]}")
     else:
-        raise ConfigError(f"{path}: no kind of file that inspect knows; it looks at {SUPPORTED}")
+        raise ConfigError(
+            f"{path}: no kind of file that inspect knows; it looks at {SUPPORTED_TEXT}"
+        )

@@ -48,8 +48,9 @@ def describe_numbers(path: Path, inspection: Inspection) -> None:
         "[0-9][0-9].txt": describe_kitti_poses,
     }
     describe = by_column_count.get(column_count)
-    if describe is None:
-        describe = next((by_name[pattern] for pattern in by_name if path.match(pattern)), None)
+    patterns = [pattern for pattern in by_name if path.match(pattern)]
+    if describe is None and patterns:
+        describe = by_name[patterns[0]]
     if describe is None:
         expected = "poses have 7 (NCLT), 8 (TUM) or 12 (KITTI) numbers a row, times have 1"
         raise ConfigError(f"{path}: no kind of file that inspect knows: {expected}")
