@@ -249,7 +249,12 @@ def _told(node: ast.AST) -> Iterator[ast.AST]:
             yield from (one.value for one in made.keywords)
         case ast.Raise(exc=ast.expr() as kept):
             yield kept
-        case ast.Call(func=func, args=[*_, text]) if _last(func) in ("warn", "tell", "Symptom"):
+        case ast.Call(func=func, args=[*_, text]) if _last(func) in (
+            "warn",
+            "warn_if",
+            "tell",
+            "Symptom",
+        ):
             yield text
         case ast.Call(func=ast.Name(id="print")) if any(
             ast.unparse(one.value) == "sys.stderr" for one in node.keywords
