@@ -1,15 +1,16 @@
-"""Draws the views of altered queries (METHODS 2.8): one of every submap in each case.
+"""Draws the views of altered queries (METHODS 2.8): for each case, one view of every submap.
 
 An alteration changes points before a view is drawn from them: it turns the robot, removes things or
 adds walls. A case is one such change, made to every query.
 
 - Most views are drawn from a submap's own points, which are altered first.
 - A bird-view is drawn from an octree of many scans. Each scan is altered with its own random
-  numbers, so an earlier scan may fill what the newest one lacks, and leave walls of its own. Turned
-  queries reuse the unaltered map; only the pose is rotated.
+  numbers, so an earlier scan may fill what the newest one lacks, and the walls that are added to it
+  stay in the map. Turned queries reuse the unaltered map; only the pose is rotated.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -58,8 +59,9 @@ def altered(
         drawn = _from_maps(scans, submaps, view, alteration)
     else:
         drawn = _from_points(scans, submaps, view, alteration)
+    # The array of a case is made with its first image, which tells the shape.
     images = dict[Case, NDArray[Any]]()
-    left_rad = {case: np.zeros(len(stamps_ns)) for case in alteration.cases[1:]}
+    left_rad = {case: np.zeros(len(stamps_ns)) for case in _changed_cases(alteration)}
     for row, case, image, turn_rad in drawn:
         if case not in images:
             images[case] = np.empty((len(stamps_ns), *image.shape), image.dtype)
@@ -71,13 +73,18 @@ def altered(
     }
 
 
+def _changed_cases(alteration: Alteration) -> Sequence[Case]:
+    """All cases but the first, which is as driven."""
+    return alteration.cases[1:]
+
+
 def _from_points(
     scans: Scans, submaps: Submaps, view: View, alteration: Alteration
 ) -> Iterator[AlteredImage]:
     """Draw the cases from the submaps' own points, which are gathered once for all cases."""
     stamps_ns = submaps.load("stamps_ns")
     for row, points in enumerate(Drawing(scans, submaps, view).points()):
-        for case in alteration.cases[1:]:
+        for case in _changed_cases(alteration):
             rng = generator(alteration, stamps_ns[row])
             altered_points, left_rad = alteration.alter(case, points, rng)
             yield AlteredImage(row, case, view(altered_points), left_rad)
@@ -92,24 +99,29 @@ def _from_maps(
     """
     stamps_ns = scans.load("stamps_ns")
     anchors = submaps.load("scans")
-    as_driven, *other_cases = alteration.cases
-    turned = [case for case in other_cases if case.change == TURNED]
-    cases_of_map = {as_driven: turned} if turned else {}
-    for case in other_cases:
-        if case not in turned:
-            cases_of_map[case] = [case]
-    for map_case, cases in cases_of_map.items():
+    # Turned cases are drawn from the map of the scans as driven, every other case from its own map.
+    as_driven = alteration.cases[0]
+    changed_cases = _changed_cases(alteration)
+    turned_cases = [case for case in changed_cases if case.change == TURNED]
+    cases_drawn_from_map_of = {as_driven: turned_cases} if turned_cases else {}
+    for case in changed_cases:
+        if case not in turned_cases:
+            cases_drawn_from_map_of[case] = [case]
 
-        def alter(scan: int, points: NDArray[Any], map_case: Case = map_case) -> NDArray[Any]:
-            rng = generator(alteration, stamps_ns[scan])
-            return alteration.alter(map_case, points, rng)[0]
+    def alter(map_case: Case, scan: int, points: NDArray[Any]) -> NDArray[Any]:
+        rng = generator(alteration, stamps_ns[scan])
+        altered_points, _ = alteration.alter(map_case, points, rng)
+        return altered_points
 
-        maps = MappedViews(scans, submaps, view, alter).maps()
-        for row, (points, grown, pose) in enumerate(maps):
+    for map_case, cases in cases_drawn_from_map_of.items():
+        maps = MappedViews(scans, submaps, view, partial(alter, map_case)).maps()
+        for row, (newest_points, octree_map, odom_T_robot) in enumerate(maps):
             for case in cases:
                 left_rad = 0.0
-                if case in turned:
+                if case in turned_cases:
+                    # Only the angle is wanted: the map is seen from a turned pose instead.
                     rng = generator(alteration, stamps_ns[anchors[row]])
-                    _, left_rad = alteration.alter(case, points, rng)
-                turned_pose = pose @ turns(np.array([left_rad]))[0]
-                yield AlteredImage(row, case, view.draw(grown, turned_pose, row), left_rad)
+                    _, left_rad = alteration.alter(case, newest_points, rng)
+                odom_T_turned = odom_T_robot @ turns(np.array([left_rad]))[0]
+                image = view.draw(octree_map, odom_T_turned, number=row)
+                yield AlteredImage(row, case, image, left_rad)

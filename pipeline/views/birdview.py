@@ -41,7 +41,7 @@ class BirdView:
 
     schema: ClassVar[type[schemas.Views]] = schemas.BirdViews
     octree: Octree = field(default_factory=Octree)
-    """The map; a mapping of its fields is taken too."""
+    """The map's settings; a mapping of its fields is taken too."""
     low_m: float = 0.3
     """Height of the band's lower end above the ground: a leaf counts if its middle is in the band.
     The ground is below it."""
@@ -66,7 +66,7 @@ class BirdView:
     def __post_init__(self) -> None:
         if isinstance(self.octree, Mapping):
             octree_fields = dict(self.octree)
-            octree_fields.pop("_target_", None)
+            octree_fields.pop("_target_", None)  # hydra's key for the class, in a yaml
             object.__setattr__(self, "octree", Octree(**octree_fields))
         check(self, "view")
         if self.headings < 8 or self.headings % 8:
@@ -89,93 +89,99 @@ class BirdView:
 
         Raises InputError like `OctreeMap.insert`.
         """
-        grown = self.octree.grow()
-        grown.insert(points_m, np.eye(4))
-        return self.draw(grown, self.standing(points_m, np.eye(4)))
+        octree_map = self.octree.grow()
+        octree_map.insert(points_m, np.eye(4))
+        return self.draw(octree_map, self.standing(points_m, np.eye(4)))
 
     def standing(
         self, points_m: NDArray[np.floating], odom_T_vehicle: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """The robot's pose (4, 4) in odometry, with its z axis turned as `upright` says.
+        """The pose (4, 4) in odometry of a robot that stands as `upright` says; see `draw`.
 
         With `ground`, its origin also lies on the ground that `points_m` (n, 3) show, the newest
         scan in the vehicle's frame. If they show none, the pose is the vehicle's.
         """
-        vehicle_T_ground = np.eye(4)
+        vehicle_T_robot = np.eye(4)
         if self.upright == "odometry":
             odom_R_upright = upright(odom_T_vehicle[:3, 0], np.array([0.0, 0.0, 1.0]))
-            vehicle_T_ground[:3, :3] = odom_T_vehicle[:3, :3].T @ odom_R_upright
+            vehicle_T_robot[:3, :3] = odom_T_vehicle[:3, :3].T @ odom_R_upright
         elif self.upright == "ground":
             is_near = np.hypot(points_m[:, 0], points_m[:, 1]) < self.octree.edge_m / 2
             near_points = points_m[is_near].astype(np.float64)
-            every = max(math.ceil(len(near_points) / POINTS), 1)
+            stride = max(math.ceil(len(near_points) / POINTS), 1)
             ground_plane = plane(
-                near_points[::every],
+                near_points[::stride],
                 NEAR_M,
                 STEEPEST_DEG,
                 PLANES,
                 np.random.default_rng(self.seed),
             )
             if ground_plane:
+                # The plane is a x + b y + z = height_m, so (a, b, 1) is its normal.
                 a, b, height_m = ground_plane
-                vehicle_T_ground[:3, :3] = upright(np.array([1.0, 0.0, 0.0]), np.array([a, b, 1.0]))
-                vehicle_T_ground[2, 3] = height_m
-        pose: NDArray[np.float64] = odom_T_vehicle @ vehicle_T_ground
-        return pose
+                vehicle_T_robot[:3, :3] = upright(np.array([1.0, 0.0, 0.0]), np.array([a, b, 1.0]))
+                vehicle_T_robot[2, 3] = height_m
+        odom_T_robot: NDArray[np.float64] = odom_T_vehicle @ vehicle_T_robot
+        return odom_T_robot
 
     def draw(
-        self, grown: OctreeMap, odom_T_vehicle: NDArray[np.float64], number: int = 0
+        self, octree_map: OctreeMap, odom_T_robot: NDArray[np.float64], number: int = 0
     ) -> NDArray[np.uint8]:
-        """Draw the images (headings, side_px, side_px) around the robot's pose by `standing`.
+        """Draw the images (headings, side_px, side_px) around a robot at its pose by `standing`.
 
-        A pixel is the share of its area that is occupied, from 0 to 255. Row 0 is the front, column
-        0 the left. Image h is what the robot would see if it were turned h · 360° / headings
-        further to the left; a quarter turn is exactly np.rot90(image, −1). The odd headings are
-        drawn around a point beside the robot, `offset_m` of the submap's `number` away.
+        A pixel is the share of its area that is occupied, from 0 to 255. Pixel row 0 is the front,
+        pixel column 0 the left. Image h is what the robot would see if it were turned
+        h · 360° / headings further to the left; a quarter turn is exactly np.rot90(image, −1). The
+        odd headings are drawn around a point beside the robot, moved by `offset_m` of the submap's
+        `number`.
         """
-        columns = self.columns(grown, odom_T_vehicle)
-        yaw_rad = math.atan2(odom_T_vehicle[1, 0], odom_T_vehicle[0, 0])
+        is_occupied = self.columns(octree_map, odom_T_robot)
+        yaw_rad = math.atan2(odom_T_robot[1, 0], odom_T_robot[0, 0])
         c = math.cos(yaw_rad)
         s = math.sin(yaw_rad)
         forward_m, left_m = self.offset_m(number)
-        offset_m = np.array([c * forward_m - s * left_m, s * forward_m + c * left_m])
-        robot = (odom_T_vehicle[:2, 3] - grown.corner_m[:2]) / grown.leaf_m
-        beside_robot = robot + offset_m / grown.leaf_m
+        odom_offset_m = np.array([c * forward_m - s * left_m, s * forward_m + c * left_m])
+        robot = (odom_T_robot[:2, 3] - octree_map.corner_m[:2]) / octree_map.leaf_m
+        beside_robot = robot + odom_offset_m / octree_map.leaf_m
         images = np.empty((self.headings, self.side_px, self.side_px), np.uint8)
+        # There are a multiple of 8 headings, so a quarter of them is even: an odd h stays odd, and
+        # all four quarter turns of an image have the same middle.
         quarter = self.headings // 4
         for h in range(quarter):
-            turned_rad = yaw_rad + 2 * math.pi * h / self.headings
+            heading_rad = yaw_rad + 2 * math.pi * h / self.headings
             middle = beside_robot if h % 2 else robot
             images[h] = _sampled(
-                columns, middle, turned_rad, float(self.octree.side), self.side_px, SAMPLES
+                is_occupied, middle, heading_rad, float(self.octree.side), self.side_px, SAMPLES
             )
             for turns in range(1, 4):
                 images[h + turns * quarter] = np.rot90(images[h], -turns)
         return images
 
-    def columns(self, grown: OctreeMap, odom_T_vehicle: NDArray[np.float64]) -> NDArray[np.uint8]:
-        """1 where a column (side, side), x-major, is occupied in the band of heights, else 0."""
-        leaf_m = grown.leaf_m
-        up = self.up(odom_T_vehicle)
-        ground = (odom_T_vehicle[:3, 3] - grown.corner_m) / leaf_m
-        columns: NDArray[np.uint8] = _occupied_columns(
-            grown.bricks,
-            grown.lowest,
+    def columns(
+        self, octree_map: OctreeMap, odom_T_robot: NDArray[np.float64]
+    ) -> NDArray[np.uint8]:
+        """1 where a column of leaves (side, side), x-major, is occupied in the band, else 0."""
+        leaf_m = octree_map.leaf_m
+        up = self.up(odom_T_robot)
+        ground = (odom_T_robot[:3, 3] - octree_map.corner_m) / leaf_m
+        is_occupied: NDArray[np.uint8] = _occupied_columns(
+            octree_map.bricks,
+            octree_map.lowest,
             self.octree.side,
             ground,
             up,
-            self.low_m / leaf_m,
-            self.high_m / leaf_m,
-            log_odds(self.occupied),
+            low=self.low_m / leaf_m,
+            high=self.high_m / leaf_m,
+            threshold=log_odds(self.occupied),
         )
-        return columns
+        return is_occupied
 
-    def up(self, odom_T_vehicle: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The robot's z axis (3,) in odometry, which is the normal of the ground.
+    def up(self, odom_T_robot: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The robot's z axis (3,) in odometry, along which heights are measured.
 
         Raises InputError for a robot that lies on its side.
         """
-        up = np.array(odom_T_vehicle[:3, 2], np.float64)
+        up = np.array(odom_T_robot[:3, 2], np.float64)
         if not up[2] > 0.5:
             raise InputError(
                 "the robot is tilted by more than 60° against odometry's z axis: no bird's-eye view"
@@ -212,35 +218,38 @@ def _occupied_columns(
     through the point `ground` (3,) with the upward normal `up` (3,). Lengths are in leaves, from
     the cube's corner, which is the leaf `lowest` (3,) of odometry. `threshold` is in log-odds.
     """
-    occupied = np.zeros((side, side), np.uint8)
-    mask = (1 << bricks.levels) - 1
+    is_occupied = np.zeros((side, side), np.uint8)
+    mask = (1 << bricks.levels) - 1  # coordinates wrap around the torus of 2^levels leaves
     for brick in range(bricks.used[0]):
         corner_x, corner_y, corner_z = corner(bricks, brick)
         for column in range(BRICK * BRICK):
-            leaves = bricks.log_odds[brick * LEAVES + column * BRICK :][:BRICK]
+            first_leaf = brick * LEAVES + column * BRICK
+            leaves = bricks.log_odds[first_leaf : first_leaf + BRICK]
             highest = leaves[0]
             for z in range(1, BRICK):
                 highest = max(highest, leaves[z])
             if highest > threshold:
-                # Find the levels from which and up to which the band reaches in this column.
+                # Find the z of the leaf at which the ground crosses this column: its middle is on
+                # the ground if (middle − ground) · up = 0, which is solved for z. Along z, the
+                # band's heights are longer by the slope.
                 x = (corner_x + column // BRICK - lowest[0]) & mask
                 y = (corner_y + column % BRICK - lowest[1]) & mask
-                level = (
+                ground_z = (
                     ground[2]
                     - 0.5
                     - ((x + 0.5 - ground[0]) * up[0] + (y + 0.5 - ground[1]) * up[1]) / up[2]
                 )
-                start = math.ceil(level + low / up[2])
-                stop = math.ceil(level + high / up[2])
+                start = math.ceil(ground_z + low / up[2])
+                stop = math.ceil(ground_z + high / up[2])
                 for z in range(BRICK):
                     if leaves[z] > threshold and start <= (corner_z + z - lowest[2]) & mask < stop:
-                        occupied[x, y] = 1
-    return occupied
+                        is_occupied[x, y] = 1
+    return is_occupied
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _sampled(
-    columns: NDArray[np.uint8],
+    is_occupied: NDArray[np.uint8],
     middle: NDArray[np.float64],
     yaw_rad: float,
     width: float,
@@ -249,16 +258,16 @@ def _sampled(
 ) -> NDArray[np.uint8]:
     """Draw a square of the map as an image (side_px, side_px): row 0 front, column 0 left.
 
-    The square is `width` columns wide, its middle is at `middle` (2,) in columns, and its front
-    looks along `yaw_rad`. A pixel is the share of occupied ones among samples × samples points, 0
-    to 255.
+    `is_occupied` (side, side) is 1 for an occupied column of leaves. The square is `width` leaves
+    wide, its middle is at `middle` (2,) in leaves, and its front looks along `yaw_rad`. A pixel is
+    the share of occupied ones among samples × samples points, 0 to 255.
     """
     image = np.empty((side_px, side_px), np.uint8)
-    side = columns.shape[0]
+    side = is_occupied.shape[0]
     step = width / (side_px * samples)
     front_x = math.cos(yaw_rad) * step
     front_y = math.sin(yaw_rad) * step
-    most = samples * samples
+    points = samples * samples
     edge = 0.5 * (side_px * samples - 1)  # the outermost samples, in steps from the middle
     for row in range(side_px):
         for col in range(side_px):
@@ -270,6 +279,6 @@ def _sampled(
                     x = math.floor(middle[0] + front * front_x - left * front_y)
                     y = math.floor(middle[1] + front * front_y + left * front_x)
                     if 0 <= x < side and 0 <= y < side:
-                        count += columns[x, y]
-            image[row, col] = (510 * count + most) // (2 * most)
+                        count += is_occupied[x, y]
+            image[row, col] = (510 * count + points) // (2 * points)  # 255 count / points, rounded
     return image

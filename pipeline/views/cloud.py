@@ -1,7 +1,8 @@
 """PointNetVLAD's view: the points of a submap in, a fixed number of points around the sensor out.
 
-This is the preprocessing of the SCI paper (RA-L 2019, Sec. IV-B), with the numbers of its author's
-later script (METHODS 3.2):
+The paper of Scan Context Images (SCI; Kim, Park and Kim, RA-L 2019, Sec. IV-B) compares itself with
+PointNetVLAD and prepares the input of its network so. The numbers are those of its author's later
+script (METHODS 3.2):
 
 1. Average the points in small cubes.
 2. Keep those in a cube around the sensor, without the points of the ground.
@@ -44,12 +45,14 @@ class Cloud:
     """Seeds the random numbers of every cloud, so that none depends on those before it."""
 
     def __post_init__(self) -> None:
-        check(self, "view")
+        check(self, "view")  # checks the fields whose types have bounds
         if not 0 <= self.slope_deg <= 90:
             raise ConfigError(f"view.slope_deg={self.slope_deg}: expected an angle from 0 to 90")
 
     def __call__(self, points_m: NDArray[np.floating]) -> NDArray[np.float16]:
-        """Make the cloud (points, 3) of a submap's points (n, 3) in metres, z up from the ground.
+        """Make the cloud (points, 3) of a submap's points (n, 3) in metres.
+
+        They are in the frame of its anchor, the newest scan: the origin is on the ground, z up.
 
         Its points are relative to their mean, in units of `half_m`, clipped to [−1, 1]. Their order
         is random, so that the first m are a sample too. If fewer are left than wanted, all of them
@@ -61,17 +64,25 @@ class Cloud:
         if not np.isfinite(points_m).all():
             raise InputError("a point is NaN or infinite: drop such points first")
         points = np.ascontiguousarray(points_m, np.float64)
+        rng = np.random.default_rng(self.seed)
+
+        # 1. Average the points in small cubes.
         if self.voxel_m > 0 and len(points):
             points = kernels.voxel_means(points, self.voxel_m)
-        rng = np.random.default_rng(self.seed)
+
+        # 2. Keep those around the sensor, without the ground.
         points = points[(np.abs(points) <= self.half_m).all(axis=1)]
         if self.plane_m > 0:
             points = points[~self._is_ground(points, rng)]
         if not len(points):
             return np.zeros((self.points, 3), np.float16)
+
+        # 3. Draw a fixed number of them.
         rows = rng.permutation(len(points))[: self.points]
-        again = rng.integers(len(points), size=self.points - len(rows))
-        points = points[np.concatenate([rows, again])]
+        repeated_rows = rng.integers(len(points), size=self.points - len(rows))
+        points = points[np.concatenate([rows, repeated_rows])]
+
+        # 4. Centre and scale them.
         scaled = (points - points.mean(axis=0)) / self.half_m
         cloud: NDArray[np.float16] = scaled.clip(-1, 1).astype(np.float16)
         return cloud
@@ -83,8 +94,10 @@ class Cloud:
         ground_plane = plane(points, self.plane_m, self.slope_deg, self.iterations, rng)
         if ground_plane is None:
             return np.zeros(len(points), bool)
-        a, b, c = ground_plane
+        # The plane is a x + b y + z = height_m. Distances are measured along z, where the margin is
+        # wider by the slope, and in float32, as `plane` counts the points near it.
+        a, b, height_m = ground_plane
         x, y, z = points.T.astype(np.float32, order="C")
         margin_m = self.plane_m * math.sqrt(a * a + b * b + 1)
-        is_ground: NDArray[np.bool_] = np.abs(a * x + b * y + z - c) < margin_m
+        is_ground: NDArray[np.bool_] = np.abs(a * x + b * y + z - height_m) < margin_m
         return is_ground

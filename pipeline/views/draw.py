@@ -24,7 +24,7 @@ from pipeline.mapping.gathering import submap_points
 
 BLOCK = 64
 """Number of views drawn and written together."""
-SEEN = 0.01
+BLANK_BELOW = 0.01
 """A view whose values are all below this, in metres or its own unit, shows nothing."""
 AS_DRIVEN = [asdict(Case())]
 """The `cases` of an artifact whose queries are as they were driven, not altered."""
@@ -81,7 +81,7 @@ class Drawing:
             path,
             self.view.schema,
             self.submaps,
-            ((images, ~(images < SEEN)) for images in blocks),  # a NaN counts as shown
+            ((images, ~(images < BLANK_BELOW)) for images in blocks),  # a NaN counts as shown
             complaint,
         )
 

@@ -33,7 +33,11 @@ NAN_SAFE = {"reassoc", "contract", "arcp", "nsz", "afn"}
 ZERO = np.float32(0)
 HALF = np.float32(0.5)
 TINY = np.float32(1e-30)
+"""Added to a divisor, so that it is not 0; too small to change any other."""
 HUGE = np.float32(1e12)
+"""Heights beyond this are looked at again in float64, where NaN and infinity are refused."""
+FAR_RINGS = np.float32(2e6)
+"""Bound of a position in rings, which a whole number can hold."""
 SECTOR_ERROR = np.float32(5e-6)
 """Bound on the error of a float32 azimuth, as a share of one turn."""
 RING_ERROR = np.float32(8e-7)
@@ -41,14 +45,15 @@ RING_ERROR = np.float32(8e-7)
 
 
 @njit(cache=True, nogil=True, fastmath=NAN_SAFE, boundscheck=False, error_model="numpy")
-def bin_heights(points, rings, sectors, max_range_m, clamp, least):  # type: ignore[no-untyped-def]
+def bin_heights(points, rings, sectors, max_range_m, clamp, min_points):  # type: ignore[no-untyped-def]
     """Highest z (rings × sectors,) in each bin of points, and whether all points are finite.
 
     `points` (3 n,) are x y z x y z … in float32 or float64; heights are rounded to float32. A bin
-    with fewer than `least` points has height 0. Points beyond `max_range_m` count to the last ring
-    if `clamp`.
+    with fewer than `min_points` points has height 0. Points beyond `max_range_m` count to the last
+    ring if `clamp`.
     """
     bins = rings * sectors
+    # four tables, each with one more entry for the points outside all bins
     stride = uint32(bins + 1)
     table = np.full(4 * stride, LOWEST, np.float32)
     counts = np.zeros(bins + 1, np.uint32)
@@ -57,14 +62,15 @@ def bin_heights(points, rings, sectors, max_range_m, clamp, least):  # type: ign
     ys = np.empty(BLOCK, np.float32)
     zs = np.empty(BLOCK, np.float32)
     is_near_border = np.zeros(BLOCK, np.uint8)
-    unsure = is_near_border.view(np.uint64)  # eight points at a glance
+    eights_near_border = is_near_border.view(np.uint64)  # eight points at a glance
     per_radian = np.float32(sectors / (2 * math.pi))
     per_metre = np.float32(rings / max_range_m)
+    # A position in a bin is sure if it is nearer to the bin's middle than these.
     sector_edge = HALF - SECTOR_ERROR * np.float32(sectors)
     ring_edge = HALF - RING_ERROR * np.float32(rings)
     last_ring = np.int32(rings - 1)
     columns = np.int32(sectors)
-    outside = np.int32(rings - 1) if clamp else np.int32(rings)
+    ring_of_outside = np.int32(rings - 1) if clamp else np.int32(rings)
     outside_bin = np.int32(bins)
     n = points.shape[0] // 3
     for start in range(0, n, BLOCK):
@@ -82,10 +88,10 @@ def bin_heights(points, rings, sectors, max_range_m, clamp, least):  # type: ign
             turn = _azimuth(x, y) * per_radian
             sector = np.int32(turn)
             turn -= np.float32(sector)  # a turn of all sectors is at a border, and redone
-            ring_position = min(np.sqrt(x * x + y * y) * per_metre, np.float32(2e6))
+            ring_position = min(np.sqrt(x * x + y * y) * per_metre, FAR_RINGS)
             ring = np.int32(ring_position)
             ring_position -= np.float32(ring)  # what is cut is at a border, and redone
-            ring = ring if ring <= last_ring else outside
+            ring = ring if ring <= last_ring else ring_of_outside
             ids[i] = uint32(ring * columns + sector if ring <= last_ring else outside_bin)
             is_sure = (
                 (abs(turn - HALF) <= sector_edge)
@@ -93,9 +99,9 @@ def bin_heights(points, rings, sectors, max_range_m, clamp, least):  # type: ign
                 & (abs(zs[i]) < HUGE)
             )
             is_near_border[i] = np.uint8(not is_sure)
-        # 3. Do these again in float64.
+        # 3. Find the bins of unsure points again in float64.
         for eight in range((m + 7) // 8):
-            if unsure[eight]:
+            if eights_near_border[eight]:
                 for i in range(8 * eight, min(8 * eight + 8, m)):
                     if is_near_border[i]:
                         x = np.float64(block[3 * i])
@@ -105,7 +111,7 @@ def bin_heights(points, rings, sectors, max_range_m, clamp, least):  # type: ign
                             return table[:bins], False
                         ids[i] = _exact_bin(x, y, rings, sectors, max_range_m, clamp)
         # Count the points of each bin, if a bin needs more than one.
-        if least > 1:
+        if min_points > 1:
             for i in range(m):
                 counts[ids[i]] += uint32(1)
         # 4. Raise the bins' heights, every fourth point in the same one of four tables.
@@ -127,7 +133,9 @@ def bin_heights(points, rings, sectors, max_range_m, clamp, least):  # type: ign
             max(table[k], table[k + stride]),
             max(table[k + uint32(2) * stride], table[k + uint32(3) * stride]),
         )
-        table[k] = height if height > LOWEST and (least <= 1 or counts[k] >= least) else ZERO
+        table[k] = (
+            height if height > LOWEST and (min_points <= 1 or counts[k] >= min_points) else ZERO
+        )
     return table[:bins], True
 
 
@@ -240,7 +248,7 @@ def voxel_means(points: NDArray[np.floating], side_m: float) -> NDArray[np.float
 
 @njit(cache=True, nogil=True)
 def _wider(keys, cubes):  # type: ignore[no-untyped-def]
-    """The same hash table with four times as many slots."""
+    """The same hash table with four times as many slots; `voxel_means` explains both arrays."""
     new_keys = np.empty(4 * keys.shape[0], np.int64)
     new_cubes = np.full(4 * cubes.shape[0], -1, np.int32)
     for old_slot in range(cubes.shape[0]):

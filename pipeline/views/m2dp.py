@@ -82,7 +82,16 @@ class M2dp:
             place = kernel.PLACE
         axes = principal_axes(scatter)
         plane_axes = planes(self.azimuths, self.elevations)
-        tables = kernel.bin_counts(points, mean, axes, farthest_m, plane_axes, radii, angles, place)
+        tables = kernel.bin_counts(
+            points,
+            mean,
+            axes,
+            farthest_m,
+            planes=plane_axes,
+            radii=radii,
+            angles=angles,
+            place=place,
+        )
         tables = tables.reshape(n_planes, kernel.COPIES, self.circles, self.sectors)
         counts: NDArray[np.int64] = tables.sum(axis=1, dtype=np.int64)[..., place]
         return counts.reshape(n_planes, -1)
@@ -94,7 +103,8 @@ def principal_axes(scatter: NDArray[np.float64]) -> NDArray[np.float64]:
     The largest coefficient of each axis is positive, as in Matlab. So they may be left-handed, and
     a turn of the cloud may flip one.
     """
-    axes: NDArray[np.float64] = np.linalg.eigh(scatter)[1][:, ::-1]
+    _, axes_by_rising_variance = np.linalg.eigh(scatter)
+    axes: NDArray[np.float64] = axes_by_rising_variance[:, ::-1]
     largest_coefficients = axes[np.abs(axes).argmax(axis=0), range(3)]
     flipped: NDArray[np.float64] = np.ascontiguousarray(axes * np.sign(largest_coefficients))
     return flipped
@@ -104,8 +114,8 @@ def principal_axes(scatter: NDArray[np.float64]) -> NDArray[np.float64]:
 def planes(azimuths: int, elevations: int) -> NDArray[np.float64]:
     """The two axes (plane, 2, 3) of each plane, in the principal axes.
 
-    The first is e_x without its part along the normal, not brought to length 1; the second is the
-    cross product of the normal and the first.
+    The first is the x axis without its part along the normal, not brought to length 1; the second
+    is the cross product of the normal and the first.
     """
     azimuth = np.repeat(np.linspace(-np.pi / 2, np.pi / 2, azimuths), elevations)
     elevation = np.tile(np.linspace(0, np.pi / 2, elevations), azimuths)
@@ -117,5 +127,6 @@ def planes(azimuths: int, elevations: int) -> NDArray[np.float64]:
         ],
         axis=1,
     )
+    # x axis − (x axis · normal) normal, where x axis · normal is the normal's first number
     x = np.eye(3)[0] - normal[:, :1] * normal
     return np.stack([x, np.cross(normal, x)], axis=1)

@@ -33,9 +33,9 @@ ZERO = np.float32(0)
 HALF = np.float32(0.5)
 ERROR = np.float32(1e-6)
 """Bound on the error of a float32 coordinate or slope, in units of the largest distance."""
-ROUNDS = 10_000
-"""Most rounds of the power iteration."""
-CLOSE = 1e-12
+MAX_ROUNDS = 10_000
+"""Largest number of rounds of the power iteration."""
+SMALL_CHANGE = 1e-12
 """The power iteration ends once no number changes by as much as this."""
 NAN_SAFE = {"reassoc", "contract", "arcp", "nsz", "afn"}
 """The fast-math in which NaN and infinity keep their meaning."""
@@ -92,11 +92,14 @@ def bin_counts(  # type: ignore[no-untyped-def]
     zs = np.empty(BLOCK, np.float32)
     ids = np.empty(BLOCK, np.uint32)
     is_near_border = np.empty(BLOCK, np.uint8)
-    quick = sectors == QUICK
+    is_quick = sectors == QUICK
     unit = 1.0 / farthest_m
     n_circles = np.float32(circles)
     last_ring = np.int32(circles - 1)
     columns = np.int32(sectors)
+    # A position in a ring is sure if it is nearer to the ring's middle than this. The position is
+    # circles · √r, of slope circles / (2 √r), which is at most circles² / 2 from the border of the
+    # innermost circle on; so twice the error of r is allowed for.
     edge = HALF - ERROR * np.float32(circles * circles)
     for start in range(0, n, BLOCK):
         m = min(BLOCK, n - start)
@@ -142,13 +145,13 @@ def bin_counts(  # type: ignore[no-untyped-def]
                 ids[i] = uint32(ring * columns + code)
                 margin = min(min(low, high - low), abs(slope))
                 is_near_border[i] = np.uint8((margin < ERROR) | (abs(ring_position - HALF) > edge))
-            # 3. Do these again in float64, or all of them.
-            unsure = np.int32(0)
+            # 3. Find the bins of unsure points again in float64, or those of all points.
+            unsure_points = np.int32(0)
             for i in range(m):
-                unsure += np.int32(is_near_border[i])
-            if unsure > 0 or not quick:
+                unsure_points += np.int32(is_near_border[i])
+            if unsure_points > 0 or not is_quick:
                 for i in range(m):
-                    if is_near_border[i] or not quick:
+                    if is_near_border[i] or not is_quick:
                         x = exact[i, 0]
                         y = exact[i, 1]
                         z = exact[i, 2]
@@ -175,7 +178,7 @@ def leading(shares):  # type: ignore[no-untyped-def]
     m, n = shares.shape
     left = np.full(m, 1 / math.sqrt(m))
     right = np.empty(n)
-    for _ in range(ROUNDS):
+    for _ in range(MAX_ROUNDS):
         right[:] = 0.0
         length = change = 0.0
         for i in range(m):
@@ -194,7 +197,7 @@ def leading(shares):  # type: ignore[no-untyped-def]
         for i in range(m):
             change = max(change, abs(new_left[i] - left[i]))
         left = new_left
-        if change < CLOSE:
+        if change < SMALL_CHANGE:
             break
     return left, right
 

@@ -35,8 +35,8 @@ class MappedViews:
 
     def __iter__(self) -> Iterator[NDArray[np.uint8]]:
         """Yield the images (heading, row, column) of each submap."""
-        for number, (_, grown, pose) in enumerate(self.maps()):
-            yield self.view.draw(grown, pose, number)
+        for number, (_, octree_map, odom_T_robot) in enumerate(self.maps()):
+            yield self.view.draw(octree_map, odom_T_robot, number)
 
     def write(self, path: Path) -> str:
         """Write all views as an artifact to `path`; returns a line on how many, of what shape.
@@ -48,6 +48,7 @@ class MappedViews:
             path,
             BirdViews,
             self.submaps,
+            # A block is one submap, and shows something if its first heading does.
             ((images[None], images[:1] > 0) for images in self),
             complaint,
         )
@@ -55,9 +56,10 @@ class MappedViews:
     def maps(self) -> Iterator[tuple[NDArray[np.float64], OctreeMap, Poses]]:
         """Yield, at each submap's anchor, its points (n, 3), the map, and the robot's pose (4, 4).
 
-        The map is always the same object, which goes on growing. Poses are those of the log's
-        odometry, or the true ones if it has none at all. A scan without odometry, as after a break,
-        gets a map of its own, and the next scan begins a new one.
+        The points are those of the anchor's scan, and the pose is by `BirdView.standing`, in the
+        map's frame. The map is one object, which goes on growing until odometry breaks. Poses are
+        those of the log's odometry, or the true ones if it has none at all. A scan without
+        odometry, as after a break, gets a map of its own, and the next scan begins a new one.
         """
         odom_T_scan = self.scans.load("odom_T_scan")
         if not np.isfinite(odom_T_scan).all(axis=(1, 2)).any():
@@ -65,7 +67,7 @@ class MappedViews:
         variances = motion_variances(self.scans.load("odom_variance"))
         anchors = self.submaps.load("scans")
         ground_m = self.submaps.load("ground_m")
-        grown = self.view.octree.grow()
+        octree_map = self.view.octree.grow()
         number = 0
         for row, points in scan_points(self.scans, 0, int(anchors[-1]) + 1):
             # 1. Put the scan on the ground, and alter it if wanted.
@@ -77,30 +79,30 @@ class MappedViews:
 
             # 2. Insert it into the map at its pose.
             has_odometry = np.isfinite(odom_T_scan[row]).all()
-            pose = scan_T_ground
+            odom_T_ground = scan_T_ground
             if has_odometry:
-                pose = odom_T_scan[row] @ scan_T_ground
+                odom_T_ground = odom_T_scan[row] @ scan_T_ground
             else:
-                grown = self.view.octree.grow()
-            grown.insert(points, pose, variances[row])
+                octree_map = self.view.octree.grow()
+            octree_map.insert(points, odom_T_ground, variances[row])
 
             # 3. At an anchor, show the map.
             if anchors[number] == row:
-                yield points, grown, self.view.standing(points, pose)
+                yield points, octree_map, self.view.standing(points, odom_T_ground)
                 number += 1
             if not has_odometry:
-                grown = self.view.octree.grow()
+                octree_map = self.view.octree.grow()
 
 
-def motion_variances(gathered: NDArray[np.float64]) -> list[Variance | None]:
+def motion_variances(odom_variance: NDArray[np.float64]) -> list[Variance | None]:
     """The variances of each scan's motion since the scan before, or None if the log gives none.
 
-    `gathered` (scan, 2) is what odometry's variances of position and heading have grown to by each
-    scan. A motion has what they grew by. Where they do not grow, as many drivers send them, they
-    say nothing of the motion.
+    `odom_variance` (scan, 2) is what odometry's variances of position and heading have grown to by
+    each scan. A motion has what they grew by. Where they do not grow, as many drivers send them,
+    they say nothing of the motion.
     """
     variances: list[Variance | None] = []
-    for position_m2, heading_rad2 in np.diff(gathered, axis=0, prepend=np.nan).tolist():
+    for position_m2, heading_rad2 in np.diff(odom_variance, axis=0, prepend=np.nan).tolist():
         if position_m2 > 0 and heading_rad2 > 0:
             variances.append((position_m2, heading_rad2))
         else:

@@ -63,15 +63,15 @@ class ScanContext:
             if not np.isfinite(points).all():
                 raise InputError("a point is NaN or infinite: drop such points first")
             points = kernels.voxel_means(points, self.voxel_m)
-        heights, finite = kernels.bin_heights(
+        heights, is_finite = kernels.bin_heights(
             points.reshape(-1),
             self.rings,
             self.sectors,
             self.max_range_m,
-            self.beyond == "last_ring",
-            self.min_points,
+            clamp=self.beyond == "last_ring",
+            min_points=self.min_points,
         )
-        if not finite:
+        if not is_finite:
             raise InputError("a point is NaN or infinite: drop such points first")
         image: NDArray[np.float32] = heights.reshape(self.shape)
         return image
