@@ -61,7 +61,7 @@ def kept(scans: store.Artifact, view: BirdView) -> float:
     moved_m, turned_deg = distance_and_turn(poses[:-1], poses[1:])
     said = motion_variances(scans.load("odom_variance"))[1:]
     motions = zip(moved_m, np.radians(turned_deg), said, strict=True)
-    return float(np.nanmedian([view.octree.kept(*motion) for motion in motions]))
+    return float(np.nanmedian([view.octree.kept_share(*motion) for motion in motions]))
 
 
 def _right(evidence: Evidence) -> str:

@@ -20,7 +20,7 @@ from pipeline.level.fix import LevelFix, LevelFixer
 from pipeline.level.level_map import Drawing
 from pipeline.level.sweeps import Gathered, Gatherer
 from pipeline.level.verdict import LevelEvidence
-from pipeline.mapping.appearance import LOOKED_AT, is_level
+from pipeline.mapping.appearance import MEASURED_SUBMAPS, is_level
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class Sweeps:
     @property
     def is_level(self) -> bool:
         """Whether the laser is level, judged by some of the sweeps."""
-        rows = np.unique(np.linspace(0, len(self.world_T_sweep) - 1, LOOKED_AT).astype(int))
+        rows = np.unique(np.linspace(0, len(self.world_T_sweep) - 1, MEASURED_SUBMAPS).astype(int))
         return is_level(self.points(row) for row in rows.tolist())
 
     def step(self, row: int) -> NDArray[np.float64] | None:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pipeline.core.schemas import PoseColumn, Scans
 from pipeline.mapping.gathering import Gathering
 
-LOOKED_AT = 9
+MEASURED_SUBMAPS = 9
 """Number of submaps that are measured, evenly spread over a sequence."""
 SAMPLED_POINTS = 2000
 """Number of a scan's points that are enough to measure its thickness."""
@@ -45,8 +45,11 @@ def appearance(
     the poses `layout`. `ground_m` (submap,) is subtracted from all heights.
     """
     measures = []
-    looked_at = np.unique(np.linspace(0, len(last) - 1, LOOKED_AT).astype(int)) if len(last) else ()
-    for row in looked_at:
+    measured_rows = []
+    if len(last):
+        spread = np.linspace(0, len(last) - 1, MEASURED_SUBMAPS).astype(int)
+        measured_rows = np.unique(spread).tolist()
+    for row in measured_rows:
         rows = slice(row, row + 1)
         gathering = Gathering(scans, layout, first[rows], last[rows], ground_m[rows], used)
         points = next(iter(gathering))
@@ -76,6 +79,7 @@ def thickness(points: NDArray[np.floating]) -> float:
     """
     if len(points) <= 3:
         return 1.0
+    # The least eigenvalue is the variance along the normal of the plane.
     variances = np.linalg.eigvalsh(np.cov(points.T)).clip(0)
     return float(np.sqrt(variances)[0])
 
@@ -90,10 +94,11 @@ def ground(points: NDArray[np.float64], range_m: NDArray[np.float64]) -> float:
     if len(near_z_m) < NEAR_POINTS:
         near_z_m = points[:, 2]
     # The densest of all bands 0.25 m high, in steps of 0.05 m; then the median around its middle.
+    # Points 20 m from the median are strays, which would make the histogram long.
     z_m = near_z_m[np.abs(near_z_m - np.median(near_z_m)) < 20.0]
     edges = np.arange(z_m.min() - 0.3, z_m.max() + 0.4, 0.05)
     counts = np.convolve(np.histogram(z_m, edges)[0], np.ones(5), "same")
-    centre = float(edges[counts.argmax()] + 0.025)
+    centre = float(edges[counts.argmax()] + 0.025)  # the middle of the band's middle step
     return float(np.median(z_m[np.abs(z_m - centre) <= 0.2]))
 
 

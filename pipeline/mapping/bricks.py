@@ -20,11 +20,11 @@ BRICK = 1 << BITS
 """Leaves along an edge of a brick. Bricks of 16³ were no faster on KITTI's scans."""
 LEAVES = 1 << 3 * BITS
 """Leaves of a brick."""
-NONE = np.int32(-1)
+NO_BRICK = np.int32(-1)
 """Entry of the table where there is no brick."""
-SPARE = 1.5
+SPARE_FACTOR = 1.5
 """Capacity of new pools, relative to what is needed."""
-IDLE = 4.0
+IDLE_FACTOR = 4.0
 """Pools are made smaller once their capacity is more than this many times what is needed."""
 
 
@@ -38,7 +38,7 @@ class Bricks(NamedTuple):
     levels: int
     """There are 2^levels leaves around each axis of the torus."""
     table: NDArray[np.int32]
-    """(place,) where the leaves of the brick at each place begin in the pools, or NONE."""
+    """(place,) where the leaves of the brick at each place begin in the pools, or NO_BRICK."""
     places: NDArray[np.int32]
     """(capacity,) the place of each brick on the torus."""
     log_odds: NDArray[np.float32]
@@ -58,23 +58,23 @@ class Bricks(NamedTuple):
 def empty(side: int) -> Bricks:
     """Bricks of which none is in use, for a cube of `side` leaves, a power of two."""
     levels = max(side.bit_length() - 1, BITS)
-    table = np.full(8 ** (levels - BITS), NONE)
+    table = np.full(8 ** (levels - BITS), NO_BRICK)
     return Bricks(
         levels,
         table,
-        np.empty(0, np.int32),
-        np.empty(0, np.float32),
-        np.empty(0, np.uint8),
-        np.zeros(1, np.int64),
+        places=np.empty(0, np.int32),
+        log_odds=np.empty(0, np.float32),
+        marks=np.empty(0, np.uint8),
+        used=np.zeros(1, np.int64),
     )
 
 
 def with_room(bricks: Bricks, extra: int) -> Bricks:
     """The same bricks with room for `extra` more, in new pools if theirs are too small or large."""
     n_used = int(bricks.used[0])
-    if n_used + extra <= len(bricks.places) <= IDLE * (n_used + extra):
+    if n_used + extra <= len(bricks.places) <= IDLE_FACTOR * (n_used + extra):
         return bricks
-    capacity = int(SPARE * (n_used + extra))
+    capacity = int(SPARE_FACTOR * (n_used + extra))
     places = np.zeros(capacity, np.int32)
     log_odds = np.zeros(capacity * LEAVES, np.float32)
     marks = np.zeros(capacity * LEAVES, np.uint8)
@@ -86,39 +86,43 @@ def with_room(bricks: Bricks, extra: int) -> Bricks:
 
 def bricks_of_a_ray(bricks: Bricks) -> int:
     """How many bricks a ray within the cube touches at most, including that of its end."""
-    axis = 1 << (bricks.levels - BITS)
-    return min(3 * axis + 2, axis**3)
+    bricks_per_axis = 1 << (bricks.levels - BITS)
+    # A ray crosses at most `bricks_per_axis` borders of bricks on each axis, and begins in one more
+    # brick; its end may be in another. There are no more than those of the whole torus.
+    return min(3 * bricks_per_axis + 2, bricks_per_axis**3)
 
 
-def dense(bricks: Bricks, lowest: NDArray[np.int64], side: int) -> NDArray[np.float32]:
-    """Log-odds (side, side, side), x-major, of the cube whose lowest leaf is `lowest` (3,).
+def dense(bricks: Bricks, lowest_leaf: NDArray[np.int64], side: int) -> NDArray[np.float32]:
+    """Log-odds (side, side, side), x-major, of the cube whose lowest leaf is `lowest_leaf` (3,).
 
     Leaves are counted from the origin of odometry.
     """
     n_used = int(bricks.used[0])
-    axis = 1 << (bricks.levels - BITS)
-    torus = np.zeros((axis,) * 3 + (BRICK,) * 3, np.float32)
+    bricks_per_axis = 1 << (bricks.levels - BITS)
+    # (brick x, brick y, brick z, leaf x, leaf y, leaf z), then the two axes of each kind together
+    torus = np.zeros((bricks_per_axis,) * 3 + (BRICK,) * 3, np.float32)
     torus.reshape(-1, LEAVES)[bricks.places[:n_used]] = bricks.log_odds.reshape(-1, LEAVES)[:n_used]
-    leaves = torus.transpose(0, 3, 1, 4, 2, 5).reshape((axis * BRICK,) * 3)
-    return np.roll(leaves, -lowest, (0, 1, 2))[:side, :side, :side]
+    leaves = torus.transpose(0, 3, 1, 4, 2, 5).reshape((bricks_per_axis * BRICK,) * 3)
+    return np.roll(leaves, -lowest_leaf, (0, 1, 2))[:side, :side, :side]
 
 
 @njit(inline="always", error_model="numpy")
-def part_of_key(cell, axis, levels):  # type: ignore[no-untyped-def]
-    """The bits of a leaf's key that its coordinate `cell` on one axis (0, 1 or 2) sets.
+def part_of_key(coordinate, axis, levels):  # type: ignore[no-untyped-def]
+    """The bits of a leaf's key that its `coordinate` on one axis (0, 1 or 2) sets.
 
     A leaf's key is the three parts of its axes, joined by OR.
     """
-    place = (cell >> BITS) & ((1 << (levels - BITS)) - 1)
+    # The last axis, z, has the lowest bits, both of the brick's place and of the leaf in the brick.
+    place = (coordinate >> BITS) & ((1 << (levels - BITS)) - 1)
     return (place << (3 * BITS + (2 - axis) * (levels - BITS))) | (
-        (cell & (BRICK - 1)) << ((2 - axis) * BITS)
+        (coordinate & (BRICK - 1)) << ((2 - axis) * BITS)
     )
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def corner(bricks, brick):  # type: ignore[no-untyped-def]
     """Coordinates x, y, z on the torus of the lowest leaf of brick number `brick`."""
-    bits = bricks.levels - BITS
+    bits = bricks.levels - BITS  # of the place on each axis, x highest
     place = np.int64(bricks.places[brick])
     mask = (1 << bits) - 1
     return (place >> 2 * bits) << BITS, ((place >> bits) & mask) << BITS, (place & mask) << BITS
@@ -149,7 +153,7 @@ def free(bricks: Bricks, brick: int) -> None:
     used = bricks.used
     used[0] -= 1
     last_brick = used[0]
-    table[places[brick]] = NONE
+    table[places[brick]] = NO_BRICK
     if brick != last_brick:
         table[places[last_brick]] = brick * LEAVES
         places[brick] = places[last_brick]

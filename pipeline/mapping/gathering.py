@@ -48,7 +48,8 @@ class Gathering:
         start_T_scan = self.scans.load(self.layout)
         scans = scan_points(self.scans, int(self.first[0]), int(self.last[-1]) + 1)
         used_scans = ((row, points) for row, points in scans if self.used[row])
-        window: deque[tuple[int, NDArray[np.float64]]] = deque()  # rows, and points as laid out
+        # the rows of the scans in the window, and their points in the frame of the start
+        window: deque[tuple[int, NDArray[np.float64]]] = deque()
         for first_scan, last_scan, ground_m in zip(
             self.first, self.last, self.ground_m, strict=True
         ):
@@ -73,11 +74,11 @@ def scan_points(scans: Scans, start: int, stop: int) -> Iterator[tuple[int, NDAr
     offsets = scans.offsets
     grain_m = scans.grain_m
     for block_start in range(start, stop, BLOCK):
-        end = min(block_start + BLOCK, stop)
-        points = scans["points"][offsets[block_start] : offsets[end]] * grain_m
-        block_offsets = offsets[block_start : end + 1] - offsets[block_start]
-        for row, (first, last) in enumerate(pairwise(block_offsets), start=block_start):
-            yield row, points[first:last]
+        block_stop = min(block_start + BLOCK, stop)
+        points = scans["points"][offsets[block_start] : offsets[block_stop]] * grain_m
+        block_offsets = offsets[block_start : block_stop + 1] - offsets[block_start]
+        for row, (scan_start, scan_stop) in enumerate(pairwise(block_offsets), start=block_start):
+            yield row, points[scan_start:scan_stop]
 
 
 def submap_points(scans: Scans, submaps: Submaps, rows: slice) -> Iterator[NDArray[np.float64]]:
@@ -92,6 +93,7 @@ def submap_points(scans: Scans, submaps: Submaps, rows: slice) -> Iterator[NDArr
     if (first != last).any():
         yield from Gathering(scans, submaps.layout, first, last, ground_m, submaps.used)
         return
+    # Scan i has the points from offset i to before offset i + 1.
     offsets = np.asarray(scans["offsets"][last[0] : last[-1] + 2])
     points = np.asarray(scans["points"][offsets[0] : offsets[-1]])
     for row, height_m in zip(last - last[0], ground_m, strict=True):

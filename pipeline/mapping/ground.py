@@ -35,18 +35,17 @@ def plane(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _plane(x, y, z, corners, near_m, least_upright):  # type: ignore[no-untyped-def]
+def _plane(x, y, z, corners, near_m, min_normal_z):  # type: ignore[no-untyped-def]
     """Return a, b, c of the best plane; c is infinite if there is none.
 
-    `x`, `y`, `z` (n,) are the points, and `corners` (tried, 3) the rows of three points for each
-    plane. The unit normal of a plane must have a z of at least `least_upright`.
+    `x`, `y`, `z` (n,) are the points, and `corners` (plane, 3) the rows of the three points of each
+    plane. The unit normal of a plane must have a z of at least `min_normal_z`.
     """
     n = len(x)
-    most_points = np.int32(0)
+    most_points = np.int32(0)  # near the best plane
     a_best = np.float32(0)
     b_best = np.float32(0)
     c_best = np.float32(np.inf)
-    missed = 1.0
     for number in range(len(corners)):
         i, j, k = corners[number]
         ux = x[j] - x[i]
@@ -55,12 +54,12 @@ def _plane(x, y, z, corners, near_m, least_upright):  # type: ignore[no-untyped-
         vx = x[k] - x[i]
         vy = y[k] - y[i]
         vz = z[k] - z[i]
+        # The normal is the cross product of two edges u and v.
         nx = uy * vz - uz * vy
         ny = uz * vx - ux * vz
         nz = ux * vy - uy * vx
-        # the normal is the cross product of two edges u and v
         length = math.sqrt(nx * nx + ny * ny + nz * nz)
-        if length > 0 and abs(nz) >= least_upright * length:
+        if length > 0 and abs(nz) >= min_normal_z * length:
             a = np.float32(nx / nz)
             b = np.float32(ny / nz)
             c = a * x[i] + b * y[i] + z[i]
@@ -74,8 +73,9 @@ def _plane(x, y, z, corners, near_m, least_upright):  # type: ignore[no-untyped-
                 a_best = a
                 b_best = b
                 c_best = c
-        # the chance that no plane so far had all three corners on the best plane
-        missed = (1.0 - (most_points / n) ** 3) ** (number + 1)
-        if missed < 1.0 - SURE:
+        # A plane like the best one so far has all three corners near it with the chance share³, and
+        # none of all planes so far had them with the chance (1 − share³)^planes.
+        missed_chance = (1.0 - (most_points / n) ** 3) ** (number + 1)
+        if missed_chance < 1.0 - SURE:
             break
     return a_best, b_best, c_best

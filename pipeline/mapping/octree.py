@@ -24,8 +24,8 @@ from pipeline.mapping.bricks import Bricks, bricks_of_a_ray, dense, empty, forge
 
 Variance = tuple[float, float]
 """Variances of a motion: of its position in m², and of its turn in rad²; both are above 0."""
-LEAST = 1e-3
-"""A leaf whose log-odds have decayed to less than this is unknown again."""
+KNOWN_FROM = 1e-3
+"""A leaf whose log-odds have decayed to less than this, in absolute value, is unknown again."""
 
 
 @dataclass(frozen=True)
@@ -105,10 +105,13 @@ class Octree:
         """Length of the longest ray that hits anything."""
         return self.max_range_m or math.sqrt(3) / 2 * self.edge_m
 
-    def kept(self, moved_m: float, turned_rad: float, variance: Variance | None = None) -> float:
+    def kept_share(
+        self, moved_m: float, turned_rad: float, variance: Variance | None = None
+    ) -> float:
         """The factor in (0, 1] by which a motion multiplies all log-odds (METHODS 4.3): 1 at rest.
 
-        `variance` is that of the motion by the log, if it gives one.
+        The robot moves by `moved_m` and turns by `turned_rad`. `variance` is that of the motion by
+        the log, if it gives one.
         """
         sigma_m = self.sigma_m
         sigma_rad = self.sigma_rad
@@ -133,19 +136,19 @@ class OctreeMap:
 
     bricks: Bricks
     """The known leaves."""
-    lowest: NDArray[np.int64]
+    lowest_leaf: NDArray[np.int64]
     """The lowest leaf (3,) of the root cube, counted from odometry's origin."""
 
     def __init__(self, octree: Octree) -> None:
         self.octree = octree
-        self.lowest = np.zeros(3, np.int64)
+        self.lowest_leaf = np.zeros(3, np.int64)
         self.bricks = empty(octree.side)
-        self._seen = np.empty(0, np.int64)
+        self._unhit_cells = np.empty(0, np.int64)
         self._odom_T_vehicle: NDArray[np.float64] | None = None
-        self._hit = np.float32(log_odds(octree.hit))
-        self._miss = np.float32(log_odds(octree.miss))
-        self._lowest = np.float32(log_odds(octree.lowest))
-        self._highest = np.float32(log_odds(octree.highest))
+        self._hit_log_odds = np.float32(log_odds(octree.hit))
+        self._miss_log_odds = np.float32(log_odds(octree.miss))
+        self._min_log_odds = np.float32(log_odds(octree.lowest))
+        self._max_log_odds = np.float32(log_odds(octree.highest))
 
     @property
     def leaf_m(self) -> float:
@@ -155,12 +158,12 @@ class OctreeMap:
     @property
     def corner_m(self) -> NDArray[np.float64]:
         """The lowest corner (3,) of the root cube, in odometry's frame."""
-        return np.asarray(self.lowest * self.leaf_m, np.float64)
+        return np.asarray(self.lowest_leaf * self.leaf_m, np.float64)
 
     @property
     def log_odds(self) -> NDArray[np.float32]:
         """A copy (side, side, side) of the log-odds of all leaves, x-major; 0 is unknown."""
-        return dense(self.bricks, self.lowest, self.octree.side)
+        return dense(self.bricks, self.lowest_leaf, self.octree.side)
 
     def insert(
         self,
@@ -189,80 +192,81 @@ class OctreeMap:
                 "a scan's pose is not (4, 4) finite numbers: the octree needs odometry at every "
                 "scan"
             )
-        lowest = np.floor(pose[:3, 3] / self.leaf_m).astype(np.int64) - self.octree.side // 2
+        # The robot is in the middle of the cube.
+        lowest_leaf = np.floor(pose[:3, 3] / self.leaf_m).astype(np.int64) - self.octree.side // 2
 
         # 1. Mark what the rays cross and hit.
         try:
-            self._cast(points, pose, lowest)
+            self._cast(points, pose, lowest_leaf)
         except BaseException:
             self.bricks.marks[:] = 0
             raise
 
         # 2. Follow the robot.
-        is_gone = self._gone(lowest)
+        is_gone = self._gone(lowest_leaf)
         if is_gone.any():
             forget(self.bricks, is_gone)
 
         # 3. Decay, and update.
-        kept_share = self._kept(pose, variance)
+        kept_share = self._kept_share(pose, variance)
         kernels.sweep(
             self.bricks,
             np.float32(kept_share),
-            np.float32(LEAST if kept_share < 1 else 0),
-            self._hit,
-            self._miss,
-            self._lowest,
-            self._highest,
+            np.float32(KNOWN_FROM if kept_share < 1 else 0),
+            hit_log_odds=self._hit_log_odds,
+            miss_log_odds=self._miss_log_odds,
+            min_log_odds=self._min_log_odds,
+            max_log_odds=self._max_log_odds,
         )
-        self.lowest = lowest
+        self.lowest_leaf = lowest_leaf
         self._odom_T_vehicle = pose
 
     def _cast(
         self,
         points: NDArray[np.float64],
         odom_T_vehicle: NDArray[np.float64],
-        lowest: NDArray[np.int64],
+        lowest_leaf: NDArray[np.int64],
     ) -> None:
-        """Mark what the rays of a scan (n, 3) cross and hit in the root cube at `lowest` (3,)."""
+        """Mark what the rays of a scan (n, 3) cross and hit in the cube at `lowest_leaf` (3,)."""
         octree = self.octree
         # The kernel's frame: lengths in leaves, from the cube's lowest corner.
         leaves_T_vehicle = odom_T_vehicle / self.leaf_m
-        leaves_T_vehicle[:3, 3] -= lowest
+        leaves_T_vehicle[:3, 3] -= lowest_leaf
         origin = (
             leaves_T_vehicle[:3, :3] @ (0.0, 0.0, octree.sensor_height_m) + leaves_T_vehicle[:3, 3]
         )
         slots = kernels.room(len(points))
-        if len(self._seen) < slots:
-            self._seen = np.empty(slots, np.int64)
-        seen = self._seen[:slots]
-        seen[:] = kernels.VACANT
+        if len(self._unhit_cells) < slots:
+            self._unhit_cells = np.empty(slots, np.int64)
+        unhit_cells = self._unhit_cells[:slots]
+        unhit_cells[:] = kernels.VACANT
         # The kernel returns early when it runs out of bricks.
-        most = bricks_of_a_ray(self.bricks)
-        points_done = 0
-        while points_done < len(points):
-            self.bricks = with_room(self.bricks, most)
-            points_done = int(
+        bricks_per_ray = bricks_of_a_ray(self.bricks)
+        first = 0
+        while first < len(points):
+            self.bricks = with_room(self.bricks, bricks_per_ray)
+            first = int(
                 kernels.cast(
                     points,
-                    points_done,
+                    first,
                     leaves_T_vehicle,
                     origin,
-                    lowest,
-                    octree.side,
-                    octree.reach_m / self.leaf_m,
-                    octree.rays == "all",
-                    self.bricks,
-                    most,
-                    seen,
+                    lowest_leaf,
+                    side=octree.side,
+                    longest=octree.reach_m / self.leaf_m,
+                    every_ray=octree.rays == "all",
+                    bricks=self.bricks,
+                    bricks_per_ray=bricks_per_ray,
+                    unhit_cells=unhit_cells,
                 )
             )
-            if points_done < 0:
+            if first < 0:
                 raise InputError(
                     "a point is NaN, infinite or hundreds of kilometres away: drop such points "
                     "first"
                 )
 
-    def _kept(self, odom_T_vehicle: NDArray[np.float64], variance: Variance | None) -> float:
+    def _kept_share(self, odom_T_vehicle: NDArray[np.float64], variance: Variance | None) -> float:
         """The factor by which the motion since the last scan multiplies all log-odds."""
         if self._odom_T_vehicle is None:
             return 1.0
@@ -270,16 +274,16 @@ class OctreeMap:
         after = odom_T_vehicle
         turn = before[:3, :3].T @ after[:3, :3]
         moved_m = float(np.linalg.norm(after[:3, 3] - before[:3, 3]))
-        return self.octree.kept(moved_m, math.atan2(turn[1, 0], turn[0, 0]), variance)
+        return self.octree.kept_share(moved_m, math.atan2(turn[1, 0], turn[0, 0]), variance)
 
-    def _gone(self, lowest: NDArray[np.int64]) -> NDArray[np.bool_]:
+    def _gone(self, lowest_leaf: NDArray[np.int64]) -> NDArray[np.bool_]:
         """True for the coordinates (3, side of the torus) that leave the cube when it moves.
 
-        Its lowest leaf moves to `lowest` (3,).
+        Its lowest leaf moves to `lowest_leaf` (3,).
         """
         torus = 1 << self.bricks.levels
-        before = self.lowest[:, None] + (np.arange(torus) - self.lowest[:, None]) % torus
-        return (before < lowest[:, None]) | (before >= lowest[:, None] + self.octree.side)
+        before = self.lowest_leaf[:, None] + (np.arange(torus) - self.lowest_leaf[:, None]) % torus
+        return (before < lowest_leaf[:, None]) | (before >= lowest_leaf[:, None] + self.octree.side)
 
 
 def log_odds(probability: float) -> float:

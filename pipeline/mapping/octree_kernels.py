@@ -18,22 +18,24 @@ from numpy.typing import NDArray
 
 from pipeline.mapping.bricks import LEAVES, Bricks, allocate, free, part_of_key
 
-FREE = np.uint8(1)
+CROSSED = np.uint8(1)
 """Bit of a leaf's mark: a ray crosses it."""
 HIT = np.uint8(2)
 """Bit of a leaf's mark: it holds a point."""
-WHOLE = 2.0**40
-"""The end of a ray. Positions along it are whole numbers, three times as fast as floats."""
+RAY_END = 2.0**40
+"""Position of a ray's end: positions run from 0 at the sensor to this. They are whole numbers,
+which the walk adds three times as fast as floats."""
 ENDLESS = 2.0**60
 """Largest distance between two borders, on an axis along which the ray hardly moves."""
 NEVER = np.int64(1) << 62
 """A position along a ray beyond every border."""
 ZERO = np.int64(0)
-NOTHING = np.float32(0)
+UNKNOWN = np.float32(0)
+"""The log-odds of an unknown leaf."""
 VACANT = np.int64(-1)
 """An empty slot of the hash table of cells."""
-REACH = np.int64(1) << 20
-"""Largest coordinate of a cell, in leaves, that the hash table's keys have bits for."""
+KEY_LIMIT = np.int64(1) << 20
+"""Bound of a cell's coordinate, in leaves: the hash table's keys have 21 bits for each, signed."""
 IN_BRICK = np.int64(LEAVES - 1)
 """The bits of a leaf's key that number it in its brick."""
 BRICK_BITS = np.int64(LEAVES.bit_length() - 1)
@@ -48,33 +50,35 @@ def room(points: int) -> int:
 @njit(cache=True, nogil=True, error_model="numpy")
 def cast(
     points: NDArray[np.float64],
-    done: int,
+    first: int,
     leaves_T_points: NDArray[np.float64],
     origin: NDArray[np.float64],
-    lowest: NDArray[np.int64],
+    lowest_leaf: NDArray[np.int64],
     side: int,
-    reach: float,
+    longest: float,
     every_ray: bool,
     bricks: Bricks,
-    most: int,
-    seen: NDArray[np.int64],
+    bricks_per_ray: int,
+    unhit_cells: NDArray[np.int64],
 ) -> int:
-    """Mark the leaves between the sensor and the points as FREE, and those of points as HIT.
+    """Mark the leaves between the sensor and the points as CROSSED, and those of points as HIT.
 
-    points : (n, 3) in the vehicle's frame, of which the first `done` are marked already.
+    points : (n, 3) in the vehicle's frame; those before the row `first` are marked already.
     leaves_T_points : (4, 4) maps them to leaves from the cube's lowest corner.
     origin : (3,) the sensor there.
-    lowest : (3,) the cube's lowest leaf, in leaves from odometry's origin.
+    lowest_leaf : (3,) the cube's lowest leaf, in leaves from odometry's origin.
     side : leaves along an edge of the cube.
-    reach : length in leaves at which longer rays are cut; these hit nothing.
+    longest : length in leaves at which longer rays are cut; these hit nothing.
     every_ray : one ray to every point; otherwise one to the middle of each cell that holds points.
-    most : how many new bricks one ray may need.
-    seen : (slots,) hash table of cells that hold points but no hit, VACANT before the first call.
+    bricks : the map, whose marks are written; bricks are allocated where there are none.
+    bricks_per_ray : how many new bricks one ray may need.
+    unhit_cells : (slots,) hash table of the cells that had a ray but no hit, since they lie outside
+        the cube or their rays are cut. It is written, and all VACANT before the first call.
 
-    Returns how many points are done: n, or fewer if there may not be room for another ray's bricks;
-    −1 if a point is not finite or out of REACH.
+    Returns the row of the first point that is not marked yet: n, or less if there may not be room
+    for another ray's bricks. Returns −1 if a point is not finite or beyond KEY_LIMIT.
     """
-    # Below, o is the sensor and c its cell, p the point and i its cell, d the ray from o to its
+    # Below, o is the sensor and c its cell, i the cell of the ray's end, d the ray from o to its
     # end.
     table = bricks.table
     marks = bricks.marks
@@ -85,7 +89,7 @@ def cast(
     cx = math.floor(ox)
     cy = math.floor(oy)
     cz = math.floor(oz)
-    first_x, first_y, first_z = _parts(cx, cy, cz, lowest, levels)
+    sensor_key_x, sensor_key_y, sensor_key_z = _parts(cx, cy, cz, lowest_leaf, levels)
     # The parts of the keys of −1 and 1: all bits of an axis, and its lowest bit.
     all_x = part_of_key(-1, 0, levels)
     all_y = part_of_key(-1, 1, levels)
@@ -94,47 +98,51 @@ def cast(
     one_y = part_of_key(1, 1, levels)
     one_z = part_of_key(1, 2, levels)
     T = leaves_T_points
-    for i in range(done, points.shape[0]):
-        if bricks.used[0] + most > bricks.places.shape[0]:
-            return i
-        # 1. Move the point into the frame of the leaves, and find its cell.
-        px = points[i, 0]
-        py = points[i, 1]
-        pz = points[i, 2]
-        x = T[0, 0] * px + T[0, 1] * py + T[0, 2] * pz + T[0, 3]
-        y = T[1, 0] * px + T[1, 1] * py + T[1, 2] * pz + T[1, 3]
-        z = T[2, 0] * px + T[2, 1] * py + T[2, 2] * pz + T[2, 3]
-        if not (abs(x) < REACH and abs(y) < REACH and abs(z) < REACH):
+    for row in range(first, points.shape[0]):
+        if bricks.used[0] + bricks_per_ray > bricks.places.shape[0]:
+            return row
+        # 1. Move the point, the end of its ray, into the frame of the leaves, and find its cell.
+        px = points[row, 0]
+        py = points[row, 1]
+        pz = points[row, 2]
+        end_x = T[0, 0] * px + T[0, 1] * py + T[0, 2] * pz + T[0, 3]
+        end_y = T[1, 0] * px + T[1, 1] * py + T[1, 2] * pz + T[1, 3]
+        end_z = T[2, 0] * px + T[2, 1] * py + T[2, 2] * pz + T[2, 3]
+        if not (abs(end_x) < KEY_LIMIT and abs(end_y) < KEY_LIMIT and abs(end_z) < KEY_LIMIT):
             return -1
-        ix = math.floor(x)
-        iy = math.floor(y)
-        iz = math.floor(z)
-        inside = min(ix, iy, iz) >= 0 and max(ix, iy, iz) < side
-        end_x, end_y, end_z = _parts(ix, iy, iz, lowest, levels)
-        key = end_x | end_y | end_z
-        begin = table[np.uint64(key >> BRICK_BITS)]
+        ix = math.floor(end_x)
+        iy = math.floor(end_y)
+        iz = math.floor(end_z)
+        is_inside = min(ix, iy, iz) >= 0 and max(ix, iy, iz) < side
+        end_key_x, end_key_y, end_key_z = _parts(ix, iy, iz, lowest_leaf, levels)
+        key = end_key_x | end_key_y | end_key_z
+        first_leaf = table[np.uint64(key >> BRICK_BITS)]
         # 2. Pass over cells that had a ray already; mark the point's leaf if the ray reaches it.
         if not every_ray:
-            if inside and begin >= 0 and marks[np.uint64(begin | (key & IN_BRICK))] & HIT:
+            if (
+                is_inside
+                and first_leaf >= 0
+                and marks[np.uint64(first_leaf | (key & IN_BRICK))] & HIT
+            ):
                 continue
-            x = ix + 0.5
-            y = iy + 0.5
-            z = iz + 0.5
-        dx = x - ox
-        dy = y - oy
-        dz = z - oz
+            end_x = ix + 0.5
+            end_y = iy + 0.5
+            end_z = iz + 0.5
+        dx = end_x - ox
+        dy = end_y - oy
+        dz = end_z - oz
         length = math.sqrt(dx * dx + dy * dy + dz * dz)
-        if inside and length <= reach:
-            if begin < 0:
-                begin = allocate(bricks, key >> BRICK_BITS)
-            marks[np.uint64(begin | (key & IN_BRICK))] |= HIT
+        if is_inside and length <= longest:
+            if first_leaf < 0:
+                first_leaf = allocate(bricks, key >> BRICK_BITS)
+            marks[np.uint64(first_leaf | (key & IN_BRICK))] |= HIT
         elif not every_ray:
-            cell = ((ix + REACH) << 42) | ((iy + REACH) << 21) | (iz + REACH)
-            if not _is_new(seen, cell):
+            cell = ((ix + KEY_LIMIT) << 42) | ((iy + KEY_LIMIT) << 21) | (iz + KEY_LIMIT)
+            if not _is_new(unhit_cells, cell):
                 continue
         # 3. Cut a ray that is too long.
-        if length > reach:
-            share = reach / length
+        if length > longest:
+            share = longest / length
             dx = dx * share
             dy = dy * share
             dz = dz * share
@@ -142,7 +150,7 @@ def cast(
             iy = math.floor(oy + dy)
             iz = math.floor(oz + dz)
         # 4. Find the positions along the ray of the first border on each axis, and the distances
-        # from one border to the next. Subtracting the key of −1 is a step forwards.
+        # from one border to the next. A step is subtracted: x − (−1) is a step forwards.
         step_x = all_x if dx > 0 else one_x
         step_y = all_y if dy > 0 else one_y
         step_z = all_z if dz > 0 else one_z
@@ -160,62 +168,67 @@ def cast(
             exit_x = _exit(cx, ix, dx, next_x, spacing_x, side)
             exit_y = _exit(cy, iy, dy, next_y, spacing_y, side)
             exit_z = _exit(cz, iz, dz, next_z, spacing_z, side)
-            leave = min(exit_x, exit_y, exit_z)
-            # A border at the very position where the ray leaves counts on the axes that are crossed
-            # before the one on which it leaves.
-            steps_z = _steps(next_z, spacing_z, leave + 1)
-            steps_y = _steps(next_y, spacing_y, leave + (exit_z > leave))
-            steps_x = _steps(next_x, spacing_x, leave + (min(exit_y, exit_z) > leave))
+            first_exit = min(exit_x, exit_y, exit_z)
+            leaves_on_z = exit_z == first_exit
+            leaves_on_y = exit_y == first_exit and not leaves_on_z
+            # A border at the very position of the exit counts if it is crossed no later than the
+            # one through which the ray leaves.
+            stop_z = first_exit + 1
+            stop_y = first_exit if leaves_on_z else first_exit + 1
+            stop_x = first_exit if leaves_on_z or leaves_on_y else first_exit + 1
+            steps_z = _steps(next_z, spacing_z, stop_z)
+            steps_y = _steps(next_y, spacing_y, stop_y)
+            steps_x = _steps(next_x, spacing_x, stop_x)
             steps = min(steps, steps_x + steps_y + steps_z)
 
         # 6. Walk, from the sensor's own leaf to the one before the end.
-        x = first_x
-        y = first_y
-        z = first_z
+        at_x = sensor_key_x
+        at_y = sensor_key_y
+        at_z = sensor_key_z
         for _ in range(steps):
-            key = x | y | z
-            begin = table[np.uint64(key >> BRICK_BITS)]
-            if begin < 0:
-                begin = allocate(bricks, key >> BRICK_BITS)
-            marks[np.uint64(begin | (key & IN_BRICK))] |= FREE
+            key = at_x | at_y | at_z
+            first_leaf = table[np.uint64(key >> BRICK_BITS)]
+            if first_leaf < 0:
+                first_leaf = allocate(bricks, key >> BRICK_BITS)
+            marks[np.uint64(first_leaf | (key & IN_BRICK))] |= CROSSED
             if next_z <= min(next_x, next_y):
-                z = (z - step_z) & all_z
+                at_z = (at_z - step_z) & all_z
                 next_z += spacing_z
             elif next_y <= next_x:
-                y = (y - step_y) & all_y
+                at_y = (at_y - step_y) & all_y
                 next_y += spacing_y
             else:
-                x = (x - step_x) & all_x
+                at_x = (at_x - step_x) & all_x
                 next_x += spacing_x
     return len(points)
 
 
 @njit(inline="always", error_model="numpy")
-def _parts(x, y, z, lowest, levels):  # type: ignore[no-untyped-def]
+def _parts(x, y, z, lowest_leaf, levels):  # type: ignore[no-untyped-def]
     """The parts on each axis of the key of the leaf (x, y, z) of the cube."""
     return (
-        part_of_key(x + lowest[0], 0, levels),
-        part_of_key(y + lowest[1], 1, levels),
-        part_of_key(z + lowest[2], 2, levels),
+        part_of_key(x + lowest_leaf[0], 0, levels),
+        part_of_key(y + lowest_leaf[1], 1, levels),
+        part_of_key(z + lowest_leaf[2], 2, levels),
     )
 
 
 @njit(inline="always", error_model="numpy")
-def _is_new(seen, cell):  # type: ignore[no-untyped-def]
-    """Add a cell to the hash table of cells; returns whether it was not in it yet."""
-    last_slot = np.uint64(seen.shape[0] - 1)
+def _is_new(cells, cell):  # type: ignore[no-untyped-def]
+    """Add a cell's key to the hash table `cells`; returns whether it was not in it yet."""
+    last_slot = np.uint64(cells.shape[0] - 1)
     slot = ((np.uint64(cell) * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(32)) & last_slot
-    while seen[slot] != VACANT and seen[slot] != cell:
+    while cells[slot] != VACANT and cells[slot] != cell:
         slot = (slot + np.uint64(1)) & last_slot
-    is_new = seen[slot] == VACANT
-    seen[slot] = cell
+    is_new = cells[slot] == VACANT
+    cells[slot] = cell
     return is_new
 
 
 @njit(inline="always", error_model="numpy")
 def _spacing(travel):  # type: ignore[no-untyped-def]
     """Distance along a ray between two borders of an axis on which it travels `travel` leaves."""
-    return np.int64(min(WHOLE / abs(travel), ENDLESS))
+    return np.int64(min(RAY_END / abs(travel), ENDLESS))
 
 
 @njit(inline="always", error_model="numpy")
@@ -229,6 +242,8 @@ def _exit(cell, end, travel, first_border, spacing, side):  # type: ignore[no-un
     """Position along a ray at which it leaves the cube on an axis, or NEVER.
 
     The ray goes from `cell` to `end` on this axis, and crosses its first border at `first_border`.
+    A ray that ends in an outermost cell has an exit too: positions are rounded, so the walk could
+    otherwise cross this border instead of the last one on another axis.
     """
     if travel > 0:
         return first_border + (side - 1 - cell) * spacing if end >= side - 1 else NEVER
@@ -245,18 +260,20 @@ def _steps(first_border, spacing, stop):  # type: ignore[no-untyped-def]
 def sweep(
     bricks: Bricks,
     kept_share: np.float32,
-    least: np.float32,
-    hit: np.float32,
-    miss: np.float32,
-    lowest: np.float32,
-    highest: np.float32,
+    known_from: np.float32,
+    hit_log_odds: np.float32,
+    miss_log_odds: np.float32,
+    min_log_odds: np.float32,
+    max_log_odds: np.float32,
 ) -> None:
     """Decay, update and clamp the log-odds of all leaves in place (METHODS 4.4).
 
-    A leaf's log-odds are multiplied by `kept_share`, set to 0 if less than `least` is left, added
-    to `hit` or `miss` if the leaf is marked, and clamped from `lowest` to `highest`. Marks are
-    cleared, and bricks whose leaves are all unknown are freed.
+    A leaf's log-odds are multiplied by `kept_share`, set to 0 if their absolute value is then less
+    than `known_from`, added to `hit_log_odds` or `miss_log_odds` if the leaf is marked, and clamped
+    from `min_log_odds` to `max_log_odds`. Marks are cleared, and bricks whose leaves are all
+    unknown are freed.
     """
+    # Backwards, since the last brick takes the position of one that is freed.
     for brick in range(bricks.used[0] - 1, -1, -1):
         first_leaf = brick * LEAVES
         any_known = np.int32(0)
@@ -265,10 +282,11 @@ def sweep(
         for leaf in range(LEAVES):
             value = log_odds[leaf] * kept_share
             mark = np.int32(marks[leaf])
-            value = value if abs(value) >= least else NOTHING
-            value += hit if mark >= np.int32(HIT) else (miss if mark else NOTHING)
-            value = min(max(value, lowest), highest)
-            any_known |= np.int32(value != NOTHING)
+            value = value if abs(value) >= known_from else UNKNOWN
+            # A leaf that is crossed and hit counts as hit.
+            value += hit_log_odds if mark >= np.int32(HIT) else (miss_log_odds if mark else UNKNOWN)
+            value = min(max(value, min_log_odds), max_log_odds)
+            any_known |= np.int32(value != UNKNOWN)
             log_odds[leaf] = value
             marks[leaf] = np.uint8(0)
         if not any_known:

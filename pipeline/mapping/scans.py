@@ -5,6 +5,7 @@ The scans are thinned along the path if wanted, read by several workers in block
 out, are missing in the artifact; they are counted with the reason.
 """
 
+import math
 from collections import Counter
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -20,7 +21,7 @@ from pipeline.readers.log import Log
 
 BLOCK = 32
 """Number of scans that a worker reads at once."""
-LARGEST = 32_767
+MAX_COORDINATE = 32_767
 """Largest 16-bit coordinate, in grains."""
 
 
@@ -70,10 +71,10 @@ class Intake:
         An offset is the number of points up to the end of a scan; those of the first block begin
         with 0. Raises LogError if no scan can be read.
         """
-        total = -(-len(self._rows) // BLOCK)
-        first_offset = [0]
+        n_blocks = math.ceil(len(self._rows) / BLOCK)
+        first_offset = [0]  # only in the first block
         for block in progress.track(
-            compute.rows(self._read, len(self._rows), BLOCK), total, "read"
+            compute.rows(self._read, len(self._rows), BLOCK), n_blocks, "read"
         ):
             self._read_rows += block.rows
             self._skipped += Counter({"unreadable scan": block.unreadable})
@@ -113,8 +114,10 @@ class Intake:
         odom_T_scan = self._log.odom_T_scan[rows]
         is_break = ~np.isfinite(self._log.odom_T_scan).all(axis=(1, 2))
         breaks_before = np.concatenate([[0], np.cumsum(is_break)])  # (row of the log,)
-        first_new_rows = np.concatenate([[0], rows[:-1] + 1])
-        odom_T_scan[breaks_before[rows] > breaks_before[first_new_rows]] = np.nan
+        # A row of the log between the row before and this one is a break: more breaks are before
+        # this one than before the first row after that one.
+        rows_after_previous = np.concatenate([[0], rows[:-1] + 1])
+        odom_T_scan[breaks_before[rows] > breaks_before[rows_after_previous]] = np.nan
         return odom_T_scan
 
     def skipped(self) -> dict[str, int]:
@@ -130,7 +133,9 @@ class Intake:
         parts = [f"{len(self._read_rows)} scans", f"{self._points / 1e6:.1f} M points"]
         parts += [f"{count} skipped ({reason})" for reason, count in self.skipped().items()]
         if self._clipped:
-            parts.append(f"{self._clipped} points beyond {LARGEST * self._grain_m:.0f} m dropped")
+            parts.append(
+                f"{self._clipped} points beyond {MAX_COORDINATE * self._grain_m:.0f} m dropped"
+            )
         return ", ".join(parts)
 
     def _read(self, start: int, stop: int) -> Block:
@@ -138,7 +143,7 @@ class Intake:
 
         They are rounded there, since 16-bit numbers are a quarter of what would be sent otherwise.
         """
-        points = [np.empty((0, 3), np.int16)]
+        points = [np.empty((0, 3), np.int16)]  # so that a block without scans can be joined
         rows = []
         clipped = 0
         for row in self._rows[start:stop].tolist():
@@ -146,16 +151,16 @@ class Intake:
                 units = np.rint(self._log.points(row) / self._grain_m)
             except LogError:
                 continue
-            if not np.abs(units).max(initial=0) <= LARGEST:  # also where one is NaN
-                inside = (np.abs(units) <= LARGEST).all(axis=1)
-                clipped += int((~inside).sum())
-                units = units[inside]
+            if not np.abs(units).max(initial=0) <= MAX_COORDINATE:  # also where one is NaN
+                is_inside = (np.abs(units) <= MAX_COORDINATE).all(axis=1)
+                clipped += int((~is_inside).sum())
+                units = units[is_inside]
             rows.append(row)
             points.append(units.astype(np.int16))
         return Block(
             np.concatenate(points),
-            [len(scan) for scan in points[1:]],
-            rows,
-            stop - start - len(rows),
-            clipped,
+            lengths=[len(scan) for scan in points[1:]],
+            rows=rows,
+            unreadable=stop - start - len(rows),
+            clipped=clipped,
         )

@@ -20,6 +20,9 @@ from pipeline.core.settings import NotNegative, Positive, check
 from pipeline.mapping.appearance import appearance
 from pipeline.mapping.gathering import Gathering
 
+ROUNDING_M = 1e-9
+"""Sums of path lengths that differ by less than this are equal."""
+
 
 @dataclass(frozen=True)
 class SingleScan:
@@ -37,7 +40,8 @@ class SingleScan:
         """Cut a sequence's scans into submaps."""
         rows = self.anchors(scans.world_T_scan)
         used = np.ones(len(scans.world_T_scan), bool)
-        return submaps(scans, "world_T_scan", rows, rows, np.zeros(len(rows)), used, {})
+        ground_m = np.zeros(len(rows))
+        return submaps(scans, "world_T_scan", rows, rows, ground_m, used, left_out={})
 
     def anchors(self, world_T_scan: Poses) -> NDArray[np.int64]:
         """Rows of the scans that become submaps."""
@@ -86,7 +90,7 @@ class Accumulated:
         first, rows, left_out = self.windows(start_T_scan, scans.world_T_scan)
         used = np.zeros(len(start_T_scan), bool)
         used[sample_path(start_T_scan[:, :3, 3], self.still_m)] = True
-        used[first] = used[rows] = True
+        used[first] = used[rows] = True  # the ends of windows, however near to others
         ground_m = np.zeros(len(rows))
         if self.ground_percentile >= 0 and len(rows):
             gathering = Gathering(scans, self.layout, first, rows, ground_m, used)
@@ -101,7 +105,7 @@ class Accumulated:
             rows[has_ground],
             ground_m[has_ground],
             used,
-            dict(+left_out),
+            left_out=dict(+left_out),  # without zero counts
         )
 
     def windows(
@@ -121,9 +125,10 @@ class Accumulated:
         path_m = np.concatenate([[0.0], np.cumsum(np.where(np.isfinite(steps_m), steps_m, 0.0))])
 
         # 2. A window begins `window_m` before its anchor, if that is behind the last break.
-        after_break = np.searchsorted(breaks, breaks[rows]) + (breaks[rows] > 0)
-        from_m = path_m[rows] - self.window_m
-        is_whole = path_m[after_break] <= from_m + 1e-9
+        # The first scan with an anchor's count of breaks is the last break itself, if there is one.
+        first_after_break = np.searchsorted(breaks, breaks[rows]) + (breaks[rows] > 0)
+        start_m = path_m[rows] - self.window_m
+        is_whole = path_m[first_after_break] <= start_m + ROUNDING_M
 
         # 3. Leave out anchors without a whole window or a true pose.
         has_true_pose = np.isfinite(world_T_scan[rows]).all(axis=(1, 2))
@@ -133,7 +138,7 @@ class Accumulated:
                 "no true pose": int((is_whole & ~has_true_pose).sum()),
             }
         )
-        first = np.maximum(np.searchsorted(path_m, from_m - 1e-9), after_break)
+        first = np.maximum(np.searchsorted(path_m, start_m - ROUNDING_M), first_after_break)
         has_window = is_whole & has_true_pose
         return first[has_window], rows[has_window], left_out
 
@@ -160,6 +165,7 @@ def submaps(
     ground in the last scan's frame, and `left_out` the number of anchors without a submap, by
     reason. What the submaps look like is measured and added (`mapping.appearance`).
     """
+    appearance_measures = appearance(scans, layout, first, last, ground_m, used)
     return Submaps(
         first,
         last,
@@ -169,7 +175,7 @@ def submaps(
         scans.world_T_scan[last],
         layout,
         left_out,
-        appearance(scans, layout, first, last, ground_m, used),
+        appearance_measures,
     )
 
 

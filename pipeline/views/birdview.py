@@ -166,7 +166,7 @@ class BirdView:
         ground = (odom_T_robot[:3, 3] - octree_map.corner_m) / leaf_m
         is_occupied: NDArray[np.uint8] = _occupied_columns(
             octree_map.bricks,
-            octree_map.lowest,
+            octree_map.lowest_leaf,
             self.octree.side,
             ground,
             up,
@@ -204,7 +204,7 @@ def upright(forward: NDArray[np.float64], up: NDArray[np.float64]) -> NDArray[np
 @njit(cache=True, nogil=True, error_model="numpy")
 def _occupied_columns(
     bricks: Bricks,
-    lowest: NDArray[np.int64],
+    lowest_leaf: NDArray[np.int64],
     side: int,
     ground: NDArray[np.float64],
     up: NDArray[np.float64],
@@ -216,7 +216,8 @@ def _occupied_columns(
 
     A leaf is in the band if its middle is from `low` to below `high` above the ground, the plane
     through the point `ground` (3,) with the upward normal `up` (3,). Lengths are in leaves, from
-    the cube's corner, which is the leaf `lowest` (3,) of odometry. `threshold` is in log-odds.
+    the cube's corner, which is that of the leaf `lowest_leaf` (3,) of odometry. `threshold` is in
+    log-odds.
     """
     is_occupied = np.zeros((side, side), np.uint8)
     mask = (1 << bricks.levels) - 1  # coordinates wrap around the torus of 2^levels leaves
@@ -232,8 +233,8 @@ def _occupied_columns(
                 # Find the z of the leaf at which the ground crosses this column: its middle is on
                 # the ground if (middle − ground) · up = 0, which is solved for z. Along z, the
                 # band's heights are longer by the slope.
-                x = (corner_x + column // BRICK - lowest[0]) & mask
-                y = (corner_y + column % BRICK - lowest[1]) & mask
+                x = (corner_x + column // BRICK - lowest_leaf[0]) & mask
+                y = (corner_y + column % BRICK - lowest_leaf[1]) & mask
                 ground_z = (
                     ground[2]
                     - 0.5
@@ -242,7 +243,10 @@ def _occupied_columns(
                 start = math.ceil(ground_z + low / up[2])
                 stop = math.ceil(ground_z + high / up[2])
                 for z in range(BRICK):
-                    if leaves[z] > threshold and start <= (corner_z + z - lowest[2]) & mask < stop:
+                    if (
+                        leaves[z] > threshold
+                        and start <= (corner_z + z - lowest_leaf[2]) & mask < stop
+                    ):
                         is_occupied[x, y] = 1
     return is_occupied
 

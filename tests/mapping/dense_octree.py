@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from pipeline.mapping.octree import LEAST, Octree, log_odds
+from pipeline.mapping.octree import KNOWN_FROM, Octree, log_odds
 
 WHOLE = 2.0**40
 ENDLESS = 2.0**60
@@ -52,7 +52,7 @@ class DenseOctree:
                 free[tuple(cell)] = True
         kept = self.kept(odom_T_vehicle)
         values = moved(self.log_odds, lowest - self.lowest) * np.float32(kept)
-        values[np.abs(values) < (LEAST if kept < 1 else 0)] = 0
+        values[np.abs(values) < (KNOWN_FROM if kept < 1 else 0)] = 0
         hit_L = np.float32(log_odds(octree.hit))
         miss_L = np.float32(log_odds(octree.miss))
         values += np.where(hit, hit_L, np.where(free, miss_L, np.float32(0)))
@@ -68,7 +68,7 @@ class DenseOctree:
             return 1.0
         turn = self.pose[:3, :3].T @ odom_T_vehicle[:3, :3]
         moved_m = float(np.linalg.norm(odom_T_vehicle[:3, 3] - self.pose[:3, 3]))
-        return self.octree.kept(moved_m, math.atan2(turn[1, 0], turn[0, 0]))
+        return self.octree.kept_share(moved_m, math.atan2(turn[1, 0], turn[0, 0]))
 
 
 def ends(

@@ -10,7 +10,7 @@ import pytest
 
 from pipeline.core import frames
 from pipeline.core.errors import InputError
-from pipeline.mapping.bricks import BRICK, LEAVES, NONE, Bricks
+from pipeline.mapping.bricks import BRICK, LEAVES, NO_BRICK, Bricks
 from pipeline.mapping.octree import Octree, OctreeMap
 from tests.mapping.dense_octree import DenseOctree
 
@@ -25,7 +25,7 @@ def at(x: float, y: float = 0.0, z: float = 0.0, *turned: float) -> np.ndarray:
 
 def assert_same(made: OctreeMap, oracle: DenseOctree) -> None:
     """Both maps hold the same bits."""
-    np.testing.assert_array_equal(made.lowest, oracle.lowest)
+    np.testing.assert_array_equal(made.lowest_leaf, oracle.lowest)
     np.testing.assert_array_equal(made.log_odds, oracle.log_odds)
 
 
@@ -34,7 +34,7 @@ def assert_sound(bricks: Bricks) -> None:
     used = int(bricks.used[0])
     assert len(np.unique(bricks.places[:used])) == used
     np.testing.assert_array_equal(bricks.table[bricks.places[:used]], np.arange(used) * LEAVES)
-    assert (bricks.table != NONE).sum() == used
+    assert (bricks.table != NO_BRICK).sum() == used
     assert not bricks.marks.any()
     assert not bricks.log_odds[used * LEAVES :].any()
     assert bricks.log_odds[: used * LEAVES].reshape(used, LEAVES).any(axis=1).all()
