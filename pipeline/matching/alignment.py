@@ -26,7 +26,7 @@ from pipeline.matching.sequence import GRAIN, contrast, least, runner_up, runs, 
 
 QUERIES = 256
 """Queries searched at once: the costs of all rows for all queries may not fit into memory."""
-LARGEST = float(np.finfo(np.float32).max)
+MAX_NOVELTY = float(np.finfo(np.float32).max)
 """Bound of a novelty, which is stored as float32."""
 Costs = NDArray[np.float32]
 """Costs (query, row) of training rows for queries."""
@@ -78,15 +78,17 @@ class AlignedQueries:
         self.settings = settings
         self.n_queries = m
         # Too few queries or rows get a shorter run, whose sums are scaled up to the full length.
-        most_steps = int((n - 1) / max(settings.slowest, 1))
-        self.length = max(min(settings.length, m - 1, most_steps), 0)
+        # At the lowest speed that is tried, but at least one row per query, a run of `max_steps`
+        # still fits into the n rows.
+        max_steps = int((n - 1) / max(settings.slowest, 1))
+        self.length = max(min(settings.length, m - 1, max_steps), 0)
         self.scale = np.float32((settings.length + 1) / (self.length + 1))
         self.enhanced = contrast(differences, settings.contrast_rows)
         lowest = float(self.enhanced.min(initial=0))
         if not math.isfinite(lowest):
             raise InputError("differences between queries and rows: expected finite numbers")
         if m <= settings.length:
-            # The minimum over so few queries says little: take the lowest possible value.
+            # The minimum over so few queries says little: the lowest possible value is taken.
             lowest = least(settings.contrast_rows)
         self.base = np.float32(lowest * (settings.length + 1) if settings.subtract_minimum else 0)
 
@@ -99,14 +101,15 @@ class AlignedQueries:
         forward = runs(
             self.length, self.settings.slowest, self.settings.fastest, self.settings.speed_step
         )
-        half = self.length // 2
+        half_length = self.length // 2
         for start in range(0, max(m, 1), QUERIES):
             queries = np.arange(start, min(start + QUERIES, m))
             # A query is the middle one of its window, except near either end of the drive.
-            window_starts = np.clip(queries - half, 0, max(m - 1 - self.length, 0))
-            after_middle = queries - half - window_starts
+            window_starts = np.clip(queries - half_length, 0, max(m - 1 - self.length, 0))
+            after_middle = queries - half_length - window_starts
             sums = self._cheapest_past_rows(forward, window_starts, after_middle)
             if self.settings.both_ways:
+                # Backwards, a later query passes an earlier row.
                 backward_sums = self._cheapest_past_rows(-forward, window_starts, -after_middle)
                 sums = np.minimum(sums, backward_sums)
             yield queries, sums * self.scale
@@ -120,20 +123,21 @@ class AlignedQueries:
         """Sums (q, n) of differences over the cheapest run in which each query passes each row.
 
         `offsets` (speed, length + 1) are the rows of a run, counted from its middle row.
-        `window_starts` (q,) are the first queries of the windows, rising, and `after_middle` (q,)
-        is how many queries after the middle of its window each query comes.
+        `window_starts` (q,) are the first queries of the windows, rising. `after_middle` (q,) is
+        how many rows after the one at the middle of its window each query passes.
         """
         if not len(window_starts):
             return np.empty((0, len(self.enhanced)), np.float32)
         first = int(window_starts[0])
         sums_at_middle = search(self.enhanced, offsets, first, int(window_starts[-1]) + 1)
         sums: Costs = np.ascontiguousarray(sums_at_middle.T)[window_starts - first]
-        # A query so many steps after the middle passes a row that many rows further on.
+        # At one row per query, a query so many steps after the middle passes the row so many rows
+        # further on; the rows at the ends that no run reaches so get an infinite sum.
         for query in np.flatnonzero(after_middle):
-            shift = after_middle[query]
-            sums[query] = np.roll(sums[query], shift)
-            sums[query, : max(shift, 0)] = np.inf
-            sums[query, len(sums[query]) + min(shift, 0) :] = np.inf
+            rows_further = after_middle[query]
+            sums[query] = np.roll(sums[query], rows_further)
+            sums[query, : max(rows_further, 0)] = np.inf
+            sums[query, len(sums[query]) + min(rows_further, 0) :] = np.inf
         return sums
 
     def novelty(self, sums: Costs, best_row: NDArray[np.int64]) -> dict[str, NDArray[np.float64]]:
@@ -153,6 +157,6 @@ class AlignedQueries:
             with np.errstate(divide="ignore"):
                 cost = -np.minimum(1 / cost, 1)
         return {
-            "cost": np.clip(cost, -LARGEST, LARGEST),
-            "ratio": np.clip(ratio, -LARGEST, LARGEST),
+            "cost": np.clip(cost, -MAX_NOVELTY, MAX_NOVELTY),
+            "ratio": np.clip(ratio, -MAX_NOVELTY, MAX_NOVELTY),
         }

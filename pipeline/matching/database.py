@@ -121,19 +121,22 @@ class Database:
             is_held_out = ~is_held_out
         queries = np.flatnonzero(is_held_out)
         if is_held_out.all():
-            allowed = queries[:, None] != np.arange(len(is_held_out))
+            is_allowed = queries[:, None] != np.arange(len(is_held_out))
         else:
-            allowed = np.broadcast_to(~is_held_out, (len(queries), len(is_held_out)))
-        seen_distance, nearest_rows = search(queries, allowed)
+            is_allowed = np.broadcast_to(~is_held_out, (len(queries), len(is_held_out)))
+        seen_distances, nearest_rows = search(queries, is_allowed)
 
         is_around = is_near(self.xy_m[queries], self.xy_m, method.neighbour_m)
-        allowed_and_far = allowed & ~is_around
-        has_far = allowed_and_far.any(axis=1, keepdims=True)
-        unseen_distance, _ = search(queries, np.where(has_far, allowed_and_far, allowed))
+        is_allowed_and_far = is_allowed & ~is_around
+        has_far = is_allowed_and_far.any(axis=1, keepdims=True)
+        unseen_distances, _ = search(queries, np.where(has_far, is_allowed_and_far, is_allowed))
 
-        block = holdout.numbered(views.world_T_anchor, is_held_out, every_m, length_m)
-        right = self.places[nearest_rows] == self.places[queries]
-        return Evidence(right, {KIND: seen_distance}, {KIND: unseen_distance}, block)
+        return Evidence(
+            right=self.places[nearest_rows] == self.places[queries],
+            seen={KIND: seen_distances},
+            unseen={KIND: unseen_distances},
+            block=holdout.numbered(views.world_T_anchor, is_held_out, every_m, length_m),
+        )
 
     def answer(
         self,
@@ -198,10 +201,10 @@ def euclidean(descriptors: NDArray[np.float32]) -> Search:
     """Make the `Search` by Euclidean distance among training's own descriptors (n, d)."""
 
     def search(
-        queries: NDArray[np.int64], allowed: NDArray[np.bool_]
+        queries: NDArray[np.int64], is_allowed: NDArray[np.bool_]
     ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         distances = np.where(
-            allowed, scipy.spatial.distance.cdist(descriptors[queries], descriptors), np.inf
+            is_allowed, scipy.spatial.distance.cdist(descriptors[queries], descriptors), np.inf
         )
         rows = distances.argmin(axis=1)
         return distances[np.arange(len(queries)), rows], rows

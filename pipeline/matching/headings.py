@@ -49,27 +49,27 @@ def nearest_heading(
             f"{codes.shape}"
         )
     places, headings, width = codes.shape
-    vectors = queries.astype(np.float32)
+    query_vectors = queries.astype(np.float32)
     # About their mean the vectors are shorter, and their squares lose fewer digits.
-    centre = vectors.sum(axis=0) / np.float32(max(len(vectors), 1))
-    vectors -= centre
-    squared_lengths = np.vecdot(vectors, vectors)
-    distances = np.empty((places, len(vectors)), np.float32)
-    nearest_headings = np.zeros((places, len(vectors)), np.uint8)
+    centre = query_vectors.sum(axis=0) / np.float32(max(len(query_vectors), 1))
+    query_vectors -= centre
+    query_squares = np.vecdot(query_vectors, query_vectors)
+    distances = np.empty((places, len(query_vectors)), np.float32)
+    nearest_headings = np.zeros((places, len(query_vectors)), np.uint8)
     for start in range(0, places, PLACES):
         block = codes[start : start + PLACES].astype(np.float32)
         block -= centre
         # |code − query|² = |code|² − 2 code · query + |query|²; the last term is the same for all
         # codes and is added at the end.
-        squares = -2 * (block.reshape(-1, width) @ vectors.T).reshape(
-            len(block), headings, len(vectors)
+        squares = -2 * (block.reshape(-1, width) @ query_vectors.T).reshape(
+            len(block), headings, len(query_vectors)
         )
         squares += np.vecdot(block, block)[..., None]
-        least = squares[:, 0].copy()
+        least_squares = squares[:, 0].copy()  # of the nearest heading so far
         block_headings = nearest_headings[start : start + PLACES]
         for heading in range(1, headings):
-            is_nearer = squares[:, heading] < least
-            np.copyto(least, squares[:, heading], where=is_nearer)
+            is_nearer = squares[:, heading] < least_squares
+            np.copyto(least_squares, squares[:, heading], where=is_nearer)
             np.copyto(block_headings, np.uint8(heading), where=is_nearer)
-        distances[start : start + PLACES] = np.sqrt(np.maximum(least + squared_lengths, 0))
+        distances[start : start + PLACES] = np.sqrt(np.maximum(least_squares + query_squares, 0))
     return distances, nearest_headings

@@ -18,21 +18,27 @@ def blocks(
 ) -> NDArray[np.bool_]:
     """True for the submaps (n,) to hold out: a block of `length_m` in every `every_m` of path.
 
-    The first block begins half of `every_m` and `later_m` along the path. A submap whose place
-    (n,) would otherwise have none left in training is not held out.
+    Blocks begin at `every_m` / 2 + `later_m` along the path, and every `every_m` before and after;
+    a path may begin within one. `later_m` shifts all blocks, so that several calls can hold out
+    every part of a path. A submap whose place (n,) would otherwise have none left in training is
+    not held out.
     """
-    is_in_block = (_path_m(world_T_anchor) + every_m / 2 - later_m) % every_m < length_m
-    trained_submaps = np.bincount(places[~is_in_block], minlength=int(places.max()) + 1)
-    return is_in_block & (trained_submaps[places] > 0)
+    # The path since the last begin of a block: modulo every_m, adding half of it is the same as
+    # subtracting it.
+    since_begin_m = (_path_m(world_T_anchor) + every_m / 2 - later_m) % every_m
+    is_in_block = since_begin_m < length_m
+    trained_count = np.bincount(places[~is_in_block], minlength=int(places.max()) + 1)
+    return is_in_block & (trained_count[places] > 0)
 
 
 def numbered(
     world_T_anchor: Poses, is_held_out: NDArray[np.bool_], every_m: float, length_m: float
 ) -> NDArray[np.int64]:
-    """Number the blocks of the h held-out submaps (h,), from 0 along the path.
+    """The number (h,) of the block of each of the h held-out submaps, from 0 along the path.
 
-    A block ends half of `every_m` after its first submap, or `length_m` after it if that is more.
-    This also cuts a path into blocks that is held out as a whole.
+    A submap further than half of `every_m`, and further than `length_m`, behind the first one of a
+    block belongs to the next: that is longer than a block of `blocks`, and shorter than the way to
+    the next one. A path that is held out as a whole is cut into blocks of this length.
     """
     path_m = _path_m(world_T_anchor)[is_held_out]
     numbers = np.empty(len(path_m), np.int64)

@@ -26,12 +26,12 @@ def nearest(
     if not k or not len(queries):
         return np.empty((len(queries), k), np.float32), np.empty((len(queries), k), np.int64)
     _, rows = knn(queries, database, k)
-    rows.sort(axis=1)
+    rows.sort(axis=1)  # so that a stable sort by distance puts the lower one of equal rows first
     offsets = database[rows] - queries[:, None]
     squares = np.vecdot(offsets, offsets)
     order = squares.argsort(axis=1, kind="stable")
-    query = np.arange(len(rows))[:, None]
-    return np.sqrt(squares[query, order]), rows[query, order]
+    distances = np.sqrt(np.take_along_axis(squares, order, axis=1))
+    return distances, np.take_along_axis(rows, order, axis=1)
 
 
 def first_of_each(groups: NDArray[np.int64], k: int) -> NDArray[np.int64]:

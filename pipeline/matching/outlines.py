@@ -20,30 +20,30 @@ from pipeline.core.frames import wrapped_deg
 
 STANDS_M = 1.5
 """Something stands in a bin of a Scan Context if its highest point is above this."""
-COMPARED = 25
+COMPARED_PLACES = 25
 """How many of a query's first places have their outlines compared."""
-TURNED_DEG = 24.0
+MAX_TURN_DEG = 24.0
 """Largest turn of a training view, either way, from the heading that the network gave."""
-GONE = 0.5
+GONE_WEIGHT = 0.5
 """How much a sector in which the query sees further counts against the place, where a sector that
 agrees counts 1 for it."""
-WORTH = 0.05
+AGREEMENT_NATS = 0.05
 """What an agreeing sector adds to a place's score, in nats.
 
-GONE and WORTH lie in a range of values that do equally well on altered held-out blocks of two
-simulated campuses (docs/measured.md says what else was weighed).
+GONE_WEIGHT and AGREEMENT_NATS lie in a range of values that do equally well on altered held-out
+blocks of two simulated campuses (docs/measured.md says what else was weighed).
 """
 PREFIX = "outlines/"
 """Prefix of the outlines' arrays in a model."""
-NOTHING = 2**15 - 1
-"""The ring of a sector where nothing stands."""
+NO_RING = 2**15 - 1
+"""The ring of a sector where nothing stands, beyond every other."""
 
 
 class Outlines(NamedTuple):
     """The outlines of the training views, sorted by place."""
 
     rings: NDArray[np.int16]
-    """(view, sector) the ring of the nearest standing thing, or NOTHING."""
+    """(view, sector) the ring of the nearest standing thing, or NO_RING."""
     places: NDArray[np.int64]
     """(view,) the place that each shows."""
     columns: NDArray[np.float32]
@@ -67,10 +67,10 @@ class Outlines(NamedTuple):
 def outlines(heights_m: NDArray[np.floating]) -> NDArray[np.int16]:
     """Outlines (n, sectors) of Scan Contexts (n, rings, sectors) of heights in metres.
 
-    Each is the ring of the nearest standing bin in a sector, or NOTHING.
+    Each is the ring of the nearest standing bin in a sector, or NO_RING.
     """
     stands = heights_m > STANDS_M
-    return np.where(stands.any(axis=1), stands.argmax(axis=1), NOTHING).astype(np.int16)
+    return np.where(stands.any(axis=1), stands.argmax(axis=1), NO_RING).astype(np.int16)
 
 
 def reranked(
@@ -86,22 +86,22 @@ def reranked(
     the heading.
     """
     view_starts = np.searchsorted(training.places, np.arange(scores.shape[1] + 1))
-    first_places = np.argsort(-scores, axis=1, kind="stable")[:, :COMPARED]
+    first_places = np.argsort(-scores, axis=1, kind="stable")[:, :COMPARED_PLACES]
     first_scores = np.take_along_axis(scores, first_places, axis=1)
     headings = np.array(heading_deg, np.float64)
     column_deg = 360 / query_rings.shape[1]
     columns = np.take_along_axis(headings, first_places, axis=1) / column_deg
-    worth, best_columns = _compare(
+    agreement, best_columns = _compare(
         np.concatenate([query_rings, query_rings], axis=1),
         training.rings,
         training.columns,
         view_starts,
         first_places,
         columns,
-        round(TURNED_DEG / column_deg),
+        max_turns=round(MAX_TURN_DEG / column_deg),
     )
     new_scores = scores.copy()
-    np.put_along_axis(new_scores, first_places, first_scores + WORTH * worth, axis=1)
+    np.put_along_axis(new_scores, first_places, first_scores + AGREEMENT_NATS * agreement, axis=1)
     np.put_along_axis(headings, first_places, wrapped_deg(best_columns * column_deg), axis=1)
     return new_scores, headings
 
@@ -114,35 +114,42 @@ def _compare(
     view_starts: NDArray[np.int64],
     places: NDArray[np.int64],
     query_columns: NDArray[np.float64],
-    most_turns: int,
+    max_turns: int,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return how well each query's outline agrees with its places (n, k), and at which heading.
 
-    The agreement (n, k) is counted in sectors, the headings (n, k) in columns. `query_rings` (n,
-    2 · sectors) repeats each query's outline, so that a slice of it is the outline turned. The
-    training views of a place are the rows from `view_starts[place]` to `view_starts[place + 1]`.
-    The headings `query_columns` (n, k), in columns, are varied by up to `most_turns` either way.
+    The agreement (n, k) is the number of sectors that agree, less GONE_WEIGHT times those in which
+    something is gone. The headings (n, k) are in columns.
+
+    `query_rings` (n, 2 · sectors) repeats each query's outline, so that a slice is the outline
+    turned. The training views of a place are the rows from `view_starts[place]` to
+    `view_starts[place + 1]`. The headings `query_columns` (n, k), in columns, are varied by up to
+    `max_turns` either way.
     """
     sectors = view_rings.shape[1]
-    worth = np.full(places.shape, -np.inf)
+    agreement = np.full(places.shape, -np.inf)
     headings = query_columns.copy()
     for query in range(places.shape[0]):
         for rank in range(places.shape[1]):
             place = places[query, rank]
             for view in range(view_starts[place], view_starts[place + 1]):
                 middle = round(query_columns[query, rank] - view_columns[view])
-                for turn in range(middle - most_turns, middle + most_turns + 1):
+                for turn in range(middle - max_turns, middle + max_turns + 1):
+                    # What the view sees in a sector, a query that is turned to the left by `turn`
+                    # sees in the sector − turn.
                     shift = (-turn) % sectors
-                    agree = 0.0
-                    missing = 0.0
+                    agreeing = 0.0
+                    gone = 0.0
                     for sector in range(sectors):
                         view_ring = view_rings[view, sector]
                         query_ring = query_rings[query, sector + shift]
+                        # With NO_RING on one side only, the other side is much nearer.
                         rings_further = np.int32(query_ring) - np.int32(view_ring)
-                        stands = (view_ring < NOTHING) | (query_ring < NOTHING)
-                        agree += stands & (abs(rings_further) <= 1)
-                        missing += stands & (rings_further > 1)
-                    if agree - GONE * missing > worth[query, rank]:
-                        worth[query, rank] = agree - GONE * missing
+                        stands = (view_ring < NO_RING) | (query_ring < NO_RING)
+                        agreeing += stands & (abs(rings_further) <= 1)
+                        gone += stands & (rings_further > 1)
+                    net = agreeing - GONE_WEIGHT * gone
+                    if net > agreement[query, rank]:
+                        agreement[query, rank] = net
                         headings[query, rank] = view_columns[view] + turn
-    return worth, headings
+    return agreement, headings

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pipeline.core.errors import InputError
 
-GREY = 127
+MEAN_GREY = 127
 """The mean of a normalised patch; a pixel one standard deviation above the mean becomes 1 more."""
 TILE = 64
 """Queries compared at a time: few enough to stay in the L2 cache while all references pass."""
@@ -29,10 +29,10 @@ def resized(images: NDArray[np.uint8], side_px: int) -> NDArray[np.uint8]:
     pixel = np.arange(side)
     covered = np.clip(edges[1:] - pixel, 0, 1) - np.clip(edges[:-1] - pixel, 0, 1)
     share = covered * (side_px / side)
-    out = np.empty((len(images), side_px, side_px), np.uint8)
-    for image, pixels in zip(images, out, strict=True):
-        pixels[:] = np.rint(share @ image @ share.T)
-    return out
+    resized_images = np.empty((len(images), side_px, side_px), np.uint8)
+    for image, resized_image in zip(images, resized_images, strict=True):
+        resized_image[:] = np.rint(share @ image @ share.T)
+    return resized_images
 
 
 def normalised(images: NDArray[np.uint8], patch_px: int = 8) -> NDArray[np.uint8]:
@@ -69,10 +69,10 @@ def differences(references: NDArray[np.uint8], queries: NDArray[np.uint8]) -> ND
         for images in (references, queries)
     )
     sums = np.empty((len(reference_pixels), len(query_pixels)), np.int32)
-    _sums(reference_pixels, query_pixels, sums)
-    scaled: NDArray[np.float32] = sums.astype(np.float32)
-    scaled /= max(len(reference_pixels), 1)
-    return scaled
+    _sums(reference_pixels, query_pixels, out_sums=sums)
+    sums_over_n: NDArray[np.float32] = sums.astype(np.float32)
+    sums_over_n /= max(len(reference_pixels), 1)
+    return sums_over_n
 
 
 @njit(cache=True, nogil=True, boundscheck=False, error_model="numpy")
@@ -89,25 +89,28 @@ def _normalised(images, side, out):  # type: ignore[no-untyped-def]
                         value = np.int64(images[n, row, column])
                         total += value
                         squares += value * value
-                # number² times the mean square deviation, exact since all are whole numbers
+                # The sample variance is spread / (number (number − 1)), and a pixel lies above the
+                # mean by (number value − total) / number: that is (number value − total) · scale
+                # deviations. Spread is exact, since all are whole numbers; that of a single
+                # grey is 0, and counts as 1.
                 spread = number * squares - total * total
                 scale = math.sqrt((number - 1) / (number * max(spread, 1)))
                 for row in range(top, top + side):
                     for column in range(left, left + side):
-                        above = (number * np.int64(images[n, row, column]) - total) * scale
-                        rounded = math.floor(abs(above) + 0.5)
+                        deviations = (number * np.int64(images[n, row, column]) - total) * scale
+                        rounded = math.floor(abs(deviations) + 0.5)
                         out[n, row, column] = min(
-                            max(GREY + (rounded if above > 0 else -rounded), 0), 255
+                            max(MEAN_GREY + (rounded if deviations > 0 else -rounded), 0), 255
                         )
 
 
 @njit(cache=True, nogil=True, boundscheck=False, error_model="numpy")
-def _sums(references, queries, sums):  # type: ignore[no-untyped-def]
-    """Write the difference of each reference (n, pixels) and query (m, pixels) to sums (n, m)."""
+def _sums(references, queries, out_sums):  # type: ignore[no-untyped-def]
+    """Write the difference of each reference (n, pixels) and query (m, pixels) to `out_sums`."""
     for start in range(0, len(queries), TILE):
         for i in range(len(references)):
             for j in range(start, min(start + TILE, len(queries))):
-                sums[i, j] = _difference(references[i], queries[j])
+                out_sums[i, j] = _difference(references[i], queries[j])
 
 
 @njit(cache=True, nogil=True, boundscheck=False, error_model="numpy")

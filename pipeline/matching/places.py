@@ -61,13 +61,13 @@ def label(world_T_anchor: Poses, world_T_training: Poses, grid: Grid, days: int)
     training_cells = grid.cell(training_xy_m)
     cells, training_places = np.unique(training_cells, return_inverse=True)
     distance_m, nearest = scipy.spatial.KDTree(training_xy_m).query(xy_m)
-    turn = np.rad2deg(yaw(world_T_anchor) - yaw(world_T_training)[nearest])
+    turn_deg = np.rad2deg(yaw(world_T_anchor) - yaw(world_T_training)[nearest])
     return Labels(
         Places(grid, cells).at(xy_m),
         cells,
         training_places[nearest].astype(np.int64),
         np.asarray(distance_m),
-        wrapped_deg(turn),
+        wrapped_deg(turn_deg),
         days,
         grid.cell_m,
         grid.x_m,

@@ -117,13 +117,13 @@ class Evidence:
     def threshold(self, kind: str, unseen_share: float, wanted_precision: float) -> Threshold:
         """Choose the threshold on one kind of novelty; every block has the same weight."""
         novelty, right, weight = self.queries(kind, unseen_share)
-        share_of_block = 1 / np.bincount(self.block)[self.block]
+        weight_in_block = 1 / np.bincount(self.block)[self.block]
         return reachable_threshold(
             wanted_precision,
             novelty,
             right,
-            weight * np.tile(share_of_block, 2),
-            np.tile(self.block, 2),
+            weight=weight * np.tile(weight_in_block, 2),
+            block=np.tile(self.block, 2),
         )
 
 
@@ -225,6 +225,7 @@ def reachable_threshold(
     novelties, hits, accepted = _accepted(novelty, right, weight)
     is_finite = np.isfinite(novelties)
     novelties = novelties[is_finite]
+    # rounded, so that a precision that equals the wanted one counts as kept
     kept_precision = (hits / (accepted + 1))[is_finite].round(9)
 
     # 2. The novelties at which the wanted precision is kept.
@@ -238,6 +239,7 @@ def reachable_threshold(
         best_precision = kept_precision[has_enough].max(initial=0.0)
         is_best = has_enough & (kept_precision > 0) & (kept_precision >= best_precision)
         candidates = np.flatnonzero(is_best)
+        # rounded down; 1e-6, so that a whole number of thousandths stays
         kept_precision = np.floor(1000 * kept_precision + 1e-6) / 1000
     if not len(candidates):
         return Threshold(ACCEPT_NOTHING, np.nan)

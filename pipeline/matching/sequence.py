@@ -22,7 +22,7 @@ BLOCK = 2_048
 GRAIN = 1_000
 """Speeds are rounded to thousandths of a row per query. Positions follow from them by a division of
 whole numbers, so that no rounding decides between two rows."""
-FLAT = 1e-13
+FLAT_SHARE = 1e-13
 """A window is flat if its variance is at most this share of its mean square: float32 cannot tell
 its values apart."""
 REPRODUCIBLE = {"contract", "nsz"}
@@ -38,13 +38,15 @@ def contrast(differences: NDArray[np.float32], rows: int) -> NDArray[np.float32]
     rows // 2 above the difference to rows // 2 below it, cut off at the ends. A flat one gives 0.
     """
     enhanced = np.empty(differences.shape, np.float32)
-    _enhance(np.ascontiguousarray(differences, np.float32), rows // 2, enhanced)
+    _enhance(np.ascontiguousarray(differences, np.float32), rows // 2, out=enhanced)
     return enhanced
 
 
 def least(rows: int) -> float:
     """The lowest value of `contrast`: one difference of a window lies below all others, all
     equal."""
+    # With n values, of which one is 0 and the others are 1, the mean is (n − 1) / n and the sample
+    # variance 1 / n; so the value is −(n − 1) / √n. A window has n = 2 (rows // 2) + 1 rows.
     return -2 * (rows // 2) / math.sqrt(2 * (rows // 2) + 1)
 
 
@@ -74,7 +76,7 @@ def search(
     if last is None:
         last = enhanced.shape[1] - offsets.shape[1] + 1
     costs = np.empty((len(enhanced), max(last - first, 0)), np.float32)
-    _search(enhanced, offsets, first, costs)
+    _search(enhanced, offsets, first, out_costs=costs)
     return costs
 
 
@@ -104,8 +106,8 @@ def runner_up(
 
 
 @njit(cache=True, nogil=True, fastmath=REPRODUCIBLE, boundscheck=False, error_model="numpy")
-def _enhance(differences, half, enhanced):  # type: ignore[no-untyped-def]
-    """Write differences (n, m) to `enhanced`, standardised over windows of ± `half` rows.
+def _enhance(differences, half, out):  # type: ignore[no-untyped-def]
+    """Write differences (n, m) to `out` (n, m), standardised over windows of ± `half` rows.
 
     The window slides down the rows, and its sums are updated by the rows that enter and leave it.
     They are float64, since in float32 results would be off by up to 0.07.
@@ -135,7 +137,7 @@ def _enhance(differences, half, enhanced):  # type: ignore[no-untyped-def]
                     sums,
                     squares,
                     number,
-                    enhanced[row, start : start + width],
+                    out[row, start : start + width],
                 )
 
 
@@ -149,32 +151,31 @@ def _standardised(values, sums, squares, number, out):  # type: ignore[no-untype
     unbiased = 1.0 / max(number - 1, 1)
     for i in range(len(out)):
         mean = sums[i] * share
-        spread = squares[i] - sums[i] * mean
-        flat = spread <= FLAT * squares[i]
-        deviation = math.sqrt(np.float32(spread * unbiased if not flat else 1.0))
-        above = np.float32(values[i] - mean)
-        out[i] = np.float32(0) if flat else above / deviation
+        spread = squares[i] - sums[i] * mean  # the sum of squared deviations
+        is_flat = spread <= FLAT_SHARE * squares[i]
+        deviation = math.sqrt(np.float32(spread * unbiased if not is_flat else 1.0))
+        above_mean = np.float32(values[i] - mean)
+        out[i] = np.float32(0) if is_flat else above_mean / deviation
 
 
 @njit(cache=True, nogil=True, fastmath=REPRODUCIBLE, boundscheck=False, error_model="numpy")
-def _search(enhanced, offsets, start, costs):  # type: ignore[no-untyped-def]
-    """Write the cheapest runs to costs (n, windows); windows begin at column `start`."""
-    n, windows = costs.shape
+def _search(enhanced, offsets, first, out_costs):  # type: ignore[no-untyped-def]
+    """Write the costs of the cheapest runs to `out_costs` (n, windows), from column `first` on."""
+    n, windows = out_costs.shape
     for block_start in range(0, windows, BLOCK):
         width = min(block_start + BLOCK, windows) - block_start
+        column = first + block_start
         total = np.empty(width, np.float32)
         for row in range(n):
-            lowest = costs[row, block_start : block_start + width]
+            lowest = out_costs[row, block_start : block_start + width]
             lowest[:] = np.inf
             for run in offsets:
                 if row + run.min() < 0 or row + run.max() >= n:
                     continue
                 total[:] = 0
                 for k in range(len(run)):
-                    added = enhanced[
-                        row + run[k], start + block_start + k : start + block_start + k + width
-                    ]
+                    differences = enhanced[row + run[k], column + k : column + k + width]
                     for i in range(width):
-                        total[i] += added[i]
+                        total[i] += differences[i]
                 for i in range(width):
                     lowest[i] = min(lowest[i], total[i])

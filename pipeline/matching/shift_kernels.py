@@ -42,18 +42,18 @@ def _bit_count(context, word):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
-def products(columns, query, rows, spectra):  # type: ignore[no-untyped-def]
-    """Write to `spectra` (m, frequency) the correlations' spectra of m `rows` with a query.
+def products(columns, factors, rows, out_spectra):  # type: ignore[no-untyped-def]
+    """Write to `out_spectra` (m, frequency) the correlations' spectra of m `rows` with a query.
 
-    `columns` (n, frequency, 2 rings) are the database's spectra. The query (frequency, 2, 2 rings)
-    holds what to multiply them with for the real and for the imaginary part of the result. Sums
-    have the query's type. Four rows go together, so that the query is read once for all four; the
-    last group is filled up with the last row.
+    `columns` (n, frequency, 2 rings) are the database's spectra. The query's `factors` (frequency,
+    2, 2 rings) are what to multiply them with for the real and for the imaginary part of the
+    result. Sums have their type. Four rows go together, so that the factors are read once for all
+    four; the last group is filled up with the last row.
     """
     # a, b, c and d are the spectra of rows i, j, k and m.
-    frequencies, _, numbers = query.shape
+    frequencies, _, numbers = factors.shape
     last_row = len(rows) - 1
-    zero = query.dtype.type(0)
+    zero = factors.dtype.type(0)
     for i in range(0, len(rows), 4):
         j = min(i + 1, last_row)
         k = min(i + 2, last_row)
@@ -65,8 +65,8 @@ def products(columns, query, rows, spectra):  # type: ignore[no-untyped-def]
         for f in range(frequencies):
             a_re = a_im = b_re = b_im = c_re = c_im = d_re = d_im = zero
             for number in range(numbers):
-                re = query[f, 0, number]
-                im = query[f, 1, number]
+                re = factors[f, 0, number]
+                im = factors[f, 1, number]
                 a_re += a[f, number] * re
                 a_im += a[f, number] * im
                 b_re += b[f, number] * re
@@ -75,61 +75,68 @@ def products(columns, query, rows, spectra):  # type: ignore[no-untyped-def]
                 c_im += c[f, number] * im
                 d_re += d[f, number] * re
                 d_im += d[f, number] * im
-            spectra[i, f] = complex(a_re, a_im)
-            spectra[j, f] = complex(b_re, b_im)
-            spectra[k, f] = complex(c_re, c_im)
-            spectra[m, f] = complex(d_re, d_im)
+            out_spectra[i, f] = complex(a_re, a_im)
+            out_spectra[j, f] = complex(b_re, b_im)
+            out_spectra[k, f] = complex(c_re, c_im)
+            out_spectra[m, f] = complex(d_re, d_im)
 
 
 @njit(inline="always")
-def _count(mask, turned, counts):  # type: ignore[no-untyped-def]
-    """Write to counts (shift,) how many engaged columns row and query share; return the most.
+def _count(mask, shifted_masks, out_counts):  # type: ignore[no-untyped-def]
+    """Write to `out_counts` (shift,) how many engaged columns row and query share.
 
-    `mask` (words,) is the row's bit set, and `turned` (shift, words) the query's at every shift.
+    `mask` (words,) is the row's bit set, `shifted_masks` (shift, words) the query's at every shift.
+    Returns the largest count.
     """
-    most = np.float32(0)
-    for shift in range(turned.shape[0]):
-        shared = np.uint64(0)
-        for word in range(turned.shape[1]):
-            shared += _bit_count(mask[word] & turned[shift, word])
-        counts[shift] = np.float32(np.int32(shared))
-        most = max(most, counts[shift])
-    return most
+    largest_count = np.float32(0)
+    for shift in range(shifted_masks.shape[0]):
+        shared_columns = np.uint64(0)
+        for word in range(shifted_masks.shape[1]):
+            shared_columns += _bit_count(mask[word] & shifted_masks[shift, word])
+        out_counts[shift] = np.float32(np.int32(shared_columns))
+        largest_count = max(largest_count, out_counts[shift])
+    return largest_count
 
 
 @njit(cache=True, nogil=True, fastmath={"contract", "nsz"}, error_model="numpy")
-def best(sums, masks, turned, least, similarities, shifts):  # type: ignore[no-untyped-def]
-    """Write to `similarities` (m,) the highest mean cosine of each row, and to `shifts` (m,) where.
+def best(  # type: ignore[no-untyped-def]
+    sums, masks, shifted_masks, least_engaged, out_similarities, out_shifts
+):
+    """Write the highest mean cosine of each row to `out_similarities` (m,), its shift to the other.
 
-    `sums` (m, shift) are sums of cosines, `masks` (m, words) and `turned` (shift, words) the bit
-    sets of the rows and the query. A shift counts if its shared columns are at least the share
-    `least` of the most at any shift. Where no column is ever shared, the result is 0 at shift −1.
+    `sums` (m, shift) are sums of cosines, `masks` (m, words) and `shifted_masks` (shift, words) the
+    bit sets of the rows and the query. A shift counts if its shared columns are at least the share
+    `least_engaged` of the most at any shift. Where no column is ever shared, the similarity is 0 at
+    shift −1.
     """
     counts = np.empty(sums.shape[1], np.float32)
     for i in range(len(sums)):
-        highest = -np.inf
+        highest_mean = -np.inf
         best_shift = -1
-        enough = least * _count(masks[i], turned, counts)
+        enough_columns = least_engaged * _count(masks[i], shifted_masks, counts)
         for shift in range(sums.shape[1]):
             if (
                 counts[shift] > 0
-                and counts[shift] >= enough
-                and sums[i, shift] / counts[shift] > highest
+                and counts[shift] >= enough_columns
+                and sums[i, shift] / counts[shift] > highest_mean
             ):
-                highest = sums[i, shift] / counts[shift]
+                highest_mean = sums[i, shift] / counts[shift]
                 best_shift = shift
-        similarities[i] = highest if best_shift >= 0 else 0.0
-        shifts[i] = best_shift
+        out_similarities[i] = highest_mean if best_shift >= 0 else 0.0
+        out_shifts[i] = best_shift
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
-def highest(sums, masks, turned, least, similarities):  # type: ignore[no-untyped-def]
+def highest(  # type: ignore[no-untyped-def]
+    sums, masks, shifted_masks, least_engaged, out_similarities
+):
     """Like `best`, but in float32 and without the shift, so that the compiler can vectorise it."""
     counts = np.empty(sums.shape[1], np.float32)
     for i in range(len(sums)):
-        enough = np.float32(max(math.ceil(least * _count(masks[i], turned, counts)), 1))
+        largest_count = _count(masks[i], shifted_masks, counts)
+        enough_columns = np.float32(max(math.ceil(least_engaged * largest_count), 1))
         best_mean = NO_SHIFT
         for shift in range(sums.shape[1]):
             mean = sums[i, shift] / max(counts[shift], np.float32(1))
-            best_mean = max(best_mean, mean if counts[shift] >= enough else NO_SHIFT)
-        similarities[i] = best_mean if best_mean > NO_SHIFT else np.float32(0)
+            best_mean = max(best_mean, mean if counts[shift] >= enough_columns else NO_SHIFT)
+        out_similarities[i] = best_mean if best_mean > NO_SHIFT else np.float32(0)

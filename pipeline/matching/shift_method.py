@@ -46,14 +46,15 @@ class ShiftMethod(DescriptorMethod):
         keys = ring_keys(heights_m)
 
         def search(
-            queries: NDArray[np.int64], allowed: NDArray[np.bool_]
+            queries: NDArray[np.int64], is_allowed: NDArray[np.bool_]
         ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
             """A `database.Search` among the training views."""
             distances = np.empty(len(queries))
             nearest_rows = np.empty(len(queries), np.int64)
             for i, query in enumerate(queries):
-                rows = np.flatnonzero(allowed[i])
-                candidates = rows[self._candidate_rows(keys[rows], keys[[query]])[0]]
+                rows = np.flatnonzero(is_allowed[i])
+                (columns,) = self._candidate_rows(keys[rows], keys[[query]])
+                candidates = rows[columns]
                 likely_rows = spectra.likely(heights_m[query], candidates, k=1)
                 row_distances, _ = spectra.compare(heights_m[query], likely_rows)
                 distances[i] = row_distances.min()
@@ -68,10 +69,11 @@ class ShiftMethod(DescriptorMethod):
         """Make the function that ranks the k nearest candidates; costs are distances in [0, 2]."""
         spectra = Spectra.of(model, self.least_engaged)
         database = Database.of(model)
+        # Without stored keys all rows are candidates, and only the number of keys is read.
         keys = model.get("ring_keys", np.empty((len(database.places), 0), np.float32))
 
         def localize(views: Rows, k: int) -> Ranking:
-            heights_m = spectra.images(views)
+            heights_m = spectra.read_heights(views)
             rows = self._candidate_rows(keys, ring_keys(heights_m))
             return spectra.rank(database, heights_m, rows, k, self.distinct_places)
 
@@ -86,7 +88,8 @@ class ShiftMethod(DescriptorMethod):
         """
         if self.candidates is None:
             return np.broadcast_to(np.arange(len(keys)), (len(queries), len(keys)))
-        return nearest(keys, queries, self.candidates)[1]
+        _, rows = nearest(keys, queries, self.candidates)
+        return rows
 
 
 def ring_keys(heights_m: NDArray[np.float32]) -> NDArray[np.float32]:

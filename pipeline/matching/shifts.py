@@ -1,5 +1,5 @@
-"""Scan Context's distance: the mean cosine of engaged columns at the best column shift (IROS 2018,
-eq. 6; METHODS 1.3).
+"""Scan Context's distance: the mean cosine of the columns that are engaged in both, at the best
+column shift (IROS 2018, eq. 6; METHODS 1.3).
 
 A column is engaged if it holds anything, and a shift of the columns is a turn of the robot. The
 sums of cosines at all shifts are one circular correlation. So a database stores the spectra of its
@@ -31,8 +31,8 @@ PREFIX = "spectra/"
 BLOCK = 256
 """Rows compared at once: few enough for their correlations to stay in a core's own cache."""
 SLACK = np.float32(1e-3)
-"""Bound on the error of a similarity summed in float32. It is a rounding of about 1e-6 times the
-root of the columns engaged in either, over the number of columns engaged in both."""
+"""Bound on the error of a similarity summed in float32, which is about 1e-6 · √(columns engaged in
+either) / (columns engaged in both)."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +53,7 @@ class Spectra:
         n, rings, sectors = heights_m.shape
         columns = np.empty((n, sectors // 2 + 1, 2 * rings), np.float32)
         for i in range(0, n, BLOCK):
+            # as float64 the real and the imaginary parts alternate; they are rounded to float32
             columns[i : i + BLOCK] = _spectra(heights_m[i : i + BLOCK]).view(np.float64)
         return cls(columns, _engaged(heights_m), least_engaged)
 
@@ -76,22 +77,23 @@ class Spectra:
         a column, the distance is 1 and the yaw NaN.
         """
         query = _spectra(heights_m[None])[0]
-        turned = _turned(heights_m)
+        shifted_masks = _shifted_masks(heights_m)
         similarities = np.empty(len(rows))
         best_shifts = np.empty(len(rows), np.int64)
         for part, sums in self._correlations(query, rows):
             kernels.best(
                 sums,
                 self._masks[rows[part]],
-                turned,
+                shifted_masks,
                 self.least_engaged,
-                similarities[part],
-                best_shifts[part],
+                out_similarities=similarities[part],
+                out_shifts=best_shifts[part],
             )
         distances = (1 - similarities).clip(0)
         column_deg = 360 / self.engaged.shape[1]
-        turned_deg = np.where(best_shifts < 0, np.nan, best_shifts * column_deg)
-        return distances, turned_deg
+        # The shift is −1 where no shift engages a column.
+        yaw_deg = np.where(best_shifts < 0, np.nan, best_shifts * column_deg)
+        return distances, yaw_deg
 
     def likely(
         self,
@@ -100,7 +102,7 @@ class Spectra:
         k: int,
         groups: NDArray[np.int64] | None = None,
     ) -> NDArray[np.int64]:
-        """Return the rows of (m,) that may be among the k nearest to a query (ring, sector).
+        """Return those of `rows` (m,) that may be among the k nearest to a query (ring, sector).
 
         They stay in their order. If the rows belong to `groups` (m,), such as places, the rows are
         returned that may be the nearest of their group, for the k nearest groups.
@@ -108,20 +110,26 @@ class Spectra:
         if len(rows) <= BLOCK:
             return rows
         query = _spectra(heights_m[None])[0].astype(np.complex64)
-        turned = _turned(heights_m)
+        shifted_masks = _shifted_masks(heights_m)
         similarities = np.empty(len(rows), np.float32)
         for part, sums in self._correlations(query, rows):
             kernels.highest(
-                sums, self._masks[rows[part]], turned, self.least_engaged, similarities[part]
+                sums,
+                self._masks[rows[part]],
+                shifted_masks,
+                self.least_engaged,
+                out_similarities=similarities[part],
             )
         competitors = similarities
         if groups is not None:
+            # Keep the best similarity of each of the k nearest groups; −1 stands for no group.
             order = np.argsort(-similarities, kind="stable")
-            columns = first_of_each(groups[order][None], k)[0]
-            competitors = similarities[order[columns[columns >= 0]]]
+            (firsts,) = first_of_each(groups[order][None], k)
+            competitors = similarities[order[firsts[firsts >= 0]]]
         if len(competitors) < k:
             return rows
         kth_highest = np.partition(competitors, -k)[-k]
+        # Both a row's similarity and the k-th highest may be off by SLACK.
         likely_rows: NDArray[np.int64] = rows[similarities >= kth_highest - 2 * SLACK]
         return likely_rows
 
@@ -137,29 +145,31 @@ class Spectra:
 
         `query` (frequency, ring) is the spectrum of its columns; the sums have its precision.
         """
-        # For a column a and the query b, a · conj(b) has the real part re a re b + im a im b and
-        # the imaginary part im a re b − re a im b. Both are products of a's real numbers: with
-        # those of b, and with those of i b.
+        # For a column a and the query b, a · conj(b) has the parts
+        #   Re = re a re b + im a im b = (re a, im a) · (re b, im b)
+        #   Im = im a re b − re a im b = (re a, im a) · (re ib, im ib)
+        # so a's numbers are multiplied with those of b, and with those of i b.
         factors = np.stack([query, 1j * query], axis=1).astype(query.dtype)
-        real_and_imaginary = factors.view(query.real.dtype)
-        # numpy's transform where it is exact, so that rankings keep their bits; scipy's is twice as
-        # fast
+        factors_of_parts = factors.view(query.real.dtype)
+        # In float64 numpy's transform, so that rankings keep their bits; in float32 scipy's, which
+        # is twice as fast.
         fft = scipy.fft if query.dtype == np.complex64 else np.fft
         spectra = np.empty((min(BLOCK, len(rows)), len(query)), query.dtype)
         for i in range(0, len(rows), BLOCK):
             part = slice(i, min(i + BLOCK, len(rows)))
             out = spectra[: part.stop - i]
-            kernels.products(self.columns, real_and_imaginary, rows[part], out)
+            kernels.products(self.columns, factors_of_parts, rows[part], out_spectra=out)
             yield part, fft.irfft(out, self.engaged.shape[1])
 
-    def images(self, views: Rows) -> NDArray[np.float32]:
+    def read_heights(self, views: Rows) -> NDArray[np.float32]:
         """Read the views (q, ring, sector); raises InputError for another shape than training's."""
         heights_m = np.asarray(views.images[:])
-        learned = (self.columns.shape[2] // 2, self.engaged.shape[1])
-        if heights_m.shape[1:] != learned:
+        rings = self.columns.shape[2] // 2
+        sectors = self.engaged.shape[1]
+        if heights_m.shape[1:] != (rings, sectors):
             raise InputError(
-                f"views of {heights_m.shape[1:]}: the model learned {learned[0]} rings × "
-                f"{learned[1]} sectors"
+                f"views of {heights_m.shape[1:]}: the model learned {rings} rings × "
+                f"{sectors} sectors"
             )
         return heights_m
 
@@ -172,43 +182,52 @@ class Spectra:
         distinct_places: bool,
     ) -> Ranking:
         """Rank k answers to queries (q, ring, sector), each among its own candidate rows (q, m)."""
-        parts = []
+        rankings = []
         for start in range(0, max(len(rows), 1), QUERIES):
             # 1. Find the candidates that may be among the k nearest, in float32.
             views = heights_m[start : start + QUERIES]
-            likely = []
+            likely_rows = []
             for view, view_rows in zip(views, rows[start : start + QUERIES], strict=True):
                 groups = database.places[view_rows] if distinct_places else None
-                likely.append(self.likely(view, view_rows, k, groups))
+                likely_rows.append(self.likely(view, view_rows, k, groups))
 
-            # 2. Compare these in float64; queries with fewer of them are filled up with infinity.
-            most = max(map(len, likely), default=0)
-            candidates = np.zeros((len(likely), most), np.int64)
-            distances = np.full(candidates.shape, np.inf)
-            turned_deg = np.full(candidates.shape, np.inf)
-            for query, likely_rows in enumerate(likely):
-                n = len(likely_rows)
-                candidates[query, :n] = likely_rows
-                distances[query, :n], turned_deg[query, :n] = self.compare(
-                    views[query], likely_rows
-                )
+            # 2. Compare these in float64.
+            candidates, distances, yaw_deg = self._compare_likely(views, likely_rows)
 
             # 3. Answer with the nearest.
             order = np.argsort(distances, axis=1, kind="stable")
-            parts.append(
-                database.answer(
-                    np.take_along_axis(distances, order, axis=1).astype(np.float32),
-                    np.take_along_axis(candidates, order, axis=1),
-                    k,
-                    distinct_places,
-                    np.take_along_axis(turned_deg, order, axis=1),
-                )
+            ranking = database.answer(
+                np.take_along_axis(distances, order, axis=1).astype(np.float32),
+                np.take_along_axis(candidates, order, axis=1),
+                k,
+                distinct_places,
+                np.take_along_axis(yaw_deg, order, axis=1),
             )
-        return joined(parts)
+            rankings.append(ranking)
+        return joined(rankings)
+
+    def _compare_likely(
+        self, views: NDArray[np.float32], likely_rows: list[NDArray[np.int64]]
+    ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+        """Compare each view (ring, sector) with its likely rows.
+
+        Returns the rows (q, m), their distances and the yaws of the views against them (q, m).
+        Views with fewer rows are filled up with row 0 at an infinite distance, whose yaw is never
+        read.
+        """
+        m = max(map(len, likely_rows), default=0)
+        candidates = np.zeros((len(likely_rows), m), np.int64)
+        distances = np.full(candidates.shape, np.inf)
+        yaw_deg = np.full(candidates.shape, np.nan)
+        for query, query_rows in enumerate(likely_rows):
+            n = len(query_rows)
+            candidates[query, :n] = query_rows
+            distances[query, :n], yaw_deg[query, :n] = self.compare(views[query], query_rows)
+        return candidates, distances, yaw_deg
 
 
-def _turned(heights_m: NDArray[np.float32]) -> NDArray[np.uint64]:
-    """Bit sets (shift, words) of a Scan Context's engaged columns at every shift."""
+def _shifted_masks(heights_m: NDArray[np.float32]) -> NDArray[np.uint64]:
+    """Bit sets (shift, words) of the engaged columns of a Scan Context at every shift."""
     return kernels.packed(circulant(_engaged(heights_m[None])[0] > 0).T)
 
 
@@ -221,7 +240,7 @@ def _engaged(heights_m: NDArray[np.float32]) -> NDArray[np.float32]:
 def _spectra(heights_m: NDArray[np.float32]) -> NDArray[np.complex128]:
     """Spectra (n, frequency, ring) of Scan Contexts (n, ring, sector), along their sectors.
 
-    Columns are brought to length 1 before; empty ones stay 0.
+    Columns are brought to length 1 first; empty ones stay 0.
     """
     columns = heights_m.astype(np.float64)
     lengths = np.sqrt(np.einsum("nrs,nrs->ns", columns, columns))

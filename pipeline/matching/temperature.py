@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 from scipy.special import log_softmax
 
-LOG_RANGE = (-3.0, 3.0)
+LOG_BOUNDS = (-3.0, 3.0)
 """Natural logarithms of the lowest and the highest temperature searched: 0.05 and 20."""
 TOLERANCE = 1e-6
 """A minimum must lie at least this far below the losses at both ends of the range, in nats."""
@@ -26,7 +26,7 @@ def temperature(logits: NDArray[np.float64], classes: NDArray[np.int64]) -> floa
     def loss(log_t: float) -> float:
         return _loss(logits, classes, log_t)
 
-    minimum = minimize_scalar(loss, bounds=LOG_RANGE, method="bounded")
+    minimum = minimize_scalar(loss, bounds=LOG_BOUNDS, method="bounded")
     return float(np.exp(minimum.x))
 
 
@@ -38,7 +38,7 @@ def determined(softness: float, logits: NDArray[np.float64], classes: NDArray[np
     if not len(classes):
         return False
     loss = _loss(logits, classes, np.log(softness))
-    loss_at_ends = min(_loss(logits, classes, bound) for bound in LOG_RANGE)
+    loss_at_ends = min(_loss(logits, classes, bound) for bound in LOG_BOUNDS)
     return loss < loss_at_ends - TOLERANCE
 
 

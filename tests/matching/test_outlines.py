@@ -6,7 +6,14 @@ Three places have four training views with random outlines.
 import numpy as np
 import pytest
 
-from pipeline.matching.outlines import GONE, NOTHING, WORTH, Outlines, outlines, reranked
+from pipeline.matching.outlines import (
+    AGREEMENT_NATS,
+    GONE_WEIGHT,
+    NO_RING,
+    Outlines,
+    outlines,
+    reranked,
+)
 
 SECTORS = 120
 RNG = np.random.default_rng(3)
@@ -27,7 +34,7 @@ def test_an_outline_is_the_first_ring_that_stands() -> None:
     heights[0, [1, 3], 0] = 4.0, 9.0
     heights[0, 2, 1] = 1.5  # no more than grass
     heights[1, 4, 2] = 1.6
-    assert outlines(heights).tolist() == [[1, NOTHING, NOTHING], [NOTHING, NOTHING, 4]]
+    assert outlines(heights).tolist() == [[1, NO_RING, NO_RING], [NO_RING, NO_RING, 4]]
 
 
 @pytest.mark.parametrize(("view", "place"), [(0, 0), (1, 1), (2, 2), (3, 2)])
@@ -39,7 +46,7 @@ def test_a_place_seen_again_is_first_and_tells_the_heading(
     network_deg = np.full((1, 3), yaw_deg + 4.0)  # the network is off by 4 degrees
     scores, headings = reranked(LEVEL, network_deg, seen(view, turn), LEARNED)
     assert scores[0].argmax() == place
-    assert scores[0, place] == pytest.approx(WORTH * SECTORS)
+    assert scores[0, place] == pytest.approx(AGREEMENT_NATS * SECTORS)
     assert (headings[0, place] - yaw_deg + 180) % 360 - 180 == pytest.approx(0, abs=1e-4)
 
 
@@ -48,17 +55,19 @@ def test_what_hides_a_place_costs_its_sectors_and_what_is_gone_costs_more() -> N
     hidden = seen(0, 0).copy()
     gone = seen(0, 0).copy()
     hidden[0, :20] = 0
-    gone[0, :20] = NOTHING
-    assert reranked(LEVEL, network_deg, hidden, LEARNED)[0][0, 0] == pytest.approx(WORTH * 100)
+    gone[0, :20] = NO_RING
+    assert reranked(LEVEL, network_deg, hidden, LEARNED)[0][0, 0] == pytest.approx(
+        AGREEMENT_NATS * 100
+    )
     assert reranked(LEVEL, network_deg, gone, LEARNED)[0][0, 0] == pytest.approx(
-        WORTH * (100 - GONE * 20)
+        AGREEMENT_NATS * (100 - GONE_WEIGHT * 20)
     )
 
 
 def test_a_heading_far_off_is_not_found_and_a_forgotten_place_stays_forgotten() -> None:
     far = np.full((1, 3), 40.0)
     scores, _ = reranked(np.array([[0.0, -np.inf, 0.0]]), far, seen(0, 0), LEARNED)
-    assert scores[0, 0] < WORTH * SECTORS / 2
+    assert scores[0, 0] < AGREEMENT_NATS * SECTORS / 2
     assert scores[0, 1] == -np.inf
 
 
@@ -66,5 +75,7 @@ def test_only_the_first_places_are_compared() -> None:
     many = Outlines(np.tile(SHAPES[:1], (40, 1)), np.arange(40), np.zeros(40, np.float32))
     before = -np.arange(40.0)[None]
     after, headings = reranked(before, np.full((1, 40), 1.0), seen(0, 0), many)
-    assert (after - before)[0].tolist() == pytest.approx([WORTH * SECTORS] * 25 + [0.0] * 15)
+    assert (after - before)[0].tolist() == pytest.approx(
+        [AGREEMENT_NATS * SECTORS] * 25 + [0.0] * 15
+    )
     assert headings[0].tolist() == pytest.approx([0.0] * 25 + [1.0] * 15)

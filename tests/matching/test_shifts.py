@@ -210,7 +210,7 @@ def test_what_a_model_holds_of_it_comes_back_and_takes_twenty_kilobytes_a_scan()
 def test_views_of_another_shape_are_refused(shape: tuple[int, ...]):
     views = Rows(np.zeros(shape, np.float32), np.arange(2), np.tile(np.eye(4), (2, 1, 1)))
     with pytest.raises(InputError, match="3 rings × 4 sectors"):
-        Spectra.learned(A[None]).images(views)
+        Spectra.learned(A[None]).read_heights(views)
 
 
 def test_a_real_reverse_loop_is_recognised_at_its_turn(real: Path):
