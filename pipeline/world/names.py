@@ -39,10 +39,10 @@ def kitti_date(sequence: str) -> date:
 
 def kitti_log(sequence: str) -> str:
     """The log of a sequence such as 00, 00-a or 00-b; raises ConfigError for any other name."""
-    named = re.fullmatch(r"(\d\d)(-[ab])?", str(sequence))
-    if not named:
+    match = re.fullmatch(r"(\d\d)(-[ab])?", str(sequence))
+    if not match:
         raise ConfigError(
             f"sequence {sequence}: expected a log's two digits such as '00', or its part '00-a' or "
             "'00-b'"
         )
-    return named[1]
+    return match[1]

@@ -59,6 +59,7 @@ def generator(seed: int, stream: Stream, when: date | None = None) -> np.random.
 def scan_seed(seed: int, when: date, scan: int) -> np.uint64:
     """The seed of the rays of scan number `scan`: scans may be computed in any order."""
     second = _second_of_day(when) or 0
+    # Bits: the scan below 24, the day from 24 on, the world's seed from 44 on; the second over all.
     return np.uint64(((seed << 44) ^ (when.toordinal() << 24) ^ scan ^ second * _GOLDEN) & _WORD)
 
 

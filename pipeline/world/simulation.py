@@ -170,7 +170,12 @@ class Simulation:
                 for scan, utime, returns in unwritten:
                     logs.write_scan(scan, utime, returns)
         return Recording(
-            scans, points, recorder.drive.metres, plan.unseen, plan.reversed, self._robot.unit
+            scans,
+            points,
+            metres=recorder.drive.length_m,
+            unseen=plan.unseen,
+            reversed=plan.reversed,
+            unit=self._robot.unit,
         )
 
     def recorder(self, sequence: str) -> Recorder:
@@ -239,7 +244,7 @@ class Simulation:
         """
         route_km = routes.route_m / 1000
         count = round(self.events_per_km_of_route * route_km)
-        wanted_count = round(entry.events_per_km * route_km)
+        wanted_count = round(entry.events_per_km * route_km)  # by the sequence's entry
         campus = build_campus(routes.seed, self.blocks, routes.streets, self.lining)
         return simulate_year(
             routes.seed,
@@ -269,10 +274,10 @@ class Simulation:
             when,
             plan.line_m,
             campus.ground,
-            routes.route_m,
-            self.step_m,
-            robot.motion,
-            entry.lateral_m,
+            route_m=routes.route_m,
+            step_m=self.step_m,
+            motion=robot.motion,
+            lateral_m=entry.lateral_m,
             rocks_smoothly=self.turn_s > 0,
         )
         truth_writer = TruthWriter(truth) if truth else None
@@ -285,5 +290,13 @@ class Simulation:
             truth_writer.write_year(day, events, shares)
         today = simulate_day(seed, campus, when, day, self.relief_m, self.twigs_per_m)
         lidar = replace(robot.lidar(self.azimuths), turn_s=self.turn_s)
-        keep_off_m = robot.motion.keep_off_m
-        return Recorder(seed, when, today, driven, keep_off_m, lidar, truth_writer), plan
+        recorder = Recorder(
+            seed,
+            when,
+            day=today,
+            drive=driven,
+            keep_off_m=robot.motion.keep_off_m,
+            lidar=lidar,
+            truth=truth_writer,
+        )
+        return recorder, plan

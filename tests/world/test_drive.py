@@ -37,7 +37,7 @@ def test_a_scan_is_taken_every_step_well_inside_the_truth(straight: Drive):
     assert np.hypot(*np.diff(places, axis=0).T) == pytest.approx(2.0, abs=0.05)
     # 2 m at 1.3 m/s
     assert np.diff(straight.scan_utimes) == pytest.approx(2e6 / 1.3, abs=2)
-    assert straight.metres == pytest.approx(599 * 2.0, rel=0.001)
+    assert straight.length_m == pytest.approx(599 * 2.0, rel=0.001)
     assert straight.scan_rows[0] > 10
     assert straight.scan_rows[-1] < len(straight.utimes) - 10
 

@@ -48,7 +48,7 @@ def test_the_training_sequence_follows_the_route(small: Simulation, loop: Path):
     gaps_m = distance_to_segments_m(driven.world_T_body[:, :2, 3], route[:-1], route[1:]).min(1)
     # Up to 3 m beside it, and a little more where corners are cut.
     assert gaps_m.max() < 5.0
-    assert driven.metres > 0.9 * routes.route_m
+    assert driven.length_m > 0.9 * routes.route_m
     test = routes.test(date(2012, 2, 4), SEQUENCES["2012-02-04"])
     assert test.unseen == pytest.approx(0.08, abs=0.08)
     assert test.coverage > 0.5

@@ -21,17 +21,18 @@ from pipeline.world.layout.shapes import (
 
 
 class Thing(NamedTuple):
-    """A kind of thing that may stand at a spot."""
+    """One of the things that may stand at a spot."""
 
     name: str
     share: float
     """Its share of all things."""
     size_m: tuple[float, float, float]
-    """Mean half length, half width and height; of a person the radius, twice, and the height."""
+    """Mean half length, half width and height; a person is (radius, radius, height)."""
     species: Species
+    """Rays may pass between the PALES of a bicycle or barrier."""
 
 
-TAKEN_SHARES = (0.25, 0.55)
+TAKEN_SHARE_BOUNDS = (0.25, 0.55)
 """Bounds of the share of the spots that are taken, which is drawn for each day."""
 THINGS = (
     Thing("bin", 0.3, (0.3, 0.3, 1.1), Species.SOLID),
@@ -41,24 +42,30 @@ THINGS = (
     Thing("barrier", 0.07, (1.2, 0.08, 1.0), Species.PALES),
     Thing("person", 0.1, (0.25, 0.25, 1.7), Species.SOLID),
 )
-SCALES = (0.8, 1.25)
-"""Bounds of the size of a thing relative to the mean of its kind."""
+SCALE_BOUNDS = (0.8, 1.25)
+"""Bounds of the size of a thing relative to its mean size."""
 REFLECTANCE = 0.35
 SUNK_M = 0.2
 """How far boxes reach into the ground, so that none hovers over a slope."""
 
 
 def clutter(rng: np.random.Generator, campus: Campus, day: int) -> tuple[Records, Records]:
-    """Draw the boxes of things, and the cylinders of people who stand still, on one day."""
+    """Draw the boxes of things, and the cylinders of people who stand still, on one day.
+
+    `rng` must be the day's own, so that each day has other things.
+    """
     spots = columns(campus.spots, "x_m", "y_m", "yaw_rad", "dead_day")
-    x_m, y_m, yaw_rad, dead_day = spots.values()
+    x_m = spots["x_m"]
+    y_m = spots["y_m"]
+    yaw_rad = spots["yaw_rad"]
     spot_count = len(yaw_rad)
-    is_taken = (rng.random(spot_count) < rng.uniform(*TAKEN_SHARES)) & (dead_day > day)
-    kind = rng.choice(len(THINGS), spot_count, p=[thing.share for thing in THINGS])
-    size_m = np.array([thing.size_m for thing in THINGS])[kind]
-    size_m = size_m * rng.uniform(*SCALES, (spot_count, 1))
-    species = np.array([thing.species for thing in THINGS])[kind]
-    is_person = np.array([thing.name == "person" for thing in THINGS])[kind]
+    is_open = spots["dead_day"] > day  # dead_day: a construction site closes the spot from then on
+    is_taken = (rng.random(spot_count) < rng.uniform(*TAKEN_SHARE_BOUNDS)) & is_open
+    thing_rows = rng.choice(len(THINGS), spot_count, p=[thing.share for thing in THINGS])
+    size_m = np.array([thing.size_m for thing in THINGS])[thing_rows]
+    size_m = size_m * rng.uniform(*SCALE_BOUNDS, (spot_count, 1))
+    species = np.array([thing.species for thing in THINGS])[thing_rows]
+    is_person = np.array([thing.name == "person" for thing in THINGS])[thing_rows]
     ground_m = campus.ground.at(x_m, y_m)
     has_box = is_taken & ~is_person
     boxes = records(

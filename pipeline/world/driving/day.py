@@ -19,7 +19,7 @@ from pipeline.world.layout.shapes import BOX, CYLINDER, Kind, Records, Species, 
 from pipeline.world.layout.streets import Streets
 from pipeline.world.seeds import Stream, generator
 
-OCCUPANCIES = (0.15, 0.9)
+OCCUPANCY_BOUNDS = (0.15, 0.9)
 """Bounds of the share of the parking slots that are taken, which is drawn for each day."""
 OCCUPANCY_WAVE = 0.4
 """Difference of this share between the places where it is highest and lowest: it follows a wave."""
@@ -29,8 +29,10 @@ CAR_SIZES_M = ((2.2, 0.9, 1.45), (2.35, 0.95, 1.75), (2.6, 1.0, 2.1))
 """Half length, half width and height of three models."""
 CAR_SHARES = (0.55, 0.33, 0.12)
 """The shares of these models."""
-CAR_SCALES = (0.95, 1.05)
+CAR_SCALE_BOUNDS = (0.95, 1.05)
 """Bounds of the size of a car relative to its model."""
+CAR_CLEARANCE_M = 0.2
+"""Height of the lower end of a car above the ground."""
 CAR_REFLECTANCE = 0.35
 CABIN_REFLECTANCE = 0.3
 PARKING_SD_M = (0.15, 0.25)
@@ -39,14 +41,15 @@ PARKING_YAW_SD_RAD = 0.03
 
 WALKERS_PER_STREET = 0.6
 STREETS_PER_DRIVER = 20
-WALKING_SPEEDS_MPS = (0.8, 1.7)
-DRIVING_SPEEDS_MPS = (5.0, 11.0)
+WALKING_SPEED_BOUNDS_MPS = (0.8, 1.7)
+DRIVING_SPEED_BOUNDS_MPS = (5.0, 11.0)
 WALKER_RADIUS_M = 0.28
-WALKER_HEIGHTS_M = (1.55, 1.9)
+WALKER_HEIGHT_BOUNDS_M = (1.55, 1.9)
 PERSON_REFLECTANCE = 0.3
 DRIVER_LANE_M = 1.9
 """Distance of a moving car's lane from the middle of the road, on its right."""
 DRIVER_RADIUS_M = 0.95
+DRIVER_HEIGHT_M = 1.5
 DRIVER_PARTS_M = (-1.4, 0.0, 1.4)
 """A moving car is three cylinders in a row; their distances ahead of its middle."""
 MOVERS_WITHIN_M = 80.0
@@ -129,13 +132,18 @@ class Day:
 
         Only those near the robot at `robot_m` (2,) are given, but none within `keep_off_m` of it.
         """
-        people = people_at(self.walkers.at(time_s)[0], self.walker_heights_m, self.ground)
+        walkers_m, _ = self.walkers.at(time_s)
+        people = people_at(walkers_m, self.walker_heights_m, self.ground)
 
         cars_m, along = self.drivers.at(time_s)
         parts_m = cars_m[:, None] + np.array(DRIVER_PARTS_M)[None, :, None] * along[:, None]
         x_m, y_m = parts_m.reshape(-1, 2).T
         base_m = self.ground.at(x_m, y_m)
-        size = {"bottom_m": base_m + 0.2, "top_m": base_m + 1.5, "radius_m": DRIVER_RADIUS_M}
+        size = {
+            "bottom_m": base_m + CAR_CLEARANCE_M,
+            "top_m": base_m + DRIVER_HEIGHT_M,
+            "radius_m": DRIVER_RADIUS_M,
+        }
         cars = records(
             CYLINDER, x_m=x_m, y_m=y_m, reflectance=CAR_REFLECTANCE, kind=Kind.CAR, **size
         )
@@ -184,21 +192,24 @@ def simulate_day(
     # 2. Let people walk along any street, and cars drive on the right of roads.
     streets = campus.streets
     n_streets = len(streets.edges)
-    walked = rng.integers(0, n_streets, int(WALKERS_PER_STREET * n_streets))
-    walkers = Traffic.along(rng, streets, walked, WALKING_SPEEDS_MPS)
-    walkers = walkers.aside(rng.uniform(-1, 1, len(walked)) * (streets.half_widths_m[walked] + 0.5))
-    heights_m = rng.uniform(*WALKER_HEIGHTS_M, len(walked))
+    walked_streets = rng.integers(0, n_streets, int(WALKERS_PER_STREET * n_streets))
+    walkers = Traffic.along(rng, streets, walked_streets, WALKING_SPEED_BOUNDS_MPS)
+    # up to half a metre beyond either border of the street
+    half_widths_m = streets.half_widths_m[walked_streets] + 0.5
+    walkers = walkers.aside(rng.uniform(-1, 1, len(walked_streets)) * half_widths_m)
+    heights_m = rng.uniform(*WALKER_HEIGHT_BOUNDS_M, len(walked_streets))
     roads = np.flatnonzero(~streets.is_path)
     n_drivers = max(3, n_streets // STREETS_PER_DRIVER) if len(roads) else 0
-    driven = roads[rng.integers(0, max(len(roads), 1), n_drivers)]
-    drivers = Traffic.along(rng, streets, driven, DRIVING_SPEEDS_MPS)
+    driven_roads = roads[rng.integers(0, max(len(roads), 1), n_drivers)]
+    drivers = Traffic.along(rng, streets, driven_roads, DRIVING_SPEED_BOUNDS_MPS)
+    # The right of a car that drives from the end of its line to the start is the line's left.
     drivers = drivers.aside(-DRIVER_LANE_M * np.sign(drivers.speeds_mps))
     return Day(
-        build_scene(boxes, cylinders, crowns, campus.ground, relief_m),
-        campus.ground,
-        walkers,
-        heights_m,
-        drivers,
+        scene=build_scene(boxes, cylinders, crowns, campus.ground, relief_m),
+        ground=campus.ground,
+        walkers=walkers,
+        walker_heights_m=heights_m,
+        drivers=drivers,
     )
 
 
@@ -209,9 +220,11 @@ def _parked_cars(rng: np.random.Generator, campus: Campus, day: int) -> Records:
     place.
     """
     slots = columns(campus.slots, "x_m", "y_m", "yaw_rad", "dead_day")
-    x_m, y_m, yaw_rad, dead_day = slots.values()
+    x_m = slots["x_m"]
+    y_m = slots["y_m"]
+    yaw_rad = slots["yaw_rad"]
     phase_x, phase_y = rng.uniform(0, 2 * np.pi, 2)
-    occupancy = rng.uniform(*OCCUPANCIES)
+    occupancy = rng.uniform(*OCCUPANCY_BOUNDS)
     waves = np.sin(x_m / OCCUPANCY_WAVE_LENGTH_M + phase_x) * np.sin(
         y_m / OCCUPANCY_WAVE_LENGTH_M + phase_y
     )
@@ -219,10 +232,10 @@ def _parked_cars(rng: np.random.Generator, campus: Campus, day: int) -> Records:
     n_slots = len(yaw_rad)
     is_taken = rng.random(n_slots) < chance
     models = rng.choice(len(CAR_SIZES_M), n_slots, p=CAR_SHARES)
-    sizes = np.array(CAR_SIZES_M)[models] * rng.uniform(*CAR_SCALES, (n_slots, 1))
+    sizes = np.array(CAR_SIZES_M)[models] * rng.uniform(*CAR_SCALE_BOUNDS, (n_slots, 1))
     deviations = rng.normal(0, (*PARKING_SD_M, PARKING_YAW_SD_RAD), (n_slots, 3))
     places = np.stack([x_m, y_m, yaw_rad], 1) + deviations
-    is_taken &= dead_day > day
+    is_taken &= slots["dead_day"] > day  # from then on a construction site closes the slot
 
     (x_m, y_m, yaw_rad) = places[is_taken].T
     (half_length_m, half_width_m, height_m) = sizes[is_taken].T
@@ -237,11 +250,12 @@ def _parked_cars(rng: np.random.Generator, campus: Campus, day: int) -> Records:
         half_width_m=half_width_m,
         cos_yaw=c,
         sin_yaw=s,
-        bottom_m=base_m + 0.2,
+        bottom_m=base_m + CAR_CLEARANCE_M,
         top_m=base_m + 0.6 * height_m,
         kind=Kind.CAR,
         reflectance=CAR_REFLECTANCE,
     )
+    # A cabin is shorter than the hull, stands a little behind its middle, and reaches into it.
     cabins = records(
         BOX,
         x_m=x_m - 0.2 * c,
@@ -273,8 +287,8 @@ def extinction_per_m(
     `twigs_per_m` is that of bare deciduous trees.
     """
     extinction = np.zeros(len(species))
-    for kind, (bare, leaves) in BARE_AND_LEAVES_PER_M.items():
-        if kind == Species.DECIDUOUS:
-            bare = twigs_per_m
-        extinction[species == kind] = bare + leaves * foliage(day)
+    for porous_species, (bare_per_m, leaves_per_m) in BARE_AND_LEAVES_PER_M.items():
+        if porous_species == Species.DECIDUOUS:
+            bare_per_m = twigs_per_m
+        extinction[species == porous_species] = bare_per_m + leaves_per_m * foliage(day)
     return extinction

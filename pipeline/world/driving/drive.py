@@ -2,14 +2,15 @@
 
 1. Round the corners of the plan, and leave its middle: the robot keeps to the right and weaves, so
    that it never drives twice on the same line.
-2. Let it rock: roll, pitch and heading wander as it goes. A car also follows the slope of the
-   ground.
-3. Interpolate its poses at equal times, and at the stamp of each scan.
+2. Let it rock: roll, pitch and heading wander as it goes.
+3. Interpolate its poses at the knots: at equal times, and at the stamp of each scan. A car also
+   follows the slope of the ground there.
 4. Let the pilot walk behind it, if it has one.
 
 `survey` gives the poses as a SLAM solution would report them.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from datetime import UTC, date, datetime, time
 
@@ -24,9 +25,9 @@ from pipeline.world.layout.streets import driven_m, points_along
 from pipeline.world.seeds import Stream, generator
 
 KNOTS_HZ = 10
-"""Poses of the truth per second; these are the knots of the drive."""
+"""Knots per second: a knot is a time at which the true pose is given. Each scan has one more."""
 LEAD_S = 2.0
-"""The truth begins so long before the first scan, and ends so long after the last."""
+"""Seconds from the begin of the truth to the first scan, and from the last scan to its end."""
 DEPARTURE = time(14, tzinfo=UTC)
 """Time of a drive whose name is only a date."""
 
@@ -54,12 +55,12 @@ PILOT_BEHIND_M = 1.7
 PILOT_RANGE_SD_M = 0.3
 PILOT_RANGE_CORRELATION_M = 10.0
 PILOT_RANGE_CLIP_M = 0.6
-PILOT_BEARING_SD_DEG = 17.0
-"""How far the pilot wanders to the side during a drive."""
-PILOT_BEARING_CORRELATION_M = 15.0
-PILOT_BEARING_CLIP_DEG = 69.0
-PILOT_SIDE_SD_DEG = 20.0
-"""How far to the side the pilot walks throughout a drive."""
+PILOT_BIAS_SD_DEG = 20.0
+"""Standard deviation of a constant bearing of the pilot, off straight behind, for each drive."""
+PILOT_WANDER_SD_DEG = 17.0
+"""Standard deviation of the bearing's wandering within a drive."""
+PILOT_WANDER_CORRELATION_M = 15.0
+PILOT_WANDER_CLIP_DEG = 69.0
 
 SURVEY_STEP_M = 10.0
 """Distance between the points at which the error of a survey is drawn."""
@@ -76,9 +77,9 @@ class Motion:
     keep_right_m: float
     """Mean distance to the right of the middle of the street."""
     bias_sd_m: float
-    """Deviation of a whole drive from this distance."""
+    """sd of a constant offset from this distance, for each drive."""
     weave_sd_m: float
-    """Deviation during a drive."""
+    """sd of the weaving about it within a drive."""
     roll_sd_deg: float
     pitch_sd_deg: float
     heading_sd_deg: float
@@ -146,14 +147,16 @@ class Drive:
 
     def at(self, utimes: Stamps) -> Poses:
         """True poses (m, 4, 4) at any stamps (m,) of the drive, interpolated."""
-        return Trajectory(self.utimes * 1000, self.world_T_body, LEAD_S).at(utimes * 1000)[0]
+        trajectory = Trajectory(self.utimes * 1000, self.world_T_body, max_gap_s=LEAD_S)
+        world_T_body, _ = trajectory.at(utimes * 1000)
+        return world_T_body
 
     def time_s(self, scan: int) -> float:
-        """Seconds into the drive at which a scan is taken."""
+        """Seconds from the begin of the truth to a scan."""
         return float(self.utimes[self.scan_rows[scan]] - self.utimes[0]) / 1e6
 
     @property
-    def metres(self) -> float:
+    def length_m(self) -> float:
         """Path length from the first scan to the last."""
         places = self.world_T_body[self.scan_rows[0] : self.scan_rows[-1] + 1, :2, 3]
         return float(np.hypot(*np.diff(places, axis=0).T).sum())
@@ -174,34 +177,36 @@ def drive(
 
     The drive is `route_m` long, or ends with the line. It departs at `when`, or at DEPARTURE if
     that is only a date. It keeps `lateral_m` further to the left than usual, but on the street.
-    With `rocks_smoothly` the robot turns steadily from one moment to the next; scans that are taken
-    on the move need that.
+    With `rocks_smoothly` roll, pitch and heading are smoothed in time; scans that are taken on the
+    move need that.
     """
     # 1. Find the path, and how many scans fit on it.
     rng = generator(seed, Stream.DRIVE, when)
     path_m, heading = _path(rng, line_m, motion, lateral_m)
     length_m = LINE_STEP_M * (len(path_m) - 1)
     lead_m = motion.speed_mps * LEAD_S
-    scans = max(1, int(np.floor((min(route_m, length_m - 2 * lead_m) + 1e-6) / step_m)))
-    end_m = min(2 * lead_m + scans * step_m, length_m)
+    scanned_m = min(route_m, length_m - 2 * lead_m)
+    n_scans = max(1, int(np.floor((scanned_m + 1e-6) / step_m)))  # 1e-6 m against rounding
+    end_m = min(2 * lead_m + n_scans * step_m, length_m)
 
-    # 2. Let the robot rock.
+    # 2. Let the robot rock, from one of the knots at equal times to the next.
     grid_m = np.arange(0, end_m, motion.knot_m)
     rocking = _rocking(rng, len(grid_m), motion)
     if rocks_smoothly:
-        knots = round(ROCKING_SMOOTHING_S * KNOTS_HZ)
-        smooth = np.stack([_smooth(angle, knots) for angle in rocking.T], 1)
-        rocking = smooth * rocking.std(axis=0) / smooth.std(axis=0)
+        window = round(ROCKING_SMOOTHING_S * KNOTS_HZ)
+        smooth_rocking = _by_column(rocking, lambda angle: _smooth(angle, window))
+        # Smoothing takes some of the standard deviations away, which are restored.
+        rocking = smooth_rocking * rocking.std(axis=0) / smooth_rocking.std(axis=0)
 
     # 3. Interpolate its poses at the knots: equal times, and the stamps of the scans.
-    scan_m = lead_m + np.arange(scans) * step_m
+    scan_m = lead_m + np.arange(n_scans) * step_m
     scan_us = np.rint(1e6 * scan_m / motion.speed_mps).astype(np.int64)
     grid_us = np.rint(1e6 * grid_m / motion.speed_mps).astype(np.int64)
     knots_us = np.union1d(grid_us, scan_us)
     knots_m = knots_us * 1e-6 * motion.speed_mps
     stations_m = LINE_STEP_M * np.arange(len(path_m))
-    xy_m = np.stack([np.interp(knots_m, stations_m, axis) for axis in path_m.T], 1)
-    angles = np.stack([np.interp(knots_m, grid_m, angle) for angle in rocking.T], 1)
+    xy_m = _by_column(path_m, lambda axis_m: np.interp(knots_m, stations_m, axis_m))
+    angles = _by_column(rocking, lambda angle: np.interp(knots_m, grid_m, angle))
     angles[:, 2] += np.interp(knots_m, stations_m, heading)
     if motion.wheelbase_m:
         angles[:, :2] += _slope(ground, xy_m, angles[:, 2], motion.wheelbase_m)
@@ -228,12 +233,13 @@ def survey(driven: Drive, rng: np.random.Generator, sd_m: float) -> Drive:
     Its positions wander about the true ones, with the standard deviation `sd_m` in x and in y.
     """
     knots_m = driven_m(driven.world_T_body[:, :2, 3])
-    reported = driven.world_T_body.copy()
-    steps = int(knots_m[-1] / SURVEY_STEP_M) + 2
+    world_T_reported = driven.world_T_body.copy()
+    count = int(knots_m[-1] / SURVEY_STEP_M) + 2  # up to beyond the last knot
+    points_m = SURVEY_STEP_M * np.arange(count)
     for axis in (0, 1):
-        error_m = _wander(rng, steps, SURVEY_STEP_M, sd_m, SURVEY_CORRELATION_M, 3 * sd_m)
-        reported[:, axis, 3] += np.interp(knots_m, SURVEY_STEP_M * np.arange(steps), error_m)
-    return replace(driven, world_T_body=reported)
+        error_m = _wander(rng, count, SURVEY_STEP_M, sd_m, SURVEY_CORRELATION_M, clip=3 * sd_m)
+        world_T_reported[:, axis, 3] += np.interp(knots_m, points_m, error_m)
+    return replace(driven, world_T_body=world_T_reported)
 
 
 def _path(
@@ -245,9 +251,9 @@ def _path(
     """
     middle_m = _resample(line_m)
     corner_samples = round(motion.corner_m / LINE_STEP_M)
-    middle_m = np.stack([_smooth(axis, corner_samples) for axis in middle_m.T], 1)
+    middle_m = _by_column(middle_m, lambda axis_m: _smooth(axis_m, corner_samples))
     along = np.gradient(middle_m, axis=0)
-    along /= np.hypot(*along.T)[:, None] + 1e-9
+    along /= np.hypot(*along.T)[:, None] + 1e-9  # not 0 where the middle stands still
     weave_m = _wander(
         rng, len(middle_m), LINE_STEP_M, motion.weave_sd_m, OFFSET_CORRELATION_M, OFFSET_CLIP_M
     )
@@ -265,31 +271,35 @@ def _resample(line_m: Floats) -> Floats:
     return points_along(line_m, np.arange(0, driven_m(line_m)[-1], LINE_STEP_M))
 
 
-def _rocking(rng: np.random.Generator, knots: int, motion: Motion) -> Floats:
-    """Random roll, pitch and heading (knots, 3) in radians, at knots `motion.knot_m` apart."""
-    sds_deg = motion.roll_sd_deg, motion.pitch_sd_deg
-    tilts = [
-        _wander(rng, knots, motion.knot_m, sd, TILT_CORRELATION_M, TILT_CLIP_DEG) for sd in sds_deg
+def _by_column(table: Floats, function: Callable[[Floats], Floats]) -> Floats:
+    """The columns of a table (n, c), each changed by a function of one column."""
+    return np.stack([function(column) for column in table.T], 1)
+
+
+def _rocking(rng: np.random.Generator, count: int, motion: Motion) -> Floats:
+    """Random roll, pitch and heading (count, 3) in radians, at knots `motion.knot_m` apart."""
+    tilts_deg = [
+        _wander(rng, count, motion.knot_m, sd_deg, TILT_CORRELATION_M, TILT_CLIP_DEG)
+        for sd_deg in (motion.roll_sd_deg, motion.pitch_sd_deg)
     ]
-    heading = _wander(
-        rng, knots, motion.knot_m, motion.heading_sd_deg, HEADING_CORRELATION_M, HEADING_CLIP_DEG
+    heading_deg = _wander(
+        rng, count, motion.knot_m, motion.heading_sd_deg, HEADING_CORRELATION_M, HEADING_CLIP_DEG
     )
-    return np.deg2rad(np.stack([*tilts, heading], 1))
+    return np.deg2rad(np.stack([*tilts_deg, heading_deg], 1))
 
 
-def _slope(ground: Ground, xy_m: Floats, heading: Floats, over_m: float) -> Floats:
+def _slope(ground: Ground, xy_m: Floats, heading: Floats, wheelbase_m: float) -> Floats:
     """Roll and pitch (n, 2) in radians of a body that stands on the ground at `xy_m` (n, 2).
 
-    It has headings (n,) in radians, and touches the ground over a length and a width of `over_m`.
-    Pitch is negative uphill.
+    It has headings (n,) in radians, and touches the ground over a length and a width of
+    `wheelbase_m` (its track is taken to be as wide).
     """
-    ahead_m = over_m / 2 * np.stack([np.cos(heading), np.sin(heading)], 1)
+    ahead_m = wheelbase_m / 2 * np.stack([np.cos(heading), np.sin(heading)], 1)
     left_m = ahead_m[:, ::-1] * (-1, 1)
-    rises_m = [
-        ground.at(*(xy_m + half_m).T) - ground.at(*(xy_m - half_m).T)
-        for half_m in (left_m, ahead_m)
-    ]
-    return np.arctan2(np.stack(rises_m, 1) * (1, -1), over_m)
+    rise_to_left_m = ground.at(*(xy_m + left_m).T) - ground.at(*(xy_m - left_m).T)
+    rise_ahead_m = ground.at(*(xy_m + ahead_m).T) - ground.at(*(xy_m - ahead_m).T)
+    # Roll is positive if the left side is higher, pitch if the front is lower.
+    return np.arctan2(np.stack([rise_to_left_m, -rise_ahead_m], 1), wheelbase_m)
 
 
 def _pilot(rng: np.random.Generator, xy_m: Floats, heading: Floats, step_m: float) -> Floats:
@@ -297,43 +307,46 @@ def _pilot(rng: np.random.Generator, xy_m: Floats, heading: Floats, step_m: floa
 
     The robot is at `xy_m` (n, 2) with headings (n,) in radians, every `step_m`.
     """
-    side_deg = rng.normal(0, PILOT_SIDE_SD_DEG)
-    bearing_deg = _wander(
+    bias_deg = rng.normal(0, PILOT_BIAS_SD_DEG)
+    wander_deg = _wander(
         rng,
         len(xy_m),
         step_m,
-        PILOT_BEARING_SD_DEG,
-        PILOT_BEARING_CORRELATION_M,
-        PILOT_BEARING_CLIP_DEG,
+        PILOT_WANDER_SD_DEG,
+        PILOT_WANDER_CORRELATION_M,
+        PILOT_WANDER_CLIP_DEG,
     )
     range_m = PILOT_BEHIND_M + _wander(
         rng, len(xy_m), step_m, PILOT_RANGE_SD_M, PILOT_RANGE_CORRELATION_M, PILOT_RANGE_CLIP_M
     )
-    towards = heading + np.deg2rad(180.0 + side_deg + bearing_deg)
-    return np.asarray(xy_m + range_m[:, None] * np.stack([np.cos(towards), np.sin(towards)], 1))
+    bearing = heading + np.deg2rad(180.0 + bias_deg + wander_deg)
+    return np.asarray(xy_m + range_m[:, None] * np.stack([np.cos(bearing), np.sin(bearing)], 1))
 
 
 def _wander(
     rng: np.random.Generator,
-    steps: int,
+    count: int,
     step_m: float,
     sd: float,
     correlation_m: float,
     clip: float,
 ) -> Floats:
-    """A stationary Gauss–Markov process (steps,) with the standard deviation `sd`.
+    """A stationary Gauss–Markov process (count,) with the standard deviation `sd`.
 
-    It is correlated over the length `correlation_m`, and clipped at ± `clip`.
+    Its values are `step_m` apart, correlated over the length `correlation_m`, and clipped at
+    ± `clip`.
     """
+    # value[i] = memory · value[i − 1] + noise[i]; the variance stays the same if that of the noise
+    # is 1 − memory² of it.
     memory = np.exp(-step_m / correlation_m)
-    noise = rng.normal(0, sd * np.sqrt(1 - memory**2), steps)
+    noise = rng.normal(0, sd * np.sqrt(1 - memory**2), count)
     noise[0] = rng.normal(0, sd)
     return np.asarray(lfilter([1.0], [1.0, -memory], noise)).clip(-clip, clip)
 
 
 def _smooth(values: Floats, samples: int) -> Floats:
     """Values (n,) smoothed by a Hann window; beyond the ends the last value goes on."""
-    window = np.hanning(samples + 2)[1:-1]
+    window = np.hanning(samples + 2)[1:-1]  # without the zeros at its ends
     before = np.repeat(values[:1], samples)
     after = np.repeat(values[-1:], samples)
     extended = np.concatenate([before, values, after])

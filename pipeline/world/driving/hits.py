@@ -40,6 +40,7 @@ def hash_u(seed: np.uint64, ray: int, draw: int) -> float:
     word ^= word >> np.uint64(27)
     word *= np.uint64(0x94D049BB133111EB)
     word ^= word >> np.uint64(31)
+    # The upper 53 bits, as many as a float holds, over 2^53; 0.5 keeps the number above 0.
     return (float(word >> np.uint64(11)) + 0.5) / 9007199254740992.0
 
 
@@ -81,6 +82,8 @@ def hit_cylinder(cylinder: Any, origin: Vector, direction: Vector) -> tuple[floa
     """Range and cosine where a ray meets the side of an upright cylinder; its caps are open."""
     (ox, oy, oz) = origin
     (dx, dy, dz) = direction
+    # Seen from above the cylinder is a circle. With the ray's level length `level2`, squared, the
+    # axis lies `aside` / √level2 beside the ray, and the ray cuts a chord of 2 √(depth2 / level2).
     east = cylinder.x_m - ox
     north = cylinder.y_m - oy
     level2 = dx * dx + dy * dy
@@ -107,6 +110,7 @@ def hit_crown(crown: Any, origin: Vector, direction: Vector, u: float) -> tuple[
     vy = dy / crown.radius_m
     pz = (oz - crown.z_m) / crown.half_height_m
     vz = dz / crown.half_height_m
+    # |p + range v|² = 1 is a quadratic equation: a range² + 2 b range + |p|² − 1 = 0.
     a = vx * vx + vy * vy + vz * vz
     b = px * vx + py * vy + pz * vz
     depth2 = b * b - a * (px * px + py * py + pz * pz - 1.0)
@@ -115,6 +119,7 @@ def hit_crown(crown: Any, origin: Vector, direction: Vector, u: float) -> tuple[
     leave = (np.sqrt(depth2) - b) / a
     if leave <= 0:
         return MISS, 0.0
+    # A ray that starts inside the crown enters it at range 0.
     stop = max((-b - np.sqrt(depth2)) / a, 0.0) - np.log(u) / crown.extinction_per_m
     return (stop, LEAF_COSINE) if stop <= leave else (MISS, 0.0)
 
@@ -127,6 +132,6 @@ def _slab(start: float, step: float, low: float, high: float) -> tuple[float, fl
     """
     if abs(step) < _PARALLEL:
         return (-np.inf, np.inf) if low <= start <= high else (np.inf, -np.inf)
-    a = (low - start) / step
-    b = (high - start) / step
-    return (a, b) if a < b else (b, a)
+    at_low = (low - start) / step
+    at_high = (high - start) / step
+    return (at_low, at_high) if at_low < at_high else (at_high, at_low)

@@ -100,15 +100,29 @@ class Lidar:
         origins = np.stack([pose[:3, 3] + pose[:3, :3] @ sensor_m for pose in world_T_body])
         rotations = np.stack([pose[:3, :3] @ body_R_sensor for pose in world_T_body])
         true_m, kinds, brightness = cast(
-            scene, movers, origins, rotations, self.directions, self.max_range_m, seed
+            scene,
+            movers,
+            origins,
+            rotations,
+            directions=self.directions,
+            max_range_m=self.max_range_m,
+            seed=seed,
         )
-        ranges_m = measure(true_m, brightness, self.range_sd_m, self.drop_out, self.reach_m, seed)
-        returned = np.flatnonzero(ranges_m > self.min_range_m)
-        points_m = self.directions[returned] * ranges_m[returned, None]
-        intensity = np.rint(255 * brightness[returned]).clip(0, 255).astype(np.uint8)
-        laser = (returned % self.beams).astype(np.uint8)
-        times_s = self.fired_s[returned // self.beams] if self.turn_s else None
-        return Returns(points_m, intensity, laser, kinds[returned], times_s)
+        ranges_m = measure(
+            true_m,
+            brightness,
+            range_sd_m=self.range_sd_m,
+            drop_out=self.drop_out,
+            reach_m=self.reach_m,
+            seed=seed,
+        )
+        # Rays are fired azimuth by azimuth: ray i is of beam i % beams.
+        rays = np.flatnonzero(ranges_m > self.min_range_m)
+        points_m = self.directions[rays] * ranges_m[rays, None]
+        intensity = np.rint(255 * brightness[rays]).clip(0, 255).astype(np.uint8)
+        laser = (rays % self.beams).astype(np.uint8)
+        times_s = self.fired_s[rays // self.beams] if self.turn_s else None
+        return Returns(points_m, intensity, laser, kinds[rays], times_s)
 
 
 def hdl32(azimuths: int) -> Lidar:
@@ -154,10 +168,9 @@ def _turning(elevations_deg: Floats, azimuths: int) -> Floats:
     """Rays (azimuths · beams, 3) of a sensor that turns about its z axis."""
     elevation = np.deg2rad(elevations_deg)[None, :]
     azimuth = np.linspace(0, 2 * np.pi, azimuths, endpoint=False)[:, None]
-    level = np.cos(elevation)
-    rays = np.stack(
-        np.broadcast_arrays(level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)), -1
-    )
+    x = np.cos(elevation) * np.cos(azimuth)
+    y = np.cos(elevation) * np.sin(azimuth)
+    rays = np.stack(np.broadcast_arrays(x, y, np.sin(elevation)), -1)
     return np.ascontiguousarray(rays.reshape(-1, 3))
 
 
@@ -185,6 +198,7 @@ def measure(
     for ray in range(true_m.shape[0]):
         if true_m[ray] <= 0:
             continue
+        # r / rm; the least brightness keeps rm above 0.
         share = true_m[ray] / (reach_m * np.sqrt(max(brightness[ray], 1e-5) / 0.1))
         if hash_u(seed, ray, _DROP) < drop_out or hash_u(seed, ray, _FADE) > np.exp(-(share**4)):
             continue

@@ -27,11 +27,11 @@ VISUAL_TURN_SD_DEG_PER_SQRT_M = (0.02, 0.02, 0.03)
 """Errors of roll, pitch and yaw."""
 
 # Bounds of random numbers of the INS.
-OUTAGE_GAPS_M = (100.0, 500.0)
+OUTAGE_GAP_BOUNDS_M = (100.0, 500.0)
 """Path between two outages."""
-OUTAGE_LENGTHS_M = (20.0, 60.0)
+OUTAGE_LENGTH_BOUNDS_M = (20.0, 60.0)
 """Path of an outage."""
-DRIFTS_M_PER_M = (0.1, 0.3)
+DRIFT_BOUNDS_M_PER_M = (0.1, 0.3)
 """Drift of the position per metre of path."""
 
 
@@ -42,12 +42,12 @@ def wheel_odometry(rng: np.random.Generator, world_T_body: Poses) -> Poses:
     """
     # 1. Draw the errors of each motion.
     motion = np.linalg.inv(world_T_body[:-1]) @ world_T_body[1:]
-    metres = np.linalg.norm(motion[:, :3, 3], axis=1)
+    lengths_m = np.linalg.norm(motion[:, :3, 3], axis=1)
     scale = 1 + rng.normal(0, SCALE_SD)
     bias_deg = rng.normal(0, YAW_BIAS_SD_DEG_PER_M)
-    yaw_noise_deg = rng.normal(0, YAW_SD_DEG_PER_SQRT_M, len(metres)) * np.sqrt(metres)
-    drift_deg = bias_deg * metres + yaw_noise_deg
-    slip_m = rng.normal(0, SLIP_SD_M_PER_SQRT_M, (len(metres), 2)) * np.sqrt(metres)[:, None]
+    yaw_noise_deg = rng.normal(0, YAW_SD_DEG_PER_SQRT_M, len(lengths_m)) * np.sqrt(lengths_m)
+    drift_deg = bias_deg * lengths_m + yaw_noise_deg
+    slip_m = rng.normal(0, SLIP_SD_M_PER_SQRT_M, (len(lengths_m), 2)) * np.sqrt(lengths_m)[:, None]
 
     # 2. Add them to headings and motions.
     angles = Rotation.from_matrix(world_T_body[:, :3, :3]).as_euler("ZYX")
@@ -72,12 +72,13 @@ def wheel_covariances(world_T_body: Poses) -> NDArray[np.float64]:
     """
     motion = np.linalg.inv(world_T_body[:-1]) @ world_T_body[1:]
     moved_m = motion[:, :3, 3]
-    metres = np.linalg.norm(moved_m, axis=1)
+    lengths_m = np.linalg.norm(moved_m, axis=1)
     variances = np.zeros((len(world_T_body), 6))
     variances[1:, :3] = (SCALE_SD * moved_m) ** 2
-    variances[1:, :2] += SLIP_SD_M_PER_SQRT_M**2 * metres[:, None]
-    yaw_deg2 = (YAW_BIAS_SD_DEG_PER_M * metres) ** 2 + YAW_SD_DEG_PER_SQRT_M**2 * metres
+    variances[1:, :2] += SLIP_SD_M_PER_SQRT_M**2 * lengths_m[:, None]
+    yaw_deg2 = (YAW_BIAS_SD_DEG_PER_M * lengths_m) ** 2 + YAW_SD_DEG_PER_SQRT_M**2 * lengths_m
     variances[1:, 5] = np.deg2rad(1) ** 2 * yaw_deg2
+    # a diagonal matrix for each row
     return variances[:, :, None] * np.eye(6)
 
 
@@ -87,12 +88,13 @@ def visual_odometry(rng: np.random.Generator, world_T_camera: Poses) -> Poses:
     All three angles drift.
     """
     motion = np.linalg.inv(world_T_camera[:-1]) @ world_T_camera[1:]
-    metres = np.linalg.norm(motion[:, :3, 3], axis=1)[:, None]
+    lengths_m = np.linalg.norm(motion[:, :3, 3], axis=1)[:, None]
     scale = 1 + rng.normal(0, SCALE_SD)
     bias_deg = rng.normal(0, VISUAL_YAW_BIAS_SD_DEG_PER_M)
-    turn_deg = rng.normal(0, VISUAL_TURN_SD_DEG_PER_SQRT_M, (len(metres), 3)) * np.sqrt(metres)
-    turn_deg[:, 2] += bias_deg * metres[:, 0]
-    slip_m = rng.normal(0, VISUAL_SLIP_SD_M_PER_SQRT_M, (len(metres), 3)) * np.sqrt(metres)
+    shape = (len(lengths_m), 3)
+    turn_deg = rng.normal(0, VISUAL_TURN_SD_DEG_PER_SQRT_M, shape) * np.sqrt(lengths_m)
+    turn_deg[:, 2] += bias_deg * lengths_m[:, 0]
+    slip_m = rng.normal(0, VISUAL_SLIP_SD_M_PER_SQRT_M, shape) * np.sqrt(lengths_m)
     motion[:, :3, :3] @= Rotation.from_euler("xyz", turn_deg, degrees=True).as_matrix()
     motion[:, :3, 3] = scale * motion[:, :3, 3] + slip_m
     return motion
@@ -107,14 +109,14 @@ def simulate_ins(rng: np.random.Generator, world_T_body: Poses) -> tuple[Poses, 
     passed_m = driven_m(world_T_body[:, :2, 3])
     reported = world_T_body.copy()
     is_good = np.ones(len(world_T_body), bool)
-    start_m = rng.uniform(*OUTAGE_GAPS_M)
+    start_m = rng.uniform(*OUTAGE_GAP_BOUNDS_M)
     while start_m < passed_m[-1]:
-        end_m = start_m + rng.uniform(*OUTAGE_LENGTHS_M)
-        drift = rng.uniform(*DRIFTS_M_PER_M)
+        end_m = start_m + rng.uniform(*OUTAGE_LENGTH_BOUNDS_M)
+        drift_per_m = rng.uniform(*DRIFT_BOUNDS_M_PER_M)
         towards = rng.uniform(0, 2 * np.pi)
         is_outage = (start_m <= passed_m) & (passed_m < end_m)
-        drift_m = drift * (passed_m[is_outage] - start_m)
+        drift_m = drift_per_m * (passed_m[is_outage] - start_m)
         reported[is_outage, :2, 3] += drift_m[:, None] * (np.cos(towards), np.sin(towards))
         is_good[is_outage] = False
-        start_m = end_m + rng.uniform(*OUTAGE_GAPS_M)
+        start_m = end_m + rng.uniform(*OUTAGE_GAP_BOUNDS_M)
     return reported, is_good

@@ -74,7 +74,7 @@ def cast(
             + world_R_body[2, 2] * body[2]
         )
         direction = dx, dy, dz
-        # Begin with the nearest mover, and let what stands be nearer.
+        # Find the nearest mover first, then whatever stands nearer.
         range_m = max_range_m
         kind = 0
         brightness = 0.0
@@ -161,8 +161,10 @@ def _first_hit(
         above_out = _above_ground(scene, ox + end * dx, oy + end * dy, oz + end * dz)
         if above_out < 0:
             hit_m = _ground_hit(scene, origin, direction, enter, above_in, end, above_out)
-            fall = (above_in - above_out) / max(end - enter, 1e-6)
-            return hit_m, _GROUND, GROUND_REFLECTANCE * min(fall, 1.0)
+            # How fast the ray nears the ground is about the cosine of incidence; 1e-6 m, since the
+            # part of the ray in this cell may have no length.
+            cosine = (above_in - above_out) / max(end - enter, 1e-6)
+            return hit_m, _GROUND, GROUND_REFLECTANCE * min(cosine, 1.0)
         if range_m <= leave:
             break
         enter = leave

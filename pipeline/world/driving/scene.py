@@ -63,31 +63,32 @@ def build_scene(
     rows, columns = np.array(ground.heights_m.shape) - 1
     low_i, low_j = _cell_at(centres_m - reach_m, ground).T
     high_i, high_j = _cell_at(centres_m + reach_m, ground).T
-    touched = []
+    cells_of_shapes = []
     for i, i_end, j, j_end in zip(low_i, high_i + 1, low_j, high_j + 1, strict=True):
-        touched.append(np.add.outer(columns * np.arange(i, i_end), np.arange(j, j_end)).ravel())
-    cells = np.concatenate([np.zeros(0, int), *touched])
-    touched_cells = np.array([len(shape_cells) for shape_cells in touched], int)
-    shape_of = np.repeat(np.arange(len(touched)), touched_cells)
+        numbers = np.add.outer(columns * np.arange(i, i_end), np.arange(j, j_end))
+        cells_of_shapes.append(numbers.ravel())
+    cells = np.concatenate([np.zeros(0, int), *cells_of_shapes])
+    cell_counts = np.array([len(shape_cells) for shape_cells in cells_of_shapes], int)
+    shape_of = np.repeat(np.arange(len(cells_of_shapes)), cell_counts)
 
     # 3. Sort the pairs by cell.
     order = cells.argsort(kind="stable")
     starts = np.searchsorted(cells[order], np.arange(rows * columns + 1)).astype(np.int32)
     items = shape_of[order].astype(np.int32)
-    tops_m = np.full(rows * columns, -1e9)
+    tops_m = np.full(rows * columns, -1e9)  # of an empty cell: below every ray
     np.maximum.at(tops_m, cells, shape_tops_m[shape_of])
     return Scene(
-        np.ascontiguousarray(boxes),
-        np.ascontiguousarray(cylinders),
-        np.ascontiguousarray(crowns),
-        ground.heights_m,
-        ground.x0_m,
-        ground.y0_m,
-        ground.cell_m,
-        starts,
-        items,
-        tops_m,
-        relief_m,
+        boxes=np.ascontiguousarray(boxes),
+        cylinders=np.ascontiguousarray(cylinders),
+        crowns=np.ascontiguousarray(crowns),
+        heights_m=ground.heights_m,
+        x0_m=ground.x0_m,
+        y0_m=ground.y0_m,
+        cell_m=ground.cell_m,
+        starts=starts,
+        items=items,
+        tops_m=tops_m,
+        relief_m=relief_m,
     )
 
 

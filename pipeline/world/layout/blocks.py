@@ -28,10 +28,9 @@ BLOCKS_PER_ZONE_SEED = 2.2
 KERB_M = 9.0
 """Distance from the middle of the streets to the blocks."""
 
-TREE_HEIGHTS_M = (7.0, 16.0)
-"""Bounds of a random height, as all pairs below are bounds unless they say otherwise."""
-CONIFER_RADII_M = (2.0, 3.2)
-DECIDUOUS_RADII_M = (2.4, 4.6)
+TREE_HEIGHT_BOUNDS_M = (7.0, 16.0)
+CONIFER_RADIUS_BOUNDS_M = (2.0, 3.2)
+DECIDUOUS_RADIUS_BOUNDS_M = (2.4, 4.6)
 TREE_FROM_STREET_M = 2.5
 TREE_FROM_BUILDING_M = 2.0
 WOOD_M2_PER_TREE = 75.0
@@ -40,8 +39,8 @@ ACADEMIC_BUILDINGS = 4
 """Number of buildings in an academic block, if they fit."""
 ACADEMIC_TRIES = 80
 """Number of random places at which buildings are tried."""
-HOUSE_PITCHES_M = (15.0, 19.0)
-"""Distance from one house of a residential block to the next."""
+HOUSE_PITCH_BOUNDS_M = (15.0, 19.0)
+"""Bounds of the distance from one house of a residential block to the next."""
 
 PARKING_ROW_M = 17.0
 """Distance from one double row of slots to the next."""
@@ -124,7 +123,8 @@ def divide(rng: np.random.Generator, streets: Streets, blocks: int) -> list[Bloc
             centre_m = (sw + se + ne + nw) / 4
             half_length_m = (np.hypot(*(se - sw)) + np.hypot(*(ne - nw))) / 4 - KERB_M
             half_width_m = (np.hypot(*(nw - sw)) + np.hypot(*(ne - se))) / 4 - KERB_M
-            yaw_rad = float(np.arctan2(*(se - sw)[::-1]))
+            east_m, north_m = se - sw
+            yaw_rad = float(np.arctan2(north_m, east_m))
             zone = str(zones[((seeds_m - centre_m) ** 2).sum(1).argmin()])
             grid_blocks.append(Block(centre_m, yaw_rad, half_length_m, half_width_m, zone))
     return grid_blocks
@@ -145,7 +145,7 @@ def fill(rng: np.random.Generator, block: Block, campus: Campus) -> None:
 
 def _academic(rng: np.random.Generator, block: Block, campus: Campus) -> None:
     """Large buildings at random places, about in line with the block."""
-    built = 0
+    n_built = 0
     for _ in range(ACADEMIC_TRIES):
         x_m, y_m = block.anywhere(rng, 1, 0.8)[0].tolist()
         turn_rad = rng.choice([0, 0, 0, np.pi / 2, np.pi, -np.pi / 2]) + rng.normal(0, 0.02)
@@ -153,15 +153,15 @@ def _academic(rng: np.random.Generator, block: Block, campus: Campus) -> None:
         building = Structure(x_m, y_m, block.yaw_rad + turn_rad, template)
         if campus.fits(building):
             campus.build(building)
-            built += 1
-        if built == ACADEMIC_BUILDINGS:
+            n_built += 1
+        if n_built == ACADEMIC_BUILDINGS:
             return
 
 
 def _residential(rng: np.random.Generator, block: Block, campus: Campus) -> None:
     """Two regular rows of one type of house, half of them with a hedge towards the next."""
     template = houses()[rng.integers(2)]
-    pitch_m = rng.uniform(*HOUSE_PITCHES_M)
+    pitch_m = rng.uniform(*HOUSE_PITCH_BOUNDS_M)
     for left_m in (9 - block.half_width_m, block.half_width_m - 9):
         for ahead_m in np.arange(8 - block.half_length_m, block.half_length_m - 6, pitch_m):
             house = Structure(*block.at(ahead_m, left_m), block.yaw_rad, template)
@@ -212,9 +212,14 @@ def _trees(
     is_free = campus.is_free(places_m, TREE_FROM_STREET_M, TREE_FROM_BUILDING_M)
     for x_m, y_m in places_m[is_free].tolist():
         is_conifer = rng.random() < conifer_share
-        radius_m = rng.uniform(*(CONIFER_RADII_M if is_conifer else DECIDUOUS_RADII_M))
-        species = Species.CONIFER if is_conifer else Species.DECIDUOUS
-        campus.plants.append(tree(rng, x_m, y_m, rng.uniform(*TREE_HEIGHTS_M), radius_m, species))
+        if is_conifer:
+            radius_m = rng.uniform(*CONIFER_RADIUS_BOUNDS_M)
+            species = Species.CONIFER
+        else:
+            radius_m = rng.uniform(*DECIDUOUS_RADIUS_BOUNDS_M)
+            species = Species.DECIDUOUS
+        height_m = rng.uniform(*TREE_HEIGHT_BOUNDS_M)
+        campus.plants.append(tree(rng, x_m, y_m, height_m, radius_m, species))
 
 
 def _clutter(rng: np.random.Generator, block: Block, campus: Campus) -> None:

@@ -17,10 +17,10 @@ TEMPLATES = 7
 FLOOR_M = 3.8
 PLINTH_M = 0.6
 """Height of the ground floor above the ground."""
-FLOORS = (2, 6)
+FLOOR_BOUNDS = (2, 6)
 """Lowest number of floors, and the one above the highest."""
-HALF_LENGTHS_M = (13.0, 30.0)
-HALF_WIDTHS_M = (6.5, 10.5)
+HALF_LENGTH_BOUNDS_M = (13.0, 30.0)
+HALF_WIDTH_BOUNDS_M = (6.5, 10.5)
 STAIR_PITCH_M = 18.0
 """Distance from one stair bay of a wing to the next."""
 STAIR_HALF_LENGTH_M = 1.6
@@ -35,11 +35,13 @@ def templates(rng: np.random.Generator) -> list[Template]:
     """Draw TEMPLATES random buildings: L, U, H and tower shapes of a few floors."""
     building_templates = []
     for number in range(TEMPLATES):
-        length_m = rng.uniform(*HALF_LENGTHS_M)
-        width_m = rng.uniform(*HALF_WIDTHS_M)
-        floors = int(rng.integers(*FLOORS))
+        half_length_m = rng.uniform(*HALF_LENGTH_BOUNDS_M)
+        half_width_m = rng.uniform(*HALF_WIDTH_BOUNDS_M)
+        floors = int(rng.integers(*FLOOR_BOUNDS))
+        # The four shapes take turns.
+        wings = _wings(half_length_m, half_width_m, floors)[number % 4]
         parts = []
-        for wing in _wings(length_m, width_m, floors)[number % 4]:
+        for wing in wings:
             ahead_m, left_m = wing.middle_m
             top_m = wing.floors * FLOOR_M + PLINTH_M
             body = Part(ahead_m, left_m, wing.half_length_m, wing.half_width_m, 0, top_m)
@@ -69,11 +71,10 @@ class _Wing(NamedTuple):
     floors: int
 
 
-def _wings(a: float, b: float, floors: int) -> list[list[_Wing]]:
-    """The wings of the L, the U, the H and the tower shape.
-
-    `a` is half the length and `b` half the width of the main wing, in metres.
-    """
+def _wings(half_length_m: float, half_width_m: float, floors: int) -> list[list[_Wing]]:
+    """The wings of the L, the U, the H and the tower shape, given the size of the main wing."""
+    a = half_length_m
+    b = half_width_m
     main = _Wing((0, 0), a, b, floors)
     return [
         [main, _Wing((a - b, 1.9 * b), b, 0.9 * b, floors)],

@@ -118,7 +118,7 @@ def _poles(campus: Campus) -> Records:
     height_m = table.pop("height_m")
     return records(
         CYLINDER,
-        bottom_m=base_m - 1,
+        bottom_m=base_m - 1,  # into the ground, so that there is no gap on slopes
         top_m=base_m + height_m,
         reflectance=POLE_REFLECTANCE,
         kind=Kind.POLE,

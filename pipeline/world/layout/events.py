@@ -30,14 +30,14 @@ from pipeline.world.seeds import Stream, generator
 
 PERIOD_DAYS = 450
 """The period that is simulated, fifteen months from the training day on."""
-EVENT_PERIOD_SHARE = (0.1, 0.9)
+EVENT_SHARE_BOUNDS = (0.1, 0.9)
 """Events happen between these shares of the period."""
-FURTHER_PERIOD_SHARE = ((FENCE_BEFORE_DAYS + 1) / PERIOD_DAYS, EVENT_PERIOD_SHARE[1])
+FURTHER_SHARE_BOUNDS = ((FENCE_BEFORE_DAYS + 1) / PERIOD_DAYS, EVENT_SHARE_BOUNDS[1])
 """Further events happen between these shares. Their fences are built after the training day, so
 that it does not depend on them."""
 NEAR_M = 45.0
 """A demolished building is near the route if its middle is nearer than this."""
-SITE_OFFSETS_M = (14.0, 40.0)
+SITE_OFFSET_BOUNDS_M = (14.0, 40.0)
 """Bounds of the distance between the route and the middle of a building site near it."""
 SITE_TRIES = 300
 """Number of random places at which a building site is tried."""
@@ -45,7 +45,7 @@ DEMOLISHED_FROM_M2 = 480.0
 """Least ground area of the main wing of a building that may be demolished."""
 TREE_TURNOVER_A_YEAR = 0.03
 """Share of the trees that are felled or planted in a year."""
-YOUNG_TREE = 0.45
+YOUNG_TREE_SCALE = 0.45
 """Height and radius of a planted tree relative to a grown one."""
 
 
@@ -98,10 +98,10 @@ def simulate_year(
         slots=[*campus.slots],
     )
     events = _events(
-        generator(seed, Stream.EVENTS), campus, route_m, count, near_share, EVENT_PERIOD_SHARE
+        generator(seed, Stream.EVENTS), campus, route_m, count, near_share, EVENT_SHARE_BOUNDS
     )
     further_rng = generator(seed, Stream.FURTHER_EVENTS)
-    events += _events(further_rng, campus, route_m, further, further_near, FURTHER_PERIOD_SHARE)
+    events += _events(further_rng, campus, route_m, further, further_near, FURTHER_SHARE_BOUNDS)
     _replace_trees(generator(seed, Stream.TREES), campus)
     return campus, events
 
@@ -112,7 +112,7 @@ def _events(
     route_m: Floats,
     count: int,
     near_share: float,
-    period_share: tuple[float, float],
+    share_bounds: tuple[float, float],
 ) -> list[Event]:
     """Change the campus by at most `count` events on random days between two shares of the period.
 
@@ -122,7 +122,7 @@ def _events(
     n_near = round(near_share * count)
     for number in range(count):
         near_route_m = route_m if number < n_near else None
-        day = float(PERIOD_DAYS * rng.uniform(*period_share))
+        day = float(PERIOD_DAYS * rng.uniform(*share_bounds))
         if number % 2 == 0:
             event = _construct(rng, campus, near_route_m, day) or _demolish(
                 rng, campus, near_route_m, day
@@ -153,7 +153,8 @@ def _construct(
         nearest = int(
             distance_to_segments_m(place_m[None], streets.starts_m, streets.ends_m).argmin()
         )
-        along_x, along_y = streets.directions()[0][nearest]
+        along, _ = streets.directions()
+        along_x, along_y = along[nearest]
         yaw_rad = float(np.arctan2(along_y, along_x) + rng.integers(4) * np.pi / 2)
         template = campus.templates[rng.integers(len(campus.templates))]
         x_m, y_m = place_m.tolist()
@@ -170,9 +171,10 @@ def _beside_route(rng: np.random.Generator, route_m: Floats) -> Floats:
     """A random place (2,) on either side of a random leg of the route (n, 2)."""
     leg = rng.integers(len(route_m) - 1)
     along_m = route_m[leg + 1] - route_m[leg]
-    across_m = along_m[::-1] * (-1, 1) * rng.choice([-1, 1])
+    across_m = along_m[::-1] * (-1, 1) * rng.choice([-1, 1])  # along_m turned by 90° either way
     on_route_m = route_m[leg] + rng.random() * along_m
-    return np.asarray(on_route_m + across_m / np.hypot(*across_m) * rng.uniform(*SITE_OFFSETS_M))
+    offset_m = rng.uniform(*SITE_OFFSET_BOUNDS_M)
+    return np.asarray(on_route_m + across_m / np.hypot(*across_m) * offset_m)
 
 
 def _demolish(
@@ -229,9 +231,9 @@ def _replace_trees(rng: np.random.Generator, campus: Campus) -> None:
             campus.plants[row] = replace(
                 plant,
                 born_day=day,
-                height_m=YOUNG_TREE * plant.height_m,
-                trunk_m=YOUNG_TREE * plant.trunk_m,
-                radius_m=YOUNG_TREE * plant.radius_m,
+                height_m=YOUNG_TREE_SCALE * plant.height_m,
+                trunk_m=YOUNG_TREE_SCALE * plant.trunk_m,
+                radius_m=YOUNG_TREE_SCALE * plant.radius_m,
             )
 
 

@@ -30,7 +30,7 @@ ROOT_M = 1.0
 """How far the trunk reaches into the ground, so that there is no gap on slopes."""
 CONIFER_TRUNK_SHARE = 0.12
 """Height of the crown's lower end, as a share of the tree's height."""
-DECIDUOUS_TRUNK_SHARES = (0.28, 0.36)
+DECIDUOUS_TRUNK_SHARE_BOUNDS = (0.28, 0.36)
 """Bounds of this share for a deciduous tree."""
 
 
@@ -61,16 +61,17 @@ def tree(
     """A tree, whose crown begins at a height that depends on its species."""
     trunk_share = CONIFER_TRUNK_SHARE
     if species != Species.CONIFER:
-        trunk_share = rng.uniform(*DECIDUOUS_TRUNK_SHARES)
+        trunk_share = rng.uniform(*DECIDUOUS_TRUNK_SHARE_BOUNDS)
     return Plant(x_m, y_m, height_m, height_m * trunk_share, radius_m, species)
 
 
 def crowns(plants: Sequence[Plant], ground: Ground) -> Records:
     """The ellipsoid crowns of `plants`; their extinction is 0 until `simulate_day` sets it."""
     table = columns(plants, "x_m", "y_m", "radius_m", "species", "born_day", "dead_day")
-    height_m, trunk_m = columns(plants, "height_m", "trunk_m").values()
-    z_m = ground.at(table["x_m"], table["y_m"]) + (height_m + trunk_m) / 2
-    half_height_m = (height_m - trunk_m) / 2
+    sizes = columns(plants, "height_m", "trunk_m")
+    middle_m = (sizes["height_m"] + sizes["trunk_m"]) / 2
+    z_m = ground.at(table["x_m"], table["y_m"]) + middle_m
+    half_height_m = (sizes["height_m"] - sizes["trunk_m"]) / 2
     return records(
         CROWN,
         z_m=z_m,
@@ -85,7 +86,9 @@ def trunks(plants: Sequence[Plant], ground: Ground) -> Records:
     """The cylindrical trunks of the trees among `plants`."""
     trees = [plant for plant in plants if plant.trunk_m > 0]
     table = columns(trees, "x_m", "y_m", "born_day", "dead_day")
-    height_m, trunk_m = columns(trees, "height_m", "trunk_m").values()
+    sizes = columns(trees, "height_m", "trunk_m")
+    height_m = sizes["height_m"]
+    trunk_m = sizes["trunk_m"]
     base_m = ground.at(table["x_m"], table["y_m"])
     table["bottom_m"] = base_m - ROOT_M
     table["top_m"] = base_m + trunk_m + TRUNK_IN_CROWN * (height_m - trunk_m)

@@ -21,7 +21,7 @@ WAVES = 4
 """Number of waves."""
 WAVE_HEIGHT_M = 2.5
 """Amplitude of each wave."""
-WAVE_LENGTHS_M = (250.0, 700.0)
+WAVE_LENGTH_BOUNDS_M = (250.0, 700.0)
 """Bounds of the length of a wave."""
 PAVEMENT_M = 0.12
 """How far pavements lie above the road."""
@@ -31,7 +31,7 @@ BANK_WIDTH_M = 4.0
 """Width of the slope between the pavement and the gardens."""
 BANK_WAVES = 3
 """Number of waves along which the height of gardens varies."""
-BANK_WAVE_LENGTHS_M = (30.0, 90.0)
+BANK_WAVE_LENGTH_BOUNDS_M = (30.0, 90.0)
 """Bounds of their lengths."""
 
 
@@ -47,11 +47,11 @@ def height_at(
     v = (y_m - y0_m) / cell_m
     i = min(max(int(u), 0), heights.shape[0] - 2)
     j = min(max(int(v), 0), heights.shape[1] - 2)
-    a = u - i
-    b = v - j
-    near = heights[i, j] * (1 - a) + heights[i + 1, j] * a
-    far = heights[i, j + 1] * (1 - a) + heights[i + 1, j + 1] * a
-    return near * (1 - b) + far * b  # type: ignore[no-any-return]
+    share_i = u - i
+    share_j = v - j
+    near = heights[i, j] * (1 - share_i) + heights[i + 1, j] * share_i
+    far = heights[i, j + 1] * (1 - share_i) + heights[i + 1, j + 1] * share_i
+    return near * (1 - share_j) + far * share_j  # type: ignore[no-any-return]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -87,15 +87,15 @@ def rolling_ground(
 ) -> Ground:
     """Ground of random waves below the rectangle from `low_m` to `high_m` (2,), with a margin."""
     x0_m, y0_m = low_m - MARGIN_M
-    cells = ((high_m - low_m + 2 * MARGIN_M) / cell_m).astype(int) + 1
-    x_m = x0_m + np.arange(cells[0] + 1)[:, None] * cell_m
-    y_m = y0_m + np.arange(cells[1] + 1)[None, :] * cell_m
-    heights_m = np.zeros((cells[0] + 1, cells[1] + 1))
+    n_cells = ((high_m - low_m + 2 * MARGIN_M) / cell_m).astype(int) + 1
+    x_m = x0_m + np.arange(n_cells[0] + 1)[:, None] * cell_m
+    y_m = y0_m + np.arange(n_cells[1] + 1)[None, :] * cell_m
+    heights_m = np.zeros((n_cells[0] + 1, n_cells[1] + 1))
     for _ in range(WAVES):
         heading, phase = rng.uniform(0, 2 * np.pi, 2)
         along_m = x_m * np.cos(heading) + y_m * np.sin(heading)
         heights_m += WAVE_HEIGHT_M * np.sin(
-            2 * np.pi * along_m / rng.uniform(*WAVE_LENGTHS_M) + phase
+            2 * np.pi * along_m / rng.uniform(*WAVE_LENGTH_BOUNDS_M) + phase
         )
     return Ground(heights_m, float(x0_m), float(y0_m), cell_m)
 
@@ -112,7 +112,7 @@ def banked(rng: np.random.Generator, ground: Ground, streets: Streets) -> Ground
     for _ in range(BANK_WAVES):
         heading, phase = rng.uniform(0, 2 * np.pi, 2)
         along_m = x_m[:, None] * np.cos(heading) + y_m * np.sin(heading)
-        wave = np.sin(2 * np.pi * along_m / rng.uniform(*BANK_WAVE_LENGTHS_M) + phase)
+        wave = np.sin(2 * np.pi * along_m / rng.uniform(*BANK_WAVE_LENGTH_BOUNDS_M) + phase)
         bank_share += 0.5 / BANK_WAVES * wave
     # One cell off the border of a street the pavement is reached; there the slope begins.
     off_street_m = np.stack(

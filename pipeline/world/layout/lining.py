@@ -5,8 +5,7 @@ on both sides, as in an old suburb. A `campus` keeps its blocks, and gets hedges
 bushes beside its ways and at the feet of its buildings.
 
 All shares, pitches and sizes below were set so that scans and views are about as full as recorded
-ones (docs/measured.md, 'How full views are'), never by the score of a method. A pair is the bounds
-of a random number, unless it says otherwise.
+ones (docs/measured.md, 'How full views are'), never by the score of a method.
 """
 
 from dataclasses import dataclass, replace
@@ -24,58 +23,58 @@ Lining: TypeAlias = Literal["sparse", "street", "campus"]
 """How streets are lined; `sparse`: with nothing but what the blocks hold."""
 
 # The lots of a street, from its border outwards.
-PAVEMENTS_M = (1.5, 2.6)
+PAVEMENT_BOUNDS_M = (1.5, 2.6)
 """Width of the pavement."""
-FRONT_GARDENS_M = (1.0, 8.0)
+FRONT_GARDEN_BOUNDS_M = (1.0, 8.0)
 """Depth of the gardens between the pavement and the houses, the same for a whole row."""
-LOTS_M = (9.0, 15.0)
+HOUSE_LENGTH_BOUNDS_M = (9.0, 15.0)
 """Length of a house along the street."""
 TERRACED_SHARE = 0.3
 """Share of the rows without gaps between the houses."""
-SIDE_GAPS_M = (4.0, 9.0)
+SIDE_GAP_BOUNDS_M = (4.0, 9.0)
 """Gap between detached houses."""
-EMPTY_LOTS = 0.25
+EMPTY_LOT_SHARE = 0.25
 """Share of the lots without a house."""
-EAVES_M = (4.8, 7.2)
+EAVES_BOUNDS_M = (4.8, 7.2)
 """Height of a house without its roof."""
-HOUSE_HALF_DEPTHS_M = (4.2, 6.0)
+HOUSE_HALF_DEPTH_BOUNDS_M = (4.2, 6.0)
 HOUSE_FROM_STREET_M = 1.2
 """Least distance between a house and the border of any street."""
 FROM_CORNER_M = 7.0
 """How far from its ends a street is lined."""
-BACK_GARDENS_M = (6.0, 13.0)
+BACK_GARDEN_BOUNDS_M = (6.0, 13.0)
 """Depth of the gardens behind the houses."""
-GARAGES = 0.5
+GARAGE_SHARE = 0.5
 """Share of the lots with enough room that have a garage."""
 DRIVE_M = 5.4
 """Least distance of a garage from the street: a car before it stays off the street."""
-SHEDS = 0.6
+SHED_SHARE = 0.6
 """Share of the lots with a shed."""
 
 # Borders of lots, and what grows in gardens.
 BORDERS = ("hedge", "wall", "fence", "open")
 BORDER_SHARES = (0.35, 0.2, 0.2, 0.25)
 """The shares of the four kinds of border."""
-HEDGE_HEIGHTS_M = (0.6, 1.5)
-HEDGE_HALF_WIDTHS_M = (0.35, 0.7)
-WALL_HEIGHTS_M = (0.4, 1.2)
-FENCE_HEIGHTS_M = (0.8, 1.4)
+HEDGE_HEIGHT_BOUNDS_M = (0.6, 1.5)
+HEDGE_HALF_WIDTH_BOUNDS_M = (0.35, 0.7)
+WALL_HEIGHT_BOUNDS_M = (0.4, 1.2)
+FENCE_HEIGHT_BOUNDS_M = (0.8, 1.4)
 PIECE_M = 4.0
 """Approximate length of a piece of a kerb, hedge, wall or fence. The top of a piece is level."""
 BUSHES_PER_M2 = 0.07
-BUSH_RADII_M = (0.4, 1.1)
-BUSH_HEIGHTS_M = (0.4, 1.6)
+BUSH_RADIUS_BOUNDS_M = (0.4, 1.1)
+BUSH_HEIGHT_BOUNDS_M = (0.4, 1.6)
 TREES_PER_LOT = 1.2
-GARDEN_TREE_HEIGHTS_M = (4.0, 9.0)
-GARDEN_TREE_RADII_M = (1.2, 3.0)
-CONIFERS = 0.3
+GARDEN_TREE_HEIGHT_BOUNDS_M = (4.0, 9.0)
+GARDEN_TREE_RADIUS_BOUNDS_M = (1.2, 3.0)
+CONIFER_SHARE = 0.3
 """Share of the garden trees that are conifers."""
 UNDERGROWTH_SHARE = 0.2
 """Share of the trees with a bush under them."""
 
 # Kerbs, and places beside streets.
 KERB_HEIGHT_M = 0.12
-KERB_ROWS = 0.6
+KERB_ROW_SHARE = 0.6
 """Share of the roadsides where cars may park."""
 KERB_SLOT_M = 5.8
 """Distance from one slot at the kerb to the next."""
@@ -89,11 +88,11 @@ TREE_FROM_STREET_M = 1.0
 SPOT_FROM_STREET_M = 0.8
 
 # The waysides of a campus, and the feet of its buildings.
-PIECES_M = (4.0, 8.0)
+PIECE_BOUNDS_M = (4.0, 8.0)
 """Length of a piece of a wayside."""
-BARE_PIECES = 0.75
+BARE_PIECE_SHARE = 0.75
 """Share of these pieces with nothing beside the way."""
-BESIDE_M = (2.0, 12.0)
+BESIDE_BOUNDS_M = (2.0, 12.0)
 """Distance of what stands there from the border of the way."""
 FOOT_PITCH_M = 2.2
 """Distance between the places for bushes along a building."""
@@ -119,7 +118,8 @@ class Side:
     @property
     def yaw_rad(self) -> float:
         """The heading of the x axis, such that the y axis points away from the street."""
-        along_x, along_y = self.campus.streets.directions()[0][self.street]
+        along, _ = self.campus.streets.directions()
+        along_x, along_y = along[self.street]
         turn_rad = 0.0 if self.sign > 0 else np.pi
         return float(np.arctan2(along_y, along_x)) + turn_rad
 
@@ -170,17 +170,26 @@ def _is_wing(part: Part) -> bool:
 
 def _row_of_lots(rng: np.random.Generator, side: Side) -> None:
     """A row of lots, whose houses share the kind of border and the depth of front gardens."""
-    pavement_m = rng.uniform(*PAVEMENTS_M)
-    front_m = pavement_m + rng.uniform(*FRONT_GARDENS_M)
+    pavement_m = rng.uniform(*PAVEMENT_BOUNDS_M)
+    front_m = pavement_m + rng.uniform(*FRONT_GARDEN_BOUNDS_M)
     is_terraced = rng.random() < TERRACED_SHARE
     border = str(rng.choice(BORDERS, p=BORDER_SHARES))
     houses = []
     station_m = FROM_CORNER_M + rng.uniform(0, 4)
-    while station_m + LOTS_M[1] < side.length_m - FROM_CORNER_M:
-        house_m = rng.uniform(*LOTS_M)
-        gap_m = 0.0 if is_terraced else rng.uniform(*SIDE_GAPS_M)
+    while station_m + HOUSE_LENGTH_BOUNDS_M[1] < side.length_m - FROM_CORNER_M:
+        house_m = rng.uniform(*HOUSE_LENGTH_BOUNDS_M)
+        gap_m = 0.0 if is_terraced else rng.uniform(*SIDE_GAP_BOUNDS_M)
         middle_m = station_m + (house_m + gap_m) / 2
-        house = _lot(rng, side, middle_m, house_m, gap_m, pavement_m, front_m, border)
+        house = _lot(
+            rng,
+            side,
+            middle_m,
+            house_m,
+            gap_m,
+            pavement_m=pavement_m,
+            front_m=front_m,
+            border=border,
+        )
         if house:
             houses.append(house)
         station_m += house_m + gap_m
@@ -209,11 +218,11 @@ def _lot(
     x_m, y_m = side.at(middle_m, 0.0)
     lot = Structure(x_m, y_m, side.yaw_rad, ())
     half_m = (house_m + gap_m) / 2
-    half_depth_m = rng.uniform(*HOUSE_HALF_DEPTHS_M)
+    half_depth_m = rng.uniform(*HOUSE_HALF_DEPTH_BOUNDS_M)
     back_m = front_m + 2 * half_depth_m
-    rear_m = back_m + rng.uniform(*BACK_GARDENS_M)
+    rear_m = back_m + rng.uniform(*BACK_GARDEN_BOUNDS_M)
     house = replace(lot, parts=_house(rng, house_m / 2, front_m, half_depth_m))
-    is_built = rng.random() >= EMPTY_LOTS and side.campus.fits(house, HOUSE_FROM_STREET_M)
+    is_built = rng.random() >= EMPTY_LOT_SHARE and side.campus.fits(house, HOUSE_FROM_STREET_M)
 
     # Borders: to the street with a gate in it, to the next lot, and at the rear.
     gate_m = rng.uniform(-0.7, 0.7) * half_m
@@ -227,13 +236,13 @@ def _lot(
 
     # A garage with a parking slot before it, and a shed.
     outbuildings = []
-    if gap_m > 3.5 and rng.random() < GARAGES:
+    if gap_m > 3.5 and rng.random() < GARAGE_SHARE:
         garage_x_m = half_m - 1.7
         garage_y_m = max(front_m + rng.uniform(1, 5), DRIVE_M)
         outbuildings.append(Part(garage_x_m, garage_y_m + 2.8, 1.5, 2.8, 0, 2.6))
         x_m, y_m = lot.to_world(np.array([garage_x_m, garage_y_m - 2.8])).tolist()
         side.campus.slots.append(Slot(x_m, y_m, lot.yaw_rad + np.pi / 2))
-    if rng.random() < SHEDS:
+    if rng.random() < SHED_SHARE:
         shed_x_m = rng.uniform(-0.8, 0.8) * half_m
         outbuildings.append(Part(shed_x_m, rear_m - 2.2, 1.5, 1.2, 0, rng.uniform(1.9, 2.5)))
     _add(side.campus, replace(lot, parts=tuple(outbuildings)))
@@ -255,7 +264,7 @@ def _house(
     rng: np.random.Generator, half_length_m: float, front_m: float, half_depth_m: float
 ) -> tuple[Part, ...]:
     """A body, whose front is at y = `front_m`, and a narrower roof on it."""
-    top_m = rng.uniform(*EAVES_M)
+    top_m = rng.uniform(*EAVES_BOUNDS_M)
     middle_m = front_m + half_depth_m
     return (
         Part(0, middle_m, half_length_m, half_depth_m, 0, top_m),
@@ -331,9 +340,9 @@ def _border(
     if border == "open":
         return
     # All three are drawn, whatever the border, so that later draws do not depend on it.
-    hedge_size_m = (rng.uniform(*HEDGE_HEIGHTS_M), rng.uniform(*HEDGE_HALF_WIDTHS_M))
-    wall_size_m = (rng.uniform(*WALL_HEIGHTS_M), 0.15)
-    fence_size_m = (rng.uniform(*FENCE_HEIGHTS_M), 0.05)
+    hedge_size_m = (rng.uniform(*HEDGE_HEIGHT_BOUNDS_M), rng.uniform(*HEDGE_HALF_WIDTH_BOUNDS_M))
+    wall_size_m = (rng.uniform(*WALL_HEIGHT_BOUNDS_M), 0.15)
+    fence_size_m = (rng.uniform(*FENCE_HEIGHT_BOUNDS_M), 0.05)
     if border == "hedge":
         height_m, half_m = hedge_size_m
         kind, species = Kind.LEAF, Species.HEDGE
@@ -373,18 +382,18 @@ def _garden(
         _bush(rng, campus, *lot.to_world(place).tolist())
     for _ in range(rng.poisson(TREES_PER_LOT / 2)):
         place = np.array([rng.uniform(-half_m, half_m), rng.uniform(near_m, far_m)])
-        species = Species.CONIFER if rng.random() < CONIFERS else Species.DECIDUOUS
+        species = Species.CONIFER if rng.random() < CONIFER_SHARE else Species.DECIDUOUS
         x_m, y_m = lot.to_world(place).tolist()
-        height_m = rng.uniform(*GARDEN_TREE_HEIGHTS_M)
-        grown = tree(rng, x_m, y_m, height_m, rng.uniform(*GARDEN_TREE_RADII_M), species)
-        if _clearance_m(campus, grown.x_m, grown.y_m) > TREE_FROM_STREET_M:
-            campus.plants.append(grown)
+        height_m = rng.uniform(*GARDEN_TREE_HEIGHT_BOUNDS_M)
+        plant = tree(rng, x_m, y_m, height_m, rng.uniform(*GARDEN_TREE_RADIUS_BOUNDS_M), species)
+        if _clearance_m(campus, plant.x_m, plant.y_m) > TREE_FROM_STREET_M:
+            campus.plants.append(plant)
 
 
 def _bush(rng: np.random.Generator, campus: Campus, x_m: float, y_m: float) -> None:
     """A bush, unless it would reach into a street."""
-    radius_m = rng.uniform(*BUSH_RADII_M)
-    height_m = rng.uniform(*BUSH_HEIGHTS_M)
+    radius_m = rng.uniform(*BUSH_RADIUS_BOUNDS_M)
+    height_m = rng.uniform(*BUSH_HEIGHT_BOUNDS_M)
     if _clearance_m(campus, x_m, y_m) > radius_m + CLEAR_OF_STREET_M:
         campus.plants.append(Plant(x_m, y_m, height_m, 0.0, radius_m, Species.HEDGE))
 
@@ -397,7 +406,7 @@ def _kerb(rng: np.random.Generator, side: Side) -> None:
     middles_m = step_m * (np.arange(pieces) - (pieces - 1) / 2)
     stones = [Part(x_m, 0.45, step_m / 2, 0.15, 0, KERB_HEIGHT_M) for x_m in middles_m.tolist()]
     _add(side.campus, replace(origin, parts=tuple(stones), kind=Kind.GROUND))
-    if rng.random() < KERB_ROWS:
+    if rng.random() < KERB_ROW_SHARE:
         for station_m in np.arange(14.0, side.length_m - 14.0, KERB_SLOT_M).tolist():
             side.campus.slots.append(Slot(*side.at(station_m, 0.2), side.yaw_rad))
     if side.sign > 0:
@@ -410,12 +419,12 @@ def _kerb(rng: np.random.Generator, side: Side) -> None:
 def _wayside(rng: np.random.Generator, side: Side) -> None:
     """Hedges, low walls, fences and bushes beside a way of a campus, with bare pieces between."""
     station_m = FROM_CORNER_M
-    while station_m + PIECES_M[1] < side.length_m - FROM_CORNER_M:
-        piece_m = rng.uniform(*PIECES_M)
-        off_m = rng.uniform(*BESIDE_M)
+    while station_m + PIECE_BOUNDS_M[1] < side.length_m - FROM_CORNER_M:
+        piece_m = rng.uniform(*PIECE_BOUNDS_M)
+        off_m = rng.uniform(*BESIDE_BOUNDS_M)
         x_m, y_m = side.at(station_m + piece_m / 2, off_m)
         border = str(rng.choice(BORDERS, p=BORDER_SHARES))
-        is_bare = rng.random() < BARE_PIECES
+        is_bare = rng.random() < BARE_PIECE_SHARE
         station_m += piece_m + rng.uniform(1, 3)
         if is_bare or not side.campus.is_free(np.array([[x_m, y_m]]), 0.0, 0.0)[0]:
             continue

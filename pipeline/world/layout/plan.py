@@ -19,9 +19,9 @@ TRAINING_CANDIDATES = 200
 """Number of random walks of which the best becomes the training plan."""
 TEST_CANDIDATES = 1000
 """Number of random walks of which the best becomes a test plan."""
-UNSEEN_WEIGHTS_LOG10 = (-2.2, -0.2)
+UNSEEN_WEIGHT_LOG10_BOUNDS = (-2.2, -0.2)
 """Bounds of the random weight of unseen streets in a walk; a street driven in training has 1."""
-REVERSED_WEIGHTS_LOG10 = (-2.0, 1.0)
+REVERSED_WEIGHT_LOG10_BOUNDS = (-2.0, 1.0)
 """Bounds of the random weight of streets driven in training the other way."""
 ERROR_WEIGHT = 8.0
 """Weight of an error in the wanted shares, relative to the coverage of the training plan."""
@@ -74,7 +74,8 @@ class Graph:
         self.tails = streets.edges.ravel()
         self.heads = streets.edges[:, ::-1].ravel()
         # (h, 2) unit vectors
-        self.headings = np.repeat(streets.directions()[0], 2, axis=0)
+        along, _ = streets.directions()
+        self.headings = np.repeat(along, 2, axis=0)
         self.headings[1::2] *= -1
         self.lengths_m = np.repeat(streets.lengths_m, 2)
         # for each corner the half-edges that begin there
@@ -96,12 +97,12 @@ class Graph:
             appeal = weights[options] / (1 + REVISIT_WEIGHT * visits[options // 2]) ** 2
             if walk:
                 straightness = self.headings[options] @ self.headings[walk[-1]]
-                is_u_turn = options == walk[-1] ^ 1
+                is_u_turn = options == walk[-1] ^ 1  # the same street the other way
                 appeal = appeal * np.where(is_u_turn, U_TURN_WEIGHT, STRAIGHT_WEIGHT + straightness)
             # Draw one of the options, with chances in proportion to their appeal.
             cumulated = np.cumsum(appeal + 1e-9)
-            drawn = np.searchsorted(cumulated, rng.random() * cumulated[-1])
-            step = int(options[min(drawn, len(options) - 1)])
+            choice = np.searchsorted(cumulated, rng.random() * cumulated[-1])
+            step = int(options[min(choice, len(options) - 1)])
             walk.append(step)
             visits[step // 2] += 1
             walked_m += self.lengths_m[step]
@@ -136,17 +137,18 @@ class _Samples:
 
     def against(self, training: "_Samples") -> tuple[float, float, float]:
         """The shares `unseen`, `reversed` and `coverage` of a `Plan` with these samples."""
-        # A sample without so many neighbours has the number after the last one in their places.
-        neighbours = np.asarray(
-            training.tree.query(self.places_m, k=NEIGHBOURS, distance_upper_bound=SEEN_WITHIN_M)[1]
+        # A sample without so many neighbours has the number after the last one in their places,
+        # with a heading that is the same as no other.
+        _, neighbours = training.tree.query(
+            self.places_m, k=NEIGHBOURS, distance_upper_bound=SEEN_WITHIN_M
         )
-        none = len(training.headings)
-        headings = np.concatenate([training.headings, [[0.0, 0.0]]])[neighbours.clip(max=none)]
+        no_neighbour = len(training.headings)
+        training_headings = np.concatenate([training.headings, [[0.0, 0.0]]])
+        headings = training_headings[np.asarray(neighbours)]
         is_same_way = ((headings * self.headings[:, None]).sum(2) > 0).any(1)
-        is_seen = neighbours[:, 0] < none
-        is_covered = np.isfinite(
-            self.tree.query(training.places_m, distance_upper_bound=SEEN_WITHIN_M)[0]
-        )
+        is_seen = np.asarray(neighbours)[:, 0] < no_neighbour
+        distances_m, _ = self.tree.query(training.places_m, distance_upper_bound=SEEN_WITHIN_M)
+        is_covered = np.isfinite(distances_m)
         unseen = 1 - is_seen.mean()
         reversed_ = (is_seen & ~is_same_way).sum() / max(is_seen.sum(), 1)
         return float(unseen), float(reversed_), float(is_covered.mean())
@@ -194,7 +196,7 @@ def plan_test(
     """
     graph = Graph(streets)
     reference = _Samples(training.line_m, route_m)
-    # The end of a plan is spare: only the streets count that are driven within the route's length.
+    # The end of a plan is spare: a street counts if its middle is driven within the route's length.
     steps = np.array(training.half_edges)
     middles_m = np.cumsum(graph.lengths_m[steps]) - graph.lengths_m[steps] / 2
     n_driven = max(1, int((middles_m < route_m).sum()))
@@ -244,8 +246,8 @@ def _random_weights(
     Half-edges that training drives have 1. Those that it drives the other way have one random
     weight, and those of unseen streets another.
     """
-    unseen_weight = 10 ** rng.uniform(*UNSEEN_WEIGHTS_LOG10)
-    reversed_weight = 10 ** rng.uniform(*REVERSED_WEIGHTS_LOG10)
+    unseen_weight = 10 ** rng.uniform(*UNSEEN_WEIGHT_LOG10_BOUNDS)
+    reversed_weight = 10 ** rng.uniform(*REVERSED_WEIGHT_LOG10_BOUNDS)
     return np.where(is_driven, 1.0, np.where(is_visited, reversed_weight, unseen_weight))
 
 

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from pipeline.world import Floats
 
 PITCH_M = 95.0
-"""Mean distance between corners, before PITCH_FACTORS."""
-PITCH_FACTORS = (0.75, 1.3)
+"""Mean distance between corners, before PITCH_FACTOR_BOUNDS."""
+PITCH_FACTOR_BOUNDS = (0.75, 1.3)
 """Bounds of the random factor of each distance."""
 JITTER_SD_M = 10.0
 """Standard deviation of the jitter of corners, on each axis."""
@@ -117,20 +117,20 @@ def build_streets(rng: np.random.Generator, blocks: int) -> Streets:
     """
     # 1. Place the corners.
     side = blocks + 1
-    grid_x_m = np.cumsum([0.0, *(rng.uniform(*PITCH_FACTORS, blocks) * PITCH_M)])
-    grid_y_m = np.cumsum([0.0, *(rng.uniform(*PITCH_FACTORS, blocks) * PITCH_M)])
+    grid_x_m = np.cumsum([0.0, *(rng.uniform(*PITCH_FACTOR_BOUNDS, blocks) * PITCH_M)])
+    grid_y_m = np.cumsum([0.0, *(rng.uniform(*PITCH_FACTOR_BOUNDS, blocks) * PITCH_M)])
     grid_m = np.stack(np.meshgrid(grid_x_m, grid_y_m, indexing="ij"), -1).reshape(-1, 2)
     nodes_m = grid_m + rng.normal(0, JITTER_SD_M, grid_m.shape).clip(-JITTER_CLIP_M, JITTER_CLIP_M)
     nodes_m -= (nodes_m.min(0) + nodes_m.max(0)) / 2
 
     # 2. Join neighbours along both axes, and remove some of these streets.
-    corner = np.arange(side * side).reshape(side, side)
-    along_x = np.stack([corner[:-1].ravel(), corner[1:].ravel()], 1)
-    along_y = np.stack([corner[:, :-1].ravel(), corner[:, 1:].ravel()], 1)
+    corners = np.arange(side * side).reshape(side, side)  # their numbers, by column and row
+    along_x = np.stack([corners[:-1].ravel(), corners[1:].ravel()], 1)
+    along_y = np.stack([corners[:, :-1].ravel(), corners[:, 1:].ravel()], 1)
     grid_edges = _thinned_out(rng.permutation(np.concatenate([along_x, along_y])), side * side)
 
     # 3. Add diagonals, and make some streets footpaths.
-    diagonals = np.stack([corner[:-1, :-1].ravel(), corner[1:, 1:].ravel()], 1)
+    diagonals = np.stack([corners[:-1, :-1].ravel(), corners[1:, 1:].ravel()], 1)
     diagonals = diagonals[rng.random(len(diagonals)) < DIAGONAL_SHARE]
     is_grid_path = rng.random(len(grid_edges)) < PATH_SHARE
     is_path = np.concatenate([is_grid_path, np.ones(len(diagonals), bool)])
@@ -166,16 +166,16 @@ def add_route(streets: Streets, route_m: Floats) -> tuple[Streets, list[int]]:
     first, *stops = points_along(route_m, np.linspace(0, length_m, n_stops))
     grid_corners = len(streets.nodes_m)
     nodes = [*streets.nodes_m, first]
-    visited = [grid_corners]
+    visited_corners = [grid_corners]
     for stop in stops:
         gaps_m = np.hypot(*(np.array(nodes[grid_corners:]) - stop).T)
-        gaps_m[visited[-1] - grid_corners] = np.inf
+        gaps_m[visited_corners[-1] - grid_corners] = np.inf  # never the corner just visited
         if gaps_m.min() < ROUTE_MERGE_M:
-            visited.append(grid_corners + int(gaps_m.argmin()))
+            visited_corners.append(grid_corners + int(gaps_m.argmin()))
         else:
-            visited.append(len(nodes))
+            visited_corners.append(len(nodes))
             nodes.append(stop)
-    steps = {(min(pair), max(pair)) for pair in pairwise(visited)}
+    steps = {(min(pair), max(pair)) for pair in pairwise(visited_corners)}
 
     # 2. Link some of its corners to the nearest ones of the grid, unless they are the same.
     links = set()
@@ -185,7 +185,7 @@ def add_route(streets: Streets, route_m: Floats) -> tuple[Streets, list[int]]:
         if grid_distances_m[nearest] > 0:
             links.add((nearest, node))
 
-    added = np.array(sorted(steps | links))
-    edges = np.concatenate([streets.edges, added])
-    is_path = np.concatenate([streets.is_path, np.ones(len(added), bool)])
-    return replace(streets, nodes_m=np.array(nodes), edges=edges, is_path=is_path), visited
+    new_edges = np.array(sorted(steps | links))
+    edges = np.concatenate([streets.edges, new_edges])
+    is_path = np.concatenate([streets.is_path, np.ones(len(new_edges), bool)])
+    return replace(streets, nodes_m=np.array(nodes), edges=edges, is_path=is_path), visited_corners

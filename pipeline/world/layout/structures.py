@@ -64,14 +64,15 @@ class Structure:
         """x, y and radius (5 per part, 3) of discs that cover its footprint with a margin."""
         discs = []
         for part in self.parts:
-            # Five discs in a row along the longer side.
+            # Five discs in a row along the longer side, somewhat wider than the shorter one.
             short_m, long_m = sorted((part.half_length_m, part.half_width_m))
             offsets_m = np.linspace(-1, 1, 5) * (long_m - short_m)
             is_long_ahead = part.half_length_m >= part.half_width_m
             ahead_m = part.ahead_m + offsets_m * is_long_ahead
             left_m = part.left_m + offsets_m * (not is_long_ahead)
             centres = self.to_world(np.stack([ahead_m, left_m], 1))
-            discs.append(np.column_stack([centres, np.full(5, 1.15 * short_m + 1.5)]))
+            radius_m = 1.15 * short_m + 1.5
+            discs.append(np.column_stack([centres, np.full(5, radius_m)]))
         return np.concatenate(discs)
 
     def half_extent_m(self) -> Floats:
@@ -99,6 +100,7 @@ def boxes(structures: Sequence[Structure], ground: Ground) -> Records:
     base_m = ground.at(table["x_m"], table["y_m"])
     bottom_m = table["bottom_m"]
     yaw_rad = table.pop("yaw_rad")
+    # A part whose bottom is at 0 stands on the ground, and reaches into it.
     table["bottom_m"] = base_m + np.where(bottom_m == 0, -FOOTING_M, bottom_m)
     table["top_m"] += base_m
     return records(

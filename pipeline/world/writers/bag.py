@@ -56,7 +56,7 @@ class BagWriterInOrder(Writer):
     ) -> None:
         super().__init__(folder, sequence, body_T_sensor)
         self._bag = BagWriter(folder / ("bag.bag" if kind == "ros1" else "bag"), kind).__enter__()
-        self._waiting: list[_StampedPoses] = []  # the next one last
+        self._waiting_poses: list[_StampedPoses] = []  # the next one last
 
     def write_truth(self, drive: Drive, surveyed: Drive, generators: Generators) -> None:
         """Write the lidar's pose on the robot, and keep all other poses until their stamps are due.
@@ -64,11 +64,11 @@ class BagWriterInOrder(Writer):
         `write_scan` writes them when it reaches their stamps.
         """
         self._bag.static_transform(int(drive.utimes[0]) * 1000, BODY, LIDAR, self.body_T_sensor)
-        drifted = wheel_odometry(generators(Stream.ODOMETRY), drive.world_T_body)
-        gathered = np.cumsum(wheel_covariances(drive.world_T_body), axis=0)
-        columns = (drive.utimes.tolist(), surveyed.world_T_body, drifted, gathered)
+        odom_T_body = wheel_odometry(generators(Stream.ODOMETRY), drive.world_T_body)
+        covariance = np.cumsum(wheel_covariances(drive.world_T_body), axis=0)
+        columns = (drive.utimes.tolist(), surveyed.world_T_body, odom_T_body, covariance)
         rows = [_StampedPoses(*row) for row in zip(*columns, strict=True)]
-        self._waiting = rows[::-1]
+        self._waiting_poses = rows[::-1]
 
     def write_scan(self, scan: int, utime: int, returns: Returns) -> None:
         """Write the poses up to the stamp of the scan, and its cloud."""
@@ -84,10 +84,12 @@ class BagWriterInOrder(Writer):
         self._write_poses(None)
         self._bag.__exit__(None, None, None)
 
-    def _write_poses(self, until: int | None) -> None:
+    def _write_poses(self, until_utime: int | None) -> None:
         """Write the waiting poses up to a stamp in microseconds, or all of them."""
-        while self._waiting and (until is None or self._waiting[-1].utime <= until):
-            poses = self._waiting.pop()
+        while self._waiting_poses and (
+            until_utime is None or self._waiting_poses[-1].utime <= until_utime
+        ):
+            poses = self._waiting_poses.pop()
             stamp_ns = poses.utime * 1000
             self._bag.odometry(stamp_ns, WORLD, BODY, poses.world_T_body, TRUTH)
             self._bag.odometry(stamp_ns, ODOM, BODY, poses.odom_T_body, ODOMETRY, poses.covariance)

@@ -34,8 +34,8 @@ class NcltWriter(Writer):
         rows = xyzrpy(flip_ned(surveyed.world_T_body))
         rows[:LEADING_GAPS] = np.nan
         write_pose_rows(self.folder / TRUTH.format(sequence=self.sequence), drive.utimes, rows)
-        drifted = wheel_odometry(generators(Stream.ODOMETRY), drive.world_T_body)
-        write_pose_rows(self.folder / ODOMETRY, drive.utimes, xyzrpy(flip_ned(drifted)))
+        odom_T_body = wheel_odometry(generators(Stream.ODOMETRY), drive.world_T_body)
+        write_pose_rows(self.folder / ODOMETRY, drive.utimes, xyzrpy(flip_ned(odom_T_body)))
         covariances = wheel_covariances(drive.world_T_body)
         write_covariance_rows(self.folder / COVARIANCE, drive.utimes, covariances)
 

@@ -47,10 +47,10 @@ class RobotCarWriter(Writer):
 
         ins_utimes = np.arange(drive.utimes[0], drive.utimes[-1], INS_US)
         world_T_vehicle = surveyed.at(ins_utimes) @ BODY_T_VEHICLE
-        reported, is_good = simulate_ins(generators(Stream.OUTAGES), world_T_vehicle)
-        reported[:, :3, 3] += ORIGIN_M
+        reported_T_vehicle, is_good = simulate_ins(generators(Stream.OUTAGES), world_T_vehicle)
+        reported_T_vehicle[:, :3, 3] += ORIGIN_M
         statuses = np.where(is_good, robotcar.INS_GOOD, INS_OUTAGE).tolist()
-        rows = xyzrpy(flip_ned(reported) @ VEHICLE_T_INS)
+        rows = xyzrpy(flip_ned(reported_T_vehicle) @ VEHICLE_T_INS)
         robotcar.write_ins(self.folder / robotcar.INS, ins_utimes, statuses, rows)
 
     def write_scan(self, scan: int, utime: int, returns: Returns) -> None:
