@@ -105,9 +105,10 @@ def _car(rng: np.random.Generator) -> Points:
     points_m = rng.uniform(-0.5, 0.5, (CAR_POINTS, 3)) * CAR_M
     face = rng.integers(0, 5, CAR_POINTS)
     rows = np.arange(CAR_POINTS)
-    # faces 0 to 4 are front, back, left, right and roof
+    # Faces 0 to 4 are front, back, left, right and roof; each pair lies across one axis.
     points_m[rows, face // 2] = np.where(face % 2, -0.5, 0.5) * CAR_M[face // 2]
     turn = rng.uniform(0, np.pi)
+    # The transpose of a rotation, since the points are rows.
     rotation = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
     return np.column_stack([points_m[:, :2] @ rotation, points_m[:, 2] + CAR_M[2] / 2])
 

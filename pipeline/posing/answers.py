@@ -25,9 +25,9 @@ from pipeline.posing.verdict import BELIEFS, PROMISES, Judge
 
 OWN_KINDS = BELIEFS
 """The kinds of novelty that poses add: the doubt in each belief, such as that the pose is right."""
-MISSING = {"places": -1, "costs": np.inf, "xy_m": np.nan, "heading_deg": np.nan}
+MISSING_ANSWER = {"places": -1, "costs": np.inf, "xy_m": np.nan, "heading_deg": np.nan}
 """The values of a missing answer, column by column."""
-UNREGISTERED = 1.0
+UNREGISTERED_COST = 1.0
 """The least cost of the method's own answers. Registered poses cost less: one minus their
 chance."""
 
@@ -71,7 +71,7 @@ def posed(ranking: Ranking, queries: Sequence[PosedQuery], places: Places) -> Ra
 
     The place of a pose is the cell that it lies in, −1 where training never went. The confidence
     becomes the chance that the pose is right. Each place is answered once; if fewer than k answers
-    are left, the last ones are MISSING.
+    are left, the last ones are MISSING_ANSWER.
     """
     k = ranking.places.shape[1]
     answers = {
@@ -81,7 +81,8 @@ def posed(ranking: Ranking, queries: Sequence[PosedQuery], places: Places) -> Ra
         if not len(query.world_T_query):
             continue
         xy_m = query.world_T_query[:, :2, 3]
-        answers["costs"][i] = UNREGISTERED + np.arange(k) / k
+        # The method's own answers keep their order, behind the registered poses.
+        answers["costs"][i] = UNREGISTERED_COST + np.arange(k) / k
         registered = {
             "places": places.at(xy_m),
             "costs": 1 - query.chances,
@@ -104,13 +105,16 @@ def posed(ranking: Ranking, queries: Sequence[PosedQuery], places: Places) -> Ra
 def lead(answers: Mapping[str, NDArray[Any]], row: int, first: Mapping[str, Any]) -> None:
     """Put the answers `first`, likeliest first, before the k answers of a row, in place.
 
-    Each place stays in once, where it comes first; the answers that are then missing are MISSING.
+    Each place stays in once, where it comes first. If fewer than k answers are left, the last ones
+    are MISSING_ANSWER.
     """
-    all_answers = {name: np.concatenate([first[name], answers[name][row]]) for name in MISSING}
+    all_answers = {
+        name: np.concatenate([first[name], answers[name][row]]) for name in MISSING_ANSWER
+    }
     k = answers["places"].shape[1]
     _, first_of_each_place = np.unique(all_answers["places"], return_index=True)
     chosen = np.sort(first_of_each_place)[:k]
-    for name, missing in MISSING.items():
+    for name, missing in MISSING_ANSWER.items():
         answers[name][row] = missing
         answers[name][row, : len(chosen)] = all_answers[name][chosen]
 
@@ -173,18 +177,21 @@ class Posing:
     ) -> str:
         """How many queries have a pose, and for how many each belief is accepted, in a line.
 
-        It is told at the wanted promise, or at the highest one below it that can be kept.
+        Beliefs are accepted at the wanted promise, or at the highest one below that can be kept.
         """
         pose_count = sum(len(query.world_T_query) > 0 for query in queries)
-        kept = [i for i in range(promise_number + 1) if self.limits["fix"][i] > 0]
-        if not kept:
+        kept_promises = [i for i in range(promise_number + 1) if self.limits["fix"][i] > 0]
+        if not kept_promises:
             return f"{pose_count} poses of {len(queries)} queries; no promise can be kept"
-        number = kept[-1]
+        number = kept_promises[-1]
         limits = [self.limits[belief][number] for belief in BELIEFS]
         is_accepted = answered.novelty[:, : len(BELIEFS)].astype(float) < limits  # (q, belief)
+        # Each query counts for its strongest accepted belief alone; −1 has none.
         strongest = np.where(is_accepted.any(axis=1), is_accepted.argmax(axis=1), -1)
-        pose, place, several = (int((strongest == i).sum()) for i in range(len(BELIEFS)))
-        beliefs = f"{pose} are accepted, {place} more are near, {several} more are one of several"
+        accepted, near, ambiguous = (int((strongest == i).sum()) for i in range(len(BELIEFS)))
+        beliefs = (
+            f"{accepted} are accepted, {near} more are near, {ambiguous} more are one of several"
+        )
         return (
             f"{pose_count} poses of {len(queries)} queries; with a promise of {PROMISES[number]} "
             f"{beliefs}"

@@ -26,8 +26,8 @@ SIGNS = ("overlap", "seen_again", "surety", "upright", "lead", "ahead")
 """
 SCALES = np.array([0.12, 0.25, 0.2, 0.15, 0.12, 0.15])
 """A usual difference of each sign: weights are learned as if the signs were divided by these."""
-STIFFNESS = 0.5
-"""Prior standard deviation of the weights of scaled signs around those that learning starts
+PRIOR_SD = 0.5
+"""Standard deviation of the prior: of the weights of scaled signs around those that learning starts
 from."""
 
 
@@ -76,7 +76,7 @@ def learned(
 
     `signs` has for each query the signs (n, sign) of its n hypotheses, `right` (n,) which of these
     are right, `weight` (q,) how often the query counts. The result is the most probable model, with
-    a normal prior around the weights of `start` (STIFFNESS) for signs divided by `scales` (sign,).
+    a normal prior around the weights of `start` (PRIOR_SD) for signs divided by `scales` (sign,).
     Without any query it is `start`.
     """
     from scipy.optimize import minimize  # imported here, since a robot does not learn
@@ -98,16 +98,22 @@ def learned(
     has_right = is_right.any(axis=1)
 
     def loss(weights: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
-        """The loss of scaled weights and the offset (sign + 1,), with its gradient."""
+        """The loss of scaled weights and the offset (sign + 1,), with its gradient.
+
+        It is −Σ weight · log(chance of what is true) + Σ (w − prior)² / (2 PRIOR_SD²). What is true
+        is one of the right hypotheses, or if a query has none, that none is right.
+        """
         scores = np.where(is_present, scaled @ weights[:-1] + weights[-1], -np.inf)
         log_sum = np.logaddexp.reduce(np.column_stack([np.zeros(query_count), scores]), axis=1)
         chances = np.exp(scores - log_sum[:, None])
         right_chances = np.where(is_right, chances, 0.0)
-        total = np.maximum(right_chances.sum(axis=1), 1e-300)
+        total = np.maximum(right_chances.sum(axis=1), 1e-300)  # its logarithm stays finite
         log_likelihood = np.where(has_right, np.log(total), -log_sum)
-        slope = weight[:, None] * (chances - right_chances / total[:, None])
-        pull = (weights - prior)[:-1] / STIFFNESS**2
-        gradient = np.append(np.einsum("qn,qns->s", slope, scaled) + pull, slope.sum())
+        # The derivative (q, n) by each score: its chance, less its share of the right ones' chance.
+        score_slopes = weight[:, None] * (chances - right_chances / total[:, None])
+        pull = (weights - prior)[:-1] / PRIOR_SD**2  # the prior's derivative
+        weight_slopes = np.einsum("qn,qns->s", score_slopes, scaled) + pull
+        gradient = np.append(weight_slopes, score_slopes.sum())
         return float(-weight @ log_likelihood + pull @ (weights - prior)[:-1] / 2), gradient
 
     bounds = [(0.0, None)] * len(scales) + [(None, None)]

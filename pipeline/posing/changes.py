@@ -37,22 +37,22 @@ def contradicted(
     """
     tree = KDTree(world_T_scan[:, :2, 3])
     scan_walls_m = [walls.of(points_m) for points_m in scans]
-    drawn_scans = [Drawn(walls.chart(walls_m), walls_m) for walls_m in scan_walls_m]
+    scan_charts = [WallsFromAbove(walls.chart(walls_m), walls_m) for walls_m in scan_walls_m]
     changed = {}
     for row, world_T_anchor in enumerate(targets.world_T_anchor):
-        near = tree.query_ball_point(world_T_anchor[:2, 3], NEAR_M)
-        if len(near) < AGREEING:
+        near_scans = tree.query_ball_point(world_T_anchor[:2, 3], NEAR_M)
+        if len(near_scans) < AGREEING:
             continue
-        submap = _drawn(targets, walls, row)
+        submap = _from_above(targets, walls, row)
         distances_m = {}
-        contradicting = 0
-        for scan in near:
+        contradicting_count = 0
+        for scan in near_scans:
             anchor_T_scan = np.linalg.inv(world_T_anchor) @ world_T_scan[scan]
             distances_m[scan] = float(np.linalg.norm(anchor_T_scan[:2, 3]))
-            share = contradiction(walls, submap, drawn_scans[scan], anchor_T_scan)
-            contradicting += share > usual_share
-        if contradicting >= AGREEING:
-            changed[row] = min(near, key=lambda scan: distances_m[scan])
+            share = contradiction(walls, submap, scan_charts[scan], anchor_T_scan)
+            contradicting_count += share > usual_share
+        if contradicting_count >= AGREEING:
+            changed[row] = min(near_scans, key=lambda scan: distances_m[scan])
     return changed
 
 
@@ -66,13 +66,13 @@ def usual_contradiction(targets: Targets, walls: Walls) -> float:
     shares = []
     for row, other_row in tree.query_pairs(NEAR_M, output_type="ndarray").tolist():
         row_T_other = np.linalg.inv(targets.world_T_anchor[row]) @ targets.world_T_anchor[other_row]
-        submap = _drawn(targets, walls, row)
-        other_submap = _drawn(targets, walls, other_row)
+        submap = _from_above(targets, walls, row)
+        other_submap = _from_above(targets, walls, other_row)
         shares.append(contradiction(walls, submap, other_submap, row_T_other))
     return float(np.quantile(shares, USUAL_QUANTILE)) if shares else 1.0
 
 
-class Drawn(NamedTuple):
+class WallsFromAbove(NamedTuple):
     """The walls of a submap or scan, as points and drawn from above."""
 
     chart: Chart
@@ -80,12 +80,14 @@ class Drawn(NamedTuple):
     """(n, 3) points of walls in the submap's frame."""
 
 
-def _drawn(targets: Targets, walls: Walls, row: int) -> Drawn:
+def _from_above(targets: Targets, walls: Walls, row: int) -> WallsFromAbove:
     """The walls of a submap of the map."""
-    return Drawn(targets.chart(walls, row), walls.of(targets.points_m(row)))
+    return WallsFromAbove(targets.chart(walls, row), walls.of(targets.points_m(row)))
 
 
-def contradiction(walls: Walls, old: Drawn, new: Drawn, old_T_new: NDArray[np.float64]) -> float:
+def contradiction(
+    walls: Walls, old: WallsFromAbove, new: WallsFromAbove, old_T_new: NDArray[np.float64]
+) -> float:
     """The share of walls that one of two submaps has and the other saw through.
 
     There is one such share for the walls torn down and one for those built: the larger counts.

@@ -22,7 +22,7 @@ ELSEWHERE_M = 5.0
 """Poses at least this far apart count as different places."""
 SAME_M = 2.0
 SAME_DEG = 5.0
-"""Two hypotheses whose poses differ by less than these are one."""
+"""Two hypotheses whose poses differ by less than both of these are one."""
 LEAST_SPREAD_M = 1e-4
 MOST_TILT_DEG = 10.0
 """Bounds at which the signs `surety` and `upright` are cut off."""
@@ -47,7 +47,7 @@ class Hypothesis:
     """Angle between the query's and the submap's upward axes."""
     slide: Slide
     """The poses elsewhere along the street at which the query's walls fit best."""
-    approached: float = 1.0
+    approach_overlap: float = 1.0
     """The overlap after the rough registration (`Approach`) that this pose was refined from."""
     excess: NDArray[np.float64] = field(default_factory=lambda: np.zeros(len(SIGNS)))
     """(sign,) how far the signs of right fixes around it exceed the usual (Expectations)."""
@@ -91,7 +91,7 @@ class Fix:
         """
         distinct: list[Hypothesis] = []
         for hypothesis in sorted(hypotheses, key=lambda hypothesis: -hypothesis.quality):
-            if not same(hypothesis, distinct).any():
+            if not is_same_pose(hypothesis, distinct).any():
                 distinct.append(hypothesis)
         shares = chances.of(signs(distinct))
         order = np.argsort(-shares, kind="stable").tolist()
@@ -130,11 +130,12 @@ def signs(hypotheses: Sequence[Hypothesis]) -> NDArray[np.float64]:
     if len(quality) > 1:  # a single hypothesis is ahead of none
         is_itself = np.eye(len(quality), dtype=bool)
         other_qualities = np.where(is_itself, -np.inf, quality)
+        # The last sign is `ahead`.
         sign_rows[:, -1] = quality - other_qualities.max(axis=1)
     return sign_rows
 
 
-def same(hypothesis: Hypothesis, others: Sequence[Hypothesis]) -> NDArray[np.bool_]:
+def is_same_pose(hypothesis: Hypothesis, others: Sequence[Hypothesis]) -> NDArray[np.bool_]:
     """Which of n other hypotheses (n,) have the same pose, within SAME_M and SAME_DEG."""
     world_T_query = np.broadcast_to(hypothesis.world_T_query, (len(others), 4, 4))
     away_m, turn_deg = distance_and_turn(_poses(others), world_T_query)

@@ -49,12 +49,12 @@ def _heights(points):  # type: ignore[no-untyped-def]
     # The ground, followed outwards from z = 0.
     ground = np.zeros((SECTORS, steps))
     for sector in range(SECTORS):
-        seen_at = 0  # the last piece that was ground
+        last_step = 0  # the last piece that was ground
         height = 0.0
         for step in range(steps):
-            largest_step = min(ROUGH_M + SLOPE * STEP_M * (step - seen_at), LEAP_M)
-            if abs(lowest[sector, step] - height) <= largest_step:
-                seen_at = step
+            largest_rise = min(ROUGH_M + SLOPE * STEP_M * (step - last_step), LEAP_M)
+            if abs(lowest[sector, step] - height) <= largest_rise:
+                last_step = step
                 height = lowest[sector, step]
             ground[sector, step] = height
     # The points above it.

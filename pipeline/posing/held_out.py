@@ -51,8 +51,8 @@ right ones overlap after new walls, or from another lane."""
 class HeldSet(NamedTuple):
     """Blocks of the training day that are held out together."""
 
-    rows: NDArray[np.bool_]
-    """(submap,) which are held out."""
+    is_held_out: NDArray[np.bool_]
+    """(submap,) which submaps are held out."""
     block: NDArray[np.int64]
     """(held-out submap,) the number of its block, counted on from one set to the next."""
 
@@ -158,31 +158,39 @@ class HeldOut:
         if not np.array_equal(mapped, anchors):
             submaps = f"{len(mapped)} submaps that are not the {len(anchors)} of the training views"
             raise InputError(f"{day.map_path}: a map of {submaps}; is it of this data set?")
-        # Each held-out submap twice: as driven, then aged.
+        # Ask each held-out submap twice: as driven, then aged.
         held_sets = list(self._held_sets(day))
-        seen: list[Question] = []
-        for held in held_sets:
-            seen += self._questions(day, held.rows, compute)
-        world_T_true = anchors[[question.row for question in seen]]
-        seen_fixes = self._fixes(fixer, day, seen, compute, progress, "held-out blocks")
-        least = least_overlap(seen_fixes, world_T_true)
+        questions: list[Question] = []
+        for held_set in held_sets:
+            questions += self._questions(day, held_set.is_held_out, compute)
+        world_T_true = anchors[[question.row for question in questions]]
+        fixes = self._fixes(fixer, day, questions, compute, progress, "held-out blocks")
+        least = least_overlap(fixes, world_T_true)
 
-        # Each held-out submap as driven, as a place never seen.
-        unseen = [
-            replace(question, left_out=question.left_out | self._around(anchors, question.row))
-            for question in seen[::2]
-        ]
+        # Ask each once more, as driven, on a map without its surroundings: a place never seen.
+        driven_questions = questions[::2]
+        unseen_questions = []
+        for question in driven_questions:
+            left_out = question.left_out | self._surroundings(anchors, question.row)
+            unseen_questions.append(replace(question, left_out=left_out))
         unseen_fixes = self._fixes(
-            replace(fixer, least_overlap=least), day, unseen, compute, progress, "places never seen"
+            replace(fixer, least_overlap=least),
+            day,
+            unseen_questions,
+            compute,
+            progress,
+            "places never seen",
         )
 
-        # Three fixes of each held-out submap, one after the other.
-        triples = zip(seen_fixes[::2], seen_fixes[1::2], unseen_fixes, strict=True)
+        # The evidence has three fixes of each held-out submap, one after the other.
+        driven_fixes = fixes[::2]
+        aged_fixes = fixes[1::2]
+        triples = zip(driven_fixes, aged_fixes, unseen_fixes, strict=True)
         evidence = Evidence(
             fixes=[gated(fix, least, fixer.chances) for triple in triples for fix in triple],
             world_T_true=world_T_true[::2].repeat(3, axis=0),
-            unseen=np.tile([False, False, True], len(unseen)),
-            block=np.concatenate([held.block for held in held_sets]).repeat(3),
+            unseen=np.tile([False, False, True], len(unseen_questions)),
+            block=np.concatenate([held_set.block for held_set in held_sets]).repeat(3),
             least_overlap=least,
         )
         return with_expectations(evidence)
@@ -190,42 +198,53 @@ class HeldOut:
     def _held_sets(self, day: TrainingDay) -> Iterator[HeldSet]:
         """The sets of blocks that are held out together, until there are enough blocks."""
         anchors = day.views.world_T_anchor
-        first = 0
-        for later_m in np.arange(0.0, self.every_m - self.length_m / 2, self.length_m).tolist():
-            if first >= self.enough:
+        block_count = 0
+        # Each set lies one length behind the one before, up to the next block of the first set; the
+        # last one may reach into that by less than half a length.
+        last_m = self.every_m - self.length_m / 2
+        for shift_m in np.arange(0.0, last_m, self.length_m).tolist():
+            if block_count >= self.enough:
                 return
-            held = blocks(anchors, day.places, self.every_m, self.length_m, later_m)
-            block = first + numbered(anchors, held, self.every_m, self.length_m)
-            first = int(block.max(initial=first - 1)) + 1
-            yield HeldSet(held, block)
+            is_held_out = blocks(anchors, day.places, self.every_m, self.length_m, shift_m)
+            block = block_count + numbered(anchors, is_held_out, self.every_m, self.length_m)
+            block_count = int(block.max(initial=block_count - 1)) + 1
+            yield HeldSet(is_held_out, block)
 
     def _questions(
-        self, day: TrainingDay, held: NDArray[np.bool_], compute: Compute
+        self, day: TrainingDay, is_held_out: NDArray[np.bool_], compute: Compute
     ) -> list[Question]:
         """The questions of the submaps that are held out (submap,): each as driven, then aged.
 
         An aged submap is drawn and ranked anew.
         """
-        rows = np.flatnonzero(held)
+        rows = np.flatnonzero(is_held_out)
         drive = day.drive
         view = day.view  # a process gets these, not the model
         parts = [rows[first : first + PART_LENGTH] for first in range(0, len(rows), PART_LENGTH)]
 
-        def drawn(part: NDArray[np.int64]) -> list[NDArray[Any]]:
+        def draw_aged(part: NDArray[np.int64]) -> list[NDArray[Any]]:
+            """The views of some submaps with aged points."""
             return [
                 view(self._aged(points_m, row))
                 for row, points_m in drive.points_m(part.tolist()).items()
             ]
 
-        aged_views = list(compute.each(drawn, parts))
+        aged_views = list(compute.each(draw_aged, parts))
         if not len(rows):
             return []
-        driven = day.answers(np.asarray(day.views.images[:])[rows], rows)
-        aged = day.answers(np.stack([image for part in aged_views for image in part]), rows)
+        driven_images = np.asarray(day.views.images[:])[rows]
+        aged_images = np.stack([image for part in aged_views for image in part])
+        all_answers = zip(
+            day.answers(driven_images, rows), day.answers(aged_images, rows), strict=True
+        )
         questions = []
-        for row, driven_answers, aged_answers in zip(rows.tolist(), driven, aged, strict=True):
-            questions.append(Question(row, False, driven_answers, held))
-            questions.append(Question(row, True, aged_answers, held))
+        for row, (driven_answers, aged_answers) in zip(rows.tolist(), all_answers, strict=True):
+            questions.append(
+                Question(row, is_aged=False, answers=driven_answers, left_out=is_held_out)
+            )
+            questions.append(
+                Question(row, is_aged=True, answers=aged_answers, left_out=is_held_out)
+            )
         return questions
 
     def _fixes(
@@ -245,7 +264,8 @@ class HeldOut:
             for first in range(0, len(questions), PART_LENGTH)
         ]
 
-        def fixes(part: Sequence[Question]) -> list[Fix]:
+        def fix_part(part: Sequence[Question]) -> list[Fix]:
+            """The fixes of some questions, each of whose submaps is read once."""
             targets = Targets.read(map_path)
             driven_m = drive.points_m({question.row for question in part})
             fixes_of_part: list[Fix] = []
@@ -258,14 +278,14 @@ class HeldOut:
                 )
             return fixes_of_part
 
-        finished_parts = progress.track(compute.each(fixes, parts), len(parts), label)
+        finished_parts = progress.track(compute.each(fix_part, parts), len(parts), label)
         return [fix for part in finished_parts for fix in part]
 
     def _aged(self, points_m: Points, row: int) -> Points:
         """The points (n, 3) of a row as a later day would see them; always the same ones."""
         return self.ageing.aged(points_m, np.random.default_rng((self.seed, row)))
 
-    def _around(self, world_T_anchor: NDArray[np.float64], row: int) -> NDArray[np.bool_]:
+    def _surroundings(self, world_T_anchor: NDArray[np.float64], row: int) -> NDArray[np.bool_]:
         """Which submaps (submap,) the map lacks where a row is asked as a place never seen."""
         away_m = np.linalg.norm(world_T_anchor[:, :2, 3] - world_T_anchor[row, :2, 3], axis=1)
         return np.asarray(away_m < self.around_m[row % len(self.around_m)])
@@ -278,8 +298,9 @@ def least_overlap(fixes: Sequence[Fix], world_T_true: Poses) -> float:
     led to a right pose, but LARGEST_LEAST at most; 0 if none did. The true poses are (q, 4, 4).
     """
     overlaps = []
-    for fix, true in zip(fixes, world_T_true, strict=True):
-        overlaps += [hypothesis.approached for hypothesis in _right_hypotheses(fix, true)]
+    for fix, true_pose in zip(fixes, world_T_true, strict=True):
+        right_hypotheses = _right_hypotheses(fix, true_pose)
+        overlaps += [hypothesis.approach_overlap for hypothesis in right_hypotheses]
     if not overlaps:
         return 0.0
     return min(KEPT_SHARE * float(np.quantile(overlaps, LOST_SHARE)), LARGEST_LEAST)
@@ -302,13 +323,13 @@ def with_expectations(evidence: Evidence) -> Evidence:
     """
     right_hypotheses: list[Hypothesis] = []
     block_of_each: list[int] = []
-    for fix, true, is_unseen, block in zip(
+    for fix, true_pose, is_unseen, block in zip(
         evidence.fixes, evidence.world_T_true, evidence.unseen, evidence.block, strict=True
     ):
         if not is_unseen:
-            of_fix = _right_hypotheses(fix, true)
-            right_hypotheses += of_fix
-            block_of_each += [int(block)] * len(of_fix)
+            right_ones = _right_hypotheses(fix, true_pose)
+            right_hypotheses += right_ones
+            block_of_each += [int(block)] * len(right_ones)
     if not right_hypotheses:
         return evidence
     xy_m = np.array([hypothesis.world_T_query[:2, 3] for hypothesis in right_hypotheses])
@@ -331,8 +352,12 @@ def judged_by(expectations: Expectations, fix: Fix) -> Fix:
 
 
 def gated(fix: Fix, least: float, chances: Chances) -> Fix:
-    """The fix that a search with this least overlap finds, given the fix of a search without."""
-    if fix.chance >= LIKELY:  # then any overlap is worth refining
+    """The fix that a search with a least overlap would find, given the fix of a search without it.
+
+    The hypotheses whose approaches overlap less drop out, unless one was likely: then the search
+    refines any approach.
+    """
+    if fix.chance >= LIKELY:
         return fix
-    refined = [hypothesis for hypothesis in fix.hypotheses if hypothesis.approached >= least]
+    refined = [hypothesis for hypothesis in fix.hypotheses if hypothesis.approach_overlap >= least]
     return Fix.of(refined, chances)

@@ -73,8 +73,8 @@ class Queries:
             return points_m
         for alteration in self.alterations:
             if case in alteration.cases:
-                random = generator(alteration, stamp_ns)
-                return np.asarray(alteration.alter(case, points_m, random)[0])
+                altered_m, _ = alteration.alter(case, points_m, generator(alteration, stamp_ns))
+                return np.asarray(altered_m)
         raise InputError(
             f"{self.rankings[0]}: a ranking of {case}, which no alteration given here makes"
         )

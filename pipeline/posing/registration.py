@@ -71,7 +71,8 @@ class Cloud:
     @cached_property
     def rough(self) -> small_gicp.PointCloud:
         """Fewer points, one a voxel of `rough_m`, for the approach."""
-        return small_gicp.preprocess_points(self.xyz_m, self.rough_m, self.neighbours)[0]
+        rough, _ = small_gicp.preprocess_points(self.xyz_m, self.rough_m, self.neighbours)
+        return rough
 
     @cached_property
     def cells(self) -> small_gicp.GaussianVoxelMap:
@@ -229,7 +230,7 @@ class Registration:
         # In a direction along which either cloud has no surface to hold it, the pose is open.
         if min(_least_along(normals), _least_along(source.normals[is_paired])) < LEAST_ALONG:
             return Alignment(target_T_source, overlap, np.full((6, 6), np.inf))
-        normals_in_source = normals @ target_T_source[:3, :3]
+        normals_in_source = normals @ target_T_source[:3, :3]  # rows n @ R are the columns Rᵀ n
         covariance = _covariance(source.xyz_m[is_paired], normals_in_source, off_m)
         return Alignment(target_T_source, overlap, covariance)
 
@@ -264,6 +265,8 @@ def _covariance(
 
     Points (n, 3) lie `off_m` (n,) off planes with normals (n, 3), all in the source's frame.
     """
+    # The derivative (n, 6) of n · (p + turn × p + step) by the turn, p × n, and by the step, n.
     slopes = np.column_stack([np.cross(points_m, normals), normals])
+    # A pose takes six degrees of freedom from the residuals.
     variance = max(float(off_m @ off_m) / (len(off_m) - 6), LEAST_OFF_M**2)
     return np.asarray(variance * np.linalg.inv(slopes.T @ slopes))

@@ -7,8 +7,8 @@
    of walls): match walls from above, register roughly from the best matches (an approach), and
    refine the approaches that overlap most.
 3. Check each refined pose against the map (`Hypothesis`), and compute the chances of all.
-4. If the likeliest pose looks right elsewhere along its street too (at its slid copies), register
-   there as well.
+4. If the likeliest pose looks right elsewhere along its street too, register there as well: at its
+   slid copies (`slides`).
 
 `Fixer.track` starts from a pose that is nearly known instead.
 """
@@ -28,16 +28,16 @@ from pipeline.core.settings import Count, NotNegative, Share, check
 from pipeline.matching.ranking import Ranking
 from pipeline.posing.chances import USUAL, Chances
 from pipeline.posing.expectations import Expectations
-from pipeline.posing.fix import Fix, Hypothesis, same
+from pipeline.posing.fix import Fix, Hypothesis, is_same_pose
 from pipeline.posing.registration import Alignment, Approach, Cloud, Points, Registration
 from pipeline.posing.slides import slide
-from pipeline.posing.targets import Targets, around
+from pipeline.posing.targets import Targets, within_range
 from pipeline.posing.verification import Agreement, Seen, agreement
 from pipeline.posing.walls import Chart, Walls
 
-BESIDE_M = (2.5, 15.0)
-"""A pose is checked against a second submap too: at least this far from the first one, and nearer
-than this to the pose."""
+BESIDE_BOUNDS_M = (2.5, 15.0)
+"""A pose is checked against a second submap too: at least the first distance from the first submap,
+and nearer than the second distance to the pose."""
 LIKELY = 0.05
 """A hypothesis is likely from this chance on. Only then is it compared with its slid copies, and
 with approaches of little overlap."""
@@ -75,8 +75,9 @@ class Query:
     """(n, 3) points in the query's frame."""
     cloud: Cloud
     walls: Walls
-    single: bool
-    """Whether it is a single scan: then the sensor saw through the space before its walls."""
+    is_single_scan: bool
+    """Whether its points are of one scan: then the sensor saw through the space before its
+    walls."""
 
     @cached_property
     def walls_m(self) -> Points:
@@ -86,7 +87,7 @@ class Query:
     @cached_property
     def chart(self) -> Chart:
         """The chart of the query's walls from above."""
-        return self.walls.chart(self.walls_m, self.single)
+        return self.walls.chart(self.walls_m, self.is_single_scan)
 
     @cached_property
     def seen(self) -> Seen:
@@ -156,7 +157,7 @@ class Fixer:
             return Fix()
         left_out = np.zeros(len(targets.world_T_anchor), bool) if left_out is None else left_out
         search = _Search(self, query, targets, left_out)
-        return self._first_sure(partial(search.everywhere, answers), search.copies)
+        return self._first_sure(partial(search.everywhere, answers), search.from_copies)
 
     def track(
         self, points_m: Points, targets: Targets, world_T_guess: NDArray[np.float64], rows: int = 2
@@ -171,14 +172,14 @@ class Fixer:
             return Fix()
         search = _Search(self, query, targets, np.zeros(len(targets.world_T_anchor), bool))
 
-        def candidates(least_overlap: Callable[[], float]) -> Iterator[Hypothesis]:
-            return search.around(world_T_guess, rows)
+        def from_guess(_: Callable[[], float]) -> Iterator[Hypothesis]:
+            return search.from_guess(world_T_guess, rows)  # all are refined, whatever the overlap
 
-        return self._first_sure(candidates)
+        return self._first_sure(from_guess)
 
     def _prepared(self, points_m: Points, targets: Targets) -> Query | None:
         """Prepare the query; None if it has too few points."""
-        points_m = around(points_m, targets.range_m)
+        points_m = within_range(points_m, targets.range_m)
         try:
             cloud = self.registration.prepare(points_m)
         except InputError:
@@ -187,16 +188,16 @@ class Fixer:
 
     def _first_sure(
         self,
-        candidates: Callable[[Callable[[], float]], Iterator[Hypothesis]],
-        copies: Callable[[Hypothesis], list[Hypothesis]] | None = None,
+        make_hypotheses: Callable[[Callable[[], float]], Iterator[Hypothesis]],
+        make_from_copies: Callable[[Hypothesis], list[Hypothesis]] | None = None,
     ) -> Fix:
-        """Build the fix from as many candidates as it takes to be sure of one.
+        """Build the fix from as many hypotheses as it takes to be sure of one.
 
-        `candidates` makes hypotheses one by one. It is given a function for the least overlap of
-        an approach that is worth refining, since that changes on the way: once there is a likely
-        hypothesis, any further pose is worth a comparison with it. `copies` makes the hypotheses of
-        the slid copies of a hypothesis; they are added for the likeliest one, and if one of them
-        becomes the likeliest, for that one too.
+        `make_hypotheses` makes them one by one. It is given a function for the least overlap of an
+        approach that is worth refining, since that changes on the way: once there is a likely
+        hypothesis, any further pose is worth a comparison with it. `make_from_copies` registers at
+        the slid copies of a hypothesis: of the likeliest one, and if one of the copies becomes the
+        likeliest, of that one too.
         """
         hypotheses: list[Hypothesis] = []
         compared: list[Hypothesis] = []
@@ -205,18 +206,18 @@ class Fixer:
         def least_overlap() -> float:
             return 0.0 if fix.chance >= LIKELY else self.least_overlap
 
-        for hypothesis in candidates(least_overlap):
+        for hypothesis in make_hypotheses(least_overlap):
             hypotheses.append(hypothesis)
             fix = Fix.of(hypotheses, self.chances)
-            while copies is not None and self._has_rivals(fix, compared):
+            while make_from_copies is not None and self._needs_comparison(fix, compared):
                 compared.append(fix.hypotheses[0])
-                hypotheses += copies(fix.hypotheses[0])
+                hypotheses += make_from_copies(fix.hypotheses[0])
                 fix = Fix.of(hypotheses, self.chances)
             if fix.chance >= self.sure:
                 break
         return fix
 
-    def _has_rivals(self, fix: Fix, compared: Sequence[Hypothesis]) -> bool:
+    def _needs_comparison(self, fix: Fix, compared: Sequence[Hypothesis]) -> bool:
         """Whether the likeliest hypothesis is to be compared with its slid copies.
 
         It is not if it leads them by far, if it is not likely, or if it (or one at the same pose)
@@ -225,7 +226,7 @@ class Fixer:
         best = fix.hypotheses[0]
         if fix.chance < LIKELY or best.slide.lead >= self.least_lead:
             return False
-        return not same(best, compared).any()
+        return not is_same_pose(best, compared).any()
 
 
 @dataclass(frozen=True)
@@ -240,18 +241,18 @@ class _Search:
     def everywhere(
         self, answers: Answers, least_overlap: Callable[[], float]
     ) -> Iterator[Hypothesis]:
-        """Hypotheses all over the map: from the ranking's own pose, then from candidate submaps.
+        """Hypotheses all over the map: from the ranking's first answer, then from candidates.
 
-        Only approaches of that least overlap are refined.
+        Only approaches of `least_overlap()` or more are refined.
         """
-        yield from self._straight(answers, least_overlap)
+        yield from self._from_first_answer(answers, least_overlap)
         nearest = self.targets.nearest(answers.xy_m, self.left_out)
         alike = self.targets.alike(self.fixer.coarse, self.query.walls_m, self.left_out)
         rows = self.targets.spaced(chain(nearest, alike))
         for count in self.fixer.rounds:
             yield from self._round(list(islice(rows, count)), least_overlap)
 
-    def around(self, world_T_guess: NDArray[np.float64], rows: int) -> Iterator[Hypothesis]:
+    def from_guess(self, world_T_guess: NDArray[np.float64], rows: int) -> Iterator[Hypothesis]:
         """Hypotheses from one guessed pose, against the nearest submaps."""
         away_m = np.linalg.norm(
             self.targets.world_T_anchor[:, :2, 3] - world_T_guess[:2, 3], axis=1
@@ -260,14 +261,14 @@ class _Search:
             guess = np.linalg.inv(self.targets.world_T_anchor[row]) @ world_T_guess
             yield from self._registered(row, guess)
 
-    def copies(self, hypothesis: Hypothesis) -> list[Hypothesis]:
-        """The hypotheses that the slid copies of a hypothesis lead to."""
+    def from_copies(self, hypothesis: Hypothesis) -> list[Hypothesis]:
+        """Register at each slid copy of a hypothesis; returns the hypotheses made there."""
         hypotheses: list[Hypothesis] = []
         for copy in hypothesis.slide.copies:
             hypotheses += self._registered(copy.row, copy.target_T_query)
         return hypotheses
 
-    def _straight(
+    def _from_first_answer(
         self, answers: Answers, least_overlap: Callable[[], float]
     ) -> Iterator[Hypothesis]:
         """A hypothesis from the position and heading of the ranking's first answer.
@@ -280,13 +281,15 @@ class _Search:
         heading_deg = answers.heading_deg[0]
         if not np.isfinite([*xy_m, heading_deg]).all():
             return
+        # The nearest submap: a single row, or none if all are left out.
         for row in self.targets.nearest(xy_m[None], self.left_out):
             world_T_anchor = self.targets.world_T_anchor[row]
+            # The answer's heading and position in the frame of that submap's anchor.
             turn_rad = np.deg2rad(heading_deg) - yaw(world_T_anchor[None])[0]
-            at_m = world_T_anchor[:3, :3].T @ np.append(xy_m - world_T_anchor[:2, 3], 0.0)
-            if (np.abs(at_m[:2]) > self.fixer.walls.offset_m).any():
-                at_m = np.zeros(3)  # too far from the anchor to start there
-            guess = pose(np.array([[*at_m[:2], 0.0]]), np.array([[0.0, 0.0, turn_rad]]))[0]
+            offset_m = world_T_anchor[:3, :3].T @ np.append(xy_m - world_T_anchor[:2, 3], 0.0)
+            if (np.abs(offset_m[:2]) > self.fixer.walls.offset_m).any():
+                offset_m = np.zeros(3)  # too far from the anchor to start there
+            guess = pose(np.array([[*offset_m[:2], 0.0]]), np.array([[0.0, 0.0, turn_rad]]))[0]
             yield from self._registered(row, guess, least_overlap())
 
     def _round(
@@ -306,8 +309,8 @@ class _Search:
                 for approach in self._approached(row, matches[row].target_T_query):
                     if approach.overlap >= least_overlap():
                         approaches[row] = approach
-            most_overlap = sorted(approaches, key=lambda row: -approaches[row].overlap)
-            for row in most_overlap[:refined_count]:
+            rows_by_overlap = sorted(approaches, key=lambda row: -approaches[row].overlap)
+            for row in rows_by_overlap[:refined_count]:
                 yield from self._refined(row, approaches[row])
 
     def _registered(
@@ -319,7 +322,7 @@ class _Search:
                 yield from self._refined(row, approach)
 
     def _approached(self, row: int, target_T_query: NDArray[np.float64]) -> list[Approach]:
-        """The approach to one submap from a guess (4, 4); none if it has too few points."""
+        """The one approach to a submap from a guess (4, 4); empty if it has too few points."""
         registration = self.fixer.registration
         try:
             target = self.targets.cloud(registration, row)
@@ -335,10 +338,11 @@ class _Search:
         if alignment.spread_m <= self.fixer.widest_m:
             yield self._hypothesis(row, alignment, approach.overlap)
 
-    def _hypothesis(self, row: int, alignment: Alignment, approached: float) -> Hypothesis:
-        """Check a refined alignment with a row against the map."""
+    def _hypothesis(self, row: int, alignment: Alignment, approach_overlap: float) -> Hypothesis:
+        """Check a refined alignment with a submap against the map."""
         fixer = self.fixer
         world_T_query = self.targets.world_T_anchor[row] @ alignment.target_T_source
+        # The cosine of the angle between both z axes; rounding may take it beyond 1.
         upward_cosine = np.clip(alignment.target_T_source[2, 2], -1, 1)
         return Hypothesis(
             row=row,
@@ -350,12 +354,12 @@ class _Search:
             slide=slide(
                 fixer.walls, self.targets, self.query.middles, world_T_query, self.left_out
             ),
-            approached=approached,
+            approach_overlap=approach_overlap,
             excess=fixer.expectations.excess(world_T_query[:2, 3]),
         )
 
     def _agreement(self, row: int, world_T_query: NDArray[np.float64]) -> Agreement:
-        """How the query, at a pose, agrees with a row."""
+        """How the query, at a pose, agrees with a submap."""
         fixer = self.fixer
         target = self.targets.seen(fixer.registration, fixer.walls, row)
         target_T_query = np.linalg.inv(self.targets.world_T_anchor[row]) @ world_T_query
@@ -364,9 +368,10 @@ class _Search:
 
     def _beside(self, row: int, world_T_query: NDArray[np.float64]) -> int:
         """The submap nearest to a pose, but not where `row` is; `row` itself if there is none."""
+        least_m, most_m = BESIDE_BOUNDS_M
         anchors_m = self.targets.world_T_anchor[:, :2, 3]
         away_m = np.linalg.norm(anchors_m - world_T_query[:2, 3], axis=1)
-        is_elsewhere = np.linalg.norm(anchors_m - anchors_m[row], axis=1) >= BESIDE_M[0]
+        is_elsewhere = np.linalg.norm(anchors_m - anchors_m[row], axis=1) >= least_m
         away_m[self.left_out | ~is_elsewhere] = np.inf
         nearest = int(away_m.argmin())
-        return nearest if away_m[nearest] < BESIDE_M[1] else row
+        return nearest if away_m[nearest] < most_m else row

@@ -71,32 +71,44 @@ def slide(
     near_rows = np.argsort(away_m, kind="stable")[: np.count_nonzero(away_m < FAR_M)]
     rows = near_rows[_spaced(anchors_m[near_rows])]
     targets_T_query = np.linalg.inv(targets.world_T_anchor[rows]) @ world_T_query
-    headings = np.arctan2(targets_T_query[:, 1, 0], targets_T_query[:, 0, 0])
+    headings_rad = np.arctan2(targets_T_query[:, 1, 0], targets_T_query[:, 0, 0])
 
-    # The distance (submap, offset, offset) of the offsets that are scored from the pose.
+    # The distance (submap, x, y) of each offset that is scored from the pose, on each chart.
     offsets_m = (np.arange(2 * walls.offset_cells + 1) - walls.offset_cells) * walls.cell_m
-    x_m, y_m = targets_T_query[:, :2, 3].T[:, :, None, None]
-    all_off_m = np.hypot(offsets_m[:, None] - x_m, offsets_m - y_m)
+    x_m, y_m = targets_T_query[:, :2, 3].T[:, :, None, None]  # (submap, 1, 1) each
+    distances_m = np.hypot(offsets_m[:, None] - x_m, offsets_m - y_m)
 
     # The score of the walls at the pose itself, and the best fit elsewhere in each submap.
-    own_score = -np.inf
+    score_at_pose = -np.inf
     fits: list[_Fit] = []
-    for row, heading, off_m in zip(rows.tolist(), headings.tolist(), all_off_m, strict=True):
+    for row, heading_rad, distance_m in zip(
+        rows.tolist(), headings_rad.tolist(), distances_m, strict=True
+    ):
         turns_deg = (0.0, *TURNS_DEG) if row == near_rows[0] else (0.0,)
         for turn_deg in turns_deg:
-            turned = heading + np.deg2rad(turn_deg)
-            scores = walls.scores(targets.chart(walls, row), middles, turned)
+            turned_rad = heading_rad + np.deg2rad(turn_deg)
+            scores = walls.scores(targets.chart(walls, row), middles, turned_rad)
             if not turn_deg:
-                own_score = max(own_score, float(scores[off_m < SLID_M / 2].max(initial=-np.inf)))
-                scores = np.where(off_m >= SLID_M, scores, -np.inf)
-            x, y = np.unravel_index(scores.argmax(), scores.shape)
-            fits.append(_Fit(float(scores[x, y]), row, offsets_m[x], offsets_m[y], turned))
+                # Offsets near the pose are the pose itself. Those between are neither.
+                near_scores = scores[distance_m < SLID_M / 2]
+                score_at_pose = max(score_at_pose, float(near_scores.max(initial=-np.inf)))
+                scores = np.where(distance_m >= SLID_M, scores, -np.inf)
+            i, j = np.unravel_index(scores.argmax(), scores.shape)
+            fits.append(
+                _Fit(
+                    score=float(scores[i, j]),
+                    row=row,
+                    x_m=offsets_m[i],
+                    y_m=offsets_m[j],
+                    heading_rad=turned_rad,
+                )
+            )
 
     # The best of them, spaced out.
     fits = sorted((fit for fit in fits if np.isfinite(fit.score)), key=lambda fit: -fit.score)
-    if not fits or not np.isfinite(own_score):
+    if not fits or not np.isfinite(score_at_pose):
         return Slide(0.0, ())
-    lead = float(np.clip(own_score - fits[0].score, -WIDEST_LEAD, WIDEST_LEAD))
+    lead = float(np.clip(score_at_pose - fits[0].score, -WIDEST_LEAD, WIDEST_LEAD))
     world_xy_m = np.array([fit.world_xy_m(targets) for fit in fits])
     return Slide(lead, tuple(fits[i].copy() for i in _spaced(world_xy_m)[:COPIES]))
 
@@ -109,17 +121,17 @@ class _Fit(NamedTuple):
     x_m: float
     y_m: float
     """The query's position in the submap's frame."""
-    heading: float
-    """The query's heading in the submap's frame, in radians."""
+    heading_rad: float
+    """The query's heading in the submap's frame."""
 
     def world_xy_m(self, targets: Targets) -> NDArray[np.float64]:
-        """Where the query is in the world (2,)."""
+        """The query's position (2,) in the world."""
         return np.asarray(targets.world_T_anchor[self.row] @ (self.x_m, self.y_m, 0.0, 1.0))[:2]
 
     def copy(self) -> Copy:
         """The fit as a pose."""
         xyz_m = np.array([[self.x_m, self.y_m, 0.0]])
-        roll_pitch_yaw = np.array([[0.0, 0.0, self.heading]])
+        roll_pitch_yaw = np.array([[0.0, 0.0, self.heading_rad]])
         return Copy(self.score, self.row, pose(xyz_m, roll_pitch_yaw)[0])
 
 

@@ -45,9 +45,10 @@ def write_map(
     """
     world_T_anchor = submaps.load("world_T_anchor")
     offsets = [0]
-    single = bool((submaps.load("first") == submaps.load("scans")).all())
-    range_m = range_m if single else gathered_m
-    attrs = {"grain_m": GRAIN_M, "voxel_m": voxel_m, "range_m": range_m, "single": single}
+    # A submap is of a single scan if its first scan is the one that it is anchored at.
+    is_single_scan = bool((submaps.load("first") == submaps.load("scans")).all())
+    range_m = range_m if is_single_scan else gathered_m
+    attrs = {"grain_m": GRAIN_M, "voxel_m": voxel_m, "range_m": range_m, "single": is_single_scan}
     with store.draft(path, schemas.Maps, **attrs) as out:
         for points_m in submap_points(scans, submaps, slice(0, len(world_T_anchor))):
             points = thinned(points_m, range_m, voxel_m)
@@ -60,12 +61,12 @@ def write_map(
 
 def thinned(points_m: Points, range_m: float, voxel_m: float) -> NDArray[np.int64]:
     """Thin points (n, 3) within `range_m` to one a voxel, in units of GRAIN_M."""
-    sampled = small_gicp.voxelgrid_sampling(around(points_m, range_m), voxel_m)
+    sampled = small_gicp.voxelgrid_sampling(within_range(points_m, range_m), voxel_m)
     xyz_m = np.asarray(sampled.points())[:, :3]
     return np.rint(xyz_m / GRAIN_M).astype(np.int64)
 
 
-def around(points_m: Points, range_m: float) -> Points:
+def within_range(points_m: Points, range_m: float) -> Points:
     """The points (n, 3) within `range_m` of the anchor, seen from above.
 
     Points that are not finite stay, so that registration refuses them.

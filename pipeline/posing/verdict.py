@@ -36,9 +36,9 @@ BELIEFS = ("fix", "place", "several")
 within NEAR_M of that pose; that one of SEVERAL poses is right."""
 LEAST_DOUBT = 1e-9
 """Doubts are cut off here before their log-odds are taken."""
-TIMES = 10.0
-"""A belief is rejected if its doubt is more than this many times what a promise allows on average
-(METHODS 9.5)."""
+LARGEST_MULTIPLE = 10.0
+"""A belief is rejected if its doubt is more than this multiple of the share of wrong ones that a
+promise allows (METHODS 9.5)."""
 
 
 @dataclass(frozen=True)
@@ -61,12 +61,13 @@ class Judge:
         is_far = np.append(_distances_m(fix) >= NEAR_M, True)
         is_unnamed = np.ones(len(pose_shares), bool)
         is_unnamed[_named(fix)] = False
-        of_pose = pose_shares[1:].sum()
-        of_place = place_shares[is_far].sum()
-        of_several = pose_shares[is_unnamed].sum()
-        return np.array([of_pose, of_place, of_several]).clip(0, 1)
+        # Each doubt is the chance of all that the belief rules out.
+        pose_doubt = pose_shares[1:].sum()
+        place_doubt = place_shares[is_far].sum()
+        several_doubt = pose_shares[is_unnamed].sum()
+        return np.array([pose_doubt, place_doubt, several_doubt]).clip(0, 1)
 
-    def of(self, fixes: Sequence[Fix]) -> NDArray[np.float64]:
+    def doubts_of_all(self, fixes: Sequence[Fix]) -> NDArray[np.float64]:
         """The doubts (q, belief) of q fixes."""
         return np.array([self.doubts(fix) for fix in fixes]).reshape(len(fixes), len(BELIEFS))
 
@@ -112,8 +113,8 @@ class Evidence:
         truths = np.zeros((len(self.fixes), len(BELIEFS)), bool)
         for row, fix, world_T_true in zip(truths, self.fixes, self.world_T_true, strict=True):
             if fix.hypotheses:
-                is_right, is_near = _right(fix, world_T_true)
-                row[:] = is_right[0], is_near[0], is_right[_named(fix)].any()
+                is_right, is_near = _right_and_near(fix, world_T_true)
+                row[:] = is_right[0], is_near[0], is_right[_named(fix)].any()  # as in BELIEFS
         return truths
 
 
@@ -128,9 +129,11 @@ class Verdict:
     @cached_property
     def judge(self) -> Judge:
         """The judge, learned from the evidence."""
-        all_signs, all_right, all_near = [], [], []
-        for fix, true in zip(self.evidence.fixes, self.evidence.world_T_true, strict=True):
-            is_right, is_near = _right(fix, true)
+        all_signs = []
+        all_right = []
+        all_near = []
+        for fix, world_T_true in zip(self.evidence.fixes, self.evidence.world_T_true, strict=True):
+            is_right, is_near = _right_and_near(fix, world_T_true)
             all_signs.append(signs(fix.hypotheses))
             all_right.append(is_right)
             all_near.append(is_near)
@@ -144,7 +147,7 @@ class Verdict:
         """The doubts in the fixes of the evidence (fix, belief), and which beliefs are true."""
         ordered = self.evidence.ordered(self.judge.pose)
         # rounded to the type that artifacts hold
-        doubts = self.judge.of(ordered.fixes).astype(np.float32).astype(np.float64)
+        doubts = self.judge.doubts_of_all(ordered.fixes).astype(np.float32).astype(np.float64)
         return doubts, ordered.true()
 
     def limits(self, belief: str) -> list[float]:
@@ -156,8 +159,8 @@ class Verdict:
            (Angelopoulos et al., Conformal Risk Control, ICLR 2024). If no doubt keeps the promise,
            accept nothing.
         2. Move it to the middle of the gap, in log-odds, to the next query that would break it.
-        3. Cut it off at TIMES the share of wrong ones that the promise allows: if much larger
-           doubts are accepted on this day, a later day may break the promise.
+        3. Cut it off at LARGEST_MULTIPLE times the share of wrong ones that the promise allows: if
+           much larger doubts are accepted on this day, a later day may break the promise.
         """
         column = BELIEFS.index(belief)
         all_doubts, all_true = self._judged
@@ -167,7 +170,7 @@ class Verdict:
         limits = []
         for promise in PROMISES:
             edge = threshold_for(promise, doubts, true, weight, wrong_besides=1.0)
-            limits.append(min(middle(doubts, edge), TIMES * (1 - promise)))
+            limits.append(min(middle(doubts, edge), LARGEST_MULTIPLE * (1 - promise)))
         return limits
 
 
@@ -190,7 +193,7 @@ def right(world_T_query: Poses, world_T_true: Poses) -> NDArray[np.bool_]:
     return (away_m < RIGHT_M) & (turn_deg < RIGHT_DEG)
 
 
-def _right(
+def _right_and_near(
     fix: Fix, world_T_true: NDArray[np.float64]
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Which hypotheses (n,) of a fix are right, and which are within NEAR_M of the true pose."""

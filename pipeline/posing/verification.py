@@ -61,11 +61,15 @@ class Seen:
 
 
 def agreement(
-    walls: Walls, inlier_m: float, target: Seen, query: Seen, target_T_query: Points
+    walls: Walls,
+    inlier_m: float,
+    target: Seen,
+    query: Seen,
+    target_T_query: NDArray[np.float64],
 ) -> Agreement:
     """How the query, at a pose (4, 4) in the target's frame, agrees with the target.
 
-    One has a point of the other if it has a point nearer than `inlier_m`.
+    Each of the two has a wall point of the other if it has a point nearer than `inlier_m` to it.
     """
     query_walls_m = moved(target_T_query, query.walls_m)  # in the target's frame
     in_target, structure = _shares(walls, inlier_m, target, query_walls_m)
@@ -76,9 +80,10 @@ def agreement(
 
 
 def _shares(walls: Walls, inlier_m: float, seen: Seen, walls_m: Points) -> tuple[float, float]:
-    """The share of wall points (n, 3) that a sensor met: among all, and among those it tells of.
+    """Two shares of wall points (n, 3), in a sensor's frame, that the sensor met.
 
-    It tells of points that it met, and of points where it saw through. All are in its frame.
+    The first is among all points; the second among those that it met or contradicts, since it saw
+    through where they are.
     """
     if not len(walls_m):
         return 0.0, 0.0
@@ -88,11 +93,12 @@ def _shares(walls: Walls, inlier_m: float, seen: Seen, walls_m: Points) -> tuple
     is_inside = ((cells >= 0) & (cells < seen.chart.shape[1])).all(axis=1)
     is_contradicted = np.zeros(len(walls_m), bool)
     is_contradicted[is_inside] = seen.chart[0][tuple(cells[is_inside].T)] == SEEN_THROUGH
-    is_told = is_met | is_contradicted
+    is_decided = is_met | is_contradicted
     weight = _column_weights(cells)
     met_weight = weight[is_met].sum()
-    among_told = float(met_weight / weight[is_told].sum()) if is_told.any() else 0.0
-    return float(met_weight / weight.sum()), among_told
+    among_all = float(met_weight / weight.sum())
+    among_decided = float(met_weight / weight[is_decided].sum()) if is_decided.any() else 0.0
+    return among_all, among_decided
 
 
 def _column_weights(cells: NDArray[np.int64]) -> NDArray[np.float64]:

@@ -160,29 +160,35 @@ def _transposed_rotation(angle_rad: NDArray[Any] | float) -> NDArray[Any]:
 def _chart(walls, cell_m, half_width_cells, margin_m):  # type: ignore[no-untyped-def]
     """The chart of walls (n, 3); an infinite `margin_m` marks no cell as seen through."""
     width = 2 * half_width_cells
-    first = np.full(SECTORS, np.inf)
+    first_wall_m = np.full(SECTORS, np.inf)
     layers = np.zeros((2, width, width), np.int8)
     chart, block_maxima = layers
     # The distance of the first wall in each direction.
     for i in range(len(walls)):
         sector = _sector(walls[i, 0], walls[i, 1])
-        first[sector] = min(first[sector], np.hypot(walls[i, 0], walls[i, 1]))
+        wall_m = np.hypot(walls[i, 0], walls[i, 1])
+        first_wall_m[sector] = min(first_wall_m[sector], wall_m)
     # Cells well before the first wall are seen through.
     for x in range(width):
         for y in range(width):
-            east = (x - half_width_cells + 0.5) * cell_m
-            north = (y - half_width_cells + 0.5) * cell_m
-            sector = _sector(east, north)
-            nearest = min(first[sector - 1], first[sector], first[(sector + 1) % SECTORS])
-            if np.isfinite(nearest) and np.hypot(east, north) < nearest - margin_m:
+            x_m = (x - half_width_cells + 0.5) * cell_m
+            y_m = (y - half_width_cells + 0.5) * cell_m
+            sector = _sector(x_m, y_m)
+            # A cell may lie in two directions, so those beside its own count too.
+            nearest_m = min(
+                first_wall_m[sector - 1],
+                first_wall_m[sector],
+                first_wall_m[(sector + 1) % SECTORS],
+            )
+            if np.isfinite(nearest_m) and np.hypot(x_m, y_m) < nearest_m - margin_m:
                 chart[x, y] = SEEN_THROUGH
     # Cells beside walls, then walls on top.
-    for value, beside in ((BESIDE, 1), (WALL, 0)):
+    for value, reach in ((BESIDE, 1), (WALL, 0)):
         for i in range(len(walls)):
             x = int(np.floor(walls[i, 0] / cell_m)) + half_width_cells
             y = int(np.floor(walls[i, 1] / cell_m)) + half_width_cells
-            for a in range(max(x - beside, 0), min(x + beside + 1, width)):
-                for b in range(max(y - beside, 0), min(y + beside + 1, width)):
+            for a in range(max(x - reach, 0), min(x + reach + 1, width)):
+                for b in range(max(y - reach, 0), min(y + reach + 1, width)):
                     chart[a, b] = value
     # The bounds.
     for x in range(width):
@@ -219,8 +225,8 @@ def _search(charts, cells_at_headings, offset_cells):  # type: ignore[no-untyped
     blocks are computed: then it may not be.
     """
     chart, block_maxima = charts
-    blocks_per_side = -(-(2 * offset_cells + 1) // BLOCK)
     offsets = 2 * offset_cells + 1
+    blocks_per_side = -(-offsets // BLOCK)  # rounded up
     # The bound of each block at each heading.
     bounds = np.zeros((len(cells_at_headings), blocks_per_side, blocks_per_side), np.int32)
     for heading in range(len(cells_at_headings)):
@@ -231,10 +237,10 @@ def _search(charts, cells_at_headings, offset_cells):  # type: ignore[no-untyped
                 for b in range(blocks_per_side):
                     bounds[heading, a, b] += block_maxima[x + a * BLOCK, y + b * BLOCK]
     # The sums in the most promising blocks.
-    best = -(2**31)
-    at_heading = 0
-    at_x = 0
-    at_y = 0
+    best = -(2**31)  # below any sum
+    best_heading = 0
+    best_x = 0
+    best_y = 0
     sums = np.empty((BLOCK, BLOCK), np.int32)
     for block in np.argsort(-bounds.ravel(), kind="mergesort")[:PROMISING]:
         # The inverse of ravel: block = (heading * blocks_per_side + row) * blocks_per_side + column
@@ -256,7 +262,7 @@ def _search(charts, cells_at_headings, offset_cells):  # type: ignore[no-untyped
             for b in range(min(BLOCK, offsets - first_y)):
                 if sums[a, b] > best:
                     best = sums[a, b]
-                    at_heading = heading
-                    at_x = first_x + a - offset_cells
-                    at_y = first_y + b - offset_cells
-    return best, at_heading, at_x, at_y
+                    best_heading = heading
+                    best_x = first_x + a - offset_cells
+                    best_y = first_y + b - offset_cells
+    return best, best_heading, best_x, best_y

@@ -87,8 +87,8 @@ def test_approaches_of_little_overlap_are_refined_only_beside_a_likely_hypothesi
     assert len(Fixer().fix(elsewhere, targets, PLACES).hypotheses) > 0
     assert fixer.fix(elsewhere, targets, PLACES) == Fix()
     result = fixer.fix(there, targets, PLACES)
-    assert result.hypotheses[0].approached > 0.7
-    assert min(other.approached for other in result.hypotheses[1:]) < 0.7
+    assert result.hypotheses[0].approach_overlap > 0.7
+    assert min(other.approach_overlap for other in result.hypotheses[1:]) < 0.7
 
 
 @pytest.mark.parametrize(

@@ -79,7 +79,7 @@ def test_blocks_are_right_with_their_surroundings_aged_or_not_and_wrong_without(
 
 def test_approaches_are_refined_from_four_fifths_of_the_least_overlap_of_right_ones() -> None:
     def approached(overlap: float, x_m: float = 0.0) -> Fix:
-        return Fix((replace(hypothesis(x_m, 0.8), approached=overlap),), (0.9,))
+        return Fix((replace(hypothesis(x_m, 0.8), approach_overlap=overlap),), (0.9,))
 
     true = np.eye(4)[None].repeat(2, axis=0)
     assert least_overlap([approached(0.25), approached(0.1, x_m=9.0)], true) == pytest.approx(0.2)
@@ -89,7 +89,7 @@ def test_approaches_are_refined_from_four_fifths_of_the_least_overlap_of_right_o
 
 def test_a_fix_lacks_what_a_search_with_a_least_overlap_does_not_refine() -> None:
     hypotheses = [
-        replace(hypothesis(x_m, 0.5), approached=overlap)
+        replace(hypothesis(x_m, 0.5), approach_overlap=overlap)
         for x_m, overlap in ((0.0, 0.4), (50.0, 0.1))
     ]
     unlikely = Chances((0.0,) * 6, -9.0)
