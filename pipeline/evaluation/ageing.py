@@ -122,10 +122,11 @@ class Ageing:
             t = abs(slope) / max(np.sqrt(slope_variance), TINY)
             p = float(2 * stdtr(n - 2, -t))
             quantile = float(stdtrit(n - 2, (1 + self.level) / 2))
+        # Both parts of mean(y) − slope · mean(x) are independent: σ²/n + mean(x)² · slope_variance.
         intercept_variance = slope_variance * (x**2).mean()
         covariance = -slope_variance * x.mean()
-        before, after = np.nonzero(x[:, None] < x)
-        pair_slopes = (y[after] - y[before]) / (x[after] - x[before])
+        earlier, later = np.nonzero(x[:, None] < x)  # all pairs on different days
+        pair_slopes = (y[later] - y[earlier]) / (x[later] - x[earlier])
         return Line(
             number=n,
             last_day=float(x.max()),

@@ -77,8 +77,8 @@ class ExactCounts:
         self._distinct = np.unique(ascending)
         self._accepted = np.r_[0, np.searchsorted(ascending, self._distinct, side="right")]
         self._weight = weight[:, self._order]
-        self._seen = self._accepted_weight(truth.seen)
-        self._unseen = self._accepted_weight(truth.unseen)
+        self._seen_weight = self._accepted_weight(truth.seen)
+        self._unseen_weight = self._accepted_weight(truth.unseen)
 
     def columns(self, thresholds: NDArray[np.float64]) -> NDArray[np.int64]:
         """For each threshold (t,), the column (t,) with the same accepted queries."""
@@ -87,17 +87,18 @@ class ExactCounts:
     def count(self, n: int, columns: NDArray[np.int64] | slice = slice(None)) -> Counts:
         """Counts (r, t) among the first `n` answers, in all columns or some."""
         hits = self._accepted_weight(is_right_at(self._truth, n))[:, columns]
-        seen = self._seen[:, columns]
-        unseen = self._unseen[:, columns]
+        accepted_seen = self._seen_weight[:, columns]
+        accepted_unseen = self._unseen_weight[:, columns]
         return Counts(
             hits=hits,
-            misses=self._seen[:, -1:] - seen,
-            false_alarms=seen + unseen - hits,
-            correct_rejections=self._unseen[:, -1:] - unseen,
+            misses=self._seen_weight[:, -1:] - accepted_seen,  # the last column accepts all
+            false_alarms=accepted_seen + accepted_unseen - hits,
+            correct_rejections=self._unseen_weight[:, -1:] - accepted_unseen,
         )
 
     def _accepted_weight(self, flags: NDArray[np.bool_]) -> NDArray[np.float64]:
-        """Weight (r, t) of the accepted queries that have the flag (q,)."""
+        """Weight (r, t) of the accepted queries that have the flag (q,), in each column."""
+        # The weight of the first i queries, in the order of their novelty, for every i from 0.
         total = np.zeros((len(self._weight), len(flags) + 1))
         np.cumsum(self._weight * flags[self._order], axis=1, out=total[:, 1:])
         return total[:, self._accepted]

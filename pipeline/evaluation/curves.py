@@ -27,9 +27,9 @@ def precision_recall(counts: Counts, seen: Any = None) -> tuple[Curve, Curve]:
     hits / (hits + misses). 0/0 is precision 1 (nothing accepted, nothing wrong) and recall 0.
     """
     hits = np.asarray(counts.hits, np.float64)
-    recall_of = hits + counts.misses if seen is None else np.asarray(seen, np.float64)
+    recall_whole = hits + counts.misses if seen is None else np.asarray(seen, np.float64)
     precision = ratio(hits, hits + counts.false_alarms, empty=1.0)
-    recall = ratio(hits, recall_of, empty=0.0)
+    recall = ratio(hits, recall_whole, empty=0.0)
     return precision, recall
 
 
@@ -57,8 +57,11 @@ def auroc(counts: Counts) -> NDArray[np.float64]:
     """
     misses = np.asarray(counts.misses, np.float64)
     correct_rejections = np.asarray(counts.correct_rejections, np.float64)
-    seen = misses[..., 0]  # where all are rejected
+    # At the first threshold all are rejected.
+    seen = misses[..., 0]
     unseen = correct_rejections[..., 0]
+    # When the rising threshold passes an unseen query, the seen ones accepted so far have less
+    # novelty: the integral of their number over the unseen queries counts these pairs.
     pairs_in_order = np.trapezoid(misses[..., :1] - misses, -correct_rejections, axis=-1)
     return ratio(np.asarray(pairs_in_order), seen * unseen, empty=np.nan)
 

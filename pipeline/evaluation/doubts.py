@@ -73,31 +73,32 @@ def blind(
 
 
 def doubts(
-    blind: float,
+    blind_recall: float,
     answers: NDArray[np.int64],
     novelty: NDArray[np.floating],
     reject_from: float,
     kept_precision: float,
     wanted_precision: float,
-    seen: int,
-    blocks: int,
+    seen_count: int,
+    block_count: int,
 ) -> dict[str, float]:
     """The doubts about one score that apply, name to value; BLIND is always among them.
 
     `answers` and `novelty` (q,) are the model's first answers and how new each query looks. A query
     is rejected if its novelty is `reject_from` or more. That threshold was chosen to keep
-    `wanted_precision`, and keeps `kept_precision` on held-out blocks. `seen` is
-    the number of seen queries, `blocks` that of the blocks of the path which hold them.
+    `wanted_precision`, and keeps `kept_precision` on held-out blocks. `seen_count` is the number of
+    seen queries, `block_count` that of the blocks of the path which hold them. `blind_recall` is
+    what `blind` returns for the protocol of the score.
     """
-    values = {BLIND: blind}
+    values = {BLIND: blind_recall}
     _, answer_counts = np.unique(answers, return_counts=True)
     commonest_share = answer_counts.max(initial=0) / max(len(answers), 1)
     if commonest_share >= HALF:
         values["doubt_one_answer"] = float(commonest_share)
-    if seen <= FEW_SEEN:
-        values["doubt_few_seen"] = float(seen)
-    if blocks <= FEW_BLOCKS:
-        values["doubt_few_blocks"] = float(blocks)
+    if seen_count <= FEW_SEEN:
+        values["doubt_few_seen"] = float(seen_count)
+    if block_count <= FEW_BLOCKS:
+        values["doubt_few_blocks"] = float(block_count)
     is_rejected = novelty.astype(np.float64) >= reject_from
     has_threshold = reject_from > ACCEPT_NOTHING
     if has_threshold and is_rejected.all():
@@ -108,7 +109,7 @@ def doubts(
         values["doubt_no_threshold"] = 1.0
     if kept_precision < wanted_precision:
         values["doubt_less_kept"] = float(kept_precision)
-    if not blind < HALF:  # so NaN is void too
+    if not blind_recall < HALF:  # so NaN is void too
         values[VOID] = 1.0
     return values
 

@@ -28,7 +28,8 @@ def held_out_aucs(
     evidence: Evidence, kind: str, unseen_share: float, counts: NDArray[np.float64]
 ) -> Number:
     """`held_out_auc` (r,) in r resamples, in which h queries count `counts` (r, h) times each."""
-    novelty, right, weight = evidence.queries(kind, unseen_share)  # first the seen, then the unseen
+    # Two rows for each query: first those as seen queries, then those as unseen ones.
+    novelty, right, weight = evidence.queries(kind, unseen_share)
     seen = np.arange(len(novelty)) < len(evidence.right)
-    truth = Truth(seen, ~seen, np.where(right, 0, -1), right)
+    truth = Truth(seen=seen, unseen=~seen, true_rank=np.where(right, 0, -1), oracle_right=right)
     return auc_exact(truth, novelty.astype(np.float32), weight * np.tile(counts, 2))

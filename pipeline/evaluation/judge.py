@@ -91,14 +91,14 @@ def judge_cases(
                 rankings.world_T_query[rows], rankings.reject_from(), rankings.right_within
             )
         evaluation = judge(
-            rankings.ranking(rows),
-            rankings.thresholds,
-            labels,
-            submaps.world_T_anchor,
-            distance,
-            bootstrap,
-            rankings.turned_deg[rows],
-            estimates,
+            ranking=rankings.ranking(rows),
+            reject_from=rankings.thresholds,
+            labels=labels,
+            world_T_anchor=submaps.world_T_anchor,
+            distance=distance,
+            bootstrap=bootstrap,
+            turned_deg=rankings.turned_deg[rows],
+            estimates=estimates,
         )
         evaluations[case] = replace(
             evaluation,
@@ -169,8 +169,14 @@ def _check(
 ) -> None:
     """Raise InputError unless all have a row a query, and each kind of novelty a threshold."""
     answers = [array for name, array in vars(ranking).items() if name != "kinds"]
-    true = (world_T_anchor, labels.places, labels.oracle, labels.nearest_m, labels.nearest_turn_deg)
-    rows = {len(array) for array in (*answers, *true)}
+    truths = (
+        world_T_anchor,
+        labels.places,
+        labels.oracle,
+        labels.nearest_m,
+        labels.nearest_turn_deg,
+    )
+    rows = {len(array) for array in (*answers, *truths)}
     if len(rows) != 1:
         raise InputError(
             f"the ranking and the labels must have one row a query, but have {sorted(rows)}"
@@ -254,19 +260,23 @@ def _judgement(
     measures_with_bounds = estimates[len(NUMBERS) :].reshape(kind_count, len(MEASURES), 3)
 
     novelty = queries.novelty[:, 0]
-    once = np.ones((1, len(xy_m)))  # each query counts once
-    seen = once @ truth.seen
+    once = np.ones((1, len(xy_m)))  # the weight if each query counts once
+    seen_weight = once @ truth.seen
     counts = count(truth, novelty, queries.thresholds)
-    precision, recall = curve(truth, counts, seen)
+    precision, recall = curve(truth, counts, seen_weight)
     exact = ExactCounts(truth, novelty, once)
-    exact_areas = [auc(*curve(truth, exact.count(n), seen)) for n in range(1, TOP_N + 1)]
-    recalls = [share(is_right_at(truth, n), truth.seen, once) for n in range(1, TOP_N + 1)]
+    exact_areas = []
+    recalls = []
+    for n in range(1, TOP_N + 1):
+        exact_precision, exact_recall = curve(truth, exact.count(n), seen_weight)
+        exact_areas.append(auc(exact_precision, exact_recall))
+        recalls.append(share(is_right_at(truth, n), truth.seen, once))
     return Judgement(
         **vars(counts),
         precision=precision,
         recall=recall,
-        auc=where(seen, auc(precision, recall)),
-        auc_exact=where(seen, np.concatenate(exact_areas)),
+        auc=where(seen_weight, auc(precision, recall)),
+        auc_exact=where(seen_weight, np.concatenate(exact_areas)),
         recall_at=np.concatenate(recalls),
         true_rank=truth.true_rank,
         seen=truth.seen,
@@ -312,8 +322,8 @@ def _kept_precision(rankings: SequenceRanking) -> tuple[float, ...]:
     if isinstance(rankings, Rankings):
         return rankings.kept_precision
     accepts_poses = rankings.thresholds[0] > ACCEPT_NOTHING
-    of_poses = rankings.wanted_precision if accepts_poses else np.nan
-    return (of_poses, *[np.nan] * (len(rankings.kinds) - 1))
+    precision_of_poses = rankings.wanted_precision if accepts_poses else np.nan
+    return (precision_of_poses, *[np.nan] * (len(rankings.kinds) - 1))
 
 
 def _belief_thresholds(rankings: SequenceRanking) -> dict[str, float]:

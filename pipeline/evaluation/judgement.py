@@ -332,14 +332,14 @@ class Evaluation:
         seen = self.protocol(name).seen
         seen_blocks = np.unique(blocks(self.xy_m, self.block_m)[seen])
         doubts_of_answers = doubts(
-            blind=self.blind[name],
+            blind_recall=self.blind[name],
             answers=self.answer,
             novelty=self.novelty[:, 0],
             reject_from=self.reject_from[0],
             kept_precision=self.kept_precision[0],
             wanted_precision=self.wanted_precision,
-            seen=int(seen.sum()),
-            blocks=len(seen_blocks),
+            seen_count=int(seen.sum()),
+            block_count=len(seen_blocks),
         )
         return doubts_of_answers | dict(self.unsuited)
 
@@ -358,6 +358,11 @@ class Evaluation:
         """The value of one of NUMBERS and the bounds of its 95 % interval; NaN if undefined."""
         value, low, high = map(float, self.protocol(protocol).numbers[NUMBERS.index(name)])
         return value, low, high
+
+    def value(self, protocol: str, name: str) -> float:
+        """The value of one of NUMBERS without its interval; NaN if undefined."""
+        value, _, _ = self.number(protocol, name)
+        return value
 
     def exact_curve(self, protocol: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Precision and recall (t,) of the first answers with every novelty in use as a threshold.
@@ -414,9 +419,8 @@ def summary(evaluation: Evaluation) -> dict[str, Any]:
     numbers: dict[str, Any] = {"days": evaluation.days, "queries": len(evaluation.answer)}
     for protocol in PROTOCOLS:
         judgement = evaluation.protocol(protocol)
-        values = {name: evaluation.number(protocol, name)[0] for name in NUMBERS} | {
-            "threshold": evaluation.reject_from[0]
-        }
+        values = {name: evaluation.value(protocol, name) for name in NUMBERS}
+        values["threshold"] = evaluation.reject_from[0]
         counts = {"seen": int(judgement.seen.sum()), "unseen": int(judgement.unseen.sum())}
         numbers[protocol] = counts | _valid(values) | _valid(evaluation.doubts(protocol))
     numbers["calibration"] = _valid(
@@ -432,12 +436,12 @@ def metrics(evaluation: Evaluation) -> dict[str, float]:
     out.
     """
     shown = {
-        "auc_top1": evaluation.number("cells", "auc_top1")[0],
-        "recall_at_1": evaluation.number("distance", "recall_at_1")[0],
+        "auc_top1": evaluation.value("cells", "auc_top1"),
+        "recall_at_1": evaluation.value("distance", "recall_at_1"),
         "answered": evaluation.distance.answered,
-        "right_of_answered": evaluation.number("distance", "precision_at_threshold")[0],
+        "right_of_answered": evaluation.value("distance", "precision_at_threshold"),
         "kept_precision": evaluation.kept_precision[0],
-        "within_2m_5deg": evaluation.number("distance", "within_2m_5deg")[0],
+        "within_2m_5deg": evaluation.value("distance", "within_2m_5deg"),
     }
     return {name: value for name, value in shown.items() if np.isfinite(value)}
 

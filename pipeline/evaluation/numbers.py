@@ -144,11 +144,13 @@ def numbers(truth: Truth, queries: Queries, weight: Weight) -> dict[str, Number]
     """Each of NUMBERS by name, with a value for each resample."""
     exact = ExactCounts(truth, queries.novelty[:, 0], weight)
     columns = exact.columns(queries.thresholds)
-    seen = weight @ truth.seen
+    seen_weight = weight @ truth.seen
     values = answers(truth, queries, weight) | poses(truth, queries, weight)
-    values |= rejection(truth, exact, queries.reject_from[0], seen)
+    values |= rejection(truth, exact, queries.reject_from[0], seen_weight)
     for n in (1, 5, 25):
-        values[f"auc_top{n}"] = where(seen, auc(*curve(truth, exact.count(n, columns), seen)))
+        precision, recall = curve(truth, exact.count(n, columns), seen_weight)
+        values[f"auc_top{n}"] = where(seen_weight, auc(precision, recall))
+    # The oracle's first answer is right or not; its novelty is the distance to training.
     oracle = replace(truth, true_rank=np.where(truth.oracle_right, 0, -1))
     values["oracle_auc_exact_top1"] = auc_exact(oracle, queries.nearest_m, weight)
     return {name: values[name] for name in NUMBERS}
@@ -166,8 +168,10 @@ def auc_exact(truth: Truth, novelty: NDArray[Any], weight: Weight) -> Number:
 
     Its thresholds are all values of `novelty` (q,).
     """
-    seen = weight @ truth.seen
-    return where(seen, auc(*curve(truth, ExactCounts(truth, novelty, weight).count(1), seen)))
+    seen_weight = weight @ truth.seen
+    counts = ExactCounts(truth, novelty, weight).count(1)
+    precision, recall = curve(truth, counts, seen_weight)
+    return where(seen_weight, auc(precision, recall))
 
 
 def answers(truth: Truth, queries: Queries, weight: Weight) -> dict[str, Number]:
@@ -244,29 +248,36 @@ def within(
 
 
 def rejection(
-    truth: Truth, exact: ExactCounts, reject_from: float, seen: Number
+    truth: Truth, exact: ExactCounts, reject_from: float, seen_weight: Number
 ) -> dict[str, Number]:
     """How well a novelty separates right first answers from wrong ones and unseen queries.
 
-    Returns MEASURES and f1_max. `seen` (r,) is the weight of all seen queries.
+    Returns MEASURES and f1_max. `seen_weight` (r,) is the weight of all seen queries.
     """
     counts = exact.count(1)
-    column = exact.columns(np.array([reject_from]))[0]
-    precision, recall = curve(truth, counts, seen)
-    accepted = counts.hits[:, column] + counts.false_alarms[:, column]
+    (column,) = exact.columns(np.array([reject_from]))
+    precision, recall = curve(truth, counts, seen_weight)
+    accepted_weight = counts.hits[:, column] + counts.false_alarms[:, column]
     return {
         "auroc": auroc(counts),
-        "auc_exact_top1": where(seen, auc(precision, recall)),
-        "f1_max": where(seen, f1_max(precision, recall)),
-        "recall_at_99_precision": where(seen, recall_at_precision(precision, recall, PRECISE)),
-        "precision_at_threshold": where(accepted, precision[:, column]),
-        "recall_at_threshold": where(seen, recall[:, column]),
+        "auc_exact_top1": where(seen_weight, auc(precision, recall)),
+        "f1_max": where(seen_weight, f1_max(precision, recall)),
+        "recall_at_99_precision": where(
+            seen_weight, recall_at_precision(precision, recall, PRECISE)
+        ),
+        "precision_at_threshold": where(accepted_weight, precision[:, column]),
+        "recall_at_threshold": where(seen_weight, recall[:, column]),
     }
 
 
-def curve(truth: Truth, counts: Counts, seen: Number) -> tuple[Curve, Curve]:
-    """Precision and recall (r, t) by the protocol's rule; `seen` (r,) is the weight of all seen."""
-    return precision_recall(counts, seen[:, None] if truth.recall_of_all_seen else None)
+def curve(truth: Truth, counts: Counts, seen_weight: Number) -> tuple[Curve, Curve]:
+    """Precision and recall (r, t) by the protocol's rule (`Truth.recall_of_all_seen`).
+
+    `seen_weight` (r,) is the weight of all seen queries.
+    """
+    if truth.recall_of_all_seen:
+        return precision_recall(counts, seen_weight[:, None])
+    return precision_recall(counts)
 
 
 def share(flags: NDArray[np.bool_], among: NDArray[np.bool_], weight: Weight) -> Number:
@@ -279,7 +290,7 @@ def median(values: NDArray[np.float64], weight: Weight) -> Number:
 
     NaN without any. A value that is NaN, since an answer has no position, counts as the largest.
     """
-    ascending = np.r_[np.sort(values), np.nan]
+    ascending = np.r_[np.sort(values), np.nan]  # NaN is taken where no query counts
     running = np.cumsum(weight[:, np.argsort(values)], axis=1)
     total = weight.sum(axis=1)
     # Of an even number of values the median is the mean of the two in the middle.
@@ -296,7 +307,7 @@ def where(whole: Number, value: Number) -> Number:
 
 
 def line(numbers: Mapping[str, float | None]) -> str:
-    """The main numbers of an evaluation on one line, with its doubts in brackets."""
+    """The main numbers of an evaluation on one line, with its doubts (`doubts`) in brackets."""
     texts = []
     for name in ("auc_top1", "recall_at_1", "auroc"):
         value = numbers[name]

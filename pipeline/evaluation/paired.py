@@ -88,11 +88,13 @@ def compare(
     resampled_differences = bootstrap.spreads(compared_differences, method.xy_m)
     path_blocks = blocks(method.xy_m, bootstrap.block_m)
     seen_block_count = len(np.unique(path_blocks[method_truth.seen]))
+    differences = []
+    for value, resampled in zip(values, resampled_differences, strict=True):
+        low, high = bounds(resampled)
+        p = _p(resampled, seen_block_count)
+        differences.append(Difference(value, low, high, p))
     return Comparison(
-        differences=tuple(
-            Difference(value, *bounds(resampled), _p(resampled, seen_block_count))
-            for value, resampled in zip(values, resampled_differences, strict=True)
-        ),
+        differences=tuple(differences),
         only_this=int((method_right & ~reference_right).sum()),
         only_reference=int((reference_right & ~method_right).sum()),
     )
@@ -114,8 +116,11 @@ def holm(p: NDArray[np.float64]) -> NDArray[np.float64]:
     share of false ones among the claims.
     """
     corrected = np.full(len(p), np.nan)
-    order = np.argsort(p)[: np.isfinite(p).sum()]
-    corrected[order] = np.maximum.accumulate(p[order] * np.arange(len(order), 0, -1)).clip(max=1.0)
+    order = np.argsort(p)[: np.isfinite(p).sum()]  # NaN is sorted behind all others
+    # The smallest of n is multiplied by n, the next by n − 1, and so on; none falls below the one
+    # before.
+    factors = np.arange(len(order), 0, -1)
+    corrected[order] = np.maximum.accumulate(p[order] * factors).clip(max=1.0)
     return corrected
 
 

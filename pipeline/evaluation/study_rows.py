@@ -141,8 +141,8 @@ def _ageing_rows(
 def paired_rows(answers: Answers, bootstrap: Bootstrap) -> TableRows:
     """Rows of every model against the reference on the same queries, a sequence at a time.
 
-    They are the differences, p after Holm's correction, and how many queries only one of the two
-    answers right.
+    They hold the differences, their p values after Holm's correction, and how many queries only one
+    of the two models answers right.
     """
     reference = answers.evaluations[answers.reference]
     models = {(method, ""): evaluations for method, evaluations in answers.evaluations.items()}
@@ -199,28 +199,31 @@ def event_rows(
 ) -> TableRows:
     """Rows of all test sequences together, by the distance of queries to the nearest change.
 
-    `changes` are those of the world that show on the day of each sequence. Changes that show only
-    in other sequences are still to come, and judged apart. `level` of a row is the farther edge of
-    its band of distances.
+    `changes` are, by sequence, those of the world that show on its day. Queries near a change that
+    shows only in other sequences, and so is still to come, have rows of their own. `level` of a row
+    is the farther edge of its band of distances.
     """
-    changes_of = {sequence: list(in_sequence) for sequence, in_sequence in changes.items()}
+    changes_shown = {sequence: list(on_day) for sequence, on_day in changes.items()}
     reference = answers.evaluations[answers.reference]
     xy_m = {sequence: evaluation.xy_m for sequence, evaluation in reference.items()}
-    away = distances(xy_m, changes_of, bands.kinds)
-    all_changes = set(chain.from_iterable(changes_of.values()))
+    distances_of = distances(xy_m, changes_shown, bands.kinds)
+    all_changes = set(chain.from_iterable(changes_shown.values()))
     for kind in bands.kinds:
         yield row(f"{kind}_changes", "", sum(change.what == kind for change in all_changes))
-    for sequence, of_sequence in away.items():
-        is_near = reference[sequence].cells.seen & (of_sequence.shown_m <= bands.edges_m[-1])
+    for sequence, distances_m in distances_of.items():
+        is_near = reference[sequence].cells.seen & (distances_m.shown_m <= bands.edges_m[-1])
         yield {"sequence": sequence} | row("seen_near_a_change", "cells", is_near.sum())
-    shown_m = {sequence: of_sequence.shown_m for sequence, of_sequence in away.items()}
-    to_come_m = {sequence: of_sequence.to_come_m for sequence, of_sequence in away.items()}
+    shown_m = {sequence: distances_m.shown_m for sequence, distances_m in distances_of.items()}
+    to_come_m = {sequence: distances_m.to_come_m for sequence, distances_m in distances_of.items()}
     for method, evaluations in answers.evaluations.items():
         for protocol in PROTOCOLS:
-            for change_time, away_m in ((SHOWN, shown_m), (TO_COME, to_come_m)):
-                away_of_each_m = [away_m[sequence] for sequence in evaluations]
+            for change_time, change_m in ((SHOWN, shown_m), (TO_COME, to_come_m)):
                 results = judge_by_band(
-                    [*evaluations.values()], away_of_each_m, bands, protocol, bootstrap
+                    [*evaluations.values()],
+                    [change_m[sequence] for sequence in evaluations],
+                    bands,
+                    protocol,
+                    bootstrap,
                 )
                 for columns in _band_rows(results, bands, change_time, protocol):
                     yield {"method": method} | columns

@@ -248,14 +248,17 @@ class Viewpoints:
                 "headings, side, side)"
             )
         views = Rows(images, views.stamps_ns, views.world_T_anchor)
-        own_reference = method.moved(model, views, np.arange(n))
-        ask = method.localizer(own_reference)
+        # The reference: each row is a place of its own. The method takes the even headings of it.
+        reference_model = method.moved(model, views, np.arange(n))
+        localize = method.localizer(reference_model)
         headings = range(1, images.shape[1], 2)
-        rankings = [ask(turned(views, heading), 1) for heading in headings]
+        rankings = [localize(turned(views, heading), 1) for heading in headings]
         xy_m = views.world_T_anchor[:, :2, 3].astype(np.float64)
         answer_xy_m = np.stack([ranking.xy_m[:, 0] for ranking in rankings]).astype(np.float64)
         error_m = np.linalg.norm(answer_xy_m - xy_m, axis=2)
-        before = method.length // 2
+        # A window of `length` steps around a row must lie within the sequence.
+        steps_before = method.length // 2
+        steps_behind = method.length - steps_before
         position = np.arange(n)
         return ViewpointMatches(
             headings_deg=np.array(headings) * 360 / images.shape[1],
@@ -264,21 +267,21 @@ class Viewpoints:
             error_m=error_m,
             score=-np.stack([ranking.novelty[:, 0] for ranking in rankings]),
             correct=error_m <= self.correct_m,
-            valid=(position >= before) & (position < n - (method.length - before)),
+            valid=(position >= steps_before) & (position < n - steps_behind),
             xy_m=xy_m,
             pictures=images[n // 2, ::2],
             reconstructed=method.reconstructed(model, images[n // 2, ::2]),
             correct_m=float(self.correct_m),
             length=method.length,
             novelty=rankings[0].kinds[0],
-            bytes_per_place=_bytes_per_place(method, own_reference, views),
+            bytes_per_place=_bytes_per_place(method, reference_model, views),
         )
 
 
 def turned(views: Rows, heading: int) -> Rows:
     """The same places, seen by a robot that is turned counter-clockwise by this many headings.
 
-    Image 0 is the view ahead of the turned robot.
+    Headings are evenly spaced around the circle. Image 0 is the view ahead of the turned robot.
     """
     images = np.roll(views.images[:], -heading, axis=1)
     yaw_rad = 2 * np.pi * heading / images.shape[1]
@@ -286,11 +289,11 @@ def turned(views: Rows, heading: int) -> Rows:
     return Rows(images, views.stamps_ns, views.world_T_anchor @ vehicle_T_turned)
 
 
-def _bytes_per_place(method: BirdViewMethod, moved: Model, views: Rows) -> float:
+def _bytes_per_place(method: BirdViewMethod, reference_model: Model, views: Rows) -> float:
     """Bytes by which the model grows with each place: its codes or image, and its position."""
-    of_one_place = method.moved(moved, views.some(slice(1)), np.arange(1))
-    all_bytes = sum(array.nbytes for array in moved.values())
-    one_place_bytes = sum(array.nbytes for array in of_one_place.values())
+    one_place_model = method.moved(reference_model, views.some(slice(1)), np.arange(1))
+    all_bytes = sum(array.nbytes for array in reference_model.values())
+    one_place_bytes = sum(array.nbytes for array in one_place_model.values())
     return (all_bytes - one_place_bytes) / max(len(views.images) - 1, 1)
 
 

@@ -29,15 +29,15 @@ def test_what_one_answer_to_all_would_reach() -> None:
     ("change", "applies"),
     [
         ({}, {}),
-        ({"blind": 0.5}, {VOID: 1}),
+        ({"blind_recall": 0.5}, {VOID: 1}),
         (
-            {"blind": np.nan, "seen": 0, "blocks": 0},
+            {"blind_recall": np.nan, "seen_count": 0, "block_count": 0},
             {VOID: 1, "doubt_few_seen": 0, "doubt_few_blocks": 0},
         ),
         ({"answers": np.minimum(MANY, 21)}, {}),
         ({"answers": np.minimum(MANY, 20)}, {"doubt_one_answer": 0.5}),
-        ({"seen": 30}, {"doubt_few_seen": 30}),
-        ({"blocks": 5}, {"doubt_few_blocks": 5}),
+        ({"seen_count": 30}, {"doubt_few_seen": 30}),
+        ({"block_count": 5}, {"doubt_few_blocks": 5}),
         ({"reject_from": -0.1}, {"doubt_all_rejected": 1}),
         ({"reject_from": 1.1}, {"doubt_none_rejected": 1}),
         ({"reject_from": ACCEPT_NOTHING}, {"doubt_no_threshold": 1}),
@@ -47,16 +47,16 @@ def test_what_one_answer_to_all_would_reach() -> None:
 )
 def test_a_doubt_is_there_where_it_applies(change: dict, applies: dict) -> None:
     usual = {
-        "blind": 0.1,
+        "blind_recall": 0.1,
         "answers": MANY,
         "novelty": NOVELTY,
         "reject_from": 0.5,
         "kept_precision": 0.9,
         "wanted_precision": 0.9,
     }
-    usual |= {"seen": 31, "blocks": 6}
+    usual |= {"seen_count": 31, "block_count": 6}
     result = doubts(**usual | change)
-    assert result.pop(BLIND) == pytest.approx((usual | change)["blind"], nan_ok=True)
+    assert result.pop(BLIND) == pytest.approx((usual | change)["blind_recall"], nan_ok=True)
     assert result == applies
 
 
