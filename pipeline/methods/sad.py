@@ -53,7 +53,8 @@ class Sad(UntrainedMethod, SequenceMethod):
         images_ahead = images[:, 0]  # as the robot was headed
 
         def difference(rows: NDArray[np.int64], queries: NDArray[np.int64]) -> NDArray[np.float32]:
-            return nearest_differences(images[rows], images_ahead[queries])[0]
+            sums, _ = nearest_differences(images[rows], images_ahead[queries])
+            return sums
 
         evidence = self.evidence(database, views, difference)
         return {"images": images, **database.arrays(), **evidence.arrays()}
@@ -73,10 +74,12 @@ class Sad(UntrainedMethod, SequenceMethod):
         images = model["images"]
 
         def localize(views: Rows, k: int) -> Ranking:
-            sums, bins = nearest_differences(images, self._images(views, slice(1))[:, 0])
+            images_ahead = self._images(views, slice(1))[:, 0]
+            sums, headings = nearest_differences(images, images_ahead)
             if images.shape[1] == 1:
                 return self.ranked(database, sums, k)
-            return self.ranked(database, sums, k, bins * np.float32(360 / images.shape[1]))
+            heading_deg = headings * np.float32(360 / images.shape[1])
+            return self.ranked(database, sums, k, heading_deg)
 
         return localize
 
@@ -110,13 +113,13 @@ def nearest_differences(
     headings the first one counts. Returns the differences and the headings.
     """
     sums = differences(references[:, 0], queries)
-    bins = np.zeros(sums.shape, np.uint8)
+    headings = np.zeros(sums.shape, np.uint8)
     for heading in range(1, references.shape[1]):
         other_sums = differences(references[:, heading], queries)
-        nearer = other_sums < sums
-        np.copyto(sums, other_sums, where=nearer)
-        np.copyto(bins, np.uint8(heading), where=nearer)
-    return sums, bins
+        is_nearer = other_sums < sums
+        np.copyto(sums, other_sums, where=is_nearer)
+        np.copyto(headings, np.uint8(heading), where=is_nearer)
+    return sums, headings
 
 
 def _check(views: Rows) -> None:

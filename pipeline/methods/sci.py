@@ -70,7 +70,7 @@ class Sci(Learner):
         embedded = torch.cat(
             [self.embedded(net, part) for part in torch.split(heights, self.batch)]
         )
-        logits = net.head[3:](embedded).cpu()
+        logits = net.place_logits(embedded).cpu()
         if forgotten is not None:
             logits = logits.masked_fill(forgotten, -torch.inf)
         return Prediction(

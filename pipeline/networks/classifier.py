@@ -31,11 +31,13 @@ from pipeline.matching.novelties import novelties
 from pipeline.matching.ranking import Localizer, Model, Ranking, Rows
 from pipeline.networks import loop
 from pipeline.networks.evidence import Prediction
-from pipeline.networks.lenet import device, sent
+from pipeline.networks.lenet import device, to_device
 from pipeline.views.scan_context import colours, quantize
 
 Kinds = dict[str, NDArray[np.float64]]
 """Kind of novelty to its values (n,); the first kind is the one in use."""
+QUERIES_AT_ONCE = 512
+"""Queries that are compared with all training views at a time, which bounds the memory."""
 
 
 @dataclass(frozen=True)
@@ -170,9 +172,12 @@ class Classifier(ABC):
             with loop.reproducible(self.threads):
                 prediction = self.reranked(self.predict(net, heights), images, model)
                 most_like = [
-                    (part @ memory.T).max(1) for part in torch.split(prediction.features, 512)
+                    (part @ memory.T).max(1)
+                    for part in torch.split(prediction.features, QUERIES_AT_ONCE)
                 ]
-            likeness, row = (torch.cat(parts).numpy() for parts in zip(*most_like, strict=True))
+            likeness, likest_row = (
+                torch.cat(parts).numpy() for parts in zip(*most_like, strict=True)
+            )
             # Places by their softmax.
             scores = prediction.scores
             probability = softmax(scores, axis=1)
@@ -184,7 +189,7 @@ class Classifier(ABC):
             return Ranking(
                 places=places.astype(np.int64),
                 costs=costs.astype(np.float32),
-                xy_m=self.positions(place_xy[places], model["memory_xy_m"][row]),
+                xy_m=self.positions(place_xy[places], model["memory_xy_m"][likest_row]),
                 novelty=np.stack([*novelty.values()], axis=1).astype(np.float32),
                 confidence=confidence.astype(np.float32),
                 heading_deg=np.take_along_axis(prediction.heading_deg.numpy(), places, axis=1),
@@ -219,7 +224,7 @@ class Classifier(ABC):
 
     def images(self, heights: Tensor) -> Tensor:
         """Coloured images (n, channels, rings, sectors) in [0, 1] of heights."""
-        table = sent(torch.from_numpy(colours(self.colormap)), heights.device).float() / 255
+        table = to_device(torch.from_numpy(colours(self.colormap)), heights.device).float() / 255
         return table[heights.long()].permute(0, 3, 1, 2)
 
     def whole(self, logits: Tensor) -> Tensor:

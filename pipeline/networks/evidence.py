@@ -20,6 +20,7 @@ from pipeline.matching.temperature import determined, temperature
 Novelties = Callable[
     [NDArray[np.float64], float, NDArray[np.float64]], Mapping[str, NDArray[np.float64]]
 ]
+"""Computes kinds of novelty from logits, temperature and likeness (`Classifier.novelties`)."""
 
 
 class Prediction(NamedTuple):
@@ -41,8 +42,8 @@ class Prediction(NamedTuple):
 class KnownViews(NamedTuple):
     """Views of the training sequence, each with its place."""
 
-    seen: Tensor
-    """(n, rings, sectors) quantized heights, or (n, 64) features."""
+    content: Tensor
+    """(n, rings, sectors) quantized heights of the views, or (n, 64) their features."""
     places: NDArray[np.int64]
     """(n,) the place of each."""
     xy_m: NDArray[np.float64]
@@ -50,7 +51,7 @@ class KnownViews(NamedTuple):
 
     def some(self, rows: NDArray[np.bool_] | Tensor) -> "KnownViews":
         """The views of some rows, given by a mask or by their numbers."""
-        return KnownViews(self.seen[rows], self.places[rows], self.xy_m[rows])
+        return KnownViews(self.content[rows], self.places[rows], self.xy_m[rows])
 
 
 def judge_held_out(
@@ -83,13 +84,14 @@ def judge_held_out(
             line = f"the {len(places)} held-out views fix no temperature, {softness:.3g} is used"
             progress.tell(f"{line}: confidence and tempered_entropy are not calibrated")
 
-    memory_features = memory.seen.numpy()
+    memory_features = memory.content.numpy()
     seen_cosines = (seen.features.numpy() @ memory_features.T).astype(np.float64)
     unseen_cosines = (unseen.features.numpy() @ memory_features.T).astype(np.float64)
+    # A forgotten training view is as unlike as a view can be.
     unseen_cosines[is_near(xy_m, memory.xy_m, neighbour_m)] = -1
     return softness, Evidence(
-        seen.scores.argmax(axis=1) == places,
-        novelties(seen.scores, softness, seen_cosines.max(axis=1)),
-        novelties(unseen.scores, softness, unseen_cosines.max(axis=1)),
-        block,
+        right=seen.scores.argmax(axis=1) == places,
+        seen=novelties(seen.scores, softness, seen_cosines.max(axis=1)),
+        unseen=novelties(unseen.scores, softness, unseen_cosines.max(axis=1)),
+        block=block,
     )

@@ -30,7 +30,7 @@ SOFTNESS = 2.0
 """Temperature at which the answers of the two networks are compared (Hinton et al., 2015)."""
 
 
-def grown(
+def grown_model(
     method: Classifier,
     model: Model,
     known_set: TrainingSet,
@@ -47,21 +47,22 @@ def grown(
     is_held_out = np.concatenate([np.zeros(len(known_set), bool), blocks(method, new_set)])
     with loop.reproducible(method.threads):
         torch.manual_seed(method.seed)
-        before = method.filled(model)
+        earlier_net = method.filled(model)
         net = method.network(int(data.places.max()) + 1, *data.views.images.shape[1:])
         training = Training(
-            method,
-            data,
-            is_held_out,
-            net.to(device()),
-            progress,
-            partial(distilled, method, before),
+            method=method,
+            data=data,
+            is_held_out=is_held_out,
+            net=net.to(device()),
+            progress=progress,
+            step=partial(distilled, method, earlier_net),
         )
         features, feature_rows = method.embed_training(
-            before, training.heights[new_rows], new_set.views, torch.arange(len(new_set))
+            earlier_net, training.heights[new_rows], new_set.views, torch.arange(len(new_set))
         )
-        net.load_state_dict(widened(before, features, new_set.places[feature_rows.numpy()]))
-        known_logits = method.predict(before, training.heights[: len(known_set)]).logits
+        feature_places = new_set.places[feature_rows.numpy()]
+        net.load_state_dict(widened(earlier_net, features, feature_places))
+        known_logits = method.predict(earlier_net, training.heights[: len(known_set)]).logits
         rehearsed_rows = hardest(known_logits, known_set.places, method.rehearsed)
         trained_rows = np.concatenate([rehearsed_rows, new_rows])
         curves = training.fit(trained_rows[~is_held_out[trained_rows]], method.grown)
@@ -71,27 +72,30 @@ def grown(
         return training.model(softness, evidence, np.arange(len(data)), curves)
 
 
-def hardest(logits: Tensor, places: NDArray[np.int64], each: int) -> NDArray[np.int64]:
-    """Rows (m,) of the views with the highest cross-entropy: `each` of each place.
+def hardest(logits: Tensor, places: NDArray[np.int64], count: int) -> NDArray[np.int64]:
+    """Rows (m,) of the views with the highest cross-entropy: `count` of each place.
 
     `logits` (n, places) are the network's for all views.
     """
     losses = nn.functional.cross_entropy(logits, torch.from_numpy(places), reduction="none").numpy()
     order = np.lexsort((-losses, places))
+    # The rank of each view within its place: its position in the order, less its place's first one.
     rank = np.arange(len(order)) - np.searchsorted(places[order], places[order])
-    return np.sort(order[rank < each])
+    return np.sort(order[rank < count])
 
 
-def widened(before: nn.Module, features: Tensor, places: NDArray[np.int64]) -> dict[str, Tensor]:
+def widened(
+    earlier_net: nn.Module, features: Tensor, places: NDArray[np.int64]
+) -> dict[str, Tensor]:
     """An earlier network's weights, with a row of the last layer for each new place.
 
     A new place's row is the mean of the `features` (n, 64), of length 1, of its views, scaled to
     the mean length of the other rows (Qi et al., Imprinted Weights, CVPR 2018). `places` (n,) are
     those of the views.
     """
-    weights = {name: value.clone() for name, value in before.state_dict().items()}
-    weight_name = f"{before.last_layer}.weight"
-    bias_name = f"{before.last_layer}.bias"
+    weights = {name: value.clone() for name, value in earlier_net.state_dict().items()}
+    weight_name = f"{earlier_net.last_layer}.weight"
+    bias_name = f"{earlier_net.last_layer}.bias"
     known_rows = weights[weight_name]
     known_bias = weights[bias_name]
     new_means = [
@@ -108,7 +112,7 @@ def widened(before: nn.Module, features: Tensor, places: NDArray[np.int64]) -> d
 
 
 def distilled(
-    method: Classifier, before: nn.Module, answer: Callable[..., Tensor], batch: Any
+    method: Classifier, earlier_net: nn.Module, answer: Callable[..., Tensor], batch: Any
 ) -> tuple[Tensor, Tensor, int]:
     """A method's step (`loop.Step`), with the distance to an earlier network's answers in its loss.
 
@@ -124,9 +128,11 @@ def distilled(
     loss, right, count = method.step(recorded_answer, batch)
     if not method.distilled:
         return loss, right, count
-    images, classes, *_ = batch
+    images, places, *_ = batch
     with torch.no_grad(), loop.autocast(device(), method.precision):
-        earlier_logits = method.whole(before(images)).float()
+        earlier_logits = method.whole(earlier_net(images)).float()
+    # Softmax over the earlier places; for the ring over headings × places, whose index modulo the
+    # number of places is the place.
     place_count = earlier_logits.shape[-1]
     logits = method.whole(answers[0]).float()[..., :place_count]
     log_chances = (logits / SOFTNESS).flatten(1).log_softmax(1)
@@ -134,6 +140,7 @@ def distilled(
     divergence = nn.functional.kl_div(
         log_chances, earlier_log_chances, reduction="none", log_target=True
     ).sum(1)
-    was_right = earlier_log_chances.argmax(1) % place_count == classes
+    was_right = earlier_log_chances.argmax(1) % place_count == places
     distance = (divergence * was_right).mean()
+    # Its gradient shrinks with the square of the temperature, which is made up for (Hinton et al.).
     return loss + method.distilled * SOFTNESS**2 * distance, right, count

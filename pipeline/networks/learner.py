@@ -20,7 +20,9 @@ class Learner(Classifier):
 
         Raises ConfigError or InputError if they do not suit the network.
         """
-        return training.learned(self, TrainingSet.joined([TrainingSet(views, places)]), progress)
+        return training.trained_model(
+            self, TrainingSet.joined([TrainingSet(views, places)]), progress
+        )
 
     def grow(
         self, model: Model, known_set: TrainingSet, new_set: TrainingSet, progress: Progress
@@ -29,4 +31,4 @@ class Learner(Classifier):
 
         Raises InputError if their views or places do not continue those of the model.
         """
-        return growth.grown(self, model, known_set, new_set, progress)
+        return growth.grown_model(self, model, known_set, new_set, progress)

@@ -1,7 +1,7 @@
 """The SCI paper's network (Table I): a Scan Context Image in, a logit for each place out.
 
-It has three convolutions and two dense layers (METHODS 2.4). `trunk` and `start` are also used by
-the ring; `device` and `sent` by all networks.
+It has three convolutions and two dense layers (METHODS 2.4). The ring also uses `trunk` and
+`initialise`; all networks use `device` and `to_device`.
 """
 
 from collections.abc import Iterable
@@ -44,18 +44,18 @@ class LeNet(nn.Module):
         self.features = trunk(
             (nn.Conv2d(*sizes, 5, padding=2) for sizes in pairwise((channels, *FILTERS))), momentum
         )
+        # The first three layers make the inputs of the last one (`embed`), the others the logits.
         self.head = nn.Sequential(
             nn.Flatten(),
             nn.Dropout(dropout),
-            nn.Linear(256 * (rings // 8) * (sectors // 8), 64),
+            nn.Linear(FILTERS[-1] * (rings // 8) * (sectors // 8), 64),
             nn.Dropout(dropout),
             nn.Linear(64, places),
         )
-        start(self)
+        initialise(self)
 
     def forward(self, images: Tensor) -> Tensor:
-        logits: Tensor = self.head[3:](self.embed(images))
-        return logits
+        return self.place_logits(self.embed(images))
 
     def embed(self, images: Tensor) -> Tensor:
         """The inputs of the last layer (batch, 64)."""
@@ -63,12 +63,18 @@ class LeNet(nn.Module):
         embedded: Tensor = self.head[:3](features.contiguous())
         return embedded
 
+    def place_logits(self, embedded: Tensor) -> Tensor:
+        """Logits (batch, places) from the inputs of the last layer (batch, 64)."""
+        logits: Tensor = self.head[3:](embedded)
+        return logits
+
 
 def trunk(convolutions: Iterable[nn.Conv2d], momentum: float) -> nn.Sequential:
     """Layers from images to features (batch, 256, rings // 8, sectors // 8).
 
-    They are three convolutions, which are given, with pooling, ReLU and batch norms. The pooling
-    comes before the ReLU, which then has a quarter of the work and gives the same bits.
+    They are three convolutions, which are given, with pooling, ReLU and batch norms. Each pooling
+    halves both sides. It comes before the ReLU, which then has a quarter of the work and gives the
+    same bits.
     """
     first_convolution, second_convolution, third_convolution = convolutions
     norms = [nn.BatchNorm2d(filters, eps=1e-3, momentum=momentum) for filters in FILTERS]
@@ -87,7 +93,7 @@ def trunk(convolutions: Iterable[nn.Conv2d], momentum: float) -> nn.Sequential:
     )
 
 
-def start(net: nn.Module) -> None:
+def initialise(net: nn.Module) -> None:
     """Initialise as Keras does: Glorot uniform kernels, zero biases."""
     for module in net.modules():
         if isinstance(module, nn.Conv2d | nn.Linear):
@@ -102,7 +108,7 @@ def device() -> torch.device:
     return torch.device("cuda" if torch.cuda.is_available() else "cpu")
 
 
-def sent(tensor: Tensor, torch_device: torch.device) -> Tensor:
+def to_device(tensor: Tensor, torch_device: torch.device) -> Tensor:
     """Copy a tensor from the processor to a device, without waiting.
 
     Plain `to` waits for the copy, and for what runs on the device.

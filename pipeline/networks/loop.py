@@ -162,11 +162,11 @@ def fit(
     without a judge it is the last. Returns arrays as a model stores them: `best_epoch`, counted
     from 0, and for each of CURVES `curves/` (epoch,).
 
-    An epoch has `steps` batches. `learning_rate` is the highest that the schedule reaches; training
-    begins at a share `since` of the schedule. `fused` Adam rounds differently, but is much faster
-    for a network of many numbers. Every random draw of an epoch follows from the seed and the
-    epoch's number, so a run that goes on from `progress.checkpoint` gives the same weights as one
-    without interruption.
+    An epoch has `steps` batches. `learning_rate` is the highest that the schedule reaches. Training
+    enters the schedule at the share `since`, and ends with it. `fused` Adam rounds differently, but
+    is much faster for a network of many numbers. Every random draw of an epoch follows from the
+    seed and the epoch's number, so a run that goes on from `progress.checkpoint` gives the same
+    weights as one without interruption.
     """
     torch_device = next(net.parameters()).device
     fused = fused or torch_device.type == "cuda"
@@ -191,6 +191,7 @@ def fit(
             done_share = since + (1 - since) * (epoch + number / steps) / epochs
             return learning_rate * SCHEDULES[schedule](done_share)
 
+        # Trainings of two seeds share no draw: none has 2²⁰ epochs.
         torch.manual_seed((seed << 20) + epoch)
         order = torch.Generator().manual_seed((seed << 20) + epoch)
         net.train()
@@ -231,18 +232,18 @@ def _train_epoch(
     """
     # The sums stay on the device, since reading them waits for it.
     loss_sum = torch.zeros((), device=torch_device)
-    right = torch.zeros((), device=torch_device)
-    seen = 0
+    right_count = torch.zeros((), device=torch_device)
+    answer_count = 0
     for number, batch in enumerate(batches):
         optimizer.param_groups[0]["lr"] = rate(number)
-        loss, hits, count = step(answer, batch)
+        loss, right, count = step(answer, batch)
         optimizer.zero_grad(set_to_none=True)
         loss.backward()  # type: ignore[no-untyped-call]
         optimizer.step()
         loss_sum += loss.detach() * count
-        right += hits
-        seen += count
-    return float(loss_sum) / seen, float(right) / seen
+        right_count += right
+        answer_count += count
+    return float(loss_sum) / answer_count, float(right_count) / answer_count
 
 
 def _best_epoch(curves: NDArray[np.float64]) -> int:
@@ -250,25 +251,26 @@ def _best_epoch(curves: NDArray[np.float64]) -> int:
 
     The lowest held-out loss would be too early: it rises while the ranking still improves.
     """
-    return len(curves) - 1 - int(curves[::-1, 3].argmax())
+    held_out_accuracy = curves[:, CURVES.index("held_out_accuracy")]
+    return len(curves) - 1 - int(held_out_accuracy[::-1].argmax())
 
 
-def one_cycle(progress: float) -> float:
+def one_cycle(done_share: float) -> float:
     """The learning rate at a share of the training, as a share of its peak.
 
     It is a cosine from 4 % up to 1 at 30 % of the training, then down to nearly 0. By Smith and
     Topin, 2018: a short training needs the rate to fall at its end.
     """
-    if progress < 0.3:
-        return 0.52 - 0.48 * math.cos(math.pi * progress / 0.3)
-    return 0.5 + 0.5 * math.cos(math.pi * (progress - 0.3) / 0.7)
+    if done_share < 0.3:
+        return 0.52 - 0.48 * math.cos(math.pi * done_share / 0.3)  # from .52 − .48 to .52 + .48
+    return 0.5 + 0.5 * math.cos(math.pi * (done_share - 0.3) / 0.7)
 
 
 SCHEDULES: Mapping[Schedule, Callable[[float], float]] = {
     "one_cycle": one_cycle,
     # as PointNetVLAD's authors in 20 epochs
-    "stepped": lambda progress: 0.9 ** int(4 * progress),
-    "constant": lambda progress: 1.0,
+    "stepped": lambda done_share: 0.9 ** int(4 * done_share),
+    "constant": lambda done_share: 1.0,
 }
 """Each computes the learning rate at a share of the training, as a share of its peak."""
 

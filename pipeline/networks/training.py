@@ -1,6 +1,6 @@
 """Trains a classifier on the training day: views with their places in; a model out (METHODS 2).
 
-The steps of `learned`:
+The steps of `trained_model`:
 
 1. Hold out blocks of the path, and train on the other views (`fit`); the epoch is kept that answers
    most held-out views right.
@@ -106,8 +106,8 @@ class Training:
         trained = torch.from_numpy(rows)
         features, feature_rows = self.method.embed_training(self.net, self.heights, views, trained)
         remembered_arrays = self.method.remembered(self.images, views, places, trained)
-        views_known = KnownViews(features, places[feature_rows], self.xy_m[feature_rows])
-        return views_known, feature_rows, remembered_arrays
+        known_views = KnownViews(features, places[feature_rows], self.xy_m[feature_rows])
+        return known_views, feature_rows, remembered_arrays
 
     def evidence(self, rows: NDArray[np.int64], earlier: Model | None) -> tuple[float, Evidence]:
         """The temperature and the evidence of the held-out views, if `rows` are remembered.
@@ -119,6 +119,7 @@ class Training:
         if earlier_temperature is not None and not self.is_held_out.any():
             return earlier_temperature, Evidence.of(earlier or {})
         all_views, feature_rows, remembered_arrays = self.remembered(rows)
+        # The held-out views must not be found among those remembered.
         known_views = all_views.some(torch.isin(feature_rows, torch.from_numpy(rows)))
         images = self.images[self.is_held_out]
 
@@ -136,15 +137,15 @@ class Training:
             self.method.held_out_length_m,
         )
         softness, evidence = judge_held_out(
-            predict,
-            self.method.novelties,
-            held_out_views,
-            block,
-            self.place_xy_m,
-            known_views,
-            self.method.neighbour_m,
-            self.progress,
-            earlier_temperature,
+            predict=predict,
+            novelties=self.method.novelties,
+            held_out=held_out_views,
+            block=block,
+            place_xy_m=self.place_xy_m,
+            memory=known_views,
+            neighbour_m=self.method.neighbour_m,
+            progress=self.progress,
+            fallback=earlier_temperature,
         )
         if earlier is not None:
             evidence = Evidence.joined([Evidence.of(earlier), evidence])
@@ -157,7 +158,7 @@ class Training:
         known_views, _, remembered_arrays = self.remembered(rows)
         arrays = {
             "place_xy_m": self.place_xy_m,
-            "memory": known_views.seen.numpy(),
+            "memory": known_views.content.numpy(),
             "memory_xy_m": known_views.xy_m,
             "temperature": np.array(softness),
             "image_shape": np.array(self.images.shape[1:]),
@@ -171,7 +172,7 @@ class Training:
         }
 
 
-def learned(method: Classifier, data: TrainingSet, progress: Progress) -> Model:
+def trained_model(method: Classifier, data: TrainingSet, progress: Progress) -> Model:
     """Train on the views of the training day, and return the model."""
     is_held_out = blocks(method, data)
     trained = np.flatnonzero(~is_held_out)
@@ -180,7 +181,14 @@ def learned(method: Classifier, data: TrainingSet, progress: Progress) -> Model:
     with loop.reproducible(method.threads):
         torch.manual_seed(method.seed)
         net = method.network(int(data.places.max()) + 1, *data.views.images.shape[1:]).to(device())
-        training = Training(method, data, is_held_out, net, progress, method.step)
+        training = Training(
+            method=method,
+            data=data,
+            is_held_out=is_held_out,
+            net=net,
+            progress=progress,
+            step=method.step,
+        )
         curves = training.fit(trained, 1.0, judge=training.judge)
         softness, evidence = training.evidence(trained, None)
         if method.refit:
@@ -191,7 +199,7 @@ def learned(method: Classifier, data: TrainingSet, progress: Progress) -> Model:
 
 def blocks(method: Classifier, data: TrainingSet) -> NDArray[np.bool_]:
     """Which views (n,) are held out: blocks of the path, by the method's settings."""
-    places = np.unique(data.places, return_inverse=True)[1]
+    _, places = np.unique(data.places, return_inverse=True)  # numbered without gaps
     return holdout.blocks(
         data.views.world_T_anchor, places, method.held_out_every_m, method.held_out_length_m
     )

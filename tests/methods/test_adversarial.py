@@ -14,7 +14,7 @@ from torch import Tensor, nn
 
 from pipeline.core.errors import ArtifactError, ConfigError
 from pipeline.core.progress import Progress
-from pipeline.methods.pfl.adversarial import RIGHT, Training, _move, health, pixels, settle
+from pipeline.methods.pfl.adversarial import ACCURACY, Training, _take_step, health, pixels, settle
 from pipeline.methods.pfl.bigan import Decoder, Encoder, ImageDiscriminator, JointDiscriminator
 from pipeline.methods.pfl.game import OBJECTIVES, Game, Objective
 from pipeline.networks.loop import reproducible
@@ -185,7 +185,7 @@ def test_the_papers_encoder_and_decoder_take_one_step_down_the_sum_of_all_terms(
     assert all(slope.abs().max() > 0 for slope in slopes)  # eq. 7's and 9's move the encoder too
     before = game.encoder.dense.weight.detach().clone()
     optimizer = torch.optim.SGD(weights)
-    _move(optimizer, 0.1, sum(terms.values(), torch.zeros(())))  # type: ignore[arg-type]
+    _take_step(optimizer, 0.1, sum(terms.values(), torch.zeros(())))  # type: ignore[arg-type]
     torch.testing.assert_close(
         game.encoder.dense.weight.detach(), before - 0.1 * sum(slopes)[0], rtol=1e-4, atol=1e-7
     )
@@ -294,7 +294,7 @@ def test_the_last_round_is_kept_where_places_are_not_to_choose() -> None:
     last = replace(HOW, kept="last")
     game = small(OBJECTIVES["least_squares"])
     before = small(OBJECTIVES["least_squares"])
-    curves = train(game, judge=lambda game: {RIGHT: next(right)}, rounds=2, how=last)
+    curves = train(game, judge=lambda game: {ACCURACY: next(right)}, rounds=2, how=last)
     train(before, judge=lambda game: {"held_out_error": 1.0}, rounds=2)  # the last of equals
     assert (last.kept_round(curves), HOW.kept_round(curves)) == (1, 0)
     assert same(game.encoder, before.encoder)

@@ -14,7 +14,7 @@ import torch
 from torch import nn
 
 from pipeline.core.progress import Progress
-from pipeline.methods.pfl.adversarial import SETTLED
+from pipeline.methods.pfl.adversarial import SETTLING_BATCHES
 from pipeline.methods.pfl.game import OBJECTIVES
 from pipeline.methods.sci import Sci
 from pipeline.methods.sci_ring.sci_ring import SciRing
@@ -179,4 +179,4 @@ def test_no_iteration_of_the_game_waits_for_the_gpu(objective: str) -> None:
             lambda: method.play(game, adversarial.DATA, lambda game: {}, 1, iterations, Progress())
         )
 
-    assert waits_of(SETTLED) == waits_of(2 * SETTLED)
+    assert waits_of(SETTLING_BATCHES) == waits_of(2 * SETTLING_BATCHES)

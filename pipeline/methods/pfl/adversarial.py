@@ -26,11 +26,11 @@ from pipeline.core.settings import Count, Positive, Seed, Whole
 from pipeline.matching.sequences import SequenceMethod
 from pipeline.methods.pfl.game import Game, Turn
 from pipeline.networks import loop
-from pipeline.networks.lenet import sent
+from pipeline.networks.lenet import to_device
 
-RIGHT = "held_out_accuracy"
+ACCURACY = "held_out_accuracy"
 """The judge's number by which the best round is chosen, if it gives one."""
-SETTLED = 16
+SETTLING_BATCHES = 16
 """Number of batches from which the batch norms' running statistics are taken after a round."""
 BLACK = -1.0
 """A black pixel, as the networks take pixels: from −1 to 1."""
@@ -81,7 +81,8 @@ def settle(encoder: nn.Module, decoder: nn.Module, batches: Iterable[Tensor]) ->
 
 def pixels(images: NDArray[np.uint8] | Tensor, torch_device: torch.device) -> Tensor:
     """Bird-views (n, 64, 64) as networks take them: (n, 1, 64, 64) in [−1, 1]."""
-    return torch.as_tensor(images).to(torch_device)[:, None].float() / 127.5 - 1
+    grey = torch.as_tensor(images).to(torch_device)[:, None].float()  # from 0 to 255
+    return grey / 127.5 - 1
 
 
 @dataclass(frozen=True)
@@ -152,7 +153,7 @@ class Training(SequenceMethod):
         optimizers = self._optimizers(game)
         curves = dict[str, list[float]]()
         rounds_done = 0
-        best_weights = _maker_weights(game)
+        best_weights = _coder_weights(game)
         # Go on from a checkpoint, if there is one.
         if checkpoint := loop.resume(progress.checkpoint, game, optimizers):
             columns = loop.pop_prefixed(checkpoint, "curves/")
@@ -160,6 +161,7 @@ class Training(SequenceMethod):
             rounds_done = len(next(iter(curves.values())))
             best_weights = loop.pop_prefixed(checkpoint, loop.BEST)
         for number in progress.track(range(rounds_done, rounds), rounds - rounds_done, "train"):
+            # Trainings of two seeds share no draw: none has 2²⁰ rounds.
             torch.manual_seed((self.seed << 20) + number)
             batches = self._batches(len(data), iterations).to(torch_device)
 
@@ -172,7 +174,7 @@ class Training(SequenceMethod):
             settle(
                 game.encoder,
                 game.decoder,
-                (pixels(data[rows], torch_device) for rows in batches[:SETTLED]),
+                (pixels(data[rows], torch_device) for rows in batches[:SETTLING_BATCHES]),
             )
             game.eval()
             row = means | judge(game)
@@ -180,7 +182,7 @@ class Training(SequenceMethod):
             for name, value in row.items():
                 curves.setdefault(name, []).append(value)
             if self.kept_round(curves) == number:
-                best_weights = _maker_weights(game)
+                best_weights = _coder_weights(game)
             progress.note(epoch=number + 1, **row)
             if progress.checkpoint is not None:
                 further_tensors = _checkpoint_tensors(curves, best_weights)
@@ -200,7 +202,7 @@ class Training(SequenceMethod):
 
     def _batches(self, count: int, iterations: int) -> Tensor:
         """The rows (iteration, batch) of `count` images, in one random order after the other."""
-        passes = -(-iterations * self.batch // count)
+        passes = -(-iterations * self.batch // count)  # rounded up
         rows = torch.cat([torch.randperm(count) for _ in range(passes)])
         return rows[: iterations * self.batch].view(iterations, self.batch)
 
@@ -219,29 +221,29 @@ class Training(SequenceMethod):
         turns = game.turns()
         torch_device = data.device
         repeated_turns = [turn for turn in turns if turn.repeated] * self.generator_steps
-        order = [*(turn for turn in turns if not turn.repeated), *repeated_turns]
+        ordered_turns = [*(turn for turn in turns if not turn.repeated), *repeated_turns]
         zero = torch.zeros((), device=torch_device)
         means: dict[str, Tensor] = {}
         game.train()
         for iteration, rows in enumerate(batches if self.epochs else ()):
             real_images = pixels(data[rows], torch_device)
-            codes = sent(torch.randn(self.batch, self.code), torch_device)
-            for turn in order:
+            codes = to_device(torch.randn(self.batch, self.code), torch_device)
+            for turn in ordered_turns:
                 with loop.autocast(torch_device, self.precision):
                     terms = turn.terms(real_images, codes)
                 loss = sum(terms.values(), zero)
-                _move(optimizers[_optimizer_name(turn)], rate(iteration), loss)
-                times = len(batches) * (self.generator_steps if turn.repeated else 1)
+                _take_step(optimizers[_optimizer_name(turn)], rate(iteration), loss)
+                step_count = len(batches) * (self.generator_steps if turn.repeated else 1)
                 for name, term in terms.items():
-                    means[name] = means.get(name, zero) + term.detach() / times
+                    means[name] = means.get(name, zero) + term.detach() / step_count
         return {name: float(value) for name, value in means.items()}
 
     def kept_round(self, curves: Mapping[str, Sequence[float] | NDArray[np.float64]]) -> int:
         """The index of the round whose weights are kept, so far."""
         last = len(next(iter(curves.values()))) - 1
-        if self.kept == "last" or RIGHT not in curves:
+        if self.kept == "last" or ACCURACY not in curves:
             return last
-        return last - int(np.asarray(curves[RIGHT])[::-1].argmax())
+        return last - int(np.asarray(curves[ACCURACY])[::-1].argmax())  # of equals the last
 
 
 def _check_finite(row: Mapping[str, float], number: int) -> None:
@@ -269,8 +271,8 @@ def _optimizer_name(turn: Turn) -> str:
     return f"adam/{turn.name}"
 
 
-def _maker_weights(game: Game) -> dict[str, Tensor]:
-    """The present weights of the encoder and the decoder."""
+def _coder_weights(game: Game) -> dict[str, Tensor]:
+    """A copy of the present weights of the encoder and the decoder."""
     return {
         name: weights.clone()
         for name, weights in game.state_dict().items()
@@ -278,7 +280,7 @@ def _maker_weights(game: Game) -> dict[str, Tensor]:
     }
 
 
-def _move(optimizer: torch.optim.Optimizer, learning_rate: float, loss: Tensor) -> None:
+def _take_step(optimizer: torch.optim.Optimizer, learning_rate: float, loss: Tensor) -> None:
     """Take a step of an optimiser down a loss.
 
     Gradients are computed for its own weights only, not for those of the other networks.

@@ -48,7 +48,7 @@ def features(width: int, channels: int) -> nn.Sequential:
     )
 
 
-def start(net: nn.Module) -> None:
+def initialise(net: nn.Module) -> None:
     """Initialise as the authors do: weights N(0, 0.02), batch norms N(1, 0.02), zero biases."""
     for layer in net.modules():
         if isinstance(layer, nn.BatchNorm1d | nn.BatchNorm2d):
@@ -70,7 +70,7 @@ class Encoder(nn.Module):
         super().__init__()
         self.halvings = halvings(width, channels)
         self.dense = nn.Linear(128 * width, code)
-        start(self)
+        initialise(self)
 
     def forward(self, images: Tensor) -> Tensor:
         images = images.to(self.dense.weight.dtype, memory_format=torch.channels_last)
@@ -92,9 +92,10 @@ class Decoder(nn.Module):
         for inputs, outputs in pairwise((8 * width, 4 * width, 2 * width, width)):
             layers += [doubling(inputs, outputs), nn.BatchNorm2d(outputs), nn.ReLU(inplace=True)]
         self.doublings = nn.Sequential(*layers, doubling(width, channels), nn.Tanh())
-        start(self)
+        initialise(self)
 
     def forward(self, codes: Tensor) -> Tensor:
+        # 128 · width numbers are 8 · width channels of 4 × 4 pixels.
         small = (
             self.dense(codes)
             .view(len(codes), -1, 4, 4)
@@ -119,7 +120,7 @@ class ImageDiscriminator(nn.Module):
         super().__init__()
         self.features = features(width, channels)
         self.head: nn.Module = nn.Linear(16 * width, 1) if head == "scalar" else nn.Identity()
-        start(self)
+        initialise(self)
 
     def forward(self, images: Tensor) -> Tensor:
         scores: Tensor = self.head(
@@ -156,7 +157,7 @@ class JointDiscriminator(nn.Module):
             nn.Dropout(0.2),
             nn.Linear(joint_width, 1),
         )
-        start(self)
+        initialise(self)
 
     def forward(self, images: Tensor, codes: Tensor) -> Tensor:
         features = self.features(images.contiguous(memory_format=torch.channels_last))
@@ -164,7 +165,7 @@ class JointDiscriminator(nn.Module):
         return scores
 
 
-def folded(encoder: Encoder, kind: torch.dtype = torch.float32) -> Encoder:
+def folded(encoder: Encoder, weight_type: torch.dtype = torch.float32) -> Encoder:
     """A copy of an encoder that is faster, but cannot be trained, with weights of this type.
 
     Its batch norms are folded into the convolutions before them.
@@ -173,4 +174,4 @@ def folded(encoder: Encoder, kind: torch.dtype = torch.float32) -> Encoder:
     for index, block in enumerate(encoder.halvings):
         if isinstance(block, nn.Sequential):
             encoder.halvings[index] = fuse_conv_bn_eval(*block)
-    return encoder.to(kind)
+    return encoder.to(weight_type)

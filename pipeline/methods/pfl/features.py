@@ -23,7 +23,14 @@ from pipeline.matching.database import PREFIX as DATABASE
 from pipeline.matching.database import Database
 from pipeline.matching.headings import ReferenceHeadings, nearest_heading, reference_headings
 from pipeline.matching.ranking import Localizer, Model, Ranking, Rows, TrainingSet
-from pipeline.methods.pfl.adversarial import RIGHT, SETTLED, Health, Training, health, pixels
+from pipeline.methods.pfl.adversarial import (
+    ACCURACY,
+    SETTLING_BATCHES,
+    Health,
+    Training,
+    health,
+    pixels,
+)
 from pipeline.methods.pfl.bigan import (
     SIDE,
     Decoder,
@@ -85,10 +92,10 @@ class FeatureMethod(Training, ABC):
             nets = loop.arrays(game.encoder, ENCODER) | loop.arrays(game.decoder, DECODER)
             columns = {f"curves/{name}": column for name, column in curves.items()}
             model = {**nets, **columns, "best_epoch": np.array(self.kept_round(curves))}
-            seen = _spread(judged_images[:, 0], PICTURES)
+            shown_images = _spread(judged_images[:, 0], PICTURES)
             pictures = {
-                "pictures/seen": seen,
-                "pictures/reconstructed": self.reconstructed(model, seen),
+                "pictures/seen": shown_images,
+                "pictures/reconstructed": self.reconstructed(model, shown_images),
             }
             codes = self._codes(model, images)
         evidence = self.evidence(database, views, _difference(codes))
@@ -108,8 +115,9 @@ class FeatureMethod(Training, ABC):
     def _rounds(self, image_count: int, budget: float) -> tuple[int, int]:
         """Number of rounds, and of iterations in each, in a share `budget` of a full training."""
         if not self.epochs:  # one round without training, to settle the batch norms and to judge
-            return 1, SETTLED
+            return 1, SETTLING_BATCHES
         total = max(1, round(self.epochs * budget * image_count / self.batch))
+        # A share of 1 / ROUNDS, rounded up, within the bounds.
         iterations = max(LEAST_ITERATIONS, min(MOST_ITERATIONS, -(-total // ROUNDS)))
         iterations = min(total, iterations)
         return round(total / iterations), iterations
@@ -135,12 +143,13 @@ class FeatureMethod(Training, ABC):
             """The differences of rows from queries, by codes of the present encoder."""
             codes = encode(images[rows, headings].reshape(-1, SIDE, SIDE))
             reference = codes.reshape(len(rows), -1, self.code)
-            return nearest_heading(reference, encode(images[queries, 0]))[0]
+            distances, _ = nearest_heading(reference, encode(images[queries, 0]))
+            return distances
 
         @torch.inference_mode()
         def judge(game: Game) -> Health:
             right = self.evidence(database, views, difference).right
-            return {RIGHT: float(right.mean()), **health(game.encoder, game.decoder, held_out)}
+            return {ACCURACY: float(right.mean()), **health(game.encoder, game.decoder, held_out)}
 
         return judge
 
@@ -151,8 +160,9 @@ class FeatureMethod(Training, ABC):
         codes = model["codes"]
 
         def rank(views: Rows, k: int) -> Ranking:
-            differences, bins = nearest_heading(codes, describe(views))
-            return self.ranked(database, differences, k, bins * np.float32(360 / codes.shape[1]))
+            differences, headings = nearest_heading(codes, describe(views))
+            heading_deg = headings * np.float32(360 / codes.shape[1])
+            return self.ranked(database, differences, k, heading_deg)
 
         return rank
 
@@ -180,10 +190,11 @@ class FeatureMethod(Training, ABC):
     ) -> Model:
         """Add the new views to the database; the networks stay as they are."""
         all_data = TrainingSet.joined([known_set, new_set])
-        grown = self.moved(model, *all_data)
-        difference = _difference(grown["codes"])
-        evidence = self.evidence(Database.of(grown), all_data.views, difference)
-        return {**grown, **evidence.arrays()}
+        all_views, all_places = all_data
+        joined_model = self.moved(model, all_views, all_places)
+        difference = _difference(joined_model["codes"])
+        evidence = self.evidence(Database.of(joined_model), all_views, difference)
+        return {**joined_model, **evidence.arrays()}
 
     def encoder(self, model: Model) -> Callable[[NDArray[np.uint8]], NDArray[np.float32]]:
         """A function from images (n, 64, 64) to codes (n, code).
@@ -204,6 +215,7 @@ class FeatureMethod(Training, ABC):
         decoder = _trained(Decoder, model, DECODER)
         with loop.reproducible(self.threads):
             decoded = _batched(lambda images: decoder(encoder(images).float()))(images)
+        # From [−1, 1] back to 0 … 255.
         return ((decoded[:, 0] + 1) * 127.5).round().astype(np.uint8)
 
     def _codes(self, model: Model, images: NDArray[np.uint8]) -> NDArray[np.float16]:
@@ -226,18 +238,22 @@ def _difference(
     """
 
     def difference(rows: NDArray[np.int64], queries: NDArray[np.int64]) -> NDArray[np.float32]:
-        return nearest_heading(codes[rows], codes[queries, 0].astype(np.float32))[0]
+        query_codes = codes[queries, 0].astype(np.float32)
+        distances, _ = nearest_heading(codes[rows], query_codes)
+        return distances
 
     return difference
 
 
-def _trained(kind: Callable[[int, int, int], loop.Net], model: Model, prefix: str) -> loop.Net:
+def _trained(
+    network_class: Callable[[int, int, int], loop.Net], model: Model, prefix: str
+) -> loop.Net:
     """A model's encoder or decoder, ready to answer: batch norms use their running statistics.
 
     Width, channels and code length are those of the model, not of the method's settings.
     """
     width, channels = model[f"{ENCODER}halvings.0.0.weight"].shape[:2]
-    net = kind(width, channels, len(model[f"{ENCODER}dense.bias"]))
+    net = network_class(width, channels, len(model[f"{ENCODER}dense.bias"]))
     loop.fill(net, model, prefix)
     return net.eval().to(device())
 
@@ -259,9 +275,9 @@ def _batched(net: Callable[[Tensor], Tensor]) -> Callable[[NDArray[np.uint8]], N
     return answer
 
 
-def _spread(images: NDArray[np.uint8], most: int) -> NDArray[np.uint8]:
-    """Some of the images, `most` at most, evenly spread over all."""
-    rows = np.linspace(0, len(images) - 1, min(most, len(images))).astype(int)
+def _spread(images: NDArray[np.uint8], largest_count: int) -> NDArray[np.uint8]:
+    """Some of the images, `largest_count` at most, evenly spread over all."""
+    rows = np.linspace(0, len(images) - 1, min(largest_count, len(images))).astype(int)
     return np.asarray(images[rows])
 
 

@@ -74,8 +74,15 @@ class Objective:
 
 OBJECTIVES: Mapping[str, Objective] = {
     "least_squares": Objective(),
-    "bce": Objective("bce"),
-    "paper": Objective("minimax", 1.0, "reconstruction", 1.0, 1.0, summed=True),
+    "bce": Objective(loss="bce"),
+    "paper": Objective(
+        loss="minimax",
+        image=1.0,
+        fakes="reconstruction",
+        image_cycle=1.0,
+        code_cycle=1.0,
+        summed=True,
+    ),
     "author_code": Objective(code_cycle=0.0, head="vector"),
     "both_fakes": Objective(fakes="both"),
 }
@@ -110,17 +117,17 @@ class Game(nn.Module):
 
         Those of the generators may be taken several times, unless their terms are summed.
         """
-        makers = (self.encoder, self.decoder)
+        coders = (self.encoder, self.decoder)  # together, the generators of the joint game
         turns = [Turn("joint_discriminator", (self.joint,), self.judge_pairs)]
         if self.image is not None:
             turns.append(Turn("image_discriminator", (self.image,), self.judge_images))
         if self.objective.summed:
-            return [*turns, Turn("generators", makers, self.minimise)]
+            return [*turns, Turn("generators", coders, self.minimise)]
         if self.objective.image_cycle or self.objective.code_cycle:
-            turns.append(Turn("cycle", makers, self.reconstruct))
+            turns.append(Turn("cycle", coders, self.reconstruct))
         if self.image is not None:
             turns.append(Turn("image_generator", (self.decoder,), self.fool_images, repeated=True))
-        return [*turns, Turn("joint_generator", makers, self.fool_pairs, repeated=True)]
+        return [*turns, Turn("joint_generator", coders, self.fool_pairs, repeated=True)]
 
     def judge_pairs(self, images: Tensor, codes: Tensor) -> dict[str, Tensor]:
         """The joint discriminator's loss.

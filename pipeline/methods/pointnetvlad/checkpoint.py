@@ -61,7 +61,8 @@ def read_checkpoint(prefix: Path) -> dict[str, NDArray[Any]]:
     path = index_path(prefix)
     try:
         messages = dict(_entries(path.read_bytes()))
-        shards = int(messages.pop("").get(1, [1])[0])
+        header = messages.pop("")  # BundleHeaderProto, whose first field is the number of shards
+        shards = int(header.get(1, [1])[0])
         tensor_entries = {name: _entry(message) for name, message in messages.items()}
     except (IndexError, KeyError, TypeError, UnicodeDecodeError, ValueError) as error:
         raise ConfigError(
@@ -95,7 +96,11 @@ def _tensor(prefix: Path, shards: int, name: str, entry: Entry) -> NDArray[Any]:
 
 
 def _entry(message: Message) -> Entry:
-    """The entry of a tensor, from the protobuf message BundleEntryProto."""
+    """The entry of a tensor, from the protobuf message BundleEntryProto.
+
+    Its fields are 1 dtype, 2 shape, 3 shard, 4 offset and 5 size. In the shape, field 2 has the
+    dimensions, each a message whose field 1 is the size.
+    """
     shape_message = _message(_bytes(message.get(2, [b""])[0]))
     dimensions = [_message(_bytes(dimension)) for dimension in shape_message.get(2, [])]
     return Entry(
@@ -141,9 +146,10 @@ def _block(table: bytes, offset: int, size: int) -> Iterator[tuple[bytes, bytes]
     An entry is how much of the key it shares with the one before, how long the rest of the key and
     the value are, and both.
     """
-    if table[offset + size] != 0:
+    if table[offset + size] != 0:  # the byte behind a block is its kind of compression
         raise ValueError("its blocks are compressed, which TensorFlow's are not")
     block = table[offset : offset + size]
+    # At its end are the offsets of the entries with whole keys, and their number, of 4 bytes each.
     restarts = int.from_bytes(block[-4:], "little")
     end = size - 4 * (restarts + 1)
     at = 0
@@ -165,7 +171,7 @@ def _message(data: bytes) -> Message:
     fields: Message = {}
     at = 0
     while at < len(data):
-        tag, at = _varint(data, at)
+        tag, at = _varint(data, at)  # the number, then three bits of the wire type
         wire_type = tag & 7
         value: int | bytes
         if wire_type == 0:

@@ -82,7 +82,7 @@ class Describer(nn.Module):
         return 0 if seen is None else int(seen)
 
 
-def folded(net: nn.Module, kind: torch.dtype = torch.float32) -> nn.Module:
+def folded(net: nn.Module, weight_type: torch.dtype = torch.float32) -> nn.Module:
     """A copy of a network that is several times faster, but cannot be trained.
 
     Its batch norms are folded into the dense layers before them, whose weights are of this type;
@@ -97,5 +97,5 @@ def folded(net: nn.Module, kind: torch.dtype = torch.float32) -> nn.Module:
                 setattr(parent, name, fuse_linear_bn_eval(*child))
     for layer in net.modules():
         if isinstance(layer, nn.Linear):
-            layer.to(kind)
+            layer.to(weight_type)
     return net

@@ -144,8 +144,9 @@ class PointNetVlad(DescriptorMethod):
             descriptors = np.concatenate(
                 [model["descriptors"], self._model_describer(model)(clouds)]
             )
-        database = Database.learned(*all_data)
-        evidence = database.evidence(euclidean(descriptors), all_data.views, self)
+        all_views, all_places = all_data
+        database = Database.learned(all_views, all_places)
+        evidence = database.evidence(euclidean(descriptors), all_views, self)
         return {**model, "descriptors": descriptors, **database.arrays(), **evidence.arrays()}
 
     def _model_describer(
@@ -218,22 +219,23 @@ class _Training:
         self.method = method
         self.net = net
         self.clouds = clouds
-        self.part = clouds[:, : method.train_points]
+        self.train_clouds = clouds[:, : method.train_points]
         self.database = database
         self.rows = np.flatnonzero(~is_held_out)
         # A path too short for held-out blocks is judged on its trained rows.
         self.judged_rows = np.flatnonzero(is_held_out) if is_held_out.any() else self.rows
-        self.gap_m = cdist(database.xy_m[self.judged_rows], database.xy_m[self.rows])
+        self.distances_m = cdist(database.xy_m[self.judged_rows], database.xy_m[self.rows])
         self.tuples = Tuples(
-            database.xy_m[self.rows],
-            method.positive_m,
-            method.negative_m,
-            method.positives,
-            method.negatives,
-            method.hard_negatives,
+            xy_m=database.xy_m[self.rows],
+            positive_m=method.positive_m,
+            negative_m=method.negative_m,
+            positives=method.positives,
+            negatives=method.negatives,
+            hard=method.hard_negatives,
         )
         self.queries = self.tuples.queries()
         total = max(1, round(method.epochs * budget * len(self.queries) / method.batch))
+        # A share of 1 / ROUNDS, rounded up, within the bounds.
         self.steps = min(total, max(LEAST_STEPS, min(MOST_STEPS, -(-total // ROUNDS))))
         self.rounds = round(total / self.steps)
         self.descriptors: NDArray[np.float32] | None = None
@@ -269,10 +271,10 @@ class _Training:
         descriptors = None
         if self.net.steps() >= WARM_UP * self.rounds * self.steps:
             if self.descriptors is None:  # after an interruption
-                self.descriptors = self.method.cloud_describer(self.net)(self.part)
+                self.descriptors = self.method.cloud_describer(self.net)(self.train_clouds)
             descriptors = self.descriptors[self.rows]
         query_count = self.steps * self.method.batch
-        passes = -(-query_count // len(self.queries))
+        passes = -(-query_count // len(self.queries))  # rounded up
         shuffled = np.concatenate([rng.permutation(self.queries) for _ in range(passes)])
         for queries in shuffled[:query_count].reshape(self.steps, self.method.batch):
             drawn = [self.tuples.draw(query, rng, descriptors) for query in queries]
@@ -296,7 +298,7 @@ class _Training:
     def step(self, answer: Callable[[Tensor], Tensor], batch: Tensor) -> tuple[Tensor, Tensor, int]:
         """The loss of a batch, how many of its tuples are right, and of how many."""
         method = self.method
-        tuple_size = 2 + method.positives + method.negatives
+        tuple_size = 1 + method.positives + method.negatives + 1  # the query, …, and n*
         descriptors = answer(batch).view(method.batch, tuple_size, -1)
         loss, right = lazy_quadruplet(
             descriptors, method.positives, method.margin, method.margin_star
@@ -312,16 +314,19 @@ class _Training:
         margin = self.method.margin
         positive_m = self.method.positive_m
         places = self.database.places
-        self.descriptors = self.method.cloud_describer(net)(self.part)
-        distances = cdist(
+        self.descriptors = self.method.cloud_describer(net)(self.train_clouds)
+        differences = cdist(
             self.descriptors[self.judged_rows], self.descriptors[self.rows], "sqeuclidean"
         )
-        distances[self.judged_rows[:, None] == self.rows] = np.inf
-        to_positive = np.where(self.gap_m <= positive_m, distances, np.inf).min(axis=1)
-        to_negative = np.where(self.gap_m > positive_m, distances, np.inf).min(axis=1)
+        differences[self.judged_rows[:, None] == self.rows] = np.inf  # a row is not its own answer
+        to_positive = np.where(self.distances_m <= positive_m, differences, np.inf).min(axis=1)
+        to_negative = np.where(self.distances_m > positive_m, differences, np.inf).min(axis=1)
+        # Squared distances of descriptors of length 1 are 4 at most. So much is lost by a row that
+        # has no positive.
         losses = np.clip(margin + to_positive - to_negative, 0, margin + 4)
-        right = places[self.rows[distances.argmin(axis=1)]] == places[self.judged_rows]
-        return float(losses.mean()), float(right.mean())
+        nearest_rows = self.rows[differences.argmin(axis=1)]
+        is_right = places[nearest_rows] == places[self.judged_rows]
+        return float(losses.mean()), float(is_right.mean())
 
 
 def _clouds(views: Rows) -> NDArray[np.float16]:

@@ -15,7 +15,7 @@ import torch
 from torch import Tensor, nn
 
 from pipeline.core.errors import InputError
-from pipeline.networks.lenet import FILTERS, start, trunk
+from pipeline.networks.lenet import FILTERS, initialise, trunk
 
 POOLED = 8
 """Columns of the image to a sector of the features, since three layers pool by two. A heading is a
@@ -35,10 +35,11 @@ class RingConv(nn.Conv2d):
         super().__init__(channels, filters, (5, span), padding=(2, 0))
 
     def forward(self, images: Tensor) -> Tensor:
-        beyond = self.kernel_size[1] // 2
+        # Put as many sectors of the other end on either side as the kernel reaches beyond it.
+        reach = self.kernel_size[1] // 2
         sectors = images.shape[3]
         return super().forward(
-            torch.cat([images[..., sectors - beyond :], images, images[..., :beyond]], dim=3)
+            torch.cat([images[..., sectors - reach :], images, images[..., :reach]], dim=3)
         )
 
 
@@ -81,23 +82,25 @@ class Ring(nn.Module):
         sizes = zip(pairwise((channels, *FILTERS)), SPANS, strict=True)
         self.features = trunk((RingConv(*filters, span) for filters, span in sizes), momentum)
         self.headings = sectors // POOLED
-        column = 256 * (rings // POOLED)
-        self.fc1 = nn.Parameter(torch.empty(self.headings, 64, column))
-        """(slice, 64, column) FC1's slices; a column has the channels of all rings of a sector."""
+        column_size = FILTERS[-1] * (rings // POOLED)
+        self.fc1 = nn.Parameter(torch.empty(self.headings, 64, column_size))
+        """(slice, 64, column_size) FC1's slices; a column has the channels of all rings of a
+        sector."""
         self.fc1_bias = nn.Parameter(torch.zeros(64))
         self.fc2 = nn.Linear(64, places)
         self.dropout = nn.Dropout(dropout)
-        bound = (6 / (self.headings * column + 64)) ** 0.5
+        bound = (6 / (self.headings * column_size + 64)) ** 0.5  # Glorot's, of inputs and outputs
         nn.init.uniform_(self.fc1, -bound, bound)
-        start(self)
-        heading = torch.arange(self.headings)
-        seen = (heading - heading[:, None]) % self.headings
-        self.register_buffer("by_slice", seen * self.headings + heading, persistent=False)
-        self.register_buffer(
-            "by_sector",
-            heading * self.headings + (heading + heading[:, None]) % self.headings,
-            persistent=False,
-        )
+        initialise(self)
+        # Product number sector · headings + slice; at heading h, slice s looks at sector s − h.
+        index = torch.arange(self.headings)
+        heading = index[:, None]
+        sector_of_slice = (index - heading) % self.headings
+        by_slice = sector_of_slice * self.headings + index
+        slice_of_sector = (index + heading) % self.headings
+        by_sector = index * self.headings + slice_of_sector
+        self.register_buffer("by_slice", by_slice, persistent=False)
+        self.register_buffer("by_sector", by_sector, persistent=False)
 
     def forward(self, images: Tensor, arc: int = 0) -> Tensor:
         """Logits (batch, 1 + arcs, heading, places) of whole images, then without each arc.
@@ -107,7 +110,7 @@ class Ring(nn.Module):
         sum.
         """
         if not arc:
-            return self.place(self.embed(images))[:, None]
+            return self.place_logits(self.embed(images))[:, None]
         # Sums of the first sectors, twice around the circle, so that an arc may wrap.
         products = self.products(images)[:, self.by_sector].repeat(1, 1, 2, 1)
         sum_up_to = nn.functional.pad(products.cumsum(2), (0, 0, 1, 0))
@@ -116,7 +119,7 @@ class Ring(nn.Module):
         arc_starts = sum_up_to[:, :, : self.headings]
         without_arc = whole_sum - arc_ends + arc_starts
         sums = torch.cat([whole_sum, without_arc], dim=2).transpose(1, 2)
-        return self.place(sums + self.fc1_bias)
+        return self.place_logits(sums + self.fc1_bias)
 
     def embed(self, images: Tensor) -> Tensor:
         """FC1's output at each heading (batch, heading, 64)."""
@@ -133,7 +136,7 @@ class Ring(nn.Module):
         products = nn.functional.linear(columns, self.fc1.flatten(0, 1)).float()
         return products.view(len(images), self.headings**2, 64)
 
-    def place(self, embedded: Tensor) -> Tensor:
+    def place_logits(self, embedded: Tensor) -> Tensor:
         """Logits (…, places) from FC1's output (…, 64)."""
         logits: Tensor = self.fc2(self.dropout(embedded))
         return logits

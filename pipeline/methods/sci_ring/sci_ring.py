@@ -25,7 +25,7 @@ from pipeline.networks.circle import circular_mean_deg, neighbours, rolled
 from pipeline.networks.classifier import Kinds
 from pipeline.networks.evidence import Prediction
 from pipeline.networks.learner import Learner
-from pipeline.networks.lenet import device, sent
+from pipeline.networks.lenet import device, to_device
 from pipeline.networks.plain import HEADING_SOFTNESS
 
 
@@ -71,7 +71,7 @@ class SciRing(Learner):
     ) -> tuple[loop.Batches[Batch], int]:
         """The batches of an epoch: every trained view once, shuffled and turned at random."""
         sectors = heights.shape[2]
-        columns = self._columns(views, sectors).to(device())
+        yaw_columns = self._yaw_columns(views, sectors).to(device())
         heights, places, trained = (part.to(device()) for part in (heights, places, trained))
         widest = min(self.widest_arc, sectors // POOLED - 1) if self.worst_arc else 0
 
@@ -80,15 +80,15 @@ class SciRing(Learner):
             for rows in torch.split(shuffled, self.batch):
                 if len(rows) > 1 or len(trained) == 1:  # batch norms need two images
                     turns = torch.randint(sectors, (len(rows),), generator=order)
-                    turns = sent(turns, device())
+                    turns = to_device(turns, device())
                     arc = int(torch.randint(1, widest + 1, (), generator=order)) if widest else 0
-                    headings = (columns[rows] - turns) / POOLED
+                    headings = (yaw_columns[rows] - turns) / POOLED
                     images = self.images(rolled(heights[rows], turns))
                     yield Batch(images, places[rows], arc, headings)
 
         return epoch, -(-len(trained) // self.batch)
 
-    def _columns(self, views: Rows, sectors: int) -> Tensor:
+    def _yaw_columns(self, views: Rows, sectors: int) -> Tensor:
         """The yaw (n,) of training views in columns, with the noise of `yaw_noise_deg`."""
         random = np.random.default_rng(self.seed)
         noise_deg = random.normal(0, self.yaw_noise_deg, len(views.world_T_anchor))
@@ -104,13 +104,14 @@ class SciRing(Learner):
         logits = answer(batch.images, batch.arc).float()  # (b, 1 + arcs, heading, place)
         places = batch.places
         lower, upper, share = neighbours(batch.headings, logits.shape[2])
-        each = torch.arange(len(places), device=places.device)
-        at_lower = logits[each, :, lower, places]
-        at_upper = logits[each, :, upper, places]
-        target = at_lower.lerp(at_upper, share[:, None])
-        costs = logits.flatten(2).logsumexp(2) - target  # (b, 1 + arcs)
+        image = torch.arange(len(places), device=places.device)
+        lower_logits = logits[image, :, lower, places]
+        upper_logits = logits[image, :, upper, places]
+        true_logits = lower_logits.lerp(upper_logits, share[:, None])
+        costs = logits.flatten(2).logsumexp(2) - true_logits  # (b, 1 + arcs)
         right = (logits[:, 0].logsumexp(1).argmax(1) == places).sum()
-        return costs[:, 0].lerp(costs.amax(1), self.worst_arc).mean(), right, len(places)
+        loss = costs[:, 0].lerp(costs.amax(1), self.worst_arc).mean()
+        return loss, right, len(places)
 
     def whole(self, logits: Tensor) -> Tensor:
         """The logits (n, heading, places) of images without a missing arc."""
@@ -128,15 +129,15 @@ class SciRing(Learner):
         outputs = []
         for rows in torch.split(torch.arange(len(heights)), self.batch):
             embedded = self.embedded(net, heights[rows])
-            logits = net.place(embedded)
+            logits = net.place_logits(embedded)
             if forgotten is not None:
                 logits = logits.masked_fill(forgotten[rows].to(torch_device)[:, None], -torch.inf)
             scores = logits.logsumexp(1)
-            each = torch.arange(len(rows), device=embedded.device)
+            image = torch.arange(len(rows), device=embedded.device)
             heading_deg = circular_mean_deg((logits / HEADING_SOFTNESS).softmax(1))
-            first_heading = heading_deg[each, scores.argmax(1)] * (net.headings / 360)
+            first_heading = heading_deg[image, scores.argmax(1)] * (net.headings / 360)
             lower, upper, share = neighbours(first_heading, net.headings)
-            features = embedded[each, lower].lerp(embedded[each, upper], share[:, None])
+            features = embedded[image, lower].lerp(embedded[image, upper], share[:, None])
             outputs.append((scores, nn.functional.normalize(features), heading_deg))
         return Prediction(*(torch.cat(parts).cpu() for parts in zip(*outputs, strict=True)))
 
@@ -146,8 +147,8 @@ class SciRing(Learner):
     ) -> tuple[Tensor, Tensor]:
         """Features of every view, held-out ones included, turned to face +x."""
         net.eval()
-        north = rolled(heights, self._columns(views, heights.shape[2]).round().long())
-        parts = [self.embedded(net, part)[:, 0] for part in torch.split(north, self.batch)]
+        facing_x = rolled(heights, self._yaw_columns(views, heights.shape[2]).round().long())
+        parts = [self.embedded(net, part)[:, 0] for part in torch.split(facing_x, self.batch)]
         return nn.functional.normalize(torch.cat(parts)).cpu(), torch.arange(len(heights))
 
     def remembered(
@@ -158,7 +159,7 @@ class SciRing(Learner):
         return Outlines(
             outlines(images[rows]),
             places[rows],
-            self._columns(views, images.shape[2]).numpy()[rows],
+            self._yaw_columns(views, images.shape[2]).numpy()[rows],
         ).arrays()
 
     def reranked(
