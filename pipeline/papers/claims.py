@@ -52,6 +52,7 @@ class Claim:
     """Decimals of its numbers on the page."""
 
 
+# The sides: table, study and method, then what differs from the defaults of `Side`.
 SCI_IN_FULL = Side("nway", "campus", "sci")
 SCI_ENTROPY = replace(SCI_IN_FULL, number="auroc", kind="entropy")
 SCI_CUT_SHORT = Side("compare", "campus", "sci")
@@ -69,7 +70,15 @@ SCI_1_WAY, SCI_1_WAY_200 = (
     replace(SCI_IN_FULL, variant=variant) for variant in ("1way", "1way200")
 )
 PFL, AFL, SAD = (
-    Side("street", "suburb", method, "accuracy", "distance", change=VIEWPOINT, level=None)
+    Side(
+        "street",
+        "suburb",
+        method,
+        number="accuracy",
+        protocol="distance",
+        change=VIEWPOINT,
+        level=None,
+    )
     for method in ("pfl", "afl", "sad")
 )
 PFL_ROC, AFL_ROC, SAD_ROC = (replace(side, number="roc_auc") for side in (PFL, AFL, SAD))
@@ -79,7 +88,7 @@ PFL_ERROR, AFL_ERROR = (
 )
 BLACK_IMAGE = replace(PFL_ERROR, number=BLACK_ERROR)
 SCI_MS, M2DP_MS, POINTNETVLAD_MS, SCAN_CONTEXT_MS, PFL_MS = (
-    Side("compare", "campus", method, "query_ms", "")
+    Side("compare", "campus", method, number="query_ms", protocol="")
     for method in ("sci", "m2dp", "pointnetvlad", "scan_context", "pfl")
 )
 
@@ -176,7 +185,7 @@ CLAIMS = (
         is_below(
             replace(PFL, number="bytes_per_place", change=OF_ALL, level=0.0),
             PLACE_CODE_B,
-            1 / CODES_OF_A_PLACE,
+            factor=1 / CODES_OF_A_PLACE,
         ),
         digits=0,
     ),

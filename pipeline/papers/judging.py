@@ -68,8 +68,8 @@ def is_ahead(
         difference = difference_of(estimate, strongest_estimate, factor)
         if sign < 0:
             difference = _negative(difference)
-        of_seeds = _differences_by_seed(numbers, reference, factor, sign)
-        verdict, reason = by_interval(difference, of_seeds, noise)
+        seed_differences = _differences_by_seed(numbers, reference, factor, sign)
+        verdict, reason = by_interval(difference, seed_differences, noise)
         return Outcome(
             verdict,
             reason,
@@ -96,11 +96,12 @@ def keeps_less(altered: Side, driven: Side, least: float = KEPT_WHOLE) -> Measur
         if outcome.reason == "missing" or kept.empty:
             return outcome
         value, low, high = mean(kept)
-        lost = Estimate(least - value, least - high, least - low)
-        of_seeds = least - kept["value"].groupby("seed").mean()
-        verdict, reason = by_interval(lost, of_seeds.tolist())
+        # Above 0 if less than the share is kept; the bounds change places.
+        shortfall = Estimate(least - value, least - high, least - low)
+        seed_shortfalls = least - kept["value"].groupby("seed").mean()
+        verdict, reason = by_interval(shortfall, seed_shortfalls.tolist())
         reason = "seed" if reason == "seed" else "paired"
-        return replace(outcome, verdict=verdict, reason=reason, difference=lost)
+        return replace(outcome, verdict=verdict, reason=reason, difference=shortfall)
 
     return measure
 

@@ -28,7 +28,7 @@ VIEWPOINT = "viewpoint"
 OF_ALL = "viewpoint of all"
 """Values of the column `change`, for a sequence that is matched with itself: at one heading, and at
 all headings together."""
-CLEARLY = 1.5
+CLEAR_FACTOR = 1.5
 """Medians of times, which have no interval, differ clearly if they do by this factor."""
 SIDE_COLUMNS = ("study", "method", "number", "protocol", "variant", "grid", "kind", "change")
 """The columns in which a side names its rows."""
@@ -88,7 +88,7 @@ class Estimate(NamedTuple):
     high: float = np.nan
 
 
-NOTHING = Estimate()
+NO_ESTIMATE = Estimate()
 
 
 class Tables:
@@ -107,6 +107,7 @@ class Tables:
         frame = self.frames.get(side.table)
         if frame is None:
             return pd.DataFrame(columns=["value", "low", "high"])
+        # No side is of a stress sequence, nor of walls that hide what is behind them.
         wanted = {"stress": "", "shadow": False} | {
             name: getattr(side, name) for name in SIDE_COLUMNS
         }
@@ -130,7 +131,7 @@ class Outcome:
     """Why, as a key of `reasons` in templates/words.yaml."""
     sides: tuple[tuple[Side, Estimate], ...] = ()
     """The sides that were compared, with their numbers."""
-    difference: Estimate = NOTHING
+    difference: Estimate = NO_ESTIMATE
     """Their difference, above 0 if the paper is right."""
     seeds: int = 0
     """Number of seeds that were compared."""
@@ -175,19 +176,22 @@ def common(numbers: pd.DataFrame, other: pd.DataFrame) -> tuple[pd.DataFrame, pd
 
 
 def by_interval(
-    difference: Estimate, of_seeds: Sequence[float], noise: float = ONE_SEED
+    difference: Estimate, seed_differences: Sequence[float], noise: float = ONE_SEED
 ) -> tuple[str, str]:
     """Verdict and reason of a difference with an interval.
 
-    It is decided if the interval excludes 0, and if the differences `of_seeds` all have its sign; a
-    single seed must exceed `noise` too, which is what another seed may make.
+    It is decided if the interval excludes 0, and if the differences of the seeds all have its sign.
+    A single seed must exceed `noise` too: as much as another seed may change.
     """
     value, low, high = difference
     if not (low > 0 or high < 0):
         return UNDECIDED, "across"
     sign = 1 if low > 0 else -1
-    least = noise if len(of_seeds) < 2 else 0.0
-    if min(sign * value, *(sign * of_seed for of_seed in of_seeds)) <= least:
+    least = noise if len(seed_differences) < 2 else 0.0
+    if (
+        min(sign * value, *(sign * seed_difference for seed_difference in seed_differences))
+        <= least
+    ):
         return UNDECIDED, "seed"
     return (SHOWN if sign > 0 else CONTRADICTED), "interval"
 
@@ -203,9 +207,9 @@ def everywhere(differences: Sequence[float], noise: float = 0.0) -> tuple[str, s
 def in_order(values: Sequence[float]) -> tuple[str, str]:
     """Verdict and reason of values that should ascend.
 
-    It is contradicted if one is below the one before by a factor of more than CLEARLY.
+    It is contradicted if one is below the one before by a factor of more than CLEAR_FACTOR.
     """
     ratios = np.asarray(values[1:], np.float64) / np.asarray(values[:-1], np.float64)
     if (ratios > 1).all():
         return SHOWN, "order"
-    return (CONTRADICTED, "order") if (ratios * CLEARLY < 1).any() else (UNDECIDED, "order")
+    return (CONTRADICTED, "order") if (ratios * CLEAR_FACTOR < 1).any() else (UNDECIDED, "order")
