@@ -45,7 +45,7 @@ from pipeline.level.field import Field
 from pipeline.level.fix import LevelFixer
 from pipeline.level.held_out import LevelHeldOut, Sweeps
 from pipeline.level.level_map import Drawing
-from pipeline.level.search import scores, search
+from pipeline.level.search import mean_likelihoods, search
 from pipeline.level.sweeps import OVER_M, Gatherer, single
 from pipeline.level.verdict import (
     RIGHT_DEG,
@@ -211,14 +211,14 @@ def is_log_in_doubt(sweeps: Sweeps, row: int) -> bool:
     steps_m = np.arange(-LOG_M, LOG_M + field.cell_m / 2, field.cell_m)
     off_m = np.stack(np.meshgrid(steps_m, steps_m), axis=-1).reshape(-1, 2)
     logged = np.array([[*grid_T_sweep[:2, 3], heading_rad]])
-    least = scores(field, hits_m, logged)[0] + LOG_OFF
+    least = mean_likelihoods(field, hits_m, logged)[0] + LOG_OFF
     for turn_deg in np.arange(-LOG_DEG, LOG_DEG + 0.5):
         turned = np.full((len(off_m), 1), heading_rad + np.deg2rad(turn_deg))
         poses = np.hstack([grid_T_sweep[:2, 3] + off_m, turned])
         is_other = np.linalg.norm(off_m, axis=1) > RIGHT_M / 2
         if abs(turn_deg) > RIGHT_DEG / 2:
             is_other[:] = True
-        if is_other.any() and scores(field, hits_m, poses[is_other]).max() > least:
+        if is_other.any() and mean_likelihoods(field, hits_m, poses[is_other]).max() > least:
             return True
     return False
 

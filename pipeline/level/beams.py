@@ -48,14 +48,14 @@ class Support:
 def supports(field: Field, gathered: Gathered, poses: NDArray[np.float64]) -> list[Support]:
     """Support of each of the poses (k, 3): x, y in metres and heading in radians, in the grid."""
     count = len(gathered.ends_m)
-    spread = np.linspace(0, max(count - 1, 0), min(BEAMS, count)).round().astype(int)
+    followed = np.linspace(0, max(count - 1, 0), min(BEAMS, count)).round().astype(int)
     shares = _shares(
         field.distance_m,
         field.walls,
         field.free,
         field.cell_m,
-        gathered.starts_m[spread],
-        gathered.ends_m[spread],
+        gathered.starts_m[followed],
+        gathered.ends_m[followed],
         poses,
     )
     return [Support(*map(float, row)) for row in shares]
@@ -63,7 +63,7 @@ def supports(field: Field, gathered: Gathered, poses: NDArray[np.float64]) -> li
 
 @njit(cache=True, nogil=True)
 def _shares(distance_m, walls, free, cell_m, starts_m, ends_m, poses):  # type: ignore[no-untyped-def]
-    """Shares (k, 3) of beams that are explained, that end in free space, that pass a wall."""
+    """Shares (k, 3) of beams for each pose; the columns are the fields of Support, in its order."""
     rows, cols = walls.shape
     counts = np.zeros((len(poses), 3))
     for number in range(len(poses)):
@@ -79,7 +79,7 @@ def _shares(distance_m, walls, free, cell_m, starts_m, ends_m, poses):  # type: 
             if _passes_wall(distance_m, walls, start_x, start_y, end_x, end_y):
                 counts[number, 2] += 1
                 continue
-            wall_m = distance_at(distance_m, end_x, end_y, FARTHEST_M)[0]
+            wall_m, _, _ = distance_at(distance_m, end_x, end_y, FARTHEST_M)
             is_on_map = 0 <= end_x < cols and 0 <= end_y < rows
             if wall_m < EXPLAINED_M:
                 counts[number, 0] += 1

@@ -76,8 +76,8 @@ class Field:
         return np.asarray(np.rint(255 * likelihood).astype(np.uint8))
 
     @cached_property
-    def stands(self) -> NDArray[np.bool_]:
-        """(row, col) True where a robot may stand."""
+    def can_stand(self) -> NDArray[np.bool_]:
+        """(row, col) True where a robot can stand."""
         reach = int(np.ceil(STAND_M / self.cell_m))
         y, x = np.ogrid[-reach : reach + 1, -reach : reach + 1]
         disc = x**2 + y**2 <= (STAND_M / self.cell_m) ** 2
@@ -104,8 +104,8 @@ class Pyramid:
     values of neighbouring blocks are neighbours in memory."""
     block_cols: int
     """How many blocks there are in a row."""
-    stands: NDArray[np.uint8]
-    """(level, row, col) 1 where a robot may stand in some cell of such a square, else 0."""
+    can_stand: NDArray[np.uint8]
+    """(level, row, col) 1 where a robot can stand in some cell of such a square, else 0."""
 
     @classmethod
     def of(cls, field: Field) -> Self:
@@ -119,8 +119,8 @@ class Pyramid:
         unknown = round(255 * UNKNOWN_SHARE)
         likelihood = np.full((rows, cols), unknown, np.uint8)
         likelihood[inside] = field.likelihood
-        stands = np.zeros((rows, cols), np.uint8)
-        stands[inside] = field.stands
+        can_stand = np.zeros((rows, cols), np.uint8)
+        can_stand[inside] = field.can_stand
         levels = _maxima(likelihood, unknown)
         phases = (
             levels[-1]
@@ -128,7 +128,9 @@ class Pyramid:
             .transpose(1, 3, 0, 2)
             .reshape(block, block, -1)
         )
-        return cls(margin, levels, np.ascontiguousarray(phases), cols // block, _maxima(stands, 0))
+        return cls(
+            margin, levels, np.ascontiguousarray(phases), cols // block, _maxima(can_stand, 0)
+        )
 
 
 def _rounded_up(side: int, block: int) -> int:
@@ -136,16 +138,16 @@ def _rounded_up(side: int, block: int) -> int:
     return -(-side // block) * block
 
 
-def _maxima(lowest: NDArray[np.uint8], beyond: int) -> NDArray[np.uint8]:
+def _maxima(values: NDArray[np.uint8], beyond: int) -> NDArray[np.uint8]:
     """(level, row, col) the maxima over squares of 2**level cells a side, from each cell on.
 
-    Values are (row, col); outside they are `beyond`.
+    `values` are (row, col); outside they are `beyond`.
     """
-    levels = [lowest]
+    levels = [values]
     for level in range(LEVELS):
-        below = levels[-1]
-        half = 2**level
-        padded = np.pad(below, ((0, half), (0, half)), constant_values=beyond)
+        finer = levels[-1]
+        half = 2**level  # a square is four of the finer level, this far apart
+        padded = np.pad(finer, ((0, half), (0, half)), constant_values=beyond)
         along = np.maximum(padded[:, :-half], padded[:, half:])
         levels.append(np.maximum(along[:-half], along[half:]))
     return np.stack(levels)
@@ -168,6 +170,7 @@ def distance_at(distance_m, x, y, farthest_m):  # type: ignore[no-untyped-def]
     `farthest_m`. Slopes are metres per cell.
     """
     rows, cols = distance_m.shape
+    # from here on x and y count from the centre of cell (0, 0)
     x -= 0.5
     y -= 0.5
     col = int(np.floor(x))

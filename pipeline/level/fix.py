@@ -14,7 +14,7 @@ from pipeline.core.settings import Count, check
 from pipeline.level.beams import Support, supports
 from pipeline.level.field import Field
 from pipeline.level.refinement import refined
-from pipeline.level.search import APART_DEG, APART_M, scores, search
+from pipeline.level.search import APART_DEG, APART_M, mean_likelihoods, search
 from pipeline.level.sweeps import Gathered
 from pipeline.posing.chances import Chances
 
@@ -66,7 +66,7 @@ class Hypothesis:
         """The covariance (6, 6) as 3-D fixes have it: a turn, then a step, in the robot's frame."""
         query_T_world = np.eye(3)
         query_T_world[:2, :2] = self.world_T_query[:2, :2].T
-        x_y_heading = [3, 4, 2]
+        x_y_heading = [3, 4, 2]  # where the six numbers have what the three are
         covariance = MAP_VARIANCE * np.eye(6)
         covariance[np.ix_(x_y_heading, x_y_heading)] = (
             query_T_world @ self.covariance @ query_T_world.T
@@ -137,7 +137,7 @@ class LevelFixer:
             return True
         if not level_fix.hypotheses:
             return False
-        mirrored_m = gathered.points_m * [1.0, -1.0]
+        mirrored_m = gathered.points_m * [1.0, -1.0]  # y is to the left
         least_score = max(level_fix.hypotheses[0].score - MIRRORED_WITHIN, 0.0)
         mirrored = search(field, mirrored_m, 1, LEAST_RATIO, self.most_nodes, least_score)
         return len(mirrored.poses) > 0
@@ -150,10 +150,11 @@ class LevelFixer:
     ) -> LevelFix:
         """Refine poses (k, 3) in the grid; of those that become the same the best is kept."""
         poses, covariances = refined(field, gathered.points_m, poses)
-        pose_scores = scores(field, gathered.points_m, poses)
+        pose_scores = mean_likelihoods(field, gathered.points_m, poses)
         # a newest sweep that was matched badly with the earlier ones fits worse than they do
         if len(gathered.newest_m):
-            pose_scores = np.minimum(pose_scores, scores(field, gathered.newest_m, poses))
+            newest_scores = mean_likelihoods(field, gathered.newest_m, poses)
+            pose_scores = np.minimum(pose_scores, newest_scores)
         pose_supports = supports(field, gathered, poses)
         hypotheses = []
         for pose, covariance, score, support in zip(
@@ -172,21 +173,22 @@ class LevelFixer:
 def signs(fix: LevelFix) -> NDArray[np.float64]:
     """The signs (n, sign) of a fix's hypotheses, in the order of SIGNS."""
     quality = np.array([hypothesis.quality for hypothesis in fix.hypotheses])
-    ahead = (1 - LEAST_RATIO) * np.maximum(quality, 0)  # at most, and without another hypothesis
+    # without another hypothesis; with one it is the most that counts
+    ahead = (1 - LEAST_RATIO) * np.maximum(quality, 0)
     if len(quality) > 1:
-        is_own = np.eye(len(quality), dtype=bool)
-        best_other = np.where(is_own, -np.inf, quality).max(axis=1)
+        is_itself = np.eye(len(quality), dtype=bool)
+        best_other = np.where(is_itself, -np.inf, quality).max(axis=1)
         ahead = np.minimum(quality - best_other, ahead)
-    rows = np.zeros((len(quality), len(SIGNS)))
+    fix_signs = np.zeros((len(quality), len(SIGNS)))
     for number, hypothesis in enumerate(fix.hypotheses):
-        rows[number] = (
+        fix_signs[number] = (
             hypothesis.score,
             -hypothesis.support.in_free,
             -hypothesis.support.through,
             -np.log10(max(hypothesis.spread_m, LEAST_SPREAD_M)),
             ahead[number],
         )
-    return rows
+    return fix_signs
 
 
 def same(hypothesis: Hypothesis, other: Hypothesis) -> bool:

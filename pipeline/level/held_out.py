@@ -108,12 +108,12 @@ class LevelHeldOut:
         """
         path_m = travelled_m(sweeps.world_T_sweep)
         count = int(min(self.most, path_m[-1] // self.every_m))
-        places_m = np.linspace(over_m, path_m[-1], max(count, 1))
-        rows = np.unique(np.searchsorted(path_m, places_m).clip(0, len(path_m) - 1))
+        asked_at_m = np.linspace(over_m, path_m[-1], max(count, 1))
+        rows = np.unique(np.searchsorted(path_m, asked_at_m).clip(0, len(path_m) - 1))
         gathered = sweeps.gathered(rows.tolist(), over_m)
         fixes: list[LevelFix] = []
         for number, row in enumerate(rows.tolist()):
-            first_m = path_m[row] - gathered[row].path_m - 1e-6
+            first_m = path_m[row] - gathered[row].path_m - 1e-6  # against rounding
             of_query = (path_m <= path_m[row]) & (path_m >= first_m)
             away_m = np.linalg.norm(
                 sweeps.world_T_sweep[:, :2, 3] - sweeps.world_T_sweep[row, :2, 3], axis=1
@@ -121,6 +121,7 @@ class LevelHeldOut:
             around = away_m < self.around_m[number % len(self.around_m)]
             fixes.append(_fix_without(fixer, drawing, of_query, gathered[row]))
             fixes.append(_fix_without(fixer, drawing, of_query | around, gathered[row]))
+        # two fixes for each query: of its place seen, then unseen
         return LevelEvidence(
             fixes,
             sweeps.world_T_sweep[rows].repeat(2, axis=0),

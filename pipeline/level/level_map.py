@@ -194,7 +194,7 @@ def _finite(points_m: NDArray[np.floating]) -> NDArray[np.float64]:
 
 @njit(cache=True, nogil=True)
 def _count(starts, ends, is_hit, hits, passes, by):  # type: ignore[no-untyped-def]
-    """Change the hits and passes (row, col) of each cell by `by` for each beam in it: 1 or −1.
+    """Add `by`, which is 1 or −1, to `hits` and `passes` (row, col) for each beam, in place.
 
     Starts and ends of beams (n, 2) are x, y in cells. A beam passes each cell once, and does not
     pass the one that it ends in.

@@ -57,8 +57,9 @@ def refined(
 
 @njit(cache=True, nogil=True)
 def refine_in(distance_m, cell_m, points_m, pose, sigmas_m, farthest_m):  # type: ignore[no-untyped-def]
-    """Refine a pose (3,) of hits (n, 2) in place; returns its information (3, 3) for errors of 1 m.
+    """Refine a pose (3,) of hits (n, 2) in place; returns its information (3, 3).
 
+    The information, the inverse of the covariance, is that for hits with errors of 1 m.
     `distance_m` (row, col) is the distance from each cell of side `cell_m` to the nearest wall; a
     hit `farthest_m` or more from any has no say.
     """
@@ -82,7 +83,7 @@ def refine_in(distance_m, cell_m, points_m, pose, sigmas_m, farthest_m):  # type
                 if distance >= farthest_m:
                     continue
                 weight = np.exp(-(distance**2) / (2 * sigma_m**2))
-                slope_x /= cell_m
+                slope_x /= cell_m  # now metres per metre
                 slope_y /= cell_m
                 turn = -slope_x * across_y + slope_y * across_x  # how the distance grows per radian
                 information[0, 0] += weight * slope_x * slope_x
@@ -97,7 +98,7 @@ def refine_in(distance_m, cell_m, points_m, pose, sigmas_m, farthest_m):  # type
             information[1, 0] = information[0, 1]
             information[2, 0] = information[0, 2]
             information[2, 1] = information[1, 2]
-            # solve them, and step
+            # solve them, and step; the damping leaves a direction that no wall holds as it was
             damped = information.copy()
             for axis in range(3):
                 damped[axis, axis] += LEAST_INFORMATION

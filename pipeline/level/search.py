@@ -4,7 +4,7 @@ After Hess, Kohler, Rapp and Andor, Real-Time Loop Closure in 2D LIDAR SLAM, ICR
 but best first: nodes leave a queue in the order of their bounds, so the first leaf is the best pose
 of all, and the next that is apart from it the runner-up. A node is a square of cells and a heading;
 its bound is the sum over the query's points of the largest likelihood within the square that each
-point sweeps.
+point sweeps. A leaf is a node of one cell. Likelihoods come from field.py.
 """
 
 import heapq
@@ -17,11 +17,13 @@ from numpy.typing import NDArray
 from pipeline.level.field import REACH_M, Field
 
 POINTS = 128
-"""A query is searched for by so many of its points at most: their sum in 255ths fits 16 bits."""
+"""At most so many points of a query are used: the sum of their likelihoods, each 0 to 255, fits 16
+bits."""
 HEADINGS = 240
+"""So many headings are tried, which are 1.5° apart."""
 APART_M = 1.0
 APART_DEG = 20.0
-"""Poses nearer and less turned than this are one."""
+"""Two poses that are nearer and less turned than both count as the same."""
 
 
 @dataclass(frozen=True)
@@ -33,21 +35,21 @@ class BestPoses:
     scores: NDArray[np.float64]
     """(k,) the mean likelihood of the query's points there."""
     exact: bool
-    """Whether the search ended before its limit: else better poses may have been missed."""
+    """Whether the search ended before `most_nodes`: else better poses may have been missed."""
 
 
 def search(
     field: Field,
     points_m: NDArray[np.float64],
     keep: int = 6,
-    least_ratio: float = 0.75,
+    min_ratio: float = 0.75,
     most_nodes: int = 300_000,
-    at_least: float = 0.0,
+    min_score: float = 0.0,
 ) -> BestPoses:
-    """Find the `keep` best poses of points (n, 2), which score `at_least` so much.
+    """Find the `keep` best poses of points (n, 2), in metres in the robot's frame.
 
-    They also score `least_ratio` of the best or more. Points beyond REACH_M are left out. Without
-    points there is no pose.
+    They score at least `min_score`, and at least `min_ratio` times the best. Points beyond REACH_M
+    are left out. Without points there is no pose.
     """
     near = points_m[np.linalg.norm(points_m, axis=1) <= REACH_M]
     if not len(near):
@@ -57,7 +59,7 @@ def search(
     headings_rad = 2 * np.pi / HEADINGS * np.arange(HEADINGS)
     cos = np.cos(headings_rad)[:, None]
     sin = np.sin(headings_rad)[:, None]
-    # the robot stands in the middle of a cell
+    # (heading, point, 2) rows and columns from the robot, in the middle of its cell, to each point
     offsets = np.stack(
         [
             np.floor((sin * chosen[:, 0] + cos * chosen[:, 1]) / field.cell_m + 0.5),
@@ -65,31 +67,32 @@ def search(
         ],
         axis=2,
     ).astype(np.int32)
-    rows, scores, exact = _search(
+    leaves, summed_likelihoods, exact = _search(
         pyramid.levels,
         pyramid.phases,
-        pyramid.stands,
+        pyramid.can_stand,
         pyramid.block_cols,
         pyramid.margin,
         offsets,
         keep,
         APART_M / field.cell_m,
         round(APART_DEG * HEADINGS / 360),
-        least_ratio,
+        min_ratio,
         most_nodes,
-        at_least * 255 * len(chosen),
+        min_score * 255 * len(chosen),
     )
+    leaf_headings, leaf_rows, leaf_cols = leaves.T
     poses = np.column_stack(
         [
-            (rows[:, 2] - pyramid.margin + 0.5) * field.cell_m,
-            (rows[:, 1] - pyramid.margin + 0.5) * field.cell_m,
-            headings_rad[rows[:, 0]],
+            (leaf_cols - pyramid.margin + 0.5) * field.cell_m,
+            (leaf_rows - pyramid.margin + 0.5) * field.cell_m,
+            headings_rad[leaf_headings],
         ]
     )
-    return BestPoses(poses, scores / (255 * len(chosen)), bool(exact))
+    return BestPoses(poses, summed_likelihoods / (255 * len(chosen)), bool(exact))
 
 
-def scores(
+def mean_likelihoods(
     field: Field, points_m: NDArray[np.float64], poses: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """The mean likelihood (k,) of points (n, 2) in poses (k, 3) in the grid."""
@@ -109,108 +112,129 @@ def scores(
 def _search(  # type: ignore[no-untyped-def]
     levels,
     phases,
-    stands,
+    can_stand,
     block_cols,
     margin,
     offsets,
     keep,
     apart_cells,
     apart_headings,
-    least_ratio,
+    min_ratio,
     most_nodes,
-    least,
+    min_score,
 ):
-    """The best leaves (k, 3) as heading, row, column, their scores (k,), and if the limit held."""
+    """The best leaves (k, 3) as heading, row, column; their scores (k,), and whether it is exact.
+
+    The first four arguments and `margin` are of the field's Pyramid; `offsets` (heading, point, 2)
+    are the rows and columns from the robot to its points. Here scores are sums of likelihoods in
+    255ths.
+    """
     headings = offsets.shape[0]
     top = levels.shape[0] - 1
     block = 1 << top
-    blocks, bounds = _coarse(phases, stands[top], block_cols, margin // block, block, offsets)
-    order = _sorted(bounds)
-    kept = np.empty((keep, 3), np.int64)
-    kept_scores = np.empty(keep, np.int64)
+    # the coarsest nodes are a block at a heading each, sorted once by their bounds
+    blocks, bounds = _coarse(phases, can_stand[top], block_cols, margin // block, block, offsets)
+    order = _largest_first(bounds)
+    next_in_order = 0
+    # finer nodes are (level, heading, row, column, bound); the heap holds minus bound, and number
+    nodes = np.empty((most_nodes, 5), np.int32)
+    node_count = 0
+    heap = [(np.int64(0), np.int64(-1))]  # this tells numba its type
+    heap.pop()
+    leaves = np.empty((keep, 3), np.int64)
+    leaf_scores = np.empty(keep, np.int64)
     count = 0
-    # a node is (level, heading, row, column, bound); the queue holds bound and number of each
-    nodes = np.empty((most_nodes + 4, 5), np.int32)
-    made = 0
-    queue = [(np.int64(0), np.int64(-1))]
-    queue.pop()
-    following = 0
     exact = True
     while count < keep:
-        score = -queue[0][0] if len(queue) else np.int64(-1)
-        if following < len(order) and bounds[order[following]] >= score:
-            number = order[following]
-            following += 1
+        # take the node of the highest bound: the next in order or the top of the heap. The coarsest
+        # are not put on the heap, since most of them are never reached
+        score = -heap[0][0] if len(heap) else np.int64(-1)
+        if next_in_order < len(order) and bounds[order[next_in_order]] >= score:
+            number = order[next_in_order]
+            next_in_order += 1
             score = np.int64(bounds[number])
             level = top
             heading = number // len(blocks)
             row = blocks[number % len(blocks)] // block_cols * block
             col = blocks[number % len(blocks)] % block_cols * block
-        elif len(queue):
-            taken = heapq.heappop(queue)[1]
-            level = nodes[taken, 0]
-            heading = nodes[taken, 1]
-            row = nodes[taken, 2]
-            col = nodes[taken, 3]
+        elif len(heap):
+            node = heapq.heappop(heap)[1]
+            level = nodes[node, 0]
+            heading = nodes[node, 1]
+            row = nodes[node, 2]
+            col = nodes[node, 3]
         else:
             break
-        if score <= 0 or score < least:
-            break
+        if score <= 0 or score < min_score:
+            break  # so are all others
         if _is_near(
-            kept, count, heading, row, col, 1 << level, headings, apart_cells, apart_headings
+            leaves, count, heading, row, col, 1 << level, headings, apart_cells, apart_headings
         ):
             continue
+        # a leaf is the next best pose: its bound is its score
         if level == 0:
-            kept[count, 0] = heading
-            kept[count, 1] = row
-            kept[count, 2] = col
-            kept_scores[count] = score
+            leaves[count, 0] = heading
+            leaves[count, 1] = row
+            leaves[count, 2] = col
+            leaf_scores[count] = score
             count += 1
-            least = max(least, least_ratio * kept_scores[0])
+            min_score = max(min_score, min_ratio * leaf_scores[0])
             continue
-        if made + 4 > most_nodes:
+        # any other node is divided into quarters
+        if node_count + 4 > most_nodes:
             exact = False
             break
-        first = made
-        made = _divided(
-            levels, stands, offsets[heading], level, heading, row, col, nodes, made, least
+        first = node_count
+        node_count = _divide(
+            levels, can_stand, offsets[heading], level, heading, row, col, nodes, first, min_score
         )
-        for number in range(first, made):
-            heapq.heappush(queue, (-np.int64(nodes[number, 4]), np.int64(number)))
-    return kept[:count], kept_scores[:count], exact
+        for number in range(first, node_count):
+            heapq.heappush(heap, (-np.int64(nodes[number, 4]), np.int64(number)))
+    return leaves[:count], leaf_scores[:count], exact
 
 
 @njit(cache=True, nogil=True)
-def _divided(levels, stands, offsets, level, heading, row, col, nodes, made, least):  # type: ignore[no-untyped-def]
-    """Add the quarters of a node to the `made` nodes, but those below `least`; returns how many."""
+def _divide(levels, can_stand, offsets, level, heading, row, col, nodes, node_count, min_score):  # type: ignore[no-untyped-def]
+    """Write the quarters of a node into `nodes`, from number `node_count` on.
+
+    Quarters where no robot can stand, or with a bound below `min_score`, are left out. Returns how
+    many nodes there are then.
+    """
     half = 1 << (level - 1)
     for quarter in range(4):
         child_row = row + half * (quarter >> 1)
         child_col = col + half * (quarter & 1)
-        if not stands[level - 1, child_row, child_col]:
+        if not can_stand[level - 1, child_row, child_col]:
             continue
         bound = np.int64(0)
         for point in range(len(offsets)):
             bound += levels[level - 1, child_row + offsets[point, 0], child_col + offsets[point, 1]]
-        if bound < least:
+        if bound < min_score:
             continue
-        nodes[made] = level - 1, heading, child_row, child_col, bound
-        made += 1
-    return made
+        nodes[node_count] = level - 1, heading, child_row, child_col, bound
+        node_count += 1
+    return node_count
 
 
 @njit(cache=True, nogil=True)
-def _coarse(phases, stands, block_cols, margin_blocks, block, offsets):  # type: ignore[no-untyped-def]
-    """The blocks where a robot may stand, and the bounds (heading * block,) of each."""
+def _coarse(phases, can_stand, block_cols, margin_blocks, block, offsets):  # type: ignore[no-untyped-def]
+    """The numbers (m,) of the blocks where a robot can stand, and their bounds at each heading.
+
+    Bounds are (headings times m,): those of all blocks at the first heading, and so on. Where a
+    point lies in its block, its phase, is the same for all blocks in which the robot may stand. So
+    the likelihoods of one point, for all these blocks, are one slice of `phases`: slices are added
+    faster than values looked up one by one.
+    """
     headings = offsets.shape[0]
     points = offsets.shape[1]
     total_blocks = phases.shape[2]
+    # the rows of blocks above and below the map are left out, so that no slice leaves `phases`
     first = margin_blocks * block_cols
     last = total_blocks - first
     blocks = np.empty(last - first, np.int64)
     count = 0
     for number in range(first, last):
-        if stands[number // block_cols * block, number % block_cols * block]:
+        if can_stand[number // block_cols * block, number % block_cols * block]:
             blocks[count] = number
             count += 1
     blocks = blocks[:count]
@@ -222,18 +246,23 @@ def _coarse(phases, stands, block_cols, margin_blocks, block, offsets):  # type:
         for point in range(points):
             row = offsets[heading, point, 0] + margin_blocks * block
             col = offsets[heading, point, 1] + margin_blocks * block
-            shift = (row // block) * block_cols + col // block - margin_blocks
-            part = phases[row % block, col % block, shift : shift + length]
+            # the block in which the point lies if the robot stands in the block `first`
+            start = (row // block) * block_cols + col // block - margin_blocks
+            likelihoods = phases[row % block, col % block, start : start + length]
             for number in range(length):
-                sums[number] += part[number]
+                sums[number] += likelihoods[number]
         for number in range(count):
             bounds[heading * count + number] = sums[blocks[number] - first]
     return blocks, bounds
 
 
 @njit(cache=True, nogil=True)
-def _sorted(bounds):  # type: ignore[no-untyped-def]
-    """The numbers of bounds (n,), the largest first."""
+def _largest_first(bounds):  # type: ignore[no-untyped-def]
+    """The numbers of bounds (n,), the largest first.
+
+    It is a counting sort: bounds are of 16 bits, and there may be millions.
+    """
+    # how often each bound occurs, then where in the order its first number stands
     starts = np.zeros(65_537, np.int64)
     for bound in bounds:
         starts[65_536 - bound] += 1
@@ -251,15 +280,18 @@ def _sorted(bounds):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True, inline="always")
-def _is_near(kept, count, heading, row, col, side, headings, apart_cells, apart_headings):  # type: ignore[no-untyped-def]
-    """Whether all cells of a node are one with a pose that is kept."""
+def _is_near(leaves, count, heading, row, col, side, headings, apart_cells, apart_headings):  # type: ignore[no-untyped-def]
+    """Whether every cell of a node counts as the same pose as one of the first `count` leaves.
+
+    The node is the square of `side` cells that begins at (row, col).
+    """
     for number in range(count):
-        turn = abs(heading - kept[number, 0])
+        turn = abs(heading - leaves[number, 0])
         turn = min(turn, headings - turn)
         if turn >= apart_headings:
             continue
-        up = max(abs(row - kept[number, 1]), abs(row + side - 1 - kept[number, 1]))
-        along = max(abs(col - kept[number, 2]), abs(col + side - 1 - kept[number, 2]))
+        up = max(abs(row - leaves[number, 1]), abs(row + side - 1 - leaves[number, 1]))
+        along = max(abs(col - leaves[number, 2]), abs(col + side - 1 - leaves[number, 2]))
         if up * up + along * along < apart_cells * apart_cells:
             return True
     return False

@@ -18,12 +18,13 @@ from pipeline.level.field import REACH_M
 from pipeline.level.refinement import refine_in
 
 OVER_M = 5.0
-"""Sweeps are gathered over so much path."""
+"""Callers of `Gatherer.gathered` gather sweeps over so much path."""
 MOST_SWEEPS = 60
 """At most so many sweeps are remembered."""
 MOVED_M = 0.2
 MOVED_DEG = 10.0
-"""A sweep taken after less motion than both is dropped once the next one comes."""
+"""A sweep nearer than both to the one before it is dropped once the next comes: the newest sweep is
+always remembered."""
 THINNED_M = 0.1
 """Hits are thinned to one in each square of this side."""
 
@@ -38,16 +39,19 @@ SIGMA_M = 0.15
 WINDOW_M = 0.3
 WINDOW_DEG = 15.0
 """The step of odometry from one sweep to the next is corrected by at most so much."""
+TURN_STEP_DEG = 1
+"""The window is searched in turns of this, and in steps of CELL_M."""
 STEP_COST = 0.15
 """A correction as large as the window costs so much of the mean likelihood, so that no sweep slides
 along a corridor."""
 LEAST_SHARE = 0.6
-"""Odometry joins a sweep with the earlier ones if at least this share of its hits has others near.
-"""
-JOINS = 10
+"""A sweep is joined with the earlier ones if at least this share of its hits, in its matched pose,
+lies near theirs."""
+JUDGED_SWEEPS = 10
 MOST_UNJOINED = 2
-"""Of the last JOINS sweeps so many may be unjoined, since wheels slip. Are there more, odometry
-contradicts the sweeps: the laser is mounted otherwise than was said."""
+"""If more than MOST_UNJOINED of the last JUDGED_SWEEPS sweeps could not be joined, odometry
+contradicts the sweeps: most likely the laser is mounted otherwise than was said. Fewer come of
+wheels that slip."""
 
 
 @dataclass(frozen=True)
@@ -72,20 +76,20 @@ class Gathered:
 class Gatherer:
     """Remembers the newest sweeps of a drive, and where they were taken."""
 
-    is_matched: bool = True
-    """Whether matching corrects the steps of odometry."""
+    corrects_odometry: bool = True
+    """Whether each step of odometry is corrected by matching."""
     _hits: deque[NDArray[np.float64]] = field(default_factory=lambda: deque(maxlen=MOST_SWEEPS))
     """(n, 2) of each sweep remembered, in its own frame."""
     _poses: deque[NDArray[np.float64]] = field(default_factory=lambda: deque(maxlen=MOST_SWEEPS))
     """start_T_sweep (3, 3) of each, in the frame of the sweep at which the gatherer last started.
     """
-    _unjoined: deque[bool] = field(default_factory=lambda: deque(maxlen=JOINS))
-    """For each of the last matched sweeps, whether odometry does not join it with earlier ones."""
+    _unjoined: deque[bool] = field(default_factory=lambda: deque(maxlen=JUDGED_SWEEPS))
+    """For each of the last matched sweeps, whether it could not be joined with the earlier ones."""
 
     def add(self, points_m: NDArray[np.float64], step: NDArray[np.float64] | None) -> None:
         """Add the hits (n, 2) or (n, 3) of the next sweep, taken a `step` (4, 4) after the last.
 
-        Without a step by odometry, or where it does not join the sweep with the earlier ones, these
+        Without a step by odometry, or where the sweep cannot be joined with the earlier ones, these
         are forgotten.
         """
         hits = flat(points_m)
@@ -94,18 +98,19 @@ class Gatherer:
             self._start(hits)
             return
         previous_T_sweep = np.eye(3)
-        previous_T_sweep[:2] = step[:2][:, [0, 1, 3]]
+        previous_T_sweep[:2] = step[:2][:, [0, 1, 3]]  # what the step does to x and y
         start_T_sweep = self._poses[-1] @ previous_T_sweep
+        # the sweep before was remembered as the newest; now it stays only if it adds something
         if len(self._hits) > 1 and not _has_moved(self._poses[-2], self._poses[-1]):
             self._hits.pop()
             self._poses.pop()
-        if self.is_matched:
-            matched = self._matched(hits, start_T_sweep)
-            self._unjoined.append(matched is None)
-            if matched is None:
+        if self.corrects_odometry:
+            matched_pose = self._match(hits, start_T_sweep)
+            self._unjoined.append(matched_pose is None)
+            if matched_pose is None:
                 self._start(hits)
                 return
-            start_T_sweep = matched
+            start_T_sweep = matched_pose
         self._hits.append(hits)
         self._poses.append(start_T_sweep)
 
@@ -131,7 +136,7 @@ class Gatherer:
             path_m += step_m
             last_pose = pose
             newest_T_sweep = newest_T_start @ pose
-            ends.append(_moved(hits, newest_T_sweep))
+            ends.append(_transformed(hits, newest_T_sweep))
             starts.append(np.broadcast_to(newest_T_sweep[:2, 2], hits.shape))
         ends_m = np.concatenate(ends)
         return Gathered(
@@ -150,7 +155,7 @@ class Gatherer:
         self._hits.append(hits)
         self._poses.append(np.eye(3))
 
-    def _matched(
+    def _match(
         self, hits: NDArray[np.float64], start_T_sweep: NDArray[np.float64]
     ) -> NDArray[np.float64] | None:
         """The pose (3, 3) of a sweep by matching, from that of odometry; None if it fits nowhere.
@@ -160,22 +165,25 @@ class Gatherer:
         # the hits of the earlier sweeps, and around them the distance to the nearest
         earlier_hits = list(self._hits)[-MATCHED_WITH:]
         earlier_poses = list(self._poses)[-MATCHED_WITH:]
-        laid = [_moved(*earlier) for earlier in zip(earlier_hits, earlier_poses, strict=True)]
-        earlier_m = thinned(np.concatenate(laid))
+        in_start_frame = [
+            _transformed(earlier, pose)
+            for earlier, pose in zip(earlier_hits, earlier_poses, strict=True)
+        ]
+        earlier_m = thinned(np.concatenate(in_start_frame))
         if len(hits) < 3 or len(earlier_m) < 3:
             return start_T_sweep
         corner_m = earlier_m.min(axis=0) - 2 * BESIDE_M
         sides_m = np.ptp(earlier_m, axis=0) + 4 * BESIDE_M
         cols, rows = (np.ceil(sides_m / CELL_M) + 2).astype(int)
         distance_m = _distances(earlier_m - corner_m, int(rows), int(cols))
-        # the best pose in the window, then refined
+        # the best pose in the window, then refined in place, the second time more strictly
         heading_rad = np.arctan2(start_T_sweep[1, 0], start_T_sweep[0, 0])
         guess = np.array([*(start_T_sweep[:2, 2] - corner_m), heading_rad])
-        matched_hits = thinned(hits)
-        pose = _best_in_window(distance_m, matched_hits, guess)
+        thinned_hits = thinned(hits)
+        pose = _best_in_window(distance_m, thinned_hits, guess)
         sigmas_m = np.array([SIGMA_M, SIGMA_M / 2])
-        refine_in(distance_m, CELL_M, matched_hits, pose, sigmas_m, BESIDE_M)
-        if _near_share(distance_m, matched_hits, pose) < LEAST_SHARE:
+        refine_in(distance_m, CELL_M, thinned_hits, pose, sigmas_m, BESIDE_M)
+        if _near_share(distance_m, thinned_hits, pose) < LEAST_SHARE:
             return None
         cos = np.cos(pose[2])
         sin = np.sin(pose[2])
@@ -200,8 +208,9 @@ def flat(points_m: NDArray[np.floating]) -> NDArray[np.float64]:
 
 def thinned(points_m: NDArray[np.float64]) -> NDArray[np.float64]:
     """The points (n, 2) thinned to the first in each square of THINNED_M, sorted by squares."""
-    cells = np.floor(points_m / THINNED_M).astype(np.int64)
-    _, rows = np.unique(cells[:, 0] * 1_000_003 + cells[:, 1], return_index=True)
+    squares = np.floor(points_m / THINNED_M).astype(np.int64)
+    square_numbers = squares[:, 0] * 1_000_003 + squares[:, 1]  # one number for each square
+    _, rows = np.unique(square_numbers, return_index=True)
     return np.ascontiguousarray(points_m[rows])
 
 
@@ -212,8 +221,8 @@ def _has_moved(start_T_before: NDArray[np.float64], start_T_after: NDArray[np.fl
     return bool(np.linalg.norm(motion[:2, 2]) >= MOVED_M or turn_deg >= MOVED_DEG)
 
 
-def _moved(points_m: NDArray[np.float64], pose: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Points (n, 2) of the frame with this pose (3, 3), in the frame that the pose is in."""
+def _transformed(points_m: NDArray[np.float64], pose: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The points (n, 2), transformed by a pose (3, 3)."""
     return np.asarray(points_m @ pose[:2, :2].T + pose[:2, 2])
 
 
@@ -244,11 +253,12 @@ def _best_in_window(distance_m, points_m, guess):  # type: ignore[no-untyped-def
     best = guess.copy()
     best_score = -1.0
     steps = round(WINDOW_M / CELL_M)
-    turns = int(WINDOW_DEG)
+    turns = int(WINDOW_DEG) // TURN_STEP_DEG
     for turn in range(-turns, turns + 1):
-        heading = guess[2] + np.deg2rad(turn)
+        heading = guess[2] + np.deg2rad(turn * TURN_STEP_DEG)
         cos = np.cos(heading)
         sin = np.sin(heading)
+        # in cells; a step of the window then moves all points by a whole cell
         xs = (guess[0] + cos * points_m[:, 0] - sin * points_m[:, 1]) / CELL_M
         ys = (guess[1] + sin * points_m[:, 0] + cos * points_m[:, 1]) / CELL_M
         for up in range(-steps, steps + 1):

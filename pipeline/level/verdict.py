@@ -25,7 +25,7 @@ RIGHT_DEG = 10.0
 RIGHT_WITHIN = (RIGHT_M, RIGHT_DEG)
 NEAR_M = 5.0
 """A robot is near a pose within this."""
-TIMES = 5.0
+DOUBT_FACTOR = 5.0
 """No belief is accepted whose doubt is over so many times the share of wrong ones that the promise
 allows (METHODS 13.4)."""
 
@@ -144,12 +144,12 @@ class LevelVerdict:
         doubts, truths = self._judged(belief)
         weight = self.evidence.weight(self.unseen_share)
         limits = []
-        for promise, usual in zip(PROMISES, USUAL_LIMITS[belief], strict=True):
-            below = doubts < usual
-            wrong = float(weight[below & ~truths].sum())
-            is_kept = wrong <= (1 - promise) * float(weight[below].sum())
-            lower = threshold_for(promise, doubts[below], truths[below], weight[below])
-            limits.append(usual if is_kept else lower)
+        for promise, usual_limit in zip(PROMISES, USUAL_LIMITS[belief], strict=True):
+            accepted = doubts < usual_limit
+            wrong = float(weight[accepted & ~truths].sum())
+            is_kept = wrong <= (1 - promise) * float(weight[accepted].sum())
+            lower = threshold_for(promise, doubts[accepted], truths[accepted], weight[accepted])
+            limits.append(usual_limit if is_kept else lower)
         return limits
 
     def learned(self) -> LevelJudge:
@@ -172,14 +172,14 @@ class LevelVerdict:
 
         As in posing/verdict.py, the limit keeps the promise even if one more of the accepted were
         wrong. It stands in the middle of the gap to the next doubt that would break the promise,
-        but is never over TIMES the share of wrong ones that the promise allows.
+        but is never over DOUBT_FACTOR times the share of wrong ones that the promise allows.
         """
         doubts, truths = self._judged(belief)
         weight = self.evidence.weight(self.unseen_share)
         limits = []
         for promise in PROMISES:
             edge = threshold_for(promise, doubts, truths, weight, 1.0)
-            limits.append(min(middle(doubts, edge), TIMES * (1 - promise)))
+            limits.append(min(middle(doubts, edge), DOUBT_FACTOR * (1 - promise)))
         return limits
 
     def _judged(self, belief: str) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
@@ -188,7 +188,7 @@ class LevelVerdict:
         truths = np.zeros(doubts.shape, bool)
         for row, fix in enumerate(self.evidence.fixes):
             ordered = fix.ordered(self.judge.pose)
-            doubts[row] = self.judge.doubts(ordered).astype(np.float32)
+            doubts[row] = self.judge.doubts(ordered).astype(np.float32)  # as they are stored
             if fix.hypotheses:
                 is_right, is_near = right(ordered, self.evidence.world_T_true[row])
                 truths[row] = is_right[0], is_near[0], is_right[:SEVERAL].any()
@@ -210,7 +210,7 @@ def pose_is_right(
 ) -> NDArray[np.bool_]:
     """Which poses (n, 4, 4) are right (n,), heights aside; a missing one (NaN) is not."""
     away_m = np.linalg.norm(world_T_query[:, :2, 3] - world_T_true[:, :2, 3], axis=1)
-    turn_deg = distance_and_turn(world_T_query, world_T_true)[1]
+    _, turn_deg = distance_and_turn(world_T_query, world_T_true)
     return np.asarray((away_m < RIGHT_M) & (turn_deg < RIGHT_DEG))
 
 

@@ -93,8 +93,8 @@ def test_matching_corrects_the_odometry() -> None:
     sweeps = drive()
     last = 20
     off_m = []
-    for is_matched in (False, True):
-        gatherer = Gatherer(is_matched)
+    for corrects_odometry in (False, True):
+        gatherer = Gatherer(corrects_odometry)
         for row in range(last + 1):
             gatherer.add(np.asarray(sweeps.points(row), np.float64), sweeps.step(row))
         oldest = gatherer.gathered(5.0).starts_m[-1]

@@ -19,7 +19,7 @@ def field() -> Field:
 def exhaustive(field: Field, points_m: np.ndarray) -> float:
     """The best score of all cells and headings, by trying each."""
     likelihood = field.pyramid.levels[0].astype(int)
-    rows, cols = np.nonzero(field.stands)
+    rows, cols = np.nonzero(field.can_stand)
     best = 0.0
     for heading in 2 * np.pi / HEADINGS * np.arange(HEADINGS):
         cos, sin = np.cos(heading), np.sin(heading)
@@ -46,7 +46,7 @@ def test_the_best_pose_is_the_best_of_all_cells_and_headings(
 
 
 def test_poses_come_best_first_and_no_two_are_one_answer(field: Field) -> None:
-    best = search(field, sweep(16.0, 6.0, 2.0), keep=6, least_ratio=0.3)
+    best = search(field, sweep(16.0, 6.0, 2.0), keep=6, min_ratio=0.3)
     assert (np.diff(best.scores) <= 0).all()
     assert len(best.poses) > 2
     for number, pose in enumerate(best.poses):
@@ -66,7 +66,7 @@ def test_in_a_symmetric_room_two_poses_are_found() -> None:
         4 / np.maximum(np.abs(np.cos(around)), 1e-9), 2 / np.maximum(np.abs(np.sin(around)), 1e-9)
     )
     points_m = edge_m[:, None] * np.column_stack([np.cos(around), np.sin(around)])
-    best = search(room, points_m, keep=3, least_ratio=0.9)
+    best = search(room, points_m, keep=3, min_ratio=0.9)
     turns = np.rad2deg(best.poses[:2, 2])
     assert abs(abs(turns[0] - turns[1]) - 180) < 2
     assert best.scores[1] > 0.97 * best.scores[0]
