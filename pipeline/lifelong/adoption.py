@@ -81,7 +81,7 @@ def adopted(site: Site, scans: Sequence[Scan], promise: float | None = 0.99) -> 
         if believed:
             surer = min(believed, key=lambda fix: fix.novelty)
             poses[row] = surer.world_T_sensor
-            chance[row] = 1 - surer.novelty
+            chance[row] = surer.chance
     odom_T_scan = np.array([scan.odom_T_scan for scan in scans]).reshape(-1, 4, 4)
     bridge(poses, chance, odom_T_scan)
     return spaced_adoption(scans, poses, chance, False, "no fix is believed")
@@ -96,8 +96,9 @@ def surveyed(scans: Sequence[Scan], poses: Trajectory | None = None) -> Adoption
     if poses is None:
         world_T_scan = np.array([scan.world_T_scan for scan in scans]).reshape(-1, 4, 4)
     else:
+        # no survey has a pose at −1
         stamps_ns = [-1 if scan.stamp_ns is None else scan.stamp_ns for scan in scans]
-        world_T_scan = poses.at(np.array(stamps_ns, np.int64))[0]
+        world_T_scan, _ = poses.at(np.array(stamps_ns, np.int64))
     chance = np.ones(len(scans))
     return spaced_adoption(scans, world_T_scan, chance, True, "the survey has a pose of none")
 
@@ -140,7 +141,7 @@ def _corrected(path: Poses, last: Poses) -> Poses:
     Each pose gets a part of the correction, in proportion to the path driven until it.
     """
     path_m = np.cumsum([0, *np.linalg.norm(np.diff(path[:, :3, 3], axis=0), axis=1)])
-    share = path_m / max(path_m[-1], 1e-9)
+    share = path_m / max(path_m[-1], 1e-9)  # a robot that stood still gets none
     correction = last @ np.linalg.inv(path[-1])
     turns = Slerp([0, 1], Rotation.from_matrix([np.eye(3), correction[:3, :3]]))(share)
     shift_m = (correction @ path)[:, :3, 3] - path[:, :3, 3]

@@ -30,19 +30,17 @@ from pipeline.online.site import (
     RunnerUp,
     Site,
     Word,
+    limits_by_promise,
     no_pose,
-    promised,
 )
 from pipeline.online.site_file import LevelParts
 from pipeline.online.site_json import LevelDescription
-from pipeline.paths.belief import Belief
+from pipeline.paths.belief import LEAST_CHANCE, Belief
 
 FEW = 20
-"""A sweep of no more points may be of any laser; it makes no pose."""
+"""So few points do not tell a level sweep from a 3-D scan; they make no pose anyway."""
 PATIENCE = 3
 """The robot is lost after so many sweeps in a row whose fix was not accepted."""
-LEAST_CHANCE = 1e-6
-"""A fix is never surely wrong, nor surely right: its chance is this far from 0 and 1."""
 
 
 class LevelSite(Site):
@@ -65,7 +63,7 @@ class LevelSite(Site):
         self.level_fixer = level.fixer
         verdict = parts.description.verdict
         self.level_judge = LevelJudge(verdict.pose, verdict.place)
-        self.promises = promised(verdict)
+        self.promises = limits_by_promise(verdict)
 
     @cached_property
     def walls_m(self) -> NDArray[np.float64]:
@@ -115,7 +113,9 @@ class LevelSite(Site):
         if not ordered.hypotheses:
             return no_pose(np.full((6, 6), np.nan))
         best, *others = ordered.hypotheses
+        # rounded as the doubts of a run are, from which the limits were learned
         doubts = self.level_judge.doubts(ordered).astype(np.float32).astype(np.float64)
+        pose_doubt, place_doubt, _ = doubts.tolist()
         verdict, promised_precision = self.believed(doubts, promise)
         _, *chances = self.level_judge.chances(ordered).tolist()
         runners_up = [
@@ -128,8 +128,8 @@ class LevelSite(Site):
             world_T_sensor=best.world_T_query,
             covariance=best.pose_covariance,
             overlap=best.support.explained,
-            novelty=float(doubts[0]),
-            place_novelty=float(doubts[1]),
+            novelty=pose_doubt,
+            place_novelty=place_doubt,
             promised_precision=promised_precision,
             runners_up=tuple(runners_up[:RUNNERS_UP]),
             ms=0.0,
@@ -213,11 +213,12 @@ class LevelTracker:
             self._pose = guess
             return fix
         # judge the fix by what is believed
-        chance = float(np.clip(1 - fix.novelty, LEAST_CHANCE, 1 - LEAST_CHANCE))
-        believed = self._belief.see(fix.world_T_sensor, chance, tracked=guess is not None)
-        kept_promises = [promise for promise in site.promises if believed >= promise]
+        chance_by_sweeps = float(np.clip(fix.chance, LEAST_CHANCE, 1 - LEAST_CHANCE))
+        chance = self._belief.see(fix.world_T_sensor, chance_by_sweeps, tracked=guess is not None)
+        kept_promises = [promise for promise in site.promises if chance >= promise]
         verdict: Word = "accepted" if self._promise in kept_promises else "rejected"
         if verdict == "rejected" and guess is None and fix.verdict in ("near", "ambiguous"):
+            # both need rival poses, which are looked for in the whole map only: not while tracked
             verdict = fix.verdict
         # track on from here, or be lost after too many misses
         if verdict == "accepted":
@@ -232,7 +233,7 @@ class LevelTracker:
         return replace(
             fix,
             verdict=verdict,
-            novelty=1 - believed,
+            novelty=1 - chance,
             promised_precision=max(kept_promises, default=None),
         )
 

@@ -48,7 +48,7 @@ RUNNERS_UP = 3
 FARTHEST_M = 1e3
 """Points farther from the origin are dropped: no lidar sees so far."""
 SWEEP_POINTS = 50
-"""A scan of fewer points may be of any laser; it makes no pose."""
+"""Fewer points do not tell a level sweep from a 3-D scan; they make no pose anyway."""
 Word = Literal["accepted", "near", "ambiguous", "rejected", "no pose"]
 """The verdict on a fix, at the promised precision that was asked for.
 
@@ -59,9 +59,11 @@ Word = Literal["accepted", "near", "ambiguous", "rejected", "no pose"]
 - no pose: there are too few points, or nothing fits.
 """
 WORDS: tuple[Word, ...] = ("accepted", "near", "ambiguous")
-"""The verdict that each of BELIEFS (posing/verdict.py) leads to, if it is believed."""
+"""What is said of a fix if one of BELIEFS (posing/verdict.py) is believed: that its pose is right,
+that its place is right, or that its pose or a runner-up is. A belief has a doubt, one minus its
+chance, and is believed if its doubt is below a limit."""
 NO_LIMITS = (0.0,) * len(BELIEFS)
-"""A belief is accepted if its doubt, one minus its chance, is below its limit: here none is."""
+"""With these limits nothing is believed."""
 
 
 @dataclass(frozen=True)
@@ -102,6 +104,11 @@ class Fix:
     ms: float
     """Milliseconds from points to fix."""
 
+    @property
+    def chance(self) -> float:
+        """The chance that the pose is right."""
+        return 1 - self.novelty
+
 
 class Site:
     """A place in which scans can be localised, with the method, map and verdict of its file."""
@@ -110,12 +117,10 @@ class Site:
     """Whether it localises the sweeps of a level 2-D laser, not 3-D scans."""
 
     def __init__(self, parts: Parts, threads: int = 1) -> None:
-        """Build a site from the content of its file; `threads` is for the network.
-
-        On one thread the networks of SCI and of its ring need no torch.
-        """
+        """Build a site from the content of its file; `threads` is for the network."""
         description, model, arrays, network, _ = parts
         self.description = description
+        # the network: as it was exported, in plain numpy if it is small enough, or in torch
         if network is not None:
             self.localizer: Localizer = localizer(exported(network, threads), model)
         elif threads == 1 and Plain.is_in(model):
@@ -128,13 +133,13 @@ class Site:
         self.targets = Targets(arrays, **vars(description.map))
         self.places = Places(description.places, arrays["cells"])
         verdict = description.verdict
-        self.judged = Judge(verdict.pose, verdict.place)
+        self.doubt_judge = Judge(verdict.pose, verdict.place)
         self.fixer: Fixer = replace(
             build(description.fixer, ROOTS),
-            chances=self.judged.pose,
+            chances=self.doubt_judge.pose,
             expectations=Expectations.of_arrays(arrays),
         )
-        self.promises: dict[float, tuple[float, ...]] = promised(verdict)
+        self.promises: dict[float, tuple[float, ...]] = limits_by_promise(verdict)
         """For each precision that can be promised of a pose, the limits of the doubts in
         BELIEFS."""
         self.k = description.k
@@ -171,7 +176,7 @@ class Site:
 
     @property
     def name(self) -> str:
-        """The model that was packed, STUDY/GRID/MODEL, or the map."""
+        """STUDY/GRID/MODEL of the model that was packed; for a level site, the name of its map."""
         return self.description.name
 
     def check(self, promise: float | None) -> None:
@@ -206,11 +211,16 @@ class Site:
 
     def rank(self, points_m: NDArray[np.float64]) -> Ranking:
         """The method's ranking of places for one scan (n, 3), as a ranking of one query."""
-        views = Rows(self.view(points_m)[None], np.zeros(1, np.int64), np.eye(4)[None])
-        return self.localizer(views, self.k)
+        # the stamp and the pose of a single query do not count
+        stamps_ns = np.zeros(1, np.int64)
+        poses = np.eye(4)[None]
+        return self.localizer(Rows(self.view(points_m)[None], stamps_ns, poses), self.k)
 
     def register(self, points_m: NDArray[np.float64], answers: Answers) -> Registered:
-        """Register a scan's finite points (n, 3) at a ranking's answers, then all over the map."""
+        """Register a scan's finite points (n, 3) at a ranking's answers, then all over the map.
+
+        Returns posing's Fix (here called Registered): hypotheses without a verdict.
+        """
         return self.fixer.fix(points_m, self.targets, answers)
 
     def judge(self, registered: Registered, promise: float | None) -> Fix:
@@ -221,7 +231,9 @@ class Site:
         if not registered.hypotheses:
             return no_pose(registered.alignment.covariance)
         best = registered.hypotheses[0]
-        doubts = self.judged.doubts(registered).astype(np.float32).astype(np.float64)
+        # rounded as the doubts of a run are, from which the limits were learned
+        doubts = self.doubt_judge.doubts(registered).astype(np.float32).astype(np.float64)
+        pose_doubt, place_doubt, _ = doubts.tolist()
         verdict, promised_precision = self.believed(doubts, promise)
         runners_up = []
         for number in registered.elsewhere[:RUNNERS_UP]:
@@ -240,8 +252,8 @@ class Site:
             world_T_sensor=best.world_T_query,
             covariance=best.alignment.covariance,
             overlap=best.alignment.overlap,
-            novelty=float(doubts[0]),
-            place_novelty=float(doubts[1]),
+            novelty=pose_doubt,
+            place_novelty=place_doubt,
             promised_precision=promised_precision,
             runners_up=tuple(runners_up),
             ms=0.0,
@@ -289,14 +301,18 @@ def no_pose(covariance: NDArray[np.float64]) -> Fix:
     )
 
 
-def promised(verdict: Promises) -> dict[float, tuple[float, ...]]:
-    """For each precision that a site can promise of a pose, the limits of doubts in BELIEFS."""
+def limits_by_promise(verdict: Promises) -> dict[float, tuple[float, ...]]:
+    """For each precision that a site can promise of a pose, the limits of doubts in BELIEFS.
+
+    `verdict.promises` are the precisions that were tried, `verdict.promised` the limits of each
+    belief for them; `verdict.kept` are those whose limit lets a pose be accepted.
+    """
     limits_of_beliefs = [verdict.promised[belief] for belief in BELIEFS]
-    limits_by_promise = {}
+    limits_of_kept = {}
     for promise, *limits in zip(verdict.promises, *limits_of_beliefs, strict=True):
         if promise in verdict.kept:
-            limits_by_promise[promise] = tuple(limits)
-    return limits_by_promise
+            limits_of_kept[promise] = tuple(limits)
+    return limits_of_kept
 
 
 def finite(points_m: NDArray[np.floating]) -> NDArray[np.float64]:

@@ -2,13 +2,14 @@
 
 For each scan a `Tracker`
 
-1. moves what is believed (paths/belief.py) by the odometry since the last scan, or by a guess;
+1. moves what is believed (paths/belief.py) by the step of odometry since the last scan, or without
+   odometry by a predicted step; after LONGEST seconds without odometry it forgets the robot;
 2. registers the scan from the predicted pose, if the robot is tracked; if it is lost, ranks places
    and searches the whole map;
 3. judges the fix by what is believed of all scans so far;
 4. tracks the robot from an accepted fix on; after PATIENCE scans without one it is lost.
 
-`Motion` guesses the steps of a robot without odometry.
+`Motion` predicts the steps of a robot without odometry.
 """
 
 from collections import Counter
@@ -25,14 +26,12 @@ from pipeline.core.frames import distance_and_turn
 from pipeline.online import odometry
 from pipeline.online.inputs import Scan
 from pipeline.online.site import Fix, Site, Word, finite
-from pipeline.paths.belief import Belief
+from pipeline.paths.belief import LEAST_CHANCE, Belief
 from pipeline.posing.fix import Fix as Registered
 from pipeline.posing.search import Answers
 
 PATIENCE = 3
 """The robot is lost after so many scans in a row whose fix was not accepted."""
-LEAST_CHANCE = 1e-6
-"""A fix is never surely wrong, nor surely right: its chance is this far from 0 and 1."""
 LIKELY = 0.9
 """A fix that is believed so much tells how the robot moves, accepted or not."""
 SHORTEST = 0.02
@@ -40,15 +39,16 @@ LONGEST = 5.0
 """Two fixes tell how fast a robot moves if so many seconds lie between them, at least and at most.
 After more than LONGEST a robot without odometry may be anywhere. Scans without stamps count as one
 second apart."""
-FASTEST_M = 40.0
-FASTEST_DEG = 180.0
-"""No robot moves or turns by more in a second."""
+FASTEST_M_S = 40.0
+FASTEST_DEG_S = 180.0
+"""No robot moves or turns faster."""
 STANDING_M = 0.5
 """Odometry may move by this in no time, since stamps are not exact."""
-GAINS = np.array([2.0, 15.0])
+ACCELERATIONS = np.array([2.0, 15.0])
 """Standard deviations of a robot's acceleration in m/s² and °/s², until fixes have shown them."""
-UNKNOWN = np.array([FASTEST_M, FASTEST_DEG]) / 3
-"""Standard deviations of the speed of a robot, in m/s and °/s, while it is unknown."""
+UNKNOWN_SPEEDS = np.array([FASTEST_M_S, FASTEST_DEG_S]) / 3
+"""Standard deviations of the speed of a robot, in m/s and °/s, while it is unknown: the fastest is
+three of them."""
 
 
 class Motion:
@@ -58,53 +58,56 @@ class Motion:
         self._last_fix: tuple[NDArray[np.float64], float] | None = None  # its pose and its time
         self._since_fix_s = 0.0
         # by the last two fixes that told a speed
-        self._speed_m = np.zeros(3)  # a second, in the robot's frame
-        self._turn_rad = np.zeros(3)  # a second, as a rotation vector
+        self._speed_m_s = np.zeros(3)  # in the robot's frame
+        self._turn_rad_s = np.zeros(3)  # a rotation vector
         self._fix_interval_s = 0.0  # 0 while the speed is unknown
-        # how the robot accelerated since: sums of squares of m/s² and °/s², and how many
-        self._squares = GAINS**2
-        self._square_count = 1
+        # how the robot accelerated since: sums of squares in m/s² and °/s², and how many;
+        # ACCELERATIONS count as the first
+        self._acceleration_squares = ACCELERATIONS**2
+        self._acceleration_count = 1
 
-    def onwards(self, took_s: float) -> NDArray[np.float64]:
-        """The predicted step (4, 4) in `took_s` seconds.
+    def predict(self, took_s: float) -> NDArray[np.float64]:
+        """The step (4, 4) that the robot makes in `took_s` seconds at the speed of the last fixes.
 
         Where the clock jumped back or far ahead, the time between the last two fixes that told a
-        speed is taken.
+        speed is taken. Without such fixes the robot is predicted to stand still.
         """
         seconds = self._plausible_s(took_s)
         step = np.eye(4)
-        step[:3, 3] = seconds * self._speed_m
-        step[:3, :3] = Rotation.from_rotvec(seconds * self._turn_rad).as_matrix()
+        step[:3, 3] = seconds * self._speed_m_s
+        step[:3, :3] = Rotation.from_rotvec(seconds * self._turn_rad_s).as_matrix()
         return step
 
     def doubt(self, took_s: float) -> tuple[float, float]:
-        """The standard deviations of the next predicted step, in metres and degrees.
+        """The standard deviations of the step predicted for `took_s`, in metres and degrees.
 
-        It takes `took_s` seconds. A robot that accelerates otherwise is off by ½ a t² after t
-        seconds: so the time since the last fix is counted here, and each step adds more than the
-        one before.
+        If the robot accelerates by a, the prediction is off by ½ a t² at t seconds after the last
+        fix. So the share of one step is ½ a (t₁² − t₀²), with t₀ and t₁ before and after it.
         """
-        seconds = self._plausible_s(took_s)
         if not self._fix_interval_s:
-            away_m, turn_deg = UNKNOWN * max(seconds, SHORTEST)
+            away_m, turn_deg = UNKNOWN_SPEEDS * max(self._plausible_s(took_s), SHORTEST)
             return float(away_m), float(turn_deg)
-        usual_step = np.zeros(2)
-        if seconds < SHORTEST:
-            # the same scan again, or a clock that stands still while the robot moves as usual
-            turn_deg = np.rad2deg(np.linalg.norm(self._turn_rad))
-            usual_step = self._fix_interval_s * np.array([np.linalg.norm(self._speed_m), turn_deg])
-            seconds = self._fix_interval_s
+        hidden_step = np.zeros(2)
+        if self._plausible_s(took_s) < SHORTEST:
+            # it may be the same scan again, or the clock stands still while the robot moves on
+            turn_deg_s = np.rad2deg(np.linalg.norm(self._turn_rad_s))
+            speeds = np.array([np.linalg.norm(self._speed_m_s), turn_deg_s])
+            hidden_step = self._fix_interval_s * speeds
         before_s = self._since_fix_s
-        self._since_fix_s = before_s + seconds
-        acceleration = np.sqrt(self._squares / self._square_count)
-        away_m, turn_deg = usual_step + acceleration / 2 * (self._since_fix_s**2 - before_s**2)
+        after_s = before_s + self._counted_s(took_s)
+        acceleration = np.sqrt(self._acceleration_squares / self._acceleration_count)
+        away_m, turn_deg = hidden_step + acceleration / 2 * (after_s**2 - before_s**2)
         return float(away_m), float(turn_deg)
 
-    def fixed(self, world_T_robot: NDArray[np.float64], time_s: float) -> None:
+    def advance(self, took_s: float) -> None:
+        """Count a predicted step of `took_s` seconds as made since the last fix."""
+        self._since_fix_s += self._counted_s(took_s)
+
+    def note_fix(self, world_T_robot: NDArray[np.float64], time_s: float) -> None:
         """Take note of a fix (4, 4) that is believed, and of its time.
 
-        If the last fix was long enough and not too long ago, the two tell the speed, and how far
-        the prediction was off.
+        If the fix before is between SHORTEST and LONGEST seconds old, the two tell the speed, and
+        how far the prediction was off.
         """
         last_fix = self._last_fix
         self._last_fix = (world_T_robot, time_s)
@@ -116,23 +119,31 @@ class Motion:
         if not SHORTEST <= seconds <= LONGEST:
             return
         step = np.linalg.inv(world_T_last) @ world_T_robot
-        speed_m = step[:3, 3] / seconds
-        turn_rad = Rotation.from_matrix(step[:3, :3]).as_rotvec() / seconds
-        is_too_fast = np.linalg.norm(speed_m) > FASTEST_M
-        if is_too_fast or np.linalg.norm(turn_rad) > np.deg2rad(FASTEST_DEG):
+        speed_m_s = step[:3, 3] / seconds
+        turn_rad_s = Rotation.from_matrix(step[:3, :3]).as_rotvec() / seconds
+        is_too_fast = np.linalg.norm(speed_m_s) > FASTEST_M_S
+        if is_too_fast or np.linalg.norm(turn_rad_s) > np.deg2rad(FASTEST_DEG_S):
             return
         if self._fix_interval_s:
-            off_m, off_deg = distance_and_turn(self.onwards(seconds)[None], step[None])
+            # a = 2 d / t², as `doubt` has it
+            off_m, off_deg = distance_and_turn(self.predict(seconds)[None], step[None])
             acceleration = 2 * np.array([off_m[0], off_deg[0]]) / seconds**2
-            self._squares = self._squares + acceleration**2
-            self._square_count += 1
-        self._speed_m = speed_m
-        self._turn_rad = turn_rad
+            self._acceleration_squares = self._acceleration_squares + acceleration**2
+            self._acceleration_count += 1
+        self._speed_m_s = speed_m_s
+        self._turn_rad_s = turn_rad_s
         self._fix_interval_s = seconds
 
     def _plausible_s(self, took_s: float) -> float:
-        """The time, or where it is negative or long, that between fixes."""
+        """The time of a step. Where it is negative or long, the time between the last two fixes
+        that told a speed; while none did, this is 0.
+        """
         return took_s if 0 <= took_s <= LONGEST else self._fix_interval_s
+
+    def _counted_s(self, took_s: float) -> float:
+        """The time by which a step's doubt grows; too short a time counts as that between fixes."""
+        seconds = self._plausible_s(took_s)
+        return self._fix_interval_s if seconds < SHORTEST else seconds
 
 
 class Tracker:
@@ -184,27 +195,30 @@ class Tracker:
         self._stamp_ns = stamp_ns
         self._time_s = self._time_s + 1.0 if stamp_ns is None else stamp_ns / 1e9
 
-        step = self._moved(step, took_s)
-        guess = None if self._pose is None else self._pose @ step
-        registered, is_tracked = self._find(points_m, guess)
+        step = self._move_belief(step, took_s)
+        predicted_pose = None if self._pose is None else self._pose @ step
+        registered, is_tracked = self._find(points_m, predicted_pose)
         fix = self._judge(registered, is_tracked)
 
-        if fix.verdict != "no pose" and 1 - fix.novelty >= LIKELY:
-            self._motion.fixed(fix.world_T_sensor, self._time_s)
+        if fix.verdict != "no pose" and fix.chance >= LIKELY:
+            self._motion.note_fix(fix.world_T_sensor, self._time_s)
         if fix.verdict == "accepted":
             self._pose = fix.world_T_sensor
             self._misses = 0
             self.mode = "tracking"
-        elif guess is not None:
+        elif predicted_pose is not None:
             self._misses += 1
-            self._pose = guess if self._misses < PATIENCE else None
+            self._pose = predicted_pose if self._misses < PATIENCE else None
             self.mode = "lost" if self._pose is None else "tracking"
         return replace(fix, ms=1e3 * (perf_counter() - start))
 
-    def _moved(self, step: NDArray[np.float64] | None, took_s: float | None) -> NDArray[np.float64]:
+    def _move_belief(
+        self, step: NDArray[np.float64] | None, took_s: float | None
+    ) -> NDArray[np.float64]:
         """Move what is believed by a step of odometry, or without one by a predicted step.
 
-        `took_s` is the time of the step; None if it is unknown. Returns the step (4, 4).
+        `took_s` is the time of the step; None if it is unknown. Returns the step (4, 4). Forgets
+        the robot after more than LONGEST seconds without odometry.
         """
         if step is not None and np.isfinite(step).all() and _is_driven(step, took_s):
             self.belief.move(step)
@@ -214,20 +228,21 @@ class Tracker:
             self._pose = None
             self.belief = Belief(self.belief.unseen_share)
         passed_s = 1.0 if took_s is None else took_s
-        step = self._motion.onwards(passed_s)
-        self.belief.move(step, self._motion.doubt(passed_s))
-        return step
+        predicted_step = self._motion.predict(passed_s)
+        self.belief.move(predicted_step, self._motion.doubt(passed_s))
+        self._motion.advance(passed_s)
+        return predicted_step
 
     def _find(
-        self, points_m: NDArray[np.float64], guess: NDArray[np.float64] | None
+        self, points_m: NDArray[np.float64], predicted_pose: NDArray[np.float64] | None
     ) -> tuple[Registered, bool]:
-        """Register a scan (n, 3): from a guessed pose (4, 4), or in the whole map.
+        """Register a scan (n, 3): from a predicted pose (4, 4), or in the whole map.
 
-        Returns also whether it was from the guess alone. The whole map is searched if there is no
-        guess, or nothing fits there and the robot would be lost.
+        Returns also whether it was from that pose alone. The whole map is searched if no pose is
+        predicted, or nothing fits there and the robot would be lost.
         """
-        if guess is not None:
-            registered = self.site.fixer.track(points_m, self.site.targets, guess)
+        if predicted_pose is not None:
+            registered = self.site.fixer.track(points_m, self.site.targets, predicted_pose)
             if registered.hypotheses or self._misses + 1 < PATIENCE:
                 return registered, True
         answers = Answers.of(self.site.rank(points_m))
@@ -238,12 +253,12 @@ class Tracker:
         fix = self.site.judge(registered, self._promise)
         if fix.verdict == "no pose":
             return fix
-        chance = float(np.clip(1 - fix.novelty, LEAST_CHANCE, 1 - LEAST_CHANCE))
-        believed = self.belief.see(fix.world_T_sensor, chance, is_tracked)
-        kept_promises = [promise for promise in self.site.promises if believed >= promise]
+        chance_by_scan = float(np.clip(fix.chance, LEAST_CHANCE, 1 - LEAST_CHANCE))
+        chance = self.belief.see(fix.world_T_sensor, chance_by_scan, is_tracked)
+        kept_promises = [promise for promise in self.site.promises if chance >= promise]
         verdict: Word = "accepted" if self._promise in kept_promises else "rejected"
         if verdict == "rejected" and not is_tracked and fix.verdict in ("near", "ambiguous"):
-            # only where rivals were looked for does the scan itself tell whether it is one of these
+            # both need rival poses, which are looked for in the whole map only: not while tracked
             verdict = fix.verdict
         # the fix may have slipped from where the robot was believed to be
         world_R_sensor = fix.world_T_sensor[:3, :3]
@@ -252,7 +267,7 @@ class Tracker:
         return replace(
             fix,
             verdict=verdict,
-            novelty=1 - believed,
+            novelty=1 - chance,
             promised_precision=max(kept_promises, default=None),
             covariance=covariance,
         )
@@ -262,4 +277,4 @@ def _is_driven(step: NDArray[np.float64], took_s: float | None) -> bool:
     """Whether a robot can make a step (4, 4) in a time; True if the time is unknown."""
     if took_s is None:
         return True
-    return float(np.linalg.norm(step[:3, 3])) <= FASTEST_M * max(took_s, 0.0) + STANDING_M
+    return float(np.linalg.norm(step[:3, 3])) <= FASTEST_M_S * max(took_s, 0.0) + STANDING_M

@@ -65,7 +65,10 @@ class Recording:
         self._title = f"{site.name}{', simulated' if site.description.simulated else ''}"
         if self._origin_m.any():
             self._title += f", from x {self._origin_m[0]:.0f} m, y {self._origin_m[1]:.0f} m"
-        self._least_chance = None if promise is None else 1 - site.promises[promise][0]
+        self._least_chance = None
+        if promise is not None:
+            largest_doubt, *_ = site.promises[promise]  # in the pose; doubt is one minus chance
+            self._least_chance = 1 - largest_doubt
         self._file = ExitStack()
         self._stream = rerun.RecordingStream("yearloc")
         if out is None:
@@ -75,7 +78,7 @@ class Recording:
                 self._file.enter_context(replace(out)),
                 default_blueprint=self._blueprint(live=False),
             )
-        self._log_what_stays()
+        self._log_static()
 
     def __enter__(self) -> Self:
         return self
@@ -114,13 +117,13 @@ class Recording:
             truth_m = scan.world_T_scan[:3, 3] - self._origin_m
             stream.log("world/truth", rerun.Points3D([truth_m], colors=TRUTH_YELLOW, radii=0.8))
         stream.log("verdict", rerun.StateChange(state=fix.verdict))
-        stream.log("chance/pose", rerun.Scalars(1 - fix.novelty))
+        stream.log("chance/pose", rerun.Scalars(fix.chance))
         if runner_up is not None:
             stream.log("chance/runner_up", rerun.Scalars(runner_up.chance))
         if self._least_chance is not None:
             stream.log("chance/accepted_from", rerun.Scalars(self._least_chance))
 
-    def _log_what_stays(self) -> None:
+    def _log_static(self) -> None:
         """Log once what never changes: map, training path, names and colours of the curves."""
         rerun = self._rerun
         points_m = whole_map(self._site) - self._origin_m

@@ -26,6 +26,8 @@ JUMPS = 0.001
 REPEATS = 0.3
 """The share of wrong fixes that lie near a hypothesis: the next scan may show the same look-alike,
 or the fix may have slipped along a street. It is assumed, not learned."""
+LEAST_CHANCE = 1e-6
+"""No fix is taken for surely wrong, nor for surely right: its chance is this far from 0 and 1."""
 FORGOTTEN = 1e-5
 """A hypothesis of a smaller chance is dropped."""
 

@@ -4,11 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pipeline.paths.belief import Belief
+from pipeline.paths.belief import LEAST_CHANCE, Belief
 from pipeline.paths.tracks import Estimates, Track
-
-LEAST_CHANCE = 1e-6
-"""No fix is taken for surely wrong, nor for surely right: its chance is this far from 0 and 1."""
 
 
 @dataclass(frozen=True)
@@ -28,6 +25,6 @@ class Filter:
             if np.isfinite(fix).all():
                 chance = np.clip(track.chance[row], LEAST_CHANCE, 1 - LEAST_CHANCE)
                 belief.see(fix, float(chance))
-            if best := belief.best():
+            if best := belief.best():  # none before the first fix
                 poses[row], chances[row] = best
         return Estimates(poses, chances)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pipeline.core.errors import ConfigError
 from pipeline.core.frames import Poses, distance_and_turn
 from pipeline.core.settings import Positive, check
-from pipeline.paths.belief import DEVIATIONS, REPEATS
+from pipeline.paths.belief import DEVIATIONS, LEAST_CHANCE, REPEATS
 from pipeline.paths.tracks import Estimates, Track
 from pipeline.posing.verdict import RIGHT_DEG, RIGHT_M
 
@@ -53,8 +53,8 @@ class Graph:
         has_fix = np.asarray(np.isfinite(track.world_T_query).all((1, 2)))
         if self.verdict:
             has_fix = has_fix & track.accepted
-        interrupted = np.flatnonzero(~np.isfinite(track.steps).all((1, 2))) + 1
-        for stretch in np.split(np.arange(len(poses)), interrupted):
+        breaks = np.flatnonzero(~np.isfinite(track.steps).all((1, 2))) + 1
+        for stretch in np.split(np.arange(len(poses)), breaks):
             fix_rows = stretch[has_fix[stretch]]
             if len(fix_rows) and np.isfinite(track.odom_T_query[stretch]).all():
                 agreeing_rows, chance_right = self.agreeing_fixes(track, fix_rows)
@@ -69,8 +69,10 @@ class Graph:
     ) -> tuple[NDArray[np.int64], float]:
         """The likeliest set of the fixes (n,) that agree with one of them by odometry.
 
-        Returns their rows, and the chance that they are right: each is with its own chance, and of
-        wrong fixes a share of REPEATS agrees with the first.
+        Returns their rows, and the chance that they are right. Each is right with its own chance c,
+        and of wrong fixes a share of REPEATS agrees with the first. So the odds of "all right"
+        against "all wrong" are the product of all c / (1 − c), divided by REPEATS for each but the
+        first.
         """
         odom_T_fix = track.odom_T_query[fix_rows]
         world_T_fix = track.world_T_query[fix_rows]
@@ -85,9 +87,10 @@ class Graph:
             most_deg = RIGHT_DEG + DEVIATIONS * self.turn_deg_per_m * between_m
             sets.append(fix_rows[(away_m < most_m) & (turn_deg < most_deg)])
         agreeing_rows = max(sets, key=lambda rows: float(track.chance[rows].sum()))
-        chance = track.chance[agreeing_rows].clip(1e-6, 1 - 1e-6)
-        odds = np.log(chance / (1 - chance)).sum() - (len(chance) - 1) * np.log(REPEATS)
-        return agreeing_rows, float(1 / (1 + np.exp(-np.clip(odds, -50, 50))))
+        chance = track.chance[agreeing_rows].clip(LEAST_CHANCE, 1 - LEAST_CHANCE)
+        log_odds = np.log(chance / (1 - chance)).sum() - (len(chance) - 1) * np.log(REPEATS)
+        bounded = np.clip(log_odds, -50, 50)  # so that exp does not overflow
+        return agreeing_rows, float(1 / (1 + np.exp(-bounded)))
 
     def optimised_poses(
         self,
@@ -106,10 +109,11 @@ class Graph:
         values = gtsam.Values()
         # each query starts where odometry leads to it from the nearest of the agreeing fixes
         nearest = agreeing_rows[np.abs(stretch[:, None] - agreeing_rows[None]).argmin(1)]
-        for row, fix in zip(stretch.tolist(), nearest.tolist(), strict=True):
-            world_T_odom = track.world_T_query[fix] @ np.linalg.inv(track.odom_T_query[fix])
+        for row, fix_row in zip(stretch.tolist(), nearest.tolist(), strict=True):
+            fix_T_odom = np.linalg.inv(track.odom_T_query[fix_row])
+            world_T_odom = track.world_T_query[fix_row] @ fix_T_odom
             values.insert(row, gtsam.Pose3(world_T_odom @ track.odom_T_query[row]))
-        # steps of odometry
+        # steps of odometry; the length added lets a step that stands still deviate a little, too
         for previous in stretch[:-1].tolist():
             step = track.steps[previous]
             length_m = float(np.linalg.norm(step[:3, 3])) + self.fix_m / 10
@@ -125,11 +129,12 @@ class Graph:
             graph.add(gtsam.PriorFactorPose3(row, gtsam.Pose3(track.world_T_query[row]), noise))
         solution = gtsam.LevenbergMarquardtOptimizer(graph, values).optimize()
         spread = gtsam.Marginals(graph, solution)
-        # of x and y, in the query's frame
+        # the mean variance of x and y, in the query's frame; turns come first (3:5 are x and y)
         variance_m2 = np.array(
             [np.trace(spread.marginalCovariance(row)[3:5, 3:5]) / 2 for row in stretch.tolist()]
         )
         poses = np.array([solution.atPose3(row).matrix() for row in stretch.tolist()])
+        # two equal Gaussian errors lie within r with the chance 1 − exp(−r² / 2σ²), Rayleigh's
         return poses, 1 - np.exp(-(RIGHT_M**2) / (2 * variance_m2))
 
 

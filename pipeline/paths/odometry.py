@@ -25,9 +25,10 @@ class Odometry:
         chance = 0.0
         driven_m = 0.0
         for row in range(len(poses)):
-            carried = poses[row - 1] @ track.steps[row - 1] if row else poses[0]
-            if np.isfinite(carried).all():
-                poses[row] = carried
+            # NaN before any fix, and where odometry breaks off
+            carried_pose = poses[row - 1] @ track.steps[row - 1] if row else poses[0]
+            if np.isfinite(carried_pose).all():
+                poses[row] = carried_pose
                 driven_m = driven_m + float(np.linalg.norm(track.steps[row - 1][:3, 3]))
                 chances[row] = chance * float(still_right(np.array(DRIFT * driven_m)))
             elif track.accepted[row]:

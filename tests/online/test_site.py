@@ -77,7 +77,8 @@ def test_the_verdict_is_the_first_belief_that_keeps_the_promise(
     Of two poses with e³, 200 m apart, one is right.
     """
     found = Registered.of(
-        [hypothesis(200 * row, overlap) for row, overlap in enumerate(overlaps)], three.judged.pose
+        [hypothesis(200 * row, overlap) for row, overlap in enumerate(overlaps)],
+        three.doubt_judge.pose,
     )
     fix = three.judge(found, 0.99)
     assert fix.verdict == verdict

@@ -63,9 +63,9 @@ def test_a_faulty_clock_does_not_predict_a_robot_farther_than_it_can_drive(
     motion = Motion()
     for i, stamp_s in enumerate(stamps_s):
         if i:
-            predicted = motion.onwards(stamp_s - stamps_s[i - 1])
+            predicted = motion.predict(stamp_s - stamps_s[i - 1])
             assert np.linalg.norm(predicted[:3, 3] - (0.5 if i > 1 else 0.0, 0, 0)) < 1.0
-        motion.fixed(planar(0.5 * i, 0, 0), stamp_s)
+        motion.note_fix(planar(0.5 * i, 0, 0), stamp_s)
     tracker = Tracker(site)
     verdicts = [
         tracker.localize(seen(0, 0.5 * i), None, round(at * SECOND)).verdict
@@ -78,9 +78,9 @@ def test_fixes_that_no_robot_can_drive_tell_no_speed() -> None:
     motion = Motion()
     # 1 m/s, then 100 m/s, then 10 m/s within a millisecond
     for x_m, time_s in ((0, 0), (1, 1), (101, 2), (101.01, 2.001)):
-        motion.fixed(planar(x_m, 0, 0), time_s)
-    np.testing.assert_allclose(motion.onwards(2.0), planar(2, 0, 0))
-    np.testing.assert_allclose(motion.onwards(0.0), np.eye(4))
+        motion.note_fix(planar(x_m, 0, 0), time_s)
+    np.testing.assert_allclose(motion.predict(2.0), planar(2, 0, 0))
+    np.testing.assert_allclose(motion.predict(0.0), np.eye(4))
 
 
 def test_after_a_long_pause_a_robot_without_odometry_is_sought_everywhere(site: Site) -> None:
@@ -134,6 +134,6 @@ def test_the_command_follows_a_path(tmp_path: Path, capsys: pytest.CaptureFixtur
 
 def test_a_tracked_pose_is_never_called_near(site: Site) -> None:
     """At an overlap of .5 a pose is near if the whole map was searched for others, else rejected."""
-    found = Registered.of([hypothesis(0, 0.5)], site.judged.pose)
+    found = Registered.of([hypothesis(0, 0.5)], site.doubt_judge.pose)
     assert Tracker(site)._judge(found, is_tracked=False).verdict == "near"
     assert Tracker(site)._judge(found, is_tracked=True).verdict == "rejected"
