@@ -25,7 +25,7 @@ def points(body: bytes, kind: str) -> tuple[int | None, NDArray[np.float64]]:
     if len(body) > LARGEST_BYTES:
         raise LogError(f"a scan of more than {LARGEST_BYTES:,} bytes")
     if kind == CDR:
-        stamp_ns, _ = header(body, 2)
+        stamp_ns, _ = header(body, 2)  # of ROS 2
         return stamp_ns, np.asarray(decode(from_cdr(body, CLOUD)), np.float64)
     if len(body) % 12:
         raise LogError(f"{len(body)} bytes are no whole number of float32 x, y, z")

@@ -114,7 +114,7 @@ def _promise_rows(verdict: Promises) -> list[tuple[str, str]]:
     for promise, limit in zip(verdict.promises, verdict.promised["fix"], strict=True):
         which = "nothing keeps it: too few held-out blocks, or too many wrong"
         if limit > 0:
-            which = f"fixes of a novelty below {float(limit):.3g}"
+            which = f"fixes of a novelty below {float(limit):.3g}"  # novelty: one minus the chance
         rows.append((f"{promise:g}", which))
     return rows
 

@@ -124,10 +124,12 @@ def of_study(fixes: Path, scans: Path, submaps: Path, promise: float | None) -> 
         raise ConfigError(f"--promise {promise:g}: these poses cannot promise that, {possible}")
     world_T_true = anchors.load("world_T_anchor")
     recorded = store.read(scans, schemas.Scans)
-    driven = read_cases(answers.cases).index(Case())
-    case_rows = slice(driven * len(world_T_true), (driven + 1) * len(world_T_true))
+    # the queries as driven are one of the cases, which lie one after the other
+    unaltered_case = read_cases(answers.cases).index(Case())
+    count = len(world_T_true)
+    case_rows = slice(unaltered_case * count, (unaltered_case + 1) * count)
     world_T_query = answers.load("world_T_query")[case_rows]
-    novelty = answers.load("novelty")[case_rows].astype(np.float64)
+    pose_novelty = answers.load("novelty")[case_rows, 0].astype(np.float64)
     reject_from = 0.0 if promise is None else promises[promise]
     overlap = answers.load("overlap")[case_rows].astype(np.float64)
     for row in np.flatnonzero(np.isfinite(world_T_query).all((1, 2))).tolist():
@@ -136,9 +138,9 @@ def of_study(fixes: Path, scans: Path, submaps: Path, promise: float | None) -> 
             partial(_points, recorded, anchors, row),
             world_T_query[row],
             world_T_true[row],
-            novelty[row, 0] < reject_from,
+            pose_novelty[row] < reject_from,
             overlap[row],
-            novelty[row, 0],
+            pose_novelty[row],
             answers.right_within,
         )
 
@@ -188,11 +190,13 @@ def _from_above(
         mapped_m = mapped_m[mapped_m[:, 2] > WALL_M] @ pose[:3, :3].T + pose[:3, 3]
         axes.plot(*mapped_m[:, :2].T, ".", color=MAP_GREY, markersize=1.2, zorder=1)
     seen_m = points_m @ world_T_scan[:3, :3].T + world_T_scan[:3, 3]
+    # every third point, which shows as much
     axes.plot(*seen_m[::3, :2].T, ".", color=SCAN_RED, markersize=1.0, zorder=2)
-    x, y = centre_m.tolist()
-    ahead_x, ahead_y = (centre_m + 6 * world_T_scan[:2, 0]).tolist()
+    # an arrow of 6 m from the robot ahead, along its x axis
+    x_m, y_m = centre_m.tolist()
+    ahead_x_m, ahead_y_m = (centre_m + 6 * world_T_scan[:2, 0]).tolist()
     arrow = {"arrowstyle": "->", "color": "black", "lw": 2}
-    axes.annotate("", (ahead_x, ahead_y), (x, y), arrowprops=arrow)
+    axes.annotate("", (ahead_x_m, ahead_y_m), (x_m, y_m), arrowprops=arrow)
     axes.set_xlim(centre_m[0] - SHOWN_M, centre_m[0] + SHOWN_M)
     axes.set_ylim(centre_m[1] - SHOWN_M, centre_m[1] + SHOWN_M)
     axes.set_aspect("equal")

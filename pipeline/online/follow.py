@@ -60,12 +60,12 @@ class GrowingFile:
         """Read `size` bytes, or fewer if the file grows no more."""
         parts = []
         missing = size
-        since = time.monotonic()
-        while missing > 0 and time.monotonic() - since < self._idle_s:
+        last_growth_s = time.monotonic()
+        while missing > 0 and time.monotonic() - last_growth_s < self._idle_s:
             if part := self._file.read(missing):
                 parts.append(part)
                 missing = missing - len(part)
-                since = time.monotonic()
+                last_growth_s = time.monotonic()
             else:
                 time.sleep(POLL_S)
         return b"".join(parts)
@@ -159,7 +159,8 @@ class Following:
             odom_T_before = self._newest_poses.at(before_ns) @ child_T_body(tree, self._child)
         body_T_lidar = self.body_T_lidar
         if body_T_lidar is None:
-            body_T_lidar = raised(self.lift_m) @ extrinsic(tree, {header(data, 2)[1]})
+            _, frame = header(data, 2)
+            body_T_lidar = raised(self.lift_m) @ extrinsic(tree, {frame})
         name = f"{self.path.name} {number}"
         step = np.linalg.inv(odom_T_before) @ odom_T_body
         points = partial(_points, data, stamp_ns, body_T_lidar, step)
@@ -267,14 +268,14 @@ class Following:
     def _keep_cloud(self, record: Any) -> None:
         """Let a cloud wait to be taken; if too many wait, the oldest is dropped."""
         try:
-            stamp_ns = header(record.data, 2)[0] or int(record.log_time)
+            stamp_ns, _ = header(record.data, 2)
         except LogError:
             self.skipped["broken message"] += 1
             return
         with self._changed:
             if len(self._clouds) == WAITING:
                 self.dropped += 1
-            self._clouds.append((stamp_ns, record.data))
+            self._clouds.append((stamp_ns or int(record.log_time), record.data))
             self._changed.notify()
 
 

@@ -1,6 +1,6 @@
 """Records a localised drive as an MCAP bag that Foxglove and Lichtblick open.
 
-It shows the map, each scan where its fix placed it, all poses, and the accepted ones
+It shows the map, each scan where its fix placed it, every pose as a point, and the accepted poses
 (`yearloc watch -o FILE.mcap`).
 """
 
@@ -23,8 +23,8 @@ from pipeline.online.watch import origin, whole_map
 FRAME = "map"
 """The frame of the world, in which poses are."""
 SITE = "site"
-"""A frame in the middle of the site, in which clouds are: their float32 would be coarse elsewhere.
-"""
+"""A frame in the middle of the site. Clouds are given in it, since their float32 is too coarse for
+coordinates of the world."""
 VERDICTS = ("accepted", "rejected", "near", "ambiguous")
 """On /fixes the intensity of a point is the number of its verdict in this order."""
 
@@ -37,15 +37,20 @@ class Recording:
     """
 
     def __init__(self, site: Site, out: Path | None, promise: float | None) -> None:
+        """Begin the recording `out`.
+
+        `yearloc watch` makes all its streams with these arguments: this one always has a file, and
+        needs no promise.
+        """
         assert out is not None
         self._origin_m = origin(site)
         self._out = out
         self._map_m = whole_map(site) - self._origin_m
         self._scratch = TemporaryDirectory()
-        self._folder = Path(self._scratch.name, "day")
+        self._folder = Path(self._scratch.name, "recording")
         self._bag = BagWriter(self._folder, "mcap").__enter__()
         self._fixes: list[tuple[float, ...]] = []
-        self._first = True
+        self._has_map = False
 
     def __enter__(self) -> Self:
         return self
@@ -66,26 +71,31 @@ class Recording:
     def add(self, number: int, scan: Scan, points_m: NDArray[np.float64], fix: Fix) -> None:
         """Add a scan (n, 3) and its fix, at its stamp or else at its number in seconds."""
         stamp_ns = number * 10**9 if scan.stamp_ns is None else scan.stamp_ns
-        if self._first:
-            map_T_site = np.eye(4)
-            map_T_site[:3, 3] = self._origin_m
-            self._bag.static_transform(stamp_ns, FRAME, SITE, map_T_site)
-            self._cloud(stamp_ns, self._map_m, "/map", np.zeros(len(self._map_m)))
-            self._first = False
-        if fix.verdict not in VERDICTS:
+        if not self._has_map:
+            self._add_map(stamp_ns)
+        if fix.verdict == "no pose":
             return
         position_m = fix.world_T_sensor[:3, 3] - self._origin_m
         placed_m = points_m @ fix.world_T_sensor[:3, :3].T + position_m
-        self._cloud(stamp_ns, placed_m, "/scan", placed_m[:, 2])
+        self._add_cloud(stamp_ns, placed_m, "/scan", placed_m[:, 2])
+        # all fixes so far are written each time: a viewer shows the last message of a topic only
         self._fixes.append((*position_m, VERDICTS.index(fix.verdict)))
         fixes = np.array(self._fixes)
-        self._cloud(stamp_ns, fixes[:, :3], "/fixes", fixes[:, 3])
+        self._add_cloud(stamp_ns, fixes[:, :3], "/fixes", fixes[:, 3])
         if fix.verdict == "accepted":
             self._bag.pose_with_covariance(
                 stamp_ns, FRAME, fix.world_T_sensor, in_world(fix), "/fix"
             )
 
-    def _cloud(
+    def _add_map(self, stamp_ns: int) -> None:
+        """Write the map, and the transform from the frame `map` to `site`."""
+        map_T_site = np.eye(4)
+        map_T_site[:3, 3] = self._origin_m
+        self._bag.static_transform(stamp_ns, FRAME, SITE, map_T_site)
+        self._add_cloud(stamp_ns, self._map_m, "/map", np.zeros(len(self._map_m)))
+        self._has_map = True
+
+    def _add_cloud(
         self,
         stamp_ns: int,
         points_m: NDArray[np.floating],

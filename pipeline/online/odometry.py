@@ -16,8 +16,8 @@ from pipeline.online.inputs import NO_POSE, ODOMETRY_GAP_S, Scan
 AHEAD_S = 0.2
 """A cloud may be so much newer than the newest pose: the robot is taken to have moved on as between
 the last two poses."""
-KEPT = 5000
-"""So many poses are kept: those of 50 s at 100 a second."""
+MOST_POSES = 5000
+"""At most so many poses are kept: those of 50 s at 100 a second."""
 
 
 def step(previous: Scan | None, scan: Scan) -> NDArray[np.float64] | None:
@@ -44,7 +44,7 @@ class Newest:
     count: int = field(default=0, init=False)
     """How many poses have been added."""
     _poses: deque[tuple[int, NDArray[np.float64]]] = field(
-        default_factory=lambda: deque(maxlen=KEPT), init=False
+        default_factory=lambda: deque(maxlen=MOST_POSES), init=False
     )
 
     @property
@@ -74,4 +74,5 @@ class Newest:
             share = (stamp_ns - stamps_ns[-2]) / (newest_ns - stamps_ns[-2])
             return np.asarray(interpolate(poses[-2:-1], poses[-1:], np.array([share]))[0])
         trajectory = Trajectory(stamps_ns, poses, ODOMETRY_GAP_S)
-        return np.asarray(trajectory.at(np.array([stamp_ns], np.int64))[0][0])
+        interpolated, _ = trajectory.at(np.array([stamp_ns], np.int64))
+        return np.asarray(interpolated[0])

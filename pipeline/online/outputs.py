@@ -86,26 +86,26 @@ def _pose(world_T_sensor: NDArray[np.float64]) -> dict[str, float | None]:
     """A pose (4, 4) as POSE; None for each where it is unknown."""
     if not np.isfinite(world_T_sensor).all():
         return dict.fromkeys(POSE)
-    turn = Rotation.from_matrix(world_T_sensor[:3, :3]).as_quat(canonical=True)
-    values = (*world_T_sensor[:3, 3], *turn)
+    quaternion = Rotation.from_matrix(world_T_sensor[:3, :3]).as_quat(canonical=True)
+    values = (*world_T_sensor[:3, 3], *quaternion)
     return {name: round(float(value), 6) for name, value in zip(POSE, values, strict=True)}
 
 
 def in_world(fix: Fix) -> NDArray[np.float64]:
     """The covariance (6, 6) of a fix along the world's axes: x, y, z, then turns, as in ROS."""
-    world_T_sensor = np.kron(np.eye(2), fix.world_T_sensor[:3, :3])
-    turns_first = world_T_sensor @ fix.covariance @ world_T_sensor.T
-    order = [3, 4, 5, 0, 1, 2]
-    return np.asarray(turns_first[np.ix_(order, order)])
+    both_turned = np.kron(np.eye(2), fix.world_T_sensor[:3, :3])  # the turns and the steps alike
+    turns_first = both_turned @ fix.covariance @ both_turned.T
+    steps_first = [3, 4, 5, 0, 1, 2]
+    return np.asarray(turns_first[np.ix_(steps_first, steps_first)])
 
 
 def person(scan: Scan, fix: Fix) -> str:
     """A fix as a line for people to read."""
     if fix.verdict == "no pose":
         return f"{scan.name:<24} no pose   too few points, or nothing fits   {fix.ms:6.1f} ms"
-    x, y = fix.world_T_sensor[:2, 3]
-    turn = float(np.rad2deg(yaw(fix.world_T_sensor[None])[0]))
-    position = f"x {x:9.2f} m  y {y:9.2f} m  heading {turn:6.1f}°  place {fix.place:>4}"
+    x_m, y_m = fix.world_T_sensor[:2, 3]
+    heading_deg = float(np.rad2deg(yaw(fix.world_T_sensor[None])[0]))
+    position = f"x {x_m:9.2f} m  y {y_m:9.2f} m  heading {heading_deg:6.1f}°  place {fix.place:>4}"
     return (
         f"{scan.name:<24} {fix.verdict:<9} {position}  overlap {fix.overlap:.2f}  novelty "
         f"{fix.novelty:.3f}  {fix.ms:6.1f} ms"

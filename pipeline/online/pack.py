@@ -212,7 +212,9 @@ class Packing:
         """What the site was made of: DVC's digests, versions, and the day that was learned."""
         lock = DvcLock.read(self.conf.parent / "dvc.lock")
         parts = {"model": trained.model, "labels": trained.labels, "scans": trained.scans}
-        digests = {part: lock.of(path.as_posix())[0] for part, path in parts.items()}
+        digests = {}
+        for part, path in parts.items():
+            digests[part], _ = lock.of(path.as_posix())
         versions = {"yearloc": version("yearloc"), "python": platform.python_version()}
         versions |= {name: version(name).partition("+")[0] for name in VERSIONS}
         return Provenance(trained.train, digests, versions)
@@ -256,7 +258,10 @@ def _named(studies: Mapping[str, Study], name: str) -> tuple[str, str, str, Stud
 
 
 def _promised_words(kept: tuple[float, ...]) -> str:
-    """Words that say which of PROMISES a site keeps, and which not."""
+    """Words that say which of PROMISES a site keeps, and which not.
+
+    PROMISES are the easiest first, so that the kept ones come first.
+    """
     words = f"promises {', '.join(map(str, kept)) or 'nothing'}"
     if len(kept) < len(PROMISES):
         words += f", not {', '.join(map(str, PROMISES[len(kept) :]))}"

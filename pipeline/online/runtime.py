@@ -67,11 +67,11 @@ def localizer(network: Network, model: Mapping[str, NDArray[Any]]) -> Localizer:
         xy_m = place_xy_m[places]
         if np.isfinite(headings).all():
             xy_m[:, 0] = model["memory_xy_m"][(features @ model["memory"].T).argmax(axis=1)]
-        best = np.take_along_axis(chances, places, axis=1)
-        novelty = (1 - best[:, :1]).astype(np.float32)
-        confidence = best[:, 0].astype(np.float32)
-        return Ranking(
-            places, (1 - best).astype(np.float32), xy_m, novelty, confidence, headings, ("chance",)
-        )
+        # the chances (query, k) of these places; costs and novelty are one minus a chance
+        place_chances = np.take_along_axis(chances, places, axis=1)
+        costs = (1 - place_chances).astype(np.float32)
+        novelty = (1 - place_chances[:, :1]).astype(np.float32)
+        confidence = place_chances[:, 0].astype(np.float32)
+        return Ranking(places, costs, xy_m, novelty, confidence, headings, ("chance",))
 
     return localize

@@ -18,7 +18,7 @@ from pipeline.readers.log import raised
 
 HEIGHT_M = 0.5
 """A sensor is as high as another within this."""
-BEAMS = 1.5
+BEAM_RATIO = 1.5
 """A sensor has as many beams as another within this ratio."""
 ROUND_DEG = 60.0
 """A sensor covers as much azimuth as another, less at most this."""
@@ -91,16 +91,20 @@ def _leaning(leaning: Lean, body_T_lidar: Poses | None, ways: tuple[str, str]) -
         faults.append(f"tilted by about {leaning.tilt_deg:.0f}°")
     remedy = ""
     if body_T_lidar is not None:
-        option = ways[1].format(_numbers(leaning.upright_T_points @ body_T_lidar))
+        _, way_to_place = ways
+        option = way_to_place.format(_numbers(leaning.upright_T_points @ body_T_lidar))
         remedy = f": it would stand upright with {option}"
     return f"{' and '.join(faults)}{remedy}"
 
 
 def _raised(body_T_lidar: Poses, ground_m: float, ways: tuple[str, str]) -> str:
     """The option by which the ground of the points, now at `ground_m`, would be at z = 0."""
-    placed = raised(-ground_m) @ body_T_lidar
-    is_only_raised = np.allclose(placed, raised(placed[2, 3]))
-    return ways[0].format(placed[2, 3]) if is_only_raised else ways[1].format(_numbers(placed))
+    way_to_raise, way_to_place = ways
+    placement = raised(-ground_m) @ body_T_lidar
+    lift_m = placement[2, 3]
+    if np.allclose(placement, raised(lift_m)):
+        return way_to_raise.format(lift_m)
+    return way_to_place.format(_numbers(placement))
 
 
 def _numbers(pose: Poses) -> str:
@@ -119,7 +123,7 @@ def _differences(diagnosis: Diagnosis, trained: Sensor, remedy: str) -> Iterable
     beams = trained.beams
     height_m = trained.sensor_m
     azimuth_deg = trained.azimuth_deg
-    if beams and diagnosis.beams and not 1 / BEAMS < diagnosis.beams / beams < BEAMS:
+    if beams and diagnosis.beams and not 1 / BEAM_RATIO < diagnosis.beams / beams < BEAM_RATIO:
         yield (
             f"{diagnosis.beams} beams, where the site was learned with {beams:.0f}: fewer fixes "
             "will be accepted"

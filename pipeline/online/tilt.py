@@ -1,7 +1,7 @@
 """Estimates how a scan is tilted, and whether it is upside down, from the plane of its ground.
 
-Planes through random points are tried: the level one that holds most points, and any one. If a
-tilted one holds clearly more, it is the ground.
+Planes through random points are tried. The plane of any tilt that holds most points is the ground,
+if it is tilted and holds clearly more of them than the best level plane.
 """
 
 from dataclasses import dataclass
@@ -25,14 +25,14 @@ TO_M = 25.0
 """Points between these distances from the sensor are looked at."""
 APART_M = 0.4
 """One point is taken in each square of this side, since ground and walls near by are dense."""
-LEAST = 0.2
+LEAST_SHARE = 0.2
 """A tilted ground holds at least this share of the points."""
-CLEARLY = 1.5
+LEAST_RATIO = 1.5
 """A tilted ground holds at least so many times the points of the best level plane."""
-OVER_M = 0.5
-MORE = 3.0
-"""A scan is upside down if MORE times as many points lie OVER_M below its ground as OVER_M above.
-"""
+OFF_GROUND_M = 0.5
+BELOW_RATIO = 3.0
+"""A scan is upside down if more than BELOW_RATIO times as many points lie OFF_GROUND_M below its
+ground as lie OFF_GROUND_M above it."""
 
 
 @dataclass(frozen=True)
@@ -55,25 +55,30 @@ def lean(points_m: NDArray[np.float64], upside_down: bool = False) -> Lean | Non
     range_m = np.hypot(points_m[:, 0], points_m[:, 1])
     near_m = points_m[(range_m > FROM_M) & (range_m < TO_M)]
     squares = np.floor(near_m[:, :2] / APART_M).astype(np.int64)
-    near_m = near_m[np.unique(squares, axis=0, return_index=True)[1]]
+    _, first_rows = np.unique(squares, axis=0, return_index=True)
+    near_m = near_m[first_rows]
 
     level = _plane(near_m, LEVEL_DEG)
     steep = _plane(near_m, STEEPEST_DEG)
     ground = level if upside_down else None
     is_tilted = steep is not None and steep[2] < np.cos(np.deg2rad(LEVEL_DEG))
-    fewest = max(LEAST * len(near_m), CLEARLY * _points_on(near_m, level))
-    if is_tilted and _points_on(near_m, steep) > fewest:
+    fewest_points = max(LEAST_SHARE * len(near_m), LEAST_RATIO * _points_on(near_m, level))
+    if is_tilted and _points_on(near_m, steep) > fewest_points:
         ground = steep
     if ground is None:
         return None
 
     heights_m = near_m @ ground[:3] - ground[3]
-    upside_down = upside_down or (heights_m < -OVER_M).sum() > MORE * (heights_m > OVER_M).sum()
+    below = (heights_m < -OFF_GROUND_M).sum()
+    above = (heights_m > OFF_GROUND_M).sum()
+    upside_down = upside_down or below > BELOW_RATIO * above
     tilt_deg = float(np.rad2deg(np.arccos(min(ground[2], 1.0))))
+    # roll turns the upward normal until its y is 0, then pitch until its x is 0
     x, y, z, away_m = -ground if upside_down else ground
-    turned = pose(np.zeros((1, 3)), np.array([[np.arctan2(y, z), -np.arcsin(x), 0.0]]))[0]
-    turned[2, 3] = -away_m
-    return Lean(tilt_deg, upside_down, turned)
+    roll_pitch_yaw = np.array([[np.arctan2(y, z), -np.arcsin(x), 0.0]])
+    upright_T_points = pose(np.zeros((1, 3)), roll_pitch_yaw)[0]
+    upright_T_points[2, 3] = -away_m
+    return Lean(tilt_deg, upside_down, upright_T_points)
 
 
 def _plane(points_m: NDArray[np.float64], steepest_deg: float) -> NDArray[np.float64] | None:
@@ -84,7 +89,7 @@ def _plane(points_m: NDArray[np.float64], steepest_deg: float) -> NDArray[np.flo
     coefficients = plane(points_m, NEAR_M, steepest_deg, PLANES, np.random.default_rng(0))
     if coefficients is None:
         return None
-    a, b, c = coefficients
+    a, b, c = coefficients  # of a x + b y + z = c
     return np.asarray(np.array([a, b, 1.0, c]) / np.sqrt(a * a + b * b + 1.0))
 
 

@@ -129,11 +129,12 @@ def ground_normals(keys: Keys) -> NDArray[np.float64]:
 
 def _median_upward_normal(cloud: Cloud) -> NDArray[np.float64]:
     """The median normal (3,) of the voxels of a cloud that lie flat; NaN where these are few."""
+    # a normal's sign is arbitrary: turn all upwards
     upward = cloud.normals * np.where(cloud.normals[:, 2:] < 0, -1.0, 1.0)
-    of_lying = upward[upward[:, 2] > LYING]
-    if len(of_lying) < FEWEST_LYING:
+    ground_normals = upward[upward[:, 2] > LYING]
+    if len(ground_normals) < FEWEST_LYING:
         return np.full(3, np.nan)
-    median = np.median(of_lying, axis=0)
+    median = np.median(ground_normals, axis=0)
     return np.asarray(median / np.linalg.norm(median))
 
 

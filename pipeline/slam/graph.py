@@ -4,7 +4,7 @@ Keys (keys.py) and loops (loops.py) go in, a `Solution` comes out: a pose in the
 (METHODS 12.3). `spread_over_scans` then carries these poses over to all scans of the drive.
 
 1. Find the keys that odometry and loops connect; without fixes on a map, of the longest part.
-2. Guess their poses: each part of the drive by odometry, laid on the others by a loop.
+2. Guess their poses: each part of the drive by odometry, placed beside the others by a loop.
 3. Add a factor for each step of odometry, for the ground now and then, for each loop, each fix.
 4. Optimise all poses at once (Levenberg-Marquardt in gtsam; Dellaert and Kaess 2017).
 5. Compare the loops with the result: those that it contradicts are overruled.
@@ -196,6 +196,7 @@ class DriveGraph:
         residual_deg = np.full(len(loops), np.nan)
         used = np.zeros(len(loops), bool)
         for number, loop in enumerate(loops):
+            # how far the loop is off in its deviations, and the weight that Cauchy's loss gives it
             by_loop = world_T_key[loop.key] @ loop.key_T_later
             by_graph = world_T_key[loop.later]
             if not np.isfinite([by_loop, by_graph]).all():
@@ -223,20 +224,23 @@ def spread_over_scans(keys: Keys, world_T_key: Poses, odom_T_scan: Poses) -> Pos
     world_T_odom = world_T_key @ np.linalg.inv(keys.odom_T_key)
     # the keys before and after each scan, and how far it is from the one to the other
     scans = np.arange(len(odom_T_scan))
-    before = np.searchsorted(keys.rows, scans, side="right") - 1
-    before = before.clip(0)
-    after = (before + 1).clip(max=len(keys.rows) - 1)
-    same_part = keys.parts[before] == keys.parts[after]
-    after = np.where(same_part, after, before)
-    between = (keys.rows[after] - keys.rows[before]).clip(1)
-    share = ((scans - keys.rows[before]) / between).clip(0.0, 1.0)
-    share[~same_part] = 0.0
+    key_before = np.searchsorted(keys.rows, scans, side="right") - 1
+    key_before = key_before.clip(0)
+    key_after = (key_before + 1).clip(max=len(keys.rows) - 1)
+    is_same_part = keys.parts[key_before] == keys.parts[key_after]
+    key_after = np.where(is_same_part, key_after, key_before)
+    between = (keys.rows[key_after] - keys.rows[key_before]).clip(1)
+    share = ((scans - keys.rows[key_before]) / between).clip(0.0, 1.0)
+    share[~is_same_part] = 0.0
 
     has_odometry = np.isfinite(odom_T_raised).all((1, 2))
-    posed = has_odometry & np.isfinite(world_T_odom[before]).all((1, 2))
-    moves = interpolate(world_T_odom[before[posed]], world_T_odom[after[posed]], share[posed])
+    has_pose = has_odometry & np.isfinite(world_T_odom[key_before]).all((1, 2))
+    before = world_T_odom[key_before[has_pose]]
+    after = world_T_odom[key_after[has_pose]]
+    world_T_odom_at_scan = interpolate(before, after, share[has_pose])
     world_T_scan = np.full_like(odom_T_scan, np.nan)
-    world_T_scan[posed] = lifted(moves @ odom_T_raised[posed], -keys.lift_m)
+    raised_poses = world_T_odom_at_scan @ odom_T_raised[has_pose]
+    world_T_scan[has_pose] = lifted(raised_poses, -keys.lift_m)
     return world_T_scan
 
 
@@ -246,7 +250,7 @@ def _connected(keys: Keys, loops: list[Loop], fixes: Sequence[KeyFix]) -> NDArra
     Without fixes they are those of the set of connected parts that has the most keys.
     """
     group = keys.parts.copy()
-    for loop in loops:
+    for loop in loops:  # a loop makes the groups of its two keys one
         group[group == group[loop.later]] = group[loop.key]
     if fixes:
         fixed_groups = {int(group[fix.key]) for fix in fixes}
@@ -259,33 +263,33 @@ def _start(
 ) -> Poses:
     """First guesses (k, 4, 4) of the keys' poses: each part by its odometry, moved as a whole.
 
-    A part is laid by its first fix, else by a loop with a part that is laid already. Without fixes
-    the part of the first member stays where it is.
+    A part is placed by its first fix, else by a loop with a part that is placed already. Without
+    fixes the part of the first member stays where it is.
     """
     start = keys.odom_T_key.copy()
-    laid: set[int] = set()
+    placed_parts: set[int] = set()
 
-    def lay(part: int, world_T_odom: Poses) -> None:
+    def place(part: int, world_T_odom: Poses) -> None:
         """Move all keys of a part by the pose of its odometry's frame in the world."""
         rows = keys.parts == part
         start[rows] = world_T_odom @ keys.odom_T_key[rows]
-        laid.add(part)
+        placed_parts.add(part)
 
     for fix in fixes:
         part = int(keys.parts[fix.key])
-        if part not in laid:
-            lay(part, fix.world_T_key @ np.linalg.inv(keys.odom_T_key[fix.key]))
-    if not laid:
-        laid.add(int(keys.parts[members[0]]))
+        if part not in placed_parts:
+            place(part, fix.world_T_key @ np.linalg.inv(keys.odom_T_key[fix.key]))
+    if not placed_parts:
+        placed_parts.add(int(keys.parts[members[0]]))
 
     joins: list[tuple[int, int, Poses]] = []
     for loop in loops:  # both ways: a key, another key, and that one's pose in the frame of the key
         joins.append((loop.key, loop.later, loop.key_T_later))
         joins.append((loop.later, loop.key, np.asarray(np.linalg.inv(loop.key_T_later))))
     member_parts = set(keys.parts[members].tolist())
-    while not member_parts <= laid:
+    while not member_parts <= placed_parts:
         for key, other, key_T_other in joins:
             part = int(keys.parts[other])
-            if int(keys.parts[key]) in laid and part not in laid:
-                lay(part, start[key] @ key_T_other @ np.linalg.inv(keys.odom_T_key[other]))
+            if int(keys.parts[key]) in placed_parts and part not in placed_parts:
+                place(part, start[key] @ key_T_other @ np.linalg.inv(keys.odom_T_key[other]))
     return start

@@ -69,7 +69,7 @@ class Keys:
         """
         rows, path_m = key_rows(track, every_m)
         lift_m = -ground_m(log, rows)
-        readable: list[int] = []
+        readable_keys: list[int] = []
         heights_m = []
         points: list[NDArray[np.int16]] = []
         for number, row in enumerate(watch.track(rows.tolist(), len(rows), "keys")):
@@ -78,14 +78,14 @@ class Keys:
                 points_m[:, 2] += lift_m
             except LogError:
                 continue
-            readable.append(number)
+            readable_keys.append(number)
             heights_m.append(view(points_m))
             points.append(thinned(points_m, range_m, voxel_m).astype(np.int16))
-        rows = rows[readable]
+        rows = rows[readable_keys]
         return cls(
             rows,
             track.parts[rows],
-            path_m[readable],
+            path_m[readable_keys],
             lifted(track.odom_T_scan[rows], lift_m),
             np.stack(heights_m),
             np.concatenate(points),
@@ -117,27 +117,27 @@ def key_rows(track: Track, every_m: float) -> tuple[NDArray[np.int64], NDArray[n
 
     The first scan of each part is a key, then one every `every_m` of path. A break adds no path.
     """
-    posed = np.flatnonzero(np.isfinite(track.odom_T_scan).all(axis=(1, 2)))
-    xyz_m = track.odom_T_scan[posed, :3, 3]
-    parts = track.parts[posed]
-    same_part = np.diff(parts) == 0
-    steps_m = np.linalg.norm(np.diff(xyz_m, axis=0), axis=1) * same_part
+    rows = np.flatnonzero(np.isfinite(track.odom_T_scan).all(axis=(1, 2)))
+    xyz_m = track.odom_T_scan[rows, :3, 3]
+    parts = track.parts[rows]
+    is_within_part = np.diff(parts) == 0
+    steps_m = np.linalg.norm(np.diff(xyz_m, axis=0), axis=1) * is_within_part
     path_m = np.concatenate([[0.0], np.cumsum(steps_m)])
-    chosen = [0] if len(posed) else []
-    for i in range(1, len(posed)):
-        is_new_part = parts[i] != parts[chosen[-1]]
-        if is_new_part or path_m[i] - path_m[chosen[-1]] >= every_m:
-            chosen.append(i)
-    return posed[chosen], path_m[chosen]
+    keys = [0] if len(rows) else []
+    for i in range(1, len(rows)):
+        is_new_part = parts[i] != parts[keys[-1]]
+        if is_new_part or path_m[i] - path_m[keys[-1]] >= every_m:
+            keys.append(i)
+    return rows[keys], path_m[keys]
 
 
 def ground_m(log: Log, rows: Sequence[int] | NDArray[np.int64]) -> float:
     """The median z of the ground in a few of the scans `rows`; 0 where none can be read."""
     if not len(rows):
         return 0.0
-    spread = np.unique(np.linspace(0, len(rows) - 1, LOOKED_AT).astype(int))
+    numbers = np.unique(np.linspace(0, len(rows) - 1, LOOKED_AT).astype(int))
     heights_m = []
-    for number in spread:
+    for number in numbers:
         try:
             points_m = np.asarray(log.points(int(rows[number])), np.float64)
         except LogError:

@@ -9,8 +9,8 @@ A log goes in, a `Track` comes out: the poses of its scans in a frame that begin
    2021, in small_gicp). This finds the nearest minimum, and does not tell if it is the wrong one.
 4. So check the step by the overlap with the scan before. Where that is low for this log, try
    further guesses and take the one of the most overlap.
-5. Where the two hardly overlap at all, take the step of the log's odometry; where the log has none,
-   break: the odometry starts anew at this scan.
+5. Where the scan hardly overlaps with the one before, nor with the one before that, take the step
+   of the log's odometry; where the log has none, break: the odometry starts anew at this scan.
 6. Add the scan to the map.
 """
 
@@ -49,7 +49,8 @@ REFINED_DEG = 2.0
 WRONG_DEG = 30.0
 """A step turned by more than this against the log's odometry is refused."""
 LYING = 0.8
-"""A voxel whose normal has a z of this or more is ground or ceiling; any other stands."""
+"""A voxel whose normal has a z of this or more, up or down, is ground or ceiling. Any other stands:
+it is of a wall, a trunk or the like."""
 FEWEST_STANDING = 30
 """Where fewer voxels of a scan stand, all of its voxels are compared."""
 SAMPLED = 500
@@ -115,7 +116,7 @@ class ScanOdometry:
 
         Raises LogError where most of them have too few points.
         """
-        return _Tracker(self, log, use_log_odometry).track(watch)
+        return _DriveOdometry(self, log, use_log_odometry).run(watch)
 
 
 @dataclass(frozen=True)
@@ -131,7 +132,7 @@ class _Step:
     """Whether the step is the log's odometry, for want of overlap."""
 
 
-class _Tracker:
+class _DriveOdometry:
     """Registers the scans of one drive in their order, and keeps what the next one needs."""
 
     def __init__(self, settings: ScanOdometry, log: Log, use_log_odometry: bool) -> None:
@@ -155,7 +156,7 @@ class _Tracker:
         self.before_last: tuple[Poses, Cloud] | None = None  # its pose and its cloud
         self.last_overlaps: deque[float] = deque(maxlen=REMEMBERED)
 
-    def track(self, watch: Progress) -> Track:
+    def run(self, watch: Progress) -> Track:
         """Register all scans; raises LogError where most of them have too few points."""
         count = len(self.log.stamps_ns)
         for row in watch.track(range(count), count, "odometry"):
@@ -224,7 +225,7 @@ class _Tracker:
         self.last_step = np.eye(4)
         self.last_step_s = 0.0
         self.map = small_gicp.GaussianVoxelMap(self.settings.map_voxel_m)
-        self.map.set_lru(self.settings.forgotten, 10)
+        self.map.set_lru(self.settings.forgotten, 10)  # it forgets voxels at every 10th scan
         self.map.insert(cloud.points, self.poses[row])
 
     def _add(self, row: int, step: _Step) -> None:
@@ -275,7 +276,7 @@ class _Tracker:
         if not self.use_log_odometry:
             return None
         between = self.log.odom_T_scan[self.last_row + 1 : row + 1]
-        if not np.isfinite(between).all():  # NaN marks a break in the odometry, too
+        if not np.isfinite(between).all():  # a break in between, too, is marked by NaN
             return None
         step = np.linalg.inv(self.log.odom_T_scan[self.last_row]) @ between[-1]
         return step if np.isfinite(step).all() else None
@@ -288,8 +289,8 @@ class _Tracker:
         seconds = self._seconds(row)
         step = self.last_step
         if self.last_step_s > 0 and seconds > 0:
-            times = np.array([min(seconds / self.last_step_s, MOST_CARRIED)])
-            step = np.asarray(interpolate(np.eye(4)[None], self.last_step[None], times)[0])
+            factor = np.array([min(seconds / self.last_step_s, MOST_CARRIED)])
+            step = np.asarray(interpolate(np.eye(4)[None], self.last_step[None], factor)[0])
         turn_rad = self._imu_turn_rad(row)
         return step if turn_rad is None else turned_by(step, turn_rad)
 
@@ -298,7 +299,7 @@ class _Tracker:
         if self.log.heading_rad is None or not self.use_log_odometry:
             return None
         headings_rad = self.log.heading_rad[self.last_row : row + 1]
-        if not np.isfinite(headings_rad).all():  # NaN marks a gap, too
+        if not np.isfinite(headings_rad).all():  # a gap in between, too, is marked by NaN
             return None
         return float(headings_rad[-1] - headings_rad[0])
 
@@ -382,13 +383,14 @@ class _Tracker:
         """The turn since the scan before by Scan Context (Kim and Kim, IROS 2018), if any."""
         view = ScanContext(voxel_m=0.0, min_points=1)
         spectra = Spectra.learned(view(self.last_cloud.xyz_m)[None])
-        turn_deg = spectra.compare(view(cloud.xyz_m), np.array([0]))[1]
+        _, turn_deg = spectra.compare(view(cloud.xyz_m), np.array([0]))
         return [float(turn) for turn in turn_deg if np.isfinite(turn)]
 
     def _brought_near(self, cloud: Cloud, guess: Poses) -> Poses:
         """A guess aligned with the scan before, by pairs of points up to `reach_m` apart.
 
-        Gaussians of wide cells, with which posing/registration.py approaches, lose turns of 45°.
+        The Gaussians of wide cells with which `refine` begins (posing/registration.py) do not find
+        back from a guess that is 45° off.
         """
         result = small_gicp.align(
             self.last_cloud.points,
@@ -403,19 +405,20 @@ class _Tracker:
 
 def turned_by(step: Poses, turn_rad: float) -> Poses:
     """A step (4, 4) bent to an arc that turns to the left by `turn_rad`; length and slope stay."""
-    was_rad = float(np.arctan2(step[1, 0], step[0, 0]))
-    more = turns(np.array([turn_rad - was_rad]))[0]
-    half = turns(np.array([(turn_rad - was_rad) / 2]))[0]
-    turned = more @ step
-    turned[:3, 3] = half[:3, :3] @ step[:3, 3]
-    return np.asarray(turned)
+    more_rad = turn_rad - float(np.arctan2(step[1, 0], step[0, 0]))
+    bent = turns(np.array([more_rad]))[0] @ step
+    # the chord of an arc turns by half as much as its end
+    half_turn = turns(np.array([more_rad / 2]))[0]
+    bent[:3, 3] = half_turn[:3, :3] @ step[:3, 3]
+    return np.asarray(bent)
 
 
 def share_standing(target: Cloud, source: Cloud, target_T_source: Poses, inlier_m: float) -> float:
     """The overlap of two scans: the share of what stands in one that the other has.
 
-    A voxel is had by a cloud with a voxel nearer than `inlier_m`. Of the shares of the two clouds
-    the larger counts: a truck before one sensor hides what the other saw.
+    It is the share of one scan's standing voxels (LYING) that have a voxel of the other nearer than
+    `inlier_m`. It is taken both ways and the larger counts: a truck before one sensor hides what
+    the other saw.
     """
     source_T_target = np.asarray(np.linalg.inv(target_T_source))
     of_source = _share(target, moved(target_T_source, standing(source)), inlier_m)
@@ -426,7 +429,7 @@ def share_standing(target: Cloud, source: Cloud, target_T_source: Poses, inlier_
 def standing(cloud: Cloud) -> Points:
     """A sample (m, 3) of the voxels of a cloud that stand: neither ground nor ceiling.
 
-    Ground fits on ground wherever a scan is laid, and so says nothing. Where hardly anything
+    Ground fits on ground in any pose, and so says nothing. Where hardly anything
     stands, all voxels are sampled.
     """
     points_m = cloud.xyz_m
@@ -438,4 +441,5 @@ def standing(cloud: Cloud) -> Points:
 
 def _share(cloud: Cloud, points_m: Points, inlier_m: float) -> float:
     """The share of points (n, 3) that lie nearer than `inlier_m` to a voxel of a cloud."""
-    return float((cloud.nearest(points_m)[1] < inlier_m).mean())
+    _, away_m = cloud.nearest(points_m)
+    return float((away_m < inlier_m).mean())

@@ -24,7 +24,7 @@ MAP_EVERY_M = 1.0
 """The map takes a scan after so much path."""
 MAP_RANGE_M = 60.0
 """The map takes the points of a scan within this distance."""
-GATHERED = 50
+THINNED_AFTER = 50
 """The map is thinned after every so many scans, which bounds its memory."""
 
 
@@ -38,22 +38,24 @@ def tum_text(estimate: Estimates) -> str:
 
 def map_pcd(log: Log, estimate: Estimates, watch: Progress) -> bytes:
     """A PCD file of the points of a drive in its world; scans that cannot be read are left out."""
-    spaced = np.unique(estimate.path_m // MAP_EVERY_M, return_index=True)[1]
-    rows = spaced[estimate.posed[spaced]].tolist()
-    whole = np.empty((0, 3))
-    gathered: list[Points] = []
+    # the first scan in each MAP_EVERY_M of path, if it has a pose
+    _, first_rows = np.unique(estimate.path_m // MAP_EVERY_M, return_index=True)
+    rows = first_rows[estimate.posed[first_rows]].tolist()
+    map_m = np.empty((0, 3))
+    not_thinned: list[Points] = []
     for number, row in enumerate(watch.track(rows, len(rows), "map"), start=1):
         try:
             points_m = scan_at_stamp(log, estimate.odom_T_scan, estimate.breaks, row)
         except LogError:
             continue
         near = points_m[np.linalg.norm(points_m, axis=1) < MAP_RANGE_M]
-        gathered.append(moved(estimate.world_T_scan[row], near))
-        if number % GATHERED == 0 or number == len(rows):
-            thin = small_gicp.voxelgrid_sampling(np.concatenate([whole, *gathered]), MAP_VOXEL_M)
-            whole = np.asarray(thin.points())[:, :3]
-            gathered = []
-    return pcd.encode(whole)
+        not_thinned.append(moved(estimate.world_T_scan[row], near))
+        if number % THINNED_AFTER == 0 or number == len(rows):
+            all_m = np.concatenate([map_m, *not_thinned])
+            thinned = small_gicp.voxelgrid_sampling(all_m, MAP_VOXEL_M)
+            map_m = np.asarray(thinned.points())[:, :3]
+            not_thinned = []
+    return pcd.encode(map_m)
 
 
 def draw(estimate: Estimates, path: Path, title: str) -> None:
@@ -69,16 +71,18 @@ def draw(estimate: Estimates, path: Path, title: str) -> None:
     axes = figure.subplots()
     odom_m = estimate.odom_T_scan[:, :2, 3]
     world_m = estimate.world_T_scan[:, :2, 3]
-    used = estimate.used
+    is_used = estimate.used
     for part in np.split(np.arange(len(odom_m)), estimate.breaks):
         label = "odometry" if part[0] == 0 else ""
         axes.plot(*odom_m[part].T, color="0.7", linewidth=1, label=label)
     axes.plot(*world_m.T, color="tab:blue", linewidth=1.5, label="result")
     if not len(estimate.fixed):
-        last = int(estimate.later[used].max()) if used.any() else 0
-        axes.plot(*world_m[last:].T, color="tab:red", linewidth=1.5, label="after the last loop")
-    _draw_loops(axes, estimate, np.flatnonzero(used), "tab:green", "loop")
-    _draw_loops(axes, estimate, np.flatnonzero(~used), "tab:orange", "overruled")
+        last_row = int(estimate.later[is_used].max()) if is_used.any() else 0
+        axes.plot(
+            *world_m[last_row:].T, color="tab:red", linewidth=1.5, label="after the last loop"
+        )
+    _draw_loops(axes, estimate, np.flatnonzero(is_used), "tab:green", "loop")
+    _draw_loops(axes, estimate, np.flatnonzero(~is_used), "tab:orange", "overruled")
     if len(estimate.fixed):
         axes.plot(*world_m[estimate.fixed].T, "o", color="tab:green", markersize=3, label="fix")
     if len(estimate.breaks):

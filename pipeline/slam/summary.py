@@ -30,12 +30,12 @@ def lines(estimate: Estimates) -> list[str]:
 
 def _break_line(estimate: Estimates, row: int) -> str:
     """How little scan `row` overlaps with the one before, and how far apart in time they are."""
-    usual = float(np.nanmedian(estimate.overlap))
+    usual_overlap = float(np.nanmedian(estimate.overlap))
     seconds = (estimate.stamps_ns[row] - estimate.stamps_ns[row - 1]) / 1e9
     return (
         f"no overlap at scan {row}: {estimate.overlap[row]:.2f} with the scan before, usually "
-        f"{usual:.2f}; {seconds:.3g} s lie between them, usually {_spacing(estimate)}: a jump, a "
-        "gap, or scans too far apart"
+        f"{usual_overlap:.2f}; {seconds:.3g} s lie between them, usually {_spacing(estimate)}: a "
+        "jump, a gap, or scans too far apart"
     )
 
 
@@ -58,17 +58,17 @@ def _fixed_line(estimate: Estimates) -> str:
 
 def _drift_line(estimate: Estimates) -> str:
     """How well the loops agree, and how far the drive goes on after the last of them."""
-    used = estimate.used
+    is_used = estimate.used
     path_m = estimate.path_m
-    if not used.any():
+    if not is_used.any():
         return (
             f"no loop: the drive comes back to no place, so its drift over {path_m[-1]:,.0f} m is "
             "unknown"
         )
-    after_m = float(path_m[-1] - path_m[estimate.later[used].max()])
-    residual_m = estimate.residual_m[used]
+    after_m = float(path_m[-1] - path_m[estimate.later[is_used].max()])
+    residual_m = estimate.residual_m[is_used]
     return (
-        f"{int(used.sum())} loops, {int((~used).sum())} overruled; they agree within "
+        f"{int(is_used.sum())} loops, {int((~is_used).sum())} overruled; they agree within "
         f"{np.median(residual_m):.2f} m in the median, {residual_m.max():.2f} m at most; after the "
         f"last one the drive goes on for {after_m:,.0f} m"
     )
