@@ -19,7 +19,7 @@ LONGEST_STEP_M = 0.3
 SHORTEST_STEP_M = 1e-3
 LEAST_TURN_RAD = 1e-4
 """A step is shortened to LONGEST_STEP_M; after one shorter than these two the pose is found."""
-INDEPENDENT = 20.0
+DEPENDENT_HITS = 20.0
 """So many neighbouring hits tell as much as one, since their errors are alike."""
 RANGE_ERROR_M = 0.05
 """Standard deviation of a hit's distance from its wall."""
@@ -50,7 +50,7 @@ def refined(
             FARTHEST_M,
         )
         covariances[number] = np.linalg.inv(
-            information / (INDEPENDENT * RANGE_ERROR_M**2) + np.eye(3) * LEAST_INFORMATION
+            information / (DEPENDENT_HITS * RANGE_ERROR_M**2) + np.eye(3) * LEAST_INFORMATION
         )
     return refined_poses, covariances
 

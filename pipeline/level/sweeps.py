@@ -28,7 +28,7 @@ always remembered."""
 THINNED_M = 0.1
 """Hits are thinned to one in each square of this side."""
 
-MATCHED_WITH = 5
+MATCHED_SWEEPS = 5
 """A sweep is matched with so many sweeps before it."""
 CELL_M = 0.1
 """Matching looks distances up in cells of this side."""
@@ -163,8 +163,8 @@ class Gatherer:
         Where there is too little to match, the pose of odometry stays.
         """
         # the hits of the earlier sweeps, and around them the distance to the nearest
-        earlier_hits = list(self._hits)[-MATCHED_WITH:]
-        earlier_poses = list(self._poses)[-MATCHED_WITH:]
+        earlier_hits = list(self._hits)[-MATCHED_SWEEPS:]
+        earlier_poses = list(self._poses)[-MATCHED_SWEEPS:]
         in_start_frame = [
             _transformed(earlier, pose)
             for earlier, pose in zip(earlier_hits, earlier_poses, strict=True)

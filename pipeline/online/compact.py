@@ -4,9 +4,9 @@ from typing import Any
 
 import numpy as np
 
-LARGE = 1000
+LEAST_WEIGHTS = 1000
 """Arrays of fewer weights stay as they are."""
-STEPS = 127
+MOST_STEPS = 127
 """The largest weight of a row, in 8-bit steps."""
 
 
@@ -28,18 +28,18 @@ def without_notes(model: Any) -> Any:
 def with_small_weights(model: Any) -> Any:
     """Store the large float32 weights of an onnx.ModelProto as 8-bit integers.
 
-    Each row along the first axis becomes integers of up to STEPS and a scale of its own, and a node
-    DequantizeLinear multiplies them again. Changes the model, and returns it.
+    Each row along the first axis becomes integers of up to MOST_STEPS and a scale of its own, and a
+    node DequantizeLinear multiplies them again. Changes the model, and returns it.
     """
     from onnx import helper, numpy_helper
 
     graph = model.graph
     for weights in list(graph.initializer):
         values = numpy_helper.to_array(weights)
-        if values.dtype != np.float32 or values.size < LARGE:
+        if values.dtype != np.float32 or values.size < LEAST_WEIGHTS:
             continue
         rows = values.reshape(len(values), -1)
-        scale = np.maximum(np.abs(rows).max(axis=1), np.finfo(np.float32).tiny) / STEPS
+        scale = np.maximum(np.abs(rows).max(axis=1), np.finfo(np.float32).tiny) / MOST_STEPS
         steps = np.rint(rows / scale[:, None]).astype(np.int8).reshape(values.shape)
         name = weights.name
         graph.initializer.remove(weights)

@@ -37,7 +37,7 @@ from pipeline.readers.log import raised
 
 POLL_S = 0.02
 """The file is looked at again after this time."""
-WAITING = 8
+MOST_WAITING = 8
 """At most so many clouds wait, since a recorder writes several at once. Then the oldest is dropped.
 """
 STEP_S = 0.1
@@ -110,7 +110,7 @@ class Following:
             )
         # what the thread reads, and this one takes while it holds the condition
         self._changed = Condition()
-        self._clouds = deque[tuple[int, bytes]](maxlen=WAITING)  # stamp and message
+        self._clouds = deque[tuple[int, bytes]](maxlen=MOST_WAITING)  # stamp and message
         self._newest_poses = Newest()
         self._child = ""  # the frame that odometry moves
         self._edges = dict[tuple[str, str], tuple[Any, Any]]()  # stamps and poses of transforms
@@ -273,7 +273,7 @@ class Following:
             self.skipped["broken message"] += 1
             return
         with self._changed:
-            if len(self._clouds) == WAITING:
+            if len(self._clouds) == MOST_WAITING:
                 self.dropped += 1
             self._clouds.append((stamp_ns or int(record.log_time), record.data))
             self._changed.notify()

@@ -31,7 +31,7 @@ from pipeline.readers.log import extrinsic as given_extrinsic
 
 READERS = ("pipeline.readers.",)
 """A site may name a reader of these modules only."""
-SCANS = ("velodyne_sync", "velodyne", "scans", "points")
+SCAN_FOLDERS = ("velodyne_sync", "velodyne", "scans", "points")
 """Subfolders of a log that may hold its scan files."""
 NCLT_PACKETS = "velodyne_hits.bin"
 """Not a scan, but the packets of a whole drive of NCLT."""
@@ -202,8 +202,8 @@ def _sequence(path: Path) -> str:
 
 
 def _files(path: Path) -> list[Path]:
-    """The scan files of a folder, or of a subfolder in SCANS, in the order of their numbers."""
-    for place in (path, *(path / name for name in SCANS)):
+    """The scan files of a folder, or of one of its SCAN_FOLDERS, in the order of their numbers."""
+    for place in (path, *(path / name for name in SCAN_FOLDERS)):
         files = [
             file
             for file in place.glob("*")
@@ -212,7 +212,8 @@ def _files(path: Path) -> list[Path]:
         if files:
             return sorted(files, key=lambda file: (_stamp_ns(file.stem) or 0, file.name))
     raise LogError(
-        f"{path}: no scan there: no .bin, .npy or .pcd in it or in {', '.join(SCANS)}, and no bag"
+        f"{path}: no scan there: no .bin, .npy or .pcd in it or in {', '.join(SCAN_FOLDERS)}, and "
+        "no bag"
     )
 
 

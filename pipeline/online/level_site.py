@@ -37,7 +37,7 @@ from pipeline.online.site_file import LevelParts
 from pipeline.online.site_json import LevelDescription
 from pipeline.paths.belief import LEAST_CHANCE, Belief
 
-FEW = 20
+FEW_POINTS = 20
 """So few points do not tell a level sweep from a 3-D scan; they make no pose anyway."""
 PATIENCE = 3
 """The robot is lost after so many sweeps in a row whose fix was not accepted."""
@@ -251,7 +251,7 @@ def level_points(points_m: NDArray[np.floating]) -> NDArray[np.float64]:
         )
     points_m = points_m.astype(np.float64)
     points_m = points_m[np.isfinite(points_m).all(axis=1)]
-    if points_m.shape[1] == 3 and len(points_m) > FEW and not is_level([points_m]):
+    if points_m.shape[1] == 3 and len(points_m) > FEW_POINTS and not is_level([points_m]):
         raise InputError(
             f"a 3-D scan, its points lie over {np.ptp(points_m[:, 2]):.1f} m of height: this site "
             "is level, it takes the sweeps of a level 2-D laser"

@@ -52,7 +52,7 @@ from pipeline.studies.study import Study, StudyMethod
 
 VERSIONS = ("numpy", "numba", "torch", "small_gicp", "safetensors")
 """Packages whose versions a site records."""
-NOT_ASKED = (HELD_OUT, "curves/", "best_epoch")
+NOT_PACKED = (HELD_OUT, "curves/", "best_epoch")
 """Arrays of a model whose names begin so are not needed to localise, and are left out."""
 SENSOR_SCANS = 9
 """What the sensor looks like is judged by so many scans, evenly spread."""
@@ -188,7 +188,7 @@ class Packing:
 
         # the file
         model = {
-            key: array for key, array in trained_model.items() if not key.startswith(NOT_ASKED)
+            key: array for key, array in trained_model.items() if not key.startswith(NOT_PACKED)
         }
         arrays = {**arrays, "cells": labels.cells, **evidence.expectations.arrays}
         growth_views = learned_from(views, trained_model)

@@ -37,10 +37,10 @@ BODY_S = 10.0
 """A body that takes longer to arrive is refused."""
 ANSWER_S = 30.0
 """A request gets an answer within this, or none."""
-WAITING = 16
+MOST_WAITING = 16
 """At most so many scans wait in one worker; a further one is refused."""
-GONE = 499
-LEFT = "the client is gone"
+GONE_STATUS = 499
+GONE_REASON = "the client is gone"
 """The status, for the metrics, and the reason of a request whose client has left."""
 WAYS = "lift_m={:.2f}", "body_T_lidar={}"
 """The options by which a request raises its points, or places them (sensor.py)."""
@@ -78,7 +78,7 @@ def serving(path: Path, token: str = "") -> FastAPI:
     """
     site = Site.open(path)
     localizing = ThreadPoolExecutor(1)  # one scan after the other
-    waiting = asyncio.Semaphore(WAITING)
+    waiting = asyncio.Semaphore(MOST_WAITING)
     registry = CollectorRegistry()
     has_workers = bool(os.environ.get("PROMETHEUS_MULTIPROC_DIR"))
     answers = Counter("yearloc_fixes", "Fixes by verdict", ["verdict"], registry=registry)
@@ -117,7 +117,9 @@ def serving(path: Path, token: str = "") -> FastAPI:
         body_T_lidar = _placement(request, site)
         if waiting.locked():
             raise RequestError(
-                503, f"{WAITING} scans wait already; ask again", ceil(WAITING * last_ms / 1e3)
+                503,
+                f"{MOST_WAITING} scans wait already; ask again",
+                ceil(MOST_WAITING * last_ms / 1e3),
             )
         async with waiting:
             body = await _body(request)
@@ -141,7 +143,7 @@ def serving(path: Path, token: str = "") -> FastAPI:
         return {
             "site": site.name,
             "promises": [*site.promises],
-            "waiting": WAITING - waiting._value,
+            "waiting": MOST_WAITING - waiting._value,
             "unlike": sensor_warnings,
         }
 
@@ -234,7 +236,7 @@ async def _body(request: Request) -> bytes:
     except TimeoutError:
         raise RequestError(408, f"the body took longer than {BODY_S:g} s") from None
     except ClientDisconnect:
-        raise RequestError(GONE, LEFT) from None
+        raise RequestError(GONE_STATUS, GONE_REASON) from None
 
 
 async def _while_connected(request: Request, future: "Future[Fix]") -> Fix:
@@ -251,7 +253,7 @@ async def _while_connected(request: Request, future: "Future[Fix]") -> Fix:
         if answer.done():
             return answer.result()
         if disconnect.done():
-            raise RequestError(GONE, LEFT)
+            raise RequestError(GONE_STATUS, GONE_REASON)
         raise RequestError(504, f"no fix within {ANSWER_S:g} s")
     finally:
         disconnect.cancel()

@@ -3,7 +3,7 @@
 For each scan a `Tracker`
 
 1. moves what is believed (paths/belief.py) by the step of odometry since the last scan, or without
-   odometry by a predicted step; after LONGEST seconds without odometry it forgets the robot;
+   odometry by a predicted step; after LONGEST_S seconds without odometry it forgets the robot;
 2. registers the scan from the predicted pose, if the robot is tracked; if it is lost, ranks places
    and searches the whole map;
 3. judges the fix by what is believed of all scans so far;
@@ -34,11 +34,11 @@ PATIENCE = 3
 """The robot is lost after so many scans in a row whose fix was not accepted."""
 LIKELY = 0.9
 """A fix that is believed so much tells how the robot moves, accepted or not."""
-SHORTEST = 0.02
-LONGEST = 5.0
+SHORTEST_S = 0.02
+LONGEST_S = 5.0
 """Two fixes tell how fast a robot moves if so many seconds lie between them, at least and at most.
-After more than LONGEST a robot without odometry may be anywhere. Scans without stamps count as one
-second apart."""
+After more than LONGEST_S a robot without odometry may be anywhere. Scans without stamps count as
+one second apart."""
 FASTEST_M_S = 40.0
 FASTEST_DEG_S = 180.0
 """No robot moves or turns faster."""
@@ -85,10 +85,10 @@ class Motion:
         fix. So the share of one step is ½ a (t₁² − t₀²), with t₀ and t₁ before and after it.
         """
         if not self._fix_interval_s:
-            away_m, turn_deg = UNKNOWN_SPEEDS * max(self._plausible_s(took_s), SHORTEST)
+            away_m, turn_deg = UNKNOWN_SPEEDS * max(self._plausible_s(took_s), SHORTEST_S)
             return float(away_m), float(turn_deg)
         hidden_step = np.zeros(2)
-        if self._plausible_s(took_s) < SHORTEST:
+        if self._plausible_s(took_s) < SHORTEST_S:
             # it may be the same scan again, or the clock stands still while the robot moves on
             turn_deg_s = np.rad2deg(np.linalg.norm(self._turn_rad_s))
             speeds = np.array([np.linalg.norm(self._speed_m_s), turn_deg_s])
@@ -106,8 +106,8 @@ class Motion:
     def note_fix(self, world_T_robot: NDArray[np.float64], time_s: float) -> None:
         """Take note of a fix (4, 4) that is believed, and of its time.
 
-        If the fix before is between SHORTEST and LONGEST seconds old, the two tell the speed, and
-        how far the prediction was off.
+        If the fix before is between SHORTEST_S and LONGEST_S seconds old, the two tell the speed,
+        and how far the prediction was off.
         """
         last_fix = self._last_fix
         self._last_fix = (world_T_robot, time_s)
@@ -116,7 +116,7 @@ class Motion:
             return
         world_T_last, last_s = last_fix
         seconds = time_s - last_s
-        if not SHORTEST <= seconds <= LONGEST:
+        if not SHORTEST_S <= seconds <= LONGEST_S:
             return
         step = np.linalg.inv(world_T_last) @ world_T_robot
         speed_m_s = step[:3, 3] / seconds
@@ -138,12 +138,12 @@ class Motion:
         """The time of a step. Where it is negative or long, the time between the last two fixes
         that told a speed; while none did, this is 0.
         """
-        return took_s if 0 <= took_s <= LONGEST else self._fix_interval_s
+        return took_s if 0 <= took_s <= LONGEST_S else self._fix_interval_s
 
     def _counted_s(self, took_s: float) -> float:
         """The time by which a step's doubt grows; too short a time counts as that between fixes."""
         seconds = self._plausible_s(took_s)
-        return self._fix_interval_s if seconds < SHORTEST else seconds
+        return self._fix_interval_s if seconds < SHORTEST_S else seconds
 
 
 class Tracker:
@@ -184,7 +184,7 @@ class Tracker:
 
         `step` (4, 4) is its pose in the frame of the last scan, by odometry. Without odometry, or
         if no robot makes such a step in the time between the stamps, the robot is taken to move on
-        as between its last two fixes. After more than LONGEST seconds without odometry it may be
+        as between its last two fixes. After more than LONGEST_S seconds without odometry it may be
         anywhere, and is searched for in the whole map.
         """
         start = perf_counter()
@@ -218,12 +218,12 @@ class Tracker:
         """Move what is believed by a step of odometry, or without one by a predicted step.
 
         `took_s` is the time of the step; None if it is unknown. Returns the step (4, 4). Forgets
-        the robot after more than LONGEST seconds without odometry.
+        the robot after more than LONGEST_S seconds without odometry.
         """
         if step is not None and np.isfinite(step).all() and _is_driven(step, took_s):
             self.belief.move(step)
             return step
-        if took_s is not None and took_s > LONGEST:
+        if took_s is not None and took_s > LONGEST_S:
             # what was believed says nothing of where the robot has gone
             self._pose = None
             self.belief = Belief(self.belief.unseen_share)

@@ -21,14 +21,14 @@ TURN_DEG_PER_M = 0.1
 metre."""
 DEVIATIONS = 3.0
 """A hypothesis may have drifted by so many standard deviations."""
-JUMPS = 0.001
+JUMP_CHANCE = 0.001
 """The chance at each scan that the robot was carried off."""
-REPEATS = 0.3
+REPEAT_SHARE = 0.3
 """The share of wrong fixes that lie near a hypothesis: the next scan may show the same look-alike,
 or the fix may have slipped along a street. It is assumed, not learned."""
 LEAST_CHANCE = 1e-6
 """No fix is taken for surely wrong, nor for surely right: its chance is this far from 0 and 1."""
-FORGOTTEN = 1e-5
+FORGOTTEN_CHANCE = 1e-5
 """A hypothesis of a smaller chance is dropped."""
 
 
@@ -58,7 +58,7 @@ class Belief:
             doubt = (DRIFT * step_m, TURN_DEG_PER_M * step_m)
         doubt_m, doubt_deg = doubt
         self.poses = self.poses @ step
-        self.chances = (1 - JUMPS) * self.chances
+        self.chances = (1 - JUMP_CHANCE) * self.chances
         self.drift_m = self.drift_m + doubt_m
         self.drift_deg = self.drift_deg + doubt_deg
 
@@ -69,8 +69,8 @@ class Belief:
         has a weight, and its chance is its share of their sum:
 
         - The fix is right, and the robot was elsewhere before, or at a hypothesis near the fix. A
-          near hypothesis speaks for the fix, since few wrong fixes lie near one (REPEATS). Of a
-          `tracked` fix it does not, since that was sought near a hypothesis.
+          near hypothesis speaks for the fix, since few wrong fixes lie near one (REPEAT_SHARE). Not
+          for a `tracked` fix, which was sought near a hypothesis.
         - The fix is wrong, and the robot is elsewhere, or at a hypothesis: at one near the fix, if
           the fix has slipped from it; at one that agrees with the fix, being within RIGHT_M of it,
           only if drift has left that hypothesis wrong too.
@@ -87,15 +87,15 @@ class Belief:
         agrees = near & (away_m < RIGHT_M)
         # v of METHODS 10.2: the share of wrong fixes that lie near a hypothesis. A tracked fix lies
         # there in any case, so only its chance counts, against that of a usual query.
-        repeats = (1 - self.unseen_share) / self.unseen_share if tracked else REPEATS
-        right_weight = chance * (elsewhere + float(self.chances[near].sum()) / repeats)
+        repeat_share = (1 - self.unseen_share) / self.unseen_share if tracked else REPEAT_SHARE
+        right_weight = chance * (elsewhere + float(self.chances[near].sum()) / repeat_share)
         hypothesis_weights = (1 - chance) * self.chances
-        hypothesis_weights[near] *= REPEATS / repeats
+        hypothesis_weights[near] *= REPEAT_SHARE / repeat_share
         hypothesis_weights[agrees] *= 1 - still_right(self.drift_m[agrees])
         elsewhere_weight = (1 - chance) * elsewhere
         total = right_weight + elsewhere_weight + float(hypothesis_weights.sum())
 
-        stays = ~agrees & (hypothesis_weights > FORGOTTEN * total)
+        stays = ~agrees & (hypothesis_weights > FORGOTTEN_CHANCE * total)
         self.poses = np.concatenate([self.poses[stays], world_T_robot[None]])
         self.drift_m = np.append(self.drift_m[stays], 0.0)
         self.drift_deg = np.append(self.drift_deg[stays], 0.0)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pipeline.core.errors import ConfigError
 from pipeline.core.frames import Poses, distance_and_turn
 from pipeline.core.settings import Positive, check
-from pipeline.paths.belief import DEVIATIONS, LEAST_CHANCE, REPEATS
+from pipeline.paths.belief import DEVIATIONS, LEAST_CHANCE, REPEAT_SHARE
 from pipeline.paths.tracks import Estimates, Track
 from pipeline.posing.verdict import RIGHT_DEG, RIGHT_M
 
@@ -70,9 +70,9 @@ class Graph:
         """The likeliest set of the fixes (n,) that agree with one of them by odometry.
 
         Returns their rows, and the chance that they are right. Each is right with its own chance c,
-        and of wrong fixes a share of REPEATS agrees with the first. So the odds of "all right"
-        against "all wrong" are the product of all c / (1 − c), divided by REPEATS for each but the
-        first.
+        and of wrong fixes a share of REPEAT_SHARE agrees with the first. So the odds of "all right"
+        against "all wrong" are the product of all c / (1 − c), divided by REPEAT_SHARE for each but
+        the first.
         """
         odom_T_fix = track.odom_T_query[fix_rows]
         world_T_fix = track.world_T_query[fix_rows]
@@ -88,7 +88,7 @@ class Graph:
             sets.append(fix_rows[(away_m < most_m) & (turn_deg < most_deg)])
         agreeing_rows = max(sets, key=lambda rows: float(track.chance[rows].sum()))
         chance = track.chance[agreeing_rows].clip(LEAST_CHANCE, 1 - LEAST_CHANCE)
-        log_odds = np.log(chance / (1 - chance)).sum() - (len(chance) - 1) * np.log(REPEATS)
+        log_odds = np.log(chance / (1 - chance)).sum() - (len(chance) - 1) * np.log(REPEAT_SHARE)
         bounded = np.clip(log_odds, -50, 50)  # so that exp does not overflow
         return agreeing_rows, float(1 / (1 + np.exp(-bounded)))
 

@@ -9,7 +9,7 @@ import yaml
 from pipeline.running.at_work import TABLE, has_holders
 from pipeline.running.dvc_files import Yaml, files
 
-EMPTY = "schema: '2.0'\n"
+EMPTY_LOCK = "schema: '2.0'\n"
 """A lock file that records nothing: DVC then finds the finished stages in its run cache."""
 
 
@@ -23,7 +23,7 @@ def repair(root: Path) -> list[Path]:
         lock for lock in files(root / "dvc.lock") if not isinstance(_parsed(lock), dict)
     ]
     for lock in half_written:
-        lock.write_text(EMPTY, encoding="utf-8")
+        lock.write_text(EMPTY_LOCK, encoding="utf-8")
     table = root / TABLE
     if table.is_file() and not has_holders(root):
         table.unlink()

@@ -22,7 +22,7 @@ from typing import NamedTuple, Self
 import psutil
 
 FOLDER = Path(".telemetry")
-MOST = 200
+MOST_SAMPLES = 200
 """A trace has at most so many samples, however long its stage runs."""
 MB = 1e-6
 """Megabytes in a byte."""
@@ -119,9 +119,9 @@ class Telemetry:
     """A `with` block in which this process and all that it starts are sampled.
 
     If the block ends without an error, the artifact's trace is written. A sample is taken every
-    second at first. Whenever there are MOST of them, every other one is dropped, and the time
-    between samples doubles. No failure to sample or to write, such as a full disk, disturbs the
-    block.
+    second at first. Whenever there are MOST_SAMPLES of them, every other one is dropped, and the
+    time between samples doubles. No failure to sample or to write, such as a full disk, disturbs
+    the block.
     """
 
     artifact: str | Path
@@ -156,7 +156,7 @@ class Telemetry:
         """Take samples until the block ends, in a thread of its own."""
         while not self._end.wait(self.every_s):
             self._sample()
-            if len(self._samples) >= MOST:
+            if len(self._samples) >= MOST_SAMPLES:
                 del self._samples[1::2]  # the first stays: all are measured from it
                 self.every_s *= 2
 

@@ -24,7 +24,7 @@ from pipeline.readers.log import Log, lifted
 from pipeline.slam.graph import DriveGraph, Solution, spread_over_scans
 from pipeline.slam.keys import NEAR_M, Keys
 from pipeline.slam.loops import Loop, LoopSearch
-from pipeline.slam.odometry import LYING, ScanOdometry, Track
+from pipeline.slam.odometry import LYING_NORMAL_Z, ScanOdometry, Track
 
 LOOKED_AT = 5
 """So many scans of a log, evenly spread, are looked at before the work begins."""
@@ -131,10 +131,10 @@ def _median_upward_normal(cloud: Cloud) -> NDArray[np.float64]:
     """The median normal (3,) of the voxels of a cloud that lie flat; NaN where these are few."""
     # a normal's sign is arbitrary: turn all upwards
     upward = cloud.normals * np.where(cloud.normals[:, 2:] < 0, -1.0, 1.0)
-    ground_normals = upward[upward[:, 2] > LYING]
-    if len(ground_normals) < FEWEST_LYING:
+    flat_normals = upward[upward[:, 2] > LYING_NORMAL_Z]
+    if len(flat_normals) < FEWEST_LYING:
         return np.full(3, np.nan)
-    median = np.median(ground_normals, axis=0)
+    median = np.median(flat_normals, axis=0)
     return np.asarray(median / np.linalg.norm(median))
 
 

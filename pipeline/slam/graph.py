@@ -24,7 +24,7 @@ from pipeline.readers.log import lifted
 from pipeline.slam.keys import Keys
 from pipeline.slam.loops import Loop
 
-OVERRULED = 0.1
+OVERRULED_WEIGHT = 0.1
 """A loop is overruled where its weight in Cauchy's robust loss falls below this."""
 FIRST_SDS = np.array([0.1, 0.1, 1e-4, 1e-4, 1e-4, 1e-4])
 """Without a map the first key stays where odometry has it, within these standard deviations of
@@ -209,7 +209,7 @@ class DriveGraph:
             sd_deg = np.hypot(np.rad2deg(sd_rad), self.loop_deg)
             square = (away_m[0] / sd_m) ** 2 + (turn_deg[0] / sd_deg) ** 2
             cauchy_weight = 1 / (1 + square / self.outlier**2)
-            used[number] = cauchy_weight >= OVERRULED
+            used[number] = cauchy_weight >= OVERRULED_WEIGHT
         return Solution(world_T_key, residual_m, residual_deg, used)
 
 

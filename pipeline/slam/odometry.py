@@ -32,11 +32,11 @@ from pipeline.readers.deskew import NO_BREAKS, deskewed, scan_at_stamp
 from pipeline.readers.log import Log
 from pipeline.views.scan_context import ScanContext
 
-REMEMBERED = 200
+REMEMBERED_STEPS = 200
 """The usual overlap is the median over so many of the last steps."""
 FIRST_OVERLAP = 0.4
 """The usual overlap before any step is known."""
-MOST_CARRIED = 3.0
+MOST_FACTOR = 3.0
 """After a gap the last step is carried on at most so many times."""
 SKEWED_M = 0.05
 SKEWED_DEG = 0.5
@@ -48,12 +48,12 @@ REFINED_DEG = 2.0
 """Alignment with the map may move the best of several guesses by so much; else the guess stays."""
 WRONG_DEG = 30.0
 """A step turned by more than this against the log's odometry is refused."""
-LYING = 0.8
+LYING_NORMAL_Z = 0.8
 """A voxel whose normal has a z of this or more, up or down, is ground or ceiling. Any other stands:
 it is of a wall, a trunk or the like."""
 FEWEST_STANDING = 30
 """Where fewer voxels of a scan stand, all of its voxels are compared."""
-SAMPLED = 500
+SAMPLED_VOXELS = 500
 """About so many voxels of a scan are compared for an overlap."""
 
 
@@ -154,7 +154,7 @@ class _DriveOdometry:
         self.last_step = np.eye(4)
         self.last_step_s = 0.0
         self.before_last: tuple[Poses, Cloud] | None = None  # its pose and its cloud
-        self.last_overlaps: deque[float] = deque(maxlen=REMEMBERED)
+        self.last_overlaps: deque[float] = deque(maxlen=REMEMBERED_STEPS)
 
     def run(self, watch: Progress) -> Track:
         """Register all scans; raises LogError where most of them have too few points."""
@@ -289,7 +289,7 @@ class _DriveOdometry:
         seconds = self._seconds(row)
         step = self.last_step
         if self.last_step_s > 0 and seconds > 0:
-            factor = np.array([min(seconds / self.last_step_s, MOST_CARRIED)])
+            factor = np.array([min(seconds / self.last_step_s, MOST_FACTOR)])
             step = np.asarray(interpolate(np.eye(4)[None], self.last_step[None], factor)[0])
         turn_rad = self._imu_turn_rad(row)
         return step if turn_rad is None else turned_by(step, turn_rad)
@@ -416,9 +416,9 @@ def turned_by(step: Poses, turn_rad: float) -> Poses:
 def share_standing(target: Cloud, source: Cloud, target_T_source: Poses, inlier_m: float) -> float:
     """The overlap of two scans: the share of what stands in one that the other has.
 
-    It is the share of one scan's standing voxels (LYING) that have a voxel of the other nearer than
-    `inlier_m`. It is taken both ways and the larger counts: a truck before one sensor hides what
-    the other saw.
+    It is the share of one scan's standing voxels (LYING_NORMAL_Z) that have a voxel of the other
+    nearer than `inlier_m`. It is taken both ways and the larger counts: a truck before one sensor
+    hides what the other saw.
     """
     source_T_target = np.asarray(np.linalg.inv(target_T_source))
     of_source = _share(target, moved(target_T_source, standing(source)), inlier_m)
@@ -433,10 +433,10 @@ def standing(cloud: Cloud) -> Points:
     stands, all voxels are sampled.
     """
     points_m = cloud.xyz_m
-    is_standing = np.abs(cloud.normals[:, 2]) < LYING
+    is_standing = np.abs(cloud.normals[:, 2]) < LYING_NORMAL_Z
     if is_standing.sum() >= FEWEST_STANDING:
         points_m = points_m[is_standing]
-    return points_m[:: max(len(points_m) // SAMPLED, 1)]
+    return points_m[:: max(len(points_m) // SAMPLED_VOXELS, 1)]
 
 
 def _share(cloud: Cloud, points_m: Points, inlier_m: float) -> float:

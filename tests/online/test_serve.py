@@ -18,7 +18,7 @@ from pipeline.core.errors import ConfigError
 from pipeline.formats.bag import BagWriter
 from pipeline.formats.bag_file import BagFile
 from pipeline.online.bodies import CDR, FLOATS, LARGEST_BYTES
-from pipeline.online.serve import WAITING, check_reach
+from pipeline.online.serve import MOST_WAITING, check_reach
 from tests.listening import addresses
 from tests.online.made import packed, scan
 from tests.readers.damage import one_line
@@ -217,12 +217,12 @@ def test_scans_whose_client_has_left_are_dropped(server: Server) -> None:
         f"POST /localize HTTP/1.1\r\nHost: {host}\r\nAuthorization: Bearer "
         f"{TOKEN}\r\nContent-Type: {FLOATS}\r\n"
     )
-    clients = [socket.create_connection((host, int(port))) for _ in range(WAITING)]
+    clients = [socket.create_connection((host, int(port))) for _ in range(MOST_WAITING)]
     for client in clients:
         client.sendall(f"{head}Content-Length: {len(floats())}\r\n\r\n".encode() + floats())
-    while server.get("/healthz").json()["waiting"] < WAITING - 2:
+    while server.get("/healthz").json()["waiting"] < MOST_WAITING - 2:
         time.sleep(0.01)
-    fill = [socket.create_connection((host, int(port))) for _ in range(WAITING)]
+    fill = [socket.create_connection((host, int(port))) for _ in range(MOST_WAITING)]
     for client in fill:
         client.sendall(f"{head}Content-Length: 12\r\n\r\n".encode())  # without the body: it waits
     refused = server.ask(floats())
@@ -236,4 +236,4 @@ def test_scans_whose_client_has_left_are_dropped(server: Server) -> None:
         for line in server.get("/metrics").text.splitlines()
         if line.startswith('yearloc_refused_total{status="499"}')
     ]
-    assert float(gone.split()[1]) >= WAITING / 2
+    assert float(gone.split()[1]) >= MOST_WAITING / 2

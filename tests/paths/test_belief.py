@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pipeline.paths.belief import JUMPS, Belief, still_right
+from pipeline.paths.belief import JUMP_CHANCE, Belief, still_right
 from tests.posing.scene import planar
 
 
@@ -23,9 +23,10 @@ def test_fixes_that_agree_with_the_path_raise_the_chance_and_those_that_do_not_l
     for belief in (agreed, jumped):
         assert belief.see(planar(100, 0, 0), 0.8) == pytest.approx(0.8)
         belief.move(planar(4, 0, 0))
-    # The robot is at the first fix with 0.8 × (1 − JUMPS), and a wrong fix lies there with 0.3. So a
-    # fix there is right with a weight of 0.8 (0.2 + 0.8 / 0.3), wrong with one of 0.2 × 0.2.
-    at_first = 0.8 * (1 - JUMPS)
+    # The robot is at the first fix with 0.8 × (1 − JUMP_CHANCE), and a wrong fix lies there with
+    # 0.3. So a fix there is right with a weight of 0.8 (0.2 + 0.8 / 0.3), wrong with one of
+    # 0.2 × 0.2.
+    at_first = 0.8 * (1 - JUMP_CHANCE)
     elsewhere = 1 - at_first
     right = 0.8 * (elsewhere + at_first / 0.3)
     wrong = 0.2 * elsewhere
@@ -51,7 +52,7 @@ def test_belief_is_carried_by_the_odometry_and_less_sure_with_every_metre() -> N
     pose, chance = belief.best()
     assert pose == pytest.approx(planar(58, 2, 90))
     drift_m = np.array(0.5)  # 5 % of 10 m
-    assert chance == pytest.approx(0.99 * (1 - JUMPS) ** 3 * still_right(drift_m))
+    assert chance == pytest.approx(0.99 * (1 - JUMP_CHANCE) ** 3 * still_right(drift_m))
 
 
 def test_a_pose_within_the_drift_agrees_and_one_beyond_it_does_not() -> None:
@@ -69,7 +70,7 @@ def test_after_a_guessed_step_a_fix_agrees_within_the_doubt_of_the_guess() -> No
         belief = Belief()
         belief.see(planar(0, 0, 0), 0.9)
         belief.move(np.eye(4), doubt=(2.0, 4.0))
-        assert belief.best()[1] == pytest.approx(0.9 * (1 - JUMPS) * 0.6827, abs=1e-4)
+        assert belief.best()[1] == pytest.approx(0.9 * (1 - JUMP_CHANCE) * 0.6827, abs=1e-4)
         assert (belief.see(planar(off_m, 0, 0), 0.9) > 0.9) == near
 
 
