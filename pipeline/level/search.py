@@ -125,9 +125,10 @@ def _search(  # type: ignore[no-untyped-def]
 ):
     """The best leaves (k, 3) as heading, row, column; their scores (k,), and whether it is exact.
 
-    The first four arguments and `margin` are of the field's Pyramid; `offsets` (heading, point, 2)
-    are the rows and columns from the robot to its points. Here scores are sums of likelihoods in
-    255ths.
+    The first five arguments are those of the field's Pyramid; `offsets` (heading, point, 2) are the
+    rows and columns from the robot to its points. `keep` is the most leaves that are wanted;
+    `apart_cells` and `apart_headings` are APART_M and APART_DEG on the grid. Here scores are sums
+    of likelihoods in 255ths.
     """
     headings = offsets.shape[0]
     top = levels.shape[0] - 1
@@ -166,7 +167,7 @@ def _search(  # type: ignore[no-untyped-def]
         else:
             break
         if score <= 0 or score < min_score:
-            break  # so are all others
+            break  # no node that is left has a higher bound
         if _is_near(
             leaves, count, heading, row, col, 1 << level, headings, apart_cells, apart_headings
         ):
@@ -181,7 +182,7 @@ def _search(  # type: ignore[no-untyped-def]
             min_score = max(min_score, min_ratio * leaf_scores[0])
             continue
         # any other node is divided into quarters
-        if node_count + 4 > most_nodes:
+        if node_count + 4 > most_nodes:  # there may be no room for four more
             exact = False
             break
         first = node_count

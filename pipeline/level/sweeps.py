@@ -172,6 +172,7 @@ class Gatherer:
         earlier_m = thinned(np.concatenate(in_start_frame))
         if len(hits) < 3 or len(earlier_m) < 3:
             return start_T_sweep
+        # on a grid with a margin, since hits of the new sweep may lie beyond them
         corner_m = earlier_m.min(axis=0) - 2 * BESIDE_M
         sides_m = np.ptp(earlier_m, axis=0) + 4 * BESIDE_M
         cols, rows = (np.ceil(sides_m / CELL_M) + 2).astype(int)

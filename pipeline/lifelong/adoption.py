@@ -76,12 +76,12 @@ def adopted(site: Site, scans: Sequence[Scan], promise: float | None = 0.99) -> 
     backwards = followed(site, scans[::-1], promise)[::-1]
     poses = np.tile(NO_POSE, (len(scans), 1, 1))
     chance = np.zeros(len(scans))
-    for row, both in enumerate(zip(forwards, backwards, strict=True)):
-        believed = [fix for fix in both if accepts(fix, promise)]
-        if believed:
-            surer = min(believed, key=lambda fix: fix.novelty)
-            poses[row] = surer.world_T_sensor
-            chance[row] = surer.chance
+    for row, two_fixes in enumerate(zip(forwards, backwards, strict=True)):
+        believed_fixes = [fix for fix in two_fixes if accepts(fix, promise)]
+        if believed_fixes:
+            surer_fix = min(believed_fixes, key=lambda fix: fix.novelty)
+            poses[row] = surer_fix.world_T_sensor
+            chance[row] = surer_fix.chance
     odom_T_scan = np.array([scan.odom_T_scan for scan in scans]).reshape(-1, 4, 4)
     bridge(poses, chance, odom_T_scan)
     return spaced_adoption(scans, poses, chance, False, "no fix is believed")

@@ -62,7 +62,7 @@ class Recording:
         trace: TracebackType | None,
     ) -> None:
         with self._scratch:
-            self._bag.__exit__(kind, error, trace)
+            self._bag.__exit__(kind, error, trace)  # only now is the file whole
             if kind is None:
                 (recording_file,) = self._folder.glob("*.mcap")
                 with replace(self._out) as whole:

@@ -87,7 +87,8 @@ def _write(
     versions = {"yearloc": version("yearloc"), "python": platform.python_version()}
     versions |= {name: version(name).partition("+")[0] for name in VERSIONS}
     judge = verdict.judge
-    promised = Promises(
+    # Promises has the precisions, and for each belief the limits that keep them
+    site_verdict = Promises(
         judge.pose,
         judge.near,
         PROMISES,
@@ -100,8 +101,9 @@ def _write(
         name=name,
         simulated=simulated,
         level=LevelSettings(level_map.cell_m, level_map.origin, OVER_M, LevelFixer()),
-        verdict=promised,
+        verdict=site_verdict,
         reader=dict(reader),
+        # what sweeps look like is not compared
         sensor=Sensor(lift_m, None, None, None, None, None, ()),
         provenance=Provenance(source, {"map": digest}, versions),
     )

@@ -48,7 +48,7 @@ class Promises:
     place: Chances
     """Gives the chance that the robot is near a pose."""
     promises: tuple[float, ...]
-    """The precisions that a user may ask for."""
+    """The precisions that were tried; those `kept` a user may ask for."""
     promised: Mapping[str, tuple[float, ...]]
     """For each of BELIEFS and each promise, the doubt from which on to reject to keep the promise.
     Where it is not above 0 the promise cannot be kept."""

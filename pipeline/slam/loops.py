@@ -136,7 +136,8 @@ class LoopSearch:
         order = np.argsort(distances, kind="stable")[: self.nearest]
         world_T_anchor = targets.world_T_anchor[rows[order]]
         heading_deg = np.rad2deg(yaw(world_T_anchor)) + turned_deg[order]
-        return Answers(world_T_anchor[:, :2, 3], (heading_deg + 180.0) % 360.0 - 180.0)
+        within_turn_deg = (heading_deg + 180.0) % 360.0 - 180.0  # from −180 to 180
+        return Answers(world_T_anchor[:, :2, 3], within_turn_deg)
 
     def _loop(
         self,
@@ -225,6 +226,7 @@ class LoopSearch:
         key = np.array([other.key for other in loops])
         later = np.array([other.later for other in loops])
         earlier_T_later = keys.odom_T_key[key] @ np.stack([other.key_T_later for other in loops])
+        # the path between the two loops along the later part, and along the earlier one
         driven_m = np.abs(keys.path_m[later] - keys.path_m[loop.later]) + np.abs(
             keys.path_m[key] - keys.path_m[loop.key]
         )
