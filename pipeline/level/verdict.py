@@ -25,7 +25,7 @@ RIGHT_DEG = 10.0
 RIGHT_WITHIN = (RIGHT_M, RIGHT_DEG)
 NEAR_M = 5.0
 """A robot is near a pose within this."""
-DOUBT_FACTOR = 5.0
+LARGEST_MULTIPLE = 5.0
 """No belief is accepted whose doubt is over so many times the share of wrong ones that the promise
 allows (METHODS 13.4)."""
 
@@ -172,14 +172,14 @@ class LevelVerdict:
 
         As in posing/verdict.py, the limit keeps the promise even if one more of the accepted were
         wrong. It stands in the middle of the gap to the next doubt that would break the promise,
-        but is never over DOUBT_FACTOR times the share of wrong ones that the promise allows.
+        but is never over LARGEST_MULTIPLE times the share of wrong ones that the promise allows.
         """
         doubts, truths = self._judged(belief)
         weight = self.evidence.weight(self.unseen_share)
         limits = []
         for promise in PROMISES:
             edge = threshold_for(promise, doubts, truths, weight, 1.0)
-            limits.append(min(middle(doubts, edge), DOUBT_FACTOR * (1 - promise)))
+            limits.append(min(middle(doubts, edge), LARGEST_MULTIPLE * (1 - promise)))
         return limits
 
     def _judged(self, belief: str) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
