@@ -75,7 +75,7 @@ def _table(jobs: Sequence[Record], swept: Sequence[str]) -> Table:
         outcome = "failed" if job.error else number(held_out_auc, 3)
         rows.append((str(job.number), *settings, *means, outcome))
     header = ("job", *swept, *(heading for heading, _ in SHOWN.values()), "held-out AUC")
-    return table("sweep", header, rows, words=1 + len(swept))
+    return table("sweep", header, rows, text_columns=1 + len(swept))
 
 
 def _findings(jobs: Sequence[Record], swept: Sequence[str]) -> list[Finding]:

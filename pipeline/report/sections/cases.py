@@ -261,7 +261,7 @@ def _cells(study: Study, folder: Path) -> Section:
         "cells",
         findings=[findings.trend(*number) for number in (over_sizes[0], over_sizes[-1])],
         illustrations=[illustration],
-        tables=[tables.cells(*number) for number in over_sizes],
+        tables=[tables.over_cell_sizes(*number) for number in over_sizes],
         sources=[study.folder("evaluate", grid) for grid in grids],
     )
     return replace(section, name=anchor(study.name, "cells"))  # it is of all cell sizes

@@ -90,7 +90,7 @@ def sections(study: Study, folder: Path, view: Callable[[str], Any]) -> Iterator
             "results",
             values | {"protocol": protocol},
             name=f"results-{protocol}",
-            tables=[tables.main(study, protocol, number) for number in MAIN_NUMBERS],
+            tables=[tables.main_number(study, protocol, number) for number in MAIN_NUMBERS],
             sources=sources,
             parameters=parameters,
         )
@@ -128,7 +128,7 @@ def sections(study: Study, folder: Path, view: Callable[[str], Any]) -> Iterator
             study,
             "poses",
             illustrations=_of_poses(study, folder, posed),
-            tables=tables.poses(posed),
+            tables=tables.pose_tables(posed),
             sources=[study.source("evaluate", r.sequence, r.model) for r in posed],
         )
 
