@@ -47,7 +47,7 @@ def settle(
     alive = {model.model_id: name for name, model in logged_models.items()}
     unnamed = {
         model.model_id
-        for models in served.owners(client, experiment_id).values()
+        for models in served.models_by_run(client, experiment_id).values()
         for model in models
     } - {*alive}
     for version in own_versions:

@@ -136,7 +136,7 @@ def publish(
             for run in served.all_results(client.search_runs, experiment_id)
             if KEY in run.data.tags
         ]
-        models = served.owners(client, experiment_id)
+        models = served.models_by_run(client, experiment_id)
         kept = 0
         registered_of_run = {}
         now_ms = time.time_ns() // 1_000_000
@@ -159,7 +159,7 @@ def publish(
                     _delete(client, run.info.run_id, own_runs, models)
             if record.registered:
                 registered_of_run[run_id] = record.registered
-        logged = served.owners(client, experiment_id)
+        logged = served.models_by_run(client, experiment_id)
         registered = {
             name: model
             for run_id, name in registered_of_run.items()
