@@ -96,12 +96,18 @@ class RunRecord:
 
 def experiment_of(dataset: str, simulated: bool, question: str = "") -> str:
     """The name of a data set's experiment, which every page of it has as its heading."""
-    return f"yearloc {dataset}{f' {question}' * bool(question)}{' (simulated)' * simulated}"
+    name = f"yearloc {dataset}"
+    if question:
+        name += f" {question}"
+    return f"{name} (simulated)" if simulated else name
 
 
 @dataclass(frozen=True)
 class Published:
-    """What a call of `publish` did: the numbers of runs, children included."""
+    """What a call of `publish` did: how many runs were written, and how many were there already.
+
+    Children are counted too.
+    """
 
     experiment_id: str
     written: int
