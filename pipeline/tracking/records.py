@@ -140,7 +140,7 @@ class StudyRuns:
             series=days_series(day_rows),
             figures=self.figure_files(model, test),
             about=self._about("day.md.j2", sequence=test, days=days[0] if days else None),
-            used=used_sequences(self.study, [test], self.lock, train=False),
+            used=used_sequences(self.study, [test], self.lock, with_training=False),
         )
 
     @property

@@ -5,6 +5,7 @@ each query with its nearest training pose. The lines were fitted where the table
 """
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -19,12 +20,18 @@ from pipeline.report.selection import NONE, Values, indexed, pick, values
 from pipeline.report.table import signed
 
 ROOM = 2.5  # a panel of slopes reaches so many times as far as the steepest; longer bars are cut
-# The numbers to draw: protocol, name in the table of results and title of each.
-Followed = Sequence[tuple[str, str, str]]
+
+
+class FollowedNumber(NamedTuple):
+    """A number that is drawn over the days."""
+
+    protocol: str
+    number: str  # its name in the table of results
+    title: str
 
 
 @styled
-def lines(rows: pd.DataFrame, followed: Followed) -> Figure:
+def lines(rows: pd.DataFrame, followed: Sequence[FollowedNumber]) -> Figure:
     """A row per model, a column per number: points and fitted line with their 95 % intervals.
 
     The slope is written in the panel, bold if its interval does not contain 0.
@@ -45,7 +52,7 @@ def lines(rows: pd.DataFrame, followed: Followed) -> Figure:
             axis.grid(axis="y")
     for axis, (model, tint) in zip(axes[:, 0], shades.items(), strict=True):
         axis.set_ylabel(folded(model), color=tint, size=7.5)
-    fitted = rows[rows["number"].isin([f"{number}_line" for _, number, _ in followed])]
+    fitted = rows[rows["number"].isin([f"{drawn.number}_line" for drawn in followed])]
     axes[0, 0].set_xlim(0, 1.04 * max(1.0, fitted["days"].max()))
     legend = (
         "days since training; dots: test sequences; grey: the oracle; shade: 95 % interval of "
@@ -56,7 +63,7 @@ def lines(rows: pd.DataFrame, followed: Followed) -> Figure:
 
 
 @styled
-def slopes(rows: pd.DataFrame, followed: Followed) -> Figure:
+def slopes(rows: pd.DataFrame, followed: Sequence[FollowedNumber]) -> Figure:
     """A panel per number, a row per model: the slope with its interval, filled if it is clear."""
     models = _models(rows, followed)
     shades = tints(models) | ({ORACLE: QUIET} if ORACLE in models else {})
@@ -79,12 +86,14 @@ def slopes(rows: pd.DataFrame, followed: Followed) -> Figure:
     return fig
 
 
-def _models(rows: pd.DataFrame, followed: Followed) -> list[str]:
+def _models(rows: pd.DataFrame, followed: Sequence[FollowedNumber]) -> list[str]:
     """The models for which any of the numbers has a line, the oracle among them.
 
     Raises InputError if there is none but the oracle.
     """
-    fitted = [pick(rows, protocol=name, number=f"{number}_line") for name, number, _ in followed]
+    fitted = [
+        pick(rows, protocol=drawn.protocol, number=f"{drawn.number}_line") for drawn in followed
+    ]
     models = [*pd.concat(fitted)["method"].unique()]
     if set(models) <= {ORACLE}:
         raise InputError("a figure of ageing needs at least one model")
