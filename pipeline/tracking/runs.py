@@ -150,16 +150,14 @@ def publish(
             earlier = [
                 run for run in own_runs if PARENT not in run.data.tags and _is_of(run, record)
             ]
-            # the run that holds this record already, or a new one
-            run_id = ""
-            for run in earlier:
-                if not run_id and _is_whole(run, record, own_runs, models):
-                    run_id = run.info.run_id
-                    kept += 1 + len(record.children)
-            if not run_id:
+            whole = [run for run in earlier if _is_whole(run, record, own_runs, models)]
+            if whole:
+                run_id = whole[0].info.run_id
+                kept += 1 + len(record.children)
+            else:
                 own_tags = {page.COLOUR: page.GREY}
                 run_id = _write(client, experiment_id, record, own_tags, now_ms - place)
-            # earlier states of it go
+            # earlier states of the run go
             for run in earlier:
                 if run.info.run_id != run_id:
                     _delete(client, run.info.run_id, own_runs, models)

@@ -77,8 +77,8 @@ def slopes(rows: pd.DataFrame, followed: Sequence[FollowedNumber]) -> Figure:
             axis.hlines(y, low, high, color=tint, lw=1.1, alpha=0.8, zorder=2)
             axis.plot(value, y, "o", ms=4, color=tint, mfc=fill, mew=0.9, zorder=3)
         steepest = np.nanmax([0.0, *(abs(value) for value, _, _ in by_model.values())])
-        far = ROOM * float(steepest) or 1.0
-        axis.set_xlim(-far, far)
+        reach = ROOM * float(steepest) or 1.0
+        axis.set_xlim(-reach, reach)
         axis.axvline(0, color=QUIET, lw=0.7, zorder=1)
         axis.set_title(title.replace(", ", "\n", 1), pad=5)
         axis.grid(axis="x")

@@ -32,7 +32,7 @@ from pipeline.report.tables.columns import (
     plain_cells,
 )
 
-# The columns of `headings`: how well a query is turned against its answer.
+# The columns of `headings`: errors of the headings that a model gives.
 HEADINGS = (
     Column("heading error [°]", "median_heading_error_deg", 1),
     Column("within 10°", "heading_within_10deg", 3),

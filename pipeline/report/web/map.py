@@ -55,7 +55,7 @@ def chart(study: Study) -> dict[str, Any]:
     sequences = []
     answers: dict[str, dict[str, Any]] = {model: {} for model in study.models}
     for sequence, results in by_sequence(study.results).items():
-        first = results[0].evaluation
+        evaluation = results[0].evaluation  # where queries were taken is the same in all
         best = next((result for result in results if result.model == study.best), results[0])
         kept = _kept_queries(best.evaluation.acceptance, MOST_KEPT // len(days))
         views = Views.read(study, view_model, sequence) if train else None
@@ -65,10 +65,10 @@ def chart(study: Study) -> dict[str, Any]:
             {
                 "name": sequence,
                 "label": f"{days[sequence]}, {results[0].days:+d} d",
-                "xy": quantized(first.xy_m - origin_m, STEP_M),
+                "xy": quantized(evaluation.xy_m - origin_m, STEP_M),
                 "heading": quantized(heading_deg, STEP_DEG),
-                "nearest_m": quantized(first.nearest_m, STEP_M),
-                **training.nearest(first.xy_m, views),
+                "nearest_m": quantized(evaluation.nearest_m, STEP_M),
+                **training.nearest(evaluation.xy_m, views),
                 "kept": indices(kept),
                 "views": views.picture(kept) if views else None,
                 "scans": _scans(study, sequence, kept) if footprint else None,
