@@ -24,9 +24,9 @@ from pipeline.studies.colours import method_of
 from pipeline.studies.study import CellSize, Study
 
 LINES = 30  # of all studies together; the last one says where all numbers are
-WIDEST = 78
-AROUND = 5  # lines of a study besides those of its methods
-SHORT = 7  # lines of strategies, at most, of a study of learning further days
+WIDEST = 78  # columns of a line
+OTHER_LINES = 5  # lines of a study besides those of its methods
+MOST_STRATEGY_LINES = 7  # of a study of learning further days
 # A terminal of fewer columns than these lacks the columns that matter less.
 NARROW = 72
 NARROWEST = 64
@@ -38,7 +38,7 @@ def brief(table: pd.DataFrame, studies: Mapping[str, Study], width: int) -> str:
     There are at most LINES lines, as wide as `width` or WIDEST columns, whichever is less.
     """
     pairs = [(study, grid) for study in studies.values() for grid in study.grids]
-    row_limit = max((LINES - 1) // max(len(pairs), 1) - AROUND, 2)
+    row_limit = max((LINES - 1) // max(len(pairs), 1) - OTHER_LINES, 2)
     file = StringIO()
     console = Console(
         file=file,
@@ -56,8 +56,10 @@ def brief(table: pd.DataFrame, studies: Mapping[str, Study], width: int) -> str:
         title = f"{study.name}, {data}: {summary.title}"
         console.print(title, overflow="ellipsis", no_wrap=True)
         if summary.heads:
-            most = min(row_limit, SHORT) if study.learns_further_days else row_limit
-            _print_table(console, summary, most)
+            most_rows = (
+                min(row_limit, MOST_STRATEGY_LINES) if study.learns_further_days else row_limit
+            )
+            _print_table(console, summary, most_rows)
     return "\n".join(line.rstrip() for line in file.getvalue().splitlines())
 
 
@@ -105,28 +107,33 @@ def _year(study: Study, grid: CellSize, rows: pd.DataFrame, width: int) -> Summa
     first, *later = tests = next(iter(models.values()))
     days = f"{len(tests)} test days" if later else "1 test day"
     within = f"within {first.number('distance', 'correct_m'):g} m"
-    heads = [f"{within}\n{day(first.sequence)}", *[f"\n{day(tests[-1].sequence)}"] * bool(later)]
-    heads += ["\naccepted", "wrong\nof those", "wrong ones\nrefused"] * (width >= NARROWEST)
-    timed = any(np.isfinite(score.number("", "query_ms")) for score in scores)
-    heads += ["ms a\nquery"] * (width >= NARROW and timed)
+    is_timed = any(np.isfinite(score.number("", "query_ms")) for score in scores)
+    heads = [f"{within}\n{day(first.sequence)}"]
+    if later:
+        heads.append(f"\n{day(tests[-1].sequence)}")
+    if width >= NARROWEST:
+        heads += ["\naccepted", "wrong\nof those", "wrong ones\nrefused"]
+    if width >= NARROW and is_timed:
+        heads.append("ms a\nquery")
     # the model of each method that has poses, or else its best one
     posed_first = sorted(models, key=lambda model: not models[model][0].posed)
     chosen = {method_of(model): model for model in reversed(posed_first)}.values()
+    # cells without a heading are those that the terminal has no room for
     lines = [[model, *_cells(models[model])[: len(heads)]] for model in models if model in chosen]
     title = f"learned {day(study.train[0])}, {days}, cells of {grid.cell_m:g} m"
     return Summary(title, heads, lines)
 
 
-def _print_table(console: Console, summary: Summary, most: int) -> None:
-    """Print the first `most` rows of a summary, and the number of further ones."""
+def _print_table(console: Console, summary: Summary, most_rows: int) -> None:
+    """Print the first `most_rows` rows of a summary, and the number of further ones."""
     lines = Table(box=None, pad_edge=False, expand=True, padding=(0, 2, 0, 0))
     lines.add_column("", ratio=1, no_wrap=True)
     for head in summary.heads:
         lines.add_column(Text(head), justify="right", no_wrap=True)
-    for name, *cells in summary.rows[:most]:
+    for name, *cells in summary.rows[:most_rows]:
         lines.add_row(Text(name), *cells)
     console.print(lines)
-    further = len(summary.rows) - most
+    further = len(summary.rows) - most_rows
     console.print(f"  … and {further} more\n" if further > 0 else "")
 
 

@@ -51,14 +51,15 @@ def kept(comparison: Comparison, kind: Kind) -> Finding:
 
 def nearly_always(comparison: Comparison, kind: Kind) -> Finding:
     """Which models are right, by distance, at nearly all queries."""
-    right = [e["model"] for e in _means(comparison, kind, FAR, ranked=False) if e["mean"] >= WHOLE]
+    entries = _means(comparison, kind, FAR, is_ranked=False)
+    right = [entry["model"] for entry in entries if entry["mean"] >= WHOLE]
     models = len(comparison.models)
     return Finding("nearly_always", kind=kind, right=right, models=models, limit=WHOLE)
 
 
 def heading_errors(comparison: Comparison, kind: Kind) -> Finding:
     """How large the heading errors are, for the models that give headings."""
-    listed = _means(comparison, kind, OFF, ranked=False)
+    listed = _means(comparison, kind, OFF, is_ranked=False)
     return Finding("heading_errors", kind=kind, listed=listed)
 
 
@@ -70,7 +71,7 @@ def chance(comparison: Comparison, kind: Kind) -> Finding:
         "seed": average([measurement.over_seeds for measurement in measurements]),
         "sequence": average([measurement.over_sequences for measurement in measurements]),
     }
-    deviations = [{"name": k, "mean": mean} for k, mean in means.items() if np.isfinite(mean)]
+    deviations = [{"name": name, "mean": mean} for name, mean in means.items() if np.isfinite(mean)]
     return Finding("chance", kind=kind, deviations=deviations)
 
 
@@ -135,7 +136,7 @@ def n_ways(comparison: Comparison, kind: Kind) -> Finding:
 def best_on_each(comparison: Comparison, titles: Mapping[str, str]) -> Finding:
     """The best two models on each sequence as driven."""
     best_models = [
-        {"name": titles[sequence], "models": _means(comparison, Kind(), RECALL, i)[:2]}
+        {"name": titles[sequence], "models": _means(comparison, Kind(), RECALL, sequence=i)[:2]}
         for i, sequence in enumerate(comparison.sequences)
     ]
     return Finding("best_on_each", listed=best_models)
@@ -146,11 +147,12 @@ def _means(
     kind: Kind,
     measure: Measure,
     sequence: int | None = None,
-    ranked: bool = True,
+    is_ranked: bool = True,
 ) -> list[dict[str, Any]]:
     """The models that have a number, with its mean and its deviation over the sequences.
 
-    The largest mean comes first if `ranked`. `sequence` is the index of the one that alone counts.
+    The largest mean comes first if `is_ranked`. `sequence` is the index of the one that counts;
+    None if all count.
     """
     entries = []
     for model in comparison.models:
@@ -160,7 +162,7 @@ def _means(
         deviation = measurement.over_sequences
         if np.isfinite(measurement.mean):
             entries.append({"model": model, "mean": measurement.mean, "deviation": deviation})
-    return sorted(entries, key=itemgetter("mean"), reverse=True) if ranked else entries
+    return sorted(entries, key=itemgetter("mean"), reverse=True) if is_ranked else entries
 
 
 def _aucs(comparison: Comparison, model: str, kind: Kind) -> dict[str, float]:

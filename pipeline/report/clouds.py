@@ -20,13 +20,13 @@ from pipeline.report.study import Study
 
 # Points between these heights above the ground are drawn: walls and trunks, no ground, no crowns.
 STANDING_M = (0.8, 12.0)
-FLAT_M = 0.5  # a cloud that is less high is of a laser that sweeps one plane: all of it is drawn
+FLAT_M = 0.5  # a less high cloud is of a laser that sweeps one plane: all of it is drawn
 APART_M = 4.0  # distance between the training submaps that make the footprint
 CELL_M = 0.5
 LARGEST_PX = 2_000  # the longer side of a footprint; its cells grow with it
-ALONE = 1  # so many points in a cell are taken for noise
+MOST_NOISE_POINTS = 1  # so many points in a cell, or fewer, are taken for noise
 REACH_M = 63.0  # points farther from the anchor do not fit into the bytes of `Drive.cells`
-POINTS = 300  # of a scan, at most
+MOST_CELLS = 300  # of a scan that are drawn
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +51,7 @@ class Footprint:
         column, row = np.floor((xy_m - corner_m) / cell_m).astype(np.int64).T
         counts = np.zeros((row.max() + 1, column.max() + 1), np.int64)
         np.add.at(counts, (row, column), 1)
-        return cls(counts > ALONE, corner_m, cell_m)
+        return cls(counts > MOST_NOISE_POINTS, corner_m, cell_m)
 
     def png(self) -> str:
         """A PNG in base64, one bit a cell, north up, transparent where nothing stood."""
@@ -69,11 +69,11 @@ def trained_m(study: Study) -> NDArray[np.float64]:
         steps_m = np.linalg.norm(np.diff(drive.world_T_anchor[:, :2, 3], axis=0), axis=1)
         driven_m = np.concatenate([[0.0], np.cumsum(steps_m)])
         rows = np.unique(np.floor(driven_m / APART_M), return_index=True)[1]
-        clouds += [laid(drive.world_T_anchor[row], drive.standing_m(row)) for row in rows]
+        clouds += [transformed(drive.world_T_anchor[row], drive.standing_m(row)) for row in rows]
     return np.concatenate(clouds)
 
 
-def laid(world_T_points: Poses, points_m: NDArray[np.float64]) -> NDArray[np.float64]:
+def transformed(world_T_points: Poses, points_m: NDArray[np.float64]) -> NDArray[np.float64]:
     """The points (n, 3) of a pose's frame in the world, where the pose (4, 4) lays them."""
     return np.asarray(points_m @ world_T_points[:3, :3].T + world_T_points[:3, 3])
 
@@ -105,11 +105,11 @@ class Drive:
     def cells(self, row: int) -> NDArray[np.int8]:
         """The cells (n, 2) of side CELL_M that a submap's points stand in, counted from its anchor.
 
-        There are at most POINTS of them, chosen at random but the same each time.
+        There are at most MOST_CELLS of them, chosen at random but the same each time.
         """
         xy_m = self.standing_m(row)[:, :2]
         near_m = xy_m[np.abs(xy_m).max(axis=1, initial=0.0) < REACH_M]
         cells = np.unique(np.rint(near_m / CELL_M).astype(np.int8), axis=0)
-        if len(cells) > POINTS:
-            cells = np.random.default_rng(0).choice(cells, POINTS, replace=False)
+        if len(cells) > MOST_CELLS:
+            cells = np.random.default_rng(0).choice(cells, MOST_CELLS, replace=False)
         return cells

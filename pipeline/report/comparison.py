@@ -32,14 +32,18 @@ class Kind:
     @property
     def label(self) -> str:
         """A word or two for legends: `as driven`, `60° removed`."""
-        walls = f"{self.level:g} new wall{'s' * (self.level != 1)}{' and shadow' * self.shadow}"
-        labels = {"": "as driven", "demolition": f"{self.level:g}° removed", "construction": walls}
-        return labels.get(self.change, self.change)
+        if self.change == "demolition":
+            return f"{self.level:g}° removed"
+        if self.change == "construction":
+            walls = "1 new wall" if self.level == 1 else f"{self.level:g} new walls"
+            return f"{walls} and shadow" if self.shadow else walls
+        return self.change or "as driven"
 
     @property
     def clause(self) -> str:
         """A part of a sentence: `with 60° removed`, `turned`."""
-        return f"{'with ' * (self.change in ('demolition', 'construction'))}{self.label}"
+        has_noun = self.change in ("demolition", "construction")
+        return f"with {self.label}" if has_noun else self.label
 
 
 @dataclass(frozen=True)

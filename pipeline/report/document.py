@@ -1,7 +1,7 @@
 """The results of all studies as markdown, from the table of results alone.
 
-In: the table of results. Out: `document`, which docs/RESULTS.md shows, and `scores`, one table per
-study, which is compared between kinds of processor.
+In: the table of results. Out: `document`, which docs/RESULTS.md shows, and `scorecards`, one table
+per study, which docs/RESULTS.md shows for each kind of processor arithmetic.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -14,14 +14,16 @@ from pipeline.report.render import template
 from pipeline.report.result import Scores, ranked, read_scores
 from pipeline.report.selection import pick
 from pipeline.report.table import Table
-from pipeline.report.tables import Column
+from pipeline.report.tables import ANSWERS, Column
 from pipeline.studies.study import Study
 
-# Protocol and number of the tables over the test days that follow the scorecard.
-SHOWN = (("cells", "recall_at_1"), ("cells", "auc_top1"), ("cells", "auroc"))
-POSES = (
+# After the scorecard come these tables over the test days: protocol and number of each.
+OVER_DAYS = (("cells", "recall_at_1"), ("cells", "auc_top1"), ("cells", "auroc"))
+# A selection of the columns of tables/posed.py. "At .99" and "accepted" are poses accepted where a
+# precision of .99 was promised.
+POSES_IN_DOCUMENT = (
     Column("within 2 m, 5°", "within_2m_5deg", 3),
-    Column("within 1 m, 10°", LEVEL_POSES, 3),
+    Column("within 1 m, 10°", LEVEL_POSES, 3),  # of level sites alone
     Column("within .5 m, 2°", "within_05m_2deg", 3),
     Column("error [m]", "error_m", 2),
     Column("error [°]", "error_deg", 2),
@@ -31,7 +33,11 @@ POSES = (
 
 
 def document(results: pd.DataFrame, studies: Mapping[str, Study]) -> str:
-    """All tables, recorded studies first; studies of viewpoints alone are left out."""
+    """All tables, recorded studies first.
+
+    There is an entry for each study and cell size (`grid`); a study of viewpoints alone has no
+    scores, and is left out.
+    """
     entries = []
     for study in sorted(studies.values(), key=lambda study: study.simulated):
         for grid in study.grids:
@@ -40,28 +46,31 @@ def document(results: pd.DataFrame, studies: Mapping[str, Study]) -> str:
     return template("results.md.j2", studies=entries)
 
 
-def scores(results: pd.DataFrame, studies: Mapping[str, Study]) -> str:
-    """The scorecard of each study alone, without the time of a query."""
+def scorecards(results: pd.DataFrame, studies: Mapping[str, Study]) -> str:
+    """The scorecard of each study and cell size, without the time of a query."""
     untimed = results[results["number"] != "query_ms"]
-    return "\n".join(
-        tables.scorecard(scores).markdown()
-        for study in studies.values()
-        for grid in study.grid_names
-        if (scores := _scores(untimed, study, grid))
-    )
+    texts = []
+    for study in studies.values():
+        for grid in study.grids:
+            if scores := _scores(untimed, study, grid.name):
+                texts.append(tables.scorecard(scores).markdown())
+    return "\n".join(texts)
 
 
 def _scores(results: pd.DataFrame, study: Study, grid: str) -> list[Scores]:
-    """The scores of the study at one cell size, the best model's first."""
+    """The scores of the study at one cell size, the best model's first; empty if it has none."""
     scores = read_scores(pick(results, study=study.name, grid=grid), study.tests)
-    return [score for group in ranked(scores).values() for score in group] if scores else []
+    if not scores:
+        return []
+    return [score for group in ranked(scores).values() for score in group]
 
 
 def _tables(scores: Sequence[Scores]) -> Iterator[Table]:
     """The tables of one study at one cell size."""
     yield tables.scorecard(scores)
-    for protocol, name in SHOWN:
+    for protocol, name in OVER_DAYS:
         yield tables.over_days(f"by_{protocol}_{name}", scores, protocol, name)
     if posed := [score for score in scores if score.posed]:
-        yield tables.of_poses("posed", ("method", "day"), posed, POSES)
-        yield tables.of_poses("pose_answers", ("method", "day"), posed, tables.ANSWERS)
+        headings = ("method", "day")
+        yield tables.pose_table("posed", headings, posed, POSES_IN_DOCUMENT)
+        yield tables.pose_table("pose_answers", headings, posed, ANSWERS)

@@ -113,8 +113,8 @@ def _doubts(group: Sequence[Result], protocol: str) -> list[dict[str, Any]]:
         doubted = [result for result in group if (protocol, name) in result.numbers]
         if doubted:
             largest = max((result.number(protocol, name) for result in doubted), key=abs)
-            on = [result.sequence for result in doubted]
-            listed.append({"name": name, "on": on, "value": largest})
+            sequences = [result.sequence for result in doubted]
+            listed.append({"name": name, "on": sequences, "value": largest})
     return listed
 
 
@@ -160,14 +160,15 @@ def novelties(study: Study, protocol: str) -> list[Finding]:
         rejection = rejection[np.isfinite(rejection[:, :, 0, 0]).all(axis=1)]
         if not len(rejection):
             continue
-        auroc, low, high = np.moveaxis(rejection[:, :, 0], 2, 0)  # (sequence, kind) each
-        auc = rejection[:, :, 1, 0]
+        # (sequence, kind) each
+        auroc, low, high = np.moveaxis(rejection[:, :, MEASURES.index("auroc")], 2, 0)
+        auc = rejection[:, :, MEASURES.index("auc_exact_top1"), 0]
         ranked = [
-            {"kind": kind, "auroc": auroc[:, k].mean(), "auc": auc[:, k].mean()}
-            for k, kind in enumerate(kinds)
+            {"kind": kind, "auroc": auroc[:, i].mean(), "auc": auc[:, i].mean()}
+            for i, kind in enumerate(kinds)
         ]
         ranked.sort(key=itemgetter("auroc"), reverse=True)
-        first = kinds.index(ranked[0]["kind"])
+        best = kinds.index(ranked[0]["kind"])
         findings.append(
             Finding(
                 "novelties",
@@ -176,8 +177,8 @@ def novelties(study: Study, protocol: str) -> list[Finding]:
                 used=kinds[0],
                 ranked=ranked,
                 largest=max(ranked, key=itemgetter("auc")),
-                ahead=int((auroc[:, first] > auroc[:, 0]).sum()),
-                clearly=int((low[:, first] > high[:, 0]).sum()),
+                ahead=int((auroc[:, best] > auroc[:, 0]).sum()),
+                clearly=int((low[:, best] > high[:, 0]).sum()),
                 tests=len(rejection),
                 kept=_kept_best(group) if protocol == "cells" else {},
             )
@@ -239,7 +240,11 @@ def ageing(rows: pd.DataFrame, title: str, protocol: str, number: str, last_day:
 def newer(rows: pd.DataFrame) -> Finding:
     """Which models take the places that they know more and more for new, with the days."""
     slopes = _lines(rows, "distance", f"{PERCENTILE}_per_{PER_DAYS}_days")
-    clear = [{"model": model, "slope": slope} for model, slope in slopes.items() if slope[1] > 0]
+    clear = []
+    for model, slope in slopes.items():
+        _, low, _ = slope
+        if low > 0:
+            clear.append({"model": model, "slope": slope})
     all_clear = len(clear) == len(slopes)
     return Finding("newer", known=len(slopes), sure=clear, all=all_clear, per=PER_DAYS)
 
@@ -293,17 +298,19 @@ def slopes_counted(
     )
 
 
-def near_changes(rows: pd.DataFrame, number: str, names: Mapping[float, str], few: int) -> Finding:
+def near_changes(
+    rows: pd.DataFrame, number: str, names: Mapping[float, str], least_queries: int
+) -> Finding:
     """Which models clearly do worse near a real change than where it is still to come, by cells.
 
-    They are compared in the nearest band of distance that has at least `few` seen queries of both.
-    `names` maps the farthest distance of a band in metres to its name.
+    They are compared in the nearest band of distance that has at least `least_queries` seen queries
+    of both. `names` maps the farthest distance of a band in metres to its name.
     """
     values = indexed(pick(rows, protocol="cells"), "number", "level", "change", "method")
     models = pick(rows, protocol="cells", number=number, change=SHOWN)["method"].unique()
     for edge_m in sorted(filter(np.isfinite, names)):
         seen = [values.get(("seen", edge_m, when, models[0]), (0,))[0] for when in (SHOWN, TO_COME)]
-        if min(seen) < few:
+        if min(seen) < least_queries:
             continue
         verdicts = []
         for model in models:

@@ -12,7 +12,7 @@ import pandas as pd
 
 from pipeline.core.errors import ConfigError
 from pipeline.report.brief import WIDEST, brief
-from pipeline.report.document import document, scores
+from pipeline.report.document import document, scorecards
 from pipeline.studies.study import Study
 
 PAGES = "README.md", "docs/index.md", "docs/RESULTS.md"
@@ -73,7 +73,7 @@ def table_texts(
         for kind, text in (
             ("brief", f"```\n{brief(rows, one_study, WIDEST).strip()}\n```"),
             ("tables", document(rows, one_study)),
-            (arithmetic, scores(rows, one_study)),
+            (arithmetic, scorecards(rows, one_study)),
         ):
             texts[Block(name, study.budget, kind)] = text
     return texts

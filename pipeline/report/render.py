@@ -195,7 +195,7 @@ def _environment(html: bool) -> Environment:
         env.filters[function.__name__] = function
     env.filters |= {
         "g": "{:g}".format,
-        "counted": lambda n, noun: f"{n} {noun}{'s' * (n != 1)}",
+        "counted": lambda n, noun: f"{n} {noun}" if n == 1 else f"{n} {noun}s",
         "end": lambda loop, between: "." if loop.last else between,
     }
     env.globals |= {"anchor": anchor, "words": words}

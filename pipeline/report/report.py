@@ -33,14 +33,15 @@ def write(
     layout: Layout,
     studies: Mapping[str, StudySettings],
     table: pd.DataFrame,
-    few: int,
+    least_queries: int,
     view: Callable[[str], Any],
     stale: Collection[str] = (),
 ) -> str:
     """Write every study's report and page.html into `folder`; returns a summary line.
 
-    `view` makes the view of a name of conf/view. Fewer than `few` seen queries near a real
-    change say little. The page names the `stale` studies, which changed since they were measured.
+    `view` makes the view of a name of conf/view. Fewer than `least_queries` seen queries near a
+    real change say little. The page names the `stale` studies, which changed since they were
+    measured.
     """
     entries = []
     for name, settings in studies.items():
@@ -48,7 +49,7 @@ def write(
             study = Study(layout, settings, grid, pick(table, study=name))
             study_folder = folder / name / grid
             study_folder.mkdir(parents=True)
-            sections = list(_sections(study, study_folder, few, view))
+            sections = list(_sections(study, study_folder, least_queries, view))
             _write_study(study, study_folder, sections)
             first_screen = front(study) if settings.asks_about_the_year else None
             entries.append(page.Entry(study, sections, first_screen))
@@ -88,12 +89,12 @@ def _write_study(study: Study, folder: Path, sections: Sequence[Section]) -> Non
 
 
 def _sections(
-    study: Study, folder: Path, few: int, view: Callable[[str], Any]
+    study: Study, folder: Path, least_queries: int, view: Callable[[str], Any]
 ) -> Iterator[Section]:
     """Draw the figures of a study into its folder and yield its sections."""
     if study.settings.asks_about_the_year:
         yield from year.sections(study, folder, view)
-        yield from cases.sections(study, folder, few)
+        yield from cases.sections(study, folder, least_queries)
     if study.settings.learns_further_days:
         yield lifelong.section(study, folder)
     elif methods := study.settings.bird_view_methods:

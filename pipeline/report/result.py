@@ -23,6 +23,7 @@ from pipeline.report.table import average
 # The titles of the numbers that a study is about.
 TITLES = {"recall_at_1": "recall@1", "auc_top1": "AUC top-1", "auc_exact_top1": "exact AUC"}
 DATE = re.compile(r"\d{4}-\d\d-\d\d")
+# The precisions at which coverage is measured.
 PRECISIONS = [percent / 100 for percent in range(50, 101)]
 ROUNDING = 1e-9  # a precision may fall short of one of PRECISIONS by so much
 AnyScores = TypeVar("AnyScores", bound="Scores")
@@ -121,10 +122,10 @@ def read_scores(rows: pd.DataFrame, tests: Sequence[str]) -> list[Scores]:
         )
     scores = []
     for model in models:
-        of_year = numbers["", ""] | numbers.get((model, ""), {})
+        year_numbers = numbers["", ""] | numbers.get((model, ""), {})
         for sequence in days.index:
-            of_sequence = of_year | numbers.get((model, sequence), {})
-            scores.append(Scores(model, str(sequence), days[sequence], of_sequence))
+            all_numbers = year_numbers | numbers.get((model, sequence), {})
+            scores.append(Scores(model, str(sequence), days[sequence], all_numbers))
     return scores
 
 
@@ -202,4 +203,5 @@ def day(sequence: str) -> str:
 def dates(results: Sequence[Scores]) -> dict[str, str]:
     """Map each sequence to its date; to its whole name where two were driven on one day."""
     names = list(by_sequence(results))
-    return {name: day(name) if len(set(map(day, names))) == len(names) else name for name in names}
+    are_distinct = len(set(map(day, names))) == len(names)
+    return {name: day(name) if are_distinct else name for name in names}

@@ -126,14 +126,14 @@ def against(strategies: Sequence[Strategy], number: str, reference: str) -> list
     """
     entries = []
     for order, group in grouped(strategies, "order").items():
-        named = {strategy.name: strategy.last(number, PROTOCOL) for strategy in group}
-        if GROWN in named and reference in named:
-            differences = named[GROWN] - named[reference]
+        last = {strategy.name: strategy.last(number, PROTOCOL) for strategy in group}  # (seed,)
+        if GROWN in last and reference in last:
+            differences = last[GROWN] - last[reference]
             entries.append(
                 {
                     "order": order,
-                    "own": average(named[GROWN]),
-                    "reference": average(named[reference]),
+                    "own": average(last[GROWN]),
+                    "reference": average(last[reference]),
                     "apart": average(differences),
                     "low": float(differences.min()),
                     "high": float(differences.max()),
@@ -170,7 +170,8 @@ def regained(strategies: Sequence[Strategy]) -> Iterator[Finding]:
                 "digits": int(wrong % 1 > 0),
             }
         )
-    for first in updates[:1]:
+    if updates:
+        first = updates[0]
         yield Finding(
             "regained",
             model=first.model,

@@ -88,7 +88,7 @@ class Study:
     @property
     def where(self) -> str:
         """The study's name, which says if it is simulated: `simulated campus`."""
-        return f"{'simulated ' * self.simulated}{self.name}"
+        return f"simulated {self.name}" if self.simulated else self.name
 
     @cached_property
     def rows(self) -> pd.DataFrame:

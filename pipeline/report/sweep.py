@@ -41,7 +41,7 @@ def write(folder: Path, records: Sequence[Record], usual_overrides: Mapping[str,
     names = dict.fromkeys(name for job in jobs for name in job.overrides)
     swept = [name for name in names if len({job.overrides.get(name) for job in jobs}) > 1]
     fixed = [f", {name}={value}" for name, value in first.overrides.items() if name not in swept]
-    where = f"{'simulated ' * first.simulated}{first.dataset}"
+    where = f"simulated {first.dataset}" if first.simulated else first.dataset
     illustrations = []
     if any(job.rows for job in jobs):
         path = save(response(jobs, swept), folder / "sweep.svg", first.simulated)
@@ -58,8 +58,12 @@ def write(folder: Path, records: Sequence[Record], usual_overrides: Mapping[str,
         template("section.md.j2", section=section, simulated=first.simulated, folder=folder),
         encoding="utf-8",
     )
-    head = f"{where}: {len(jobs)} job{'s' * (len(jobs) != 1)}{''.join(fixed)}"
-    parts = [head, section.tables[0].text().rstrip(), *map(sentence, section.findings)]
+    job_count = "1 job" if len(jobs) == 1 else f"{len(jobs)} jobs"
+    parts = [
+        f"{where}: {job_count}{''.join(fixed)}",
+        section.tables[0].text().rstrip(),
+        *map(sentence, section.findings),
+    ]
     text = "\n\n".join(parts) + "\n"
     (folder / "sweep.txt").write_text(text, encoding="utf-8")
     return text
@@ -75,7 +79,7 @@ def _table(jobs: Sequence[Record], swept: Sequence[str]) -> Table:
         outcome = "failed" if job.error else number(held_out_auc, 3)
         rows.append((str(job.number), *settings, *means, outcome))
     header = ("job", *swept, *(heading for heading, _ in SHOWN.values()), "held-out AUC")
-    return table("sweep", header, rows, words=1 + len(swept))
+    return table("sweep", header, rows, text_columns=1 + len(swept))
 
 
 def _findings(jobs: Sequence[Record], swept: Sequence[str]) -> list[Finding]:

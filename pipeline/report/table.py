@@ -23,7 +23,7 @@ class Cell:
     key: float | None = None  # what the column is sorted by; None for a word or a missing number
     small: str = ""  # beside the number: its interval or deviation, `[.76, .83]` or `± .025`
     mark: str = ""  # `+` or `−`: clearly better or worse than the reference
-    of: tuple[str, str] = ("", "")  # model and sequence, if the page's map can show them
+    result: tuple[str, str] = ("", "")  # model and sequence, if the page's map can show them
 
     def __str__(self) -> str:
         return " ".join(part for part in (self.text, self.small, self.mark) if part)
@@ -33,58 +33,60 @@ class Cell:
 class Table:
     """A header and rows of cells.
 
-    The first `words` columns are words, flush left; the others are numbers, flush right.
+    The first `text_columns` columns are text, flush left; the others are numbers, flush right.
     """
 
     kind: str  # the key of its caption in templates/words.yaml
     header: Sequence[str]
     rows: Sequence[Sequence[Cell]]
-    words: int = 1
+    text_columns: int = 1
     values: Mapping[str, object] = field(default_factory=dict)  # what fills the caption
-    foot: bool = False  # whether the last row stays below when the page sorts the others
+    has_footer: bool = False  # whether the last row stays below when the page sorts the others
 
     def markdown(self) -> str:
         """A GitHub table, padded so that it can be read as it stands."""
-        header, *rows = self._padded(range(len(self.header)), least=3)
-        rule = [
-            f":{'-' * (len(c) - 1)}" if i < self.words else f"{'-' * (len(c) - 1)}:"
-            for i, c in enumerate(header)
-        ]
+        header, *rows = self._padded(range(len(self.header)), min_width=3)
+        rule = []
+        for i, heading in enumerate(header):
+            dashes = "-" * (len(heading) - 1)
+            rule.append(f":{dashes}" if i < self.text_columns else f"{dashes}:")
         return "".join(f"| {' | '.join(cells)} |\n" for cells in (header, rule, *rows))
 
     def text(self) -> str:
         """Plain text for a terminal, two blanks between columns.
 
-        A table that is too wide goes on below, with its words repeated.
+        A table that is too wide goes on below, with its columns of text repeated.
         """
         texts = []
         for columns in self._parts():
-            header, *rows = self._padded(columns, least=1)
+            header, *rows = self._padded(columns, min_width=1)
             rule = ["─" * len(cell) for cell in header]
             lines = ["  ".join(cells).rstrip() + "\n" for cells in (header, rule, *rows)]
             texts.append("".join(lines))
         return "\n".join(texts)
 
     def _parts(self) -> list[list[int]]:
-        """The columns of each part that a terminal has room for, the words first."""
-        widths = [len(cell) + 2 for cell in self._padded(range(len(self.header)), least=1)[0]]
-        words = list(range(self.words))
-        parts = [words]
-        for column in range(self.words, len(widths)):
+        """The columns of each part that a terminal has room for, the columns of text first."""
+        header, *_ = self._padded(range(len(self.header)), min_width=1)
+        widths = [len(heading) + 2 for heading in header]  # with the two blanks that follow
+        text_columns = list(range(self.text_columns))
+        parts = [text_columns]
+        for column in range(self.text_columns, len(widths)):
             is_full = sum(widths[c] for c in [*parts[-1], column]) > WIDEST + 2
-            if is_full and parts[-1] != words:
-                parts.append(words)
+            if is_full and parts[-1] != text_columns:
+                parts.append(text_columns)
             parts[-1] = [*parts[-1], column]
         return parts
 
-    def _padded(self, columns: Iterable[int], least: int) -> list[list[str]]:
+    def _padded(self, columns: Iterable[int], min_width: int) -> list[list[str]]:
         """Texts of the header and the rows in the chosen columns, padded to one width a column."""
         padded_columns = []
         for i in columns:
             texts = [self.header[i], *(str(row[i]) for row in self.rows)]
-            width = max(least, *map(len, texts))
+            width = max(min_width, *map(len, texts))
+            is_text = i < self.text_columns
             padded_columns.append(
-                [text.ljust(width) if i < self.words else text.rjust(width) for text in texts]
+                [text.ljust(width) if is_text else text.rjust(width) for text in texts]
             )
         return [list(line) for line in zip(*padded_columns, strict=True)]
 
@@ -94,15 +96,16 @@ def table(
     header: Iterable[str],
     rows: Iterable[Iterable[object]],
     /,
-    words: int = 1,
+    text_columns: int = 1,
+    has_footer: bool = False,
     **values: object,
 ) -> Table:
-    """Build a table; entries that are no Cell become cells of words."""
+    """Build a table whose caption `values` fill; entries that are no Cell become cells of text."""
     cells = tuple(
         tuple(entry if isinstance(entry, Cell) else Cell(str(entry)) for entry in row)
         for row in rows
     )
-    return Table(kind, tuple(header), cells, words, values=values)
+    return Table(kind, tuple(header), cells, text_columns, values, has_footer)
 
 
 def number(
@@ -116,7 +119,7 @@ def number(
     )
 
 
-def kept(precision: float, wanted: float) -> Cell:
+def kept_precision(precision: float, wanted: float) -> Cell:
     """A cell with the precision on held-out blocks; `0.731 of 0.9` if less than was wanted."""
     return replace(number(precision, 3), small=f"of {wanted:g}" if precision < wanted else "")
 

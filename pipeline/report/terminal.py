@@ -26,11 +26,11 @@ def _blocks(study: Study) -> Iterator[str]:
         yield f"{study.where}, trained on {study.train} alone, cells of {study.cell_m:g} m\n"
         yield tables.setup(study, longest=78).text()
         for protocol, number in product(tables.DISTANCE_FIRST, tables.MAIN_NUMBERS):
-            main_table = tables.main(study, protocol, number)
+            main_table = tables.main_number(study, protocol, number)
             yield from (_wrap(caption(main_table)), main_table.text())
         yield from (tables.means(study).text(), _wrap(words("terminal")) + "\n")
         if posed := [result for result in study.results if result.posed]:
-            for pose_table in tables.poses(posed):
+            for pose_table in tables.pose_tables(posed):
                 yield from (_wrap(caption(pose_table)), pose_table.text())
         if doubts := [_wrap(sentence(doubt)) for doubt in findings.doubts(study)]:
             yield "\n".join(doubts) + "\n"

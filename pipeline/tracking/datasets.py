@@ -17,8 +17,8 @@ from pipeline.studies.study import Study
 if TYPE_CHECKING:
     from mlflow import MlflowClient
 
-LENGTH = 8  # characters of a digest, as many as MLflow's own have: the page shows them all
-USED_FOR = "mlflow.data.context"
+DIGEST_LENGTH = 8  # characters, as many as MLflow's own have: the page shows them all
+USED_FOR = "mlflow.data.context"  # the tag that says what a dataset was used for
 
 
 @dataclass(frozen=True)
@@ -32,20 +32,21 @@ class UsedSequence:
 
 
 def used_sequences(
-    study: Study, tests: Sequence[str], lock: DvcLock, train: bool = True
+    study: Study, tests: Sequence[str], lock: DvcLock, with_training: bool = True
 ) -> list[UsedSequence]:
-    """The training sequences, if `train`, and the test sequences.
+    """The training sequences, if `with_training`, and the test sequences.
 
     A digest is of the sequence's name and the digest of the study's submaps in DVC's lock files;
     if they record none, of the name and the study's settings.
     """
     folder = Layout().path("submaps", study.name).as_posix()
     made_of = lock.of(folder)[0] or json.dumps(study.table(), sort_keys=True, default=str)
-    contexts = dict.fromkeys(study.train if train else (), "train") | dict.fromkeys(tests, "test")
+    training = study.train if with_training else ()
+    contexts = dict.fromkeys(training, "train") | dict.fromkeys(tests, "test")
     return [
         UsedSequence(
             name=f"{study.name} {sequence}",
-            digest=hashlib.sha256(f"{made_of} {sequence}".encode()).hexdigest()[:LENGTH],
+            digest=hashlib.sha256(f"{made_of} {sequence}".encode()).hexdigest()[:DIGEST_LENGTH],
             context=context,
             source=Layout().path("submaps", study.name, sequence).as_posix(),
         )

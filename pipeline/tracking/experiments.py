@@ -49,7 +49,7 @@ def _put_aside(client: "MlflowClient", experiment: "Experiment") -> str:
     aside = f"{experiment.name}, folder moved ({experiment.experiment_id})"
     client.rename_experiment(experiment.experiment_id, aside)
     runs = list(served.all_results(client.search_runs, experiment.experiment_id))
-    for models in served.owners(client, experiment.experiment_id).values():
+    for models in served.models_by_run(client, experiment.experiment_id).values():
         for model in models:
             client.delete_logged_model(model.model_id)
     for run in runs:

@@ -35,7 +35,7 @@ import yaml
 from pipeline.tracking import texts
 
 KEY = "yearloc"
-LIMIT = 5_000  # characters that MLflow keeps of an experiment's tag
+MOST_CHARACTERS = 5_000  # that MLflow keeps of an experiment's tag
 # The y scale of shares. A scale cut to the data would make a hundredth look like a season.
 SCALE = {"yMin": -0.02, "yMax": 1.02}
 COLOUR = "mlflow.runColor"  # the tag that fixes a run's colour in the charts, as #rrggbb
@@ -120,16 +120,22 @@ def url(experiment_id: str, host: str, port: int) -> str:
 
 
 def _state(view: View) -> dict[str, object]:
+    """The state of the experiment's page, with the keys that the module's docstring lists."""
     widths = COLUMNS | {f"metrics.`{name}`": width for name, width in view["metrics"].items()}
-    shown = [
+    unfolded = [
         _section(
-            name, True, columns=section.get("columns", 1), cardHeight=section.get("height", 320)
+            name,
+            is_unfolded=True,
+            columns=section.get("columns", 1),
+            cardHeight=section.get("height", 320),
         )
         for name, section in view["sections"].items()
     ]
-    folded = [_section(name, False, columns=columns) for name, columns in FOLDED.items()]
+    folded = [
+        _section(name, is_unfolded=False, columns=columns) for name, columns in FOLDED.items()
+    ]
     return {
-        "compareRunSections": shown + folded,
+        "compareRunSections": unfolded + folded,
         "compareRunCharts": [
             _chart(name, metrics.split(), section.get("bars", False))
             for name, section in view["sections"].items()
@@ -143,8 +149,9 @@ def _state(view: View) -> dict[str, object]:
     }
 
 
-def _section(name: str, display: bool, **size: int) -> dict[str, object]:
-    return {"uuid": name, "name": name, "display": display, "isReordered": False, **size}
+def _section(name: str, is_unfolded: bool, **size: int) -> dict[str, object]:
+    """A section of charts; `size` is its number of columns, and the height of a chart in px."""
+    return {"uuid": name, "name": name, "display": is_unfolded, "isReordered": False, **size}
 
 
 def _chart(section: str, metrics: list[str], bars: bool) -> dict[str, object]:

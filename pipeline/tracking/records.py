@@ -48,16 +48,16 @@ REJECTION = {
     "precision_at_threshold": "precision",
     "recall_at_threshold": "recall",
 }
-# Numbers that have another group in MLflow than their protocol's. MLflow sorts groups by name, so
-# that `accepted` comes first.
+# The group in MLflow of each number that is not grouped by its protocol. MLflow sorts groups by
+# name: `accepted` is to be first.
 GROUPS = {
     **dict.fromkeys(("accepted", "accepted_wrong", "refused", "refused_wrong"), "accepted"),
     "ece": "calibration",
     "ece_raw": "calibration",
     PERCENTILE: "ageing",
 }
-# Protocol and number of the means over the test days that a method's run holds: MLflow's table of
-# runs would else show the numbers of the last day.
+# Protocol and number of the means over the test days that a method's run holds; without them
+# MLflow's table of runs would show the numbers of the last day alone.
 MEANS = (
     ("cells", "auc_top1"),
     ("cells", "recall_at_1"),
@@ -68,7 +68,7 @@ MEANS = (
     ("distance", "auroc"),
     ("distance", "heading_within_10deg"),
 )
-LARGEST = 1e30  # a threshold beyond this rejects nothing, and is not shown
+LARGEST = 1e30  # a larger number is a threshold that rejects nothing, and is not shown
 LONGEST_NAME = 240  # characters of a run's name: MLflow's databases hold 250
 Series = dict[str, list[tuple[int, float]]]  # name of a metric to its points: (step, value)
 
@@ -92,49 +92,55 @@ class StudyRuns:
     ) -> RunRecord:
         """The run of a method, or of its answers with poses, with a child for each test sequence.
 
-        `arrays` and `recipe` are what the model's file holds; `extra_series` are further metrics.
+        `answerer` names the model, and whether its answers have poses; rows of these have the
+        variant `answerer.answered`. `arrays` and `recipe` are what the model's file holds;
+        `extra_series` are further metrics.
         """
         study = self.study
-        model = answerer.family
+        family = answerer.family  # the method, and its variant if it has one
         rows = self.rows[self.rows["method"] == answerer.method]
         rows = rows[(rows["variant"] == answerer.answered) & (rows["seed"] == 0)]
-        driven = rows[(rows[["change", "stress"]] == "").all(axis=1)]
+        # queries as driven: neither altered nor under stress
+        driven = rows[(rows["change"] == "") & (rows["stress"] == "")]
         tested = driven[driven["sequence"].isin(study.tests)]
-        series = over_days(tested) | means(tested) | training_curves(arrays)
-        series |= ageing(driven) | viewpoints(rows) | extra_series
-        place = {"dataset": study.name, "grid": self.grid}
-        tint = darker(colour(model)) if answerer.answered else colour(model)
+        series = days_series(tested) | mean_series(tested) | training_series(arrays)
+        series |= ageing_series(driven) | viewpoint_series(rows) | extra_series
+        where = {"dataset": study.name, "grid": self.grid}
+        run_colour = colour(family)
+        if answerer.answered:
+            run_colour = darker(run_colour)
         run = RunRecord(
-            name=self.run_name(model),
-            tags={COLOUR: tint, **place, "method": model, "data": self.data},
-            params={**place, "train": study.train_text, **recipe},
+            name=self.run_name(family),
+            tags={COLOUR: run_colour, **where, "method": family, "data": self.data},
+            params={**where, "train": study.train_text, **recipe},
             series=series,
-            figures=self.files(model),
-            registered="" if answerer.posed else self._registered(model),
+            figures=self.figure_files(family),
+            # a model is registered once, not again for its answers with poses
+            registered="" if answerer.posed else self._registered(family),
             about=self._about(
                 "run.md.j2",
                 what=what(recipe.get("_target_", "")),
-                method=model,
+                method=family,
                 share=recipe.get("budget", ""),
                 places=len(arrays.get("place_xy_m", ())),
             ),
             used=used_sequences(study, study.tests, self.lock),
         )
-        days = [self._day(run, model, test, tested) for test in study.tests]
-        return replace(run, children=days)
+        children = [self._day(run, family, test, tested) for test in study.tests]
+        return replace(run, children=children)
 
     def _day(self, run: RunRecord, model: str, test: str, rows: pd.DataFrame) -> RunRecord:
         """The child of a method's run that holds one test sequence."""
-        of_day = rows[rows["sequence"] == test]
-        days = of_day["days"].dropna().astype(int).tolist()
+        day_rows = rows[rows["sequence"] == test]
+        days = day_rows["days"].dropna().astype(int).tolist()
         return RunRecord(
             name=test,
             tags={**run.tags, "sequence": test},
             params={**run.params, "test": test},
-            series=over_days(of_day),
-            figures=self.files(model, test),
+            series=days_series(day_rows),
+            figures=self.figure_files(model, test),
             about=self._about("day.md.j2", sequence=test, days=days[0] if days else None),
-            used=used_sequences(self.study, [test], self.lock, train=False),
+            used=used_sequences(self.study, [test], self.lock, with_training=False),
         )
 
     @property
@@ -152,12 +158,14 @@ class StudyRuns:
     def _registered(self, model: str) -> str:
         """The name of the method's model in the registry, such as campus-sci-simulated."""
         words = [self.study.name, *self.run_name(model).split()]
-        return "-".join(words + ["simulated"] * self.study.simulated)
+        if self.study.simulated:
+            words.append("simulated")
+        return "-".join(words)
 
-    def _about(self, template: str, **values: Any) -> str:
+    def _about(self, template_name: str, **values: Any) -> str:
         """The description of a run, from a template."""
         return filled(
-            template,
+            template_name,
             study=self.study.name,
             grid=self.grid,
             simulated=self.study.simulated,
@@ -167,7 +175,7 @@ class StudyRuns:
             **values,
         )
 
-    def files(self, model: str, sequence: str = "") -> list[Path]:
+    def figure_files(self, model: str, sequence: str = "") -> list[Path]:
         """The figures of a model and those of all models; or those of a model on one test sequence.
 
         Raises ArtifactError if there is no report: DVC removes the old one before it writes
@@ -193,9 +201,10 @@ def of_strategies(study_runs: StudyRuns) -> Iterator[RunRecord]:
     study = study_runs.study
     rows = study_runs.rows
     rows = rows[(rows["change"] == CHANGE) & np.isfinite(rows["value"])]
+    # the kind of these rows is "ORDER STRATEGY"
     strategies = rows["kind"].str.partition(" ")[2].unique().tolist()
     for (kind, method, variant), group in rows.groupby(["kind", "method", "variant"], sort=False):
-        order, _, strategy = kind.partition(" ")  # a kind is "ORDER STRATEGY"
+        order, _, strategy = kind.partition(" ")
         course = {
             "dataset": study.name,
             "grid": study_runs.grid,
@@ -208,6 +217,7 @@ def of_strategies(study_runs: StudyRuns) -> Iterator[RunRecord]:
         steps = places["sequence"].unique().tolist()
         # a step may also be a part of a day, which is no sequence
         sequences = {*study.train, *study.learned, *study.updates}
+        # as if trained on these, so that `used_sequences` names what the steps learned
         learned = replace(study, train=tuple(step for step in steps if step in sequences))
         yield RunRecord(
             name=f"{study_runs.run_name(course['model'])} {order} {strategy}",
@@ -222,8 +232,8 @@ def of_strategies(study_runs: StudyRuns) -> Iterator[RunRecord]:
                 "seeds": len(seeds),
                 "budget": study.budget,
             },
-            series=over_steps(group),
-            figures=study_runs.files(course["model"]),
+            series=step_series(group),
+            figures=study_runs.figure_files(course["model"]),
             about=filled(
                 "course.md.j2",
                 **course,
@@ -283,7 +293,7 @@ def _job(record: Record, settings: Mapping[str, str], tags: Mapping[str, str]) -
         name=_short(settings) or f"job {record.number}",
         tags={**tags, **failed},
         params=settings,
-        series=over_days(rows[(rows["kind"] == "") & ~rows["number"].isin(NOT_OF_JOBS)]),
+        series=days_series(rows[(rows["kind"] == "") & ~rows["number"].isin(NOT_OF_JOBS)]),
     )
 
 
@@ -292,28 +302,34 @@ def _short(values: Mapping[str, str]) -> str:
     return " ".join(f"{name.rpartition('.')[2]}={value}" for name, value in values.items())
 
 
-def over_days(rows: pd.DataFrame) -> Series:
-    """Every number of these rows over the days since training, named as `cells/auc_top1`."""
-    shown = np.isfinite(rows["days"]) & (rows["value"].abs() <= LARGEST)
-    rows = rows[shown & ~rows["number"].str.endswith("_line")]
+def days_series(rows: pd.DataFrame) -> Series:
+    """Every number of these rows over the days since training, named as `cells/auc_top1`.
+
+    The kind of a row is that of novelty which its number is of; most numbers are of none.
+    """
+    is_shown = np.isfinite(rows["days"]) & (rows["value"].abs() <= LARGEST)
+    rows = rows[is_shown & ~rows["number"].str.endswith("_line")]
     plain = rows[rows["kind"] == ""]
     groups = plain["number"].map(GROUPS).fillna(plain["protocol"])
-    kinds = rows[(rows["kind"] != "") & (rows["protocol"] == "cells")]
-    kinds = kinds[kinds["number"].isin(REJECTION)]
-    kind_metric_names = "rejection/" + kinds["kind"] + "_" + kinds["number"].map(REJECTION)
-    return _points(plain, groups + "/" + plain["number"], "days") | _points(
-        kinds, kind_metric_names, "days"
-    )
+    plain_series = _points(plain, groups + "/" + plain["number"], "days")
+    novelty = rows[(rows["kind"] != "") & (rows["protocol"] == "cells")]
+    novelty = novelty[novelty["number"].isin(REJECTION)]
+    novelty_names = "rejection/" + novelty["kind"] + "_" + novelty["number"].map(REJECTION)
+    return plain_series | _points(novelty, novelty_names, "days")
 
 
-def means(rows: pd.DataFrame) -> Series:
+def mean_series(rows: pd.DataFrame) -> Series:
     """The mean of each of MEANS over the test days that have it: a single value, `mean/…`."""
     plain = rows[(rows["kind"] == "") & np.isfinite(rows["days"]) & np.isfinite(rows["value"])]
-    mean = plain.groupby(["protocol", "number"])["value"].mean()
-    return {f"mean/{by}_{name}": [(0, mean[by, name])] for by, name in MEANS if (by, name) in mean}
+    means = plain.groupby(["protocol", "number"])["value"].mean()
+    return {
+        f"mean/{protocol}_{name}": [(0, means[protocol, name])]
+        for protocol, name in MEANS
+        if (protocol, name) in means
+    }
 
 
-def training_curves(arrays: Mapping[str, NDArray[Any]]) -> Series:
+def training_series(arrays: Mapping[str, NDArray[Any]]) -> Series:
     """The curves that a model's file holds of its training, over the epochs."""
     return {
         f"train/{name.removeprefix('curves/')}": list(enumerate(map(float, values), start=1))
@@ -322,55 +338,64 @@ def training_curves(arrays: Mapping[str, NDArray[Any]]) -> Series:
     }
 
 
-def ageing(rows: pd.DataFrame) -> Series:
+def ageing_series(rows: pd.DataFrame) -> Series:
     """The change of each number per 100 days with its interval, and when to train again.
 
     They are single values at step 0: MLflow draws a metric whose only step is 0 as bars over the
     runs, and any other as a line, which would be a dot.
     """
-    of_year = rows[rows["sequence"] == ""].set_index(["protocol", "number"])
+    # rows of all days together have no sequence
+    year_rows = rows[rows["sequence"] == ""].set_index(["protocol", "number"])
     series = Series()
     for protocol, number in AGEING:
         name = number if number == PERCENTILE else f"{protocol}_{number}"
-        for end, columns in (
+        for suffix, columns in (
             ("per_100_days", ("value", "low", "high")),
             ("retrain_after_days", ("value",)),
         ):
-            key = (protocol, f"{number}_{end}")
-            if key not in of_year.index:
+            key = (protocol, f"{number}_{suffix}")
+            if key not in year_rows.index:
                 continue
             for column in columns:
-                metric = f"ageing/{name}_{end}" + ("" if column == "value" else f"_{column}")
-                value = float(of_year.loc[key, column])
+                metric = f"ageing/{name}_{suffix}" + ("" if column == "value" else f"_{column}")
+                value = float(year_rows.loc[key, column])
                 if np.isfinite(value):
                     series[metric] = [(0, value)]
     return series
 
 
-def viewpoints(rows: pd.DataFrame) -> Series:
-    """Numbers of paper 2's protocol over the heading of the queries, cut to whole degrees."""
+def viewpoint_series(rows: pd.DataFrame) -> Series:
+    """Numbers of paper 2's protocol over the heading of the queries, cut to whole degrees.
+
+    Paper 2 is IROS 2018's on unsupervised features of bird-views.
+    """
     turned = rows[(rows["change"] == "viewpoint") & np.isfinite(rows["value"])]
-    return _points(turned, "viewpoints/" + turned["number"] + " " + turned["sequence"], "level")
+    names = "viewpoints/" + turned["number"] + " " + turned["sequence"]
+    return _points(turned, names, "level")  # `level` is the heading
 
 
-def over_steps(rows: pd.DataFrame) -> Series:
+def step_series(rows: pd.DataFrame) -> Series:
     """Each number of a strategy over its steps: the mean over the seeds.
 
     The recall of each asked day, or part of the site, is in a group of its own.
     """
-    groups = rows["protocol"].replace("", "cost") + "/" + rows["number"]
-    of_days = "recall_by_" + rows["protocol"] + "/" + rows["sequence"]
-    names = groups.where(rows["number"] != "recall_at_1", of_days)
-    means = rows.assign(metric=names).groupby(["metric", "level"])["value"].mean().reset_index()
-    return _points(means, means["metric"], "level")
+    plain_names = rows["protocol"].replace("", "cost") + "/" + rows["number"]
+    asked_day_names = "recall_by_" + rows["protocol"] + "/" + rows["sequence"]
+    names = plain_names.where(rows["number"] != "recall_at_1", asked_day_names)
+    averaged = rows.assign(metric=names).groupby(["metric", "level"])["value"].mean().reset_index()
+    return _points(averaged, averaged["metric"], "level")  # `level` is the step
 
 
-def _points(rows: pd.DataFrame, names: pd.Series, step: str) -> Series:
-    """The points of each metric: its values over the column `step`, cut to whole numbers."""
-    return {
-        name: sorted(zip(group[step].astype(int).tolist(), group["value"].tolist(), strict=True))
-        for name, group in rows.groupby(names)
-    }
+def _points(rows: pd.DataFrame, names: pd.Series, step_column: str) -> Series:
+    """The points of each metric: its values over the steps, which are cut to whole numbers.
+
+    `names` is the metric of each row.
+    """
+    series = {}
+    for name, group in rows.groupby(names):
+        steps = group[step_column].astype(int).tolist()
+        series[name] = sorted(zip(steps, group["value"].tolist(), strict=True))
+    return series
 
 
 def stage_costs(layout: Layout, study: str, grid: str, method: StudyMethod, model: Path) -> Series:

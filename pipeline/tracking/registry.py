@@ -38,21 +38,23 @@ def settle(
         for version in served.all_results(client.search_model_versions)
         if version.tags.get(EXPERIMENT) == experiment
     ]
-    present = {(version.name, version.tags.get(MODEL)) for version in own_versions}
+    has_version = {(version.name, version.tags.get(MODEL)) for version in own_versions}
     for name, model in logged_models.items():
         if name not in registered:
             registered[name] = client.create_registered_model(name, tags={EXPERIMENT: experiment})
-        if (name, model.model_id) not in present:
+        if (name, model.model_id) not in has_version:
             _register(client, name, model, experiment)
-    alive = {model.model_id: name for name, model in logged_models.items()}
-    unnamed = {
+    names = {model.model_id: name for name, model in logged_models.items()}
+    # logged models that are not among these: their versions stay
+    other_models = {
         model.model_id
-        for models in served.owners(client, experiment_id).values()
+        for models in served.models_by_run(client, experiment_id).values()
         for model in models
-    } - {*alive}
+        if model.model_id not in names
+    }
     for version in own_versions:
-        number = version.tags.get(MODEL)
-        if alive.get(number) != version.name and number not in unnamed:
+        model_id = version.tags.get(MODEL)
+        if names.get(model_id) != version.name and model_id not in other_models:
             client.delete_model_version(version.name, version.version)
     names_with_version = {
         version.name for version in served.all_results(client.search_model_versions)

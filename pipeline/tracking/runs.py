@@ -96,12 +96,18 @@ class RunRecord:
 
 def experiment_of(dataset: str, simulated: bool, question: str = "") -> str:
     """The name of a data set's experiment, which every page of it has as its heading."""
-    return f"yearloc {dataset}{f' {question}' * bool(question)}{' (simulated)' * simulated}"
+    name = f"yearloc {dataset}"
+    if question:
+        name += f" {question}"
+    return f"{name} (simulated)" if simulated else name
 
 
 @dataclass(frozen=True)
 class Published:
-    """What a call of `publish` did: the numbers of runs, children included."""
+    """What a call of `publish` did: how many runs were written, and how many were there already.
+
+    Children are counted too.
+    """
 
     experiment_id: str
     written: int
@@ -136,7 +142,7 @@ def publish(
             for run in served.all_results(client.search_runs, experiment_id)
             if KEY in run.data.tags
         ]
-        models = served.owners(client, experiment_id)
+        models = served.models_by_run(client, experiment_id)
         kept = 0
         registered_of_run = {}
         now_ms = time.time_ns() // 1_000_000
@@ -144,22 +150,20 @@ def publish(
             earlier = [
                 run for run in own_runs if PARENT not in run.data.tags and _is_of(run, record)
             ]
-            # the run that holds this record already, or a new one
-            run_id = ""
-            for run in earlier:
-                if not run_id and _is_whole(run, record, own_runs, models):
-                    run_id = run.info.run_id
-                    kept += 1 + len(record.children)
-            if not run_id:
+            whole = [run for run in earlier if _is_whole(run, record, own_runs, models)]
+            if whole:
+                run_id = whole[0].info.run_id
+                kept += 1 + len(record.children)
+            else:
                 own_tags = {page.COLOUR: page.GREY}
                 run_id = _write(client, experiment_id, record, own_tags, now_ms - place)
-            # earlier states of it go
+            # earlier states of the run go
             for run in earlier:
                 if run.info.run_id != run_id:
                     _delete(client, run.info.run_id, own_runs, models)
             if record.registered:
                 registered_of_run[run_id] = record.registered
-        logged = served.owners(client, experiment_id)
+        logged = served.models_by_run(client, experiment_id)
         registered = {
             name: model
             for run_id, name in registered_of_run.items()

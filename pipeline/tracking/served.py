@@ -43,10 +43,10 @@ REQUIREMENTS = (
     "torch",
     "zarr",
 )
-OURS = "yearloc.model"  # the tag of a model that was logged here; others are somebody else's
+OUR_TAG = "yearloc.model"  # the tag of a model that was logged here; others are somebody else's
 PYFUNC = LIBRARY / "tracking/pyfunc.py"  # what MLflow runs to load the model
-Dims = tuple[str | int, ...]
-# The columns of `pipeline.matching.ranking.Ranking` that are served.
+Dims = tuple[str | int, ...]  # a shape: the name of a dimension of any size, or its fixed size
+# The columns of `pipeline.matching.ranking.Ranking` that are served: type and shape of each.
 OUTPUTS: Mapping[str, tuple[type, Dims]] = {
     "places": (np.int64, ("query", "rank")),
     "costs": (np.float32, ("query", "rank")),
@@ -63,7 +63,8 @@ class Served:
 
     arrays: Path  # the model that `stages.train` wrote
     method: str  # module and class, as `pipeline.methods.sci:Sci`
-    # of its constructor; those that it has no field for are left out there
+    # The arguments of the method's constructor; pyfunc.py leaves out those that the class has no
+    # field for.
     parameters: Mapping[str, bool | int | float | str]
     image_shape: tuple[int, ...]  # of one view, such as rings and sectors
     k: int = 25  # places ranked unless `predict(views, params={"k": …})` asks for another number
@@ -88,7 +89,8 @@ class Served:
     def content(self) -> dict[str, object]:
         """Everything that the logged model holds, its code included, files as digests.
 
-        `RunRecord.key` hashes it.
+        Models of equal content are the same: `RunRecord.key` hashes it, so that a run is written
+        once only.
         """
         files = (PYFUNC, *shipped())
         return asdict(self) | {
@@ -99,7 +101,7 @@ class Served:
 
     @property
     def inputs(self) -> dict[str, tuple[type, Dims]]:
-        """The inputs of `predict`: views, as the method looks at them."""
+        """The inputs of `predict`, type and shape of each: views, as the method looks at them."""
         return {"views": (np.float32, ("query", *self.image_shape))}
 
     def note(self, model_id: str) -> str:
@@ -114,16 +116,17 @@ class Served:
     def save(self, folder: Path, **metadata: Any) -> None:
         """Write an MLflow model into a new folder; `metadata` goes into its MLmodel file."""
         with warnings.catch_warnings(), TemporaryDirectory() as scratch:
-            # MLflow warns of type hints of its own, and that there is no example of an input
+            # MLflow warns that it reads no signature from the type hints of `predict`, and that
+            # there is no example of an input; the signature is given, so neither is needed
             warnings.simplefilter("ignore")
             from mlflow.models import Model
             from mlflow.pyfunc import save_model
 
             code = Path(scratch, LIBRARY.name)
             for path in shipped():
-                copy = code / path.relative_to(LIBRARY)
-                copy.parent.mkdir(parents=True, exist_ok=True)
-                shutil.copyfile(path, copy)
+                target = code / path.relative_to(LIBRARY)
+                target.parent.mkdir(parents=True, exist_ok=True)
+                shutil.copyfile(path, target)
             config = {
                 "method": self.method,
                 "parameters": dict(self.parameters),
@@ -150,9 +153,10 @@ class Served:
         schemas = []
         for tensors in (self.inputs, OUTPUTS):
             specs = []
-            for name, (kind, dims) in tensors.items():
+            for name, (number_type, dims) in tensors.items():
+                # MLflow writes -1 for a dimension of any size
                 shape = tuple(-1 if isinstance(dim, str) else dim for dim in dims)
-                specs.append(TensorSpec(np.dtype(kind), shape, name))
+                specs.append(TensorSpec(np.dtype(number_type), shape, name))
             schemas.append(Schema(specs))
         return ModelSignature(*schemas, ParamSchema([ParamSpec("k", "long", self.k)]))
 
@@ -163,43 +167,45 @@ def shipped() -> list[Path]:
     return sorted([LIBRARY / "__init__.py", *folders])
 
 
-def _digest(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
-
-
 def log(client: "MlflowClient", experiment_id: str, run_id: str, name: str, served: Served) -> None:
     """Add the model to a run."""
     from mlflow.entities import LoggedModelOutput
 
-    params = {key: str(value) for key, value in served.parameters.items()}
-    params = {"method": served.method, **params}
+    parameters = {key: str(value) for key, value in served.parameters.items()}
+    params = {"method": served.method, **parameters}
     model = client.create_logged_model(experiment_id, name, run_id, params=params)
     client.set_logged_model_tags(
-        model.model_id, {OURS: "true", "mlflow.note.content": served.note(model.model_id)}
+        model.model_id, {OUR_TAG: "true", "mlflow.note.content": served.note(model.model_id)}
     )
     with TemporaryDirectory() as scratch:
         folder = Path(scratch, "model")
-        metadata = {"run_id": run_id, "artifact_path": model.artifact_location}
-        served.save(folder, model_uuid=model.model_id, model_id=model.model_id, **metadata)
+        metadata = {
+            "run_id": run_id,
+            "artifact_path": model.artifact_location,
+            "model_uuid": model.model_id,
+            "model_id": model.model_id,
+        }
+        served.save(folder, **metadata)
         client.log_model_artifacts(model.model_id, str(folder))
     client.finalize_logged_model(model.model_id, "READY")
-    client.log_outputs(run_id, [LoggedModelOutput(model.model_id, 0)])
+    client.log_outputs(run_id, [LoggedModelOutput(model.model_id, step=0)])
 
 
-def owners(client: "MlflowClient", experiment_id: str) -> dict[str, list[Any]]:
+def models_by_run(client: "MlflowClient", experiment_id: str) -> dict[str, list[Any]]:
     """The logged models of this project, by the id of the run that they belong to."""
-    models_of_run: dict[str, list[Any]] = {}
+    models: dict[str, list[Any]] = {}
     for model in all_results(client.search_logged_models, experiment_id):
-        if OURS in model.tags:
-            models_of_run.setdefault(str(model.source_run_id), []).append(model)
-    return models_of_run
+        if OUR_TAG in model.tags:
+            models.setdefault(str(model.source_run_id), []).append(model)
+    return models
 
 
 def all_results(search: Callable[..., Any], *experiment_ids: str) -> Iterator[Any]:
     """All results of an MLflow search, page by page, in the experiments if any are given."""
     token = None
-    within = [[*experiment_ids]] if experiment_ids else []
-    while page := search(*within, page_token=token):
+    # the first argument of a search within experiments; other searches have none
+    arguments = [[*experiment_ids]] if experiment_ids else []
+    while page := search(*arguments, page_token=token):
         yield from page
         if not (token := page.token):
             return
@@ -213,6 +219,11 @@ def delete(client: "MlflowClient", model: Any) -> None:
 
         get_artifact_repository(model.artifact_location).delete_artifacts()
         return
+    # the artifacts lie in …/models/MODEL_ID/artifacts; the model's own folder is the one above
     folder = Path(url2pathname(urlparse(model.artifact_location).path)).parent
     if folder.name == model.model_id:
         shutil.rmtree(folder, ignore_errors=True)
+
+
+def _digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()

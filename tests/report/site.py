@@ -220,7 +220,9 @@ def sections(root: Path) -> list[Section]:
         (Cell(name), cell)
         for name, cell in zip(("sci", "m2dp", "late <b>", "mean"), numbers, strict=True)
     )
-    tables = tuple(Table(kind, ("method", "AUC"), rows, foot=True) for kind in ("auc", "auroc"))
+    tables = tuple(
+        Table(kind, ("method", "AUC"), rows, has_footer=True) for kind in ("auc", "auroc")
+    )
     says = Finding("plain", text=EVIL)
     figures = (
         Illustration("how", root / "turned.svg", findings=(says,)),

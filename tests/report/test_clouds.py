@@ -12,7 +12,7 @@ from PIL import Image
 
 from pipeline.core import store
 from pipeline.core.errors import ArtifactError
-from pipeline.report.clouds import CELL_M, POINTS, Drive, Footprint
+from pipeline.report.clouds import CELL_M, MOST_CELLS, Drive, Footprint
 from tests.posing.scene import planar
 from tests.views.made import artifacts
 
@@ -81,5 +81,5 @@ def test_no_more_points_than_a_page_holds_are_kept_of_a_scan(tmp_path: Path) -> 
         "",
     )
     cells = drive.cells(0)
-    assert len(cells) == POINTS
+    assert len(cells) == MOST_CELLS
     assert (cells == drive.cells(0)).all()

@@ -19,7 +19,7 @@ from pipeline.report import render
 from pipeline.report.alignment import best_shift, best_shifts, spectra
 from pipeline.report.result import PRECISIONS, coverage
 from pipeline.report.web.front import front
-from pipeline.report.web.map import COLUMNS, LEVELS, chart, indices, picture, quantized
+from pipeline.report.web.map import COLUMNS, LEVELS, chart, indices, quantized, sheet
 from pipeline.report.web.page import Entry, Picture, html
 from pipeline.views.scan_context import quantize
 from tests.report.site import EVIL, LOCK, SVG, TRAIN, WORDS, XY_M, entries, heights, sections, study
@@ -253,7 +253,7 @@ def test_a_figure_is_an_image_of_its_own() -> None:
 
 def test_a_picture_holds_every_view_as_quantized() -> None:
     images = heights(COLUMNS + 3)
-    image = picture(images)
+    image = sheet(images)
     assert (image.mode, image.size) == ("P", (COLUMNS * 120, 80))
     assert image.getpalette()[:3] == [0, 0, 131]  # an empty bin (METHODS 2.1)
     wide = 256 // LEVELS

@@ -120,7 +120,7 @@ def test_all_runs_are_shown_in_the_order_of_their_start(view: Any) -> None:
 
 
 def test_mlflow_keeps_tags_of_this_length() -> None:
-    assert all(len(value) <= page.LIMIT for value in page.tags(page.YEAR).values())
+    assert all(len(value) <= page.MOST_CHARACTERS for value in page.tags(page.YEAR).values())
 
 
 def test_the_address_opens_the_charts_of_the_view_and_not_the_assistant() -> None:

@@ -227,4 +227,4 @@ def test_a_report_that_was_interrupted_is_named(tmp_path: Path) -> None:
     with pytest.raises(
         ArtifactError, match=r"report/campus/10m: no report yet; `dvc repro` writes it"
     ):
-        study_runs.files("sci")
+        study_runs.figure_files("sci")

@@ -5,6 +5,7 @@ each query with its nearest training pose. The lines were fitted where the table
 """
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -19,12 +20,18 @@ from pipeline.report.selection import NONE, Values, indexed, pick, values
 from pipeline.report.table import signed
 
 ROOM = 2.5  # a panel of slopes reaches so many times as far as the steepest; longer bars are cut
-# The numbers to draw: protocol, name in the table of results and title of each.
-Followed = Sequence[tuple[str, str, str]]
+
+
+class FollowedNumber(NamedTuple):
+    """A number that is drawn over the days."""
+
+    protocol: str
+    number: str  # its name in the table of results
+    title: str
 
 
 @styled
-def lines(rows: pd.DataFrame, followed: Followed) -> Figure:
+def lines(rows: pd.DataFrame, followed: Sequence[FollowedNumber]) -> Figure:
     """A row per model, a column per number: points and fitted line with their 95 % intervals.
 
     The slope is written in the panel, bold if its interval does not contain 0.
@@ -36,16 +43,16 @@ def lines(rows: pd.DataFrame, followed: Followed) -> Figure:
         column[0].set_title(title.replace(", ", "\n", 1), pad=5)
         # the percentile of novelty rises with age from 0 to 100, other numbers fall from 1 to 0
         column[0].set_ylim(*((-4.0, 104.0) if number == PERCENTILE else (0.0, 1.04)))
-        of_number = pick(rows, protocol=protocol).sort_values("days")
-        oracle = pick(of_number, method=ORACLE, number=f"{number}_line")
+        protocol_rows = pick(rows, protocol=protocol).sort_values("days")
+        oracle = pick(protocol_rows, method=ORACLE, number=f"{number}_line")
         for axis, (model, tint) in zip(column, shades.items(), strict=True):
             if len(oracle):
                 axis.plot(oracle["days"], oracle["value"], color="0.7", lw=0.8, zorder=2)
-            _panel(axis, pick(of_number, method=model), number, tint)
+            _panel(axis, pick(protocol_rows, method=model), number, tint)
             axis.grid(axis="y")
     for axis, (model, tint) in zip(axes[:, 0], shades.items(), strict=True):
         axis.set_ylabel(folded(model), color=tint, size=7.5)
-    fitted = rows[rows["number"].isin([f"{number}_line" for _, number, _ in followed])]
+    fitted = rows[rows["number"].isin([f"{drawn.number}_line" for drawn in followed])]
     axes[0, 0].set_xlim(0, 1.04 * max(1.0, fitted["days"].max()))
     legend = (
         "days since training; dots: test sequences; grey: the oracle; shade: 95 % interval of "
@@ -56,22 +63,22 @@ def lines(rows: pd.DataFrame, followed: Followed) -> Figure:
 
 
 @styled
-def slopes(rows: pd.DataFrame, followed: Followed) -> Figure:
+def slopes(rows: pd.DataFrame, followed: Sequence[FollowedNumber]) -> Figure:
     """A panel per number, a row per model: the slope with its interval, filled if it is clear."""
     models = _models(rows, followed)
     shades = tints(models) | ({ORACLE: QUIET} if ORACLE in models else {})
     fig = figure(WIDTH_IN, 0.95 + 0.21 * len(models), f"Change per {PER_DAYS} days since training")
     axes = fig.subplots(1, len(followed), squeeze=False, sharey=True)[0]
     for axis, (protocol, number, title) in zip(axes, followed, strict=True):
-        by_model = indexed(pick(rows, protocol=protocol, number=_slope(number)), "method")
+        by_model = indexed(pick(rows, protocol=protocol, number=_slope_name(number)), "method")
         for y, (model, tint) in enumerate(shades.items()):
-            slope = by_model.get(model, NONE)
-            fill = tint if _clear(slope) else "white"
-            axis.hlines(y, *slope[1:], color=tint, lw=1.1, alpha=0.8, zorder=2)
-            axis.plot(slope[0], y, "o", ms=4, color=tint, mfc=fill, mew=0.9, zorder=3)
-        steepest = np.nanmax([0.0, *(abs(slope[0]) for slope in by_model.values())])
-        far = ROOM * float(steepest) or 1.0
-        axis.set_xlim(-far, far)
+            value, low, high = slope = by_model.get(model, NONE)
+            fill = tint if _is_clear(slope) else "white"
+            axis.hlines(y, low, high, color=tint, lw=1.1, alpha=0.8, zorder=2)
+            axis.plot(value, y, "o", ms=4, color=tint, mfc=fill, mew=0.9, zorder=3)
+        steepest = np.nanmax([0.0, *(abs(value) for value, _, _ in by_model.values())])
+        reach = ROOM * float(steepest) or 1.0
+        axis.set_xlim(-reach, reach)
         axis.axvline(0, color=QUIET, lw=0.7, zorder=1)
         axis.set_title(title.replace(", ", "\n", 1), pad=5)
         axis.grid(axis="x")
@@ -79,25 +86,29 @@ def slopes(rows: pd.DataFrame, followed: Followed) -> Figure:
     return fig
 
 
-def _models(rows: pd.DataFrame, followed: Followed) -> list[str]:
+def _models(rows: pd.DataFrame, followed: Sequence[FollowedNumber]) -> list[str]:
     """The models for which any of the numbers has a line, the oracle among them.
 
     Raises InputError if there is none but the oracle.
     """
-    fitted = [pick(rows, protocol=name, number=f"{number}_line") for name, number, _ in followed]
+    fitted = [
+        pick(rows, protocol=drawn.protocol, number=f"{drawn.number}_line") for drawn in followed
+    ]
     models = [*pd.concat(fitted)["method"].unique()]
     if set(models) <= {ORACLE}:
         raise InputError("a figure of ageing needs at least one model")
     return models
 
 
-def _slope(number: str) -> str:
+def _slope_name(number: str) -> str:
+    """The name in the table of results of the slope of a number."""
     return f"{number}_per_{PER_DAYS}_days"
 
 
-def _clear(slope: Values) -> bool:
+def _is_clear(slope: Values) -> bool:
     """Whether the interval of a slope does not contain 0."""
-    return slope[1] > 0 or slope[2] < 0
+    _, low, high = slope
+    return low > 0 or high < 0
 
 
 def _panel(axis: Axes, rows: pd.DataFrame, number: str, tint: str) -> None:
@@ -111,11 +122,11 @@ def _panel(axis: Axes, rows: pd.DataFrame, number: str, tint: str) -> None:
     fitted, low, high = values(line).T
     axis.fill_between(line["days"], low, high, color=tint, alpha=0.15, lw=0, zorder=1)
     axis.plot(line["days"], fitted, color=tint, lw=1.0, zorder=2)
-    slope = indexed(pick(rows, number=_slope(number)), "number").get(_slope(number), NONE)
+    slope = indexed(pick(rows, number=_slope_name(number)), "number").get(_slope_name(number), NONE)
     if np.isfinite(slope[0]):
         # above points that lie low, but below the oracle; else below the points
         y = 0.74 if np.nanmean(dots["value"]) < np.mean(axis.get_ylim()) else 0.26
-        weight, shade = ("bold", "0.1") if _clear(slope) else ("normal", QUIET)
+        weight, shade = ("bold", "0.1") if _is_clear(slope) else ("normal", QUIET)
         axis.text(
             0.97,
             y,

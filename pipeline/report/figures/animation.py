@@ -16,9 +16,8 @@ from pipeline.core.errors import ConfigError
 from pipeline.core.store import replace
 
 ENDINGS = {".gif": "GIF", ".webp": "WEBP", ".png": "PNG"}
-# How long a frame is shown, and the last one.
-FRAME_MS = 80
-END_MS = 2500
+FRAME_MS = 80  # how long a frame is shown
+END_MS = 2500  # how long the last frame is shown
 BLENDS = 9  # shades from white to an ink, as letters and lines have at their edges
 
 
@@ -28,9 +27,9 @@ def check_ending(path: Path) -> None:
         raise ConfigError(f"{path}: expected a name that ends in {', '.join(ENDINGS)}")
 
 
-def spread(count: int, most: int) -> NDArray[np.int64]:
-    """At most `most` of the queries 0 to count − 1 (frame,), evenly spread, with the last one."""
-    return np.linspace(0, count - 1, min(count, most)).round().astype(np.int64)
+def spread(count: int, most_frames: int) -> NDArray[np.int64]:
+    """At most `most_frames` (frame,) of the queries 0 to count − 1, evenly spread, the last too."""
+    return np.linspace(0, count - 1, min(count, most_frames)).round().astype(np.int64)
 
 
 def palette(inks: Sequence[str], plain: Sequence[str]) -> NDArray[np.uint8]:
@@ -60,29 +59,28 @@ def save(
     check_ending(path)
     tree = KDTree(table)
     first, *later_frames = (_indexed(frame, table, tree) for frame in frames)
-    lasting = [FRAME_MS] * len(later_frames) + [END_MS]
+    durations_ms = [FRAME_MS] * len(later_frames) + [END_MS]
     with replace(path) as scratch:
         first.save(
             scratch,
             ENDINGS[path.suffix],
             save_all=True,
             append_images=later_frames,
-            duration=lasting,
+            duration=durations_ms,
             loop=0,
             lossless=True,
             optimize=True,
         )
-    return len(lasting), path.stat().st_size
+    return len(durations_ms), path.stat().st_size
 
 
 def _indexed(frame: NDArray[np.uint8], table: NDArray[np.uint8], tree: KDTree) -> Image.Image:
     """A frame as indices into the palette, each pixel in its nearest colour."""
-    packed, colour_of_pixel = np.unique(
-        frame.astype(np.uint32) @ np.array([65536, 256, 1], np.uint32), return_inverse=True
-    )
-    nearest = np.asarray(
-        tree.query(np.stack([packed >> 16, packed >> 8 & 255, packed & 255], axis=1))[1]
-    )
-    image = Image.fromarray(nearest.astype(np.uint8)[colour_of_pixel].reshape(frame.shape[:2]))
+    # one number per colour: the nearest of the palette is looked up once for each
+    packed = frame.astype(np.uint32) @ np.array([65536, 256, 1], np.uint32)  # (height, width)
+    colours, colour_of_pixel = np.unique(packed, return_inverse=True)
+    unpacked = np.stack([colours >> 16, colours >> 8 & 255, colours & 255], axis=1)
+    _, nearest = tree.query(unpacked)
+    image = Image.fromarray(np.asarray(nearest, np.uint8)[colour_of_pixel].reshape(frame.shape[:2]))
     image.putpalette(table.tobytes())
     return image

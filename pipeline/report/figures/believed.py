@@ -16,11 +16,11 @@ from pipeline.core.errors import ArtifactError
 from pipeline.core.frames import Poses, distance_and_turn
 from pipeline.evaluation.judgement import Evaluations
 from pipeline.evaluation.numbers import within
-from pipeline.report.clouds import Drive, laid, trained_m
+from pipeline.report.clouds import Drive, trained_m, transformed
 from pipeline.report.result import day
 from pipeline.report.study import Study
 
-VOXEL_M = 0.6  # of the map's points one is drawn in each voxel of this side
+VOXEL_M = 0.6  # one of the map's points is drawn in each voxel of this side
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,26 +88,28 @@ class BelievedDrive:
         """The days: `Learned 2012-01-15, driven 2013-04-05, 446 days later`."""
         when = "the same day"
         if self.days:
-            between = f"{abs(self.days)} day{'s' * (abs(self.days) != 1)}"
+            between = "1 day" if abs(self.days) == 1 else f"{abs(self.days)} days"
             when = f"{between} {'later' if self.days > 0 else 'earlier'}"
         return f"Learned {self.trained}, driven {self.driven}, {when}"
 
     @property
     def counts(self) -> NDArray[np.int64]:
         """Counts up to each query (4, q): accepted, wrong ones of those, refused, wrong ones."""
-        placed = np.isfinite(self.world_T_query).all(axis=(1, 2))
-        kinds = (
+        has_pose = np.isfinite(self.world_T_query).all(axis=(1, 2))
+        counted = (
             self.accepted,
             self.accepted & ~self.right,
             ~self.accepted,
-            ~self.accepted & ~self.right & placed,
+            ~self.accepted & ~self.right & has_pose,
         )
-        return np.cumsum(kinds, axis=1)
+        return np.cumsum(counted, axis=1)
 
     def walls_m(self, query: int) -> NDArray[np.float64]:
         """The points (n, 3) of a query in the world, as its pose lays them; none without a pose."""
         pose = self.world_T_query[query]
-        return laid(pose, self.points_m(query)) if np.isfinite(pose).all() else np.empty((0, 3))
+        if not np.isfinite(pose).all():
+            return np.empty((0, 3))
+        return transformed(pose, self.points_m(query))
 
 
 def verdicts(
@@ -119,8 +121,9 @@ def verdicts(
     which is returned; if none can be promised, no pose is accepted. Raises ArtifactError if there
     are not so many poses.
     """
-    driven = read_cases(fixes.cases).index(Case())
-    rows = slice(driven * count, (driven + 1) * count)
+    # the rows of a case are together; the empty case is of queries as driven
+    case = read_cases(fixes.cases).index(Case())
+    rows = slice(case * count, (case + 1) * count)
     world_T_query = fixes.load("world_T_query")[rows]
     if len(world_T_query) != count:
         raise ArtifactError(
@@ -135,5 +138,5 @@ def verdicts(
         return world_T_query, np.zeros(count, bool), None
     promise = max(thresholds)
     novelty = fixes.load("novelty")[rows, 0].astype(np.float64)
-    placed = np.isfinite(world_T_query).all(axis=(1, 2))
-    return world_T_query, placed & (novelty < thresholds[promise]), promise
+    has_pose = np.isfinite(world_T_query).all(axis=(1, 2))
+    return world_T_query, has_pose & (novelty < thresholds[promise]), promise

@@ -16,14 +16,14 @@ from PIL import Image, ImageDraw, ImageFont
 
 from pipeline.core.frames import Poses, yaw
 from pipeline.core.progress import Progress
-from pipeline.report.clouds import laid
+from pipeline.report.clouds import transformed
 from pipeline.report.figures import animation
 from pipeline.report.figures.believed import BelievedDrive
 from pipeline.report.figures.style import SIMULATED
 
 WIDTH_PX = 800
 HEIGHT_PX = 450
-FRAMES = 90  # at most
+MOST_FRAMES = 90
 # Where the camera is: so far behind the robot and above it, looking at a point so far ahead.
 BEHIND_M = 26.0
 ABOVE_M = 17.0
@@ -32,7 +32,7 @@ FOCAL_PX = 520.0
 # Points nearer to the camera or farther off than these are not drawn.
 NEAREST_M = 4.0
 FARTHEST_M = 90.0
-LARGE_M = 45.0  # map points nearer than this are two pixels wide, as all points of a scan are
+WIDE_M = 45.0  # map points nearer than this are two pixels wide, as all points of a scan are
 ACCEPTED = "#1878C7"
 REFUSED = "#D55E00"
 WRONG = "#000000"
@@ -50,7 +50,7 @@ def write(drive: BelievedDrive, path: Path, progress: Progress) -> tuple[int, in
     The same artifacts give the same bytes. Raises ConfigError for another ending.
     """
     counts = drive.counts
-    shown = animation.spread(len(drive.accepted), FRAMES).tolist()
+    shown = animation.spread(len(drive.accepted), MOST_FRAMES).tolist()
     frames = (frame(drive, query, counts[:, query].tolist()) for query in shown)
     table = animation.palette((ACCEPTED, REFUSED, WRONG, INK, GREY), GREYS)
     return animation.save(progress.track(frames, len(shown), "frames"), path, table)
@@ -62,7 +62,7 @@ def frame(drive: BelievedDrive, query: int, counts: Sequence[int]) -> NDArray[np
     pixels = np.full((HEIGHT_PX, WIDTH_PX, 3), 255, np.uint8)
     splat(pixels, camera_T_world, drive.map_m, GREYS)
     ink = ACCEPTED if drive.accepted[query] else REFUSED
-    splat(pixels, camera_T_world, drive.walls_m(query), (ink,), over=True)
+    splat(pixels, camera_T_world, drive.walls_m(query), (ink,), are_all_wide=True)
     image = Image.fromarray(pixels)
     draw = ImageDraw.Draw(image)
     _dots(draw, drive, query, camera_T_world)
@@ -81,11 +81,11 @@ def chase(world_T_robot: Poses) -> Poses:
     ahead = np.array([np.cos(turn_rad), np.sin(turn_rad), 0.0])
     robot_m = world_T_robot[:3, 3]
     eye_m = robot_m - BEHIND_M * ahead + (0.0, 0.0, ABOVE_M)
-    looks = robot_m + AHEAD_M * ahead - eye_m
-    looks /= np.linalg.norm(looks)
+    viewing = robot_m + AHEAD_M * ahead - eye_m  # the direction of view
+    viewing /= np.linalg.norm(viewing)
     to_right = np.array([ahead[1], -ahead[0], 0.0])
     camera_T_world = np.eye(4)
-    camera_T_world[:3, :3] = [to_right, np.cross(looks, to_right), looks]
+    camera_T_world[:3, :3] = [to_right, np.cross(viewing, to_right), viewing]
     camera_T_world[:3, 3] = -camera_T_world[:3, :3] @ eye_m
     return camera_T_world
 
@@ -97,7 +97,7 @@ def projected(
 
     Points outside the picture, too near or too far are left out.
     """
-    seen_m = laid(camera_T_world, points_m)
+    seen_m = transformed(camera_T_world, points_m)
     seen_m = seen_m[(seen_m[:, 2] > NEAREST_M) & (seen_m[:, 2] < FARTHEST_M)]
     depth_m = seen_m[:, 2]
     at_px = seen_m[:, :2] * (FOCAL_PX / depth_m)[:, None] + (WIDTH_PX / 2, HEIGHT_PX / 2)
@@ -110,11 +110,11 @@ def splat(
     camera_T_world: Poses,
     points_m: NDArray[np.float64],
     inks: Sequence[str],
-    over: bool = False,
+    are_all_wide: bool = False,
 ) -> None:
     """Draw points (n, 3) of the world, far ones first, in inks from near to far.
 
-    Near points are two pixels wide, or all if `over`.
+    Near points are two pixels wide, or all if `are_all_wide`.
     """
     at_px, depth_m = projected(camera_T_world, points_m)
     order = np.argsort(-depth_m, kind="stable")
@@ -122,9 +122,9 @@ def splat(
     shade = (depth_m[order] / FARTHEST_M * len(inks)).astype(np.int64)
     colours = animation.rgb(inks)[shade]
     pixels[rows, columns] = colours
-    large = np.full(len(shade), True) if over else depth_m[order] < LARGE_M
-    for down, along in ((0, 1), (1, 0), (1, 1)):
-        pixels[rows[large] + down, columns[large] + along] = colours[large]
+    is_wide = np.full(len(shade), True) if are_all_wide else depth_m[order] < WIDE_M
+    for down, right in ((0, 1), (1, 0), (1, 1)):
+        pixels[rows[is_wide] + down, columns[is_wide] + right] = colours[is_wide]
 
 
 def _dots(
@@ -144,7 +144,7 @@ def _dots(
 def _robot(draw: ImageDraw.ImageDraw, world_T_robot: Poses, camera_T_world: Poses) -> None:
     """Draw the robot as an arrow on the ground."""
     corners_m = np.array([(3.2, 0, 0), (-2.0, 1.6, 0), (-1.0, 0, 0), (-2.0, -1.6, 0)])
-    at_px, _ = projected(camera_T_world, laid(world_T_robot, corners_m))
+    at_px, _ = projected(camera_T_world, transformed(world_T_robot, corners_m))
     draw.polygon([tuple(corner) for corner in at_px.tolist()], fill=INK)
 
 

@@ -30,12 +30,14 @@ from pipeline.report.figures.style import MARK, WIDTH_IN, below, figure, handles
 from pipeline.report.result import PRECISIONS, Result, by_model, by_sequence, day
 from pipeline.studies.colours import colour, marker
 
+# The look of a marker on a line.
 DOT: Any = {"mec": "white", "mew": 0.6, "zorder": 4}
 PAGE_IN = (5.2, 3.6)  # width and height of a figure on the first screen of the page
 NAME_IN = 0.088 * 6.2 / 3  # height of a model's name beside a panel
-FEW = 3  # from so many models on, panels are larger
+MANY_MODELS = 3  # from so many models on, panels are larger
 HELD_OUT = "held_out_"  # how the name of a training curve on held-out blocks begins
 SHARE_ENDINGS = ("accuracy", "recall")  # curves whose names end so lie between 0 and 1
+# The panels of `year`.
 OVER_THE_YEAR = (AUC, RECALL, FAR)
 FIGURE_8 = (AUC, AUC_5, AUC_25)  # the panels of Fig. 8 of the SCI paper.
 
@@ -134,17 +136,17 @@ def precision_recall(results: Sequence[Result], protocol: str) -> Figure:
     looks = look(by_model(results))
     groups = [*by_sequence(results).values()]
     is_wide = len(groups) > 1
-    most = 5 if len(looks) < FEW else 3
-    _, columns = balanced(len(groups), most)
+    most_columns = 5 if len(looks) < MANY_MODELS else 3
+    _, columns = balanced(len(groups), most_columns)
     fig, panels = facets(
         groups,
-        most,
-        f"Precision over recall, by {protocol}",
+        most_columns,
+        heading=f"Precision over recall, by {protocol}",
         around_in=0.85,
         row_in=1.5 if columns > 3 else 2.0,
         width_in=WIDTH_IN if is_wide else 3.5,
-        x="recall",
-        y="precision",
+        x_label="recall",
+        y_label="precision",
     )
     for axis, group in panels:
         for result in reversed(group):
@@ -171,11 +173,12 @@ def recall_at(results: Sequence[Result]) -> Figure:
     groups = by_model(results)
     fig = figure(WIDTH_IN, 2.6, "Recall among the first n places")
     axes = fig.subplots(1, len(PROTOCOLS), sharey=True)
+    # protocol and model to the recalls (sequence, n)
     recalls = {
         (protocol, model): np.stack([r.evaluation.protocol(protocol).recall_at for r in group])
         for protocol in PROTOCOLS
         for model, group in groups.items()
-    }  # (sequence, n) each
+    }
     n = np.arange(1, 1 + len(results[0].evaluation.protocol(PROTOCOLS[0]).recall_at))
     axes[0].set_ylim(*share_limits(*recalls.values()))
     for axis, protocol in zip(axes, PROTOCOLS, strict=True):
@@ -206,7 +209,9 @@ def history(curves: Mapping[str, NDArray[np.float64]], best: int | None, model: 
     if best is not None:
         heading = f"{model}: kept after round {best + 1} of {len(rounds)}"
     row_in = 2.0 if len(names) <= 3 else 1.5
-    fig, panels = facets(names, 3, heading, around_in=0.4, row_in=row_in, shared=False)
+    fig, panels = facets(
+        names, most_columns=3, heading=heading, around_in=0.4, row_in=row_in, shared=False
+    )
     for axis, name in panels:
         shape = "." if len(rounds) < 3 else ""
         for key, tint, label in (

@@ -20,7 +20,7 @@ from pipeline.report.figures.style import WIDTH_IN, below, dot, figure, folded, 
 from pipeline.report.selection import indexed
 
 NEAR = {"recall_at_1": "recall@1", "auc_exact_top1": "exact AUC"}
-OFFSET = 0.13  # of the two markers from the middle of a band
+OFFSET = 0.13  # of the two markers from the middle of a band, whose width is 1
 PALE = 0.3  # opacity of a number of few queries
 # How numbers near a change that is still to come are drawn: grey and hollow.
 LATER = "0.6"
@@ -29,13 +29,13 @@ HOLLOW: Any = {"mfc": "white", "mec": LATER, "mew": 1.0}
 
 @styled
 def by_distance(
-    rows: pd.DataFrame, models: Sequence[str], bands: Mapping[float, str], few: int
+    rows: pd.DataFrame, models: Sequence[str], bands: Mapping[float, str], least_queries: int
 ) -> Figure:
     """A row per model, a column per number and protocol: a value per band with its 95 % interval.
 
-    `bands` maps the farthest distance of a band in metres to its name. Numbers of fewer than `few`
-    seen queries are pale; hollow ones are near a change that is still to come. Bars below count the
-    queries.
+    `bands` maps the farthest distance of a band in metres to its name. Numbers of fewer than
+    `least_queries` seen queries are pale; hollow ones are near a change that is still to come. Bars
+    below count the queries.
     """
     shades = tints(models)
     numbers = indexed(rows, "change", "method", "protocol", "number", "level")
@@ -59,9 +59,9 @@ def by_distance(
             for axis, (model, tint) in zip(panels, shades.items(), strict=True):
                 values = over_bands(when, model, protocol, name)
                 if when == SHOWN:
-                    _in_bands(axis, values, seen < few, offset, tint)
+                    _in_bands(axis, values, seen < least_queries, offset, tint)
                 else:
-                    _in_bands(axis, values, seen < few, offset, LATER, **HOLLOW)
+                    _in_bands(axis, values, seen < least_queries, offset, LATER, **HOLLOW)
             queries = seen if name == "recall_at_1" else seen + unseen
             middle = np.arange(len(bands)) + 1.4 * offset
             bars = counts.bar(middle, queries, 2 * OFFSET, color=grey)
@@ -79,8 +79,8 @@ def by_distance(
         axis.grid(axis="y")
     entries = [
         dot("near a change that shows", "0.2"),
-        dot("nearer to one still to come", LATER, full=False),
-        dot(f"of fewer than {few} seen queries", "0.2", alpha=PALE),
+        dot("nearer to one still to come", LATER, is_filled=False),
+        dot(f"of fewer than {least_queries} seen queries", "0.2", alpha=PALE),
     ]
     below(fig, entries)
     return fig

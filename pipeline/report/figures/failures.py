@@ -15,13 +15,13 @@ from matplotlib.figure import Figure
 from pipeline.core import schemas, store
 from pipeline.core.errors import ArtifactError
 from pipeline.core.frames import Poses
-from pipeline.report.clouds import CELL_M, Drive, Footprint, laid
+from pipeline.report.clouds import CELL_M, Drive, Footprint, transformed
 from pipeline.report.figures.panels import facets
 from pipeline.report.figures.style import QUIET, WIDTH_IN, styled
 from pipeline.report.result import Result
 from pipeline.report.study import Study
 
-MOST = 6  # cards
+MOST_CARDS = 6
 SHOWN_M = 40.0  # from the middle of a card to its edge
 # Colours of a pose that was believed (accepted) and is wrong, and of one that was refused.
 INKS = {True: "#C8400A", False: "#0072B2"}
@@ -43,7 +43,7 @@ class Failure(NamedTuple):
 
 
 def misjudged(group: Sequence[Result]) -> list[Failure]:
-    """At most MOST poses of a model whose verdict is wrong, the surest verdicts first.
+    """At most MOST_CARDS poses of a model whose verdict is wrong, the surest verdicts first.
 
     Wrong poses that were believed come before right ones that were refused.
     """
@@ -55,7 +55,7 @@ def misjudged(group: Sequence[Result]) -> list[Failure]:
         for mask, accepted in ((believed["accepted_wrong"], True), (refused_right, False)):
             failures += [Failure(result, int(query), accepted) for query in np.flatnonzero(mask)]
     failures.sort(key=lambda failure: (not failure.accepted, failure.surprise))
-    return failures[:MOST]
+    return failures[:MOST_CARDS]
 
 
 def cards(study: Study, group: Sequence[Result]) -> Figure | None:
@@ -73,6 +73,7 @@ def cards(study: Study, group: Sequence[Result]) -> Figure | None:
 
 @styled
 def _cards(study: Study, failures: Sequence[Failure], footprint: Footprint) -> Figure:
+    """Draw a card per failure over the footprint of training."""
     model = failures[0].result.model
     low_m = footprint.corner_m
     high_m = low_m + np.array(footprint.occupied.shape[::-1]) * footprint.cell_m
@@ -80,8 +81,8 @@ def _cards(study: Study, failures: Sequence[Failure], footprint: Footprint) -> F
     ground = np.ma.masked_equal(footprint.occupied.astype(float), 0.0)
     fig, panels = facets(
         failures,
-        3,
-        f"{model}: what its verdict got wrong",
+        most_columns=3,
+        heading=f"{model}: what its verdict got wrong",
         around_in=0.3,
         row_in=WIDTH_IN / 3 + 0.2,
         shared=False,
@@ -89,14 +90,16 @@ def _cards(study: Study, failures: Sequence[Failure], footprint: Footprint) -> F
     for axis, (result, query, accepted) in panels:
         drive = Drive.read(study, result.sequence)
         fixes = store.read(study.find("localize", result.sequence, model), schemas.Fixes)
-        placed = np.asarray(fixes["world_T_query"][query])
+        world_T_query = np.asarray(fixes["world_T_query"][query])
         ink = INKS[accepted]
         axis.imshow(ground, cmap=GREYS, extent=extent, origin="lower", interpolation="nearest")
-        xy_m = np.unique(np.rint(laid(placed, drive.standing_m(query))[:, :2] / CELL_M), axis=0)
+        xy_m = np.unique(
+            np.rint(transformed(world_T_query, drive.standing_m(query))[:, :2] / CELL_M), axis=0
+        )
         axis.plot(*(xy_m * CELL_M).T, ".", ms=2.2, mew=0, color=ink, rasterized=True)
-        _arrow(axis, placed, ink)
+        _arrow(axis, world_T_query, ink)
         _arrow(axis, drive.world_T_anchor[query], "black")
-        x_m, y_m = placed[:2, 3]
+        x_m, y_m = world_T_query[:2, 3]
         axis.set(xlim=(x_m - SHOWN_M, x_m + SHOWN_M), ylim=(y_m - SHOWN_M, y_m + SHOWN_M))
         axis.set(xticks=[], yticks=[], aspect="equal")
         verdict = "believed" if accepted else "refused"

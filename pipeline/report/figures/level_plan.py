@@ -22,8 +22,8 @@ from pipeline.report.figures.chase import font
 
 WIDTH_PX = 800
 MOST_HEIGHT_PX = 700
-HEAD_PX = 56
-FRAMES = 120  # at most
+HEAD_PX = 56  # height of the lines of text above the plan
+MOST_FRAMES = 120
 MARGIN_M = 1.0  # around what is known of the building
 UNKNOWN = "#E4E4E4"
 FREE = "#FFFFFF"
@@ -102,7 +102,7 @@ def write(
     The same drive gives the same bytes. Raises ConfigError for another ending.
     """
     plan = Plan(level_map)
-    shown = animation.spread(len(drive), FRAMES).tolist()
+    shown = animation.spread(len(drive), MOST_FRAMES).tolist()
     frames = (frame(plan, drive[: number + 1], title) for number in shown)
     inks = (INK, GREY, WALL, UNKNOWN, *("rgb({}, {}, {})".format(*c) for c in COLOURS.values()))
     table = animation.palette(inks, (FREE,))

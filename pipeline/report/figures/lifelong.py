@@ -24,8 +24,8 @@ from pipeline.studies.colours import MARKERS, PALETTE
 
 DARK = 0.6  # from this share of the colours on, the number in a cell is white
 ALONE_IN = 4.2  # width of a single matrix
-LEAST = 0.1  # a scale of recall or forgetting spans at least this
-PATH = "0.15"  # of the training path, above the queries
+LEAST_SPAN = 0.1  # a scale of recall or forgetting spans at least this
+PATH = "0.15"  # grey of the training path, above the queries
 NEVER = "0.75"  # grey of queries whose place is never known
 
 
@@ -58,8 +58,8 @@ def matrices(
     """
     fig, panels = facets(
         [*recalls.items()],
-        3,
-        heading,
+        most_columns=3,
+        heading=heading,
         around_in=0.35,
         row_in=0.85 + 0.24 * len(steps),
         width_in=WIDTH_IN if len(recalls) > 1 else ALONE_IN,
@@ -119,7 +119,7 @@ def over_steps(
         column[-1].set_xlim(-0.3, len(steps) - 0.7)
     for axis in axes.flat:
         low, high = axis.get_ylim()
-        spare = max(LEAST - (high - low), 0.0) / 2
+        spare = max(LEAST_SPAN - (high - low), 0.0) / 2
         axis.set_ylim(low - spare, high + spare)
     for axis in axes[-1]:
         axis.axhline(0.0, **MARK)

@@ -34,7 +34,8 @@ def outcome_map(result: Result, train_xy_m: NDArray[np.float64]) -> Figure:
     Outcomes are by cells, at the model's threshold.
     """
     heading = f"{result.model} on {result.label}, by cells"
-    return _single(result, *answers(result), len(ANSWERS), train_xy_m, heading)
+    kinds, accepted = answers(result)
+    return _single(result, kinds, accepted, train_xy_m, heading, kind_count=len(ANSWERS))
 
 
 def fix_map(result: Result, train_xy_m: NDArray[np.float64]) -> Figure:
@@ -46,7 +47,8 @@ def fix_map(result: Result, train_xy_m: NDArray[np.float64]) -> Figure:
     right = result.evaluation.pose_right
     far_m, far_deg = result.evaluation.right_within
     heading = f"{result.model} on {result.label}: poses, right within {far_m:g} m and {far_deg:g}°"
-    return _single(result, np.where(right, RIGHT, WRONG), accepted, UNSEEN, train_xy_m, heading)
+    kinds = np.where(right, RIGHT, WRONG)
+    return _single(result, kinds, accepted, train_xy_m, heading, kind_count=2)
 
 
 def answers(result: Result) -> tuple[NDArray[np.integer], NDArray[np.bool_]]:
@@ -62,11 +64,14 @@ def _single(
     result: Result,
     kinds: NDArray[np.integer],
     accepted: NDArray[np.bool_],
-    count: int,
     train_xy_m: NDArray[np.float64],
     heading: str,
+    kind_count: int,
 ) -> Figure:
-    """One map, with the numbers of the first `count` of ANSWERS and how many were accepted."""
+    """One map of queries, each of one of the `kinds` (q,) of ANSWERS.
+
+    The legend has the first `kind_count` of these, with how many were accepted.
+    """
     box = bounds_m(train_xy_m, result.evaluation.xy_m)
     slope = height_per_width(box)
     height_in = min(max(WIDTH_IN * slope, 2.2), 5.6)
@@ -77,7 +82,7 @@ def _single(
     scale_bar(axis, box)
     counts = [
         f" {np.sum(kinds == code)}, {np.sum(accepted & (kinds == code))} accepted"
-        for code in range(count)
+        for code in range(kind_count)
     ]
     _legend(fig, counts)
     return fig

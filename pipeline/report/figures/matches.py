@@ -19,7 +19,7 @@ from pipeline.report.figures.style import WIDTH_IN, figure, styled
 from pipeline.report.result import Result
 from pipeline.views.scan_context import colorize
 
-RIGHT = 3  # so many sequences have a right example
+RIGHT_SEQUENCES = 3  # so many sequences have a right example
 # Kinds of wrong answers, and how many examples to show of each; see `_is_kind`.
 NEXT_CELL = "next cell"
 MISPLACED = "misplaced"
@@ -70,24 +70,24 @@ def choose(group: Sequence[Result]) -> list[Example]:
     Wrong ones are those of least novelty that lie apart.
     """
     chosen = _right(group)
-    for kind, number in WRONG.items():
+    for kind, most in WRONG.items():
         examples: list[Example] = []
         for example in _surest(group, kind):
-            if len(examples) < number and example.is_far_from(examples):
+            if len(examples) < most and example.is_far_from(examples):
                 examples.append(example)
         chosen += examples
     return chosen
 
 
 def _right(group: Sequence[Result]) -> list[Example]:
-    """Right answers in RIGHT sequences over the year, then the surest one that is turned.
+    """Right answers in RIGHT_SEQUENCES sequences over the year, then the surest one that is turned.
 
     Of a sequence it is the one of median novelty, or the next one that is far from the others. A
     turned query drives another way than training.
     """
     hits_by_day = [hits for result in group if (hits := _surest([result], "right"))]
     chosen: list[Example] = []
-    spread = np.linspace(0, len(hits_by_day) - 1, RIGHT if hits_by_day else 0)
+    spread = np.linspace(0, len(hits_by_day) - 1, RIGHT_SEQUENCES if hits_by_day else 0)
     for day in np.unique(spread.round().astype(int)):
         hits = hits_by_day[day]
         middle = len(hits) // 2
@@ -185,7 +185,7 @@ def matches(
         _show(middle, query, np.asarray(training.images[matched]))
         if is_wrong:
             _show(right, query, np.asarray(training.images[training.nearest(example.xy_m)]))
-            _note(right, 0.99, f"{evaluation.nearest_m[i]:.0f} m away")
+            _note(right, "right", f"{evaluation.nearest_m[i]:.0f} m away")
         else:
             right.set_axis_off()
     for axis, title in zip(
@@ -201,9 +201,9 @@ def matches(
 
 
 def _show(axis: Axes, query: NDArray[np.float32], image: NDArray[np.float32] | None = None) -> None:
-    """Draw a query or, if given, an image rolled towards it: heights (ring, sector) in metres.
+    """Draw a query, or an image rolled towards it if one is given.
 
-    The nearest ring is lowest.
+    Both are heights (ring, sector) in metres; the nearest ring is lowest.
     """
     shift = 0 if image is None else best_shift(query, image)
     image = query if image is None else image
@@ -213,10 +213,10 @@ def _show(axis: Axes, query: NDArray[np.float32], image: NDArray[np.float32] | N
     axis.spines[:].set_visible(False)
     if shift:
         rolled_deg = 180 - (180 - shift * 360 / image.shape[1]) % 360  # from -180 to 180
-        _note(axis, 0.01, f"rolled {degrees(rolled_deg)}")
+        _note(axis, "left", f"rolled {degrees(rolled_deg)}")
 
 
-def _note(axis: Axes, x: float, text: str) -> None:
-    """Write in the lower left or right corner of a view."""
-    side = "right" if x > 0.5 else "left"
+def _note(axis: Axes, side: str, text: str) -> None:
+    """Write in the lower corner of a view on the `left` or `right` side."""
+    x = 0.99 if side == "right" else 0.01
     axis.text(x, 0.06, text, transform=axis.transAxes, color="white", size=6.5, ha=side)

@@ -18,9 +18,9 @@ from pipeline.report.comparison import Measurement
 from pipeline.report.figures.style import MARK, QUIET, VEIL, WIDTH_IN, figure, folded, look
 from pipeline.studies.colours import marker
 
-OFF = "#B2182B"  # red, of what is wrong
-SMALLEST = 4.0  # square points of the marker of a bin that few queries are in
-EVEN = 12.0  # square points of markers that are all alike
+WRONG_RED = "#B2182B"  # red, of what is wrong
+SMALLEST_AREA = 4.0  # square points of the marker of a bin that few queries are in
+EVEN_AREA = 12.0  # square points of markers that are all alike
 LINE_IN = 0.125  # height of a line of text
 SLANTED: Any = {"rotation": 40, "ha": "right", "rotation_mode": "anchor"}  # names below an axis
 Item = TypeVar("Item")
@@ -36,33 +36,39 @@ class Line(NamedTuple):
 
 def facets(
     items: Sequence[Item],
-    most: int,
+    most_columns: int,
     heading: str,
     around_in: float,
     row_in: float,
     width_in: float = WIDTH_IN,
     shared: bool = True,
-    x: str = "",
-    y: str = "",
+    x_label: str = "",
+    y_label: str = "",
 ) -> tuple[Figure, list[tuple[Axes, Item]]]:
-    """A figure with a panel per item, at most `most` in a row, on one scale if `shared`.
+    """A figure with a panel per item, at most `most_columns` in a row, on one scale if `shared`.
 
-    It is `around_in` inches high, and `row_in` more for each row of panels. `x` and `y` label the
-    lowest and the leftmost panels.
+    It is `around_in` inches high, and `row_in` more for each row of panels. `x_label` stands below
+    the lowest panels, `y_label` beside the leftmost ones.
     """
-    rows, columns = balanced(len(items), most)
+    rows, columns = balanced(len(items), most_columns)
     fig = figure(width_in, around_in + row_in * rows, heading)
-    return fig, list(zip(panels(fig, len(items), columns, shared, x, y), items, strict=True))
+    axes = panels(fig, len(items), columns, shared, x_label, y_label)
+    return fig, list(zip(axes, items, strict=True))
 
 
-def balanced(number: int, most: int) -> tuple[int, int]:
-    """Rows and columns for `number` panels, at most `most` in a row, with few empty cells."""
-    rows = math.ceil(number / most)
+def balanced(number: int, most_columns: int) -> tuple[int, int]:
+    """Rows and columns for `number` panels, with few empty cells."""
+    rows = math.ceil(number / most_columns)
     return rows, math.ceil(number / rows)
 
 
 def panels(
-    fig: Figure, number: int, columns: int, shared: bool = True, x: str = "", y: str = ""
+    fig: Figure,
+    number: int,
+    columns: int,
+    shared: bool = True,
+    x_label: str = "",
+    y_label: str = "",
 ) -> list[Axes]:
     """The first `number` axes of a grid with so many columns; see `facets`."""
     columns = min(columns, number)
@@ -72,9 +78,9 @@ def panels(
         axis.remove()
     for axis in axes[number - columns : number]:
         axis.tick_params(labelbottom=True)
-        axis.set_xlabel(x)
+        axis.set_xlabel(x_label)
     for axis in axes[:number:columns]:
-        axis.set_ylabel(y)
+        axis.set_ylabel(y_label)
     return axes[:number]
 
 
@@ -87,16 +93,20 @@ def precision_axes(axis: Axes, title: str) -> None:
     axis.set_title(title, pad=5)
 
 
-def in_corner(axis: Axes, line: int, text: str, tint: str, upper: bool = False) -> None:
-    """Write in the lower left corner of a panel, or in the upper right one if `upper`.
+def in_corner(
+    axis: Axes, text: str, tint: str, lines_away: int = 0, is_upper: bool = False
+) -> None:
+    """Write in the lower left corner of a panel, or in the upper right one if `is_upper`.
 
-    The text stands `line` lines away from the corner.
+    The text stands `lines_away` lines of text away from the corner.
     """
-    corner, line_pt, side = ((0.97, 0.9), -8.5, "right") if upper else ((0.04, 0.03), 8.5, "left")
+    corner, line_pt, side = (0.04, 0.03), 8.5, "left"
+    if is_upper:
+        corner, line_pt, side = (0.97, 0.9), -8.5, "right"
     note = axis.annotate(
         text,
         corner,
-        (0, line_pt * line),
+        (0, line_pt * lines_away),
         xycoords="axes fraction",
         textcoords="offset points",
         ha=side,
@@ -128,8 +138,8 @@ def points(
     """Draw markers at `x` with bars: value, low and high end of each interval (n, 3)."""
     value, low, high = values.T
     axis.vlines(x, low, high, color=tint, lw=0.9, alpha=0.7 * alpha, zorder=2)
-    look: Any = {"ls": "", "ms": 3.6, "mec": "white", "mew": 0.4, "zorder": 3, "clip_on": False}
-    axis.plot(x, value, marker=marker, color=tint, alpha=alpha, **(look | options))
+    usual: Any = {"ls": "", "ms": 3.6, "mec": "white", "mew": 0.4, "zorder": 3, "clip_on": False}
+    axis.plot(x, value, marker=marker, color=tint, alpha=alpha, **(usual | options))
 
 
 def course(
@@ -151,20 +161,20 @@ def course(
     return means
 
 
-def calibration(axis: Axes, bins: Reliability, tint: str, largest: float = 0.0) -> None:
+def calibration(axis: Axes, bins: Reliability, tint: str, whole_area: float = 0.0) -> None:
     """Draw the share of right answers over their chance, and by how much each bin is off, in red.
 
-    With `largest`, the area of a marker in square points is that times the bin's share of the
-    queries.
+    The area of a marker is `whole_area`, in square points, times the bin's share of the queries; if
+    that is 0, all markers are alike.
     """
     has_queries = bins.count > 0
     chance = bins.confidence[has_queries]
     right = bins.right[has_queries]
     axis.plot([0, 1], [0, 1], **MARK)
-    axis.vlines(chance, chance, right, color=OFF, lw=0.9, alpha=0.7, zorder=2)
+    axis.vlines(chance, chance, right, color=WRONG_RED, lw=0.9, alpha=0.7, zorder=2)
     axis.plot(chance, right, color=tint, lw=0.8, zorder=2)
     shares = bins.count[has_queries] / bins.count.sum()
-    area = np.maximum(largest * shares, SMALLEST) if largest else EVEN
+    area = np.maximum(whole_area * shares, SMALLEST_AREA) if whole_area else EVEN_AREA
     axis.scatter(chance, right, area, tint, linewidths=0, alpha=0.8, zorder=3, clip_on=False)
     axis.set(xlim=(0, 1), ylim=(0, 1))
 

@@ -6,6 +6,7 @@ and unseen queries, `rejection` precision and recall at the threshold of each ki
 """
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -30,7 +31,8 @@ from pipeline.report.result import Result, day
 from pipeline.report.table import fixed
 from pipeline.studies.colours import colour
 
-STEPS = 25  # bins of a histogram
+HISTOGRAM_BINS = 25
+# Colours of the queries of a histogram.
 RIGHT = "#8CC8EE"
 MISPLACED = "#D9604C"
 UNSEEN = "#1B3C73"
@@ -63,17 +65,17 @@ def histograms(group: Sequence[Result], protocol: str) -> Figure:
     finite = novelties[np.isfinite(novelties)].astype(np.float64)
     low = finite.min(initial=0.0)
     high = finite.max(initial=0.0)
-    edges = np.linspace(low, high if high > low else low + 1.0, STEPS + 1)
+    edges = np.linspace(low, high if high > low else low + 1.0, HISTOGRAM_BINS + 1)
     _, columns = balanced(len(group), 5)
     fig, panels = facets(
         group,
-        5,
-        f"{group[0].model}: {kind} of seen and unseen queries, by {protocol}",
+        most_columns=5,
+        heading=f"{group[0].model}: {kind} of seen and unseen queries, by {protocol}",
         around_in=0.85,
         row_in=1.35 if columns > 3 else 1.65,
         width_in=WIDTH_IN if len(group) > 1 else 4.8,
-        x=kind,
-        y="density",
+        x_label=kind,
+        y_label="density",
     )
     for axis, result in panels:
         _histogram(axis, result, protocol, edges)
@@ -124,10 +126,10 @@ def rejection(group: Sequence[Result]) -> Figure:
     for row, name in zip(axes, ("precision", "recall"), strict=True):
         # (protocol, sequence, kind, 3)
         values = rejections[..., MEASURES.index(f"{name}_at_threshold"), :]
-        for axis, of_protocol in zip(row, values, strict=True):
+        for axis, protocol_values in zip(row, values, strict=True):
             for k, (tint, marker) in enumerate(KINDS[: len(kinds)]):
                 x = np.arange(len(group)) + 0.16 * (k - (len(kinds) - 1) / 2)
-                points(axis, x, of_protocol[:, k], tint, marker)
+                points(axis, x, protocol_values[:, k], tint, marker)
             axis.set_xlim(-0.5, len(group) - 0.5)
             axis.grid(axis="y")
         lowest = np.nanmin(values[..., 0], initial=0.9)
@@ -150,11 +152,19 @@ def rejection(group: Sequence[Result]) -> Figure:
     return fig
 
 
-def confidences(results: Sequence[Result]) -> list[tuple[str, Reliability, float]]:
+class Calibration(NamedTuple):
+    """How well a kind of confidence is calibrated, over the seen queries of all test sequences."""
+
+    name: str
+    bins: Reliability
+    error: float  # the expected calibration error (ECE)
+
+
+def confidences(results: Sequence[Result]) -> list[Calibration]:
     """Calibration of the raw confidence (1 − cost of the first place) and of the scaled one.
 
-    The scaled one is by temperature. Each comes with its name, the seen queries (by cells) of all
-    test sequences in bins, and its expected calibration error (ECE). Empty if a model has neither.
+    The scaled one is by temperature. Queries are seen, and answers right, by cells. Empty if a
+    model has neither.
     """
     evaluations = [result.evaluation for result in results]
     right = np.concatenate([(e.cells.true_rank == 0)[e.cells.seen] for e in evaluations])
@@ -164,7 +174,7 @@ def confidences(results: Sequence[Result]) -> list[tuple[str, Reliability, float
     if not len(right) or not chances(scaled):
         return []
     return [
-        (name, reliability(confidence, right), ece(confidence, right))
+        Calibration(name, reliability(confidence, right), ece(confidence, right))
         for name, confidence in (("raw: 1 − cost", raw), ("temperature-scaled", scaled))
         if chances(confidence)
     ]

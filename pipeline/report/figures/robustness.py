@@ -73,13 +73,14 @@ def dots(
         ]
         first = 1 if measure.relative else 0  # as driven nothing is lost
         for i in range(first, len(kinds)):
-            _row(axis, models, values[i], marks[i], i > 0, lifts[i])
+            is_altered = i > 0
+            _row(axis, models, values[i], marks[i], is_filled=is_altered, lift=lifts[i])
         if len(kinds) == 2 and not measure.relative:
             means = values[0][0], values[1][0]
             axis.hlines(range(len(models)), *means, color="0.75", lw=1.0, zorder=1)
         _scale_x(axis, measure)
     name_rows(axes[0], tints(models))
-    entries = [dot(kinds[i].label, marker=marks[i], full=i > 0) for i in range(len(kinds))]
+    entries = [dot(kinds[i].label, marker=marks[i], is_filled=i > 0) for i in range(len(kinds))]
     below(fig, entries)
     return fig
 
@@ -99,6 +100,7 @@ def sequences(comparison: Comparison, titles: Mapping[str, str], heading: str) -
     for i, (row, sequence) in enumerate(zip(grid, comparison.sequences, strict=True)):
         for axis, measure in zip(row, measures, strict=True):
             numbers = [comparison.measurement(model, Kind(), measure).on(i) for model in models]
+            # (2, model)
             means_and_deviations = np.array([(n.mean, n.over_seeds) for n in numbers]).T
             _row(axis, models, means_and_deviations)
             _scale_x(axis, measure)
@@ -162,9 +164,12 @@ def ways(
     fig = figure(WIDTH_IN, 2.7, heading)
     for axis, measure in zip(fig.subplots(1, len(MEASURES)), MEASURES, strict=True):
         ends: list[Line] = []
-        for case in (kind,) if measure.relative else (Kind(), kind):
-            dash, fill = ("-", tint) if case == kind else (DASHES[1], "white")
-            numbers = [comparison.measurement(name, case, measure) for name in models_by_n.values()]
+        drawn_kinds = (kind,) if measure.relative else (Kind(), kind)
+        for drawn in drawn_kinds:
+            dash, fill = ("-", tint) if drawn == kind else (DASHES[1], "white")
+            numbers = [
+                comparison.measurement(name, drawn, measure) for name in models_by_n.values()
+            ]
             means, deviations = means_of(numbers)
             axis.errorbar(
                 positions,
@@ -181,7 +186,7 @@ def ways(
                 ls=dash,
             )
             xy = np.stack([positions, means], axis=1)
-            ends.append(Line(f"{method} {case.label}", tint, xy))
+            ends.append(Line(f"{method} {drawn.label}", tint, xy))
         for model in reference_models:
             mean = comparison.measurement(model, kind, measure).mean
             level = np.array([[-0.3, positions[-1]], [mean, mean]])
@@ -211,11 +216,11 @@ def cells(
     panel_in = 0.6 + LINE_IN * max(len(models) + 1, 9)
     fig = figure(WIDTH_IN, 0.3 + 2 * (0.45 + panel_in), heading)
     for axis, measure in zip(fig.subplots(2, 2).flat, (AUC, RECALL, FAR_AUC, FAR), strict=True):
-        rows = {
-            model: [Measurement(np.reshape(numbers, (1, -1, 1))) for numbers in by_size]
-            for (model, *names), by_size in values.items()
-            if names == [measure.protocol, measure.name]
-        }
+        rows = {}
+        for (model, protocol, name), by_size in values.items():
+            if (protocol, name) == (measure.protocol, measure.name):
+                # a measurement is of values (seed, sequence, repeat)
+                rows[model] = [Measurement(np.reshape(numbers, (1, -1, 1))) for numbers in by_size]
         ends = model_lines(axis, rows)
         if measure.name == "recall_at_1":
             ends.append(oracle_line(axis, range(len(sizes_m)), oracle[measure.protocol]))
@@ -231,20 +236,19 @@ def _row(
     models: Sequence[str],
     values: NDArray[np.float64],
     marker: str = "o",
-    full: bool = True,
+    is_filled: bool = True,
     lift: float = 0.0,
 ) -> None:
     """Draw a marker in the row of each model, from means and deviations (2, model).
 
-    The marker is filled if `full`, and stands `lift` rows below the middle of its row.
+    The marker is filled if `is_filled`, and stands `lift` rows below the middle of its row.
     """
     rows = np.arange(len(models)) + lift
     shades = tints(models).values()
     for y, tint, mean, deviation in zip(rows, shades, *values, strict=True):
         axis.hlines(y, mean - deviation, mean + deviation, color=tint, lw=0.8, alpha=0.6, zorder=2)
-        axis.plot(
-            mean, y, marker, ms=4.5, mfc=tint if full else "white", mec=tint, mew=0.9, zorder=3
-        )
+        fill = tint if is_filled else "white"
+        axis.plot(mean, y, marker, ms=4.5, mfc=fill, mec=tint, mew=0.9, zorder=3)
 
 
 def _scale_x(axis: Axes, measure: Measure) -> None:

@@ -51,8 +51,8 @@ styled = matplotlib.rc_context(STYLE)  # decorator of functions that draw a figu
 WIDTH_IN = 7.16  # both columns of an IEEE page
 WIDE_IN = 6.0  # from this width on, a heading and SIMULATED stand in one line
 LINE_IN = 0.17  # height of the line that a heading takes
-MARGIN_IN = 0.04  # of the heading
-COLOURS = 64  # of the images within an SVG
+MARGIN_IN = 0.04  # between the heading and the edges of a figure
+IMAGE_COLOURS = 64  # of the images within an SVG
 FAMILY = f"font-family: {FONT}, Verdana, sans-serif"
 UNUSED_IDS = re.compile(r' id="[A-Za-z.0-9]+_\d+"')  # matplotlib's own, which nothing refers to
 COORDINATES = re.compile(r' (?:d|x|y|points)="[^"]*"|translate\([^)]*\)')
@@ -74,7 +74,7 @@ DASHES: tuple[Any, ...] = (
     (0, (8, 2)),
 )
 THICK: Any = {"lw": 1.6, "ms": 4, "mec": "white", "mew": 0.5}  # a legend's line with its marker
-LONG = 12  # letters of a model's name that fit beside a panel
+LONGEST_NAME = 12  # letters of a model's name that fit beside a panel
 
 
 class Link(NamedTuple):
@@ -119,24 +119,24 @@ def handles(models: Iterable[str]) -> list[Line2D]:
 
 
 def dot(
-    label: str, tint: str = QUIET, marker: str = "o", full: bool = True, alpha: float = 1.0
+    label: str, tint: str = QUIET, marker: str = "o", is_filled: bool = True, alpha: float = 1.0
 ) -> Line2D:
-    """A legend entry of a marker, hollow unless `full`."""
-    fill = tint if full else "white"
-    look: Any = {"marker": marker, "ms": 4, "mfc": fill, "mew": 0.8}
-    return Line2D([], [], ls="", color=tint, alpha=alpha, label=label, **look)
+    """A legend entry of a marker, hollow unless `is_filled`."""
+    fill = tint if is_filled else "white"
+    shape: Any = {"marker": marker, "ms": 4, "mfc": fill, "mew": 0.8}
+    return Line2D([], [], ls="", color=tint, alpha=alpha, label=label, **shape)
 
 
 def below(fig: Figure, entries: Sequence[Any], columns: int = 6, **options: Any) -> None:
     """Add a legend of at most `columns` columns below the panels."""
-    columns = min(columns, len(entries))
-    fig.legend(handles=entries, loc="outside lower center", ncols=columns, **options)
+    used_columns = min(columns, len(entries))
+    fig.legend(handles=entries, loc="outside lower center", ncols=used_columns, **options)
 
 
 def folded(model: str) -> str:
     """A model's name; a long one breaks before its last dash or underscore into two lines."""
     cut = max(model.rfind("_"), model.rfind("-"))
-    return f"{model[:cut]}\n{model[cut:]}" if len(model) > LONG and cut > 0 else model
+    return f"{model[:cut]}\n{model[cut:]}" if len(model) > LONGEST_NAME and cut > 0 else model
 
 
 def figure(width_in: float, height_in: float, heading: str) -> Figure:
@@ -214,9 +214,9 @@ def _tenth(number: re.Match[str]) -> str:
 
 
 def _fewer_colours(png: str) -> str:
-    """The same PNG in base64 with a palette of COLOURS, enough for dense points and small views."""
+    """The same PNG in base64 with IMAGE_COLOURS, enough for dense points and small views."""
     image = Image.open(BytesIO(b64decode(png))).convert("RGBA")
-    return png_text(image.quantize(COLOURS, Image.Quantize.FASTOCTREE))
+    return png_text(image.quantize(IMAGE_COLOURS, Image.Quantize.FASTOCTREE))
 
 
 def png_text(image: Image.Image, **options: Any) -> str:

@@ -37,22 +37,22 @@ def response(jobs: Sequence[Record], swept: Sequence[str]) -> Figure:
         raise InputError("every job of the sweep failed, so there is nothing to draw")
     values = {name: [setting(job, name) for job in jobs] for name in (*swept, "job")}
     numeric = [name for name in swept if all(map(NUMBER.fullmatch, values[name]))]
-    along = max(numeric or swept, key=lambda name: len(set(values[name])), default="job")
-    joined = all(map(NUMBER.fullmatch, values[along]))
+    x_name = max(numeric or swept, key=lambda name: len(set(values[name])), default="job")
+    is_numeric = all(map(NUMBER.fullmatch, values[x_name]))
     ticks = {
-        value: float(value) if joined else float(i)
-        for i, value in enumerate(dict.fromkeys(values[along]))
+        value: float(value) if is_numeric else float(i)
+        for i, value in enumerate(dict.fromkeys(values[x_name]))
     }
     lines: dict[str, list[tuple[float, Record]]] = {}
-    for job in sorted(jobs, key=lambda job: (ticks[setting(job, along)], job.number)):
-        others = [name for name in swept if name != along]
-        label = ", ".join(f"{name.rpartition('.')[2]} {setting(job, name)}" for name in others)
+    for job in sorted(jobs, key=lambda job: (ticks[setting(job, x_name)], job.number)):
+        other_names = [name for name in swept if name != x_name]
+        label = ", ".join(f"{name.rpartition('.')[2]} {setting(job, name)}" for name in other_names)
         line = lines.setdefault(label or "mean of the test sequences", [])
-        line.append((ticks[setting(job, along)], job))
-    fig = figure(WIDTH_IN, 3.0, f"Over {along}, by both protocols")
+        line.append((ticks[setting(job, x_name)], job))
+    fig = figure(WIDTH_IN, 3.0, f"Over {x_name}, by both protocols")
     for axis, measure in zip(fig.subplots(1, 2), (AUC, FAR), strict=True):
-        _panel(axis, lines, measure, joined)
-        axis.set(xlabel=along, ylabel=measure.title)
+        _panel(axis, lines, measure, is_numeric)
+        axis.set(xlabel=x_name, ylabel=measure.title)
         lowest = min(ticks.values())
         if lowest > 0 and max(ticks.values()) / lowest > WIDE_RANGE:
             axis.set_xscale("log")
@@ -68,7 +68,7 @@ def _panel(
     axis: Axes,
     lines: Mapping[str, Sequence[tuple[float, Record]]],
     measure: Measure,
-    joined: bool,
+    is_numeric: bool,
 ) -> None:
     """Draw one number: means as lines, test sequences as dots and failed jobs as crosses.
 
@@ -78,13 +78,15 @@ def _panel(
     oracle: dict[float, list[float]] = {}
     for i, (name, jobs) in enumerate(lines.items()):
         tint = PALETTE[i % len(PALETTE)]
-        values = [(x, job.values(measure.protocol, measure.name)) for x, job in jobs]
-        drawn = [(x, of_sequences) for x, of_sequences in values if of_sequences]
+        drawn = []  # place on the x axis, and values of the test sequences
+        for x, job in jobs:
+            if values := job.values(measure.protocol, measure.name):
+                drawn.append((x, values))
         axis.plot(
             [x for x, _ in drawn],
-            [np.mean(of_sequences) for _, of_sequences in drawn],
+            [np.mean(values) for _, values in drawn],
             color=tint,
-            ls=DASHES[i // len(PALETTE) % len(DASHES)] if joined else "",
+            ls=DASHES[i // len(PALETTE) % len(DASHES)] if is_numeric else "",
             marker="o",
             ms=4,
             mec="white",
@@ -92,8 +94,8 @@ def _panel(
             label=name,
             zorder=3,
         )
-        for x, y in drawn:
-            axis.scatter([x] * len(y), y, 7, tint, alpha=0.35, linewidths=0, zorder=2)
+        for x, values in drawn:
+            axis.scatter([x] * len(values), values, 7, tint, alpha=0.35, linewidths=0, zorder=2)
         for x, job in jobs:
             oracle.setdefault(x, []).extend(job.values(measure.protocol, "oracle"))
             if job.error is not None:
@@ -108,10 +110,10 @@ def _panel(
                     zorder=4,
                     transform=axis.get_xaxis_transform(),
                 )
-    best = [(x, np.mean(values)) for x, values in sorted(oracle.items()) if values]
+    oracle_means = [(x, np.mean(values)) for x, values in sorted(oracle.items()) if values]
     axis.plot(
-        *np.array(best, np.float64).reshape(-1, 2).T,
-        marker="." if len(best) == 1 else "",
+        *np.array(oracle_means, np.float64).reshape(-1, 2).T,
+        marker="." if len(oracle_means) == 1 else "",
         lw=0.9,
         color="0.6",
         label="oracle recall@1",

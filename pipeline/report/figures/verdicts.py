@@ -10,17 +10,17 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from pipeline.report.figures.panels import OFF, calibration, facets, in_corner
+from pipeline.report.figures.panels import WRONG_RED, calibration, facets, in_corner
 from pipeline.report.figures.style import MARK, below, dot, styled
 from pipeline.report.result import Result
 from pipeline.report.table import fixed
 from pipeline.studies.colours import colour
 
 # Errors are drawn between these; a query without a pose lies at the upper one.
-LEAST_M = 1e-3
-MOST_M = 1e3
+LEAST_ERROR_M = 1e-3
+MOST_ERROR_M = 1e3
 RIGHT = "#6BB6E8"
-LARGEST = 60.0  # square points of the marker of a chance that all queries have
+WHOLE_AREA = 60.0  # square points of the marker of a chance that all queries have
 
 
 @styled
@@ -33,31 +33,33 @@ def verdicts(group: Sequence[Result]) -> Figure:
     kind = group[0].evaluation.kinds[0].replace("_", " ")
     fig, panels = facets(
         group,
-        4,
-        f"{group[0].model}: error of each pose over its novelty",
+        most_columns=4,
+        heading=f"{group[0].model}: error of each pose over its novelty",
         around_in=0.9,
         row_in=1.75,
-        x=f"novelty: {kind}",
-        y="error [m]",
+        x_label=f"novelty: {kind}",
+        y_label="error [m]",
     )
     for axis, result in panels:
         evaluation = result.evaluation
         accepted = evaluation.pose_accepted
         right = evaluation.pose_right
         novelty = evaluation.novelty[:, 0]
-        error_m = np.nan_to_num(evaluation.pose_error_m, nan=MOST_M).clip(LEAST_M, MOST_M)
-        for mask, tint, marker in ((right, RIGHT, "o"), (~right, OFF, "X")):
+        error_m = np.nan_to_num(evaluation.pose_error_m, nan=MOST_ERROR_M).clip(
+            LEAST_ERROR_M, MOST_ERROR_M
+        )
+        for is_shown, tint, marker in ((right, RIGHT, "o"), (~right, WRONG_RED, "X")):
             look: Any = {"marker": marker, "linewidths": 0, "rasterized": True}
-            axis.scatter(novelty[mask], error_m[mask], 5.0, tint, **look)
-        axis.set(yscale="log", ylim=(LEAST_M / 1.5, MOST_M * 1.5))
+            axis.scatter(novelty[is_shown], error_m[is_shown], 5.0, tint, **look)
+        axis.set(yscale="log", ylim=(LEAST_ERROR_M / 1.5, MOST_ERROR_M * 1.5))
         axis.set(xlim=(-0.03, 1.03), title=result.label)
         axis.axhline(evaluation.right_within[0], color="0.8", lw=0.7, zorder=0)
         if 0 < evaluation.reject_pose_from < 1:
             axis.axvline(evaluation.reject_pose_from, **MARK)
         wrong = f"{(accepted & ~right).sum()} of {accepted.sum()} accepted are wrong"
-        in_corner(axis, 0, wrong, "0.25")
+        in_corner(axis, wrong, "0.25")
     right_words = f"within {far_m:g} m and {far_deg:g}°"
-    below(fig, [dot(right_words, RIGHT, "o"), dot("off by more", OFF, "X")], 2)
+    below(fig, [dot(right_words, RIGHT, "o"), dot("off by more", WRONG_RED, "X")], 2)
     return fig
 
 
@@ -69,16 +71,17 @@ def chances(group: Sequence[Result]) -> Figure:
     """
     fig, panels = facets(
         group,
-        5,
-        f"{group[0].model}: how often poses of a chance are right",
+        most_columns=5,
+        heading=f"{group[0].model}: how often poses of a chance are right",
         around_in=0.6,
         row_in=1.7,
-        x="chance of the pose",
-        y="share that is right",
+        x_label="chance of the pose",
+        y_label="share that is right",
     )
     for axis, result in panels:
-        calibration(axis, result.evaluation.pose_reliability, colour(result.model), LARGEST)
+        bins = result.evaluation.pose_reliability
+        calibration(axis, bins, colour(result.model), whole_area=WHOLE_AREA)
         ece = fixed(result.number("distance", "pose_ece"), 3)
-        in_corner(axis, 0, f"ECE {ece}", "0.25")
+        in_corner(axis, f"ECE {ece}", "0.25")
         axis.set(aspect="equal", title=result.label)
     return fig

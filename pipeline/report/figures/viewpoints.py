@@ -50,7 +50,7 @@ COLLAPSE = {
     "held_out_error": "held-out reconstruction error",
 }
 BLACK = "black_error"  # the curve of a black image's error on the images of `held_out_error`
-MOST = 8  # pictures beside each other
+MOST_PICTURES = 8  # beside each other
 # If no accuracy is higher, curves fill the lower left corner of a panel, and the numbers stand in
 # the upper right one.
 CROWDED = 0.6
@@ -66,12 +66,12 @@ def precision_recall(group: Mapping[str, Sequence[ViewpointMatches]], sequence: 
     looks = look(group)
     fig, panels = facets(
         next(iter(group.values()))[0].headings_deg.tolist(),
-        4,
-        f"Precision over recall of the correct matches, {sequence}",
+        most_columns=4,
+        heading=f"Precision over recall of the correct matches, {sequence}",
         around_in=0.9,
         row_in=1.55,
-        x="recall of the correct",
-        y="precision",
+        x_label="recall of the correct",
+        y_label="precision",
     )
     accuracy = {
         model: np.mean([judged.values[:, NUMBERS.index("accuracy")] for judged in seeds], axis=0)
@@ -80,14 +80,15 @@ def precision_recall(group: Mapping[str, Sequence[ViewpointMatches]], sequence: 
     is_upper = bool(np.max([*accuracy.values()]) < CROWDED)
     models = list(group) if is_upper else list(group)[::-1]
     for i, (axis, deg) in enumerate(panels):
-        for line, model in enumerate(models):
+        for number, model in enumerate(models):
             width = 1.1 if len(group[model]) == 1 else 0.8
             for judged in group[model]:
                 precision, recall = judged.curve(i)
                 if recall[-1] > 0:
                     axis.plot(recall, precision, lw=width, zorder=3, **looks[model])
             share = fixed(accuracy[model][i], 3)
-            in_corner(axis, line, share, looks[model]["color"], is_upper)
+            tint = looks[model]["color"]
+            in_corner(axis, share, tint, lines_away=number, is_upper=is_upper)
         precision_axes(axis, f"{deg:g}°")
     below(fig, handles(group), title="number: accuracy, the share that is correct")
     return fig
@@ -107,7 +108,14 @@ def indices(
     looks = look(dict.fromkeys(model for model, _ in values))
     positions = np.arange(len(headings_deg))
     heading = "Each index over the heading of the query"
-    fig, panels = facets([*INDICES.items()], 2, heading, 0.0, row_in=2.2, shared=False)
+    fig, panels = facets(
+        [*INDICES.items()],
+        most_columns=2,
+        heading=heading,
+        around_in=0.0,
+        row_in=2.2,
+        shared=False,
+    )
     for axis, (name, title) in panels:
         for i, (model, look_of) in enumerate(looks.items()):
             x = positions + 0.5 * ((i + 0.5) / len(looks) - 0.5)
@@ -135,7 +143,7 @@ def reconstructions(pictures: Mapping[str, tuple[NDArray[Any], NDArray[Any]]]) -
             rows.append(("seen", seen, seen))
         rows.append((model, seen, reconstructed))
     headings = max(len(seen) for _, seen, _ in rows)
-    columns = range(0, headings, math.ceil(headings / MOST))
+    columns = range(0, headings, math.ceil(headings / MOST_PICTURES))
     height_in = 0.45 + ((WIDTH_IN - 0.4) / len(columns) + 0.12) * len(rows)
     fig = figure(WIDTH_IN, height_in, "Seen, and reconstructed from a code")
     axes = fig.subplots(len(rows), len(columns), squeeze=False)
@@ -162,23 +170,30 @@ def collapse(curves: Mapping[str, Sequence[Mapping[str, NDArray[np.float64]]]]) 
     these curves.
     """
     seeds = [
-        (model, of_seed)
-        for model, of_seeds in curves.items()
-        for of_seed in of_seeds
-        if COLLAPSE.keys() & of_seed.keys()
+        (model, seed_curves)
+        for model, model_curves in curves.items()
+        for seed_curves in model_curves
+        if COLLAPSE.keys() & seed_curves.keys()
     ]
     if not seeds:
         return None
     models = Counter(model for model, _ in seeds)
     # models that were judged on the same images have the same one
-    black_errors = sorted({float(of_seed[BLACK][-1]) for _, of_seed in seeds if BLACK in of_seed})
+    black_errors = sorted(
+        {float(seed_curves[BLACK][-1]) for _, seed_curves in seeds if BLACK in seed_curves}
+    )
     fig, panels = facets(
-        [*COLLAPSE.items()], len(COLLAPSE), "While learning", 0.0, row_in=2.5, shared=False
+        [*COLLAPSE.items()],
+        most_columns=len(COLLAPSE),
+        heading="While learning",
+        around_in=0.0,
+        row_in=2.5,
+        shared=False,
     )
     for axis, (name, title) in panels:
-        for model, of_seed in seeds:
-            if name in of_seed:
-                curve = of_seed[name]
+        for model, seed_curves in seeds:
+            if name in seed_curves:
+                curve = seed_curves[name]
                 marker = "." if len(curve) < 3 else ""
                 width = 1.0 if models[model] > 1 else 1.3
                 rounds = 1 + np.arange(len(curve))

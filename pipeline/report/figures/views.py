@@ -1,7 +1,8 @@
 """What methods look at: one place as a Scan Context, and a scan as it becomes a bird-view.
 
-`place` draws Fig. 3, 5 and 9(a) of the SCI paper, `bird_view` Fig. 2 of paper 2. All clouds are
-seen from above, with the robot's front up.
+`place` draws Fig. 3, 5 and 9(a) of the SCI paper, `bird_view` Fig. 2 of paper 2 (IROS 2018, on
+unsupervised features of bird-views). All clouds are seen from above, with the robot's front up: x
+is drawn upwards, and y to the left.
 """
 
 import math
@@ -24,20 +25,20 @@ from pipeline.views.birdview import BirdView
 from pipeline.views.scan_context import ScanContext, colorize
 
 COLOURS = "viridis"  # of heights
-POINTS = 30_000  # of a cloud are drawn, at most, evenly spread
+MOST_POINTS = 30_000  # of one cloud that are drawn, evenly spread
 ROBOT = "#D55E00"
 TOP_M = 15.0  # where the colours of heights end, as those of a Scan Context's image do
-RINGS_IN = 1.35  # height of the row of a cloud
-COARSER = 2  # a panel shows the octree's nodes that are so many levels above the leaves
+ROW_IN = 1.35  # height of the row of one cloud in `place`
+NODE_LEVELS = 2  # the panel of nodes in `bird_view` shows those so many levels above the leaves
 
 
 def altered(
     points_m: NDArray[np.floating], alteration: Alteration, stamp_ns: int
 ) -> Mapping[str, NDArray[np.floating]]:
-    """The cloud (n, 3) as driven, and altered in each case of an alteration, by name."""
+    """The cloud (n, 3) as driven, and altered in each case of an alteration, by the case's text."""
     clouds = {}
     for case in alteration.cases:
-        if case == Case():
+        if case == Case():  # which alters nothing
             clouds["as driven"] = points_m
         else:
             random = generator(alteration, stamp_ns)
@@ -48,16 +49,17 @@ def altered(
 @styled
 def place(clouds_m: Mapping[str, NDArray[np.floating]], view: ScanContext) -> Figure:
     """One row per cloud (n, 3): from above, its Scan Context in metres, and its colour image."""
-    fig = figure(WIDTH_IN, 0.3 + RINGS_IN * len(clouds_m), "One place as methods see it")
+    fig = figure(WIDTH_IN, 0.3 + ROW_IN * len(clouds_m), "One place as methods see it")
     widths = {"width_ratios": [1.0, 1.8, 1.8]}
     rows = fig.subplots(len(clouds_m), 3, squeeze=False, gridspec_kw=widths)
     heights = Normalize(0.0, TOP_M)
     for (name, points_m), (cloud, context, image) in zip(clouds_m.items(), rows, strict=True):
-        _cloud(cloud, points_m, view.max_range_m, heights, 0.2)
+        _cloud(cloud, points_m, view.max_range_m, heights, dot_size=0.2)
         _robot(cloud, view.max_range_m, ms=4)
         cloud.set_ylabel(name)
         heights_m = view(points_m)
         shown: Any = {"origin": "lower", "aspect": "auto", "interpolation": "nearest"}
+        # a bin without points has the height 0, and stays blank
         filled_m = np.where(heights_m != 0, heights_m, np.nan)
         context.imshow(filled_m, cmap=COLOURS, norm=heights, **shown)
         image.imshow(colorize(heights_m), **shown)
@@ -87,20 +89,21 @@ def bird_view(
     heights = Normalize(0.0, view.high_m)
     half_m = octree.edge_m / 2
     fig = figure(WIDTH_IN, 2.7, "From a scan to its bird-view")
-    scan, leaves, nodes, image = axes = fig.subplots(1, 4)
-    _cloud(scan, points_m, half_m, heights, 0.15)
+    axes = fig.subplots(1, 4)
+    scan, leaves, nodes, image = axes
+    _cloud(scan, points_m, half_m, heights, dot_size=0.15)
     scan.set_title(f"scan, {len(points_m):,} points")
-    panels = ((leaves, "leaves", octree.depth), (nodes, "nodes", octree.depth - COARSER))
+    panels = ((leaves, "leaves", octree.depth), (nodes, "nodes", octree.depth - NODE_LEVELS))
     for axis, name, depth in panels:
         corners_m, tops_m = tops(octree_map, odom_T_vehicle, view, depth)
-        upwards_m = np.stack([-corners_m[..., 1], corners_m[..., 0]], axis=-1)
-        squares = PolyCollection([*upwards_m], cmap=COLOURS, norm=heights)
+        drawn_m = np.stack([-corners_m[..., 1], corners_m[..., 0]], axis=-1)
+        squares = PolyCollection([*drawn_m], cmap=COLOURS, norm=heights)
         squares.set(array=tops_m, linewidth=0, rasterized=True)
         axis.add_collection(squares)
         axis.set_title(f"occupied {name} of {octree.edge_m / 2**depth:.2f} m")
-    share = view.draw(octree_map, odom_T_vehicle)[0]
+    grey = view.draw(octree_map, odom_T_vehicle)[0]  # of heading 0
     extent = (-half_m, half_m, -half_m, half_m)
-    image.imshow(share, cmap="gray", vmin=0, vmax=255, extent=extent, interpolation="nearest")
+    image.imshow(grey, cmap="gray", vmin=0, vmax=255, extent=extent, interpolation="nearest")
     image.set_title(f"bird-view, {view.side_px} × {view.side_px}")
     for axis in axes:
         _robot(axis, half_m, ms=3.5, mew=0)
@@ -116,45 +119,69 @@ def bird_view(
 def tops(
     octree_map: OctreeMap, odom_T_vehicle: NDArray[np.float64], view: BirdView, depth: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The columns of nodes of a depth that hold occupied leaves in the view's band of heights.
+    """The columns of octree nodes that hold an occupied leaf in the view's band of heights.
 
-    Returns their corners (n, 4, 2) in the vehicle's frame, and the height above the vehicle of the
-    highest such leaf in each (n,), all in metres.
+    Nodes are those at `depth`. Returns the corners (n, 4, 2) of each column in the vehicle's frame,
+    and the height above the vehicle of its highest such leaf (n,), all in metres.
     """
-    octree = octree_map.octree
-    # heights of all leaves above the vehicle (x, y, z), along its own upward axis
-    from_robot_m = (np.arange(octree.side) + 0.5) * octree_map.leaf_m + (
+    leaf_tops_m = _highest_leaves(octree_map, odom_T_vehicle, view)
+    nodes = 2**depth  # along a side of the map
+    leaves = octree_map.octree.side // nodes  # along a side of a node
+    node_tops_m = leaf_tops_m.reshape(nodes, leaves, nodes, leaves).max(axis=(1, 3))
+    is_occupied = np.isfinite(node_tops_m)  # (node along x, node along y)
+    node_m = octree_map.octree.edge_m / nodes
+    corners_m = _corners(octree_map, odom_T_vehicle, np.argwhere(is_occupied), node_m)
+    return corners_m, node_tops_m[is_occupied]
+
+
+def _highest_leaves(
+    octree_map: OctreeMap, odom_T_vehicle: NDArray[np.float64], view: BirdView
+) -> NDArray[np.float64]:
+    """The height of the highest occupied leaf over each (x, y), within the view's band of heights.
+
+    Heights (side, side) are in metres above the vehicle, along its own upward axis; -inf where no
+    leaf is occupied.
+    """
+    # middles of the leaves along x, y and z, seen from the vehicle (3, side)
+    middles_m = (np.arange(octree_map.octree.side) + 0.5) * octree_map.leaf_m + (
         octree_map.corner_m - odom_T_vehicle[:3, 3]
     )[:, None]
-    x_m, y_m, z_m = from_robot_m * view.up(odom_T_vehicle)[:, None]
-    above_m = x_m[:, None, None] + y_m[:, None] + z_m
-    occupied = (
-        (octree_map.log_odds > log_odds(view.occupied))
-        & (above_m >= view.low_m)
-        & (above_m < view.high_m)
-    )
-    # the highest occupied leaf of each column of leaves, then of nodes
-    leaves = np.where(occupied, above_m, -np.inf).max(axis=2)
-    highest = leaves.reshape(2**depth, -1, 2**depth, octree.side // 2**depth).max(axis=(1, 3))
-    # the corners of columns that have one, turned into the vehicle's frame
-    column = np.argwhere(np.isfinite(highest))
-    square = column[:, None] + np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
-    around_m = octree_map.corner_m[:2] + square * (octree.edge_m / 2**depth) - odom_T_vehicle[:2, 3]
+    # their components along the upward axis, whose sum is the height of a leaf (side, side, side)
+    x_m, y_m, z_m = middles_m * view.up(odom_T_vehicle)[:, None]
+    heights_m = x_m[:, None, None] + y_m[:, None] + z_m
+    is_occupied = octree_map.log_odds > log_odds(view.occupied)
+    is_in_band = (heights_m >= view.low_m) & (heights_m < view.high_m)
+    return np.asarray(np.where(is_occupied & is_in_band, heights_m, -np.inf).max(axis=2))
+
+
+def _corners(
+    octree_map: OctreeMap,
+    odom_T_vehicle: NDArray[np.float64],
+    columns: NDArray[np.int64],
+    node_m: float,
+) -> NDArray[np.float64]:
+    """The corners (n, 4, 2) of columns of nodes in the vehicle's frame, in metres.
+
+    `columns` (n, 2) are their places along x and y, `node_m` is the side of a node.
+    """
+    corners = columns[:, None] + np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+    from_vehicle_m = octree_map.corner_m[:2] + corners * node_m - odom_T_vehicle[:2, 3]
     yaw_rad = math.atan2(odom_T_vehicle[1, 0], odom_T_vehicle[0, 0])
     c = math.cos(yaw_rad)
     s = math.sin(yaw_rad)
-    return around_m @ np.array([[c, -s], [s, c]]), highest[tuple(column.T)]
+    return np.asarray(from_vehicle_m @ np.array([[c, -s], [s, c]]))
 
 
 def _cloud(
-    axis: Axes, points_m: NDArray[np.floating], half_m: float, heights: Normalize, size: float
+    axis: Axes, points_m: NDArray[np.floating], half_m: float, heights: Normalize, dot_size: float
 ) -> None:
     """Draw the points (n, 3) at most `half_m` from the robot, higher ones over lower ones."""
-    near = points_m[(np.abs(points_m[:, :2]) < half_m).all(axis=1)]
-    near = near[:: max(math.ceil(len(near) / POINTS), 1)]
-    x_m, y_m, z_m = near[np.argsort(near[:, 2], kind="stable")].T
+    near_m = points_m[(np.abs(points_m[:, :2]) < half_m).all(axis=1)]
+    every = max(math.ceil(len(near_m) / MOST_POINTS), 1)
+    drawn_m = near_m[::every]
+    x_m, y_m, z_m = drawn_m[np.argsort(drawn_m[:, 2], kind="stable")].T
     look: Any = {"cmap": COLOURS, "norm": heights, "linewidths": 0, "rasterized": True}
-    axis.scatter(-y_m, x_m, size, z_m, **look)
+    axis.scatter(-y_m, x_m, dot_size, z_m, **look)
 
 
 def _robot(axis: Axes, half_m: float, **marker: Any) -> None:

@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from pipeline.evaluation.events import Bands
 from pipeline.evaluation.protocols import PROTOCOLS
 from pipeline.evaluation.study_rows import SHOWN
-from pipeline.report import case_findings as verdicts
-from pipeline.report import findings, tables
+from pipeline.report import case_findings, findings, tables
 from pipeline.report.comparison import AUC, FAR, KEPT, OFF, RECALL, Comparison, Kind
 from pipeline.report.figures import events, robustness
 from pipeline.report.findings import Finding
@@ -38,7 +37,7 @@ PANELS = (
 )
 
 
-def sections(study: Study, folder: Path, few: int) -> Iterator[Section]:
+def sections(study: Study, folder: Path, least_queries: int) -> Iterator[Section]:
     """Draw the figures into `folder` and yield the sections that the study has."""
     rows = study.rows[(study.rows["kind"] == "") & (study.rows["sequence"] != "")]
     recipes = {name: study.recipe(name) for name in study.trained}
@@ -57,7 +56,7 @@ def sections(study: Study, folder: Path, few: int) -> Iterator[Section]:
         comparison = Comparison(pick(rows[rows["sequence"].isin(stress)], change=""), n_way)
         yield _stress(study, folder, comparison)
     if study.settings.question == "robustness":
-        yield _events(study, folder, few)
+        yield _events(study, folder, least_queries)
     if study.settings.cells:
         yield _cells(study, folder)
 
@@ -100,15 +99,15 @@ def _turned(study: Study, folder: Path, alteration: str, comparison: Comparison)
         study,
         alteration,
         comparison,
-        (verdicts.leader(comparison, kind, AUC), verdicts.n_ways(comparison, kind)),
+        (case_findings.leader(comparison, kind, AUC), case_findings.n_ways(comparison, kind)),
         illustrations=[
             draw(
                 "turned",
                 robustness.dots(comparison, measures, kind, heading),
-                verdicts.kept(comparison, kind),
-                verdicts.nearly_always(comparison, kind),
-                verdicts.heading_errors(comparison, kind),
-                verdicts.chance(comparison, kind),
+                case_findings.kept(comparison, kind),
+                case_findings.nearly_always(comparison, kind),
+                case_findings.heading_errors(comparison, kind),
+                case_findings.chance(comparison, kind),
             ),
             draw("ways", n_way_figure),
         ],
@@ -129,10 +128,10 @@ def _structure(study: Study, folder: Path, alteration: str, comparison: Comparis
         folder,
         "structure",
         robustness.levels(comparison, heading, UNITS[alteration]),
-        verdicts.kept(comparison, worst),
-        *verdicts.shadows(comparison),
-        verdicts.nearly_always(comparison, worst),
-        verdicts.chance(comparison, worst),
+        case_findings.kept(comparison, worst),
+        *case_findings.shadows(comparison),
+        case_findings.nearly_always(comparison, worst),
+        case_findings.chance(comparison, worst),
         name=alteration,
         alteration=alteration,
     )
@@ -140,7 +139,7 @@ def _structure(study: Study, folder: Path, alteration: str, comparison: Comparis
         study,
         alteration,
         comparison,
-        [verdicts.leader(comparison, worst, measure) for measure in (AUC, KEPT)],
+        [case_findings.leader(comparison, worst, measure) for measure in (AUC, KEPT)],
         illustrations=[illustration],
         tables=[
             *(tables.over_kinds(comparison, measure) for measure in (AUC, KEPT, FAR)),
@@ -158,14 +157,14 @@ def _glance(study: Study, folder: Path, alteration: str, comparison: Comparison)
         folder,
         "glance",
         robustness.dots(comparison, (AUC, KEPT, FAR), Kind(), heading),
-        *(verdicts.kept(comparison, kind) for kind in comparison.changes),
+        *(case_findings.kept(comparison, kind) for kind in comparison.changes),
         name=alteration,
     )
     return _compared(
         study,
         "glance",
         comparison,
-        [verdicts.leader(comparison, kind, AUC) for kind in comparison.kinds],
+        [case_findings.leader(comparison, kind, AUC) for kind in comparison.kinds],
         name=alteration,
         illustrations=[illustration],
         tables=[
@@ -183,23 +182,23 @@ def _stress(study: Study, folder: Path, comparison: Comparison) -> Section:
         folder,
         "stress",
         robustness.sequences(comparison, titles, f"Sequences of stress, {study.name}"),
-        verdicts.nearly_always(comparison, Kind()),
-        verdicts.chance(comparison, Kind()),
+        case_findings.nearly_always(comparison, Kind()),
+        case_findings.chance(comparison, Kind()),
     )
     return _compared(
         study,
         "stress",
         comparison,
         (
-            verdicts.leader(comparison, Kind(), RECALL),
-            verdicts.best_on_each(comparison, titles),
+            case_findings.leader(comparison, Kind(), RECALL),
+            case_findings.best_on_each(comparison, titles),
         ),
         illustrations=[illustration],
         tables=[tables.stress(comparison, titles)],
     )
 
 
-def _events(study: Study, folder: Path, few: int) -> Section:
+def _events(study: Study, folder: Path, least_queries: int) -> Section:
     """Numbers by the distance to the nearest building that went up or came down."""
     rows = study.rows
     levels_m = rows.loc[rows["change"] == SHOWN, "level"].unique()
@@ -208,8 +207,10 @@ def _events(study: Study, folder: Path, few: int) -> Section:
     names = dict(zip((*bands.edges_m, np.inf), bands.names, strict=True))
     farthest = pick(rows, change=SHOWN, protocol=PROTOCOLS[0], number="seen", level=np.inf)
     models = [model for model in study.families if model in set(farthest["method"])]
-    recall, auc = (findings.near_changes(rows, number, names, few) for number in events.NEAR)
-    figure = events.by_distance(rows, models, names, few)
+    recall, auc = (
+        findings.near_changes(rows, number, names, least_queries) for number in events.NEAR
+    )
+    figure = events.by_distance(rows, models, names, least_queries)
     return section_of(
         study,
         "events",
@@ -221,7 +222,11 @@ def _events(study: Study, folder: Path, few: int) -> Section:
             for number in events.NEAR
         ],
         sources=[study.folder("events")],
-        parameters={"edges_m": list(bands.edges_m), "kinds": list(bands.kinds), "few": few},
+        parameters={
+            "edges_m": list(bands.edges_m),
+            "kinds": list(bands.kinds),
+            "few": least_queries,
+        },
     )
 
 
@@ -240,7 +245,7 @@ def _cells(study: Study, folder: Path) -> Section:
         for key, group in driven.groupby(["method", "protocol", "number", "grid"])["value"]
     }
     panels: dict[tuple[str, str, str], list[NDArray[np.float64]]] = {}
-    over_sizes = []  # of each panel: model to values at each size, title, sizes
+    over_sizes = []  # for each panel: model to values at each size, title, sizes
     for by, name in PANELS:
         values = {model: [by_grid[model, by, name, grid] for grid in grids] for model in methods}
         panels |= {(model, by, name): by_size for model, by_size in values.items()}
@@ -254,14 +259,14 @@ def _cells(study: Study, folder: Path) -> Section:
         folder,
         "cells",
         robustness.cells(panels, sizes_m, oracle, f"The side of a cell, {study.name}"),
-        *(findings.best_at_each_size(*number) for number in over_sizes),
+        *(findings.best_at_each_size(*panel) for panel in over_sizes),
     )
     section = section_of(
         study,
         "cells",
-        findings=[findings.trend(*number) for number in (over_sizes[0], over_sizes[-1])],
+        findings=[findings.trend(*panel) for panel in (over_sizes[0], over_sizes[-1])],
         illustrations=[illustration],
-        tables=[tables.cells(*number) for number in over_sizes],
+        tables=[tables.over_cell_sizes(*panel) for panel in over_sizes],
         sources=[study.folder("evaluate", grid) for grid in grids],
     )
     return replace(section, name=anchor(study.name, "cells"))  # it is of all cell sizes

@@ -90,7 +90,7 @@ def sections(study: Study, folder: Path, view: Callable[[str], Any]) -> Iterator
             "results",
             values | {"protocol": protocol},
             name=f"results-{protocol}",
-            tables=[tables.main(study, protocol, number) for number in MAIN_NUMBERS],
+            tables=[tables.main_number(study, protocol, number) for number in MAIN_NUMBERS],
             sources=sources,
             parameters=parameters,
         )
@@ -128,7 +128,7 @@ def sections(study: Study, folder: Path, view: Callable[[str], Any]) -> Iterator
             study,
             "poses",
             illustrations=_of_poses(study, folder, posed),
-            tables=tables.poses(posed),
+            tables=tables.pose_tables(posed),
             sources=[study.source("evaluate", r.sequence, r.model) for r in posed],
         )
 
@@ -224,19 +224,22 @@ def _matches(study: Study, model: str, chosen: list[matches.Example]) -> Figure 
 def _ageing(study: Study, folder: Path, sources: list[str]) -> Section:
     """Whether methods recognise their places less well with the days, and when to train again."""
     rows = study.driven[study.driven["variant"] == ""]
-    last = max(result.days for result in study.results)
-    followed = [(protocol, number, LINES[number].format(protocol)) for protocol, number in AGEING]
+    last_day = max(result.days for result in study.results)
+    followed = [
+        ageing.FollowedNumber(protocol, number, LINES[number].format(protocol))
+        for protocol, number in AGEING
+    ]
     first, second, third = (
-        findings.ageing(rows, title, protocol, number, last)
-        for protocol, number, title in followed[:3]
+        findings.ageing(rows, each.title, each.protocol, each.number, last_day)
+        for each in followed[:3]
     )
     drawn = followed[:DRAWN]
-    counted = findings.slopes_counted(rows, [(protocol, number) for protocol, number, _ in drawn])
+    counted = findings.slopes_counted(rows, AGEING[:DRAWN])
     draw = partial(illustrate, study, folder)
     return section_of(
         study,
         "ageing",
-        {"last": last},
+        {"last": last_day},
         findings=(first, second, findings.confounders(study)),
         illustrations=[
             draw(
@@ -248,9 +251,7 @@ def _ageing(study: Study, folder: Path, sources: list[str]) -> Section:
             ),
             draw("ageing_slopes", ageing.slopes(rows, drawn), counted),
         ],
-        tables=[
-            tables.ageing(rows, protocol, number, title) for protocol, number, title in followed
-        ],
+        tables=[tables.ageing(rows, each.protocol, each.number, each.title) for each in followed],
         sources=sources,
     )
 

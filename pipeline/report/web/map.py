@@ -29,7 +29,7 @@ from pipeline.views.scan_context import colours, quantize
 
 COLUMNS = 16  # views beside each other in a picture
 LEVELS = 32  # of the heights in a picture
-KEPT = 200  # queries of a study, of all days, whose view and points the page keeps
+MOST_KEPT = 200  # queries of a study, of all days, whose view and points the page keeps
 # Steps that numbers are rounded to.
 STEP_M = 0.05
 STEP_DEG = 0.1
@@ -55,9 +55,9 @@ def chart(study: Study) -> dict[str, Any]:
     sequences = []
     answers: dict[str, dict[str, Any]] = {model: {} for model in study.models}
     for sequence, results in by_sequence(study.results).items():
-        first = results[0].evaluation
+        evaluation = results[0].evaluation  # where queries were taken is the same in all
         best = next((result for result in results if result.model == study.best), results[0])
-        kept = _kept(best.evaluation.acceptance, KEPT // len(days))
+        kept = _kept_queries(best.evaluation.acceptance, MOST_KEPT // len(days))
         views = Views.read(study, view_model, sequence) if train else None
         looked_at = store.read(study.find("views", sequence, results[0].model), *schemas.VIEW_KINDS)
         heading_deg = np.rad2deg(yaw(looked_at.load("world_T_anchor")))
@@ -65,10 +65,10 @@ def chart(study: Study) -> dict[str, Any]:
             {
                 "name": sequence,
                 "label": f"{days[sequence]}, {results[0].days:+d} d",
-                "xy": quantized(first.xy_m - origin_m, STEP_M),
+                "xy": quantized(evaluation.xy_m - origin_m, STEP_M),
                 "heading": quantized(heading_deg, STEP_DEG),
-                "nearest_m": quantized(first.nearest_m, STEP_M),
-                **training.nearest(first.xy_m, views),
+                "nearest_m": quantized(evaluation.nearest_m, STEP_M),
+                **training.nearest(evaluation.xy_m, views),
                 "kept": indices(kept),
                 "views": views.picture(kept) if views else None,
                 "scans": _scans(study, sequence, kept) if footprint else None,
@@ -84,7 +84,7 @@ def chart(study: Study) -> dict[str, Any]:
         "footprint": _ground(footprint, origin_m) if footprint else None,
         "train": train.picture() if train else None,
         "sequences": sequences,
-        "answers": {model: of_days for model, of_days in answers.items() if of_days},
+        "answers": {model: by_day for model, by_day in answers.items() if by_day},
     }
 
 
@@ -123,7 +123,7 @@ class Views:
     """The Scan Contexts of a sequence or of all training sequences."""
 
     heights_m: NDArray[np.float32]  # (view, ring, sector)
-    spectra: NDArray[np.complex64]
+    spectra: NDArray[np.complex64]  # (view, ring, frequency), see `alignment`
 
     @classmethod
     def read(cls, study: Study, model: str, *sequences: str) -> Self | None:
@@ -140,22 +140,22 @@ class Views:
         """Some of the views as map.js draws them, in one picture."""
         heights_m = self.heights_m[rows]
         _, rings, sectors = heights_m.shape
-        png = png_text(picture(heights_m))
+        png = png_text(sheet(heights_m))
         return {"png": png, "columns": COLUMNS, "rings": rings, "sectors": sectors}
 
 
-def picture(heights_m: NDArray[np.float32]) -> Image.Image:
+def sheet(heights_m: NDArray[np.float32]) -> Image.Image:
     """Views (view, ring, sector) as one image with a palette, in rows of COLUMNS, ring 0 on top."""
     views, rings, sectors = heights_m.shape
     step = 256 // LEVELS
     rounded_up = -(-quantize(heights_m).astype(np.int64) // step) * step
     levels = np.minimum(rounded_up, 255)
     pixels = np.pad(levels.astype(np.uint8), ((0, -views % COLUMNS), (0, 0), (0, 0)))
-    sheet = Image.fromarray(
+    image = Image.fromarray(
         pixels.reshape(-1, COLUMNS, rings, sectors).swapaxes(1, 2).reshape(-1, COLUMNS * sectors)
     )
-    sheet.putpalette(colours("jet").tobytes())
-    return sheet
+    image.putpalette(colours("jet").tobytes())
+    return image
 
 
 @dataclass(frozen=True)
@@ -242,7 +242,7 @@ def _believed_code(evaluation: Evaluation) -> NDArray[np.int64]:
     return np.asarray(code + ACCEPTED * believed["accepted"])
 
 
-def _kept(believed: Mapping[str, NDArray[np.bool_]], most: int) -> NDArray[np.int64]:
+def _kept_queries(believed: Mapping[str, NDArray[np.bool_]], most: int) -> NDArray[np.int64]:
     """The queries of a day to keep: those believed wrongly, some refused wrongly, others evenly.
 
     There are at most `most`, or more if more were believed wrongly.

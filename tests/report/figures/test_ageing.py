@@ -9,21 +9,22 @@ import pytest
 from pipeline.core.errors import InputError
 from pipeline.evaluation.rows import row, table
 from pipeline.report.figures import ageing, events
+from pipeline.report.figures.ageing import FollowedNumber
 from pipeline.report.figures.style import colour, save
 from pipeline.report.figures.sweep import response
 from pipeline.sweeps.record import Record
 from tests.report.figures.made import saved_alike, words
 
 DAYS = (0.0, 100.0, 200.0, 300.0)
-AUC = ("cells", "auc_top1", "AUC, by cells")
-NOVELTY = ("distance", "novelty_percentile", "novelty, by distance")
+AUC = FollowedNumber("cells", "auc_top1", "AUC, by cells")
+NOVELTY = FollowedNumber("distance", "novelty_percentile", "novelty, by distance")
 NONE = (np.nan,) * 3
 
 
 def line(
     model: str,
     slope: tuple[float, float, float],
-    followed: tuple[str, str, str] = AUC,
+    followed: FollowedNumber = AUC,
     values: tuple[float, ...] = (1.0, 0.9, 0.7, 0.6),
 ) -> list[dict[str, Any]]:
     """Rows of one number of one model, whose values on the days lie on the fitted line."""

@@ -30,7 +30,9 @@ def test_errors_stand_over_the_novelty_and_the_promise_is_counted() -> None:
     assert len(fig.axes) == 2
     right, wrong = (scatter.get_offsets() for scatter in fig.axes[0].collections)
     np.testing.assert_allclose(right, [[0.1, 0.1], [0.8, 0.2], [0.3, 1.0], [0.05, 0.3]], rtol=1e-6)
-    np.testing.assert_allclose(wrong, [[0.2, 50.0], [0.4, verdicts.MOST_M], [0.9, 80.0]], rtol=1e-6)
+    np.testing.assert_allclose(
+        wrong, [[0.2, 50.0], [0.4, verdicts.MOST_ERROR_M], [0.9, 80.0]], rtol=1e-6
+    )
     assert "1 of 4 accepted are wrong" in words(fig)
 
 
