@@ -157,7 +157,7 @@ def setup(study: Study, longest: int = 400) -> Table:
     rows = []
     for model in (model for model in study.families if model in study.trained):
         record = study.models[model]
-        what = catalogue.what(record.recipe.get("_target_", ""))
+        what = catalogue.description_of(record.recipe.get("_target_", ""))
         best = "" if record.best_round is None else f", no. {record.best_round + 1} kept"
         rows.append(
             (

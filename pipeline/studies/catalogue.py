@@ -48,7 +48,7 @@ def entries(conf: Path = PROJECT / "conf") -> list[Entry]:
     return methods
 
 
-def what(target: str) -> str:
+def description_of(target: str) -> str:
     """The description of a method, given by its class, such as pipeline.methods.sci.Sci.
 
     It is empty if the method's module is missing or has no docstring.

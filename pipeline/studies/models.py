@@ -20,10 +20,10 @@ class ModelName:
     @property
     def family(self) -> str:
         """The method with its variant, whatever the seed: `sci-4way`, `sci-4way-pose`."""
-        return f"{self.method}-{self.answered}" if self.answered else self.method
+        return "-".join(filter(None, (self.method, self.variant_of_answers)))
 
     @property
-    def answered(self) -> str:
+    def variant_of_answers(self) -> str:
         """The variant as the table of results has it: `4way-pose`, `pose-filter`."""
         pose = "pose" if self.posed else ""
         return "-".join(filter(None, (self.variant, pose, self.path)))
@@ -36,4 +36,4 @@ class ModelName:
     @property
     def columns(self) -> dict[str, Any]:
         """The columns that name it in the table of results."""
-        return {"method": self.method, "variant": self.answered, "seed": self.seed}
+        return {"method": self.method, "variant": self.variant_of_answers, "seed": self.seed}

@@ -22,7 +22,7 @@ from pipeline.evaluation.rows import table
 from pipeline.evaluation.study_rows import AGEING, PERCENTILE
 from pipeline.running.dvc_files import DvcLock
 from pipeline.running.telemetry import Trace, costs
-from pipeline.studies.catalogue import what
+from pipeline.studies.catalogue import description_of
 from pipeline.studies.colours import PALETTE, colour, darker
 from pipeline.studies.layout import Layout
 from pipeline.studies.models import ModelName
@@ -97,13 +97,13 @@ class StudyRuns:
         study = self.study
         model = answerer.family
         rows = self.rows[self.rows["method"] == answerer.method]
-        rows = rows[(rows["variant"] == answerer.answered) & (rows["seed"] == 0)]
+        rows = rows[(rows["variant"] == answerer.variant_of_answers) & (rows["seed"] == 0)]
         driven = rows[(rows[["change", "stress"]] == "").all(axis=1)]
         tested = driven[driven["sequence"].isin(study.tests)]
         series = over_days(tested) | means(tested) | training_curves(arrays)
         series |= ageing(driven) | viewpoints(rows) | extra_series
         place = {"dataset": study.name, "grid": self.grid}
-        tint = darker(colour(model)) if answerer.answered else colour(model)
+        tint = darker(colour(model)) if answerer.variant_of_answers else colour(model)
         run = RunRecord(
             name=self.run_name(model),
             tags={COLOUR: tint, **place, "method": model, "data": self.data},
@@ -113,7 +113,7 @@ class StudyRuns:
             registered="" if answerer.posed else self._registered(model),
             about=self._about(
                 "run.md.j2",
-                what=what(recipe.get("_target_", "")),
+                what=description_of(recipe.get("_target_", "")),
                 method=model,
                 share=recipe.get("budget", ""),
                 places=len(arrays.get("place_xy_m", ())),
