@@ -1,4 +1,8 @@
-"""The name of a model and of its answers, such as sci-4way-pose-seed1, with its parts."""
+"""The name of a model and of its answers, such as sci-4way-pose-seed1, with its parts.
+
+A model answers queries with places. These answers may be registered to poses, and the poses of a
+drive may be joined along its path; the results of each are rows of their own.
+"""
 
 from dataclasses import dataclass
 from typing import Any
@@ -12,6 +16,7 @@ class ModelName:
     variant: str = ""
     """A method with some settings changed; empty for the method itself."""
     seed: int = 0
+    """The number of the model among those that differ in what training draws at random."""
     posed: bool = False
     """Whether its answers were registered to poses; they count as a variant of their own."""
     path: str = ""
