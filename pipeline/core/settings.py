@@ -44,11 +44,9 @@ class Range:
             return self.wording
         if number > self.high:
             return f"at most {self.high:,.10g}"
-        return (
-            f"a number above {self.low:g}"
-            if self.excludes_low
-            else f"a number of at least {self.low:g}"
-        )
+        if self.excludes_low:
+            return f"a number above {self.low:g}"
+        return f"a number of at least {self.low:g}"
 
 
 Positive = Annotated[float, Range(0, excludes_low=True)]
@@ -78,7 +76,7 @@ def filled(kind: type[Filled], table: Mapping[str, Any], build: Build, parent: s
     hints = get_type_hints(kind, include_extras=True)
     values = {}
     missing = []
-    for field in fields(kind):  # type: ignore[arg-type]
+    for field in fields(kind):  # type: ignore[arg-type]  # mypy does not know it is a dataclass
         setting = field.name.rstrip("_")
         value = table.get(setting)
         if value is not None:
