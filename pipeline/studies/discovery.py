@@ -263,8 +263,8 @@ def _test_sequences(
     elif default:
         tests = list(default)
     else:
-        no_tests = (*train, *_whole_logs(train))
-        tests = [name for name in logs.readable if name not in no_tests]
+        training_names = (*train, *_whole_logs(train))
+        tests = [name for name in logs.readable if name not in training_names]
     train_text = " ".join(train)
     if tests == [train_text]:
         raise ConfigError(f"tests={train_text}: is the training sequence; give others")
