@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 CACHE_VARIABLE = "NUMBA_CACHE_DIR"
+"""The environment variable by which numba is given a folder."""
 SOURCE = Path(__file__).parent
 """The folder of the library's source."""
 
@@ -43,6 +44,7 @@ def cold(kernel: Any) -> bool:
     It need not be if numba's index lists it as compiled for this processor from the present source.
     """
     try:
+        # numba has no public way to ask; the index of its file names the processor of each entry
         file = getattr(kernel._cache, "_cache_file", None)
         compiled_for = {processor for _, processor, _ in file._load_index()} if file else set()
         return kernel.targetctx.codegen().magic_tuple() not in compiled_for

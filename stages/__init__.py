@@ -131,7 +131,7 @@ def stage(
     """
 
     def decorate(function: Callable[[Settings], str]) -> Stage:
-        (settings_class, _) = get_type_hints(function).values()
+        settings_class, _ = get_type_hints(function).values()  # of the argument and the result
 
         @wraps(function)
         def run(cfg: DictConfig) -> str:
@@ -158,9 +158,9 @@ def stage(
                 sys.argv[1:] = [*compute_words(name, sys.argv[1:]), *sys.argv[1:]]
                 compose_and_run()
 
-        decorated = cast(Stage, main)
-        decorated.run = run
-        return decorated
+        command = cast(Stage, main)
+        command.run = run
+        return command
 
     return decorate
 
@@ -175,7 +175,7 @@ def each_sequence(
 
     `write(sequence, folder)` writes one and returns a line on it; it may run in a process of its
     own. The folder takes its place once all artifacts are written. `activity` names the work in the
-    progress bar. `one_by_one_in_threads` is explained in `Compute`.
+    progress bar. `one_by_one_in_threads` is the method of `Compute`, for work with torch.
     """
     compute = instantiate(settings.compute)
     if one_by_one_in_threads:
@@ -261,14 +261,16 @@ def within_budget(cfg: DictConfig, overrides: Sequence[str]) -> DictConfig:
     a table of settings for a method. What `overrides`, the words of the command line, set
     themselves stays.
     """
-    overridden = {override.lstrip("+").partition("=")[0] for override in overrides}
+    overridden_keys = {override.lstrip("+").partition("=")[0] for override in overrides}
     method_module = cfg.method._target_.split(".")[-2]
     settings = {**cfg.budget.get(method_module, {})}
     share = settings.pop("share", cfg.budget.share)
-    if "budget.share" in overridden:
+    if "budget.share" in overridden_keys:
         share = cfg.budget.share
-    changed = {key: value for key, value in settings.items() if f"method.{key}" not in overridden}
-    method = {**cfg.method, **changed}
+    changed_settings = {
+        key: value for key, value in settings.items() if f"method.{key}" not in overridden_keys
+    }
+    method = {**cfg.method, **changed_settings}
     return OmegaConf.create({**cfg, "method": method, "budget": {"share": share}})
 
 

@@ -30,7 +30,7 @@ class Settings(EachSequence):
 def main(settings: Settings) -> str:
     world = world_of(settings.world, settings.dataset, settings.root)
 
-    def changed(sequence: str, folder: Path) -> str:
+    def write_changes_of(sequence: str, folder: Path) -> str:
         """Write what has changed by the day of one sequence."""
         changes = world.changes(settings.train, sequence)
         write_changes(folder / f"{sequence}.csv", changes)
@@ -38,7 +38,7 @@ def main(settings: Settings) -> str:
         by_kind = ", ".join(f"{kind} {count}" for kind, count in counts)
         return f"{sequence}: {by_kind or 'nothing changed'}"
 
-    return each_sequence(settings, changed, "look up changes")
+    return each_sequence(settings, write_changes_of, "look up changes")
 
 
 if __name__ == "__main__":

@@ -51,10 +51,10 @@ class Settings(EachSequence):
 
 @stage("labels")
 def main(settings: Settings) -> str:
-    def labelled(sequence: str, folder: Path) -> str:
-        """Write the labels of one sequence, by the first training sequence.
+    def write_labels(sequence: str, folder: Path) -> str:
+        """Write the labels of one sequence, by the places of the first training sequence.
 
-        If several train, each of them is labelled by itself instead.
+        If there are several training sequences, each is labelled by its own places instead.
         """
         train = sequence if sequence in settings.train else settings.train[0]
         submaps, training = (
@@ -65,16 +65,16 @@ def main(settings: Settings) -> str:
         days = days_between(training.stamps_ns[0], submaps.stamps_ns[0])
         labels = label(submaps.world_T_anchor, training.world_T_anchor, grid, days)
         store.write(folder / f"{sequence}.zarr", labels)
-        seen = int((labels.places >= 0).sum())
+        n_seen = int((labels.places >= 0).sum())
         hint = ""
-        if not seen:
+        if not n_seen:
             hint = ": no submap lies at a place of training, do the poses of both share a frame?"
         return (
-            f"{sequence}: {seen} seen, {len(labels.places) - seen} unseen, {len(labels.cells)} "
-            f"places of {grid.cell_m:g} m{hint}"
+            f"{sequence}: {n_seen} seen, {len(labels.places) - n_seen} unseen, "
+            f"{len(labels.cells)} places of {grid.cell_m:g} m{hint}"
         )
 
-    return each_sequence(settings, labelled, "label")
+    return each_sequence(settings, write_labels, "label")
 
 
 def grid_of(settings: Settings, training: schemas.Submaps) -> Grid:

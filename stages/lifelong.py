@@ -43,6 +43,7 @@ class Budget:
     """The settings of a file of conf/budget for the method that is trained."""
 
     share: Positive
+    """The share of the method's full training to run."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,9 @@ class Settings:
     name: ModelName
     """The model's method, variant and seed."""
     order: Order
+    """The order of the course: what is learned in each step."""
     train: str
+    """The day that the model learned first."""
     later_days: Names
     """The days that are learned after the first."""
     query_days: Names
@@ -86,34 +89,35 @@ def main(settings: Settings) -> str:
     progress = ProgressBar(float(settings.budget.share))
     queries = {name: Rows.read(settings.views / f"{name}.zarr") for name in settings.query_days}
     trained = Trained(
-        f"{settings.study}/{settings.cells}/{settings.name.name}",
-        settings.simulated,
-        settings.train,
-        settings.view_name,
-        settings.model,
-        settings.labels / first_day,
-        settings.scans / first_day,
-        settings.submaps / first_day,
-        settings.views / first_day,
-        settings.map / first_day,
+        name=f"{settings.study}/{settings.cells}/{settings.name.name}",
+        simulated=settings.simulated,
+        train=settings.train,
+        view=settings.view_name,
+        model=settings.model,
+        labels=settings.labels / first_day,
+        scans=settings.scans / first_day,
+        submaps=settings.submaps / first_day,
+        views=settings.views / first_day,
+        map=settings.map / first_day,
     )
     course = Course(trained, settings.later_days)
     with TemporaryDirectory() as scratch:
+        # a generator: the model learns step by step as `record` takes the steps
         steps = course.steps(
             settings.order,
-            settings.strategy.way,
-            settings.method,
-            Packing(ROOT / "conf"),
-            Path(scratch),
-            progress,
+            strategy=settings.strategy.way,
+            method=settings.method,
+            packing=Packing(ROOT / "conf"),
+            scratch=Path(scratch),
+            progress=progress,
         )
         lifelong, cpu_s_of_steps = record(
             steps,
             queries,
-            progress.tell,
-            settings.order,
-            settings.strategy.name,
-            float(settings.tolerance.distance.correct_m),
+            report_line=progress.tell,
+            order=settings.order,
+            strategy=settings.strategy.name,
+            correct_m=float(settings.tolerance.distance.correct_m),
         )
     store.write(settings.out, lifelong)
     columns = {

@@ -42,14 +42,20 @@ def main(settings: Settings) -> str:
     def rank(sequence: str, folder: Path) -> str:
         """Write the rankings of one sequence: as driven, then of each altered case."""
         name = f"{sequence}.zarr"
-        altered = [settings.altered / alteration / name for alteration in settings.alterations]
-        return ranked(stored_model, Rows.queries(settings.views / name, altered), folder / name)
+        altered_paths = [
+            settings.altered / alteration / name for alteration in settings.alterations
+        ]
+        cases = Rows.queries(settings.views / name, altered_paths)
+        return write_rankings(stored_model, cases, folder / name)
 
     return each_sequence(settings, rank, "localize", one_by_one_in_threads=True)
 
 
-def ranked(stored_model: StoredModel, cases: dict[Any, Rows], path: Path) -> str:
-    """Write the rankings of a sequence's queries in all cases; returns a line on them."""
+def write_rankings(stored_model: StoredModel, cases: dict[Any, Rows], path: Path) -> str:
+    """Write the rankings of a sequence's queries in all cases; returns a line on them.
+
+    `cases` has the views of the queries in each case: as driven first, then altered.
+    """
     ranking = stored_model.rank(cases)
     rejection = stored_model.rejection
     n_driven = len(next(iter(cases.values())).stamps_ns)
@@ -66,12 +72,13 @@ def ranked(stored_model: StoredModel, cases: dict[Any, Rows], path: Path) -> str
         kept_precision=kept_precision,
     )
     store.write(path, rankings)
-    rejected = int((ranking.novelty[:n_driven, 0].astype(float) >= reject_from[0]).sum())
-    altered = f" in {len(cases)} cases" if len(cases) > 1 else ""
-    summary = rejection.summary(stored_model.model, thresholds[0], rejected)
-    return (
-        f"{path.stem}: {ranking.places.shape[1]} places for {n_driven} queries{altered}, {summary}"
-    )
+    # the line tells of the queries as driven, by the first kind of novelty, which is in use
+    driven_novelty = ranking.novelty[:n_driven, 0].astype(float)
+    n_rejected = int((driven_novelty >= reject_from[0]).sum())
+    n_places = ranking.places.shape[1]
+    cases_note = f" in {len(cases)} cases" if len(cases) > 1 else ""
+    summary = rejection.summary(stored_model.model, thresholds[0], n_rejected)
+    return f"{path.stem}: {n_places} places for {n_driven} queries{cases_note}, {summary}"
 
 
 if __name__ == "__main__":

@@ -46,8 +46,9 @@ def main(settings: Settings) -> str:
 
 def world_of(world: DictConfig, dataset: DataSet, root: str | None) -> Any:
     """The simulated world, or the recorded one with the reader of its logs below `root`."""
-    recorded = {} if dataset.simulated else {"reader": dataset.reader, "root": root}
-    return instantiate(world, **recorded)
+    if dataset.simulated:
+        return instantiate(world)
+    return instantiate(world, reader=dataset.reader, root=root)
 
 
 if __name__ == "__main__":

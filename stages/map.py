@@ -1,4 +1,4 @@
-"""Stage `map`: thins the points of the training day's submaps to one a voxel.
+"""Stage `map`: thins the points of the training day's submaps to one point per voxel.
 
 Stage `poses` registers queries with these points.
 """
@@ -23,21 +23,24 @@ class Settings(EachSequence):
     range_m: Positive
     """Points farther from a submap's anchor are left out."""
     gathered_m: Positive
-    """The same as `range_m`, for submaps of several scans: far points drift while scans gather."""
+    """The same as `range_m`, but for submaps gathered from several scans.
+
+    It is shorter, since far points drift while the scans are gathered.
+    """
 
 
 @stage("map")
 def main(settings: Settings) -> str:
     def thin(sequence: str, folder: Path) -> str:
-        """Write the map of one training sequence."""
+        """Thin the submaps of one training sequence and write them as a map."""
         name = f"{sequence}.zarr"
         n_submaps, n_points = write_map(
             folder / name,
             store.read(settings.scans / name, schemas.Scans),
             store.read(settings.submaps / name, schemas.Submaps),
-            settings.voxel_m,
-            settings.range_m,
-            settings.gathered_m,
+            voxel_m=settings.voxel_m,
+            range_m=settings.range_m,
+            gathered_m=settings.gathered_m,
         )
         return (
             f"{sequence}: {n_submaps} submaps, {n_points / 1e6:.1f} M points in voxels of "

@@ -46,7 +46,9 @@ class Settings(EachSequence):
     """The stage's settings: the keys of conf/poses.yaml."""
 
     method: Any
+    """The method that ranked the places: a file of conf/method."""
     view: Any
+    """What it looks at: a file of conf/view."""
     budget: Budget
     train: str
     model: Path

@@ -29,6 +29,7 @@ class Tracking:
     port: int
     database: str
     artifacts: str = ""
+    """Where it keeps figures and models; if empty, beside the database."""
 
 
 @dataclass(frozen=True)
@@ -62,16 +63,16 @@ def main(settings: Settings) -> str:
         settings.tracking.database,
         experiment,
         runs,
-        page.FURTHER_DAYS if study.learns_further_days else page.YEAR,
-        settings.tracking.artifacts,
+        view=page.FURTHER_DAYS if study.learns_further_days else page.YEAR,
+        files=settings.tracking.artifacts,
     )
     address = page.url(published.experiment_id, settings.tracking.host, settings.tracking.port)
-    moved_note = (
-        "the folder moved, so the runs were written anew; the old experiment is now "
-        f"{published.aside}; "
-        if published.aside
-        else ""
-    )
+    moved_note = ""
+    if published.aside:
+        moved_note = (
+            "the folder moved, so the runs were written anew; the old experiment is now "
+            f"{published.aside}; "
+        )
     return (
         f"{moved_note}{published.written} runs written, {published.kept} there already; "
         f"`make dashboard` serves them at {address}"

@@ -40,7 +40,13 @@ def main(settings: Settings) -> str:
     stale = measured.stale(layout, current_studies)
     with store.replace(settings.out) as folder:
         line = report.write(
-            folder, layout, measured_studies, table, settings.few, partial(build, "view"), stale
+            folder,
+            layout,
+            measured_studies,
+            table,
+            least_queries=settings.few,
+            view=partial(build, "view"),
+            stale=stale,
         )
     return f"{line}; open {settings.out}/page.html in a browser, it needs no network"
 

@@ -28,7 +28,9 @@ class Settings:
     unseen_share: Share
     """The share of unseen queries that the held-out AUC assumes."""
     ageing: Ageing
+    """How lines are fitted to numbers over the days since training."""
     bands: Bands
+    """The distances from real changes, in bands, by which answers are judged."""
     out: Path
 
 

@@ -1,7 +1,7 @@
 """Stage `scans`: reads the raw logs of one sequence and writes its scans, each with its pose.
 
-Every data set's reader ends here: the later stages see only scans (or 2-D sweeps), poses in the
-world and odometry, in one form.
+Each data set has a reader of its own. This stage brings what they read into one form, so that the
+later stages see only scans (or 2-D sweeps), poses in the world and odometry.
 """
 
 from dataclasses import dataclass
@@ -24,6 +24,7 @@ class DataSet:
     """The settings of a file of conf/dataset that this stage uses."""
 
     reader: Any
+    """The reader of the logs: an object of a class of pipeline.readers."""
 
 
 @dataclass(frozen=True)
@@ -37,10 +38,11 @@ class Settings:
     slam: Path
     """The poses that stage `slam` estimated; an empty folder if the logs have their own."""
     grain_m: Positive
-    """Metres per unit of the stored integers."""
+    """The points are stored as integers: the metres of one unit."""
     every_m: NotNegative
-    """The least way between two scans that are kept; 0 keeps all."""
+    """The metres that the sensor must move before the next scan is stored; 0 stores all scans."""
     compute: DictConfig
+    """In which workers blocks of scans are read: a file of conf/compute."""
     out: Path
 
 
@@ -51,6 +53,7 @@ def main(settings: Settings) -> str:
     if has_estimated_poses:
         log = with_estimated_poses(log, settings.slam)
     intake = Intake(log, settings.grain_m, settings.every_m)
+    # `skipped` and `clipped` are methods, which the draft calls when all blocks are written
     attrs = {
         "grain_m": settings.grain_m,
         "skipped": intake.skipped,
@@ -62,7 +65,7 @@ def main(settings: Settings) -> str:
     ):
         for points, offsets in intake.blocks(compute, ProgressBar()):
             out.append("points", points)
-            out.append("offsets", offsets)
+            out.append("offsets", offsets)  # where each scan begins in `points`
         for name, column in intake.poses().items():
             out.put(name, column)
     return f"{settings.sequence}: {'; '.join([intake.summary(), *log.notes])}"

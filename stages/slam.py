@@ -37,6 +37,7 @@ class Settings:
     train: str
     """The training sequence, whose estimated poses define the world's frame."""
     slam: Slam
+    """Estimates the poses."""
     picture: Path
     """File for a picture of the trajectory."""
     out: Path
@@ -46,14 +47,15 @@ class Settings:
 
 @stage("slam")
 def main(settings: Settings) -> str:
-    def opened(sequence: str) -> Log:
+    def open_log(sequence: str) -> Log:
+        """Open the raw log of a sequence, without the true poses that it may have."""
         return without_truth(open_part(settings.dataset.reader, settings.root, sequence))
 
-    log = opened(settings.sequence)
+    log = open_log(settings.sequence)
     if settings.map is None:
         estimate = settings.slam.estimate(log, ProgressBar())
     else:
-        map_log = opened(settings.train)
+        map_log = open_log(settings.train)
         map_poses = estimated_poses(settings.map, map_log)
         estimate = estimate_onto(settings.slam, log, map_log, map_poses, ProgressBar())
     store.write(settings.out, estimate)

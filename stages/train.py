@@ -36,7 +36,7 @@ class Settings:
     method: Any
     budget: Budget
     sequences: Names
-    from_: Path | None = None
+    from_: Path | None = None  # `from` in the yaml, a reserved word here
     """A model of the first sequence, to be grown by the later ones; without it a new one learns."""
     views: Path
     labels: Path
@@ -55,7 +55,7 @@ def main(settings: Settings) -> str:
     views = Rows.joined(views_of_sequences)
     places_by_day = [labels.load("places") for labels in labels_by_day]
     places = joined_places(places_by_day)
-    # All that the weights of a checkpoint depend on: another key trains from the start.
+    # All that the weights of a checkpoint depend on: with another key, training starts anew.
     checkpoint_key = fingerprint(
         method,
         share,

@@ -22,6 +22,7 @@ class Settings(EachSequence):
     """The stage's settings: the keys of conf/views.yaml."""
 
     view: Any
+    """What is drawn: a file of conf/view."""
     scans: Path
     submaps: Path
 
@@ -30,20 +31,21 @@ class Settings(EachSequence):
 def main(settings: Settings) -> str:
     def draw(sequence: str, folder: Path) -> str:
         """Write the views of one sequence, in one thread."""
-        return written(settings, sequence, folder, Compute(workers=1), Progress())
+        return write_views(settings, sequence, folder, Compute(workers=1), Progress())
 
-    if not opened(settings, settings.sequences[0]).one_scan_each:
+    first_drawing = open_drawing(settings, settings.sequences[0])
+    if not first_drawing.one_scan_each:
         # neighbouring submaps share scans, so sequences are drawn in parallel, not blocks of them
         return each_sequence(settings, draw, "draw")
     with instantiate(settings.compute) as compute, store.replace(settings.out) as folder:
         folder.mkdir()
         return "; ".join(
-            written(settings, sequence, folder, compute, ProgressBar())
+            write_views(settings, sequence, folder, compute, ProgressBar())
             for sequence in settings.sequences
         )
 
 
-def opened(settings: Settings, sequence: str) -> Drawing:
+def open_drawing(settings: Settings, sequence: str) -> Drawing:
     """Open the scans and submaps of one sequence, ready to be drawn."""
     name = f"{sequence}.zarr"
     return Drawing(
@@ -53,11 +55,14 @@ def opened(settings: Settings, sequence: str) -> Drawing:
     )
 
 
-def written(
+def write_views(
     settings: Settings, sequence: str, folder: Path, compute: Compute, progress: Progress
 ) -> str:
-    """Write the views of one sequence; returns a line on them."""
-    drawing = opened(settings, sequence)
+    """Write the views of one sequence; returns a line on them.
+
+    `compute` draws blocks of its submaps in parallel.
+    """
+    drawing = open_drawing(settings, sequence)
     return f"{sequence}: {drawing.write(folder / f'{sequence}.zarr', compute, progress)}"
 
 

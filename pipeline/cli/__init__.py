@@ -1,7 +1,8 @@
 """The `yearloc` command: gathers the functions of all commands, and runs the one that is called.
 
-Each module here has one command or two: a function whose signature declares the options. `main`
-turns an error that a person can put right into one line and an exit code.
+Each module here has one command or two: a function whose signature declares the options. It imports
+what loads slowly only when it is called: `yearloc --help` needs none of it. `main` turns an error
+that a person can put right into one line and an exit code.
 """
 
 import os
@@ -96,7 +97,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     keep_freed_memory()
     end_when_asked()
     if os.environ.get(COMPLETION):
-        app(prog_name="yearloc")
+        app(prog_name="yearloc")  # typer answers the shell and exits
     words = sys.argv[1:] if arguments is None else [*arguments]
     is_command = bool(words) and words[0] in COMMANDS
     command = f" {words[0]}" if is_command else ""
@@ -116,6 +117,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         print(f"yearloc{command}: interrupted", file=sys.stderr)
         sys.exit(130)
     except BrokenPipeError:  # whatever reads the output, such as head, has seen enough
+        # Python flushes the output when it ends; there it must not meet the broken pipe again
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except (OSError, MemoryError) as error:
         if not (refusal := machine_refusal(error)):
@@ -130,11 +132,11 @@ def _invoke(words: Sequence[str]) -> None:
     try:
         with commands.make_context("yearloc", [*words]) as context:
             commands.invoke(context)
-    except typer.Exit as ended:
-        sys.exit(ended.exit_code)
-    except SystemExit as ended:
+    except typer.Exit as end:  # such as after --help
+        sys.exit(end.exit_code)
+    except SystemExit as end:
         # rich exits when its output is no longer read; that is no failure
-        if not isinstance(ended.__context__, BrokenPipeError):
+        if not isinstance(end.__context__, BrokenPipeError):
             raise
 
 
@@ -144,10 +146,12 @@ def _mistake(error: typer.TyperException) -> str:
         case typer.BadParameter(param_hint=str() as name):
             return f"{name}: {error.message}"
         case typer.BadParameter(param=parameter, __cause__=cause) if parameter and cause:
-            validation: Any = cause  # pydantic's ValidationError
-            refused = validation.errors()[0]
-            expected = refused["msg"].removeprefix("Value error, ").rstrip(".")
-            for words in (f"{refused['input']!r} is not", "Input should be"):
+            validation_error: Any = cause  # pydantic's
+            first_error, *_ = validation_error.errors()
+            value = first_error["input"]
+            expected = first_error["msg"].removeprefix("Value error, ").rstrip(".")
+            for words in (f"{value!r} is not", "Input should be"):
                 expected = expected.replace(words, "expected")
-            return f"{parameter.opts[-1]} {refused['input']}: {expected}"
+            *_, long_option = parameter.opts  # -o, --out
+            return f"{long_option} {value}: {expected}"
     return error.format_message().rstrip(".")

@@ -12,7 +12,7 @@ from pipeline.core.errors import ConfigError
 from pipeline.core.replacing import replace
 from pipeline.running.texts import read_yaml, terminal_width
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # at run time these would slow the start of every command
     from pipeline.readers.folder import Folder
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from pipeline.cli.kernels import tell_cold
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # at run time these would slow the start of every command
     from pipeline.core.frames import Poses
     from pipeline.online.example import ExampleScan
     from pipeline.online.site import Fix, Word
@@ -33,6 +33,7 @@ def example() -> None:
     from pipeline.online.site import Site
 
     site = Site.open(SITE)
+    # the way from each anchor of the map to the next, in the plane
     steps_m = np.linalg.norm(np.diff(site.targets.world_T_anchor[:, :2, 3], axis=0), axis=1)
     print(
         f"{SITE.name}, simulated: {steps_m.sum():.0f} m of a campus, learned on "

@@ -20,7 +20,7 @@ from pipeline.cli.scan_options import ScanOptions
 from pipeline.cli.summary import tell_left_out
 from pipeline.core.errors import ConfigError, LogError
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # at run time these would slow the start of every command
     from pipeline.online.failures import JudgedFix
     from pipeline.posing.targets import Targets
     from pipeline.studies.models import ModelName
@@ -76,11 +76,11 @@ def failures(
     heading_end = f"{judged.promise_text}, simulated" if judged.simulated else judged.promise_text
     for number, fix in enumerate(misjudged_fixes[:worst], start=1):
         cards.draw(judged.targets, fix, out / f"{number:03d}_{fix.file_name}", heading_end)
-    accepted_wrong = sum(fix.accepted for fix in misjudged_fixes)
-    rejected_right = len(misjudged_fixes) - accepted_wrong
+    n_accepted_wrong = sum(fix.accepted for fix in misjudged_fixes)
+    n_rejected_right = len(misjudged_fixes) - n_accepted_wrong
     print(
-        f"{out}: of {len(judged.fixes)} poses {accepted_wrong} were accepted though wrong, "
-        f"{rejected_right} rejected though right; {min(len(misjudged_fixes), worst)} drawn there"
+        f"{out}: of {len(judged.fixes)} poses {n_accepted_wrong} were accepted though wrong, "
+        f"{n_rejected_right} rejected though right; {min(len(misjudged_fixes), worst)} drawn there"
     )
 
 
@@ -113,7 +113,8 @@ def _judged_of_site(
     fixes = [site.localize(scan.points(), promise) for scan in scans]
     promise_text = "nothing was promised"
     if promise is not None:
-        promise_text = f"rejected from {site.promises[promise][0]:.3f} on (promise {promise:g})"
+        pose_limit, *_ = site.promises[promise]  # the doubt from which a pose is rejected
+        promise_text = f"rejected from {pose_limit:.3f} on (promise {promise:g})"
     return JudgedFixes(
         list(of_log(scans, fixes)), site.targets, promise_text, site.description.simulated
     )

@@ -19,7 +19,7 @@ from pipeline.cli.scan_options import ScanOptions
 from pipeline.cli.summary import tell_left_out
 from pipeline.core.errors import ConfigError
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # at run time these would slow the start of every command
     from collections.abc import Sequence
 
     from pipeline.lifelong.adoption import Adoption
@@ -68,7 +68,7 @@ def grow(
     path: SitePath,
     log: LogPath,
     out: Out = None,
-    surveyed: SurveyedPoses = None,
+    poses: SurveyedPoses = None,
     promise: LearnedPromise = 0.99,
     body_T_lidar: BodyTLidar = None,
     topic: Topic = None,
@@ -87,14 +87,14 @@ def grow(
             "version can grow"
         )
     site = Site(parts, threads=2)
-    if not surveyed:
+    if not poses:
         site.check(promise)
     tell_cold()
     skipped: Counter[str] = Counter()
-    options = ScanOptions.of(site, topic, odometry, body_T_lidar)
+    options = ScanOptions.of(site, topic=topic, odometry=odometry, body_T_lidar=body_T_lidar)
     scans = list(options.scans(log, skipped))
     tell_left_out(skipped)
-    adoption = _adoption(site, scans, surveyed, promise)
+    adoption = _adoption(site, scans, poses, promise)
     growth = planned(site, adoption)
     print(f"{log}: {growth.line(site)}")
     if out is None:
@@ -107,22 +107,24 @@ def grow(
 
 
 def _adoption(
-    site: "Site", scans: "Sequence[Scan]", surveyed: str | None, promise: float
+    site: "Site", scans: "Sequence[Scan]", poses: str | None, promise: float
 ) -> "Adoption":
     """Choose the scans that the site learns, each with its pose.
 
-    If `surveyed` is given, the poses are those of the survey; else they are the site's own fixes
-    that keep the promise, a precision. Raises NothingAdoptedError if no scan has such a pose.
+    If `poses` is given, the poses are those of a survey: in that file, or of the log itself. Else
+    they are the site's own fixes that keep the promise, a precision. Raises NothingAdoptedError if
+    no scan has such a pose.
     """
     from pipeline.core.frames import Trajectory
     from pipeline.lifelong import adoption
     from pipeline.readers.folder import read_tum
 
-    if not surveyed:
+    if not poses:
         return adoption.adopted(site, scans, promise)
-    if surveyed == POSES_OF_LOG:
+    if poses == POSES_OF_LOG:
         return adoption.surveyed(scans)
-    return adoption.surveyed(scans, Trajectory(*read_tum(Path(surveyed)), SURVEY_GAP_S))
+    stamps_ns, world_T_body = read_tum(Path(poses))
+    return adoption.surveyed(scans, Trajectory(stamps_ns, world_T_body, SURVEY_GAP_S))
 
 
 def _write(out: Path, path: Path, log: str, site: "Site", parts: "Parts", growth: "Growth") -> None:

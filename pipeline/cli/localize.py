@@ -31,7 +31,7 @@ from pipeline.cli.scan_options import ScanOptions, check_site
 from pipeline.cli.summary import Summary
 from pipeline.core.errors import ConfigError
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # at run time these would slow the start of every command
     import numpy as np
     from numpy.typing import NDArray
 
@@ -95,20 +95,23 @@ def localize(
         raise ConfigError(f"--threads {threads}: expected at least 1")
     site = Site.open(path, threads)
     check_site(site, promise, odometry, track, follow)
-    check_file(out, whole=output_format == "mcap")
+    check_file(out, is_written_whole=output_format == "mcap")
     if lift is not None and not follow:
         _check_lift(lift, inputs, site)
-    options = ScanOptions.of(site, topic, odometry, body_T_lidar, lift)
+    options = ScanOptions.of(
+        site, topic=topic, odometry=odometry, body_T_lidar=body_T_lidar, lift_m=lift
+    )
     summary = Summary(site.is_level)
     tracker = tracker_of(site, promise, track)
     tell_cold()
     with writer(output_format, out) as write:
         for source in inputs:
             scans = options.scans_or_followed(source, follow, idle, summary)
+            # `localized` appends to `broken` why a scan could not be read
             for scan, points_m, fix in localized(scans, tracker or site, promise, summary.broken):
                 is_first = not summary.verdicts
                 if is_first and not site.is_level:
-                    _tell_unlike(points_m, site.description.sensor, scan.body_T_lidar)
+                    _warn_if_unlike(points_m, site.description.sensor, scan.body_T_lidar)
                 write(scan, fix)
                 summary.add(scan, fix)
     summary.check_any(" ".join(inputs))
@@ -134,18 +137,21 @@ def _check_lift(lift_m: float, inputs: list[str], site: "Site") -> None:
     """Raise ConfigError for `--lift` with a log, whose points the site's reader raises itself."""
     from pipeline.online.inputs import is_log
 
-    logs = [source for source in inputs if is_log(source, site.description.reader)]
-    if logs:
-        raise ConfigError(
-            f"--lift {lift_m:g}: {logs[0]} is a log of the site's data set, whose reader raises "
-            "its points"
-        )
+    for source in inputs:
+        if is_log(source, site.description.reader):
+            raise ConfigError(
+                f"--lift {lift_m:g}: {source} is a log of the site's data set, whose reader raises "
+                "its points"
+            )
 
 
-def _tell_unlike(
+def _warn_if_unlike(
     points_m: "NDArray[np.float64]", sensor: "Sensor", body_T_lidar: "Poses | None"
 ) -> None:
-    """Print how the points (n, 3) of a scan differ from the scans that the site learned."""
+    """Print how the points (n, 3) of a scan differ from the scans that the site learned.
+
+    `body_T_lidar` (4, 4) is where the scan's points say that the lidar is, if they do.
+    """
     from pipeline.online.sensor import unlike
 
     for line in unlike(points_m, sensor, body_T_lidar):

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # at run time these would slow the start of every command
     from pipeline.core.frames import Poses
 
 
@@ -91,8 +91,8 @@ def only_one(options: Mapping[str, object]) -> str | None:
 
     `options` has the values by name, None or False of an option that is not given.
     """
-    given = [name for name, value in options.items() if value is not None and value is not False]
-    if len(given) > 1:
-        first, second, *_ = given
+    names = [name for name, value in options.items() if value is not None and value is not False]
+    if len(names) > 1:
+        first, second, *_ = names
         raise typer.BadParameter(f"not together with --{first}", param_hint=f"--{second}")
-    return given[0] if given else None
+    return next(iter(names), None)

@@ -7,24 +7,24 @@ from tempfile import TemporaryFile
 from pipeline.core.errors import ConfigError
 
 
-def check_file(out: Path | None, whole: bool = True) -> None:
+def check_file(out: Path | None, is_written_whole: bool = True) -> None:
     """Raise ConfigError if the output file `out` cannot be written; None is standard output.
 
-    A `whole` file is written beside its path and moved there when it is done, so it must be a plain
-    file. Any other is written as the lines come, so it may be a device or a pipe.
+    A file that is written whole grows beside its path and is moved there when it is done, so it
+    must be a plain file. Any other is written as the lines come, so it may be a device or a pipe.
     """
     if out is None:
         return
     _check_parent(out)
     if out.is_dir():
         raise ConfigError(f"{out}: is a folder, expected a file")
-    if whole and out.exists() and not out.is_file():
+    if is_written_whole and out.exists() and not out.is_file():
         raise ConfigError(f"{out}: is no plain file")
-    if not whole and out.exists():
+    if not is_written_whole and out.exists():
         if not os.access(out, os.W_OK):
             raise ConfigError(f"{out}: cannot be written (permission denied)")
         return
-    _try(out, out.parent)
+    _try_folder(out, out.parent)
 
 
 def check_folder(out: Path) -> None:
@@ -32,7 +32,7 @@ def check_folder(out: Path) -> None:
     _check_parent(out)
     if out.exists() and not out.is_dir():
         raise ConfigError(f"{out}: is a file, expected a folder")
-    _try(out, out if out.is_dir() else out.parent)
+    _try_folder(out, out if out.is_dir() else out.parent)
 
 
 def _check_parent(out: Path) -> None:
@@ -40,8 +40,8 @@ def _check_parent(out: Path) -> None:
         raise ConfigError(f"{out}: no folder {out.parent}")
 
 
-def _try(out: Path, folder: Path) -> None:
-    """Raise ConfigError unless a temporary file can be written into the folder."""
+def _try_folder(out: Path, folder: Path) -> None:
+    """Raise ConfigError, which names `out`, unless a file can be written into the folder."""
     try:
         with TemporaryFile(dir=folder):
             pass

@@ -18,14 +18,14 @@ from pipeline.cli.progress import Bar
 from pipeline.cli.project import read_studies
 from pipeline.core.errors import ConfigError, LogError
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # at run time these would slow the start of every command
     import pandas as pd
 
     from pipeline.studies.study import Study
 
 
 @dataclass(frozen=True)
-class Drawn:
+class MovingPicture:
     """A moving picture that was written, and the words of its caption."""
 
     path: Path
@@ -89,7 +89,7 @@ def picture(
         print(draw(of, day, out).line)
 
 
-def draw(of: str, test_day: str | None, out: Path) -> Drawn:
+def draw(of: str, test_day: str | None, out: Path) -> MovingPicture:
     """Write the moving picture of STUDY/GRID/METHOD on a test day, by default the last."""
     from pipeline.evaluation import results
     from pipeline.report.figures import animation, chase
@@ -106,14 +106,22 @@ def draw(of: str, test_day: str | None, out: Path) -> Drawn:
     sequence = test_day or last_day(table, study.tests)
     drive = BelievedDrive.of(StudyOfGrid(Layout(), study, grid, table), model, sequence)
     frame_count, _ = chase.write(drive, out, Bar())
-    accepted, wrong, refused, wrong_refused = drive.counts[:, -1].tolist()
+    counts_at_end = drive.counts[:, -1].tolist()
+    n_accepted, n_accepted_wrong, n_refused, n_refused_wrong = counts_at_end
     noun = "pose" if drive.posed else "answer"
     counts = (
-        f"{accepted} {noun}s accepted, {wrong} wrong among them; {refused} refused, "
-        f"{wrong_refused} wrong among them"
+        f"{n_accepted} {noun}s accepted, {n_accepted_wrong} wrong among them; {n_refused} refused, "
+        f"{n_refused_wrong} wrong among them"
     )
     colours = f"The map is grey; a scan is blue where its {noun} is accepted, orange where refused."
-    return Drawn(out, drive.title, counts, colours, drive.simulated, frame_count)
+    return MovingPicture(
+        out,
+        title=drive.title,
+        counts=counts,
+        colours=colours,
+        simulated=drive.simulated,
+        frame_count=frame_count,
+    )
 
 
 def draw_level_drive(
@@ -142,10 +150,15 @@ def draw_level_drive(
     if log is None:
         raise ConfigError(f"{path}: expected a log or a bag after it")
     skipped: Counter[str] = Counter()
-    broken: list[str] = []
-    lift_m = site.description.sensor.lift_m
+    broken: list[str] = []  # for each sweep that could not be read, why
     sweeps = scans(
-        log, site.description.reader, lift_m, topic, odometry, skipped, None, is_level=True
+        log,
+        site.description.reader,
+        site.description.sensor.lift_m,
+        topic=topic,
+        odometry=odometry,
+        skipped=skipped,
+        is_level=True,
     )
     drive = [
         level_plan.Seen(points_m, fix, scan.world_T_scan)
@@ -156,9 +169,9 @@ def draw_level_drive(
     simulated = ", simulated" if site.description.simulated else ""
     title = f"{site.name}{simulated}: {Path(log).name}"
     frame_count, size_bytes = level_plan.write(site.level_map, drive, title, out, Bar())
-    accepted = sum(seen.fix.verdict == "accepted" for seen in drive)
+    n_accepted = sum(seen.fix.verdict == "accepted" for seen in drive)
     return (
-        f"{out}: {title}: {accepted} of {len(drive)} sweeps accepted; {frame_count} frames, "
+        f"{out}: {title}: {n_accepted} of {len(drive)} sweeps accepted; {frame_count} frames, "
         f"{size_bytes / 1e6:.2f} MB"
     )
 

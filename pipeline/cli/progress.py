@@ -27,7 +27,8 @@ class Bar(Lines):
     def track(self, items: Iterable[Item], total: int, what: str) -> Iterator[Item]:
         from rich.progress import MofNCompleteColumn, TimeRemainingColumn
 
-        yield from _tracked(items, total, 1, what, MofNCompleteColumn(), TimeRemainingColumn())
+        columns = (MofNCompleteColumn(), TimeRemainingColumn())
+        yield from _tracked(items, total, what, *columns)
 
 
 class Bytes(Lines):
@@ -38,15 +39,8 @@ class Bytes(Lines):
 
         from pipeline.fetching.download import CHUNK
 
-        yield from _tracked(
-            items,
-            total,
-            CHUNK,
-            what,
-            DownloadColumn(),
-            TimeRemainingColumn(),
-            TransferSpeedColumn(),
-        )
+        columns = (DownloadColumn(), TimeRemainingColumn(), TransferSpeedColumn())
+        yield from _tracked(items, total, what, *columns, advance=CHUNK)
 
 
 class Scans(Lines):
@@ -60,24 +54,25 @@ class Scans(Lines):
             from rich.progress import MofNCompleteColumn, TimeRemainingColumn
 
             columns = (MofNCompleteColumn(), _speed_column(), TimeRemainingColumn())
-            yield from _tracked(items, total, 1, what, *columns)
+            yield from _tracked(items, total, what, *columns)
         else:
             yield from self._with_lines(items, total, what)
 
     def _with_lines(self, items: Iterable[Item], total: int, what: str) -> Iterator[Item]:
         """Yield the items, and print a line every LINE_S."""
         printed_s = first_s = time.monotonic()
-        for done, item in enumerate(items, start=1):
+        for n_done, item in enumerate(items, start=1):
             yield item
             now_s = time.monotonic()
-            if done == 1:
+            if n_done == 1:
                 first_s = now_s
             elif now_s - printed_s >= LINE_S:
                 printed_s = now_s
-                speed = (done - 1) / (now_s - first_s)
+                speed = (n_done - 1) / (now_s - first_s)  # scans a second, without the first
+                n_left = total - n_done
                 self.tell(
-                    f"{what}: {done:,} of {total:,} scans, {speed:.3g} a second, "
-                    f"{total - done:,} left: {(total - done) / speed:.0f} s"
+                    f"{what}: {n_done:,} of {total:,} scans, {speed:.3g} a second, "
+                    f"{n_left:,} left: {n_left / speed:.0f} s"
                 )
 
 
@@ -94,11 +89,12 @@ def _speed_column() -> Any:
 
 
 def _tracked(
-    items: Iterable[Item], total: int, advance: int, what: str, *columns: Any
+    items: Iterable[Item], total: int, what: str, *columns: Any, advance: int = 1
 ) -> Iterator[Item]:
     """Yield the items, and show them in a bar that grows by `advance` with each.
 
-    Without a terminal, lines are printed instead.
+    The bar shows the text `what`, and rich's `columns` behind it. Without a terminal, lines are
+    printed instead.
     """
     from rich.console import Console
     from rich.progress import BarColumn, TextColumn
@@ -119,11 +115,11 @@ def _tracked(
 def _tracked_by_lines(items: Iterable[Item], total: int, what: str) -> Iterator[Item]:
     """Yield the items, and print a line on how many are done at most every LINE_S."""
     start_s = printed_s = time.monotonic()
-    for done, item in enumerate(items, start=1):
+    for n_done, item in enumerate(items, start=1):
         yield item
         now_s = time.monotonic()
-        if now_s - printed_s > LINE_S and done < total:
-            left_s = (now_s - start_s) / done * (total - done)
-            line = f"  {what}: {done} of {total}, about {left_s:.0f} s left"
+        if now_s - printed_s > LINE_S and n_done < total:
+            left_s = (now_s - start_s) / n_done * (total - n_done)
+            line = f"  {what}: {n_done} of {total}, about {left_s:.0f} s left"
             print(line, file=sys.stderr, flush=True)
             printed_s = now_s

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 from pipeline.core.errors import ConfigError
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # at run time these would slow the start of every command
     from pipeline.studies.study import Study
 
 

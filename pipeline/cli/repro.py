@@ -22,12 +22,12 @@ from pipeline.core.errors import NotInstalledError
 from pipeline.running.ending import end_all
 from pipeline.running.texts import WRITTEN, check_files, read_yaml
 
-STAGE = re.compile(
+STAGE_LINE = re.compile(
     r"(?P<running>Running s|S)tage '(?:[^':]+:)?(?P<stage>[^'@:]+)(?:@[^']*)?'"
     r"(?:| didn't change.*| is cached.*)[:,]?"
 )
 """A line of DVC on a stage: it runs it, or skips it as up to date."""
-ASIDE = re.compile(
+HIDDEN_LINE = re.compile(
     r"Updating lock file|To track the changes|\tgit add|To enable auto|\tdvc config|"
     r"Use `dvc push`|WARNING: '.*' is empty"
 )
@@ -78,7 +78,7 @@ def repro() -> None:
     with subprocess.Popen(["dvc", "repro"], **process_options) as dvc:
         try:
             for line in dvc.stdout or ():
-                if line.strip() and not ASIDE.match(line):
+                if line.strip() and not HIDDEN_LINE.match(line):
                     print(counting.line(line, time.monotonic()), end="", flush=True)
         except KeyboardInterrupt:  # the terminal interrupts DVC too
             dvc.wait()
@@ -144,27 +144,30 @@ class Counting:
 
     instances: Counter[str]
     """How many instances each stage has."""
-    met: Counter[str] = field(default_factory=Counter)
+    counts: Counter[str] = field(default_factory=Counter)
     """How many instances of each stage DVC has run or skipped so far."""
     took_s: dict[str, list[float]] = field(default_factory=dict)
     """How long the instances of each stage took that were run to the end."""
-    now: RunningStage | None = None
+    running: RunningStage | None = None
+    """The stage that DVC runs now; None before the first one, and after one that it skipped."""
 
     def line(self, line: str, time_s: float) -> str:
         """The text to print for a line of DVC that came at `time_s`."""
-        match = STAGE.match(line)
+        match = STAGE_LINE.match(line)
         if not match or not self.instances:
             return line
-        if self.now:
-            self.took_s.setdefault(self.now.stage, []).append(time_s - self.now.start_s)
+        if self.running:
+            took_s = time_s - self.running.start_s
+            self.took_s.setdefault(self.running.stage, []).append(took_s)
         stage = match["stage"]
-        is_run = match["running"] != "S"  # else it is skipped
-        self.now = RunningStage(stage, time_s) if is_run else None
-        self.met[stage] += 1
-        if not is_run:
+        self.counts[stage] += 1
+        is_skipped = match["running"] == "S"  # "Stage …", not "Running stage …"
+        if is_skipped:
+            self.running = None
             return line
-        remaining = f", {self.remaining_text()}" if self.took_s else ""
-        return f"[{self.met.total()}/{self.instances.total()}{remaining}] {line}"
+        self.running = RunningStage(stage, time_s)
+        remaining_note = f", {self.remaining_text()}" if self.took_s else ""
+        return f"[{self.counts.total()}/{self.instances.total()}{remaining_note}] {line}"
 
     def remaining_text(self) -> str:
         """About how long the remaining instances take, the one under way among them.
@@ -176,15 +179,18 @@ class Counting:
         total_took_s = sum(map(sum, self.took_s.values()))
         total_usual_s = sum(_usual_s(stage) * len(times) for stage, times in self.took_s.items())
         pace = total_took_s / total_usual_s
-        remaining = {
-            stage: max(number - self.met[stage], 0) for stage, number in self.instances.items()
+        remaining_instances = {
+            stage: max(number - self.counts[stage], 0) for stage, number in self.instances.items()
         }
-        if self.now:
-            remaining[self.now.stage] = remaining.get(self.now.stage, 0) + 1
-        seconds = sum(number * self._expected_s(stage, pace) for stage, number in remaining.items())
-        return (
-            f"about {seconds / 60:.0f} min left" if seconds > 90 else f"about {seconds:.0f} s left"
+        if self.running:
+            stage = self.running.stage
+            remaining_instances[stage] = remaining_instances.get(stage, 0) + 1
+        seconds = sum(
+            number * self._expected_s(stage, pace) for stage, number in remaining_instances.items()
         )
+        if seconds > 90:
+            return f"about {seconds / 60:.0f} min left"
+        return f"about {seconds:.0f} s left"
 
     def _expected_s(self, stage: str, pace: float) -> float:
         """The mean of the stage's measured times and, USUAL_WEIGHT times, its usual one."""

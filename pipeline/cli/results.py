@@ -17,7 +17,7 @@ from pipeline.cli.project import read_studies
 from pipeline.core.errors import ArtifactError, ConfigError
 from pipeline.running.texts import folded, terminal_width
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # at run time these would slow the start of every command
     from collections.abc import Iterable
 
     import pandas as pd
@@ -140,11 +140,14 @@ def _print_rows(table: "pd.DataFrame", conditions: list[str], csv: bool, json: b
 
     Raises ConfigError if there is no such row.
     """
-    from pipeline.evaluation.results import where as selected
+    from pipeline.evaluation.results import where as rows_where
     from pipeline.evaluation.rows import COLUMNS
 
-    value_of = dict(condition.partition("=")[::2] for condition in conditions)
-    rows = selected(table, value_of)[[*COLUMNS]]
+    value_of_column = {}
+    for condition in conditions:
+        column, _, value = condition.partition("=")
+        value_of_column[column] = value
+    rows = rows_where(table, value_of_column)[[*COLUMNS]]
     if rows.empty:
         raise ConfigError(
             f"--where {' '.join(conditions)}: no such row; `yearloc results --csv` has them all"

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from pipeline.cli.options import lidar_of
 from pipeline.core.errors import ConfigError
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # at run time these would slow the start of every command
     from collections.abc import Mapping
 
     from pipeline.cli.summary import Summary
@@ -49,18 +49,21 @@ class ScanOptions:
         Raises ConfigError for a `body_T_lidar` that is not of the form x,y,z,roll,pitch,yaw.
         """
         return cls(
-            site.description.reader,
-            site.description.sensor.lift_m if lift_m is None else lift_m,
-            topic,
-            odometry,
-            lidar_of(body_T_lidar),
-            site.is_level,
+            reader=site.description.reader,
+            lift_m=site.description.sensor.lift_m if lift_m is None else lift_m,
+            topic=topic,
+            odometry=odometry,
+            body_T_lidar=lidar_of(body_T_lidar),
+            is_level=site.is_level,
         )
 
     def scans_or_followed(
         self, path: str, follow: bool, idle_s: float, summary: "Summary"
     ) -> "Iterator[Scan]":
-        """The scans of a finished input, or with `follow` those of a recording under way."""
+        """The scans of a finished input, or with `follow` those of a recording under way.
+
+        Scans that are left out or dropped are counted in the summary.
+        """
         if follow:
             return self.followed_scans(path, idle_s, summary)
         return self.scans(path, summary.skipped)
@@ -76,11 +79,11 @@ class ScanOptions:
             path,
             self.reader,
             self.lift_m,
-            self.topic,
-            self.odometry,
-            skipped,
-            self.body_T_lidar,
-            self.is_level,
+            topic=self.topic,
+            odometry=self.odometry,
+            skipped=skipped,
+            body_T_lidar=self.body_T_lidar,
+            is_level=self.is_level,
         )
 
     def followed_scans(self, path: str, idle_s: float, summary: "Summary") -> "Iterator[Scan]":
@@ -91,7 +94,12 @@ class ScanOptions:
         from pipeline.online.follow import Following
 
         recording = Following(
-            Path(path), self.topic, self.lift_m, idle_s, self.odometry, self.body_T_lidar
+            Path(path),
+            topic=self.topic,
+            lift_m=self.lift_m,
+            idle_s=idle_s,
+            odometry=self.odometry,
+            body_T_lidar=self.body_T_lidar,
         )
         yield from recording.scans()
         summary.dropped += recording.dropped

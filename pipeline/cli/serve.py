@@ -99,8 +99,8 @@ def _serve_http(path: Path, host: str, port: int, workers: int) -> None:
             port=port,
             workers=workers,
             log_level="warning",
-            timeout_keep_alive=10,
-            limit_concurrency=256,
+            timeout_keep_alive=10,  # seconds that an idle connection stays open
+            limit_concurrency=256,  # requests at a time; further ones are refused
             server_header=False,
         )
 
@@ -135,4 +135,12 @@ def _serve_zenoh(
         print(ready_line, file=sys.stderr, flush=True)
 
     with bridge.connected(endpoint) as session:
-        bridge.run(site, session, key, promise, print_ready, print, lidar_of(body_T_lidar))
+        bridge.run(
+            site,
+            session,
+            key,
+            promise,
+            ready=print_ready,
+            tell=print,
+            body_T_lidar=lidar_of(body_T_lidar),
+        )

@@ -15,7 +15,7 @@ from pipeline.cli.outputs import check_file
 from pipeline.cli.progress import Scans
 from pipeline.core.errors import ConfigError
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # at run time these would slow the start of every command
     from pipeline.core.schemas import Estimates
 
 
@@ -63,26 +63,27 @@ def slam(
     for path in (out, map_path, picture):
         check_file(path)
     uses_odometry = odometry != "none"
-    opened = without_truth(open_unposed(log, topic, odometry if uses_odometry else None))
+    odometry_topic = odometry if uses_odometry else None
+    opened_log = without_truth(open_unposed(log, topic, odometry_topic))
     tell_cold()
     progress = Scans()
-    estimate = Slam(use_log_odometry=uses_odometry).estimate(opened, progress)
+    estimate = Slam(use_log_odometry=uses_odometry).estimate(opened_log, progress)
     if out:
         with replace(out) as scratch:
             scratch.write_text(outputs.tum_text(estimate), encoding="utf-8")
     if map_path:
         with replace(map_path) as scratch:
-            scratch.write_bytes(outputs.map_pcd(opened, estimate, progress))
+            scratch.write_bytes(outputs.map_pcd(opened_log, estimate, progress))
     if picture:
         with replace(picture) as scratch:
             outputs.draw(estimate, scratch, log.name)
-    _tell(estimate, opened.notes, [path for path in (out, map_path, picture) if path])
+    _tell(estimate, opened_log.notes, [path for path in (out, map_path, picture) if path])
 
 
-def _tell(estimate: "Estimates", notes: tuple[str, ...], written: list[Path]) -> None:
-    """Print a summary of the estimate on standard error, and the files that were written."""
+def _tell(estimate: "Estimates", notes: tuple[str, ...], paths: list[Path]) -> None:
+    """Print a summary of the estimate on standard error, and the `paths` that were written."""
     from pipeline.slam import summary
 
     for line in (*notes, *summary.lines(estimate)):
         print(f"  {line}", file=sys.stderr)
-    print(f"written: {', '.join(map(str, written))}", file=sys.stderr)
+    print(f"written: {', '.join(map(str, paths))}", file=sys.stderr)

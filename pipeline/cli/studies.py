@@ -15,9 +15,9 @@ from pipeline.cli.options import some_words
 from pipeline.cli.project import conf_folder, read_studies
 from pipeline.core.errors import ConfigError
 from pipeline.core.replacing import replace
-from pipeline.running.texts import WRITTEN, terminal_width
+from pipeline.running.texts import terminal_width
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # at run time these would slow the start of every command
     from collections.abc import Mapping
 
     from pipeline.studies.study import Study
@@ -55,7 +55,7 @@ def use(
         )
     # the studies that are in use, if the answer depends on them
     listed_studies = {}
-    has_list = (conf / WRITTEN[0]).exists()
+    has_list = (conf / "studies.yaml").exists()
     if not datasets or (has_list and (add or keep)):
         listed_studies = read_studies()
     # the studies of the data sets that are named
@@ -79,12 +79,17 @@ def use(
         )
 
 
-def _have_same_choices(proposed: "Mapping[str, Study]", listed: "Mapping[str, Study]") -> bool:
+def _have_same_choices(
+    proposed_studies: "Mapping[str, Study]", listed_studies: "Mapping[str, Study]"
+) -> bool:
     """Whether two lists of studies agree in their data sets, worlds and budgets."""
-    return proposed.keys() == listed.keys() and all(
-        (study.world, study.budget) == (listed[name].world, listed[name].budget)
-        for name, study in proposed.items()
-    )
+    if proposed_studies.keys() != listed_studies.keys():
+        return False
+    for name, study in proposed_studies.items():
+        listed_study = listed_studies[name]
+        if (study.world, study.budget) != (listed_study.world, listed_study.budget):
+            return False
+    return True
 
 
 def _write(conf: Path, studies: "Mapping[str, Study]") -> None:

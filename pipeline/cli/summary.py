@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from pipeline.core.errors import LogError
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # at run time these would slow the start of every command
     from pipeline.online.inputs import Scan
     from pipeline.online.site import Fix
 
@@ -33,6 +33,7 @@ class Summary:
         self.steps = Counter[bool]()
         """Counts of a tracker's steps: True by odometry, False by constant motion."""
         self._took_ms: list[float] = []
+        """How long each scan took, in their order."""
         self._rightness = Counter[bool]()
         """Counts of the accepted fixes with a known true pose, by whether they are right."""
 
@@ -48,8 +49,8 @@ class Summary:
         self.verdicts[fix.verdict] += 1
         self._took_ms.append(fix.ms)
         if fix.verdict == "accepted" and np.isfinite(scan.world_T_scan).all():
-            right = is_right(fix.world_T_sensor[None], scan.world_T_scan[None])
-            self._rightness[bool(right[0])] += 1
+            (right,) = is_right(fix.world_T_sensor[None], scan.world_T_scan[None])
+            self._rightness[bool(right)] += 1
 
     def check_any(self, source: str) -> None:
         """Raise LogError if no scan of `source`, as named on the command line, was localised."""

@@ -65,9 +65,10 @@ def watch(
     is_for_foxglove = save is not None and save.suffix == ".mcap"
     open_recording: Any = foxglove.Recording if is_for_foxglove else rerun.Recording
     tell_cold()
-    options = ScanOptions.of(site, topic, odometry, body_T_lidar)
+    options = ScanOptions.of(site, topic=topic, odometry=odometry, body_T_lidar=body_T_lidar)
     summary = Summary(site.is_level)
-    scans = islice(options.scans_or_followed(log, follow, idle, summary), 0, None, every)
+    all_scans = options.scans_or_followed(log, follow, idle, summary)
+    scans = islice(all_scans, 0, None, every)  # every N-th, from the first on
     localizer = tracker_of(site, promise, track) or site
     with open_recording(site, save, promise) as recording:
         fixes = localized(scans, localizer, promise, summary.broken)

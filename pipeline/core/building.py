@@ -15,6 +15,7 @@ from typing import Any
 from pipeline.core.errors import ConfigError, NotInstalledError
 
 TARGET = "_target_"
+"""The key with the full name of a class; Hydra calls it so, which builds objects of conf/."""
 
 
 def build(settings: Any, roots: tuple[str, ...]) -> Any:

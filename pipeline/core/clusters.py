@@ -37,10 +37,10 @@ def connected(
 ) -> Iterator[Any]:
     """Start or reach one of CLUSTERS and yield Dask's client once a worker has connected.
 
-    `scheduler` is a key of CLUSTERS, `settings` are the arguments of its function. The client and
-    the cluster are closed at the end of the block. Raises ConfigError for settings that the cluster
-    does not take, NotInstalledError without the package that it needs, and ComputeError if no
-    worker connects within `wait_s`.
+    `scheduler` is a key of CLUSTERS, `workers` how many to start, and `settings` are the further
+    arguments of its function. The client and the cluster are closed at the end of the block. Raises
+    ConfigError for settings that the cluster does not take, NotInstalledError without the package
+    that it needs, and ComputeError if no worker connects within `wait_s`.
     """
     import dask
     from distributed import Client
@@ -51,6 +51,7 @@ def connected(
         "distributed.scheduler.no-workers-timeout": f"{wait_s} s",
         "distributed.scheduler.http.routes": [],
         "distributed.worker.http.routes": [],
+        # no warning of functions that carry large arrays
         "distributed.admin.large-graph-warning-threshold": "1 TB",
         # results of this machine's workers need not pass through the scheduler
         "distributed.client.direct-to-workers": scheduler == "local",
@@ -79,10 +80,11 @@ def in_order(
 ) -> Iterator[Result]:
     """Yield fn(start, stop) for each span (start, stop), in order.
 
-    Up to two blocks a worker are computed ahead of the one that is yielded, and each result is
-    fetched as soon as it is done. If a worker ends, another one computes its block again. Raises
-    ComputeError if four workers ended at one block or no worker is left, and ConfigError if a
-    worker has other versions or another disk.
+    `client` is Dask's, connected to a cluster that was started as `scheduler` with `workers`. Up to
+    two blocks a worker are computed ahead of the one that is yielded, and each result is fetched as
+    soon as it is done. If a worker ends, another one computes its block again. Raises ComputeError
+    if four workers ended at one block or no worker is left, and ConfigError if a worker has other
+    versions or another disk.
     """
     import cloudpickle
     from distributed import as_completed
@@ -194,7 +196,7 @@ def _local(workers: int) -> AbstractContextManager[Any]:
         dashboard_address=None,
         scheduler_kwargs=NO_DASHBOARD,
         silence_logs=SILENT,
-        memory_limit=0,
+        memory_limit=0,  # Dask would stop workers at a share of the machine's memory
     )
     return cluster
 
@@ -255,6 +257,7 @@ def _slurm(workers: int, folder: str, **settings: Any) -> AbstractContextManager
             f"compute=slurm: no job like these is taken: {' '.join(trial.stderr.split())}"
         )
     cluster.scale(workers)
+    # a job that SLURM ends is replaced within seconds
     cluster.adapt(minimum=workers, maximum=workers, interval="5 s")
     return cast(AbstractContextManager[Any], cluster)
 

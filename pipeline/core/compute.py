@@ -23,6 +23,7 @@ from pipeline.core.settings import Positive, Whole, check
 Result = TypeVar("Result")
 Item = TypeVar("Item")
 Span = tuple[int, int]
+"""The first row of a block, and the row after its last."""
 Block = Callable[[int, int], Any]
 """A function of a block of rows, given by its first row and the row after its last."""
 Run = Callable[[Block, Sequence[Span]], Iterator[Any]]
@@ -67,7 +68,7 @@ class Compute:
         self._stack.__exit__(kind, error, traceback)
 
     def rows(self, fn: Callable[[int, int], Result], n: int, block: int) -> Iterator[Result]:
-        """Yield fn(start, stop) for the blocks of `block` rows that cover range(n), in order.
+        """Yield fn(start, stop) for the blocks of `block` rows that cover `n` rows, in order.
 
         At most two blocks a worker are in memory at a time. Raises ComputeError if workers end, or
         none can be started.

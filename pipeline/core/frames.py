@@ -14,7 +14,9 @@ from numpy.typing import NDArray
 from pipeline.core.errors import InputError
 
 Poses = NDArray[np.float64]
+"""Poses as matrices (n, 4, 4), or one (4, 4): a rotation and a position in metres."""
 Stamps = NDArray[np.int64]
+"""Stamps (n,) in nanoseconds since 1970-01-01."""
 
 NED_FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
 """Maps a z-up frame to a north-east-down one and back: y and z change sign."""
@@ -117,7 +119,7 @@ class Trajectory:
         before = (after - 1).clip(0)
         before_ns = self.stamps_ns[before]
         after_ns = self.stamps_ns[after]
-        # stamps of a row
+        # stamps that are a row's own
         is_after_nearer = np.abs(after_ns - stamps_ns) <= np.abs(before_ns - stamps_ns)
         nearest = np.where(is_after_nearer, after, before)
         is_exact = np.abs(self.stamps_ns[nearest] - stamps_ns) <= ROUNDED_NS

@@ -28,7 +28,10 @@ class Progress:
         within("budget.share", self.budget, Positive)
 
     def part(self, name: str) -> Self:
-        """The progress of a further part of the work, with a checkpoint beside this one's."""
+        """The progress of a further part of the work, with a checkpoint beside this one's.
+
+        `name` ends the name of its checkpoint.
+        """
         if self.checkpoint is None:
             return replace(self)
         return replace(self, checkpoint=self.checkpoint.with_stem(f"{self.checkpoint.stem}-{name}"))
@@ -36,8 +39,8 @@ class Progress:
     def done(self) -> None:
         """Remove the checkpoints of all parts."""
         if self.checkpoint:
-            for part in self.checkpoint.parent.glob(f"{self.checkpoint.stem}*"):
-                part.unlink()
+            for path in self.checkpoint.parent.glob(f"{self.checkpoint.stem}*"):
+                path.unlink()
 
     def track(self, items: Iterable[Item], total: int, what: str) -> Iterator[Item]:
         """Yield the items, `total` in all, and show progress under the name `what`."""

@@ -10,6 +10,7 @@ from typing import Any
 from pipeline.core.errors import ArtifactError, NotInstalledError
 
 S3 = "s3://"
+"""The beginning of a path in an object store."""
 PATIENCE = {"connect_timeout": 5, "read_timeout": 10, "retries": {"total_max_attempts": 1}}
 """Seconds and attempts of botocore, which makes the requests; s3fs above it tries again."""
 
@@ -24,7 +25,7 @@ def content(path: str | Path) -> bytes:
     return bytes(_store().cat_file(path)) if is_remote(path) else Path(path).read_bytes()
 
 
-def listed(folder: str | Path, pattern: str) -> list[str] | list[Path]:
+def matching_files(folder: str | Path, pattern: str) -> list[str] | list[Path]:
     """The files below an artifact's folder that match a pattern of `Path.glob`, sorted."""
     if is_remote(folder):
         return [f"{S3}{key}" for key in sorted(_store().glob(f"{folder}/{pattern}"))]
@@ -64,5 +65,5 @@ def _store() -> Any:
     import s3fs
 
     store = s3fs.S3FileSystem(config_kwargs=PATIENCE, skip_instance_cache=True)
-    store.retries = 2
+    store.retries = 2  # fewer attempts than s3fs makes by itself, so that an error comes soon
     return store

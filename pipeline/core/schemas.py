@@ -274,6 +274,7 @@ class BirdViews(Views, kind="birdviews", version=2):
 
 
 VIEW_KINDS = (ScanContextViews, CloudViews, SignatureViews, BirdViews)
+"""All kinds of views, of which a reader that does not know the method takes any."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -358,7 +359,7 @@ class Ranking:
 
         Raises InputError if an array does not have the shape of `n` queries, or a novelty is NaN.
         """
-        k = self.places.shape[-1]
+        k = self.places.shape[-1]  # places for each query
         shapes = {
             "places": (n, k),
             "costs": (n, k),

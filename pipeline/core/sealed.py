@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from zlib import crc32
 
 from pipeline.core.errors import ArtifactError
-from pipeline.core.remote import content, listed
+from pipeline.core.remote import content, matching_files
 
 if TYPE_CHECKING:  # a robot that localises in a site reads no artifact
     import zarr
@@ -33,7 +33,7 @@ def compressor() -> "ZstdCodec":
     return ZstdCodec(level=0, checksum=True)
 
 
-class Stored:
+class StoredArray:
     """An array of an artifact on disk, read by slices like a numpy array.
 
     Raises ArtifactError if bytes are damaged or missing.
@@ -44,8 +44,8 @@ class Stored:
         self._path = path
         self._array = array
         file_shape = array.shards or array.chunks
-        expected = math.prod(map(_rounded_up, array.shape, file_shape))
-        missing = expected - len(listed(path, f"{array.basename}/c.*"))
+        expected = math.prod(map(_part_count, array.shape, file_shape))
+        missing = expected - len(matching_files(path, f"{array.basename}/c.*"))
         if missing > 0:
             raise ArtifactError(
                 f"{path}: {missing} of {expected} files of {array.basename} are missing; {REBUILD}"
@@ -54,7 +54,7 @@ class Stored:
     def __getitem__(self, rows: Any) -> Any:
         try:
             return self._array[rows]
-        except (IndexError, MemoryError, OSError):
+        except (IndexError, MemoryError, OSError):  # no damage: wrong rows, or the machine refuses
             raise
         except Exception as error:  # zarr and its codecs may raise anything at a damaged chunk
             first_line, *_ = str(error).splitlines() or ["no reason given"]
@@ -71,16 +71,16 @@ class Stored:
         return getattr(self._array, name)
 
 
-def _rounded_up(length: int, part: int) -> int:
+def _part_count(length: int, part_length: int) -> int:
     """The number of parts that cover a length."""
-    return -(-length // part)
+    return -(-length // part_length)  # the quotient, rounded up
 
 
 def metadata_checksum(path: Path | str) -> int:
     """The checksum of the zarr.json of a group, without the seal, and those of its arrays."""
     metadata = json.loads(content(f"{path}/zarr.json"))
     metadata["attributes"].pop(SEAL, None)
-    array_metadata = [content(file) for file in listed(path, "*/zarr.json")]
+    array_metadata = [content(file) for file in matching_files(path, "*/zarr.json")]
     return crc32(b"".join([json.dumps(metadata, sort_keys=True).encode(), *array_metadata]))
 
 

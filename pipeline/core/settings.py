@@ -30,33 +30,35 @@ class Range:
 
     low: float = -LARGEST
     high: float = LARGEST
-    above: bool = False
-    """Whether a number must be above `low`, which itself is refused then."""
+    excludes_low: bool = False
+    """Whether `low` itself is refused, so that a number must be above it."""
     wording: str = ""
     """What an error says that was expected; if empty, it names the end that was passed."""
 
     def expected(self, number: float) -> str:
         """What was expected instead of a number; empty if the number is in the range."""
-        is_high_enough = self.low < number if self.above else self.low <= number
+        is_high_enough = self.low < number if self.excludes_low else self.low <= number
         if is_high_enough and number <= self.high:
             return ""
         if self.wording:
             return self.wording
         if number > self.high:
             return f"at most {self.high:,.10g}"
-        return (
-            f"a number above {self.low:g}" if self.above else f"a number of at least {self.low:g}"
-        )
+        if self.excludes_low:
+            return f"a number above {self.low:g}"
+        return f"a number of at least {self.low:g}"
 
 
-Positive = Annotated[float, Range(0, above=True)]
+Positive = Annotated[float, Range(0, excludes_low=True)]
 NotNegative = Annotated[float, Range(0)]
 Share = Annotated[float, Range(0, 1, wording="a share from 0 to 1")]
-InnerShare = Annotated[float, Range(0, 1 - 1e-9, above=True, wording="a share between 0 and 1")]
-SomeShare = Annotated[float, Range(0, 1, above=True, wording="a share above 0, at most 1")]
-Count = Annotated[int, Range(0, above=True)]
+InnerShare = Annotated[
+    float, Range(0, 1 - 1e-9, excludes_low=True, wording="a share between 0 and 1")
+]
+SomeShare = Annotated[float, Range(0, 1, excludes_low=True, wording="a share above 0, at most 1")]
+Count = Annotated[int, Range(0, excludes_low=True)]
 Whole = Annotated[int, Range(0)]
-Side = Annotated[int, Range(0, 2_000, above=True)]
+Side = Annotated[int, Range(0, 2_000, excludes_low=True)]
 """The side of an image, in cells or pixels."""
 Seed = Annotated[int, Range(0, 2**32 - 1)]
 Names = tuple[str, ...]
@@ -74,7 +76,7 @@ def filled(kind: type[Filled], table: Mapping[str, Any], build: Build, parent: s
     hints = get_type_hints(kind, include_extras=True)
     values = {}
     missing = []
-    for field in fields(kind):  # type: ignore[arg-type]
+    for field in fields(kind):  # type: ignore[arg-type]  # mypy does not know it is a dataclass
         setting = field.name.rstrip("_")
         value = table.get(setting)
         if value is not None:
@@ -176,7 +178,7 @@ def _expected(value: Any, hint: Any) -> str:
     origin = get_origin(hint)
     args = get_args(hint)
     if origin is Annotated:
-        plain_hint, number_range = args
+        plain_hint, number_range = args  # as in Positive
         return _expected_of_scalar(value, plain_hint) or str(number_range.expected(value))
     if origin is Literal:
         *choices, last_choice = map(str, args)

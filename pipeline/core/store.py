@@ -9,13 +9,13 @@ since a network has some two hundred arrays and each would be a folder (`write_m
 `read_model`).
 """
 
+import dataclasses
 import json
 import math
 from collections import abc
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from dataclasses import replace as changed
 from pathlib import Path
 from typing import (
     TYPE_CHECKING,
@@ -36,7 +36,7 @@ from numpy.typing import NDArray
 
 from pipeline.core import remote, sealed
 from pipeline.core.errors import ArtifactError
-from pipeline.core.replacing import replace as replace
+from pipeline.core.replacing import replace as replace  # exported too, for files of other kinds
 
 if TYPE_CHECKING:  # a robot that localises in a site reads no artifact
     import zarr
@@ -64,7 +64,7 @@ class Array:
     shard: int = 4_194_304
     """How many rows lie in one file; a multiple of `chunk`."""
     dtype: str = ""
-    """The type of its numbers, such as float32; `definition` takes it from the annotation."""
+    """The type of its numbers, such as float32; `define` takes it from the annotation."""
 
 
 @dataclass(frozen=True)
@@ -96,40 +96,46 @@ class Definition:
 
     @property
     def columns(self) -> dict[str, Array]:
-        """All arrays by name, with those of stacked dataclasses in their further dimension."""
+        """All arrays by name, with those of stacked dataclasses in their further dimension.
+
+        An array of an artifact is called a column.
+        """
         columns = dict(self.arrays)
-        for stack, part in self.stacks.values():
-            for name, array in definition(part).columns.items():
+        for stack, item_type in self.stacks.values():
+            for name, array in define(item_type).columns.items():
                 dims = (stack.dim, *array.dims)
-                columns[name] = changed(array, dims=dims, chunk=stack.chunk, shard=stack.shard)
+                columns[name] = dataclasses.replace(
+                    array, dims=dims, chunk=stack.chunk, shard=stack.shard
+                )
         return columns
 
     @property
     def meanings(self) -> dict[str, str]:
         """The meaning of every attribute by name, with those of stacked dataclasses."""
         meanings = {name: meaning for name, (_, meaning) in self.attributes.items()}
-        for _, part in self.stacks.values():
-            meanings |= definition(part).meanings
+        for _, item_type in self.stacks.values():
+            meanings |= define(item_type).meanings
         return meanings
 
 
-def definition(cls: type) -> Definition:
-    """The definition of a dataclass, by the annotations of its fields."""
+def define(cls: type) -> Definition:
+    """Make the definition of a dataclass from the annotations of its fields."""
     arrays = {}
     attributes = {}
     stacks = {}
     for name, hint in get_type_hints(cls, include_extras=True).items():
         if get_origin(hint) is not Annotated:
             continue
-        field_type, meaning = get_args(hint)
-        if isinstance(meaning, Array):
-            last = get_args(field_type)[-1]  # dtype[float32]; float32 itself since numpy 2.5
-            scalar = (get_args(last) or (last,))[0]
-            arrays[name] = changed(meaning, dtype=np.dtype(scalar).name)
-        elif isinstance(meaning, Stack):
-            stacks[name] = (meaning, get_args(field_type)[0])
+        field_type, description = get_args(hint)
+        if isinstance(description, Array):
+            *_, dtype = get_args(field_type)  # dtype[float32]; float32 itself since numpy 2.5
+            scalar, *_ = get_args(dtype) or (dtype,)
+            arrays[name] = dataclasses.replace(description, dtype=np.dtype(scalar).name)
+        elif isinstance(description, Stack):
+            item_type, *_ = get_args(field_type)
+            stacks[name] = (description, item_type)
         else:
-            attributes[name] = (field_type, meaning)
+            attributes[name] = (field_type, description)
     return Definition(arrays, attributes, stacks)
 
 
@@ -142,12 +148,14 @@ class Artifact:
     `artifact["column"]` is an array on disk that reads only the slices that are taken of it.
     """
 
+    # what `__init_subclass__` sets on each kind, from its annotations
     kind: ClassVar[str]
     version: ClassVar[int]
     definition: ClassVar[Definition]
     columns: ClassVar[Mapping[str, Array]]
     attributes: ClassVar[Mapping[str, str]]
     """What each attribute means."""
+    # what `_opened` sets; an artifact made in memory has no `_stored_attrs`, and none asks for them
     path: Path | str = ""
     """Where it was opened; empty if it was made in memory."""
     _group: Any = None
@@ -158,7 +166,7 @@ class Artifact:
     def __init_subclass__(cls, kind: str = "", version: int = 0) -> None:
         cls.kind = kind
         cls.version = version
-        cls.definition = definition(cls)
+        cls.definition = define(cls)
         cls.columns = cls.definition.columns
         cls.attributes = cls.definition.meanings
 
@@ -172,14 +180,14 @@ class Artifact:
 
     @property
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """All arrays by name, as they are written."""
+        """All arrays by name, as they are written; those of an opened artifact are read whole."""
         arrays, _ = _flat(self)
         return arrays
 
     def __getitem__(self, name: str) -> Any:
         if self._group is None:
             return self.arrays[name]
-        return sealed.Stored(self.path, self._group[name])
+        return sealed.StoredArray(self.path, self._group[name])
 
     def load(self, name: str) -> NDArray[Any]:
         """Read a whole column as an array."""
@@ -187,7 +195,11 @@ class Artifact:
 
     @classmethod
     def _opened(cls, path: Path | str, group: "zarr.Group") -> Self:
-        """The artifact of a zarr group; its fields are read when they are first used."""
+        """The artifact of a zarr group; its fields are read when they are first used.
+
+        A kind is a frozen dataclass: its __init__ would want all fields, and it refuses to have
+        attributes set. So the object is made without __init__, and its dictionary is filled.
+        """
         artifact = cls.__new__(cls)
         artifact.__dict__["path"] = path
         artifact.__dict__["_group"] = group
@@ -196,17 +208,22 @@ class Artifact:
         }
         return artifact
 
-    if not TYPE_CHECKING:  # a mistyped field is a type error
+    if not TYPE_CHECKING:  # hidden from mypy, for which a misspelt field is an error then
 
         def __getattr__(self, name: str) -> Any:
-            """Read a field when it is first used, and keep it."""
+            """Read a field when it is first used, and keep it.
+
+            Python calls this only for a name that the object does not have yet.
+            """
             fields = self.definition
             if name in fields.arrays:
                 value = self.load(name)
             elif name in fields.attributes:
-                value = _decoded(fields.attributes[name][0], self._stored_attrs[name])
+                attribute_type, _ = fields.attributes[name]
+                value = _decoded(attribute_type, self._stored_attrs[name])
             elif name in fields.stacks:
-                value = _Parts(self, fields.stacks[name][1])
+                _, item_type = fields.stacks[name]
+                value = _StackedItems(self, item_type)
             else:
                 raise AttributeError(name)
             self.__dict__[name] = value
@@ -232,15 +249,16 @@ def read(path: str | Path, *kinds: type[A]) -> A:
         group = zarr.open_group(path, mode="r")
     except (ValueError, KeyError, TypeError) as error:
         raise ArtifactError(f"{path}: not a whole zarr group ({error}); {sealed.REBUILD}") from None
-    stored = (group.attrs.get("kind"), group.attrs.get("version"))
+    stored_kind = group.attrs.get("kind")
+    stored_version = group.attrs.get("version")
     for kind in kinds:
-        if stored == (kind.kind, kind.version):
+        if (stored_kind, stored_version) == (kind.kind, kind.version):
             sealed.check_metadata(path, group)
             return kind._opened(path if remote.is_remote(path) else Path(path), group)
     expected = " or ".join(f"{kind.kind} version {kind.version}" for kind in kinds)
     raise ArtifactError(
-        f"{path}: expected {expected}, found {stored[0]} version {stored[1]}; `dvc repro` builds "
-        "it anew"
+        f"{path}: expected {expected}, found {stored_kind} version {stored_version}; `dvc repro` "
+        "builds it anew"
     )
 
 
@@ -257,8 +275,8 @@ def draft(path: str | Path, kind: type[Artifact], **attrs: object) -> Iterator["
     """Yield a draft, which becomes the artifact at `path` if the block ends well.
 
     Raises ArtifactError, and leaves `path` as it was, if the draft does not fit `kind`. `attrs` are
-    the attributes; one that is known only at the end may be a callable without
-    arguments, which is called then.
+    the attributes; one that is known only at the end may be a callable without arguments, which is
+    called then.
     """
     import zarr
 
@@ -309,9 +327,9 @@ class Draft:
         waiting_rows.append(cast_rows)
         if sum(map(len, waiting_rows)) >= column.shard:
             joined = np.concatenate(waiting_rows)
-            whole_rows = len(joined) // column.shard * column.shard
-            self._write(name, column, joined[:whole_rows])
-            self._waiting[name] = [joined[whole_rows:]]
+            n_rows = len(joined) // column.shard * column.shard  # of all whole shards
+            self._write(name, column, joined[:n_rows])
+            self._waiting[name] = [joined[n_rows:]]
 
     def finish(self, attrs: Mapping[str, object]) -> None:
         """Write the rows that wait, set the attributes and check the whole against the kind.
@@ -405,7 +423,7 @@ def write_model(
             config=sealed.ALL_CHUNKS,
         )
     words = {name: str(value) for name, value in recipe.items()}
-    group.attrs.update({**MODEL_KIND, sealed.SEAL: _checksum(members), "recipe": words})
+    group.attrs.update({**MODEL_KIND, sealed.SEAL: _checksum_of_names(members), "recipe": words})
     try:
         with replace(path) as scratch, ZipFile(scratch, "w") as archive:
             for name in sorted(members):
@@ -421,7 +439,7 @@ def read_model(path: str | Path) -> dict[str, NDArray[Any]]:
     from zarr.storage import ZipStore
 
     read_recipe(path)
-    with _whole(path), ZipStore(path, mode="r") as zip_store:
+    with _damage_as_artifact_error(path), ZipStore(path, mode="r") as zip_store:
         members = zarr.open_group(zip_store, mode="r").members(max_depth=None)
         return {
             name: np.asarray(array[...]) for name, array in members if isinstance(array, zarr.Array)
@@ -430,19 +448,20 @@ def read_model(path: str | Path) -> dict[str, NDArray[Any]]:
 
 def read_recipe(path: str | Path) -> dict[str, str]:
     """Read the parameters that a model was learned with; raises as `read_model`."""
-    with _whole(path), ZipFile(path) as archive:
+    with _damage_as_artifact_error(path), ZipFile(path) as archive:
         attrs = json.loads(archive.read("zarr.json"))["attributes"]
         recipe: dict[str, str] = attrs.pop("recipe")
-        if attrs != {**MODEL_KIND, sealed.SEAL: _checksum(archive.namelist())}:
+        if attrs != {**MODEL_KIND, sealed.SEAL: _checksum_of_names(archive.namelist())}:
             raise ValueError("its files are not those that were written")
     return recipe
 
 
 @contextmanager
-def _whole(path: str | Path) -> Iterator[None]:
+def _damage_as_artifact_error(path: str | Path) -> Iterator[None]:
     """Raise ArtifactError where a model's file is missing, or the block finds it damaged.
 
-    zipfile compares a checksum of each file in the zip that the block reads.
+    zipfile compares a checksum of each file in the zip that the block reads, so the contents of the
+    files need no further check.
     """
     if not Path(path).exists():
         raise ArtifactError(f"{path}: no such model; `dvc repro` trains it")
@@ -451,22 +470,23 @@ def _whole(path: str | Path) -> Iterator[None]:
     try:
         yield
     except Exception as error:  # zipfile and zarr may raise anything at a damaged file
-        reason = (str(error).splitlines() or [type(error).__name__])[0][:120]
+        first_line, *_ = str(error).splitlines() or [type(error).__name__]
+        reason = first_line[:120]
         raise ArtifactError(f"{path}: not a whole model ({reason}); {sealed.REBUILD}") from None
 
 
-def _checksum(names: Iterable[str]) -> int:
-    """The checksum of the names of a model's files."""
+def _checksum_of_names(names: Iterable[str]) -> int:
+    """The checksum of the names of a model's files, by which a missing file is noticed."""
     return crc32("\n".join(sorted(names)).encode())
 
 
-def _flat(part: Any) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+def _flat(instance: Any) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
     """All arrays of a dataclass by name, and its attributes as JSON can hold them."""
-    fields = definition(type(part))
-    arrays = {name: np.asarray(getattr(part, name)) for name in fields.arrays}
-    attrs = {name: _encoded(getattr(part, name)) for name in fields.attributes}
+    fields = define(type(instance))
+    arrays = {name: np.asarray(getattr(instance, name)) for name in fields.arrays}
+    attrs = {name: _encoded(getattr(instance, name)) for name in fields.attributes}
     for name in fields.stacks:
-        flat_items = [_flat(item) for item in getattr(part, name)]
+        flat_items = [_flat(item) for item in getattr(instance, name)]
         arrays_of_items = [item_arrays for item_arrays, _ in flat_items]
         for array_name in arrays_of_items[0]:
             arrays[array_name] = np.stack(
@@ -477,39 +497,40 @@ def _flat(part: Any) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
     return arrays, attrs
 
 
-def _part(cls: type, arrays: Mapping[str, NDArray[Any]], attrs: Mapping[str, Any]) -> Any:
+def _built(cls: type, arrays: Mapping[str, NDArray[Any]], attrs: Mapping[str, Any]) -> Any:
     """Build a dataclass from its arrays and attributes: `_flat` the other way round."""
-    fields = definition(cls)
+    fields = define(cls)
     values: dict[str, Any] = {name: arrays[name] for name in fields.arrays}
     for name, (attribute_type, _) in fields.attributes.items():
         values[name] = _decoded(attribute_type, attrs[name])
-    for name, (_, part) in fields.stacks.items():
-        columns = {column: arrays[column] for column in definition(part).columns}
-        count = len(next(iter(columns.values())))
+    for name, (_, item_type) in fields.stacks.items():
+        columns = {column: arrays[column] for column in define(item_type).columns}
+        first_column = next(iter(columns.values()))
         values[name] = tuple(
-            _part(part, {column: rows[i] for column, rows in columns.items()}, attrs)
-            for i in range(count)
+            _built(item_type, {column: rows[i] for column, rows in columns.items()}, attrs)
+            for i in range(len(first_column))
         )
     return cls(**values)
 
 
-class _Parts(Sequence[Any]):
+class _StackedItems(Sequence[Any]):
     """The stacked dataclasses of an artifact on disk, each of which is read when it is used."""
 
-    def __init__(self, artifact: Artifact, part: type) -> None:
+    def __init__(self, artifact: Artifact, item_type: type) -> None:
         self._artifact = artifact
-        self._part = part
+        self._item_type = item_type
+        self._columns = tuple(define(item_type).columns)
+        """The names of the columns that the items are stored in."""
 
     def __len__(self) -> int:
-        return len(self._artifact[next(iter(definition(self._part).columns))])
+        first_column, *_ = self._columns
+        return len(self._artifact[first_column])
 
     def __getitem__(self, i: Any) -> Any:
         if not -len(self) <= i < len(self):
             raise IndexError(i)
-        arrays = {
-            name: np.asarray(self._artifact[name][i]) for name in definition(self._part).columns
-        }
-        return _part(self._part, arrays, self._artifact.attrs)
+        arrays = {name: np.asarray(self._artifact[name][i]) for name in self._columns}
+        return _built(self._item_type, arrays, self._artifact.attrs)
 
 
 def _encoded(value: Any) -> Any:
@@ -529,7 +550,9 @@ def _decoded(value_type: Any, value: Any) -> Any:
         return np.nan if value is None else float(value)
     inner_types = get_args(value_type)
     if get_origin(value_type) is tuple:
-        return tuple(_decoded(inner_types[0], inner) for inner in value)
+        item_type, *_ = inner_types  # all items of a tuple are of the first one's type
+        return tuple(_decoded(item_type, inner) for inner in value)
     if get_origin(value_type) is abc.Mapping:
-        return {key: _decoded(inner_types[1], inner) for key, inner in value.items()}
+        _, item_type = inner_types
+        return {key: _decoded(item_type, inner) for key, inner in value.items()}
     return value

@@ -111,7 +111,7 @@ class ResultsTable:
                 held_out[model.method] = self._held_out_novelty(grid, model)
                 bootstrap = self._bootstrap(grid, model)
             elif (self.study.question == "year" or model.posed) and not model.seed:
-                by_variant[model.method, model.answered] = evaluations
+                by_variant[model.method, model.variant_of_answers] = evaluations
         correct_m = self._evaluations(grid, models[-1], sequences[-1]).distance["correct_m"]
         yield {"grid": grid} | row("correct_m", "distance", correct_m)
         answers = Answers(by_method, held_out, by_variant)

@@ -48,13 +48,14 @@ def entries(conf: Path = PROJECT / "conf") -> list[Entry]:
     return methods
 
 
-def what(target: str) -> str:
+def description_of(target: str) -> str:
     """The description of a method, given by its class, such as pipeline.methods.sci.Sci.
 
     It is empty if the method's module is missing or has no docstring.
     """
     with suppress(ConfigError):
-        return _described(target)[0]
+        description, _ = _described(target)
+        return description
     return ""
 
 
@@ -80,7 +81,8 @@ def listing(methods: Iterable[Entry], width: int) -> str:
 
 def _described(target: str) -> tuple[str, str]:
     """The description of a method and its sources; raises ConfigError as `entries` does."""
-    path = PROJECT.joinpath(*target.split(".")[:-1]).with_suffix(".py")
+    *module, _ = target.split(".")  # the last name is the class
+    path = PROJECT.joinpath(*module).with_suffix(".py")
     if not path.is_file():
         raise ConfigError(f"{target}: no {path}, which its yaml names")
     docstring = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""

@@ -18,19 +18,19 @@ REHEARSED = "rehearsed"
 
 
 def instances(
-    trained: Mapping[str, Any], study: Study, method: StudyMethod
+    model_settings: Mapping[str, Any], study: Study, method: StudyMethod
 ) -> dict[str, dict[str, Any]]:
     """The courses of one model, as instances of the stage `lifelong`: name to settings.
 
-    `trained` are the settings of the model itself, which each instance takes too.
+    `model_settings` are the settings of the model itself, which each instance takes too.
     """
-    model = f"{study.name}-{trained['grid']}-{trained['model']}"
+    model = f"{study.name}-{model_settings['grid']}-{model_settings['model']}"
     days_of_order = {"days": study.learned, "updates": study.updates}
     courses_of_model = {}
     for order, strategies in method.courses.items():
         for strategy in strategies:
             courses_of_model[f"{model}-{order}-{strategy}"] = {
-                **trained,
+                **model_settings,
                 "order": order,
                 "strategy": strategy,
                 "learned": " ".join(days_of_order.get(order, ())),
@@ -56,6 +56,7 @@ def with_further_days(
             f"learned={','.join(learned_days)}: expected some of several test sequences; the "
             "others are asked after each"
         )
+    # a day that is asked about must not be learned
     updates = [day for day in defaults.get("updates", {}).get(preset, ()) if day not in asked_days]
     return replace(
         study, learned=tuple(learned_days), tests=tuple(asked_days), updates=tuple(updates)
@@ -63,17 +64,17 @@ def with_further_days(
 
 
 def courses(
-    defaults: Mapping[str, Any], settings: Mapping[str, Any], updates: bool
+    defaults: Mapping[str, Any], settings: Mapping[str, Any], has_updates: bool
 ) -> dict[str, tuple[str, ...]]:
     """The strategies of each order for a method with these settings of its yaml.
 
     `defaults` has two tables: `trained` for methods that train further, and `courses` for others.
-    The order `updates` is left out unless `updates` says that the study has such days.
+    The order `updates` is left out unless the study has such days (`has_updates`).
     """
     trains_further = REHEARSED in settings
     strategies_of_orders = defaults["trained" if trains_further else "courses"]
     return {
         order: tuple(strategies)
         for order, strategies in strategies_of_orders.items()
-        if order != "updates" or updates
+        if order != "updates" or has_updates
     }

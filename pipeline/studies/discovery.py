@@ -44,7 +44,7 @@ class Drives:
     """What a person should know about the sequences, such as which cannot be read."""
 
 
-def simulated(
+def simulated_drives(
     conf: Path, name: str, defaults: Mapping[str, Any], options: Mapping[str, str]
 ) -> Drives:
     """Choose sequences of a simulated world's table, conf/world/NAME_PRESET.yaml.
@@ -57,7 +57,7 @@ def simulated(
         raise ConfigError(f"world={world}: expected one of {', '.join(tests_of_world)}")
     sequences = read_yaml(conf / "world" / f"{name}_{world}.yaml")["sequences"]
     tests = options["tests"].split(",") if "tests" in options else list(tests_of_world[world])
-    if defaults.get("parts"):
+    if defaults.get("parts"):  # each log is split: the first part, -a, trains, the second tests
         sequences = [f"{log}-b" for log in sequences]
     if unknown := [test for test in tests if test not in sequences]:
         raise ConfigError(
@@ -65,7 +65,14 @@ def simulated(
         )
     train = defaults["train"] if isinstance(defaults["train"], str) else defaults["train"][world]
     root = Layout().path("logs", name).as_posix()
-    return Drives(f"{name}_{world}", root, train, tests, BUDGETS.get(world, "demo"), [])
+    return Drives(
+        world=f"{name}_{world}",
+        root=root,
+        train=train,
+        tests=tests,
+        budget=BUDGETS.get(world, "demo"),
+        notes=[],
+    )
 
 
 @dataclass
@@ -89,8 +96,8 @@ class LogFolder:
         missing = _reader(name, reader).sequences(root)
         if not missing:
             raise ConfigError(f"root={root}: no {name} sequence there; expected {expected}")
-        unsafe = [sequence for sequence in missing if not SAFE_NAME.fullmatch(sequence)]
-        for sequence in unsafe:
+        unsafe_names = [sequence for sequence in missing if not SAFE_NAME.fullmatch(sequence)]
+        for sequence in unsafe_names:
             missing |= {sequence: ["a name of letters, digits and ._+-: rename it"]}
         readable = []
         notes = []
@@ -107,7 +114,7 @@ class LogFolder:
         return "".join(f"; {note}" for note in self.notes)
 
 
-def recorded(
+def recorded_drives(
     name: str, reader: Mapping[str, Any], defaults: Mapping[str, Any], options: Mapping[str, str]
 ) -> Drives:
     """Choose among the sequences below the folder root= that can be read.
@@ -131,9 +138,16 @@ def recorded(
             f"{log} (log=NN chooses another, parts=time:2 splits it otherwise)"
         )
     logs.readable = list(dict.fromkeys([*logs.readable, *named_parts]))
-    trained = _trained(logs, options, default_train)
-    tests = _tested(logs, options, default_tests, trained)
-    return Drives("recorded", str(logs.root), " ".join(trained), tests, "full", logs.notes)
+    train = _training_sequences(logs, options, default_train)
+    tests = _test_sequences(logs, options, default_tests, train)
+    return Drives(
+        world="recorded",
+        root=str(logs.root),
+        train=" ".join(train),
+        tests=tests,
+        budget="full",
+        notes=logs.notes,
+    )
 
 
 def _root(name: str, options: Mapping[str, str]) -> Path:
@@ -152,7 +166,7 @@ def _root(name: str, options: Mapping[str, str]) -> Path:
     return root
 
 
-def _named(options: Mapping[str, str]) -> list[str]:
+def _named_sequences(options: Mapping[str, str]) -> list[str]:
     """All names that the options train= and tests= give."""
     train = options.get("train", "").replace(",", " ").split()
     tests = options.get("tests", "").replace(",", " ").split()
@@ -162,7 +176,7 @@ def _named(options: Mapping[str, str]) -> list[str]:
 def _named_parts(options: Mapping[str, str], readable: Sequence[str]) -> list[str]:
     """The names in train= and tests= that are parts of readable logs, such as drive+path1of2."""
     named_parts = []
-    for name in dict.fromkeys(_named(options)):
+    for name in dict.fromkeys(_named_sequences(options)):
         log, part = Part.named(name)
         if part and log in readable:
             named_parts.append(name)
@@ -193,28 +207,30 @@ def _default_log(train: str | None, readable: Sequence[str]) -> str:
     return log if log in readable else readable[0]
 
 
-def _trained(logs: LogFolder, options: Mapping[str, str], default: str | None) -> list[str]:
+def _training_sequences(
+    logs: LogFolder, options: Mapping[str, str], default: str | None
+) -> list[str]:
     """The training sequences: those of train=, or the data set's default, or the first readable.
 
     Of several, only those that can be read are taken; a note names each other one. Raises
     ConfigError if none can be read, or if a test sequence contains a training one.
     """
     first_readable = logs.readable[0] if logs.readable else ""
-    trained = options.get("train", default or first_readable).replace(",", " ").split()
-    if len(trained) > 1:
-        for sequence in trained:
+    sequences = options.get("train", default or first_readable).replace(",", " ").split()
+    if len(sequences) > 1:
+        for sequence in sequences:
             if sequence not in logs.readable:
                 logs.notes.append(f"{sequence}: not below {logs.root}, not trained on")
-        trained = [sequence for sequence in trained if sequence in logs.readable]
-    train = " ".join(trained)
-    whole_logs = [Part.named(sequence)[0] for sequence in trained]
-    for name in _named(options):
-        if name in whole_logs and name not in trained:
+        sequences = [sequence for sequence in sequences if sequence in logs.readable]
+    train = " ".join(sequences)
+    whole_logs = _whole_logs(sequences)
+    for name in _named_sequences(options):
+        if name in whole_logs and name not in sequences:
             raise ConfigError(
                 f"tests={name}: holds what the training sequence {train} is a part of; "
                 "give another part"
             )
-    if not trained or not set(trained) <= set(logs.readable):
+    if not sequences or not set(sequences) <= set(logs.readable):
         advice = "no sequence there can"
         if logs.readable:
             advice = f"give train=, one of {', '.join(logs.readable)}"
@@ -222,43 +238,52 @@ def _trained(logs: LogFolder, options: Mapping[str, str], default: str | None) -
             f"the training sequence {train} cannot be read below {logs.root}: {advice}"
             f"{logs.notes_text}"
         )
-    return trained
+    return sequences
 
 
-def _tested(
-    logs: LogFolder, options: Mapping[str, str], default: Sequence[str], trained: Sequence[str]
+def _whole_logs(sequences: Sequence[str]) -> list[str]:
+    """The log that each sequence is, or is a part of."""
+    whole_logs = []
+    for sequence in sequences:
+        log, _ = Part.named(sequence)
+        whole_logs.append(log)
+    return whole_logs
+
+
+def _test_sequences(
+    logs: LogFolder, options: Mapping[str, str], default: Sequence[str], train: Sequence[str]
 ) -> list[str]:
     """The test sequences: those of tests=, or the data set's default, or all but the training ones.
 
-    Only those that can be read are taken; a note names each that is not on disk. Raises ConfigError
-    if none is left.
+    `train` are the training sequences. Only those that can be read are taken; a note names
+    each that is not on disk. Raises ConfigError if none is left.
     """
-    train = " ".join(trained)
-    trained_logs = [Part.named(sequence)[0] for sequence in trained]
     if "tests" in options:
         tests = options["tests"].split(",")
     elif default:
         tests = list(default)
     else:
-        tests = [name for name in logs.readable if name not in (*trained, *trained_logs)]
-    if tests == [train]:
-        raise ConfigError(f"tests={train}: is the training sequence; give others")
+        training_names = (*train, *_whole_logs(train))
+        tests = [name for name in logs.readable if name not in training_names]
+    train_text = " ".join(train)
+    if tests == [train_text]:
+        raise ConfigError(f"tests={train_text}: is the training sequence; give others")
     earlier_notes = logs.notes_text
     for sequence in tests:
         if sequence not in logs.readable and sequence not in logs.missing:
             logs.notes.append(f"{sequence}: not below {logs.root}, left out")
-    readable_tests = [test for test in tests if test in logs.readable and test not in trained]
+    readable_tests = [test for test in tests if test in logs.readable and test not in train]
     if not readable_tests:
         raise ConfigError(
             f"no test sequence can be read below {logs.root}: "
-            f"{_advice_on_tests(logs, options, trained)}{earlier_notes}"
+            f"{_advice_on_tests(logs, options, train)}{earlier_notes}"
         )
     return readable_tests
 
 
-def _advice_on_tests(logs: LogFolder, options: Mapping[str, str], trained: Sequence[str]) -> str:
+def _advice_on_tests(logs: LogFolder, options: Mapping[str, str], train: Sequence[str]) -> str:
     """What to do if no test sequence can be read."""
-    choices = [sequence for sequence in logs.readable if sequence not in trained]
+    choices = [sequence for sequence in logs.readable if sequence not in train]
     if choices:
         return f"give tests=, some of {', '.join(choices)}"
     if len(logs.readable) == 1:
@@ -270,6 +295,7 @@ def _advice_on_tests(logs: LogFolder, options: Mapping[str, str], trained: Seque
 
 def _reader(name: str, settings: Mapping[str, Any]) -> Reader:
     """Build the reader in a data set's yaml; raises ConfigError for a wrong class or key."""
+    # pydoc's `locate` imports a class by its full name, and returns None if there is none
     kind: Any = locate(settings.get("_target_", ""))
     if kind is None:
         raise ConfigError(

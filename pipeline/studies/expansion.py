@@ -44,6 +44,7 @@ LISTS = (
     "published",
     "absent",
 )
+"""The names of all lists; dvc.yaml needs each of them, if it be empty."""
 STRUCTURE = ("demolition", "construction")
 """Alterations of buildings, which only a method's own model is asked about.
 
@@ -115,13 +116,13 @@ def _add_views(lists: Lists, study: Study) -> None:
 
 def _add_labels(lists: Lists, study: Study) -> None:
     """Add the places of the submaps, at each cell size."""
-    labelled = study.sequences if study.asks_about_the_year else study.train
+    labelled_sequences = study.sequences if study.asks_about_the_year else study.train
     for grid in study.all_grids:
         lists["labels"][f"{study.name}-{grid.name}"] = {
             "grid": grid.name,
             "dataset": study.name,
             "train": study.train_text,
-            "sequences": " ".join(labelled),
+            "sequences": " ".join(labelled_sequences),
         }
 
 
@@ -129,15 +130,16 @@ def _add_model(
     lists: Lists, study: Study, grid: CellSize, method: StudyMethod, model: ModelName
 ) -> None:
     """Add the training of a model, and either the further days that it learns or its answers."""
-    trained = _model_settings(study, grid, method, model)
+    model_settings = _model_settings(study, grid, method, model)
     training = {
         "budget": study.budget,
+        # what a path of views or labels ends in: of several sequences their folder is read
         "of": "" if len(study.train) > 1 else f"/{study.train_text}.zarr",
     }
-    lists["models"][_instance(study, grid, model)] = trained | training
+    lists["models"][_instance(study, grid, model)] = model_settings | training
     if study.learns_further_days:
         course = {
-            **trained,
+            **model_settings,
             **training,
             "tolerance": study.tolerance.name,
             "name": _word("name", model),
@@ -145,7 +147,7 @@ def _add_model(
         }
         lists["lifelong"] |= instances(course, study, method)
     if study.asks_about_the_year:
-        _add_answers(lists, study, grid, model, trained)
+        _add_answers(lists, study, grid, model, model_settings)
 
 
 def _model_settings(
@@ -169,7 +171,11 @@ def _model_settings(
 
 
 def _add_answers(
-    lists: Lists, study: Study, grid: CellSize, model: ModelName, trained: Mapping[str, Any]
+    lists: Lists,
+    study: Study,
+    grid: CellSize,
+    model: ModelName,
+    model_settings: Mapping[str, Any],
 ) -> None:
     """Add what a model answers: rankings, poses and paths, and the evaluation of each.
 
@@ -183,11 +189,11 @@ def _add_answers(
     alterations = _alterations_of(study, model) if is_own_grid else []
     queries = {"tests": tests, "alterations": " ".join(alterations)}
     if not study.altered:
-        _add_absent(lists, "altered", dataset, trained["view"])
-    lists["rankings"][instance] = {**trained, **queries}
+        _add_absent(lists, "altered", dataset, model_settings["view"])
+    lists["rankings"][instance] = {**model_settings, **queries}
     if is_own_grid and model.family in study.poses:
         lists["maps"][dataset] = {"dataset": dataset, "train": study.train_text}
-        lists["poses"][instance] = {**trained, **queries, "budget": study.budget}
+        lists["poses"][instance] = {**model_settings, **queries, "budget": study.budget}
     for answers in study.answers_of(model) if is_own_grid else [model]:
         lists["evaluations"][_instance(study, grid, answers)] = {
             "dataset": dataset,

@@ -59,9 +59,13 @@ class Layout:
         *parents, name = names
         return folder.joinpath(*parents, f"{name}{ENDINGS.get(kind, '.zarr')}")
 
-    def answers(self, dataset: str, grid: str, answers: ModelName, *sequence: str) -> Path:
-        """The folder of a model's rankings, poses or paths, or the artifact of one sequence."""
-        if answers.path:
-            return self.path("paths", dataset, grid, answers.name, *sequence)
-        kind = "poses" if answers.posed else "localize"
-        return self.path(kind, dataset, grid, replace(answers, posed=False).name, *sequence)
+    def answers(self, dataset: str, grid: str, model: ModelName, *sequence: str) -> Path:
+        """The folder of a model's rankings, poses or paths, or the artifact of one sequence.
+
+        Which of the three they are, the name says: it has a path, or is posed, or neither.
+        """
+        if model.path:
+            return self.path("paths", dataset, grid, model.name, *sequence)
+        kind = "poses" if model.posed else "localize"
+        # poses have a folder of their own, so the name in it need not say that they are poses
+        return self.path(kind, dataset, grid, replace(model, posed=False).name, *sequence)

@@ -28,7 +28,7 @@ def read(layout: Layout, name: str) -> Study:
     path = layout.path("results", name, FILE)
     if not path.is_file():
         raise ArtifactError(f"{path}: no results yet; `dvc repro` gathers them")
-    return filled(Study, read_yaml(path), _unchanged)
+    return filled(Study, read_yaml(path), build=_unchanged)
 
 
 def stale(layout: Layout, studies: Mapping[str, Study]) -> list[str]:
@@ -37,7 +37,7 @@ def stale(layout: Layout, studies: Mapping[str, Study]) -> list[str]:
 
 
 def _unchanged(table: Any) -> Any:
-    """Builds nothing: no setting of a study is an object of another class."""
+    """The table itself: no setting of a study is an object that must be built of its table."""
     return table
 
 

@@ -1,4 +1,8 @@
-"""The name of a model and of its answers, such as sci-4way-pose-seed1, with its parts."""
+"""The name of a model and of its answers, such as sci-4way-pose-seed1, with its parts.
+
+A model answers queries with places. These answers may be registered to poses, and the poses of a
+drive may be joined along its path; the results of each are rows of their own.
+"""
 
 from dataclasses import dataclass
 from typing import Any
@@ -12,6 +16,7 @@ class ModelName:
     variant: str = ""
     """A method with some settings changed; empty for the method itself."""
     seed: int = 0
+    """The number of the model among those that differ in what training draws at random."""
     posed: bool = False
     """Whether its answers were registered to poses; they count as a variant of their own."""
     path: str = ""
@@ -20,10 +25,10 @@ class ModelName:
     @property
     def family(self) -> str:
         """The method with its variant, whatever the seed: `sci-4way`, `sci-4way-pose`."""
-        return f"{self.method}-{self.answered}" if self.answered else self.method
+        return "-".join(filter(None, (self.method, self.variant_of_answers)))
 
     @property
-    def answered(self) -> str:
+    def variant_of_answers(self) -> str:
         """The variant as the table of results has it: `4way-pose`, `pose-filter`."""
         pose = "pose" if self.posed else ""
         return "-".join(filter(None, (self.variant, pose, self.path)))
@@ -36,4 +41,4 @@ class ModelName:
     @property
     def columns(self) -> dict[str, Any]:
         """The columns that name it in the table of results."""
-        return {"method": self.method, "variant": self.answered, "seed": self.seed}
+        return {"method": self.method, "variant": self.variant_of_answers, "seed": self.seed}

@@ -2,9 +2,9 @@
 
 1. Find the sequences that train and test (`discovery`).
 2. Make a study of them, with the choices in the data set's yaml (`first_choices`).
-3. Apply CHANGES to it one after another: the preset of its world, the scale, the variants and seeds
-   of each method, the question, altered queries, poses, and timing. Each is a function that takes a
-   study and returns a changed one.
+3. Apply CHANGES to it one after another: the stress sequences of its world's preset, the scale, the
+   variants and seeds of each method, the question, altered queries, poses, and timing. Each is a
+   function that takes a study and returns a changed one.
 """
 
 from collections.abc import Mapping, Sequence
@@ -16,11 +16,13 @@ from pipeline.core.errors import ConfigError
 from pipeline.readers.parts import Part
 from pipeline.running.texts import read_yaml
 from pipeline.studies.courses import courses, with_further_days
-from pipeline.studies.discovery import Drives, recorded, simulated
+from pipeline.studies.discovery import Drives, recorded_drives, simulated_drives
 from pipeline.studies.study import (
     LIFELONG,
     QUESTIONS,
     TOLERANCE,
+    VIEWPOINTS,
+    YEAR,
     CellSize,
     Study,
     StudyMethod,
@@ -43,10 +45,11 @@ OPTIONS = (
     "tests",
     "variants",
 )
-"""The options of `yearloc use` that every study takes."""
+"""The options of `yearloc use` that a study takes, less those in NEEDLESS for its question."""
 MOST_SEEDS = 100
+"""The most models of a method that `seeds=` may ask for."""
 NEEDLESS = {
-    "viewpoints": {"altered", "cells", "poses", "paths", "latency"},
+    VIEWPOINTS: {"altered", "cells", "poses", "paths", "latency"},
     LIFELONG: {"altered", "cells", "poses", "paths", "latency"},
 }
 """By question, the options of `yearloc use` that have no effect on its studies."""
@@ -75,23 +78,44 @@ class Request:
     defaults: Mapping[str, Any]
     """The study in the data set's yaml, with the changes that the question makes to it."""
 
-    def __contains__(self, option: str) -> bool:
+    def has(self, option: str) -> bool:
+        """Whether the person gave an option, be it empty."""
         return option in self.options
 
-    def names(self, option: str, offered: Sequence[str]) -> list[str]:
-        """The names after an option; all `offered` ones without the option, none if it is empty.
+    def names(self, option: str, choices: Sequence[str]) -> list[str]:
+        """The names after an option, each once; all `choices` if the option is not given.
 
-        Raises ConfigError for a name that is not offered.
+        An empty option gives none. Raises ConfigError for a name that is not among the choices.
         """
-        wanted = self.options[option].split(",") if option in self.options else offered
-        names = [name for name in dict.fromkeys(wanted) if name]
+        words = self.options[option].split(",") if self.has(option) else choices
+        names = [name for name in dict.fromkeys(words) if name]
         for name in names:
-            if name not in offered:
+            if name not in choices:
                 expected = "this question and these methods have none"
-                if offered:
-                    expected = f"expected some of {', '.join(offered)}"
+                if choices:
+                    expected = f"expected some of {', '.join(choices)}"
                 raise ConfigError(f"{option}={name}: {expected}")
         return names
+
+    def posed_models(self, choices: Sequence[str]) -> list[str] | None:
+        """The models that `poses=` names; None if it is not given, or says only SLAM.
+
+        `choices` are the models that it may name. Raises ConfigError as `names` does.
+        """
+        if self.options.get("poses", SLAM) == SLAM:
+            return None
+        names = self.names("poses", [*choices, SLAM])
+        return [name for name in names if name != SLAM]
+
+    @property
+    def wants_slam(self) -> bool:
+        """Whether `poses=` has the word SLAM: poses are to be estimated from the scans."""
+        return SLAM in self.options.get("poses", "").split(",")
+
+    @property
+    def preset(self) -> str:
+        """The preset of the simulated world."""
+        return self.options.get("world", PRESET)
 
 
 def propose(conf: Path, name: str, options: Mapping[str, str]) -> Proposal:
@@ -102,13 +126,13 @@ def propose(conf: Path, name: str, options: Mapping[str, str]) -> Proposal:
     study.
     """
     dataset = read_yaml(file_of(conf, "dataset", name, f"no data set {name}: expected one of"))
-    question = options.get("question", QUESTIONS[0])
+    question = options.get("question", YEAR)
     _refuse_unknown(name, dataset, question, options)
     request = Request(conf, options, _defaults(conf, name, dataset["study"], question))
     if dataset["simulated"]:
-        drives = simulated(conf, name, request.defaults, options)
+        drives = simulated_drives(conf, name, request.defaults, options)
     else:
-        drives = recorded(name, dataset["reader"], request.defaults, options)
+        drives = recorded_drives(name, dataset["reader"], request.defaults, options)
     study = first_choices(request, name, question, dataset["simulated"], drives)
     for change in CHANGES:
         study = change(study, request)
@@ -119,11 +143,18 @@ def propose(conf: Path, name: str, options: Mapping[str, str]) -> Proposal:
 def first_choices(
     request: Request, name: str, question: str, is_simulated: bool, drives: Drives
 ) -> Study:
-    """The study of these drives with the choices of the data set's yaml, and a person's budget."""
+    """The study of these drives with the choices of the data set's yaml.
+
+    The methods and the budget are the person's, if the options name them. `name` is the data set,
+    `question` one of QUESTIONS.
+    """
     conf = request.conf
     defaults = request.defaults
-    names = request.options["methods"].split(",") if "methods" in request else defaults["methods"]
+    names = defaults["methods"]
+    if request.has("methods"):
+        names = request.options["methods"].split(",")
     view_of_method = {method: str(settings_of(conf, method)["view"]) for method in names}
+    # the data set may have some methods look at another view than their yaml says
     replaced_views = defaults.get("views", {})
     budget = request.options.get("budget", drives.budget)
     file_of(conf, "budget", budget, f"budget={budget}: expected one of")
@@ -146,11 +177,11 @@ def first_choices(
     )
 
 
-def with_preset(study: Study, request: Request) -> Study:
-    """The study with the stress sequences of its world: drives that are hard in one way."""
+def with_stress(study: Study, request: Request) -> Study:
+    """The study with the stress sequences, drives hard in one way, of its world's preset."""
     if not study.simulated:
         return study
-    stress = request.defaults.get("stress", {}).get(_preset(request), {})
+    stress = request.defaults.get("stress", {}).get(request.preset, {})
     return replace(study, stress=dict(stress))
 
 
@@ -159,15 +190,10 @@ def with_scale(study: Study, request: Request) -> Study:
 
     A scale replaces the submaps, the cell sizes, the tolerance, and views and settings of methods.
     """
-    if "scale" not in request:
+    if not request.has("scale"):
         return study
-    scale_file = file_of(
-        request.conf,
-        "scale",
-        request.options["scale"],
-        f"scale={request.options['scale']}: expected one of",
-    )
-    scale = read_yaml(scale_file)
+    name = request.options["scale"]
+    scale = read_yaml(file_of(request.conf, "scale", name, f"scale={name}: expected one of"))
     methods = []
     for method in study.methods:
         view = scale.get("views", {}).get(method.view, method.view)
@@ -189,29 +215,34 @@ def with_scale(study: Study, request: Request) -> Study:
 
 
 def with_models(study: Study, request: Request) -> Study:
-    """The study with the variants of each method, and the seeds of those that train at random."""
+    """The study with the variants of each method, and the seeds of those that train at random.
+
+    A study of viewpoints takes variants only where `variants=` names them. Raises ConfigError for
+    a wrong number of seeds, or if no method would use several.
+    """
     seeds = request.options.get("seeds", str(request.defaults.get("seeds", 1)))
     if not (seeds.isdecimal() and 1 <= int(seeds) <= MOST_SEEDS):
         raise ConfigError(f"seeds={seeds}: expected a number from 1 to {MOST_SEEDS}")
     names = [method.name for method in study.methods]
     variants_of_methods: Mapping[str, Mapping[str, str]] = request.defaults.get("variants", {})
-    offered = set[str]()
+    known_variants = set[str]()
     for name in names:
-        offered |= variants_of_methods.get(name, {}).keys()
-    if study.question == "viewpoints" and "variants" not in request:
-        wanted = []  # each would train for minutes
+        known_variants |= variants_of_methods.get(name, {}).keys()
+    if study.question == VIEWPOINTS and not request.has("variants"):
+        variant_names = []  # each would train for minutes
     else:
-        wanted = request.names("variants", sorted(offered))
+        variant_names = request.names("variants", sorted(known_variants))
     methods = []
     for method in study.methods:
         variants = {
             variant: words
             for variant, words in variants_of_methods.get(method.name, {}).items()
-            if variant in wanted
+            if variant in variant_names
         }
         is_random = "seed" in settings_of(request.conf, method.name)
         methods.append(replace(method, variants=variants, seeds=int(seeds) if is_random else 1))
-    if int(seeds) > 1 and "seeds" in request and all(method.seeds == 1 for method in methods):
+    uses_seeds = any(method.seeds > 1 for method in methods)
+    if int(seeds) > 1 and request.has("seeds") and not uses_seeds:
         raise ConfigError(
             f"seeds={seeds}: none of {','.join(names)} draws at random; leave seeds out"
         )
@@ -219,43 +250,45 @@ def with_models(study: Study, request: Request) -> Study:
 
 
 def with_question(study: Study, request: Request) -> Study:
-    """The study with what its question needs, such as further days and strategies to learn them.
+    """The study with what its question needs: `lifelong` needs further days and courses.
 
-    Raises ConfigError for methods that the question of viewpoints cannot be asked about.
+    The courses of a method say in which order it learns these days, and by which strategies. Raises
+    ConfigError for methods that the question of viewpoints cannot be asked about.
     """
-    if study.question == "viewpoints" and len(study.bird_view_methods) < len(study.methods):
+    if study.question == VIEWPOINTS and len(study.bird_view_methods) < len(study.methods):
         raise ConfigError(
             f"methods={','.join(method.name for method in study.methods)}: only methods that look "
             "at bird-views can be asked about viewpoints"
         )
     if not study.learns_further_days:
         return study
-    preset = _preset(request) if study.simulated else ""
+    preset = request.preset if study.simulated else ""
     study = with_further_days(study, request.defaults, preset, request.options.get("learned", ""))
     methods = []
     for method in study.methods:
         settings = settings_of(request.conf, method.name)
-        courses_of_method = courses(request.defaults, settings, bool(study.updates))
+        courses_of_method = courses(request.defaults, settings, has_updates=bool(study.updates))
         methods.append(replace(method, courses=courses_of_method))
     return replace(study, methods=tuple(methods))
 
 
 def with_alterations(study: Study, request: Request) -> Study:
     """The study with altered queries of some test sequences, and with further cell sizes."""
-    alterable = {
-        name: tuple(spread([*study.tests], number))
+    # the data set's yaml says how many test sequences each alteration alters
+    sequences_of_alterations = {
+        name: tuple(evenly_chosen([*study.tests], number))
         for name, number in request.defaults.get("altered", {}).items()
     }
-    alterations = request.names("altered", [*alterable])
+    alterations = request.names("altered", [*sequences_of_alterations])
     cells = request.defaults.get("cells", [])
-    if "cells" in request:
+    if request.has("cells"):
         grid_files = sorted((request.conf / "grid").glob("*.yaml"))
         cells = request.names(
             "cells", [file.stem for file in grid_files if file.stem not in study.grid_names]
         )
     return replace(
         study,
-        altered={name: alterable[name] for name in alterations},
+        altered={name: sequences_of_alterations[name] for name in alterations},
         cells=tuple(CellSize.read(request.conf, study.name, cell) for cell in cells),
     )
 
@@ -267,42 +300,39 @@ def with_poses(study: Study, request: Request) -> Study:
     means that the logs have no poses and these are estimated from the scans. paths= names the ways
     in which poses are joined along a drive.
     """
-    wants_slam = SLAM in request.options.get("poses", "").split(",")
     poses = _posed_families(study, request)
-    offered_paths = [path.stem for path in sorted((request.conf / "path").glob("*.yaml"))]
-    paths = request.names("paths", offered_paths) if "paths" in request else []
+    paths = []
+    if request.has("paths"):
+        path_files = sorted((request.conf / "path").glob("*.yaml"))
+        paths = request.names("paths", [file.stem for file in path_files])
     if paths and not poses:
         raise ConfigError(
             f"paths={request.options['paths']}: joins poses along a drive; say poses=METHOD too"
         )
-    return replace(study, poses=tuple(poses), paths=tuple(paths), slam=wants_slam)
+    return replace(study, poses=tuple(poses), paths=tuple(paths), slam=request.wants_slam)
 
 
 def _posed_families(study: Study, request: Request) -> list[str]:
     """The families of models (method and variant) whose answers are registered."""
     families = [model.family for model in study.models if not model.seed]
-    names_models = "poses" in request and request.options["poses"] != SLAM
-    if names_models:
-        return [name for name in request.names("poses", [*families, SLAM]) if name != SLAM]
+    named_families = request.posed_models(families)
+    if named_families is not None:
+        return named_families
     if "poses" in NEEDLESS.get(study.question, set()):
         return []
     default_families = request.defaults.get("poses", ())
     if study.simulated and default_families:
-        default_families = default_families.get(_preset(request), ())
+        # the yaml of a simulated data set has a list for each preset of its world
+        default_families = default_families.get(request.preset, ())
     return [name for name in families if name in default_families]
 
 
 def with_timing(study: Study, request: Request) -> Study:
-    """The study with the choice whether the cost of a query is measured."""
+    """The study with the choice whether the cost of a query is measured: `latency=` yes or no."""
     latency = request.options.get("latency", "yes")
     if latency not in ("yes", "no"):
         raise ConfigError(f"latency={latency}: expected yes or no")
     return replace(study, latency=latency == "yes")
-
-
-def _preset(request: Request) -> str:
-    """The preset of the simulated world."""
-    return request.options.get("world", PRESET)
 
 
 def _refuse_unknown(
@@ -313,7 +343,10 @@ def _refuse_unknown(
     allowed |= {"learned"} if question == LIFELONG else set()
     allowed |= {"world"} if dataset["simulated"] else {"root", "log", "parts", "train"}
     needless = NEEDLESS.get(question, set())
-    allowed -= {option for option in needless if options.get(option) not in ("", "no")}
+    for option in needless:
+        switches_off = options.get(option) in ("", "no")
+        if not switches_off:  # to switch off what is off anyway is allowed
+            allowed.discard(option)
     if unknown := sorted(set(options) - allowed):
         request = f"{name} question={question}" if needless else name
         raise ConfigError(
@@ -323,7 +356,7 @@ def _refuse_unknown(
 
 def refuse_unposed(study: Study, reader: Mapping[str, Any]) -> None:
     """Raise ConfigError if logs have no poses, and these cannot or shall not be estimated."""
-    for key in ("truth", "poses"):
+    for key in ("truth", "poses"):  # the keys by which readers name the source of poses
         if key in reader and not reader[key] and not study.slam:
             raise ConfigError(
                 f"{study.name}: reader.{key} of its yaml names no poses; say poses=slam, and "
@@ -344,32 +377,37 @@ def _defaults(conf: Path, name: str, study: Mapping[str, Any], question: str) ->
     conf/question/QUESTION.yaml has the changes to every study, the data set's yaml those to its
     own. Raises ConfigError for a question that this data set cannot be asked.
     """
-    offered = [word for word in QUESTIONS if word != "viewpoints" or word in study]
-    if question not in offered:
-        raise ConfigError(f"question={question}: of {name} expected {' or '.join(offered)}")
-    whole_logs = {"parts": False} if question == "viewpoints" else {}
+    # a data set can be asked about viewpoints only if its yaml has a table for them
+    questions = [word for word in QUESTIONS if word != VIEWPOINTS or word in study]
+    if question not in questions:
+        raise ConfigError(f"question={question}: of {name} expected {' or '.join(questions)}")
+    # the sequences of viewpoints are whole logs, where other questions may split one into parts
+    changes_of_logs = {"parts": False} if question == VIEWPOINTS else {}
     question_file = conf / "question" / f"{question}.yaml"
     general_changes = read_yaml(question_file) if question_file.is_file() else {}
     own_changes = study.get(question, {})
-    defaults = {**study, **whole_logs, **general_changes, **own_changes}
+    defaults = {**study, **changes_of_logs, **general_changes, **own_changes}
     if "variants" in general_changes and "variants" in own_changes:
-        general = general_changes["variants"]
-        own = own_changes["variants"]
+        general_variants = general_changes["variants"]
+        own_variants = own_changes["variants"]
         defaults["variants"] = {
-            method: {**general.get(method, {}), **own.get(method, {})} for method in general | own
+            method: {**general_variants.get(method, {}), **own_variants.get(method, {})}
+            for method in general_variants | own_variants
         }
     return defaults
 
 
-def spread(tests: list[str], number: int) -> list[str]:
+def evenly_chosen(tests: list[str], number: int) -> list[str]:
     """Choose `number` test sequences evenly from the first to the last; all if there are fewer."""
     if number >= len(tests):
         return list(tests)
-    return [tests[round(i * (len(tests) - 1) / max(number - 1, 1))] for i in range(number)]
+    last_row = len(tests) - 1
+    last_choice = max(number - 1, 1)
+    return [tests[round(choice * last_row / last_choice)] for choice in range(number)]
 
 
 CHANGES = (
-    with_preset,
+    with_stress,
     with_scale,
     with_models,
     with_question,

@@ -90,12 +90,12 @@ def check_lists(studies: Mapping[str, Study], lists: Any) -> None:
     lists = lists if isinstance(lists, Mapping) else {}
     # a long list of drives lies in several parts (`parts`): join them
     drives: dict[str, Any] = {}
-    for name, part in lists.items():
-        if name.startswith("drives") and isinstance(part, Mapping):
-            drives |= part
+    for name, instances in lists.items():
+        if name.startswith("drives") and isinstance(instances, Mapping):
+            drives |= instances
     joined_lists = {**lists, "drives": drives}
-    expanded = expand(studies)
-    if any(joined_lists.get(name) != instances for name, instances in expanded.items()):
+    expected_lists = expand(studies)
+    if any(joined_lists.get(name) != instances for name, instances in expected_lists.items()):
         raise ConfigError(
             "conf/lists.yaml does not follow from conf/studies.yaml; `yearloc use` generates it "
             "anew"

@@ -21,8 +21,11 @@ from pipeline.core.settings import Count, within
 from pipeline.running.texts import read_yaml
 from pipeline.studies.models import ModelName
 
+YEAR = "year"
+ROBUSTNESS = "robustness"
+VIEWPOINTS = "viewpoints"
 LIFELONG = "lifelong"
-QUESTIONS = ("year", "robustness", "viewpoints", LIFELONG)
+QUESTIONS = (YEAR, ROBUSTNESS, VIEWPOINTS, LIFELONG)
 VIEWS = "views"
 """The stage that draws views of single submaps."""
 BIRD_VIEWS = "birdviews"
@@ -142,7 +145,8 @@ class StudyMethod:
         Raises ConfigError if there is no such method.
         """
         settings = settings_of(conf, name)
-        module = settings["_target_"].split(".")[:-1]  # pipeline.methods.NAME, or longer
+        # a class of pipeline.methods.NAME, or of a module in a folder of this name
+        *module, _ = settings["_target_"].split(".")
         code = "/".join(module[:3])
         if len(module) == 3:
             code += ".py"
@@ -281,7 +285,7 @@ class Study:
         altered = table.get("altered", {})
         return cls(
             name=name,
-            question=table.get("question", QUESTIONS[0]),
+            question=table.get("question", YEAR),
             simulated=table["source"] == SIMULATED["source"],
             world=table["world"],
             root=table["root"],
@@ -331,6 +335,7 @@ class Study:
         }
         defaults = {"tolerance": TOLERANCE, "latency": True}
         table: dict[str, Any] = {}
+        # a dict of keys, as a set that keeps their order
         for key in dict.fromkeys(("question", *self.key_order, *values)):
             value = values[key]
             is_default = value == defaults[key] if key in defaults else not value
@@ -351,7 +356,7 @@ class Study:
     @property
     def asks_about_the_year(self) -> bool:
         """Whether its question is `year` or `robustness`: the tests revisit training's places."""
-        return self.question in QUESTIONS[:2]
+        return self.question in (YEAR, ROBUSTNESS)
 
     @property
     def learns_further_days(self) -> bool:

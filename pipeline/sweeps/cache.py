@@ -24,6 +24,7 @@ class ArtifactCache:
     """
 
     root: Path
+    """The cache's folder."""
 
     def get(
         self, kind: str, key: str, names: Sequence[str], build: Callable[[Path], None]
@@ -40,11 +41,11 @@ class ArtifactCache:
                 build(folder)
         return folder, is_unfinished
 
-    def gather(self, parts: Mapping[str, str]) -> Path:
-        """Make a folder of symbolic links; `parts` has the path that each name in it leads to."""
-        folder = self.root / "gathered" / fingerprint(sorted(parts.items()))
+    def gather(self, targets: Mapping[str, str]) -> Path:
+        """Make a folder of symbolic links; `targets` has the path that each name in it leads to."""
+        folder = self.root / "gathered" / fingerprint(sorted(targets.items()))
         folder.mkdir(parents=True, exist_ok=True)
-        for name, path in parts.items():
-            with suppress(FileExistsError):
+        for name, path in targets.items():
+            with suppress(FileExistsError):  # another job may make the same folder
                 (folder / name).symlink_to(Path(path).absolute())
         return folder

@@ -34,6 +34,7 @@ class Step:
     outs: tuple[str, ...]
     """The artifacts that it writes."""
 
+    # a cached property writes the object's dictionary itself, which a frozen dataclass allows
     @cached_property
     def overrides(self) -> dict[str, str]:
         """The values of the words KEY=VALUE of its command line, by key, unquoted."""
@@ -64,9 +65,10 @@ def expand(definition: Mapping[str, Any], lists: Mapping[str, Any]) -> list[Step
     """
     steps = []
     for stage, body in definition["stages"].items():
+        template = body.get("do", body)  # a stage with `foreach` has its command and files in `do`
         for key, item in _items(body, lists).items():
             values = {"lists": lists, "key": key, "item": item}
-            steps.append(_step(stage, _filled(body.get("do", body), values)))
+            steps.append(_step(stage, _filled(template, values)))
     return steps
 
 
@@ -96,15 +98,15 @@ def producers(steps: Sequence[Step]) -> dict[str, Step]:
     return {out: step for step in steps for out in step.outs}
 
 
-def inputs(step: Step, makers: Mapping[str, Step]) -> dict[str, Step]:
+def inputs(step: Step, step_of_artifact: Mapping[str, Step]) -> dict[str, Step]:
     """The artifacts that a step reads, each with the step that makes it.
 
-    `makers` has the step that makes each artifact of the chain.
+    `step_of_artifact` are the `producers` of the whole chain.
     """
     read_paths = [PurePosixPath(dep) for dep in step.deps if dep.startswith(f"{ARTIFACTS}/")]
     return {
-        artifact: maker
-        for artifact, maker in makers.items()
+        artifact: producer
+        for artifact, producer in step_of_artifact.items()
         if any(_is_read(PurePosixPath(artifact), path) for path in read_paths)
     }
 
@@ -131,7 +133,7 @@ def _filled(node: Any, values: Mapping[str, Any]) -> Any:
     if not isinstance(node, str):
         return node
     if reference := REFERENCE.fullmatch(node):
-        return _look_up(reference[1], values)
+        return _look_up(reference[1], values)  # group 1: the path between the brackets
     return REFERENCE.sub(lambda reference: str(_look_up(reference[1], values)), node)
 
 

@@ -19,8 +19,8 @@ import yaml
 from pipeline.running.dvc_files import DvcLock, Yaml
 from pipeline.sweeps.chain import Step, inputs
 
-IGNORED = ("__pycache__", ".numba")
-"""Folders whose files no digest counts."""
+IGNORED_FOLDERS = ("__pycache__", ".numba")
+"""Folders whose files no digest counts: compiled code, which .dvcignore leaves out too."""
 
 
 class UpToDate:
@@ -34,25 +34,25 @@ class UpToDate:
         self._output_md5 = {
             out.path: out.md5 for entry in self._entries.values() for out in entry.outs
         }
-        self._digest = cache(lambda path: digest(root / path))
+        self._digest = cache(lambda path: digest(root / path))  # each file is read once
         self._answers: dict[str, bool] = {}
         """The answers of `is_up_to_date`, by the step's command."""
 
-    def is_up_to_date(self, step: Step, makers: Mapping[str, Step]) -> bool:
+    def is_up_to_date(self, step: Step, step_of_artifact: Mapping[str, Step]) -> bool:
         """Whether `dvc status` would report nothing for a step and all steps before it.
 
-        `makers` has the step that makes each artifact. The step's own artifacts are not looked at:
-        that is `is_intact`.
+        `step_of_artifact` are the `producers` of the chain. The step's own artifacts are not looked
+        at: that is `is_intact`.
         """
         if step.command not in self._answers:
-            self._answers[step.command] = self._is_unchanged(step, makers)
+            self._answers[step.command] = self._is_unchanged(step, step_of_artifact)
         return self._answers[step.command]
 
     def is_intact(self, step: Step) -> bool:
         """Whether the artifacts of a step still have the digests that dvc.lock records."""
         return all(self._digest(out) == self._output_md5.get(out) for out in step.outs)
 
-    def _is_unchanged(self, step: Step, makers: Mapping[str, Step]) -> bool:
+    def _is_unchanged(self, step: Step, step_of_artifact: Mapping[str, Step]) -> bool:
         """Compare a step with its record: command, parameters, inputs, and the steps before it."""
         entry = self._entries.get(step.outs[0])
         if entry is None or entry.command != step.command:
@@ -65,7 +65,8 @@ class UpToDate:
             # the output of another step has the digest that its own record says
             if recorded_md5[path] != (self._output_md5.get(path) or self._digest(path)):
                 return False
-        return all(self.is_up_to_date(maker, makers) for maker in inputs(step, makers).values())
+        producers = inputs(step, step_of_artifact).values()
+        return all(self.is_up_to_date(producer, step_of_artifact) for producer in producers)
 
     def _params(self, file: str, keys: tuple[str, ...]) -> dict[str, Any]:
         """The values of `keys`, such as `studies.town`, in a file; without keys all its content.
@@ -92,7 +93,9 @@ def digest(path: Path) -> str | None:
     if not path.is_dir():
         return None
     files = [
-        file for file in path.rglob("*") if file.is_file() and not set(IGNORED) & set(file.parts)
+        file
+        for file in path.rglob("*")
+        if file.is_file() and not set(IGNORED_FOLDERS) & set(file.parts)
     ]
     listing = [
         {"md5": digest(file), "relpath": file.relative_to(path).as_posix()} for file in files

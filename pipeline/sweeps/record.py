@@ -38,6 +38,7 @@ class Record:
     built: Mapping[str, int] = field(default_factory=dict)
     """How many artifacts of each stage this job built."""
     wall_s: float = 0.0
+    """How long the job took."""
     cpu_s: float = 0.0
     """CPU time of the job's own process."""
 
@@ -45,8 +46,9 @@ class Record:
         """The finite values of a number, one a test sequence; empty for a failed job."""
         values = []
         for row in self.rows:
-            is_asked_for = (row["protocol"], row["number"]) == (protocol, number)
-            if is_asked_for and not row.get("kind") and math.isfinite(row["value"]):
+            is_this_number = (row["protocol"], row["number"]) == (protocol, number)
+            is_of_kind_in_use = not row.get("kind")  # rows of other kinds of novelty name theirs
+            if is_this_number and is_of_kind_in_use and math.isfinite(row["value"]):
                 values.append(row["value"])
         return values
 
@@ -88,15 +90,18 @@ def _finite_or_none(value: Any) -> Any:
 
 def cost(records: Sequence[Record]) -> str:
     """A line on what a sweep cost: artifacts reused and built, jobs, failed ones, CPU time."""
-    parts = []
+    counts_by_origin = []
     for origin in ("from_dvc", "from_sweeps", "built"):
         counts = Counter[str]()
         for record in records:
             counts.update(getattr(record, origin))
-        by_stage = ", ".join(f"{count} {stage}" for stage, count in counts.items())
-        parts.append(
-            f"{counts.total()} {origin.replace('_', ' ')}" + (f" ({by_stage})" if by_stage else "")
-        )
-    failed = sum(record.error is not None for record in records)
+        text = f"{counts.total()} {origin.replace('_', ' ')}"
+        if counts:
+            text += f" ({', '.join(f'{count} {stage}' for stage, count in counts.items())})"
+        counts_by_origin.append(text)
+    n_failed = sum(record.error is not None for record in records)
     cpu_s = sum(record.cpu_s for record in records)
-    return f"artifacts: {', '.join(parts)}; {len(records)} jobs, {failed} failed, {cpu_s:.0f} CPU-s"
+    return (
+        f"artifacts: {', '.join(counts_by_origin)}; {len(records)} jobs, {n_failed} failed, "
+        f"{cpu_s:.0f} CPU-s"
+    )

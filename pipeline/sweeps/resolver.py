@@ -58,8 +58,11 @@ class ArtifactResolver:
         self._paths: dict[str, Path] = {}
         """Where each artifact that was found or built lies."""
         self.from_dvc = Counter[str]()
+        """How many artifacts' steps DVC had run already, by stage."""
         self.from_sweeps = Counter[str]()
+        """How many steps other jobs had run already, by stage."""
         self.built = Counter[str]()
+        """How many steps this job ran, by stage."""
 
     def obtain(self, artifact: str) -> Path:
         """Find an artifact, named as in dvc.yaml, or build it; returns where it lies."""
@@ -90,6 +93,7 @@ class ArtifactResolver:
         names = _distinct_names(step.outs)
 
         def build(folder: Path) -> None:
+            """Run the step, which writes its artifacts into an entry of the cache."""
             paths = {
                 artifact: self.obtain(artifact).as_posix()
                 for artifact in self._inputs[step.command]
@@ -109,7 +113,7 @@ class ArtifactResolver:
 
     def _key(self, step: Step) -> str:
         """The cache's key of a step: a digest of its parameters, code, and the inputs' keys."""
-        name = step.outs[0]
+        name, *_ = step.outs
         if name not in self._keys:
             input_keys = {
                 artifact: self._key(producer)
@@ -165,10 +169,12 @@ def _substituted(value: str, replacements: Mapping[str, str], gather: Gather) ->
         for artifact, replacement in replacements.items()
         if PurePosixPath(artifact).is_relative_to(path)
     }
+    if not parts:
+        return value  # no path, but a name or a number
     folders = {replacement.removesuffix(f"/{name}") for name, replacement in parts.items()}
     if len(folders) == 1:
         return folders.pop()  # they lie in one folder already, as DVC leaves them
-    return gather(parts) if parts else value
+    return gather(parts)
 
 
 def _distinct_names(outs: Sequence[str]) -> list[str]:

@@ -22,7 +22,7 @@ from pipeline.evaluation.rows import table
 from pipeline.evaluation.study_rows import AGEING, PERCENTILE
 from pipeline.running.dvc_files import DvcLock
 from pipeline.running.telemetry import Trace, costs
-from pipeline.studies.catalogue import what
+from pipeline.studies.catalogue import description_of
 from pipeline.studies.colours import PALETTE, colour, darker
 from pipeline.studies.layout import Layout
 from pipeline.studies.models import ModelName
@@ -93,13 +93,13 @@ class StudyRuns:
         """The run of a method, or of its answers with poses, with a child for each test sequence.
 
         `answerer` names the model, and whether its answers have poses; rows of these have the
-        variant `answerer.answered`. `arrays` and `recipe` are what the model's file holds;
+        variant `answerer.variant_of_answers`. `arrays` and `recipe` are what the model's file holds;
         `extra_series` are further metrics.
         """
         study = self.study
         family = answerer.family  # the method, and its variant if it has one
         rows = self.rows[self.rows["method"] == answerer.method]
-        rows = rows[(rows["variant"] == answerer.answered) & (rows["seed"] == 0)]
+        rows = rows[(rows["variant"] == answerer.variant_of_answers) & (rows["seed"] == 0)]
         # queries as driven: neither altered nor under stress
         driven = rows[(rows["change"] == "") & (rows["stress"] == "")]
         tested = driven[driven["sequence"].isin(study.tests)]
@@ -107,7 +107,7 @@ class StudyRuns:
         series |= ageing_series(driven) | viewpoint_series(rows) | extra_series
         where = {"dataset": study.name, "grid": self.grid}
         run_colour = colour(family)
-        if answerer.answered:
+        if answerer.variant_of_answers:
             run_colour = darker(run_colour)
         run = RunRecord(
             name=self.run_name(family),
@@ -119,7 +119,7 @@ class StudyRuns:
             registered="" if answerer.posed else self._registered(family),
             about=self._about(
                 "run.md.j2",
-                what=what(recipe.get("_target_", "")),
+                what=description_of(recipe.get("_target_", "")),
                 method=family,
                 share=recipe.get("budget", ""),
                 places=len(arrays.get("place_xy_m", ())),

@@ -36,7 +36,7 @@ def main() -> None:
         tracking = tracking_of(tracking_words)
         defaults = choices_of_study(job_words)
         sys.argv[1:] = command_line(job_words, defaults, folder)
-        job()
+        job()  # Hydra reads the command line and calls it once for each combination
     if job_records := read(folder):
         is_published = report(folder, job_records, defaults, tracking)
         print(
@@ -53,12 +53,16 @@ def choices_of_study(words: Sequence[str]) -> dict[str, str]:
     They are the data set itself, its world, submaps and budget, and the first grid and method.
     """
     all_studies = read_listed_studies(ROOT / "conf")
-    chosen_words = dict(word.partition("=")[::2] for word in words)
-    defaults = {"dataset": chosen_words.get("dataset", next(iter(all_studies)))}
+    choices = {}
+    for word in words:
+        group, _, choice = word.partition("=")
+        choices[group] = choice
+    first_study = next(iter(all_studies))
+    defaults = {"dataset": choices.get("dataset", first_study)}
     if study := all_studies.get(defaults["dataset"]):
         defaults |= {"world": study.world, "submap": study.submap, "budget": study.budget}
         defaults |= {"grid": study.grids[0].name, "method": study.methods[0].name}
-    return {group: choice for group, choice in defaults.items() if group not in chosen_words}
+    return {group: choice for group, choice in defaults.items() if group not in choices}
 
 
 def command_line(words: Sequence[str], defaults: Mapping[str, str], folder: Path) -> list[str]:
@@ -122,12 +126,12 @@ def report(
 
     Returns whether the runs could be published.
     """
-    first = job_records[0]
+    first_job = job_records[0]  # all jobs are of one data set
     print(sweep_report(folder, job_records, defaults))
     figures = [path for name in ("sweep.svg", "sweep.md") if (path := folder / name).is_file()]
     try:
         run = records.of_sweep(job_records, defaults, figures)
-        experiment = experiment_of(first.dataset, first.simulated)
+        experiment = experiment_of(first_job.dataset, first_job.simulated)
         published = publish(tracking.database, experiment, [run], files=tracking.artifacts)
     except YearlocError as error:
         print(f"sweep: {error}", file=sys.stderr)

@@ -36,15 +36,20 @@ from pipeline.sweeps.lock import UpToDate
 from pipeline.sweeps.record import Record
 from pipeline.sweeps.resolver import ArtifactResolver
 from stages import ROOT
-from stages.sweep.settings import Composer, listed, own_fields
+from stages.sweep.settings import Composer, lists_of_job, own_fields
 
 SWEEPS = Path(".sweeps")
 """The folder of all that sweeps build, and of their records."""
-EMPTY = "absent"
-"""The stage that makes empty folders, which are not counted as artifacts."""
+EMPTY_STAGE = "absent"
+"""The stage that makes empty folders in the place of artifacts that a study lacks.
+
+They are not counted as artifacts.
+"""
 CORRECTABLE = (YearlocError, HydraException, OmegaConfBaseException)
 """Errors that a person can put right."""
 
+# conf/sweep.yaml includes these fields of the stages by this name, so that a job may change them,
+# as localize.k=10 does; Hydra looks names up that are no files in its store
 ConfigStore.instance().store("stage_fields", OmegaConf.create(own_fields()))
 
 
@@ -60,15 +65,16 @@ def job(cfg: DictConfig) -> float:
     overrides = dict(override.split("=", 1) for override in hydra_run.overrides.task)
     choices = hydra_run.runtime.choices
     record = Record(
-        int(hydra_run.job.num),
-        overrides,
-        choices["dataset"],
-        cfg.dataset.simulated,
-        choices["method"],
+        number=int(hydra_run.job.num),
+        overrides=overrides,
+        dataset=choices["dataset"],
+        simulated=cfg.dataset.simulated,
+        method=choices["method"],
     )
     try:
         record = replace(record, **run_chain(cfg, overrides, record.dataset))
     except CORRECTABLE as error:
+        # Hydra wraps an error of a class that it builds
         cause = error.__cause__ if isinstance(error.__cause__, YearlocError) else error
         record = replace(record, error=" ".join(str(cause).split()))
     except Exception as error:  # one job's bug is no reason to lose the others
@@ -99,12 +105,14 @@ def run_chain(cfg: DictConfig, overrides: Mapping[str, str], dataset: str) -> di
 
     def run(step: Step, fields: Mapping[str, str]) -> None:
         """Run a stage in this process, with `fields` for its paths and names."""
-        line = import_module(f"stages.{step.stage}").main.run(composer.config(step, fields))
+        # the decorator `stages.stage` adds `run` to a stage's function: the stage as no command
+        stage_function = import_module(f"stages.{step.stage}").main
+        line = stage_function.run(composer.config(step, fields))
         print(f"{step.stage}: {line}", flush=True)
 
     def plan(study: Study) -> tuple[ArtifactResolver, dict[str, Step]]:
         """The resolver of the job's artifacts, and the steps of the chain by stage."""
-        steps = expand(definition(ROOT), listed(study, overrides, cfg.method.view))
+        steps = expand(definition(ROOT), lists_of_job(study, overrides, cfg.method.view))
         artifacts = ArtifactResolver(
             steps, UpToDate(ROOT), ArtifactCache(SWEEPS), composer.settings, run
         )
@@ -112,7 +120,7 @@ def run_chain(cfg: DictConfig, overrides: Mapping[str, str], dataset: str) -> di
 
     study = all_studies[dataset]
     artifacts, step_of = plan(study)
-    # A job whose rankings DVC does not have leaves altered queries out, to save the time.
+    # Altered queries take long: they are ranked only where DVC has the rankings already.
     if not artifacts.dvc_has(step_of["localize"]):
         artifacts, step_of = plan(replace(study, altered={}))
     unseen_share = composer.config(step_of["localize"], {}).rejection.unseen_share
@@ -126,20 +134,24 @@ def run_chain(cfg: DictConfig, overrides: Mapping[str, str], dataset: str) -> di
 
 def _without_empty(count_by_stage: Mapping[str, int]) -> dict[str, int]:
     """The counts of all stages but the one that makes empty folders."""
-    return {stage: count for stage, count in count_by_stage.items() if stage != EMPTY}
+    return {stage: count for stage, count in count_by_stage.items() if stage != EMPTY_STAGE}
 
 
 def results(
     artifacts: ArtifactResolver, evaluate: Step, train: Step, unseen_share: float
 ) -> TableRows:
-    """The job's rows of results: its test sequences as driven, and its AUC on held-out blocks."""
+    """The job's rows of results: its test sequences as driven, and its AUC on held-out blocks.
+
+    The AUC is a row as well, from which `Record.held_out_auc` takes it.
+    """
     folder = artifacts.obtain(evaluate.outs[0])
     sequences = evaluate.fields["sequences"].split()
     evaluations = {
         sequence: store.read(folder / f"{sequence}.zarr", Evaluations).case()
         for sequence in sequences
     }
-    kind = evaluations[sequences[-1]].kinds[0]
+    # the kind of novelty in use is the first; it is the same for all sequences
+    kind, *_ = evaluations[sequences[-1]].kinds
     for sequence, evaluation in evaluations.items():
         yield from (
             {"sequence": sequence, "days": evaluation.days, **columns}

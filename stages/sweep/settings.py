@@ -1,7 +1,7 @@
 """Composes the settings of each stage in a job: the job's overrides in; configurations out.
 
 An override of a sweep, such as method.n_way=4, concerns only some stages of the chain. This module
-expands the chain for the job's study (`listed`), and composes each stage's yaml with those
+expands the chain for the job's study (`lists_of_job`), and composes each stage's yaml with those
 overrides that it has a field for (`Composer`).
 """
 
@@ -57,7 +57,7 @@ def own_fields() -> dict[str, dict[str, Any]]:
     return fields_by_stage
 
 
-def listed(study: Study, overrides: Mapping[str, str], method_view: str) -> dict[str, Any]:
+def lists_of_job(study: Study, overrides: Mapping[str, str], method_view: str) -> dict[str, Any]:
     """The lists of the chain for a job: its study with one grid and one method.
 
     The job's `overrides` choose the files of groups such as grid or method; else they are the
@@ -159,13 +159,13 @@ def _values(
 ) -> dict[str, Any]:
     """The stage's own fields, and what it takes of each group that dvc.yaml lists for it.
 
-    `files` are the parts of a path, such as conf, grid, 10m.yaml, and the keys in that file that
-    count; without keys all count.
+    `files` has, for each file, the parts of its path, such as conf, grid, 10m.yaml, and the keys in
+    it that count; without keys all count. They are tuples, which the cache can hash.
     """
     settings: Any = OmegaConf.to_container(_composed(stage, overrides))
     values = {key: value for key, value in settings.items() if key not in GROUPS}
     for parts, keys in files:
-        if len(parts) == 3:
+        if len(parts) == 3:  # a file of a group, not a stage's own
             _, group, _ = parts
             content = settings[group]
             values[group] = {key: content.get(key) for key in keys} if keys else content

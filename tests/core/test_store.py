@@ -82,8 +82,8 @@ def test_a_dtype_is_read_of_both_forms_of_an_array_type() -> None:
     class Since:
         heights: Annotated[GenericAlias(np.ndarray, (np.float32,)), meaning]  # type: ignore[valid-type]
 
-    assert store.definition(Before).arrays["heights"].dtype == "float32"
-    assert store.definition(Since).arrays["heights"].dtype == "float32"
+    assert store.define(Before).arrays["heights"].dtype == "float32"
+    assert store.define(Since).arrays["heights"].dtype == "float32"
 
 
 def test_an_array_is_one_folder_of_files(tmp_path: Path) -> None:

@@ -24,8 +24,10 @@ def test_every_method_with_a_yaml_is_listed_once() -> None:
     sci = next(method for method in methods if method.name == "sci")
     what = "SCI localisation: places as classes of a small CNN over Scan Context Images"
     assert sci == Entry("sci", what, "scan_context_authors", "Kim, Park and Kim, RA-L 2019")
-    assert catalogue.what("pipeline.methods.sci.Sci") == what
-    assert catalogue.what("pipeline.methods.none.Such") == catalogue.what("") == ""
+    assert catalogue.description_of("pipeline.methods.sci.Sci") == what
+    assert (
+        catalogue.description_of("pipeline.methods.none.Such") == catalogue.description_of("") == ""
+    )
 
 
 def test_a_table_for_the_front_pages() -> None:

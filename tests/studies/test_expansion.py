@@ -233,7 +233,7 @@ def test_poses_are_a_variant_of_the_models_that_a_study_names() -> None:
         "sci-4way-pose-seed1",
     )
     answerers = study("one", **words).answerers
-    answers = [(model.method, model.answered, model.seed) for model in answerers]
+    answers = [(model.method, model.variant_of_answers, model.seed) for model in answerers]
     assert answers[2:5] == [("sci", "4way", 0), ("sci", "4way-pose", 0), ("sci", "4way", 1)]
     assert answers[-2:] == [("m2dp", "", 0), ("m2dp", "pose", 0)]
 

@@ -13,9 +13,9 @@ from pipeline.studies.proposal import (
     with_alterations,
     with_models,
     with_poses,
-    with_preset,
     with_question,
     with_scale,
+    with_stress,
     with_timing,
 )
 from tests.studies.made import CONF, RECORDED, study
@@ -44,10 +44,10 @@ def test_a_data_sets_variants_of_a_question_stand_beside_those_of_the_question()
 
 
 def test_a_preset_has_its_own_stress_and_a_recorded_study_none() -> None:
-    assert with_preset(PLAIN, asked()).stress == {"s": "all reversed"}
-    assert with_preset(PLAIN, asked(world="tiny")) == PLAIN
+    assert with_stress(PLAIN, asked()).stress == {"s": "all reversed"}
+    assert with_stress(PLAIN, asked(world="tiny")) == PLAIN
     recorded = replace(study(**RECORDED), stress={})
-    assert with_preset(recorded, asked()) == recorded
+    assert with_stress(recorded, asked()) == recorded
 
 
 def test_a_scale_replaces_submaps_cells_tolerance_views_and_settings() -> None:

@@ -34,7 +34,7 @@ def setup(study: Study, longest: int = 400) -> Table:
         if model not in study.trained:
             continue
         record = study.models[model]
-        what = catalogue.what(record.recipe.get("_target_", ""))
+        what = catalogue.description_of(record.recipe.get("_target_", ""))
         budget = MISSING
         training = "nothing"
         if record.rounds:
