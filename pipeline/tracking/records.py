@@ -93,8 +93,8 @@ class StudyRuns:
         """The run of a method, or of its answers with poses, with a child for each test sequence.
 
         `answerer` names the model, and whether its answers have poses; rows of these have the
-        variant `answerer.variant_of_answers`. `arrays` and `recipe` are what the model's file holds;
-        `extra_series` are further metrics.
+        variant `answerer.variant_of_answers`. `arrays` and `recipe` are what the model's file
+        holds; `extra_series` are further metrics.
         """
         study = self.study
         family = answerer.family  # the method, and its variant if it has one
