@@ -27,6 +27,7 @@ LINES = 30  # of all studies together; the last one says where all numbers are
 WIDEST = 78  # columns of a line
 OTHER_LINES = 5  # lines of a study besides those of its methods
 MOST_STRATEGY_LINES = 7  # of a study of learning further days
+BETWEEN = 2  # blanks between two columns
 # A terminal of fewer columns than these lacks the columns that matter less.
 NARROW = 72
 NARROWEST = 64
@@ -125,16 +126,32 @@ def _year(study: Study, grid: CellSize, rows: pd.DataFrame, width: int) -> Summa
 
 
 def _print_table(console: Console, summary: Summary, most_rows: int) -> None:
-    """Print the first `most_rows` rows of a summary, and the number of further ones."""
-    lines = Table(box=None, pad_edge=False, expand=True, padding=(0, 2, 0, 0))
+    """Print the first `most_rows` rows of a summary, and the number of further ones.
+
+    The last columns are left out where they would cut a name short.
+    """
+    rows = summary.rows[:most_rows]
+    heads = summary.heads[: _columns_that_fit(summary.heads, rows, console.width)]
+    lines = Table(box=None, pad_edge=False, expand=True, padding=(0, BETWEEN, 0, 0))
     lines.add_column("", ratio=1, no_wrap=True)
-    for head in summary.heads:
+    for head in heads:
         lines.add_column(Text(head), justify="right", no_wrap=True)
-    for name, *cells in summary.rows[:most_rows]:
-        lines.add_row(Text(name), *cells)
+    for name, *cells in rows:
+        lines.add_row(Text(name), *cells[: len(heads)])
     console.print(lines)
     further = len(summary.rows) - most_rows
     console.print(f"  … and {further} more\n" if further > 0 else "")
+
+
+def _columns_that_fit(heads: Sequence[str], rows: Sequence[Sequence[str]], width: int) -> int:
+    """How many columns of numbers fit beside whole names into `width` characters, 1 at least."""
+    used = max((len(name) for name, *_ in rows), default=0)
+    for column, head in enumerate(heads):
+        texts = [*head.split("\n"), *(cells[column] for _, *cells in rows if column < len(cells))]
+        used += BETWEEN + max(map(len, texts))
+        if used > width:
+            return max(column, 1)
+    return len(heads)
 
 
 def _cells(group: Sequence[Scores]) -> list[str]:

@@ -63,6 +63,15 @@ def test_where_nothing_was_timed_there_is_no_column_of_times() -> None:
     assert heads.split() == ["2012-02-04", "2013-04-05", "accepted", "of", "those", "refused"]
 
 
+def test_a_name_stays_whole_and_the_last_column_gives_way() -> None:
+    rows = results("campus")
+    rows["method"] = rows["method"].replace("m0", "scan_context_all")  # 16 letters; 14 were left
+    _, _, heads, line, _ = brief(rows, {"campus": CAMPUS}, 200).split("\n")
+    assert line.split()[0] == "scan_context_all"
+    assert heads.split() == ["2012-02-04", "2013-04-05", "accepted", "of", "those", "refused"]
+    assert len(line) <= 78
+
+
 def test_a_method_has_one_row_that_of_poses_or_else_of_its_best_variant() -> None:
     """m2 is better than m1, and m1 than m0."""
     rows = results("campus", methods=3)
