@@ -100,9 +100,14 @@ def in_corner(
 
     The text stands `lines_away` lines of text away from the corner.
     """
-    corner, line_pt, side = (0.04, 0.03), 8.5, "left"
     if is_upper:
-        corner, line_pt, side = (0.97, 0.9), -8.5, "right"
+        corner = (0.97, 0.9)
+        line_pt = -8.5
+        side = "right"
+    else:
+        corner = (0.04, 0.03)
+        line_pt = 8.5
+        side = "left"
     note = axis.annotate(
         text,
         corner,

@@ -345,13 +345,16 @@ def _border(
     fence_size_m = (rng.uniform(*FENCE_HEIGHT_BOUNDS_M), 0.05)
     if border == "hedge":
         height_m, half_m = hedge_size_m
-        kind, species = Kind.LEAF, Species.HEDGE
+        kind = Kind.LEAF
+        species = Species.HEDGE
     elif border == "wall":
         height_m, half_m = wall_size_m
-        kind, species = Kind.BORDER, Species.SOLID
+        kind = Kind.BORDER
+        species = Species.SOLID
     else:
         height_m, half_m = fence_size_m
-        kind, species = Kind.BORDER, Species.PALES
+        kind = Kind.BORDER
+        species = Species.PALES
 
     start_m, end_m = span_m
     pieces = max(1, round((end_m - start_m) / PIECE_M))
