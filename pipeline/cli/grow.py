@@ -131,7 +131,7 @@ def _write(out: Path, path: Path, log: str, site: "Site", parts: "Parts", growth
     """Grow the site of `path`, write it to `out`, and print what it has become."""
     from pipeline.lifelong.growth import grown
     from pipeline.online import site_file
-    from pipeline.online.description import first_day
+    from pipeline.online.description import first_day_words
 
     progress = Lines(parts.description.method.get("budget", 1.0))
     grown_parts = grown(site, parts, growth, Path(log).name, progress)
@@ -143,5 +143,5 @@ def _write(out: Path, path: Path, log: str, site: "Site", parts: "Parts", growth
     description = grown_parts.description
     print(
         f"its promises are by {description.verdict.held_out} held-out blocks"
-        f"{first_day(description)}"
+        f"{first_day_words(description)}"
     )

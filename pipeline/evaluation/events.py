@@ -83,8 +83,8 @@ class ChangeDistances(NamedTuple):
     shown_m: NDArray[np.float64]
     """(q,) distance to the nearest change that shows on the day of the sequence."""
     to_come_m: NDArray[np.float64]
-    """(q,) distance to the nearest change that shows in other sequences only; NaN if a change that
-    shows is nearer."""
+    """(q,) distance to the nearest change that does not show on this day, but on another test day;
+    NaN if there is none, or if a change that shows on this day is at least as near."""
 
 
 def nearest_m(xy_m: NDArray[np.float64], changes: Iterable[Change]) -> NDArray[np.float64]:
@@ -102,8 +102,9 @@ def distances(
 ) -> dict[str, ChangeDistances]:
     """Distances of queries at positions (q, 2) to the nearest change of these kinds, by sequence.
 
-    `changes` of a sequence are those that show on its day. Changes that show in other sequences
-    only are still to come: they are a control, the same streets before they change.
+    `changes` of a sequence are those that show on its day. A change that shows in other sequences
+    only is still to come, since changes stay. Queries near it are a control: streets that will
+    change, before they do.
     """
     shown_on_day = {
         sequence: {change for change in changes[sequence] if change.what in kinds}
@@ -128,8 +129,9 @@ def judge_by_band(
 ) -> BandResults:
     """Judge one method's queries of all sequences together, in each band of distance to a change.
 
-    `away_m` (q,) of each evaluation are its queries' distances, NaN for a query to leave out. The
-    exact curve of a band has the novelties of all its queries as thresholds, whatever the sequence.
+    `away_m` (q,) of each evaluation are its queries' distances, either of `ChangeDistances`; NaN
+    for a query to leave out. The exact curve of a band has the novelties of all its queries as
+    thresholds, whatever the sequence.
     """
     band = bands.band_of(np.concatenate(away_m))
     novelty = np.concatenate([evaluation.novelty[:, 0] for evaluation in evaluations])
@@ -146,7 +148,10 @@ def judge_by_band(
         truth_of_band.append(replace(truths[0], **of_band))
 
     def numbers(weight: Weight) -> NDArray[np.float64]:
-        """Each of NUMBERS, band after band (band · number, resample)."""
+        """Each of NUMBERS, band after band (band · number, resample).
+
+        `weight` (resample, query) says how often each resample holds each query.
+        """
         values = []
         for queries, truth in zip(queries_of_band, truth_of_band, strict=True):
             band_weight = weight[:, queries]

@@ -32,16 +32,20 @@ HIT, MISS, FALSE_ALARM, CORRECT_REJECTION, NOT_JUDGED = range(5)
 VERDICTS = ("accepted", "near", "ambiguous", "rejected", "no_pose")
 """The answers to a query of a method with poses, as a site gives them (METHODS 9.5)."""
 WEAKER_VERDICTS = {"place": "near", "several": "ambiguous"}
-"""The weaker claim that may still hold if the pose is rejected, to the verdict that makes it.
+"""Kind of novelty to the verdict if that novelty is accepted though the pose is not.
 
-The query is near the pose (`place`), or one of several poses is right (`several`): two of
-posing.verdict.BELIEFS, and kinds of novelty. The first accepted one wins.
+Each kind is a weaker claim than the pose, the stronger first: the query is near the pose (`place`),
+or one of several poses is right (`several`). They are two of posing.verdict.BELIEFS. The first
+accepted one wins.
 """
 
 
 @dataclass(frozen=True, eq=False)
 class Judgement:
-    """How q queries were answered by one protocol, at t thresholds, with the first n answers."""
+    """How q queries were answered by one protocol, at t thresholds, with the first n answers.
+
+    An axis whose name ends in a number, such as `bound3`, has that length.
+    """
 
     hits: Annotated[
         NDArray[np.int64],
@@ -130,7 +134,9 @@ class Judgement:
 class Evaluation:
     """One model's answers to the queries of one case in one test sequence, and how they are judged.
 
-    What a model answers is a place; with poses, it is a pose too (`has_poses`).
+    What a model answers is a place; with poses, it is a pose too (`has_poses`). A number that the
+    descriptions call null is null in the artifact's file, and NaN here. An axis whose name ends in
+    a number, such as `confidence2`, has that length.
     """
 
     judgements: Annotated[Sequence[Judgement], Stack("protocol")]
@@ -236,7 +242,10 @@ class Evaluation:
 
     @property
     def pose_accepted(self) -> NDArray[np.bool_]:
-        """Which poses (q,) are accepted if a precision of JUDGED_PROMISE is promised."""
+        """Which poses (q,) are accepted if a precision of JUDGED_PROMISE is promised.
+
+        A missing pose has a novelty of 1, so it is never accepted.
+        """
         return self.novelty[:, 0].astype(np.float64) < self.reject_pose_from
 
     @property
@@ -311,7 +320,7 @@ class Evaluation:
         """Which queries (q,) are judged, which first places are accepted, and which are wrong.
 
         They are judged by distance: accepted at the threshold in use, and wrong if farther off than
-        `correct_m`, or if the query is unseen.
+        `correct_m` of that protocol, or if the query is unseen.
         """
         judged = self.distance.outcome != NOT_JUDGED
         accepted = np.isin(self.distance.outcome, (HIT, FALSE_ALARM))

@@ -55,11 +55,15 @@ def compare(
 ) -> Comparison:
     """Compare two methods' evaluations of the same queries, by each number of COMPARED.
 
-    p = 2 (1 + k) / (1 + r), where k is the number of the r resamples in the smaller tail: those
-    with a difference of at most, or of at least, 0. The path itself counts as one more resample. So
-    p is at least 2 / (1 + r): a test of many sequences needs many resamples. It is also at least
-    2 / 2**blocks, the least that a sign test of the blocks with seen queries can reach: with five,
-    .0625. Raises InputError if the two do not judge the same queries.
+    p = min(1, max(2 (1 + k) / (1 + r), 2 / 2**b))
+
+    - r is the number of resamples, and k of those in the smaller tail: with a difference of at
+      most, or of at least, 0. The path itself counts as one more resample, so p is at least
+      2 / (1 + r): a test of many sequences needs many resamples.
+    - b is the number of blocks with seen queries. A sign test of b blocks cannot reach less than
+      2 / 2**b: with five, .0625.
+
+    Raises InputError if the two do not judge the same queries.
     """
     method_truth = method.truth(protocol)
     reference_truth = reference.truth(protocol)
@@ -77,13 +81,17 @@ def compare(
     reference_right = is_right_at(reference_truth, 1)
 
     def compared_differences(weight: Weight) -> NDArray[np.float64]:
-        """The differences (number, resample) of the numbers in COMPARED."""
+        """The differences (number, resample), in the order of COMPARED.
+
+        `weight` (resample, query) says how often each resample holds each query.
+        """
         method_recall = share(method_right, method_truth.seen, weight)
         reference_recall = share(reference_right, reference_truth.seen, weight)
         method_auc = auc_exact(method_truth, method.novelty[:, 0], weight)
         reference_auc = auc_exact(reference_truth, reference.novelty[:, 0], weight)
         return np.stack([method_recall - reference_recall, method_auc - reference_auc])
 
+    # The differences on the path itself, then in the resamples alone.
     values = compared_differences(np.ones((1, len(method.xy_m))))[:, 0].tolist()
     resampled_differences = bootstrap.spreads(compared_differences, method.xy_m)
     path_blocks = blocks(method.xy_m, bootstrap.block_m)
@@ -139,10 +147,11 @@ def kept_share(
     driven_truth = driven.truth(protocol)
 
     def share_of_driven(weight: Weight) -> NDArray[np.float64]:
-        """The share (1, resample)."""
+        """The share (1, resample), by `weight` (resample, query)."""
         altered_auc = auc_exact(altered_truth, altered.novelty[:, 0], weight)
         driven_auc = auc_exact(driven_truth, driven.novelty[:, 0], weight)
         return (altered_auc / np.where(driven_auc > 0, driven_auc, np.nan))[None]
 
+    # `estimates` gives the value on the path itself and the bounds from the resamples.
     ((value, low, high),) = bootstrap.estimates(share_of_driven, driven.xy_m)
     return float(value), float(low), float(high)

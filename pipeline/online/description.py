@@ -51,7 +51,7 @@ def _site(path: Path, parts: Parts) -> Inspection:
     )
     title = f"promises of a pose, by {verdict.held_out} held-out blocks"
     title += f"; of queries {verdict.unseen_share:g} are expected unseen"
-    title += first_day(description)
+    title += first_day_words(description)
     inspection.add(title, *_promise_rows(verdict))
     inspection.add("sensor", *_sensor_rows(description.sensor))
     digests = [(name, digest or "unknown") for name, digest in provenance.md5.items()]
@@ -65,7 +65,7 @@ def _site(path: Path, parts: Parts) -> Inspection:
 
 
 def _level(path: Path, parts: LevelParts) -> Inspection:
-    """Describe a level site."""
+    """Describe a level site: a 2-D map for a planar laser, without a network."""
     inspection = Inspection(path)
     description, arrays = parts
     level = description.level
@@ -89,7 +89,7 @@ def _level(path: Path, parts: LevelParts) -> Inspection:
     return inspection
 
 
-def first_day(description: SiteDescription) -> str:
+def first_day_words(description: SiteDescription) -> str:
     """Words that name the day on whose held-out queries a grown site's promises rest.
 
     They are empty for a site that has not grown.
@@ -111,16 +111,18 @@ def _class_name(settings: Settings) -> str:
 def _promise_rows(verdict: Promises) -> list[tuple[str, str]]:
     """A row for each promise: which fixes keep it."""
     rows = []
+    # A fix is rejected from the novelty `limit` on; it is 0 if the promise cannot be kept. A fix's
+    # novelty is one minus the chance that its pose is right.
     for promise, limit in zip(verdict.promises, verdict.promised["fix"], strict=True):
         which = "nothing keeps it: too few held-out blocks, or too many wrong"
         if limit > 0:
-            which = f"fixes of a novelty below {float(limit):.3g}"  # novelty: one minus the chance
+            which = f"fixes of a novelty below {float(limit):.3g}"
         rows.append((f"{promise:g}", which))
     return rows
 
 
 def _sensor_rows(sensor: Sensor) -> list[tuple[str, str]]:
-    """A row for each number that says what the scans that the site learned look like."""
+    """A row for each number that says what the learned scans look like, and their lift."""
     medians = {
         "points a scan": sensor.points,
         "beams": sensor.beams,

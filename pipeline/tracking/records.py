@@ -2,7 +2,8 @@
 
 There is one run for each method, with a child run for each test sequence; one for each strategy of
 learning further days; and one for each sweep, with a child run for each job. Nothing is computed
-here but means over test days or seeds. `runs.publish` writes the runs to MLflow.
+here but means over test days or seeds. `stage_costs` reads what the stages of a method took, for
+its run. `runs.publish` writes the runs to MLflow.
 """
 
 import json
@@ -92,9 +93,9 @@ class StudyRuns:
     ) -> RunRecord:
         """The run of a method, or of its answers with poses, with a child for each test sequence.
 
-        `answerer` names the model, and whether its answers have poses; rows of these have the
-        variant `answerer.variant_of_answers`. `arrays` and `recipe` are what the model's file
-        holds; `extra_series` are further metrics.
+        `answerer` names the model, and whether its answers have poses. In the table of results,
+        answers with poses have a variant of their own, such as `pose`. `arrays` and `recipe` are
+        what the model's file holds; `extra_series` are further metrics.
         """
         study = self.study
         family = answerer.family  # the method, and its variant if it has one
@@ -107,7 +108,7 @@ class StudyRuns:
         series |= ageing_series(driven) | viewpoint_series(rows) | extra_series
         where = {"dataset": study.name, "grid": self.grid}
         run_colour = colour(family)
-        if answerer.variant_of_answers:
+        if answerer.posed:
             run_colour = darker(run_colour)
         run = RunRecord(
             name=self.run_name(family),
@@ -194,14 +195,15 @@ class StudyRuns:
 
 
 def of_strategies(study_runs: StudyRuns) -> Iterator[RunRecord]:
-    """The runs of a study of learning further days: one for each strategy, model and order of days.
+    """The runs of a study of learning further days: one for each course.
 
-    Their metrics are means over the seeds, with a point for each step; a step learns a day.
+    A course is a strategy with a model and an order of the days. Its metrics are means over the
+    seeds, with a point for each step; a step learns a day.
     """
     study = study_runs.study
     rows = study_runs.rows
     rows = rows[(rows["change"] == CHANGE) & np.isfinite(rows["value"])]
-    # the kind of these rows is "ORDER STRATEGY"
+    # the kind of these rows is the order and the strategy, such as `days grown`
     strategies = rows["kind"].str.partition(" ")[2].unique().tolist()
     for (kind, method, variant), group in rows.groupby(["kind", "method", "variant"], sort=False):
         order, _, strategy = kind.partition(" ")
@@ -215,10 +217,6 @@ def of_strategies(study_runs: StudyRuns) -> Iterator[RunRecord]:
         seeds = group["seed"].unique()
         places = group[group["number"] == "places"].sort_values("level")
         steps = places["sequence"].unique().tolist()
-        # a step may also be a part of a day, which is no sequence
-        sequences = {*study.train, *study.learned, *study.updates}
-        # as if trained on these, so that `used_sequences` names what the steps learned
-        learned = replace(study, train=tuple(step for step in steps if step in sequences))
         yield RunRecord(
             name=f"{study_runs.run_name(course['model'])} {order} {strategy}",
             tags={
@@ -242,8 +240,15 @@ def of_strategies(study_runs: StudyRuns) -> Iterator[RunRecord]:
                 seeds=seeds,
                 simulated=study.simulated,
             ),
-            used=used_sequences(learned, study.tests, study_runs.lock),
+            used=used_sequences(_trained_on(study, steps), study.tests, study_runs.lock),
         )
+
+
+def _trained_on(study: Study, steps: Sequence[str]) -> Study:
+    """The study as if trained on its steps, so that `used_sequences` names what they learned."""
+    sequences = {*study.train, *study.learned, *study.updates}
+    # a step may also be a part of a day, which is no sequence
+    return replace(study, train=tuple(step for step in steps if step in sequences))
 
 
 def of_sweep(
@@ -305,9 +310,10 @@ def _short(values: Mapping[str, str]) -> str:
 def days_series(rows: pd.DataFrame) -> Series:
     """Every number of these rows over the days since training, named as `cells/auc_top1`.
 
-    The kind of a row is that of novelty which its number is of; most numbers are of none.
+    The `kind` of a row names the novelty that its number was measured with; for most it is empty.
     """
     is_shown = np.isfinite(rows["days"]) & (rows["value"].abs() <= LARGEST)
+    # a `…_line` is the value of a fitted line on that day, which `ageing_series` sums up
     rows = rows[is_shown & ~rows["number"].str.endswith("_line")]
     plain = rows[rows["kind"] == ""]
     groups = plain["number"].map(GROUPS).fillna(plain["protocol"])
@@ -379,6 +385,7 @@ def step_series(rows: pd.DataFrame) -> Series:
 
     The recall of each asked day, or part of the site, is in a group of its own.
     """
+    # rows without a protocol are costs, such as the number of places
     plain_names = rows["protocol"].replace("", "cost") + "/" + rows["number"]
     asked_day_names = "recall_by_" + rows["protocol"] + "/" + rows["sequence"]
     names = plain_names.where(rows["number"] != "recall_at_1", asked_day_names)

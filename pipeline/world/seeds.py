@@ -12,7 +12,7 @@ from typing import TypeAlias
 import numpy as np
 
 _WORD = (1 << 64) - 1
-"""The lowest 64 bits of a number."""
+"""Mask for the lowest 64 bits of a number."""
 _GOLDEN = 0x9E3779B97F4A7C15
 """The odd constant of splitmix64, 2⁶⁴ divided by the golden ratio: multiplied by it, seconds that
 follow each other differ in about half of their 64 bits."""
@@ -49,7 +49,7 @@ Generators: TypeAlias = Callable[[Stream], np.random.Generator]
 def generator(seed: int, stream: Stream, when: date | None = None) -> np.random.Generator:
     """A fresh generator of one stream, of the whole world or of the sequence on the date `when`.
 
-    So sequences are told apart by their date and time, not by their order in a table.
+    Sequences differ by their date and time, so their order in a table does not matter.
     """
     second = _second_of_day(when)
     entropy = [seed, int(stream), when.toordinal() if when else 0]
@@ -59,8 +59,10 @@ def generator(seed: int, stream: Stream, when: date | None = None) -> np.random.
 def scan_seed(seed: int, when: date, scan: int) -> np.uint64:
     """The seed of the rays of scan number `scan`: scans may be computed in any order."""
     second = _second_of_day(when) or 0
-    # Bits: the scan below 24, the day from 24 on, the world's seed from 44 on; the second over all.
-    return np.uint64(((seed << 44) ^ (when.toordinal() << 24) ^ scan ^ second * _GOLDEN) & _WORD)
+    # The scan is in the bits below 24, the day from 24 on, the world's seed from 44 on. The second,
+    # spread over all 64 bits, is XORed in.
+    fields = (seed << 44) ^ (when.toordinal() << 24) ^ scan
+    return np.uint64((fields ^ (second * _GOLDEN)) & _WORD)
 
 
 def _second_of_day(when: date | None) -> int | None:

@@ -1,4 +1,4 @@
-"""One test day of a model: where each of its scans was laid, and whether that was believed.
+"""One test day of a model: where it placed each scan, and whether that was accepted.
 
 In: a study, a model and a test sequence. Out: a `BelievedDrive`, which the moving picture shows.
 """
@@ -31,7 +31,7 @@ class BelievedDrive:
     model: str
     trained: str  # the training day, or several
     driven: str  # the test day
-    days: int  # whole days between them
+    days: int  # whole days from training to test; negative if the test day is earlier
     simulated: bool
     posed: bool  # whether the answers are poses; else they are places
     promise: float | None  # the precision of what is accepted; None if none can be promised
@@ -39,7 +39,8 @@ class BelievedDrive:
     world_T_true: Poses  # (q, 4, 4)
     world_T_query: Poses  # (q, 4, 4) NaN where there is no pose
     accepted: NDArray[np.bool_]  # (q,)
-    right: NDArray[np.bool_]  # (q,) near enough to the true pose
+    # (q,) near enough to the true pose; for places: right, or not judged by the protocol
+    right: NDArray[np.bool_]
     points_m: Callable[[int], NDArray[np.float64]]  # reads what a query saw standing (n, 3)
 
     @classmethod
@@ -52,15 +53,16 @@ class BelievedDrive:
         scans = Drive.read(study, sequence)
         world_T_true = scans.world_T_anchor
         evaluation = study.artifact(Evaluations, "evaluate", sequence, model).case()
-        posed = not np.isnan(evaluation.reject_pose_from)
+        posed = evaluation.has_poses
         if posed:
             fixes = store.read(study.find("localize", sequence, model), schemas.Fixes)
             poses, accepted, promise = verdicts(fixes, len(world_T_true), wanted_promise)
             is_right = within(fixes.right_within, *distance_and_turn(poses, world_T_true))
         else:
-            believed = evaluation.acceptance
-            accepted = believed["accepted"]
-            is_right = ~(believed["accepted_wrong"] | believed["refused_wrong"])
+            acceptance = evaluation.acceptance
+            accepted = acceptance["accepted"]
+            # Queries that are not judged are in none of these, so they count as right.
+            is_right = ~(acceptance["accepted_wrong"] | acceptance["refused_wrong"])
             promise = None
             poses = world_T_true.copy()
             poses[:, :2, 3] = evaluation.answer_xy_m
@@ -94,7 +96,10 @@ class BelievedDrive:
 
     @property
     def counts(self) -> NDArray[np.int64]:
-        """Counts up to each query (4, q): accepted, wrong ones of those, refused, wrong ones."""
+        """Counts up to each query (4, q).
+
+        The rows count queries that are accepted, accepted and wrong, refused, refused and wrong.
+        """
         has_pose = np.isfinite(self.world_T_query).all(axis=(1, 2))
         counted = (
             self.accepted,
@@ -104,8 +109,8 @@ class BelievedDrive:
         )
         return np.cumsum(counted, axis=1)
 
-    def walls_m(self, query: int) -> NDArray[np.float64]:
-        """The points (n, 3) of a query in the world, as its pose lays them; none without a pose."""
+    def placed_points_m(self, query: int) -> NDArray[np.float64]:
+        """The standing points (n, 3) of a query, laid in the world by its pose, if it has one."""
         pose = self.world_T_query[query]
         if not np.isfinite(pose).all():
             return np.empty((0, 3))
@@ -115,11 +120,11 @@ class BelievedDrive:
 def verdicts(
     fixes: schemas.Fixes, count: int, wanted_promise: float
 ) -> tuple[Poses, NDArray[np.bool_], float | None]:
-    """The poses (count, 4, 4) of queries as driven, which of them are accepted (count,), and why.
+    """The poses (count, 4, 4) of queries as driven, which are accepted (count,), and the promise.
 
-    A pose is accepted at the threshold of the highest promised precision up to the wanted one,
-    which is returned; if none can be promised, no pose is accepted. Raises ArtifactError if there
-    are not so many poses.
+    The promise is the highest precision up to the wanted one that can be promised. A pose is
+    accepted at its threshold; if none can be promised, no pose is accepted. Raises ArtifactError if
+    there are not so many poses.
     """
     # the rows of a case are together; the empty case is of queries as driven
     case = read_cases(fixes.cases).index(Case())

@@ -62,7 +62,7 @@ def frame(drive: BelievedDrive, query: int, counts: Sequence[int]) -> NDArray[np
     pixels = np.full((HEIGHT_PX, WIDTH_PX, 3), 255, np.uint8)
     splat(pixels, camera_T_world, drive.map_m, GREYS)
     ink = ACCEPTED if drive.accepted[query] else REFUSED
-    splat(pixels, camera_T_world, drive.walls_m(query), (ink,), are_all_wide=True)
+    splat(pixels, camera_T_world, drive.placed_points_m(query), (ink,), are_all_wide=True)
     image = Image.fromarray(pixels)
     draw = ImageDraw.Draw(image)
     _dots(draw, drive, query, camera_T_world)

@@ -1,11 +1,14 @@
 """Lines the streets of a dense world with what stands close to them, 0.3 to 5 m above the ground.
 
-There are two ways of lining (`Lining`). A `street` is narrow, with houses, gardens and parked cars
-on both sides, as in an old suburb. A `campus` keeps its blocks, and gets hedges, low walls and
-bushes beside its ways and at the feet of its buildings.
+A dense world is lined in one of two ways (`Lining`). A `street` is narrow, with houses, gardens
+and parked cars on both sides, as in an old suburb. A `campus` keeps its blocks, and gets hedges,
+low walls and bushes beside its ways and at the feet of its buildings.
 
 All shares, pitches and sizes below were set so that scans and views are about as full as recorded
 ones (docs/measured.md, 'How full views are'), never by the score of a method.
+
+A box is written `Part(x, y, half length along x, half width along y, bottom, top)`, in metres: its
+centre in the frame of its lot or building, and its heights above the ground.
 """
 
 from dataclasses import dataclass, replace
@@ -20,7 +23,7 @@ from pipeline.world.layout.shapes import Kind, Species
 from pipeline.world.layout.structures import Part, Structure
 
 Lining: TypeAlias = Literal["sparse", "street", "campus"]
-"""How streets are lined; `sparse`: with nothing but what the blocks hold."""
+"""How streets are lined; `sparse` is a world that is not dense, whose streets are not lined."""
 
 # The lots of a street, from its border outwards.
 PAVEMENT_BOUNDS_M = (1.5, 2.6)
@@ -102,7 +105,12 @@ FOOT_SHARE = 0.2
 
 @dataclass(frozen=True)
 class Side:
-    """One side of a street, with a frame of its own: x along the street, y away from its border."""
+    """One side of a street.
+
+    Stations are distances along the street from its start, on both sides. Structures have the frame
+    of the side: y points away from the street, so x points along the street on its left side, and
+    against it on its right side.
+    """
 
     campus: Campus
     street: int
@@ -132,7 +140,10 @@ class Side:
 
 
 def line(rng: np.random.Generator, campus: Campus, lining: Lining) -> None:
-    """Line all streets of a campus in one of the two ways, `street` or `campus`."""
+    """Line all streets of a campus in one of the two ways, `street` or `campus`.
+
+    It is not called for a `sparse` world.
+    """
     for street in range(len(campus.streets.edges)):
         for sign in (-1, 1):
             side = Side(campus, street, sign)
@@ -193,7 +204,8 @@ def _row_of_lots(rng: np.random.Generator, side: Side) -> None:
         if house:
             houses.append(house)
         station_m += house_m + gap_m
-    # Houses of the same row need no distance from each other, so they are built last.
+    # `fits` keeps a house away from all that is built. Houses of one row may stand closer, so they
+    # are built after all of them were checked.
     for house in houses:
         side.campus.build(house)
     _kerb(rng, side)
@@ -334,8 +346,8 @@ def _border(
 ) -> None:
     """A hedge, wall or fence in the frame of a lot, in pieces that follow the ground.
 
-    If `along` the street, it reaches from one x of `span_m` to the other, its near side at y =
-    `off_m`. Otherwise it reaches from one y to the other, its middle at x = `off_m`.
+    If `along` the street, `span_m` are the x of its ends, and `off_m` is the y of its near side.
+    Otherwise, `span_m` are the y of its ends, and `off_m` is the x of its middle.
     """
     if border == "open":
         return
@@ -383,6 +395,7 @@ def _garden(
     for _ in range(rng.poisson(BUSHES_PER_M2 * 2 * half_m * (far_m - near_m))):
         place = np.array([rng.uniform(-half_m, half_m), rng.uniform(near_m, far_m)])
         _bush(rng, campus, *lot.to_world(place).tolist())
+    # This is the mean for one garden: a lot with a house has two.
     for _ in range(rng.poisson(TREES_PER_LOT / 2)):
         place = np.array([rng.uniform(-half_m, half_m), rng.uniform(near_m, far_m)])
         species = Species.CONIFER if rng.random() < CONIFER_SHARE else Species.DECIDUOUS

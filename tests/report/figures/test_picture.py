@@ -61,7 +61,9 @@ def test_a_scan_without_a_pose_is_laid_where_its_place_is(scanned: Study) -> Non
     drive = BelievedDrive.of(scanned, "sci", DAY)
     answers_m = drive.world_T_query[:, :2, 3]
     assert (drive.posed, drive.promise) == (False, None)
-    np.testing.assert_allclose(drive.walls_m(0)[:, :2], [answers_m[0] + (6.0, 0.0)] * 2, atol=0.01)
+    np.testing.assert_allclose(
+        drive.placed_points_m(0)[:, :2], [answers_m[0] + (6.0, 0.0)] * 2, atol=0.01
+    )
     assert drive.right.tolist() == [True, True, False, True, True, False, False]
 
 
