@@ -39,12 +39,16 @@ class Settings:
     from_: Path | None = None  # `from` in the yaml, a reserved word here
     """A model of the first sequence, to be grown by the later ones; without it a new one learns."""
     views: Path
+    """Folder with the views of each sequence."""
     labels: Path
+    """Folder with the place of each view, by sequence."""
     out: Path
+    """Where the model is written."""
     checkpoints: Path
     """Folder for the state of an unfinished training."""
 
 
+# Before `main` runs, `within_budget` puts what the budget says of the method into its settings.
 @stage("train", within_budget)
 def main(settings: Settings) -> str:
     names = [f"{sequence}.zarr" for sequence in settings.sequences]
@@ -65,6 +69,7 @@ def main(settings: Settings) -> str:
         type(method),
         str(settings.from_),
     )
+    # A method reads from its `progress` what share of the full training to run.
     progress = ProgressBar(share, settings.checkpoints / f"{checkpoint_key}.safetensors")
     if not settings.from_:
         weights = method.learn(views, places, progress)
@@ -76,7 +81,7 @@ def main(settings: Settings) -> str:
             Places.of(labels_by_day[0]),
             progress,
         )
-        places = learned_set.places
+        places = learned_set.places  # those that the grown model knows, for the summary
     model = {"image_shape": np.array(views.images.shape[1:]), **weights}
     recipe = {"_target_": target_of(method), **asdict(method), "budget": share}
     store.write_model(settings.out, model, recipe)
@@ -91,6 +96,7 @@ def _summary(model: Model, places: NDArray[np.int64], share: float) -> str:
     epochs = len(curves[0]) if curves else 0
     if not epochs:
         return f"{learned}, nothing to train"
+    # The model's `best_epoch` counts from 0; it is a round for a method that trains in rounds.
     kept_epoch = int(model.get("best_epoch", epochs - 1)) + 1
     return f"{learned}, {share:g} of the full training, epoch {kept_epoch} of {epochs} kept"
 

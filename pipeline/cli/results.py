@@ -59,6 +59,7 @@ Write = Annotated[
 Keep = Annotated[
     str,
     typer.Option(
+        "--keep",
         metavar="NAME",
         show_default=False,
         help="keep in docs/papers/ what the papers' findings read: nway, street, compare, real",
@@ -74,7 +75,7 @@ def results(
     json: Json = False,
     markdown: Markdown = False,
     write: Write = False,
-    keep: Keep = "",
+    keep_name: Keep = "",
 ) -> None:
     """The results in a few lines, all tables, or every number as csv or json."""
     if words and not (write or where):
@@ -85,6 +86,8 @@ def results(
         _write_papers()
         return
     studies = read_studies()
+    # Of several options only the first of this order counts: --full, --markdown, --keep, --write,
+    # then --csv, --json and --where, which go together (--csv before --json).
     if full:
         _print_reports(studies)
         return
@@ -93,8 +96,8 @@ def results(
         from pipeline.report.document import document
 
         print(document(table, studies), end="")
-    elif keep:
-        _keep(keep, table, studies)
+    elif keep_name:
+        _keep(keep_name, table, studies)
     elif write:
         _write_pages(table, studies, words)
     elif csv or json or where:
@@ -197,10 +200,9 @@ def _write_pages(table: "pd.DataFrame", studies: "dict[str, Study]", kinds: list
         with replace(path) as scratch:
             scratch.write_text(filled(page, texts), encoding="utf-8")
         for block in blocks_by_page[path]:
-            print(
-                f"{path}: {' '.join(filter(None, block))}: "
-                f"{'written' if block in texts else 'left as it is'}"
-            )
+            block_words = " ".join(filter(None, block))  # a field that its mark lacks is empty
+            outcome = "written" if block in texts else "left as it is"
+            print(f"{path}: {block_words}: {outcome}")
     if PAPERS in kinds and any(Path("docs/papers").glob("*.csv")):
         _write_papers()
 

@@ -3,10 +3,11 @@
 Every function takes counts (…, t) with the t thresholds along the last axis, in rising order. A
 query is accepted if its novelty is below the threshold, so the last one accepts the most.
 
-Recall has two rules. The usual one is the share of all seen queries. By the SCI authors' rule
-(METHODS.md 2.7) a seen query that is accepted but misplaced is a false alarm and leaves recall's
-denominator. So recall reaches 1 once everything is accepted, and there precision is the share of
-*all* queries that are right.
+Precision is hits / (hits + false alarms), where a seen query that is accepted but misplaced is a
+false alarm. Recall has two rules. The usual one is hits / all seen queries. The SCI authors' rule
+(METHODS.md 2.7) is hits / (hits + misses), which leaves misplaced queries out of the denominator.
+So recall reaches 1 once everything is accepted, and there precision is the share of *all* queries
+that are right.
 """
 
 from typing import Any
@@ -62,7 +63,9 @@ def auroc(counts: Counts) -> NDArray[np.float64]:
     unseen = correct_rejections[..., 0]
     # When the rising threshold passes an unseen query, the seen ones accepted so far have less
     # novelty: the integral of their number over the unseen queries counts these pairs.
-    pairs_in_order = np.trapezoid(misses[..., :1] - misses, -correct_rejections, axis=-1)
+    seen_accepted = misses[..., :1] - misses
+    unseen_accepted = -correct_rejections  # up to a constant, which the integral does not see
+    pairs_in_order = np.trapezoid(seen_accepted, unseen_accepted, axis=-1)
     return ratio(np.asarray(pairs_in_order), seen * unseen, empty=np.nan)
 
 

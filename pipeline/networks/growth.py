@@ -40,11 +40,15 @@ def grown_model(
     """The model of all days, from the model of the known ones.
 
     Its evidence is the model's own together with that of the new days' held-out blocks; the earlier
-    blocks cannot be asked again, since the network may have been trained on them meanwhile.
+    blocks cannot serve as held-out queries again, since the network may have been trained on them
+    meanwhile. The method's settings say how many views of each known place are shown again
+    (`rehearsed`), and what share of the schedule is run on them and the new views (`grown`) and, of
+    that, once more with the held-out views (`refit`).
     """
     data = TrainingSet.joined([known_set, new_set])
     new_rows = len(known_set) + np.arange(len(new_set))
-    is_held_out = np.concatenate([np.zeros(len(known_set), bool), blocks(method, new_set)])
+    new_held_out = blocks(method, new_set)  # whether each new view is in a held-out block
+    is_held_out = np.concatenate([np.zeros(len(known_set), bool), new_held_out])
     with loop.reproducible(method.threads):
         torch.manual_seed(method.seed)
         earlier_net = method.filled(model)
@@ -57,6 +61,7 @@ def grown_model(
             progress=progress,
             step=partial(distilled, method, earlier_net),
         )
+        # Features of the new views by the earlier network, and the new view that each is of.
         features, feature_rows = method.embed_training(
             earlier_net, training.heights[new_rows], new_set.views, torch.arange(len(new_set))
         )
@@ -66,7 +71,9 @@ def grown_model(
         rehearsed_rows = hardest(known_logits, known_set.places, method.rehearsed)
         trained_rows = np.concatenate([rehearsed_rows, new_rows])
         curves = training.fit(trained_rows[~is_held_out[trained_rows]], method.grown)
-        softness, evidence = training.evidence(np.flatnonzero(~is_held_out), model)
+        # The queries are the held-out views; the others are what they are matched against.
+        matched_rows = np.flatnonzero(~is_held_out)
+        softness, evidence = training.evidence(matched_rows, model)
         if method.refit:
             training.fit(trained_rows, method.refit * method.grown, "refit")
         return training.model(softness, evidence, np.arange(len(data)), curves)
@@ -129,6 +136,7 @@ def distilled(
     if not method.distilled:
         return loss, right, count
     images, places, *_ = batch
+    # A network may answer for parts of an image too; `whole` takes its answers for whole images.
     with torch.no_grad(), loop.autocast(device(), method.precision):
         earlier_logits = method.whole(earlier_net(images)).float()
     # Softmax over the earlier places; for the ring over headings × places, whose index modulo the

@@ -29,8 +29,8 @@ class Record:
     error: str | None = None
     """Why the job failed, in one line."""
     rows: Sequence[Mapping[str, Any]] = ()
-    """Rows of the table of results: numbers of the test sequences as driven, and the AUC on
-    held-out blocks of training."""
+    """Rows of the table of results. Each is one number of one test sequence, for queries that are
+    not altered. One further row, of no sequence, is the AUC on held-out blocks of training."""
     from_dvc: Mapping[str, int] = field(default_factory=dict)
     """How many artifacts of each stage DVC had built already."""
     from_sweeps: Mapping[str, int] = field(default_factory=dict)
@@ -43,11 +43,12 @@ class Record:
     """CPU time of the job's own process."""
 
     def values(self, protocol: str, number: str) -> list[float]:
-        """The finite values of a number, one a test sequence; empty for a failed job."""
+        """The finite values of a number, one for each row that has it; empty for a failed job."""
         values = []
         for row in self.rows:
             is_this_number = (row["protocol"], row["number"]) == (protocol, number)
-            is_of_kind_in_use = not row.get("kind")  # rows of other kinds of novelty name theirs
+            # `kind` is empty for the novelty in use; rows of another kind of novelty name it there.
+            is_of_kind_in_use = not row.get("kind")
             if is_this_number and is_of_kind_in_use and math.isfinite(row["value"]):
                 values.append(row["value"])
         return values
@@ -75,6 +76,7 @@ def read(folder: Path) -> list[Record]:
     records = []
     for path in folder.glob("*.json"):
         content = json.loads(path.read_text(encoding="utf-8"))
+        # Only numbers can be null in a row.
         rows = [
             {name: math.nan if value is None else value for name, value in row.items()}
             for row in content["rows"]

@@ -49,7 +49,7 @@ CORRECTABLE = (YearlocError, HydraException, OmegaConfBaseException)
 """Errors that a person can put right."""
 
 # conf/sweep.yaml includes these fields of the stages by this name, so that a job may change them,
-# as localize.k=10 does; Hydra looks names up that are no files in its store
+# as localize.k=10 does. Hydra looks in its store for names that are not files.
 ConfigStore.instance().store("stage_fields", OmegaConf.create(own_fields()))
 
 
@@ -74,7 +74,7 @@ def job(cfg: DictConfig) -> float:
     try:
         record = replace(record, **run_chain(cfg, overrides, record.dataset))
     except CORRECTABLE as error:
-        # Hydra wraps an error of a class that it builds
+        # Hydra wraps errors raised while it instantiates a class.
         cause = error.__cause__ if isinstance(error.__cause__, YearlocError) else error
         record = replace(record, error=" ".join(str(cause).split()))
     except Exception as error:  # one job's bug is no reason to lose the others
@@ -105,7 +105,7 @@ def run_chain(cfg: DictConfig, overrides: Mapping[str, str], dataset: str) -> di
 
     def run(step: Step, fields: Mapping[str, str]) -> None:
         """Run a stage in this process, with `fields` for its paths and names."""
-        # the decorator `stages.stage` adds `run` to a stage's function: the stage as no command
+        # The decorator `stages.stage` adds `run`, which calls the stage without its command line.
         stage_function = import_module(f"stages.{step.stage}").main
         line = stage_function.run(composer.config(step, fields))
         print(f"{step.stage}: {line}", flush=True)
@@ -123,9 +123,12 @@ def run_chain(cfg: DictConfig, overrides: Mapping[str, str], dataset: str) -> di
     # Altered queries take long: they are ranked only where DVC has the rankings already.
     if not artifacts.dvc_has(step_of["localize"]):
         artifacts, step_of = plan(replace(study, altered={}))
+    # Without fields for paths and names, on which this setting does not depend.
     unseen_share = composer.config(step_of["localize"], {}).rejection.unseen_share
+    # This finds or builds the artifacts, so it comes before their counts are read.
+    rows = list(results(artifacts, step_of["evaluate"], step_of["train"], unseen_share))
     return {
-        "rows": list(results(artifacts, step_of["evaluate"], step_of["train"], unseen_share)),
+        "rows": rows,
         "from_dvc": _without_empty(artifacts.from_dvc),
         "from_sweeps": _without_empty(artifacts.from_sweeps),
         "built": _without_empty(artifacts.built),

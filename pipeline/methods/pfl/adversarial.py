@@ -59,9 +59,9 @@ def health(encoder: nn.Module, decoder: nn.Module, images: Tensor) -> Health:
 def settle(encoder: nn.Module, decoder: nn.Module, batches: Iterable[Tensor]) -> None:
     """Set the batch norms' running statistics from images (batch, 1, 64, 64) and reconstructions.
 
-    The statistics of training cannot be used: they are also of the generated images of half a
-    round, and with a variance that is far too small or too large the networks seem to have
-    collapsed.
+    The statistics of training cannot be used: they mix in generated images, and outputs of the
+    weights of earlier in the round. With a variance that is far too small or too large the networks
+    seem to have collapsed.
     """
     layers = [
         layer
@@ -72,7 +72,9 @@ def settle(encoder: nn.Module, decoder: nn.Module, batches: Iterable[Tensor]) ->
     momenta = [layer.momentum for layer in layers]
     for layer in layers:
         layer.reset_running_stats()
-        layer.momentum = None  # a plain mean over batches; on a GPU it waits at every batch
+        # None takes a plain mean over batches. It makes PyTorch synchronise the GPU at each batch,
+        # so it is set for these batches only.
+        layer.momentum = None
     for images in batches:
         decoder(encoder(images))
     for layer, momentum in zip(layers, momenta, strict=True):
@@ -94,10 +96,11 @@ class Training(SequenceMethod):
     width: Count = 64
     """Number of filters of the first convolution; every hidden layer scales with it."""
     code: Count = 512
-    """Numbers in a code, which are stored in 1 KB."""
+    """Numbers in a code. It is stored as float16, so 512 of them take 1 KB."""
     epochs: Whole = 30
     """Passes over all headings of the training rows. With 0 the weights stay as they were drawn,
-    which shows what matching alone does.
+    which shows what matching alone does. An iteration is one batch; all iterations of the epochs
+    are divided into rounds of equal length, which need not be epochs (`FeatureMethod._rounds`).
 
     Neither the paper nor its code gives the number. BiGAN's authors make 400 over MNIST's 50,000
     images; 30 over the 120,000 images of an NCLT drive are 56,000 iterations.
@@ -111,9 +114,9 @@ class Training(SequenceMethod):
     beta1: float = 0.5
     """Adam's first decay rate."""
     generator_steps: Count = 4
-    """Steps of the generators in an iteration, on the same batch. The discriminators and the cycles
-    make one, and so do the generators of an objective that sums their terms, as the paper's
-    does."""
+    """How often an iteration takes each turn that is `repeated`, the generators', on its batch.
+    All other turns take one step: the discriminators, the cycles, and the generators of an
+    objective that sums their terms, as the paper's does."""
     kept: Literal["best", "last"] = "best"
     """Whose weights are kept: those of the round that recognised the most held-out places (of
     equals the last one), or those of the last round. `best` looks at places, so it is not fully
@@ -139,7 +142,9 @@ class Training(SequenceMethod):
         iterations: int,
         progress: Progress,
     ) -> dict[str, NDArray[np.float64]]:
-        """Train the game's networks on images (n, 64, 64) in some rounds of some iterations.
+        """Train the game's networks on images (n, 64, 64).
+
+        Training takes `rounds` rounds of `iterations` batches each.
 
         Returns the mean of each loss term, and each number of the judge, by round. Afterwards the
         encoder and the decoder have the weights of the round that is `kept`: no loss of such a game
@@ -183,11 +188,11 @@ class Training(SequenceMethod):
                 curves.setdefault(name, []).append(value)
             if self.kept_round(curves) == number:
                 best_weights = _coder_weights(game)
-            progress.note(epoch=number + 1, **row)
+            progress.note(epoch=number + 1, **row)  # a bar counts rounds as epochs
             if progress.checkpoint is not None:
                 further_tensors = _checkpoint_tensors(curves, best_weights)
                 loop.keep(progress.checkpoint, game, optimizers, further_tensors)
-        game.load_state_dict(best_weights, strict=False)
+        game.load_state_dict(best_weights, strict=False)  # it lacks the discriminators
         return {name: np.array(column) for name, column in curves.items()}
 
     def _optimizers(self, game: Game) -> dict[str, torch.optim.Optimizer]:

@@ -27,9 +27,11 @@ COSTS = (
 def setup(study: Study, longest: int = 400) -> Table:
     """One row per model: what it is, its view, its share of full training, and its size.
 
-    What it is has at most `longest` characters.
+    The description of what it is is cut to `longest` characters.
     """
     rows = []
+    # The models of the first seed. Those that only add poses to another's answers have no training
+    # of their own, so they are not among the trained.
     for model in study.families:
         if model not in study.trained:
             continue
@@ -59,7 +61,8 @@ def setup(study: Study, longest: int = 400) -> Table:
 def sequences(study: Study) -> Table:
     """Table II of the SCI paper: each test sequence's age and how many of its queries are seen.
 
-    A query is seen if training had been at its place; that is counted by both protocols.
+    A query is seen if training had been at its place. That is counted once by distance and once by
+    grid cells; by distance some queries are neither seen nor unseen.
     """
     rows = []
     for name, (result, *_) in by_sequence(study.results).items():
@@ -95,8 +98,12 @@ def costs(study: Study) -> Table | None:
     rows = []
     for model in study.settings.models:
         measured = indexed(pick(study.rows, **model.columns), "number")
-        cells = [number(measured.get(column.number, NONE)[0], column.digits) for column in COSTS]
+        cells = []
+        for column in COSTS:
+            value, _, _ = measured.get(column.number, NONE)
+            cells.append(number(value, column.digits))
         rows.append((model.name, *cells))
     costs_table = table("costs", ("model", *headings_of(COSTS)), rows)
+    # A cell's key is the number behind its text, and None behind a dash or a word.
     is_measured = any(cell.key is not None for row in costs_table.rows for cell in row)
     return costs_table if is_measured else None
