@@ -112,12 +112,14 @@ def test_only_what_is_trained_is_tuned_and_only_a_study_with_updates_updates() -
         "courses": {"days": ["grown"]},
         "trained": {"days": ["grown", "tuned"], "updates": ["updated"]},
     }
-    assert courses(defaults, {}, updates=True) == {"days": ("grown",)}
-    assert courses(defaults, {"rehearsed": 2}, updates=False) == {"days": ("grown", "tuned")}
+    assert courses(defaults, {}, has_updates=True) == {"days": ("grown",)}
+    assert courses(defaults, {"rehearsed": 2}, has_updates=False) == {"days": ("grown", "tuned")}
     found = instances(
         {"dataset": "campus", "grid": "10m", "model": "m"},
         made_study(tests=["b"], learned=["a"], updates=["u"]),
-        StudyMethod("m", "v", "m.py", courses=courses(defaults, {"rehearsed": 2}, updates=True)),
+        StudyMethod(
+            "m", "v", "m.py", courses=courses(defaults, {"rehearsed": 2}, has_updates=True)
+        ),
     )
     assert {name: one["learned"] for name, one in found.items()} == {
         "campus-10m-m-days-grown": "a",
