@@ -130,8 +130,9 @@ audit: .venv/tools
 		--ignore-packages grandalf pygit2 huey skops
 	.audit/bin/pip-audit --requirement constraints.txt --no-deps --disable-pip --strict
 
-# The pages of docs/ into site/; nothing is loaded from the network, neither here nor by who reads them.
+# The messages of docs/troubleshooting.md as the code has them, and the pages of docs/ into site/; nothing is loaded from the network, neither here nor by who reads them.
 docs: .venv/docs
+	python -m tests.messages
 	NO_MKDOCS_2_WARNING=1 mkdocs build --strict
 
 # yearloc.localhost is this machine to every browser; opened at 127.0.0.1 itself, MLflow lays its assistant over the page.
