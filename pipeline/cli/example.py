@@ -27,14 +27,14 @@ PROMISE = 0.99
 
 def example() -> None:
     """Ask a ready site about three scans of later days: simulated, nothing else is needed."""
-    import numpy as np
 
+    from pipeline.core.frames import step_lengths_m
     from pipeline.online.example import SITE, scans
     from pipeline.online.site import Site
 
     site = Site.open(SITE)
     # the way from each anchor of the map to the next, in the plane
-    steps_m = np.linalg.norm(np.diff(site.targets.world_T_anchor[:, :2, 3], axis=0), axis=1)
+    steps_m = step_lengths_m(site.targets.world_T_anchor[:, :2, 3])
     print(
         f"{SITE.name}, simulated: {steps_m.sum():.0f} m of a campus, learned on "
         f"{site.description.provenance.train}; {SITE.stat().st_size / 1e6:.1f} MB"
@@ -70,5 +70,5 @@ def _pose_text(world_T_sensor: "Poses") -> str:
     from pipeline.core.frames import yaw
 
     x_m, y_m = world_T_sensor[:2, 3]
-    heading_deg = float(np.rad2deg(yaw(world_T_sensor[None])[0]))
+    heading_deg = float(np.rad2deg(yaw(world_T_sensor)))
     return f"x {x_m:.2f} m, y {y_m:.2f} m, heading {heading_deg:.1f}°"

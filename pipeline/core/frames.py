@@ -39,8 +39,11 @@ def rpy(poses: Poses) -> NDArray[np.float64]:
 
 
 def yaw(poses: Poses) -> NDArray[np.float64]:
-    """Headings (n,) of poses (n, 4, 4): the x axis in the xy plane, radians counter-clockwise."""
-    return np.arctan2(poses[:, 1, 0], poses[:, 0, 0])
+    """Headings (n,) of poses (n, 4, 4): the x axis in the xy plane, radians counter-clockwise.
+
+    One pose (4, 4), or (3, 3) of a plane, has one heading.
+    """
+    return np.arctan2(poses[..., 1, 0], poses[..., 0, 0])
 
 
 def wrapped_deg(angles_deg: NDArray[Any]) -> NDArray[Any]:
@@ -76,9 +79,31 @@ def turns(left_rad: NDArray[np.float64]) -> Poses:
     return pose(np.zeros((len(left_rad), 3)), rpy_rad)
 
 
-def transform(a_T_b: NDArray[np.float64], points_b: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Points (n, 3) in metres, moved from frame b into frame a; computed in float64."""
-    return (points_b @ a_T_b[:3, :3].T + a_T_b[:3, 3]).astype(np.float32)
+def moved(a_T_b: NDArray[np.float64], points_b: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Points (n, 3), or (n, 2) of a plane, in metres, moved from frame b into frame a.
+
+    `a_T_b` is a pose (4, 4), or for points of a plane one of a plane (3, 3).
+    """
+    count = points_b.shape[1]
+    return np.asarray(points_b @ a_T_b[:count, :count].T + a_T_b[:count, -1])
+
+
+def step_lengths_m(positions_m: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Metres (n − 1,) from each position (n, 2 or 3) to the next; NaN where one is NaN."""
+    return np.asarray(np.linalg.norm(np.diff(positions_m, axis=0), axis=1))
+
+
+def travelled_m(
+    positions_m: NDArray[np.floating], is_step: NDArray[np.bool_] | bool = True
+) -> NDArray[np.float64]:
+    """Metres (n,) of path from the first of the positions (n, 2 or 3) to each: 2-D or 3-D as given.
+
+    Steps to and from a NaN position count as 0, and so do those that are False in `is_step`
+    (n − 1,).
+    """
+    steps_m = step_lengths_m(positions_m)
+    counted_m = np.where(np.isfinite(steps_m) & is_step, steps_m, 0.0)
+    return np.concatenate([[0.0], np.cumsum(counted_m)])[: len(positions_m)]
 
 
 ROUNDED_NS = 1_000

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.errors import InputError
+from pipeline.core.frames import travelled_m
 from pipeline.core.store import Array, Artifact
 
 SINCE_1970 = "nanoseconds since 1970-01-01"
@@ -133,9 +134,9 @@ class Estimates(Artifact, kind="slam", version=1):
     @property
     def path_m(self) -> NDArray[np.float64]:
         """Metres (scan,) driven up to each scan; breaks and scans without odometry add none."""
-        steps_m = np.linalg.norm(np.diff(self.odom_T_scan[:, :3, 3], axis=0), axis=1)
-        steps_m[self.breaks - 1] = 0.0
-        return np.concatenate([[0.0], np.cumsum(np.where(np.isfinite(steps_m), steps_m, 0.0))])
+        is_step = np.ones(max(len(self.odom_T_scan) - 1, 0), bool)
+        is_step[self.breaks - 1] = False
+        return travelled_m(self.odom_T_scan[:, :3, 3], is_step)
 
     @property
     def posed(self) -> NDArray[np.bool_]:

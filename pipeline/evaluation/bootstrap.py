@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.core.frames import travelled_m
 from pipeline.core.settings import Count, Positive, Seed, check
 
 BOUNDS = (2.5, 97.5)
@@ -100,5 +101,4 @@ def blocks(xy_m: NDArray[np.float64], block_m: float) -> NDArray[np.int64]:
 
     Blocks are numbered from 0 without gaps.
     """
-    travelled_m = np.cumsum(np.linalg.norm(np.diff(xy_m, axis=0, prepend=xy_m[:1]), axis=1))
-    return np.unique(travelled_m // block_m, return_inverse=True)[1]
+    return np.unique(travelled_m(xy_m) // block_m, return_inverse=True)[1]

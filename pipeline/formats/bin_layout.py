@@ -18,6 +18,7 @@ import scipy  # loads a part of it when that is first used
 from numpy.typing import NDArray
 
 from pipeline.core.errors import LogError
+from pipeline.core.frames import step_lengths_m
 
 NCLT_BYTES = 8
 """Bytes of NCLT's records: x, y, z as 16-bit integers, intensity, laser id."""
@@ -227,4 +228,4 @@ def _spacing_m(xyz_m: NDArray[np.float32]) -> float:
     finite_points = xyz_m[np.isfinite(xyz_m).all(axis=1)].astype(np.float64)
     if len(finite_points) < 2:
         return np.inf
-    return float(np.median(np.linalg.norm(np.diff(finite_points, axis=0), axis=1)))
+    return float(np.median(step_lengths_m(finite_points)))

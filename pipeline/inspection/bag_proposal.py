@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.errors import LogError
+from pipeline.core.frames import moved
 from pipeline.formats.bag import CLOUD, IMU, SWEEP, TRANSFORMS
 from pipeline.formats.bag_file import plain
 from pipeline.inspection.bag_contents import Contents, TopicSummary
@@ -255,7 +256,7 @@ def _lift(
     heights_m: list[float] = []
     if body_T_lidar is not None:
         for cloud in contents.clouds(points):
-            body_cloud = cloud @ body_T_lidar[:3, :3].T + body_T_lidar[:3, 3]
+            body_cloud = moved(body_T_lidar, cloud)
             if len(cloud) >= MIN_CLOUD_POINTS:
                 range_m = np.hypot(body_cloud[:, 0], body_cloud[:, 1])
                 heights_m.append(ground(body_cloud, range_m))

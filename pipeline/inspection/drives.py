@@ -6,6 +6,7 @@ Each function adds the key numbers of one artifact as rows of text, and warnings
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.core.frames import step_lengths_m
 from pipeline.core.schemas import Scans, Submaps, Views
 from pipeline.inspection.cloud import survey
 from pipeline.inspection.columns import blocks
@@ -129,7 +130,7 @@ def _drive_rows(
     if not len(stamps):
         return rows
     has_pose = np.isfinite(xyz_m).all(axis=1)
-    steps_m = np.linalg.norm(np.diff(xyz_m[has_pose], axis=0), axis=1)
+    steps_m = step_lengths_m(xyz_m[has_pose])
     rows += [
         ("date", moment(int(stamps[0]))),
         ("duration", duration(float(stamps[-1] - stamps[0]) * 1e-9)),

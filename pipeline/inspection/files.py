@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.core.errors import LogError
-from pipeline.core.frames import flip_ned, pose, transform
+from pipeline.core.frames import flip_ned, moved, pose
 from pipeline.formats import bin_layout, kitti, nclt, pcd
 from pipeline.formats.folder import LARGEST_BYTES, refuse_array
 from pipeline.inspection.cloud import diagnose
@@ -151,7 +151,7 @@ def _describe_packets(path: Path, inspection: Inspection) -> None:
     lasers = (hits[:, 3] >> 8).astype(np.uint8)
     xyzrph = np.array([nclt.BODY_T_VELODYNE_XYZRPH])
     body_T_velodyne = flip_ned(pose(xyzrph[:, :3], np.radians(xyzrph[:, 3:])))[0]
-    points = transform(body_T_velodyne, nclt.decode(hits.ravel()).astype(np.float32))
+    points = moved(body_T_velodyne, nclt.decode(hits.ravel()))
     inspection.kind = "NCLT Velodyne packets"
     inspection.add_untitled(
         ("size", nbytes(path.stat().st_size)),

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.errors import LogError
+from pipeline.core.frames import step_lengths_m
 from pipeline.formats import bin_layout, carmen, folder, kitti, nclt
 from pipeline.inspection.cloud import spread, survey
 from pipeline.inspection.drives import VEHICLE
@@ -285,7 +286,7 @@ def describe_log(inspection: Inspection, log: Log, title: str, scans: str) -> No
     true_pose_count = int(np.isfinite(log.world_T_scan).all(axis=(1, 2)).sum())
     odometry_count = np.isfinite(log.odom_T_scan).all(axis=(1, 2)).sum()
     odometry_percent = 100 * odometry_count / max(count, 1)
-    steps_m = np.linalg.norm(np.diff(log.world_T_scan[:, :3, 3], axis=0), axis=1)
+    steps_m = step_lengths_m(log.world_T_scan[:, :3, 3])
     steps_m = steps_m[np.isfinite(steps_m)]
     path = metres(float(steps_m.sum()))
     if len(steps_m):

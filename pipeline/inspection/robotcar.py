@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.errors import LogError
+from pipeline.core.frames import step_lengths_m
 from pipeline.formats import robotcar
 from pipeline.inspection import folders
 from pipeline.inspection.cloud import spread
@@ -148,7 +149,7 @@ def describe_vo(path: Path, inspection: Inspection) -> None:
     stamps_s = odometry.trajectory.stamps_ns * 1e-9
     poses = odometry.trajectory.world_T_body
     has_pose: NDArray[np.bool_] = np.all(np.isfinite(poses), axis=(1, 2))
-    steps_m = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
+    steps_m = step_lengths_m(poses[:, :3, 3])
     steps_m = steps_m[np.isfinite(steps_m)]
     path_text = metres(float(steps_m.sum()))
     longest_text = metres(float(steps_m.max(initial=0.0)))
@@ -192,7 +193,7 @@ def describe_ins(path: Path, inspection: Inspection) -> None:
     is_good: NDArray[np.bool_] = np.all(np.isfinite(track.world_T_body), axis=(1, 2))
     stamps_s = track.stamps_ns * 1e-9
     xyz_m = numbers(path, table, robotcar.INS_POSE)[is_good, :3]
-    steps_m = np.linalg.norm(np.diff(xyz_m, axis=0), axis=1)
+    steps_m = step_lengths_m(xyz_m)
     steps_s = np.diff(stamps_s[is_good])
     is_outage = steps_s > max_gap_s
     inspection.kind = "RobotCar inertial navigation"

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.core.frames import yaw
 from pipeline.core.settings import Count, check
 from pipeline.level.beams import Support, supports
 from pipeline.level.field import Field
@@ -123,7 +124,7 @@ class LevelFixer:
         if len(gathered.points_m) < LEAST_POINTS:
             return LevelFix()
         grid_T_guess = np.linalg.inv(field.world_T_grid) @ world_T_guess
-        heading_rad = np.arctan2(grid_T_guess[1, 0], grid_T_guess[0, 0])
+        heading_rad = yaw(grid_T_guess)
         pose = np.array([[*grid_T_guess[:2, 3], heading_rad]])
         return self._compared(field, gathered, pose)
 
@@ -194,7 +195,7 @@ def signs(fix: LevelFix) -> NDArray[np.float64]:
 def same(hypothesis: Hypothesis, other: Hypothesis) -> bool:
     """Whether two hypotheses are the same pose, within APART_M and APART_DEG."""
     between = np.linalg.inv(hypothesis.world_T_query) @ other.world_T_query
-    turn_deg = abs(np.rad2deg(np.arctan2(between[1, 0], between[0, 0])))
+    turn_deg = abs(np.rad2deg(yaw(between)))
     return bool(np.linalg.norm(between[:2, 3]) < APART_M and turn_deg < APART_DEG)
 
 

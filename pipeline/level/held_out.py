@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.errors import InputError
+from pipeline.core.frames import travelled_m
 from pipeline.core.schemas import Scans
 from pipeline.core.settings import Count, Positive, check
 from pipeline.level.field import Field
@@ -106,7 +107,7 @@ class LevelHeldOut:
 
         A query is gathered over `over_m` of path; `drawing` has the beams of all sweeps.
         """
-        path_m = travelled_m(sweeps.world_T_sweep)
+        path_m = travelled_m(sweeps.world_T_sweep[:, :2, 3])
         count = int(min(self.most, path_m[-1] // self.every_m))
         asked_at_m = np.linspace(over_m, path_m[-1], max(count, 1))
         rows = np.unique(np.searchsorted(path_m, asked_at_m).clip(0, len(path_m) - 1))
@@ -128,12 +129,6 @@ class LevelHeldOut:
             np.tile([False, True], len(rows)),
             np.arange(len(rows)).repeat(2),
         )
-
-
-def travelled_m(world_T_sweep: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The metres of path (sweep,) up to each sweep."""
-    steps_m = np.linalg.norm(np.diff(world_T_sweep[:, :2, 3], axis=0), axis=1)
-    return np.concatenate([[0.0], np.cumsum(steps_m)])
 
 
 def _fix_without(

@@ -13,6 +13,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from pipeline.core.errors import InputError
+from pipeline.core.frames import moved
 
 UNKNOWN = -1
 FREE = 0
@@ -128,7 +129,7 @@ class Drawing:
         where no hit is within range, or the grid would be too large.
         """
         ends_of_sweeps = [
-            _finite(sweep)[:, :2] @ pose[:2, :2].T + pose[:2, 3]
+            moved(pose, _finite(sweep)[:, :2])
             for sweep, pose in zip(sweeps_m, world_T_sweep, strict=True)
         ]
         sweep = np.arange(len(ends_of_sweeps)).repeat([len(ends) for ends in ends_of_sweeps])

@@ -14,6 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from pipeline.core.frames import moved, yaw
 from pipeline.level.field import REACH_M
 from pipeline.level.refinement import refine_in
 
@@ -136,7 +137,7 @@ class Gatherer:
             path_m += step_m
             last_pose = pose
             newest_T_sweep = newest_T_start @ pose
-            ends.append(_transformed(hits, newest_T_sweep))
+            ends.append(moved(newest_T_sweep, hits))
             starts.append(np.broadcast_to(newest_T_sweep[:2, 2], hits.shape))
         ends_m = np.concatenate(ends)
         return Gathered(
@@ -166,8 +167,7 @@ class Gatherer:
         earlier_hits = list(self._hits)[-MATCHED_SWEEPS:]
         earlier_poses = list(self._poses)[-MATCHED_SWEEPS:]
         in_start_frame = [
-            _transformed(earlier, pose)
-            for earlier, pose in zip(earlier_hits, earlier_poses, strict=True)
+            moved(pose, earlier) for earlier, pose in zip(earlier_hits, earlier_poses, strict=True)
         ]
         earlier_m = thinned(np.concatenate(in_start_frame))
         if len(hits) < 3 or len(earlier_m) < 3:
@@ -178,7 +178,7 @@ class Gatherer:
         cols, rows = (np.ceil(sides_m / CELL_M) + 2).astype(int)
         distance_m = _distances(earlier_m - corner_m, int(rows), int(cols))
         # the best pose in the window, then refined in place, the second time more strictly
-        heading_rad = np.arctan2(start_T_sweep[1, 0], start_T_sweep[0, 0])
+        heading_rad = yaw(start_T_sweep)
         guess = np.array([*(start_T_sweep[:2, 2] - corner_m), heading_rad])
         thinned_hits = thinned(hits)
         pose = _best_in_window(distance_m, thinned_hits, guess)
@@ -218,13 +218,8 @@ def thinned(points_m: NDArray[np.float64]) -> NDArray[np.float64]:
 def _has_moved(start_T_before: NDArray[np.float64], start_T_after: NDArray[np.float64]) -> bool:
     """Whether the motion between two poses (3, 3) makes the later sweep worth keeping."""
     motion = np.linalg.inv(start_T_before) @ start_T_after
-    turn_deg = abs(np.rad2deg(np.arctan2(motion[1, 0], motion[0, 0])))
+    turn_deg = abs(np.rad2deg(yaw(motion)))
     return bool(np.linalg.norm(motion[:2, 2]) >= MOVED_M or turn_deg >= MOVED_DEG)
-
-
-def _transformed(points_m: NDArray[np.float64], pose: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The points (n, 2), transformed by a pose (3, 3)."""
-    return np.asarray(points_m @ pose[:2, :2].T + pose[:2, 2])
 
 
 @njit(cache=True, nogil=True)

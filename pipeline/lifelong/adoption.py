@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
 from pipeline.core.errors import LogError
-from pipeline.core.frames import Poses, Stamps, Trajectory, distance_and_turn
+from pipeline.core.frames import Poses, Stamps, Trajectory, distance_and_turn, travelled_m
 from pipeline.matching.ranking import Rows
 from pipeline.online.inputs import NO_POSE, Scan
 from pipeline.online.site import Fix, Site, finite
@@ -140,7 +140,7 @@ def _corrected(path: Poses, last: Poses) -> Poses:
 
     Each pose gets a part of the correction, in proportion to the path driven until it.
     """
-    path_m = np.cumsum([0, *np.linalg.norm(np.diff(path[:, :3, 3], axis=0), axis=1)])
+    path_m = travelled_m(path[:, :3, 3])
     share = path_m / max(path_m[-1], 1e-9)  # a robot that stood still gets none
     correction = last @ np.linalg.inv(path[-1])
     turns = Slerp([0, 1], Rotation.from_matrix([np.eye(3), correction[:3, :3]]))(share)

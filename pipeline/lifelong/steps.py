@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.core.frames import travelled_m
 from pipeline.core.progress import Progress
 from pipeline.lifelong import adoption, growth
 from pipeline.lifelong.adoption import NothingAdoptedError
@@ -52,8 +53,7 @@ class Step:
 
 def streets(name: str, views: Rows) -> dict[str, Rows]:
     """The views of the day `name`, cut into STREETS parts of equal length of path, by part."""
-    steps_m = np.linalg.norm(np.diff(views.world_T_anchor[:, :2, 3], axis=0), axis=1)
-    path_m = np.cumsum([0, *steps_m])
+    path_m = travelled_m(views.world_T_anchor[:, :2, 3])
     ends = np.searchsorted(path_m, path_m[-1] * np.arange(1, STREETS) / STREETS)
     edges = [0, *ends, len(path_m)]
     loaded_views = Rows(views.images[:], views.stamps_ns, views.world_T_anchor)

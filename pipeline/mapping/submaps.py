@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.errors import ConfigError
-from pipeline.core.frames import Poses
+from pipeline.core.frames import Poses, step_lengths_m, travelled_m
 from pipeline.core.progress import Progress
 from pipeline.core.schemas import PoseColumn, Scans, Submaps
 from pipeline.core.settings import NotNegative, Positive, check
@@ -121,8 +121,7 @@ class Accumulated:
         rows = sample_path(xyz_m, self.step_m)
         has_pose = np.isfinite(xyz_m).all(axis=1)
         breaks = np.cumsum(~has_pose)
-        steps_m = np.linalg.norm(np.diff(xyz_m, axis=0), axis=1)
-        path_m = np.concatenate([[0.0], np.cumsum(np.where(np.isfinite(steps_m), steps_m, 0.0))])
+        path_m = travelled_m(xyz_m)
 
         # 2. A window begins `window_m` before its anchor, if that is behind the last break.
         # The first scan with an anchor's count of breaks is the last break itself, if there is one.
@@ -186,14 +185,14 @@ def sample_path(xyz_m: NDArray[np.float64], step_m: float) -> NDArray[np.int64]:
     the sum starts again at zero (METHODS 2.2). Rows with a NaN are never taken, and the steps to
     and from them do not count.
     """
-    steps_m = np.linalg.norm(np.diff(xyz_m, axis=0), axis=1)
+    steps_m = step_lengths_m(xyz_m)
     steps_m[~np.isfinite(steps_m)] = 0.0
     has_position: NDArray[np.bool_] = np.all(np.isfinite(xyz_m), axis=1)
     rows = []
-    travelled_m = 0.0
+    since_sample_m = 0.0
     for row, moved_m in enumerate(steps_m.tolist(), start=1):
-        travelled_m += moved_m
-        if travelled_m >= step_m and has_position[row]:
+        since_sample_m += moved_m
+        if since_sample_m >= step_m and has_position[row]:
             rows.append(row)
-            travelled_m = 0.0
+            since_sample_m = 0.0
     return np.array(rows, np.int64)

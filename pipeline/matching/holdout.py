@@ -6,7 +6,7 @@ Epochs, thresholds and settings are chosen on them, never on a test sequence.
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.core.frames import Poses
+from pipeline.core.frames import Poses, travelled_m
 
 
 def blocks(
@@ -25,7 +25,7 @@ def blocks(
     """
     # The path since the last begin of a block: modulo every_m, adding half of it is the same as
     # subtracting it.
-    since_begin_m = (_path_m(world_T_anchor) + every_m / 2 - later_m) % every_m
+    since_begin_m = (travelled_m(world_T_anchor[:, :3, 3]) + every_m / 2 - later_m) % every_m
     is_in_block = since_begin_m < length_m
     trained_count = np.bincount(places[~is_in_block], minlength=int(places.max()) + 1)
     return is_in_block & (trained_count[places] > 0)
@@ -40,7 +40,7 @@ def numbered(
     block belongs to the next: that is longer than a block of `blocks`, and shorter than the way to
     the next one. A path that is held out as a whole is cut into blocks of this length.
     """
-    path_m = _path_m(world_T_anchor)[is_held_out]
+    path_m = travelled_m(world_T_anchor[:, :3, 3])[is_held_out]
     numbers = np.empty(len(path_m), np.int64)
     longest_m = max(every_m / 2, length_m)
     block = -1
@@ -51,9 +51,3 @@ def numbered(
             first_m = submap_m
         numbers[submap] = block
     return numbers
-
-
-def _path_m(world_T_anchor: Poses) -> NDArray[np.float64]:
-    """Metres (n,) along the path to each submap."""
-    steps = np.linalg.norm(np.diff(world_T_anchor[:, :3, 3], axis=0), axis=1)
-    return np.concatenate([[0.0], np.cumsum(steps)])

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from pipeline.alterations import Case, read_cases
 from pipeline.core import schemas, store
 from pipeline.core.errors import ConfigError
-from pipeline.core.frames import Poses, distance_and_turn
+from pipeline.core.frames import Poses, distance_and_turn, moved
 from pipeline.mapping.gathering import submap_points
 from pipeline.online.inputs import Scan
 from pipeline.online.site import Fix
@@ -187,9 +187,9 @@ def _from_above(
     for row in np.argsort(away_m)[:2]:
         pose = targets.world_T_anchor[row]
         mapped_m = targets.points_m(int(row))
-        mapped_m = mapped_m[mapped_m[:, 2] > WALL_M] @ pose[:3, :3].T + pose[:3, 3]
+        mapped_m = moved(pose, mapped_m[mapped_m[:, 2] > WALL_M])
         axes.plot(*mapped_m[:, :2].T, ".", color=MAP_GREY, markersize=1.2, zorder=1)
-    seen_m = points_m @ world_T_scan[:3, :3].T + world_T_scan[:3, 3]
+    seen_m = moved(world_T_scan, points_m)
     # every third point, which shows as much
     axes.plot(*seen_m[::3, :2].T, ".", color=SCAN_RED, markersize=1.0, zorder=2)
     # an arrow of 6 m from the robot ahead, along its x axis

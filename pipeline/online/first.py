@@ -9,7 +9,7 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.core.frames import pose
+from pipeline.core.frames import moved, pose
 from pipeline.core.progress import Progress
 from pipeline.formats import kitti, nclt
 from pipeline.formats.pointcloud2 import finite
@@ -104,7 +104,7 @@ def street() -> NDArray[np.float64]:
         )
         parts += [front, side, front * (1, -1, 1), side * (1, -1, 1)]
     turned = pose(np.zeros((1, 3)), np.array([[0.0, 0.0, 0.3]]))[0]
-    return np.asarray(np.concatenate(parts) @ turned[:3, :3].T)
+    return moved(turned, np.concatenate(parts))
 
 
 def _decode_formats(points_m: NDArray[np.float64]) -> None:

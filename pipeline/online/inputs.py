@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from pipeline.core.building import build
 from pipeline.core.errors import ConfigError, LogError, YearlocError
-from pipeline.core.frames import Poses, Stamps
+from pipeline.core.frames import Poses, Stamps, moved
 from pipeline.formats import bin_layout, carmen, folder, nclt
 from pipeline.formats.bag import CLOUD, SWEEP
 from pipeline.formats.bag_file import BagFile, find
@@ -144,8 +144,7 @@ def placement(key: str, text: str) -> Poses:
 
 def placed(points_m: NDArray[np.floating], body_T_lidar: Poses) -> NDArray[np.float64]:
     """Points (n, 3) of a lidar in the frame of the vehicle, by the lidar's pose (4, 4) there."""
-    points_m = np.asarray(points_m, np.float64)
-    return np.asarray(points_m @ body_T_lidar[:3, :3].T + body_T_lidar[:3, 3])
+    return moved(body_T_lidar, np.asarray(points_m, np.float64))
 
 
 def _of_log(

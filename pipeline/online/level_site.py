@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.errors import InputError
+from pipeline.core.frames import moved
 from pipeline.level.field import Field
 from pipeline.level.fix import LevelFix
 from pipeline.level.level_map import LevelMap
@@ -70,8 +71,7 @@ class LevelSite(Site):
         """The middles (n, 3) of the cells that are walls, in metres in the world, at z = 0."""
         cells = np.argwhere(self.level_map.walls)[:, ::-1]  # column, row
         grid_m = (cells + 0.5) * self.level_map.cell_m
-        world_T_grid = self.level_map.world_T_grid
-        world_m = grid_m @ world_T_grid[:2, :2].T + world_T_grid[:2, 3]
+        world_m = moved(self.level_map.world_T_grid, grid_m)
         return np.column_stack([world_m, np.zeros(len(world_m))])
 
     def localize(self, points_m: NDArray[np.floating], promise: float | None = 0.99) -> Fix:

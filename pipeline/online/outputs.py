@@ -104,7 +104,7 @@ def person(scan: Scan, fix: Fix) -> str:
     if fix.verdict == "no pose":
         return f"{scan.name:<24} no pose   too few points, or nothing fits   {fix.ms:6.1f} ms"
     x_m, y_m = fix.world_T_sensor[:2, 3]
-    heading_deg = float(np.rad2deg(yaw(fix.world_T_sensor[None])[0]))
+    heading_deg = float(np.rad2deg(yaw(fix.world_T_sensor)))
     position = f"x {x_m:9.2f} m  y {y_m:9.2f} m  heading {heading_deg:6.1f}°  place {fix.place:>4}"
     return (
         f"{scan.name:<24} {fix.verdict:<9} {position}  overlap {fix.overlap:.2f}  novelty "

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.errors import ConfigError
-from pipeline.core.frames import Poses
+from pipeline.core.frames import Poses, moved
 from pipeline.core.replacing import replace
 from pipeline.online.inputs import Scan
 from pipeline.online.level_site import LevelSite
@@ -250,8 +250,7 @@ def whole_map(site: Site) -> NDArray[np.float64]:
     else:
         walls_m = []
         for row, world_T_anchor in enumerate(site.targets.world_T_anchor):
-            in_anchor_m = _walls(site.targets.points_m(row))
-            walls_m.append(in_anchor_m @ world_T_anchor[:3, :3].T + world_T_anchor[:3, 3])
+            walls_m.append(moved(world_T_anchor, _walls(site.targets.points_m(row))))
         points_m = np.concatenate(walls_m)
     return points_m[:: max(1, len(points_m) // MAP_POINTS)]
 

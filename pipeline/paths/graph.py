@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.errors import ConfigError
-from pipeline.core.frames import Poses, distance_and_turn
+from pipeline.core.frames import Poses, distance_and_turn, travelled_m
 from pipeline.core.settings import Positive, check
 from pipeline.paths.belief import DEVIATIONS, LEAST_CHANCE, REPEAT_SHARE
 from pipeline.paths.tracks import Estimates, Track
@@ -76,8 +76,7 @@ class Graph:
         """
         odom_T_fix = track.odom_T_query[fix_rows]
         world_T_fix = track.world_T_query[fix_rows]
-        steps_m = np.linalg.norm(np.diff(odom_T_fix[:, :2, 3], axis=0), axis=1)
-        path_m = np.concatenate([[0.0], np.cumsum(steps_m)])
+        path_m = travelled_m(odom_T_fix[:, :2, 3])
         sets = []
         for reference in range(len(fix_rows)):
             world_T_odom = world_T_fix[reference] @ np.linalg.inv(odom_T_fix[reference])

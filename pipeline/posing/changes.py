@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from pipeline.core.frames import Poses
-from pipeline.posing.registration import Points, moved
+from pipeline.core.frames import Poses, moved
+from pipeline.posing.registration import Points
 from pipeline.posing.targets import Targets
 from pipeline.posing.walls import SEEN_THROUGH, Chart, Walls
 

@@ -18,6 +18,7 @@ import small_gicp
 from numpy.typing import NDArray
 
 from pipeline.core.errors import ConfigError, InputError
+from pipeline.core.frames import moved
 from pipeline.core.settings import Count, Positive, check
 
 Points = NDArray[np.float64]
@@ -241,11 +242,6 @@ class Registration:
         rough_m = np.asarray(source.rough.points())[:, :3]
         _, distances_m = target.nearest(moved(target_T_source, rough_m))
         return float((distances_m < self.reach_m).mean())
-
-
-def moved(a_T_b: NDArray[np.float64], points_m: Points) -> Points:
-    """Transform points (n, 3) of frame b into frame a."""
-    return np.asarray(points_m @ a_T_b[:3, :3].T + a_T_b[:3, 3])
 
 
 def _least_along(normals: NDArray[np.float64]) -> float:

@@ -285,7 +285,7 @@ class _Search:
         for row in self.targets.nearest(xy_m[None], self.left_out):
             world_T_anchor = self.targets.world_T_anchor[row]
             # The answer's heading and position in the frame of that submap's anchor.
-            turn_rad = np.deg2rad(heading_deg) - yaw(world_T_anchor[None])[0]
+            turn_rad = np.deg2rad(heading_deg) - yaw(world_T_anchor)
             offset_m = world_T_anchor[:3, :3].T @ np.append(xy_m - world_T_anchor[:2, 3], 0.0)
             if (np.abs(offset_m[:2]) > self.fixer.walls.offset_m).any():
                 offset_m = np.zeros(3)  # too far from the anchor to start there

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.core.frames import pose
+from pipeline.core.frames import pose, yaw
 from pipeline.posing.targets import APART_M, Targets
 from pipeline.posing.walls import Walls
 
@@ -71,7 +71,7 @@ def slide(
     near_rows = np.argsort(away_m, kind="stable")[: np.count_nonzero(away_m < FAR_M)]
     rows = near_rows[_spaced(anchors_m[near_rows])]
     targets_T_query = np.linalg.inv(targets.world_T_anchor[rows]) @ world_T_query
-    headings_rad = np.arctan2(targets_T_query[:, 1, 0], targets_T_query[:, 0, 0])
+    headings_rad = yaw(targets_T_query)
 
     # The distance (submap, x, y) of each offset that is scored from the pose, on each chart.
     offsets_m = (np.arange(2 * walls.offset_cells + 1) - walls.offset_cells) * walls.cell_m

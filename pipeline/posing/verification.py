@@ -11,7 +11,8 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.posing.registration import Cloud, Points, moved
+from pipeline.core.frames import moved
+from pipeline.posing.registration import Cloud, Points
 from pipeline.posing.walls import SEEN_THROUGH, Chart, Walls, cell_numbers
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.errors import ConfigError, LogError
-from pipeline.core.frames import Poses, Stamps, pose
+from pipeline.core.frames import Poses, Stamps, moved, pose
 from pipeline.core.settings import Positive, check
 from pipeline.formats import carmen
 from pipeline.formats.carmen import Laser, Records, Sweep
@@ -227,7 +227,7 @@ def sweep_points(sweep: Sweep, limit_m: float, lift_m: float) -> NDArray[np.floa
     angles_rad = sweep.angles_rad[is_hit]
     laser_xy_m = np.column_stack([ranges_m * np.cos(angles_rad), ranges_m * np.sin(angles_rad)])
     robot_T_laser = np.linalg.inv(_planar([sweep.robot_pose])[0]) @ _planar([sweep.laser_pose])[0]
-    xy_m = laser_xy_m @ robot_T_laser[:2, :2].T + robot_T_laser[:2, 3]
+    xy_m = moved(robot_T_laser, laser_xy_m)
     return np.column_stack([xy_m, np.full(len(xy_m), lift_m)])
 
 

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pipeline.core.errors import ConfigError, LogError
-from pipeline.core.frames import Poses, Stamps, Trajectory
+from pipeline.core.frames import Poses, Stamps, Trajectory, moved
 from pipeline.core.settings import Positive, check
 from pipeline.formats import bin_layout, kitti
 from pipeline.formats import folder as files
@@ -268,7 +268,7 @@ def read_scan(
     """
     points = files.points(log.read_bytes(path, 1, "bytes"), path, point_bytes)
     points = points[(np.abs(points) < FARTHEST_M).all(axis=1)]
-    return points @ vehicle_T_lidar[:3, :3].T + vehicle_T_lidar[:3, 3]
+    return moved(vehicle_T_lidar, points)
 
 
 def read_tum(path: Path) -> tuple[Stamps, Poses]:

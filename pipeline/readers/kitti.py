@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.errors import ConfigError, LogError
-from pipeline.core.frames import Trajectory
+from pipeline.core.frames import Trajectory, travelled_m
 from pipeline.core.settings import Positive, Share, check
 from pipeline.formats import kitti
 from pipeline.readers import log, vehicle
@@ -72,8 +72,7 @@ class Kitti:
         if self.poses:
             notes += vehicle.doubts("the true poses", Trajectory(stamps_ns, poses, MAX_GAP_S))
         if part:
-            steps_m = np.linalg.norm(np.diff(poses[rows, :3, 3], axis=0), axis=1)
-            path_m = np.concatenate([[0.0], np.cumsum(steps_m)])
+            path_m = travelled_m(poses[rows, :3, 3])
             is_in_a = path_m <= self.split * path_m[-1]
             rows = rows[is_in_a if part == "a" else ~is_in_a]
         world_T_scan = log.lifted(poses[rows], self.lidar_height_m)

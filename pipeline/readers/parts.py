@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from pipeline.core.errors import ConfigError, LogError
+from pipeline.core.frames import travelled_m
 from pipeline.readers.log import Log, Reader
 
 SHARE = r"(?P<by>path|time)(?P<number>[1-9]\d?)of(?P<of>[1-9]\d?)"
@@ -99,7 +100,7 @@ class Part:
             if self.by == "first":
                 return np.flatnonzero(~is_revisit)
             return np.flatnonzero(is_revisit & _is_apart(stamps_ns, ~is_revisit, apart_ns))
-        progress = (stamps_ns - stamps_ns[0]) / 1e9 if self.by == "time" else _path_m(xyz_m)
+        progress = (stamps_ns - stamps_ns[0]) / 1e9 if self.by == "time" else travelled_m(xyz_m)
         if self.at is None:
             ends = progress[-1] * np.arange(1, self.of) / self.of  # of all parts but the last
         else:
@@ -185,9 +186,3 @@ def _is_apart(
     is_before_next = ~has_next | (to_next_ns >= apart_ns)
     is_after_previous = ~has_previous | (since_previous_ns >= apart_ns)
     return is_before_next & is_after_previous
-
-
-def _path_m(xyz_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Metres of path (n,) from the first row to each row; steps without a position count as 0."""
-    steps_m = np.linalg.norm(np.diff(xyz_m, axis=0), axis=1)
-    return np.concatenate([[0.0], np.cumsum(np.where(np.isfinite(steps_m), steps_m, 0.0))])

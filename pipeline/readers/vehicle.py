@@ -10,7 +10,15 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.core.frames import ROUNDED_NS, Poses, Stamps, Trajectory, distance_and_turn
+from pipeline.core.frames import (
+    ROUNDED_NS,
+    Poses,
+    Stamps,
+    Trajectory,
+    distance_and_turn,
+    step_lengths_m,
+    travelled_m,
+)
 
 TILTED_DEG = 45.0
 TILTED_SHARE = 0.1
@@ -173,7 +181,7 @@ def _direction_doubts(name: str, poses: Poses) -> list[str]:
 def _median_speed_m_s(truth: Trajectory) -> float:
     """The median speed over the steps in which the body moves; 0 if it never does."""
     finite_rows = np.flatnonzero(np.isfinite(truth.world_T_body).all(axis=(1, 2)))
-    step_m = np.linalg.norm(np.diff(truth.world_T_body[finite_rows, :3, 3], axis=0), axis=1)
+    step_m = step_lengths_m(truth.world_T_body[finite_rows, :3, 3])
     is_moving = step_m > 0
     if not is_moving.any():
         return 0.0
@@ -204,7 +212,7 @@ def _path_steps(poses: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArra
 
     The body's frame is that of the pose (of n, 4, 4) at which a step begins.
     """
-    path_m = np.cumsum([0.0, *np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)])
+    path_m = travelled_m(poses[:, :3, 3])
     # the first pose of each STEP_M of path
     _, rows = np.unique(path_m // STEP_M, return_index=True)
     step_m = np.diff(poses[rows, :3, 3], axis=0)

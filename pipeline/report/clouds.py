@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from pipeline.core.errors import ArtifactError
-from pipeline.core.frames import Poses
+from pipeline.core.frames import Poses, moved, travelled_m
 from pipeline.core.schemas import Scans, Submaps
 from pipeline.mapping.gathering import submap_points
 from pipeline.report.figures.style import png_text
@@ -66,16 +66,10 @@ def trained_m(study: Study) -> NDArray[np.float64]:
     clouds = []
     for sequence in study.settings.train:
         drive = Drive.read(study, sequence)
-        steps_m = np.linalg.norm(np.diff(drive.world_T_anchor[:, :2, 3], axis=0), axis=1)
-        driven_m = np.concatenate([[0.0], np.cumsum(steps_m)])
+        driven_m = travelled_m(drive.world_T_anchor[:, :2, 3])
         rows = np.unique(np.floor(driven_m / APART_M), return_index=True)[1]
-        clouds += [transformed(drive.world_T_anchor[row], drive.standing_m(row)) for row in rows]
+        clouds += [moved(drive.world_T_anchor[row], drive.standing_m(row)) for row in rows]
     return np.concatenate(clouds)
-
-
-def transformed(world_T_points: Poses, points_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The points (n, 3) of a pose's frame in the world, where the pose (4, 4) lays them."""
-    return np.asarray(points_m @ world_T_points[:3, :3].T + world_T_points[:3, 3])
 
 
 @dataclass(frozen=True, eq=False)

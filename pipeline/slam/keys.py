@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.errors import LogError
-from pipeline.core.frames import Poses
+from pipeline.core.frames import Poses, travelled_m
 from pipeline.core.progress import Progress
 from pipeline.mapping.appearance import ground
 from pipeline.matching.shifts import Spectra
@@ -118,11 +118,8 @@ def key_rows(track: Track, every_m: float) -> tuple[NDArray[np.int64], NDArray[n
     The first scan of each part is a key, then one every `every_m` of path. A break adds no path.
     """
     rows = np.flatnonzero(np.isfinite(track.odom_T_scan).all(axis=(1, 2)))
-    xyz_m = track.odom_T_scan[rows, :3, 3]
     parts = track.parts[rows]
-    is_within_part = np.diff(parts) == 0
-    steps_m = np.linalg.norm(np.diff(xyz_m, axis=0), axis=1) * is_within_part
-    path_m = np.concatenate([[0.0], np.cumsum(steps_m)])
+    path_m = travelled_m(track.odom_T_scan[rows, :3, 3], np.diff(parts) == 0)
     keys = [0] if len(rows) else []
     for i in range(1, len(rows)):
         is_new_part = parts[i] != parts[keys[-1]]

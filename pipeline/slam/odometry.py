@@ -23,11 +23,11 @@ import small_gicp
 from numpy.typing import NDArray
 
 from pipeline.core.errors import InputError, LogError
-from pipeline.core.frames import Poses, distance_and_turn, interpolate, turns
+from pipeline.core.frames import Poses, distance_and_turn, interpolate, moved, turns, yaw
 from pipeline.core.progress import Progress
 from pipeline.core.settings import Count, Positive, Share, check
 from pipeline.matching.shifts import Spectra
-from pipeline.posing.registration import Cloud, Points, Registration, moved
+from pipeline.posing.registration import Cloud, Points, Registration
 from pipeline.readers.deskew import NO_BREAKS, deskewed, scan_at_stamp
 from pipeline.readers.log import Log
 from pipeline.views.scan_context import ScanContext
@@ -405,7 +405,7 @@ class _DriveOdometry:
 
 def turned_by(step: Poses, turn_rad: float) -> Poses:
     """A step (4, 4) bent to an arc that turns to the left by `turn_rad`; length and slope stay."""
-    more_rad = turn_rad - float(np.arctan2(step[1, 0], step[0, 0]))
+    more_rad = turn_rad - float(yaw(step))
     bent = turns(np.array([more_rad]))[0] @ step
     # the chord of an arc turns by half as much as its end
     half_turn = turns(np.array([more_rad / 2]))[0]

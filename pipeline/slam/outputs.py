@@ -8,10 +8,11 @@ import small_gicp
 from numpy.typing import NDArray
 
 from pipeline.core.errors import LogError
+from pipeline.core.frames import moved
 from pipeline.core.progress import Progress
 from pipeline.core.schemas import Estimates
 from pipeline.formats import folder, pcd
-from pipeline.posing.registration import Points, moved
+from pipeline.posing.registration import Points
 from pipeline.readers.deskew import scan_at_stamp
 from pipeline.readers.log import Log
 

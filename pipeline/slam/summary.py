@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from pipeline.core.frames import step_lengths_m
 from pipeline.core.schemas import Estimates
 
 MOST_LINES = 5
@@ -42,7 +43,7 @@ def _break_line(estimate: Estimates, row: int) -> str:
 def _spacing(estimate: Estimates) -> str:
     """The median time and distance between neighbouring scans."""
     step_s = float(np.median(np.diff(estimate.stamps_ns))) / 1e9
-    steps_m = np.linalg.norm(np.diff(estimate.odom_T_scan[:, :3, 3], axis=0), axis=1)
+    steps_m = step_lengths_m(estimate.odom_T_scan[:, :3, 3])
     return f"{step_s:.3g} s and {np.nanmedian(steps_m):.3g} m"
 
 

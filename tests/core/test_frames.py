@@ -4,7 +4,17 @@ import numpy as np
 import pytest
 
 from pipeline.core.errors import InputError
-from pipeline.core.frames import Trajectory, days_between, flip_ned, pose, rpy, transform, yaw
+from pipeline.core.frames import (
+    Trajectory,
+    days_between,
+    flip_ned,
+    moved,
+    pose,
+    rpy,
+    step_lengths_m,
+    travelled_m,
+    yaw,
+)
 
 SECOND = 10**9
 
@@ -19,9 +29,23 @@ def test_a_heading_of_90_degrees_turns_forward_into_left() -> None:
     # The body stands at (10, 20, 1) and looks along +y: 2 m ahead of it is (10, 22, 1), 1 m to its
     # left (9, 20, 1).
     world_T_body = poses((10, 20, 1, 90))[0]
-    points = transform(world_T_body, np.array([[2, 0, 0], [0, 1, 0]], np.float32))
+    points = moved(world_T_body, np.array([[2, 0, 0], [0, 1, 0]], np.float32))
     np.testing.assert_allclose(points, [[10, 22, 1], [9, 20, 1]], atol=1e-6)
-    assert points.dtype == np.float32
+    plane_T_body = world_T_body[[0, 1, 3]][:, [0, 1, 3]]
+    for pose_of_plane in (world_T_body, plane_T_body):
+        np.testing.assert_allclose(moved(pose_of_plane, np.array([[2.0, 0]])), [[10, 22]])
+        assert yaw(pose_of_plane) == pytest.approx(np.pi / 2)
+
+
+def test_the_path_is_as_long_as_its_steps_that_count() -> None:
+    # 5 m in the plane and 12 m up are 13 m; the steps to and from the unknown place count as 0
+    xyz_m = np.array([[0.0, 0, 0], [3, 4, 12], [np.nan, 0, 0], [0, 0, 0], [0, 0, 2]])
+    np.testing.assert_allclose(travelled_m(xyz_m), [0, 13, 13, 13, 15])
+    np.testing.assert_allclose(travelled_m(xyz_m[:, :2]), [0, 5, 5, 5, 5])
+    is_step = np.array([False, True, True, True])
+    np.testing.assert_allclose(travelled_m(xyz_m, is_step), [0, 0, 0, 0, 2])
+    np.testing.assert_allclose(step_lengths_m(xyz_m), [13, np.nan, np.nan, 2])
+    assert travelled_m(xyz_m[:0]).shape == (0,)
 
 
 def test_the_last_turn_of_a_pose_is_the_heading() -> None:

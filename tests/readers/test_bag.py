@@ -13,7 +13,7 @@ from rosbags import rosbag1, rosbag2
 
 from pipeline.core.compute import Compute
 from pipeline.core.errors import LogError
-from pipeline.core.frames import transform, yaw
+from pipeline.core.frames import moved, yaw
 from pipeline.formats.bag import BagWriter
 from pipeline.formats.bag_file import BagFile
 from pipeline.readers.bag import Bag
@@ -397,7 +397,7 @@ def test_the_extrinsics_are_in_the_bag_or_in_the_yaml(tmp_path: Path) -> None:
     )
     np.testing.assert_allclose(
         configured.points(2),
-        transform(BODY_T_LIDAR, np.array([[2, 0, 0], [1, 2, 3]], np.float32)),
+        moved(BODY_T_LIDAR, np.array([[2, 0, 0], [1, 2, 3]], np.float32)),
         atol=1e-5,
     )
 

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from pipeline.alterations import Case, read_cases
 from pipeline.core import schemas, store
 from pipeline.core.errors import ArtifactError
-from pipeline.core.frames import Poses, distance_and_turn
+from pipeline.core.frames import Poses, distance_and_turn, moved
 from pipeline.evaluation.judgement import Evaluations
 from pipeline.evaluation.numbers import within
-from pipeline.report.clouds import Drive, trained_m, transformed
+from pipeline.report.clouds import Drive, trained_m
 from pipeline.report.result import day
 from pipeline.report.study import Study
 
@@ -114,7 +114,7 @@ class BelievedDrive:
         pose = self.world_T_query[query]
         if not np.isfinite(pose).all():
             return np.empty((0, 3))
-        return transformed(pose, self.points_m(query))
+        return moved(pose, self.points_m(query))
 
 
 def verdicts(

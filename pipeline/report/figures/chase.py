@@ -14,9 +14,8 @@ from matplotlib.font_manager import findfont
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from pipeline.core.frames import Poses, yaw
+from pipeline.core.frames import Poses, moved, yaw
 from pipeline.core.progress import Progress
-from pipeline.report.clouds import transformed
 from pipeline.report.figures import animation
 from pipeline.report.figures.believed import BelievedDrive
 from pipeline.report.figures.style import SIMULATED
@@ -77,7 +76,7 @@ def chase(world_T_robot: Poses) -> Poses:
 
     x of the camera is to the right, y down, and z ahead.
     """
-    turn_rad = float(yaw(world_T_robot[None])[0])
+    turn_rad = float(yaw(world_T_robot))
     ahead = np.array([np.cos(turn_rad), np.sin(turn_rad), 0.0])
     robot_m = world_T_robot[:3, 3]
     eye_m = robot_m - BEHIND_M * ahead + (0.0, 0.0, ABOVE_M)
@@ -97,7 +96,7 @@ def projected(
 
     Points outside the picture, too near or too far are left out.
     """
-    seen_m = transformed(camera_T_world, points_m)
+    seen_m = moved(camera_T_world, points_m)
     seen_m = seen_m[(seen_m[:, 2] > NEAREST_M) & (seen_m[:, 2] < FARTHEST_M)]
     depth_m = seen_m[:, 2]
     at_px = seen_m[:, :2] * (FOCAL_PX / depth_m)[:, None] + (WIDTH_PX / 2, HEIGHT_PX / 2)
@@ -144,7 +143,7 @@ def _dots(
 def _robot(draw: ImageDraw.ImageDraw, world_T_robot: Poses, camera_T_world: Poses) -> None:
     """Draw the robot as an arrow on the ground."""
     corners_m = np.array([(3.2, 0, 0), (-2.0, 1.6, 0), (-1.0, 0, 0), (-2.0, -1.6, 0)])
-    at_px, _ = projected(camera_T_world, transformed(world_T_robot, corners_m))
+    at_px, _ = projected(camera_T_world, moved(world_T_robot, corners_m))
     draw.polygon([tuple(corner) for corner in at_px.tolist()], fill=INK)
 
 

@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 
 from pipeline.core import schemas, store
 from pipeline.core.errors import ArtifactError
-from pipeline.core.frames import Poses
-from pipeline.report.clouds import CELL_M, Drive, Footprint, transformed
+from pipeline.core.frames import Poses, moved
+from pipeline.report.clouds import CELL_M, Drive, Footprint
 from pipeline.report.figures.panels import facets
 from pipeline.report.figures.style import QUIET, WIDTH_IN, styled
 from pipeline.report.result import Result
@@ -94,7 +94,7 @@ def _cards(study: Study, failures: Sequence[Failure], footprint: Footprint) -> F
         ink = INKS[accepted]
         axis.imshow(ground, cmap=GREYS, extent=extent, origin="lower", interpolation="nearest")
         xy_m = np.unique(
-            np.rint(transformed(world_T_query, drive.standing_m(query))[:, :2] / CELL_M), axis=0
+            np.rint(moved(world_T_query, drive.standing_m(query))[:, :2] / CELL_M), axis=0
         )
         axis.plot(*(xy_m * CELL_M).T, ".", ms=2.2, mew=0, color=ink, rasterized=True)
         _arrow(axis, world_T_query, ink)

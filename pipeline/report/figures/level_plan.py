@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
+from pipeline.core.frames import moved
 from pipeline.core.progress import Progress
 from pipeline.level.level_map import LevelMap
 from pipeline.online.site import Fix
@@ -49,7 +50,7 @@ class Plan:
         """Draw the known part of a map, turned by 90° if it is higher than wide."""
         walls = level_map.walls
         free = level_map.free
-        self._plan_T_world = np.linalg.inv(level_map.world_T_grid)
+        self._plan_T_world = np.asarray(np.linalg.inv(level_map.world_T_grid), np.float64)
         known = np.argwhere(walls | free)
         if np.ptp(known[:, 0]) > np.ptp(known[:, 1]):
             # a quarter turn to the right: x of the plan is y of the map, its y runs against x
@@ -79,7 +80,7 @@ class Plan:
 
     def at_px(self, points_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """The pixels (n, 2) of points (n, 2) in the world."""
-        plan_m = points_m @ self._plan_T_world[:2, :2].T + self._plan_T_world[:2, 3]
+        plan_m = moved(self._plan_T_world, points_m)
         at_px = (plan_m - self._corner_m) * self._scale
         at_px[:, 1] = self.image.height - at_px[:, 1]
         return np.asarray(at_px)
@@ -120,7 +121,7 @@ def frame(plan: Plan, drive: Sequence[Seen], title: str) -> NDArray[np.uint8]:
     colour = COLOURS[fix.verdict]
     if np.isfinite(fix.world_T_sensor).all():
         world_T_robot = fix.world_T_sensor
-        hits_m = points_m[:, :2] @ world_T_robot[:2, :2].T + world_T_robot[:2, 3]
+        hits_m = moved(world_T_robot, points_m[:, :2])
         for x, y in plan.at_px(hits_m).tolist():
             draw.rectangle((x - 1, y - 1, x + 1, y + 1), fill=colour)
         if fix.verdict == "ambiguous":
@@ -149,7 +150,7 @@ def _arrow(
     """Draw the robot as an arrow, which is hollow without a colour."""
     length_m = max(ROBOT_M, 14 / plan.px(1.0))
     corners_m = length_m * np.array([(0.7, 0.0), (-0.4, 0.4), (-0.2, 0.0), (-0.4, -0.4)])
-    in_world_m = corners_m @ world_T_robot[:2, :2].T + world_T_robot[:2, 3]
+    in_world_m = moved(world_T_robot, corners_m)
     corners_px = [tuple(corner) for corner in plan.at_px(in_world_m).tolist()]
     draw.polygon(corners_px, fill=colour, outline=INK)
 

@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from pipeline.core.frames import wrapped_deg
 from pipeline.evaluation.judgement import FALSE_ALARM, HIT, Evaluation
 from pipeline.report.alignment import best_shift
 from pipeline.report.figures.style import WIDTH_IN, figure, styled
@@ -212,7 +213,7 @@ def _show(axis: Axes, query: NDArray[np.float32], image: NDArray[np.float32] | N
     axis.set(xticks=[], yticks=[])
     axis.spines[:].set_visible(False)
     if shift:
-        rolled_deg = 180 - (180 - shift * 360 / image.shape[1]) % 360  # from -180 to 180
+        rolled_deg = float(wrapped_deg(shift * 360 / image.shape[1]))
         _note(axis, "left", f"rolled {degrees(rolled_deg)}")
 
 
