@@ -8,15 +8,14 @@
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.core.errors import ConfigError
 from pipeline.core.frames import Poses, distance_and_turn, travelled_m
 from pipeline.core.settings import Positive, check
 from pipeline.paths.belief import DEVIATIONS, LEAST_CHANCE, REPEAT_SHARE
+from pipeline.paths.pose_graph import PoseGraph
 from pipeline.paths.tracks import Estimates, Track
 from pipeline.posing.verdict import RIGHT_DEG, RIGHT_M
 
@@ -103,44 +102,21 @@ class Graph:
         Returns them (n, 4, 4), and the chance (n,) that each lies within RIGHT_M if the agreeing
         fixes are right.
         """
-        gtsam = imported_gtsam()
-        graph = gtsam.NonlinearFactorGraph()
-        values = gtsam.Values()
         # each query starts where odometry leads to it from the nearest of the agreeing fixes
         nearest = agreeing_rows[np.abs(stretch[:, None] - agreeing_rows[None]).argmin(1)]
-        for row, fix_row in zip(stretch.tolist(), nearest.tolist(), strict=True):
-            fix_T_odom = np.linalg.inv(track.odom_T_query[fix_row])
-            world_T_odom = track.world_T_query[fix_row] @ fix_T_odom
-            values.insert(row, gtsam.Pose3(world_T_odom @ track.odom_T_query[row]))
+        world_T_odom = track.world_T_query[nearest] @ np.linalg.inv(track.odom_T_query[nearest])
+        graph = PoseGraph(stretch, world_T_odom @ track.odom_T_query[stretch])
         # steps of odometry; the length added lets a step that stands still deviate a little, too
         for previous in stretch[:-1].tolist():
             step = track.steps[previous]
             length_m = float(np.linalg.norm(step[:3, 3])) + self.fix_m / 10
             sds = np.repeat([np.deg2rad(self.turn_deg_per_m), self.drift], 3) * length_m
-            noise = gtsam.noiseModel.Diagonal.Sigmas(sds)
-            graph.add(gtsam.BetweenFactorPose3(previous, previous + 1, gtsam.Pose3(step), noise))
-        # fixes
-        floor = np.diag(np.repeat([np.deg2rad(self.fix_deg), self.fix_m], 3) ** 2)
-        robust = gtsam.noiseModel.mEstimator.Cauchy.Create(self.outlier)
+            graph.join(previous, previous + 1, step, graph.deviations(sds))
         for row in fix_rows.tolist():
-            gaussian = gtsam.noiseModel.Gaussian.Covariance(track.covariance[row] + floor)
-            noise = gtsam.noiseModel.Robust.Create(robust, gaussian)
-            graph.add(gtsam.PriorFactorPose3(row, gtsam.Pose3(track.world_T_query[row]), noise))
-        solution = gtsam.LevenbergMarquardtOptimizer(graph, values).optimize()
-        spread = gtsam.Marginals(graph, solution)
+            noise = graph.robust(track.covariance[row], self.fix_deg, self.fix_m, self.outlier)
+            graph.hold(row, track.world_T_query[row], noise)
+        poses = graph.solved()
         # the mean variance of x and y, in the query's frame; turns come first (3:5 are x and y)
-        variance_m2 = np.array(
-            [np.trace(spread.marginalCovariance(row)[3:5, 3:5]) / 2 for row in stretch.tolist()]
-        )
-        poses = np.array([solution.atPose3(row).matrix() for row in stretch.tolist()])
+        variance_m2 = np.trace(graph.covariances()[:, 3:5, 3:5], axis1=1, axis2=2) / 2
         # two equal Gaussian errors lie within r with the chance 1 − exp(−r² / 2σ²), Rayleigh's
         return poses, 1 - np.exp(-(RIGHT_M**2) / (2 * variance_m2))
-
-
-def imported_gtsam() -> Any:
-    """Import gtsam, which no other part needs; raises ConfigError where it is not installed."""
-    try:
-        import gtsam
-    except ImportError:
-        raise ConfigError("gtsam: not installed; `pip install 'yearloc[graph]'` (113 MB)") from None
-    return gtsam

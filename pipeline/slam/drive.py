@@ -18,7 +18,7 @@ from pipeline.core.errors import LogError
 from pipeline.core.progress import Progress
 from pipeline.core.schemas import Estimates
 from pipeline.mapping.appearance import is_level
-from pipeline.paths.graph import imported_gtsam
+from pipeline.paths.pose_graph import imported_gtsam
 from pipeline.posing.registration import Cloud, Registration
 from pipeline.readers.log import Log, lifted
 from pipeline.slam.graph import DriveGraph, Solution, spread_over_scans

@@ -6,7 +6,7 @@ Keys (keys.py) and loops (loops.py) go in, a `Solution` comes out: a pose in the
 1. Find the keys that odometry and loops connect; without fixes on a map, of the longest part.
 2. Guess their poses: each part of the drive by odometry, placed beside the others by a loop.
 3. Add a factor for each step of odometry, for the ground now and then, for each loop, each fix.
-4. Optimise all poses at once (Levenberg-Marquardt in gtsam; Dellaert and Kaess 2017).
+4. Optimise all poses at once (pipeline/paths/pose_graph.py).
 5. Compare the loops with the result: those that it contradicts are overruled.
 """
 
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from pipeline.core.frames import Poses, distance_and_turn, interpolate
 from pipeline.core.settings import Positive, check
-from pipeline.paths.graph import imported_gtsam
+from pipeline.paths.pose_graph import PoseGraph
 from pipeline.readers.log import lifted
 from pipeline.slam.keys import Keys
 from pipeline.slam.loops import Loop
@@ -101,36 +101,32 @@ class DriveGraph:
         is the ground's normal in each key's frame, NaN where unknown. With fixes the poses are in
         the world of their map, and parts that no fix joins with it have none.
         """
-        gtsam = imported_gtsam()
         is_member = _connected(keys, loops, fixes)
         members = np.flatnonzero(is_member)
         start = _start(keys, loops, members, fixes)
-        values = gtsam.Values()
-        for key in members.tolist():
-            values.insert(key, gtsam.Pose3(start[key]))
-
-        graph = gtsam.NonlinearFactorGraph()
+        graph = PoseGraph(members, start[members])
         self._add_steps(graph, keys, is_member, by_log)
         self._add_ground(graph, keys, members, ground_normals)
-        self._add_loops(graph, loops, is_member)
-        if fixes:
-            self._add_fixes(graph, fixes)
-        else:
-            first = int(members[0])
-            noise = gtsam.noiseModel.Diagonal.Sigmas(FIRST_SDS)
-            graph.add(gtsam.PriorFactorPose3(first, gtsam.Pose3(start[first]), noise))
+        for loop in loops:
+            if is_member[loop.key] and is_member[loop.later]:
+                graph.join(loop.key, loop.later, loop.key_T_later, self._noise(graph, loop))
+        for fix in fixes:
+            graph.hold(fix.key, fix.world_T_key, self._noise(graph, fix))
+        if not fixes:
+            graph.hold(int(members[0]), start[members[0]], graph.deviations(FIRST_SDS))
 
-        result = gtsam.LevenbergMarquardtOptimizer(graph, values).optimize()
         world_T_key = np.full((len(keys.rows), 4, 4), np.nan)
-        for key in members.tolist():
-            world_T_key[key] = result.atPose3(key).matrix()
+        world_T_key[members] = graph.solved()
         return self._solution(world_T_key, loops)
 
     def _add_steps(
-        self, graph: Any, keys: Keys, is_member: NDArray[np.bool_], by_log: NDArray[np.bool_]
+        self,
+        graph: PoseGraph,
+        keys: Keys,
+        is_member: NDArray[np.bool_],
+        by_log: NDArray[np.bool_],
     ) -> None:
         """Add odometry: a factor between each key and the one before it in the same part."""
-        gtsam = imported_gtsam()
         for key in range(1, len(keys.rows)):
             if not (is_member[key - 1] and is_member[key]):
                 continue
@@ -143,52 +139,26 @@ class DriveGraph:
             sds = np.array([self.tilt * turn, self.tilt * turn, turn, away_m, away_m, away_m])
             if by_log[key]:
                 sds *= self.by_log
-            noise = gtsam.noiseModel.Diagonal.Sigmas(sds)
-            graph.add(gtsam.BetweenFactorPose3(key - 1, key, gtsam.Pose3(step), noise))
+            graph.join(key - 1, key, step, graph.deviations(sds))
 
     def _add_ground(
         self,
-        graph: Any,
+        graph: PoseGraph,
         keys: Keys,
         members: NDArray[np.int64],
         ground_normals: NDArray[np.float64],
     ) -> None:
         """Add that the ground is level: a factor for a key in every `level_m` of path."""
-        gtsam = imported_gtsam()
-        noise = gtsam.noiseModel.Isotropic.Sigma(2, np.deg2rad(self.level_deg))
-        upward = gtsam.Unit3(0.0, 0.0, 1.0)
         last_m = -np.inf
         for key in members.tolist():
             is_known = np.isfinite(ground_normals[key]).all()
             if is_known and keys.path_m[key] - last_m >= self.level_m:
                 last_m = float(keys.path_m[key])
-                normal = gtsam.Unit3(*ground_normals[key])
-                graph.add(gtsam.AttitudeFactorPose3(key, upward, noise, normal))
+                graph.level(key, ground_normals[key], self.level_deg)
 
-    def _add_loops(self, graph: Any, loops: list[Loop], is_member: NDArray[np.bool_]) -> None:
-        """Add a factor for each loop whose two keys are optimised."""
-        gtsam = imported_gtsam()
-        for loop in loops:
-            if is_member[loop.key] and is_member[loop.later]:
-                pose = gtsam.Pose3(loop.key_T_later)
-                noise = self._robust_noise(loop.covariance)
-                graph.add(gtsam.BetweenFactorPose3(loop.key, loop.later, pose, noise))
-
-    def _add_fixes(self, graph: Any, fixes: Sequence[KeyFix]) -> None:
-        """Add a factor for each key that was found on the map."""
-        gtsam = imported_gtsam()
-        for fix in fixes:
-            pose = gtsam.Pose3(fix.world_T_key)
-            noise = self._robust_noise(fix.covariance)
-            graph.add(gtsam.PriorFactorPose3(fix.key, pose, noise))
-
-    def _robust_noise(self, covariance: NDArray[np.float64]) -> Any:
-        """Noise of a covariance (6, 6) and the deviations of a loop, under Cauchy's loss."""
-        gtsam = imported_gtsam()
-        floor = np.diag(np.repeat([np.deg2rad(self.loop_deg), self.loop_m], 3) ** 2)
-        gaussian = gtsam.noiseModel.Gaussian.Covariance(covariance + floor)
-        cauchy = gtsam.noiseModel.mEstimator.Cauchy.Create(self.outlier)
-        return gtsam.noiseModel.Robust.Create(cauchy, gaussian)
+    def _noise(self, graph: PoseGraph, held: Loop | KeyFix) -> Any:
+        """The noise of a loop or a fix."""
+        return graph.robust(held.covariance, self.loop_deg, self.loop_m, self.outlier)
 
     def _solution(self, world_T_key: Poses, loops: list[Loop]) -> Solution:
         """Compare the loops with the poses (k, 4, 4) that were found."""

@@ -14,7 +14,9 @@ Parts of a drive that odometry does not join have no step 1 and no drift: betwee
 is accepted only if enough others say the same.
 """
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +33,9 @@ from pipeline.views.scan_context import ScanContext
 
 NEAR_M = 8.0
 """A scan can be registered with a key if the two were taken no farther apart."""
+
+
+Candidate = TypeVar("Candidate")
 
 
 @dataclass(frozen=True)
@@ -102,7 +107,13 @@ class LoopSearch:
                 loop = self._loop(keys, targets, key, earlier_parts, usual_overlap)
                 if loop and loop.chance >= self.sure:
                     between_parts.append(loop)
-        return loops + self._agreeing(keys, between_parts)
+        # of the loops between two parts, those of which enough agree
+        return loops + agreeing(
+            between_parts,
+            lambda loop: (int(keys.parts[loop.key]), int(keys.parts[loop.later])),
+            lambda loop, others: self._agreeing_with(keys, loop, others),
+            self.agreeing,
+        )
 
     def queries(self, keys: Keys) -> list[int]:
         """The keys that are asked for loops: one in `asked_m` of path, and the first of a part."""
@@ -194,28 +205,8 @@ class LoopSearch:
             & (turn_deg < self.turn_deg + self.turn_deg_per_m * between_m)
         )
 
-    def _agreeing(self, keys: Keys, loops: list[Loop]) -> list[Loop]:
-        """The loops between parts of a drive of which enough agree.
-
-        For each two parts, it is the largest set of loops that agree with one of them.
-        """
-        loops_of_parts: dict[tuple[int, int], list[Loop]] = {}
-        for loop in loops:
-            parts = (int(keys.parts[loop.key]), int(keys.parts[loop.later]))
-            loops_of_parts.setdefault(parts, []).append(loop)
-        agreed: list[Loop] = []
-        for _, candidates in sorted(loops_of_parts.items(), key=lambda item: item[0]):
-            largest: list[Loop] = []
-            for loop in candidates:
-                agreeing_loops = self._agreeing_with(keys, loop, candidates)
-                if len(agreeing_loops) > len(largest):
-                    largest = agreeing_loops
-            if len(largest) >= self.agreeing:
-                agreed += largest
-        return agreed
-
-    def _agreeing_with(self, keys: Keys, loop: Loop, loops: list[Loop]) -> list[Loop]:
-        """The loops between the same two parts that agree with a loop.
+    def _agreeing_with(self, keys: Keys, loop: Loop, loops: list[Loop]) -> NDArray[np.bool_]:
+        """Which loops (n,) between the same two parts agree with a loop.
 
         Each loop says where the later part lies in the frame of the earlier one. Two agree where
         odometry along both parts may have drifted by as much as they differ.
@@ -230,5 +221,26 @@ class LoopSearch:
         driven_m = np.abs(keys.path_m[later] - keys.path_m[loop.later]) + np.abs(
             keys.path_m[key] - keys.path_m[loop.key]
         )
-        agrees = self.drifted(earlier_T_part @ keys.odom_T_key[later], earlier_T_later, driven_m)
-        return [other for other, is_agreeing in zip(loops, agrees, strict=True) if is_agreeing]
+        return self.drifted(earlier_T_part @ keys.odom_T_key[later], earlier_T_later, driven_m)
+
+
+def agreeing(
+    candidates: Sequence[Candidate],
+    group: Callable[[Candidate], tuple[int, ...]],
+    agrees: Callable[[Candidate, list[Candidate]], NDArray[np.bool_]],
+    fewest: int,
+) -> list[Candidate]:
+    """Of each group of loops or fixes, the largest set that agrees with one of its members.
+
+    `agrees` says which of a group (n,) agree with a member. A set of less than `fewest` is left
+    out.
+    """
+    groups: dict[tuple[int, ...], list[Candidate]] = {}
+    for candidate in candidates:
+        groups.setdefault(group(candidate), []).append(candidate)
+    agreed: list[Candidate] = []
+    for _, members in sorted(groups.items(), key=lambda item: item[0]):
+        largest = max((np.flatnonzero(agrees(member, members)) for member in members), key=len)
+        if len(largest) >= fewest:
+            agreed += [members[number] for number in largest]
+    return agreed

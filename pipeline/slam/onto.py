@@ -8,6 +8,7 @@
 """
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pipeline.core.errors import LogError
 from pipeline.core.frames import Poses
@@ -17,6 +18,7 @@ from pipeline.readers.log import Log
 from pipeline.slam.drive import Slam, estimated, ground_normals
 from pipeline.slam.graph import KeyFix
 from pipeline.slam.keys import Keys
+from pipeline.slam.loops import agreeing
 from pipeline.slam.odometry import Track
 
 AGREEING = 2
@@ -34,7 +36,12 @@ def estimate_onto(
     track, keys = slam.tracked(log, watch)
     map_keys = keys_of_map(slam, map_log, map_poses, watch)
     sure_fixes = key_fixes(slam, keys, map_keys, track.usual_overlap, watch)
-    fixes = agreeing(slam, keys, sure_fixes)
+    fixes = agreeing(
+        sure_fixes,
+        lambda fix: (int(keys.parts[fix.key]),),
+        lambda fix, others: _agreeing_with(slam, keys, fix, others),
+        AGREEING,
+    )
     if not fixes:
         raise LogError(
             f"none of {len(log.stamps_ns)} scans was found on the map of the training sequence: "
@@ -77,29 +84,10 @@ def key_fixes(
     return fixes
 
 
-def agreeing(slam: Slam, keys: Keys, fixes: list[KeyFix]) -> list[KeyFix]:
-    """The fixes that agree by odometry with one of them: in each part, that which most agree with.
-
-    A part with fewer than AGREEING such fixes has none.
-    """
-    agreed: list[KeyFix] = []
-    for part in sorted({int(keys.parts[fix.key]) for fix in fixes}):
-        of_part = [fix for fix in fixes if keys.parts[fix.key] == part]
-        largest: list[KeyFix] = []
-        for fix in of_part:
-            agreeing_fixes = _agreeing_with(slam, keys, fix, of_part)
-            if len(agreeing_fixes) > len(largest):
-                largest = agreeing_fixes
-        if len(largest) >= AGREEING:
-            agreed += largest
-    return agreed
-
-
-def _agreeing_with(slam: Slam, keys: Keys, fix: KeyFix, fixes: list[KeyFix]) -> list[KeyFix]:
-    """The fixes of one part that stand where a fix of that part and odometry say, within drift."""
+def _agreeing_with(slam: Slam, keys: Keys, fix: KeyFix, fixes: list[KeyFix]) -> NDArray[np.bool_]:
+    """Which fixes (n,) of a part stand where one of them and odometry say, within drift."""
     rows = np.array([other.key for other in fixes])
     world_T_key = np.stack([other.world_T_key for other in fixes])
     world_T_odom = fix.world_T_key @ np.linalg.inv(keys.odom_T_key[fix.key])
     between_m = np.abs(keys.path_m[rows] - keys.path_m[fix.key])
-    agrees = slam.loops.drifted(world_T_odom @ keys.odom_T_key[rows], world_T_key, between_m)
-    return [other for other, is_agreeing in zip(fixes, agrees, strict=True) if is_agreeing]
+    return slam.loops.drifted(world_T_odom @ keys.odom_T_key[rows], world_T_key, between_m)
