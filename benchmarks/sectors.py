@@ -26,7 +26,7 @@ from pipeline.matching.ranking import Rows
 from pipeline.methods.sci_ring.ring import POOLED, Ring
 from pipeline.methods.sci_ring.sci_ring import SciRing
 from pipeline.networks import loop
-from pipeline.networks.circle import rolled
+from pipeline.networks.classifier import rolled
 from pipeline.views.scan_context import quantize
 from stages import build
 

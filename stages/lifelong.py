@@ -14,8 +14,8 @@ from typing import Any
 from pipeline.core import store
 from pipeline.core.settings import Names, Positive
 from pipeline.evaluation.protocols import Distance
-from pipeline.lifelong.courses import Course, Order
-from pipeline.lifelong.record import line, record
+from pipeline.lifelong.courses import Order, learned
+from pipeline.lifelong.steps import line, record
 from pipeline.matching.ranking import Rows
 from pipeline.online.pack import Packing, Trained
 from pipeline.studies.models import ModelName
@@ -100,11 +100,12 @@ def main(settings: Settings) -> str:
         views=settings.views / first_day,
         map=settings.map / first_day,
     )
-    course = Course(trained, settings.later_days)
     with TemporaryDirectory() as scratch:
         # a generator: the model learns step by step as `record` takes the steps
-        steps = course.steps(
+        steps = learned(
             settings.order,
+            trained,
+            settings.later_days,
             strategy=settings.strategy.way,
             method=settings.method,
             packing=Packing(ROOT / "conf"),

@@ -8,73 +8,83 @@ The stage `lifelong` runs a course in one of three orders (METHODS 11.4):
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
+from numpy.typing import NDArray
+
 from pipeline.core import schemas, store
 from pipeline.core.progress import Progress
-from pipeline.lifelong import drives
 from pipeline.lifelong.steps import Step, streets, surveyed, updated
-from pipeline.lifelong.strategies import Updated
+from pipeline.mapping.gathering import submap_points
 from pipeline.matching.places import Places
 from pipeline.matching.ranking import Method, Rows
+from pipeline.online.inputs import Scan
 from pipeline.online.pack import Packing, Trained
 
 Order = Literal["days", "streets", "updates"]
 
 
-@dataclass(frozen=True)
-class Course:
-    """The days that one model of a study learns."""
+def learned(
+    order: Order,
+    trained: Trained,
+    later_days: Sequence[str],
+    strategy: Any,
+    method: Method,
+    packing: Packing,
+    scratch: Path,
+    progress: Progress,
+) -> Iterator[Step]:
+    """The localiser after each step of an order, in which one model of a study learns.
 
-    trained: Trained
-    """The model, and the artifacts of its first day; those of other days lie beside them."""
-    learned: Sequence[str]
-    """The sequences to learn after the first day."""
-
-    def steps(
-        self,
-        order: Order,
-        strategy: Any,
-        method: Method,
-        packing: Packing,
-        scratch: Path,
-        progress: Progress,
-    ) -> Iterator[Step]:
-        """The localiser after each step of an order.
-
-        `strategy` says how a step is learned (strategies.py). For `updates` the model is first
-        packed into a site, in the folder `scratch`.
-        """
-        if order == "updates":
-            return self.updates(strategy, packing, scratch, progress)
-        return self.surveys(strategy, method, order, progress)
-
-    def surveys(
-        self, strategy: Any, method: Method, order: Order, progress: Progress
-    ) -> Iterator[Step]:
-        """The localiser after each surveyed day, the first of which is trained already.
-
-        In the order `streets` it is the localiser after each part of the training day, the first
-        of which is to be trained.
-        """
-        train = self.trained.train
-        folder = self.trained.views.parent
-        days = {name: Rows.read(folder / f"{name}.zarr") for name in (train, *self.learned)}
-        places = Places.of(store.read(self.trained.labels, schemas.Labels))
-        if order == "streets":
-            parts = streets(train, days[train])
-            no_places = Places(places.grid, places.cells[:0])
-            return surveyed(method, strategy, parts, no_places, None, progress)
-        first_model = store.read_model(self.trained.model)
-        return surveyed(method, strategy, days, places, first_model, progress)
-
-    def updates(
-        self, strategy: Updated, packing: Packing, scratch: Path, progress: Progress
-    ) -> Iterator[Step]:
-        """The localiser of the model's site after each day that the site learns by itself."""
+    `trained` are the model and the artifacts of its first day; those of the `later_days` lie beside
+    them. `strategy` says how a step is learned (strategies.py). The first day is trained already,
+    but in the order `streets`, where its first part is to be trained. For `updates` the model is
+    first packed into a site, in the folder `scratch`.
+    """
+    if order == "updates":
         site = scratch / "first.site"
-        progress.tell(packing.pack(self.trained, site, progress))
-        days = drives.read(self.trained.scans.parent, self.trained.submaps.parent, self.learned)
-        return updated(site, strategy, days, progress)
+        progress.tell(packing.pack(trained, site, progress))
+        return updated(
+            site, strategy, {name: drive(trained, name) for name in later_days}, progress
+        )
+    train = trained.train
+    folder = trained.views.parent
+    days = {name: Rows.read(folder / f"{name}.zarr") for name in (train, *later_days)}
+    places = Places.of(store.read(trained.labels, schemas.Labels))
+    if order == "streets":
+        no_places = Places(places.grid, places.cells[:0])
+        return surveyed(method, strategy, streets(train, days[train]), no_places, None, progress)
+    first_model = store.read_model(trained.model)
+    return surveyed(method, strategy, days, places, first_model, progress)
+
+
+def drive(trained: Trained, sequence: str) -> list[Scan]:
+    """The scans of a day as a site is asked about them in order; each submap is one scan.
+
+    They have odometry, and their true poses, by which errors are counted and nothing else is done.
+    Points are read only when asked for.
+    """
+    scans = store.read(trained.scans.parent / f"{sequence}.zarr", schemas.Scans)
+    submaps = store.read(trained.submaps.parent / f"{sequence}.zarr", schemas.Submaps)
+    odom_T_anchor = scans.load("odom_T_scan")[submaps.load("scans")]
+    stamps_ns = submaps.load("stamps_ns").tolist()
+    world_T_anchor = submaps.load("world_T_anchor")
+    return [
+        Scan(
+            f"{sequence} {row}",
+            stamps_ns[row],
+            partial(_points, scans, submaps, row),
+            odom_T_anchor[row],
+            world_T_anchor[row],
+        )
+        for row in range(len(stamps_ns))
+    ]
+
+
+def _points(scans: schemas.Scans, submaps: schemas.Submaps, row: int) -> NDArray[np.float64]:
+    """The points (n, 3) of one submap."""
+    (points_m,) = submap_points(scans, submaps, slice(row, row + 1))
+    return np.asarray(points_m, np.float64)

@@ -15,7 +15,7 @@ from torch import Tensor, nn
 from pipeline.core.errors import ConfigError
 from pipeline.matching.ranking import Rows
 from pipeline.networks import loop
-from pipeline.networks.circle import rolled
+from pipeline.networks.classifier import rolled
 from pipeline.networks.evidence import Prediction
 from pipeline.networks.learner import Learner
 from pipeline.networks.lenet import LeNet, device

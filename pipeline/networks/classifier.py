@@ -240,3 +240,11 @@ class Classifier(ABC):
     def heights(self, images: NDArray[np.float32]) -> Tensor:
         """Heights (n, rings, sectors), quantized from metres."""
         return torch.from_numpy(quantize(images, self.h_min_m, self.h_max_m))
+
+
+def rolled(heights: Tensor, turns: Tensor) -> Tensor:
+    """Heights (n, rings, sectors), each rolled by its own number of columns (n,)."""
+    turns = turns.to(heights.device)
+    columns = torch.arange(heights.shape[2], device=heights.device) - turns[:, None]
+    columns %= heights.shape[2]
+    return heights.gather(2, columns[:, None].expand_as(heights))

@@ -1,15 +1,41 @@
 """A classifier that learns the places of the training day, and more of them on further days.
 
-It joins `Classifier`, which answers, with `training` and `growth`, which learn.
+The steps of `learn` (METHODS 2): views with their places in, a model out.
+
+1. Hold out blocks of the path, and train on the other views; the epoch is kept that answers most
+   held-out views right.
+2. On the held-out views find the temperature, and the evidence for the threshold of rejection.
+3. If the method wants it (`refit`), train on all views for the end of the schedule.
+4. Store the weights, and of each view what answers need.
+
+The steps of `grow` (METHODS 11.1): a model, the views that it knows and those of new days in, a
+model of all days out.
+
+1. Widen the network's last layer by a row for each new place (`widened`).
+2. Choose what to train on: the new views, and of each known place the views of the highest loss
+   (`hardest`).
+3. Train; where the earlier network is right, keep the new one near its answers (`distilled`).
+4. Gather evidence from the held-out blocks of the new days.
 """
 
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
 import numpy as np
+import torch
 from numpy.typing import NDArray
+from torch import Tensor, nn
 
 from pipeline.core.progress import Progress
 from pipeline.matching.ranking import Model, Rows, TrainingSet
-from pipeline.networks import growth, training
+from pipeline.networks import loop
 from pipeline.networks.classifier import Classifier
+from pipeline.networks.lenet import device
+from pipeline.networks.training import Training, blocks
+
+SOFTNESS = 2.0
+"""Temperature at which the answers of the two networks are compared (Hinton et al., 2015)."""
 
 
 class Learner(Classifier):
@@ -20,15 +46,143 @@ class Learner(Classifier):
 
         Raises ConfigError or InputError if they do not suit the network.
         """
-        return training.trained_model(
-            self, TrainingSet.joined([TrainingSet(views, places)]), progress
-        )
+        data = TrainingSet.joined([TrainingSet(views, places)])
+        is_held_out = blocks(self, data)
+        trained = np.flatnonzero(~is_held_out)
+        if not is_held_out.any():  # a path too short for blocks is judged on its trained views
+            is_held_out = ~is_held_out
+        with loop.reproducible(self.threads):
+            torch.manual_seed(self.seed)
+            net = self.network(int(data.places.max()) + 1, *data.views.images.shape[1:])
+            training = Training(
+                method=self,
+                data=data,
+                is_held_out=is_held_out,
+                net=net.to(device()),
+                progress=progress,
+                step=self.step,
+            )
+            curves = training.fit(trained, 1.0, judge=training.judge)
+            softness, evidence = training.evidence(trained, None)
+            if self.refit:
+                trained = np.arange(len(data))
+                training.fit(trained, self.refit, "refit")
+            return training.model(softness, evidence, trained, curves)
 
     def grow(
         self, model: Model, known_set: TrainingSet, new_set: TrainingSet, progress: Progress
     ) -> Model:
         """Train on with the views of further days.
 
-        Raises InputError if their views or places do not continue those of the model.
+        The evidence is the model's own together with that of the new days' held-out blocks; the
+        earlier blocks cannot serve as held-out queries again, since the network may have been
+        trained on them meanwhile. Raises InputError if views or places do not continue those of
+        the model.
         """
-        return growth.grown_model(self, model, known_set, new_set, progress)
+        data = TrainingSet.joined([known_set, new_set])
+        new_rows = len(known_set) + np.arange(len(new_set))
+        new_held_out = blocks(self, new_set)  # whether each new view is in a held-out block
+        is_held_out = np.concatenate([np.zeros(len(known_set), bool), new_held_out])
+        with loop.reproducible(self.threads):
+            torch.manual_seed(self.seed)
+            earlier_net = self.filled(model)
+            net = self.network(int(data.places.max()) + 1, *data.views.images.shape[1:])
+            training = Training(
+                method=self,
+                data=data,
+                is_held_out=is_held_out,
+                net=net.to(device()),
+                progress=progress,
+                step=partial(distilled, self, earlier_net),
+            )
+            # Features of the new views by the earlier network, and the new view that each is of.
+            features, feature_rows = self.embed_training(
+                earlier_net, training.heights[new_rows], new_set.views, torch.arange(len(new_set))
+            )
+            feature_places = new_set.places[feature_rows.numpy()]
+            net.load_state_dict(widened(earlier_net, features, feature_places))
+            known_logits = self.predict(earlier_net, training.heights[: len(known_set)]).logits
+            rehearsed_rows = hardest(known_logits, known_set.places, self.rehearsed)
+            trained_rows = np.concatenate([rehearsed_rows, new_rows])
+            curves = training.fit(trained_rows[~is_held_out[trained_rows]], self.grown)
+            # The queries are the held-out views; the others are what they are matched against.
+            matched_rows = np.flatnonzero(~is_held_out)
+            softness, evidence = training.evidence(matched_rows, model)
+            if self.refit:
+                training.fit(trained_rows, self.refit * self.grown, "refit")
+            return training.model(softness, evidence, np.arange(len(data)), curves)
+
+
+def hardest(logits: Tensor, places: NDArray[np.int64], count: int) -> NDArray[np.int64]:
+    """Rows (m,) of the views with the highest cross-entropy: `count` of each place.
+
+    `logits` (n, places) are the network's for all views.
+    """
+    losses = nn.functional.cross_entropy(logits, torch.from_numpy(places), reduction="none").numpy()
+    order = np.lexsort((-losses, places))
+    # The rank of each view within its place: its position in the order, less its place's first one.
+    rank = np.arange(len(order)) - np.searchsorted(places[order], places[order])
+    return np.sort(order[rank < count])
+
+
+def widened(
+    earlier_net: nn.Module, features: Tensor, places: NDArray[np.int64]
+) -> dict[str, Tensor]:
+    """An earlier network's weights, with a row of the last layer for each new place.
+
+    A new place's row is the mean of the `features` (n, 64), of length 1, of its views, scaled to
+    the mean length of the other rows (Qi et al., Imprinted Weights, CVPR 2018). `places` (n,) are
+    those of the views.
+    """
+    weights = {name: value.clone() for name, value in earlier_net.state_dict().items()}
+    weight_name = f"{earlier_net.last_layer}.weight"
+    bias_name = f"{earlier_net.last_layer}.bias"
+    known_rows = weights[weight_name]
+    known_bias = weights[bias_name]
+    new_means = [
+        features[torch.from_numpy(places == place)].mean(0)
+        for place in range(len(known_rows), int(places.max()) + 1)
+    ]
+    if new_means:
+        length = known_rows.norm(dim=1).mean()
+        new_rows = nn.functional.normalize(torch.stack(new_means)).to(known_rows) * length
+        new_bias = known_bias.mean().expand(len(new_means))
+        weights[weight_name] = torch.cat([known_rows, new_rows])
+        weights[bias_name] = torch.cat([known_bias, new_bias])
+    return weights
+
+
+def distilled(
+    method: Classifier, earlier_net: nn.Module, answer: Callable[..., Tensor], batch: Any
+) -> tuple[Tensor, Tensor, int]:
+    """A method's step (`loop.Step`), with the distance to an earlier network's answers in its loss.
+
+    It is the Kullback-Leibler divergence over the earlier places, and counts only where the earlier
+    network is right (Li and Hoiem, Learning without Forgetting, PAMI 2018).
+    """
+    answers: list[Tensor] = []
+
+    def recorded_answer(*inputs: Any) -> Tensor:
+        answers.append(answer(*inputs))
+        return answers[-1]
+
+    loss, right, count = method.step(recorded_answer, batch)
+    if not method.distilled:
+        return loss, right, count
+    images, places, *_ = batch
+    # A network may answer for parts of an image too; `whole` takes its answers for whole images.
+    with torch.no_grad(), loop.autocast(device(), method.precision):
+        earlier_logits = method.whole(earlier_net(images)).float()
+    # Softmax over the earlier places; for the ring over headings × places, whose index modulo the
+    # number of places is the place.
+    place_count = earlier_logits.shape[-1]
+    logits = method.whole(answers[0]).float()[..., :place_count]
+    log_chances = (logits / SOFTNESS).flatten(1).log_softmax(1)
+    earlier_log_chances = (earlier_logits / SOFTNESS).flatten(1).log_softmax(1)
+    divergence = nn.functional.kl_div(
+        log_chances, earlier_log_chances, reduction="none", log_target=True
+    ).sum(1)
+    was_right = earlier_log_chances.argmax(1) % place_count == places
+    distance = (divergence * was_right).mean()
+    # Its gradient shrinks with the square of the temperature, which is made up for (Hinton et al.).
+    return loss + method.distilled * SOFTNESS**2 * distance, right, count

@@ -1,14 +1,6 @@
-"""Trains a classifier on the training day: views with their places in; a model out (METHODS 2).
+"""A network in training: the parts of learning a first day, and further ones (METHODS 2, 11.1).
 
-The steps of `trained_model`:
-
-1. Hold out blocks of the path, and train on the other views (`fit`); the epoch is kept that answers
-   most held-out views right.
-2. On the held-out views find the temperature, and the evidence for the threshold of rejection.
-3. If the method wants it (`refit`), train on all views for the end of the schedule.
-4. Store the weights, and of each view what answers need (`remembered`).
-
-`growth` learns further days by the same parts.
+`Learner` (learner.py) puts them together.
 """
 
 from dataclasses import dataclass
@@ -170,31 +162,6 @@ class Training:
             **evidence.arrays(),
             **curves,
         }
-
-
-def trained_model(method: Classifier, data: TrainingSet, progress: Progress) -> Model:
-    """Train on the views of the training day, and return the model."""
-    is_held_out = blocks(method, data)
-    trained = np.flatnonzero(~is_held_out)
-    if not is_held_out.any():  # a path too short for blocks is judged on its trained views
-        is_held_out = ~is_held_out
-    with loop.reproducible(method.threads):
-        torch.manual_seed(method.seed)
-        net = method.network(int(data.places.max()) + 1, *data.views.images.shape[1:]).to(device())
-        training = Training(
-            method=method,
-            data=data,
-            is_held_out=is_held_out,
-            net=net,
-            progress=progress,
-            step=method.step,
-        )
-        curves = training.fit(trained, 1.0, judge=training.judge)
-        softness, evidence = training.evidence(trained, None)
-        if method.refit:
-            trained = np.arange(len(data))
-            training.fit(trained, method.refit, "refit")
-        return training.model(softness, evidence, trained, curves)
 
 
 def blocks(method: Classifier, data: TrainingSet) -> NDArray[np.bool_]:

@@ -10,8 +10,7 @@ from pipeline.core.errors import ConfigError
 from pipeline.core.grid import Grid
 from pipeline.core.progress import Progress
 from pipeline.core.schemas import Lifelong
-from pipeline.lifelong.record import line, record
-from pipeline.lifelong.steps import streets, surveyed
+from pipeline.lifelong.steps import line, record, streets, surveyed
 from pipeline.lifelong.strategies import Frozen, Grown, Joint
 from pipeline.matching.places import Places
 from pipeline.matching.ranking import Rows

@@ -9,10 +9,9 @@ import pytest
 import torch
 
 from pipeline.core.errors import ConfigError
-from pipeline.methods.pointnetvlad.authors import renamed
 from pipeline.methods.pointnetvlad.checkpoint import is_checkpoint, read_checkpoint
 from pipeline.methods.pointnetvlad.netvlad import Describer
-from pipeline.methods.pointnetvlad.weights import load
+from pipeline.methods.pointnetvlad.weights import load, renamed
 
 FEATURES, CLUSTERS, SIZE = 16, 4, 8
 SCOPE = "query_triplets"

@@ -1,11 +1,12 @@
 """Tests of the network on a ring: its numbers are counted, and a turned image gives a turned answer
 (METHODS 8.1)."""
 
+import numpy as np
 import pytest
 import torch
 
 from pipeline.core.errors import InputError
-from pipeline.methods.sci_ring.ring import Ring
+from pipeline.methods.sci_ring.ring import Ring, circular_mean_deg, neighbours
 
 
 @pytest.fixture(scope="module")
@@ -139,3 +140,16 @@ def test_sectors_that_do_not_pool_to_whole_headings_are_refused(
 ) -> None:
     with pytest.raises(InputError, match="multiple of 8 sectors"):
         Ring(places, rings, sectors)
+
+
+def test_a_heading_lies_between_the_two_next_to_it_even_across_the_end() -> None:
+    first, second, share = neighbours(torch.tensor([0.25, 3.5, -0.75]), 4)
+    assert (first.tolist(), second.tolist()) == ([0, 3, 3], [1, 0, 0])
+    np.testing.assert_allclose(share, [0.25, 0.5, 0.25])
+
+
+def test_headings_are_averaged_around_the_circle() -> None:
+    # Of four: half at 0° and half at 90° is 45°; half at 0° and half at 270° is −45°; all at 180°
+    # is 180°, not −180°.
+    chances = torch.tensor([[0.5, 0.5, 0, 0], [0.5, 0, 0, 0.5], [0, 0, 1, 0]])
+    np.testing.assert_allclose(circular_mean_deg(chances), [45, -45, 180], atol=1e-4)

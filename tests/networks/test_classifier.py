@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 
 from pipeline.core.errors import ArtifactError, InputError
 from pipeline.core.progress import Progress
@@ -13,7 +14,7 @@ from pipeline.matching.ranking import Rows
 from pipeline.methods.sci import Sci
 from pipeline.methods.sci_ring.sci_ring import SciRing
 from pipeline.networks import loop
-from pipeline.networks.classifier import Classifier
+from pipeline.networks.classifier import Classifier, rolled
 from tests.matching.made import along
 
 SETTINGS: dict[str, Any] = {
@@ -94,3 +95,9 @@ def test_held_out_views_that_fix_no_temperature_are_told() -> None:
     assert model["held_out/right"].all()
     (line,) = progress.lines
     assert "held-out views fix no temperature" in line
+
+
+def test_each_image_is_rolled_by_its_own_columns() -> None:
+    heights = torch.arange(4, dtype=torch.uint8).expand(2, 3, 4)
+    turned = rolled(heights, torch.tensor([1, -1]))
+    assert turned[:, 0].tolist() == [[3, 0, 1, 2], [1, 2, 3, 0]]

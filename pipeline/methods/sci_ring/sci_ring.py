@@ -19,10 +19,9 @@ from pipeline.core.frames import yaw
 from pipeline.core.settings import Count, NotNegative, Share
 from pipeline.matching.outlines import Outlines, outlines, reranked
 from pipeline.matching.ranking import Model, Rows
-from pipeline.methods.sci_ring.ring import POOLED, Ring
+from pipeline.methods.sci_ring.ring import POOLED, Ring, circular_mean_deg, neighbours
 from pipeline.networks import loop
-from pipeline.networks.circle import circular_mean_deg, neighbours, rolled
-from pipeline.networks.classifier import Kinds
+from pipeline.networks.classifier import Kinds, rolled
 from pipeline.networks.evidence import Prediction
 from pipeline.networks.learner import Learner
 from pipeline.networks.lenet import device, to_device

@@ -6,7 +6,7 @@ import pytest
 import torch
 from torch import nn
 
-from pipeline.networks.growth import hardest, widened
+from pipeline.networks.learner import hardest, widened
 
 
 class Last(nn.Module):
