@@ -18,7 +18,7 @@ from pipeline.readers.keyframes import KeyFrames
 from pipeline.readers.kitti import Kitti, read_velodyne
 from pipeline.views.birdview import BirdView
 from pipeline.views.scan_context import ScanContext
-from pipeline.world.simulation import Simulation
+from worlds.simulation import Simulation
 
 STRETCHES = 12
 """Stretches of a log, spread evenly over it, of which each figure is the mean."""

@@ -16,7 +16,7 @@ from numba.core.caching import UserProvidedCacheLocator
 ROOT = Path(__file__).parents[1]
 BIN = Path(sys.executable).parent
 PROJECT = (
-    *("conf", "pipeline", "stages", "dag", "dvc.yaml", "pyproject.toml"),
+    *("conf", "pipeline", "stages", "worlds", "dag", "dvc.yaml", "pyproject.toml"),
     *(".dvc/config", ".dvc/plots", ".dvc/.gitignore", ".dvcignore", ".gitignore"),
 )
 
@@ -32,7 +32,7 @@ def share_kernels(compiled: Path, copy: Path) -> None:
     numba keeps them in a folder that is named by the path of their source.
     """
     kernels = Path(os.environ["NUMBA_CACHE_DIR"])
-    for source in compiled.glob("pipeline/**/*.py"):
+    for source in (*compiled.glob("pipeline/**/*.py"), *compiled.glob("worlds/**/*.py")):
         copied_source = copy / source.relative_to(compiled)
         folder, folder_of_copy = (
             kernels / UserProvidedCacheLocator.get_suitable_cache_subpath(str(path))

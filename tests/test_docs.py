@@ -23,7 +23,7 @@ from pipeline.studies.proposal import propose
 from tests import messages
 
 ROOT = Path(__file__).parents[1]
-FOLDERS = ("pipeline", "stages", "conf", "benchmarks", "docs", "tests")
+FOLDERS = ("pipeline", "stages", "worlds", "conf", "benchmarks", "docs", "tests")
 CITING = [
     path
     for folder in FOLDERS
@@ -38,7 +38,9 @@ FENCED = re.compile(r"```.*?```", re.DOTALL)
 CODE = re.compile(r"`[^`\n]*`")
 BLOCK = re.compile(r"^[ ]*```\w*\n(.*?)^[ ]*```", re.DOTALL | re.MULTILINE)
 LINK = re.compile(r"\]\(([^)\s]+)\)")
-NAMED = re.compile(r"(?:\.github|benchmarks|conf|dag|docs|examples|pipeline|stages|tests)/[\w./-]*")
+NAMED = re.compile(
+    r"(?:\.github|benchmarks|conf|dag|docs|examples|pipeline|stages|tests|worlds)/[\w./-]*"
+)
 TARGETS = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
 YEARLOC: Any = get_command(app)
 COMMANDS = YEARLOC.commands

@@ -44,7 +44,7 @@ def project() -> Path:
 
 PROJECT = project()
 STAGES = list(Repo(PROJECT).index.stages)
-GRAPH = grimp.build_graph("pipeline", "stages", cache_dir=None)
+GRAPH = grimp.build_graph("pipeline", "stages", "worlds", cache_dir=None)
 STAGE = pytest.mark.parametrize(
     "stage", STAGES, ids=lambda stage: stage.addressing.rpartition(":")[2]
 )

@@ -8,8 +8,8 @@ import yaml
 
 from pipeline.core.compute import Compute
 from pipeline.core.progress import Progress
-from pipeline.world.simulation import Simulation
 from tests.clone import ROOT, Clone
+from worlds.simulation import Simulation
 
 DAYS = {"2012-01-15": "monday", "2012-06-15": "tuesday"}
 

@@ -63,7 +63,7 @@ def _rows(entry: LockEntry) -> list[tuple[str, str]]:
     params = [
         f"{file}: {_settings(values) or 'nothing set'}" for file, values in entry.params.items()
     ]
-    code = [dep.path for dep in entry.deps if dep.path.startswith(("pipeline", "stages"))]
+    code = [dep.path for dep in entry.deps if dep.path.startswith(("pipeline", "stages", "worlds"))]
     inputs = [f"{dep.path} ({_digest(dep)})" for dep in entry.deps if dep.path not in code]
     for title, lines in (("params", params), ("deps", inputs)):
         for number, line in enumerate(lines):

@@ -309,7 +309,12 @@ def _switch(value: bool) -> str:
 
 def _drive(study: Study) -> dict[str, str]:
     """The settings of a study that the stages of each single drive take."""
-    return {"world": study.world, **study.origin, "root": study.root}
+    return {
+        "world": study.world,
+        "code": "worlds" if study.simulated else "pipeline/readers",
+        "heeds": study.origin["heeds"],
+        "root": study.root,
+    }
 
 
 def _path(kind: str, *names: str) -> str:

@@ -51,8 +51,9 @@ SIMULATED = {"source": "world", "heeds": "simulated"}
 RECORDED = {"source": "readers", "heeds": "reader"}
 """Where the logs of a simulated and of a recorded study come from.
 
-`source` is the package of pipeline that provides the logs. `heeds` is the key of the data set's
-yaml that they depend on: `reader` if they are recorded, else only `simulated`.
+`source` says what provides the logs: a simulated world, or a reader of recorded ones. `heeds` is
+the key of the data set's yaml that they depend on: `reader` if they are recorded, else only
+`simulated`.
 """
 KEYS: Mapping[str, Any] = {
     "question": Literal["year", "robustness", "viewpoints", "lifelong"],
