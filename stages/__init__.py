@@ -53,6 +53,8 @@ Prepare = Callable[[DictConfig, Sequence[str]], DictConfig]
 """Takes a composed configuration and the words of the command line, and returns a changed one."""
 ROOT = Path(__file__).parents[1]
 """The project's folder."""
+METHODS = ("pipeline.methods.",)
+"""The package of all methods' classes; a model's recipe may name no other class."""
 
 
 @dataclass(frozen=True, kw_only=True)

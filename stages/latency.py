@@ -24,10 +24,7 @@ from pipeline.core.settings import Count
 from pipeline.evaluation.rows import table
 from pipeline.evaluation.timing import Latency, TimedMethod, cost_rows
 from pipeline.studies.models import ModelName
-from stages import build, stage
-
-METHODS = ("pipeline.methods.",)
-"""The package of all methods' classes; a model's recipe may name no other class."""
+from stages import METHODS, build, stage
 
 
 @dataclass(frozen=True)

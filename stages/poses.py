@@ -20,8 +20,8 @@ from omegaconf import DictConfig
 from pipeline.core import schemas, store
 from pipeline.core.compute import Compute
 from pipeline.core.errors import InputError
+from pipeline.core.frames import LEVEL_RIGHT_WITHIN, RIGHT_WITHIN
 from pipeline.core.settings import Count, Names, Share
-from pipeline.level import verdict as level_verdict
 from pipeline.level.day import LevelDay
 from pipeline.level.held_out import LevelHeldOut, Sweeps
 from pipeline.matching.places import Places
@@ -29,7 +29,7 @@ from pipeline.matching.ranking import Rows
 from pipeline.posing.answers import PosedQuery, Posing
 from pipeline.posing.held_out import Drive, TrainingDay
 from pipeline.posing.queries import Queries
-from pipeline.posing.verdict import BELIEFS, RIGHT_WITHIN, Verdict
+from pipeline.posing.verdict import BELIEFS, Verdict
 from stages import EachSequence, ProgressBar, build, stage
 
 
@@ -178,9 +178,7 @@ def learned_of_sweeps(settings: Settings, sweeps: Sweeps) -> Learned:
     verdict = day.verdict
     limits = {belief: verdict.limits(belief) for belief in BELIEFS}
     evidence = verdict.evidence
-    return Learned(
-        limits, len(evidence.fixes), evidence.blocks, level_verdict.RIGHT_WITHIN, posed_queries
-    )
+    return Learned(limits, len(evidence.fixes), evidence.blocks, LEVEL_RIGHT_WITHIN, posed_queries)
 
 
 if __name__ == "__main__":

@@ -14,10 +14,7 @@ from pipeline.core.building import build, parsed
 from pipeline.core.settings import Count, Names
 from pipeline.evaluation.viewpoints import line, means
 from pipeline.matching.ranking import Rows
-from stages import ProgressBar, stage
-
-METHODS = ("pipeline.methods.",)
-"""The package of all methods' classes; a model's recipe may name no other class."""
+from stages import METHODS, ProgressBar, stage
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 import ast
 import itertools
+import re
 import subprocess
 import sys
 import tomllib
@@ -105,6 +106,47 @@ def test_the_library_neither_prints_nor_exits():
             if isinstance(node, ast.Call)
         }
         assert not {"print", "exit", "quit", "sys.exit", "os._exit"} & calls, path
+
+
+def constants() -> dict[str, list[tuple[Path, ast.expr]]]:
+    """The modules that define each constant of a name, with the expressions of their values."""
+    definitions: dict[str, list[tuple[Path, ast.expr]]] = {}
+    for path in OURS:
+        for node in ast.parse(path.read_text()).body:
+            targets: list[ast.expr] = node.targets if isinstance(node, ast.Assign) else []
+            if isinstance(node, ast.AnnAssign) and node.value:
+                targets = [node.target]
+            for target in targets:
+                if isinstance(target, ast.Name) and target.id.isupper():
+                    definitions.setdefault(target.id, []).append((path, node.value))
+    return definitions
+
+
+def words_of(value: ast.expr) -> set[str]:
+    """The texts in a tuple, list or set that stands in the source."""
+    if not isinstance(value, ast.Tuple | ast.List | ast.Set):
+        return set()
+    items = [item.value for item in value.elts if isinstance(item, ast.Constant)]
+    return {item for item in items if isinstance(item, str)}
+
+
+NUMBER = re.compile(r"-?[\d._e+-]+")
+"""Two plain numbers of one name may be equal by chance."""
+
+
+def test_no_constant_is_defined_twice():
+    """Neither with the same value, nor as two lists that have most of their words in common."""
+    for name, definitions in constants().items():
+        for (path, value), (other_path, other) in itertools.combinations(definitions, 2):
+            places = f"{name} in {path.relative_to(ROOT)} and in {other_path.relative_to(ROOT)}"
+            text = ast.unparse(value)
+            may_be_equal = NUMBER.fullmatch(text) or "__file__" in text
+            assert may_be_equal or text != ast.unparse(other), f"{places}: the same value"
+            words = words_of(value)
+            other_words = words_of(other)
+            shared = words & other_words
+            is_one_list = 2 * len(shared) > min(len(words), len(other_words))
+            assert not is_one_list, f"{places}: both have {sorted(shared)}"
 
 
 def test_nothing_is_pickled_and_torch_loads_nothing_unsafe():

@@ -13,7 +13,7 @@ if TYPE_CHECKING:  # at run time these would slow the start of every command
     from pipeline.online.inputs import Scan
     from pipeline.online.site import Fix
 
-VERDICTS = ("accepted", "near", "ambiguous", "rejected", "no pose")
+PRINTED_VERDICTS = ("accepted", "near", "ambiguous", "rejected", "no pose")
 """The verdicts in the order in which their counts are printed."""
 
 
@@ -92,7 +92,7 @@ class Summary:
         import numpy as np
 
         scan_count = self.verdicts.total()
-        counts = ", ".join(f"{self.verdicts[verdict]} {verdict}" for verdict in VERDICTS)
+        counts = ", ".join(f"{self.verdicts[verdict]} {verdict}" for verdict in PRINTED_VERDICTS)
         median_ms, slow_ms = np.percentile(self._took_ms[1:] or self._took_ms, (50, 95))
         plural = "" if scan_count == 1 else "s"
         return (

@@ -108,6 +108,12 @@ def travelled_m(
 
 ROUNDED_NS = 1_000
 """Stamps that differ by at most a microsecond are equal: files of poses round stamps to that."""
+LATEST_NS = 2**62
+"""Stamps are 64-bit nanoseconds; a later one (after 2116) is damage."""
+RIGHT_WITHIN = (2.0, 5.0)
+"""Metres and degrees: a pose is right if it is off by less, as is usual in the field."""
+LEVEL_RIGHT_WITHIN = (1.0, 10.0)
+"""The same of the poses of level 2-D sweeps."""
 
 
 @dataclass(frozen=True)

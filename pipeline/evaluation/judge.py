@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from pipeline.alterations import Case, read_cases
 from pipeline.core.errors import InputError
-from pipeline.core.frames import Poses, distance_and_turn, turns, wrapped_deg, yaw
+from pipeline.core.frames import RIGHT_WITHIN, Poses, distance_and_turn, turns, wrapped_deg, yaw
 from pipeline.core.schemas import Fixes, Labels, Rankings, SequenceRanking, Submaps
 from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.calibration import chances, ece
@@ -38,7 +38,6 @@ from pipeline.evaluation.judgement import (
 from pipeline.evaluation.numbers import (
     MEASURES,
     NUMBERS,
-    RIGHT_WITHIN,
     Queries,
     Weight,
     curve,

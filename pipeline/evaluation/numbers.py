@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.core.frames import LEVEL_RIGHT_WITHIN, RIGHT_WITHIN
 from pipeline.evaluation.counts import Counts, ExactCounts, is_right_at
 from pipeline.evaluation.curves import (
     Curve,
@@ -94,11 +95,13 @@ that of the nearest training anchor."""
 GOOD_HEADING_DEG = 10.0
 BESIDE_M = 2.0
 """From this distance on, a query lies beside the path of training: in another lane, say."""
-RIGHT_WITHIN = (2.0, 5.0)
-"""Metres and degrees within which a pose is right, unless a method says otherwise."""
 LEVEL_POSES = "within_1m_10deg"
 """The number that says how many poses of level 2-D sweeps are right."""
-WITHIN = {"within_2m_5deg": RIGHT_WITHIN, "within_05m_2deg": (0.5, 2.0), LEVEL_POSES: (1.0, 10.0)}
+WITHIN = {
+    "within_2m_5deg": RIGHT_WITHIN,
+    "within_05m_2deg": (0.5, 2.0),
+    LEVEL_POSES: LEVEL_RIGHT_WITHIN,
+}
 
 Weight = NDArray[np.float64]
 """(r, q) how often each of q queries counts in each of r resamples."""

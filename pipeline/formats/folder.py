@@ -17,10 +17,13 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pipeline.core.errors import LogError
+from pipeline.core.frames import LATEST_NS
 from pipeline.formats import bin_layout, pcd
 
 SCANS = (".bin", ".npy", ".pcd")
 """Suffixes of scan files."""
+SCAN_FOLDERS = ("velodyne_sync", "velodyne", "scans", "points", "clouds")
+"""Subfolders of a log that may hold its scan files."""
 TIMES = "times.txt"
 """The file beside KITTI poses with the time of each row in seconds."""
 LARGEST_BYTES = 2**28
@@ -40,8 +43,6 @@ ADVICE_BY_LENGTH = {
     ),
 }
 """What to do with rows that are no TUM poses, by the count of their numbers."""
-LATEST_NS = 2**62
-"""Stamps are 64-bit nanoseconds; a later one (after 2116) is damage."""
 NUMBER_AT_END = re.compile(r"(?<![\d.])\d{1,19}(?:\.\d{1,9})?$", re.ASCII)
 UNIT_BY_DIGITS = {18: "ns", 15: "us", 12: "ms"}
 """The unit of a stamp since 1970, if it has at least so many digits before its point."""

@@ -18,12 +18,10 @@ from pipeline.formats.bag_file import plain
 from pipeline.inspection.bag_contents import Contents, TopicSummary
 from pipeline.inspection.inspection import typographic
 from pipeline.mapping.appearance import ground
-from pipeline.readers.bag_poses import KINDS
+from pipeline.readers.bag_poses import BODIES, KINDS
 
 WORLDS = ("map", "world", "earth", "utm", "enu", "global")
 """Frames that stand still, the likeliest first."""
-BODIES = ("base_footprint", "base_link", "body", "imu", "imu_link")
-"""Frames that may stand for the vehicle, the likeliest first."""
 TRUE_NAMES = re.compile("truth|gt|gnss|gps|rtk|ins|slam|map|locali")
 """Matches the names of topics that are likely to hold true poses."""
 DRIFTING_NAMES = re.compile("odom|vo|vio|wheel")

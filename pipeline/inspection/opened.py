@@ -12,17 +12,15 @@ from pipeline.formats import folder as files
 from pipeline.formats.bag_file import find
 from pipeline.formats.robotcar import LASERS
 from pipeline.inspection.bag_contents import Contents
-from pipeline.inspection.bag_proposal import BODIES, drifting, gyroscope, points_source
+from pipeline.inspection.bag_proposal import drifting, gyroscope, points_source
 from pipeline.readers.bag import Bag
-from pipeline.readers.bag_poses import Tree
+from pipeline.readers.bag_poses import BODIES, Tree
 from pipeline.readers.folder import Folder
 from pipeline.readers.keyframes import FILE, KeyFrames
 from pipeline.readers.kitti import Kitti
 from pipeline.readers.log import Log
 from pipeline.readers.nclt import Nclt
 
-SCAN_FOLDERS = ("scans", "points", "clouds", "velodyne", "velodyne_sync")
-"""Names of folders in a log that may hold its scan files."""
 ODOMETRY_FILES = ("odometry.txt", "odom.txt")
 """Names of files beside clouds that may hold their odometry."""
 
@@ -65,14 +63,14 @@ def open_unposed(path: Path, topic: str | None = None, odometry: str | None = No
 
 def _clouds(path: Path) -> Log:
     """Open a folder of clouds alone, numbered or named by time; raises LogError without clouds."""
-    for scans in (".", *SCAN_FOLDERS):
+    for scans in (".", *files.SCAN_FOLDERS):
         folder = path / scans
         if folder.is_dir() and any(file.suffix in files.SCANS for file in folder.iterdir()):
             odometry = next((name for name in ODOMETRY_FILES if (path / name).is_file()), None)
             return Folder(scans=scans, poses=None, odometry=odometry).open(path.parent, path.name)
     raise LogError(
         f"{path}: no log: neither a bag nor clouds ({', '.join(files.SCANS)}) in it or in "
-        f"{', '.join(SCAN_FOLDERS)}"
+        f"{', '.join(files.SCAN_FOLDERS)}"
     )
 
 

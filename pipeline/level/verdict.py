@@ -13,16 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.core.frames import distance_and_turn
+from pipeline.core.frames import LEVEL_RIGHT_WITHIN, distance_and_turn
 from pipeline.level.fix import SCALES, LevelFix, signs
 from pipeline.matching.rejection import ACCEPT_NOTHING, threshold_for
 from pipeline.posing.chances import Chances, learned
 from pipeline.posing.verdict import BELIEFS, PROMISES, SEVERAL, middle
 
-RIGHT_M = 1.0
-RIGHT_DEG = 10.0
-"""A level fix is right within RIGHT_M and RIGHT_DEG."""
-RIGHT_WITHIN = (RIGHT_M, RIGHT_DEG)
+RIGHT_M, RIGHT_DEG = LEVEL_RIGHT_WITHIN
 NEAR_M = 5.0
 """A robot is near a pose within this."""
 LARGEST_MULTIPLE = 5.0

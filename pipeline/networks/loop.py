@@ -25,6 +25,7 @@ from pipeline.core import store
 from pipeline.core.errors import ArtifactError, ConfigError
 from pipeline.core.progress import Progress
 from pipeline.networks.lenet import device
+from pipeline.networks.plain import NET
 
 Net = TypeVar("Net", bound=nn.Module)
 Batch = TypeVar("Batch")
@@ -37,9 +38,8 @@ Judge = Callable[[Any], tuple[float, float]]
 """Computes loss and accuracy of a network on held-out rows."""
 Schedule = Literal["one_cycle", "stepped", "constant"]
 Precision = Literal["auto", "bf16", "f32"]
-NET = "net/"
 BEST = "best/"
-"""Prefixes in a checkpoint: of the present weights, and of the best ones so far."""
+"""Prefix in a checkpoint of the best weights so far; that of the present ones is NET."""
 CURVES = ("loss", "accuracy", "held_out_loss", "held_out_accuracy")
 """What is recorded of each epoch."""
 

@@ -27,6 +27,7 @@ from pipeline.methods.pointnetvlad.netvlad import Describer
 from pipeline.methods.pointnetvlad.pointnetvlad import PointNetVlad
 from pipeline.networks import loop
 from pipeline.networks.classifier import Classifier
+from pipeline.networks.plain import NET
 from pipeline.online import site, site_file
 from pipeline.online.compact import with_small_weights, without_notes
 from pipeline.online.runtime import CLASSIFIED, INPUT, session
@@ -111,7 +112,7 @@ def export(source: Path, out: Path, compact: bool = False) -> str:
                 f"-o {out}: only sci and sci_ring can answer through ONNX; FILE.onnx holds this "
                 "network alone"
             )
-        other_arrays = {key: array for key, array in model.items() if not key.startswith(loop.NET)}
+        other_arrays = {key: array for key, array in model.items() if not key.startswith(NET)}
         answering = replace(description, growth=None)
         site_file.write(out, site_file.Parts(answering, other_arrays, arrays, data))
     else:

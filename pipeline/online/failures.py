@@ -18,13 +18,12 @@ from numpy.typing import NDArray
 from pipeline.alterations import Case, read_cases
 from pipeline.core import schemas, store
 from pipeline.core.errors import ConfigError
-from pipeline.core.frames import Poses, distance_and_turn, moved
+from pipeline.core.frames import RIGHT_WITHIN, Poses, distance_and_turn, moved
 from pipeline.mapping.gathering import submap_points
 from pipeline.online.inputs import Scan
 from pipeline.online.site import Fix
 from pipeline.posing.registration import Points
 from pipeline.posing.targets import Targets
-from pipeline.posing.verdict import RIGHT_WITHIN
 
 WALL_M = 0.5
 """Points below this are ground, and are not drawn."""

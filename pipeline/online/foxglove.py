@@ -25,7 +25,7 @@ FRAME = "map"
 SITE = "site"
 """A frame in the middle of the site. Clouds are given in it, since their float32 is too coarse for
 coordinates of the world."""
-VERDICTS = ("accepted", "rejected", "near", "ambiguous")
+VERDICT_NUMBERS = ("accepted", "rejected", "near", "ambiguous")
 """On /fixes the intensity of a point is the number of its verdict in this order."""
 
 
@@ -79,7 +79,7 @@ class Recording:
         placed_m = points_m @ fix.world_T_sensor[:3, :3].T + position_m
         self._add_cloud(stamp_ns, placed_m, "/scan", placed_m[:, 2])
         # all fixes so far are written each time: a viewer shows the last message of a topic only
-        self._fixes.append((*position_m, VERDICTS.index(fix.verdict)))
+        self._fixes.append((*position_m, VERDICT_NUMBERS.index(fix.verdict)))
         fixes = np.array(self._fixes)
         self._add_cloud(stamp_ns, fixes[:, :3], "/fixes", fixes[:, 3])
         if fix.verdict == "accepted":

@@ -24,19 +24,15 @@ from pipeline.formats.bag import CLOUD, SWEEP
 from pipeline.formats.bag_file import BagFile, find
 from pipeline.readers import vehicle
 from pipeline.readers.bag_clouds import Clouds
-from pipeline.readers.bag_poses import KINDS, Tree, track
+from pipeline.readers.bag_poses import BODIES, KINDS, Tree, track
 from pipeline.readers.deskew import NO_BREAKS, scan_at_stamp
 from pipeline.readers.log import Log, raised
 from pipeline.readers.log import extrinsic as given_extrinsic
 
 READERS = ("pipeline.readers.",)
 """A site may name a reader of these modules only."""
-SCAN_FOLDERS = ("velodyne_sync", "velodyne", "scans", "points")
-"""Subfolders of a log that may hold its scan files."""
 NCLT_PACKETS = "velodyne_hits.bin"
 """Not a scan, but the packets of a whole drive of NCLT."""
-BODIES = ("base_footprint", "base_link", "body", "imu", "imu_link")
-"""Names of the vehicle's frame; the first that a bag's fixed transforms know is taken."""
 NO_POSE = np.full((4, 4), np.nan)
 """The pose of a scan where it is unknown."""
 ODOMETRY_GAP_S = 1.0
@@ -201,8 +197,8 @@ def _sequence(path: Path) -> str:
 
 
 def _files(path: Path) -> list[Path]:
-    """The scan files of a folder, or of one of its SCAN_FOLDERS, in the order of their numbers."""
-    for place in (path, *(path / name for name in SCAN_FOLDERS)):
+    """The scan files of a folder, or of one of SCAN_FOLDERS, in the order of their numbers."""
+    for place in (path, *(path / name for name in folder.SCAN_FOLDERS)):
         files = [
             file
             for file in place.glob("*")
@@ -211,8 +207,8 @@ def _files(path: Path) -> list[Path]:
         if files:
             return sorted(files, key=lambda file: (_stamp_ns(file.stem) or 0, file.name))
     raise LogError(
-        f"{path}: no scan there: no .bin, .npy or .pcd in it or in {', '.join(SCAN_FOLDERS)}, and "
-        "no bag"
+        f"{path}: no scan there: no .bin, .npy or .pcd in it or in "
+        f"{', '.join(folder.SCAN_FOLDERS)}, and no bag"
     )
 
 

@@ -32,7 +32,7 @@ from pipeline.posing.verdict import BELIEFS, PROMISES
 
 UNSEEN_SHARE = 0.2
 """The share of queries to expect from places that the map does not have."""
-VERSIONS = ("numpy", "numba", "scipy", "safetensors")
+LEVEL_VERSIONS = ("numpy", "numba", "scipy", "safetensors")
 """Packages whose versions a site records."""
 CARMEN = {"_target_": "pipeline.readers.carmen.Carmen"}
 """Opens the logs that the site of a Nav2 map is asked with; bags need no reader."""
@@ -85,7 +85,7 @@ def _write(
     `source` is the map's file or the training sequence, `digest` the map's md5.
     """
     versions = {"yearloc": version("yearloc"), "python": platform.python_version()}
-    versions |= {name: version(name).partition("+")[0] for name in VERSIONS}
+    versions |= {name: version(name).partition("+")[0] for name in LEVEL_VERSIONS}
     judge = verdict.judge
     # Promises has the precisions, and for each belief the limits that keep them
     site_verdict = Promises(

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit, logit
 
-from pipeline.core.frames import Poses, distance_and_turn
+from pipeline.core.frames import RIGHT_WITHIN, Poses, distance_and_turn
 from pipeline.matching.rejection import threshold_for
 from pipeline.posing.chances import Chances, learned
 from pipeline.posing.expectations import Expectations
@@ -22,10 +22,7 @@ from pipeline.posing.fix import Fix, signs
 
 PROMISES = (0.95, 0.99, 0.999)
 """Wanted precisions: shares of right fixes among the accepted ones."""
-RIGHT_M = 2.0
-RIGHT_DEG = 5.0
-"""A pose is right if it is off by less than RIGHT_M and RIGHT_DEG, as is usual in the field."""
-RIGHT_WITHIN = (RIGHT_M, RIGHT_DEG)
+RIGHT_M, RIGHT_DEG = RIGHT_WITHIN
 NEAR_M = 15.0
 """A place is right within this distance, as in the protocol by distance."""
 SEVERAL = 3

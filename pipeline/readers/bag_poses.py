@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.errors import LogError
-from pipeline.core.frames import Poses, Stamps, Trajectory
+from pipeline.core.frames import LATEST_NS, Poses, Stamps, Trajectory
 from pipeline.formats.bag import ODOMETRY, POSE, POSE_COVARIANCE, TRANSFORMS
 from pipeline.formats.bag_file import BagFile
 from pipeline.formats.messages import (
@@ -27,10 +27,12 @@ from pipeline.formats.messages import (
     poses,
     transform_numbers,
 )
-from pipeline.readers.log import LATEST_NS, Uncertainty
+from pipeline.readers.log import Uncertainty
 
 KINDS = (ODOMETRY, POSE, POSE_COVARIANCE)
 """The types of messages that hold a pose."""
+BODIES = ("base_footprint", "base_link", "body", "imu", "imu_link")
+"""Frames that may stand for the vehicle, the likeliest first."""
 MAX_FIXED_CHANGE = 1e-6
 """A transform whose entries (metres, rotation matrix) never change by more than this is fixed."""
 

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.errors import ConfigError, LogError
-from pipeline.core.frames import Poses, Stamps, moved, pose
+from pipeline.core.frames import LATEST_NS, Poses, Stamps, moved, pose
 from pipeline.core.settings import Positive, check
 from pipeline.formats import carmen
 from pipeline.formats.carmen import Laser, Records, Sweep
@@ -152,7 +152,7 @@ class Carmen:
         sweeps are counted instead.
         """
         stamps_s = np.array([sweep.stamp_s for sweep in sweeps])
-        if not (np.abs(stamps_s) < log.LATEST_NS / 1e9).all():
+        if not (np.abs(stamps_s) < LATEST_NS / 1e9).all():
             raise LogError(
                 f"{path}: a sweep is stamped {stamps_s[np.abs(stamps_s).argmax()]:g}, which is no "
                 "time in s"

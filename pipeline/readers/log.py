@@ -17,14 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.errors import ConfigError, LogError
-from pipeline.core.frames import Poses, Stamps, Trajectory, pose
+from pipeline.core.frames import LATEST_NS, Poses, Stamps, Trajectory, pose
 from pipeline.readers import vehicle
 
 EARTH_M = 1e8
 """Positions further than this from the origin of their frame are damage: the centre of the Earth is
 6.4e6 m away."""
-LATEST_NS = 2**62
-"""Stamps are 64-bit nanoseconds; a later one (after 2116) is damage."""
 
 
 @dataclass(frozen=True)

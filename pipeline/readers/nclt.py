@@ -14,7 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from pipeline.core.errors import LogError
-from pipeline.core.frames import Trajectory, flip_ned, pose
+from pipeline.core.frames import LATEST_NS, Trajectory, flip_ned, pose
 from pipeline.core.settings import Positive, check
 from pipeline.formats import nclt
 from pipeline.readers import log
@@ -202,7 +202,7 @@ def read_packets(path: Path) -> Packets:
         )
     utime_words = UTIME_WORD + np.arange(UTIME_WORDS)
     utimes = words[starts[:, None] + utime_words].view("<u8")[:, 0]
-    if (utimes >= log.LATEST_NS // 1000).any():
+    if (utimes >= LATEST_NS // 1000).any():
         raise LogError(
             f"{path}: a packet is stamped {utimes.max()}, which is no time in µs; the file is "
             "damaged"

@@ -14,6 +14,8 @@ import math
 import numpy as np
 from numba import njit, uint32
 
+from pipeline.views.kernels import HALF, NAN_SAFE, ZERO
+
 BLOCK = 256
 """Points handled at once."""
 COPIES = 4
@@ -29,16 +31,12 @@ PLACE = np.argsort(np.concatenate([8 + GRAY, 15 - GRAY, 7 - GRAY, GRAY])).astype
 then those of GRAY."""
 SLOPE = np.float32(math.tan(math.pi / 8))
 """Slope at 22.5°."""
-ZERO = np.float32(0)
-HALF = np.float32(0.5)
 ERROR = np.float32(1e-6)
 """Bound on the error of a float32 coordinate or slope, in units of the largest distance."""
 MAX_ROUNDS = 10_000
 """Largest number of rounds of the power iteration."""
 SMALL_CHANGE = 1e-12
 """The power iteration ends once no number changes by as much as this."""
-NAN_SAFE = {"reassoc", "contract", "arcp", "nsz", "afn"}
-"""The fast-math in which NaN and infinity keep their meaning."""
 
 
 @njit(cache=True, nogil=True, fastmath=NAN_SAFE, error_model="numpy")

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from pipeline.core import schemas, store
+from pipeline.core.frames import LEVEL_RIGHT_WITHIN
 from pipeline.core.grid import Grid
 from pipeline.level.day import LevelDay
 from pipeline.level.held_out import LevelHeldOut, Sweeps
-from pipeline.level.verdict import RIGHT_WITHIN, pose_is_right
+from pipeline.level.verdict import pose_is_right
 from pipeline.matching.places import Places
 from pipeline.matching.ranking import Ranking
 from pipeline.posing.answers import PosedQuery, posed
@@ -61,7 +62,7 @@ def test_queries_of_another_drive_have_poses_near_the_truth(
         assert query.doubts[0] < 0.1
         assert query.overlap > 0.8
         assert query.chances.sum() <= 1 + 1e-9
-    assert RIGHT_WITHIN == (1.0, 10.0)
+    assert LEVEL_RIGHT_WITHIN == (1.0, 10.0)
 
 
 def test_poses_of_sweeps_lead_the_ranking_of_places_as_those_of_3_d_scans_do(

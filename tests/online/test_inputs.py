@@ -5,7 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pipeline.formats import pcd
 from pipeline.formats.bag import BagWriter
+from pipeline.formats.folder import SCAN_FOLDERS
+from pipeline.inspection.opened import open_unposed
 from pipeline.online.follow import Following
 from pipeline.online.inputs import scans
 from tests.posing.scene import planar
@@ -79,3 +82,16 @@ def test_of_several_bags_the_topic_with_most_clouds_in_all_is_read(tmp_path: Pat
                     rings = np.zeros(2, int)
                     writer.points(stamp_ns, "base_link", points_m, np.ones(2), rings, topic)
     assert len(list(scans(str(tmp_path / "day"), OTHER, 0.0))) == 4
+
+
+@pytest.mark.parametrize("name", SCAN_FOLDERS)
+def test_scans_in_a_subfolder_are_opened_to_localise_and_to_estimate_poses(
+    tmp_path: Path, name: str
+) -> None:
+    (tmp_path / name).mkdir()
+    (tmp_path / name / "7.pcd").write_bytes(pcd.encode(np.ones((3, 3))))
+    (scan,) = scans(str(tmp_path), OTHER, 0.0)
+    np.testing.assert_array_equal(scan.points(), np.ones((3, 3)))
+    if name != "velodyne_sync":  # NCLT's: a log of that data set
+        log = open_unposed(tmp_path)
+        np.testing.assert_array_equal(log.points(0), np.ones((3, 3)))

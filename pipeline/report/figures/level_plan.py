@@ -19,7 +19,7 @@ from pipeline.level.level_map import LevelMap
 from pipeline.online.site import Fix
 from pipeline.online.watch import COLOURS
 from pipeline.report.figures import animation
-from pipeline.report.figures.chase import font
+from pipeline.report.figures.chase import GREY, INK, font
 
 WIDTH_PX = 800
 MOST_HEIGHT_PX = 700
@@ -29,8 +29,6 @@ MARGIN_M = 1.0  # around what is known of the building
 UNKNOWN = "#E4E4E4"
 FREE = "#FFFFFF"
 WALL = "#4A4A4A"
-INK = "#222222"
-GREY = "#6E6E6E"
 WALL_SHARE = 0.15  # a pixel is drawn as a wall from this share of it on
 ROBOT_M = 0.9  # length of the robot's arrow, which can be seen so
 
