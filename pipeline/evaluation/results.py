@@ -101,7 +101,7 @@ class ResultsTable:
         sequences = (*self.study.tests, *self.study.stress)
         by_method: dict[str, dict[str, Evaluation]] = {}
         held_out: dict[str, NDArray[np.float64]] = {}
-        by_variant: dict[tuple[str, str], dict[str, Evaluation]] = {}
+        by_variant: dict[ModelName, dict[str, Evaluation]] = {}
         bootstrap = Bootstrap()
         for model in models:
             yield from self._model_rows(grid, model, sequences)
@@ -111,7 +111,7 @@ class ResultsTable:
                 held_out[model.method] = self._held_out_novelty(grid, model)
                 bootstrap = self._bootstrap(grid, model)
             elif (self.study.question == "year" or model.posed) and not model.seed:
-                by_variant[model.method, model.variant_of_answers] = evaluations
+                by_variant[model] = evaluations
         correct_m = self._evaluations(grid, models[-1], sequences[-1]).distance["correct_m"]
         yield {"grid": grid} | row("correct_m", "distance", correct_m)
         answers = Answers(by_method, held_out, by_variant)

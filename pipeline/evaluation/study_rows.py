@@ -11,7 +11,7 @@ Rows of a single evaluation are made in `rows`, and `results` gathers all of the
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import chain
 from typing import Any
 
@@ -29,6 +29,7 @@ from pipeline.evaluation.rows import TableRows, number_rows, row
 from pipeline.evaluation.viewpoints import NUMBERS as VIEWPOINT_NUMBERS
 from pipeline.evaluation.viewpoints import ViewpointMatches
 from pipeline.formats.changes import Change
+from pipeline.studies.models import ModelName
 
 AGEING = (
     ("cells", "recall_at_1_same_heading"),
@@ -63,14 +64,22 @@ class Answers:
     days."""
     held_out: Mapping[str, NDArray[np.float64]]
     """Method to the novelties in use (h,) of queries on held-out blocks of training."""
-    variants: Mapping[tuple[str, str], Mapping[str, Evaluation]] = field(default_factory=dict)
-    """The evaluations of each (method, variant) by test sequence. They are only compared with the
-    reference."""
+    variants: Mapping[ModelName, Mapping[str, Evaluation]] = field(default_factory=dict)
+    """The evaluations of variants, and of answers with poses, by test sequence. They are only
+    compared with the reference."""
 
     @property
     def reference(self) -> str:
         """The study's first method, with which the others are compared."""
         return next(iter(self.evaluations))
+
+    def reference_of(self, model: ModelName) -> ModelName:
+        """What a model is compared with: the first method, with poses if both have some."""
+        for answers in model.plainer:
+            reference = replace(answers, method=self.reference, variant="")
+            if reference in self.variants and reference != model:
+                return reference
+        return ModelName(self.reference)
 
 
 def ageing_rows(answers: Answers, ageing: Ageing) -> TableRows:
@@ -144,21 +153,22 @@ def paired_rows(answers: Answers, bootstrap: Bootstrap) -> TableRows:
     They hold the differences, their p values after Holm's correction, and how many queries only one
     of the two models answers right.
     """
-    reference = answers.evaluations[answers.reference]
-    models = {(method, ""): evaluations for method, evaluations in answers.evaluations.items()}
+    models = {ModelName(method): by_sequence for method, by_sequence in answers.evaluations.items()}
     models |= answers.variants
-    for (method, variant), evaluations in models.items():
-        if evaluations is reference:
+    for model, evaluations in models.items():
+        reference = answers.reference_of(model)
+        if reference == model:
             continue
         columns = {
-            "method": method,
-            "variant": variant,
-            "case": f"against {answers.reference}",
+            **model.columns,
+            "case": f"against {reference.name}",
             "change": "against",
-            "kind": answers.reference,
+            "kind": reference.name,
         }
         for protocol in PROTOCOLS:
-            yield from _comparison_rows(columns, protocol, evaluations, reference, bootstrap)
+            yield from _comparison_rows(
+                columns, protocol, evaluations, models[reference], bootstrap
+            )
 
 
 def _comparison_rows(

@@ -28,6 +28,9 @@ WIDEST = 78  # columns of a line
 OTHER_LINES = 5  # lines of a study besides those of its methods
 MOST_STRATEGY_LINES = 7  # of a study of learning further days
 BETWEEN = 2  # blanks between two columns
+# Above the rows of models with poses and of those without, where a study has both
+WITH_POSES = "with poses"
+WITHOUT_POSES = "without poses"
 # A terminal of fewer columns than these lacks the columns that matter less.
 NARROW = 72
 NARROWEST = 64
@@ -100,7 +103,11 @@ def _learning(study: Study, grid: CellSize, rows: pd.DataFrame, width: int) -> S
 
 
 def _year(study: Study, grid: CellSize, rows: pd.DataFrame, width: int) -> Summary:
-    """Summarise a study of the year: one row per method, that with poses if it has any."""
+    """Summarise a study of the year: each method's best row with poses, and its best without.
+
+    The two kinds stand apart, each best first. Where every method has poses, rows without are left
+    out.
+    """
     scores = read_scores(rows, study.tests)
     if not scores:
         return Summary("judged by viewpoints alone; `yearloc results --full`\n")
@@ -116,13 +123,26 @@ def _year(study: Study, grid: CellSize, rows: pd.DataFrame, width: int) -> Summa
         heads += ["\naccepted", "wrong\nof those", "wrong ones\nrefused"]
     if width >= NARROW and is_timed:
         heads.append("ms a\nquery")
-    # the model of each method that has poses, or else its best one
-    posed_first = sorted(models, key=lambda model: not models[model][0].posed)
-    chosen = {method_of(model): model for model in reversed(posed_first)}.values()
-    # cells without a heading are those that the terminal has no room for
-    lines = [[model, *_cells(models[model])[: len(heads)]] for model in models if model in chosen]
+    posed = _best_of_methods(models, posed=True)
+    unposed = _best_of_methods(models, posed=False)
+    if len(posed) == len({method_of(model) for model in models}):
+        unposed = []
+    lines = []
+    for kind, names in ((WITH_POSES, posed), (WITHOUT_POSES, unposed)):
+        lines += [[kind]] if posed and unposed else []
+        # cells without a heading are those that the terminal has no room for
+        lines += [[name, *_cells(models[name])[: len(heads)]] for name in names]
     title = f"learned {day(study.train[0])}, {days}, cells of {grid.cell_m:g} m"
     return Summary(title, heads, lines)
+
+
+def _best_of_methods(models: Mapping[str, Sequence[Scores]], posed: bool) -> list[str]:
+    """Of `models`, best first, the first one of each method with poses, or without."""
+    best: dict[str, str] = {}
+    for model, group in models.items():
+        if group[0].posed == posed:
+            best.setdefault(method_of(model), model)
+    return list(best.values())
 
 
 def _print_table(console: Console, summary: Summary, most_rows: int) -> None:
@@ -139,7 +159,7 @@ def _print_table(console: Console, summary: Summary, most_rows: int) -> None:
     for name, *cells in rows:
         lines.add_row(Text(name), *cells[: len(heads)])
     console.print(lines)
-    further = len(summary.rows) - most_rows
+    further = sum(len(row) > 1 for row in summary.rows[most_rows:])
     console.print(f"  … and {further} more\n" if further > 0 else "")
 
 

@@ -19,7 +19,7 @@ from pipeline.evaluation.paired import COMPARED, LEVEL
 from pipeline.evaluation.protocols import PROTOCOLS
 from pipeline.evaluation.study_rows import ORACLE, PER_DAYS, PERCENTILE, SHOWN, TO_COME
 from pipeline.report.result import TITLES, Result, by_model, day, mean
-from pipeline.report.selection import Values, indexed, pick
+from pipeline.report.selection import Values, indexed, is_posed, pick
 from pipeline.report.study import Study, against
 
 SLIGHT = 0.0005  # a smaller loss would be printed as 0
@@ -39,9 +39,14 @@ class Finding:
 
 
 def answer(study: Study) -> Finding:
-    """The study in a paragraph: how often the best model is right, how it ages, how others fare."""
+    """The study in a paragraph: how often the best model is right, how it ages, how others fare.
+
+    A model with poses is compared with others that have poses, if there are any.
+    """
     groups = by_model(study.results)
-    best, *others = (_summary(model, groups[model]) for model in study.ranked)
+    best, *all_others = (_summary(model, groups[model]) for model in study.ranked)
+    alike = [other for other in all_others if other["posed"] == best["posed"]]
+    others = alike or all_others
     record = study.models[study.ranked[0]]
     was_cut = record.rounds and "budget" in record.recipe
     return Finding(
@@ -62,6 +67,7 @@ def _summary(model: str, group: Sequence[Result]) -> dict[str, Any]:
     ends = (group[0], group[-1])
     return {
         "model": model,
+        "posed": group[0].posed,
         "mean": {by: mean(group, by, "recall_at_1") for by in PROTOCOLS},
         "ends": [(result.number("distance", "recall_at_1"), result.days) for result in ends],
         "at": {
@@ -141,7 +147,12 @@ def paired(rows: pd.DataFrame, protocol: str) -> list[Finding]:
             )
         findings.append(
             Finding(
-                "paired", model=model, reference=reference, protocol=protocol, verdicts=verdicts
+                "paired",
+                model=model,
+                reference=reference,
+                unlike=is_posed(model) and not is_posed(reference),
+                protocol=protocol,
+                verdicts=verdicts,
             )
         )
     return findings

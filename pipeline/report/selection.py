@@ -30,6 +30,11 @@ def with_model(rows: pd.DataFrame) -> pd.DataFrame:
     return rows.assign(model=[ModelName(*name).family for name in names])
 
 
+def is_posed(model: str) -> bool:
+    """Whether a model, such as `sci-4way-pose`, answers with poses, by its name."""
+    return "pose" in model.split("-")
+
+
 def values(rows: pd.DataFrame) -> NDArray[np.float64]:
     """Value and interval of each row: (row, 3)."""
     return np.asarray(rows[["value", "low", "high"]], np.float64)

@@ -4,7 +4,7 @@ A model answers queries with places. These answers may be registered to poses, a
 drive may be joined along its path; the results of each are rows of their own.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 
@@ -37,6 +37,15 @@ class ModelName:
     def name(self) -> str:
         """The name of its artifacts: `sci-4way-seed1`."""
         return f"{self.family}-seed{self.seed}" if self.seed else self.family
+
+    @property
+    def plainer(self) -> list["ModelName"]:
+        """The model itself, then without joined poses, then without poses: what to compare it as.
+
+        Answers are compared with answers of the same kind, as far as another model has them.
+        """
+        single = replace(self, path="")
+        return list(dict.fromkeys((self, single, replace(single, posed=False))))
 
     @property
     def columns(self) -> dict[str, Any]:

@@ -26,6 +26,7 @@ from pipeline.formats.changes import Change, write_changes
 from pipeline.matching.rejection import Evidence
 from pipeline.report.study import against
 from pipeline.studies.layout import Layout
+from pipeline.studies.models import ModelName
 from pipeline.studies.study import Study
 from tests.evaluation.made import BOOTSTRAP, LABELS, M2DP, SCI, evaluation, judged, write
 from tests.studies.made import study as made_study
@@ -370,6 +371,23 @@ def unseen(days: int) -> Answers:
         for ranking in (SCI, M2DP)
     )
     return Answers({"sci": sci, "sad": sad}, {"sci": np.array([0.1, 0.3])})
+
+
+@pytest.mark.parametrize(
+    ("posed", "pairs"),
+    [
+        (["sad"], {"sad": "sci", "sad-pose": "sci"}),
+        (["sci", "sad"], {"sad": "sci", "sci-pose": "sci", "sad-pose": "sci-pose"}),
+    ],
+)
+def test_a_model_with_poses_is_tested_against_one_with_poses(
+    posed: list[str], pairs: dict[str, str]
+) -> None:
+    answers = unseen(10)
+    variants = {ModelName(method, posed=True): answers.evaluations[method] for method in posed}
+    rows = against(table(paired_rows(replace(answers, variants=variants), BOOTSTRAP)), "cells")
+    assert dict(zip(rows["model"], rows["kind"], strict=True)) == pairs
+    assert rows["case"].eq("against " + rows["kind"]).all()
 
 
 def test_a_sequence_without_a_seen_query_has_no_number_and_the_line_passes_it_by() -> None:

@@ -135,7 +135,7 @@ def study(root: Path, path_xy_m: np.ndarray = PATH_XY_M) -> Any:
     fake.train_xy_m = path_xy_m
     fake.results = results
     fake.rows = fake.driven = results_table()
-    fake.settings = made_study(train=" ".join(TRAIN), tests=list(TESTS))
+    fake.settings = made_study(train=" ".join(TRAIN), tests=list(TESTS), methods=list(LOOKS))
     fake.families = list(LOOKS)
     learned = {
         "m2dp": SimpleNamespace(rounds=0, recipe={}),

@@ -72,17 +72,27 @@ def test_a_name_stays_whole_and_the_last_column_gives_way() -> None:
     assert len(line) <= 78
 
 
-def test_a_method_has_one_row_that_of_poses_or_else_of_its_best_variant() -> None:
-    """m2 is better than m1, and m1 than m0."""
-    rows = results("campus", methods=3)
+def test_models_with_poses_stand_apart_from_those_without() -> None:
+    """m3 is better than m2, that than m1, and that than m0."""
+    rows = results("campus", methods=4)
     recall = rows[(rows["number"] == "recall_at_1") & (rows["protocol"] == "distance")]
-    poses = recall[recall["method"] == "m1"].assign(number="within_2m_5deg")
+    poses = recall[recall["method"] == "m3"].assign(number="within_2m_5deg")
     rows = pd.concat([rows, poses], ignore_index=True)
-    variant = {"m2": "", "m1": "pose", "m0": "engaged"}
+    variant = {"m3": "pose", "m1": "short", "m0": "engaged"}
     rows["variant"] = rows["method"].map(variant).fillna("")
-    rows["method"] = rows["method"].replace({"m2": "sci_ring", "m1": "sci_ring", "m0": "sad"})
+    ours = dict.fromkeys(("m3", "m2", "m1"), "sci_ring")
+    rows["method"] = rows["method"].replace({**ours, "m0": "sad"})
     lines = brief(rows, {"campus": CAMPUS}, 200).split("\n")[3:]
-    assert [line.split()[0] for line in lines if line.strip()] == ["sci_ring-pose", "sad-engaged"]
+    # m1, the other variant of the same method without poses, is not its best
+    assert [line.split("  ")[0] for line in lines if line.strip()] == [
+        "with poses",
+        "sci_ring-pose",
+        "without poses",
+        "sci_ring",
+        "sad-engaged",
+    ]
+    only_ours = rows[rows["method"] != "sad"]
+    assert "without poses" not in brief(only_ours, {"campus": CAMPUS}, 200)
 
 
 def test_many_methods_and_a_narrow_terminal_are_cut_and_say_so() -> None:

@@ -7,6 +7,7 @@ import shutil
 import subprocess
 from base64 import b64decode
 from collections.abc import Iterator
+from dataclasses import replace
 from html import unescape
 from pathlib import Path
 from typing import Any
@@ -18,11 +19,12 @@ import yaml
 from pipeline.report import render
 from pipeline.report.alignment import best_shift, best_shifts, spectra
 from pipeline.report.result import PRECISIONS, coverage
-from pipeline.report.web.front import front
+from pipeline.report.web.front import front, rivals
 from pipeline.report.web.map import COLUMNS, LEVELS, chart, indices, quantized, sheet
 from pipeline.report.web.page import Entry, Picture, html
 from pipeline.views.scan_context import quantize
 from tests.report.site import EVIL, LOCK, SVG, TRAIN, WORDS, XY_M, entries, heights, sections, study
+from tests.studies.made import study as made_study
 
 BROWSER = next(
     filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))),
@@ -189,6 +191,37 @@ def test_a_method_trained_too_little_is_folded_away_with_the_reason(root: Path) 
     compared, _, folded = below.partition("Trained too little to be compared: <code>m2dp</code>")
     assert 'data-model="m2dp"' not in compared
     assert 'data-model="m2dp"' in folded
+
+
+@pytest.mark.parametrize(
+    ("posed", "best", "expected"),
+    [
+        ([], "sci_ring", ("sci_ring", "m2dp")),  # sci is of the same family
+        (["sci_ring"], "sci_ring-pose", ("sci_ring", "m2dp")),  # no baseline has poses
+        (["sci_ring", "scan_context"], "sci_ring-pose", ("sci_ring-pose", "scan_context-pose")),
+        (["sci_ring", "m2dp-hi"], "sci_ring-pose", ("sci_ring-pose", "m2dp-hi-pose")),
+    ],
+)
+def test_the_best_model_is_set_against_a_baseline_with_the_same_kind_of_answers(
+    posed: list[str], best: str, expected: tuple[str, str]
+) -> None:
+    methods = ["sci", "sci_ring", "scan_context"]
+    m2dp = {"name": "m2dp", "view": "signature", "variants": {"hi": "method.resolution=2"}}
+    settings = made_study(methods=[*methods, m2dp], poses=posed)
+    # of the models without poses, m2dp is right more often than scan_context
+    compared = ["sci_ring-pose", "m2dp-hi-pose", "scan_context-pose"]
+    compared += ["sci_ring", "sci", "m2dp-hi", "m2dp", "scan_context"]
+    names = [answerer.name for answerer in settings.answerers]
+    assert rivals(settings, best, [name for name in compared if name in names]) == expected
+
+
+def test_the_first_screen_says_where_poses_are_left_out(root: Path) -> None:
+    given = study(root)
+    one = front(given)
+    with_poses = [replace(result, model="sci-pose") for result in one["best"]]
+    text = render.words("front", "recall", **{**one, "best": with_poses, "one": one})
+    assert "Compared without poses, as no baseline has others: `sci` 78 % → 73.8 %." in text
+    assert "The best baseline, `m2dp`: 38 % → 33.8 %." in text
 
 
 def test_a_study_that_changed_since_it_was_measured_is_named(root: Path) -> None:

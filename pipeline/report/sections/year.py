@@ -105,7 +105,7 @@ def sections(study: Study, folder: Path, view: Callable[[str], Any]) -> Iterator
         tables=[
             tables.means(study),
             tables.headings(study),
-            *(tables.paired(study, protocol) for protocol in DISTANCE_FIRST),
+            *(tested for by in DISTANCE_FIRST for tested in tables.paired(study, by)),
             *(tables.novelties(study, protocol) for protocol in DISTANCE_FIRST),
             *(tables.everything(study, protocol) for protocol in DISTANCE_FIRST),
         ],

@@ -11,7 +11,7 @@ from pipeline.evaluation.numbers import MEASURES
 from pipeline.evaluation.paired import COMPARED, LEVEL
 from pipeline.evaluation.study_rows import ORACLE, PER_DAYS, PERCENTILE
 from pipeline.report.result import TITLES, Result, by_model, by_sequence, day, mean
-from pipeline.report.selection import NONE, indexed, pick
+from pipeline.report.selection import NONE, indexed, is_posed, pick
 from pipeline.report.study import Study, against
 from pipeline.report.table import (
     Cell,
@@ -149,14 +149,20 @@ def _worst_day(group: Sequence[Result], auroc: NDArray[np.floating]) -> Cell:
     return replace(number(auroc[worst], 3), small=worst_day)
 
 
-def paired(study: Study, protocol: str) -> Table | None:
-    """Every model against the first: differences with intervals, p, and who alone was right.
+def paired(study: Study, protocol: str) -> list[Table]:
+    """Every model against a reference: differences with intervals, p, and who alone was right.
 
-    None if there is one model.
+    Models with poses have a table of their own if their reference has poses too.
     """
-    rows = []
-    reference = study.families[0]
     tested = against(study.rows, protocol)
+    return [
+        _paired(group, protocol, reference)
+        for reference, group in tested.groupby("kind", sort=False)
+    ]
+
+
+def _paired(tested: pd.DataFrame, protocol: str, reference: str) -> Table:
+    rows = []
     for (model, sequence), group in tested.groupby(["model", "sequence"], sort=False):
         values = indexed(group, "number")
         row: list[Cell | str] = [model, sequence]
@@ -172,9 +178,9 @@ def paired(study: Study, protocol: str) -> Table | None:
     for name in COMPARED:
         header += [f"Δ {TITLES[name]}", "p", "verdict"]
     header += ["only it right", f"only {reference} right"]
-    if not rows:
-        return None
-    return table("paired", header, rows, text_columns=2, protocol=protocol, reference=reference)
+    unlike = any(map(is_posed, tested["model"])) and not is_posed(reference)
+    values = {"protocol": protocol, "reference": reference, "unlike": unlike}
+    return table("paired", header, rows, text_columns=2, **values)
 
 
 def _verdict(change: float, p: float) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 from pipeline.evaluation.doubts import VOID
 from pipeline.evaluation.paired import LEVEL
 from pipeline.report.result import TITLES, Scores, by_model, by_sequence, dates
-from pipeline.report.selection import indexed
+from pipeline.report.selection import indexed, is_posed
 from pipeline.report.study import Study, against
 from pipeline.report.table import Cell, Table, kept_precision, number, spread, table
 from pipeline.report.tables.columns import Column, bounded, headings_of, plain_cells
@@ -106,7 +106,7 @@ def main_number(study: Study, protocol: str, name: str) -> Table:
     """
     oracle, tested = MAIN_NUMBERS[name]
     days = dates(study.results)
-    marks = _marks(study, protocol, tested)
+    marks, references = _marks(study, protocol, tested)
     groups = by_model(study.results)
     rows: list[list[Cell | str]] = []
     for model in study.ranked:
@@ -125,13 +125,23 @@ def main_number(study: Study, protocol: str, name: str) -> Table:
         shares = [[r.number(protocol, name) for r in groups[model]] for model in study.ranked]
         for row, shares_of_days in zip(rows, [*shares, oracle_shares], strict=True):
             row.append(spread(shares_of_days, 3))
-    caption: Any = {"protocol": protocol, "reference": study.families[0], "marked": bool(marks)}
+    caption: Any = {"protocol": protocol, "references": references, "marked": bool(marks)}
     return table(f"main_{name}", header, rows, has_footer=True, **caption)
 
 
-def _marks(study: Study, protocol: str, name: str) -> dict[tuple[str, str], str]:
-    """Map model and sequence to `+` or `−` where the paired test of a number is clear."""
-    tested = indexed(against(study.rows, protocol), "number", "model", "sequence")
+def _marks(
+    study: Study, protocol: str, name: str
+) -> tuple[dict[tuple[str, str], str], dict[str, bool]]:
+    """Map model and sequence to `+` or `−` where the paired test of a number is clear.
+
+    Returns also the references, with whether models with poses are compared with one without.
+    """
+    rows = against(study.rows, protocol)
+    tested = indexed(rows, "number", "model", "sequence")
+    references: dict[str, bool] = {}
+    for model, reference in rows[["model", "kind"]].drop_duplicates().itertuples(index=False):
+        unlike = is_posed(model) and not is_posed(reference)
+        references[reference] = references.get(reference, False) or unlike
     marks = {}
     for (number_name, model, sequence), (difference, *_) in tested.items():
         if number_name != f"{name}_difference":
@@ -139,4 +149,4 @@ def _marks(study: Study, protocol: str, name: str) -> dict[tuple[str, str], str]
         p, *_ = tested[f"{number_name}_p", model, sequence]
         if p < LEVEL:
             marks[model, sequence] = "+" if difference > 0 else "−"
-    return marks
+    return marks, references

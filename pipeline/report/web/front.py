@@ -4,6 +4,7 @@ In: a study that asks about the year. Out: the values that templates/page.html.j
 two charts among them.
 """
 
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -19,6 +20,7 @@ from pipeline.report.result import Result, by_model, dates, ranked
 from pipeline.report.section import anchor
 from pipeline.report.study import Study
 from pipeline.studies.colours import method_of
+from pipeline.studies.study import Study as StudySettings
 
 # Numbers of the table of results whose sums over the test days are shown.
 COUNTED = ("accepted", "accepted_wrong", "refused", "refused_wrong", "no_pose_99")
@@ -41,10 +43,13 @@ def front(study: Study) -> dict[str, Any]:
     results = [result for group in compared.values() for result in group]
     cards = [results, [result for model in folded for result in models[model]]]
     days = list(dates(study.results).values())
+    own, baseline = rivals(study.settings, study.best, list(compared))
     return {
         "study": study,
         "best": best,
-        "baseline": _baseline(compared, study.best),
+        # a variant without its poses is no model of the report if the study is not of the year
+        "own": models.get(own) or models[method_of(own)],
+        "baseline": models.get(baseline),
         "folded": folded,
         "dates": days,
         # sums over the test days, 0 of a number that the results have not
@@ -61,18 +66,24 @@ def front(study: Study) -> dict[str, Any]:
     }
 
 
-def _baseline(compared: dict[str, list[Result]], best: str) -> list[Result] | None:
-    """The results of the best compared method of another family; None without one.
+def rivals(settings: StudySettings, best: str, compared: Sequence[str]) -> tuple[str, str]:
+    """The best model, and the first of the compared baselines with the same kind of answers.
 
-    Methods of a family begin with the same word: `sci_ring` is of the family of `sci`. Variants of
-    methods are no baselines, since they are ours.
+    Answers with poses are set against answers with poses. Where no baseline has poses, the best
+    model is taken without its own. A baseline is a method of another family: methods of one begin
+    with the same word, as `sci_ring` and `sci` do. A method with its own settings goes before its
+    variants, which are ours and count only if they have poses. Empty without a baseline.
     """
+    named = {answerer.name: answerer for answerer in settings.answerers}
     family = method_of(best).partition("_")[0]
-    for model, group in compared.items():
-        is_variant = model != method_of(model)
-        if not is_variant and model.partition("_")[0] != family:
-            return group
-    return None
+    others = [named[model] for model in compared if method_of(model).partition("_")[0] != family]
+    others.sort(key=lambda other: bool(other.variant))
+    for own in named[best].plainer:
+        for other in others:
+            is_same_kind = (other.posed, other.path) == (own.posed, own.path)
+            if is_same_kind and (own.posed or not other.variant):
+                return own.name, other.name
+    return best, ""
 
 
 def _year(study: Study, results: list[Result], days: int) -> Markup:
