@@ -5,6 +5,7 @@ In: the file of a trained model. Out: an MLflow model in a run; `pyfunc` is the 
 (query, ring, sector) in metres.
 """
 
+import ast
 import hashlib
 import shutil
 import warnings
@@ -28,8 +29,6 @@ if TYPE_CHECKING:
     from mlflow import MlflowClient
 
 LIBRARY = Path(__file__).parents[1]
-# The folders of the library that localising imports; a test compares them with the import graph.
-FOLDERS = ("alterations", "core", "matching", "methods", "networks", "views")
 # The packages that localising imports. They are listed, since MLflow would else try the model out
 # for half a minute to find them.
 REQUIREMENTS = (
@@ -92,7 +91,7 @@ class Served:
         Models of equal content are the same: `RunRecord.key` hashes it, so that a run is written
         once only.
         """
-        files = (PYFUNC, *shipped())
+        files = (PYFUNC, *shipped(self.method))
         return asdict(self) | {
             "arrays": _digest(self.arrays),
             "parameters": dict(self.parameters),
@@ -123,7 +122,7 @@ class Served:
             from mlflow.pyfunc import save_model
 
             code = Path(scratch, LIBRARY.name)
-            for path in shipped():
+            for path in shipped(self.method):
                 target = code / path.relative_to(LIBRARY)
                 target.parent.mkdir(parents=True, exist_ok=True)
                 shutil.copyfile(path, target)
@@ -161,10 +160,43 @@ class Served:
         return ModelSignature(*schemas, ParamSchema([ParamSpec("k", "long", self.k)]))
 
 
-def shipped() -> list[Path]:
-    """The source files that go into a logged model's `code` folder."""
-    folders = (path for name in FOLDERS for path in (LIBRARY / name).rglob("*.py"))
-    return sorted([LIBRARY / "__init__.py", *folders])
+def shipped(method: str) -> list[Path]:
+    """The source files that go into a logged model's `code` folder.
+
+    They are the modules of this library that `method` (module:class) and PYFUNC import, directly or
+    through others, with the packages that these lie in. So the model loads where this library is
+    not installed.
+    """
+    files = set[Path]()
+    waiting = {method.partition(":")[0], *_imports(PYFUNC)}
+    while waiting:
+        module = waiting.pop()
+        path = _source(module)
+        if path and path not in files:
+            files.add(path)
+            waiting |= {module.rpartition(".")[0], *_imports(path)}
+    return sorted(files)
+
+
+def _imports(path: Path) -> set[str]:
+    """What a file imports anywhere in it: modules, and names that may be modules."""
+    names = set[str]()
+    for node in ast.walk(ast.parse(path.read_bytes())):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            names |= {str(node.module), *(f"{node.module}.{alias.name}" for alias in node.names)}
+    return names
+
+
+def _source(module: str) -> Path | None:
+    """The source file of a module of this library; None for anything else."""
+    root, *parts = module.split(".")
+    path = LIBRARY.joinpath(*parts)
+    candidates = (path / "__init__.py", path.with_suffix(".py"))
+    if root != LIBRARY.name:
+        return None
+    return next((candidate for candidate in candidates if candidate.is_file()), None)
 
 
 def log(client: "MlflowClient", experiment_id: str, run_id: str, name: str, served: Served) -> None:
