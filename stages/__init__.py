@@ -12,7 +12,7 @@ line, the settings are checked, the function runs, and its line is printed.
 import logging
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
 from functools import wraps
@@ -55,6 +55,8 @@ ROOT = Path(__file__).parents[1]
 """The project's folder."""
 METHODS = ("pipeline.methods.",)
 """The package of all methods' classes; a model's recipe may name no other class."""
+ADVICE = "; `dvc repro` gives what a stage needs"
+"""What an error on settings that are missing ends in."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -140,7 +142,7 @@ def stage(
         def run(cfg: DictConfig) -> str:
             for target in _targets(OmegaConf.to_container(cfg)):
                 target_class(target, ("pipeline.",))
-            settings = filled(settings_class, cfg, instantiate)
+            settings = filled(settings_class, cfg, _built, advice=ADVICE)
             with Telemetry(cfg.out) if cfg.get("out") else nullcontext():
                 return function(settings)
 
@@ -166,6 +168,12 @@ def stage(
         return command
 
     return decorate
+
+
+def _built(_: Any, setting: Any) -> Any:
+    """The object of a table with the key `_target_`; any other setting as it is."""
+    is_recipe = isinstance(setting, Mapping) and TARGET in setting
+    return instantiate(setting) if is_recipe else setting
 
 
 def each_sequence(

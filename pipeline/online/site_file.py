@@ -17,6 +17,7 @@ from safetensors.numpy import load, save
 
 from pipeline.core.errors import ArtifactError, ConfigError, YearlocError
 from pipeline.core.replacing import replace as replaced
+from pipeline.core.settings import filled, plain
 from pipeline.online.runtime import NETWORK
 from pipeline.online.site_json import VERSION, LevelDescription, SiteDescription
 
@@ -61,7 +62,8 @@ class LevelParts(NamedTuple):
 
 def write(path: Path, parts: Parts | LevelParts) -> None:
     """Write a site file, whole or not at all."""
-    about = json.dumps(parts.description.as_json(), indent=1, allow_nan=False)
+    description = {"version": VERSION, **plain(parts.description, whole=True)}
+    about = json.dumps(description, indent=1, allow_nan=False)
     content = {ABOUT: about.encode()}
     if isinstance(parts, LevelParts):
         content[MODEL] = _saved({})
@@ -136,8 +138,8 @@ def read_either(path: Path, views: bool = False) -> Parts | LevelParts:
         )
     try:
         if "level" in about:
-            return LevelParts(LevelDescription.from_json(about), arrays)
-        description = SiteDescription.from_json(about)
+            return LevelParts(filled(LevelDescription, about), arrays)
+        description = filled(SiteDescription, about)
     except ConfigError as error:
         raise ArtifactError(f"{path}: its {ABOUT}: {error}; pack the site anew") from None
     return Parts(description, model, arrays, content.get(NETWORK), view_arrays)

@@ -1,24 +1,15 @@
-"""The content of a site's site.json, as dataclasses.
+"""The content of a site's site.json, as dataclasses that `site_file` fills and writes."""
 
-`SiteDescription.from_json` and `LevelDescription.from_json` check a parsed file against the types
-of their fields; `as_json` is the way back.
-"""
-
-import math
 from collections.abc import Mapping
-from dataclasses import MISSING, asdict, dataclass, fields, is_dataclass
-from types import UnionType
-from typing import Any, Self, get_args, get_origin, get_type_hints
+from dataclasses import dataclass
+from typing import Any
 
-from pipeline.core.errors import ConfigError, InputError
 from pipeline.core.grid import Grid
 from pipeline.level.fix import LevelFixer
 from pipeline.posing.chances import Chances
 
 VERSION = 5
 """The version of site files that is written, and read."""
-NAMES = {float: "a number", int: "a whole number", str: "a text", bool: "true or false"}
-"""The names of types in error messages."""
 Settings = Mapping[str, Any]
 """The settings of one object: its `_target_`, a class, and the parameters of that, as
 `pipeline.core.building.build` takes them."""
@@ -149,27 +140,6 @@ class SiteDescription:
     growth: Growth | None = None
     """None for a site that cannot grow."""
 
-    @classmethod
-    def from_json(cls, content: Any) -> Self:
-        """Check the content of a site.json of this version.
-
-        Raises ConfigError that names the first key that is missing or has another type.
-        """
-        description: Self = _checked(cls, content, "")
-        return description
-
-    def as_json(self) -> dict[str, Any]:
-        """The content of site.json, without the optional keys that are None."""
-        content = asdict(self)
-        if self.growth is None:
-            del content["growth"]
-        else:
-            content["growth"]["days"] = [
-                {key: value for key, value in day.items() if value is not None}
-                for day in content["growth"]["days"]
-            ]
-        return {"version": VERSION, **content}
-
 
 @dataclass(frozen=True)
 class LevelSettings:
@@ -197,65 +167,3 @@ class LevelDescription:
     """The reader of the logs that are localised in it."""
     sensor: Sensor
     provenance: Provenance
-
-    @classmethod
-    def from_json(cls, content: Any) -> Self:
-        """Check the content of a level site's site.json, as SiteDescription does."""
-        description: Self = _checked(cls, content, "")
-        return description
-
-    def as_json(self) -> dict[str, Any]:
-        """The content of site.json."""
-        return {"version": VERSION, **asdict(self)}
-
-
-def _checked(hint: Any, value: Any, key: str) -> Any:
-    """A value of a field with the annotation `hint`; `key` is its path in site.json.
-
-    Tables become dataclasses, lists tuples. Raises ConfigError for a value of another type.
-    """
-    origin = get_origin(hint)
-    arguments = get_args(hint)
-    if is_dataclass(hint) and isinstance(hint, type):
-        values = _fields(hint, _of_type(Mapping, "a table", value, key), key)
-        try:
-            return hint(**values)
-        except (ValueError, InputError) as error:  # a Grid checks its box
-            raise ConfigError(f"{key}: {error}") from None
-    if origin is UnionType:  # X | None
-        return None if value is None else _checked(arguments[0], value, key)
-    if origin is tuple:
-        items = _of_type(list | tuple, "a list", value, key)
-        return tuple(_checked(arguments[0], item, f"{key}[{i}]") for i, item in enumerate(items))
-    if origin is Mapping:
-        table = _of_type(Mapping, "a table", value, key)
-        return {name: _checked(arguments[1], item, f"{key}.{name}") for name, item in table.items()}
-    if hint is Any:
-        return value
-    expected = int | float if hint is float else hint
-    if isinstance(value, bool) and hint is not bool:
-        expected = type(None)  # to Python a bool is an int: this one is refused
-    number = _of_type(expected, NAMES[hint], value, key)
-    if hint is float and not math.isfinite(number):
-        raise ConfigError(f"{key}={value}: expected a number")
-    return number
-
-
-def _fields(cls: Any, table: Mapping[str, Any], key: str) -> dict[str, Any]:
-    """The checked values of a dataclass's fields, from a table at the path `key`."""
-    hints = get_type_hints(cls)
-    values = {}
-    for field in fields(cls):
-        path = f"{key}.{field.name}" if key else field.name
-        if field.name in table:
-            values[field.name] = _checked(hints[field.name], table[field.name], path)
-        elif field.default is MISSING:
-            raise ConfigError(f"has no {path}")
-    return values
-
-
-def _of_type(expected: Any, words: str, value: Any, key: str) -> Any:
-    """The value; raises ConfigError, which expects `words`, if it is of another type."""
-    if not isinstance(value, expected):
-        raise ConfigError(f"{key}={value}: expected {words}")
-    return value

@@ -6,7 +6,6 @@ study from here, and can say that its results are out of date (`stale`).
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from pipeline.core.errors import ArtifactError, ConfigError
 from pipeline.core.settings import filled, written
@@ -28,17 +27,12 @@ def read(layout: Layout, name: str) -> Study:
     path = layout.path("results", name, FILE)
     if not path.is_file():
         raise ArtifactError(f"{path}: no results yet; `dvc repro` gathers them")
-    return filled(Study, read_yaml(path), build=_unchanged)
+    return filled(Study, read_yaml(path))
 
 
 def stale(layout: Layout, studies: Mapping[str, Study]) -> list[str]:
     """The names of the studies that were changed since they were measured, or never were."""
     return [name for name, study in studies.items() if _measured(layout, name) != study]
-
-
-def _unchanged(table: Any) -> Any:
-    """The table itself: no setting of a study is an object that must be built of its table."""
-    return table
 
 
 def _measured(layout: Layout, name: str) -> Study | None:

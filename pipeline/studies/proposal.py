@@ -10,7 +10,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from pipeline.core.errors import ConfigError
 from pipeline.readers.parts import Part
@@ -24,6 +24,7 @@ from pipeline.studies.study import (
     VIEWPOINTS,
     YEAR,
     CellSize,
+    Question,
     Study,
     StudyMethod,
     Tolerance,
@@ -126,7 +127,7 @@ def propose(conf: Path, name: str, options: Mapping[str, str]) -> Proposal:
     study.
     """
     dataset = read_yaml(file_of(conf, "dataset", name, f"no data set {name}: expected one of"))
-    question = options.get("question", YEAR)
+    question = cast(Question, options.get("question", YEAR))  # `_defaults` refuses any other
     _refuse_unknown(name, dataset, question, options)
     request = Request(conf, options, _defaults(conf, name, dataset["study"], question))
     if dataset["simulated"]:
@@ -141,12 +142,11 @@ def propose(conf: Path, name: str, options: Mapping[str, str]) -> Proposal:
 
 
 def first_choices(
-    request: Request, name: str, question: str, is_simulated: bool, drives: Drives
+    request: Request, name: str, question: Question, is_simulated: bool, drives: Drives
 ) -> Study:
     """The study of these drives with the choices of the data set's yaml.
 
-    The methods and the budget are the person's, if the options name them. `name` is the data set,
-    `question` one of QUESTIONS.
+    The methods and the budget are the person's, if the options name them. `name` is the data set.
     """
     conf = request.conf
     defaults = request.defaults
@@ -157,7 +157,7 @@ def first_choices(
     # the data set may have some methods look at another view than their yaml says
     replaced_views = defaults.get("views", {})
     budget = request.options.get("budget", drives.budget)
-    file_of(conf, "budget", budget, f"budget={budget}: expected one of")
+    file_of(conf, "budget", budget)
     return Study(
         name=name,
         question=question,
@@ -168,12 +168,12 @@ def first_choices(
         tests=tuple(drives.tests),
         budget=budget,
         submap=defaults["submap"],
-        grids=tuple(CellSize.read(conf, name, grid) for grid in defaults["grids"]),
+        grids=tuple(CellSize.read(conf, grid) for grid in defaults["grids"]),
         methods=tuple(
             StudyMethod.described(conf, method, replaced_views.get(view, view))
             for method, view in view_of_method.items()
         ),
-        tolerance=Tolerance.read(conf, name, TOLERANCE),
+        tolerance=Tolerance.read(conf, TOLERANCE),
     )
 
 
@@ -193,7 +193,7 @@ def with_scale(study: Study, request: Request) -> Study:
     if not request.has("scale"):
         return study
     name = request.options["scale"]
-    scale = read_yaml(file_of(request.conf, "scale", name, f"scale={name}: expected one of"))
+    scale = read_yaml(file_of(request.conf, "scale", name))
     methods = []
     for method in study.methods:
         view = scale.get("views", {}).get(method.view, method.view)
@@ -208,8 +208,8 @@ def with_scale(study: Study, request: Request) -> Study:
     return replace(
         study,
         submap=scale.get("submap", {}).get(study.submap, study.submap),
-        grids=tuple(CellSize.read(request.conf, study.name, grid) for grid in grids),
-        tolerance=Tolerance.read(request.conf, study.name, tolerance),
+        grids=tuple(CellSize.read(request.conf, grid) for grid in grids),
+        tolerance=Tolerance.read(request.conf, tolerance),
         methods=tuple(methods),
     )
 
@@ -289,7 +289,7 @@ def with_alterations(study: Study, request: Request) -> Study:
     return replace(
         study,
         altered={name: sequences_of_alterations[name] for name in alterations},
-        cells=tuple(CellSize.read(request.conf, study.name, cell) for cell in cells),
+        cells=tuple(CellSize.read(request.conf, cell) for cell in cells),
     )
 
 

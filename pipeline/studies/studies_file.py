@@ -11,7 +11,14 @@ from typing import Any
 from pipeline.core.errors import ConfigError
 from pipeline.running.texts import read_yaml
 from pipeline.studies.expansion import expand
-from pipeline.studies.study import RECORDED, SIMULATED, Study, named_file, settings_of
+from pipeline.studies.study import (
+    RECORDED,
+    SIMULATED,
+    Study,
+    faults_of,
+    file_of,
+    settings_of,
+)
 
 LEVEL = "flat"
 """The beginning of the names in conf/submap that gather level sweeps, of a 2-D laser."""
@@ -58,31 +65,29 @@ def refuse_unknown(conf: Path, study: Study) -> None:
             f"{study.name}: poses={','.join(study.poses)}: level sweeps (submap {study.submap}) "
             "are localised as driven alone; leave poses or altered out"
         )
-    dataset = _check_files(conf, study)
-    if study.simulated != read_yaml(dataset).get("simulated"):
-        expected = RECORDED if study.simulated else SIMULATED
-        raise ConfigError(
-            f"conf/studies.yaml: {study.name}: source={study.origin['source']}: expected "
-            f"{expected['source']}, by `simulated` in {dataset}"
-        )
-
-
-def _check_files(conf: Path, study: Study) -> Path:
-    """Raise ConfigError for a file of conf/ that is missing; returns that of the data set."""
-    for method in study.methods:
-        settings_of(conf, method.name)
-    dataset = named_file(conf, study.name, "dataset", study.name)
-    named_file(conf, study.name, "world", study.world)
-    named_file(conf, study.name, "submap", study.submap)
-    named_file(conf, study.name, "budget", study.budget)
-    for alteration in study.altered:
-        named_file(conf, study.name, "alteration", alteration)
-    for method in study.methods:
-        for view in method.views:
-            named_file(conf, study.name, "view", view)
-    for path in study.paths:
-        named_file(conf, study.name, "path", path)
-    return dataset
+    views = dict.fromkeys(view for method in study.methods for view in method.views)
+    files = {
+        "dataset": [study.name],
+        "world": [study.world],
+        "submap": [study.submap],
+        "budget": [study.budget],
+        "alteration": study.altered,
+        "view": views,
+        "path": study.paths,
+    }
+    with faults_of(study.name):
+        for method in study.methods:
+            settings_of(conf, method.name)
+        for group, names in files.items():
+            for name in names:
+                file_of(conf, group, name)
+        dataset = file_of(conf, "dataset", study.name)
+        if study.simulated != read_yaml(dataset).get("simulated"):
+            expected = RECORDED if study.simulated else SIMULATED
+            raise ConfigError(
+                f"source={study.origin['source']}: expected {expected['source']}, by `simulated` "
+                f"in {dataset}"
+            )
 
 
 def check_lists(studies: Mapping[str, Study], lists: Any) -> None:

@@ -11,42 +11,35 @@ A study has one of four questions.
 `Study.of` reads a study of conf/studies.yaml and checks it; `Study.table` is what is written there.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field, fields, replace
+from functools import partial
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, Final, Literal, Self, get_args
 
 from pipeline.core.errors import ConfigError
-from pipeline.core.settings import Count, within
+from pipeline.core.settings import Count, Names, filled, plain
 from pipeline.running.texts import read_yaml
 from pipeline.studies.models import ModelName
 
-YEAR = "year"
-ROBUSTNESS = "robustness"
-VIEWPOINTS = "viewpoints"
-LIFELONG = "lifelong"
-QUESTIONS = (YEAR, ROBUSTNESS, VIEWPOINTS, LIFELONG)
-VIEWS = "views"
+YEAR: Final = "year"
+ROBUSTNESS: Final = "robustness"
+VIEWPOINTS: Final = "viewpoints"
+LIFELONG: Final = "lifelong"
+Question = Literal["year", "robustness", "viewpoints", "lifelong"]
+QUESTIONS = get_args(Question)
+Stage = Literal["views", "birdviews"]
+VIEWS: Final = "views"
 """The stage that draws views of single submaps."""
-BIRD_VIEWS = "birdviews"
+BIRD_VIEWS: Final = "birdviews"
 """The stage that draws bird-views, of an octree of all scans so far."""
 VIEW_WORD = "method.view="
 """The beginning of the word by which a variant looks at another view than its method."""
+EMPTY: tuple[object, ...] = ("", [], {}, None)
+"""Values of a key in conf/studies.yaml that count as if it were left out."""
 TOLERANCE = "15m"
 """How near an answer must be if a study does not say it: a file of conf/tolerance."""
-NEEDED = (
-    "world",
-    "source",
-    "heeds",
-    "root",
-    "train",
-    "tests",
-    "budget",
-    "submap",
-    "grids",
-    "methods",
-)
-"""Keys that every study in conf/studies.yaml must have."""
 SIMULATED = {"source": "world", "heeds": "simulated"}
 RECORDED = {"source": "readers", "heeds": "reader"}
 """Where the logs of a simulated and of a recorded study come from.
@@ -55,41 +48,30 @@ RECORDED = {"source": "readers", "heeds": "reader"}
 the key of the data set's yaml that they depend on: `reader` if they are recorded, else only
 `simulated`.
 """
-KEYS: Mapping[str, Any] = {
-    "question": Literal["year", "robustness", "viewpoints", "lifelong"],
-    "world": str,
-    "source": Literal["world", "readers"],
-    "heeds": Literal["simulated", "reader"],
-    "root": str,
-    "slam": bool,
-    "train": str,
-    "tests": Sequence[str],
-    "budget": str,
-    "learned": Sequence[str],
-    "updates": Sequence[str],
-    "submap": str,
-    "grids": Sequence[str],
-    "methods": Sequence[Any],
-    "altered": Mapping[str, Any],
-    "cells": Sequence[str],
-    "stress": Mapping[str, Any],
-    "poses": Sequence[str],
-    "paths": Sequence[str],
-    "tolerance": str,
-    "latency": bool,
-}
-"""The keys of a study in conf/studies.yaml with their types, in the order of writing."""
-METHOD_KEYS: Mapping[str, Any] = {
-    "name": str,
-    "view": str,
-    "code": str,
-    "stage": Literal["views", "birdviews"],
-    "seeds": Count,
-    "settings": Mapping[str, Any],
-    "variants": Mapping[str, Any],
-    "courses": Mapping[str, Any],
-}
-"""The keys of a method in a study, with their types."""
+KEYS = (
+    "question",
+    "world",
+    *SIMULATED,
+    "root",
+    "slam",
+    "train",
+    "tests",
+    "budget",
+    "learned",
+    "updates",
+    "submap",
+    "grids",
+    "methods",
+    "altered",
+    "cells",
+    "stress",
+    "poses",
+    "paths",
+    "tolerance",
+    "latency",
+)
+"""The keys of a study in conf/studies.yaml, in the order of writing: the fields of `Study`, with
+two keys for `simulated`."""
 
 
 @dataclass(frozen=True)
@@ -100,9 +82,9 @@ class CellSize:
     cell_m: float
 
     @classmethod
-    def read(cls, conf: Path, study: str, name: str) -> Self:
-        """Read conf/grid/`name`.yaml of a study; raises ConfigError as `file_of` does."""
-        return cls(name, number_of(conf, study, "grid", name, "cell_m"))
+    def read(cls, conf: Path, name: str) -> Self:
+        """Read conf/grid/`name`.yaml; raises ConfigError if it is missing."""
+        return cls(name, float(read_yaml(file_of(conf, "grid", name))["cell_m"]))
 
 
 @dataclass(frozen=True)
@@ -113,9 +95,10 @@ class Tolerance:
     correct_m: float
 
     @classmethod
-    def read(cls, conf: Path, study: str, name: str) -> Self:
-        """Read conf/tolerance/`name`.yaml of a study; raises ConfigError as `file_of` does."""
-        return cls(name, number_of(conf, study, "tolerance", name, "distance", "correct_m"))
+    def read(cls, conf: Path, name: str) -> Self:
+        """Read conf/tolerance/`name`.yaml; raises ConfigError if it is missing."""
+        content = read_yaml(file_of(conf, "tolerance", name))
+        return cls(name, float(content["distance"]["correct_m"]))
 
 
 @dataclass(frozen=True)
@@ -128,9 +111,9 @@ class StudyMethod:
     """What it looks at: a file of conf/view."""
     code: str
     """The file of its module, or its folder if it has several."""
-    stage: str = VIEWS
+    stage: Stage = VIEWS
     """The stage that draws its view."""
-    seeds: int = 1
+    seeds: Count = 1
     """How many models are trained that differ in what training draws at random."""
     settings: Mapping[str, Any] = field(default_factory=dict)
     """The settings of its yaml to which this study gives another value."""
@@ -153,24 +136,6 @@ class StudyMethod:
             code += ".py"
         view = view or str(settings["view"])
         return cls(name, view, code, stage_of(conf, view))
-
-    @classmethod
-    def of(cls, conf: Path, study: str, entry: Any) -> Self:
-        """Read an entry of a study's methods: a name, or a table that may leave out view and code.
-
-        Raises ConfigError for a key or a value that a method cannot have.
-        """
-        table: Mapping[str, Any] = {"name": entry} if isinstance(entry, str) else entry
-        check_value(study, "methods", table, Mapping[str, Any])
-        check_method(study, table)
-        if not {"view", "code"} <= table.keys():
-            described = cls.described(conf, table["name"], table.get("view", ""))
-            table = {"view": described.view, "code": described.code, **table}
-        stage = table.get("stage", stage_of(conf, table["view"]))
-        courses = {
-            order: tuple(strategies) for order, strategies in table.get("courses", {}).items()
-        }
-        return cls(**{**table, "stage": stage, "courses": courses})
 
     def view_of(self, variant: str) -> str:
         """What a variant looks at: the view that its words name, else the method's own."""
@@ -207,23 +172,6 @@ class StudyMethod:
         """Whether it looks at bird-views, which are drawn at all headings."""
         return self.stage == BIRD_VIEWS
 
-    def table(self) -> dict[str, Any]:
-        """The method as conf/studies.yaml has it, without what has its default."""
-        table: dict[str, Any] = {"name": self.name, "view": self.view, "code": self.code}
-        if self.stage != VIEWS:
-            table["stage"] = self.stage
-        if self.seeds > 1:
-            table["seeds"] = self.seeds
-        if self.settings:
-            table["settings"] = dict(self.settings)
-        if self.variants:
-            table["variants"] = dict(self.variants)
-        if self.courses:
-            table["courses"] = {
-                order: list(strategies) for order, strategies in self.courses.items()
-            }
-        return table
-
 
 @dataclass(frozen=True)
 class Study:
@@ -231,15 +179,14 @@ class Study:
 
     name: str
     """The name of the data set, a file of conf/dataset; the study is called the same."""
-    question: str
-    """One of QUESTIONS."""
+    question: Question
     simulated: bool
     """Whether the logs were driven in a simulated world, not recorded."""
     world: str
     """The simulated world, or `recorded`: a file of conf/world."""
     root: str
     """The folder of the logs."""
-    train: tuple[str, ...]
+    train: Names
     """The training sequences; a study of viewpoints may have several."""
     tests: tuple[str, ...]
     """The test sequences."""
@@ -282,62 +229,39 @@ class Study:
         stage. Raises ConfigError for a key that is missing or unknown, for a value of a wrong type,
         and for a grid, tolerance or method that conf/ has no file of.
         """
-        check_keys(name, table)
-        altered = table.get("altered", {})
-        return cls(
-            name=name,
-            question=table.get("question", YEAR),
-            simulated=table["source"] == SIMULATED["source"],
-            world=table["world"],
-            root=table["root"],
-            train=tuple(table["train"].split()),
-            tests=tuple(table["tests"]),
-            budget=table["budget"],
-            submap=table["submap"],
-            grids=tuple(CellSize.read(conf, name, grid) for grid in table["grids"]),
-            methods=tuple(StudyMethod.of(conf, name, entry) for entry in table["methods"]),
-            tolerance=Tolerance.read(conf, name, table.get("tolerance", TOLERANCE)),
-            learned=tuple(table.get("learned", ())),
-            updates=tuple(table.get("updates", ())),
-            altered={alteration: tuple(sequences) for alteration, sequences in altered.items()},
-            cells=tuple(CellSize.read(conf, name, grid) for grid in table.get("cells", ())),
-            stress=dict(table.get("stress", {})),
-            poses=tuple(table.get("poses", ())),
-            paths=tuple(table.get("paths", ())),
-            latency=table.get("latency", True),
-            slam=table.get("slam", False),
-            key_order=tuple(table),
-        )
+        with faults_of(name):
+            _refuse_unknown("the study", table, KEYS)
+            origin = {key: table.get(key) for key in SIMULATED}
+            if origin not in (SIMULATED, RECORDED):
+                raise ConfigError(
+                    f"source={origin['source']} and heeds={origin['heeds']}: expected world and "
+                    "simulated, or readers and reader"
+                )
+            given = {key: value for key, value in table.items() if value not in EMPTY}
+            settings = {
+                "question": YEAR,
+                "tolerance": TOLERANCE,
+                **given,
+                "name": name,
+                "simulated": origin == SIMULATED,
+                "key_order": [*table],
+            }
+            return filled(cls, settings, partial(_of_conf, conf))
 
     def table(self) -> dict[str, Any]:
         """The study as conf/studies.yaml has it, with its question."""
-        altered = {name: list(sequences) for name, sequences in self.altered.items()}
         values = {
-            "question": self.question,
-            "world": self.world,
+            **{field.name: plain(getattr(self, field.name)) for field in fields(self)},
             **self.origin,
-            "root": self.root,
-            "slam": self.slam,
             "train": self.train_text,
-            "tests": list(self.tests),
-            "budget": self.budget,
-            "learned": list(self.learned),
-            "updates": list(self.updates),
-            "submap": self.submap,
-            "grids": [grid.name for grid in self.grids],
-            "methods": [method.table() for method in self.methods],
-            "altered": altered,
+            "grids": self.grid_names,
             "cells": [grid.name for grid in self.cells],
-            "stress": dict(self.stress),
-            "poses": list(self.poses),
-            "paths": list(self.paths),
             "tolerance": self.tolerance.name,
-            "latency": self.latency,
         }
         defaults = {"tolerance": TOLERANCE, "latency": True}
         table: dict[str, Any] = {}
         # a dict of keys, as a set that keeps their order
-        for key in dict.fromkeys(("question", *self.key_order, *values)):
+        for key in dict.fromkeys(("question", *self.key_order, *KEYS)):
             value = values[key]
             is_default = value == defaults[key] if key in defaults else not value
             if key in self.key_order or not is_default:
@@ -394,10 +318,6 @@ class Study:
         """The methods that look at bird-views."""
         return [method for method in self.methods if method.is_on_bird_views]
 
-    def model_named(self, name: str) -> ModelName:
-        """The model whose artifacts have this name."""
-        return next(model for model in self.models if model.name == name)
-
     def answers_of(self, model: ModelName) -> list[ModelName]:
         """The names of a model's answers: without poses, with poses, and along each path."""
         if model.family not in self.poses:
@@ -411,80 +331,40 @@ class Study:
         return [answers for model in self.models for answers in self.answers_of(model)]
 
 
-def check_keys(study: str, table: Mapping[str, Any]) -> None:
-    """Raise ConfigError for a key of a study that is missing or unknown, or has a wrong value."""
-    for key in NEEDED:
-        if key not in table:
-            raise ConfigError(
-                f"conf/studies.yaml: {study} has no {key}; `yearloc use {study}` writes the study "
-                "anew"
-            )
+def _of_conf(conf: Path, kind: Any, value: Any) -> Any:
+    """What a name of a file of conf/ stands for; and a method's table with what may be left out."""
+    is_name = isinstance(value, str)
+    if kind in (CellSize, Tolerance):
+        return kind.read(conf, value) if is_name else value
+    table = {"name": value} if is_name else value
+    if kind is not StudyMethod or not isinstance(table, Mapping):
+        return value
+    _refuse_unknown("a method", table, [field.name for field in fields(StudyMethod)])
+    if not {"view", "code", "stage"} <= table.keys() and isinstance(table.get("name"), str):
+        described = StudyMethod.described(conf, table["name"], table.get("view", ""))
+        return {"view": described.view, "code": described.code, "stage": described.stage, **table}
+    return table
+
+
+def _refuse_unknown(what: str, table: Mapping[str, Any], known: Collection[str]) -> None:
     for key in table:
-        if key not in KEYS:
-            raise ConfigError(
-                f"conf/studies.yaml: {study} has a key {key}; expected some of {', '.join(KEYS)}"
-            )
-    for key, value in table.items():
-        check_value(study, key, value, KEYS[key])
-    for alteration, sequences in table.get("altered", {}).items():
-        check_value(study, f"altered.{alteration}", sequences, Sequence[str])
-    for key in NEEDED:
-        if not table[key]:
-            raise ConfigError(
-                f"conf/studies.yaml: {study}: {key} is empty; `yearloc use {study}` writes the "
-                "study anew"
-            )
-    origin = SIMULATED if table["source"] == SIMULATED["source"] else RECORDED
-    if table["heeds"] != origin["heeds"]:
-        raise ConfigError(
-            f"conf/studies.yaml: {study}: heeds={table['heeds']}: expected {origin['heeds']} "
-            f"beside source={table['source']}"
-        )
+        if key not in known:
+            raise ConfigError(f"{what} has a key {key}; expected some of {', '.join(known)}")
 
 
-def check_method(study: str, table: Mapping[str, Any]) -> None:
-    """Raise ConfigError for a key of a study's method that is unknown, or has a wrong value."""
-    for key in table:
-        if key not in METHOD_KEYS:
-            raise ConfigError(
-                f"conf/studies.yaml: {study}: a method has a key {key}; expected some of "
-                f"{', '.join(METHOD_KEYS)}"
-            )
-    check_value(study, "methods.name", table.get("name"), str)
-    for key, value in table.items():
-        check_value(study, f"methods.{table['name']}.{key}", value, METHOD_KEYS[key])
-
-
-def check_value(study: str, key: str, value: Any, hint: Any) -> None:
-    """Raise ConfigError unless a value of a study has the type that its key expects."""
+@contextmanager
+def faults_of(study: str) -> Iterator[None]:
+    """Put the study of conf/studies.yaml before what an error of the block says."""
     try:
-        within(key, value, hint)
+        yield
     except ConfigError as error:
         raise ConfigError(
-            f"conf/studies.yaml: {study}: {error}; mend it, or `yearloc use {study}` writes the "
-            "study anew"
+            f"conf/studies.yaml: {study}: {error}; correct it, or `yearloc use {study}` writes the "
+            "study again"
         ) from None
 
 
-def named_file(conf: Path, study: str, group: str, name: str) -> Path:
-    """The path of a file of conf/ that a study names; raises ConfigError as `file_of` does."""
-    return file_of(
-        conf, group, name, f"conf/studies.yaml: {study} names the {group} {name}; expected one of"
-    )
-
-
-def number_of(conf: Path, study: str, group: str, name: str, *keys: str) -> float:
-    """Read a number in a file of conf/ that a study names; `keys` lead to it, table by table.
-
-    Raises ConfigError as `file_of` does.
-    """
-    value: Any = read_yaml(named_file(conf, study, group, name))
-    for key in keys:
-        value = value[key]
-    return float(value)
-
-
-def file_of(conf: Path, group: str, name: str, refusal: str) -> Path:
+def file_of(conf: Path, group: str, name: str, refusal: str = "") -> Path:
     """The path of the file conf/`group`/`name`.yaml.
 
     If it is missing, raises ConfigError with `refusal` and the names of the files that exist.
@@ -492,7 +372,7 @@ def file_of(conf: Path, group: str, name: str, refusal: str) -> Path:
     path = conf / group / f"{name}.yaml"
     if not path.is_file():
         choices = sorted(file.stem for file in path.parent.glob("*.yaml"))
-        raise ConfigError(f"{refusal} {', '.join(choices)}")
+        raise ConfigError(f"{refusal or f'{group}={name}: expected one of'} {', '.join(choices)}")
     return path
 
 
@@ -501,7 +381,7 @@ def settings_of(conf: Path, method: str) -> dict[str, Any]:
     return read_yaml(file_of(conf, "method", method, f"methods={method}: expected some of"))
 
 
-def stage_of(conf: Path, view: str) -> str:
+def stage_of(conf: Path, view: str) -> Stage:
     """The stage that draws a view: `birdviews` if it is of an octree, which has a memory."""
     path = conf / "view" / f"{view}.yaml"
     return BIRD_VIEWS if path.is_file() and "octree" in read_yaml(path) else VIEWS

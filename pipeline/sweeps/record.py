@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.core import store
+from pipeline.core.settings import filled
 
 
 @dataclass(frozen=True)
@@ -81,7 +82,7 @@ def read(folder: Path) -> list[Record]:
             {name: math.nan if value is None else value for name, value in row.items()}
             for row in content["rows"]
         ]
-        records.append(Record(**{**content, "rows": rows}))
+        records.append(filled(Record, {**content, "rows": rows}))
     return sorted(records, key=lambda record: record.number)
 
 

@@ -78,7 +78,7 @@ def lists_of_job(study: Study, overrides: Mapping[str, str], method_view: str) -
         world=overrides.get("world", study.world),
         submap=overrides.get("submap", study.submap),
         budget=overrides.get("budget", study.budget),
-        grids=(CellSize.read(conf, study.name, grid),),
+        grids=(CellSize.read(conf, grid),),
         methods=(method,),
         cells=(),
         stress={},

@@ -9,6 +9,7 @@ import numpy as np
 
 from pipeline.core.grid import Grid
 from pipeline.core.progress import Progress
+from pipeline.core.settings import filled
 from pipeline.matching.places import label
 from pipeline.matching.ranking import Rows
 from pipeline.methods.scan_context import ScanContext50
@@ -35,7 +36,7 @@ READER = {"_target_": "pipeline.readers.nclt.Nclt"}
 
 def described(**changes: Any) -> SiteDescription:
     """The description of the site, as it is read from JSON; `changes` replace some of its keys."""
-    return SiteDescription.from_json(about(**changes))
+    return filled(SiteDescription, about(**changes))
 
 
 def about(**changes: Any) -> dict[str, Any]:

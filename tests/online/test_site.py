@@ -162,9 +162,9 @@ def test_a_zip_of_something_else_is_refused(
             },
             "method.candidates=many",
         ),
-        ({"k": None}, "site.json: k=None: expected a whole number; pack the site anew"),
-        ({"verdict": {}}, "site.json: has no verdict.pose; pack"),
-        ({"map": {"grain_m": 1}}, "site.json: has no map.range_m; pack"),
+        ({"k": None}, "site.json: not given: k; pack the site anew"),
+        ({"verdict": {}}, "site.json: not given: verdict.pose, verdict.place"),
+        ({"map": {"grain_m": 1}}, "site.json: not given: map.range_m, map.single; pack"),
         ({"simulated": 1}, "simulated=1: expected true or false"),
         (
             {"sensor": SENSOR | {"warnings": "z points"}},
@@ -191,7 +191,7 @@ def test_the_content_of_site_json_is_checked(
 def test_a_key_that_is_missing_is_named(tmp_path: Path) -> None:
     content = about()
     del content["sensor"]
-    with one_line(ArtifactError, "site.json: has no sensor"):
+    with one_line(ArtifactError, "site.json: not given: sensor"):
         Site.open(with_content(tmp_path / "a.site", content))
 
 

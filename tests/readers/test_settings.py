@@ -35,7 +35,7 @@ def test_the_yaml_holds_the_fields_of_the_reader_and_their_defaults(reader: type
         (Bag, {"odometry": 3}, "reader.odometry=3"),
         (Bag, {"truth": "tf:map"}, "reader.truth=tf:map: expected tf:PARENT>CHILD"),
         (Bag, {"body_T_lidar": [1, 2, 3]}, "reader.body_T_lidar"),
-        (Carmen, {"lasers": ["left"]}, r"lasers=\['left'\]: expected front or rear"),
+        (Carmen, {"lasers": ["left"]}, r"lasers\[0\]=left: expected front or rear"),
         (
             Carmen,
             {"corrected": "{sequence}.relations"},

@@ -31,7 +31,7 @@ def test_a_record_is_json_and_comes_back_with_its_numbers(tmp_path: Path) -> Non
     assert [row["value"] for row in content["rows"]] == [0.5, None, None]
     assert content["rows"][0]["low"] is None  # a number without an interval
     first, second, failed = read(tmp_path)
-    assert (first.number, second.number, failed.error, failed.rows) == (0, 1, "refused", [])
+    assert (first.number, second.number, failed.error, failed.rows) == (0, 1, "refused", ())
     assert first.values("cells", "auc_top1") == [0.5]
     assert math.isnan(first.rows[2]["days"])
     assert (first.rows[2]["low"], first.rows[2]["high"]) == (0.25, 0.75)
