@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from filelock import FileLock
 from hypothesis import settings
-from xdist.scheduler import LoadScopeScheduling
+from xdist.scheduler import LoadFileScheduling
 
 import stages  # noqa: F401 (before torch and numba are loaded: it sets where kernels are kept and how threads wait)
 from tests.clone import Clone
@@ -18,36 +18,35 @@ from tests.clone import Clone
 settings.register_profile("any machine", deadline=None)
 settings.load_profile("any machine")  # how long an example takes is the machine's doing
 
-CHAIN = "tests/test_chain.py"
-SWEEP = "tests/test_sweep.py"
-SESSION = "tests/test_dvc_session.py"
-"""Each goes to one worker, as its tests share what the first of them builds."""
-LONG = ("tests/test_repair.py", "tests/test_sweep_jobs.py")
-"""Each test alone, and at the end: they need the built chain, and take up to minutes."""
+ALONE = ("tests/test_sweep_jobs.py", "tests/test_repair.py")
+"""Each of their tests takes long, and shares no more with the others than the chain."""
+ORDER = (
+    *("tests/test_chain.py", "tests/test_dvc_session.py", "tests/test_own_data.py"),
+    *("tests/report", "tests/online", "tests/methods", "tests/test_sweep.py", *ALONE),
+)
+"""What takes long comes first, so that workers end together: the chain, what needs it not, what
+needs it; and then all that is short."""
 
 
-class Shared(LoadScopeScheduling):  # type: ignore[misc]
-    """Whole files for CHAIN, SWEEP and SESSION (xdist's own groups do not hold with pytest 9),
-    other tests one by one."""
+class ByFile(LoadFileScheduling):  # type: ignore[misc]
+    """A file goes to one worker, which makes its fixtures once; tests of ALONE go one by one."""
 
     def _split_scope(self, nodeid: str) -> str:
-        return next((file for file in (CHAIN, SWEEP, SESSION) if nodeid.startswith(file)), nodeid)
+        return nodeid if nodeid.startswith(ALONE) else super()._split_scope(nodeid)
 
 
 @pytest.hookimpl(tryfirst=True)
-def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> Shared:
+def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> ByFile:
     config.option.loadscopereorder = False
-    return Shared(config, log)
+    return ByFile(config, log)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The chain first, then what needs no chain, then what waits for it."""
-    order = (CHAIN, "", SWEEP, *LONG)
-    items.sort(
-        key=lambda item: next(
-            (rank for rank, file in enumerate(order) if file and item.nodeid.startswith(file)), 1
-        )
-    )
+    def rank(item: pytest.Item) -> int:
+        ranks = (row for row, start in enumerate(ORDER) if item.nodeid.startswith(start))
+        return next(ranks, len(ORDER))
+
+    items.sort(key=rank)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

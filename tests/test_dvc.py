@@ -1,10 +1,8 @@
 """dvc.yaml, conf/ and the import graph say the same thing."""
 
-import atexit
 import shlex
-import shutil
 import subprocess
-import tempfile
+from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 
@@ -12,6 +10,7 @@ import grimp
 import pytest
 import yaml
 from dvc.repo import Repo
+from dvc.stage import PipelineStage
 from hydra import compose, initialize_config_dir
 from omegaconf import DictConfig, OmegaConf
 
@@ -21,6 +20,8 @@ from pipeline.studies.studies_file import read_studies
 from tests.clone import Clone
 
 ROOT = Path(__file__).parents[1]
+REPORT = Path("pipeline/report")
+GROUPS = {path.name for path in (ROOT / "conf").iterdir() if path.is_dir()}
 UNTRACKED = {"compute", "tracking"}  # groups that cannot change a result
 UNTRACKED_MODULES = {
     f"pipeline.running.{name}" for name in ("ending", "memory", "telemetry", "texts")
@@ -29,11 +30,24 @@ UNTRACKED_MODULES = {
 is said of a broken file."""
 
 
-def project() -> Path:
+@dataclass(frozen=True)
+class Instance:
+    """A stage of the chain, and what its command composes of conf/."""
+
+    stage: PipelineStage
+    name: str
+    cfg: DictConfig
+
+    def paths(self, *, params: bool) -> set[str]:
+        """The files of conf/ that it depends on, or the other paths."""
+        return paths(self.stage, params=params)
+
+
+@pytest.fixture(scope="module")
+def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A copy of the project whose studies ask every question but `lifelong`, so that every stage
     has an instance."""
-    clone = Clone(Path(tempfile.mkdtemp(prefix="yearloc-dvc-")))
-    atexit.register(shutil.rmtree, clone.folder)
+    clone = Clone(tmp_path_factory.mktemp("dvc"))
     clone.run(
         "yearloc", "use", "campus", "world=tiny", "poses=slam,sci_ring", "paths=filter,graph_all"
     )
@@ -42,37 +56,45 @@ def project() -> Path:
     return clone.folder
 
 
-PROJECT = project()
-STAGES = list(Repo(PROJECT).index.stages)
-GRAPH = grimp.build_graph("pipeline", "stages", "worlds", cache_dir=None)
-STAGE = pytest.mark.parametrize(
-    "stage", STAGES, ids=lambda stage: stage.addressing.rpartition(":")[2]
-)
+@pytest.fixture(scope="module")
+def stages(project: Path) -> list[PipelineStage]:
+    return list(Repo(project).index.stages)
 
 
-def composed(stage: object) -> tuple[str, DictConfig]:
-    _, _, module, *overrides = shlex.split(stage.cmd)
-    name = module.removeprefix("stages.")
+@pytest.fixture(scope="module")
+def instances(stages: list[PipelineStage]) -> list[Instance]:
+    """One of all stages that differ in no more than the paths and plain values of their words."""
+    kinds: dict[object, Instance] = {}
     with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
-        return name, compose(name, overrides, return_hydra_config=True)
+        for stage in stages:
+            _, _, module, *overrides = shlex.split(stage.cmd)
+            words = [word.lstrip("+").split("=", 1) for word in overrides]
+            choices = {(key, value if key in GROUPS else "") for key, value in words}
+            of_code = {path for path in paths(stage, params=False) if "artifacts" not in path}
+            kind = (module, *map(frozenset, (choices, of_code, paths(stage, params=True))))
+            if kind not in kinds:
+                name = module.removeprefix("stages.")
+                cfg = compose(name, overrides, return_hydra_config=True)
+                kinds[kind] = Instance(stage, name, cfg)
+    return list(kinds.values())
 
 
-def paths(stage: object, *, params: bool) -> set[str]:
+def paths(stage: PipelineStage, *, params: bool) -> set[str]:
     return {
         dep.def_path for dep in stage.deps if (type(dep).__name__ == "ParamsDependency") == params
     }
 
 
-@STAGE
-def test_params_are_the_files_that_the_stage_composes(stage):
-    name, cfg = composed(stage)
-    groups = {
-        group: f"{group}/{choice}"
-        for group, choice in cfg.hydra.runtime.choices.items()
-        if not group.startswith("hydra/")
-    }
-    used = {name, *(file for group, file in groups.items() if group not in UNTRACKED)}
-    assert paths(stage, params=True) == {f"conf/{file}.yaml" for file in used}
+def test_params_are_the_files_that_the_stage_composes(instances: list[Instance]) -> None:
+    for instance in instances:
+        groups = {
+            group: f"{group}/{choice}"
+            for group, choice in instance.cfg.hydra.runtime.choices.items()
+            if not group.startswith("hydra/")
+        }
+        used = {file for group, file in groups.items() if group not in UNTRACKED}
+        files = {f"conf/{file}.yaml" for file in {instance.name, *used}}
+        assert instance.paths(params=True) == files, instance.stage
 
 
 def targets(node: object) -> list[str]:
@@ -83,57 +105,52 @@ def targets(node: object) -> list[str]:
     return own + [target for value in node.values() for target in targets(value)]
 
 
-@STAGE
-def test_deps_cover_the_modules_that_the_stage_can_import(stage):
-    name, cfg = composed(stage)
-    OmegaConf.set_struct(cfg, False)
-    groups = {
-        key: value
-        for key, value in cfg.items()
-        if isinstance(value, DictConfig) and key not in ("hydra", "tracking")
-    }
-    plain = {key: OmegaConf.to_container(value) for key, value in groups.items()}
-    if name == "labels" or (name in ("logs", "events") and cfg.dataset.simulated):
-        plain.pop("dataset")  # they look at the data set's box, and build no reader
-    roots = {f"stages.{name}", *targets(plain)}
-    needed = (
-        roots.union(*(GRAPH.find_upstream_modules(root) for root in roots))
-        - {"pipeline"}
-        - UNTRACKED_MODULES
-    )
-    either = (
-        Path(module.replace(".", "/") + end)
-        for module in needed | {"stages"}
-        for end in (".py", "/__init__.py")
-    )
-    files = {
-        file for file in either if (ROOT / file).is_file() and (ROOT / file).read_text()
-    }  # an empty package says nothing
-    assert not {
-        str(file) for file in files if not any(map(file.is_relative_to, paths(stage, params=False)))
-    }
+def test_deps_cover_the_modules_that_the_stage_can_import(instances: list[Instance]) -> None:
+    graph = grimp.build_graph("pipeline", "stages", "worlds", cache_dir=None)
+    for instance in instances:
+        groups = {
+            key: OmegaConf.to_container(value)
+            for key, value in instance.cfg.items()
+            if isinstance(value, DictConfig) and key not in ("hydra", "tracking")
+        }
+        simulated = instance.name in ("logs", "events") and instance.cfg.dataset.simulated
+        if instance.name == "labels" or simulated:
+            del groups["dataset"]  # they look at the data set's box, and build no reader
+        roots = {f"stages.{instance.name}", *targets(groups)}
+        upstream = set().union(*(graph.find_upstream_modules(root) for root in roots))
+        needed = (roots | upstream | {"stages"}) - {"pipeline"} - UNTRACKED_MODULES
+        either = (
+            Path(module.replace(".", "/") + end)
+            for module in needed
+            for end in (".py", "/__init__.py")
+        )
+        files = {
+            file for file in either if (ROOT / file).is_file() and (ROOT / file).read_text()
+        }  # an empty package says nothing
+        deps = instance.paths(params=False)
+        missing = {str(file) for file in files if not any(map(file.is_relative_to, deps))}
+        assert not missing, instance.stage
 
 
-@STAGE
 def test_a_command_gives_all_settings_of_its_stage(
-    stage: object, monkeypatch: pytest.MonkeyPatch
+    instances: list[Instance], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         monkeypatch.setenv(name, "1")  # stages.latency limits them, and they are put back
-    name, cfg = composed(stage)
-    filled(import_module(f"stages.{name}").Settings, cfg, lambda recipe: recipe)
+    for instance in instances:
+        settings = import_module(f"stages.{instance.name}").Settings
+        filled(settings, instance.cfg, lambda recipe: recipe)
 
 
-@STAGE
-def test_an_artifact_lies_in_the_folder_of_its_stage(stage):
-    name, _ = composed(stage)
-    if name == "absent":
-        return  # in the folder of what there is none of
-    folder = {"birdviews": "views"}.get(name, name)
-    for out in stage.outs:
-        assert Path(out.def_path).is_relative_to(
-            "artifacts/metrics" if out.metric else f"artifacts/{folder}"
-        )
+def test_an_artifact_lies_in_the_folder_of_its_stage(stages: list[PipelineStage]) -> None:
+    for stage in stages:
+        name = shlex.split(stage.cmd)[2].removeprefix("stages.")
+        folder = {"birdviews": "views"}.get(name, name)
+        if name == "absent":
+            continue  # in the folder of what there is none of
+        for out in stage.outs:
+            own = "artifacts/metrics" if out.metric else f"artifacts/{folder}"
+            assert Path(out.def_path).is_relative_to(own), stage
 
 
 def keys(node: object) -> set[str]:
@@ -142,16 +159,13 @@ def keys(node: object) -> set[str]:
     return set(node).union(*map(keys, node.values())) if isinstance(node, dict) else set()
 
 
-@pytest.mark.parametrize(
-    "path", sorted((ROOT / "conf").rglob("*.yaml")), ids=lambda path: str(path.relative_to(ROOT))
-)
-def test_no_key_that_dvc_cannot_see(path):
+def test_no_key_that_dvc_cannot_see() -> None:
     """DVC's run cache ignores keys named size and nfiles (treeverse/dvc#10296); ??? and ${} do not
     survive its reading."""
-    text = path.read_text()
-    assert not {"size", "nfiles"} & keys(yaml.safe_load(text) or {})
-    assert "???" not in text
-    assert "${" not in text
+    for path in (ROOT / "conf").rglob("*.yaml"):
+        text = path.read_text()
+        hidden = {"size", "nfiles"} & keys(yaml.safe_load(text) or {})
+        assert not hidden | {sign for sign in ("???", "${") if sign in text}, path
 
 
 def test_the_lists_follow_from_the_studies():
@@ -161,43 +175,29 @@ def test_the_lists_follow_from_the_studies():
     assert yaml.safe_load(studies_text(studies))["studies"] == said
 
 
-def test_only_the_report_depends_on_what_it_looks_like():
-    shown = [
-        stage
-        for stage in STAGES
-        if any(Path("pipeline/report").is_relative_to(dep) for dep in paths(stage, params=False))
-    ]
-    assert [stage.addressing.rpartition(":")[2].partition("@")[0] for stage in shown] == ["report"]
-    assert not [
-        dep
-        for stage in STAGES
-        for dep in paths(stage, params=False)
-        if dep in ("pipeline", "stages")
-    ]
+def test_only_the_report_depends_on_what_it_looks_like(stages: list[PipelineStage]) -> None:
+    deps = {stage.addressing: paths(stage, params=False) for stage in stages}
+    shown = [name for name, of in deps.items() if any(map(REPORT.is_relative_to, of))]
+    assert [name.rpartition(":")[2].partition("@")[0] for name in shown] == ["report"]
+    assert not [name for name, of in deps.items() if of & {"pipeline", "stages"}]
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of pygtrie, within DVC
-def test_dvc_repro_builds_every_stage():
+def test_dvc_repro_builds_every_stage(project: Path) -> None:
     """Without a target it builds the stages of the root's dvc.yaml and all before them."""
     last = {
         stage.path_in_repo
-        for stage, dependents in Repo(PROJECT).index.graph.in_degree()
+        for stage, dependents in Repo(project).index.graph.in_degree()
         if not dependents
     }
     assert last == {"dvc.yaml"}
 
 
-def test_no_two_instances_of_a_stage_share_a_name():
-    assert (
-        len({stage.addressing for stage in STAGES})
-        == len(STAGES)
-        == len({stage.cmd for stage in STAGES})
-    )
-
-
-def test_a_command_has_no_blanks_that_dvc_lock_would_lose():
-    """It is written in folded lines there, and a changed command runs again for ever."""
-    assert not [stage.cmd for stage in STAGES if stage.cmd != " ".join(stage.cmd.split())]
+def test_stages_have_names_and_commands_of_their_own(stages: list[PipelineStage]) -> None:
+    """In dvc.lock a command is folded, and one with more blanks would run again for ever."""
+    commands = [stage.cmd for stage in stages]
+    assert len({stage.addressing for stage in stages}) == len({*commands}) == len(stages)
+    assert not [command for command in commands if command != " ".join(command.split())]
 
 
 def test_lock_files_are_plain_files_that_git_sees() -> None:
