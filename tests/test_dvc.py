@@ -24,10 +24,11 @@ REPORT = Path("pipeline/report")
 GROUPS = {path.name for path in (ROOT / "conf").iterdir() if path.is_dir()}
 UNTRACKED = {"compute", "tracking"}  # groups that cannot change a result
 UNTRACKED_MODULES = {
-    f"pipeline.running.{name}" for name in ("ending", "memory", "telemetry", "texts")
+    "pipeline.kernel_cache",
+    *(f"pipeline.running.{name}" for name in ("ending", "memory", "telemetry", "texts")),
 }
-"""Nor can who computes, what a stage costs, how it ends when asked to, how memory is kept, and what
-is said of a broken file."""
+"""Nor can where compiled kernels are kept, who computes, what a stage costs, how it ends when asked
+to, how memory is kept, and what is said of a broken file."""
 
 
 @dataclass(frozen=True)
