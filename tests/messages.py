@@ -13,7 +13,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs/troubleshooting.md"
-FOLDERS = ("pipeline", "stages", "worlds")
+FOLDERS = ("pipeline", "stages", "worlds", "benchmarks/papers")
 TEMPLATES = ROOT / "pipeline/report/templates/words.yaml"
 """The doubts of a report, whose templates are messages too."""
 OTHERS = """

@@ -5,16 +5,17 @@ as json or as markdown, and fills the blocks of README.md and docs/ that show nu
 """
 
 import sys
+from importlib import import_module
 from itertools import chain
 from pathlib import Path
 from shutil import get_terminal_size
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from pipeline.cli.options import some_words
 from pipeline.cli.project import read_studies
-from pipeline.core.errors import ArtifactError, ConfigError
+from pipeline.core.errors import ArtifactError, ConfigError, NotInstalledError
 from pipeline.running.texts import folded, terminal_width
 
 if TYPE_CHECKING:  # at run time these would slow the start of every command
@@ -222,12 +223,22 @@ def _picture_texts(blocks: "Iterable[Block]", studies: "dict[str, Study]") -> "d
     return texts
 
 
+def _papers(module: str) -> Any:
+    """A module of benchmarks/papers, which fills docs/papers.md and is no part of the library.
+
+    Raises NotInstalledError where only the library is installed.
+    """
+    try:
+        return import_module(f"benchmarks.papers.{module}")
+    except ModuleNotFoundError:
+        raise NotInstalledError(
+            "docs/papers.md: filled by benchmarks/papers, which only a clone of yearloc has"
+        ) from None
+
+
 def _write_papers() -> None:
     """Write docs/papers.md from the tables in docs/papers/."""
-    from pipeline.papers import page
-
-    page.write()
-    print(f"{page.PAGE}: written")
+    print(f"{_papers('page').write()}: written")
 
 
 def _keep(name: str, table: "pd.DataFrame", studies: "dict[str, Study]") -> None:
@@ -239,9 +250,8 @@ def _keep(name: str, table: "pd.DataFrame", studies: "dict[str, Study]") -> None
 
     from pipeline.evaluation.timing import processor
     from pipeline.networks.loop import arithmetic
-    from pipeline.papers.kept import keep
 
     gpu = torch.cuda.get_device_name() if torch.cuda.is_available() else ""
     machine = f"{gpu or processor()}, torch {version('torch')}, {arithmetic()}"
-    path = keep(name, table, studies, date.today().isoformat(), machine)
+    path = _papers("kept").keep(name, table, studies, date.today().isoformat(), machine)
     print(f"{path}: written; `yearloc results --write {PAPERS}` fills docs/papers.md")

@@ -12,11 +12,11 @@ from typing import Any
 import pandas as pd
 import yaml
 
+from benchmarks.papers.claims import CLAIMS
+from benchmarks.papers.rules import Outcome, Tables
 from pipeline.core.errors import ArtifactError, ConfigError
 from pipeline.core.replacing import replace
 from pipeline.evaluation.rows import CASE_COLUMNS, COLUMN_TYPES, COLUMNS, FLOAT_COLUMNS
-from pipeline.papers.claims import CLAIMS
-from pipeline.papers.rules import Outcome, Tables
 from pipeline.running.texts import read_yaml
 from pipeline.studies.study import Study
 

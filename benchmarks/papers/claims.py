@@ -13,7 +13,7 @@ in one of the tables that docs/papers keeps:
 
 from dataclasses import dataclass, replace
 
-from pipeline.papers.judging import (
+from benchmarks.papers.judging import (
     KEPT_WHOLE,
     Measure,
     ascend,
@@ -25,7 +25,7 @@ from pipeline.papers.judging import (
     keeps_less,
     spreads_less,
 )
-from pipeline.papers.rules import BLACK_ERROR, OF_ALL, VIEWPOINT, Side
+from benchmarks.papers.rules import BLACK_ERROR, OF_ALL, VIEWPOINT, Side
 
 HALF = 0.5
 CODES_OF_A_PLACE = 8

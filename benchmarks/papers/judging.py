@@ -14,8 +14,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from pipeline.evaluation.paired import KEPT
-from pipeline.papers.rules import (
+from benchmarks.papers.rules import (
     UNDECIDED,
     Estimate,
     Outcome,
@@ -29,6 +28,7 @@ from pipeline.papers.rules import (
     mean,
     missing,
 )
+from pipeline.evaluation.paired import KEPT
 from pipeline.report.comparison import ONE_SEED
 
 Measure = Callable[[Tables], Outcome]

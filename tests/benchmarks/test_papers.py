@@ -9,11 +9,9 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from pipeline.core.errors import ArtifactError, ConfigError
-from pipeline.evaluation.rows import row, table
-from pipeline.papers import kept
-from pipeline.papers.claims import CLAIMS
-from pipeline.papers.judging import (
+from benchmarks.papers import kept
+from benchmarks.papers.claims import CLAIMS
+from benchmarks.papers.judging import (
     ascend,
     at_every_heading,
     has_no_verdict,
@@ -23,8 +21,8 @@ from pipeline.papers.judging import (
     keeps_less,
     spreads_less,
 )
-from pipeline.papers.page import page, words
-from pipeline.papers.rules import (
+from benchmarks.papers.page import page, words
+from benchmarks.papers.rules import (
     CONTRADICTED,
     OF_ALL,
     SHOWN,
@@ -39,6 +37,8 @@ from pipeline.papers.rules import (
     everywhere,
     in_order,
 )
+from pipeline.core.errors import ArtifactError, ConfigError
+from pipeline.evaluation.rows import row, table
 from tests.studies.made import study
 
 ROOT = Path(__file__).parents[2]

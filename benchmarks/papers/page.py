@@ -12,10 +12,10 @@ from typing import Any
 
 import yaml
 
+from benchmarks.papers.claims import CLAIMS, Claim
+from benchmarks.papers.kept import FOLDER, Kept, read
+from benchmarks.papers.rules import UNTRAINED, Estimate, Outcome, Side
 from pipeline.core.replacing import replace
-from pipeline.papers.claims import CLAIMS, Claim
-from pipeline.papers.kept import FOLDER, Kept, read
-from pipeline.papers.rules import UNTRAINED, Estimate, Outcome, Side
 from pipeline.report.comparison import ONE_SEED
 from pipeline.report.render import filled
 from pipeline.report.table import bracket, fixed, signed
@@ -46,15 +46,16 @@ def page(kept: Kept) -> str:
     return f"{filled(_part('page.md.j2'), **values)}\n"
 
 
-def write(folder: Path = FOLDER, path: Path = PAGE) -> None:
-    """Write the page from the tables that are kept in a folder."""
+def write(folder: Path = FOLDER, path: Path = PAGE) -> Path:
+    """Write the page from the tables that are kept in a folder; returns its path."""
     with replace(path) as scratch:
         scratch.write_text(page(read(folder)), encoding="utf-8")
+    return path
 
 
 def _part(name: str) -> str:
     """The text of a file in templates/."""
-    return files("pipeline.papers").joinpath("templates", name).read_text(encoding="utf-8")
+    return files("benchmarks.papers").joinpath("templates", name).read_text(encoding="utf-8")
 
 
 def _row(kept: Kept, claim: Claim) -> dict[str, Any]:
