@@ -18,7 +18,8 @@ from pipeline.formats.bag import CLOUD, ODOMETRY, SWEEP
 from pipeline.formats.bag_file import BagFile
 from pipeline.formats.messages import frame_name, header
 from pipeline.formats.pointcloud2 import decode
-from pipeline.readers.bag_poses import KINDS, Tree
+from pipeline.readers.bag_poses import KINDS
+from pipeline.readers.mounting import Transforms
 
 CLOUD_STEP = 10
 CLOUD_COUNT = 9
@@ -51,7 +52,7 @@ class Contents:
     """The bags that can be read."""
     topics: tuple[TopicSummary, ...]
     """All topics, by name."""
-    tree: Tree
+    transforms: Transforms
     """All transforms."""
     errors: tuple[str, ...]
     """The error line of each bag that cannot be read."""
@@ -70,8 +71,7 @@ class Contents:
             raise LogError(errors[0])
         names = sorted({name for file in files for name in file.topics})
         topics = tuple(_summary(files, name) for name in names)
-        tree = Tree.read(files, moving=True)
-        return Contents(tuple(files), topics, tree, tuple(errors))
+        return Contents(tuple(files), topics, Transforms.read(files), tuple(errors))
 
     @property
     def span_ns(self) -> tuple[int, int]:

@@ -18,7 +18,8 @@ from pipeline.formats.bag_file import plain
 from pipeline.inspection.bag_contents import Contents, TopicSummary
 from pipeline.inspection.inspection import typographic
 from pipeline.mapping.appearance import ground
-from pipeline.readers.bag_poses import BODIES, KINDS
+from pipeline.readers.bag_poses import KINDS
+from pipeline.readers.mounting import BODIES
 
 WORLDS = ("map", "world", "earth", "utm", "enu", "global")
 """Frames that stand still, the likeliest first."""
@@ -168,10 +169,11 @@ def _poses(contents: Contents) -> tuple[TopicSummary | None, TopicSummary | None
     Each is None where the bags hold no such source.
     """
     sources = contents.of(*KINDS)
-    frames = {frame for edge in contents.tree.edges for frame in edge}
+    tree = contents.transforms.every()
+    frames = tree.frames
     body = next((body for body in BODIES if body in frames), None)
     for world in (*WORLDS, "odom"):
-        if body and world in frames and contents.tree.moves(world, body):
+        if body and world in frames and tree.moves(world, body):
             name = f"tf:{world}>{body}"
             sources.append(
                 TopicSummary(name, TRANSFORMS, count=0, rate_hz=np.nan, frame=world, child=body)
@@ -219,7 +221,7 @@ def _extrinsic(
             "body_T_lidar"
         )
         return None, f"the posed frame is unknown: {ask}"
-    body_T_lidar = np.eye(4) if body == points.frame else contents.tree.fixed(body, points.frame)
+    body_T_lidar = contents.transforms.body_T_lidar([body], {points.frame})
     if body_T_lidar is None and points.frame == poses.frame:
         return (
             None,

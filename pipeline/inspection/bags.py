@@ -100,9 +100,10 @@ def _topic_rows(contents: Contents) -> list[tuple[str, ...]]:
 def _transform_rows(contents: Contents) -> list[tuple[str, ...]]:
     """A row for each transform: its frames, number of messages, and place if it is fixed."""
     rows: list[tuple[str, ...]] = []
-    for (parent, child), (stamps_ns, poses) in sorted(contents.tree.edges.items()):
+    tree = contents.transforms.every()
+    for (parent, child), (stamps_ns, poses) in sorted(tree.edges.items()):
         motion = "moves"
-        if not contents.tree.moves(parent, child):
+        if not tree.moves(parent, child):
             x_m, y_m, z_m = poses[-1, :3, 3].tolist()
             motion = typographic(f"fixed, at x {x_m:.3f}, y {y_m:.3f}, z {z_m:.3f} m")
         rows.append((f"{parent} > {child}", f"{len(stamps_ns):,}", motion))

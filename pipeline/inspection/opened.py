@@ -4,6 +4,7 @@ The log may be a bag, a log as a data set ships it, or a folder of clouds alone.
 chosen by what lies at the path, and its settings as `yearloc inspect` would propose them.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from pipeline.core.errors import LogError
@@ -14,11 +15,11 @@ from pipeline.formats.robotcar import LASERS
 from pipeline.inspection.bag_contents import Contents
 from pipeline.inspection.bag_proposal import drifting, gyroscope, points_source
 from pipeline.readers.bag import Bag
-from pipeline.readers.bag_poses import BODIES, Tree
 from pipeline.readers.folder import Folder
 from pipeline.readers.keyframes import FILE, KeyFrames
 from pipeline.readers.kitti import Kitti
 from pipeline.readers.log import Log
+from pipeline.readers.mounting import BODIES
 from pipeline.readers.nclt import Nclt
 
 ODOMETRY_FILES = ("odometry.txt", "odom.txt")
@@ -83,25 +84,26 @@ def _bag(path: Path, bags: list[Path], topic: str | None, odometry: str | None) 
     if not odometry:
         source = drifting(contents)
         odometry = source.name if source else None
-    bodies = list(BODIES)
     imu = None
+    child = ""
     if not odometry:
         imu = gyroscope(contents)
     elif odometry in topics:
-        bodies.insert(0, topics[odometry].child)
+        child = topics[odometry].child
     else:  # tf:PARENT>CHILD
-        bodies.insert(0, odometry.rpartition(">")[2])
+        child = odometry.rpartition(">")[2]
+    bodies = (child, *BODIES) if child else BODIES
     reader = Bag(
         points=points,
         truth=None,
         odometry=odometry,
         imu=imu.name if imu else None,
-        body_T_lidar=_body_T_lidar(contents.tree, bodies, lidar_frame),
+        body_T_lidar=_body_T_lidar(contents, bodies, lidar_frame),
     )
     return reader.open(path.parent, path.stem if path.is_file() else path.name)
 
 
-def _body_T_lidar(tree: Tree, bodies: list[str], lidar_frame: str) -> tuple[float, ...]:
+def _body_T_lidar(contents: Contents, bodies: Sequence[str], lidar_frame: str) -> tuple[float, ...]:
     """The x, y, z in metres and roll, pitch, yaw in degrees of the LiDAR in the vehicle.
 
     The vehicle is the first of the frames `bodies` from which fixed transforms lead to the LiDAR;
@@ -109,9 +111,8 @@ def _body_T_lidar(tree: Tree, bodies: list[str], lidar_frame: str) -> tuple[floa
     """
     from scipy.spatial.transform import Rotation
 
-    for body in bodies:
-        body_T_lidar = tree.fixed(body, lidar_frame) if body else None
-        if body_T_lidar is not None:
-            angles_deg = Rotation.from_matrix(body_T_lidar[:3, :3]).as_euler("xyz", degrees=True)
-            return (*body_T_lidar[:3, 3].tolist(), *angles_deg.tolist())
-    return (0.0,) * 6
+    body_T_lidar = contents.transforms.body_T_lidar(bodies, {lidar_frame})
+    if body_T_lidar is None:
+        return (0.0,) * 6
+    angles_deg = Rotation.from_matrix(body_T_lidar[:3, :3]).as_euler("xyz", degrees=True)
+    return (*body_T_lidar[:3, 3].tolist(), *angles_deg.tolist())

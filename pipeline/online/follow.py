@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.errors import ConfigError, LogError
-from pipeline.core.frames import Poses
+from pipeline.core.frames import Poses, Stamps
 from pipeline.formats.bag import CLOUD, ODOMETRY, TRANSFORMS
 from pipeline.formats.messages import (
     frame_name,
@@ -29,11 +29,12 @@ from pipeline.formats.messages import (
     transform_numbers,
 )
 from pipeline.formats.pointcloud2 import decode, times_s
-from pipeline.online.inputs import NO_POSE, Scan, child_T_body, extrinsic, placed
+from pipeline.online.inputs import NO_POSE, Scan, child_T_body, lidar_on_vehicle, placed
 from pipeline.online.odometry import AHEAD_S, Newest
-from pipeline.readers.bag_poses import KINDS, Tree
+from pipeline.readers.bag_poses import KINDS, MAX_FIXED_CHANGE, Tree
 from pipeline.readers.deskew import deskewed
 from pipeline.readers.log import raised
+from pipeline.readers.mounting import BODIES, Transforms
 
 POLL_S = 0.02
 """The file is looked at again after this time."""
@@ -42,8 +43,14 @@ MOST_WAITING = 8
 """
 STEP_S = 0.1
 """The robot is taken to move within a cloud as in this time before its stamp."""
+TRANSFORMS_S = 1.0
+"""The first cloud waits so long for its lidar's transforms, which many nodes send once a second.
+"""
 LARGEST_RECORD_BYTES = 2**28
 """A larger record is taken for damage."""
+
+Edges = dict[tuple[str, str], tuple[Stamps, Poses]]
+"""For each pair of frames, parent and child, the stamps (n,) and parent_T_child (n, 4, 4)."""
 
 
 class GrowingFile:
@@ -113,7 +120,10 @@ class Following:
         self._clouds = deque[tuple[int, bytes]](maxlen=MOST_WAITING)  # stamp and message
         self._newest_poses = Newest()
         self._child = ""  # the frame that odometry moves
-        self._edges = dict[tuple[str, str], tuple[Any, Any]]()  # stamps and poses of transforms
+        # stamps and different poses of transforms: those on tf_static, and all
+        self._static_edges: Edges = {}
+        self._edges: Edges = {}
+        self._has_waited = False  # for the transforms
         self._ended: Exception | bool = False
         Thread(target=self._read_file, args=(file,), daemon=True).start()
         number = 0
@@ -140,6 +150,10 @@ class Following:
             self._changed.wait_for(lambda: self._clouds or self._ended)
             if not self._clouds:
                 return None
+            if self.body_T_lidar is None and not self._has_waited:
+                _, frame = header(self._clouds[0][1], 2)
+                self._changed.wait_for(partial(self._is_placed, {frame}), TRANSFORMS_S)
+                self._has_waited = True
             cloud = self._clouds.popleft()
             if self.odometry:
                 stamp_ns, _ = cloud
@@ -150,17 +164,30 @@ class Following:
         """Whether odometry has come up to a stamp, or no more of it will come."""
         return bool(self._ended) or self._newest_poses.stamp_ns >= stamp_ns
 
+    def _is_placed(self, lidar_frames: set[str]) -> bool:
+        """Whether the transforms so far lead to the lidar, or no more will come."""
+        bodies = (*BODIES, self._child)
+        is_placed = self._transforms().body_T_lidar(bodies, lidar_frames) is not None
+        return bool(self._ended) or is_placed
+
+    def _transforms(self) -> Transforms:
+        """The transforms read so far."""
+        static = Tree(str(self.path), dict(self._static_edges), 0)
+        every = Tree(str(self.path), dict(self._edges), 0)
+        return Transforms(static, lambda: every)
+
     def _scan(self, number: int, stamp_ns: int, data: bytes) -> Scan:
         """The scan of a cloud's message, placed by the transforms and poses read so far."""
-        tree = Tree(str(self.path), dict(self._edges), 0)
         with self._changed:
-            odom_T_body = self._newest_poses.at(stamp_ns) @ child_T_body(tree, self._child)
+            transforms = self._transforms()
+            child = self._child
             before_ns = stamp_ns - round(STEP_S * 1e9)
-            odom_T_before = self._newest_poses.at(before_ns) @ child_T_body(tree, self._child)
+            odom_T_body = self._newest_poses.at(stamp_ns) @ child_T_body(transforms, child)
+            odom_T_before = self._newest_poses.at(before_ns) @ child_T_body(transforms, child)
         body_T_lidar = self.body_T_lidar
         if body_T_lidar is None:
             _, frame = header(data, 2)
-            body_T_lidar = raised(self.lift_m) @ extrinsic(tree, {frame})
+            body_T_lidar = raised(self.lift_m) @ lidar_on_vehicle(transforms, {frame}, child)
         name = f"{self.path.name} {number}"
         step = np.linalg.inv(odom_T_before) @ odom_T_body
         points = partial(_points, data, stamp_ns, body_T_lidar, step)
@@ -212,10 +239,10 @@ class Following:
                 self._keep(record, topic, kind)
 
     def _keep(self, record: Any, topic: str, kind: str) -> None:
-        """Keep a message if it is a fixed transform, a pose of the odometry, or a cloud."""
-        if kind == TRANSFORMS and topic.endswith("tf_static"):
-            self._keep_transforms(record.data)
-        elif self._is_odometry(topic, kind):
+        """Keep a message if it is a transform, a pose of the odometry, or a cloud."""
+        if kind == TRANSFORMS:
+            self._keep_transforms(record.data, is_static=topic.endswith("tf_static"))
+        if self._is_odometry(topic, kind):
             self._keep_poses(record, kind)
         elif kind == CLOUD and topic == (self.topic or topic):
             self._keep_cloud(record)
@@ -226,16 +253,31 @@ class Following:
             return False
         return topic == self.odometry or (kind == TRANSFORMS and self.odometry.startswith("tf:"))
 
-    def _keep_transforms(self, data: bytes) -> None:
-        """Keep fixed transforms; broken ones are reported as damage."""
+    def _keep_transforms(self, data: bytes, is_static: bool) -> None:
+        """Keep the first pose of each transform, and one that differs if it moves.
+
+        Broken messages are reported as damage.
+        """
         try:
             transforms = from_cdr(data, TRANSFORMS).transforms
         except LogError as error:
             self.damage = f"{self.path}: a transform was left out: {error}"
             return
-        for transform in transforms:
-            stamps_ns = np.zeros(1, np.int64)
-            self._edges[_frames(transform)] = (stamps_ns, poses([transform_numbers(transform)]))
+        with self._changed:
+            for transform in transforms:
+                edge = _frames(transform)
+                parent_T_child = poses([transform_numbers(transform)])
+                if np.isnan(parent_T_child).any():
+                    continue
+                if is_static:
+                    self._static_edges[edge] = (np.zeros(1, np.int64), parent_T_child)
+                if edge in self._edges:
+                    _, first = self._edges[edge]
+                    if np.abs(parent_T_child - first[:1]).max() <= MAX_FIXED_CHANGE:
+                        continue
+                    parent_T_child = np.concatenate([first[:1], parent_T_child])
+                self._edges[edge] = (np.zeros(len(parent_T_child), np.int64), parent_T_child)
+            self._changed.notify()
 
     def _keep_poses(self, record: Any, kind: str) -> None:
         """Keep the poses of an odometry message; one that is broken is passed over."""

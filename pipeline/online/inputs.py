@@ -24,10 +24,11 @@ from pipeline.formats.bag import CLOUD, SWEEP
 from pipeline.formats.bag_file import BagFile, find
 from pipeline.readers import vehicle
 from pipeline.readers.bag_clouds import Clouds
-from pipeline.readers.bag_poses import BODIES, KINDS, Tree, track
+from pipeline.readers.bag_poses import KINDS, Track, track
 from pipeline.readers.deskew import NO_BREAKS, scan_at_stamp
 from pipeline.readers.log import Log, raised
 from pipeline.readers.log import extrinsic as given_extrinsic
+from pipeline.readers.mounting import BODIES, Transforms
 
 READERS = ("pipeline.readers.",)
 """A site may name a reader of these modules only."""
@@ -259,10 +260,15 @@ def _of_bags(
             f"--topic {topic}: {path} has the {kinds} {', '.join(cloud_counts) or 'none'}"
         )
     clouds = Clouds.read(files, topic or cloud_counts.most_common(1)[0][0], skipped)
-    tree = Tree.read(files, moving=False)
+    transforms = Transforms.read(files)
+    odometry_track = _odometry(path, files, odometry)
+    child = odometry_track.child if odometry_track else None
     if body_T_lidar is None:
-        body_T_lidar = raised(lift_m) @ extrinsic(tree, clouds.frames)
-    odom_T_body = _odometry(path, files, tree, odometry, clouds.stamps_ns)
+        body_T_lidar = raised(lift_m) @ lidar_on_vehicle(transforms, clouds.frames, child)
+    odom_T_body = np.tile(NO_POSE, (len(clouds.stamps_ns), 1, 1))
+    if odometry_track:
+        odom_T_child = _poses_at(odometry_track, clouds.stamps_ns)
+        odom_T_body = odom_T_child @ child_T_body(transforms, child)
     log = Log(
         clouds.stamps_ns,
         np.full_like(odom_T_body, np.nan),
@@ -276,29 +282,34 @@ def _of_bags(
         yield _of_log(log, row, path, recording, body_T_lidar)
 
 
-def extrinsic(tree: Tree, frames: set[str]) -> NDArray[np.float64]:
-    """The pose (4, 4) of the lidar in the vehicle, by the fixed transforms of bags.
+def lidar_on_vehicle(
+    transforms: Transforms, lidar_frames: set[str], child: str | None
+) -> NDArray[np.float64]:
+    """The pose (4, 4) of the lidar in the vehicle, by the transforms of bags.
 
-    `frames` are those of the clouds. It is the identity where the transforms do not tell it, or the
-    clouds are of several lidars.
+    `lidar_frames` are the frames of the clouds, and `child` the one that odometry moves. Where the
+    transforms know none of the vehicle, the lidar is the vehicle. Raises LogError where they do,
+    but do not say where the lidar sits on it.
     """
-    if len(frames) == 1:
-        for body in BODIES:
-            body_T_lidar = tree.fixed(body, *frames)
-            if body_T_lidar is not None:
-                return body_T_lidar
-    return raised(0.0)
+    bodies = (*BODIES, child) if child else BODIES
+    body_T_lidar = transforms.body_T_lidar(bodies, lidar_frames)
+    if body_T_lidar is not None:
+        return body_T_lidar
+    tree = transforms.every()
+    for body in bodies:
+        if body in tree.frames:
+            raise LogError(
+                f"{tree.where}: no fixed transforms lead from {body} to "
+                f"{', '.join(sorted(lidar_frames)):.80}, the frame of its points; give "
+                "--body-T-lidar"
+            )
+    return np.eye(4)
 
 
-def _odometry(
-    path: Path, files: list[BagFile], tree: Tree, name: str | None, stamps_ns: Stamps
-) -> Poses:
-    """The vehicle's poses (n, 4, 4) by odometry at stamps (n,); NaN where there is none.
-
-    `name` is the topic of the poses, tf:PARENT>CHILD, or None.
-    """
+def _odometry(path: Path, files: list[BagFile], name: str | None) -> Track | None:
+    """The poses on the topic `name`, or of tf:PARENT>CHILD; None for no name."""
     if name is None:
-        return np.tile(NO_POSE, (len(stamps_ns), 1, 1))
+        return None
     pose_topics = set[str]()
     for file in files:
         pose_topics |= {topic for topic, at in file.topics.items() if at.kind in KINDS}
@@ -307,21 +318,17 @@ def _odometry(
             f"--odometry {name}: {path} has the poses {', '.join(sorted(pose_topics)) or 'none'}; "
             "or tf:PARENT>CHILD"
         )
-    odometry_track = track(files, name, ODOMETRY_GAP_S)
-    trajectory, _ = vehicle.split_at_jumps(name, odometry_track.trajectory)
-    restarts_ns = odometry_track.trajectory.stamps_ns[vehicle.jumps(odometry_track.trajectory)]
-    odom_T_child = vehicle.odometry_at(trajectory, stamps_ns, restarts_ns)
-    return np.asarray(odom_T_child @ child_T_body(tree, odometry_track.child))
+    return track(files, name, ODOMETRY_GAP_S)
 
 
-def child_T_body(tree: Tree, child: str | None) -> NDArray[np.float64]:
-    """The pose (4, 4) of the vehicle in the frame that odometry moves, by fixed transforms.
+def _poses_at(odometry: Track, stamps_ns: Stamps) -> Poses:
+    """The poses (n, 4, 4) by odometry at stamps (n,); NaN where there is none."""
+    trajectory, _ = vehicle.split_at_jumps(odometry.name, odometry.trajectory)
+    restarts_ns = odometry.trajectory.stamps_ns[vehicle.jumps(odometry.trajectory)]
+    return vehicle.odometry_at(trajectory, stamps_ns, restarts_ns)
 
-    It is the identity where these do not tell it.
-    """
-    if child:
-        for body in BODIES:
-            pose = tree.fixed(child, body)
-            if pose is not None:
-                return pose
-    return np.eye(4)
+
+def child_T_body(transforms: Transforms, child: str | None) -> NDArray[np.float64]:
+    """The pose (4, 4) of the vehicle in the frame that odometry moves; the identity if unknown."""
+    pose = transforms.fixed(*((child, body) for body in BODIES)) if child else None
+    return np.eye(4) if pose is None else pose

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.errors import ConfigError, LogError
-from pipeline.core.frames import ROUNDED_NS
+from pipeline.core.frames import ROUNDED_NS, Poses
 from pipeline.core.settings import Positive, check
 from pipeline.formats import bag_file
 from pipeline.formats.bag import CLOUD, IMU, SWEEP
@@ -23,8 +23,9 @@ from pipeline.formats.bag_file import BagFile
 from pipeline.readers import log, vehicle
 from pipeline.readers.bag_clouds import Clouds
 from pipeline.readers.bag_heading import heading
-from pipeline.readers.bag_poses import KINDS, Track, Tree, track
+from pipeline.readers.bag_poses import KINDS, Track, track
 from pipeline.readers.log import Log, PosedRows
+from pipeline.readers.mounting import Transforms
 
 
 @dataclass(frozen=True)
@@ -246,19 +247,15 @@ def _split_at_jumps(odometry: Track) -> Track:
     return replace(odometry, trajectory=trajectory, notes=odometry.notes + notes)
 
 
-def _fixed_transform(where: Path, files: Sequence[BagFile], a: str, b: str) -> NDArray[np.float64]:
-    """a_T_b (4, 4) by the fixed transforms of the bags; raises LogError if there is none.
-
-    They are on tf_static, or else on tf, where some drivers repeat them.
-    """
-    for moving in (False, True):
-        a_T_b = np.eye(4) if a == b else Tree.read(files, moving).fixed(a, b)
-        if a_T_b is not None:
-            return a_T_b
-    raise LogError(
-        f"{where}: no fixed transforms lead from {a} to {b}; give reader.body_T_lidar, or a pose "
-        "of that frame"
-    )
+def _fixed_transform(where: Path, files: Sequence[BagFile], a: str, b: str) -> Poses:
+    """a_T_b (4, 4) by the fixed transforms of the bags; raises LogError if there is none."""
+    a_T_b = Transforms.read(files).fixed((a, b))
+    if a_T_b is None:
+        raise LogError(
+            f"{where}: no fixed transforms lead from {a} to {b}; give reader.body_T_lidar, or a "
+            "pose of that frame"
+        )
+    return a_T_b
 
 
 def _rows_with_truth(

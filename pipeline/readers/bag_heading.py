@@ -17,7 +17,8 @@ from pipeline.core.frames import Stamps
 from pipeline.formats.bag import IMU
 from pipeline.formats.bag_file import BagFile
 from pipeline.formats.messages import header
-from pipeline.readers.bag_poses import Tree, longest_increasing, message_stamps
+from pipeline.readers.bag_poses import longest_increasing, message_stamps
+from pipeline.readers.mounting import Transforms
 
 UNMEASURED_COVARIANCE = -1.0
 """The first number of the covariance of what an IMU does not measure, by REP 145."""
@@ -130,10 +131,9 @@ def _up(
         (imu,) = imu_frames
         if lidar == imu:
             return vehicle_R_lidar[2], ()
-        for moving in (False, True):  # on tf_static, else on tf, where some drivers repeat them
-            lidar_T_imu = Tree.read(files, moving).fixed(lidar, imu)
-            if lidar_T_imu is not None:
-                return vehicle_R_lidar[2] @ lidar_T_imu[:3, :3], ()
+        lidar_T_imu = Transforms.read(files).fixed((lidar, imu))
+        if lidar_T_imu is not None:
+            return vehicle_R_lidar[2] @ lidar_T_imu[:3, :3], ()
     return np.array([0.0, 0.0, 1.0]), (
         f"{topic}: no fixed transforms place its IMU; its z axis is taken for up",
     )

@@ -31,8 +31,6 @@ from pipeline.readers.log import Uncertainty
 
 KINDS = (ODOMETRY, POSE, POSE_COVARIANCE)
 """The types of messages that hold a pose."""
-BODIES = ("base_footprint", "base_link", "body", "imu", "imu_link")
-"""Frames that may stand for the vehicle, the likeliest first."""
 MAX_FIXED_CHANGE = 1e-6
 """A transform whose entries (metres, rotation matrix) never change by more than this is fixed."""
 
@@ -209,6 +207,11 @@ class Tree:
             step = parent_T_child if is_forward else np.linalg.inv(parent_T_child)
             a_T_b = a_T_b @ step
         return a_T_b
+
+    @property
+    def frames(self) -> set[str]:
+        """The names of all frames."""
+        return {frame for edge in self.edges for frame in edge}
 
     def moves(self, a: str, b: str) -> bool:
         """Whether transforms lead from a to b, and at least one of them changes over time."""

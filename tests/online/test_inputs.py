@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pipeline.core.errors import LogError
 from pipeline.formats import pcd
 from pipeline.formats.bag import BagWriter
 from pipeline.formats.folder import SCAN_FOLDERS
@@ -95,3 +96,48 @@ def test_scans_in_a_subfolder_are_opened_to_localise_and_to_estimate_poses(
     if name != "velodyne_sync":  # NCLT's: a log of that data set
         log = open_unposed(tmp_path)
         np.testing.assert_array_equal(log.points(0), np.ones((3, 3)))
+
+
+def mounted(folder: Path, topic: str, **transforms: np.ndarray) -> Path:
+    """A bag with a cloud of one point, 1 m ahead of `laser`, whose transforms are on `topic`.
+
+    They lead from base_link to each of `transforms`, and are sent twice, before and after it.
+    """
+    with BagWriter(folder, "mcap") as writer:
+        for stamp_ns in (START_NS, START_NS + 2 * STEP_NS):
+            for child, base_T_child in transforms.items():
+                writer.transform(stamp_ns, "base_link", child, base_T_child, topic)
+        point_m = np.array([[1, 0, 0]], np.float32)
+        writer.points(START_NS + STEP_NS, "laser", point_m, np.ones(1), np.zeros(1, int))
+    return folder
+
+
+@pytest.mark.parametrize("topic", ["/tf_static", "/tf"])
+def test_a_lidar_is_placed_by_fixed_transforms_wherever_they_are_sent(
+    tmp_path: Path, topic: str
+) -> None:
+    """The laser sits 0.3 m behind base_link and looks backward: the point is at -1.3 m."""
+    bag = mounted(tmp_path / "day", topic, laser=planar(-0.3, 0, 180))
+    (file,) = bag.glob("*.mcap")
+    (localized,) = scans(str(bag), OTHER, 0.0)
+    (followed,) = Following(file, None, 0.0, 0.3).scans()
+    estimated = open_unposed(bag).points(0)
+    for points_m in (localized.points(), followed.points(), estimated):
+        np.testing.assert_allclose(points_m, [[-1.3, 0, 0]], atol=1e-6)
+
+
+def test_a_lidar_that_no_transform_places_on_the_vehicle_is_refused(tmp_path: Path) -> None:
+    bag = mounted(tmp_path / "day", "/tf_static", camera=planar(0.3, 0, 0))
+    (file,) = bag.glob("*.mcap")
+    says = "no fixed transforms lead from base_link to laser, .* give --body-T-lidar"
+    with pytest.raises(LogError, match=says):
+        next(scans(str(bag), OTHER, 0.0))
+    with pytest.raises(LogError, match=says):
+        next(Following(file, None, 0.0, 0.3).scans())
+    (scan,) = scans(str(bag), OTHER, 0.0, body_T_lidar=planar(0, 2, 0))
+    np.testing.assert_allclose(scan.points(), [[1, 2, 0]], atol=1e-6)
+
+
+def test_without_transforms_the_lidar_is_the_vehicle(tmp_path: Path) -> None:
+    (scan,) = scans(str(mounted(tmp_path / "day", "/tf")), OTHER, 0.5)
+    np.testing.assert_allclose(scan.points(), [[1, 0, 0.5]], atol=1e-6)
