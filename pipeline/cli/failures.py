@@ -21,7 +21,7 @@ from pipeline.cli.summary import tell_left_out
 from pipeline.core.errors import ConfigError, LogError
 
 if TYPE_CHECKING:  # at run time these would slow the start of every command
-    from pipeline.online.failures import JudgedFix
+    from pipeline.evaluation.failures import JudgedFix
     from pipeline.posing.targets import Targets
     from pipeline.studies.models import ModelName
     from pipeline.studies.study import Study
@@ -64,18 +64,19 @@ def failures(
     promise: Promise = 0.99,
 ) -> None:
     """A picture of each fix that the verdict got wrong."""
-    from pipeline.online import failures as cards
+    from pipeline.evaluation.failures import failures as failed
+    from pipeline.online.failures import draw
 
     check_folder(out)
     if of.count("/") == 2 and not Path(of).exists():
         judged = _judged_of_study(of, log, promise)
     else:
         judged = _judged_of_site(of, log, body_T_lidar, promise)
-    misjudged_fixes = cards.failures(judged.fixes)
+    misjudged_fixes = failed(judged.fixes)
     out.mkdir(parents=True, exist_ok=True)
     heading_end = f"{judged.promise_text}, simulated" if judged.simulated else judged.promise_text
     for number, fix in enumerate(misjudged_fixes[:worst], start=1):
-        cards.draw(judged.targets, fix, out / f"{number:03d}_{fix.file_name}", heading_end)
+        draw(judged.targets, fix, out / f"{number:03d}_{fix.file_name}", heading_end)
     n_accepted_wrong = sum(fix.accepted for fix in misjudged_fixes)
     n_rejected_right = len(misjudged_fixes) - n_accepted_wrong
     print(
@@ -125,7 +126,10 @@ def _judged_of_study(name: str, day: str | None, promise: float | None) -> Judge
 
     Raises ConfigError for a study, model or day that does not exist.
     """
-    from pipeline.online.failures import of_study
+    from pipeline.core import store
+    from pipeline.core.schemas import Fixes
+    from pipeline.evaluation.failures import of_drive, reject_from
+    from pipeline.mapping.from_above import Drive
     from pipeline.posing.targets import Targets
     from pipeline.studies.layout import Layout
 
@@ -137,12 +141,11 @@ def _judged_of_study(name: str, day: str | None, promise: float | None) -> Judge
     layout = Layout()
     fixes: list[JudgedFix] = []
     for test_day in [day] if day else study.asked_days:
-        fixes += of_study(
-            layout.answers(dataset, grid, model, test_day),
-            layout.path("scans", dataset, test_day),
-            layout.path("submaps", dataset, test_day),
-            promise,
+        answers = store.read(layout.answers(dataset, grid, model, test_day), Fixes)
+        drive = Drive.read(
+            layout.path("scans", dataset, test_day), layout.path("submaps", dataset, test_day)
         )
+        fixes += of_drive(answers, drive, reject_from(answers, promise), f"{test_day} query {{}}")
     return JudgedFixes(
         fixes,
         Targets.read(layout.path("map", dataset, study.train_text)),

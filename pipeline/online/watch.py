@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from pipeline.core.errors import ConfigError
 from pipeline.core.frames import Poses, moved
 from pipeline.core.replacing import replace
+from pipeline.mapping.from_above import standing
 from pipeline.online.inputs import Scan
 from pipeline.online.level_site import LevelSite
 from pipeline.online.site import Fix, Site
@@ -32,8 +33,8 @@ PATH_GREY = (90, 90, 90)
 TRUTH_YELLOW = (240, 228, 66)
 MAP_POINTS = 400_000
 """The map is thinned to about so many points."""
-WALL_M = 0.3
-"""Points below this are ground, which would hide the walls, and are not shown."""
+WALLS_M = (0.3, np.inf)
+"""Points below the first of these heights are ground, which would hide the walls."""
 BEHIND_M = (-22.0, 0.0, 13.0)
 AHEAD_M = (10.0, 0.0, 0.0)
 """Where the camera behind the robot is and what it looks at, in the robot's frame."""
@@ -100,7 +101,7 @@ class Recording:
         stream.set_time("scan", sequence=number)
         if scan.stamp_ns is not None:
             stream.set_time("time", timestamp=np.datetime64(scan.stamp_ns, "ns"))
-        walls_m = points_m if self._site.is_level else _walls(points_m)
+        walls_m = points_m if self._site.is_level else standing(points_m, WALLS_M)
         colour = COLOURS[fix.verdict]
         self._log_placed(ROBOT, walls_m, fix.world_T_sensor, colour)
         runner_up = fix.runners_up[0] if fix.runners_up else None
@@ -248,13 +249,10 @@ def whole_map(site: Site) -> NDArray[np.float64]:
     if isinstance(site, LevelSite):
         points_m = site.walls_m
     else:
-        walls_m = []
-        for row, world_T_anchor in enumerate(site.targets.world_T_anchor):
-            walls_m.append(moved(world_T_anchor, _walls(site.targets.points_m(row))))
+        targets = site.targets
+        walls_m = [
+            moved(world_T_anchor, standing(targets.points_m(row), WALLS_M))
+            for row, world_T_anchor in enumerate(targets.world_T_anchor)
+        ]
         points_m = np.concatenate(walls_m)
     return points_m[:: max(1, len(points_m) // MAP_POINTS)]
-
-
-def _walls(points_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The points of a scan (n, 3) that are not on the ground."""
-    return points_m[points_m[:, 2] > WALL_M]

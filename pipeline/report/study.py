@@ -15,11 +15,13 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pipeline.core import store
+from pipeline.core.errors import ArtifactError
 from pipeline.core.schemas import Labels, Submaps
 from pipeline.core.store import A
 from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.judgement import Evaluations
 from pipeline.evaluation.protocols import Distance
+from pipeline.mapping.from_above import Drive, Footprint, along
 from pipeline.report.result import Result, by_model, ranked, read_scores
 from pipeline.report.selection import pick, with_model
 from pipeline.studies import study as studies
@@ -170,6 +172,25 @@ class Study:
             for sequence in self.settings.train
         ]
         return np.asarray(np.concatenate(poses)[:, :2, 3], np.float64)
+
+    def drive(self, sequence: str) -> Drive:
+        """The scans of a sequence; raises ArtifactError if they or their submaps are not here."""
+        return Drive.read(self.find("scans", sequence), self.find("submaps", sequence))
+
+    def trained_m(self) -> NDArray[np.float64]:
+        """The points (n, 3) in the world of what stood along the training drives.
+
+        Raises ArtifactError if their scans or submaps are not here.
+        """
+        return along(self.drive(sequence) for sequence in self.settings.train)
+
+    @cached_property
+    def footprint(self) -> Footprint | None:
+        """Where something stood along the training drives; None if their scans are not here."""
+        try:
+            return Footprint.of(self.trained_m())
+        except ArtifactError:
+            return None
 
     @cached_property
     def labels(self) -> Labels:

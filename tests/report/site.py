@@ -17,6 +17,7 @@ from pipeline.core import schemas, store
 from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.protocols import Distance
 from pipeline.evaluation.rows import row, table
+from pipeline.mapping.from_above import Drive, Footprint, along
 from pipeline.report.findings import Finding
 from pipeline.report.result import Result
 from pipeline.report.section import Illustration, Section
@@ -126,9 +127,11 @@ def study(root: Path, path_xy_m: np.ndarray = PATH_XY_M) -> Any:
         best="sci",
         find=find,
     )
-    fake.artifact = lambda kind, stage, sequence: store.read(
-        root / "drives" / sequence / f"{stage}.zarr", kind
+    drives = root / "drives"
+    fake.drive = lambda sequence: Drive.read(
+        drives / sequence / "scans.zarr", drives / sequence / "submaps.zarr"
     )
+    fake.footprint = Footprint.of(along(map(fake.drive, TRAIN)))
     fake.cut_short = {"sci": 0.1}
     fake.distance = Distance(correct_m=12.0)
     fake.bootstrap = Bootstrap()

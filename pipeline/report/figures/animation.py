@@ -4,11 +4,14 @@ In: frames as pixels, and a palette. Out: a file as .gif, .webp or animated .png
 """
 
 from collections.abc import Iterable, Sequence
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from matplotlib.font_manager import findfont
 from numpy.typing import NDArray
-from PIL import Image
+from PIL import Image, ImageFont
 from PIL.ImageColor import getrgb
 from scipy.spatial import KDTree
 
@@ -84,3 +87,9 @@ def _indexed(frame: NDArray[np.uint8], table: NDArray[np.uint8], tree: KDTree) -
     image = Image.fromarray(np.asarray(nearest, np.uint8)[colour_of_pixel].reshape(frame.shape[:2]))
     image.putpalette(table.tobytes())
     return image
+
+
+@cache
+def font(size_px: int, bold: bool = False) -> Any:
+    """A font that comes with matplotlib."""
+    return ImageFont.truetype(findfont(f"DejaVu Sans:{'bold' if bold else 'regular'}"), size_px)

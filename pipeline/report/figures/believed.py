@@ -16,7 +16,6 @@ from pipeline.core.errors import ArtifactError
 from pipeline.core.frames import Poses, distance_and_turn, moved
 from pipeline.evaluation.judgement import Evaluations
 from pipeline.evaluation.numbers import within
-from pipeline.report.clouds import Drive, trained_m
 from pipeline.report.result import day
 from pipeline.report.study import Study
 
@@ -50,7 +49,7 @@ class BelievedDrive:
         A model without poses lays a scan at the place that it names, with the true heading. Raises
         ArtifactError if an artifact is not built.
         """
-        scans = Drive.read(study, sequence)
+        scans = study.drive(sequence)
         world_T_true = scans.world_T_anchor
         evaluation = study.artifact(Evaluations, "evaluate", sequence, model).case()
         posed = evaluation.has_poses
@@ -66,7 +65,7 @@ class BelievedDrive:
             promise = None
             poses = world_T_true.copy()
             poses[:, :2, 3] = evaluation.answer_xy_m
-        map_m = trained_m(study)
+        map_m = study.trained_m()
         _, first = np.unique(np.floor(map_m / VOXEL_M), axis=0, return_index=True)
         return cls(
             where=study.where,

@@ -5,18 +5,17 @@ stays where the robot was, and the count of accepted, wrong and refused poses ru
 """
 
 from collections.abc import Sequence
-from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from matplotlib.font_manager import findfont
 from numpy.typing import NDArray
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image, ImageDraw
 
 from pipeline.core.frames import Poses, moved, yaw
 from pipeline.core.progress import Progress
+from pipeline.mapping.from_above import ROBOT
 from pipeline.report.figures import animation
+from pipeline.report.figures.animation import font
 from pipeline.report.figures.believed import BelievedDrive
 from pipeline.report.figures.style import SIMULATED
 
@@ -142,8 +141,7 @@ def _dots(
 
 def _robot(draw: ImageDraw.ImageDraw, world_T_robot: Poses, camera_T_world: Poses) -> None:
     """Draw the robot as an arrow on the ground."""
-    corners_m = np.array([(3.2, 0, 0), (-2.0, 1.6, 0), (-1.0, 0, 0), (-2.0, -1.6, 0)])
-    at_px, _ = projected(camera_T_world, moved(world_T_robot, corners_m))
+    at_px, _ = projected(camera_T_world, moved(world_T_robot, ROBOT))
     draw.polygon([tuple(corner) for corner in at_px.tolist()], fill=INK)
 
 
@@ -191,9 +189,3 @@ def _words(
     draw.rectangle((0, HEIGHT_PX - 78, 385, HEIGHT_PX), fill="#FFFFFF")
     for number, (text, ink) in enumerate(rows):
         draw.text((14, HEIGHT_PX - 72 + 22 * number), text, ink, font(TEXT_PX + 2, bold=True))
-
-
-@cache
-def font(size_px: int, bold: bool = False) -> Any:
-    """A font that comes with matplotlib."""
-    return ImageFont.truetype(findfont(f"DejaVu Sans:{'bold' if bold else 'regular'}"), size_px)

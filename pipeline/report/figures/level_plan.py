@@ -16,10 +16,12 @@ from PIL import Image, ImageDraw
 from pipeline.core.frames import moved
 from pipeline.core.progress import Progress
 from pipeline.level.level_map import LevelMap
+from pipeline.mapping.from_above import ROBOT
 from pipeline.online.site import Fix
 from pipeline.online.watch import COLOURS
 from pipeline.report.figures import animation
-from pipeline.report.figures.chase import GREY, INK, font
+from pipeline.report.figures.animation import font
+from pipeline.report.figures.chase import GREY, INK
 
 WIDTH_PX = 800
 MOST_HEIGHT_PX = 700
@@ -30,7 +32,8 @@ UNKNOWN = "#E4E4E4"
 FREE = "#FFFFFF"
 WALL = "#4A4A4A"
 WALL_SHARE = 0.15  # a pixel is drawn as a wall from this share of it on
-ROBOT_M = 0.9  # length of the robot's arrow, which can be seen so
+ROBOT_M = 1.0  # least length of the robot's arrow, which can be seen so
+ROBOT_PX = 15.0
 
 
 class Seen(NamedTuple):
@@ -146,9 +149,9 @@ def _arrow(
     colour: tuple[int, int, int] | None,
 ) -> None:
     """Draw the robot as an arrow, which is hollow without a colour."""
-    length_m = max(ROBOT_M, 14 / plan.px(1.0))
-    corners_m = length_m * np.array([(0.7, 0.0), (-0.4, 0.4), (-0.2, 0.0), (-0.4, -0.4)])
-    in_world_m = moved(world_T_robot, corners_m)
+    length_m = max(ROBOT_M, ROBOT_PX / plan.px(1.0))
+    corners_m = length_m / np.ptp(ROBOT[:, 0]) * ROBOT
+    in_world_m = moved(world_T_robot, corners_m)[:, :2]
     corners_px = [tuple(corner) for corner in plan.at_px(in_world_m).tolist()]
     draw.polygon(corners_px, fill=colour, outline=INK)
 

@@ -20,8 +20,8 @@ from pipeline.core.errors import ArtifactError
 from pipeline.core.frames import yaw
 from pipeline.evaluation import judgement as judged
 from pipeline.evaluation.judgement import Evaluation, Judgement
+from pipeline.mapping.from_above import CELL_M, Footprint
 from pipeline.report.alignment import best_shifts, spectra
-from pipeline.report.clouds import CELL_M, Drive, Footprint
 from pipeline.report.figures.style import png_text
 from pipeline.report.result import Result, by_sequence, dates
 from pipeline.report.study import Study
@@ -49,7 +49,7 @@ def chart(study: Study) -> dict[str, Any]:
     views_of = ((model, Views.read(study, model, *study.train.split())) for model in study.models)
     view_model, train = next(((model, views) for model, views in views_of if views), ("", None))
     training = Training(train, KDTree(study.train_xy_m))
-    footprint = Footprint.read(study)
+    footprint = study.footprint
     origin_m = np.rint(study.train_xy_m.mean(axis=0))  # is subtracted, so that numbers are small
     days = dates(study.results)
     sequences = []
@@ -91,7 +91,8 @@ def chart(study: Study) -> dict[str, Any]:
 def _ground(footprint: Footprint, origin_m: NDArray[np.float64]) -> dict[str, Any]:
     """The footprint of training as a picture, and where its corner lies."""
     corner = (footprint.corner_m - origin_m).round(2).tolist()
-    return {"png": footprint.png(), "corner": corner, "cell_m": footprint.cell_m}
+    png = png_text(Image.fromarray(footprint.occupied[::-1]), transparency=0)
+    return {"png": png, "corner": corner, "cell_m": footprint.cell_m}
 
 
 def packed(array: NDArray[Any], dtype: str) -> dict[str, Any]:
@@ -258,7 +259,7 @@ def _kept_queries(believed: Mapping[str, NDArray[np.bool_]], most: int) -> NDArr
 def _scans(study: Study, sequence: str, rows: NDArray[np.int64]) -> dict[str, Any] | None:
     """The points of some submaps of a drive; None if its scans are not here."""
     try:
-        drive = Drive.read(study, sequence)
+        drive = study.drive(sequence)
     except ArtifactError:
         return None
     cells = [drive.cells(row) for row in rows]

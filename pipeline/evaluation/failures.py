@@ -1,0 +1,118 @@
+"""Fixes whose verdict is wrong: a wrong pose accepted, or a right one rejected.
+
+In: the fixes of a test sequence, or of a log with true poses. Out: those that fail, the surest
+verdicts first, of which `yearloc failures` and the report draw cards.
+"""
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.alterations import Case, read_cases
+from pipeline.core.errors import ConfigError
+from pipeline.core.frames import RIGHT_WITHIN, Poses, distance_and_turn
+from pipeline.core.schemas import Fixes
+from pipeline.evaluation.numbers import within
+from pipeline.mapping.from_above import Drive
+
+
+@dataclass(frozen=True)
+class JudgedFix:
+    """A fix whose true pose is known."""
+
+    name: str
+    standing_m: Callable[[], NDArray[np.float64]]
+    """Reads the scan's points (n, 3) that stand on the ground."""
+    world_T_found: Poses
+    """(4, 4) the pose of the fix."""
+    world_T_true: Poses
+    """(4, 4) the true pose."""
+    accepted: bool
+    overlap: float
+    novelty: float
+    right_within: tuple[float, float] = RIGHT_WITHIN
+    """A pose is right within these metres and degrees of the true one."""
+
+    @property
+    def off(self) -> tuple[float, float]:
+        """How far the pose is from the true one, in metres and degrees."""
+        away_m, turn_deg = distance_and_turn(self.world_T_found[None], self.world_T_true[None])
+        return float(away_m[0]), float(turn_deg[0])
+
+    @property
+    def fails(self) -> bool:
+        """Whether the verdict is wrong: a wrong pose accepted, or a right one rejected."""
+        return bool(within(self.right_within, *np.array(self.off))) != self.accepted
+
+    @property
+    def kind(self) -> str:
+        """What is wrong with the verdict, in words."""
+        return "accepted, and wrong" if self.accepted else "rejected, and right"
+
+    @property
+    def file_name(self) -> str:
+        """The name of the card's file."""
+        letters = "".join(letter if letter.isalnum() else "_" for letter in self.name)
+        return f"{'accepted' if self.accepted else 'rejected'}_{letters}.png"
+
+
+def failures(fixes: Iterable[JudgedFix]) -> list[JudgedFix]:
+    """The fixes whose verdict is wrong, the surest verdicts first.
+
+    Accepted ones come first, those of the least novelty before others; then rejected ones, those of
+    the most novelty before others.
+    """
+    failed = [fix for fix in fixes if fix.fails]
+    accepted = sorted((fix for fix in failed if fix.accepted), key=lambda fix: fix.novelty)
+    rejected = sorted((fix for fix in failed if not fix.accepted), key=lambda fix: -fix.novelty)
+    return accepted + rejected
+
+
+def reject_from(fixes: Fixes, promise: float | None) -> float:
+    """The novelty from which poses are rejected to keep `promise`; None accepts nothing.
+
+    Raises ConfigError for a promise that the fixes cannot make.
+    """
+    if promise is None:
+        return 0.0
+    promised = zip(fixes.promises, fixes.promised, strict=True)
+    thresholds = {precision: novelty for precision, novelty in promised if novelty > 0}
+    if promise not in thresholds:
+        possible = (
+            f"they can {' and '.join(map(str, thresholds))}"
+            if thresholds
+            else "nor any other; --promise none draws them"
+        )
+        raise ConfigError(f"--promise {promise:g}: these poses cannot promise that, {possible}")
+    return thresholds[promise]
+
+
+def of_drive(
+    fixes: Fixes, drive: Drive, reject_from: float, name: str = "{}"
+) -> Iterator[JudgedFix]:
+    """The judged fixes of a test sequence of a study as it was driven.
+
+    A fix is accepted if its novelty is below `reject_from`. In `name` stands {} for the number of
+    the query.
+    """
+    # the queries as driven are one of the cases, which lie one after the other
+    count = len(drive.world_T_anchor)
+    case = read_cases(fixes.cases).index(Case())
+    rows = slice(case * count, (case + 1) * count)
+    world_T_query = fixes.load("world_T_query")[rows]
+    novelty = fixes.load("novelty")[rows, 0].astype(np.float64)
+    overlap = fixes.load("overlap")[rows].astype(np.float64)
+    for row in np.flatnonzero(np.isfinite(world_T_query).all((1, 2))).tolist():
+        yield JudgedFix(
+            name.format(row),
+            partial(drive.standing_m, row),
+            world_T_query[row],
+            drive.world_T_anchor[row],
+            bool(novelty[row] < reject_from),
+            overlap[row],
+            novelty[row],
+            fixes.right_within,
+        )
