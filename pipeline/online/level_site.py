@@ -140,7 +140,8 @@ class LevelTracker:
     """Follows a robot through a level site, gathering its sweeps by odometry.
 
     If `is_tracking`, a fix is sought where the robot is believed to be, and judged by all sweeps so
-    far. Otherwise each fix is that of the gathered sweeps alone, sought in the whole map.
+    far; it starts as tracking.py says. Otherwise each fix is that of the gathered sweeps alone,
+    sought in the whole map.
     """
 
     def __init__(
@@ -156,6 +157,7 @@ class LevelTracker:
         self._gatherer = Gatherer()
         self._belief = Belief(site.description.verdict.unseen_share)
         self._pose: NDArray[np.float64] | None = None  # world_T_robot, from which it is tracked
+        self._start_views = 0  # how many views were believed where the track started
         self._misses = 0  # sweeps in a row whose fix was not accepted, while tracked
         self._previous_scan: Scan | None = None
 
@@ -215,13 +217,16 @@ class LevelTracker:
         # judge the fix by what is believed
         chance_by_sweeps = float(np.clip(fix.chance, LEAST_CHANCE, 1 - LEAST_CHANCE))
         chance = self._belief.see(fix.world_T_sensor, chance_by_sweeps, tracked=guess is not None)
-        kept_promises = [promise for promise in site.promises if chance >= promise]
+        by_path = guess is not None and self._belief.views > self._start_views
+        kept_promises = site.kept_along_path(fix, chance, by_path)
         verdict: Word = "accepted" if self._promise in kept_promises else "rejected"
         if verdict == "rejected" and guess is None and fix.verdict in ("near", "ambiguous"):
             # both need rival poses, which are looked for in the whole map only: not while tracked
             verdict = fix.verdict
         # track on from here, or be lost after too many misses
         if verdict == "accepted":
+            if guess is None:
+                self._start_views = self._belief.views
             self._pose = fix.world_T_sensor
             self._misses = 0
         elif guess is not None:

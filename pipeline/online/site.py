@@ -280,6 +280,18 @@ class Site:
         ]
         return verdict, max(kept_promises, default=None)
 
+    def kept_along_path(self, fix: Fix, chance: float, by_path: bool) -> list[float]:
+        """The promises that a fix keeps, right with `chance` given all scans before.
+
+        Unless it may be believed `by_path`, they are only those that it keeps alone.
+        """
+        kept_alone = fix.promised_precision or 0.0
+        return [
+            promise
+            for promise in self.promises
+            if chance >= promise and (by_path or promise <= kept_alone)
+        ]
+
     def _place(self, hypothesis: Hypothesis) -> int:
         """The place that a hypothesis lies in."""
         return int(self.places.at(hypothesis.world_T_query[None, :2, 3])[0])

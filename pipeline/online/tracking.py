@@ -9,6 +9,9 @@ For each scan a `Tracker`
 3. judges the fix by what is believed of all scans so far;
 4. tracks the robot from an accepted fix on; after PATIENCE scans without one it is lost.
 
+A track starts only from a fix that its own scan's verdict accepts, and until the robot has moved on
+from there every other fix must be accepted by its own scan too.
+
 `Motion` predicts the steps of a robot without odometry.
 """
 
@@ -162,6 +165,7 @@ class Tracker:
         """How many scans came with odometry since the scan before (True), and without (False)."""
         self._pose: NDArray[np.float64] | None = None  # world_T_robot, from which it is tracked
         self._motion = Motion()
+        self._start_views = 0  # how many views were believed where the track started
         self._misses = 0  # scans in a row whose fix was not accepted, while tracked
         self._stamp_ns: int | None = None  # of the last scan
         self._time_s = 0.0  # of the last scan; without stamps a second a scan
@@ -203,6 +207,8 @@ class Tracker:
         if fix.verdict != "no pose" and fix.chance >= LIKELY:
             self._motion.note_fix(fix.world_T_sensor, self._time_s)
         if fix.verdict == "accepted":
+            if not is_tracked:
+                self._start_views = self.belief.views
             self._pose = fix.world_T_sensor
             self._misses = 0
             self.mode = "tracking"
@@ -255,7 +261,8 @@ class Tracker:
             return fix
         chance_by_scan = float(np.clip(fix.chance, LEAST_CHANCE, 1 - LEAST_CHANCE))
         chance = self.belief.see(fix.world_T_sensor, chance_by_scan, is_tracked)
-        kept_promises = [promise for promise in self.site.promises if chance >= promise]
+        by_path = is_tracked and self.belief.views > self._start_views
+        kept_promises = self.site.kept_along_path(fix, chance, by_path)
         verdict: Word = "accepted" if self._promise in kept_promises else "rejected"
         if verdict == "rejected" and not is_tracked and fix.verdict in ("near", "ambiguous"):
             # both need rival poses, which are looked for in the whole map only: not while tracked

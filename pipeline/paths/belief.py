@@ -6,7 +6,8 @@ earlier fixes have named. What their chances lack of 1 is that of "elsewhere": a
 any place outside the map.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,16 +29,16 @@ REPEAT_SHARE = 0.3
 or the fix may have slipped along a street. It is assumed, not learned."""
 LEAST_CHANCE = 1e-6
 """No fix is taken for surely wrong, nor for surely right: its chance is this far from 0 and 1."""
+NEW_VIEW_M = 0.5
+"""A robot that has moved by less sees the same again: no new evidence."""
 FORGOTTEN_CHANCE = 1e-5
 """A hypothesis of a smaller chance is dropped."""
 
 
-@dataclass
-class Belief:
-    """The hypotheses about where a robot is; at first there are none."""
+@dataclass(frozen=True)
+class Hypotheses:
+    """Poses that the robot may have, with their chances."""
 
-    unseen_share: float = 0.2
-    """The share of queries to expect outside the map, as in the site's verdict (METHODS 9.5)."""
     poses: Poses = field(default_factory=lambda: np.zeros((0, 4, 4)))
     """(hypothesis, 4, 4) in the world: a fix, carried on by odometry since."""
     chances: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
@@ -47,20 +48,85 @@ class Belief:
     drift_deg: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
     """(hypothesis,) standard deviation of the heading by odometry since the fix."""
 
+    def moved(self, step: Poses, doubt: tuple[float, float], jump_chance: float) -> Self:
+        """The hypotheses moved by `step` (4, 4), with the deviations and the chance of a jump."""
+        doubt_m, doubt_deg = doubt
+        return replace(
+            self,
+            poses=self.poses @ step,
+            chances=(1 - jump_chance) * self.chances,
+            drift_m=self.drift_m + doubt_m,
+            drift_deg=self.drift_deg + doubt_deg,
+        )
+
+    def seen(self, world_T_robot: Poses, chance: float, tracked: bool, unseen_share: float) -> Self:
+        """The hypotheses given one more fix, which is the last of them: see `Belief.see`."""
+        elsewhere = 1 - float(self.chances.sum())
+        away_m, turn_deg = distance_and_turn(
+            self.poses, np.broadcast_to(world_T_robot, self.poses.shape)
+        )
+        near = (away_m < RIGHT_M + DEVIATIONS * self.drift_m) & (
+            turn_deg < RIGHT_DEG + DEVIATIONS * self.drift_deg
+        )
+        agrees = near & (away_m < RIGHT_M)
+        # v of METHODS 10.2: the share of wrong fixes that lie near a hypothesis. A tracked fix lies
+        # there in any case, so only its chance counts, against that of a usual query.
+        repeat_share = (1 - unseen_share) / unseen_share if tracked else REPEAT_SHARE
+        right_weight = chance * (elsewhere + float(self.chances[near].sum()) / repeat_share)
+        hypothesis_weights = (1 - chance) * self.chances
+        hypothesis_weights[near] *= REPEAT_SHARE / repeat_share
+        hypothesis_weights[agrees] *= 1 - still_right(self.drift_m[agrees])
+        elsewhere_weight = (1 - chance) * elsewhere
+        total = right_weight + elsewhere_weight + float(hypothesis_weights.sum())
+
+        stays = ~agrees & (hypothesis_weights > FORGOTTEN_CHANCE * total)
+        return replace(
+            self,
+            poses=np.concatenate([self.poses[stays], world_T_robot[None]]),
+            chances=np.append(hypothesis_weights[stays], right_weight) / total,
+            drift_m=np.append(self.drift_m[stays], 0.0),
+            drift_deg=np.append(self.drift_deg[stays], 0.0),
+        )
+
+
+@dataclass
+class Belief:
+    """What is believed about where a robot is; at first nothing.
+
+    The same view without motion is no new evidence. So fixes count one on top of the other only if
+    the robot has moved by NEW_VIEW_M between them. Each other one is weighed against what was
+    believed before the last fix that counted, in place of that.
+    """
+
+    unseen_share: float = 0.2
+    """The share of queries to expect outside the map, as in the site's verdict (METHODS 9.5)."""
+    views: int = 0
+    """How many fixes have counted."""
+    now: Hypotheses = field(default_factory=Hypotheses)
+    """Given all fixes, the last one included."""
+    _counted: Hypotheses = field(default_factory=Hypotheses)  # given all that have counted
+    _before: Hypotheses = field(default_factory=Hypotheses)  # given all of these but the last one
+    _last_pose: Poses = field(default_factory=lambda: np.full((4, 4), np.nan))  # which is here
+    _since: Poses = field(default_factory=lambda: np.eye(4))  # the motion since
+    _is_guessed: bool = False  # whether a step of that motion was
+
     def move(self, step: Poses, doubt: tuple[float, float] | None = None) -> None:
         """Move all hypotheses by `step` (4, 4): the new pose in the frame of the old one.
 
         `doubt` holds the standard deviations of a step that was guessed, in metres and degrees; by
         default they are those of odometry.
         """
+        self._is_guessed |= doubt is not None
         if doubt is None:
             step_m = float(np.linalg.norm(step[:3, 3]))
             doubt = (DRIFT * step_m, TURN_DEG_PER_M * step_m)
-        doubt_m, doubt_deg = doubt
-        self.poses = self.poses @ step
-        self.chances = (1 - JUMP_CHANCE) * self.chances
-        self.drift_m = self.drift_m + doubt_m
-        self.drift_deg = self.drift_deg + doubt_deg
+        self._since = self._since @ step
+        is_same_view = not self._is_guessed and self._since_m < NEW_VIEW_M
+        self.now = self.now.moved(step, doubt, JUMP_CHANCE)
+        # a robot that stands is not lost by and by: the same view says that it is still there
+        jump_chance = 0.0 if is_same_view else JUMP_CHANCE
+        self._counted = self._counted.moved(step, doubt, jump_chance)
+        self._before = self._before.moved(step, doubt, jump_chance)
 
     def see(self, world_T_robot: Poses, chance: float, tracked: bool = False) -> float:
         """Add the pose (4, 4) of a fix, right with `chance` by its scan alone.
@@ -77,30 +143,25 @@ class Belief:
 
         The fix becomes a hypothesis in place of those that agree with it.
         """
-        elsewhere = 1 - float(self.chances.sum())
-        away_m, turn_deg = distance_and_turn(
-            self.poses, np.broadcast_to(world_T_robot, self.poses.shape)
-        )
-        near = (away_m < RIGHT_M + DEVIATIONS * self.drift_m) & (
-            turn_deg < RIGHT_DEG + DEVIATIONS * self.drift_deg
-        )
-        agrees = near & (away_m < RIGHT_M)
-        # v of METHODS 10.2: the share of wrong fixes that lie near a hypothesis. A tracked fix lies
-        # there in any case, so only its chance counts, against that of a usual query.
-        repeat_share = (1 - self.unseen_share) / self.unseen_share if tracked else REPEAT_SHARE
-        right_weight = chance * (elsewhere + float(self.chances[near].sum()) / repeat_share)
-        hypothesis_weights = (1 - chance) * self.chances
-        hypothesis_weights[near] *= REPEAT_SHARE / repeat_share
-        hypothesis_weights[agrees] *= 1 - still_right(self.drift_m[agrees])
-        elsewhere_weight = (1 - chance) * elsewhere
-        total = right_weight + elsewhere_weight + float(hypothesis_weights.sum())
+        moved_m = self._since_m
+        if self._is_guessed:
+            moved_m = float(np.linalg.norm(world_T_robot[:3, 3] - self._last_pose[:3, 3]))
+        if self.views and moved_m < NEW_VIEW_M:
+            self.now = self._before.seen(world_T_robot, chance, tracked, self.unseen_share)
+        else:
+            self._before = self._counted
+            self.now = self._before.seen(world_T_robot, chance, tracked, self.unseen_share)
+            self._counted = self.now
+            self._last_pose = world_T_robot
+            self._since = np.eye(4)
+            self._is_guessed = False
+            self.views += 1
+        return float(self.now.chances[-1])
 
-        stays = ~agrees & (hypothesis_weights > FORGOTTEN_CHANCE * total)
-        self.poses = np.concatenate([self.poses[stays], world_T_robot[None]])
-        self.drift_m = np.append(self.drift_m[stays], 0.0)
-        self.drift_deg = np.append(self.drift_deg[stays], 0.0)
-        self.chances = np.append(hypothesis_weights[stays], right_weight) / total
-        return right_weight / total
+    @property
+    def _since_m(self) -> float:
+        """How far the robot has moved since the last fix that counted."""
+        return float(np.linalg.norm(self._since[:3, 3]))
 
     def slipped_m2(self) -> NDArray[np.float64]:
         """The covariance (3, 3) by which the last fix may have slipped, in the world, in m².
@@ -108,22 +169,23 @@ class Belief:
         It sums up the hypotheses that the fix may have slipped from: their distances and drifts,
         each weighted by its chance.
         """
-        off_m = self.poses[:-1, :3, 3] - self.poses[-1, :3, 3]
-        near = np.linalg.norm(off_m, axis=1) < RIGHT_M + DEVIATIONS * self.drift_m[:-1]
-        chances = np.where(near, self.chances[:-1], 0.0)
+        off_m = self.now.poses[:-1, :3, 3] - self.now.poses[-1, :3, 3]
+        drift_m = self.now.drift_m[:-1]
+        near = np.linalg.norm(off_m, axis=1) < RIGHT_M + DEVIATIONS * drift_m
+        chances = np.where(near, self.now.chances[:-1], 0.0)
         apart_m2 = np.einsum("n,ni,nj->ij", chances, off_m, off_m)
-        return np.asarray(apart_m2 + float((chances * self.drift_m[:-1] ** 2).sum()) * np.eye(3))
+        return np.asarray(apart_m2 + float((chances * drift_m**2).sum()) * np.eye(3))
 
     def best(self) -> tuple[Poses, float] | None:
         """The pose (4, 4) most likely within RIGHT_M of the robot's, and the chance that it is.
 
         None before any fix.
         """
-        if not len(self.chances):
+        if not len(self.now.chances):
             return None
-        chances = self.chances * still_right(self.drift_m)
+        chances = self.now.chances * still_right(self.now.drift_m)
         likeliest = int(chances.argmax())
-        return self.poses[likeliest], float(chances[likeliest])
+        return self.now.poses[likeliest], float(chances[likeliest])
 
 
 def still_right(drift_m: NDArray[np.float64]) -> NDArray[np.float64]:

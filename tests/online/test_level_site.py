@@ -2,6 +2,7 @@
 
 import json
 from collections import Counter
+from copy import copy
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +24,7 @@ from pipeline.level.verdict import pose_is_right
 from pipeline.online.description import describe
 from pipeline.online.level_pack import CARMEN, pack_sweeps
 from pipeline.online.level_site import LevelSite, LevelTracker
-from pipeline.online.site import Site
+from pipeline.online.site import NO_LIMITS, Site
 from pipeline.online.tracking import Tracker
 from pipeline.report.figures.level_plan import Plan
 from tests.level.hall import drive, sweep
@@ -206,6 +207,25 @@ def test_a_tracker_finds_a_robot_again_that_was_carried_without_odometry(hall: P
     assert fix.verdict == "accepted"
     with pytest.raises(InputError, match="a LevelTracker follows its sweeps"):
         Tracker(site)
+
+
+def test_a_level_track_starts_only_from_a_fix_that_its_own_sweeps_accept(hall: Path) -> None:
+    """Belief is no substitute; nor is it from there until the robot has moved on."""
+    site = Site.open(hall)
+    assert isinstance(site, LevelSite)
+    unsure = copy(site)
+    unsure.promises = dict.fromkeys(site.promises, NO_LIMITS)  # no sweeps alone are accepted
+    sweeps = drive(seed=4)
+    tracker = LevelTracker(unsure, 0.95)
+    for row in range(6):
+        fix = tracker.localize(sweeps.points(row), sweeps.step(row))
+        assert (fix.verdict, fix.promised_precision) == ("rejected", None)
+    assert fix.chance > 0.999
+    tracker.site = site
+    assert tracker.localize(sweeps.points(6), sweeps.step(6)).verdict == "accepted"
+    tracker.site = unsure
+    assert tracker.localize(sweeps.points(6), np.eye(4)).verdict == "rejected"
+    assert tracker.localize(sweeps.points(7), sweeps.step(7)).verdict == "accepted"
 
 
 def test_scans_and_commands_of_the_other_kind_of_site_are_refused_in_a_line(

@@ -1,11 +1,12 @@
 """A tracker follows a robot along its path, guesses its motion, and finds it again when lost."""
 
+from copy import copy
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from pipeline.online.site import Site
+from pipeline.online.site import NO_LIMITS, Site
 from pipeline.online.tracking import PATIENCE, Motion, Tracker
 from pipeline.posing.fix import Fix as Registered
 from tests.online.made import ANCHORS, packed
@@ -121,6 +122,21 @@ def test_a_robot_that_is_carried_off_is_lost_and_found(site: Site) -> None:
     assert "lost" in modes
     assert verdicts[-1] == ("accepted", True)
     assert ("accepted", False) not in verdicts
+
+
+def test_a_track_starts_only_from_a_fix_that_its_own_scan_accepts(site: Site) -> None:
+    """Belief is no substitute, be it ever so sure; nor is it from there while the robot stands."""
+    unsure = copy(site)
+    unsure.promises = dict.fromkeys(site.promises, NO_LIMITS)  # no scan alone is accepted
+    tracker = Tracker(unsure)
+    fixes = [tracker.localize(seen(0, 0.5 * i), planar(0.5, 0, 0)) for i in range(6)]
+    assert fixes[-1].chance > 0.999
+    assert {(fix.verdict, fix.promised_precision) for fix in fixes} == {("rejected", None)}
+    tracker.site = site
+    assert tracker.localize(seen(0, 3.0), planar(0.5, 0, 0)).verdict == "accepted"
+    tracker.site = unsure
+    assert tracker.localize(seen(0, 3.0), np.eye(4)).verdict == "rejected"
+    assert tracker.localize(seen(0, 3.5), planar(0.5, 0, 0)).verdict == "accepted"
 
 
 def test_the_command_follows_a_path(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -7,6 +7,13 @@ from pipeline.paths.belief import JUMP_CHANCE, Belief, still_right
 from tests.posing.scene import planar
 
 
+def drive_to_origin(belief: Belief) -> None:
+    """Four fixes with a chance of .99, a metre apart: they leave no doubt."""
+    for x_m in (-3, -2, -1, 0):
+        belief.move(planar(1, 0, 0))
+        belief.see(planar(x_m, 0, 0), 0.99)
+
+
 def test_the_first_fix_has_the_chance_of_its_scan() -> None:
     for chance in (0.05, 0.5, 0.99):
         belief = Belief()
@@ -82,8 +89,7 @@ def test_a_pose_that_slipped_from_a_guess_is_doubted_as_much_as_alone(tracked: b
     right with a weight of .56 × .999 / .3, and has slipped with one of .44 × .999: .81.
     """
     belief = Belief()
-    for _ in range(4):
-        belief.see(planar(0, 0, 0), 0.99)
+    drive_to_origin(belief)
     belief.move(np.eye(4), doubt=(2.0, 4.0))
     believed = belief.see(planar(3.5, 0, 0), 0.56, tracked)
     assert believed < 0.9
@@ -96,22 +102,19 @@ def test_a_pose_that_may_have_slipped_is_off_by_as_much() -> None:
     So its covariance is .19 (3.5² + 2²) m² along x, and .19 · 2² m² across.
     """
     belief = Belief()
-    for _ in range(4):
-        belief.see(planar(0, 0, 0), 0.99)
+    drive_to_origin(belief)
     belief.move(np.eye(4), doubt=(2.0, 4.0))
     wrong = 1 - belief.see(planar(3.5, 0, 0), 0.56)
     moment_m2 = belief.slipped_m2()
     assert np.diag(moment_m2) == pytest.approx(wrong * np.array([3.5**2 + 4, 4, 4]), rel=0.01)
     sure = Belief()
-    for _ in range(2):
-        sure.see(planar(0, 0, 0), 0.99)
+    drive_to_origin(sure)
     assert not sure.slipped_m2().any()
 
 
 def test_a_pose_beside_a_sure_guess_is_believed_for_it() -> None:
     belief = Belief()
-    for _ in range(4):
-        belief.see(planar(0, 0, 0), 0.99)
+    drive_to_origin(belief)
     belief.move(planar(5, 0, 0), doubt=(0.1, 1.0))
     assert belief.see(planar(5.1, 0, 0), 0.8, tracked=True) > 0.99
 
@@ -120,20 +123,56 @@ def test_a_pose_beside_a_guess_may_be_turned_as_far_as_the_guess() -> None:
     for turn_deg, near in ((16, True), (18, False)):  # 5°, and three times 4°
         belief = Belief()
         belief.see(planar(0, 0, 0), 0.9)
-        belief.move(np.eye(4), doubt=(2.0, 4.0))
-        assert (belief.see(planar(0, 0, turn_deg), 0.9) > 0.9) == near
+        belief.move(planar(1, 0, 0), doubt=(2.0, 4.0))
+        assert (belief.see(planar(1, 0, turn_deg), 0.9) > 0.9) == near
 
 
 def test_a_carried_robot_is_found_again_by_poses_that_agree() -> None:
     belief = Belief()
     chances = []
-    for x_m in (*[0] * 20, *[300] * 8):
-        belief.move(planar(0, 0, 0))
+    for x_m in (*range(20), *range(300, 308)):
+        belief.move(planar(1, 0, 0))
         chances.append(belief.see(planar(x_m, 0, 0), 0.9))
     assert chances[19] > 0.99
     assert chances[20] < 0.1
     assert chances[-1] > 0.99
-    assert belief.chances.sum() <= 1 + 1e-9
+    assert belief.now.chances.sum() <= 1 + 1e-9
+
+
+def test_the_same_view_without_motion_is_no_new_evidence() -> None:
+    """Twenty sweeps of a robot that stands, or rocks by .3 m, leave the chance of the newest one."""
+    for step in (planar(0, 0, 0), planar(0.3, 0, 0)):
+        belief = Belief()
+        for _ in range(10):
+            for there in (step, np.linalg.inv(step)):
+                belief.move(there)
+                assert belief.see(planar(100, 0, 0), 0.565) == pytest.approx(0.565)
+        assert belief.see(planar(100, 0, 0), 0.9) == pytest.approx(0.9)
+        assert belief.views == 1
+
+
+def test_without_odometry_fixes_tell_whether_the_robot_has_moved() -> None:
+    standing = Belief()
+    moving = Belief()
+    for number in range(4):
+        for belief, x_m in ((standing, 0.1 * number), (moving, 1.0 * number)):
+            belief.move(np.eye(4), doubt=(1.0, 1.0))
+            belief.see(planar(x_m, 0, 0), 0.6)
+    assert (standing.views, moving.views) == (1, 4)
+    assert standing.best()[1] == pytest.approx(0.6)
+    assert moving.best()[1] > 0.9
+
+
+def test_a_path_is_not_forgotten_while_the_robot_stands() -> None:
+    """Nor do views of one place that contradict each other add up."""
+    belief = Belief()
+    drive_to_origin(belief)
+    for _ in range(2000):
+        belief.move(np.eye(4))
+    assert belief.see(planar(0, 0, 0), 0.9) > 0.999
+    assert belief.see(planar(50, 0, 0), 0.9) < 0.1
+    belief.move(planar(1, 0, 0))
+    assert belief.see(planar(1, 0, 0), 0.9) > 0.999
 
 
 def test_the_chance_to_be_right_after_a_drift() -> None:
