@@ -1,10 +1,12 @@
-"""A campaign of faults against a built project: `python -m benchmarks.faults PROJECT --tries 1000
---kills 20 --seed 0`.
+"""Stops what yearloc runs, and fills its disk: `python -m benchmarks.faults PROJECT --kills 20
+--seed 0`.
 
-PROJECT is a clone in which `yearloc repro` has ended, with logs of its own, such as `world=tiny`;
-what is damaged is a copy, and a stage that is killed is run again. Full disks are small ones, which
-only root can mount. Every case ends as one of ENDINGS; the last two must be 0. Cases go to
-faults.jsonl in the working folder; a campaign that was cut off goes on after the last of them.
+PROJECT is a clone in which `yearloc repro` has ended, with logs of its own, such as `world=tiny`. A
+stage, a run of `dvc repro` or a command is stopped at a random moment and called again: it must end
+with the bytes of an undisturbed one. Full disks are small ones, which only root can mount. Every
+case ends as one of ENDINGS; the last two must be 0. Cases go to faults.jsonl in the working folder;
+a campaign that was cut off goes on after the last of them. Damaged files and strange words on the
+command line are tests: tests/test_faults.py and tests/readers.
 """
 
 import argparse
@@ -16,182 +18,56 @@ import random
 import re
 import shutil
 import signal
+import sqlite3
 import subprocess
 import sys
+import tarfile
+import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import redirect_stderr, redirect_stdout, suppress
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import closing, contextmanager, suppress
 from functools import partial
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, NamedTuple
 
-import numpy as np
 import yaml
 
-from pipeline.cli import main as yearloc
 from pipeline.core import store
-from pipeline.core.errors import YearlocError
-from pipeline.formats import nclt
-from pipeline.inspection.kinds import KINDS
-from pipeline.online import site_file
 from pipeline.running.dvc_files import DvcLock, files
 
-ENDINGS = ("same", "another input", "refused", "traceback", "silently different")
-"""`another input`: a log, which has no checksum, was read as what it now says."""
-SEALED = (".zarr", store.MODEL, ".site")
-LONGEST = 300_000  # bytes of a log that is mutated; of a longer one the beginning
+SAME, REFUSED, TRACEBACK, DIFFERENT = "same", "refused", "traceback", "silently different"
+ENDINGS = (SAME, REFUSED, TRACEBACK, DIFFERENT)
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGSTOP)
 EVER_S = 600
 OUT = re.compile(r"\bout=(\S+)")
+YEARLOC = f"{sys.executable} -m pipeline.cli"
 
 
-def mutated(data: bytes, rng: random.Random) -> bytes:
-    """With a bit turned, bytes overwritten, a part cut out or doubled, the end cut off, or a number
-    made another one."""
-    if not data:
-        return b"\0"
-    at = rng.randrange(len(data))
-    length = rng.choice((1, 2, 4, 14, 100))
-    ways: tuple[Callable[[], bytes], ...] = (
-        lambda: data[:at] + bytes([data[at] ^ 1 << rng.randrange(8)]) + data[at + 1 :],
-        lambda: data[:at] + rng.randbytes(length) + data[at + length :],
-        lambda: data[:at] + data[at + length :],
-        lambda: data[:at] + data[at : at + length] + data[at:],
-        lambda: data[:at],
-        lambda: (
-            data[:at]
-            + rng.choice((b"\0" * length, b"\xff" * length, b"nan", b"-1", b"1e999", b"{}", b"\n"))
-            + data[at + length :]
-        ),
-    )
-    return rng.choice(ways)()
+class Case(NamedTuple):
+    """What became of one fault."""
+
+    what: str
+    ending: str
+    said: str = ""
 
 
-def read(path: Path) -> Any:
-    """What a reader makes of a path, in a form that can be compared; raises what the reader
-    raises."""
-    if path.suffix == ".zarr":
-        artifact = store.read(path, *KINDS.values())
-        return artifact.attrs, {name: artifact.load(name).tobytes() for name in artifact.columns}
-    if path.name.endswith(store.MODEL):
-        return store.read_recipe(path), {
-            name: array.tobytes() for name, array in store.read_model(path).items()
-        }
-    if path.suffix == ".site":
-        parts = site_file.read(path)
-        return str(parts.description), {
-            name: np.asarray(array).tobytes()
-            for name, array in {**parts.model, **parts.arrays}.items()
-        }
-    return shown(["inspect", str(path)])
-
-
-def shown(words: list[str]) -> str:
-    """What a command prints; raises YearlocError with its line where it refuses."""
-    out = io.StringIO()
-    err = io.StringIO()
-    with redirect_stdout(out), redirect_stderr(err):
-        try:
-            yearloc(words)
-        except SystemExit as error:
-            if error.code:
-                lines = err.getvalue().strip().splitlines()
-                raise YearlocError(lines[-1] if lines else "") from None
-    return out.getvalue()
-
-
-def samples(
-    project: Path, folder: Path, also: Sequence[Path] = ()
-) -> list[tuple[Path, list[Path]]]:
-    """Copies of artifacts, models, a site, logs, drives of scans and poses; each with the files of
-    it that are damaged."""
-    artifacts = project / "artifacts"
-    found = []
-    for path in [
-        *sorted(artifacts.rglob("*.zarr")),
-        *sorted(artifacts.rglob(f"*{store.MODEL}")),
-        *sorted(project.glob("*.site")),
-    ]:
-        copy = folder / path.relative_to(project)
-        copy.parent.mkdir(parents=True, exist_ok=True)
-        (shutil.copytree if path.is_dir() else shutil.copy)(path, copy)
-        found.append(
-            (copy, [one for one in copy.rglob("*") if one.is_file()] if copy.is_dir() else [copy])
-        )
-    seen: Counter[str] = Counter()
-    for path in sorted(
-        one for root in (artifacts / "logs", *also) for one in root.rglob("*") if one.is_file()
-    ):
-        seen[f"{path.parent} {path.suffix}"] += 1
-        if seen[f"{path.parent} {path.suffix}"] <= 4:
-            copy = folder / path.absolute().relative_to("/")
-            copy.parent.mkdir(parents=True, exist_ok=True)
-            copy.write_bytes(path.read_bytes()[: LONGEST // nclt.RECORD_BYTES * nclt.RECORD_BYTES])
-            found.append((copy, [copy]))
-    for drive in sorted(
-        scans.parent for root in also for scans in root.rglob("scans") if scans.is_dir()
-    ):
-        copy = folder / "drives" / drive.absolute().relative_to("/")  # as a whole, with its poses
-        shutil.copytree(drive, copy)
-        found.append((copy, [one for one in copy.rglob("*") if one.is_file()]))
-    return found
-
-
-def mutations(
-    project: Path, tries: int, seed: int, done: int, also: Sequence[Path] = ()
-) -> Iterator[dict[str, Any]]:
-    """Damage a file of a sample, read the sample, and put the file back."""
-    with TemporaryDirectory() as scratch:
-        found = samples(project, Path(scratch), also)
-        right: dict[Path, Any] = {}
-        for path, _ in found:
-            with suppress(YearlocError):  # what is refused as it is shows nothing
-                right[path] = read(path)
-        found = [one for one in found if one[0] in right]
-        for number in range(done, tries):
-            rng = random.Random(f"{seed} {number}")
-            path, files = rng.choice(found)
-            file = rng.choice(files)
-            before = file.read_bytes()
-            file.write_bytes(mutated(before, rng))
-            said = ""
-            try:
-                same = read(path) == right[path]
-                ending = (
-                    "same"
-                    if same
-                    else "silently different"
-                    if path.name.endswith(SEALED)
-                    else "another input"
-                )
-            except YearlocError as error:
-                said = str(error)
-                ending = "refused" if "\n" not in str(error).strip() else "traceback"
-            except Exception as error:  # what no reader may let through
-                said = f"{type(error).__name__}: {error}"[:300]
-                ending = "traceback"
-            file.write_bytes(before)
-            yield {
-                "case": number,
-                "file": str(file.relative_to(scratch)),
-                "ending": ending,
-                "said": said,
-            }
+Rngs = Iterable[random.Random]
+"""A generator of random numbers a case."""
 
 
 def digest(path: Path) -> str:
     """Of a file, or of a folder's files and their names."""
-    files = sorted(one for one in path.rglob("*") if one.is_file()) if path.is_dir() else [path]
-    return hashlib.sha256(
-        b"".join(f"{one.relative_to(path)}".encode() + one.read_bytes() for one in files)
-    ).hexdigest()
+    members = sorted(file for file in path.rglob("*") if file.is_file())
+    parts = [f"{file.relative_to(path)}".encode() + file.read_bytes() for file in members]
+    return hashlib.sha256(b"".join(parts) if path.is_dir() else path.read_bytes()).hexdigest()
 
 
-def instances(project: Path) -> list[tuple[str, str, list[Path]]]:
-    """Name, command and cached outputs of every stage instance that DVC's lock files have."""
-    found = []
+def instances(project: Path) -> dict[str, tuple[str, list[Path]]]:
+    """Command and cached outputs of every stage instance that DVC's lock files have, by name."""
+    instances = {}
     for name, entry in DvcLock.read(project / "dvc.lock").stages.items():
         outs = [
             project / out["path"]
@@ -199,15 +75,34 @@ def instances(project: Path) -> list[tuple[str, str, list[Path]]]:
             if out["path"].endswith((".zarr", store.MODEL)) or "." not in Path(out["path"]).name
         ]
         if outs and all(out.exists() for out in outs):
-            found.append((name, entry["cmd"], outs))
-    return found
+            instances[name] = entry["cmd"], outs
+    return instances
+
+
+def call(command: str, project: Path) -> "subprocess.CompletedProcess[str]":
+    """Run a command to its end."""
+    return subprocess.run(
+        command,
+        shell=True,
+        cwd=project,
+        capture_output=True,
+        text=True,
+        encoding="utf-8",
+        errors="replace",
+        timeout=EVER_S,
+    )
 
 
 def stopped(command: str, project: Path, how: signal.Signals, after_s: float) -> str:
     """What a command says on standard error that is sent a signal after so long; SIGSTOP lets it go
     on a little later."""
-    pipes: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE}
-    process = subprocess.Popen(f"exec {command}", shell=True, cwd=project, **pipes)
+    process = subprocess.Popen(
+        f"exec {command}",
+        shell=True,
+        cwd=project,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+    )
     time.sleep(after_s)
     process.send_signal(how)
     if how == signal.SIGSTOP:
@@ -216,41 +111,30 @@ def stopped(command: str, project: Path, how: signal.Signals, after_s: float) ->
     return str(process.communicate(timeout=EVER_S)[1], errors="replace")
 
 
-def kills(project: Path, number: int, seed: int, done: int) -> Iterator[dict[str, Any]]:
-    """Stop a stage at a random moment, look at what it left, run it to its end, and compare its
-    outputs byte by byte."""
+def stage_stops(project: Path, rngs: Rngs) -> Iterator[Case]:
+    """Stop a stage, look at what it left, run it to its end, and compare its outputs."""
     stages = instances(project)
-    took = dict[str, float]()
-    for case in range(done, number):
-        rng = random.Random(f"{seed} kill {case}")
-        name, command, outs = rng.choice(stages)
-        for out in outs:  # a link to DVC's cache is read-only; what a stage writes replaces it
-            assert out.exists()
+    took_s = dict[str, float]()
+    for rng in rngs:
+        name = rng.choice([*stages])
+        command, outs = stages[name]
         right = [digest(out) for out in outs]
-        start = time.monotonic()
-        if name not in took:
-            subprocess.run(
-                command, shell=True, cwd=project, capture_output=True, timeout=EVER_S, check=True
-            )
-            took[name] = time.monotonic() - start
+        if name not in took_s:
+            start = time.monotonic()
+            call(command, project).check_returncode()
+            took_s[name] = time.monotonic() - start
         how = rng.choice(SIGNALS)
-        left = stopped(command, project, how, rng.random() * took[name])
-        half = [digest(out) for out in outs] != right
-        subprocess.run(
-            command, shell=True, cwd=project, capture_output=True, timeout=EVER_S, check=True
+        left = stopped(command, project, how, rng.random() * took_s[name])
+        # a link to DVC's cache is read-only; what a stage writes replaces it whole
+        is_whole = [digest(out) for out in outs] == right
+        call(command, project).check_returncode()
+        is_same = is_whole and [digest(out) for out in outs] == right
+        yield _case(
+            f"{name} {how.name}", is_same, how == signal.SIGINT and "Traceback" in left, left
         )
-        same = not half and [digest(out) for out in outs] == right
-        traced = how == signal.SIGINT and "Traceback" in left
-        ending = "silently different" if not same else "traceback" if traced else "same"
-        yield {
-            "case": case,
-            "file": f"{name} {how.name}",
-            "ending": ending,
-            "said": left[-300:] if traced else "",
-        }
 
 
-def chain_kills(project: Path, number: int, seed: int, done: int) -> Iterator[dict[str, Any]]:
+def chain_stops(project: Path, rngs: Rngs) -> Iterator[Case]:
     """Stop `dvc repro` while it runs some stages again, itself or all that it started, and let
     `yearloc repro` end it."""
     places = {
@@ -258,13 +142,12 @@ def chain_kills(project: Path, number: int, seed: int, done: int) -> Iterator[di
         for lock in files(project / "dvc.lock")
         for name in (yaml.safe_load(lock.read_text(encoding="utf-8")) or {}).get("stages", {})
     }
-    stages = {name: outs for name, _, outs in instances(project)}
-    right = {out: digest(out) for outs in stages.values() for out in outs}
-    for case in range(done, number):
-        rng = random.Random(f"{seed} chain {case}")
+    stages = instances(project)
+    right = {out: digest(out) for _, outs in stages.values() for out in outs}
+    for rng in rngs:
         names = rng.sample(sorted(stages), 3)
         how = rng.choice(SIGNALS[:3])
-        whole = rng.random() < 0.5
+        stops_all = rng.random() < 0.5
         words = ["dvc", "repro", "--force", "--single-item", *(places[name] for name in names)]
         start = partial(
             subprocess.Popen,
@@ -277,141 +160,230 @@ def chain_kills(project: Path, number: int, seed: int, done: int) -> Iterator[di
         second = start() if rng.random() < 0.25 else None  # refused by DVC's lock, or waits for it
         time.sleep(rng.uniform(0.5, 20))
         if process.poll() is None:
-            (os.killpg if whole else os.kill)(process.pid, how)
+            (os.killpg if stops_all else os.kill)(process.pid, how)
         process.wait(timeout=EVER_S)
         if second:
             second.wait(timeout=EVER_S)
-        again = subprocess.run(
-            ["yearloc", "repro"],
-            cwd=project,
-            capture_output=True,
-            text=True,
-            encoding="utf-8",
-            timeout=EVER_S,
-        )
-        same = again.returncode == 0 and {out: digest(out) for out in right} == right
-        ending = (
-            "traceback" if "Traceback" in again.stderr else "same" if same else "silently different"
-        )
-        said = "" if same else (again.stderr or again.stdout)[-300:]
-        what = (
-            f"{' '.join(names)} {how.name} "
-            f"{'to all' if whole else 'to dvc'}{' of two' if second else ''}"
-        )
-        yield {"case": case, "file": what, "ending": ending, "said": said}
+        again = call("yearloc repro", project)
+        is_same = again.returncode == 0 and {out: digest(out) for out in right} == right
+        target = f"{'to all' if stops_all else 'to dvc'}{' of two' if second else ''}"
+        what = f"{' '.join(names)} {how.name} {target}"
+        yield _case(what, is_same, "Traceback" in again.stderr, again.stderr or again.stdout)
 
 
-def full_disks(project: Path, number: int, seed: int, done: int) -> Iterator[dict[str, Any]]:
+def full_disks(project: Path, rngs: Rngs) -> Iterator[Case]:
     """Let a stage write where less room is than it needs: it says so in a line and leaves nothing,
     or all of it did fit."""
-    stages = [one for one in instances(project) if OUT.search(one[1])]
-    for case in range(done, number):
-        rng = random.Random(f"{seed} full {case}")
-        name, command, outs = rng.choice(stages)
-        sizes = sum(
-            file.stat().st_size
-            for out in outs
-            for file in ([out] if out.is_file() else out.rglob("*"))
-            if file.is_file()
-        )
-        room = rng.randint(4096, sizes + 4096)
+    stages = instances(project)
+    writing = sorted(name for name, (command, _) in stages.items() if OUT.search(command))
+    for rng in rngs:
+        name = rng.choice(writing)
+        command, outs = stages[name]
+        members = [file for out in outs for file in (out, *out.rglob("*")) if file.is_file()]
+        room = rng.randint(4096, sum(file.stat().st_size for file in members) + 4096)
+        (out,) = OUT.findall(command)
         with TemporaryDirectory() as folder:
-            subprocess.run(
-                ["mount", "-t", "tmpfs", "-o", f"size={room}", "tmpfs", folder], check=True
-            )
+            tmpfs = ["mount", "-t", "tmpfs", "-o", f"size={room}", "tmpfs", folder]
+            subprocess.run(tmpfs, check=True)
             try:
-                (out,) = OUT.findall(command)
-                words = OUT.sub(f"out={folder}/{Path(out).name}", command)
-                process = subprocess.run(
-                    words,
-                    shell=True,
-                    cwd=project,
-                    capture_output=True,
-                    text=True,
-                    encoding="utf-8",
-                    timeout=EVER_S,
-                )
+                process = call(OUT.sub(f"out={folder}/{Path(out).name}", command), project)
                 left = [
-                    path
+                    digest(path)
                     for path in Path(folder).iterdir()
                     if "scratch" not in path.name and path.suffix != ".lock"
                 ]
-                said = process.stderr.strip().splitlines()[-1:] or [""]
-                if "Traceback" in process.stderr or process.returncode not in (0, 1):
-                    ending = "traceback"
-                elif process.returncode:
-                    ending = "silently different" if left else "refused"
-                else:
-                    ending = (
-                        "same"
-                        if [digest(path) for path in left] == [digest(project / out)]
-                        else "silently different"
-                    )
             finally:
                 subprocess.run(["umount", folder], check=True)
-        yield {
-            "case": case,
-            "file": f"{name} in {room} bytes",
-            "ending": ending,
-            "said": said[0][-300:],
+        ending = SAME if left == [digest(project / out)] else DIFFERENT
+        if "Traceback" in process.stderr or process.returncode not in (0, 1):
+            ending = TRACEBACK
+        elif process.returncode:
+            ending = DIFFERENT if left else REFUSED
+        said = process.stderr.strip().splitlines()[-1:] or [""]
+        yield Case(f"{name} in {room} bytes", ending, said[0][-300:])
+
+
+def published(project: Path) -> Any:
+    """Name, settings and numbers of every run in MLflow's database."""
+    with closing(sqlite3.connect(project / "mlflow.db")) as database:
+        of_runs = (
+            "select r.name, m.key, m.value from {} m join runs r using (run_uuid) where "
+            "r.lifecycle_stage = 'active'"
+        )
+        return [
+            sorted(map(repr, database.execute(of_runs.format(table))))
+            for table in ("params", "latest_metrics")
+        ]
+
+
+def swept(project: Path) -> Any:
+    """The rows that the last sweep recorded; of artifacts that it found or built again alike."""
+    last = max((project / ".sweeps/runs").iterdir(), key=lambda folder: folder.stat().st_mtime_ns)
+    return [
+        json.loads(path.read_text(encoding="utf-8"))["rows"] for path in sorted(last.glob("*.json"))
+    ]
+
+
+class Command(NamedTuple):
+    """A command that DVC does not run."""
+
+    words: str
+    made: tuple[str, ...]
+    """What it makes, which is removed before."""
+    result: Callable[[Path], Any]
+    """What of that must be the same."""
+
+
+COMMANDS = {
+    "publish": Command(
+        f"{sys.executable} -m stages.publish study=campus artifacts=artifacts",
+        ("mlflow.db", "mlruns"),
+        published,
+    ),
+    "pack": Command(
+        f"{YEARLOC} pack campus/10m/scan_context -o killed.site",
+        ("killed.site",),
+        lambda project: digest(project / "killed.site"),
+    ),
+    "sweep": Command(
+        f"{sys.executable} -m stages.sweep grid.cell_m=5,20 method=scan_context "
+        "tracking.database=swept.db",
+        (".sweeps", "swept.db", "mlruns"),
+        swept,
+    ),
+    "fetch": Command(
+        f"{YEARLOC} fetch made root=fetched",
+        ("fetched",),
+        lambda project: digest(project / "fetched"),
+    ),
+}
+
+
+def command_stops(
+    project: Path, rngs: Rngs, commands: Mapping[str, Command] = COMMANDS
+) -> Iterator[Case]:
+    """Stop a command, call it again, and compare."""
+    right: dict[str, tuple[Any, float]] = {}
+    with _served(project):
+        for rng in rngs:
+            name = rng.choice([*commands])
+            how = rng.choice(SIGNALS)
+            command = commands[name]
+            if name not in right:
+                _remove(project, command.made)
+                start = time.monotonic()
+                call(command.words, project).check_returncode()
+                right[name] = command.result(project), time.monotonic() - start
+            result, took_s = right[name]
+            _remove(project, command.made)
+            left = stopped(command.words, project, how, rng.random() * took_s)
+            again = call(command.words, project)
+            is_same = again.returncode == 0 and command.result(project) == result
+            is_traced = "Traceback" in again.stderr or (
+                how == signal.SIGINT and "Traceback" in left
+            )
+            yield _case(f"{name} {how.name}", is_same, is_traced, left + again.stderr)
+
+
+def _case(what: str, is_same: bool, is_traced: bool, said: str) -> Case:
+    ending = TRACEBACK if is_traced else SAME if is_same else DIFFERENT
+    return Case(what, ending, "" if ending == SAME else said[-300:])
+
+
+def _remove(project: Path, made: tuple[str, ...]) -> None:
+    for name in made:
+        shutil.rmtree(project / name, ignore_errors=True)
+        with suppress(FileNotFoundError, IsADirectoryError):
+            (project / name).unlink()
+
+
+@contextmanager
+def _served(project: Path) -> Iterator[None]:
+    """A server of an archive that comes slowly and goes on where it was cut off, and its file in
+    conf/fetch."""
+    with io.BytesIO() as packed:
+        with tarfile.open(fileobj=packed, mode="w:gz") as tar:
+            for number in range(200):
+                about = tarfile.TarInfo(f"made/{number:03d}.bin")
+                about.size = 20_000
+                tar.addfile(about, io.BytesIO(random.Random(number).randbytes(about.size)))
+        data = packed.getvalue()
+
+    class Handler(BaseHTTPRequestHandler):
+        def log_message(self, *_: object) -> None:
+            pass
+
+        def do_HEAD(self) -> None:
+            self.send_response(200)
+            self.send_header("Content-Length", str(len(data)))
+            self.end_headers()
+
+        def do_GET(self) -> None:
+            start = int((self.headers.get("Range") or "bytes=0-")[6:-1])
+            self.send_response(206 if start else 200)
+            self.send_header("ETag", '"made"')
+            self.send_header("Content-Length", str(len(data) - start))
+            if start:
+                self.send_header("Content-Range", f"bytes {start}-{len(data) - 1}/{len(data)}")
+            self.end_headers()
+            with suppress(OSError):  # who fetches was killed
+                for at in range(start, len(data), 65_536):
+                    self.wfile.write(data[at : at + 65_536])
+                    time.sleep(0.02)
+
+    file = project / "conf/fetch/made.yaml"
+    with ThreadingHTTPServer(("127.0.0.1", 0), Handler) as server:
+        settings = {
+            "base": f"http://127.0.0.1:{server.server_port}/",
+            "archives": [{"path": "made.tar.gz", "target": "made"}],
+            "sequence": "made",
+            "sequences": ["made"],
         }
+        file.write_text(yaml.safe_dump(settings), encoding="utf-8")
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        try:
+            yield
+        finally:
+            server.shutdown()
+            file.unlink()
+
+
+CAMPAIGNS = {
+    "kills": (stage_stops, "stages that are stopped"),
+    "chains": (chain_stops, "runs of dvc repro that are stopped"),
+    "full": (full_disks, "stages that find the disk full"),
+    "commands": (command_stops, "commands that are stopped: publish, pack, a sweep, fetch"),
+}
 
 
 def main() -> None:
     """Run all, resume, and print the table."""
-    from benchmarks import fault_commands, fault_words  # which take what stands above
-
     parser = argparse.ArgumentParser("python -m benchmarks.faults", description=__doc__)
     parser.add_argument("project", type=Path)
-    parser.add_argument("--tries", type=int, default=1_000, help="mutated files")
-    parser.add_argument("--kills", type=int, default=20, help="stages that are stopped")
-    parser.add_argument("--chains", type=int, default=0, help="runs of dvc repro that are stopped")
-    parser.add_argument("--full", type=int, default=0, help="stages that find the disk full")
-    parser.add_argument(
-        "--commands",
-        type=int,
-        default=0,
-        help="commands that are stopped: publish, pack, a sweep, fetch",
-    )
-    parser.add_argument("--words", type=int, default=0, help="commands with changed words")
-    parser.add_argument(
-        "--also",
-        type=Path,
-        nargs="*",
-        default=[],
-        help="folders of recorded logs to damage copies of",
-    )
+    for kind, (_, help_text) in CAMPAIGNS.items():
+        parser.add_argument(f"--{kind}", type=int, default=0, help=help_text)
     parser.add_argument("--seed", type=int, default=0)
-    given = parser.parse_args()
-    path = Path("faults.jsonl")
-    cases = (
-        [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
-        if path.exists()
-        else []
-    )
-    done = Counter(one["kind"] for one in cases)
-    runs: dict[str, tuple[Callable[..., Iterator[dict[str, Any]]], int]] = {
-        "mutation": (partial(mutations, also=given.also), given.tries),
-        "kill": (kills, given.kills),
-        "kill of the chain": (chain_kills, given.chains),
-        "full disk": (full_disks, given.full),
-        "kill of a command": (fault_commands.cases, given.commands),
-        "words": (fault_words.cases, given.words),
-    }
-    with path.open("a", encoding="utf-8") as file:
-        for kind, (run, number) in runs.items():
-            if done[kind] >= number:
+    options = parser.parse_args()
+    with Path("faults.jsonl").open("a+", encoding="utf-8") as file:
+        file.seek(0)
+        cases = [json.loads(line) for line in file]
+        done = Counter(case["kind"] for case in cases)
+        for kind, (campaign, _) in CAMPAIGNS.items():
+            numbers = range(done[kind], getattr(options, kind))
+            rngs = (random.Random(f"{options.seed} {kind} {number}") for number in numbers)
+            if not numbers:
                 continue
-            for one in run(given.project.resolve(), number, given.seed, done[kind]):
-                cases.append({"kind": kind, **one})
+            for case in campaign(options.project.resolve(), rngs):
+                cases.append({"kind": kind, **case._asdict()})
                 file.write(json.dumps(cases[-1]) + "\n")
                 file.flush()
-    for kind in runs:
-        found = Counter(one["ending"] for one in cases if one["kind"] == kind)
-        print(f"{kind}: " + ", ".join(f"{found[ending]:,} {ending}" for ending in ENDINGS))
-    for one in (one for one in cases if one["ending"] in ENDINGS[-2:]):
-        print(f"  {one['file']}: {one['ending']} {one['said']}")
-    sys.exit(any(one["ending"] in ENDINGS[-2:] for one in cases))
+    for kind in CAMPAIGNS:
+        counts = Counter(case["ending"] for case in cases if case["kind"] == kind)
+        print(f"{kind}: " + ", ".join(f"{counts[ending]:,} {ending}" for ending in ENDINGS))
+    failed = [case for case in cases if case["ending"] in ENDINGS[-2:]]
+    for case in failed:
+        print(f"  {case['what']}: {case['ending']} {case['said']}")
+    sys.exit(bool(failed))
 
 
 if __name__ == "__main__":

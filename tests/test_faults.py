@@ -1,53 +1,173 @@
-"""The campaign of faults tells damage that is found from damage that is not."""
+"""Damaged artifacts, strange words on the command line and stopped commands are refused in one line
+or harmless. With FAULTS=100 in the environment a hundred times as many are tried."""
 
+import io
+import os
 import random
 import shutil
+import signal
+import sys
+from contextlib import chdir, redirect_stderr, redirect_stdout, suppress
+from itertools import count
 from pathlib import Path
+from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from benchmarks import fault_commands, fault_words
-from benchmarks.faults import ENDINGS, mutated, mutations
+from benchmarks import faults
+from pipeline.cli import main
 from pipeline.core import store
+from pipeline.core.errors import YearlocError
+from pipeline.inspection.kinds import KINDS
+from pipeline.running.texts import read_yaml
 from tests.clone import ROOT
 from tests.inspection.test_artifacts import write
+from tests.readers.damage import damaged
+
+FAULTS = int(os.environ.get("FAULTS", "1"))
+COUNT = count()
 
 
-def test_every_mutation_of_an_artifact_is_refused_or_harmless(tmp_path: Path) -> None:
-    write(tmp_path / "artifacts/labels/a.zarr", "labels")
-    store.write_model(tmp_path / "artifacts/train/a.zarr.zip", {"a": np.arange(9.0)}, {"k": 1})
-    found = list(mutations(tmp_path, tries=60, seed=0, done=0))
-    assert [one["case"] for one in found] == [*range(60)]
-    assert {one["ending"] for one in found} <= {"same", "refused"}
-    later = list(mutations(tmp_path, tries=60, seed=0, done=42))  # it goes on where it was cut off
-    assert [(one["file"], one["ending"]) for one in later] == [
-        (one["file"], one["ending"]) for one in found[42:]
-    ]
+def read(path: Path) -> Any:
+    """What an artifact or a model holds."""
+    if path.suffix == ".zarr":
+        artifact = store.read(path, *KINDS.values())
+        return artifact.attrs, {name: artifact.load(name).tobytes() for name in artifact.columns}
+    model = store.read_model(path)
+    return store.read_recipe(path), {name: array.tobytes() for name, array in model.items()}
 
 
-def test_a_log_is_read_as_what_it_now_says(tmp_path: Path) -> None:
-    (log := tmp_path / "artifacts/logs/campus/odometry.csv").parent.mkdir(parents=True)
-    log.write_text("".join(f"{i}000000,{i}.0,0,0,0,0,0\n" for i in range(50)))
-    assert {one["ending"] for one in mutations(tmp_path, tries=40, seed=0, done=0)} <= set(
-        ENDINGS[:3]
-    )
+@pytest.fixture(scope="module")
+def sealed(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """An artifact and a model."""
+    folder = tmp_path_factory.mktemp("sealed")
+    write(folder / "a.zarr", "labels")
+    store.write_model(folder / "a.zarr.zip", {"a": np.arange(9.0)}, {"k": 1})
+    return [folder / "a.zarr", folder / "a.zarr.zip"]
 
 
-def test_a_mutation_changes_the_bytes_nearly_always() -> None:
-    rng = random.Random(0)
-    data = bytes(range(200))
-    assert sum(mutated(data, rng) != data for _ in range(200)) > 190
-    assert mutated(b"", rng) == b"\0"
+@given(data=st.data())
+@settings(max_examples=60 * FAULTS)
+def test_a_damaged_artifact_is_refused_or_as_it_was(
+    sealed: list[Path], data: st.DataObject
+) -> None:
+    path = data.draw(st.sampled_from(sealed))
+    right = read(path)
+    files = sorted(file for file in path.rglob("*") if file.is_file()) or [path]
+    file = data.draw(st.sampled_from(files))
+    before = file.read_bytes()
+    file.write_bytes(data.draw(damaged(before)))
+    refusal = ""
+    try:
+        assert read(path) == right
+    except YearlocError as error:
+        refusal = str(error).strip()
+    finally:
+        file.write_bytes(before)
+    assert "\n" not in refusal
 
 
-def test_words_that_nobody_should_say_are_refused_or_harmless() -> None:
-    """And the copy of the settings is what changes, not the project's own."""
-    before = {path: path.read_bytes() for path in sorted((ROOT / "conf").rglob("*.yaml"))}
-    found = list(fault_words.cases(ROOT, number=24, seed=1, done=0))
-    assert [one for one in found if one["ending"] not in ENDINGS[:3]] == []
-    assert len({one["file"].split()[0] for one in found}) > 8
-    assert before == {path: path.read_bytes() for path in sorted((ROOT / "conf").rglob("*.yaml"))}
+COMMANDS = """
+use campus world=tiny methods=sci,m2dp tests=2012-10-28 question=robustness variants=4way --add
+use campus cells=5m altered=turned methods=sci_ring poses=sci_ring paths=filter seeds=2 budget=tiny question=robustness
+use campus world=tiny question=lifelong --keep
+use folder root=logs train=a tests=b scale=indoor
+use folder root=logs parts=path:2 log=a
+use suburb question=viewpoints methods=pfl
+use kitti root=logs log=00 train=02
+fetch nclt 2012-01-15 root=there base=http://127.0.0.1:9/
+inspect conf/studies.yaml --format nclt --save conf/dataset/robot.yaml
+inspect scan.npy
+results --full --csv --json --markdown --where method=sci study=campus
+repro
+methods
+repair
+pack campus/10m/sci_ring -o a.site
+localize a.site scan.npy --json -o fixes --promise 0.99 --lift 0 --topic /points --odometry tf:a>b --track --threads 1
+localize a.site a.mcap --follow --idle 1
+export a.site -o a.onnx
+serve a.site --port 8765 --host 127.0.0.1 --workers 1 --zenoh tcp/127.0.0.1:7447 --key yearloc
+watch a.site scan.npy --save a.rrd --promise 0.99 --every 1
+failures campus/10m/sci_ring 2012-02-04 --worst 20 -o failures --promise 0.99
+picture campus/10m/sci_ring 2012-02-04 -o a.gif
+grow a.site scan.npy -o b.site --poses log --promise 0.99 --topic /points --odometry tf:a>b
+"""
+VALUES = """
+-1 0 1e999 nan true null ~ [1] {} {0} %s é ⛄ 0x10 -o , = - -- ' " $(id) `id` http:// http://[ http://127.0.0.1:9/%
+.. . / // a/b a/b/c ../conf conf /dev/null nowhere/at/all
+"""
+HOSTILE = (
+    *("", " ", "\n", "a b", "\x1b[31m", "\x7f\x01", "\udcff", "a" * 5_000, "10" * 40),
+    *VALUES.split(),
+)
+KEYS = sorted({str(key) for path in (ROOT / "conf").rglob("*.yaml") for key in read_yaml(path)})
+EVER_S = 60
+
+
+@st.composite
+def changed(draw: st.DrawFn) -> list[str]:
+    """A command with some words left out and up to two changed, mostly values."""
+    command, *rest = draw(st.sampled_from(COMMANDS.strip().splitlines())).split()
+    words = [word for word in rest if draw(st.integers(0, 9))]
+    for _ in range(draw(st.integers(0, 2))):
+        values = [at for at, word in enumerate(words) if not word.startswith("-")]
+        at = draw(st.sampled_from(values)) if values else 0
+        value = draw(st.sampled_from(HOSTILE))
+        old = words[at] if values else ""
+        key, equals, _ = old.partition("=")
+        other = draw(damaged(old.encode(errors="surrogateescape") or b" "))
+        word = other.decode(errors="surrogateescape").replace("\0", "")
+        some = [f"{key}={value}"] if equals else [value]
+        more = [old, f"{draw(st.sampled_from(KEYS))}={value}"]
+        words[at : at + 1] = draw(st.sampled_from((some, some, some, [word], more, [old, value])))
+    return [command, *words]
+
+
+def project(folder: Path) -> Path:
+    """What the commands read of a project, with a scan; an unreached server is not waited for."""
+    for name in ("conf", "dag"):
+        shutil.copytree(ROOT / name, folder / name, symlinks=True)
+    for path in (folder / "conf/fetch").glob("*.yaml"):
+        path.write_text(path.read_text().replace("wait_s: 1.0", "wait_s: 0.001"))
+    shutil.copy(ROOT / "dvc.yaml", folder)
+    np.save(folder / "scan.npy", np.eye(3, dtype=np.float32))
+    for name in ("a", "b"):
+        (folder / f"logs/{name}/scans").mkdir(parents=True)
+        shutil.copy(folder / "scan.npy", folder / f"logs/{name}/scans/1.0.npy")
+        (folder / f"logs/{name}/poses.txt").write_text("1.0 0 0 0 0 0 0 1\n")
+    return folder
+
+
+def late(*_: object) -> None:
+    raise TimeoutError(f"not within {EVER_S} s")
+
+
+@given(words=changed())
+@settings(max_examples=24 * FAULTS)
+def test_strange_words_are_refused_in_one_line_or_harmless(
+    tmp_path_factory: pytest.TempPathFactory, words: list[str]
+) -> None:
+    """Without artifacts, a network and DVC."""
+    proxies = ("http_proxy", "https_proxy", "HTTP_PROXY", "HTTPS_PROXY")
+    alone = dict.fromkeys(proxies, "http://127.0.0.1:9") | {"PATH": ""}
+    err = io.StringIO()
+    signal.signal(signal.SIGALRM, late)
+    signal.alarm(EVER_S)
+    with (
+        chdir(project(tmp_path_factory.mktemp(f"words{next(COUNT)}"))),
+        patch.dict(os.environ, alone),
+        patch.object(sys, "stdin", None),
+        redirect_stdout(io.StringIO()),
+        redirect_stderr(err),
+        suppress(SystemExit),
+    ):
+        main(words)
+    signal.alarm(0)
+    assert "Traceback" not in err.getvalue()
 
 
 def test_a_fetch_that_is_stopped_ends_as_an_undisturbed_one(
@@ -55,12 +175,9 @@ def test_a_fetch_that_is_stopped_ends_as_an_undisturbed_one(
 ) -> None:
     shutil.copytree(ROOT / "conf", tmp_path / "conf")
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
-    monkeypatch.setattr(fault_commands, "COMMANDS", {"fetch": fault_commands.COMMANDS["fetch"]})
-    found = list(fault_commands.cases(tmp_path, number=3, seed=0, done=0))
-    assert [(one["case"], one["ending"]) for one in found] == [
-        (0, "same"),
-        (1, "same"),
-        (2, "same"),
-    ]
+    rngs = map(random.Random, range(3))
+    commands = {"fetch": faults.COMMANDS["fetch"]}
+    cases = list(faults.command_stops(tmp_path, rngs, commands))
+    assert [case.ending for case in cases] == ["same", "same", "same"]
     assert len(list((tmp_path / "fetched/made/made").iterdir())) == 200
     assert not (tmp_path / "conf/fetch/made.yaml").exists()
