@@ -12,6 +12,9 @@ with a line. Everyone decides by a threshold of its own:
 - GICP by whether it came to rest, from Scan Context's first candidates and headings
 - KISS-Matcher by its inliers with the map's tiles, submaps at least TILE_M apart
 
+Others decide nothing, and start from the ranking's first CANDIDATES: yearloc without going on to
+others and to the whole map, ICP and GICP from the matches of walls there.
+
 Time is CPU time a query, one thread, once points, local maps, rankings and the map's clouds are
 there.
 """
@@ -23,9 +26,10 @@ os.environ["OMP_NUM_THREADS"] = "1"  # before the libraries are loaded
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import islice
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -35,24 +39,32 @@ from hydra.utils import instantiate
 from numpy.typing import NDArray
 from omegaconf import OmegaConf
 
-from benchmarks.posing import REACHES_M, VOXEL_M, peers
 from pipeline.core import schemas, store
 from pipeline.core.frames import Poses, turns, wrapped_deg, yaw
 from pipeline.mapping.gathering import submap_points
+from pipeline.posing.fix import poses
 from pipeline.posing.registration import Points
+from pipeline.posing.search import Answers as Ranked
+from pipeline.posing.search import Fixer
 from pipeline.posing.targets import Targets
 from pipeline.posing.verdict import RIGHT_DEG, RIGHT_M, right
 
 SEEN_M = 5.0
 TILE_M = 20.0
 CANDIDATES = 5
+VOXEL_M = 0.5
+REACHES_M = (4.0, 1.0)
+"""Between pairs of ICP and GICP: so far apart at first, and then."""
 LOCAL_M = (100.0, 60.0)
 """How far a local map of MapClosures reaches: what its program takes, and what suits drives of a
 kilometre better."""
+ICP = {"ICP, point to point": "ICP", "ICP, point to plane": "PLANE_ICP", "GICP": "GICP"}
 LEAST_INLIERS = 5
 """From so many inliers on KISS-Matcher's examples call a registration a success."""
 One = Callable[[int, Points], tuple[NDArray[np.float64], bool]]
 """A query's row and points (n, 3) → world_T_query (4, 4) and whether it is accepted."""
+Guesses = Callable[[int, Points], Iterable[tuple[int, NDArray[np.float64]]]]
+"""A query's row and points (n, 3) → rows of training submaps, each with submap_T_query (4, 4)."""
 
 
 @dataclass(frozen=True)
@@ -148,29 +160,62 @@ class Day:
         )
 
 
-def yearloc(day: Day) -> Answers:
+def yearloc(day: Day, fixer: Fixer) -> Answers:
     """Poses and verdicts of the artifact; the time is of the same fixes, made again."""
-    settings = instantiate(OmegaConf.load("conf/poses.yaml").fixer)
-    fix = peers(settings, day.targets)["yearloc"]
-    xy_m = day.rankings.load("xy_m")
     novelty = day.fixes.load("novelty")[:, 0]
-    made = day.asked(
-        lambda row, points_m: (
-            fix(points_m, xy_m[row]),
-            bool(novelty[row] < day.fixes.promised[1]),
-        ),
-        True,
-    )
-    return replace(made, world_T_query=day.fixes.load("world_T_query")[day.rows])
+    made = from_ranking(day, fixer)
+    accepted = novelty[day.rows] < day.fixes.promised[1]
+    world_T_query = day.fixes.load("world_T_query")[day.rows]
+    return replace(made, world_T_query=world_T_query, accepted=accepted)
 
 
-def gicp(day: Day) -> Answers:
-    """The candidate of the most inliers; each is tried from its own place and Scan Context's
-    heading there."""
+def from_ranking(day: Day, fixer: Fixer) -> Answers:
+    """Fixes from the ranking's answers, all taken without a verdict."""
+    xy_m = day.rankings.load("xy_m")
+
+    def one(query: int, points_m: Points) -> tuple[NDArray[np.float64], bool]:
+        ranked = Ranked(xy_m[query], np.full(len(xy_m[query]), np.nan))
+        return poses([fixer.fix(points_m, day.targets, ranked)])[0], False
+
+    return day.asked(one, True)
+
+
+def of_walls(day: Day, fixer: Fixer) -> Guesses:
+    """The ranking's first candidates, each with the match of the walls there."""
+    xy_m = day.rankings.load("xy_m")
+    targets = day.targets
+
+    def guesses(query: int, points_m: Points) -> Iterator[tuple[int, NDArray[np.float64]]]:
+        walls = fixer.walls.cells_at_headings(fixer.walls.of(points_m))
+        is_taken = np.zeros(len(targets.world_T_anchor), bool)
+        for row in islice(targets.spaced(targets.nearest(xy_m[query], is_taken)), CANDIDATES):
+            yield row, fixer.walls.match(targets.chart(fixer.walls, row), walls).target_T_query
+
+    return guesses
+
+
+def of_scan_context(day: Day) -> Guesses:
+    """Scan Context's first candidates, each at its own place with the heading found there."""
     rankings = store.read(day.scan_context, schemas.Rankings)
     xy_m = rankings.load("xy_m")[:, :CANDIDATES]
     heading_deg = rankings.load("heading_deg")[:, :CANDIDATES]
     world_T_anchor = day.targets.world_T_anchor
+
+    def guesses(query: int, points_m: Points) -> Iterator[tuple[int, NDArray[np.float64]]]:
+        away_m = np.linalg.norm(world_T_anchor[:, :2, 3] - xy_m[query][:, None], axis=2)
+        rows = away_m.argmin(axis=1)
+        return zip(
+            rows.tolist(),
+            turns(np.deg2rad(heading_deg[query]) - yaw(world_T_anchor[rows])),
+            strict=True,
+        )
+
+    return guesses
+
+
+def registered(day: Day, kind: str, guesses: Guesses, decides: bool) -> Answers:
+    """The guess of the most inliers, registered by small_gicp; one that `decides` accepts where
+    the registration came to rest."""
     prepared = lru_cache(128)(
         lambda row: small_gicp.preprocess_points(day.targets.points_m(row), VOXEL_M, 10)
     )
@@ -180,28 +225,23 @@ def gicp(day: Day) -> Answers:
         converged = False
         most = -1
         source = small_gicp.preprocess_points(points_m, VOXEL_M, 10)[0]
-        rows = np.linalg.norm(world_T_anchor[:, :2, 3] - xy_m[query][:, None], axis=2).argmin(
-            axis=1
-        )
-        for row, found in zip(
-            rows, turns(np.deg2rad(heading_deg[query]) - yaw(world_T_anchor[rows])), strict=True
-        ):
+        for row, submap_T_query in guesses(query, points_m):
             cloud, tree = prepared(row)
             for reach_m in REACHES_M:
                 result = small_gicp.align(
                     cloud,
                     source,
                     tree,
-                    found,
-                    registration_type="GICP",
+                    submap_T_query,
+                    registration_type=kind,
                     max_correspondence_distance=reach_m,
                 )
-                found = result.T_target_source
+                submap_T_query = result.T_target_source
             if result.num_inliers > most:
-                best = world_T_anchor[row] @ found
+                best = day.targets.world_T_anchor[row] @ submap_T_query
                 converged = result.converged
                 most = result.num_inliers
-        return best, converged
+        return best, converged and decides
 
     return day.asked(one, True)
 
@@ -223,12 +263,12 @@ def kiss(day: Day) -> Answers:
         source = list(points_m.astype(np.float32))
         for row, target in clouds:
             matcher = kiss_matcher.KISSMatcher(1.0)
-            found = np.eye(4)
+            submap_T_query = np.eye(4)
             result = matcher.estimate(source, target)
-            found[:3, :3] = result.rotation
-            found[:3, 3] = np.ravel(result.translation)
+            submap_T_query[:3, :3] = result.rotation
+            submap_T_query[:3, 3] = np.ravel(result.translation)
             if matcher.get_num_final_inliers() > most:
-                best = day.targets.world_T_anchor[row] @ found
+                best = day.targets.world_T_anchor[row] @ submap_T_query
                 most = matcher.get_num_final_inliers()
         return best, most >= LEAST_INLIERS
 
@@ -289,7 +329,8 @@ def table(day: Day, programs: Path) -> Iterator[str]:
     """A row a peer that is there, a line a peer that is not."""
     yield f"  {'':<40} {'':12} {'of the seen':>12}  {'':16} {'from':>6} {'ms of the':>11}"
     yield f"  {'':<40} asked  seen  right   kept  accepted  wrong  above    seen     all"
-    yield yearloc(day).line("yearloc")
+    fixer: Fixer = instantiate(OmegaConf.load("conf/poses.yaml").fixer)
+    yield yearloc(day, fixer).line("yearloc")
     program = programs / "map_closures"
     if program.is_file():
         for reach_m in LOCAL_M:
@@ -297,7 +338,8 @@ def table(day: Day, programs: Path) -> Iterator[str]:
     else:
         yield f"  MapClosures left out: {program} is not there (benchmarks/PEERS.md)"
     if day.scan_context.is_dir():
-        yield gicp(day).line("GICP from Scan Context")
+        guesses = of_scan_context(day)
+        yield registered(day, "GICP", guesses, True).line("GICP from Scan Context")
     else:
         yield (
             f"  GICP left out: {day.scan_context} is not there (yearloc use … "
@@ -307,6 +349,10 @@ def table(day: Day, programs: Path) -> Iterator[str]:
         yield kiss(day).line(f"KISS-Matcher, tiles {TILE_M:.0f} m apart")
     except ImportError:
         yield "  KISS-Matcher left out: kiss_matcher is not installed (pip install .[kiss])"
+    one_round = replace(fixer, rounds=(CANDIDATES,))
+    yield from_ranking(day, one_round).line("yearloc, from the first candidates")
+    for name, kind in ICP.items():
+        yield registered(day, kind, of_walls(day, fixer), False).line(name)
 
 
 def main(
