@@ -51,7 +51,7 @@ def slam(
 ) -> None:
     """Estimate the poses of a log that has none: odometry by registration, loops, a graph."""
     from pipeline.core.replacing import replace
-    from pipeline.inspection.opened import open_unposed
+    from pipeline.opening.opening import unposed
     from pipeline.slam import outputs
     from pipeline.slam.drive import Slam, without_truth
 
@@ -64,7 +64,7 @@ def slam(
         check_file(path)
     uses_odometry = odometry != "none"
     odometry_topic = odometry if uses_odometry else None
-    opened_log = without_truth(open_unposed(log, topic, odometry_topic))
+    opened_log = without_truth(unposed(log, topic, odometry_topic))
     tell_cold()
     progress = Scans()
     estimate = Slam(use_log_odometry=uses_odometry).estimate(opened_log, progress)

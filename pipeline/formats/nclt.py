@@ -24,6 +24,7 @@ BODY_T_VELODYNE_XYZRPH = (0.002, -0.004, -0.957, 0.807, 0.166, -90.703)
 """x, y, z in metres and roll, pitch, heading in degrees of the lidar in the body frame."""
 
 SCANS = "velodyne_sync"
+PACKETS = "velodyne_hits.bin"
 TRUTH = "groundtruth_{sequence}.csv"
 ODOMETRY = "odometry_mu_100hz.csv"
 COVARIANCE = "odometry_cov.csv"

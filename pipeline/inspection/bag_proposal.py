@@ -11,24 +11,20 @@ import re
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.core.errors import LogError
 from pipeline.core.frames import moved
-from pipeline.formats.bag import CLOUD, IMU, SWEEP, TRANSFORMS
+from pipeline.formats.bag import SWEEP
 from pipeline.formats.bag_file import plain
-from pipeline.inspection.bag_contents import Contents, TopicSummary
 from pipeline.inspection.inspection import typographic
 from pipeline.mapping.appearance import ground
-from pipeline.readers.bag_poses import KINDS
-from pipeline.readers.mounting import BODIES
+from pipeline.opening.bag_contents import (
+    DRIFTING_NAMES,
+    Contents,
+    TopicSummary,
+    gyroscope,
+    points_source,
+    pose_sources,
+)
 
-WORLDS = ("map", "world", "earth", "utm", "enu", "global")
-"""Frames that stand still, the likeliest first."""
-TRUE_NAMES = re.compile("truth|gt|gnss|gps|rtk|ins|slam|map|locali")
-"""Matches the names of topics that are likely to hold true poses."""
-DRIFTING_NAMES = re.compile("odom|vo|vio|wheel")
-"""Matches the names and frames of poses that are likely to drift."""
-PACKET_TYPES = ("CustomMsg", "VelodyneScan", "PacketMsg")
-"""Messages of Livox, Velodyne and Ouster, of which their drivers make PointCloud2."""
 MIN_CLOUD_POINTS = 1_000
 """The ground is not looked for in smaller clouds."""
 
@@ -38,7 +34,7 @@ def propose(contents: Contents) -> tuple[str, list[str]]:
 
     The text names points, truth, odometry and extrinsics. Raises LogError for bags without points.
     """
-    best_poses, odometry = _poses(contents)
+    best_poses, odometry = pose_sources(contents)
     points = points_source(contents, best_poses)
     is_sweep = points.kind == SWEEP
     warnings: list[str] = []
@@ -119,89 +115,6 @@ def _with_odometry_alone(poses: TopicSummary, is_sweep: bool) -> str:
         "estimates poses in one frame from the scans. To split a single drive, "
         f"{poses.name} may be named as truth"
     )
-
-
-def points_source(contents: Contents, poses: TopicSummary | None) -> TopicSummary:
-    """The topic that is most likely the LiDAR's.
-
-    It is the most frequent one of clouds, or else of sweeps. One that is already in the world frame
-    of the `poses` is taken only if there is no other. Raises LogError for bags without points.
-    """
-    sources = contents.of(CLOUD) or contents.of(SWEEP)
-    if not sources:
-        raise LogError(f"{contents.files[0].path}: {_without_points(contents)}")
-    for source in sources:
-        if poses is None or source.frame != poses.frame:
-            return source
-    return sources[0]
-
-
-def _without_points(contents: Contents) -> str:
-    """The error on bags without points: what they hold instead."""
-    topic_list = ", ".join(f"{topic.name} ({topic.kind})" for topic in contents.topics) or "nothing"
-    advice = ""
-    for topic in contents.topics:
-        if topic.kind.rpartition("/")[2] in PACKET_TYPES:
-            advice = (
-                f"; let the lidar's driver make PointCloud2 of {topic.kind} while `ros2 bag "
-                "record` runs"
-            )
-            break
-    return f"neither a PointCloud2 nor a LaserScan in it; it holds {plain(topic_list, 800)}{advice}"
-
-
-def drifting(contents: Contents) -> TopicSummary | None:
-    """The source of poses that is most likely odometry, which drifts but never jumps; else None."""
-    best_poses, odometry = _poses(contents)
-    if odometry is None and best_poses is not None and _drifts(best_poses):
-        return best_poses
-    return odometry
-
-
-def gyroscope(contents: Contents) -> TopicSummary | None:
-    """The most frequent topic of an IMU; None without any."""
-    return next(iter(contents.of(IMU)), None)
-
-
-def _poses(contents: Contents) -> tuple[TopicSummary | None, TopicSummary | None]:
-    """The source of poses that is most likely the truth, and of the others the likeliest odometry.
-
-    Each is None where the bags hold no such source.
-    """
-    sources = contents.of(*KINDS)
-    tree = contents.transforms.every()
-    frames = tree.frames
-    body = next((body for body in BODIES if body in frames), None)
-    for world in (*WORLDS, "odom"):
-        if body and world in frames and tree.moves(world, body):
-            name = f"tf:{world}>{body}"
-            sources.append(
-                TopicSummary(name, TRANSFORMS, count=0, rate_hz=np.nan, frame=world, child=body)
-            )
-    best = max(sources, key=_trust, default=None)
-    drifting_sources = [source for source in sources if source is not best and _drifts(source)]
-    return best, min(drifting_sources, key=_trust, default=None)
-
-
-def _drifts(source: TopicSummary) -> bool:
-    return bool(DRIFTING_NAMES.search(f"{source.frame} {source.name}"))
-
-
-def _trust(source: TopicSummary) -> int:
-    """A score, larger for poses that are more likely the truth than odometry.
-
-    Of equal ones a topic is preferred to transforms.
-    """
-    score = 0
-    if source.frame in WORLDS:
-        score += 8
-    if TRUE_NAMES.search(source.name):
-        score += 4
-    if _drifts(source):
-        score -= 4
-    if not source.name.startswith("tf:"):
-        score += 1
-    return score
 
 
 def _extrinsic(

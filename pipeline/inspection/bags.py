@@ -12,12 +12,12 @@ import yaml
 from pipeline.core.errors import LogError
 from pipeline.formats.bag import CLOUD
 from pipeline.formats.bag_file import find, is_bag, plain
-from pipeline.inspection.bag_contents import Contents
 from pipeline.inspection.bag_proposal import propose
 from pipeline.inspection.drives import VEHICLE
 from pipeline.inspection.folders import describe_log, survey_log
 from pipeline.inspection.inspection import Inspection, duration, moment, nbytes, typographic
 from pipeline.inspection.origin import bytes_on_disk
+from pipeline.opening.bag_contents import Contents
 from pipeline.readers.bag import Bag
 
 MAX_TRIED_BYTES = 8 * 10**9

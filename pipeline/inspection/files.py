@@ -43,7 +43,7 @@ def format_of(path: Path, as_format: str | None) -> str:
 
 def describe_scan_file(path: Path, as_format: str | None, inspection: Inspection) -> None:
     """Describe a .bin with one scan, or velodyne_hits.bin; raises LogError for a damaged one."""
-    if path.name == "velodyne_hits.bin":
+    if path.name == nclt.PACKETS:
         _describe_packets(path, inspection)
         return
     describe_by_format = {

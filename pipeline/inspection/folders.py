@@ -4,6 +4,7 @@ A folder may hold the scans of one log, be a sequence, or be the root of a data 
 opened by the reader of its data set, and its log described; a CARMEN log, one file, is too.
 """
 
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -11,30 +12,28 @@ from numpy.typing import NDArray
 
 from pipeline.core.errors import LogError
 from pipeline.core.frames import step_lengths_m
-from pipeline.formats import bin_layout, carmen, folder, kitti, nclt
+from pipeline.formats import bin_layout, folder, kitti, nclt
 from pipeline.inspection.cloud import spread, survey
 from pipeline.inspection.drives import VEHICLE
-from pipeline.inspection.files import FORMATS, MAX_UTIME_DIGITS, format_of
+from pipeline.inspection.files import FORMATS, format_of
 from pipeline.inspection.inspection import Inspection, duration, metres, nbytes, stamp_rows
+from pipeline.opening.opening import KEY_FRAMES, OTHER_ROBOT, Opening
 from pipeline.readers import log
 from pipeline.readers.carmen import Carmen
 from pipeline.readers.folder import Folder
 from pipeline.readers.keyframes import KeyFrames
-from pipeline.readers.kitti import Kitti, read_velodyne
+from pipeline.readers.kitti import Kitti, read_velodyne, scan_numbers
 from pipeline.readers.log import Log, Reader
-from pipeline.readers.nclt import Nclt, read_velodyne_sync
+from pipeline.readers.nclt import Nclt, nclt_utimes, read_velodyne_sync
 from pipeline.readers.robotcar import RobotCar
 
-KEY_FRAMES = "key frames"
-OTHER_ROBOT = "another robot's"
-"""Names of the data sets that the readers KeyFrames and Folder open."""
+FRAMES = {KEY_FRAMES: "as stored; conf/dataset/nclt_keyframes.yaml turns and raises them"}
+"""The frame of the points of a data set, where it is not that of the vehicle."""
 MAX_NAMES = 20
 """Names of files in a folder that are listed."""
 FAR_M = 50.0
 """If the robot is nearer than this to the origin of its world, a cloud around the robot cannot be
 told from one around the origin."""
-RECORD_BYTES = {"nclt": nclt.RECORD_BYTES, "kitti": kitti.RECORD_BYTES}
-"""Bytes of a point, by format."""
 
 
 def describe_scan_folder(path: Path, as_format: str | None, inspection: Inspection) -> None:
@@ -53,19 +52,23 @@ def describe_scan_folder(path: Path, as_format: str | None, inspection: Inspecti
 
 def _describe_nclt_scans(path: Path, inspection: Inspection) -> None:
     """Describe velodyne_sync/, whose scans are named by their utimes."""
-    files = _whole_scans(path, "nclt", inspection)
-    times_s = np.array([int(file.stem) for file in files], np.int64) * 1e-6
-    rows = _file_rows(files, RECORD_BYTES["nclt"])
+    skipped = Counter[str]()
+    utimes = nclt_utimes(path, skipped)
+    warn_of_skipped(inspection, skipped, "scans")
+    files = [path / f"{utime}.bin" for utime in utimes]
+    rows = file_rows(files, nclt.RECORD_BYTES)
     inspection.kind = "NCLT scans of one log"
-    inspection.add_untitled(*rows, *rate_rows(inspection, times_s))
+    inspection.add_untitled(*rows, *rate_rows(inspection, utimes * 1e-6))
     survey(inspection, len(files), lambda row: read_velodyne_sync(files[row]), "body frame, z up")
 
 
 def _describe_kitti_scans(path: Path, inspection: Inspection) -> None:
     """Describe velodyne/, whose scans are numbered; times.txt beside it has their times."""
-    files = _whole_scans(path, "kitti", inspection)
-    numbers = np.array([int(file.stem) for file in files], np.int64)
-    rows = _file_rows(files, RECORD_BYTES["kitti"])
+    skipped = Counter[str]()
+    numbers = scan_numbers(path, skipped)
+    warn_of_skipped(inspection, skipped, "scans")
+    files = [path / f"{number:06d}.bin" for number in numbers]
+    rows = file_rows(files, kitti.RECORD_BYTES)
     missing_count = int(numbers[-1] - numbers[0] + 1 - len(numbers))
     inspection.warn_if(
         missing_count,
@@ -87,43 +90,15 @@ def _describe_kitti_scans(path: Path, inspection: Inspection) -> None:
     )
 
 
-def _whole_scans(path: Path, format_name: str, inspection: Inspection) -> list[Path]:
-    """The scan files of a format that hold whole records, sorted by number; warns of the others.
-
-    Raises LogError if there is none.
-    """
-    record_bytes = RECORD_BYTES[format_name]
-    files = [file for file in path.glob("*.bin") if file.name != "velodyne_hits.bin"]
-    numbered_files = [
-        file for file in files if file.stem.isdecimal() and len(file.stem) <= MAX_UTIME_DIGITS
-    ]
-    sizes = {file: file.stat().st_size for file in numbered_files}
-    whole_files = [file for file, size in sizes.items() if size and size % record_bytes == 0]
-    unnamed_count = len(files) - len(numbered_files)
-    cut_count = len(numbered_files) - len(whole_files)
-    inspection.warn_if(
-        unnamed_count, f"{unnamed_count} .bin files are named by no number: the reader skips them"
-    )
-    fault = f"empty or cut short (no whole number of {record_bytes}-byte records)"
-    inspection.warn_if(
-        cut_count, f"{cut_count} scans are {fault}: the reader skips them; fetch them anew"
-    )
-    if not whole_files:
-        raise LogError(
-            f"{path}: none of its {len(files)} .bin files is a whole {format_name.upper()} scan; "
-            "is it the other format's?"
-        )
-    return sorted(whole_files, key=lambda file: (int(file.stem), file.name))
-
-
-def _file_rows(files: list[Path], record_bytes: int) -> list[tuple[str, str]]:
-    """Rows on scan files: how many, how large, and the first and last names."""
+def file_rows(
+    files: list[Path], record_bytes: int, scans: str = "scans", points: str = "points a scan"
+) -> list[tuple[str, str]]:
+    """Rows on files of `scans` of so many `points`: how many, how large, the first and last."""
     sizes = np.array([file.stat().st_size for file in files])
-    counts = np.quantile(sizes, (0, 1, 0.5)) // record_bytes
-    fewest, most, median = counts.astype(int)
+    fewest, most, median = (np.quantile(sizes, (0, 1, 0.5)) // record_bytes).astype(int)
     return [
-        ("scans", f"{len(files):,}, {nbytes(int(sizes.sum()))}"),
-        ("points a scan", f"{fewest:,} … {most:,}, median {median:,.0f}"),
+        (scans, f"{len(files):,}, {nbytes(int(sizes.sum()))}"),
+        (points, f"{fewest:,} … {most:,}, median {median:,.0f}"),
         ("first, last", f"{files[0].name}, {files[-1].name}"),
     ]
 
@@ -155,38 +130,21 @@ def _describe_own_scans(path: Path, inspection: Inspection) -> None:
     )
 
 
-def describe_own_sequence(path: Path, reader: Folder, inspection: Inspection) -> None:
-    """Describe a folder of another robot's scans and poses, opened by its reader."""
-    root = path.resolve().parent
-    log = describe_opened(inspection, OTHER_ROBOT, root, reader, "as its reader opens it")
-    if log is not None:
-        survey_log(inspection, log, VEHICLE)
-
-
-def describe_sequence(path: Path, inspection: Inspection) -> None:
-    """Describe the folder of a sequence of NCLT or KITTI, opened by its reader.
+def describe_sequence(opening: Opening, inspection: Inspection) -> None:
+    """Describe a drive as its reader opens it.
 
     If the reader refuses it, the error becomes a warning, and only the scans are described.
     """
-    full_path = path.resolve()
-    reader: Reader
-    if (path / "velodyne_sync").is_dir():
-        reader = Nclt()
-        scans = path / "velodyne_sync"
-        root = full_path.parent
-    else:
-        reader = Kitti()
-        scans = path / "velodyne"
-        root = full_path.parents[1]
-    data_set = FORMATS[scans.name].upper()
-    opened_log = describe_opened(inspection, data_set, root, reader, "as its reader opens it")
+    path = inspection.path
+    opened_log = describe_opened(inspection, opening, "as its reader opens it")
+    scans = next((path / name for name in FORMATS if (path / name).is_dir()), None)
     if opened_log is not None:
-        survey_log(inspection, opened_log, VEHICLE)
-        return
-    scan_inspection = Inspection(scans)
-    describe_scan_folder(scans, None, scan_inspection)
-    inspection.sections += scan_inspection.sections
-    inspection.warnings += scan_inspection.warnings
+        survey_log(inspection, opened_log, FRAMES.get(opening.data_set, VEHICLE))
+    elif scans:
+        scan_inspection = Inspection(scans)
+        describe_scan_folder(scans, None, scan_inspection)
+        inspection.sections += scan_inspection.sections
+        inspection.warnings += scan_inspection.warnings
 
 
 def describe_root(path: Path, folder_reader: Folder, inspection: Inspection) -> None:
@@ -233,23 +191,23 @@ def _add_sequences(inspection: Inspection, name: str, sequences: dict[str, list[
 
 
 def describe_opened(
-    inspection: Inspection, kind: str, root: Path, reader: Reader, title: str, scans: str = "scans"
+    inspection: Inspection, opening: Opening, title: str, scans: str = "scans"
 ) -> Log | None:
-    """Open the sequence at the path of the inspection, describe its files and its log, return it.
+    """Open the drive at the path of the inspection, describe its files and its log, return it.
 
     The content of the log stands under `title`; its rows are called `scans`. Warns of what is
-    missing. If the reader refuses the sequence, its error becomes the only warning, and the result
-    is None.
+    missing. If the reader refuses the drive, its error becomes the only warning, and the result is
+    None.
     """
     inspection.path = path = inspection.path.resolve()
     names = sorted(file.name + ("/" if file.is_dir() else "") for file in path.iterdir())
     names_text = ", ".join(names[:MAX_NAMES])
     if len(names) > MAX_NAMES:
         names_text += f", and {len(names) - MAX_NAMES:,} more"
-    inspection.kind = f"{kind} sequence {path.name}"
-    inspection.add_untitled(("holds", names_text), ("root", str(root.resolve())))
+    inspection.kind = f"{opening.data_set} sequence {path.name}"
+    inspection.add_untitled(("holds", names_text), ("root", str(opening.root)))
     try:
-        log = reader.open(root, path.name)
+        log = opening.open()
     except LogError as error:
         inspection.warn(f"the reader refuses the sequence: {error}")
         return None
@@ -257,30 +215,22 @@ def describe_opened(
     return log
 
 
-def describe_key_frames(path: Path, inspection: Inspection) -> None:
-    """Describe a folder with keyframes.txt and its clouds, in the frame of their files."""
-    root = path.resolve().parent
-    log = describe_opened(inspection, KEY_FRAMES, root, KeyFrames(), "as its reader opens it")
-    if log is not None:
-        frame = "as stored; conf/dataset/nclt_keyframes.yaml turns and raises them"
-        survey_log(inspection, log, frame)
-
-
-def describe_carmen_log(path: Path, inspection: Inspection) -> None:
-    """Describe a CARMEN log, opened with the reader's defaults."""
-    suffix = next(suffix for suffix in carmen.SUFFIXES if path.name.endswith(suffix))
+def describe_carmen_log(opening: Opening, inspection: Inspection) -> None:
+    """Describe a CARMEN log, one file; raises LogError if its reader refuses it."""
     inspection.kind = "CARMEN log"
-    inspection.add_untitled(("size", nbytes(path.stat().st_size)))
-    log = Carmen().open(path.parent, path.name.removesuffix(suffix))
-    describe_log(inspection, log, "as its reader opens it", "sweeps")
+    inspection.add_untitled(("size", nbytes(inspection.path.stat().st_size)))
+    describe_log(inspection, opening.open(), "as its reader opens it", "sweeps")
+
+
+def warn_of_skipped(inspection: Inspection, skipped: Counter[str], scans: str) -> None:
+    """Warn of the `scans` that a reader skips, by reason."""
+    for reason, count in sorted((+skipped).items()):
+        inspection.warn(f"{count:,} {scans} are skipped: {reason}")
 
 
 def describe_log(inspection: Inspection, log: Log, title: str, scans: str) -> None:
     """Add the content of a log, whose rows are called `scans`; warns of what is missing."""
-    inspection.warnings += tuple(
-        f"{scan_count:,} {scans} are skipped: {reason}"
-        for reason, scan_count in sorted(log.skipped.items())
-    )
+    warn_of_skipped(inspection, log.skipped, scans)
     inspection.warnings += log.notes
     count = len(log.stamps_ns)
     true_pose_count = int(np.isfinite(log.world_T_scan).all(axis=(1, 2)).sum())

@@ -9,15 +9,15 @@ from pathlib import Path
 
 from pipeline.core.errors import ArtifactError, ConfigError, LogError
 from pipeline.core.store import MODEL
-from pipeline.formats import carmen
 from pipeline.formats.bag_file import SUFFIXES, find
 from pipeline.formats.folder import SCANS
 from pipeline.formats.robotcar import LASERS
 from pipeline.inspection import artifacts, bags, files, folders, robotcar, tracks
 from pipeline.inspection.inspection import Inspection
 from pipeline.inspection.origin import add_provenance
-from pipeline.readers import keyframes
+from pipeline.opening.opening import OTHER_ROBOT, Opening, at
 from pipeline.readers.folder import Folder
+from pipeline.readers.robotcar import RobotCar
 
 SUPPORTED_TEXT = (
     ".zarr, .zarr.zip (a model), .bin, .csv (NCLT poses, RobotCar vo, ins), .txt (KITTI poses, "
@@ -97,16 +97,16 @@ def _describe_folder(
 ) -> None:
     """Describe a folder by what lies in it."""
     is_scans = path.name in files.FORMATS or any(file.suffix in SCANS for file in path.iterdir())
-    if any((path / name).is_dir() for name in files.FORMATS):
-        folders.describe_sequence(path, inspection)
-    elif any((path / laser).is_dir() for laser in LASERS):
-        robotcar.describe_sequence(path, inspection)
-    elif path.name in LASERS:
+    full_path = path.resolve()
+    opening = at(path)
+    if opening is None and full_path.name in folder_reader.sequences(full_path.parent):
+        opening = Opening(OTHER_ROBOT, folder_reader, full_path.parent, full_path.name)
+    if path.name in LASERS:
         robotcar.describe_sweeps(path, inspection)
-    elif (path / keyframes.FILE).is_file():
-        folders.describe_key_frames(path, inspection)
-    elif path.resolve().name in folder_reader.sequences(path.resolve().parent):
-        folders.describe_own_sequence(path, folder_reader, inspection)
+    elif opening is not None and isinstance(opening.reader, RobotCar):
+        robotcar.describe_sequence(opening, inspection)
+    elif opening is not None:
+        folders.describe_sequence(opening, inspection)
     elif (as_format is None and find(path)) or (not is_scans and bags.below(path)):
         bags.describe_bags(path, inspection)
     elif is_scans:
@@ -118,6 +118,7 @@ def _describe_folder(
 def _describe_file(path: Path, as_format: str | None, inspection: Inspection) -> None:
     """Describe a file by its name, else by its content."""
     patterns = [pattern for pattern in DESCRIBE_BY_PATTERN if path.match(pattern)]
+    opening = at(path)
     if patterns:
         describe = DESCRIBE_BY_PATTERN[patterns[0]]
         describe(path, inspection)
@@ -127,8 +128,8 @@ def _describe_file(path: Path, as_format: str | None, inspection: Inspection) ->
         files.describe_scan_file(path, as_format, inspection)
     elif path.suffix in TEXT_SUFFIXES:
         tracks.describe_numbers(path, inspection)
-    elif path.name.endswith(carmen.SUFFIXES):
-        folders.describe_carmen_log(path, inspection)
+    elif opening is not None:
+        folders.describe_carmen_log(opening, inspection)
     elif path.suffix in FOREIGN_FORMATS:
         raise ConfigError(f"{path}: {FOREIGN_FORMATS[path.suffix]}")
     else:

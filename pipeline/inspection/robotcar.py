@@ -16,12 +16,14 @@ from pipeline.core.frames import step_lengths_m
 from pipeline.formats import robotcar
 from pipeline.inspection import folders
 from pipeline.inspection.cloud import spread
-from pipeline.inspection.files import MAX_UTIME_DIGITS, moment_of
+from pipeline.inspection.files import moment_of
 from pipeline.inspection.inspection import Inspection, box, duration, metres, nbytes, stamp_rows
+from pipeline.inspection.tracks import warn_of_gaps
 from pipeline.mapping.appearance import coverage
+from pipeline.opening.opening import Opening
 from pipeline.readers import log
-from pipeline.readers.columns import columns, numbers, utimes_ns
-from pipeline.readers.robotcar import RobotCar, read_sweep
+from pipeline.readers.columns import columns, numbers
+from pipeline.readers.robotcar import RobotCar, read_sweep, sweep_utimes
 from pipeline.readers.robotcar_poses import read_ins, read_vo
 
 BEAMS = 541
@@ -77,35 +79,20 @@ def describe_sweep(path: Path, inspection: Inspection) -> None:
 
 
 def describe_sweeps(path: Path, inspection: Inspection) -> None:
-    """Describe lms_front/ or lms_rear/: the sweeps of one laser, and their list of stamps.
+    """Describe lms_front/ or lms_rear/: the sweeps of one laser that its reader takes.
 
-    Raises LogError if no sweep is whole.
+    Raises LogError if there is none.
     """
-    sizes = {
-        file: file.stat().st_size
-        for file in path.glob("*.bin")
-        if file.stem.isdecimal() and len(file.stem) <= MAX_UTIME_DIGITS
-    }
-    files = [file for file, size in sizes.items() if size and size % robotcar.RECORD_BYTES == 0]
-    files.sort(key=_utime)
-    if not files:
-        raise LogError(
-            f"{path}: none of its {len(sizes)} files UTIME.bin is a whole sweep; fetch them anew"
-        )
-    cut_count = len(sizes) - len(files)
-    inspection.warn_if(
-        cut_count,
-        f"{cut_count} sweeps are empty or cut short: the reader skips them; fetch them anew",
-    )
-    utimes = np.array([_utime(file) for file in files])
-    beams = np.array([sizes[file] // robotcar.RECORD_BYTES for file in files])
+    skipped = Counter[str]()
+    notes: list[str] = []
+    utimes = sweep_utimes(path.parent, path.name, skipped, notes)
+    folders.warn_of_skipped(inspection, skipped, "sweeps")
+    inspection.warnings += tuple(notes)
+    files = [path / f"{utime}.bin" for utime in utimes]
     inspection.kind = "RobotCar sweeps of one laser"
     inspection.add_untitled(
-        ("sweeps", f"{len(files):,}, {nbytes(sum(sizes.values()))}"),
-        ("beams a sweep", f"{beams.min():,} … {beams.max():,}, median {np.median(beams):,.0f}"),
-        ("first, last", f"{files[0].name}, {files[-1].name}"),
+        *folders.file_rows(files, robotcar.RECORD_BYTES, "sweeps", "beams a sweep"),
         *folders.rate_rows(inspection, utimes * 1e-6),
-        ("stamps", _stamps_text(inspection, path, utimes)),
     )
     _add_table(
         inspection,
@@ -115,22 +102,15 @@ def describe_sweeps(path: Path, inspection: Inspection) -> None:
     )
 
 
-def describe_sequence(path: Path, inspection: Inspection) -> None:
+def describe_sequence(opening: Opening, inspection: Inspection) -> None:
     """Describe the folder of a sequence, opened by its reader.
 
     If the reader refuses it, the error becomes a warning, and each laser's folder is described.
     """
+    path = inspection.path.resolve()
     lasers = [laser for laser in robotcar.LASERS if (path / laser).is_dir()]
-    path = path.resolve()
     title = f"as its reader opens it, with {' and '.join(lasers)}"
-    opened_log = folders.describe_opened(
-        inspection,
-        "RobotCar",
-        root=path.parent,
-        reader=RobotCar(lasers),
-        title=title,
-        scans="sweeps",
-    )
+    opened_log = folders.describe_opened(inspection, opening, title, "sweeps")
     if opened_log is not None:
         frame = "vehicle frame: x forward, y left, z up from the camera"
         _add_table(inspection, len(opened_log.stamps_ns), opened_log.points, frame)
@@ -154,7 +134,6 @@ def describe_vo(path: Path, inspection: Inspection) -> None:
     path_text = metres(float(steps_m.sum()))
     longest_text = metres(float(steps_m.max(initial=0.0)))
     steps_s = np.diff(stamps_s)[has_pose[1:] & has_pose[:-1]]
-    is_gap = steps_s > max_gap_s
     break_count = len(odometry.breaks_ns)
     inspection.kind = "RobotCar visual odometry"
     inspection.add_untitled(
@@ -172,11 +151,12 @@ def describe_vo(path: Path, inspection: Inspection) -> None:
         f"breaks: {break_count} rows start elsewhere than where the row before them ended; no "
         "accumulated submap reaches across one",
     )
-    inspection.warn_if(
-        is_gap.any(),
-        f"{int(is_gap.sum())} steps over {max_gap_s} s, the longest "
-        f"{duration(float(steps_s.max(initial=0)))}: sweeps there have no odometry; sparser "
-        "odometry needs max_vo_gap_s in the dataset's yaml",
+    warn_of_gaps(
+        inspection,
+        steps_s,
+        max_gap_s,
+        "steps",
+        "sweeps there have no odometry; sparser odometry needs max_vo_gap_s in the dataset's yaml",
     )
 
 
@@ -239,30 +219,3 @@ def _add_table(
             extents = [box(cloud[:, [axis]], [""]).strip() for axis in range(3)]
         table.append((str(row), f"{len(cloud):,}", *extents))
     inspection.add(f"sweeps, {frame}", *table)
-
-
-def _stamps_text(inspection: Inspection, folder: Path, utimes: NDArray[np.int64]) -> str:
-    """The number of stamps in the list of the laser whose sweeps are in `folder`.
-
-    `utimes` (n,) are those of its whole files. Warns of files without a stamp, and of stamps
-    without a file.
-    """
-    path = folder.with_suffix(".timestamps")
-    if not path.is_file():
-        inspection.warn(
-            f"no {path.name} beside the folder: the reader takes every file that is there"
-        )
-        return "by the names of the files"
-    stamps = utimes_ns(path, log.table(path, 2)[:, 0]) // 1000
-    unstamped_count = int((~np.isin(utimes, stamps)).sum())
-    fileless_count = int((~np.isin(stamps, utimes)).sum())
-    unpaired_text = (
-        f"{path.name}: {fileless_count:,} stamps have no whole file and {unstamped_count:,} files "
-        "no stamp: the reader skips them"
-    )
-    inspection.warn_if(unstamped_count or fileless_count, unpaired_text)
-    return f"{len(stamps):,} in {path.name}"
-
-
-def _utime(path: Path) -> int:
-    return int(path.stem)

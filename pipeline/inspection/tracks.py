@@ -14,14 +14,11 @@ from pipeline.formats import kitti
 from pipeline.inspection.inspection import Inspection, box, duration, path_length, stamp_rows
 from pipeline.readers import log, vehicle
 from pipeline.readers.folder import BODY_T_CAMERA, read_tum
+from pipeline.readers.kitti import MAX_GAP_S, read_calibration, read_camera_poses, read_times
 from pipeline.readers.nclt import Nclt, read_poses
 
-MAX_GAP_S = 1.0
-"""Between poses further apart than this in time, the path is not checked."""
 SCAN_NS = 100_000_000
 """The time from one KITTI scan to the next."""
-MAX_DEVIATION = 1e-3
-"""A rotation may be off by this much from orthonormal, since numbers are rounded."""
 
 
 def describe_numbers(path: Path, inspection: Inspection) -> None:
@@ -68,44 +65,37 @@ def describe_nclt_poses(path: Path, inspection: Inspection) -> None:
     """Describe groundtruth_*.csv or odometry*.csv of NCLT.
 
     Rows are utime, x, y, z, roll, pitch, heading; the frames are north-east-down. The rows of
-    odometry_mu.csv are motions between images, not poses.
+    odometry_mu.csv are motions between images, not poses. Raises LogError where the reader does.
     """
     if "cov" in path.stem:
         raise LogError(
             f"{path}: covariances, which the reader uses but inspect does not describe; inspect "
             "the odometry beside it"
         )
-    rows = log.table(path, 7, ",")
-    unstamped_rows = np.flatnonzero(~np.isfinite(rows[:, 0]))
-    if len(unstamped_rows):
-        raise LogError(f"{path}: row {int(unstamped_rows[0]) + 1} has no stamp")
     is_relative = path.stem.endswith("odometry_mu")
-    is_finite = np.isfinite(rows).all(axis=1)
-    times_s = rows[:, 0] * 1e-6
-    xyz_m = rows[is_finite, 1:4]
-    max_gap_s = Nclt().max_gap_s
-    steps_s = np.diff(times_s[is_finite])
-    is_gap = steps_s > max_gap_s
+    track = read_poses(path, Nclt().max_gap_s)
+    is_finite = np.isfinite(track.world_T_body).all(axis=(1, 2))
+    xyz_m = track.world_T_body[is_finite, :3, 3] * (1, -1, -1)  # north, east, down
     source = "wheel odometry" if path.name.startswith("odometry") else "ground truth"
     content = "motion between images" if is_relative else "poses of the body"
-    description_rows = [
-        ("rows", f"{len(rows):,}, of which {int((~is_finite).sum()):,} hold a NaN"),
-        *stamp_rows(times_s),
+    rows = [
+        ("rows", f"{len(is_finite):,}, of which {int((~is_finite).sum()):,} hold a NaN"),
+        *stamp_rows(track.stamps_ns * 1e-9),
         ("path", path_length(xyz_m if is_relative else np.diff(xyz_m, axis=0))),
         ("frame", "north-east-down (x north, y east, z down), radians; the reader turns it z up"),
     ]
-    if not is_relative:
-        description_rows.append(("box", box(xyz_m, ("north", "east", "down"))))
     inspection.kind = f"NCLT {source}, {content}"
-    inspection.add_untitled(*description_rows)
-    _warn_of_order(inspection, times_s)
-    if not is_relative and not _rows_not_later(times_s):
-        inspection.warnings += vehicle.doubts("the poses", read_poses(path))
-    inspection.warn_if(
-        is_gap.any(),
-        f"{int(is_gap.sum())} gaps over {max_gap_s} s, the longest "
-        f"{duration(float(steps_s.max(initial=0)))}: scans there have no pose and are skipped; a "
-        "log with sparser rows needs max_gap_s in its dataset's yaml",
+    if not is_relative:
+        rows.append(("box", box(xyz_m, ("north", "east", "down"))))
+        inspection.warnings += vehicle.doubts("the poses", track)
+    inspection.add_untitled(*rows)
+    warn_of_gaps(
+        inspection,
+        np.diff(track.stamps_ns[is_finite]) * 1e-9,
+        track.max_gap_s,
+        "gaps",
+        "scans there have no pose and are skipped; a log with sparser rows needs max_gap_s in its "
+        "dataset's yaml",
     )
     inspection.warn_if(
         not is_finite.any(),
@@ -114,17 +104,27 @@ def describe_nclt_poses(path: Path, inspection: Inspection) -> None:
     )
 
 
+def warn_of_gaps(
+    inspection: Inspection, steps_s: NDArray[np.float64], max_gap_s: float, name: str, effect: str
+) -> None:
+    """Warn of `steps_s` (n,) over `max_gap_s`, which are called `name` and have this effect."""
+    gap_count = int((steps_s > max_gap_s).sum())
+    longest = duration(float(steps_s.max(initial=0)))
+    inspection.warn_if(
+        gap_count, f"{gap_count} {name} over {max_gap_s} s, the longest {longest}: {effect}"
+    )
+
+
 def describe_kitti_poses(path: Path, inspection: Inspection) -> None:
-    """Describe poses/NN.txt: rows of 3×4 matrices, the left camera's pose in its first frame."""
-    rows = log.table(path, 12)
-    is_finite = np.isfinite(rows).all(axis=1)
-    poses = kitti.matrix(rows[is_finite])
+    """Describe poses/NN.txt: rows of 3×4 matrices, the left camera's pose in its first frame.
+
+    Raises LogError where the reader does.
+    """
+    poses = read_camera_poses(path)
     xyz_m = poses[:, :3, 3]
-    nan_count = int((~is_finite).sum())
-    deviation = _rotation_deviation(poses)
     inspection.kind = "KITTI ground truth, poses of camera 0"
     inspection.add_untitled(
-        ("poses", f"{len(rows):,}"),
+        ("poses", f"{len(poses):,}"),
         ("path", path_length(np.diff(xyz_m, axis=0))),
         ("box", box(xyz_m, ("right", "down", "forward"))),
         (
@@ -134,21 +134,12 @@ def describe_kitti_poses(path: Path, inspection: Inspection) -> None:
         ),
     )
     inspection.warn_of_small_site(xyz_m, (0, 2))
-    stamps_ns = SCAN_NS * np.flatnonzero(is_finite)
     world_T_body = BODY_T_CAMERA @ poses @ BODY_T_CAMERA.T
-    trajectory = Trajectory(stamps_ns, world_T_body, MAX_GAP_S)
+    trajectory = Trajectory(SCAN_NS * np.arange(len(poses)), world_T_body, MAX_GAP_S)
     inspection.warnings += vehicle.doubts("the poses", trajectory)
-    inspection.warn_if(
-        nan_count, f"{nan_count} rows hold a NaN: the reader refuses the file; cut them off"
-    )
-    inspection.warn_if(
-        deviation > MAX_DEVIATION,
-        f"rotations are off by {deviation:.2g} from orthonormal: not poses, or cut numbers; fetch "
-        "the file anew",
-    )
     if path.parent.name == "poses" and len(path.parents) > 1:
         times_path = path.parents[1] / kitti.TIMES.format(log=path.stem)
-        _warn_of_count(inspection, times_path, len(rows))
+        _warn_of_count(inspection, times_path, len(poses))
 
 
 def _warn_of_count(inspection: Inspection, times_path: Path, pose_count: int) -> None:
@@ -186,34 +177,19 @@ def describe_tum_poses(path: Path, inspection: Inspection) -> None:
 
 def describe_kitti_times(path: Path, inspection: Inspection) -> None:
     """Describe times.txt: seconds from the start of the log, one row per scan."""
-    times_s = log.table(path, 1)[:, 0]
-    log.refuse_times(path, times_s, "s", 10**9)
+    stamps_ns = read_times(path)
     inspection.kind = "KITTI times"
-    inspection.add_untitled(("rows", f"{len(times_s):,}"), *stamp_rows(times_s))
-    _warn_of_order(inspection, times_s)
+    inspection.add_untitled(("rows", f"{len(stamps_ns):,}"), *stamp_rows(stamps_ns * 1e-9))
 
 
 def describe_kitti_calib(path: Path, inspection: Inspection) -> None:
     """Describe calib.txt: camera projections P0–P3, and Tr, the Velodyne's pose in camera 0."""
-    entries: dict[str, NDArray[np.float64]] = {}
-    try:
-        for line in path.read_text(encoding="utf-8").splitlines():
-            name, colon, words = line.partition(":")
-            if colon:
-                entries[name] = np.array([float(word) for word in words.split()])
-    except (UnicodeDecodeError, ValueError):
-        raise LogError(
-            f"{path}: expected rows 'NAME: 12 numbers', as in KITTI's calib.txt"
-        ) from None
-    if "Tr" not in entries or entries["Tr"].shape != (12,):
-        raise LogError(
-            f"{path}: expected a row 'Tr:' with 12 numbers, the camera's frame from the Velodyne's"
-        )
-    cam_T_velo = kitti.matrix(entries["Tr"][None])
-    camera_m = -cam_T_velo[0, :3, :3].T @ cam_T_velo[0, :3, 3]
+    cam_T_velo = read_calibration(path)
+    lines = path.read_text(encoding="utf-8").splitlines()
+    camera_m = -cam_T_velo[:3, :3].T @ cam_T_velo[:3, 3]
     inspection.kind = "KITTI calibration"
     inspection.add_untitled(
-        ("entries", ", ".join(entries)),
+        ("entries", ", ".join(line.partition(":")[0] for line in lines if ":" in line)),
         ("camera 0", "at x {:.3f}, y {:.3f}, z {:.3f} m in the Velodyne's frame".format(*camera_m)),
         (
             "frame",
@@ -221,30 +197,3 @@ def describe_kitti_calib(path: Path, inspection: Inspection) -> None:
             "down, z forward)",
         ),
     )
-    deviation = _rotation_deviation(cam_T_velo)
-    inspection.warn_if(
-        deviation > MAX_DEVIATION,
-        f"Tr's rotation is off by {deviation:.2g} from orthonormal: every pose would be sheared; "
-        "fetch the file anew",
-    )
-
-
-def _rotation_deviation(poses: NDArray[np.float64]) -> float:
-    """The largest deviation of the rotations of poses (n, 4, 4) from orthonormal."""
-    R = poses[:, :3, :3]
-    return float(np.abs(np.swapaxes(R, 1, 2) @ R - np.eye(3)).max(initial=0.0))
-
-
-def _rows_not_later(times_s: NDArray[np.float64]) -> list[int]:
-    """The numbers, from 1, of the rows whose stamps are not later than the row before."""
-    return [int(row) for row in np.flatnonzero(~(np.diff(times_s) > 0)) + 2]
-
-
-def _warn_of_order(inspection: Inspection, times_s: NDArray[np.float64]) -> None:
-    """Warn if stamps (n,) do not increase."""
-    rows = _rows_not_later(times_s)
-    if rows:
-        inspection.warn(
-            f"stamps do not increase at row {rows[0]} and {len(rows) - 1} more: the reader refuses "
-            "the file; sort its rows",
-        )

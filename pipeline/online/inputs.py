@@ -19,9 +19,10 @@ from numpy.typing import NDArray
 from pipeline.core.building import build
 from pipeline.core.errors import ConfigError, LogError, YearlocError
 from pipeline.core.frames import Poses, Stamps, moved
-from pipeline.formats import bin_layout, carmen, folder, nclt
+from pipeline.formats import bin_layout, folder, nclt
 from pipeline.formats.bag import CLOUD, SWEEP
 from pipeline.formats.bag_file import BagFile, find
+from pipeline.opening.opening import by_reader, scan_files
 from pipeline.readers import vehicle
 from pipeline.readers.bag_clouds import Clouds
 from pipeline.readers.bag_poses import KINDS, Track, track
@@ -32,8 +33,6 @@ from pipeline.readers.mounting import BODIES, Transforms
 
 READERS = ("pipeline.readers.",)
 """A site may name a reader of these modules only."""
-NCLT_PACKETS = "velodyne_hits.bin"
-"""Not a scan, but the packets of a whole drive of NCLT."""
 NO_POSE = np.full((4, 4), np.nan)
 """The pose of a scan where it is unknown."""
 ODOMETRY_GAP_S = 1.0
@@ -95,7 +94,7 @@ def scans(
     skipped = Counter() if skipped is None else skipped
     if not path.exists():
         raise LogError(f"{source}: no such file or folder")
-    if log := _log(path.resolve(), reader):
+    if log := _log(path, reader):
         skipped.update(log.skipped)
         for row in range(len(log.stamps_ns)):
             yield _of_log(log, row, path, str(path))
@@ -111,7 +110,7 @@ def scans(
 
 def is_log(source: str, reader: Mapping[str, Any]) -> bool:
     """Whether the site's own reader opens a path, and so places its points itself."""
-    return source != "-" and _log(Path(source).expanduser().resolve(), reader) is not None
+    return source != "-" and _log(Path(source).expanduser(), reader) is not None
 
 
 def decoded(data: bytes, path: Path) -> NDArray[np.float64]:
@@ -175,42 +174,23 @@ def _points_of_file(file: Path) -> NDArray[np.float64]:
 
 
 def _log(path: Path, reader: Mapping[str, Any]) -> Log | None:
-    """The log at a path; None if the reader that the site was learned with cannot open it.
-
-    The folder of all logs may be the parent of the path, or that one's.
-    """
-    for root in (path.parent, *path.parents[1:2]):
-        with suppress(YearlocError, OSError):
-            opener = build(reader, READERS)
-            name = _sequence(path)
-            if opener.sequences(root).get(name) == []:
-                log: Log = opener.open(root, name)
-                return log
+    """The log at a path; None if the reader that the site was learned with cannot open it."""
+    with suppress(YearlocError, OSError):
+        for opening in by_reader(path, build(reader, READERS)):
+            with suppress(YearlocError, OSError):
+                return opening.open()
     return None
 
 
-def _sequence(path: Path) -> str:
-    """The sequence that a path names: the name without the suffix that a CARMEN log may have."""
-    for suffix in carmen.SUFFIXES:
-        if path.name.endswith(suffix):
-            return path.name.removesuffix(suffix)
-    return path.name
-
-
 def _files(path: Path) -> list[Path]:
-    """The scan files of a folder, or of one of SCAN_FOLDERS, in the order of their numbers."""
-    for place in (path, *(path / name for name in folder.SCAN_FOLDERS)):
-        files = [
-            file
-            for file in place.glob("*")
-            if file.suffix in folder.SCANS and file.name != NCLT_PACKETS
-        ]
-        if files:
-            return sorted(files, key=lambda file: (_stamp_ns(file.stem) or 0, file.name))
-    raise LogError(
-        f"{path}: no scan there: no .bin, .npy or .pcd in it or in "
-        f"{', '.join(folder.SCAN_FOLDERS)}, and no bag"
-    )
+    """The scan files of a folder, or of a folder in it, in the order of their numbers."""
+    files = scan_files(path)
+    if not files:
+        raise LogError(
+            f"{path}: no scan there: no .bin, .npy or .pcd in it or in "
+            f"{', '.join(folder.SCAN_FOLDERS)}, and no bag"
+        )
+    return sorted(files, key=lambda file: (_stamp_ns(file.stem) or 0, file.name))
 
 
 def _stamp_ns(stem: str) -> int | None:

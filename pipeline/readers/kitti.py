@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.errors import ConfigError, LogError
-from pipeline.core.frames import Trajectory, travelled_m
+from pipeline.core.frames import Stamps, Trajectory, travelled_m
 from pipeline.core.settings import Positive, Share, check
 from pipeline.formats import kitti
 from pipeline.readers import log, vehicle
@@ -53,19 +53,22 @@ class Kitti:
                 "00-b"
             )
         times_path = root / kitti.TIMES.format(log=name)
-        times_s = log.table(times_path, 1)[:, 0]
-        stamps_ns = log.nanoseconds(times_path, times_s, "s", 10**9)
+        stamps_ns = read_times(times_path)
         poses_path = log.first_file(root, POSES_PLACES, name) or root / kitti.POSES.format(log=name)
-        poses = np.full((len(times_s), 4, 4), np.nan)
+        poses = np.full((len(stamps_ns), 4, 4), np.nan)
         if self.poses:
             poses = read_poses(poses_path, root / kitti.CALIB.format(log=name))
-        if len(times_s) != len(poses):
+        if len(stamps_ns) != len(poses):
             raise LogError(
-                f"{times_path}: {len(times_s)} times for {len(poses)} poses in {poses_path}"
+                f"{times_path}: {len(stamps_ns)} times for {len(poses)} poses in {poses_path}"
             )
         folder = root / kitti.SCANS.format(log=name)
         skipped = Counter[str]()
-        rows = _scan_rows(folder, len(poses), skipped)
+        numbers = scan_numbers(folder, skipped)
+        rows = numbers[numbers < len(poses)]
+        skipped["outside the poses' span"] += len(numbers) - len(rows)
+        if not len(rows):
+            raise LogError(f"{folder}: holds no readable scan (NNNNNN.bin)")
         notes: tuple[str, ...] = ()
         if len(rows) < len(poses):
             notes += (f"{len(poses) - len(rows)} of {len(poses)} scans are not on disk",)
@@ -132,14 +135,25 @@ def read_poses(poses_path: str | Path, calib_path: str | Path) -> NDArray[np.flo
     The file holds poses P of camera 0, and calib.txt the Velodyne's pose in the camera, Tr; the
     result is Tr⁻¹ P Tr. Raises LogError naming the row that is not a pose.
     """
-    rows = log.table(Path(poses_path), 12)
-    first_T_cam = kitti.matrix(rows)
-    log.refuse_poses(Path(poses_path), first_T_cam, np.ones(len(rows), bool))
-    cam_T_velo = _transform_row(Path(calib_path))
+    first_T_cam = read_camera_poses(Path(poses_path))
+    cam_T_velo = read_calibration(Path(calib_path))
     return np.linalg.inv(cam_T_velo) @ first_T_cam @ cam_T_velo
 
 
-def _transform_row(path: Path) -> NDArray[np.float64]:
+def read_camera_poses(path: Path) -> NDArray[np.float64]:
+    """Poses (n, 4, 4) of camera 0 in its first frame; raises LogError naming a row that is none."""
+    rows = log.table(path, 12)
+    first_T_cam = kitti.matrix(rows)
+    log.refuse_poses(path, first_T_cam, np.ones(len(rows), bool))
+    return first_T_cam
+
+
+def read_times(path: Path) -> Stamps:
+    """The stamps (n,) in ns of times.txt; raises LogError naming a row that is no later time."""
+    return log.nanoseconds(path, log.table(path, 1)[:, 0], "s", 10**9)
+
+
+def read_calibration(path: Path) -> NDArray[np.float64]:
     """The Velodyne's pose (4, 4) in camera 0, from the row `Tr:` of calib.txt.
 
     Raises LogError for a file without that row, or a row that is no pose.
@@ -166,19 +180,16 @@ def _transform_row(path: Path) -> NDArray[np.float64]:
     return cam_T_velo
 
 
-def _scan_rows(folder: Path, pose_count: int, skipped: Counter[str]) -> NDArray[np.int64]:
-    """Rows (k,) of the pose file whose scan is on disk; the file has `pose_count` rows.
+def scan_numbers(folder: Path, skipped: Counter[str]) -> NDArray[np.int64]:
+    """The numbers (n,) of the whole scans of a folder velodyne/, from 0.
 
-    Counts in `skipped` the files that are not used. Raises LogError if there is no scan.
+    Counts the other files in `skipped`. Raises LogError if there is no scan.
     """
     if not folder.is_dir():
         raise LogError(f"{folder}: no such folder of scans")
     is_number = re.compile("[0-9]{6}").fullmatch
     reason = "file name is no scan number"
     files = log.numbered_files(folder, kitti.RECORD_BYTES, is_number, reason, skipped)
-    numbers = files.usable
-    rows = numbers[numbers < pose_count]
-    skipped["outside the poses' span"] += len(numbers) - len(rows)
-    if not len(rows):
+    if not len(files.usable):
         raise LogError(f"{folder}: holds no readable scan (NNNNNN.bin)")
-    return rows
+    return files.usable

@@ -7,6 +7,7 @@ Transforms in, a pose out. Readers, `yearloc slam`, `localize`, `watch`, `grow`,
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
+from itertools import chain
 
 from pipeline.core.frames import Poses
 from pipeline.formats.bag_file import BagFile
@@ -35,12 +36,9 @@ class Transforms:
 
         None where they lead between none of them.
         """
-        for read in (lambda: self.static, self.every):
-            for a, b in ends:
-                a_T_b = read().fixed(a, b)
-                if a_T_b is not None:
-                    return a_T_b
-        return None
+        poses = (self.static.fixed(a, b) for a, b in ends)
+        repeated_poses = (self.every().fixed(a, b) for a, b in ends)
+        return next((pose for pose in chain(poses, repeated_poses) if pose is not None), None)
 
     def body_T_lidar(self, bodies: Sequence[str], lidar_frames: set[str]) -> Poses | None:
         """The pose (4, 4) of the lidar in the first of the frames `bodies` that leads to it.

@@ -58,15 +58,8 @@ class Nclt:
                 f"{expected_path}: no ground truth there or in its other places; `yearloc fetch "
                 "nclt DATE` brings it"
             )
-        if not folder.is_dir():
-            raise LogError(f"{folder}: no such folder of scans")
         skipped: Counter[str] = Counter()
-        files = log.numbered_files(
-            folder, nclt.RECORD_BYTES, log.is_utime, "file name is no utime", skipped
-        )
-        utimes = files.usable
-        if not len(utimes):
-            raise LogError(f"{folder}: holds no readable scan (UTIME.bin)")
+        utimes = nclt_utimes(folder, skipped)
         odometry_path = log.first_file(root, nclt.ODOMETRY_PLACES, sequence)
         odometry = None if odometry_path is None else read_poses(odometry_path, self.max_gap_s)
         truth = read_poses(truth_path, self.max_gap_s) if self.poses and truth_path else None
@@ -112,6 +105,21 @@ class Nclt:
             if log.first_file(root, nclt.TRUTH_PLACES, name) is None:
                 missing[name].append(f"groundtruth_{name}.csv")
         return missing
+
+
+def nclt_utimes(folder: Path, skipped: Counter[str]) -> NDArray[np.int64]:
+    """The utimes (n,) that name the whole scans of a folder velodyne_sync/.
+
+    Counts the other files in `skipped`. Raises LogError if there is no scan.
+    """
+    if not folder.is_dir():
+        raise LogError(f"{folder}: no such folder of scans")
+    files = log.numbered_files(
+        folder, nclt.RECORD_BYTES, log.is_utime, "file name is no utime", skipped
+    )
+    if not len(files.usable):
+        raise LogError(f"{folder}: holds no readable scan (UTIME.bin)")
+    return files.usable
 
 
 def read_velodyne_sync(path: str | Path, lift_m: float = 0.0) -> NDArray[np.float64]:

@@ -64,7 +64,7 @@ class RobotCar:
 
         # sweeps of all lasers, merged by stamp
         utimes_by_laser = {
-            laser: _sweep_utimes(folder, laser, skipped, notes) for laser in self.lasers
+            laser: sweep_utimes(folder, laser, skipped, notes) for laser in self.lasers
         }
         all_utimes = np.unique(np.concatenate(list(utimes_by_laser.values())))
 
@@ -158,7 +158,7 @@ def read_sweep(path: str | Path, zup_T_laser: NDArray[np.float64]) -> NDArray[np
     return xy_m @ zup_T_laser[:3, :2].T + zup_T_laser[:3, 3]
 
 
-def _sweep_utimes(
+def sweep_utimes(
     sequence_folder: Path, laser: str, skipped: Counter[str], notes: list[str]
 ) -> NDArray[np.int64]:
     """The utimes (n,) of the sweeps of a laser: of its whole files that its list of stamps names.

@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 
 from pipeline.core.errors import LogError, YearlocError
 from pipeline.formats.bag import BagWriter
-from pipeline.inspection.bag_contents import Contents, TopicSummary
 from pipeline.inspection.bag_proposal import propose
 from pipeline.inspection.bags import describe_bags, proposal
 from pipeline.inspection.inspection import Inspection
 from pipeline.inspection.report import inspect as look
+from pipeline.opening.bag_contents import Contents, TopicSummary
 from pipeline.readers.bag import Bag
 from tests.inspection.scanner import assert_says, scan
 from tests.readers.bags import KINDS, START_NS, STEP_NS, at, bag_path, drive

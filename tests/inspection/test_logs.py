@@ -75,9 +75,7 @@ def test_a_folder_of_scans_counts_what_is_cut_short(tmp_path: Path) -> None:
     (scans / f"{START_US + 1}.bin").write_bytes(b"1234567")
     found = inspect(scans)
     assert "rate           5 a second" in found.text()
-    assert [warning.split(" (")[0] for warning in found.warnings] == [
-        "1 scans are empty or cut short"
-    ]
+    assert found.warnings == ("1 scans are skipped: truncated record",)
 
 
 def test_poses_are_described_with_gaps_and_nans(tmp_path: Path) -> None:

@@ -9,9 +9,9 @@ from pipeline.core.errors import LogError
 from pipeline.formats import pcd
 from pipeline.formats.bag import BagWriter
 from pipeline.formats.folder import SCAN_FOLDERS
-from pipeline.inspection.opened import open_unposed
 from pipeline.online.follow import Following
 from pipeline.online.inputs import scans
+from pipeline.opening.opening import unposed
 from tests.posing.scene import planar
 
 START_NS = 1_700_000_000_000_000_000
@@ -94,7 +94,7 @@ def test_scans_in_a_subfolder_are_opened_to_localise_and_to_estimate_poses(
     (scan,) = scans(str(tmp_path), OTHER, 0.0)
     np.testing.assert_array_equal(scan.points(), np.ones((3, 3)))
     if name != "velodyne_sync":  # NCLT's: a log of that data set
-        log = open_unposed(tmp_path)
+        log = unposed(tmp_path)
         np.testing.assert_array_equal(log.points(0), np.ones((3, 3)))
 
 
@@ -121,7 +121,7 @@ def test_a_lidar_is_placed_by_fixed_transforms_wherever_they_are_sent(
     (file,) = bag.glob("*.mcap")
     (localized,) = scans(str(bag), OTHER, 0.0)
     (followed,) = Following(file, None, 0.0, 0.3).scans()
-    estimated = open_unposed(bag).points(0)
+    estimated = unposed(bag).points(0)
     for points_m in (localized.points(), followed.points(), estimated):
         np.testing.assert_allclose(points_m, [[-1.3, 0, 0]], atol=1e-6)
 

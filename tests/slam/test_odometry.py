@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pipeline.core.frames import distance_and_turn, pose
 from pipeline.core.progress import Progress
 from pipeline.formats.bag import BagWriter
-from pipeline.inspection.opened import open_unposed
+from pipeline.opening.opening import unposed
 from pipeline.slam.odometry import ScanOdometry, turned_by
 from tests.slam.round import STEP_NS, drive
 
@@ -41,7 +41,7 @@ def test_an_imu_guesses_a_turn_that_registration_alone_does_not_find(tmp_path: P
             is_turning = 100 <= reading < 150  # from scan 2 to 3
             rate_rad_s = np.array([0.0, 0.0, np.deg2rad(120.0) * is_turning])
             bag.imu(stamp_ns, "lidar", rate_rad_s)
-    opened = open_unposed(tmp_path / "monday")
+    opened = unposed(tmp_path / "monday")
     driven = np.linalg.inv(world_T_scan[0]) @ world_T_scan
     for version, is_found in ((opened, True), (replace(opened, heading_rad=None), False)):
         track = UNHELPED.along(version, Progress())

@@ -7,14 +7,14 @@ import pytest
 
 from pipeline.core.errors import LogError
 from pipeline.formats import pcd
-from pipeline.inspection.opened import open_unposed
+from pipeline.opening.opening import unposed
 from tests.readers.bags import KINDS, START_NS, STEP_NS, bag_path, drive
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_bag_is_opened_with_its_odometry_as_odometry(kind: str, tmp_path: Path) -> None:
     """Of /truth in map and /odom in odom, the latter drifts; clouds lie 50 ms after the poses."""
-    log = open_unposed(drive(bag_path(tmp_path, kind), kind))
+    log = unposed(drive(bag_path(tmp_path, kind), kind))
     assert not np.isfinite(log.world_T_scan).any()
     assert log.stamps_ns.tolist() == [START_NS + i * STEP_NS + STEP_NS // 2 for i in range(4)]
     np.testing.assert_allclose(log.odom_T_scan[:, 0, 3], [100.5, 101.5, 102.5, 103.5], atol=1e-6)
@@ -26,7 +26,7 @@ def test_clouds_alone_are_opened_in_the_order_of_their_numbers(tmp_path: Path) -
     for number in (2, 10, 1):
         points_m = np.full((3, 3), float(number))
         (tmp_path / f"cloud_{number}.pcd").write_bytes(pcd.encode(points_m))
-    log = open_unposed(tmp_path)
+    log = unposed(tmp_path)
     assert log.stamps_ns.tolist() == [10**9, 2 * 10**9, 10 * 10**9]
     assert [log.points(row)[0, 0] for row in range(3)] == [1.0, 2.0, 10.0]
     assert not np.isfinite(log.odom_T_scan).any()
@@ -43,4 +43,4 @@ def test_what_is_no_log_is_refused(tmp_path: Path) -> None:
         ("intel.log", "level 2-D LiDAR"),
     ):
         with pytest.raises(LogError, match=says):
-            open_unposed(tmp_path / name)
+            unposed(tmp_path / name)

@@ -1,9 +1,10 @@
 """Lists what the bags of a drive hold: their paths in; topics and transforms out.
 
-A topic has its type, count, rate and frames, over all bags together. `bags` describes the contents
-to the user, `bag_proposal` proposes a yaml from them.
+A topic has its type, count, rate and frames, over all bags together. The functions below choose the
+topics that are most likely the LiDAR's, the true poses, the odometry and the gyroscope.
 """
 
+import re
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -14,13 +15,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.errors import LogError
-from pipeline.formats.bag import CLOUD, ODOMETRY, SWEEP
-from pipeline.formats.bag_file import BagFile
+from pipeline.formats.bag import CLOUD, IMU, ODOMETRY, SWEEP, TRANSFORMS
+from pipeline.formats.bag_file import BagFile, plain
 from pipeline.formats.messages import frame_name, header
 from pipeline.formats.pointcloud2 import decode
 from pipeline.readers.bag_poses import KINDS
-from pipeline.readers.mounting import Transforms
+from pipeline.readers.mounting import BODIES, Transforms
 
+WORLDS = ("map", "world", "earth", "utm", "enu", "global")
+"""Frames that stand still, the likeliest first."""
+TRUE_NAMES = re.compile("truth|gt|gnss|gps|rtk|ins|slam|map|locali")
+"""Matches the names of topics that are likely to hold true poses."""
+DRIFTING_NAMES = re.compile("odom|vo|vio|wheel")
+"""Matches the names and frames of poses that are likely to drift."""
+PACKET_TYPES = ("CustomMsg", "VelodyneScan", "PacketMsg")
+"""Messages of Livox, Velodyne and Ouster, of which their drivers make PointCloud2."""
 CLOUD_STEP = 10
 CLOUD_COUNT = 9
 """`Contents.clouds` reads CLOUD_COUNT clouds of a topic, one in CLOUD_STEP."""
@@ -42,6 +51,11 @@ class TopicSummary:
     use."""
     child: str
     """child_frame_id of an Odometry, else empty."""
+
+    @property
+    def drifts(self) -> bool:
+        """Whether its poses are likely odometry, by the words in its name and frame."""
+        return bool(DRIFTING_NAMES.search(f"{self.frame} {self.name}"))
 
 
 @dataclass(frozen=True)
@@ -120,3 +134,82 @@ def _summary(files: Sequence[BagFile], name: str) -> TopicSummary:
             if kind == ODOMETRY:
                 child = frame_name(file.decode(data, kind).child_frame_id)
     return TopicSummary(name, kind, count, rate_hz, frame, child)
+
+
+def points_source(contents: Contents, poses: TopicSummary | None) -> TopicSummary:
+    """The topic that is most likely the LiDAR's.
+
+    It is the most frequent one of clouds, or else of sweeps. One that is already in the world frame
+    of the `poses` is taken only if there is no other. Raises LogError for bags without points.
+    """
+    sources = contents.of(CLOUD) or contents.of(SWEEP)
+    if not sources:
+        raise LogError(f"{contents.files[0].path}: {_without_points(contents)}")
+    for source in sources:
+        if poses is None or source.frame != poses.frame:
+            return source
+    return sources[0]
+
+
+def _without_points(contents: Contents) -> str:
+    """The error on bags without points: what they hold instead."""
+    topic_list = ", ".join(f"{topic.name} ({topic.kind})" for topic in contents.topics) or "nothing"
+    advice = ""
+    for topic in contents.topics:
+        if topic.kind.rpartition("/")[2] in PACKET_TYPES:
+            advice = (
+                f"; let the lidar's driver make PointCloud2 of {topic.kind} while `ros2 bag "
+                "record` runs"
+            )
+            break
+    return f"neither a PointCloud2 nor a LaserScan in it; it holds {plain(topic_list, 800)}{advice}"
+
+
+def drifting(contents: Contents) -> TopicSummary | None:
+    """The source of poses that is most likely odometry, which drifts but never jumps; else None."""
+    best_poses, odometry = pose_sources(contents)
+    if odometry is None and best_poses is not None and best_poses.drifts:
+        return best_poses
+    return odometry
+
+
+def gyroscope(contents: Contents) -> TopicSummary | None:
+    """The most frequent topic of an IMU; None without any."""
+    return next(iter(contents.of(IMU)), None)
+
+
+def pose_sources(contents: Contents) -> tuple[TopicSummary | None, TopicSummary | None]:
+    """The source of poses that is most likely the truth, and of the others the likeliest odometry.
+
+    Each is None where the bags hold no such source.
+    """
+    sources = contents.of(*KINDS)
+    tree = contents.transforms.every()
+    frames = tree.frames
+    body = next((body for body in BODIES if body in frames), None)
+    for world in (*WORLDS, "odom"):
+        if body and world in frames and tree.moves(world, body):
+            name = f"tf:{world}>{body}"
+            sources.append(
+                TopicSummary(name, TRANSFORMS, count=0, rate_hz=np.nan, frame=world, child=body)
+            )
+    best = max(sources, key=_trust, default=None)
+    drifting_sources = [source for source in sources if source is not best and source.drifts]
+    return best, min(drifting_sources, key=_trust, default=None)
+
+
+def _trust(source: TopicSummary) -> int:
+    """A score, larger for poses that are more likely the truth than odometry.
+
+    Of equal ones a topic is preferred to transforms.
+    """
+    score = 0
+    if source.frame in WORLDS:
+        score += 8
+    if TRUE_NAMES.search(source.name):
+        score += 4
+    if source.drifts:
+        score -= 4
+    if not source.name.startswith("tf:"):
+        score += 1
+    return score
