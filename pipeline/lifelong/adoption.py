@@ -136,10 +136,7 @@ def bridge(poses: Poses, chance: NDArray[np.float64], odom_T_scan: Poses) -> Non
 
 
 def _corrected(path: Poses, last: Poses) -> Poses:
-    """A path (n, 4, 4) of odometry, corrected so that it ends at the pose `last` (4, 4).
-
-    Each pose gets a part of the correction, in proportion to the path driven until it.
-    """
+    """A path (n, 4, 4) of odometry, bent in proportion to its length to end at `last` (4, 4)."""
     path_m = travelled_m(path[:, :3, 3])
     share = path_m / max(path_m[-1], 1e-9)  # a robot that stood still gets none
     correction = last @ np.linalg.inv(path[-1])

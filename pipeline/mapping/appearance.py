@@ -112,10 +112,7 @@ def coverage(points: NDArray[np.float64]) -> float:
 
 
 def _sampled(points: NDArray[np.floating]) -> NDArray[np.floating]:
-    """At most SAMPLED_POINTS of the points (n, 3), drawn at random.
-
-    Not every k-th point: of a 32-beam LiDAR every 32nd lies on the same ring.
-    """
+    """At most SAMPLED_POINTS of the points (n, 3), drawn at random: rings have a period."""
     if len(points) <= SAMPLED_POINTS:
         return points
     return points[np.random.default_rng(0).integers(len(points), size=SAMPLED_POINTS)]

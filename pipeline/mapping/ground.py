@@ -36,11 +36,7 @@ def plane(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _plane(x, y, z, corners, near_m, min_normal_z):  # type: ignore[no-untyped-def]
-    """Return a, b, c of the best plane; c is infinite if there is none.
-
-    `x`, `y`, `z` (n,) are the points, and `corners` (plane, 3) the rows of the three points of each
-    plane. The unit normal of a plane must have a z of at least `min_normal_z`.
-    """
+    """Return a, b, c of the best plane through `corners` (plane, 3); c is infinite without one."""
     n = len(x)
     most_points = np.int32(0)  # near the best plane
     a_best = np.float32(0)

@@ -277,10 +277,7 @@ class OctreeMap:
         return self.octree.kept_share(moved_m, math.atan2(turn[1, 0], turn[0, 0]), variance)
 
     def _gone(self, lowest_leaf: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """True for the coordinates (3, side of the torus) that leave the cube when it moves.
-
-        Its lowest leaf moves to `lowest_leaf` (3,).
-        """
+        """True for the coordinates (3, side of the torus) that leave the cube as it moves there."""
         torus = 1 << self.bricks.levels
         before = self.lowest_leaf[:, None] + (np.arange(torus) - self.lowest_leaf[:, None]) % torus
         return (before < lowest_leaf[:, None]) | (before >= lowest_leaf[:, None] + self.octree.side)

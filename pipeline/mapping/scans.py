@@ -106,11 +106,7 @@ class Intake:
         }
 
     def _odometry(self, rows: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Poses by odometry (n, 4, 4) of some rows of the log, NaN where it breaks.
-
-        A scan without odometry marks a break, across which no motion may be measured. If that scan
-        is not among the rows, the next row is made NaN in its place.
-        """
+        """Poses by odometry (n, 4, 4) of some rows of the log, NaN at a row where it breaks."""
         odom_T_scan = self._log.odom_T_scan[rows]
         is_break = ~np.isfinite(self._log.odom_T_scan).all(axis=(1, 2))
         breaks_before = np.concatenate([[0], np.cumsum(is_break)])  # (row of the log,)
@@ -139,10 +135,7 @@ class Intake:
         return ", ".join(parts)
 
     def _read(self, start: int, stop: int) -> Block:
-        """Read the rows from `start` to before `stop` of the thinned log, in a worker.
-
-        They are rounded there, since 16-bit numbers are a quarter of what would be sent otherwise.
-        """
+        """Read rows of the thinned log in a worker, rounded: a quarter of what would be sent."""
         points = [np.empty((0, 3), np.int16)]  # so that a block without scans can be joined
         rows = []
         clipped = 0

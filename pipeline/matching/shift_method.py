@@ -82,10 +82,7 @@ class ShiftMethod(DescriptorMethod):
     def _candidate_rows(
         self, keys: NDArray[np.float32], queries: NDArray[np.float32]
     ) -> NDArray[np.int64]:
-        """The m training rows (q, m) that each query is compared with.
-
-        `keys` (n, ring) are the ring keys of training, `queries` (q, ring) those of the queries.
-        """
+        """The m training rows (q, m) that each query is compared with, by ring keys (·, ring)."""
         if self.candidates is None:
             return np.broadcast_to(np.arange(len(keys)), (len(queries), len(keys)))
         _, rows = nearest(keys, queries, self.candidates)

@@ -141,10 +141,7 @@ class Spectra:
     def _correlations(
         self, query: NDArray[np.complexfloating], rows: NDArray[np.int64]
     ) -> Iterator[tuple[slice, NDArray[np.floating]]]:
-        """Yield slices of `rows` (m,), each with its sums of cosines (row, shift) with a query.
-
-        `query` (frequency, ring) is the spectrum of its columns; the sums have its precision.
-        """
+        """Yield slices of `rows` (m,), each with its sums of cosines (row, shift) with a query."""
         # For a column a and the query b, a · conj(b) has the parts
         #   Re = re a re b + im a im b = (re a, im a) · (re b, im b)
         #   Im = im a re b − re a im b = (re a, im a) · (re ib, im ib)
@@ -238,10 +235,7 @@ def _engaged(heights_m: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _spectra(heights_m: NDArray[np.float32]) -> NDArray[np.complex128]:
-    """Spectra (n, frequency, ring) of Scan Contexts (n, ring, sector), along their sectors.
-
-    Columns are brought to length 1 first; empty ones stay 0.
-    """
+    """Spectra (n, frequency, ring) of Scan Contexts (n, ring, sector), columns of length 1."""
     columns = heights_m.astype(np.float64)
     lengths = np.sqrt(np.einsum("nrs,nrs->ns", columns, columns))
     columns /= np.where(lengths > 0, lengths, 1)[:, None]

@@ -94,10 +94,7 @@ class Sad(UntrainedMethod, SequenceMethod):
         return self._images(views, headings)
 
     def _images(self, views: Rows, headings: slice) -> NDArray[np.uint8]:
-        """Each view's normalised images (n, heading, side, side) at some headings.
-
-        Heading 0 is the robot's own.
-        """
+        """Each view's normalised images (n, heading, side, side) at headings; 0 is its own."""
         _check(views)
         images = np.asarray(views.images[:, headings])
         flat = resized(images.reshape(-1, *images.shape[2:]), self.side_px)

@@ -56,10 +56,7 @@ class Sci(Learner):
         return epoch, -(-copies // self.batch)
 
     def _turned(self, heights: Tensor, trained: Tensor, copy_numbers: Tensor) -> Tensor:
-        """Heights (m, rings, sectors) of turned copies of trained views.
-
-        Copy number i is view i // n_way, turned by i % n_way steps.
-        """
+        """Heights (m, rings, sectors): copy i is view i // n_way, turned by i % n_way steps."""
         turns = (copy_numbers % self.n_way) * (heights.shape[2] // self.n_way)
         return rolled(heights[trained[copy_numbers // self.n_way]], turns)
 

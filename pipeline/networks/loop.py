@@ -226,10 +226,7 @@ def _train_epoch(
     rate: Callable[[int], float],
     torch_device: torch.device,
 ) -> tuple[float, float]:
-    """Take one step down the loss of each batch; returns mean loss and accuracy over all.
-
-    `rate` gives the learning rate of a batch, by its number.
-    """
+    """Take one step down the loss of each batch; returns mean loss and accuracy over all."""
     # The sums stay on the device, since reading them waits for it.
     loss_sum = torch.zeros((), device=torch_device)
     right_count = torch.zeros((), device=torch_device)
@@ -247,10 +244,7 @@ def _train_epoch(
 
 
 def _best_epoch(curves: NDArray[np.float64]) -> int:
-    """The last epoch of the highest held-out accuracy.
-
-    The lowest held-out loss would be too early: it rises while the ranking still improves.
-    """
+    """The last epoch of the highest held-out accuracy; loss rises while ranking improves."""
     held_out_accuracy = curves[:, CURVES.index("held_out_accuracy")]
     return len(curves) - 1 - int(held_out_accuracy[::-1].argmax())
 

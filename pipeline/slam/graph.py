@@ -215,10 +215,7 @@ def spread_over_scans(keys: Keys, world_T_key: Poses, odom_T_scan: Poses) -> Pos
 
 
 def _connected(keys: Keys, loops: list[Loop], fixes: Sequence[KeyFix]) -> NDArray[np.bool_]:
-    """Which keys (k,) are optimised: those that loops connect with a fix.
-
-    Without fixes they are those of the set of connected parts that has the most keys.
-    """
+    """Which keys (k,) loops connect with a fix; without fixes the most that are connected."""
     group = keys.parts.copy()
     for loop in loops:  # a loop makes the groups of its two keys one
         group[group == group[loop.later]] = group[loop.key]
@@ -231,11 +228,7 @@ def _connected(keys: Keys, loops: list[Loop], fixes: Sequence[KeyFix]) -> NDArra
 def _start(
     keys: Keys, loops: list[Loop], members: NDArray[np.int64], fixes: Sequence[KeyFix]
 ) -> Poses:
-    """First guesses (k, 4, 4) of the keys' poses: each part by its odometry, moved as a whole.
-
-    A part is placed by its first fix, else by a loop with a part that is placed already. Without
-    fixes the part of the first member stays where it is.
-    """
+    """First guesses (k, 4, 4): each part by its odometry, placed by a fix or by a loop."""
     start = keys.odom_T_key.copy()
     placed_parts: set[int] = set()
 

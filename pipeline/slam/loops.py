@@ -206,11 +206,7 @@ class LoopSearch:
         )
 
     def _agreeing_with(self, keys: Keys, loop: Loop, loops: list[Loop]) -> NDArray[np.bool_]:
-        """Which loops (n,) between the same two parts agree with a loop.
-
-        Each loop says where the later part lies in the frame of the earlier one. Two agree where
-        odometry along both parts may have drifted by as much as they differ.
-        """
+        """Which loops (n,) between the same two parts agree with one, within odometry's drift."""
         earlier_T_part = keys.odom_T_key[loop.key] @ (
             loop.key_T_later @ np.linalg.inv(keys.odom_T_key[loop.later])
         )

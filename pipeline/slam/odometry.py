@@ -189,10 +189,7 @@ class _DriveOdometry:
         )
 
     def _cloud(self, row: int, step: Poses | None = None) -> Cloud | None:
-        """The scan's points at its stamp, thinned; None if it has too few or cannot be read.
-
-        `step` (4, 4) is how it moved since the scan before; None if that is to be guessed.
-        """
+        """The scan's points at its stamp, thinned; None if it has too few or cannot be read."""
         try:
             points_m = self._points(row, step)
         except LogError:
@@ -282,10 +279,7 @@ class _DriveOdometry:
         return step if np.isfinite(step).all() else None
 
     def _carried_on(self, row: int) -> Poses:
-        """The last step (4, 4) once more, longer or shorter by the time that has passed.
-
-        Where the log has an IMU, the step turns as far as the IMU says.
-        """
+        """The last step (4, 4) once more, scaled by the time passed, and turned as an IMU says."""
         seconds = self._seconds(row)
         step = self.last_step
         if self.last_step_s > 0 and seconds > 0:
@@ -335,10 +329,7 @@ class _DriveOdometry:
         return float(np.median(self.last_overlaps)) if self.last_overlaps else FIRST_OVERLAP
 
     def _overlap_before_last(self, cloud: Cloud, last_T_scan: Poses) -> float:
-        """The overlap of a scan with the one before the last; 0 if that is of another part.
-
-        A truck beside the sensor may have hidden from the last scan what these two see.
-        """
+        """The overlap of a scan with the one before the last, when a truck hid the last one."""
         if self.before_last is None or self.last_row in self.breaks:
             return 0.0
         odom_T_before, cloud_before = self.before_last

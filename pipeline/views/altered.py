@@ -93,10 +93,7 @@ def _from_points(
 def _from_maps(
     scans: Scans, submaps: Submaps, view: BirdView, alteration: Alteration
 ) -> Iterator[AlteredImage]:
-    """Draw the cases from octrees: a map of altered scans for each case.
-
-    All turned cases share the map of unaltered scans, seen from turned poses.
-    """
+    """Draw the cases from octrees: a map of altered scans each, but turned ones share one."""
     stamps_ns = scans.load("stamps_ns")
     anchors = submaps.load("scans")
     # Turned cases are drawn from the map of the scans as driven, every other case from its own map.

@@ -212,13 +212,7 @@ def _occupied_columns(
     high: float,
     threshold: float,
 ) -> NDArray[np.uint8]:
-    """1 where a column (side, side) has a leaf above the threshold in the band of heights, else 0.
-
-    A leaf is in the band if its middle is from `low` to below `high` above the ground, the plane
-    through the point `ground` (3,) with the upward normal `up` (3,). Lengths are in leaves, from
-    the cube's corner, which is that of the leaf `lowest_leaf` (3,) of odometry. `threshold` is in
-    log-odds.
-    """
+    """1 where a column (side, side) has a leaf above the threshold in the band of heights."""
     is_occupied = np.zeros((side, side), np.uint8)
     mask = (1 << bricks.levels) - 1  # coordinates wrap around the torus of 2^levels leaves
     for brick in range(bricks.used[0]):
@@ -260,12 +254,7 @@ def _sampled(
     side_px: int,
     samples: int,
 ) -> NDArray[np.uint8]:
-    """Draw a square of the map as an image (side_px, side_px): row 0 front, column 0 left.
-
-    `is_occupied` (side, side) is 1 for an occupied column of leaves. The square is `width` leaves
-    wide, its middle is at `middle` (2,) in leaves, and its front looks along `yaw_rad`. A pixel is
-    the share of occupied ones among samples × samples points, 0 to 255.
-    """
+    """Draw a square of the map as an image (side_px, side_px): row 0 front, column 0 left."""
     image = np.empty((side_px, side_px), np.uint8)
     side = is_occupied.shape[0]
     step = width / (side_px * samples)

@@ -219,10 +219,7 @@ class Training(SequenceMethod):
         optimizers: Mapping[str, torch.optim.Optimizer],
         rate: Callable[[int], float],
     ) -> dict[str, float]:
-        """Take all turns on each batch (iteration, row) of the images; returns each term's mean.
-
-        `rate` gives the learning rate of an iteration, by its number in the round.
-        """
+        """Take all turns on each batch (iteration, row) of the images; returns each term's mean."""
         turns = game.turns()
         torch_device = data.device
         repeated_turns = [turn for turn in turns if turn.repeated] * self.generator_steps
@@ -286,10 +283,7 @@ def _coder_weights(game: Game) -> dict[str, Tensor]:
 
 
 def _take_step(optimizer: torch.optim.Optimizer, learning_rate: float, loss: Tensor) -> None:
-    """Take a step of an optimiser down a loss.
-
-    Gradients are computed for its own weights only, not for those of the other networks.
-    """
+    """Take a step of an optimiser down a loss, with gradients of its own weights only."""
     optimizer.param_groups[0]["lr"] = learning_rate
     weights: list[Any] = optimizer.param_groups[0]["params"]
     optimizer.zero_grad(set_to_none=True)

@@ -130,11 +130,7 @@ class FeatureMethod(Training, ABC):
         database: Database,
         sample: NDArray[np.uint8],
     ) -> Callable[[Game], Health]:
-        """Make the judge of a round.
-
-        It returns the share of held-out rows whose place is recognised, and the health of the
-        networks on a sample of held-out images (n, 64, 64).
-        """
+        """Make a round's judge: recognised held-out rows, and health on `sample` (n, 64, 64)."""
         encode = _batched(game.encoder)
         held_out = pixels(sample, device())
         headings = reference_headings(images.shape[1], self.reference_headings)
@@ -232,10 +228,7 @@ class FeatureMethod(Training, ABC):
 def _difference(
     codes: NDArray[np.float16],
 ) -> Callable[[NDArray[np.int64], NDArray[np.int64]], NDArray[np.float32]]:
-    """A function for the differences of rows of codes (n, heading, code) from each other.
-
-    The code of a query is that of the robot's own heading; of a row the nearest heading counts.
-    """
+    """A function for the differences of rows of codes (n, heading, code) from each other."""
 
     def difference(rows: NDArray[np.int64], queries: NDArray[np.int64]) -> NDArray[np.float32]:
         query_codes = codes[queries, 0].astype(np.float32)
@@ -248,10 +241,7 @@ def _difference(
 def _trained(
     network_class: Callable[[int, int, int], loop.Net], model: Model, prefix: str
 ) -> loop.Net:
-    """A model's encoder or decoder, ready to answer: batch norms use their running statistics.
-
-    Width, channels and code length are those of the model, not of the method's settings.
-    """
+    """A model's encoder or decoder, of the model's own width and code length, ready to answer."""
     width, channels = model[f"{ENCODER}halvings.0.0.weight"].shape[:2]
     net = network_class(width, channels, len(model[f"{ENCODER}dense.bias"]))
     loop.fill(net, model, prefix)
@@ -259,10 +249,7 @@ def _trained(
 
 
 def _batched(net: Callable[[Tensor], Tensor]) -> Callable[[NDArray[np.uint8]], NDArray[np.float32]]:
-    """A function for a network's answers to images (n, 64, 64).
-
-    It computes AT_ONCE images at a time, and waits for a GPU only at the end.
-    """
+    """A function for a network's answers to images (n, 64, 64), AT_ONCE at a time."""
 
     @torch.inference_mode()
     def answer(images: NDArray[np.uint8]) -> NDArray[np.float32]:
@@ -282,10 +269,7 @@ def _spread(images: NDArray[np.uint8], largest_count: int) -> NDArray[np.uint8]:
 
 
 def _images(views: Rows, headings: int | slice = slice(None)) -> NDArray[np.uint8]:
-    """The images of bird-views (n, heading, 64, 64), or (n, 64, 64) at one heading.
-
-    Raises InputError for views of another shape.
-    """
+    """The images of bird-views (n, heading, 64, 64), or (n, 64, 64) at one heading."""
     shape = views.images.shape
     if len(shape) != 4 or shape[1] % 2 or shape[2:] != (SIDE, SIDE):
         raise InputError(

@@ -96,11 +96,7 @@ def _tensor(prefix: Path, shards: int, name: str, entry: Entry) -> NDArray[Any]:
 
 
 def _entry(message: Message) -> Entry:
-    """The entry of a tensor, from the protobuf message BundleEntryProto.
-
-    Its fields are 1 dtype, 2 shape, 3 shard, 4 offset and 5 size. In the shape, field 2 has the
-    dimensions, each a message whose field 1 is the size.
-    """
+    """The entry of a tensor: BundleEntryProto of 1 dtype, 2 shape, 3 shard, 4 offset, 5 size."""
     shape_message = _message(_bytes(message.get(2, [b""])[0]))
     dimensions = [_message(_bytes(dimension)) for dimension in shape_message.get(2, [])]
     return Entry(
@@ -118,10 +114,7 @@ def _number(message: Message, field: int) -> int:
 
 
 def _entries(table: bytes) -> Iterator[tuple[str, Message]]:
-    """The keys and values of a table.
-
-    Its footer says where the index block is, and that where each block of entries is.
-    """
+    """The keys and values of a table, whose footer says where the index of its blocks is."""
     if len(table) < FOOTER_BYTES or int.from_bytes(table[-8:], "little") != MAGIC:
         raise ValueError("it does not end as a table does")
     footer = table[-FOOTER_BYTES:]
@@ -141,11 +134,7 @@ def _handle(data: bytes, at: int) -> tuple[tuple[int, int], int]:
 
 
 def _block(table: bytes, offset: int, size: int) -> Iterator[tuple[bytes, bytes]]:
-    """The keys and values of a block.
-
-    An entry is how much of the key it shares with the one before, how long the rest of the key and
-    the value are, and both.
-    """
+    """The keys and values of a block; a key is told by what it shares with the one before."""
     if table[offset + size] != 0:  # the byte behind a block is its kind of compression
         raise ValueError("its blocks are compressed, which TensorFlow's are not")
     block = table[offset : offset + size]
@@ -164,10 +153,7 @@ def _block(table: bytes, offset: int, size: int) -> Iterator[tuple[bytes, bytes]
 
 
 def _message(data: bytes) -> Message:
-    """The fields of a protobuf message.
-
-    A field begins with its number and its wire type, which says how long the value is.
-    """
+    """The fields of a protobuf message; each begins with its number and its wire type."""
     fields: Message = {}
     at = 0
     while at < len(data):

@@ -201,10 +201,7 @@ class PointNetVlad(DescriptorMethod):
 
 
 class _Training:
-    """The training of a network in rounds: draws batches, computes their loss, judges each round.
-
-    Queries, positives and negatives are training rows outside held-out blocks.
-    """
+    """The training of a network in rounds: draws batches, computes the loss, judges rounds."""
 
     def __init__(
         self,

@@ -66,10 +66,7 @@ def load(net: nn.Module, path: Path) -> None:
 
 
 def _stored(path: Path) -> dict[str, NDArray[Any]]:
-    """The arrays of a file of weights, by the network's names.
-
-    Raises ConfigError for a file that is missing or of none of the three kinds.
-    """
+    """The arrays of a file of weights, by the network's names; raises ConfigError."""
     if is_checkpoint(path):
         return renamed(read_checkpoint(path))
     try:
@@ -148,11 +145,7 @@ def _averaged_norm(tensors: Arrays, prefix: str, scope: str) -> dict[str, NDArra
 
 
 def _tensor(tensors: Arrays, *endings: str) -> NDArray[Any]:
-    """The tensor whose name has one of these endings; of several names the shortest.
-
-    The first ending with such a tensor counts. The optimizer's tensors (`…/Adam`) end differently,
-    so they never match. Raises ConfigError if there is no such tensor.
-    """
+    """The tensor whose name has one of these endings; of several names the shortest."""
     for ending in endings:
         names = [name for name in tensors if f"/{name}".endswith(f"/{ending}")]
         if names:
