@@ -95,7 +95,8 @@ def grown(site: Site, parts: Parts, growth: Growth, name: str, progress: Progres
 
     # the method learns the new views beside the earlier ones
     learned = learned_views(site, parts)
-    new_views = _new_views(site, growth)
+    used_views = growth.adoption.views(site).some(used_scans)
+    new_views = TrainingSet(used_views, growth.scan_places[used_scans])
     held_out = {key: array for key, array in views.items() if key.startswith(HELD_OUT)}
     method = build(description.method, ROOTS)
     model = method.grow({**parts.model, **held_out}, learned, new_views, progress)
@@ -120,14 +121,6 @@ def grown(site: Site, parts: Parts, growth: Growth, name: str, progress: Progres
     }
     grown_model = {key: array for key, array in model.items() if key in parts.model}
     return Parts(grown_description, grown_model, grown_arrays, None, growth_views)
-
-
-def _new_views(site: Site, growth: Growth) -> TrainingSet:
-    """What the site's method sees in the scans that it learns, each with its place."""
-    views = growth.adoption.views(site)
-    used = growth.used
-    rows = Rows(views.images[used], views.stamps_ns[used], views.world_T_anchor[used])
-    return TrainingSet(rows, growth.scan_places[used])
 
 
 def learned_views(site: Site, parts: Parts) -> TrainingSet:

@@ -57,8 +57,8 @@ class Rows:
             return {cases[0]: all_rows}
         return {case: all_rows.some(slice(i * n, (i + 1) * n)) for i, case in enumerate(cases)}
 
-    def some(self, rows: slice) -> Self:
-        """Return a slice of the rows, with their images read."""
+    def some(self, rows: slice | NDArray[np.int64]) -> Self:
+        """Return some of the rows, with their images read."""
         return replace(
             self,
             images=self.images[rows],

@@ -8,7 +8,7 @@ A matrix of differences has a row for each training row (reference) and a column
 3. `cheapest` and `runner_up` read the best rows, and the best one elsewhere, from the costs.
 
 The first two go through the matrix row by row, for a block of neighbouring columns at once, which
-lie side by side in memory; `matching.alignment` applies them to a whole drive.
+lie side by side in memory; `matching.sequences` applies them to a whole drive.
 """
 
 import math

@@ -120,12 +120,21 @@ def key_rows(track: Track, every_m: float) -> tuple[NDArray[np.int64], NDArray[n
     rows = np.flatnonzero(np.isfinite(track.odom_T_scan).all(axis=(1, 2)))
     parts = track.parts[rows]
     path_m = travelled_m(track.odom_T_scan[rows, :3, 3], np.diff(parts) == 0)
-    keys = [0] if len(rows) else []
-    for i in range(1, len(rows)):
-        is_new_part = parts[i] != parts[keys[-1]]
-        if is_new_part or path_m[i] - path_m[keys[-1]] >= every_m:
-            keys.append(i)
+    keys = spaced(parts, path_m, every_m)
     return rows[keys], path_m[keys]
+
+
+def spaced(parts: NDArray[np.int64], path_m: NDArray[np.float64], every_m: float) -> list[int]:
+    """Of n places along a drive the first of each part (n,), then one every `every_m` of path."""
+    chosen: list[int] = []
+    for row in range(len(parts)):
+        if (
+            not chosen
+            or parts[row] != parts[chosen[-1]]
+            or path_m[row] - path_m[chosen[-1]] >= every_m
+        ):
+            chosen.append(row)
+    return chosen
 
 
 def ground_m(log: Log, rows: Sequence[int] | NDArray[np.int64]) -> float:

@@ -24,10 +24,9 @@ from numpy.typing import NDArray
 from pipeline.core.frames import Poses, distance_and_turn, yaw
 from pipeline.core.progress import Progress
 from pipeline.core.settings import Count, NotNegative, Positive, Share, check
-from pipeline.posing.fix import Hypothesis
 from pipeline.posing.search import Answers, Fixer
 from pipeline.posing.targets import Targets
-from pipeline.slam.keys import Keys
+from pipeline.slam.keys import Keys, spaced
 from pipeline.slam.odometry import share_standing
 from pipeline.views.scan_context import ScanContext
 
@@ -43,15 +42,13 @@ class Loop:
     """Two keys that show one place."""
 
     key: int
-    """The earlier one."""
+    """The earlier one, or one of a map."""
     later: int
     """The later one."""
     key_T_later: Poses
     """(4, 4) pose of the later key in the earlier one's frame."""
     covariance: NDArray[np.float64]
     """(6, 6) of a small turn in radians, then a step in metres, in the later one's frame."""
-    overlap: float
-    """Their overlap: the share of what stands in one that the other has (`share_standing`)."""
     chance: float
     """The chance that the pose is right, by the search's own model (posing/chances.py)."""
 
@@ -99,12 +96,12 @@ class LoopSearch:
         queries = self.queries(keys)
         for key in watch.track(queries, len(queries), "loops"):
             within_reach = self.within_drift(keys, targets, key)
-            loop = self._loop(keys, targets, key, within_reach, usual_overlap)
+            loop = self.loop(keys, key, keys, targets, within_reach, usual_overlap)
             if loop and self._is_drift(keys, loop):
                 loops.append(loop)
             earlier_parts = keys.parts < keys.parts[key]
             if earlier_parts.any():
-                loop = self._loop(keys, targets, key, earlier_parts, usual_overlap)
+                loop = self.loop(keys, key, keys, targets, earlier_parts, usual_overlap)
                 if loop and loop.chance >= self.sure:
                     between_parts.append(loop)
         # of the loops between two parts, those of which enough agree
@@ -117,15 +114,7 @@ class LoopSearch:
 
     def queries(self, keys: Keys) -> list[int]:
         """The keys that are asked for loops: one in `asked_m` of path, and the first of a part."""
-        queried: list[int] = []
-        for key, path_m in enumerate(keys.path_m.tolist()):
-            if (
-                not queried
-                or keys.parts[key] != keys.parts[queried[-1]]
-                or path_m - keys.path_m[queried[-1]] >= self.asked_m
-            ):
-                queried.append(key)
-        return queried
+        return spaced(keys.parts, keys.path_m, self.asked_m)
 
     def within_drift(self, keys: Keys, targets: Targets, key: int) -> NDArray[np.bool_]:
         """Which earlier keys (k,) of the same part a key may stand beside, by odometry."""
@@ -136,54 +125,45 @@ class LoopSearch:
         near = away_m < self.drift_m + self.drift * between_m + NEAR_M
         return np.asarray(near & (between_m > self.back_m) & (keys.parts == keys.parts[key]))
 
-    def candidates(
-        self, keys: Keys, targets: Targets, heights_m: NDArray[np.float32], rows: NDArray[np.int64]
-    ) -> Answers:
-        """Where and how turned a Scan Context may be: the keys most like it, most alike first.
-
-        Only the keys `rows` (m,) are compared.
-        """
-        distances, turned_deg = keys.spectra.compare(heights_m, rows)
-        order = np.argsort(distances, kind="stable")[: self.nearest]
-        world_T_anchor = targets.world_T_anchor[rows[order]]
-        heading_deg = np.rad2deg(yaw(world_T_anchor)) + turned_deg[order]
-        within_turn_deg = (heading_deg + 180.0) % 360.0 - 180.0  # from −180 to 180
-        return Answers(world_T_anchor[:, :2, 3], within_turn_deg)
-
-    def _loop(
+    def loop(
         self,
         keys: Keys,
-        targets: Targets,
         key: int,
+        among: Keys,
+        targets: Targets,
         allowed: NDArray[np.bool_],
         usual_overlap: float,
     ) -> Loop | None:
-        """The likeliest loop of a key with one of the `allowed` keys (k,); None if nothing fits."""
+        """The likeliest loop of a key with one of the `allowed` keys (k,) of a drive or a map.
+
+        Scan Context names candidates `among` these keys; the search registers the key with them,
+        who stand as `targets`. None if nothing fits, or the two overlap too little.
+        """
         rows = np.flatnonzero(allowed)
         if not len(rows):
             return None
-        answers = self.candidates(keys, targets, keys.heights_m[key], rows)
-        fix = self.fixer.fix(keys.points_m(key), targets, answers, ~allowed)
+        distances, turned_deg = among.spectra.compare(keys.heights_m[key], rows)
+        order = np.argsort(distances, kind="stable")[: self.nearest]  # most alike first
+        world_T_anchor = targets.world_T_anchor[rows[order]]
+        heading_deg = np.rad2deg(yaw(world_T_anchor)) + turned_deg[order]
+        within_turn_deg = (heading_deg + 180.0) % 360.0 - 180.0  # from −180 to 180
+        answers = Answers(world_T_anchor[:, :2, 3], within_turn_deg)
+        points_m = keys.points_m(key)
+        fix = self.fixer.fix(points_m, targets, answers, ~allowed)
         if not fix.hypotheses:
             return None
         best = fix.hypotheses[0]
-        overlap = self.overlap(keys, targets, key, best)
-        if overlap < self.least * usual_overlap:
-            return None
-        alignment = best.alignment
-        return Loop(
-            best.row, key, alignment.target_T_source, alignment.covariance, overlap, fix.chance
-        )
-
-    def overlap(self, keys: Keys, targets: Targets, key: int, hypothesis: Hypothesis) -> float:
-        """The overlap of a key with the one that it was registered with in a hypothesis."""
         registration = self.fixer.registration
-        return share_standing(
-            targets.cloud(registration, hypothesis.row),
-            registration.prepare(keys.points_m(key)),
-            hypothesis.alignment.target_T_source,
+        key_T_later = best.alignment.target_T_source
+        overlap = share_standing(
+            targets.cloud(registration, best.row),
+            registration.prepare(points_m),
+            key_T_later,
             registration.inlier_m,
         )
+        if overlap < self.least * usual_overlap:
+            return None
+        return Loop(best.row, key, key_T_later, best.alignment.covariance, fix.chance)
 
     def _is_drift(self, keys: Keys, loop: Loop) -> bool:
         """Whether odometry may have drifted as far as a loop says."""

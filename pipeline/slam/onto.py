@@ -64,23 +64,17 @@ def keys_of_map(slam: Slam, log: Log, world_T_scan: Poses, watch: Progress) -> K
 def key_fixes(
     slam: Slam, keys: Keys, map_keys: Keys, usual_overlap: float, watch: Progress
 ) -> list[KeyFix]:
-    """The keys of a drive that are found on a map, with the chance and overlap that loops need.
-
-    Scan Context names candidates among the map's keys, the search registers the key with them.
-    """
+    """The keys of a drive that are found on a map, with the chance and overlap that loops need."""
     search = slam.loops
     targets = map_keys.targets(map_keys.odom_T_key, search.range_m)
-    rows = np.arange(len(map_keys.rows))
+    everywhere = np.ones(len(map_keys.rows), bool)
     fixes = []
     queries = search.queries(keys)
     for key in watch.track(queries, len(queries), "fixes"):
-        answers = search.candidates(map_keys, targets, keys.heights_m[key], rows)
-        fix = search.fixer.fix(keys.points_m(key), targets, answers)
-        if not fix.hypotheses or fix.chance < search.sure:
-            continue
-        best = fix.hypotheses[0]
-        if search.overlap(keys, targets, key, best) >= search.least * usual_overlap:
-            fixes.append(KeyFix(key, best.world_T_query, best.alignment.covariance))
+        loop = search.loop(keys, key, map_keys, targets, everywhere, usual_overlap)
+        if loop and loop.chance >= search.sure:
+            world_T_key = map_keys.odom_T_key[loop.key] @ loop.key_T_later
+            fixes.append(KeyFix(key, world_T_key, loop.covariance))
     return fixes
 
 

@@ -9,7 +9,7 @@ adds walls. A case is one such change, made to every query.
   stay in the map. Turned queries reuse the unaltered map; only the pose is rotated.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -61,7 +61,7 @@ def altered(
         drawn = _from_points(scans, submaps, view, alteration)
     # The array of a case is made with its first image, which tells the shape.
     images = dict[Case, NDArray[Any]]()
-    left_rad = {case: np.zeros(len(stamps_ns)) for case in _changed_cases(alteration)}
+    left_rad = {case: np.zeros(len(stamps_ns)) for case in alteration.cases[1:]}
     for row, case, image, turn_rad in drawn:
         if case not in images:
             images[case] = np.empty((len(stamps_ns), *image.shape), image.dtype)
@@ -73,18 +73,13 @@ def altered(
     }
 
 
-def _changed_cases(alteration: Alteration) -> Sequence[Case]:
-    """All cases but the first, which is as driven."""
-    return alteration.cases[1:]
-
-
 def _from_points(
     scans: Scans, submaps: Submaps, view: View, alteration: Alteration
 ) -> Iterator[AlteredImage]:
     """Draw the cases from the submaps' own points, which are gathered once for all cases."""
     stamps_ns = submaps.load("stamps_ns")
     for row, points in enumerate(Drawing(scans, submaps, view).points()):
-        for case in _changed_cases(alteration):
+        for case in alteration.cases[1:]:
             rng = generator(alteration, stamps_ns[row])
             altered_points, left_rad = alteration.alter(case, points, rng)
             yield AlteredImage(row, case, view(altered_points), left_rad)
@@ -97,8 +92,7 @@ def _from_maps(
     stamps_ns = scans.load("stamps_ns")
     anchors = submaps.load("scans")
     # Turned cases are drawn from the map of the scans as driven, every other case from its own map.
-    as_driven = alteration.cases[0]
-    changed_cases = _changed_cases(alteration)
+    as_driven, *changed_cases = alteration.cases
     turned_cases = [case for case in changed_cases if case.change == TURNED]
     cases_drawn_from_map_of = {as_driven: turned_cases} if turned_cases else {}
     for case in changed_cases:

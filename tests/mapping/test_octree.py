@@ -70,13 +70,6 @@ def test_octomaps_line(rays: str, scans: int, free: float, hit: float) -> None:
     assert made == pytest.approx(line, abs=1e-6)
 
 
-def test_octomaps_probabilities() -> None:
-    for scans, free, hit in ((2, 0.307692, 0.844828), (12, 0.1192, 0.971)):
-        made = grown(OCTOMAP, (2.6, 0.1, 0.1), scans=scans)
-        found = probability(made, (0.3, 0.2, 0.4), (2.6, 0.1, 0.1), (3.6, 0.1, 0.1))
-        np.testing.assert_allclose(found, [free, hit, 0.5], atol=1e-6)
-
-
 def test_octomaps_diagonal() -> None:
     free = [
         (0.25, 0.25),
@@ -241,34 +234,6 @@ def test_a_robot_at_rest_forgets_nothing(motion: str) -> None:
     np.testing.assert_array_equal(made.log_odds, before)
 
 
-@pytest.mark.parametrize(
-    "to", [(3.2, 0.1, 0.1), (-2.9, 1.4, 0.1), (0.1, 2.4, 0.7), (0.3, -1.1, 0.2), (0.1, 0.2, -2.2)]
-)
-def test_the_window_follows_by_whole_leaves(to: tuple[float, float, float]) -> None:
-    # Four times there and back: what a map of one scan alone knows is added, and what lies beyond
-    # the window is struck out.
-    rng = np.random.default_rng(1)
-    octree = Octree(edge_m=8.0, depth=4, motion="none", sensor_height_m=0.0)
-    made = octree.grow()
-    expected = dict[tuple[float, ...], float]()
-    for place in 4 * (ORIGIN, to):
-        points = rng.normal(0, 2, (60, 3))
-        alone = octree.grow()
-        for each in (made, alone):
-            each.insert(points, at(*place))
-        low = np.floor(np.array(place) / 0.5) * 0.5 - 4
-        np.testing.assert_array_equal(made.corner_m, low)
-        expected = {
-            cell: value
-            for cell, value in expected.items()
-            if (low < cell).all() and (cell < low + 8).all()
-        }
-        for cell, value in known(alone).items():
-            expected[cell] = min(max(expected.get(cell, 0.0) + value, LOWEST), HIGHEST)
-        assert known(made) == pytest.approx(expected, abs=1e-5)
-    assert len(expected) > 1000
-
-
 def test_leaves_that_leave_the_window_are_forgotten_and_the_rest_stay() -> None:
     made = Octree(edge_m=8.0, depth=4, motion="none", sensor_height_m=0.0).grow()
     made.insert(np.array([[3.0, 0.2, 0.2], [-3.0, 0.2, 0.2]]), at(0.1, 0.1, 0.1))
@@ -279,16 +244,6 @@ def test_leaves_that_leave_the_window_are_forgotten_and_the_rest_stay() -> None:
     assert {cell for cell, value in known(made).items() if value > 0} == {(3.25, 0.25, 0.25)}
     made.insert(np.empty((0, 3)), at(1e5, 0.1, 0.1))
     assert not made.log_odds.any()
-
-
-def test_the_same_scans_make_the_same_map() -> None:
-    rng = np.random.default_rng(2)
-    scans = [(rng.normal(0, 5, (300, 3)), at(0.4 * i, 0.1 * i, 0.0, 0.05 * i)) for i in range(8)]
-    maps = [Octree(depth=6).grow() for _ in range(2)]
-    for made in maps:
-        for points, pose in scans:
-            made.insert(points, pose)
-    assert maps[0].log_odds.tobytes() == maps[1].log_odds.tobytes()
 
 
 def test_the_order_of_points_does_not_matter() -> None:

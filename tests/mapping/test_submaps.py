@@ -45,18 +45,6 @@ def test_steps_are_measured_in_three_dimensions() -> None:
     assert sample_path(steps, 3.1).tolist() == []
 
 
-@given(st.lists(st.one_of(st.floats(-50, 50), st.just(NAN)), max_size=40), st.floats(0.1, 20))
-@settings(max_examples=40)
-def test_samples_are_known_and_at_least_a_step_of_path_apart(
-    xs: list[float], step_m: float
-) -> None:
-    rows = sample_path(path(*xs), step_m)
-    steps = np.abs(np.diff(xs)) if len(xs) > 1 else np.empty(0)
-    travelled = np.concatenate([[0.0], np.cumsum(np.where(np.isfinite(steps), steps, 0.0))])
-    assert np.isfinite(np.array(xs)[rows]).all()
-    assert (np.diff(travelled[np.concatenate([[0], rows]).astype(int)]) >= step_m - 1e-9).all()
-
-
 def poses(*xs: float) -> np.ndarray:
     """Poses (n, 4, 4) along x; a NaN is a pose that is not known."""
     found = np.tile(np.eye(4), (len(xs), 1, 1))

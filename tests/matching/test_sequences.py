@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from pipeline.core.errors import InputError
-from pipeline.matching import alignment
+from pipeline.matching import sequences
 from pipeline.matching.database import Database
 from pipeline.matching.ranking import Ranking, Rows
 from pipeline.matching.rejection import Rejection
@@ -155,7 +155,7 @@ def test_queries_are_answered_alike_however_many_are_searched_at_once(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     at_once = ranked(np.arange(30, 80), k=4, noise=2.0, both_ways=True)
-    monkeypatch.setattr(alignment, "QUERIES", 3)
+    monkeypatch.setattr(sequences, "QUERIES", 3)
     in_threes = ranked(np.arange(30, 80), k=4, noise=2.0, both_ways=True)
     for name in ("places", "costs", "novelty", "xy_m"):
         np.testing.assert_array_equal(getattr(in_threes, name), getattr(at_once, name))

@@ -114,32 +114,6 @@ def test_afl_is_the_joint_game_alone_at_any_cost(name: str, expected: dict[str, 
     assert toy(OBJECTIVES[name].joint_alone()) == pytest.approx(expected, rel=1e-6)
 
 
-def test_the_authors_code_judges_whole_feature_vectors() -> None:
-    assert [(name, one.head) for name, one in OBJECTIVES.items() if one.head != "scalar"] == [
-        ("author_code", "vector")
-    ]
-
-
-@pytest.mark.parametrize(
-    ("loss", "half", "whole"), [("least_squares", 0.5, 1.0), ("bce", log(2), log(2))]
-)
-def test_scores_of_nothing_cost_what_is_known(loss: str, half: float, whole: float) -> None:
-    # BiGAN's losses all start at ln 2; least squares' joint ones at ½, and the decoder's against
-    # images alone has no half.
-    zero = Fixed(lambda *inputs: torch.zeros(2, 1))
-    game = Game(Fixed(lambda x: x), Fixed(lambda z: z), zero, zero, Objective(loss, image=1.0))  # type: ignore[arg-type]
-    terms = {
-        name: float(term)
-        for turn in game.turns()
-        for name, term in turn.terms(IMAGES, CODES).items()
-    }
-    expected = dict.fromkeys(
-        ("joint_discriminator", "image_discriminator", "joint_generator"), half
-    ) | {"image_generator": whole}
-    expected |= {"image_cycle": 0, "code_cycle": 0}  # both networks answer with what they are given
-    assert terms == pytest.approx(expected)
-
-
 def small(objective: Objective, seed: int = 0) -> Game:
     torch.manual_seed(seed)
     return Game(
@@ -191,15 +165,6 @@ def test_the_papers_encoder_and_decoder_take_one_step_down_the_sum_of_all_terms(
     )
 
 
-@pytest.mark.parametrize("without", [{"image": 0.0}, {"image_cycle": 0.0}, {"code_cycle": 0.0}])
-def test_each_of_the_papers_terms_is_in_its_step(without: dict[str, float]) -> None:
-    paper = OBJECTIVES["paper"]
-    game, other = small(paper), small(replace(paper, **without))
-    for one in (game, other):
-        train(one, rounds=1)
-    assert not torch.equal(game.encoder.dense.weight, other.encoder.dense.weight)
-
-
 def test_the_paper_has_one_generator_step_whatever_is_set() -> None:
     game, other = small(OBJECTIVES["paper"]), small(OBJECTIVES["paper"])
     train(game)
@@ -241,20 +206,6 @@ def same(one: nn.Module, other: nn.Module) -> bool:
     return all(
         torch.equal(value, other.state_dict()[name]) for name, value in one.state_dict().items()
     )
-
-
-@pytest.mark.parametrize("objective", [OBJECTIVES["least_squares"], OBJECTIVES["paper"], AFL])
-def test_every_term_of_every_round_is_told(objective: Objective) -> None:
-    game = small(objective)
-    curves = train(game)
-    expected_terms = {
-        term
-        for turn in game.turns()
-        for term in turn.terms(torch.zeros(2, 1, 64, 64), torch.zeros(2, 6))
-    }
-    healthy = {"held_out_error", "black_error", "code_variance", "code_distance"}
-    assert curves.keys() == expected_terms | healthy
-    assert all(column.shape == (3,) and np.isfinite(column).all() for column in curves.values())
 
 
 def test_all_players_learn_and_the_last_weights_stay() -> None:
@@ -312,7 +263,7 @@ def test_without_epochs_only_the_batch_norms_are_settled(kept: Any) -> None:
     assert game.encoder.halvings[0][1].running_mean.abs().max() > 0  # type: ignore[index, operator, union-attr]
 
 
-@pytest.mark.parametrize("at", [1, 2, 3])
+@pytest.mark.parametrize("at", [1, 3])
 def test_an_interrupted_training_goes_on_to_the_same_weights_and_curves(
     tmp_path: Path, at: int
 ) -> None:

@@ -184,13 +184,3 @@ def test_of_fewer_reference_headings_fewer_codes_are_kept(model: Model) -> None:
 
 def test_the_objective_is_the_presets() -> None:
     assert replace(SMALL, objective="paper").terms() == OBJECTIVES["paper"]
-    code = replace(SMALL, objective="author_code").learn(rows(), PLACES, PROGRESS)
-    assert "curves/code_cycle" not in code
-
-
-def test_more_budget_is_more_iterations() -> None:
-    def rounds(budget: float) -> int:
-        return len(SMALL.learn(rows(), PLACES, Progress(budget=budget))["curves/image_cycle"])
-
-    # 2, 4 and 8 iterations, in at most four rounds of at least 2.
-    assert (rounds(0.125), rounds(0.25), rounds(0.5)) == (1, 2, 4)

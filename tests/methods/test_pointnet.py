@@ -4,7 +4,7 @@ any base."""
 import pytest
 import torch
 
-from pipeline.methods.pointnetvlad.pointnet import EPS, PointNet, TNet
+from pipeline.methods.pointnetvlad.pointnet import PointNet, TNet
 
 
 def count(*modules: torch.nn.Module) -> int:
@@ -57,17 +57,3 @@ def test_the_base_is_found_from_the_highest_of_all_points_alike_in_training_and_
     points = net.points(clouds.flatten(0, 1)).unflatten(0, (4, 9)).relu()
     by_hand = net.base(net.cloud(points.amax(1))).unflatten(1, (3, 3))
     torch.testing.assert_close(net(clouds), by_hand)
-
-
-def test_the_trunk_has_no_batch_norm_ends_in_a_relu_and_its_biases_start_at_zero() -> None:
-    net = PointNet()
-    norms = [layer for layer in net.modules() if isinstance(layer, torch.nn.BatchNorm1d)]
-    assert len(norms) == 2 * 5
-    assert {layer.eps for layer in norms} == {EPS}
-    assert not any(
-        isinstance(layer, torch.nn.BatchNorm1d)
-        for layer in [*net.early.modules(), *net.late.modules()]
-    )
-    assert float(net(torch.rand(2, 5, 3)).detach().min()) == 0
-    for layer in [*net.early, *net.late]:
-        assert not isinstance(layer, torch.nn.Linear) or not layer.bias.any()

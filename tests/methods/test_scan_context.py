@@ -72,16 +72,6 @@ def test_known_scenes_are_found_at_any_heading(method: Both, turn: int):
     np.testing.assert_allclose(ranking.xy_m[:, 0, 0] // (2 * EACH), TRUTH)
 
 
-@BOTH
-def test_costs_are_the_distances_of_the_answered_rows(method: Both):
-    ranking = localized(method)
-    spectra = Spectra.learned(rows(1).images)
-    for query in (0, 50):
-        answered = (ranking.xy_m[query, :, 0] / 2).round().astype(np.int64)
-        expected, _ = spectra.compare(rows(2).images[query], answered)
-        np.testing.assert_allclose(ranking.costs[query], expected, atol=1e-6)
-
-
 def test_the_exhaustive_search_misses_nothing_and_the_shortlist_may():
     everything = localized(ALL)
     few = localized(replace(FIFTY, candidates=5))
@@ -117,23 +107,8 @@ def test_distinct_places_are_each_answered_once_at_their_nearest_scan(method: Bo
 
 
 def test_ring_keys_count_bins_and_do_not_turn():
-    # METHODS 1.5 A: six of 40 rings hold one of their 120 bins.
-    towers = [
-        (7, 0.1, 0, 5),
-        (0, 10, -3, 5),
-        (-20, 0, 2, 6),
-        (0, -30, 0, 4),
-        (100, -100, 10, 5),
-        (-40, -40, -9, 5),
-        (5, 0, 20, 5),
-    ]
-    points = np.array(
-        [(x, y, z + i) for x, y, z, count in towers for i in range(count)], np.float64
-    )
-    view = ScanContext()(points)
-    expected = np.zeros(40)
-    expected[[2, 3, 5, 10, 28, 39]] = 1
-    assert ring_keys(view[None])[0].tolist() == expected.tolist()
+    heights_m = np.array([[[1.0, 0, -2, 0], [0, 0, 0, 0], [3, 3, 3, 0]]], np.float32)
+    assert ring_keys(heights_m).tolist() == [[2, 0, 3]]
     images = rows(1).images
     np.testing.assert_array_equal(ring_keys(images), ring_keys(np.roll(images, 5, axis=2)))
 
@@ -223,11 +198,10 @@ def test_held_out_rows_search_the_ring_keys_of_allowed_rows_only():
     ).any()
 
 
-@pytest.mark.parametrize("lift_m", [1.73, 1.9])
-def test_a_real_reverse_loop_is_found_among_real_scans(real: Path, lift_m: float):
+def test_a_real_reverse_loop_is_found_among_real_scans(real: Path):
     """KITTI 08, scan 1500, against 720, sixteen scans of KITTI 00 and one of NCLT: 720 comes first,
     148.4° away."""
-    lift = np.array([0, 0, lift_m], np.float32)
+    lift = np.array([0, 0, 1.73], np.float32)
     kitti = [
         real / "kitti/pairs/08/000720.bin",
         *sorted((real / "kitti/sequences/00/velodyne").glob("*.bin")),

@@ -163,10 +163,9 @@ def test_each_batch_leaves_out_arcs_of_one_width_at_most_the_widest_and_never_al
     assert widths(worst_arc=0.0) == {0}
 
 
-def test_a_refit_learns_the_held_out_views_too_and_leaves_what_they_chose() -> None:
-    before, after = (
-        replace(SMALL, refit=refit).learn(rows(2), TRUTH, Progress()) for refit in (0.0, 0.5)
-    )
+def test_a_refit_learns_the_held_out_views_too_and_leaves_what_they_chose(model: Model) -> None:
+    before = model
+    after = replace(SMALL, refit=0.5).learn(rows(2), TRUTH, Progress())
     chosen = [
         name
         for name in before
@@ -192,7 +191,7 @@ class CutInRefit(Progress):
 
 
 def test_a_refit_that_was_interrupted_goes_on_to_the_same_weights(tmp_path: Path) -> None:
-    method = replace(SMALL, refit=0.5, epochs=8, dropout=0.3)
+    method = replace(SMALL, refit=0.5, epochs=6, dropout=0.3)
     checkpoint = tmp_path / "half.safetensors"
     with pytest.raises(KeyboardInterrupt):
         method.learn(rows(2), TRUTH, CutInRefit(checkpoint=checkpoint))

@@ -14,7 +14,6 @@ from pipeline.formats import folder, pcd
 from pipeline.readers.folder import read_tum
 from pipeline.readers.log import Log
 from pipeline.slam import outputs
-from pipeline.slam.drive import Slam
 from pipeline.slam.summary import lines
 from tests.slam.round import QUICK, RADIUS_M, ROUND, circle, drive
 
@@ -31,7 +30,7 @@ def log() -> Log:
 
 @pytest.fixture(scope="module")
 def estimate(log: Log) -> Estimates:
-    return Slam().estimate(log, Progress())
+    return QUICK.estimate(log, Progress())
 
 
 def off_m(estimate: Estimates, world_T_scan: np.ndarray) -> np.ndarray:

@@ -89,20 +89,6 @@ def test_heading_h_is_what_a_robot_so_turned_draws_as_its_heading_0() -> None:
     assert (images[0] != images[1]).mean() > 0.05
 
 
-def test_the_image_follows_the_robot_wherever_odometry_has_it() -> None:
-    # The posts' leaves lie otherwise in odometry's cells, but none is more than a leaf off.
-    plain = VIEW(scene())[0].astype(float)
-    for at in (pose(300.2, -41.3), pose(0.0, 0.0, 1.1), pose(-7.7, 2.2, -2.5)):
-        grown = VIEW.octree.grow()
-        grown.insert(scene(), at)
-        image = VIEW.draw(grown, at)[0].astype(float)
-        inner = (
-            np.hypot(*(np.indices((32, 32)) - 15.5)) < 15
-        )  # corners may be beyond the turned window
-        assert np.corrcoef(plain[inner], image[inner])[0, 1] > 0.7
-        assert np.corrcoef(plain[inner], image[::-1][inner])[0, 1] < 0.4
-
-
 def test_only_what_stands_between_the_two_heights_above_the_ground_is_drawn() -> None:
     def drawn(z: float, ground: float = 0.0) -> bool:
         grown = VIEW.octree.grow()
@@ -198,19 +184,6 @@ def test_odd_headings_stand_off_by_a_seeded_offset_and_even_ones_do_not() -> Non
     many = np.array([BirdView().offset_m(number) for number in range(2000)])
     assert many.std(axis=0) == pytest.approx([0.5, 0.5], rel=0.08)
     assert abs(many.mean(axis=0)).max() < 0.05
-
-
-def test_what_was_seen_before_is_drawn_until_it_fades() -> None:
-    view = BirdView(Octree(edge_m=32.0, depth=6), side_px=32)
-    grown = view.octree.grow()
-    wall = post(10.25, 3.25)
-    grown.insert(wall, pose(0.0, 0.0))
-    lit = []
-    for x in (1.0, 3.0, 5.0):
-        grown.insert(np.empty((0, 3)), pose(x, 0.0))
-        lit.append(bool(view.draw(grown, pose(x, 0.0)).any()))
-    # L = .847 · .882 = .748, P = .679; · .607 = .454, P = .612; · .607 = .275, P = .568 < .6
-    assert lit == [True, True, False]
 
 
 def test_a_car_that_drove_off_is_gone_while_the_wall_behind_it_stays() -> None:

@@ -39,15 +39,3 @@ def test_means_are_those_of_numpy(
     np.testing.assert_allclose(
         voxel_means(points, side_m), reference(points, side_m), rtol=1e-12, atol=1e-12
     )
-
-
-def test_duplicates_are_one_point() -> None:
-    np.testing.assert_array_equal(voxel_means(np.full((1000, 3), 7.25), 0.5), [[7.25, 7.25, 7.25]])
-
-
-def test_no_mean_leaves_its_cube_and_no_point_is_lost() -> None:
-    points = np.random.default_rng(0).uniform(-30, 30, (5000, 3))
-    means = voxel_means(points, 1.0)
-    cubes = np.floor(means - points.min(axis=0)).astype(int)
-    assert len(np.unique(cubes, axis=0)) == len(means)
-    assert len(means) == len(np.unique(np.floor(points - points.min(axis=0)), axis=0))
