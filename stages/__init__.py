@@ -41,8 +41,7 @@ from pipeline.core.errors import ConfigError, YearlocError, machine_refusal
 from pipeline.core.progress import Progress
 from pipeline.core.replacing import replace
 from pipeline.core.settings import Names, filled
-from pipeline.running.ending import end_when_asked
-from pipeline.running.memory import keep_freed_memory
+from pipeline.running.process import end_when_asked, keep_freed_memory
 from pipeline.running.telemetry import Telemetry
 from pipeline.running.texts import check_files, one_line, print_anywhere, read_yaml
 

@@ -15,8 +15,7 @@ from hydra import compose, initialize_config_dir
 from omegaconf import DictConfig, OmegaConf
 
 from pipeline.core.settings import filled
-from pipeline.studies.names import lists_text, studies_text
-from pipeline.studies.studies_file import read_studies
+from pipeline.studies.studies_file import lists_text, read_studies, studies_text
 from tests.clone import Clone
 
 ROOT = Path(__file__).parents[1]
@@ -25,7 +24,7 @@ GROUPS = {path.name for path in (ROOT / "conf").iterdir() if path.is_dir()}
 UNTRACKED = {"compute", "tracking"}  # groups that cannot change a result
 UNTRACKED_MODULES = {
     "pipeline.kernel_cache",
-    *(f"pipeline.running.{name}" for name in ("ending", "memory", "telemetry", "texts")),
+    *(f"pipeline.running.{name}" for name in ("process", "telemetry", "texts")),
 }
 """Nor can where compiled kernels are kept, who computes, what a stage costs, how it ends when asked
 to, how memory is kept, and what is said of a broken file."""
@@ -140,7 +139,7 @@ def test_a_command_gives_all_settings_of_its_stage(
         monkeypatch.setenv(name, "1")  # stages.latency limits them, and they are put back
     for instance in instances:
         settings = import_module(f"stages.{instance.name}").Settings
-        filled(settings, instance.cfg, lambda recipe: recipe)
+        filled(settings, instance.cfg, lambda _, setting: setting)
 
 
 def test_an_artifact_lies_in_the_folder_of_its_stage(stages: list[PipelineStage]) -> None:

@@ -30,7 +30,7 @@ from pipeline.online.level_site import LevelSite
 from pipeline.online.odometry import Newest
 from pipeline.online.outputs import in_world
 from pipeline.readers.log import raised
-from pipeline.running.memory import keep_freed_memory
+from pipeline.running.process import keep_freed_memory
 from pipeline.views.kernels import bin_heights
 from yearloc import Fix, LevelTracker, Site, Tracker, YearlocError
 

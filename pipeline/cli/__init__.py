@@ -30,8 +30,7 @@ from pipeline.cli.slam import slam
 from pipeline.cli.studies import methods, use
 from pipeline.cli.watch import watch
 from pipeline.core.errors import YearlocError, machine_refusal
-from pipeline.running.ending import end_when_asked
-from pipeline.running.memory import keep_freed_memory
+from pipeline.running.process import end_when_asked, keep_freed_memory
 from pipeline.running.texts import one_line, print_anywhere
 
 ABOUT = """\

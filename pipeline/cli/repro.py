@@ -19,7 +19,7 @@ import yaml
 
 from pipeline.cli.project import conf_folder
 from pipeline.core.errors import NotInstalledError
-from pipeline.running.ending import end_all
+from pipeline.running.process import end_all
 from pipeline.running.texts import WRITTEN, check_files, read_yaml
 
 STAGE_LINE = re.compile(
@@ -93,11 +93,10 @@ def repro() -> None:
 
 def repair() -> None:
     """Put right what a kill may leave of DVC's own files; `make demo` does it first."""
-    from pipeline.running import repair as files
-    from pipeline.running.at_work import refuse_at_work
+    from pipeline.running import at_work
 
-    refuse_at_work(Path())
-    for lock in files.repair(Path()):
+    at_work.refuse_at_work(Path())
+    for lock in at_work.repair(Path()):
         print(
             f"{lock}: was torn by a kill and is empty now; what is finished comes back from DVC's "
             "cache"

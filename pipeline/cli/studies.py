@@ -99,8 +99,8 @@ def _write(conf: Path, studies: "Mapping[str, Study]") -> None:
     """
     from pipeline.running.at_work import refuse_at_work
     from pipeline.studies.expansion import expand
-    from pipeline.studies.names import lists_text, studies_text
     from pipeline.studies.parts import split_drives, write_parts
+    from pipeline.studies.studies_file import lists_text, studies_text
 
     texts = {conf / "studies.yaml": studies_text(studies), conf / "lists.yaml": lists_text(studies)}
     changed_texts = {

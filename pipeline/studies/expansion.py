@@ -11,7 +11,6 @@ from itertools import product
 from typing import Any
 
 from pipeline.core.settings import written
-from pipeline.studies.courses import instances
 from pipeline.studies.layout import Layout
 from pipeline.studies.models import ModelName
 from pipeline.studies.study import CellSize, Study, StudyMethod
@@ -145,9 +144,33 @@ def _add_model(
             "name": _word("name", model),
             "simulated": _switch(study.simulated),
         }
-        lists["lifelong"] |= instances(course, study, method)
+        lists["lifelong"] |= courses_of_model(course, study, method)
     if study.asks_about_the_year:
         _add_answers(lists, study, grid, model, model_settings)
+
+
+def courses_of_model(
+    model_settings: Mapping[str, Any], study: Study, method: StudyMethod
+) -> dict[str, dict[str, Any]]:
+    """The courses of one model, as instances of the stage `lifelong`: name to settings.
+
+    A course is an order of the days that are learned after training, and a strategy to learn them.
+    The order `updates` has those that a site learns by its own poses. `model_settings` are the
+    settings of the model itself, which each instance takes too.
+    """
+    model = f"{study.name}-{model_settings['grid']}-{model_settings['model']}"
+    days_of_order = {"days": study.learned, "updates": study.updates}
+    return {
+        f"{model}-{order}-{strategy}": {
+            **model_settings,
+            "order": order,
+            "strategy": strategy,
+            "learned": " ".join(days_of_order.get(order, ())),
+            "asked": " ".join(study.tests),
+        }
+        for order, strategies in method.courses.items()
+        for strategy in strategies
+    }
 
 
 def _model_settings(

@@ -15,7 +15,6 @@ from typing import Any, cast
 from pipeline.core.errors import ConfigError
 from pipeline.readers.parts import Part
 from pipeline.running.texts import read_yaml
-from pipeline.studies.courses import courses, with_further_days
 from pipeline.studies.discovery import Drives, recorded_drives, simulated_drives
 from pipeline.studies.study import (
     LIFELONG,
@@ -56,6 +55,8 @@ NEEDLESS = {
 """By question, the options of `yearloc use` that have no effect on its studies."""
 SLAM = "slam"
 """The word after `poses=` by which poses are estimated from the scans; other words name models."""
+REHEARSED = "rehearsed"
+"""A method with this setting trains its network further; any other only grows its database."""
 PRESET = "demo"
 """The preset of a simulated world without the option `world=`: one of its files in conf/world."""
 
@@ -270,6 +271,47 @@ def with_question(study: Study, request: Request) -> Study:
         courses_of_method = courses(request.defaults, settings, has_updates=bool(study.updates))
         methods.append(replace(method, courses=courses_of_method))
     return replace(study, methods=tuple(methods))
+
+
+def with_further_days(
+    study: Study, defaults: Mapping[str, Any], preset: str, learned: str
+) -> Study:
+    """The study in which a model learns some of the test days, and is asked about the others.
+
+    `learned` names the learned days, with commas between. If it is empty they are those that
+    `defaults`, the study in the data set's yaml, has for this preset of a world, or else every
+    second test day. Raises ConfigError if no day is left to learn or to ask about.
+    """
+    default_days = defaults.get("learned", {}).get(preset, study.tests[::2])
+    learned_days = learned.split(",") if learned else list(default_days)
+    asked_days = [day for day in study.tests if day not in learned_days]
+    if not learned_days or not asked_days:
+        raise ConfigError(
+            f"learned={','.join(learned_days)}: expected some of several test sequences; the "
+            "others are asked after each"
+        )
+    # a day that is asked about must not be learned
+    updates = [day for day in defaults.get("updates", {}).get(preset, ()) if day not in asked_days]
+    return replace(
+        study, learned=tuple(learned_days), tests=tuple(asked_days), updates=tuple(updates)
+    )
+
+
+def courses(
+    defaults: Mapping[str, Any], settings: Mapping[str, Any], has_updates: bool
+) -> dict[str, tuple[str, ...]]:
+    """The strategies of each order for a method with these settings of its yaml.
+
+    `defaults` has two tables: `trained` for methods that train further, and `courses` for others.
+    The order `updates` is left out unless the study has such days (`has_updates`).
+    """
+    trains_further = REHEARSED in settings
+    strategies_of_orders = defaults["trained" if trains_further else "courses"]
+    return {
+        order: tuple(strategies)
+        for order, strategies in strategies_of_orders.items()
+        if order != "updates" or has_updates
+    }
 
 
 def with_alterations(study: Study, request: Request) -> Study:

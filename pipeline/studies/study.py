@@ -6,7 +6,7 @@ A study has one of four questions.
 - `robustness`: the same, also with altered queries, stress sequences (drives that are hard in one
   way), other cell sizes, and variants of the methods.
 - `viewpoints`: turned robots alone, on sequences that share no place with training.
-- `lifelong`: what does a model answer after it learned further days (studies.courses)?
+- `lifelong`: what does a model answer after it learned further days ?
 
 `Study.of` reads a study of conf/studies.yaml and checks it; `Study.table` is what is written there.
 """
@@ -340,10 +340,10 @@ def _of_conf(conf: Path, kind: Any, value: Any) -> Any:
     if kind is not StudyMethod or not isinstance(table, Mapping):
         return value
     _refuse_unknown("a method", table, [field.name for field in fields(StudyMethod)])
-    if not {"view", "code", "stage"} <= table.keys() and isinstance(table.get("name"), str):
+    if not {"view", "code"} <= table.keys() and isinstance(table.get("name"), str):
         described = StudyMethod.described(conf, table["name"], table.get("view", ""))
-        return {"view": described.view, "code": described.code, "stage": described.stage, **table}
-    return table
+        table = {"view": described.view, "code": described.code, **table}
+    return {"stage": stage_of(conf, table.get("view", "")), **table}
 
 
 def _refuse_unknown(what: str, table: Mapping[str, Any], known: Collection[str]) -> None:

@@ -30,11 +30,10 @@ from pipeline.matching.rejection import Evidence
 from pipeline.running.dvc_files import definition
 from pipeline.studies.studies_file import read_listed_studies
 from pipeline.studies.study import Study
-from pipeline.sweeps.cache import ArtifactCache
 from pipeline.sweeps.chain import Step, expand
 from pipeline.sweeps.lock import UpToDate
 from pipeline.sweeps.record import Record
-from pipeline.sweeps.resolver import ArtifactResolver
+from pipeline.sweeps.resolver import ArtifactCache, ArtifactResolver
 from stages import ROOT
 from stages.sweep.settings import Composer, lists_of_job, own_fields
 

@@ -14,7 +14,8 @@ from pipeline.lifelong.steps import line, record, streets, surveyed
 from pipeline.lifelong.strategies import Frozen, Grown, Joint
 from pipeline.matching.places import Places
 from pipeline.matching.ranking import Rows
-from pipeline.studies.courses import courses, instances, with_further_days
+from pipeline.studies.expansion import courses_of_model
+from pipeline.studies.proposal import courses, with_further_days
 from pipeline.studies.study import StudyMethod
 from tests.methods.test_scan_context import EACH, FIFTY, PLACES, rows
 from tests.studies.made import study as made_study
@@ -113,7 +114,7 @@ def test_only_what_is_trained_is_tuned_and_only_a_study_with_updates_updates() -
     }
     assert courses(defaults, {}, has_updates=True) == {"days": ("grown",)}
     assert courses(defaults, {"rehearsed": 2}, has_updates=False) == {"days": ("grown", "tuned")}
-    found = instances(
+    found = courses_of_model(
         {"dataset": "campus", "grid": "10m", "model": "m"},
         made_study(tests=["b"], learned=["a"], updates=["u"]),
         StudyMethod(

@@ -10,9 +10,8 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from pipeline.core.errors import ConfigError
 from pipeline.core.settings import filled
 from pipeline.studies.expansion import LISTS, Lists, expand
-from pipeline.studies.names import lists_text, studies_text
 from pipeline.studies.parts import MOST
-from pipeline.studies.studies_file import check_lists
+from pipeline.studies.studies_file import check_lists, lists_text, studies_text
 from pipeline.studies.study import Study
 from tests.studies.made import CONF, study
 

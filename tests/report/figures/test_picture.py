@@ -16,7 +16,7 @@ from pipeline.report.figures.animation import END_MS, FRAME_MS, palette, save, s
 from pipeline.report.figures.believed import BelievedDrive
 from pipeline.report.study import Study
 from pipeline.studies.layout import Layout
-from pipeline.studies.names import studies_text
+from pipeline.studies.studies_file import studies_text
 from tests.report.studied import SETTINGS, TESTS, TRAIN
 from tests.studies.made import CONF
 

@@ -13,7 +13,7 @@ from tests.online.made import packed, scan
 POOL = """
 import time
 from pipeline.core.compute import Compute
-from pipeline.running.ending import end_when_asked
+from pipeline.running.process import end_when_asked
 
 def slow(start, stop):
     time.sleep(0.2)
