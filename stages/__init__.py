@@ -140,7 +140,7 @@ def stage(
         @wraps(function)
         def run(cfg: DictConfig) -> str:
             for target in _targets(OmegaConf.to_container(cfg)):
-                target_class(target, ("pipeline.",))
+                target_class(target, ("pipeline.", "worlds."))
             settings = filled(settings_class, cfg, _built, advice=ADVICE)
             with Telemetry(cfg.out) if cfg.get("out") else nullcontext():
                 return function(settings)

@@ -183,7 +183,9 @@ def test_what_the_machine_refuses_is_one_line(
     "target", ["os.system", "builtins.eval", "pipeline.core.store.Path", "pipeline.cli.os.system"]
 )
 def test_no_other_class_is_built_than_this_projects(target: str) -> None:
-    with pytest.raises(ConfigError, match=f"^_target_={target}: expected a class of pipeline$"):
+    with pytest.raises(
+        ConfigError, match=f"^_target_={target}: expected a class of pipeline or worlds$"
+    ):
         main.run(
             OmegaConf.create(
                 {"out": None, "fails": False, "view": {"parts": [{"_target_": target}]}}
