@@ -1,7 +1,8 @@
-"""Where runs are published: a sqlite file or PostgreSQL server, and a place for files.
+"""Where runs are published: a sqlite file or PostgreSQL server, a place for files, an experiment.
 
 In: the address and the place from conf/tracking. Out: a `Database`, whose lock one publisher holds
-at a time.
+at a time, and the id of the experiment that runs are published to. MLflow fixes the folder of an
+experiment's files when it is made, so one whose folder has moved is put aside for a new one.
 """
 
 from collections.abc import Iterator
@@ -14,9 +15,14 @@ from filelock import FileLock
 
 from pipeline.core import remote
 from pipeline.core.errors import ArtifactError, ConfigError, NotInstalledError
+from pipeline.tracking import served
 
 if TYPE_CHECKING:
+    from mlflow import MlflowClient
+    from mlflow.entities import Experiment
     from sqlalchemy import URL
+
+KEY = "yearloc.key"  # the tag of a run that was published here
 
 WAIT_S = 10  # for a server to take a connection
 # The number of the advisory lock that publishers hold: "yearloc" in ASCII. Each database has locks
@@ -150,3 +156,46 @@ def _folder(files: str | Path) -> str:
     except ArtifactError as error:
         raise ConfigError(f"tracking.artifacts: {error}") from None
     return str(files).rstrip("/")
+
+
+def find_experiment(client: "MlflowClient", name: str, database: Database) -> tuple[str, str]:
+    """The id of the experiment of this name whose files go where the database says, and `aside`.
+
+    `aside` is the new name of an older experiment of this name whose files went to another folder,
+    else empty. Raises ConfigError for such an experiment in a server's database: it may be somebody
+    else's, who would put ours aside in turn.
+    """
+    aside = ""
+    if experiment := client.get_experiment_by_name(name):
+        has_moved = experiment.artifact_location != database.files
+        if has_moved and database.shared:
+            raise ConfigError(
+                f"tracking.artifacts={database.files}: {name} keeps its files at "
+                f"{experiment.artifact_location}; say that"
+            )
+        if experiment.lifecycle_stage == "deleted":
+            client.restore_experiment(experiment.experiment_id)
+        if not has_moved:
+            return str(experiment.experiment_id), ""
+        aside = _put_aside(client, experiment)
+    return str(client.create_experiment(name, artifact_location=database.files)), aside
+
+
+def _put_aside(client: "MlflowClient", experiment: "Experiment") -> str:
+    """Rename an experiment, delete its runs that were published here, and return its new name.
+
+    It is deleted too if it holds no other runs. Its files are left alone, since another copy of the
+    project may show them.
+    """
+    aside = f"{experiment.name}, folder moved ({experiment.experiment_id})"
+    client.rename_experiment(experiment.experiment_id, aside)
+    runs = list(served.all_results(client.search_runs, experiment.experiment_id))
+    for models in served.models_by_run(client, experiment.experiment_id).values():
+        for model in models:
+            client.delete_logged_model(model.model_id)
+    for run in runs:
+        if KEY in run.data.tags:
+            client.delete_run(run.info.run_id)
+    if all(KEY in run.data.tags for run in runs):
+        client.delete_experiment(experiment.experiment_id)
+    return aside

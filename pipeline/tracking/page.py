@@ -1,7 +1,8 @@
-"""How MLflow's page of an experiment looks when it opens: which charts, in which order.
+"""How MLflow's page of an experiment looks when it opens, and the texts on it.
 
-In: a view, as templates/views.yaml describes it. Out: the tags of an experiment (`tags`) and the
-address of its page (`url`) that make the page open so.
+In: a view, as templates/views.yaml describes it: which charts, in which order. Out: the tags of an
+experiment (`tags`) and the address of its page (`url`) that make the page open so. A version of
+MLflow that may not know such views gets neither, and opens its plain page.
 
 MLflow 3 keeps a view of an experiment's page in the experiment's tag `mlflow.sharedViewState.KEY`,
 and a page whose address says `viewStateShareKey=KEY` opens on it. The tag holds JSON `{"name",
@@ -28,14 +29,17 @@ import base64
 import json
 import zlib
 from collections.abc import Mapping
+from functools import cache
+from importlib.metadata import version
+from importlib.resources import files
+from string import Template
 from typing import Any
 
 import yaml
-
-from pipeline.tracking import texts
+from jinja2 import Environment, PackageLoader, StrictUndefined
 
 KEY = "yearloc"
-MOST_CHARACTERS = 5_000  # that MLflow keeps of an experiment's tag
+MAJOR = "3"  # the version of MLflow whose page knows such a view
 # The y scale of shares. A scale cut to the data would make a hundredth look like a season.
 SCALE = {"yMin": -0.02, "yMax": 1.02}
 COLOUR = "mlflow.runColor"  # the tag that fixes a run's colour in the charts, as #rrggbb
@@ -82,7 +86,33 @@ COLUMNS = {
     "attributes.`Models`": 240,
     "attributes.`Description`": 120,
 }
-YEAR, FURTHER_DAYS = yaml.safe_load(texts.part("views.yaml")).values()
+
+
+def part(name: str) -> str:
+    """The text of a file in templates/."""
+    return files("pipeline.tracking").joinpath("templates", name).read_text(encoding="utf-8")
+
+
+YEAR, FURTHER_DAYS = yaml.safe_load(part("views.yaml")).values()
+
+
+def filled(name: str, **values: Any) -> str:
+    """A filled template; its `$page` waits for `linked`."""
+    return _environment().get_template(name).render(**values)
+
+
+def linked(text: str, experiment_id: str) -> str:
+    """A text with `$page` replaced by the address of the experiment's charts.
+
+    Only the database knows that address.
+    """
+    return Template(text).safe_substitute(page=fragment(experiment_id))
+
+
+@cache
+def _environment() -> Environment:
+    loader = PackageLoader("pipeline.tracking", "templates")
+    return Environment(loader=loader, undefined=StrictUndefined, autoescape=False)
 
 
 def shade(place: int, count: int) -> str:
@@ -96,22 +126,29 @@ def shade(place: int, count: int) -> str:
 
 
 def tags(view: View) -> dict[str, str]:
-    """The tags of an experiment that shows this view."""
-    text = json.dumps(_state(view), separators=(",", ":"))
-    state = base64.b64encode(zlib.compress(text.encode(), 9)).decode()
-    shared_view = json.dumps({"name": view["name"], "createdAt": 0, "state": f"deflate;{state}"})
-    kind = "custom_model_development"  # else the page asks what kind of experiment this is
-    return {
-        "mlflow.experimentKind": kind,
-        "mlflow.note.content": texts.part("experiment.md"),
-        f"mlflow.sharedViewState.{KEY}": shared_view,
+    """The tags of an experiment that shows this view, or MLflow's plain page if it knows none."""
+    tags = {
+        # else the page asks what kind of experiment this is
+        "mlflow.experimentKind": "custom_model_development",
+        "mlflow.note.content": part("experiment.md"),
     }
+    if _knows_views():
+        text = json.dumps(_state(view), separators=(",", ":"))
+        state = base64.b64encode(zlib.compress(text.encode(), 9)).decode()
+        packed = {"name": view["name"], "createdAt": 0, "state": f"deflate;{state}"}
+        tags[f"mlflow.sharedViewState.{KEY}"] = json.dumps(packed)
+    return tags
 
 
 def fragment(experiment_id: str) -> str:
     """The end of the address at which the page opens as charts, on the view that `tags` gives."""
-    query = f"viewStateShareKey={KEY}&compareRunsMode=CHART&workflowType=machine_learning"
+    view = f"viewStateShareKey={KEY}&" if _knows_views() else ""
+    query = f"{view}compareRunsMode=CHART&workflowType=machine_learning"
     return f"#/experiments/{experiment_id}/runs?{query}"
+
+
+def _knows_views() -> bool:
+    return version("mlflow").partition(".")[0] == MAJOR
 
 
 def url(experiment_id: str, host: str, port: int) -> str:

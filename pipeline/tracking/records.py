@@ -6,6 +6,7 @@ here but means over test days or seeds. `stage_costs` reads what the stages of a
 its run. `runs.publish` writes the runs to MLflow.
 """
 
+import hashlib
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -29,10 +30,8 @@ from pipeline.studies.layout import Layout
 from pipeline.studies.models import ModelName
 from pipeline.studies.study import Study, StudyMethod
 from pipeline.sweeps.record import Record
-from pipeline.tracking.datasets import used_sequences
-from pipeline.tracking.page import COLOUR
-from pipeline.tracking.runs import RunRecord
-from pipeline.tracking.texts import filled
+from pipeline.tracking.page import COLOUR, filled
+from pipeline.tracking.runs import RunRecord, UsedSequence
 
 # The charts of a sweep's own run: the name of each, and the protocol and number whose mean over the
 # test days it shows for each job.
@@ -69,6 +68,7 @@ MEANS = (
     ("distance", "auroc"),
     ("distance", "heading_within_10deg"),
 )
+DIGEST_LENGTH = 8  # characters, as many as MLflow's own digests of data sets have
 LARGEST = 1e30  # a larger number is a threshold that rejects nothing, and is not shown
 LONGEST_NAME = 240  # characters of a run's name: MLflow's databases hold 250
 Series = dict[str, list[tuple[int, float]]]  # name of a metric to its points: (step, value)
@@ -192,6 +192,29 @@ class StudyRuns:
             if entry["sequence"] == sequence and entry["model"] in models
         )
         return [self.figures / name for name in names]
+
+
+def used_sequences(
+    study: Study, tests: Sequence[str], lock: DvcLock, with_training: bool = True
+) -> list[UsedSequence]:
+    """The training sequences, if `with_training`, and the test sequences.
+
+    A digest is of the sequence's name and the digest of the study's submaps in DVC's lock files;
+    if they record none, of the name and the study's settings.
+    """
+    folder = Layout().path("submaps", study.name).as_posix()
+    made_of = lock.of(folder)[0] or json.dumps(study.table(), sort_keys=True, default=str)
+    training = study.train if with_training else ()
+    contexts = dict.fromkeys(training, "train") | dict.fromkeys(tests, "test")
+    return [
+        UsedSequence(
+            name=f"{study.name} {sequence}",
+            digest=hashlib.sha256(f"{made_of} {sequence}".encode()).hexdigest()[:DIGEST_LENGTH],
+            context=context,
+            source=Layout().path("submaps", study.name, sequence).as_posix(),
+        )
+        for sequence, context in contexts.items()
+    ]
 
 
 def of_strategies(study_runs: StudyRuns) -> Iterator[RunRecord]:

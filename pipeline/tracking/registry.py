@@ -1,10 +1,11 @@
 """Models in MLflow's registry: one registered model per study, cell size and method.
 
-A version of it is the model in a published run. When the run is replaced, its version goes too.
+A version of it is the model in a published run. When the run is replaced, its version goes too,
+and its aliases, tags and description go over to the next.
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from pipeline.tracking import served
@@ -12,6 +13,7 @@ from pipeline.tracking import served
 if TYPE_CHECKING:
     from mlflow import MlflowClient
     from mlflow.entities import LoggedModel
+    from mlflow.entities.model_registry import ModelVersion, RegisteredModel
 
 EXPERIMENT = "yearloc.experiment"  # the tag of what was registered here: the name of its experiment
 MODEL = "yearloc.model"  # the tag of a version of ours: the id of the logged model
@@ -38,12 +40,13 @@ def settle(
         for version in served.all_results(client.search_model_versions)
         if version.tags.get(EXPERIMENT) == experiment
     ]
-    has_version = {(version.name, version.tags.get(MODEL)) for version in own_versions}
+    version_of = {(version.name, version.tags.get(MODEL)): version for version in own_versions}
     for name, model in logged_models.items():
         if name not in registered:
             registered[name] = client.create_registered_model(name, tags={EXPERIMENT: experiment})
-        if (name, model.model_id) not in has_version:
-            _register(client, name, model, experiment)
+        if (name, model.model_id) not in version_of:
+            versions = [version for version in own_versions if version.name == name]
+            _register(client, registered[name], model, experiment, versions)
     names = {model.model_id: name for name, model in logged_models.items()}
     # logged models that are not among these: their versions stay
     other_models = {
@@ -64,19 +67,34 @@ def settle(
             client.delete_registered_model(name)
 
 
-def _register(client: "MlflowClient", name: str, model: "LoggedModel", experiment: str) -> None:
-    """Add a version of a registered model.
+def _register(
+    client: "MlflowClient",
+    registered_model: "RegisteredModel",
+    model: "LoggedModel",
+    experiment: str,
+    earlier: Sequence["ModelVersion"],
+) -> None:
+    """Add a version of a registered model, which takes over what people gave the last earlier one.
 
-    It is given by its folder, since MLflow would look a `models:/` address up in another database.
+    Those are its description and tags, and the aliases of all earlier ones. The version is given by
+    its folder, since MLflow would look a `models:/` address up in another database.
     """
+    name = registered_model.name
+    last = max(earlier, key=lambda version: int(version.version), default=None)
+    tags = {**last.tags} if last else {}
     version = client.create_model_version(
         name,
         model.artifact_location,
         model.source_run_id,
-        tags={EXPERIMENT: experiment, MODEL: model.model_id},
+        tags={**tags, EXPERIMENT: experiment, MODEL: model.model_id},
+        description=last.description if last else None,
         await_creation_for=0,
         model_id=model.model_id,
     )
+    replaced = {int(version.version) for version in earlier}
+    for alias, number in registered_model.aliases.items():
+        if int(number) in replaced:
+            client.set_registered_model_alias(name, alias, version.version)
     client.set_logged_model_tags(
         model.model_id, {VERSIONS: json.dumps([{"name": name, "version": int(version.version)}])}
     )

@@ -1,9 +1,12 @@
 """Publishes runs to MLflow: each run is stored once, however often it is published.
 
 In: `RunRecord`s, as `records` builds them. The database can be thrown away: publishing again
-rebuilds it from the artifacts. A run carries the tag `yearloc.key`, a digest of all that it holds,
-which is written last. A run whose tag has the right digest is left alone; one that changed, or was
-cut off, is replaced. Runs without that tag are somebody else's and are never touched.
+rebuilds it from the artifacts. A run carries the tag `yearloc.key`, a digest of its numbers, data
+and model, which is written last. A run whose numbers are those of its record stays, and only what
+it looks like is brought up to date; one that changed, or was cut off, is written again. What people
+added to a run of ours stays on it, and goes over to the run that replaces it: their tags, their
+note, and the aliases, tags and descriptions of versions in the registry. Runs without our tag are
+somebody else's and are never touched.
 """
 
 import hashlib
@@ -22,9 +25,9 @@ from typing import TYPE_CHECKING
 
 from pipeline.core.errors import InputError
 from pipeline.core.replacing import replace
-from pipeline.tracking import datasets, experiments, page, registry, served, texts
-from pipeline.tracking.databases import Database, database
-from pipeline.tracking.experiments import KEY as KEY
+from pipeline.tracking import page, registry, served
+from pipeline.tracking.databases import KEY as KEY
+from pipeline.tracking.databases import Database, database, find_experiment
 
 if TYPE_CHECKING:
     from mlflow import MlflowClient
@@ -32,6 +35,7 @@ if TYPE_CHECKING:
 
 PARENT = "mlflow.parentRunId"
 NOTE = "mlflow.note.content"
+LOOKS = "yearloc.looks"  # the tag with the digests of our note and figures, as they were written
 BATCH = 1_000  # metric points that MLflow takes at once
 # The group of metrics that the page shows on its tab of system metrics, over time: their steps are
 # seconds.
@@ -40,6 +44,16 @@ SYSTEM = "system/"
 # years.
 NO_CLOCK_MS = 946_684_800_000
 Models = Mapping[str, Sequence["LoggedModel"]]  # run id to the models that the run logged
+
+
+@dataclass(frozen=True)
+class UsedSequence:
+    """One sequence of a study, and whether a run trained or tested on it."""
+
+    name: str  # study and sequence
+    digest: str
+    context: str  # train or test
+    source: str  # its submaps' path inside the project
 
 
 @dataclass(frozen=True)
@@ -56,7 +70,7 @@ class RunRecord:
     model: served.Served | None = None
     registered: str = ""  # the model's name in the registry
     about: str = ""  # markdown; its $page becomes the address of the experiment's charts
-    used: Sequence[datasets.UsedSequence] = ()
+    used: Sequence[UsedSequence] = ()
 
     def __post_init__(self) -> None:
         for metric, points in self.series.items():
@@ -73,25 +87,26 @@ class RunRecord:
             raise InputError(f"run {self.name}: a child run cannot have children")
 
     def key(self) -> str:
-        """A digest of the whole content, figures and children included."""
-        content = {
-            "name": self.name,
-            "tags": dict(self.tags),
-            "params": {name: str(value) for name, value in self.params.items()},
-            "series": {
-                name: [[step, float(value).hex()] for step, value in points]
-                for name, points in self.series.items()
-            },
-            "figures": [
-                [path.name, hashlib.sha256(path.read_bytes()).hexdigest()] for path in self.figures
-            ],
-            "children": [child.key() for child in self.children],
-            "model": self.model and self.model.content(),
-            "registered": self.registered,
-            "about": self.about,
-            "datasets": [asdict(sequence) for sequence in self.used],
-        }
-        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+        """A digest of the numbers, the data and the model, those of the children included."""
+        return _digest(
+            {
+                "name": self.name,
+                "params": {name: str(value) for name, value in self.params.items()},
+                "series": {
+                    name: [[step, float(value).hex()] for step, value in points]
+                    for name, points in self.series.items()
+                },
+                "children": [child.key() for child in self.children],
+                "model": self.model and self.model.content(),
+                "registered": self.registered,
+                "datasets": [asdict(sequence) for sequence in self.used],
+            }
+        )
+
+    def looks(self) -> str:
+        """Digests of the note and of the figures, in one word."""
+        figures = [[path.name, served.digest(path)] for path in self.figures]
+        return f"{_digest(self.about)[:16]}-{_digest(figures)[:16]}"
 
 
 def experiment_of(dataset: str, simulated: bool, question: str = "") -> str:
@@ -125,7 +140,7 @@ def publish(
     """Make `experiment` in the database at `address` hold these runs.
 
     Figures and models go to `files`: see `databases.database`. The experiment's page opens on
-    `view`. A run of the same name, or of the same method and grid, whose content differs is marked
+    `view`. A run of the same name, or of the same method and grid, whose numbers differ is marked
     deleted, with its children; other runs are left alone.
     """
     if len({run.name for run in runs}) != len(runs):
@@ -134,7 +149,7 @@ def publish(
     # One process at a time: two would each make the experiment, and each write the runs that they
     # both find missing.
     with target.alone(), _quiet_client(target) as client:
-        experiment_id, aside = experiments.find(client, experiment, target)
+        experiment_id, aside = find_experiment(client, experiment, target)
         for tag, value in page.tags(view).items():
             client.set_experiment_tag(experiment_id, tag, value)
         own_runs = [
@@ -153,10 +168,14 @@ def publish(
             whole = [run for run in earlier if _is_whole(run, record, own_runs, models)]
             if whole:
                 run_id = whole[0].info.run_id
+                _bring_up_to_date(client, whole[0], record, own_runs)
                 kept += 1 + len(record.children)
             else:
-                own_tags = {page.COLOUR: page.GREY}
-                run_id = _write(client, experiment_id, record, own_tags, now_ms - place)
+                tags = {page.COLOUR: page.GREY}
+                replaced = dict[str, "Run"]()
+                for run in reversed(earlier):  # the newest, which may be cut off, last
+                    replaced |= _family(run, record, own_runs)
+                run_id = _write(client, experiment_id, record, tags, now_ms - place, replaced)
             # earlier states of the run go
             for run in earlier:
                 if run.info.run_id != run_id:
@@ -216,17 +235,74 @@ def _is_of(run: "Run", record: RunRecord) -> bool:
 
 
 def _is_whole(run: "Run", record: RunRecord, own_runs: Sequence["Run"], models: Models) -> bool:
-    """Whether a run holds this record completely, with its children and model."""
+    """Whether a run holds all numbers of this record, with its children and model."""
     run_id = run.info.run_id
     has_model = len(models.get(run_id, ())) == (record.model is not None)
-    children = [r.data.tags[KEY] for r in own_runs if r.data.tags.get(PARENT) == run_id]
+    children = [child.data.tags[KEY] for child in _children(run_id, own_runs)]
     has_children = sorted(children) == sorted(child.key() for child in record.children)
     return has_model and has_children and run.data.tags[KEY] == record.key()
 
 
+def _children(run_id: str, own_runs: Sequence["Run"]) -> list["Run"]:
+    return [run for run in own_runs if run.data.tags.get(PARENT) == run_id]
+
+
+def _family(run: "Run", record: RunRecord, own_runs: Sequence["Run"]) -> dict[str, "Run"]:
+    """The earlier states of a record and of its children, by the names that they have now."""
+    children = {child.info.run_name: child for child in _children(run.info.run_id, own_runs)}
+    return {**children, record.name: run}
+
+
+def _bring_up_to_date(
+    client: "MlflowClient", run: "Run", record: RunRecord, own_runs: Sequence["Run"]
+) -> None:
+    """Give a run whose numbers are right the tags, note and figures of its record, children too.
+
+    A note that somebody changed stays as it is.
+    """
+    run_id = run.info.run_id
+    for tag, value in record.tags.items():
+        if run.data.tags.get(tag) != value:
+            client.set_tag(run_id, tag, value)
+    if run.data.tags.get(LOOKS) != record.looks():
+        if record.about and not _changed_note(run):
+            client.set_tag(run_id, NOTE, page.linked(record.about, run.info.experiment_id))
+        served.delete_files(run.info.artifact_uri, "figures")
+        _log_figures(client, run_id, record)
+    family = _family(run, record, own_runs)
+    for child in record.children:
+        _bring_up_to_date(client, family[child.name], child, own_runs)
+
+
+def _log_figures(client: "MlflowClient", run_id: str, record: RunRecord) -> None:
+    """Add the figures, and then the tag LOOKS."""
+    for path in record.figures:
+        client.log_artifact(run_id, str(path), "figures")
+    client.set_tag(run_id, LOOKS, record.looks())
+
+
+def _changed_note(run: "Run") -> str:
+    """The note of a run if it is not as it was written here, else an empty text."""
+    note = str(run.data.tags.get(NOTE, ""))
+    text = note.replace(page.fragment(run.info.experiment_id), "$page")
+    written = run.data.tags.get(LOOKS, "").partition("-")[0]
+    return note if written and _digest(text)[:16] != written else ""
+
+
+def _added(run: "Run", record: RunRecord) -> dict[str, str]:
+    """What people added to a run that this record replaces: their tags and their note."""
+    added = {
+        tag: value
+        for tag, value in run.data.tags.items()
+        if tag not in record.tags and not tag.startswith(("mlflow.", "yearloc."))
+    }
+    note = _changed_note(run)
+    return added | {NOTE: note} if note else added
+
+
 def _delete(client: "MlflowClient", run_id: str, own_runs: Sequence["Run"], models: Models) -> None:
     """Delete a run with its children and their models."""
-    family = [run.info.run_id for run in own_runs if run.data.tags.get(PARENT) == run_id]
+    family = [child.info.run_id for child in _children(run_id, own_runs)]
     for member in [*family, run_id]:
         for model in models.get(member, ()):
             served.delete(client, model)
@@ -239,19 +315,24 @@ def _write(
     record: RunRecord,
     own_tags: Mapping[str, str],
     start_ms: int,
+    replaced: Mapping[str, "Run"],
 ) -> str:
     """Write one run and its children, its key last, when it is whole; returns its id.
 
-    `own_tags` are tags that the record may overwrite. The time of a point is its step in seconds,
-    so that the same record gives the same points. The page loads the newest 100 runs first, and
-    nests them only if they are sorted by their start: children start in 2000, in the order given,
-    so that no sweep's jobs push a method off the page. A run lasts as long as its system metrics.
+    `own_tags` are tags that the record may overwrite. `replaced` are the earlier states of the run
+    and its children, by name: what people added to them stays. The time of a point is its step in
+    seconds, so that the same record gives the same points. The page loads the newest 100 runs
+    first, and nests them only if they are sorted by their start: children start in 2000, in the
+    order given, so that no sweep's jobs push a method off the page. A run lasts as long as its
+    system metrics.
     """
     from mlflow.entities import Metric, Param
 
     tags = {**own_tags, **record.tags}
     if record.about:
-        tags[NOTE] = texts.linked(record.about, page.fragment(experiment_id))
+        tags[NOTE] = page.linked(record.about, experiment_id)
+    if record.name in replaced:
+        tags |= _added(replaced[record.name], record)
     run = client.create_run(experiment_id, start_ms, {**tags, KEY: "unfinished"}, record.name)
     run_id = str(run.info.run_id)
     params = [Param(name, str(value)) for name, value in record.params.items()]
@@ -263,15 +344,34 @@ def _write(
     ]
     for start in range(0, len(points), BATCH):
         client.log_batch(run_id, metrics=points[start : start + BATCH])
-    for path in record.figures:
-        client.log_artifact(run_id, str(path), "figures")
-    datasets.log(client, run_id, record.used)
+    _log_figures(client, run_id, record)
+    _log_datasets(client, run_id, record)
     if record.model is not None:
         served.log(client, experiment_id, run_id, record.name, record.model)
     for place, child in enumerate(record.children):
         child_tags = {PARENT: run_id, page.COLOUR: page.shade(place, len(record.children))}
-        _write(client, experiment_id, child, child_tags, NO_CLOCK_MS - place)
+        _write(client, experiment_id, child, child_tags, NO_CLOCK_MS - place, replaced)
     lasted_s = max((point.step for point in points if point.key.startswith(SYSTEM)), default=0)
     client.set_terminated(run_id, end_time=start_ms + 1_000 * lasted_s)
     client.set_tag(run_id, KEY, record.key())
     return run_id
+
+
+def _log_datasets(client: "MlflowClient", run_id: str, record: RunRecord) -> None:
+    """Add the sequences that a run used, as MLflow's datasets."""
+    from mlflow.entities import Dataset, DatasetInput, InputTag
+    from mlflow.utils.mlflow_tags import MLFLOW_DATASET_CONTEXT
+
+    inputs = [
+        DatasetInput(
+            Dataset(sequence.name, sequence.digest, "local", json.dumps({"uri": sequence.source})),
+            [InputTag(MLFLOW_DATASET_CONTEXT, sequence.context)],
+        )
+        for sequence in record.used
+    ]
+    if inputs:
+        client.log_inputs(run_id, inputs)
+
+
+def _digest(content: object) -> str:
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()

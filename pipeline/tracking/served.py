@@ -23,7 +23,7 @@ import numpy as np
 from pipeline.core import remote, store
 from pipeline.core.building import parsed
 from pipeline.core.errors import InputError
-from pipeline.tracking.texts import filled
+from pipeline.tracking.page import filled
 
 if TYPE_CHECKING:
     from mlflow import MlflowClient
@@ -93,9 +93,9 @@ class Served:
         """
         files = (PYFUNC, *shipped(self.method))
         return asdict(self) | {
-            "arrays": _digest(self.arrays),
+            "arrays": digest(self.arrays),
             "parameters": dict(self.parameters),
-            "code": {path.relative_to(LIBRARY).as_posix(): _digest(path) for path in files},
+            "code": {path.relative_to(LIBRARY).as_posix(): digest(path) for path in files},
         }
 
     @property
@@ -247,9 +247,7 @@ def delete(client: "MlflowClient", model: Any) -> None:
     """Delete a model, and its files, which are copies, on the disk or in the object store."""
     client.delete_logged_model(model.model_id)
     if remote.is_remote(model.artifact_location):
-        from mlflow.store.artifact.artifact_repository_registry import get_artifact_repository
-
-        get_artifact_repository(model.artifact_location).delete_artifacts()
+        delete_files(model.artifact_location)
         return
     # the artifacts lie in …/models/MODEL_ID/artifacts; the model's own folder is the one above
     folder = Path(url2pathname(urlparse(model.artifact_location).path)).parent
@@ -257,5 +255,13 @@ def delete(client: "MlflowClient", model: Any) -> None:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def _digest(path: Path) -> str:
+def delete_files(address: str, path: str | None = None) -> None:
+    """Delete what lies at an address of MLflow's files, on the disk or in the object store."""
+    from mlflow.store.artifact.artifact_repository_registry import get_artifact_repository
+
+    get_artifact_repository(address).delete_artifacts(path)
+
+
+def digest(path: Path) -> str:
+    """The SHA-256 of a file's bytes."""
     return hashlib.sha256(path.read_bytes()).hexdigest()

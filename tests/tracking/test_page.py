@@ -120,7 +120,14 @@ def test_all_runs_are_shown_in_the_order_of_their_start(view: Any) -> None:
 
 
 def test_mlflow_keeps_tags_of_this_length() -> None:
-    assert all(len(value) <= page.MOST_CHARACTERS for value in page.tags(page.YEAR).values())
+    for view in (page.YEAR, page.FURTHER_DAYS):
+        assert all(len(value) <= 5_000 for value in page.tags(view).values())
+
+
+def test_another_version_of_mlflow_opens_its_plain_page(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(page, "version", lambda _: "4.0.1")
+    assert {*page.tags(page.YEAR)} == {"mlflow.experimentKind", "mlflow.note.content"}
+    assert "viewStateShareKey" not in page.url("3", "yearloc.localhost", 5000)
 
 
 def test_the_address_opens_the_charts_of_the_view_and_not_the_assistant() -> None:

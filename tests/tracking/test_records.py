@@ -13,9 +13,8 @@ from pipeline.evaluation.rows import row, table
 from pipeline.running.dvc_files import DvcLock
 from pipeline.studies.models import ModelName
 from pipeline.sweeps.record import Record
-from pipeline.tracking.datasets import used_sequences
 from pipeline.tracking.page import COLOUR
-from pipeline.tracking.records import StudyRuns, of_sweep
+from pipeline.tracking.records import StudyRuns, of_sweep, used_sequences
 from pipeline.tracking.runs import RunRecord
 from tests.studies.made import RECORDED
 from tests.studies.made import study as made_study

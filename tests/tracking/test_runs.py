@@ -15,8 +15,7 @@ import pytest
 from pipeline.core.errors import InputError
 from pipeline.core.store import write_model
 from pipeline.tracking import page
-from pipeline.tracking.datasets import UsedSequence
-from pipeline.tracking.runs import KEY, Published, RunRecord, experiment_of, publish
+from pipeline.tracking.runs import KEY, Published, RunRecord, UsedSequence, experiment_of, publish
 from pipeline.tracking.served import Served
 
 pytestmark = [
@@ -133,13 +132,10 @@ def test_publishing_twice_changes_nothing(own: Experiment) -> None:
     assert len(own.client.get_metric_history(before["sci"].info.run_id, "test/auc_top1")) == 2
 
 
-@pytest.mark.parametrize("change", [{"auc": 0.7}, {"picture": "<svg></svg>"}])
-def test_a_changed_run_replaces_the_old_one_and_its_children(
-    own: Experiment, change: dict[str, Any]
-) -> None:
+def test_a_changed_run_replaces_the_old_one_and_its_children(own: Experiment) -> None:
     own.publish(own.record(), own.record(name="m2dp"))
     before = own.runs
-    done = own.publish(own.record(**change))
+    done = own.publish(own.record(auc=0.7))
     assert (done.written, done.kept) == (2, 0)
     runs = own.client.search_runs([done.experiment_id])
     assert sorted(run.info.run_name for run in runs) == [
@@ -152,6 +148,39 @@ def test_a_changed_run_replaces_the_old_one_and_its_children(
     assert after["sci"].info.run_id != before["sci"].info.run_id
     assert after["m2dp"].info.run_id == before["m2dp"].info.run_id
     assert own.client.get_run(before["sci"].info.run_id).info.lifecycle_stage == "deleted"
+
+
+def test_a_run_whose_numbers_stayed_is_kept_with_what_people_added(own: Experiment) -> None:
+    own.publish(replace(own.record(), about="SCI"))
+    before = own.runs["sci"].info
+    own.client.set_tag(before.run_id, "mine", "look at this")
+    record = own.record(picture="<svg></svg>")
+    record = replace(record, about="SCI, told better", tags={**record.tags, "data": "simulated"})
+    assert own.publish(record).kept == 2
+    after = own.runs["sci"]
+    assert after.info.run_id == before.run_id
+    assert after.data.tags["mlflow.note.content"] == "SCI, told better"
+    assert (after.data.tags["data"], after.data.tags["mine"]) == ("simulated", "look at this")
+    files = own.database.parent / "mlruns" / before.run_id / "artifacts/figures"
+    assert [path.read_text() for path in files.iterdir()] == ["<svg></svg>"]
+    own.client.set_tag(before.run_id, "mlflow.note.content", "my own words")
+    own.publish(replace(record, about="SCI, told again"))
+    assert own.runs["sci"].data.tags["mlflow.note.content"] == "my own words"
+
+
+def test_what_people_added_goes_over_to_the_run_that_replaces_theirs(own: Experiment) -> None:
+    own.publish(replace(own.record(), about="SCI. [All]($page)"))
+    for name, tag, value in (
+        ("sci", "mine", "1"),
+        ("2012-02-04", "mine", "2"),
+        ("2012-02-04", "mlflow.note.content", "snow"),
+    ):
+        own.client.set_tag(own.runs[name].info.run_id, tag, value)
+    assert own.publish(replace(own.record(auc=0.7), about="Another")).written == 2
+    sci = own.runs["sci"].data.tags
+    day = own.runs["2012-02-04"].data.tags
+    assert (sci["mine"], sci["mlflow.note.content"]) == ("1", "Another")
+    assert (day["mine"], day["mlflow.note.content"]) == ("2", "snow")
 
 
 def test_a_run_that_was_cut_off_is_written_anew(own: Experiment) -> None:
@@ -448,6 +477,20 @@ def test_a_model_is_registered_once_and_its_version_follows_the_run(
     own.publish(replace(tiny(6), registered="tiny-model"))
     (second,) = versions(own, "tiny-model")
     assert (second.version, second.run_id) == (2, own.runs["tiny"].info.run_id)
+
+
+def test_a_version_takes_over_aliases_tags_and_the_description_of_the_one_it_replaces(
+    own: Experiment, tiny: Any
+) -> None:
+    own.publish(replace(tiny(5), registered="tiny-alias"))
+    own.client.set_registered_model_alias("tiny-alias", "champion", "1")
+    own.client.set_model_version_tag("tiny-alias", "1", "approved", "yes")
+    own.client.update_model_version("tiny-alias", "1", "drives on the robot")
+    own.publish(replace(tiny(6), registered="tiny-alias"))
+    version = own.client.get_model_version_by_alias("tiny-alias", "champion")
+    assert int(version.version) == 2
+    assert version.tags["approved"] == "yes"
+    assert version.description == "drives on the robot"
 
 
 def test_a_version_that_somebody_deleted_comes_back(own: Experiment, tiny: Any) -> None:
