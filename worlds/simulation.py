@@ -257,11 +257,7 @@ class Simulation:
         )
 
     def _recorder(self, name: str, truth: Path | None) -> tuple[Recorder, Plan]:
-        """Build the world and the drive of the sequence with the entry `name`.
-
-        Returns what records its scans, and the plan of its route. The events of its year are
-        written into the folder `truth`, if one is given.
-        """
+        """Build the world and the drive of the sequence with the entry `name`."""
         routes, plan = self.plan_of(name)
         entry = Entry.of(name, self.sequences[name])
         robot = self._robot

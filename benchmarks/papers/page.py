@@ -87,10 +87,7 @@ def _row(kept: Kept, claim: Claim) -> dict[str, Any]:
 
 
 def _here(outcome: Outcome, numbers: list[str]) -> str:
-    """Our numbers: each side with its number, and of how many seeds they are.
-
-    Sides of the same label are told apart by their studies, or if these are equal, by their tables.
-    """
+    """Our numbers: each side with its number, and of how many seeds they are."""
     if not outcome.sides:
         return "–"
     sides = [side for side, _ in outcome.sides]

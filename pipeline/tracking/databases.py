@@ -83,10 +83,7 @@ class Database:
 
 @contextmanager
 def _failures_as_config_errors(place: str) -> Iterator[None]:
-    """Convert failures of the database or object store in the block into a ConfigError.
-
-    Errors of this project stay as they are.
-    """
+    """Convert failures of the database or object store in the block into a ConfigError."""
     from mlflow.exceptions import MlflowException
 
     try:
@@ -129,16 +126,13 @@ def database(place: str | Path, files: str = "") -> Database:
 
 
 def _server(address: str) -> "URL":
-    """Parse a postgresql:// address.
-
-    Raises ConfigError, which shows no part of the address: any part of one that cannot be read may
-    be of the password.
-    """
+    """Parse a postgresql:// address."""
     from sqlalchemy import make_url
     from sqlalchemy.exc import ArgumentError
 
     try:
         url = make_url(address)
+    # no part of an address that cannot be read is shown: any may be of the password
     except (ArgumentError, ValueError):
         raise ConfigError(f"tracking.database: expected {EXPECTED}") from None
     if url.drivername != "postgresql" or not url.host or "@" in url.host:
@@ -182,11 +176,8 @@ def find_experiment(client: "MlflowClient", name: str, database: Database) -> tu
 
 
 def _put_aside(client: "MlflowClient", experiment: "Experiment") -> str:
-    """Rename an experiment, delete its runs that were published here, and return its new name.
-
-    It is deleted too if it holds no other runs. Its files are left alone, since another copy of the
-    project may show them.
-    """
+    """Rename an experiment, delete its runs that were published here, and return its new name."""
+    # its files are left alone, since another copy of the project may show them
     aside = f"{experiment.name}, folder moved ({experiment.experiment_id})"
     client.rename_experiment(experiment.experiment_id, aside)
     runs = list(served.all_results(client.search_runs, experiment.experiment_id))

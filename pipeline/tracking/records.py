@@ -417,10 +417,7 @@ def step_series(rows: pd.DataFrame) -> Series:
 
 
 def _points(rows: pd.DataFrame, names: pd.Series, step_column: str) -> Series:
-    """The points of each metric: its values over the steps, which are cut to whole numbers.
-
-    `names` is the metric of each row.
-    """
+    """The points of each metric: its values over the steps, which are cut to whole numbers."""
     series = {}
     for name, group in rows.groupby(names):
         steps = group[step_column].astype(int).tolist()

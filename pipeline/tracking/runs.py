@@ -195,11 +195,7 @@ def publish(
 
 @contextmanager
 def _quiet_client(target: Database) -> Iterator["MlflowClient"]:
-    """A client of a database for the block, without telemetry and log lines.
-
-    The database is created if need be: elsewhere first, since a kill while MLflow makes its tables
-    would leave some of them.
-    """
+    """A client of a database for the block, without telemetry and log lines."""
     os.environ["MLFLOW_DISABLE_TELEMETRY"] = os.environ["DO_NOT_TRACK"] = "true"
     os.environ["MLFLOW_ENABLE_ARTIFACTS_PROGRESS_BAR"] = "false"
     import mlflow
@@ -215,6 +211,7 @@ def _quiet_client(target: Database) -> Iterator["MlflowClient"]:
     try:
         for name, level in quiet.items():
             logging.getLogger(name).setLevel(level)
+        # made elsewhere first: a kill while MLflow makes its tables would leave some of them
         if target.path and not target.path.is_file():
             with replace(target.path) as scratch, TemporaryDirectory() as folder:
                 new = mlflow.MlflowClient(tracking_uri=f"sqlite:///{folder}/new.db")
@@ -256,10 +253,7 @@ def _family(run: "Run", record: RunRecord, own_runs: Sequence["Run"]) -> dict[st
 def _bring_up_to_date(
     client: "MlflowClient", run: "Run", record: RunRecord, own_runs: Sequence["Run"]
 ) -> None:
-    """Give a run whose numbers are right the tags, note and figures of its record, children too.
-
-    A note that somebody changed stays as it is.
-    """
+    """Give a run whose numbers are right the tags, note and figures of its record, children too."""
     run_id = run.info.run_id
     for tag, value in record.tags.items():
         if run.data.tags.get(tag) != value:
@@ -317,15 +311,7 @@ def _write(
     start_ms: int,
     replaced: Mapping[str, "Run"],
 ) -> str:
-    """Write one run and its children, its key last, when it is whole; returns its id.
-
-    `own_tags` are tags that the record may overwrite. `replaced` are the earlier states of the run
-    and its children, by name: what people added to them stays. The time of a point is its step in
-    seconds, so that the same record gives the same points. The page loads the newest 100 runs
-    first, and nests them only if they are sorted by their start: children start in 2000, in the
-    order given, so that no sweep's jobs push a method off the page. A run lasts as long as its
-    system metrics.
-    """
+    """Write one run and its children, its key last, when it is whole; returns its id."""
     from mlflow.entities import Metric, Param
 
     tags = {**own_tags, **record.tags}
@@ -337,6 +323,7 @@ def _write(
     run_id = str(run.info.run_id)
     params = [Param(name, str(value)) for name, value in record.params.items()]
     client.log_batch(run_id, params=params)
+    # the time of a point is its step in seconds, so that the same record gives the same points
     points = [
         Metric(name, float(value), NO_CLOCK_MS + 1_000 * step, step)
         for name, series in record.series.items()
@@ -348,6 +335,8 @@ def _write(
     _log_datasets(client, run_id, record)
     if record.model is not None:
         served.log(client, experiment_id, run_id, record.name, record.model)
+    # The page loads the newest 100 runs first, and nests them only if they are sorted by their
+    # start. Children start in 2000, in the order given: no sweep's jobs push a method off the page.
     for place, child in enumerate(record.children):
         child_tags = {PARENT: run_id, page.COLOUR: page.shade(place, len(record.children))}
         _write(client, experiment_id, child, child_tags, NO_CLOCK_MS - place, replaced)

@@ -214,11 +214,7 @@ def simulate_day(
 
 
 def _parked_cars(rng: np.random.Generator, campus: Campus, day: int) -> Records:
-    """The boxes of parked cars in random open slots, a hull and a cabin for each car.
-
-    The share of the slots that are taken differs from day to day and, smoothly, from place to
-    place.
-    """
+    """The boxes of parked cars in random open slots, a hull and a cabin for each car."""
     slots = columns(campus.slots, "x_m", "y_m", "yaw_rad", "dead_day")
     x_m = slots["x_m"]
     y_m = slots["y_m"]

@@ -245,10 +245,7 @@ def survey(driven: Drive, rng: np.random.Generator, sd_m: float) -> Drive:
 def _path(
     rng: np.random.Generator, line_m: Floats, motion: Motion, lateral_m: float
 ) -> tuple[Floats, Floats]:
-    """The driven path: places (n, 2) in metres every LINE_STEP_M, and headings (n,).
-
-    Headings are in radians, unwrapped.
-    """
+    """The driven path: places (n, 2) in metres every LINE_STEP_M, and headings (n,)."""
     middle_m = _resample(line_m)
     corner_samples = round(motion.corner_m / LINE_STEP_M)
     middle_m = _by_column(middle_m, lambda axis_m: _smooth(axis_m, corner_samples))
@@ -289,11 +286,7 @@ def _rocking(rng: np.random.Generator, count: int, motion: Motion) -> Floats:
 
 
 def _slope(ground: Ground, xy_m: Floats, heading: Floats, wheelbase_m: float) -> Floats:
-    """Roll and pitch (n, 2) in radians of a body that stands on the ground at `xy_m` (n, 2).
-
-    It has headings (n,) in radians, and touches the ground over a length and a width of
-    `wheelbase_m` (its track is taken to be as wide).
-    """
+    """Roll and pitch (n, 2) in radians of a body that stands on the ground at `xy_m` (n, 2)."""
     ahead_m = wheelbase_m / 2 * np.stack([np.cos(heading), np.sin(heading)], 1)
     left_m = ahead_m[:, ::-1] * (-1, 1)
     rise_to_left_m = ground.at(*(xy_m + left_m).T) - ground.at(*(xy_m - left_m).T)
@@ -303,10 +296,7 @@ def _slope(ground: Ground, xy_m: Floats, heading: Floats, wheelbase_m: float) ->
 
 
 def _pilot(rng: np.random.Generator, xy_m: Floats, heading: Floats, step_m: float) -> Floats:
-    """Positions (n, 2) in metres of the pilot, who walks at a random place behind the robot.
-
-    The robot is at `xy_m` (n, 2) with headings (n,) in radians, every `step_m`.
-    """
+    """Positions (n, 2) in metres of the pilot, who walks at a random place behind the robot."""
     bias_deg = rng.normal(0, PILOT_BIAS_SD_DEG)
     wander_deg = _wander(
         rng,
@@ -331,11 +321,7 @@ def _wander(
     correlation_m: float,
     clip: float,
 ) -> Floats:
-    """A stationary Gauss–Markov process (count,) with the standard deviation `sd`.
-
-    Its values are `step_m` apart, correlated over the length `correlation_m`, and clipped at
-    ± `clip`.
-    """
+    """A stationary Gauss–Markov process (count,) with the standard deviation `sd`."""
     # value[i] = memory · value[i − 1] + noise[i]; the variance stays the same if that of the noise
     # is 1 − memory² of it.
     memory = np.exp(-step_m / correlation_m)

@@ -126,10 +126,7 @@ def hit_crown(crown: Any, origin: Vector, direction: Vector, u: float) -> tuple[
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _slab(start: float, step: float, low: float, high: float) -> tuple[float, float]:
-    """The ranges at which a ray enters and leaves the slab low <= start + range × step <= high.
-
-    If it never enters, the first is larger than the second.
-    """
+    """The ranges at which a ray enters and leaves the slab low <= start + range × step <= high."""
     if abs(step) < _PARALLEL:
         return (-np.inf, np.inf) if low <= start <= high else (np.inf, -np.inf)
     at_low = (low - start) / step

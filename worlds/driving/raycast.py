@@ -100,10 +100,7 @@ def cast(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _relief(x_m: float, y_m: float, z_m: float) -> float:
-    """How far a wall lies behind its plane at a point, from −1 to 1.
-
-    It is one value for each cube of RELIEF_CELL_M, the same on all days.
-    """
+    """How far a wall lies behind its plane at a point, from −1 to 1."""
     i = int(np.floor(x_m / RELIEF_CELL_M))
     j = int(np.floor(y_m / RELIEF_CELL_M))
     k = int(np.floor(z_m / RELIEF_CELL_M))
@@ -122,11 +119,7 @@ def _first_hit(
     ray: int,
     seed: np.uint64,
 ) -> tuple[float, int, float]:
-    """Range, kind and brightness of the first hit of a ray.
-
-    `range_m`, `kind` and `brightness` are given for the nearest mover, and returned if nothing is
-    nearer.
-    """
+    """Range, kind and brightness of the first hit of a ray."""
     (ox, oy, oz) = origin
     (dx, dy, dz) = direction
     # 1. Find the ray's first cell, the ranges to its next borders in x and y, and those between
@@ -215,11 +208,7 @@ def _ground_hit(
     end: float,
     above_out: float,
 ) -> float:
-    """Range at which a ray meets the ground, found by false position.
-
-    It is `above_in` above the ground at the range `enter`, and `above_out`, a negative height, at
-    the range `end`.
-    """
+    """Range at which a ray meets the ground, found by false position."""
     (ox, oy, oz) = origin
     (dx, dy, dz) = direction
     hit_m = enter

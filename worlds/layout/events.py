@@ -139,10 +139,7 @@ def _events(
 def _construct(
     rng: np.random.Generator, campus: Campus, route_m: Floats | None, day: float
 ) -> Event | None:
-    """Put up a building at a random place with enough room, near the route if one is given.
-
-    Its fence stands before it, then a mound. Returns None if no place is found.
-    """
+    """Put up a building at a random place with enough room, near the route if one is given."""
     streets = campus.streets
     for _ in range(SITE_TRIES):
         if route_m is None:
@@ -180,10 +177,7 @@ def _beside_route(rng: np.random.Generator, route_m: Floats) -> Floats:
 def _demolish(
     rng: np.random.Generator, campus: Campus, route_m: Floats | None, day: float
 ) -> Event | None:
-    """Demolish a random large building that stands all year, near the route if one is given.
-
-    Returns None if there is none.
-    """
+    """Demolish a random large building that stands all year, near the route if one is given."""
     buildings = [
         row
         for row, thing in enumerate(campus.structures)
@@ -213,10 +207,7 @@ def _ground_m2(building: Structure) -> float:
 
 
 def _replace_trees(rng: np.random.Generator, campus: Campus) -> None:
-    """Fell a share of the trees on random days, and let as many others be planted then.
-
-    Together they are TREE_TURNOVER_A_YEAR of all trees.
-    """
+    """Fell a share of the trees on random days, and let as many others be planted then."""
     chance = TREE_TURNOVER_A_YEAR * PERIOD_DAYS / 365
     for row, plant in enumerate(campus.plants):
         has_changed = rng.random() < chance

@@ -221,12 +221,7 @@ def _lot(
     front_m: float,
     border: str,
 ) -> Structure | None:
-    """Furnish one lot; returns its house, which is not yet built, or None if it has none.
-
-    The frame of the lot has its origin at the border of the street, x along the street and y away
-    from it. The lot's middle is `middle_m` along the street, its house is `house_m` long with a gap
-    of `gap_m`, the pavement ends at y = `pavement_m` and the front garden at y = `front_m`.
-    """
+    """Furnish one lot; returns its house, which is not yet built, or None if it has none."""
     x_m, y_m = side.at(middle_m, 0.0)
     lot = Structure(x_m, y_m, side.yaw_rad, ())
     half_m = (house_m + gap_m) / 2
@@ -344,11 +339,7 @@ def _border(
     off_m: float,
     along: bool,
 ) -> None:
-    """A hedge, wall or fence in the frame of a lot, in pieces that follow the ground.
-
-    If `along` the street, `span_m` are the x of its ends, and `off_m` is the y of its near side.
-    Otherwise, `span_m` are the y of its ends, and `off_m` is the x of its middle.
-    """
+    """A hedge, wall or fence in the frame of a lot, in pieces that follow the ground."""
     if border == "open":
         return
     # All three are drawn, whatever the border, so that later draws do not depend on it.

@@ -241,11 +241,7 @@ def plan_loops(
 def _random_weights(
     rng: np.random.Generator, is_driven: NDArray[np.bool_], is_visited: NDArray[np.bool_]
 ) -> Floats:
-    """Random weights (h,) of half-edges for a walk.
-
-    Half-edges that training drives have 1. Those that it drives the other way have one random
-    weight, and those of unseen streets another.
-    """
+    """Random weights (h,) of half-edges for a walk."""
     unseen_weight = 10 ** rng.uniform(*UNSEEN_WEIGHT_LOG10_BOUNDS)
     reversed_weight = 10 ** rng.uniform(*REVERSED_WEIGHT_LOG10_BOUNDS)
     return np.where(is_driven, 1.0, np.where(is_visited, reversed_weight, unseen_weight))

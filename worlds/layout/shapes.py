@@ -53,10 +53,7 @@ class Species(IntEnum):
 
 
 def _record(*lengths: str) -> np.dtype[Any]:
-    """The type of a record with these lengths, and the fields that all shapes share.
-
-    All fields have 8 bytes, which keeps the records aligned.
-    """
+    """The type of a record with these lengths, and the fields that all shapes share."""
     floats = [*lengths, "reflectance", "extinction_per_m", "born_day", "dead_day"]
     integers = ["kind", "species"]
     return np.dtype([(name, "f8") for name in floats] + [(name, "i8") for name in integers])

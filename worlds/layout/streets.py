@@ -138,10 +138,7 @@ def build_streets(rng: np.random.Generator, blocks: int) -> Streets:
 
 
 def _thinned_out(edges: NDArray[np.int64], nodes: int) -> NDArray[np.int64]:
-    """The shuffled edges without the share REMOVED_SHARE of them, or fewer.
-
-    None is removed from a corner that has only two.
-    """
+    """The shuffled edges without the share REMOVED_SHARE of them, or fewer."""
     streets_at = np.bincount(edges.ravel(), minlength=nodes)
     remaining = []
     to_remove = int(REMOVED_SHARE * len(edges))
