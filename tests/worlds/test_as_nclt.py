@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.formats.nclt import TRUTH
-from tests.worlds.helpers import FLAT, preset, record, refused
+from tests.worlds.helpers import FLAT, record, refused
 from worlds.driving.day import extinction_per_m
 from worlds.driving.drive import SEGWAY, drive, survey
 from worlds.driving.lidar import hdl32
@@ -90,15 +90,6 @@ def test_a_truth_that_is_off_leaves_scans_and_odometry_as_they_are(
         for path in (exact, off)
     ]
     assert 0.05 < np.hypot(*(rows[1] - rows[0])[:, :2].T).max() < 2.2
-
-
-def test_it_differs_from_the_demos_in_four_settings_alone():
-    demo = preset("campus_demo")
-    nclt = preset("campus_nclt")
-    assert (
-        replace(nclt, robot=demo.robot, relief_m=0.0, twigs_per_m=demo.twigs_per_m, truth_sd_m=0.0)
-        == demo
-    )
 
 
 def test_less_than_nothing_is_refused(small: Simulation):

@@ -113,12 +113,6 @@ def test_a_dense_campus_keeps_buildings_and_streets(small: Simulation, dense: Ca
     assert buildings[0] == buildings[1]
 
 
-def test_the_campus_differs_from_nclts_in_three_settings():
-    assert replace(preset("campus_dense"), lining="sparse", azimuths=512, step_m=2.0) == preset(
-        "campus_nclt"
-    )
-
-
 def test_another_lining_is_refused(small: Simulation):
     with refused("lining"):
         replace(small, lining="forest")

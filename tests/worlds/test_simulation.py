@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from pipeline.core.compute import Compute
-from tests.worlds.helpers import EVEN, contents, off_walls_m, preset, record, refused
+from tests.worlds.helpers import EVEN, contents, off_walls_m, record, refused
 from worlds import simulation
 from worlds.driving.recorder import Recording
 from worlds.layout.shapes import Kind
@@ -190,11 +190,3 @@ def test_an_unknown_sequence_is_one_line_of_error(small: Simulation, tmp_path: P
 def test_wrong_parameters_are_one_line_of_error(small: Simulation, wrong: dict[str, object]):
     with refused():
         replace(small, **wrong)
-
-
-@pytest.mark.parametrize("size", ["tiny", "demo", "nclt", "year"])
-def test_every_preset_holds_the_papers_eleven_sequences_and_four_of_stress(size: str):
-    world = preset(f"campus_{size}")
-    assert world.training == TRAINING
-    reversed_shares = [entry["reversed"] for entry in world.sequences.values()]
-    assert reversed_shares == [0, 0, 0.3, 0, 0.15, 0, 0.3, 0, 0.15, 0, 0.3, 1, 0, 0, 0]

@@ -82,28 +82,3 @@ def test_all_reversed_is_all_but_the_crossings(name: str, reverse: str):
     # leads in a like direction.
     assert plan.reversed > 0.9
     assert 0.02 < plan.unseen < 0.15
-
-
-@pytest.mark.parametrize(
-    "name",
-    [
-        "campus_tiny",
-        "campus_demo",
-        "campus_nclt",
-        "campus_year",
-        "town_tiny",
-        "town_demo",
-        "town_year",
-    ],
-)
-def test_stress_is_the_same_in_every_preset(name: str):
-    heavy = {"unseen": 0.08, "reversed": 0.0, "events_per_km": 14.0, "near_route": 1.0}
-    stress = [
-        {"unseen": 0.08, "reversed": 1.0},
-        {"unseen": 0.08, "reversed": 0.0, "lateral_m": 2.5},
-        heavy,
-    ]
-    if name.startswith("campus"):
-        # a second such day, to learn one and to ask about the other
-        stress.append(heavy)
-    assert list(preset(name).sequences.values())[-len(stress) :] == stress

@@ -7,7 +7,7 @@ import pytest
 
 from pipeline.core.compute import Compute
 from pipeline.readers.kitti import Kitti, read_poses
-from tests.worlds.helpers import contents, off_walls_m, preset, record, refused, shares
+from tests.worlds.helpers import contents, off_walls_m, record, refused, shares
 from worlds.driving.drive import CAR, drive
 from worlds.driving.recorder import Recording
 from worlds.layout.blocks import build_campus
@@ -138,8 +138,3 @@ def test_every_log_has_a_place_of_its_own(suburb: Simulation):
 def test_the_table_names_whole_logs(suburb: Simulation, tmp_path: Path):
     with refused(r"02-a: not in world\.sequences"):
         record(suburb, "02-a", tmp_path)
-
-
-@pytest.mark.parametrize(("size", "number"), [("tiny", 2), ("demo", 4)])
-def test_the_presets_hold_logs(size: str, number: int):
-    assert list(preset(f"suburb_{size}").sequences) == [f"{log:02d}" for log in range(number)]

@@ -4,13 +4,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 
 from pipeline.core.compute import Compute
 from pipeline.formats.robotcar import decode_sweep
 from pipeline.readers.log import Log
 from pipeline.readers.robotcar import RobotCar
-from tests.worlds.helpers import CONF, contents, off_walls_m, preset, record, refused
+from tests.worlds.helpers import contents, off_walls_m, record, refused
 from worlds.layout.shapes import Kind
 from worlds.simulation import Simulation
 from worlds.writers.robotcar import ORIGIN_M
@@ -169,12 +168,3 @@ def test_all_ways_of_a_town_are_roads(town: Simulation):
 def test_an_unknown_drive_is_one_line_of_error(town: Simulation, tmp_path: Path):
     with refused(r"not in world\.sequences"):
         record(town, "2014-07-14-15-16-36", tmp_path)
-
-
-@pytest.mark.parametrize(("size", "drives"), [("tiny", 5), ("demo", 7), ("year", 14)])
-def test_the_presets_drive_the_papers_dates(size: str, drives: int):
-    world = preset(f"town_{size}")
-    assert (world.seed, len(world.sequences), world.training) == (1, drives, TRAINING)
-    study = yaml.safe_load((CONF.parent / "dataset" / "town.yaml").read_text())["study"]
-    assert study["train"] == TRAINING
-    assert [TRAINING, *study["tests"][size]] == list(world.sequences)[:-3]
