@@ -14,7 +14,8 @@ from matplotlib.figure import Figure
 
 from pipeline.core.errors import InputError
 from pipeline.evaluation.study_rows import ORACLE, PER_DAYS, PERCENTILE
-from pipeline.report.figures.panels import name_rows, points
+from pipeline.report.figures.panels import Line, dots, name_rows
+from pipeline.report.figures.panels import lines as draw_lines
 from pipeline.report.figures.style import QUIET, VEIL, WIDTH_IN, figure, folded, styled, tints
 from pipeline.report.selection import NONE, Values, indexed, pick, values
 from pipeline.report.table import signed
@@ -45,9 +46,9 @@ def lines(rows: pd.DataFrame, followed: Sequence[FollowedNumber]) -> Figure:
         column[0].set_ylim(*((-4.0, 104.0) if number == PERCENTILE else (0.0, 1.04)))
         protocol_rows = pick(rows, protocol=protocol).sort_values("days")
         oracle = pick(protocol_rows, method=ORACLE, number=f"{number}_line")
+        grey = {"color": "0.7", "lw": 0.8, "zorder": 2}
         for axis, (model, tint) in zip(column, shades.items(), strict=True):
-            if len(oracle):
-                axis.plot(oracle["days"], oracle["value"], color="0.7", lw=0.8, zorder=2)
+            draw_lines(axis, [Line(ORACLE, oracle["days"], oracle["value"], grey)])
             _panel(axis, pick(protocol_rows, method=model), number, tint)
             axis.grid(axis="y")
     for axis, (model, tint) in zip(axes[:, 0], shades.items(), strict=True):
@@ -72,10 +73,8 @@ def slopes(rows: pd.DataFrame, followed: Sequence[FollowedNumber]) -> Figure:
     for axis, (protocol, number, title) in zip(axes, followed, strict=True):
         by_model = indexed(pick(rows, protocol=protocol, number=_slope_name(number)), "method")
         for y, (model, tint) in enumerate(shades.items()):
-            value, low, high = slope = by_model.get(model, NONE)
-            fill = tint if _is_clear(slope) else "white"
-            axis.hlines(y, low, high, color=tint, lw=1.1, alpha=0.8, zorder=2)
-            axis.plot(value, y, "o", ms=4, color=tint, mfc=fill, mew=0.9, zorder=3)
+            slope = by_model.get(model, NONE)
+            dots(axis, [y], slope, tint, across=True, is_filled=_is_clear(slope))
         steepest = np.nanmax([0.0, *(abs(value) for value, _, _ in by_model.values())])
         reach = ROOM * float(steepest) or 1.0
         axis.set_xlim(-reach, reach)
@@ -116,16 +115,16 @@ def _panel(axis: Axes, rows: pd.DataFrame, number: str, tint: str) -> None:
     line = pick(rows, number=f"{number}_line")
     if line.empty:
         return
-    dots = pick(rows, number=number)
-    dots = dots[dots["sequence"].isin(line["sequence"])]
-    points(axis, dots["days"], values(dots), tint)
+    measured = pick(rows, number=number)
+    measured = measured[measured["sequence"].isin(line["sequence"])]
+    dots(axis, measured["days"], values(measured), tint)
     fitted, low, high = values(line).T
-    axis.fill_between(line["days"], low, high, color=tint, alpha=0.15, lw=0, zorder=1)
-    axis.plot(line["days"], fitted, color=tint, lw=1.0, zorder=2)
+    look = {"color": tint, "lw": 1.0, "zorder": 2}
+    draw_lines(axis, [Line(number, line["days"], fitted, look, (low, high))], band=True)
     slope = indexed(pick(rows, number=_slope_name(number)), "number").get(_slope_name(number), NONE)
     if np.isfinite(slope[0]):
         # above points that lie low, but below the oracle; else below the points
-        y = 0.74 if np.nanmean(dots["value"]) < np.mean(axis.get_ylim()) else 0.26
+        y = 0.74 if np.nanmean(measured["value"]) < np.mean(axis.get_ylim()) else 0.26
         weight, shade = ("bold", "0.1") if _is_clear(slope) else ("normal", QUIET)
         axis.text(
             0.97,

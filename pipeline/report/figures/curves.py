@@ -19,11 +19,12 @@ from pipeline.report.figures.panels import (
     SLANTED,
     Line,
     balanced,
-    course,
     facets,
+    lines,
     name_ends,
-    oracle_line,
+    oracle,
     precision_axes,
+    scale_shares,
     share_limits,
 )
 from pipeline.report.figures.style import MARK, WIDTH_IN, below, figure, handles, look, styled
@@ -31,7 +32,7 @@ from pipeline.report.result import PRECISIONS, Result, by_model, by_sequence, da
 from pipeline.studies.colours import colour, marker
 
 # The look of a marker on a line.
-DOT: Any = {"mec": "white", "mew": 0.6, "zorder": 4}
+DOT: Any = {"ls": "", "ms": 4, "mec": "white", "mew": 0.6, "zorder": 4}
 PAGE_IN = (5.2, 3.6)  # width and height of a figure on the first screen of the page
 NAME_IN = 0.088 * 6.2 / 3  # height of a model's name beside a panel
 MANY_MODELS = 3  # from so many models on, panels are larger
@@ -55,44 +56,34 @@ def year(
     training pose would reach. A marker has the id of its result.
     """
     groups = by_model(results)
+    days = {result.days: day(result.sequence) for result in results}  # one label a day
     first_of_day = [group[0] for group in by_sequence(results).values()]
     fig = figure(*size_in, f"The year after training on {day(train)}")
     axes = fig.subplots(len(measures), 1, squeeze=False, sharex=True)[:, 0]
     for axis, measure in zip(axes, measures, strict=True):
-        band_alpha = 0.4 / max(len(groups), 3)
-        ends = [
-            _over_days(axis, groups[model], measure, line, band_alpha)
-            for model, line in look(groups).items()
-        ]
-        oracle = [result.number(measure.protocol, "oracle") for result in first_of_day]
-        driven = [result.days for result in first_of_day]
-        ends.append(oracle_line(axis, driven, oracle, "oracle recall@1"))
+        drawn = []
+        for model, model_look in look(groups).items():
+            group = groups[model]
+            rows = [result.values(measure.protocol, measure.name) for result in group]
+            value, low, high = np.array(rows).T
+            driven = [result.days for result in group]
+            drawn.append(Line(model, driven, value, model_look, (low, high)))
+            for result, share in zip(group, value, strict=True):
+                _mark(axis, result, result.days, share, model_look["color"])
+        shares = [result.number(measure.protocol, "oracle") for result in first_of_day]
+        drawn.append(oracle([result.days for result in first_of_day], shares, "oracle recall@1"))
+        lines(axis, drawn, band=True)
         axis.set_ylabel(measure.title)
-        axis.set_ylim(*share_limits(axis.dataLim.intervaly))
-        axis.grid(axis="y")
-        name_ends(axis, ends, gap=NAME_IN * len(measures) / size_in[1])
-    labels = {result.days: day(result.sequence) for result in results}  # one label a day
-    axes[-1].set_xticks([*labels], [*labels.values()], **SLANTED)
+        scale_shares([axis])
+        name_ends(axis, drawn, gap=NAME_IN * len(measures) / size_in[1])
+    axes[-1].set_xticks([*days], [*days.values()], **SLANTED)
     axes[-1].set_xlabel("test sequence, spaced by days since training; bands: 95 % intervals")
     return fig
 
 
-def _over_days(
-    axis: Axes, group: Sequence[Result], measure: Measure, line: Mapping[str, Any], alpha: float
-) -> Line:
-    """Draw one model's number over the days with a band of its intervals, and return the line."""
-    tint = line["color"]
-    days = [result.days for result in group]
-    rows = [result.values(measure.protocol, measure.name) for result in group]
-    values, low, high = np.array(rows).T
-    axis.fill_between(days, low, high, color=tint, alpha=alpha, lw=0, zorder=1)
-    if len(days) == 1:  # a band has no width there
-        axis.vlines(days, low, high, color=tint, lw=0.9, alpha=0.6)
-    axis.plot(days, values, zorder=3, **line)
-    for result, value in zip(group, values, strict=True):
-        shape = marker(result.model)
-        axis.plot(result.days, value, shape, ls="", ms=4, gid=result.id, color=tint, **DOT)
-    return Line(group[0].model, tint, np.stack([days, values], axis=1))
+def _mark(axis: Axes, result: Result, x: float, y: float, tint: str) -> None:
+    """Draw the marker of a result, which has its id."""
+    axis.plot(x, y, marker(result.model), gid=result.id, color=tint, **DOT)
 
 
 @styled
@@ -105,21 +96,12 @@ def coverage(results: Sequence[Result]) -> Figure:
     looks = look(by_model(results))
     fig = figure(*PAGE_IN, f"What can be answered on {day(results[0].sequence)}")
     axis = fig.subplots()
-    for result in reversed(results):
-        line = looks[result.model]
-        axis.plot(PRECISIONS, result.coverage, zorder=3, **line)
+    backwards = results[::-1]
+    lines(axis, [Line(r.model, PRECISIONS, r.coverage, looks[r.model]) for r in backwards])
+    for result in backwards:
         precision = max(result.number("distance", "precision_at_threshold"), PRECISIONS[0])
         share = result.number("distance", "answered")
-        axis.plot(
-            precision,
-            share,
-            marker(result.model),
-            ls="",
-            ms=4,
-            gid=result.id,
-            color=line["color"],
-            **DOT,
-        )
+        _mark(axis, result, precision, share, looks[result.model]["color"])
     axis.set(xlim=(PRECISIONS[0], 1.0), ylim=(0, 1.02), ylabel="of the judged queries answered")
     axis.set_xlabel("of its answers, so many are right, by distance")
     axis.grid(axis="y")
@@ -150,13 +132,13 @@ def precision_recall(results: Sequence[Result], protocol: str) -> Figure:
     )
     for axis, group in panels:
         for result in reversed(group):
-            line = looks[result.model]
+            model_look = looks[result.model]
             precision, recall = result.evaluation.exact_curve(protocol)
-            axis.plot(recall, precision, lw=1.0, zorder=3, **line)
+            lines(axis, [Line(result.model, recall, precision, model_look)])
             names = ("recall_at_threshold", "precision_at_threshold")
             at_threshold = [result.number(protocol, name) for name in names]
             if np.isfinite(at_threshold).all():
-                dot = {"ms": 4.5, "color": line["color"], "clip_on": False, **DOT}
+                dot = {"color": model_look["color"], "clip_on": False, **DOT}
                 axis.plot(*at_threshold, marker(result.model), **dot)
         precision_axes(axis, group[0].label)
     title = "marker: the model's own threshold, where it accepts anything"
@@ -173,26 +155,23 @@ def recall_at(results: Sequence[Result]) -> Figure:
     groups = by_model(results)
     fig = figure(WIDTH_IN, 2.6, "Recall among the first n places")
     axes = fig.subplots(1, len(PROTOCOLS), sharey=True)
-    # protocol and model to the recalls (sequence, n)
-    recalls = {
-        (protocol, model): np.stack([r.evaluation.protocol(protocol).recall_at for r in group])
-        for protocol in PROTOCOLS
-        for model, group in groups.items()
-    }
-    n = np.arange(1, 1 + len(results[0].evaluation.protocol(PROTOCOLS[0]).recall_at))
-    axes[0].set_ylim(*share_limits(*recalls.values()))
-    for axis, protocol in zip(axes, PROTOCOLS, strict=True):
-        ends = []
-        for model, line in look(groups).items():
-            curves = recalls[protocol, model]
-            curves = curves[np.isfinite(curves).all(axis=1)]
-            if len(curves):
-                mean = course(axis, n, curves, line["color"], ls=line["ls"], lw=1.6)
-                ends.append(Line(model, line["color"], np.stack([n, mean], axis=1)))
+    drawn_by_protocol: dict[str, list[Line]] = {protocol: [] for protocol in PROTOCOLS}
+    for protocol, drawn in drawn_by_protocol.items():
+        for model, model_look in look(groups).items():
+            # (sequence, n)
+            recalls = np.stack([r.evaluation.protocol(protocol).recall_at for r in groups[model]])
+            recalls = recalls[np.isfinite(recalls).all(axis=1)]
+            n = np.arange(1, 1 + recalls.shape[1])
+            if len(recalls):
+                drawn.append(Line.mean(model, n, recalls, model_look | {"lw": 1.6}))
+    members = [line.members for drawn in drawn_by_protocol.values() for line in drawn]
+    axes[0].set_ylim(*share_limits(*members))
+    for axis, (protocol, drawn) in zip(axes, drawn_by_protocol.items(), strict=True):
+        lines(axis, drawn)
         ticks = (1, 5, 10, 15, 20, 25)
         axis.set(xlim=(1, 1.05 * len(n)), xlabel="n", title=f"by {protocol}", xticks=ticks)
         axis.grid(axis="y")
-        name_ends(axis, ends, gap=0.08)
+        name_ends(axis, drawn, gap=0.08)
     axes[0].set_ylabel("recall@n of the seen queries")
     return fig
 
@@ -213,24 +192,18 @@ def history(curves: Mapping[str, NDArray[np.float64]], best: int | None, model: 
         names, most_columns=3, heading=heading, around_in=0.4, row_in=row_in, shared=False
     )
     for axis, name in panels:
-        shape = "." if len(rounds) < 3 else ""
-        for key, tint, label in (
-            (name, "0.6", "training"),
-            (HELD_OUT + name, colour(model), "held out"),
-        ):
-            if key in curves:
-                axis.plot(rounds, curves[key], color=tint, marker=shape, label=label)
+        shape = "o" if len(rounds) < 3 else ""
+        tints = {name: ("training", "0.6"), HELD_OUT + name: ("held out", colour(model))}
+        drawn = [
+            Line(label, rounds, curves[key], {"color": tint, "marker": shape})
+            for key, (label, tint) in tints.items()
+            if key in curves
+        ]
+        lines(axis, drawn)
         if best is not None:
-            last = axis.lines[-1]
-            axis.plot(
-                best + 1,
-                np.asarray(last.get_ydata())[best],
-                "o",
-                ms=4,
-                color=last.get_color(),
-                clip_on=False,
-                **DOT,
-            )
+            kept = drawn[-1]
+            tint = kept.look["color"]
+            axis.plot(best + 1, kept.y[best], "o", color=tint, clip_on=False, **DOT)
             axis.axvline(best + 1, **MARK)
         axis.set(xlabel="round", ylabel=name.replace("_", " "), xlim=(1, max(len(rounds), 2)))
         axis.set_ylim(0, 1 if name.endswith(SHARE_ENDINGS) else None)

@@ -5,17 +5,15 @@ is still to come. Out: one figure, with both beside each other in each band of d
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from pipeline.evaluation.protocols import PROTOCOLS
 from pipeline.evaluation.study_rows import SHOWN, TO_COME
-from pipeline.report.figures.panels import points
+from pipeline.report.figures.panels import dots
 from pipeline.report.figures.style import WIDTH_IN, below, dot, figure, folded, styled, tints
 from pipeline.report.selection import indexed
 
@@ -24,7 +22,6 @@ OFFSET = 0.13  # of the two markers from the middle of a band, whose width is 1
 PALE = 0.3  # opacity of a number of few queries
 # How numbers near a change that is still to come are drawn: grey and hollow.
 LATER = "0.6"
-HOLLOW: Any = {"mfc": "white", "mec": LATER, "mew": 1.0}
 
 
 @styled
@@ -57,11 +54,11 @@ def by_distance(
             seen = over_bands(when, models[0], protocol, "seen")[:, 0]
             unseen = over_bands(when, models[0], protocol, "unseen")[:, 0]
             for axis, (model, tint) in zip(panels, shades.items(), strict=True):
-                values = over_bands(when, model, protocol, name)
-                if when == SHOWN:
-                    _in_bands(axis, values, seen < least_queries, offset, tint)
-                else:
-                    _in_bands(axis, values, seen < least_queries, offset, LATER, **HOLLOW)
+                is_shown = when == SHOWN
+                for band, number in enumerate(over_bands(when, model, protocol, name)):
+                    alpha = PALE if seen[band] < least_queries else 1.0
+                    ink = tint if is_shown else LATER
+                    dots(axis, [band + offset], number, ink, is_filled=is_shown, alpha=alpha)
             queries = seen if name == "recall_at_1" else seen + unseen
             middle = np.arange(len(bands)) + 1.4 * offset
             bars = counts.bar(middle, queries, 2 * OFFSET, color=grey)
@@ -84,17 +81,3 @@ def by_distance(
     ]
     below(fig, entries)
     return fig
-
-
-def _in_bands(
-    axis: Axes,
-    values: NDArray[np.float64],
-    is_few: NDArray[np.bool_],
-    offset: float,
-    tint: str,
-    **look: Any,
-) -> None:
-    """Draw the finite values (band, 3) of the bands, pale where a band has few queries (band,)."""
-    for band in np.flatnonzero(np.isfinite(values[:, 0])):
-        alpha = PALE if is_few[band] else 1.0
-        points(axis, [band + offset], values[[band]], tint, alpha=alpha, **look)

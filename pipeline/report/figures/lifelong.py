@@ -16,7 +16,7 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from pipeline.report.figures.maps import bounds_m, height_per_width, scale_bar
-from pipeline.report.figures.panels import SLANTED, course, facets, share_limits
+from pipeline.report.figures.panels import SLANTED, Line, facets, lines, share_limits
 from pipeline.report.figures.style import MARK, QUIET, THICK, WIDTH_IN, below, dot, figure, styled
 from pipeline.report.result import day
 from pipeline.report.table import MISSING, short
@@ -97,7 +97,7 @@ def over_steps(
     """
     strategies = dict.fromkeys(strategy for values in numbers.values() for _, strategy in values)
     looks: dict[str, Any] = {
-        strategy: {"tint": PALETTE[i % len(PALETTE)], "marker": MARKERS[i % len(MARKERS)]}
+        strategy: {"color": PALETTE[i % len(PALETTE)], "marker": MARKERS[i % len(MARKERS)]}
         for i, strategy in enumerate(strategies)
     }
     fig = figure(WIDTH_IN, 0.9 + 1.6 * len(numbers), heading)
@@ -106,10 +106,12 @@ def over_steps(
     for row, (title, values) in zip(axes, numbers.items(), strict=True):
         row[0].set_ylabel(title)
         for axis, order in zip(row, orders, strict=True):
-            for (line_order, strategy), seeds in values.items():
-                if line_order == order:
-                    x = np.arange(seeds.shape[1])
-                    course(axis, x, seeds, **looks[strategy], lw=1.3, ms=4)
+            drawn = [
+                Line.mean(strategy, np.arange(seeds.shape[1]), seeds, looks[strategy])
+                for (line_order, strategy), seeds in values.items()
+                if line_order == order
+            ]
+            lines(axis, drawn)
             axis.grid(axis="y")
     for column, (order, steps) in zip(axes.T, orders.items(), strict=True):
         column[0].set_title(order, pad=4)
@@ -123,10 +125,7 @@ def over_steps(
         axis.set_ylim(low - spare, high + spare)
     for axis in axes[-1]:
         axis.axhline(0.0, **MARK)
-    entries = [
-        Line2D([], [], label=name, color=look["tint"], marker=look["marker"], **THICK)
-        for name, look in looks.items()
-    ]
+    entries = [Line2D([], [], label=name, **look, **THICK) for name, look in looks.items()]
     below(fig, entries)
     return fig
 

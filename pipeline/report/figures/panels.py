@@ -1,12 +1,13 @@
-"""Panels of a figure: how many stand beside each other, what is drawn in them, and names beside it.
+"""Panels of a figure, and what stands in them: lines over something, dots with bars, and names.
 
-`facets` makes a figure with a panel per item. `points`, `course`, `calibration`, `model_lines` and
-`oracle_line` draw in one panel; `name_ends` and `name_rows` name lines and rows of models.
+`facets` makes a figure with a panel per item. `lines` draws the lines of models over something
+with the spread of their values, `dots` values with bars beside or below each other; `name_ends` and
+`name_rows` name them. `calibration` draws shares over chances.
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple, TypeVar
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, NamedTuple, Self, TypeVar
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -14,24 +15,35 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from pipeline.evaluation.calibration import Reliability
-from pipeline.report.comparison import Measurement
-from pipeline.report.figures.style import MARK, QUIET, VEIL, WIDTH_IN, figure, folded, look
-from pipeline.studies.colours import marker
+from pipeline.report.figures.style import MARK, QUIET, VEIL, WIDTH_IN, figure, folded
 
 WRONG_RED = "#B2182B"  # red, of what is wrong
 SMALLEST_AREA = 4.0  # square points of the marker of a bin that few queries are in
 EVEN_AREA = 12.0  # square points of markers that are all alike
 LINE_IN = 0.125  # height of a line of text
 SLANTED: Any = {"rotation": 40, "ha": "right", "rotation_mode": "anchor"}  # names below an axis
+BAND = 0.4  # opacity of the bands of all lines together
+CURVE: Any = {"lw": 1.2, "ms": 4, "mec": "white", "mew": 0.5, "zorder": 3}  # a line's own look
+DOT: Any = {"ls": "", "ms": 4.6, "zorder": 3}
+EDGE: Any = {"mec": "white", "mew": 0.4, "clip_on": False}  # of a filled dot
 Item = TypeVar("Item")
 
 
 class Line(NamedTuple):
-    """A line whose end is named."""
+    """A line over something, and the spread of its values."""
 
     name: str
-    tint: str
-    xy: NDArray[np.float64]  # (n, 2)
+    x: Any  # (n,)
+    y: Any  # (n,) NaN where there is no value
+    look: Mapping[str, Any]  # its colour, and what else is not as in CURVE
+    ends: Any = None  # (2, n) the ends of each value's interval
+    members: Any = None  # (member, n) the values that each is the mean of
+
+    @classmethod
+    def mean(cls, name: str, x: Any, members: NDArray[np.float64], look: Mapping[str, Any]) -> Self:
+        """The line through the means of the finite members (member, n)."""
+        finite = np.ma.masked_invalid(members)
+        return cls(name, x, finite.mean(axis=0).filled(np.nan), look, members=finite)
 
 
 def facets(
@@ -84,6 +96,74 @@ def panels(
     return axes[:number]
 
 
+def lines(axis: Axes, drawn: Sequence[Line], band: bool = False) -> None:
+    """Draw lines over something: their values, intervals and members.
+
+    Intervals are bars, or bands if `band`; members are thin lines.
+    """
+    for line in drawn:
+        tint = line.look["color"]
+        if line.members is not None and len(line.members) > 1:
+            axis.plot(line.x, line.members.T, color=tint, lw=0.5, alpha=0.45, zorder=2)
+        if line.ends is not None and band and len(line.x) > 1:
+            alpha = BAND / max(len(drawn), 3)
+            axis.fill_between(line.x, *line.ends, color=tint, alpha=alpha, lw=0, zorder=1)
+        elif line.ends is not None:
+            axis.vlines(line.x, *line.ends, color=tint, lw=0.8, alpha=0.5, zorder=1)
+        axis.plot(line.x, line.y, **({"label": line.name} | CURVE | dict(line.look)))
+
+
+def oracle(x: Sequence[float], shares: Sequence[float], name: str = "oracle") -> Line:
+    """The recall@1 (n,) of answering with the nearest training pose, in grey."""
+    look = {"color": QUIET, "lw": 0.8, "marker": "o" if len(x) == 1 else "", "zorder": 2}
+    return Line(name, x, np.asarray(shares, np.float64), look)
+
+
+def dots(
+    axis: Axes,
+    at: Any,
+    values: Any,
+    tint: str,
+    across: bool = False,
+    is_filled: bool = True,
+    alpha: float = 1.0,
+    **look: Any,
+) -> None:
+    """Draw dots with bars: value, low and high end of each interval (n, 3).
+
+    They stand at `at` on the x axis or, if `across`, in the rows `at` of a panel.
+    """
+    value, low, high = np.reshape(values, (-1, 3)).T
+    bars = axis.hlines if across else axis.vlines
+    bars(at, low, high, color=tint, lw=0.9, alpha=0.7 * alpha, zorder=2)
+    xy = (value, at) if across else (at, value)
+    edge = EDGE if is_filled else {"mfc": "white", "mec": tint, "mew": 0.9}
+    axis.plot(*xy, **({"marker": "o", "color": tint, "alpha": alpha} | DOT | edge | look))
+
+
+def share_limits(*values: Any) -> tuple[float, float]:
+    """Limits of an axis of shares, with a margin.
+
+    They go from the tenth below all finite values to 1 or the largest value.
+    """
+    shares = np.concatenate([[0.9, 1.0], *(np.ravel(np.asarray(v, np.float64)) for v in values)])
+    finite = shares[np.isfinite(shares)]
+    low = max(0.0, float(np.floor(finite.min() * 10) / 10))
+    high = float(finite.max())
+    return low - 0.02 * (high - low), high + 0.03 * (high - low)
+
+
+def scale_shares(axes: Iterable[Axes], is_relative: bool = False) -> None:
+    """Give panels one y scale of shares; a line marks where nothing is lost if `is_relative`."""
+    axes = list(axes)
+    limits = share_limits(*(axis.dataLim.intervaly for axis in axes))
+    for axis in axes:
+        axis.set_ylim(*limits)
+        axis.grid(axis="y")
+        if is_relative:
+            axis.axhline(1.0, **MARK)
+
+
 def precision_axes(axis: Axes, title: str) -> None:
     """Set the scales of a small panel of precision over recall."""
     ticks: Any = {"ticks": (0.0, 0.5, 1.0), "labels": ("0", ".5", "1")}
@@ -100,70 +180,15 @@ def in_corner(
 
     The text stands `lines_away` lines of text away from the corner.
     """
-    if is_upper:
-        corner = (0.97, 0.9)
-        line_pt = -8.5
-        side = "right"
-    else:
-        corner = (0.04, 0.03)
-        line_pt = 8.5
-        side = "left"
     note = axis.annotate(
         text,
-        corner,
-        (0, line_pt * lines_away),
+        (0.97, 0.9) if is_upper else (0.04, 0.03),
+        (0, (-8.5 if is_upper else 8.5) * lines_away),
         xycoords="axes fraction",
         textcoords="offset points",
-        ha=side,
+        ha="right" if is_upper else "left",
     )
     note.set(color=tint, size=7, zorder=5, bbox=VEIL)
-
-
-def share_limits(*values: Any) -> tuple[float, float]:
-    """Limits of an axis of shares, with a margin.
-
-    They go from the tenth below all finite values to 1 or the largest value.
-    """
-    shares = np.concatenate([[0.9, 1.0], *(np.ravel(np.asarray(v, np.float64)) for v in values)])
-    finite = shares[np.isfinite(shares)]
-    low = max(0.0, float(np.floor(finite.min() * 10) / 10))
-    high = float(finite.max())
-    return low - 0.02 * (high - low), high + 0.03 * (high - low)
-
-
-def points(
-    axis: Axes,
-    x: Any,
-    values: NDArray[np.float64],
-    tint: str,
-    marker: str = "o",
-    alpha: float = 1.0,
-    **options: Any,
-) -> None:
-    """Draw markers at `x` with bars: value, low and high end of each interval (n, 3)."""
-    value, low, high = values.T
-    axis.vlines(x, low, high, color=tint, lw=0.9, alpha=0.7 * alpha, zorder=2)
-    usual: Any = {"ls": "", "ms": 3.6, "mec": "white", "mew": 0.4, "zorder": 3, "clip_on": False}
-    axis.plot(x, value, marker=marker, color=tint, alpha=alpha, **(usual | options))
-
-
-def course(
-    axis: Axes, x: Any, members: NDArray[np.float64], tint: str, dots: bool = False, **line: Any
-) -> NDArray[np.float64]:
-    """Draw a line through the means of the finite `members` (member, x), and return them (x,).
-
-    The members themselves are faint dots if `dots`, else faint lines where there are several.
-    """
-    finite = np.ma.masked_invalid(members)
-    if dots:
-        axis.scatter(
-            np.broadcast_to(x, finite.shape), finite, 6, tint, alpha=0.35, linewidths=0, zorder=2
-        )
-    elif len(members) > 1:
-        axis.plot(x, members.T, color=tint, lw=0.5, alpha=0.45, zorder=2)
-    means = np.asarray(finite.mean(axis=0).filled(np.nan))
-    axis.plot(x, means, color=tint, mec="white", mew=0.5, zorder=3, **line)
-    return means
 
 
 def calibration(axis: Axes, bins: Reliability, tint: str, whole_area: float = 0.0) -> None:
@@ -184,68 +209,21 @@ def calibration(axis: Axes, bins: Reliability, tint: str, whole_area: float = 0.
     axis.set(xlim=(0, 1), ylim=(0, 1))
 
 
-def model_lines(axis: Axes, rows: Mapping[str, Sequence[Measurement]]) -> list[Line]:
-    """Draw a line per model through the means of its measurements, and return the lines.
+def name_ends(axis: Axes, drawn: Sequence[Line], gap: float) -> None:
+    """Write the names of lines right of their last finite values, at least `gap` apart.
 
-    Lines stand slightly beside each other; bars are deviations over the test sequences.
-    """
-    ends = []
-    for i, (model, line) in enumerate(look(rows).items()):
-        x = np.arange(len(rows[model])) + 0.24 * ((i + 0.5) / len(rows) - 0.5)
-        means, deviations = means_of(rows[model])
-        axis.vlines(
-            x,
-            means - deviations,
-            means + deviations,
-            color=line["color"],
-            lw=0.7,
-            alpha=0.45,
-            zorder=1,
-        )
-        axis.plot(
-            x,
-            means,
-            lw=1.1,
-            zorder=3,
-            label=model,
-            marker=marker(model),
-            ms=3.4,
-            mec="white",
-            mew=0.4,
-            **line,
-        )
-        ends.append(Line(model, line["color"], np.stack([x, means], axis=1)))
-    return ends
-
-
-def means_of(measurements: Sequence[Measurement]) -> NDArray[np.float64]:
-    """Means and deviations over the test sequences (2, k) of k measurements."""
-    return np.array([[m.mean for m in measurements], [m.over_sequences for m in measurements]])
-
-
-def oracle_line(
-    axis: Axes, x: Sequence[float], shares: Sequence[float], name: str = "oracle"
-) -> Line:
-    """Draw the recall@1 (n,) of answering with the nearest training pose, in grey."""
-    line = np.stack([x, shares], axis=1).astype(np.float64)
-    axis.plot(*line.T, color="0.6", lw=0.8, marker="." if len(line) == 1 else "", zorder=2)
-    return Line(name, QUIET, line)
-
-
-def name_ends(axis: Axes, lines: Sequence[Line], gap: float) -> None:
-    """Write the names of lines right of their last finite values.
-
-    Names are at least `gap`, a share of the y axis, apart.
+    `gap` is a share of the y axis.
     """
     low, high = axis.get_ylim()
     gap *= high - low
     ends = []
-    for name, tint, xy in lines:
-        y = xy[np.isfinite(xy[:, 1]), 1]
+    for line in drawn:
+        y = np.asarray(line.y, np.float64)
+        y = y[np.isfinite(y)]
         if len(y):
-            ends.append((float(y[-1]), name, tint))
+            ends.append((float(y[-1]), line.name, line.look["color"]))
     ends.sort()
-    right = max((xy[-1, 0] for _, _, xy in lines), default=0.0)
+    right = max((line.x[-1] for line in drawn), default=0.0)
     places = _apart([y for y, _, _ in ends], gap, high)
     for place, (_, name, tint) in zip(reversed(places), reversed(ends), strict=True):
         axis.annotate(

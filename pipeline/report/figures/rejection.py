@@ -22,8 +22,8 @@ from pipeline.report.figures.panels import (
     SLANTED,
     balanced,
     calibration,
+    dots,
     facets,
-    points,
     share_limits,
 )
 from pipeline.report.figures.style import MARK, VEIL, WIDTH_IN, below, dot, figure, styled
@@ -129,7 +129,7 @@ def rejection(group: Sequence[Result]) -> Figure:
         for axis, protocol_values in zip(row, values, strict=True):
             for k, (tint, marker) in enumerate(KINDS[: len(kinds)]):
                 x = np.arange(len(group)) + 0.16 * (k - (len(kinds) - 1) / 2)
-                points(axis, x, protocol_values[:, k], tint, marker)
+                dots(axis, x, protocol_values[:, k], tint, marker=marker)
             axis.set_xlim(-0.5, len(group) - 0.5)
             axis.grid(axis="y")
         lowest = np.nanmin(values[..., 0], initial=0.9)

@@ -5,6 +5,7 @@ In: the records of the jobs, each with its settings and its rows of numbers.
 
 import re
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,12 +13,16 @@ from matplotlib.figure import Figure
 
 from pipeline.core.errors import InputError
 from pipeline.report.comparison import AUC, FAR, Measure
+from pipeline.report.figures.panels import Line, oracle
+from pipeline.report.figures.panels import lines as draw_lines
 from pipeline.report.figures.style import DASHES, WIDTH_IN, below, figure, styled
 from pipeline.report.table import MISSING
 from pipeline.studies.colours import PALETTE
 from pipeline.sweeps.record import Record
 
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?")
+FAINT: Any = {"alpha": 0.35, "linewidths": 0, "zorder": 2}  # a test sequence
+CROSS: Any = {"ms": 5, "mew": 1.2, "clip_on": False, "zorder": 4}  # a job that failed
 WIDE_RANGE = 20.0  # positive values whose ratio is larger have a logarithmic axis
 
 
@@ -75,48 +80,25 @@ def _panel(
     `lines` maps a name to jobs with their places on the x axis. Grey is the mean of the oracles of
     the jobs at a place.
     """
-    oracle: dict[float, list[float]] = {}
+    at: dict[float, list[float]] = {}  # the values of the oracle
     for i, (name, jobs) in enumerate(lines.items()):
-        tint = PALETTE[i % len(PALETTE)]
-        drawn = []  # place on the x axis, and values of the test sequences
-        for x, job in jobs:
-            if values := job.values(measure.protocol, measure.name):
-                drawn.append((x, values))
-        axis.plot(
-            [x for x, _ in drawn],
-            [np.mean(values) for _, values in drawn],
-            color=tint,
-            ls=DASHES[i // len(PALETTE) % len(DASHES)] if is_numeric else "",
-            marker="o",
-            ms=4,
-            mec="white",
-            mew=0.6,
-            label=name,
-            zorder=3,
-        )
+        look = {
+            "color": PALETTE[i % len(PALETTE)],
+            "ls": DASHES[i // len(PALETTE) % len(DASHES)] if is_numeric else "",
+            "marker": "o",
+        }
+        drawn = [(x, job.values(measure.protocol, measure.name)) for x, job in jobs]
+        drawn = [(x, values) for x, values in drawn if values]
+        means = [np.mean(values) for _, values in drawn]
+        draw_lines(axis, [Line(name, [x for x, _ in drawn], means, look)])
         for x, values in drawn:
-            axis.scatter([x] * len(values), values, 7, tint, alpha=0.35, linewidths=0, zorder=2)
+            axis.scatter([x] * len(values), values, 7, look["color"], **FAINT)
         for x, job in jobs:
-            oracle.setdefault(x, []).extend(job.values(measure.protocol, "oracle"))
+            at.setdefault(x, []).extend(job.values(measure.protocol, "oracle"))
             if job.error is not None:
                 axis.plot(
-                    x,
-                    0,
-                    "x",
-                    ms=5,
-                    mew=1.2,
-                    color=tint,
-                    clip_on=False,
-                    zorder=4,
-                    transform=axis.get_xaxis_transform(),
+                    x, 0, "x", color=look["color"], transform=axis.get_xaxis_transform(), **CROSS
                 )
-    oracle_means = [(x, np.mean(values)) for x, values in sorted(oracle.items()) if values]
-    axis.plot(
-        *np.array(oracle_means, np.float64).reshape(-1, 2).T,
-        marker="." if len(oracle_means) == 1 else "",
-        lw=0.9,
-        color="0.6",
-        label="oracle recall@1",
-        zorder=1,
-    )
+    means_at = {x: np.mean(values) for x, values in sorted(at.items()) if values}
+    draw_lines(axis, [oracle([*means_at], [*means_at.values()], "oracle recall@1")])
     axis.set_ylim(None, min(axis.get_ylim()[1], 1.005))

@@ -17,11 +17,12 @@ from numpy.typing import NDArray
 from pipeline.evaluation.numbers import PRECISE
 from pipeline.evaluation.viewpoints import NUMBERS, ViewpointMatches
 from pipeline.report.figures.panels import (
-    course,
+    Line,
     facets,
     in_corner,
+    lines,
     precision_axes,
-    share_limits,
+    scale_shares,
 )
 from pipeline.report.figures.style import (
     MARK,
@@ -81,11 +82,16 @@ def precision_recall(group: Mapping[str, Sequence[ViewpointMatches]], sequence: 
     models = list(group) if is_upper else list(group)[::-1]
     for i, (axis, deg) in enumerate(panels):
         for number, model in enumerate(models):
-            width = 1.1 if len(group[model]) == 1 else 0.8
-            for judged in group[model]:
-                precision, recall = judged.curve(i)
-                if recall[-1] > 0:
-                    axis.plot(recall, precision, lw=width, zorder=3, **looks[model])
+            curves = [judged.curve(i) for judged in group[model]]
+            line_look = looks[model] | {"lw": 1.1 if len(curves) == 1 else 0.8}
+            lines(
+                axis,
+                [
+                    Line(model, recall, precision, line_look)
+                    for precision, recall in curves
+                    if recall[-1] > 0
+                ],
+            )
             share = fixed(accuracy[model][i], 3)
             tint = looks[model]["color"]
             in_corner(axis, share, tint, lines_away=number, is_upper=is_upper)
@@ -103,7 +109,7 @@ def indices(
     """Fig. 6: each number over the headings, models side by side.
 
     `values` maps a model and number to its values (sequence and seed, heading), NaN where there is
-    none. Lines are their means, and each value is a faint dot.
+    none. Lines join their means, and thin lines are single ones.
     """
     looks = look(dict.fromkeys(model for model, _ in values))
     positions = np.arange(len(headings_deg))
@@ -119,14 +125,12 @@ def indices(
     for axis, (name, title) in panels:
         for i, (model, look_of) in enumerate(looks.items()):
             x = positions + 0.5 * ((i + 0.5) / len(looks) - 0.5)
-            line: Any = {"ls": look_of["ls"], "lw": 0.7, "marker": "o", "ms": 4}
-            course(axis, x, values[model, name], look_of["color"], dots=True, **line)
-        axis.set_ylim(*share_limits(*(values[model, name] for model in looks)))
+            lines(axis, [Line.mean(model, x, values[model, name], look_of | {"marker": "o"})])
+        scale_shares([axis])
         if name == "roc_auc":
             axis.axhline(0.5, **MARK)
         axis.set_xticks(positions, [f"{deg:g}°" for deg in headings_deg], size=6.5)
         axis.set_title(title.format(correct_m=correct_m), pad=5)
-        axis.grid(axis="y")
     below(fig, handles(looks))
     return fig
 
@@ -194,10 +198,9 @@ def collapse(curves: Mapping[str, Sequence[Mapping[str, NDArray[np.float64]]]]) 
         for model, seed_curves in seeds:
             if name in seed_curves:
                 curve = seed_curves[name]
-                marker = "." if len(curve) < 3 else ""
-                width = 1.0 if models[model] > 1 else 1.3
+                marker = {"marker": "o" if len(curve) < 3 else ""}
                 rounds = 1 + np.arange(len(curve))
-                axis.plot(rounds, curve, marker=marker, lw=width, **look(models)[model])
+                lines(axis, [Line(model, rounds, curve, look(models)[model] | marker)])
         if name == "held_out_error":
             for error in black_errors:
                 axis.axhline(error, **MARK)

@@ -103,7 +103,7 @@ def _turned(study: Study, folder: Path, alteration: str, comparison: Comparison)
         illustrations=[
             draw(
                 "turned",
-                robustness.dots(comparison, measures, kind, heading),
+                robustness.kinds(comparison, measures, kind, heading),
                 case_findings.kept(comparison, kind),
                 case_findings.nearly_always(comparison, kind),
                 case_findings.heading_errors(comparison, kind),
@@ -156,7 +156,7 @@ def _glance(study: Study, folder: Path, alteration: str, comparison: Comparison)
         study,
         folder,
         "glance",
-        robustness.dots(comparison, (AUC, KEPT, FAR), Kind(), heading),
+        robustness.kinds(comparison, (AUC, KEPT, FAR), Kind(), heading),
         *(case_findings.kept(comparison, kind) for kind in comparison.changes),
         name=alteration,
     )

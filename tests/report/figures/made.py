@@ -1,8 +1,7 @@
 """Small evaluations and comparisons, worked out by hand, that the tests of figures draw."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -14,9 +13,9 @@ from pipeline.evaluation.judge import judge
 from pipeline.evaluation.judgement import Evaluation
 from pipeline.evaluation.protocols import PROTOCOLS, Distance
 from pipeline.evaluation.rows import evaluation_rows, row, table
+from pipeline.evaluation.viewpoints import ViewpointMatches
 from pipeline.matching.ranking import Ranking
 from pipeline.report.comparison import MEASURES, Comparison, Kind
-from pipeline.report.figures.style import SIMULATED, save
 from pipeline.report.result import Result
 
 TRAIN_XY_M = np.stack([np.linspace(0, 100, 50), np.zeros(50)], axis=1)
@@ -108,6 +107,50 @@ NOTHING = result(
 """A sequence that training never saw, and a threshold that accepts nothing."""
 
 
+ERROR_M = np.array([0.1, 0.2, 50.0, 1.0, 0.3, np.nan, 80.0])
+POSED = [
+    replace(
+        one,
+        evaluation=replace(
+            one.evaluation,
+            pose_error_m=ERROR_M,
+            pose_error_deg=np.where(ERROR_M > 2, 90, 0.5),
+            reject_pose_from=0.35,
+        ),
+        numbers=dict(one.numbers) | {("distance", "pose_ece"): (0.364, np.nan, np.nan)},
+    )
+    for one in ONE
+]
+"""Novelties .1 .8 .2 .3 .05 .4 .9: accepted are the first and the third to the fifth, of which the
+third is wrong."""
+
+
+def matched(*right: str) -> ViewpointMatches:
+    """Four queries from each of some headings, of falling score, matched 1 m off or 80 m off.
+
+    `right` has a 1 for each that is right: `1010` for a heading.
+    """
+    correct = np.array([[letter == "1" for letter in letters] for letters in right])
+    nothing = np.zeros((len(right), 4))
+    pictures = np.zeros((0, 4, 4), np.uint8)
+    return ViewpointMatches(
+        headings_deg=(np.arange(len(right)) + 0.5) * 360 / len(right),
+        row=nothing.astype(int),
+        answer_xy_m=np.zeros((len(right), 4, 2)),
+        error_m=np.where(correct, 1.0, 80.0),
+        correct=correct,
+        valid=np.ones(4, bool),
+        score=np.tile(np.array([4, 3, 2, 1], np.float32), (len(right), 1)),
+        xy_m=np.zeros((4, 2)),
+        correct_m=10.0,
+        length=10,
+        novelty="cost",
+        bytes_per_place=1.0,
+        pictures=pictures,
+        reconstructed=pictures,
+    )
+
+
 def compared(
     values: Mapping[tuple[str, Kind], Sequence[Sequence[Sequence[float]]]],
     n_way: Mapping[str, int],
@@ -164,20 +207,3 @@ BUILT = compared(
 
 def words(fig: Figure) -> list[str]:
     return [text.get_text() for text in fig.findobj(Text)]
-
-
-def saved_alike(draw: Callable[[], Figure | None], folder: Path) -> Figure:
-    """A drawn figure is the same file each time, without a date, and says SIMULATED only if it
-    is."""
-    first = draw()
-    again = draw()
-    recorded = draw()
-    assert first is not None and again is not None and recorded is not None  # noqa: PT018
-    assert (
-        save(first, folder / "a.svg", True).read_bytes()
-        == save(again, folder / "b.svg", True).read_bytes()
-    )
-    assert "<dc:date>" not in save(recorded, folder / "a.svg", False).read_text()
-    assert SIMULATED in words(first)
-    assert SIMULATED not in words(recorded)
-    return recorded

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.evaluation.judgement import FALSE_ALARM, HIT
-from pipeline.report.figures.matches import APART_M, Example, Training, choose, degrees, matches
+from pipeline.report.figures.matches import APART_M, Example, Training, choose, degrees
 from tests.report.figures.made import ONE, TRAIN_PLACES, TRAIN_XY_M
 
 
@@ -98,20 +98,3 @@ def test_an_answer_is_shown_by_the_submap_of_its_place_that_lies_there_and_the_t
     assert [training.answered(3, TRAIN_XY_M[row]) for row in (18, 40)] == [18, 19]
     assert training.answered(-1, TRAIN_XY_M[40]) == 40  # a pose in a cell where training never went
     assert training.nearest(np.array([20.0, 50.0])) == 10  # at 10 · 100/49 = 20.4 m
-
-
-def test_each_row_shows_the_query_the_answer_and_for_a_wrong_one_the_truth() -> None:
-    heights = np.zeros((50, 40, 120), np.float32)
-    heights[:, 0, 0] = np.arange(50)  # one pixel differs between the submaps
-    examples = choose(ONE[:1])
-    fig = matches(examples, Training(heights, TRAIN_PLACES, TRAIN_XY_M), lambda _: heights)
-    rows = np.array(fig.axes).reshape(len(examples), 4)
-    assert [[len(axis.images) for axis in row[1:]] for row in rows] == [[1, 1, 0]] * 2 + [
-        [1, 1, 1]
-    ] * 3
-    assert "100 m away" in [text.get_text() for text in rows[-1, 3].texts]
-    top = rows[0, 1].images[0]
-    assert (top.origin, top.get_array().shape) == (
-        "lower",
-        (40, 120, 3),
-    )  # near rings at the bottom

@@ -1,8 +1,5 @@
-"""All figures: the same bytes each time, honest about simulation, naming their protocol, colours
-that mean a model."""
+"""The style of figures: where headings and names stand, and colours that mean a model."""
 
-import re
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -11,23 +8,9 @@ from matplotlib.figure import Figure
 from scipy.spatial.distance import pdist
 
 from pipeline.core.errors import InputError
-from pipeline.report.comparison import AUC, FAR, KEPT, OFF
-from pipeline.report.figures import curves, maps, matches, rejection, robustness
-from pipeline.report.figures.panels import balanced, name_ends, share_limits
+from pipeline.report.figures.panels import Line, balanced, name_ends, share_limits
 from pipeline.report.figures.style import colour, figure, folded, look, save
 from pipeline.studies.colours import PALETTE, marker
-from tests.report.figures.made import (
-    BOTH,
-    BUILT,
-    COMPARED,
-    NOTHING,
-    ONE,
-    TRAIN_PLACES,
-    TRAIN_XY_M,
-    TURNED,
-    saved_alike,
-    words,
-)
 
 XYZ = np.array(
     [
@@ -56,42 +39,6 @@ METHODS = (
     "pfl",
     "sad",
 )
-LOSSES = {"loss": np.array([3.0, 2.0, 2.5]), "held_out_loss": np.array([3.5, 2.5, 2.7])}
-IMAGES = np.random.default_rng(0).uniform(0, 20, (50, 40, 120)).astype(np.float32)
-TRAINING = matches.Training(IMAGES, TRAIN_PLACES, TRAIN_XY_M)
-SIZES = {
-    ("sci", by, name): [np.array([0.5, 0.6]), np.array([0.7])]
-    for by in ("cells", "distance")
-    for name in (AUC.name, FAR.name)
-}
-ORACLE = {"cells": (0.8, 0.9), "distance": (1.0, 1.0)}
-FIGURES: dict[str, Callable[[], Figure | None]] = {
-    "precision_recall": lambda: curves.precision_recall(BOTH, "cells"),
-    "year": lambda: curves.year(BOTH, "2012-01-15"),
-    "recall_at": lambda: curves.recall_at(BOTH),
-    "novelty": lambda: rejection.histograms(ONE, "cells"),
-    "rejection": lambda: rejection.rejection(ONE),
-    "reliability": lambda: rejection.diagram(ONE),
-    "matches": lambda: matches.matches(matches.choose(ONE), TRAINING, lambda _: IMAGES),
-    "map": lambda: maps.outcome_map(ONE[0], TRAIN_XY_M),
-    "montage": lambda: maps.montage(ONE, TRAIN_XY_M),
-    "history": lambda: curves.history(LOSSES, 1, "sci"),
-    "cells": lambda: robustness.cells(SIZES, (5.0, 10.0), ORACLE, "The side of a cell"),
-    "dots": lambda: robustness.dots(COMPARED, (AUC, KEPT, FAR, OFF), TURNED, "Turned"),
-    "sequences": lambda: robustness.sequences(
-        COMPARED, dict.fromkeys(COMPARED.sequences, "a"), "Stress"
-    ),
-    "levels": lambda: robustness.levels(BUILT, "Walls", "walls"),
-    "ways": lambda: robustness.ways(COMPARED, TURNED, ["sci_ring"], "Ways"),
-}
-
-
-@pytest.mark.parametrize("name", FIGURES)
-def test_a_figure_is_the_same_file_each_time_is_honest_about_simulation_and_names_its_protocol(
-    name: str, tmp_path: Path
-) -> None:
-    shown = words(saved_alike(FIGURES[name], tmp_path))
-    assert name in ("matches", "history") or re.search("by (cells|distance)", " ".join(shown))
 
 
 def test_simulated_stands_above_the_heading_of_a_narrow_figure(tmp_path: Path) -> None:
@@ -106,7 +53,7 @@ def test_simulated_stands_above_the_heading_of_a_narrow_figure(tmp_path: Path) -
 
 def test_a_figure_is_saved_as_svg_alone(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"a\.pdf: a figure is saved as \.svg"):
-        save(curves.history(LOSSES, 1, "sci"), tmp_path / "a.pdf", False)
+        save(figure(3.0, 2.0, "heading"), tmp_path / "a.pdf", False)
 
 
 def test_the_methods_of_the_papers_have_different_colours() -> None:
@@ -153,10 +100,10 @@ def test_names_at_the_end_stand_apart_below_the_top_and_at_the_last_value_there_
     axis = Figure().subplots()
     axis.set_ylim(0, 1)
     lines = [
-        (str(end), "k", np.array([[0.0, end], [1.0, end]]))
+        Line(str(end), (0.0, 1.0), [end, end], {"color": "k"})
         for end in (0.95, 0.98, 0.2, 1.0, 0.9, np.nan)
     ]
-    lines[2][2][1, 1] = np.nan
+    lines[2].y[1] = np.nan
     name_ends(axis, lines, gap=0.1)
     found = {text.get_text(): text.xy[1] for text in axis.texts}
     assert found == pytest.approx({"0.9": 0.7, "0.95": 0.8, "0.98": 0.9, "1.0": 1.0, "0.2": 0.2})
@@ -166,25 +113,3 @@ def test_a_long_name_is_folded() -> None:
     assert [folded(name) for name in ("sci", "scan_context_all", "pointnetvlad-4way")] == [
         *("sci", "scan_context\n_all", "pointnetvlad\n-4way")
     ]
-
-
-@pytest.mark.parametrize(
-    "draw", [lambda: curves.year([], "2012-01-15"), lambda: curves.precision_recall([], "cells")]
-)
-def test_a_figure_of_nothing_is_refused(draw: Callable[[], Figure]) -> None:
-    with pytest.raises(InputError, match="at least one result"):
-        draw()
-
-
-def test_a_sequence_that_training_never_saw_can_be_drawn() -> None:
-    assert not [
-        line
-        for line in curves.precision_recall([NOTHING], "cells").axes[0].lines
-        if line.get_marker() == marker("sci")
-    ]
-    histogram = rejection.histograms([NOTHING], "cells")
-    assert "AUROC –" in words(histogram)
-    assert not histogram.axes[0].lines  # the threshold lies beyond all novelties
-    assert not curves.recall_at([NOTHING]).axes[0].lines
-    assert np.isnan(curves.year([NOTHING], "2012-01-15").axes[0].lines[0].get_ydata()).all()
-    assert rejection.diagram([NOTHING]) is None

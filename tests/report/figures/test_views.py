@@ -1,9 +1,16 @@
-"""A place as driven and altered, beside its images."""
+"""Clouds as methods see them: altered beside as driven, and the columns of an octree's leaves."""
+
+import math
 
 import numpy as np
+import pytest
+from matplotlib.figure import Figure
 
 from pipeline.alterations.construction import Construction
-from pipeline.report.figures.views import altered, place
+from pipeline.mapping.octree import Octree
+from pipeline.report.figures.views import altered, tops
+from pipeline.report.figures.views import bird_view as draw_bird_view
+from pipeline.views.birdview import BirdView
 from pipeline.views.scan_context import ScanContext
 
 VIEW = ScanContext(rings=8, sectors=12, max_range_m=24.0, voxel_m=0.0, min_points=1)
@@ -11,6 +18,32 @@ GROUND_M = np.column_stack(
     [*np.random.default_rng(0).uniform(-24, 24, (2, 500)), np.full(500, 0.01)]
 )
 WALLS = Construction(walls=(2,), shadows=(False,))
+
+BIRD_VIEW = BirdView(Octree(edge_m=32.0, depth=6), side_px=32)
+
+
+def pose(x: float, y: float, yaw: float) -> np.ndarray:
+    matrix = np.eye(4)
+    matrix[:2, :2] = [[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]]
+    matrix[:2, 3] = x, y
+    return matrix
+
+
+def wall() -> np.ndarray:
+    """Points (n, 3) of a wall 8 m ahead, 8 m wide and 3 m high, and of the ground before it."""
+    upright = np.stack(
+        np.meshgrid([8.2], np.arange(-3.9, 4, 0.2), np.arange(0.1, 3, 0.2)), -1
+    ).reshape(-1, 3)
+    ground = np.stack(
+        np.meshgrid(np.arange(2, 8, 0.25), np.arange(-3.9, 4, 0.25), [0.0]), -1
+    ).reshape(-1, 3)
+    return np.concatenate([upright, ground])
+
+
+def bird_view() -> Figure:
+    octree_map = BIRD_VIEW.octree.grow()
+    octree_map.insert(wall(), pose(3.0, 1.0, 0.3))
+    return draw_bird_view(wall(), octree_map, pose(3.0, 1.0, 0.3), BIRD_VIEW)
 
 
 def test_an_altered_cloud_stands_below_the_one_as_driven() -> None:
@@ -22,13 +55,17 @@ def test_an_altered_cloud_stands_below_the_one_as_driven() -> None:
     assert altered(GROUND_M, WALLS, 7)["construction 2 walls"].tobytes() == built.tobytes()
 
 
-def test_the_panels_show_each_clouds_heights_and_colours() -> None:
-    clouds_m = altered(GROUND_M, WALLS, stamp_ns=7)
-    axes = place(clouds_m, VIEW).axes
-    contexts = [axes[1].images[0].get_array(), axes[4].images[0].get_array()]
-    for shown, points_m in zip(contexts, clouds_m.values(), strict=True):
-        heights_m = VIEW(points_m)
-        np.testing.assert_array_equal(np.ma.filled(shown, 0.0), heights_m)
-        assert np.ma.getmaskarray(shown).sum() == (heights_m == 0).sum()
-    assert axes[2].images[0].get_array().shape == (8, 12, 3)
-    assert [axis.get_ylabel() for axis in axes[::3]] == ["as driven", "construction 2 walls"]
+@pytest.mark.parametrize("place", [pose(0, 0, 0), pose(40.2, -3.1, 2.0)])
+@pytest.mark.parametrize(("depth", "edge_m"), [(6, 0.5), (4, 2.0)])
+def test_squares_lie_where_the_wall_is_with_the_height_of_its_top(
+    place: np.ndarray, depth: int, edge_m: float
+) -> None:
+    octree_map = BIRD_VIEW.octree.grow()
+    octree_map.insert(wall(), place)
+    corners_m, heights_m = tops(octree_map, place, BIRD_VIEW, depth)
+    middles_m = corners_m.mean(axis=1)
+    np.testing.assert_allclose(np.linalg.norm(corners_m[:, 1] - corners_m[:, 0], axis=1), edge_m)
+    assert np.abs(middles_m[:, 0] - 8.2).max() <= edge_m * 0.71
+    assert np.abs(middles_m[:, 1]).max() < 4 + edge_m * 0.71
+    assert np.ptp(middles_m[:, 1]) > 8 - 2 * edge_m
+    np.testing.assert_allclose(heights_m, 2.75)  # the highest leaf is from 2.5 m to 3 m
