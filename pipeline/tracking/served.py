@@ -15,12 +15,10 @@ from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Self
-from urllib.parse import urlparse
-from urllib.request import url2pathname
 
 import numpy as np
 
-from pipeline.core import remote, store
+from pipeline.core import store
 from pipeline.core.building import parsed
 from pipeline.core.errors import InputError
 from pipeline.tracking.page import filled
@@ -246,13 +244,10 @@ def all_results(search: Callable[..., Any], *experiment_ids: str) -> Iterator[An
 def delete(client: "MlflowClient", model: Any) -> None:
     """Delete a model, and its files, which are copies, on the disk or in the object store."""
     client.delete_logged_model(model.model_id)
-    if remote.is_remote(model.artifact_location):
-        delete_files(model.artifact_location)
-        return
     # the artifacts lie in …/models/MODEL_ID/artifacts; the model's own folder is the one above
-    folder = Path(url2pathname(urlparse(model.artifact_location).path)).parent
-    if folder.name == model.model_id:
-        shutil.rmtree(folder, ignore_errors=True)
+    folder = str(model.artifact_location).removesuffix("/artifacts")
+    if folder.endswith(f"/{model.model_id}"):
+        delete_files(folder)
 
 
 def delete_files(address: str, path: str | None = None) -> None:

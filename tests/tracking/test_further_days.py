@@ -7,7 +7,7 @@ import pytest
 from pipeline.report import report
 from pipeline.tracking import page
 from pipeline.tracking.records import StudyRuns, of_strategies
-from pipeline.tracking.runs import RunRecord, publish
+from pipeline.tracking.runs import RunRecord
 from tests.report import learned
 from tests.report.studied import FEW
 
@@ -72,13 +72,3 @@ def test_the_page_shows_what_the_runs_have(found: dict[str, RunRecord]) -> None:
         for name in chart.split()
     ]
     assert {*shown, *page.FURTHER_DAYS["metrics"]} <= found["sci days grown"].series.keys()
-
-
-@pytest.mark.filterwarnings(
-    "ignore:The ``noload`` loader strategy is deprecated", "ignore::ResourceWarning"
-)  # as in test_runs
-def test_published_twice_nothing_changes(found: dict[str, RunRecord], tmp_path: Path) -> None:
-    database = tmp_path / "mlflow.db"
-    runs = list(found.values())
-    assert publish(database, "learned", runs, page.FURTHER_DAYS).written == len(runs)
-    assert publish(database, "learned", runs, page.FURTHER_DAYS).kept == len(runs)

@@ -36,63 +36,6 @@ def test_the_first_chart_is_what_is_accepted_over_days(view: Any) -> None:
     assert chart.items() >= expected.items()
 
 
-def test_sections_keep_the_order_given_and_charts_that_the_page_makes_itself_go_to_folded_ones(
-    view: Any,
-) -> None:
-    """The page puts a metric that no chart names first into the section named like its prefix, in
-    sight if it must make one."""
-    assert view["isAccordionReordered"]
-    shown = [section["name"] for section in view["compareRunSections"] if section["display"]]
-    assert shown == [
-        "Accepted answers, wrong ones among them, and wrong ones refused",
-        "AUC over days since training",
-        "Means over the test days",
-        "By distance over days",
-        "Rejection of unseen places over days",
-        "Ageing: change per 100 days",
-        "Ageing: novelty of the seen over days",
-        "Heading of what is placed right over days",
-        "Calibration error over days",
-        "Training curves over epochs",
-    ]
-    folded = {section["name"] for section in view["compareRunSections"]} - {*shown}
-    assert folded == {
-        "accepted",
-        "mean",
-        "cells",
-        "distance",
-        "rejection",
-        "ageing",
-        "train",
-        "viewpoints",
-        "cost",
-        "System metrics",
-    } | {f"recall_by_{protocol}" for protocol in ("cells", "distance")}
-
-
-def test_single_numbers_are_bars_over_the_runs_and_what_has_days_is_lines(view: Any) -> None:
-    bars = {chart["metricKey"] for chart in view["compareRunCharts"] if chart["type"] == "BAR"}
-    assert {name for name in bars if name.startswith("mean/")} == {
-        "mean/cells_auc_top1",
-        "mean/distance_recall_at_1",
-    }
-    assert all(name.startswith("mean/") or name.endswith("_per_100_days") for name in bars)
-    lines = {chart["metricKey"] for chart in view["compareRunCharts"]} - bars
-    assert not [
-        name for name in lines if name.startswith("mean/") or name.endswith("_per_100_days")
-    ]
-
-
-def test_lines_have_the_whole_width_for_their_legend(view: Any) -> None:
-    """A legend has two lines, whatever the chart's height."""
-    wide = {section["uuid"]: section["columns"] for section in view["compareRunSections"]}
-    assert {
-        wide[chart["metricSectionId"]]
-        for chart in view["compareRunCharts"]
-        if chart["type"] == "LINE"
-    } == {1}
-
-
 def test_the_table_of_runs_shows_data_sets_models_descriptions_and_means(view: Any) -> None:
     assert view["selectedColumns"] == view["columnOrder"] == [*view["columnWidths"]]
     assert [name for name in view["selectedColumns"] if name.startswith("attributes")] == [

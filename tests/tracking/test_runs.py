@@ -277,20 +277,6 @@ def test_a_run_of_the_same_method_and_grid_is_replaced_though_its_name_changed(
     assert set(own.runs) == {"sci", "sci 5m"}
 
 
-def test_a_new_database_is_filled_as_the_old_one_was(own: Experiment, tmp_path: Path) -> None:
-    new = Experiment(tmp_path / "mlflow.db", own.name)
-    assert own.publish(own.record()).written == new.publish(own.record()).written == 2
-    there = own.runs
-    here = new.runs
-    assert there.keys() == here.keys() == {"sci", "2012-02-04"}
-    assert [run.data.tags[KEY] for run in there.values()] == [
-        here[name].data.tags[KEY] for name in there
-    ]
-    assert [run.data.metrics for run in there.values()] == [
-        here[name].data.metrics for name in there
-    ]
-
-
 @pytest.mark.parametrize(
     ("given", "said"),
     [
