@@ -118,7 +118,7 @@ def test_stage_results_gets_the_whole_study_in_one_word() -> None:
     name, _, value = word.partition("=")
     by_hydra = OverridesParser.create().parse_override(word).value()
     for table in (yaml.safe_load(value), by_hydra):
-        assert filled(Study, table, lambda built: built) == study
+        assert filled(Study, table) == study
     assert name == "study"
 
 
