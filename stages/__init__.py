@@ -70,11 +70,8 @@ class EachSequence:
 
 
 def _kernel_folder() -> str:
-    """A folder for numba's compiled kernels, with a name that follows from our source.
-
-    numba by itself looks only at the file of the outermost kernel, so it would go on running an
-    inner kernel that was edited in another file.
-    """
+    """A folder for numba's compiled kernels, with a name that follows from our source."""
+    # numba looks only at the file of the outermost kernel, not at those of inner ones
     folders = (ROOT / "pipeline", ROOT / "worlds")
     sources = [path.read_bytes() for root in folders for path in sorted(root.rglob("*.py"))]
     return str(ROOT / ".numba" / sha256(b"".join(sources)).hexdigest()[:16])

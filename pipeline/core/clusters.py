@@ -202,10 +202,7 @@ def _local(workers: int) -> AbstractContextManager[Any]:
 
 
 def _running(workers: int, address: str | None = None) -> AbstractContextManager[Any]:
-    """Return the address of a scheduler that runs already, with workers of its own.
-
-    Raises ConfigError if neither the settings nor the environment have one.
-    """
+    """Return the address of a running scheduler; raises ConfigError if it is set nowhere."""
     address = address or os.environ.get("DASK_SCHEDULER_ADDRESS")
     if not address:
         raise ConfigError(
@@ -216,11 +213,7 @@ def _running(workers: int, address: str | None = None) -> AbstractContextManager
 
 
 def _slurm(workers: int, folder: str, **settings: Any) -> AbstractContextManager[Any]:
-    """Start each worker as a SLURM job of one process with one thread.
-
-    `folder` is on a shared disk: it keeps the jobs' logs and the keys of the encrypted connection.
-    Raises ConfigError if SLURM refuses such a job.
-    """
+    """Start each worker as a SLURM job of one thread; logs and keys lie in the shared `folder`."""
     within("compute.workers", workers, Count)
     try:
         from dask_jobqueue import SLURMCluster

@@ -43,10 +43,8 @@ def _remove_old_scratches(path: Path) -> None:
 
 
 def _is_writing(pid: int, scratch: Path) -> bool:
-    """Whether another process, `pid`, is alive and may be the one that writes `scratch`.
-
-    A process that is younger than the scratch has only got the number of the one that wrote it.
-    """
+    """Whether another process, `pid`, is alive and may be the one that writes `scratch`."""
+    # a process that is younger than the scratch has only got its writer's number
     try:
         process = psutil.Process(pid)
         is_alive = process.status() != psutil.STATUS_ZOMBIE

@@ -195,11 +195,9 @@ class Artifact:
 
     @classmethod
     def _opened(cls, path: Path | str, group: "zarr.Group") -> Self:
-        """The artifact of a zarr group; its fields are read when they are first used.
-
-        A kind is a frozen dataclass: its __init__ would want all fields, and it refuses to have
-        attributes set. So the object is made without __init__, and its dictionary is filled.
-        """
+        """The artifact of a zarr group; its fields are read when they are first used."""
+        # a kind is a frozen dataclass that wants all fields: it is made without __init__, and its
+        # dictionary filled
         artifact = cls.__new__(cls)
         artifact.__dict__["path"] = path
         artifact.__dict__["_group"] = group
@@ -458,11 +456,8 @@ def read_recipe(path: str | Path) -> dict[str, str]:
 
 @contextmanager
 def _damage_as_artifact_error(path: str | Path) -> Iterator[None]:
-    """Raise ArtifactError where a model's file is missing, or the block finds it damaged.
-
-    zipfile compares a checksum of each file in the zip that the block reads, so the contents of the
-    files need no further check.
-    """
+    """Raise ArtifactError where a model's file is missing, or the block finds it damaged."""
+    # zipfile compares a checksum of each file that the block reads, so contents need no check
     if not Path(path).exists():
         raise ArtifactError(f"{path}: no such model; `dvc repro` trains it")
     if Path(path).is_dir():

@@ -237,10 +237,7 @@ class Publisher:
     def _check_disk(
         self, downloader: Downloader, store: Path, archives: Sequence[Archive], watch: Progress
     ) -> None:
-        """Raise LogError unless the disk has room for these archives.
-
-        It needs room for all of them unpacked, and for the largest one packed beside them.
-        """
+        """Raise LogError unless the disk has room for all unpacked and the largest one packed."""
         unpacked_bytes = 0.0
         packed_bytes = 0
         for archive in archives:
@@ -265,11 +262,7 @@ class Publisher:
             )
 
     def _verified_digest(self, path: Path, archive: Archive) -> str:
-        """The sha256 of a downloaded file.
-
-        It is compared with that of the publisher, else with that of an earlier fetch. If they
-        differ, the file is removed and LogError raised.
-        """
+        """The sha256 of a downloaded file; a file of another than is expected is removed."""
         with path.open("rb") as file:
             digest = hashlib.file_digest(file, "sha256").hexdigest()
         expected_digest = digest
@@ -299,10 +292,7 @@ def _check_inside(path: str, target: str) -> None:
 
 
 def _move_in(path: Path, archive: Archive, folder: Path, digest: str) -> int:
-    """Unpack or move a downloaded archive into a sequence's folder, and record its sha256.
-
-    Returns how many files it has become.
-    """
+    """Unpack or move an archive into a sequence's folder; returns how many files it has become."""
     folder.mkdir(exist_ok=True)
     file_count = unpack(path, folder, archive.target) if archive.is_packed else 1
     checksum_file(path).write_text(f"{digest}  {archive.name}\n", encoding="utf-8")
@@ -314,10 +304,7 @@ def _move_in(path: Path, archive: Archive, folder: Path, digest: str) -> int:
 
 
 def _listing_digest(store: Path, fetch: Fetch) -> str:
-    """The sha256 of the lines `DIGEST  NAME` of all files of a series, as they are in its folder.
-
-    If it is not the publisher's, the files are removed and LogError raised.
-    """
+    """The sha256 of the lines `DIGEST  NAME` of a series; a wrong one removes the files."""
     digests = {
         archive.name: hashlib.sha256((fetch.folder / archive.target).read_bytes()).hexdigest()
         for archive in fetch.archives

@@ -175,10 +175,7 @@ class Downloader:
         part.finish(path)
 
     def _answer(self, method: str, url: str, headers: dict[str, str]) -> requests.Response:
-        """The answer to a request, after at most MAX_REDIRECTS redirections.
-
-        They may lead only to http(s), and never from https to http.
-        """
+        """The answer, after at most MAX_REDIRECTS redirections, never from https to http."""
         address = url
         options: dict[str, Any] = {
             "stream": True,
@@ -204,10 +201,7 @@ class Downloader:
 
 
 def _checked(answer: requests.Response) -> requests.Response:
-    """An answer whose status code is one of success.
-
-    Raises TryAgainError for one after which another try may succeed, LogError for any other.
-    """
+    """An answer of success; raises TryAgainError for one that may pass, LogError for any other."""
     # 416: the part does not fit the file any more, and `_continued` drops it
     if answer.status_code in (200, 206, 416):
         return answer
@@ -222,11 +216,7 @@ def _checked(answer: requests.Response) -> requests.Response:
 
 
 def _continued(answer: requests.Response, part: Part, arrived_bytes: int) -> tuple[Part, int]:
-    """The part that an answer continues, and how many of its bytes are on disk.
-
-    An answer with the whole file begins a new part, of which 0 bytes are on disk. Raises
-    TryAgainError for an answer that does not continue what has arrived.
-    """
+    """The part that an answer continues, and how many of its bytes are on disk."""
     if answer.status_code == 200:
         tag = answer.headers.get("ETag", "")
         is_strong = re.fullmatch('"[^"]*"', tag)

@@ -102,10 +102,8 @@ def _extract(path: Path, scratch: Path) -> int:
 
 
 def _write_member(tar: tarfile.TarFile, member: tarfile.TarInfo, target: Path) -> None:
-    """Write the content of a checked member to `target`.
-
-    `tar.extract` is not used, since it has safe filters only after Python 3.11.2.
-    """
+    """Write the content of a checked member to `target`."""
+    # `tar.extract` has safe filters only after Python 3.11.2
     if member.isdir():
         target.mkdir(parents=True, exist_ok=True)
         return

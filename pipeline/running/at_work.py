@@ -97,11 +97,8 @@ def _pids(node: Any) -> Iterator[int]:
 
 
 def _has_lived_since(pid: int, time_s: float) -> bool:
-    """Whether a process runs, and did so at `time_s`, in seconds since 1970.
-
-    If it began later, its id belonged to another process then. A killed process for which nobody
-    has waited yet does not run.
-    """
+    """Whether a process runs, and did so at `time_s`, in seconds since 1970."""
+    # a younger process got the id of one that has ended; a zombie does not run
     try:
         process = psutil.Process(pid)
         return bool(process.status() != psutil.STATUS_ZOMBIE and process.create_time() <= time_s)

@@ -148,10 +148,7 @@ def definition(root: Path) -> dict[str, Any]:
 
 @lru_cache(maxsize=64)
 def _stages(path: Path, written_ns: int) -> dict[str, Any]:
-    """The entries of one lock file, none if it is unreadable.
-
-    `written_ns` is when it was written: a file that has changed since is not taken from the cache.
-    """
+    """The entries of one lock file as it was at `written_ns`, none if it is unreadable."""
     try:
         content = yaml.load(path.read_text(encoding="utf-8"), Yaml)
     except (UnicodeDecodeError, yaml.YAMLError):

@@ -28,10 +28,7 @@ def fingerprint(*parts: object) -> str:
 
 
 def _sources(module: str, seen: set[str]) -> set[str]:
-    """The source files of a module of this project and of those that it imports.
-
-    `seen` are the modules visited so far, which are passed over; this one and those are added.
-    """
+    """The source files of a module of this project and of those it imports, but those in `seen`."""
     if module in seen or not module.startswith("pipeline") or module not in sys.modules:
         return set()
     seen.add(module)

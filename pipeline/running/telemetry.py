@@ -199,10 +199,8 @@ class Telemetry:
 
 
 def _gpu_memory_mb() -> float | None:
-    """The GPU memory that torch holds; None unless this process uses torch on a GPU already.
-
-    To ask torch for it otherwise would start the GPU.
-    """
+    """The GPU memory that torch holds; None unless this process uses torch on a GPU already."""
+    # to ask torch for it otherwise would start the GPU
     cuda = getattr(sys.modules.get("torch"), "cuda", None)
     is_in_use = getattr(cuda, "is_initialized", bool)()  # torch may be half imported
     return cuda.memory_reserved() * MB if cuda and is_in_use else None

@@ -65,10 +65,7 @@ def _folded_block(lines: list[str], width: int) -> str:
 
 
 def _folded_table(table: list[str], width: int) -> list[str]:
-    """A table's lines in parts one below the other, an empty line between them.
-
-    Each part has the first column and as many further ones as fit.
-    """
+    """A table's lines in parts one below the other, each with the first column."""
     table = [line for line in table if line]
     first_column, *other_columns = (rule.span() for rule in re.finditer("─+", table[1]))
     parts: list[list[tuple[int, int]]] = [[]]  # the columns in each, from where to where

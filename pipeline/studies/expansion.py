@@ -200,11 +200,7 @@ def _add_answers(
     model: ModelName,
     model_settings: Mapping[str, Any],
 ) -> None:
-    """Add what a model answers: rankings, poses and paths, and the evaluation of each.
-
-    At the study's own cell sizes, it is asked about tests and stress, as driven and altered. At the
-    further sizes in `cells`, it is asked only about the tests as driven, without poses.
-    """
+    """Add what a model answers, and its evaluation; at further cell sizes, only tests as driven."""
     dataset = study.name
     instance = _instance(study, grid, model)
     is_own_grid = grid in study.grids
@@ -313,10 +309,8 @@ def _add_viewpoints(lists: Lists, study: Study) -> None:
 
 
 def _add_absent(lists: Lists, kind: str, *names: str) -> None:
-    """Add an empty folder in the place of a kind of artifacts that a study has none of.
-
-    DVC has no optional dependencies. A stage that reads the kind finds the folder empty.
-    """
+    """Add an empty folder in the place of a kind of artifacts that a study has none of."""
+    # DVC has no optional dependencies: a stage that reads the kind finds the folder empty
     lists["absent"]["-".join((*names, kind))] = {"out": _path(kind, *names)}
 
 

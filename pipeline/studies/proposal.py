@@ -414,11 +414,7 @@ def refuse_unposed(study: Study, reader: Mapping[str, Any]) -> None:
 
 
 def _defaults(conf: Path, name: str, study: Mapping[str, Any], question: str) -> Mapping[str, Any]:
-    """The study in a data set's yaml, with the changes that a question makes to it.
-
-    conf/question/QUESTION.yaml has the changes to every study, the data set's yaml those to its
-    own. Raises ConfigError for a question that this data set cannot be asked.
-    """
+    """The study in a data set's yaml, with the changes of conf/question and of the yaml itself."""
     # a data set can be asked about viewpoints only if its yaml has a table for them
     questions = [word for word in QUESTIONS if word != VIEWPOINTS or word in study]
     if question not in questions:

@@ -122,10 +122,7 @@ def code(step: Step) -> list[Path]:
 
 
 def _filled(node: Any, values: Mapping[str, Any]) -> Any:
-    """A part of a parsed yaml with every reference ${a.b} replaced by the value at that path.
-
-    A text that is only a reference becomes the value itself, such as a list.
-    """
+    """A part of a parsed yaml with every reference ${a.b} replaced by the value at that path."""
     if isinstance(node, Mapping):
         return {_filled(key, values): _filled(value, values) for key, value in node.items()}
     if isinstance(node, list):

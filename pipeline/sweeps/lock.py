@@ -69,10 +69,7 @@ class UpToDate:
         return all(self.is_up_to_date(producer, step_of_artifact) for producer in producers)
 
     def _params(self, file: str, keys: tuple[str, ...]) -> dict[str, Any]:
-        """The values of `keys`, such as `studies.town`, in a file; without keys all its content.
-
-        A key that the file lacks is left out.
-        """
+        """The values of `keys`, such as `studies.town`, that a file has; without keys all of it."""
         content: dict[str, Any] = yaml.load((self._root / file).read_text(encoding="utf-8"), Yaml)
         if not keys:
             return content

@@ -218,10 +218,7 @@ def _substituted(value: str, replacements: Mapping[str, str], gather: Gather) ->
 
 
 def _distinct_names(outs: Sequence[str]) -> list[str]:
-    """A file name for each artifact of one step, in the order of `outs`.
-
-    A name that an earlier artifact has already gets the artifact's kind before it.
-    """
+    """A file name for each artifact of one step; a second one of a name has its kind before it."""
     names: list[str] = []
     for path in map(PurePosixPath, outs):
         kind = path.parts[1]  # artifacts/KIND/…

@@ -81,11 +81,8 @@ def command_line(words: Sequence[str], defaults: Mapping[str, str], folder: Path
 
 
 def _swept_with_group(word: str, swept_keys: Set[str]) -> str:
-    """The override of one field of a group that is swept itself, as a sweep over one value.
-
-    With grid=10m,20m, the word grid.cell_m=5 becomes grid.cell_m=choice(5). As a plain override,
-    Hydra would look for the field in the default file of the group. Other words stay as they are.
-    """
+    """The override of one field of a group that is swept itself, as a sweep over one value."""
+    # as a plain override, Hydra would look for the field in the default file of the group
     key, _, value = word.partition("=")
     group = key.partition(".")[0]
     if group in swept_keys - {key} and value and "," not in value:

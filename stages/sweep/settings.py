@@ -157,11 +157,7 @@ def _values(
     overrides: tuple[str, ...],
     files: tuple[tuple[tuple[str, ...], tuple[str, ...]], ...],
 ) -> dict[str, Any]:
-    """The stage's own fields, and what it takes of each group that dvc.yaml lists for it.
-
-    `files` has, for each file, the parts of its path, such as conf, grid, 10m.yaml, and the keys in
-    it that count; without keys all count. They are tuples, which the cache can hash.
-    """
+    """The stage's own fields, and of each group the keys in `files`; without keys all of them."""
     settings: Any = OmegaConf.to_container(_composed(stage, overrides))
     values = {key: value for key, value in settings.items() if key not in GROUPS}
     for parts, keys in files:
