@@ -44,7 +44,8 @@ class StoredArray:
         self._path = path
         self._array = array
         file_shape = array.shards or array.chunks
-        expected = math.prod(map(_part_count, array.shape, file_shape))
+        lengths = zip(array.shape, file_shape, strict=True)
+        expected = math.prod(-(-length // part) for length, part in lengths)  # rounded up
         missing = expected - len(matching_files(path, f"{array.basename}/c.*"))
         if missing > 0:
             raise ArtifactError(
@@ -69,11 +70,6 @@ class StoredArray:
     def __getattr__(self, name: str) -> Any:
         """Everything else, such as `shape`, is the zarr array's own."""
         return getattr(self._array, name)
-
-
-def _part_count(length: int, part_length: int) -> int:
-    """The number of parts that cover a length."""
-    return -(-length // part_length)  # the quotient, rounded up
 
 
 def metadata_checksum(path: Path | str) -> int:

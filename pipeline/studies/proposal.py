@@ -110,11 +110,6 @@ class Request:
         return [name for name in names if name != SLAM]
 
     @property
-    def wants_slam(self) -> bool:
-        """Whether `poses=` has the word SLAM: poses are to be estimated from the scans."""
-        return SLAM in self.options.get("poses", "").split(",")
-
-    @property
     def preset(self) -> str:
         """The preset of the simulated world."""
         return self.options.get("world", PRESET)
@@ -351,7 +346,8 @@ def with_poses(study: Study, request: Request) -> Study:
         raise ConfigError(
             f"paths={request.options['paths']}: joins poses along a drive; say poses=METHOD too"
         )
-    return replace(study, poses=tuple(poses), paths=tuple(paths), slam=request.wants_slam)
+    is_slam = SLAM in request.options.get("poses", "").split(",")
+    return replace(study, poses=tuple(poses), paths=tuple(paths), slam=is_slam)
 
 
 def _posed_families(study: Study, request: Request) -> list[str]:

@@ -107,13 +107,12 @@ def inputs(step: Step, step_of_artifact: Mapping[str, Step]) -> dict[str, Step]:
     return {
         artifact: producer
         for artifact, producer in step_of_artifact.items()
-        if any(_is_read(PurePosixPath(artifact), path) for path in read_paths)
+        # a path is the artifact itself, a part of it, or a folder that it is in
+        if any(
+            path.is_relative_to(artifact) or PurePosixPath(artifact).is_relative_to(path)
+            for path in read_paths
+        )
     }
-
-
-def _is_read(artifact: PurePosixPath, path: PurePosixPath) -> bool:
-    """Whether a path is the artifact itself, a part of it, or a folder that it is in."""
-    return path.is_relative_to(artifact) or artifact.is_relative_to(path)
 
 
 def code(step: Step) -> list[Path]:

@@ -64,7 +64,13 @@ class Record:
 
         JSON has no NaN or infinity: such a number becomes null.
         """
-        rows = [{name: _finite_or_none(value) for name, value in row.items()} for row in self.rows]
+        rows = [
+            {
+                name: value if not isinstance(value, float) or math.isfinite(value) else None
+                for name, value in row.items()
+            }
+            for row in self.rows
+        ]
         with store.replace(folder / f"{self.number}.json") as scratch:
             scratch.write_text(
                 json.dumps({**asdict(self), "rows": rows}, indent=1, allow_nan=False),
@@ -84,11 +90,6 @@ def read(folder: Path) -> list[Record]:
         ]
         records.append(filled(Record, {**content, "rows": rows}))
     return sorted(records, key=lambda record: record.number)
-
-
-def _finite_or_none(value: Any) -> Any:
-    """The value itself, or None if it is a number that is not finite."""
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def cost(records: Sequence[Record]) -> str:

@@ -140,16 +140,15 @@ class ArtifactResolver:
             }
             for out, name in zip(step.outs, names, strict=True):
                 paths[out] = (folder / name).as_posix()
-            self._run(step, substituted_fields(step, paths, self._gathered_folder))
+            self._run(
+                step,
+                substituted_fields(step, paths, lambda parts: self._cache.gather(parts).as_posix()),
+            )
 
         folder, was_built = self._cache.get(step.stage, self._key(step), names, build)
         origin = self.built if was_built else self.from_sweeps
         origin[step.stage] += 1
         return [folder / name for name in names]
-
-    def _gathered_folder(self, paths: Mapping[str, str]) -> str:
-        """The `Gather` of paths: a folder of links to them."""
-        return self._cache.gather(paths).as_posix()
 
     def _key(self, step: Step) -> str:
         """The cache's key of a step: a digest of its parameters, code, and the inputs' keys."""
@@ -159,7 +158,9 @@ class ArtifactResolver:
                 artifact: self._key(producer)
                 for artifact, producer in self._inputs[step.command].items()
             }
-            fields = substituted_fields(step, input_keys, _gathered_key)
+            fields = substituted_fields(
+                step, input_keys, lambda keys: fingerprint(sorted(keys.items()))
+            )
             fields_without_outputs = {
                 field: value
                 for field, value in fields.items()
@@ -174,11 +175,6 @@ class ArtifactResolver:
                 sources,
             )
         return self._keys[name]
-
-
-def _gathered_key(keys: Mapping[str, str]) -> str:
-    """The `Gather` of keys: a digest of them."""
-    return fingerprint(sorted(keys.items()))
 
 
 def substituted_fields(
