@@ -1,9 +1,12 @@
 """How full scans and their views are, the same figures of recorded and of simulated logs.
 
-`benchmarks.realism full` prints them. A log is read in stretches of scans that follow each other:
-the bird-view is of the octree over a whole stretch, everything else of its last scan alone.
+`python -m benchmarks.fullness LOG …` prints them side by side: a LOG is a world's yaml, KITTI's
+folder of a sequence with poses, the folder of NCLT's key frames, or one scan of either. A log is
+read in stretches of scans that follow each other: the bird-view is of the octree over a whole
+stretch, everything else of its last scan alone.
 """
 
+import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -171,3 +174,8 @@ def stretched(name: str, world: Simulation, stretches: int, scans: int) -> Log:
                 ]
             )
     return Log(name, gathered, float(sensor[2, 3]))
+
+
+if __name__ == "__main__":
+    for line in table(map(read, sys.argv[1:])):
+        print(line, flush=True)
