@@ -22,7 +22,7 @@ from benchmarks import faults
 from pipeline.cli import main
 from pipeline.core import store
 from pipeline.core.errors import YearlocError
-from pipeline.inspection.kinds import KINDS
+from pipeline.inspection.dictionary import KINDS
 from pipeline.running.texts import read_yaml
 from tests.clone import ROOT
 from tests.inspection.test_artifacts import write

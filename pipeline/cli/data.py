@@ -102,10 +102,7 @@ def _save_proposal(bags: Path, save: Path) -> None:
 
 
 def _folder_reader() -> "Folder":
-    """The reader of a user's own folders of scans.
-
-    conf/dataset/folder.yaml sets it up, or outside of a project its defaults.
-    """
+    """The reader of a user's own folders of scans."""
     from pipeline.core.building import build
     from pipeline.readers.folder import Folder
 

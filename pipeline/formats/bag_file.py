@@ -155,10 +155,7 @@ class BagFile:
         return 1 if isinstance(self._reader, rosbag1.Reader) else 2
 
     def _connections(self, topic: str) -> list[Connection]:
-        """The connections, one for each node that wrote a topic.
-
-        Raises LogError unless all its messages are of one type, and of the standard's definition.
-        """
+        """The connections, one a node, of a topic of one type and of the standard's definition."""
         if topic in self._connections_by_topic:
             return self._connections_by_topic[topic]
         connections = [

@@ -150,10 +150,7 @@ def refuse_planar(data: bytes, path: Path) -> None:
 
 
 def _is_nclt(data: bytes) -> bool:
-    """Whether the bytes are NCLT's records of four words: no coordinate is 0, laser ids are small.
-
-    The high byte of the fourth word is the laser's id.
-    """
+    """Whether the bytes are NCLT's records of four words: coordinates over 0, small laser ids."""
     head_bytes = min(len(data), HEAD_BYTES) // NCLT_BYTES * NCLT_BYTES
     words = np.frombuffer(data[:head_bytes], "<u2").reshape(-1, 4)
     if len(data) % NCLT_BYTES or not len(words):

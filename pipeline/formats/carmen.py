@@ -95,10 +95,8 @@ def read(path: Path) -> Records:
 
 
 def _flaser(laser: Laser, words: list[str], odometry: int) -> Sweep:
-    """The sweep of a FLASER or RLASER record.
-
-    Its words are n, n ranges, the laser's pose, the robot's, stamp, host, stamp.
-    """
+    """The sweep of a FLASER or RLASER record."""
+    # Its words are n, n ranges, the laser's pose, the robot's, stamp, host, stamp.
     beams = _count(words[0])
     after_ranges = 1 + beams
     return Sweep(
@@ -114,12 +112,10 @@ def _flaser(laser: Laser, words: list[str], odometry: int) -> Sweep:
 
 
 def _robotlaser(laser: Laser, words: list[str], odometry: int) -> Sweep:
-    """The sweep of a ROBOTLASER1 or ROBOTLASER2 record.
-
-    Its words are type, first angle, field of view, step, largest range, accuracy, mode, n, n
-    ranges, m, m remissions, the laser's pose, the robot's, five numbers of its motion, stamp, host,
-    stamp.
-    """
+    """The sweep of a ROBOTLASER1 or ROBOTLASER2 record."""
+    # Its words are type, first angle, field of view, step, largest range, accuracy, mode, n, n
+    # ranges, m, m remissions, the laser's pose, the robot's, five numbers of its motion, stamp,
+    # host, stamp.
     first_rad, _, step_rad, limit_m = _numbers(words, 1, 4)
     beams = _count(words[7])
     after_ranges = 8 + beams
@@ -168,10 +164,7 @@ def _numbers(words: list[str], start: int, count: int) -> NDArray[np.float64]:
 
 
 def _ranges(words: list[str], start: int, beams: int) -> NDArray[np.float64]:
-    """The ranges (beam,) in metres from the word `start` on; they may be NaN or infinite.
-
-    Raises ValueError for words that are no numbers, or for too few words.
-    """
+    """The ranges (beam,) in metres from the word `start` on; they may be NaN or infinite."""
     ranges_m = np.array(words[start : start + beams], np.float64)
     if len(ranges_m) < beams:
         raise ValueError

@@ -192,11 +192,7 @@ def _ascii(header: Header, body: bytes, path: Path) -> NDArray[np.float64]:
 
 
 def _unpacked(path: Path, header: Header, body: memoryview, max_bytes: int) -> NDArray[np.uint8]:
-    """The unpacked bytes of a compressed block.
-
-    Before the block stand the sizes of its packed and unpacked bytes. They are checked before
-    anything is allocated.
-    """
+    """The unpacked bytes of a compressed block."""
     if len(body) < SIZES_BYTES:
         raise LogError(f"{path}: no sizes after 'DATA binary_compressed'; the file is cut short")
     packed_bytes, unpacked_bytes = (int(size) for size in np.frombuffer(body[:SIZES_BYTES], "<u4"))
@@ -239,12 +235,10 @@ def _xyz(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _lzf(packed: NDArray[np.uint8], unpacked: NDArray[np.uint8]) -> bool:
-    """Unpack a block of Marc Lehmann's LZF into all of `unpacked`; False if it is damaged.
-
-    A control byte c < 32 is followed by c + 1 literal bytes. Any other control byte copies earlier
-    output: its 3 upper bits (and one more byte if they are 7) are the length, its 5 lower bits and
-    the next byte the distance back. Copies may overlap their own output.
-    """
+    """Unpack a block of Marc Lehmann's LZF into all of `unpacked`; False if it is damaged."""
+    # A control byte c < 32 is followed by c + 1 literal bytes. Any other control byte copies
+    # earlier output: its 3 upper bits (and one more byte if they are 7) are the length, its 5 lower
+    # bits and the next byte the distance back. Copies may overlap their own output.
     read_bytes = np.int64(0)
     written_bytes = np.int64(0)
     while read_bytes < packed.shape[0]:

@@ -142,11 +142,9 @@ def _rows(message: PointCloud2) -> int:
 
 
 def _row_bytes(message: PointCloud2) -> int:
-    """Bytes from the start of a row to that of the next; raises LogError for sizes that do not fit.
-
-    Some drivers write the size of the whole cloud as row_step, or 0: it is ignored if the points
-    fill the data without padding.
-    """
+    """Bytes from one row to the next; raises LogError for sizes that do not fit."""
+    # Some drivers write the size of the whole cloud as row_step, or 0: it is ignored if the points
+    # fill the data without padding.
     height = _rows(message)
     width = message.width
     point_bytes = message.point_step

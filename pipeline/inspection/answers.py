@@ -89,11 +89,7 @@ def add_rankings(artifact: Rankings, inspection: Inspection) -> None:
 
 
 def _novelty_rows(artifact: Rankings) -> list[tuple[str, str]]:
-    """A row for each kind of novelty: its distribution, and how many queries it rejects.
-
-    The novelty says how likely a query is at an unseen place. The row also says where a threshold
-    has less than the wanted precision on the held-out blocks of training.
-    """
+    """A row for each kind of novelty: its distribution, and how many queries it rejects."""
     wanted_precision = artifact.wanted_precision
     rows = []
     for kind, threshold, values, precision in zip(

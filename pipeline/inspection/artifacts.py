@@ -1,6 +1,6 @@
 """Describes an artifact for `yearloc inspect`: a path in; rows of text and warnings out.
 
-An artifact is what a stage writes: a zarr group of one of the kinds in `kinds`, or a model, an
+An artifact is what a stage writes: a zarr group of one of the kinds in `dictionary`, or a model, an
 archive of named arrays.
 """
 
@@ -14,8 +14,8 @@ import numpy as np
 from pipeline.core import store
 from pipeline.core.errors import ArtifactError
 from pipeline.inspection import answers, columns, drives
+from pipeline.inspection.dictionary import KINDS
 from pipeline.inspection.inspection import Inspection, nbytes
-from pipeline.inspection.kinds import KINDS
 from pipeline.inspection.origin import bytes_on_disk, one_line
 
 KEY_NUMBERS: dict[str, Callable[[Any, Inspection], None]] = {

@@ -120,10 +120,7 @@ def _with_odometry_alone(poses: TopicSummary, is_sweep: bool) -> str:
 def _extrinsic(
     contents: Contents, points: TopicSummary, poses: TopicSummary | None, warnings: list[str]
 ) -> tuple[NDArray[np.float64] | None, str]:
-    """body_T_lidar (4, 4), None where it is unknown, and the comment beside it in the yaml.
-
-    Where the user has to give it, a line is appended to `warnings`.
-    """
+    """body_T_lidar (4, 4), None where it is unknown, and the comment beside it in the yaml."""
     ask = "give x, y, z in m and roll, pitch, yaw in deg"
     if poses is None:
         return np.eye(4), "without poses the LiDAR is the body"
@@ -155,10 +152,7 @@ def _extrinsic(
 def _lift(
     contents: Contents, points: TopicSummary, body_T_lidar: NDArray[np.float64] | None
 ) -> tuple[float, str]:
-    """The lift in metres that puts the ground at z = 0, and the comment beside it in the yaml.
-
-    It is estimated from the first clouds; 0 where it cannot be.
-    """
+    """The lift in metres that puts the ground at z = 0, and the comment beside it in the yaml."""
     if points.kind == SWEEP:
         # a sweep at 0.1 m or lower would be invisible in a view of heights
         is_raised = body_T_lidar is not None and body_T_lidar[2, 3] > 0.1

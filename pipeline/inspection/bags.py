@@ -111,11 +111,7 @@ def _transform_rows(contents: Contents) -> list[tuple[str, ...]]:
 
 
 def _try(path: Path, text: str, contents: Contents, inspection: Inspection) -> None:
-    """Open the bag, or the first of several drives, with the proposed yaml.
-
-    Describes the log and a few of its clouds. If the reader refuses the bag, its error becomes a
-    warning.
-    """
+    """Open the bag, or the first of several drives, with the proposed yaml."""
     reader = yaml.safe_load(text)["reader"]
     del reader["_target_"]
     if reader["truth"] is None and not contents.of(CLOUD):

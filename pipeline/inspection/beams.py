@@ -75,10 +75,7 @@ def _sensor_z_m(
     ground_m: float,
     up: float,
 ) -> float | None:
-    """The height from which points (n,) fill the fewest cells; None if no height stands out.
-
-    `turns` (n,) are their azimuths as shares of a full turn.
-    """
+    """The height from which points (n,) fill the fewest cells; None if no height stands out."""
     slices = _slices(turns, HEIGHT_SLICES)
     row_count = int(180 / CELL_DEG)
 
@@ -99,11 +96,9 @@ def _sensor_z_m(
 
 
 def _beam_count(slices: NDArray[np.int64], elevation_deg: NDArray[np.float64]) -> int:
-    """The number of beams of points (n,) with the index of their slice and their elevation.
-
-    It is the number of clusters of elevation in the best 1/60 of the slices, since in most slices
-    some beams point at the sky.
-    """
+    """The number of beams of points (n,) with the index of their slice and their elevation."""
+    # It is the number of clusters of elevation in the best 1/60 of the slices, since in most slices
+    # some beams point at the sky.
     order = np.lexsort((elevation_deg, slices))
     slices = slices[order]
     elevation_deg = elevation_deg[order]

@@ -1,4 +1,4 @@
-"""Generates the data dictionary in docs/artifacts.md from the kinds of artifacts.
+"""Lists the kinds of artifacts, and generates the data dictionary in docs/artifacts.md from them.
 
 `python -m pipeline.inspection.dictionary` writes it anew; a test checks that it is up to date.
 """
@@ -6,9 +6,38 @@
 from collections.abc import Iterator
 from pathlib import Path
 
+from pipeline.core.schemas import (
+    VIEW_KINDS,
+    Estimates,
+    Fixes,
+    Labels,
+    Lifelong,
+    Maps,
+    Rankings,
+    Scans,
+    Submaps,
+)
 from pipeline.core.store import Artifact
-from pipeline.inspection.kinds import KINDS
+from pipeline.evaluation.judgement import Evaluations
+from pipeline.evaluation.viewpoints import ViewpointMatches
 
+KINDS: dict[str, type[Artifact]] = {
+    schema.kind: schema
+    for schema in (
+        Estimates,
+        Scans,
+        Submaps,
+        *VIEW_KINDS,
+        Labels,
+        Maps,
+        Rankings,
+        Fixes,
+        Evaluations,
+        ViewpointMatches,
+        Lifelong,
+    )
+}
+"""The class of each kind of artifact that stages write, by its name in their attributes."""
 START = "<!-- generated: the kinds of artifacts -->"
 """The line of the page below which all is generated."""
 

@@ -120,10 +120,7 @@ def add_views(artifact: Views, inspection: Inspection) -> None:
 def _drive_rows(
     artifact: Scans | Submaps | Views, inspection: Inspection, poses: str, row_name: str
 ) -> list[tuple[str, str]]:
-    """Rows with the count, date, duration, path and step of a drive; warns of poses and stamps.
-
-    `poses` is the name of the array of poses, `row_name` what a row of the artifact is called.
-    """
+    """Rows with the count, date, duration, path and step of a drive; warns of poses and stamps."""
     stamps = artifact.stamps_ns
     xyz_m = np.asarray(artifact[poses][:, :3, 3])
     rows = [(row_name, f"{len(stamps):,}")]

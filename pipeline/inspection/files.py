@@ -135,10 +135,7 @@ def _describe_own_scan(path: Path, inspection: Inspection) -> None:
 
 
 def _describe_packets(path: Path, inspection: Inspection) -> None:
-    """Describe velodyne_hits.bin: all packet headers, and the points of one revolution.
-
-    The revolution begins in the middle of the file; its points are brought into the body frame.
-    """
+    """Describe velodyne_hits.bin: all packet headers, and the points of one revolution."""
     packets = read_packets(path)
     utimes = packets.utimes
     middle = len(utimes) // 2

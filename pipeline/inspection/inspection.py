@@ -120,10 +120,7 @@ class Inspection:
 
 
 def _wrapped(text: str, prefix: str, width: int) -> list[str]:
-    """The lines of a text, the first one after `prefix`, the others indented as far.
-
-    Words longer than a line stay whole.
-    """
+    """The lines of a text, the first one after `prefix`, the others indented as far."""
     wrapper = textwrap.TextWrapper(
         width,
         initial_indent=prefix,

@@ -74,11 +74,7 @@ def _rows(entry: LockEntry) -> list[tuple[str, str]]:
 
 
 def _settings(values: Mapping[str, Any]) -> str:
-    """The settings of a conf file that have a value, as one line.
-
-    Left out are those that are null, which the command line sets, and `defaults`, which names other
-    files.
-    """
+    """The settings of a conf file that have a value, as one line."""
     return ", ".join(
         f"{key}={one_line(value)}"
         for key, value in values.items()

@@ -75,7 +75,8 @@ def describe_nclt_poses(path: Path, inspection: Inspection) -> None:
     is_relative = path.stem.endswith("odometry_mu")
     track = read_poses(path, Nclt().max_gap_s)
     is_finite = np.isfinite(track.world_T_body).all(axis=(1, 2))
-    xyz_m = track.world_T_body[is_finite, :3, 3] * (1, -1, -1)  # north, east, down
+    north_east_down = (1, -1, -1)
+    xyz_m = track.world_T_body[is_finite, :3, 3] * north_east_down + 0.0  # makes −0 a 0
     source = "wheel odometry" if path.name.startswith("odometry") else "ground truth"
     content = "motion between images" if is_relative else "poses of the body"
     rows = [

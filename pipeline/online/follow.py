@@ -142,10 +142,7 @@ class Following:
             raise LogError(f"{file}: no PointCloud2{on_topic} came within {self.idle_s:g} s")
 
     def _next_cloud(self) -> tuple[int, bytes] | None:
-        """Wait for the oldest cloud that still waits, and a moment for odometry up to its stamp.
-
-        None at the end of the recording.
-        """
+        """Wait for the oldest cloud that still waits, and a moment for odometry up to its stamp."""
         with self._changed:
             self._changed.wait_for(lambda: self._clouds or self._ended)
             if not self._clouds:
@@ -157,12 +154,9 @@ class Following:
             cloud = self._clouds.popleft()
             if self.odometry:
                 stamp_ns, _ = cloud
-                self._changed.wait_for(partial(self._poses_reach, stamp_ns), AHEAD_S)
+                newest = self._newest_poses
+                self._changed.wait_for(lambda: self._ended or newest.stamp_ns >= stamp_ns, AHEAD_S)
             return cloud
-
-    def _poses_reach(self, stamp_ns: int) -> bool:
-        """Whether odometry has come up to a stamp, or no more of it will come."""
-        return bool(self._ended) or self._newest_poses.stamp_ns >= stamp_ns
 
     def _is_placed(self, lidar_frames: set[str]) -> bool:
         """Whether the transforms so far lead to the lidar, or no more will come."""
@@ -241,71 +235,55 @@ class Following:
     def _keep(self, record: Any, topic: str, kind: str) -> None:
         """Keep a message if it is a transform, a pose of the odometry, or a cloud."""
         if kind == TRANSFORMS:
-            self._keep_transforms(record.data, is_static=topic.endswith("tf_static"))
-        if self._is_odometry(topic, kind):
-            self._keep_poses(record, kind)
+            self._keep_transforms(record, is_static=topic.endswith("tf_static"))
+        elif kind in KINDS and topic == self.odometry:
+            self._keep_pose(record, kind)
         elif kind == CLOUD and topic == (self.topic or topic):
             self._keep_cloud(record)
 
-    def _is_odometry(self, topic: str, kind: str) -> bool:
-        """Whether a topic may hold poses of the odometry."""
-        if not self.odometry:
-            return False
-        return topic == self.odometry or (kind == TRANSFORMS and self.odometry.startswith("tf:"))
-
-    def _keep_transforms(self, data: bytes, is_static: bool) -> None:
-        """Keep the first pose of each transform, and one that differs if it moves.
-
-        Broken messages are reported as damage.
-        """
+    def _keep_transforms(self, record: Any, is_static: bool) -> None:
+        """Keep the first pose of each transform, one that differs, and those of the odometry."""
         try:
-            transforms = from_cdr(data, TRANSFORMS).transforms
+            transforms = from_cdr(record.data, TRANSFORMS).transforms
         except LogError as error:
             self.damage = f"{self.path}: a transform was left out: {error}"
             return
         with self._changed:
             for transform in transforms:
-                edge = _frames(transform)
+                parent = frame_name(transform.header.frame_id)
+                child = frame_name(transform.child_frame_id)
                 parent_T_child = poses([transform_numbers(transform)])
+                if self.odometry == f"tf:{parent}>{child}":
+                    self._add_pose(transform.header.stamp, record, child, parent_T_child[0])
                 if np.isnan(parent_T_child).any():
                     continue
                 if is_static:
-                    self._static_edges[edge] = (np.zeros(1, np.int64), parent_T_child)
-                if edge in self._edges:
-                    _, first = self._edges[edge]
-                    if np.abs(parent_T_child - first[:1]).max() <= MAX_FIXED_CHANGE:
-                        continue
+                    self._static_edges[parent, child] = (np.zeros(1, np.int64), parent_T_child)
+                _, first = self._edges.get((parent, child), (None, parent_T_child))
+                if np.abs(parent_T_child - first[:1]).max() > MAX_FIXED_CHANGE:
                     parent_T_child = np.concatenate([first[:1], parent_T_child])
-                self._edges[edge] = (np.zeros(len(parent_T_child), np.int64), parent_T_child)
+                elif len(first) > 1:  # it moves, and has come back
+                    continue
+                stamps_ns = np.zeros(len(parent_T_child), np.int64)
+                self._edges[parent, child] = (stamps_ns, parent_T_child)
             self._changed.notify()
 
-    def _keep_poses(self, record: Any, kind: str) -> None:
-        """Keep the poses of an odometry message; one that is broken is passed over."""
+    def _keep_pose(self, record: Any, kind: str) -> None:
+        """Keep the pose of an odometry message; one that is broken is passed over."""
         try:
-            stamped_poses = self._stamped_poses(from_cdr(record.data, kind), kind)
+            message = from_cdr(record.data, kind)
         except LogError:
             return
+        child = frame_name(message.child_frame_id) if kind == ODOMETRY else ""
         with self._changed:
-            for stamp, child, numbers in stamped_poses:
-                stamp_ns = stamp.sec * 10**9 + stamp.nanosec or int(record.log_time)
-                self._child = child
-                self._newest_poses.add(stamp_ns, poses([numbers])[0])
+            numbers = pose_numbers(message, kind)
+            self._add_pose(message.header.stamp, record, child, poses([numbers])[0])
             self._changed.notify()
 
-    def _stamped_poses(self, message: Any, kind: str) -> list[tuple[Any, str, Any]]:
-        """The poses in an odometry message: stamp, frame that moves, and numbers of each."""
-        if kind == TRANSFORMS:
-            stamped_poses = []
-            for transform in message.transforms:
-                parent, child = _frames(transform)
-                if self.odometry == f"tf:{parent}>{child}":
-                    numbers = transform_numbers(transform)
-                    stamped_poses.append((transform.header.stamp, child, numbers))
-            return stamped_poses
-        child = frame_name(message.child_frame_id) if kind == ODOMETRY else ""
-        if kind not in KINDS:
-            return []
-        return [(message.header.stamp, child, pose_numbers(message, kind))]
+    def _add_pose(self, stamp: Any, record: Any, child: str, odom_T_child: Poses) -> None:
+        stamp_ns = stamp.sec * 10**9 + stamp.nanosec or int(record.log_time)
+        self._child = child
+        self._newest_poses.add(stamp_ns, odom_T_child)
 
     def _keep_cloud(self, record: Any) -> None:
         """Let a cloud wait to be taken; if too many wait, the oldest is dropped."""
@@ -322,17 +300,9 @@ class Following:
 
 
 def _points(data: bytes, stamp_ns: int, body_T_lidar: Poses, step: Poses) -> NDArray[np.float64]:
-    """The points (n, 3) of a cloud's message, in the body, as they lay at its stamp.
-
-    `step` (4, 4) is how the body moved in the STEP_S before it; NaN if unknown.
-    """
+    """The points (n, 3) of a cloud's message, in the body, as they lay at its stamp."""
     cloud = from_cdr(data, CLOUD)
     points_m = placed(decode(cloud), body_T_lidar)
     if not np.isfinite(step).all():
         return points_m
     return deskewed(points_m, times_s(cloud, stamp_ns), step, STEP_S)
-
-
-def _frames(transform: Any) -> tuple[str, str]:
-    """The parent and child frame of a transform."""
-    return frame_name(transform.header.frame_id), frame_name(transform.child_frame_id)

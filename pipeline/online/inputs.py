@@ -194,11 +194,9 @@ def _files(path: Path) -> list[Path]:
 
 
 def _stamp_ns(stem: str) -> int | None:
-    """The stamp in a file's name, which is a time since 1970; None if it is something else.
-
-    Whole numbers of 18 digits or more are nanoseconds, of 15 or more microseconds, shorter ones the
-    number of a row; with a point it is seconds.
-    """
+    """The stamp in a file's name, which is a time since 1970; None if it is something else."""
+    # Whole numbers of 18 digits or more are nanoseconds, of 15 or more microseconds, shorter ones
+    # the number of a row; with a point it is seconds.
     if not stem[:1].isdigit() or len(stem) > 40:
         return None
     if not (stem.isascii() and stem.isdecimal()):
@@ -220,10 +218,7 @@ def _of_bags(
     body_T_lidar: Poses | None,
     skipped: Counter[str],
 ) -> Iterator[Scan]:
-    """The clouds or sweeps of bags, messages of `kind`, with odometry interpolated at their stamps.
-
-    The other arguments are those of `scans`.
-    """
+    """The clouds or sweeps of bags, messages of `kind`, with odometry at their stamps."""
     cloud_counts = Counter[str]()
     for file in files:
         for name, bag_topic in file.topics.items():

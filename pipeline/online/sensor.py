@@ -116,10 +116,7 @@ def _numbers(pose: Poses) -> str:
 
 
 def _differences(diagnosis: Diagnosis, trained: Sensor, remedy: str) -> Iterable[str]:
-    """Warnings where the numbers of a scan differ from those of the training scans.
-
-    `remedy` is how to raise the points to the ground; it may be empty.
-    """
+    """Warnings where the numbers of a scan differ from those of the training scans."""
     beams = trained.beams
     height_m = trained.sensor_m
     azimuth_deg = trained.azimuth_deg

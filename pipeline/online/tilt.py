@@ -82,10 +82,7 @@ def lean(points_m: NDArray[np.float64], upside_down: bool = False) -> Lean | Non
 
 
 def _plane(points_m: NDArray[np.float64], steepest_deg: float) -> NDArray[np.float64] | None:
-    """The plane (4,) that most points (n, 3) lie on: its unit normal, z up, and its distance.
-
-    The distance is from the origin along the normal. None without a plane.
-    """
+    """The plane (4,) that most points (n, 3) lie on: its unit normal, z up, and its distance."""
     coefficients = plane(points_m, NEAR_M, steepest_deg, PLANES, np.random.default_rng(0))
     if coefficients is None:
         return None

@@ -199,10 +199,7 @@ def pose_sources(contents: Contents) -> tuple[TopicSummary | None, TopicSummary 
 
 
 def _trust(source: TopicSummary) -> int:
-    """A score, larger for poses that are more likely the truth than odometry.
-
-    Of equal ones a topic is preferred to transforms.
-    """
+    """A score, larger for poses that are more likely the truth than odometry."""
     score = 0
     if source.frame in WORLDS:
         score += 8

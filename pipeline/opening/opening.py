@@ -187,10 +187,7 @@ def _bag(path: Path, bags: list[Path], topic: str | None, odometry: str | None) 
 
 
 def _numbers(body_T_lidar: Poses | None) -> Sequence[float]:
-    """x, y, z in metres and roll, pitch, yaw in degrees of a pose (4, 4), or 0 where it is unknown.
-
-    Without a known place the LiDAR is the vehicle.
-    """
+    """x, y, z in metres and roll, pitch, yaw in degrees of a pose (4, 4); 0 where it is unknown."""
     if body_T_lidar is None:
         return (0.0,) * 6
     angles_deg = np.rad2deg(rpy(body_T_lidar[None])[0])

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.errors import ConfigError, LogError
-from pipeline.core.frames import ROUNDED_NS, Poses
+from pipeline.core.frames import Poses
 from pipeline.core.settings import Positive, check
 from pipeline.formats import bag_file
 from pipeline.formats.bag import CLOUD, IMU, SWEEP
@@ -24,7 +24,7 @@ from pipeline.readers import log, vehicle
 from pipeline.readers.bag_clouds import Clouds
 from pipeline.readers.bag_heading import heading
 from pipeline.readers.bag_poses import KINDS, Track, track
-from pipeline.readers.log import Log, PosedRows
+from pipeline.readers.log import Log
 from pipeline.readers.mounting import Transforms
 
 
@@ -81,7 +81,17 @@ class Bag:
         vehicle_T_lidar = log.raised(self.lift_m) @ body_T_lidar
 
         # the clouds that have a pose, with odometry of the frame that the truth is of
-        posed = self._posed_rows(where, clouds, truth, odometry, skipped)
+        posed = log.rows_with_poses(
+            where,
+            clouds.stamps_ns,
+            truth=truth.trajectory if truth else None,
+            odometry=odometry.trajectory if odometry else None,
+            skipped=skipped,
+            question=f"do {self.points} and {self.truth} share a clock?",
+            scans="messages",
+            truth_name=truth.name if truth else "",
+            keeps_unplaced=clouds.kind == SWEEP,  # submaps gather them
+        )
         stamps_ns = clouds.stamps_ns[posed.rows]
         odom_T_body = posed.odom_T_scan
         if odometry and odometry.child and truth and truth.child and odometry.child != truth.child:
@@ -94,7 +104,6 @@ class Bag:
         uncertainty = odometry.uncertainty if odometry else None
         sources = (clouds, truth, odometry, imu_heading)
         source_notes = [note for source in sources if source for note in source.notes]
-        doubts = vehicle.doubts(truth.name, truth.trajectory) if truth else ()
 
         def points(row: int) -> NDArray[np.float64]:
             # By einsum, since the threads of BLAS block each other when several readers work in
@@ -109,7 +118,7 @@ class Bag:
             odom_T_scan=log.lifted(odom_T_body, self.lift_m),
             points=points,
             skipped=+skipped,  # without the reasons that were counted as 0
-            notes=(*source_notes, *doubts, *posed.notes),
+            notes=(*source_notes, *posed.notes),
             odom_variance=uncertainty.at(stamps_ns) if uncertainty else None,
             heading_rad=imu_heading.at(stamps_ns) if imu_heading else None,
             times_s=lambda row: clouds.times_s(int(posed.rows[row])),
@@ -135,10 +144,7 @@ class Bag:
         return []
 
     def _check_topics(self, where: Path, files: Sequence[BagFile]) -> None:
-        """Raise LogError for a topic that no bag has, or whose type cannot be used.
-
-        The error lists the topics of the bags.
-        """
+        """Raise LogError, with the bags' topics, for one that none has or that cannot be used."""
         topics: dict[str, bag_file.Topic] = {}
         for file in files:
             topics |= file.topics
@@ -166,10 +172,7 @@ class Bag:
     def _extrinsic(
         self, where: Path, files: Sequence[BagFile], frames: set[str], poses: Track | None
     ) -> NDArray[np.float64]:
-        """body_T_lidar (4, 4), for points in `frames` and the body of `poses`.
-
-        Without poses the LiDAR is the body. Raises LogError if the bags do not hold it.
-        """
+        """body_T_lidar (4, 4), for points in `frames` and the body of `poses`."""
         if self.body_T_lidar is not None:
             return log.extrinsic("reader.body_T_lidar", self.body_T_lidar)
         if poses is None:
@@ -192,40 +195,6 @@ class Bag:
                 "reader.body_T_lidar"
             )
         return _fixed_transform(where, files, poses.child, *frames)
-
-    def _posed_rows(
-        self,
-        where: Path,
-        clouds: Clouds,
-        truth: Track | None,
-        odometry: Track | None,
-        skipped: Counter[str],
-    ) -> PosedRows:
-        """The clouds with a true pose, or all of them without `truth`.
-
-        Raises LogError if no cloud has a true pose.
-        """
-        if truth is None:
-            trajectory = odometry.trajectory if odometry else None
-            return log.rows_with_poses(
-                where,
-                clouds.stamps_ns,
-                truth=None,
-                odometry=trajectory,
-                skipped=skipped,
-                question="",  # is asked only where the truth lacks poses
-            )
-        posed = _rows_with_truth(clouds, truth, odometry, skipped)
-        if not len(posed.rows):
-            log.refuse_unposed(
-                where,
-                "messages",
-                clouds.stamps_ns,
-                truth.trajectory,
-                skipped=skipped,
-                question=f"do {self.points} and {self.truth} share a clock?",
-            )
-        return posed
 
 
 def _bag_paths(where: Path) -> list[Path]:
@@ -256,42 +225,3 @@ def _fixed_transform(where: Path, files: Sequence[BagFile], a: str, b: str) -> P
             "pose of that frame"
         )
     return a_T_b
-
-
-def _rows_with_truth(
-    clouds: Clouds, truth: Track, odometry: Track | None, skipped: Counter[str]
-) -> PosedRows:
-    """The clouds with a true pose, and the sweeps with odometry alone, which submaps gather.
-
-    Counts the other clouds in `skipped`.
-    """
-    stamps_ns = clouds.stamps_ns
-    world_T_body, has_truth = truth.trajectory.at(stamps_ns)
-    odom_T_body = np.full_like(world_T_body, np.nan)
-    is_used = has_truth.copy()
-    if odometry:
-        odom_T_body, has_odometry = odometry.trajectory.at(stamps_ns)
-        if clouds.kind == SWEEP:
-            is_used |= has_odometry
-    log.count_unknown(stamps_ns[~is_used], truth.trajectory, skipped)
-    if odometry:
-        # After a break of the odometry, clouds are left out until one has a true pose: only that
-        # says where they are. That one has NaN as odometry, which marks the break.
-        breaks_ns = vehicle.breaks_ns(odometry.trajectory)
-        break_counts = np.searchsorted(breaks_ns - ROUNDED_NS, stamps_ns, side="right")
-        for break_count in np.unique(break_counts[is_used])[1:]:  # the first chain follows no other
-            rows = np.flatnonzero(is_used & (break_counts == break_count))
-            unplaced_count = len(rows)
-            if has_truth[rows].any():
-                unplaced_count = int(has_truth[rows].argmax())
-            is_used[rows[:unplaced_count]] = False
-            odom_T_body[rows[unplaced_count : unplaced_count + 1]] = np.nan
-            skipped["between a break of the odometry and the next place"] += unplaced_count
-    rows = np.flatnonzero(is_used)
-    placeless_count = int((~has_truth[rows]).sum())
-    notes: tuple[str, ...] = ()
-    if placeless_count:
-        notes = (
-            f"{placeless_count:,} of {len(rows):,} sweeps have no place (no pose on {truth.name})",
-        )
-    return PosedRows(rows, world_T_body[rows], odom_T_body[rows], notes)

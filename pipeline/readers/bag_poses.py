@@ -276,10 +276,7 @@ def _transform_topics(files: Sequence[BagFile], moving: bool) -> Iterator[tuple[
 
 
 def _chain(edges: Iterable[Edge], a: str, b: str) -> list[_Link] | None:
-    """The shortest chain of transforms from frame a to frame b, by breadth-first search.
-
-    None where there is none.
-    """
+    """The shortest chain of transforms from frame a to b, by breadth-first search, or None."""
     edges = sorted(edges)
     chains: dict[str, list[_Link]] = {a: []}
     queue = deque([a])

@@ -146,11 +146,7 @@ class Carmen:
         return {name: path for name, path in logs.items() if path.name not in corrected_names}
 
     def _stamps(self, path: Path, sweeps: Sequence[Sweep], skipped: Counter[str]) -> "_SweepStamps":
-        """The stamps of the sweeps; counts in `skipped` the sweeps whose stamp does not increase.
-
-        Where the stamps of half of the sweeps or more do not increase, they stand still, and the
-        sweeps are counted instead.
-        """
+        """The stamps of the sweeps; counts in `skipped` those that do not increase."""
         stamps_s = np.array([sweep.stamp_s for sweep in sweeps])
         if not (np.abs(stamps_s) < LATEST_NS / 1e9).all():
             raise LogError(
@@ -169,10 +165,7 @@ class Carmen:
         return _SweepStamps(stamps_ns[increasing_rows], increasing_rows, are_counted=False)
 
     def _truth(self, path: Path, stamps: "_SweepStamps", skipped: Counter[str]) -> Poses:
-        """The poses (sweep, 4, 4) in the corrected log `path`; NaN for a sweep that it lacks.
-
-        Raises LogError if the corrected log does not fit the sweeps.
-        """
+        """The poses (sweep, 4, 4) in the corrected log `path`; NaN for a sweep that it lacks."""
         sweeps = [sweep for sweep in carmen.read(path).sweeps if sweep.laser in self.lasers]
         poses = _planar([sweep.robot_pose for sweep in sweeps])
         count = len(stamps.stamps_ns)
@@ -232,12 +225,10 @@ def sweep_points(sweep: Sweep, limit_m: float, lift_m: float) -> NDArray[np.floa
 
 
 def _odometry(records: Records, sweeps: Sequence[Sweep], is_raw: bool) -> Poses:
-    """Poses (sweep, 4, 4) by the wheels alone, from the first reading on; NaN before it.
-
-    In a raw log the poses of the sweeps are the odometry. In a corrected one they are the truth,
-    and the reading that follows a sweep repeats its pose: the step to that reading is a correction,
-    not a motion, so it is left out.
-    """
+    """Poses (sweep, 4, 4) by the wheels alone, from the first reading on; NaN before it."""
+    # In a raw log the poses of the sweeps are the odometry. In a corrected one they are the truth,
+    # and the reading that follows a sweep repeats its pose: the step to that reading is a
+    # correction, not a motion, so it is left out.
     if is_raw:
         return _planar([sweep.robot_pose for sweep in sweeps])
     if not records.odometry:
@@ -256,10 +247,7 @@ def _odometry(records: Records, sweeps: Sequence[Sweep], is_raw: bool) -> Poses:
 
 
 def _repeats_poses(records: Records, sweeps: Sequence[Sweep]) -> bool:
-    """Whether the reading of the odometry after a sweep repeats its pose, as in corrected logs.
-
-    True if no sweep has a reading after it.
-    """
+    """Whether the reading of the odometry after a sweep repeats its pose, as in corrected logs."""
     pairs = [
         (sweep, records.odometry[sweep.odometry])
         for sweep in sweeps

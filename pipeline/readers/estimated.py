@@ -65,11 +65,9 @@ def _estimates(path: Path, log: Log) -> schemas.Estimates:
 
 
 def _odometry_of(rows: NDArray[np.int64], odom_T_scan: Poses) -> Poses:
-    """The odometry (k, 4, 4) of the `rows` (k,) of a log with odometry (n, 4, 4).
-
-    A NaN marks a break in the odometry. If the broken row is not among `rows`, the next one of them
-    becomes NaN in its place.
-    """
+    """The odometry (k, 4, 4) of the `rows` (k,) of a log with odometry (n, 4, 4)."""
+    # A NaN marks a break in the odometry. If the broken row is not among `rows`, the next one of
+    # them becomes NaN in its place.
     is_break = ~np.isfinite(odom_T_scan).all(axis=(1, 2))
     breaks_before = np.concatenate([[0], np.cumsum(is_break)])
     after_previous_row = np.concatenate([[0], rows[:-1] + 1])

@@ -147,11 +147,7 @@ class Folder:
         return [path for path in paths if path.suffix in files.SCANS]
 
     def _width(self, paths: Sequence[Path]) -> tuple[int | None, tuple[str, ...]]:
-        """Bytes of a point in the .bin files, and a note where the number is a guess.
-
-        It is set, or found from the first .bin whose content allows one width only. None where it
-        is unknown. Raises LogError for a .bin that holds all x first, then all y, then all z.
-        """
+        """Bytes of a point in the .bin files or None, and a note where they are a guess."""
         bin_files = (
             path
             for path in paths
@@ -186,10 +182,7 @@ class Folder:
         pose_stamps_ns: Stamps,
         skipped: Counter[str],
     ) -> dict[int, Path]:
-        """The scan files that can be used, by their stamps in ns; `width` is the bytes of a point.
-
-        Counts the other files in `skipped`. Raises LogError if no file can be used.
-        """
+        """The scan files that can be used, by stamp in ns; `width` is the bytes of a point."""
         name_fault = "file name is no stamp"
         if self.poses_format == "kitti":
             name_fault = "file name is no row of the poses"

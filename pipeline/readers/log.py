@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.errors import ConfigError, LogError
-from pipeline.core.frames import LATEST_NS, Poses, Stamps, Trajectory, pose
+from pipeline.core.frames import LATEST_NS, ROUNDED_NS, Poses, Stamps, Trajectory, pose
 from pipeline.readers import vehicle
 
 EARTH_M = 1e8
@@ -150,29 +150,51 @@ def rows_with_poses(
     odometry: Trajectory | None,
     skipped: Counter[str],
     question: str,
+    scans: str = "scans",
+    truth_name: str = "the true poses",
+    keeps_unplaced: bool = False,
 ) -> PosedRows:
     """Join scans, stamped `stamps_ns` (n,), with the true poses and the odometry of their log.
 
-    Scans without a true pose are left out and counted in `skipped`; if `truth` is None, all scans
-    are used. Raises LogError if no scan has a true pose; the error names `where` and asks
-    `question` (see `refuse_unposed`).
+    Scans without a true pose are left out and counted in `skipped`, but with `keeps_unplaced` not
+    those with odometry; if `truth` is None, all scans are used. Raises LogError if no scan can be
+    used; the error names `where` and the `scans`, and asks `question` (see `refuse_unposed`).
     """
-    rows = np.arange(len(stamps_ns))
     world_T_scan = np.full((len(stamps_ns), 4, 4), np.nan)
+    has_truth = np.ones(len(stamps_ns), bool)
+    odom_T_scan = world_T_scan.copy()
+    has_odometry = ~has_truth
     notes: tuple[str, ...] = ()
     if truth is not None:
-        world_T_scan, has_pose = truth.at(stamps_ns)
-        count_unknown(stamps_ns[~has_pose], truth, skipped)
-        rows = np.flatnonzero(has_pose)
-        if not len(rows):
-            refuse_unposed(where, "scans", stamps_ns, truth, skipped=skipped, question=question)
-        notes = vehicle.doubts("the true poses", truth)
-    odom_T_scan = np.full((len(rows), 4, 4), np.nan)
+        world_T_scan, has_truth = truth.at(stamps_ns)
+        notes += vehicle.doubts(truth_name, truth)
     if odometry is not None:
         odometry, break_notes = vehicle.split_at_jumps("the odometry", odometry)
-        odom_T_scan = vehicle.odometry_at(odometry, stamps_ns[rows], vehicle.breaks_ns(odometry))
-        notes = notes + break_notes
-    return PosedRows(rows, world_T_scan[rows], odom_T_scan, notes)
+        odom_T_scan, has_odometry = odometry.at(stamps_ns)
+        notes += break_notes
+    is_used = has_truth | (has_odometry & keeps_unplaced)
+    if truth is not None:
+        count_unknown(stamps_ns[~is_used], truth, skipped)
+    if odometry is not None:
+        # After a break of the odometry, scans are left out until one has a true pose: only that
+        # says where they are. That one has NaN as odometry, which marks the break.
+        breaks_ns = vehicle.breaks_ns(odometry)
+        break_counts = np.searchsorted(breaks_ns - ROUNDED_NS, stamps_ns, side="right")
+        for break_count in np.unique(break_counts[is_used])[1:]:  # the first chain follows no other
+            rows = np.flatnonzero(is_used & (break_counts == break_count))
+            unplaced_count = int(has_truth[rows].argmax()) if has_truth[rows].any() else len(rows)
+            is_used[rows[:unplaced_count]] = False
+            odom_T_scan[rows[unplaced_count : unplaced_count + 1]] = np.nan
+            skipped["between a break of the odometry and the next place"] += unplaced_count
+    rows = np.flatnonzero(is_used)
+    if truth is not None and not len(rows):
+        refuse_unposed(where, scans, stamps_ns, truth, skipped=skipped, question=question)
+    placeless_count = int((~has_truth[rows]).sum())
+    if placeless_count:
+        notes += (
+            f"{placeless_count:,} of {len(rows):,} sweeps have no place (no pose on {truth_name})",
+        )
+    return PosedRows(rows, world_T_scan[rows], odom_T_scan[rows], notes)
 
 
 def count_unknown(stamps_ns: Stamps, truth: Trajectory, skipped: Counter[str]) -> None:
@@ -265,10 +287,10 @@ def table(path: Path, columns: int, delimiter: str | None = None) -> NDArray[np.
     return rows
 
 
-def refuse_times(path: Path, stamps: NDArray[np.float64], unit: str, unit_ns: int) -> None:
-    """Raise LogError naming the first of `stamps` (n,) that is no time.
+def nanoseconds(path: Path, stamps: NDArray[np.float64], unit: str, unit_ns: int) -> Stamps:
+    """Stamps (n,) in ns from `stamps` (n,) in `unit`, which is `unit_ns` ns.
 
-    They are counted in `unit`, which is `unit_ns` nanoseconds.
+    Raises LogError naming the first that is no time, or does not increase.
     """
     bad_rows = np.flatnonzero(~(np.abs(stamps) < LATEST_NS / unit_ns))
     if len(bad_rows):
@@ -276,14 +298,6 @@ def refuse_times(path: Path, stamps: NDArray[np.float64], unit: str, unit_ns: in
         raise LogError(
             f"{path}: row {row + 1} is stamped {stamps[row]:g}, which is no time in {unit}"
         )
-
-
-def nanoseconds(path: Path, stamps: NDArray[np.float64], unit: str, unit_ns: int) -> Stamps:
-    """Stamps (n,) in ns from `stamps` (n,) in `unit`, which is `unit_ns` ns.
-
-    Raises LogError naming the first that does not increase.
-    """
-    refuse_times(path, stamps, unit, unit_ns)
     # whole units and the fraction apart, since float64 cannot hold nanoseconds since 1970
     whole_units = np.floor(stamps)
     fraction_ns = np.rint((stamps - whole_units) * unit_ns).astype(np.int64)

@@ -222,12 +222,10 @@ def read_packets(path: Path) -> Packets:
 def _find_packets(
     words: NDArray[np.uint16],
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], np.int64]:
-    """Find the packets in a file's words.
-
-    Returns the index of the first word (packet,) and the number of the first hit (packet + 1,) of
-    each packet, and the index of the word after the last whole packet. A packet is a header (see
-    HEADER_WORDS), followed by HIT_WORDS for each hit.
-    """
+    """Find the packets in a file's words."""
+    # Returns the index of the first word (packet,) and the number of the first hit (packet + 1,) of
+    # each packet, and the index of the word after the last whole packet. A packet is a header (see
+    # HEADER_WORDS), followed by HIT_WORDS for each hit.
     starts = np.empty(len(words) // HEADER_WORDS + 1, np.int64)
     offsets = np.empty(len(words) // HEADER_WORDS + 1, np.int64)
     packet_count = np.int64(0)

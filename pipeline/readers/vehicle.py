@@ -193,10 +193,7 @@ def _median_speed_m_s(truth: Trajectory) -> float:
 def _fastest_neighbour(
     rates: NDArray[np.float64], is_step: NDArray[np.bool_], count: int
 ) -> NDArray[np.float64]:
-    """For each step the largest of the `rates` (n,) of the `count` steps before and after it.
-
-    Only rates that are True in `is_step` (n,) count; infinite if none of them does.
-    """
+    """For each step the largest of the rates (n,) of the `count` steps before and after it."""
     padding = np.full(count, -1.0)  # less than any rate
     padded_rates = np.concatenate([padding, np.where(is_step, rates, -1.0), padding])
     windows = np.lib.stride_tricks.sliding_window_view(padded_rates, count)
@@ -208,10 +205,7 @@ def _fastest_neighbour(
 
 
 def _path_steps(poses: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Steps (k, 3) of about STEP_M or more along a path, in its world and in the body's frame.
-
-    The body's frame is that of the pose (of n, 4, 4) at which a step begins.
-    """
+    """Steps (k, 3) of about STEP_M or more along a path, in its world and in the body's frame."""
     path_m = travelled_m(poses[:, :3, 3])
     # the first pose of each STEP_M of path
     _, rows = np.unique(path_m // STEP_M, return_index=True)

@@ -184,10 +184,7 @@ def _named_parts(options: Mapping[str, str], readable: Sequence[str]) -> list[st
 
 
 def _rule(name: str, defaults: Mapping[str, Any], options: Mapping[str, str]) -> str | None:
-    """How one log is split into parts, of which the first trains; None if no log is split.
-
-    Raises ConfigError for options that contradict the rule.
-    """
+    """How one log is split into parts, of which the first trains; None if no log is split."""
     rule: str | None = options.get("parts", defaults.get("parts"))
     if "log" in options and not rule:
         raise ConfigError(
@@ -210,11 +207,7 @@ def _default_log(train: str | None, readable: Sequence[str]) -> str:
 def _training_sequences(
     logs: LogFolder, options: Mapping[str, str], default: str | None
 ) -> list[str]:
-    """The training sequences: those of train=, or the data set's default, or the first readable.
-
-    Of several, only those that can be read are taken; a note names each other one. Raises
-    ConfigError if none can be read, or if a test sequence contains a training one.
-    """
+    """The training sequences: those of train=, or the data set's default, or the first readable."""
     first_readable = logs.readable[0] if logs.readable else ""
     sequences = options.get("train", default or first_readable).replace(",", " ").split()
     if len(sequences) > 1:
@@ -253,11 +246,7 @@ def _whole_logs(sequences: Sequence[str]) -> list[str]:
 def _test_sequences(
     logs: LogFolder, options: Mapping[str, str], default: Sequence[str], train: Sequence[str]
 ) -> list[str]:
-    """The test sequences: those of tests=, or the data set's default, or all but the training ones.
-
-    `train` are the training sequences. Only those that can be read are taken; a note names
-    each that is not on disk. Raises ConfigError if none is left.
-    """
+    """The test sequences: those of tests=, or the data set's default, or all that do not train."""
     if "tests" in options:
         tests = options["tests"].split(",")
     elif default:

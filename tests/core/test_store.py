@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pipeline.core import store
 from pipeline.core.errors import ArtifactError
 from pipeline.core.store import Array, Artifact
-from pipeline.inspection.kinds import KINDS
+from pipeline.inspection.dictionary import KINDS
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ from pipeline.core import store
 from pipeline.core.errors import ArtifactError, ConfigError, LogError
 from pipeline.evaluation.numbers import MEASURES, NUMBERS
 from pipeline.evaluation.protocols import PROTOCOLS
-from pipeline.inspection.kinds import KINDS
+from pipeline.inspection.dictionary import KINDS
 from pipeline.inspection.report import inspect
 from tests.inspection.scanner import assert_says, scan
 from tests.readers.damage import one_line

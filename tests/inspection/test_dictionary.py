@@ -5,8 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.inspection.dictionary import page
-from pipeline.inspection.kinds import KINDS
+from pipeline.inspection.dictionary import KINDS, page
 from tests.inspection.test_artifacts import START_NS, write
 
 DOCS = Path(__file__).parents[2] / "docs/artifacts.md"
