@@ -56,10 +56,10 @@ def distance_and_turn(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Distances (n,) in metres and turns (n,) in degrees between two arrays of poses (n, 4, 4).
 
-    Both are NaN where one of the poses is NaN.
+    Both are NaN where one of the poses is NaN. Of two single poses (4, 4) both are numbers.
     """
-    distances_m = np.linalg.norm(world_T_a[:, :3, 3] - world_T_b[:, :3, 3], axis=1)
-    traces = np.einsum("nij,nij->n", world_T_a[:, :3, :3], world_T_b[:, :3, :3])
+    distances_m = np.linalg.norm(world_T_a[..., :3, 3] - world_T_b[..., :3, 3], axis=-1)
+    traces = np.einsum("...ij,...ij->...", world_T_a[..., :3, :3], world_T_b[..., :3, :3])
     turns_rad = np.arccos(((traces - 1) / 2).clip(-1, 1))  # trace R = 1 + 2 cos(turn)
     return distances_m, np.rad2deg(turns_rad)
 

@@ -127,8 +127,8 @@ def bridge(poses: Poses, chance: NDArray[np.float64], odom_T_scan: Poses) -> Non
             continue
         world_T_odom = poses[first] @ np.linalg.inv(odom_T_scan[first])
         by_odometry = world_T_odom @ odom_T_scan[first : last + 1]
-        error_m, error_deg = distance_and_turn(by_odometry[-1:], poses[last][None])
-        is_near_enough = error_m[0] < RIGHT_M and error_deg[0] < RIGHT_DEG
+        error_m, error_deg = distance_and_turn(by_odometry[-1], poses[last])
+        is_near_enough = error_m < RIGHT_M and error_deg < RIGHT_DEG
         if np.isfinite(by_odometry).all() and is_near_enough:
             between = slice(first + 1, last)
             poses[between] = _corrected(by_odometry, poses[last])[1:-1]

@@ -1,15 +1,15 @@
-"""The training loop of all networks but those of adversarial training: `fit`.
+"""The training loop of all networks: `play_rounds`, and of it `fit` for all but adversarial ones.
 
 In: a network, and functions that draw the batches of an epoch, compute the loss of a batch, and
 judge the network on held-out rows. Out: the network with its best weights, and the curves of
-training. `fit` goes on from a checkpoint after an interruption, and ends with the same weights.
+training. It goes on from a checkpoint after an interruption, and ends with the same weights.
 
 Beside it are its parts, which other trainings use too: fixed random draws, the arithmetic of a
 device, storing and loading weights, schedules of the learning rate, and checkpoints.
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal, TypeVar
@@ -39,7 +39,11 @@ Judge = Callable[[Any], tuple[float, float]]
 Schedule = Literal["one_cycle", "stepped", "constant"]
 Precision = Literal["auto", "bf16", "f32"]
 BEST = "best/"
-"""Prefix in a checkpoint of the best weights so far; that of the present ones is NET."""
+CURVE = "curves/"
+"""Prefixes in a checkpoint: of the weights that are kept so far, and of the curves. That of the
+present weights is NET."""
+Curves = dict[str, list[float]]
+"""Numbers of a training by name, one a round."""
 CURVES = ("loss", "accuracy", "held_out_loss", "held_out_accuracy")
 """What is recorded of each epoch."""
 
@@ -164,9 +168,7 @@ def fit(
 
     An epoch has `steps` batches. `learning_rate` is the highest that the schedule reaches. Training
     enters the schedule at the share `since`, and ends with it. `fused` Adam rounds differently, but
-    is much faster for a network of many numbers. Every random draw of an epoch follows from the
-    seed and the epoch's number, so a run that goes on from `progress.checkpoint` gives the same
-    weights as one without interruption.
+    is much faster for a network of many numbers.
     """
     torch_device = next(net.parameters()).device
     fused = fused or torch_device.type == "cuda"
@@ -178,22 +180,15 @@ def fit(
             answers: Tensor = net(*inputs)
             return answers
 
-    curves = np.empty((0, len(CURVES)))
-    best_weights = {name: value.clone() for name, value in net.state_dict().items()}
-    if checkpoint := resume(progress.checkpoint, net, {"adam": optimizer}):
-        curves = checkpoint["curves"].cpu().numpy()
-        best_weights = pop_prefixed(checkpoint, BEST)
-    activity = "train" if judge else "refit"
-    for epoch in progress.track(range(len(curves), epochs), epochs - len(curves), activity):
+    def play(epoch: int) -> dict[str, float]:
+        """Train for an epoch, and judge."""
 
-        def rate(number: int, epoch: int = epoch) -> float:
+        def rate(number: int) -> float:
             """The learning rate of a batch of this epoch, by its number."""
             done_share = since + (1 - since) * (epoch + number / steps) / epochs
             return learning_rate * SCHEDULES[schedule](done_share)
 
-        # Trainings of two seeds share no draw: none has 2²⁰ epochs.
-        torch.manual_seed((seed << 20) + epoch)
-        order = torch.Generator().manual_seed((seed << 20) + epoch)
+        order = torch.Generator().manual_seed(torch.initial_seed())
         net.train()
         loss, accuracy = _train_epoch(optimizer, batches(order), step, answer, rate, torch_device)
         if not math.isfinite(loss):
@@ -202,20 +197,78 @@ def fit(
                 "method.learning_rate"
             )
         held_out_loss, held_out_accuracy = judge(net) if judge else (math.nan, 0.0)
-        curves = np.vstack([curves, (loss, accuracy, held_out_loss, held_out_accuracy)])
-        if _best_epoch(curves) == epoch:
-            best_weights = {name: value.clone() for name, value in net.state_dict().items()}
         held_out = {"held_out": held_out_accuracy} if judge else {}
         progress.note(epoch=epoch + 1, loss=loss, accuracy=accuracy, **held_out)
+        return dict(zip(CURVES, (loss, accuracy, held_out_loss, held_out_accuracy), strict=True))
+
+    activity = "train" if judge else "refit"
+    curves = play_rounds(
+        net, {"adam": optimizer}, play, _most_accurate, epochs, seed, progress, activity
+    )
+    columns = {f"curves/{name}": np.array(column) for name, column in curves.items()}
+    return {"best_epoch": np.array(_most_accurate(curves)), **columns}
+
+
+def play_rounds(
+    net: nn.Module,
+    optimizers: Mapping[str, torch.optim.Optimizer],
+    play: Callable[[int], Mapping[str, float]],
+    kept_round: Callable[[Curves], int],
+    rounds: int,
+    seed: int,
+    progress: Progress,
+    activity: str = "train",
+    kept_parts: tuple[str, ...] = ("",),
+) -> Curves:
+    """Train a network in rounds, and leave the weights of the round that is kept in it.
+
+    `play` trains for the round of a number, counted from 0, and returns numbers by name; these are
+    the curves that are returned. `kept_round` says by the curves so far which round is kept; of its
+    weights those whose names begin with one of `kept_parts`. Every random draw of a round follows
+    from the seed and the round's number, so a run that goes on from `progress.checkpoint` gives the
+    same weights as one without interruption.
+    """
+
+    def weights() -> dict[str, Tensor]:
+        """A copy of the present weights that may be kept."""
+        return {
+            name: value.clone()
+            for name, value in net.state_dict().items()
+            if name.startswith(kept_parts)
+        }
+
+    curves: Curves = {}
+    best_weights = weights()
+    rounds_done = 0
+    if checkpoint := resume(progress.checkpoint, net, optimizers):
+        columns = pop_prefixed(checkpoint, CURVE)
+        curves = {name: column.tolist() for name, column in columns.items()}
+        rounds_done = len(next(iter(curves.values())))
+        best_weights = pop_prefixed(checkpoint, BEST)
+    for number in progress.track(range(rounds_done, rounds), rounds - rounds_done, activity):
+        # Trainings of two seeds share no draw: none has 2²⁰ rounds.
+        torch.manual_seed((seed << 20) + number)
+        for name, value in play(number).items():
+            curves.setdefault(name, []).append(value)
+        if kept_round(curves) == number:
+            best_weights = weights()
         if progress.checkpoint is not None:
             further_tensors = {f"{BEST}{name}": value for name, value in best_weights.items()}
-            further_tensors["curves"] = torch.from_numpy(curves)
-            keep(progress.checkpoint, net, {"adam": optimizer}, further_tensors)
-    net.load_state_dict(best_weights)
-    columns = {
-        f"curves/{name}": column for name, column in zip(CURVES, curves.T.copy(), strict=True)
-    }
-    return {"best_epoch": np.array(_best_epoch(curves)), **columns}
+            for name, column in curves.items():
+                further_tensors[f"{CURVE}{name}"] = torch.tensor(column, dtype=torch.float64)
+            keep(progress.checkpoint, net, optimizers, further_tensors)
+    net.load_state_dict(best_weights, strict=False)  # it may lack parts
+    return curves
+
+
+def _most_accurate(curves: Curves) -> int:
+    """The best epoch: not that of the lowest held-out loss, which rises as the ranking improves."""
+    return last_of_highest(curves["held_out_accuracy"])
+
+
+def last_of_highest(accuracies: Sequence[float] | NDArray[np.float64]) -> int:
+    """The index of the highest accuracy, of equals the last one."""
+    return len(accuracies) - 1 - int(np.asarray(accuracies)[::-1].argmax())
 
 
 def _train_epoch(
@@ -241,12 +294,6 @@ def _train_epoch(
         right_count += right
         answer_count += count
     return float(loss_sum) / answer_count, float(right_count) / answer_count
-
-
-def _best_epoch(curves: NDArray[np.float64]) -> int:
-    """The last epoch of the highest held-out accuracy; loss rises while ranking improves."""
-    held_out_accuracy = curves[:, CURVES.index("held_out_accuracy")]
-    return len(curves) - 1 - int(held_out_accuracy[::-1].argmax())
 
 
 def one_cycle(done_share: float) -> float:
@@ -300,6 +347,8 @@ def resume(
         return {}
     try:
         checkpoint: dict[str, Tensor] = load_file(path, device=str(next(net.parameters()).device))
+        if not any(name.startswith(CURVE) for name in checkpoint):
+            raise KeyError(CURVE)
         net.load_state_dict(pop_prefixed(checkpoint, NET))
         for optimizer_name, optimizer in optimizers.items():
             state: dict[int, dict[str, Tensor]] = {}

@@ -171,13 +171,13 @@ class DriveGraph:
             by_graph = world_T_key[loop.later]
             if not np.isfinite([by_loop, by_graph]).all():
                 continue
-            away_m, turn_deg = distance_and_turn(by_loop[None], by_graph[None])
-            residual_m[number] = away_m[0]
-            residual_deg[number] = turn_deg[0]
+            away_m, turn_deg = distance_and_turn(by_loop, by_graph)
+            residual_m[number] = away_m
+            residual_deg[number] = turn_deg
             sd_m = np.sqrt(np.trace(loop.covariance[3:, 3:]) / 3 + self.loop_m**2)
             sd_rad = np.sqrt(np.trace(loop.covariance[:3, :3]) / 3)
             sd_deg = np.hypot(np.rad2deg(sd_rad), self.loop_deg)
-            square = (away_m[0] / sd_m) ** 2 + (turn_deg[0] / sd_deg) ** 2
+            square = (away_m / sd_m) ** 2 + (turn_deg / sd_deg) ** 2
             cauchy_weight = 1 / (1 + square / self.outlier**2)
             used[number] = cauchy_weight >= OVERRULED_WEIGHT
         return Solution(world_T_key, residual_m, residual_deg, used)

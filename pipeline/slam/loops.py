@@ -167,10 +167,9 @@ class LoopSearch:
 
     def _is_drift(self, keys: Keys, loop: Loop) -> bool:
         """Whether odometry may have drifted as far as a loop says."""
-        between_m = float(keys.path_m[loop.later] - keys.path_m[loop.key])
-        by_loop = (keys.odom_T_key[loop.key] @ loop.key_T_later)[None]
-        by_odometry = keys.odom_T_key[loop.later][None]
-        return bool(self.drifted(by_loop, by_odometry, np.array([between_m]))[0])
+        by_loop = keys.odom_T_key[loop.key] @ loop.key_T_later
+        between_m = keys.path_m[loop.later] - keys.path_m[loop.key]
+        return bool(self.drifted(by_loop, keys.odom_T_key[loop.later], between_m))
 
     def drifted(
         self, by_odometry: Poses, true: Poses, between_m: NDArray[np.float64]

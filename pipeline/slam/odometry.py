@@ -253,7 +253,7 @@ class _DriveOdometry:
             last_T_scan = self._aligned(cloud, last_T_scan)
         # try further guesses where the overlap is low, or what is usual not yet known
         overlap = self._overlap(cloud, last_T_scan)
-        usual_overlap = self._usual_overlap()
+        usual_overlap = float(np.median(self.last_overlaps or FIRST_OVERLAP))
         is_low = overlap < settings.usual * usual_overlap
         if is_low or len(self.last_overlaps) < settings.trials:
             other_step, other_overlap = self._by_guesses(cloud, first_guess)
@@ -317,16 +317,13 @@ class _DriveOdometry:
         """Whether a scan was deskewed by a guess that is far from its step."""
         if self._is_deskewed_by_log(row) or self.log.times_s(row) is None:
             return False
-        away_m, turn_deg = distance_and_turn(guess[None], last_T_scan[None])
-        return bool(away_m[0] > SKEWED_M or turn_deg[0] > SKEWED_DEG)
+        away_m, turn_deg = distance_and_turn(guess, last_T_scan)
+        return bool(away_m > SKEWED_M or turn_deg > SKEWED_DEG)
 
     def _overlap(self, cloud: Cloud, last_T_scan: Poses) -> float:
         """The overlap of a scan with the one before."""
         inlier_m = self.settings.registration.inlier_m
         return share_standing(self.last_cloud, cloud, last_T_scan, inlier_m)
-
-    def _usual_overlap(self) -> float:
-        return float(np.median(self.last_overlaps)) if self.last_overlaps else FIRST_OVERLAP
 
     def _overlap_before_last(self, cloud: Cloud, last_T_scan: Poses) -> float:
         """The overlap of a scan with the one before the last, when a truck hid the last one."""
@@ -341,8 +338,8 @@ class _DriveOdometry:
         """Whether a step is as near to the log's odometry, if it has any, as that may err."""
         if odometry_step is None:
             return True
-        away_m, turn_deg = distance_and_turn(last_T_scan[None], odometry_step[None])
-        return bool(away_m[0] < self.settings.reach_m and turn_deg[0] < WRONG_DEG)
+        away_m, turn_deg = distance_and_turn(last_T_scan, odometry_step)
+        return bool(away_m < self.settings.reach_m and turn_deg < WRONG_DEG)
 
     def _by_guesses(self, cloud: Cloud, first_guess: Poses) -> tuple[Poses, float]:
         """Try several guesses; returns the step (4, 4) of the most overlap, and that overlap."""
@@ -353,9 +350,8 @@ class _DriveOdometry:
         ]
         best = max(alignments, key=lambda alignment: alignment.overlap).target_T_source
         by_map = self._aligned(cloud, best)
-        moved_m, turned_deg = distance_and_turn(by_map[None], best[None])
-        is_same = moved_m[0] < REFINED_M and turned_deg[0] < REFINED_DEG
-        step = by_map if is_same else best
+        moved_m, turned_deg = distance_and_turn(by_map, best)
+        step = by_map if moved_m < REFINED_M and turned_deg < REFINED_DEG else best
         return step, self._overlap(cloud, step)
 
     def _guesses(self, cloud: Cloud, first_guess: Poses) -> Iterator[Poses]:
@@ -378,11 +374,7 @@ class _DriveOdometry:
         return [float(turn) for turn in turn_deg if np.isfinite(turn)]
 
     def _brought_near(self, cloud: Cloud, guess: Poses) -> Poses:
-        """A guess aligned with the scan before, by pairs of points up to `reach_m` apart.
-
-        The Gaussians of wide cells with which `refine` begins (posing/registration.py) do not find
-        back from a guess that is 45° off.
-        """
+        """A guess aligned by pairs of points with the scan before: `refine` fails if 45° off."""
         result = small_gicp.align(
             self.last_cloud.points,
             cloud.points,

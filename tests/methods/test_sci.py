@@ -86,7 +86,7 @@ def test_a_reversed_view_is_known_after_two_way_training(
 
 @pytest.mark.learning
 def test_every_way_of_n_is_known(seed: int, clears: Clears) -> None:
-    four = replace(SMALL, n_way=4, seed=seed)
+    four = replace(SMALL, n_way=4, epochs=8, seed=seed)  # twice the images an epoch
     learned = four.learn(rows(2), TRUTH, Progress())
     clears(min(right(four, learned, rows(3, turn)) for turn in (0, 6, 12, 18)), 0.8)
 

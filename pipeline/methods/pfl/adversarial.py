@@ -156,21 +156,12 @@ class Training(SequenceMethod):
         torch_device = next(game.parameters()).device
         data = torch.from_numpy(images).to(torch_device)
         optimizers = self._optimizers(game)
-        curves = dict[str, list[float]]()
-        rounds_done = 0
-        best_weights = _coder_weights(game)
-        # Go on from a checkpoint, if there is one.
-        if checkpoint := loop.resume(progress.checkpoint, game, optimizers):
-            columns = loop.pop_prefixed(checkpoint, "curves/")
-            curves = {name: column.tolist() for name, column in columns.items()}
-            rounds_done = len(next(iter(curves.values())))
-            best_weights = loop.pop_prefixed(checkpoint, loop.BEST)
-        for number in progress.track(range(rounds_done, rounds), rounds - rounds_done, "train"):
-            # Trainings of two seeds share no draw: none has 2²⁰ rounds.
-            torch.manual_seed((self.seed << 20) + number)
+
+        def play(number: int) -> Health:
+            """Play a round, and judge."""
             batches = self._batches(len(data), iterations).to(torch_device)
 
-            def rate(iteration: int, number: int = number) -> float:
+            def rate(iteration: int) -> float:
                 """The learning rate of an iteration of this round."""
                 done_share = (number + iteration / iterations) / rounds
                 return self.learning_rate * loop.SCHEDULES[self.schedule](done_share)
@@ -184,15 +175,19 @@ class Training(SequenceMethod):
             game.eval()
             row = means | judge(game)
             _check_finite(row, number)
-            for name, value in row.items():
-                curves.setdefault(name, []).append(value)
-            if self.kept_round(curves) == number:
-                best_weights = _coder_weights(game)
             progress.note(epoch=number + 1, **row)  # a bar counts rounds as epochs
-            if progress.checkpoint is not None:
-                further_tensors = _checkpoint_tensors(curves, best_weights)
-                loop.keep(progress.checkpoint, game, optimizers, further_tensors)
-        game.load_state_dict(best_weights, strict=False)  # it lacks the discriminators
+            return row
+
+        curves = loop.play_rounds(
+            game,
+            optimizers,
+            play,
+            self.kept_round,
+            rounds,
+            self.seed,
+            progress,
+            kept_parts=("encoder.", "decoder."),
+        )
         return {name: np.array(column) for name, column in curves.items()}
 
     def _optimizers(self, game: Game) -> dict[str, torch.optim.Optimizer]:
@@ -242,10 +237,9 @@ class Training(SequenceMethod):
 
     def kept_round(self, curves: Mapping[str, Sequence[float] | NDArray[np.float64]]) -> int:
         """The index of the round whose weights are kept, so far."""
-        last = len(next(iter(curves.values()))) - 1
         if self.kept == "last" or ACCURACY not in curves:
-            return last
-        return last - int(np.asarray(curves[ACCURACY])[::-1].argmax())  # of equals the last
+            return len(next(iter(curves.values()))) - 1
+        return loop.last_of_highest(curves[ACCURACY])
 
 
 def _check_finite(row: Mapping[str, float], number: int) -> None:
@@ -258,28 +252,8 @@ def _check_finite(row: Mapping[str, float], number: int) -> None:
             )
 
 
-def _checkpoint_tensors(
-    curves: Mapping[str, Sequence[float]], best_weights: Mapping[str, Tensor]
-) -> dict[str, Tensor]:
-    """What a checkpoint holds beside the networks and optimisers: curves, and the best weights."""
-    tensors = {
-        f"curves/{name}": torch.tensor(column, dtype=torch.float64)
-        for name, column in curves.items()
-    }
-    return tensors | {f"{loop.BEST}{name}": value for name, value in best_weights.items()}
-
-
 def _optimizer_name(turn: Turn) -> str:
     return f"adam/{turn.name}"
-
-
-def _coder_weights(game: Game) -> dict[str, Tensor]:
-    """A copy of the present weights of the encoder and the decoder."""
-    return {
-        name: weights.clone()
-        for name, weights in game.state_dict().items()
-        if name.startswith(("encoder.", "decoder."))
-    }
 
 
 def _take_step(optimizer: torch.optim.Optimizer, learning_rate: float, loss: Tensor) -> None:
