@@ -96,38 +96,17 @@ class Compute:
         """Start the workers, yield the function that runs blocks on them, and end them."""
         if self.scheduler == "threads":
             with ThreadPoolExecutor(workers) as threads:
-                yield partial(_run_in_threads, threads, workers)
+                yield lambda fn, spans: _ahead(partial(threads.submit, fn), workers, spans)
         elif self.scheduler == "processes":
+            import cloudpickle
+
             with _process_pool(workers) as processes:
-                yield partial(_run_in_processes, processes, workers)
+                yield lambda fn, spans: _ahead(
+                    partial(processes.submit, _computed, cloudpickle.dumps(fn)), workers, spans
+                )
         else:
             with connected(self.scheduler, workers, self.wait_s, self.settings) as client:
                 yield partial(in_order, client, self.scheduler, workers)
-
-
-def _run_in_threads(
-    threads: ThreadPoolExecutor, workers: int, fn: Block, spans: Sequence[Span]
-) -> Iterator[Any]:
-    """A `Run` in threads of this process."""
-
-    def submit(start: int, stop: int) -> "Future[Any]":
-        return threads.submit(fn, start, stop)
-
-    return _ahead(submit, workers, spans)
-
-
-def _run_in_processes(
-    processes: ProcessPoolExecutor, workers: int, fn: Block, spans: Sequence[Span]
-) -> Iterator[Any]:
-    """A `Run` in processes of this machine."""
-    import cloudpickle
-
-    job = cloudpickle.dumps(fn)
-
-    def submit(start: int, stop: int) -> "Future[Any]":
-        return processes.submit(_computed, job, start, stop)
-
-    return _ahead(submit, workers, spans)
 
 
 @contextmanager

@@ -232,14 +232,9 @@ def _annotated(name: str, value: Any, hint: Any, resolve: Resolve | None) -> Any
 
 def _check_scalar(name: str, value: Any, hint: type) -> None:
     """Raise ConfigError unless a value has a type of NAMES; Python's True is no number here."""
-    is_bool = isinstance(value, bool)
-    if hint is bool:
-        fits = is_bool
-    elif hint is float:
-        fits = isinstance(value, int | float) and not is_bool and math.isfinite(value)
-    else:
-        fits = isinstance(value, hint) and not is_bool
-    if not fits:
+    kinds = int | float if hint is float else hint
+    fits = isinstance(value, kinds) and isinstance(value, bool) == (hint is bool)
+    if not fits or (hint is float and not math.isfinite(value)):
         raise refused(name, value, NAMES[hint])
 
 

@@ -16,7 +16,7 @@ import hashlib
 import re
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -33,20 +33,38 @@ from pipeline.fetching.unpacking import unpack
 
 @dataclass(frozen=True)
 class Archive:
-    """One file of one sequence on the publisher's server."""
+    """An entry of `archives` in conf/fetch: one file of each sequence, or a numbered series.
+
+    {sequence} in path and target stands for the sequence's name, {number} for the number of a
+    file in the series.
+    """
 
     path: str
     """Path below the base address."""
     target: str
     """The file or folder in the sequence's folder that exists once the archive is fetched, and
     unpacked if it is a .tar.gz."""
-    unpacked_ratio: float
+    unpacked_ratio: Positive = 1.0
     """Estimate of how many bytes it unpacks to, per byte of the file."""
-    nbytes: int
+    numbers: int = 0
+    """Count of a numbered series, whose {number} is 0, 1, …, numbers − 1; 0 for a single file."""
+    nbytes: int = 0
     """Estimate of the bytes of the file; 0 if the server has to be asked."""
+    listing_sha256: str = ""
+    """sha256 of a text with a line `DIGEST  NAME` for each file of a series, if it is known."""
 
     def __post_init__(self) -> None:
-        _check_inside(self.path, self.target)
+        check(self, "archives")
+        if not re.fullmatch("([0-9a-f]{64})?", self.listing_sha256):
+            raise ConfigError(
+                f"archives.listing_sha256={self.listing_sha256}: expected 64 hexadecimal digits"
+            )
+        leaves_base = not self.path or self.path[0] == "/" or ".." in self.path
+        if leaves_base or not re.fullmatch(r"[\w{}.-]+", self.target):
+            raise ConfigError(
+                f"archives.path={self.path}, target={self.target}: expected a path below the base "
+                "and a name"
+            )
 
     @property
     def name(self) -> str:
@@ -58,61 +76,30 @@ class Archive:
         """Whether the file has to be unpacked."""
         return self.name.endswith(".tar.gz")
 
-
-@dataclass(frozen=True)
-class ArchiveTemplate:
-    """An entry of `archives` in conf/fetch: one archive of each sequence, or a numbered series.
-
-    {sequence} in path and target stands for the sequence's name, {number} for the number of a
-    file in the series.
-    """
-
-    path: str
-    """Path below the base address."""
-    target: str
-    """See Archive."""
-    unpacked_ratio: Positive = 1.0
-    """See Archive."""
-    numbers: int = 0
-    """Count of a numbered series, whose {number} is 0, 1, …, numbers − 1; 0 for a single file."""
-    nbytes: int = 0
-    """See Archive."""
-    listing_sha256: str = ""
-    """sha256 of a text with a line `DIGEST  NAME` for each file of a series, if it is known."""
-
-    def __post_init__(self) -> None:
-        check(self, "archives")
-        if not re.fullmatch("([0-9a-f]{64})?", self.listing_sha256):
-            raise ConfigError(
-                f"archives.listing_sha256={self.listing_sha256}: expected 64 hexadecimal digits"
-            )
-        _check_inside(self.path, self.target)
-
-    def archives(self, sequence: str) -> list[Archive]:
+    def of(self, sequence: str) -> list["Archive"]:
         """The archives of a sequence: one, or one for each number of a series."""
-        return [self._archive(sequence, number) for number in range(max(self.numbers, 1))]
 
-    def _archive(self, sequence: str, number: int) -> Archive:
-        def fill(template: str) -> str:
+        def fill(template: str, number: int) -> str:
             return template.replace("{sequence}", sequence).replace("{number}", str(number))
 
-        return Archive(
-            path=fill(self.path),
-            target=fill(self.target),
-            unpacked_ratio=self.unpacked_ratio,
-            nbytes=self.nbytes,
-        )
+        return [
+            replace(self, path=fill(self.path, number), target=fill(self.target, number))
+            for number in range(max(self.numbers, 1))
+        ]
 
 
 @dataclass(frozen=True)
 class Fetch:
-    """The archives of one template for one sequence, and the folder that they go to."""
+    """The archives of one entry for one sequence, and the folder that they go to."""
 
     folder: Path
     """The sequence's folder."""
     archives: Sequence[Archive]
-    listing_sha256: str
-    """See ArchiveTemplate."""
+
+    @property
+    def listing_sha256(self) -> str:
+        """See Archive."""
+        return self.archives[0].listing_sha256
 
     @property
     def missing_archives(self) -> list[Archive]:
@@ -133,7 +120,7 @@ class Publisher:
 
     base: str
     """The base address, below which the archives lie; it ends in /."""
-    archives: Sequence[ArchiveTemplate]
+    archives: Sequence[Archive]
     sequence: str = r"\w[\w.+-]*"
     """A regular expression that every sequence's name matches."""
     sequences: Sequence[str] = ()
@@ -170,8 +157,8 @@ class Publisher:
         Raises ConfigError for an unknown or missing key.
         """
         try:
-            templates = [ArchiveTemplate(**archive) for archive in conf["archives"]]
-            return Publisher(**{**conf, "archives": templates})
+            archives = [Archive(**archive) for archive in conf["archives"]]
+            return Publisher(**{**conf, "archives": archives})
         except (TypeError, KeyError, AttributeError) as error:
             raise ConfigError(
                 f"conf/fetch: {error}; expected base, archives (path, target, unpacked_ratio) and "
@@ -205,12 +192,12 @@ class Publisher:
     def _fetch(
         self, root: Path, store: Path, sequences: Sequence[str], watch: Progress
     ) -> Iterator[str]:
-        """Fetch the missing archives through the folder `store`; yields a line per template."""
+        """Fetch the missing archives through the folder `store`; yields a line per entry."""
         downloader = Downloader(self.tries, self.timeout_s, self.wait_s)
         fetches = [
-            Fetch(root / sequence, template.archives(sequence), template.listing_sha256)
+            Fetch(root / sequence, archive.of(sequence))
             for sequence in sequences
-            for template in self.archives
+            for archive in self.archives
         ]
         # listed before the first is fetched: the disk is checked for all of them
         missing_by_fetch = [fetch.missing_archives for fetch in fetches]
@@ -280,15 +267,6 @@ class Publisher:
                 "changed by its publisher: it is removed, fetch it anew"
             )
         return digest
-
-
-def _check_inside(path: str, target: str) -> None:
-    """Raise ConfigError for a path that leaves the base, or a target that is not a mere name."""
-    leaves_base = not path or path[0] == "/" or ".." in path
-    if leaves_base or not re.fullmatch(r"[\w{}.-]+", target):
-        raise ConfigError(
-            f"archives.path={path}, target={target}: expected a path below the base and a name"
-        )
 
 
 def _move_in(path: Path, archive: Archive, folder: Path, digest: str) -> int:

@@ -765,4 +765,4 @@ def test_the_error_on_a_wrong_setting_names_it(
 def test_the_projects_own_setting_is_the_official_one() -> None:
     official = Publisher.of(conf())
     assert official.base == "https://s3.us-east-2.amazonaws.com/nclt.perl.engin.umich.edu/"
-    assert official.archives[2].archives(DATE)[0].path == f"velodyne_data/{DATE}_vel.tar.gz"
+    assert official.archives[2].of(DATE)[0].path == f"velodyne_data/{DATE}_vel.tar.gz"

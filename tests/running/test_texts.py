@@ -78,19 +78,17 @@ LOGS = (
 )
 
 
-@pytest.mark.parametrize("how", ["missing", "bytes", "empty"])
 @pytest.mark.parametrize(
-    ("file", "words"),
+    ("how", "file", "words"),
     [
-        ("logs", LOGS),
-        ("world/campus_tiny", LOGS),
-        ("results", ("-m", "stages.results", "artifacts=artifacts", "out=out")),
-        ("studies", ("-m", "stages.sweep", "grid.cell_m=5,10")),
-        ("method/sci", ("-m", "stages.sweep", "grid.cell_m=5,10")),
+        ("missing", "logs", LOGS),
+        ("bytes", "world/campus_tiny", LOGS),
+        ("empty", "studies", ("-m", "stages.sweep", "grid.cell_m=5,10")),
+        ("bytes", "method/sci", ("-m", "stages.sweep", "grid.cell_m=5,10")),
     ],
 )
 def test_a_stage_names_a_file_of_conf_that_cannot_be_read(
-    clone: Clone, file: str, words: tuple[str, ...], how: str
+    clone: Clone, how: str, file: str, words: tuple[str, ...]
 ) -> None:
     before = (path := clone.folder / f"conf/{file}.yaml").read_bytes()
     broken(path, how)
@@ -103,22 +101,7 @@ def test_a_stage_names_a_file_of_conf_that_cannot_be_read(
 
 
 @pytest.mark.parametrize(
-    "words",
-    [
-        "--help",
-        "methods",
-        "use",
-        "results",
-        "results --full",
-        "results --markdown",
-        "results --csv",
-        "results --json",
-        "results --where method=sci",
-        "repair",
-        "inspect artifacts/results",
-        "use café",
-        "pack campus/10m/café -o é.site",
-    ],
+    "words", ["methods", "results --json", "use café", "pack campus/10m/café -o é.site"]
 )
 def test_no_command_ends_in_a_traceback_where_only_ascii_can_be_printed(
     clone: Clone, words: str
@@ -126,16 +109,13 @@ def test_no_command_ends_in_a_traceback_where_only_ascii_can_be_printed(
     done = ended(clone, "-m", "pipeline.cli", *words.split(), **ASCII)
     assert done.stdout.isascii()
     assert b"Traceback" not in done.stderr
-    assert done.returncode == (words[:3] in ("ins", "pac") or words == "use café"), done.stderr
+    assert done.returncode == ("café" in words), done.stderr
 
 
 @pytest.mark.slow
-def test_a_stage_and_a_sweep_read_utf_8_where_the_locale_is_ascii(clone: Clone) -> None:
-    for done in (
-        ended(clone, *LOGS, **ASCII),
-        ended(clone, "-m", "stages.sweep", "--help", **ASCII),
-    ):
-        assert (done.returncode, b"Traceback" in done.stderr) == (0, False), done.stderr
+def test_a_stage_reads_utf_8_where_the_locale_is_ascii(clone: Clone) -> None:
+    done = ended(clone, *LOGS, **ASCII)
+    assert (done.returncode, b"Traceback" in done.stderr) == (0, False), done.stderr
 
 
 def test_results_in_ascii_are_the_same_but_for_a_question_mark_where_it_lacks_a_character(
@@ -179,9 +159,7 @@ sci              0.750"""
     assert max(map(len, folded(TABLE, 5).splitlines())) == 22  # a column is never cut
 
 
-@pytest.mark.parametrize(
-    "words", ["results", "results --full", "results --where method=sci", "methods"]
-)
+@pytest.mark.parametrize("words", ["results --full", "methods"])
 def test_in_40_columns_no_line_is_longer(clone: Clone, words: str) -> None:
     (text := clone.folder / "artifacts/report/campus/10m/results.txt").write_text(
         TABLE + "\n" + TABLE.replace("may", "may " * 9)
