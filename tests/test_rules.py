@@ -60,7 +60,9 @@ def test_importing_the_library_is_light(module):
 
 @pytest.fixture(scope="module")
 def graph() -> grimp.ImportGraph:
-    return grimp.build_graph("pipeline", "stages", "worlds", "yearloc", cache_dir=None)
+    return grimp.build_graph(
+        "benchmarks", "pipeline", "stages", "worlds", "yearloc", cache_dir=None
+    )
 
 
 def test_no_modules_import_each_other_in_a_circle(graph):
@@ -76,7 +78,7 @@ def test_no_modules_import_each_other_in_a_circle(graph):
 def test_only_the_stage_and_the_command_line_import_the_report(graph):
     of_it = graph.find_descendants("pipeline.report") | {"pipeline.report"}
     importers = set().union(*map(graph.find_modules_that_directly_import, of_it)) - of_it
-    assert importers == {
+    assert {module for module in importers if not module.startswith("benchmarks")} == {
         "stages.report",
         "pipeline.cli.picture",
         "pipeline.cli.results",
