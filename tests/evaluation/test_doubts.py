@@ -9,7 +9,8 @@ import pytest
 from pipeline.evaluation.doubts import BLIND, VOID, blind, doubts, unsuited
 from pipeline.evaluation.protocols import Distance
 from pipeline.matching.rejection import ACCEPT_NOTHING
-from tests.views.made import ALONG, POLES_M, SUITED, artifacts
+from tests.artifacts import SUITED
+from tests.views.made import ALONG, POLES_M, artifacts
 
 NOVELTY = np.linspace(0, 1, 40)
 MANY = np.arange(40)

@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 from omegaconf import OmegaConf
 
-from pipeline.core import schemas, store
+from pipeline.core import store
 from pipeline.core.compute import Compute
 from pipeline.core.errors import ConfigError, InputError
 from pipeline.core.progress import Progress
@@ -32,8 +32,8 @@ from pipeline.methods.m2dp import M2dp
 from pipeline.running.telemetry import Trace
 from pipeline.studies.models import ModelName
 from pipeline.views.draw import Drawing
+from tests.artifacts import write_scans, write_submaps
 from tests.evaluation.made import standing
-from tests.views.made import SUITED
 
 BY_HAND = Latency(
     generation={"wide": np.array([1.0, 2.0, 3.0]), "narrow": np.array([10.0, 10.0, 40.0])},
@@ -62,33 +62,25 @@ def drive(
     points_m = np.random.default_rng(1).normal(0, (9, 5, 2), (lengths.sum(), 3))
     last = np.arange(sweeps - 1, scans)
     poses = standing(np.c_[2.0 * np.arange(scans), np.zeros(scans)])
-    columns = {
-        "scans": {
-            "points": (points_m / 0.005).astype(np.int16),
-            "offsets": np.r_[0, np.cumsum(lengths)],
-            "odom_variance": np.full((scans, 2), np.nan),
-        }
-        | {"stamps_ns": 10 * np.arange(scans), "world_T_scan": poses, "odom_T_scan": poses},
-        "submaps": {
-            "first": last - (sweeps - 1),
-            "scans": last,
-            "ground_m": np.full(len(last), 0.25),
-        }
-        | {"used": np.ones(scans, bool), "stamps_ns": 10 * last, "world_T_anchor": poses[last]},
-    }
-    attrs = {
-        "scans": {"grain_m": 0.005, "skipped": {}, "clipped": 0},
-        "submaps": {"layout": "odom_T_scan", "left_out": {}, "appearance": SUITED},
-    }
-    result = []
-    for kind, schema in (("scans", schemas.Scans), ("submaps", schemas.Submaps)):
-        with store.draft(
-            folder / kind / "campus" / f"{sequence}.zarr", schema, **attrs[kind]
-        ) as draft:
-            for name, column in columns[kind].items():
-                draft.put(name, column)
-        result.append(store.read(folder / kind / "campus" / f"{sequence}.zarr", schema))
-    return result[0], result[1]
+    clouds = np.split(points_m, np.cumsum(lengths)[:-1])
+    return (
+        write_scans(
+            folder / f"scans/campus/{sequence}.zarr",
+            clouds,
+            poses,
+            stamps_ns=10 * np.arange(scans),
+        ),
+        write_submaps(
+            folder / f"submaps/campus/{sequence}.zarr",
+            poses[last],
+            stamps_ns=10 * last,
+            first=last - (sweeps - 1),
+            scans=last,
+            ground_m=np.full(len(last), 0.25),
+            used=np.ones(scans, bool),
+            layout="odom_T_scan",
+        ),
+    )
 
 
 class Clock:

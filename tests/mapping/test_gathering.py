@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.core import store
 from pipeline.core.compute import Compute
 from pipeline.core.frames import pose
 from pipeline.core.progress import Progress
@@ -16,7 +15,7 @@ from pipeline.mapping import gathering
 from pipeline.mapping.gathering import Gathering
 from pipeline.mapping.submaps import Accumulated
 from pipeline.views.draw import Drawing
-from tests.views.made import SUITED
+from tests.artifacts import write_scans, write_submaps
 
 GRAIN_M = 0.005
 NAN4 = np.full((4, 4), np.nan)
@@ -24,15 +23,7 @@ NAN4 = np.full((4, 4), np.nan)
 
 def scans(folder: Path, points: list[np.ndarray], start_T_scan: np.ndarray) -> Scans:
     """Write scans of these points, whose odometry is the truth too, as an artifact, and open it."""
-    path = folder / "scans.zarr"
-    with store.draft(path, Scans, grain_m=GRAIN_M, skipped={}, clipped=0) as draft:
-        draft.put("points", np.rint(np.concatenate(points) / GRAIN_M).astype(np.int16))
-        draft.put("offsets", np.concatenate([[0], np.cumsum([len(cloud) for cloud in points])]))
-        draft.put("stamps_ns", np.arange(len(points)))
-        draft.put("world_T_scan", start_T_scan)
-        draft.put("odom_T_scan", start_T_scan)
-        draft.put("odom_variance", np.full((len(points), 2), np.nan))
-    return store.read(path, Scans)
+    return write_scans(folder / "scans.zarr", points, start_T_scan)
 
 
 def driven(n: int, step_m: float = 1.0) -> np.ndarray:
@@ -142,14 +133,7 @@ def test_each_scan_is_read_once_and_blocks_of_any_size_say_the_same(
 def test_views_of_accumulated_submaps_are_drawn_from_all_their_scans(tmp_path: Path) -> None:
     artifact = scans(tmp_path, [np.array([[1.0, 0, row / 2]]) for row in range(4)], driven(4))
     made = cut(artifact)
-    with store.draft(
-        tmp_path / "submaps.zarr", Submaps, layout=made.layout, left_out={}, appearance=SUITED
-    ) as draft:
-        for name in ("first", "scans", "ground_m", "used"):
-            draft.put(name, getattr(made, name))
-        draft.put("stamps_ns", np.arange(2))
-        draft.put("world_T_anchor", driven(4)[made.scans])
-    submaps = store.read(tmp_path / "submaps.zarr", Submaps)
+    submaps = write_submaps(tmp_path / "submaps.zarr", driven(4)[made.scans], **vars(made))
     drawing = Drawing(
         artifact, submaps, lambda points: np.array([len(points), points[:, 2].sum()], np.float32)
     )

@@ -13,7 +13,7 @@ from pipeline.core import store
 from pipeline.core.compute import Compute
 from pipeline.core.errors import ArtifactError
 from pipeline.core.progress import Progress
-from pipeline.core.schemas import Scans, Submaps
+from pipeline.core.schemas import Scans
 from pipeline.formats.bag import BagWriter
 from pipeline.mapping.gathering import Gathering
 from pipeline.mapping.scans import Intake
@@ -23,7 +23,7 @@ from pipeline.readers.kitti import Kitti
 from pipeline.readers.log import Log
 from pipeline.views.scan_context import ScanContext
 from stages.views import main
-from tests.views.made import SUITED
+from tests.artifacts import write_submaps
 
 ROOT = Path(__file__).parents[2]
 
@@ -106,13 +106,10 @@ def test_views_that_show_nothing_are_refused(
     }
     for percentile, shows in ((5.0, False), (-1.0, True)):
         made = Accumulated(window_m=5.0, ground_percentile=percentile).cut(scans, Progress())
-        with store.draft(
-            "submaps/monday.zarr", Submaps, layout=made.layout, left_out={}, appearance=SUITED
-        ) as draft:
-            for name in ("first", "scans", "ground_m", "used"):
-                draft.put(name, getattr(made, name))
-            draft.put("stamps_ns", scans.load("stamps_ns")[made.scans])
-            draft.put("world_T_anchor", poses[made.scans])
+        stamps_ns = scans.load("stamps_ns")[made.scans]
+        write_submaps(
+            Path("submaps/monday.zarr"), poses[made.scans], stamps_ns=stamps_ns, **vars(made)
+        )
         if shows:
             # Of 29 anchors the first four have no whole window.
             assert main.run(OmegaConf.create(drawn)).startswith(

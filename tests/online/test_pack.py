@@ -18,6 +18,7 @@ from pipeline.online.site import Site
 from pipeline.studies.layout import Layout
 from pipeline.views.draw import AS_DRIVEN
 from pipeline.views.scan_context import ScanContext
+from tests.artifacts import write_views
 from tests.online.made import ANCHORS, GRID, scan
 from tests.posing.scene import planar, scene, seen_from
 from tests.readers.damage import one_line
@@ -46,12 +47,8 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
         shutil.move(folder / f"made/{kind}.zarr", made / f"{kind}/three/monday.zarr")
     labels = label(poses, poses, GRID, 0)
     store.write(made / "labels/three/10m/monday.zarr", labels)
-    with store.draft(
-        made / "views/three/scan_context/monday.zarr", schemas.ScanContextViews, cases=AS_DRIVEN
-    ) as out:
-        out.put("images", images)
-        out.put("stamps_ns", np.arange(24))
-        out.put("world_T_anchor", poses)
+    path = made / "views/three/scan_context/monday.zarr"
+    write_views(path, schemas.ScanContextViews, images, poses, cases=AS_DRIVEN)
     model = ScanContext50().learn(Rows(images, np.arange(24), poses), labels.places, Progress())
     recipe = {
         "_target_": "pipeline.methods.scan_context.ScanContext50",

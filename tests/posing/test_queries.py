@@ -17,9 +17,9 @@ from pipeline.posing.fix import poses
 from pipeline.posing.queries import Queries
 from pipeline.posing.search import Fixer
 from pipeline.posing.targets import write_map
+from tests.artifacts import write_scans, write_submaps
 from tests.posing.scene import planar, scene, seen_from
 from tests.readers.damage import one_line
-from tests.views.made import SUITED
 
 CASES = [Case(), Case("turned", repeat=0)]
 TRUE = np.stack([planar(0.5, 1.0, 20), planar(-1.0, 0.0, -70)])
@@ -31,35 +31,11 @@ def drive(
 ) -> tuple[store.Artifact, store.Artifact]:
     """Scans of the scene, or these, and submaps of one each."""
     clouds = clouds or [seen_from(scene(), at) for at in world_T_anchor]
-    rows = np.arange(len(world_T_anchor))
-    paths = [folder / kind / f"{name}.zarr" for kind in ("scans", "submaps")]
-    with store.draft(paths[0], schemas.Scans, grain_m=0.005, skipped={}, clipped=0) as out:
-        out.append(
-            "points", np.concatenate([np.rint(cloud / 0.005) for cloud in clouds]).astype(np.int16)
-        )
-        out.append("offsets", np.cumsum([0, *map(len, clouds)]))
-        for column, values in {
-            "stamps_ns": STAMPS_NS[0] * (1 + rows),
-            **dict.fromkeys(("world_T_scan", "odom_T_scan"), world_T_anchor),
-            "odom_variance": np.full((len(rows), 2), np.nan),
-        }.items():
-            out.put(column, values)
-    with store.draft(
-        paths[1], schemas.Submaps, layout="world_T_scan", left_out={}, appearance=SUITED
-    ) as out:
-        used = {
-            "first": rows,
-            "scans": rows,
-            "ground_m": np.zeros(len(rows)),
-            "used": np.ones(len(rows), bool),
-        }
-        for column, values in {
-            **used,
-            "stamps_ns": STAMPS_NS[0] * (1 + rows),
-            "world_T_anchor": world_T_anchor,
-        }.items():
-            out.put(column, values)
-    return store.read(paths[0], schemas.Scans), store.read(paths[1], schemas.Submaps)
+    stamps_ns = STAMPS_NS[0] * (1 + np.arange(len(world_T_anchor)))
+    return (
+        write_scans(folder / f"scans/{name}.zarr", clouds, world_T_anchor, stamps_ns=stamps_ns),
+        write_submaps(folder / f"submaps/{name}.zarr", world_T_anchor, stamps_ns=stamps_ns),
+    )
 
 
 @pytest.fixture

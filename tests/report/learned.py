@@ -16,11 +16,11 @@ from pipeline.evaluation.ageing import Ageing
 from pipeline.evaluation.events import Bands
 from pipeline.report.study import Study
 from pipeline.studies.layout import Layout
+from tests.artifacts import SUITED
 from tests.evaluation.made import standing
 from tests.report.figures.made import TRAIN_XY_M
 from tests.report.studied import put
 from tests.studies.made import study as made_study
-from tests.views.made import SUITED
 
 TRAIN = "2012-01-15"
 LEARNED = "2012-03-17"

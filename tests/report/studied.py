@@ -21,9 +21,9 @@ from pipeline.formats.changes import Change, write_changes
 from pipeline.matching.rejection import Evidence
 from pipeline.report.study import Study
 from pipeline.studies.layout import Layout
+from tests.artifacts import SUITED
 from tests.report.figures.made import BOOTSTRAP, PLACES, TRAIN_PLACES, TRAIN_XY_M, evaluation
 from tests.studies.made import study as made_study
-from tests.views.made import SUITED
 
 TRAIN = "2012-01-15"
 TESTS = {"2012-02-04": 20, "2012-03-17": 62, "2012-06-15": 152, "2012-10-28": 287}

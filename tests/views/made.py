@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.core import schemas, store
+from pipeline.core import store
 from pipeline.core.frames import pose
 from pipeline.mapping.octree import Octree
 from pipeline.views.birdview import BirdView
+from tests.artifacts import write_scans, write_submaps
 
 Artifacts = tuple[store.Artifact, store.Artifact]
 
@@ -22,8 +23,6 @@ BIRDVIEW = BirdView(
 POLES_M = np.array([[4.25, 0.25], [-0.25, 3.25], [0.25, -5.25]])
 """Poles in the world: ahead, to the left and to the right of where the robot starts. Scan i sees
 only pole i."""
-SUITED = {"azimuth_deg": 360.0, "ground_m": 0.0, "highest_m": 9.0}
-"""The `appearance` of submaps that suit every view."""
 ALONG = pose(np.arange(3)[:, None] * (0.5, 0, 0), np.zeros((3, 3)))
 """Three poses half a metre apart."""
 
@@ -47,27 +46,25 @@ def artifacts(
     """
     stamps = np.array(stamps_ns or range(len(points)))
     rows = np.array(last or range(len(points)))
-    with store.draft(
-        folder / "scans.zarr", schemas.Scans, grain_m=0.005, skipped={}, clipped=0
-    ) as draft:
-        draft.put("points", np.rint(np.concatenate(points) / 0.005).astype(np.int16))
-        draft.put("offsets", np.concatenate([[0], np.cumsum([len(cloud) for cloud in points])]))
-        draft.put("stamps_ns", stamps)
-        draft.put("world_T_scan", world_T_scan)
-        draft.put("odom_T_scan", world_T_scan if odom_T_scan is None else odom_T_scan)
-        nothing_said = np.full((len(points), 2), np.nan)
-        draft.put("odom_variance", nothing_said if odom_variance is None else odom_variance)
-    attrs = {"layout": "world_T_scan", "left_out": {}, "appearance": SUITED} | attrs
-    with store.draft(folder / "submaps.zarr", schemas.Submaps, **attrs) as draft:
-        draft.put("first", np.array(first or rows))
-        draft.put("scans", rows)
-        draft.put("stamps_ns", stamps[rows])
-        draft.put("ground_m", np.full(len(rows), ground_m))
-        draft.put("used", np.ones(len(points), bool))
-        draft.put("world_T_anchor", world_T_scan[rows])
-    return store.read(folder / "scans.zarr", schemas.Scans), store.read(
-        folder / "submaps.zarr", schemas.Submaps
+    of_scans = write_scans(
+        folder / "scans.zarr",
+        points,
+        world_T_scan,
+        odom_T_scan=odom_T_scan,
+        odom_variance=odom_variance,
+        stamps_ns=stamps,
     )
+    of_submaps = write_submaps(
+        folder / "submaps.zarr",
+        world_T_scan[rows],
+        stamps_ns=stamps[rows],
+        first=np.array(first or rows),
+        scans=rows,
+        ground_m=np.full(len(rows), ground_m),
+        used=np.ones(len(points), bool),
+        **attrs,
+    )
+    return of_scans, of_submaps
 
 
 def poles(folder: Path, odom_T_scan: np.ndarray | None = None, **settings: object) -> Artifacts:

@@ -11,12 +11,13 @@ from PIL import Image
 
 from pipeline.cli import main
 from pipeline.cli.picture import last_day
-from pipeline.core import schemas, store
+from pipeline.core import schemas
 from pipeline.report.figures.animation import END_MS, FRAME_MS, palette, save, spread
 from pipeline.report.figures.believed import BelievedDrive
 from pipeline.report.study import Study
 from pipeline.studies.layout import Layout
 from pipeline.studies.studies_file import studies_text
+from tests.artifacts import write_scans
 from tests.report.studied import SETTINGS, TESTS, TRAIN
 from tests.studies.made import CONF
 
@@ -34,16 +35,8 @@ def scanned(study: Study, tmp_path_factory: pytest.TempPathFactory) -> Study:
     scanned = replace(study, layout=Layout(root))
     for sequence in (TRAIN, DAY, max(TESTS)):
         world_T_anchor = study.artifact(schemas.Submaps, "submaps", sequence).world_T_anchor
-        count = len(world_T_anchor)
-        with store.draft(
-            scanned.find("scans", sequence), schemas.Scans, grain_m=0.005, skipped={}, clipped=0
-        ) as draft:
-            draft.put("points", np.tile(np.rint(POST_M / 0.005).astype(np.int16), (count, 1)))
-            draft.put("offsets", 2 * np.arange(count + 1))
-            draft.put("stamps_ns", np.arange(count))
-            for name in ("world_T_scan", "odom_T_scan"):
-                draft.put(name, world_T_anchor)
-            draft.put("odom_variance", np.full((count, 2), np.nan))
+        posts_m = [POST_M] * len(world_T_anchor)
+        write_scans(scanned.find("scans", sequence), posts_m, world_T_anchor)
     return scanned
 
 
