@@ -15,7 +15,7 @@ import typer
 from pipeline.cli.kernels import tell_cold
 from pipeline.cli.options import BodyTLidar, Promise
 from pipeline.cli.outputs import check_folder
-from pipeline.cli.project import read_studies
+from pipeline.cli.project import named_model
 from pipeline.cli.scan_options import ScanOptions
 from pipeline.cli.summary import tell_left_out
 from pipeline.core.errors import ConfigError, LogError
@@ -133,51 +133,37 @@ def _judged_of_study(name: str, day: str | None, promise: float | None) -> Judge
     from pipeline.posing.targets import Targets
     from pipeline.studies.layout import Layout
 
-    dataset, grid, _ = name.split("/")
-    study = _study(name)
-    model = _posed_model(study, name)
+    study, grid, method = named_model(name)
+    model = _posed_model(study, method, name)
     if day not in (None, *study.asked_days):
         raise ConfigError(f"{day}: expected one of {', '.join(study.asked_days)}")
     layout = Layout()
     fixes: list[JudgedFix] = []
     for test_day in [day] if day else study.asked_days:
-        answers = store.read(layout.answers(dataset, grid, model, test_day), Fixes)
+        answers = store.read(layout.answers(study.name, grid, model, test_day), Fixes)
         drive = Drive.read(
-            layout.path("scans", dataset, test_day), layout.path("submaps", dataset, test_day)
+            layout.path("scans", study.name, test_day), layout.path("submaps", study.name, test_day)
         )
         fixes += of_drive(answers, drive, reject_from(answers, promise), f"{test_day} query {{}}")
     return JudgedFixes(
         fixes,
-        Targets.read(layout.path("map", dataset, study.train_text)),
+        Targets.read(layout.path("map", study.name, study.train_text)),
         "nothing was promised" if promise is None else f"promise {promise:g}",
         study.simulated,
     )
 
 
-def _study(name: str) -> "Study":
-    """The study of STUDY/GRID/METHOD; raises ConfigError if it or its grid does not exist."""
-    dataset, grid, _ = name.split("/")
-    studies = read_studies()
-    if dataset not in studies or grid not in studies[dataset].grid_names:
-        raise ConfigError(
-            f"{name}: no such file, and no such study and grid among {', '.join(studies)}"
-        )
-    return studies[dataset]
-
-
-def _posed_model(study: "Study", name: str) -> "ModelName":
+def _posed_model(study: "Study", method: str, name: str) -> "ModelName":
     """The model of STUDY/GRID/METHOD whose answers have poses; METHOD may lack the ending -pose.
 
     Raises ConfigError if there is none.
     """
-    dataset, _, method = name.split("/")
     posed_models = {model.name: model for model in study.answerers if model.posed}
     model = posed_models.get(method) or posed_models.get(f"{method}-pose")
     if model is not None:
         return model
     if posed_models:
         raise ConfigError(f"{name}: the models with poses are {', '.join(posed_models)}")
-    remedy = (
-        f"`yearloc use {dataset} poses={method.partition('-')[0]} --add` and `dvc repro` make them"
-    )
+    method = method.partition("-")[0]
+    remedy = f"`yearloc use {study.name} poses={method} --add` and `dvc repro` make them"
     raise ConfigError(f"{name}: no poses; {remedy}")

@@ -15,7 +15,7 @@ import typer
 from pipeline.cli.options import Odometry, Promise, Topic
 from pipeline.cli.outputs import check_file
 from pipeline.cli.progress import Bar
-from pipeline.cli.project import read_studies
+from pipeline.cli.project import named_model
 from pipeline.core.errors import ConfigError, LogError
 
 if TYPE_CHECKING:  # at run time these would slow the start of every command
@@ -99,10 +99,9 @@ def draw(of: str, test_day: str | None, out: Path) -> MovingPicture:
 
     check_file(out)
     animation.check_ending(out)
-    name, grid, model = _split_name(of)
-    study = _study_with(read_studies(), name, grid, of)
+    study, grid, model = named_model(of)
     _check_model_and_day(study, model, test_day, of)
-    table = results.read(Layout(), {name: study})
+    table = results.read(Layout(), {study.name: study})
     sequence = test_day or last_day(table, study.tests)
     drive = BelievedDrive.of(StudyOfGrid(Layout(), study, grid, table), model, sequence)
     frame_count, _ = chase.write(drive, out, Bar())
@@ -184,32 +183,6 @@ def last_day(table: "pd.DataFrame", tests: Sequence[str]) -> str:
     rows_with_day = table[table["days"].notna()].drop_duplicates("sequence")
     days_after: dict[str, float] = rows_with_day.set_index("sequence")["days"].to_dict()
     return max(tests, key=lambda test: days_after.get(test, 0.0))
-
-
-def _split_name(name: str) -> tuple[str, str, str]:
-    """Split STUDY/GRID/METHOD; raises ConfigError for another form."""
-    try:
-        study, grid, model = name.split("/")
-    except ValueError:
-        raise ConfigError(
-            f"{name}: expected STUDY/GRID/METHOD, such as campus/10m/sci_ring"
-        ) from None
-    return study, grid, model
-
-
-def _study_with(studies: "dict[str, Study]", name: str, grid: str, of: str) -> "Study":
-    """The study `name`; raises ConfigError, naming `of`, if it or its grid does not exist."""
-    if name in studies and grid in studies[name].grid_names:
-        return studies[name]
-    choices = [
-        f"{study.name}/{study_grid}"
-        for study in studies.values()
-        for study_grid in study.grid_names
-    ]
-    raise ConfigError(
-        f"{of}: no such study and grid, expected one of "
-        f"{', '.join(choices) or 'none: `yearloc use campus` first'}"
-    )
 
 
 def _check_model_and_day(study: "Study", model: str, test_day: str | None, of: str) -> None:

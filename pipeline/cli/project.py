@@ -38,3 +38,28 @@ def read_studies() -> "dict[str, Study]":
     from pipeline.studies import studies_file
 
     return studies_file.read_studies(conf_folder())
+
+
+def named_model(name: str) -> "tuple[Study, str, str]":
+    """The study, grid and method of STUDY/GRID/METHOD, such as campus/10m/sci_ring.
+
+    Raises ConfigError for another form, and if there is no such study and grid.
+    """
+    try:
+        study_name, grid, method = name.split("/")
+    except ValueError:
+        raise ConfigError(
+            f"{name}: expected STUDY/GRID/METHOD, such as campus/10m/sci_ring"
+        ) from None
+    studies = read_studies()
+    if study_name in studies and grid in studies[study_name].grid_names:
+        return studies[study_name], grid, method
+    choices = [
+        f"{study.name}/{study_grid}"
+        for study in studies.values()
+        for study_grid in study.grid_names
+    ]
+    raise ConfigError(
+        f"{name}: no such study and grid, expected one of "
+        f"{', '.join(choices) or 'none: `yearloc use campus` first'}"
+    )

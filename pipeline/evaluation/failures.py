@@ -90,6 +90,12 @@ def reject_from(fixes: Fixes, promise: float | None) -> float:
     return thresholds[promise]
 
 
+def as_driven(fixes: Fixes, count: int) -> slice:
+    """The rows of the `count` queries as driven: one of the cases, which lie one after another."""
+    case = read_cases(fixes.cases).index(Case())
+    return slice(case * count, (case + 1) * count)
+
+
 def of_drive(
     fixes: Fixes, drive: Drive, reject_from: float, name: str = "{}"
 ) -> Iterator[JudgedFix]:
@@ -98,10 +104,7 @@ def of_drive(
     A fix is accepted if its novelty is below `reject_from`. In `name` stands {} for the number of
     the query.
     """
-    # the queries as driven are one of the cases, which lie one after the other
-    count = len(drive.world_T_anchor)
-    case = read_cases(fixes.cases).index(Case())
-    rows = slice(case * count, (case + 1) * count)
+    rows = as_driven(fixes, len(drive.world_T_anchor))
     world_T_query = fixes.load("world_T_query")[rows]
     novelty = fixes.load("novelty")[rows, 0].astype(np.float64)
     overlap = fixes.load("overlap")[rows].astype(np.float64)

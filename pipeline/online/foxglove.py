@@ -4,24 +4,19 @@ It shows the map, each scan where its fix placed it, every pose as a point, and 
 (`yearloc watch -o FILE.mcap`).
 """
 
-import shutil
+from contextlib import ExitStack
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from types import TracebackType
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.core.replacing import replace
-from pipeline.formats.bag import BagWriter
 from pipeline.online.inputs import Scan
-from pipeline.online.outputs import in_world
+from pipeline.online.outputs import FRAME, stamp_of, whole_bag, write_fix
 from pipeline.online.site import Fix, Site
 from pipeline.online.watch import origin, whole_map
 
-FRAME = "map"
-"""The frame of the world, in which poses are."""
 SITE = "site"
 """A frame in the middle of the site. Clouds are given in it, since their float32 is too coarse for
 coordinates of the world."""
@@ -44,11 +39,9 @@ class Recording:
         """
         assert out is not None
         self._origin_m = origin(site)
-        self._out = out
         self._map_m = whole_map(site) - self._origin_m
-        self._scratch = TemporaryDirectory()
-        self._folder = Path(self._scratch.name, "recording")
-        self._bag = BagWriter(self._folder, "mcap").__enter__()
+        self._file = ExitStack()
+        self._bag = self._file.enter_context(whole_bag(out))
         self._fixes: list[tuple[float, ...]] = []
         self._has_map = False
 
@@ -61,16 +54,11 @@ class Recording:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        with self._scratch:
-            self._bag.__exit__(kind, error, trace)  # only now is the file whole
-            if kind is None:
-                (recording_file,) = self._folder.glob("*.mcap")
-                with replace(self._out) as whole:
-                    shutil.move(recording_file, whole)
+        self._file.__exit__(kind, error, trace)
 
     def add(self, number: int, scan: Scan, points_m: NDArray[np.float64], fix: Fix) -> None:
         """Add a scan (n, 3) and its fix, at its stamp or else at its number in seconds."""
-        stamp_ns = number * 10**9 if scan.stamp_ns is None else scan.stamp_ns
+        stamp_ns = stamp_of(scan, number)
         if not self._has_map:
             self._add_map(stamp_ns)
         if fix.verdict == "no pose":
@@ -82,10 +70,7 @@ class Recording:
         self._fixes.append((*position_m, VERDICT_NUMBERS.index(fix.verdict)))
         fixes = np.array(self._fixes)
         self._add_cloud(stamp_ns, fixes[:, :3], "/fixes", fixes[:, 3])
-        if fix.verdict == "accepted":
-            self._bag.pose_with_covariance(
-                stamp_ns, FRAME, fix.world_T_sensor, in_world(fix), "/fix"
-            )
+        write_fix(self._bag, stamp_ns, fix)
 
     def _add_map(self, stamp_ns: int) -> None:
         """Write the map, and the transform from the frame `map` to `site`."""

@@ -10,6 +10,7 @@ import shutil
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from itertools import count
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, TextIO
@@ -40,6 +41,8 @@ COLUMNS = (
     "ms",
 )
 """The columns of a CSV file: all of a fix that a row can hold; the stamp is in seconds."""
+FRAME = "map"
+"""The frame of the world in a bag, in which poses are."""
 Write = Callable[[Scan, Fix], None]
 """Writes one scan's fix."""
 
@@ -91,6 +94,11 @@ def _pose(world_T_sensor: NDArray[np.float64]) -> dict[str, float | None]:
     return {name: round(float(value), 6) for name, value in zip(POSE, values, strict=True)}
 
 
+def stamp_of(scan: Scan, number: int) -> int:
+    """The stamp of a scan in ns, or else its number in seconds."""
+    return number * 10**9 if scan.stamp_ns is None else scan.stamp_ns
+
+
 def in_world(fix: Fix) -> NDArray[np.float64]:
     """The covariance (6, 6) of a fix along the world's axes: x, y, z, then turns, as in ROS."""
     both_turned = np.kron(np.eye(2), fix.world_T_sensor[:3, :3])  # the turns and the steps alike
@@ -122,8 +130,11 @@ def writer(kind: str, path: Path | None) -> Iterator[Write]:
     if kind == "mcap":
         if path is None:
             raise ConfigError("--mcap: expected -o FILE.mcap, a bag is no text")
-        with _bag(path) as write:
-            yield write
+        if path.suffix != ".mcap":
+            raise ConfigError(f"-o {path}: expected FILE.mcap")
+        numbers = count(1)
+        with whole_bag(path) as bag:
+            yield lambda scan, fix: write_fix(bag, stamp_of(scan, next(numbers)), fix)
         return
     write_text: Write | None = None
     with ExitStack() as stack:
@@ -168,25 +179,18 @@ def _text(kind: str, stream: TextIO) -> Write:
 
 
 @contextmanager
-def _bag(path: Path) -> Iterator[Write]:
-    """Writes accepted fixes as PoseWithCovarianceStamped on /fix in the frame `map`."""
-    if path.suffix != ".mcap":
-        raise ConfigError(f"-o {path}: expected FILE.mcap")
+def whole_bag(path: Path) -> Iterator[BagWriter]:
+    """Writes FILE.mcap, whole or not at all."""
     with TemporaryDirectory() as scratch:
-        folder = Path(scratch, "fixes")
-        count = 0
+        folder = Path(scratch, "recording")
         with BagWriter(folder, "mcap") as bag:
-
-            def write(scan: Scan, fix: Fix) -> None:
-                nonlocal count
-                count += 1
-                if fix.verdict == "accepted":
-                    stamp_ns = count * 10**9 if scan.stamp_ns is None else scan.stamp_ns
-                    bag.pose_with_covariance(
-                        stamp_ns, "map", fix.world_T_sensor, in_world(fix), "/fix"
-                    )
-
-            yield write
+            yield bag
         (recording_file,) = folder.glob("*.mcap")
         with replace(path) as whole:
             shutil.move(recording_file, whole)
+
+
+def write_fix(bag: BagWriter, stamp_ns: int, fix: Fix) -> None:
+    """Writes an accepted fix as PoseWithCovarianceStamped on /fix in the frame FRAME, no other."""
+    if fix.verdict == "accepted":
+        bag.pose_with_covariance(stamp_ns, FRAME, fix.world_T_sensor, in_world(fix), "/fix")

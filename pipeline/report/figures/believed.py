@@ -10,10 +10,10 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.alterations import Case, read_cases
 from pipeline.core import schemas, store
 from pipeline.core.errors import ArtifactError
 from pipeline.core.frames import Poses, distance_and_turn, moved
+from pipeline.evaluation.failures import as_driven
 from pipeline.evaluation.judgement import Evaluations
 from pipeline.evaluation.numbers import within
 from pipeline.report.result import day
@@ -125,9 +125,7 @@ def verdicts(
     accepted at its threshold; if none can be promised, no pose is accepted. Raises ArtifactError if
     there are not so many poses.
     """
-    # the rows of a case are together; the empty case is of queries as driven
-    case = read_cases(fixes.cases).index(Case())
-    rows = slice(case * count, (case + 1) * count)
+    rows = as_driven(fixes, count)
     world_T_query = fixes.load("world_T_query")[rows]
     if len(world_T_query) != count:
         raise ArtifactError(

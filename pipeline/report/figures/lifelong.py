@@ -15,7 +15,13 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from pipeline.report.figures.maps import bounds_m, height_per_width, scale_bar
+from pipeline.report.figures.maps import (
+    Layer,
+    bounds_m,
+    draw_layers,
+    height_per_width,
+    scale_bar,
+)
 from pipeline.report.figures.panels import SLANTED, Line, facets, lines, share_limits
 from pipeline.report.figures.style import MARK, QUIET, THICK, WIDTH_IN, below, dot, figure, styled
 from pipeline.report.result import day
@@ -25,7 +31,7 @@ from pipeline.studies.colours import MARKERS, PALETTE
 DARK = 0.6  # from this share of the colours on, the number in a cell is white
 ALONE_IN = 4.2  # width of a single matrix
 LEAST_SPAN = 0.1  # a scale of recall or forgetting spans at least this
-PATH = "0.15"  # grey of the training path, above the queries
+PATH: Any = {"color": "0.15", "lw": 0.5}  # the training path, above the queries
 NEVER = "0.75"  # grey of queries whose place is never known
 
 
@@ -35,14 +41,6 @@ class FirstKnown(NamedTuple):
     xy_m: NDArray[np.float64]  # (query, 2) where each was taken
     step: NDArray[np.int64]  # (query,) from which its place is known; −1 for never
     names: Sequence[str]  # of the steps
-
-
-class Layer(NamedTuple):
-    """The points of one kind on a map."""
-
-    xy_m: NDArray[np.float64]  # (n, 2)
-    name: str
-    tint: str
 
 
 @styled
@@ -178,15 +176,10 @@ def _maps(
     fig = figure(panel_in * max(columns, 2), height_in, heading)
     axes = fig.subplots(1, columns, squeeze=False)[0]
     for axis, (title, layers) in zip(axes, maps.items(), strict=True):
-        axis.plot(*train_xy_m.T, color=PATH, lw=0.5, zorder=90)
-        entries = []
-        for zorder, (xy_m, name, tint) in enumerate(layers, start=2):
-            if len(xy_m):
-                axis.scatter(*xy_m.T, 5.0, tint, linewidths=0, zorder=zorder, rasterized=True)
-                entries.append(dot(f"{name}: {len(xy_m)}", tint))
-        entries.append(Line2D([], [], color=PATH, lw=0.5, label="training path"))
-        axis.set(xlim=around[:, 0], ylim=around[:, 1], aspect="equal")
-        axis.set_axis_off()
+        shown = [layer for layer in layers if len(layer.xy_m)]
+        draw_layers(axis, shown, train_xy_m, around, 5.0, PATH | {"zorder": 90})
+        entries = [dot(f"{layer.name}: {len(layer.xy_m)}", layer.tint) for layer in shown]
+        entries.append(Line2D([], [], label="training path", **PATH))
         axis.set_title(title, pad=3)
         axis.legend(
             handles=entries,

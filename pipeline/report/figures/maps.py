@@ -4,9 +4,9 @@ In: the results of models, and the training path (n, 2) in metres. Out: `outcome
 of one result, and `montage` of all. `bounds_m` and `scale_bar` serve other maps too.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import product
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -26,6 +26,16 @@ from pipeline.studies.colours import colour
 ANSWERS = (("right", "#0072B2", "o"), ("wrong", "#C8400A", "X"), ("unseen", "#3A3A3A", "s"))
 RIGHT, WRONG, UNSEEN = range(3)
 REJECTED = 0.25  # opacity of what the model rejects at its own threshold
+
+
+class Layer(NamedTuple):
+    """The points of one kind on a map."""
+
+    xy_m: NDArray[np.float64]  # (n, 2)
+    name: str
+    tint: str
+    marker: str = "o"
+    accepted: bool = True  # else they are faint
 
 
 def outcome_map(result: Result, train_xy_m: NDArray[np.float64]) -> Figure:
@@ -145,19 +155,35 @@ def _map(
     box: NDArray[np.float64],
     size: float,
 ) -> None:
-    """Draw the training path, and queries (q, 2) as markers of `size` square points.
+    """Draw queries (q, 2), rejected ones faint below accepted ones, wrong ones above right ones."""
+    layers = [
+        Layer(xy_m[(kinds == code) & (accepted == is_accepted)], *ANSWERS[code], is_accepted)
+        for is_accepted, code in product((False, True), (RIGHT, UNSEEN, WRONG))
+    ]
+    path = {"color": "0.85", "lw": 1.6 if size > 5 else 1.0, "zorder": 1}
+    draw_layers(axis, layers, train_xy_m, box, size, path)
 
-    Rejected queries are faint and lie below accepted ones; wrong ones lie above right ones. Markers
-    become pixels in an SVG, which is smaller so.
+
+def draw_layers(
+    axis: Axes,
+    layers: Sequence[Layer],
+    train_xy_m: NDArray[np.float64],
+    box: NDArray[np.float64],
+    size: float,
+    path: Mapping[str, Any],
+) -> None:
+    """Draw the training path (n, 2), and layers of points of `size` square points.
+
+    Later layers lie above others; `path` is the look of the path. Points become pixels in an SVG,
+    which is smaller so.
     """
-    axis.plot(*train_xy_m.T, color="0.85", lw=1.6 if size > 5 else 1.0, zorder=1)
-    layers = product((False, True), (RIGHT, UNSEEN, WRONG))
-    for order, (is_accepted, code) in enumerate(layers, start=2):
-        _, tint, marker = ANSWERS[code]
-        x_m, y_m = xy_m[(kinds == code) & (accepted == is_accepted)].T
-        alpha = 1.0 if is_accepted else REJECTED
-        look: Any = {"marker": marker, "alpha": alpha, "zorder": order}
-        axis.scatter(x_m, y_m, size, tint, linewidths=0, rasterized=True, **look)
+    axis.plot(*train_xy_m.T, **path)
+    for order, layer in enumerate(layers, start=2):
+        look: Any = {"marker": layer.marker, "zorder": order}
+        if not layer.accepted:
+            look["alpha"] = REJECTED
+        x_m, y_m = layer.xy_m.T
+        axis.scatter(x_m, y_m, size, layer.tint, linewidths=0, rasterized=True, **look)
     axis.set(xlim=box[:, 0], ylim=box[:, 1], aspect="equal")
     axis.set_axis_off()
 

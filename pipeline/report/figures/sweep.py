@@ -96,9 +96,8 @@ def _panel(
         for x, job in jobs:
             at.setdefault(x, []).extend(job.values(measure.protocol, "oracle"))
             if job.error is not None:
-                axis.plot(
-                    x, 0, "x", color=look["color"], transform=axis.get_xaxis_transform(), **CROSS
-                )
-    means_at = {x: np.mean(values) for x, values in sorted(at.items()) if values}
-    draw_lines(axis, [oracle([*means_at], [*means_at.values()], "oracle recall@1")])
+                lowest = axis.get_xaxis_transform()
+                axis.plot(x, 0, "x", color=look["color"], transform=lowest, **CROSS)
+    means_at = {x: float(np.mean(values)) for x, values in sorted(at.items()) if values}
+    draw_lines(axis, [oracle(list(means_at), list(means_at.values()), "oracle recall@1")])
     axis.set_ylim(None, min(axis.get_ylim()[1], 1.005))

@@ -21,7 +21,6 @@ from pipeline.report import findings, tables
 from pipeline.report.figures import (
     ageing,
     curves,
-    failures,
     maps,
     matches,
     rejection,
@@ -263,7 +262,7 @@ def _of_poses(study: Study, folder: Path, posed: Sequence[Result]) -> Iterator[I
         for kind, figure in (
             ("verdicts", verdicts.verdicts(group)),
             ("chances", verdicts.chances(group)),
-            ("failures", failures.cards(study, group)),
+            ("failures", verdicts.cards(study, group)),
         ):
             yield draw(kind, figure, name=f"{kind}_{model}", model=model)
         yield draw(
