@@ -38,7 +38,7 @@ class Swept:
             for row in self.jobs[job]["rows"]
             if (row["protocol"], row["number"]) == ("cells", name)
         ]
-        return [row["value"] for row in wanted if not row.get("kind")]
+        return [row["value"] for row in wanted if row.get("ask") != "novelty"]
 
 
 def outcome(swept: Swept) -> list[Any]:

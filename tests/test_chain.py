@@ -53,11 +53,13 @@ def test_the_table_tells_of_each_alteration_and_stress_and_every_model(built):
         )
     )
     own = table[(table["grid"] == "10m") & (table["number"] == "auc_top1")]
-    turned = own[own["case"].str.startswith("turned")]
+    turned = own[own["of"] == "turned"]
     models = {("sci", ""), ("scan_context", ""), ("scan_context", "engaged")}
     assert set(zip(turned["method"], turned["variant"], strict=True)) == models
-    assert turned["case"].nunique() == 5
-    driven = own[(own["method"] == "sci") & (own["case"] == "")].set_index("sequence")["value"]
+    assert turned["repeat"].nunique() == 5
+    driven = own[(own["method"] == "sci") & (own["ask"] == "unperturbed")].set_index("sequence")[
+        "value"
+    ]
     shown = json.loads(
         built.run("dvc", "metrics", "show", "--json", "artifacts/metrics/town/10m/sci")
     )[""]["data"]
@@ -235,7 +237,7 @@ def test_poses_are_a_variant_in_the_table_and_place_what_the_model_cannot(built)
     table = results.read(Layout(built.folder / "artifacts"), {"campus": made_study()})
     own = table[
         (table["method"] == "scan_context")
-        & (table["case"] == "")
+        & (table["ask"] == "unperturbed")
         & (table["protocol"] == "distance")
     ]
     values = own.set_index(["variant", "number", "sequence"])["value"].sort_index()
@@ -254,7 +256,7 @@ def test_poses_are_a_variant_in_the_table_and_place_what_the_model_cannot(built)
         & (table["number"] == "within_2m_5deg")
         & (table["protocol"] == "distance")
     ]
-    found = altered[altered["change"] != ""].set_index("change")["value"]
+    found = altered[altered["ask"] == "perturbed"].set_index("of")["value"]
     assert set(found.index) == {"turned", "demolition", "construction"}
     assert found["turned"] > 0.6  # its truth is turned with it
     assert not (built.folder / "artifacts/report/campus/10m/history_scan_context-pose.svg").exists()

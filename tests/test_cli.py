@@ -544,11 +544,11 @@ def test_results_are_printed_for_other_programs(project, capsys):
     header, line = capsys.readouterr().out.splitlines()
     assert (header, line) == (
         ",".join(COLUMNS),
-        "campus,campus,False,10m,sci,,0,may,20.0,,cells,auc_top1,0.5,0.25,0.75",
+        "campus,campus,False,10m,sci,sci,,0,may,20.0,unperturbed,,0.0,0,cells,auc_top1,0.5,0.25,0.75",
     )
     main(["results", "--json"])
     first, second = json.loads(capsys.readouterr().out)
-    assert (first["value"], second["low"], second["case"]) == (0.5, None, "")
+    assert (first["value"], second["low"], second["ask"]) == (0.5, None, "unperturbed")
     main(["results", "--where", "method=m2dp"])
     assert "0.125" in capsys.readouterr().out
     assert "expected one of the columns study, dataset" in refused(

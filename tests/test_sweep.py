@@ -27,8 +27,8 @@ def test_a_job_of_the_benchmarks_own_settings_is_dvcs_work(built: Clone, cells: 
     job = cells.jobs[1]
     assert job["built"] == job["from_sweeps"] == {}
     rows = results.read(Layout(built.folder / "artifacts"), {"campus": made_study()})
-    rows = rows[(rows["method"] == "sci") & (rows["variant"] == "") & (rows["change"] == "")]
-    columns = ["sequence", "kind", "protocol", "number"]
+    rows = rows[(rows["model"] == "sci") & rows["ask"].isin(["unperturbed", "novelty"])]
+    columns = ["sequence", "of", "protocol", "number"]
     values_of_job = table(job["rows"]).set_index(columns)["value"]
     values_of_dvc = rows.set_index(columns)["value"]
     assert len(values_of_job) > 100

@@ -16,14 +16,12 @@ from benchmarks.papers.claims import CLAIMS
 from benchmarks.papers.rules import Outcome, Tables
 from pipeline.core.errors import ArtifactError, ConfigError
 from pipeline.core.replacing import replace
-from pipeline.evaluation.rows import CASE_COLUMNS, COLUMN_TYPES, COLUMNS, FLOAT_COLUMNS
+from pipeline.evaluation.rows import COLUMN_TYPES, COLUMNS, FLOAT_COLUMNS
 from pipeline.running.texts import read_yaml
 from pipeline.studies.study import Study
 
 FOLDER = Path("docs/papers")
-KEPT_COLUMNS = tuple(
-    name for name in (*COLUMNS, *CASE_COLUMNS) if name not in ("dataset", "case", "days")
-)
+KEPT_COLUMNS = tuple(name for name in COLUMNS if name not in ("dataset", "model", "days"))
 """The columns that are kept."""
 DIGITS = 6
 """Decimals of the numbers that are kept."""

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
+from pipeline.evaluation.rows import HEADING, NOVELTY, PERTURBED, UNPERTURBED, VIEWPOINT
 from pipeline.report.comparison import ONE_SEED, Kind
 from pipeline.studies.models import ModelName
 
@@ -24,14 +25,12 @@ UNTRAINED = ("scan_context", "m2dp", "sad")
 """Methods that learn no weights."""
 BLACK_ERROR = "black_error"
 """The number that is the error of a black image, in place of a network's reconstruction."""
-VIEWPOINT = "viewpoint"
 OF_ALL = "viewpoint of all"
-"""Values of the column `change`, for a sequence that is matched with itself: at one heading, and at
-all headings together."""
+"""`Side.change` of a sequence matched with itself from all headings; VIEWPOINT is from one."""
 CLEAR_FACTOR = 1.5
 """Medians of times, which have no interval, differ clearly if they do by this factor."""
-SIDE_COLUMNS = ("study", "method", "number", "protocol", "variant", "grid", "kind", "change")
-"""The columns in which a side names its rows."""
+SIDE_COLUMNS = ("study", "method", "number", "protocol", "variant", "grid")
+"""The columns in which a side names its rows, beside what was asked."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +56,15 @@ class Side:
     def is_trained(self) -> bool:
         """Whether it is of a trained network, so that another seed would give another number."""
         return self.method not in UNTRAINED and self.number != BLACK_ERROR
+
+    @property
+    def asked(self) -> tuple[str, str]:
+        """What its rows have in the columns `ask` and `of`."""
+        if self.change in (VIEWPOINT, OF_ALL):
+            return VIEWPOINT, HEADING if self.change == VIEWPOINT else ""
+        if self.change:
+            return PERTURBED, self.change
+        return (NOVELTY, self.kind) if self.kind else (UNPERTURBED, "")
 
     @property
     def model(self) -> str:
@@ -107,16 +115,14 @@ class Tables:
         frame = self.frames.get(side.table)
         if frame is None:
             return pd.DataFrame(columns=["value", "low", "high"])
-        # No side is of a stress sequence, nor of walls that hide what is behind them.
-        wanted = {"stress": "", "shadow": False} | {
-            name: getattr(side, name) for name in SIDE_COLUMNS
-        }
+        wanted = {name: getattr(side, name) for name in SIDE_COLUMNS}
+        wanted |= dict(zip(("ask", "of"), side.asked, strict=True))
         if side.level is not None:
-            wanted["level"] = side.level
+            wanted["at"] = side.level
         chosen = np.logical_and.reduce([frame[name] == value for name, value in wanted.items()])
         rows = frame[chosen & np.isfinite(frame["value"])]
         self.used[side.table] |= set(rows.index)
-        headings = rows["level"] if side.change == VIEWPOINT else 0.0 * rows["level"]
+        headings = rows["at"] if side.change == VIEWPOINT else 0.0 * rows["at"]
         keys = [rows["sequence"], headings.rename("heading"), rows["seed"]]
         return rows.groupby(keys, sort=True)[["value", "low", "high"]].mean()
 

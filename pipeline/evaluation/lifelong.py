@@ -16,10 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.schemas import Lifelong
-from pipeline.evaluation.rows import TableRows, number_rows
-
-CHANGE = "lifelong"
-"""The value of the column `change` in rows of the table of results."""
+from pipeline.evaluation.rows import COURSE, TableRows, number_rows
 
 
 @dataclass(frozen=True)
@@ -162,8 +159,7 @@ def cost_rows(course: Mapping[str, Any]) -> TableRows:
 def _step_columns(order: str, strategy: str, step: int) -> dict[str, Any]:
     """The columns that say which step of which strategy."""
     return {
-        "case": f"{order} {strategy} {step}",
-        "change": CHANGE,
-        "kind": f"{order} {strategy}",
-        "level": float(step),
+        "ask": COURSE,
+        "of": f"{order} {strategy}",
+        "at": float(step),
     }

@@ -7,6 +7,7 @@ study's first cell size.
 import pandas as pd
 
 from pipeline.evaluation.results import ResultsTable
+from pipeline.evaluation.rows import UNPERTURBED
 from pipeline.studies.models import ModelName
 
 YEAR_COLUMNS = {
@@ -26,10 +27,9 @@ def year(table: pd.DataFrame) -> pd.DataFrame:
     grids = table.loc[table["grid"] != "", "grid"].unique()
     plain_rows = table[
         table["grid"].isin(grids[:1])
-        & (table["case"] == "")
+        & (table["ask"] == UNPERTURBED)
         & (table["variant"] == "")
         & (table["seed"] == 0)
-        & (table["stress"] == "")
     ]
     columns = {}
     for column, (protocol, number) in YEAR_COLUMNS.items():

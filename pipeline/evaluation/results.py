@@ -9,6 +9,7 @@ read this table and compute no metric of their own.
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from io import StringIO
 from itertools import chain, product
 from pathlib import Path
 from typing import Any
@@ -31,11 +32,9 @@ from pipeline.evaluation.lifelong import cost_rows, lifelong_rows
 from pipeline.evaluation.paired import KEPT, kept_share
 from pipeline.evaluation.protocols import PROTOCOLS
 from pipeline.evaluation.rows import (
-    CASE_COLUMNS,
     COLUMN_TYPES,
     COLUMNS,
     FLOAT_COLUMNS,
-    TEXT_COLUMNS,
     TableRows,
     case_columns,
     evaluation_rows,
@@ -133,14 +132,11 @@ class ResultsTable:
         """Rows of one model on one sequence, as driven and altered."""
         evaluations = self._evaluations(grid, model, sequence)
         as_driven = evaluations.case()
-        sequence_columns = {
-            "sequence": sequence,
-            "days": as_driven.days,
-            "stress": self.study.stress.get(sequence, ""),
-        }
+        sequence_columns = {"sequence": sequence, "days": as_driven.days}
+        stress = self.study.stress.get(sequence, "")
         for i, case in enumerate(read_cases(evaluations.cases)):
             evaluation = evaluations.case(i)
-            for columns in evaluation_rows(evaluation, case):
+            for columns in evaluation_rows(evaluation, case, stress):
                 yield sequence_columns | columns
             if case.change:
                 resampling = Bootstrap(**evaluations.attrs["bootstrap"])
@@ -148,7 +144,8 @@ class ResultsTable:
                 yield sequence_columns | case_columns(case) | row(KEPT, "cells", *kept)
             elif self.study.slam:
                 for protocol in PROTOCOLS:
-                    yield sequence_columns | row(NO_SURVEY, protocol, 1.0)
+                    columns = sequence_columns | case_columns(case, stress)
+                    yield columns | row(NO_SURVEY, protocol, 1.0)
 
     def _tests_in_order_of_days(self, grid: str, model: ModelName) -> dict[str, Evaluation]:
         """The evaluations of the test sequences by name, the first day first."""
@@ -273,12 +270,12 @@ def _read_csv(path: Path) -> pd.DataFrame:
     """Read a table of results; raises ArtifactError for a file that is none, or is cut off."""
     try:
         na_values = {name: [""] for name in FLOAT_COLUMNS}
-        frame = pd.read_csv(path, dtype=COLUMN_TYPES, keep_default_na=False, na_values=na_values)[
-            [*COLUMNS, *CASE_COLUMNS]
-        ]
-        if frame[[*TEXT_COLUMNS]].isna().any(axis=None):
+        text = path.read_text(encoding="utf-8")
+        if not text.endswith("\n"):
             raise ValueError("a row is cut off")
-        return frame
+        return pd.read_csv(
+            StringIO(text), dtype=COLUMN_TYPES, keep_default_na=False, na_values=na_values
+        )[[*COLUMNS]]
     except (ValueError, KeyError) as error:
         raise ArtifactError(
             f"{path}: not a table of results ({str(error).strip()}); `dvc repro` writes it anew"

@@ -1,8 +1,8 @@
 """The table of results: its columns, and the rows that one evaluation gives.
 
 A row is one number with its 95 % interval. The other columns say of which model it is, on which
-sequence, in which case of the queries (as driven, or altered) and by which protocol. Reports,
-figures and MLflow select from these rows; `results` and `study_rows` gather them.
+sequence, what the model was asked and by which protocol. Reports, figures and MLflow select from
+these rows; `results` and `study_rows` gather them.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -19,63 +19,59 @@ from pipeline.evaluation.protocols import PROTOCOLS
 TableRows = Iterator[dict[str, Any]]
 """Rows, each from column to value. Columns are left out that the caller adds to all rows, and those
 that keep their default (see `table`)."""
-COLUMNS = (
-    "study",
-    "dataset",
-    "simulated",
-    "grid",
-    "method",
-    "variant",
-    "seed",
-    "sequence",
-    "days",
-    "case",
-    "protocol",
-    "number",
-    "value",
-    "low",
-    "high",
-)
-"""The columns that `yearloc results --csv` prints.
+COLUMN_TYPES: Mapping[str, type] = {
+    "study": str,
+    "dataset": str,
+    "simulated": bool,
+    "grid": str,
+    "model": str,
+    "method": str,
+    "variant": str,
+    "seed": int,
+    "sequence": str,
+    "days": float,
+    "ask": str,
+    "of": str,
+    "at": float,
+    "repeat": int,
+    "protocol": str,
+    "number": str,
+    "value": float,
+    "low": float,
+    "high": float,
+}
+"""The columns of the table, each with its type.
 
-- `case`: empty for queries as they were driven.
+- `model`: the method with its variant, such as `sci-4way-pose`; empty for a number of no model.
 - `variant`: empty for a method with its own settings.
 - `sequence`: empty for a number of all test sequences together.
+- `ask`: what the model was asked, one of the names below; `of` and `at` say which of these.
+- `repeat`: the number of the repetition of a perturbation that is drawn at random.
 - `low`, `high`: the bounds of the 95 % interval, NaN if there is none.
 """
-CASE_COLUMNS = ("change", "level", "shadow", "repeat", "kind", "stress")
-"""Further columns, the parts of a case, so that nobody has to take its text apart.
-
-- `change`: the alteration of the queries; or what else a row compares, such as `change shown`: the
-  queries near a change of the world.
-- `level`: how strong the alteration is; or how far such a change is away at most, in metres.
-- `shadow`: whether new walls hide what is behind them.
-- `repeat`: the number of the repetition.
-- `kind`: the kind of novelty; or the method that is compared with.
-- `stress`: what is hard about a stress sequence.
-"""
-TEXT_COLUMNS = (
-    "study",
-    "dataset",
-    "grid",
-    "method",
-    "variant",
-    "sequence",
-    "case",
-    "protocol",
-    "number",
-    "change",
-    "kind",
-    "stress",
-)
-FLOAT_COLUMNS = ("days", "level", "value", "low", "high")
-COLUMN_TYPES: Mapping[str, type] = {
-    **dict.fromkeys(TEXT_COLUMNS, str),
-    **dict.fromkeys(FLOAT_COLUMNS, float),
-    **dict.fromkeys(("seed", "repeat"), int),
-    **dict.fromkeys(("simulated", "shadow"), bool),
-}
-"""The type of each column."""
+COLUMNS = tuple(COLUMN_TYPES)
+TEXT_COLUMNS = tuple(name for name, kind in COLUMN_TYPES.items() if kind is str)
+FLOAT_COLUMNS = tuple(name for name, kind in COLUMN_TYPES.items() if kind is float)
+UNPERTURBED = "unperturbed"
+"""The queries as they were driven, and what follows from these alone."""
+STRESS = "stress"
+"""The same of a stress sequence; `of` is what is hard about it."""
+PERTURBED = "perturbed"
+"""The queries with a perturbation: `of` names it, `at` is its strength."""
+NOVELTY = "novelty"
+"""The unperturbed queries, rejected by the kind of novelty `of`."""
+AGAINST = "against"
+"""The model minus the model `of`, on the same unperturbed queries."""
+NEAR_CHANGE = "near a change"
+"""The queries near a change of the world that is shown or to come (`of`), at most `at` metres."""
+VIEWPOINT = "viewpoint"
+"""A sequence matched with itself, from a heading of `at` degrees; from all of them without `of`."""
+COURSE = "course"
+"""After the step `at` of the course `of`: an order of further days, and a strategy."""
+HEADING = "heading"
+"""`of` of a viewpoint: the queries have one heading."""
+WITH_SHADOW = " with shadow"
+"""Ends `of` of a perturbation whose new walls hide what is behind them."""
 
 
 def case_text(case: Case) -> str:
@@ -94,30 +90,35 @@ def case_text(case: Case) -> str:
     return f"{case.change}{detail}{shadow}"
 
 
-def case_columns(case: Case) -> dict[str, Any]:
-    """The columns that say what was done to the queries."""
-    return {
-        "case": case_text(case),
-        "change": case.change,
-        "level": case.level,
-        "shadow": case.shadow,
-        "repeat": case.repeat,
-    }
+def case_columns(case: Case, stress: str = "") -> dict[str, Any]:
+    """The columns that say what was done to the queries.
+
+    `stress` is what is hard about their sequence; empty for a test sequence.
+    """
+    if case.change:
+        of = case.change + WITH_SHADOW * case.shadow
+        return {"ask": PERTURBED, "of": of, "at": case.level, "repeat": case.repeat}
+    return {"ask": STRESS if stress else UNPERTURBED, "of": stress}
 
 
-def evaluation_rows(evaluation: Evaluation, case: Case = Case()) -> TableRows:  # noqa: B008 (frozen)
+def evaluation_rows(
+    evaluation: Evaluation,
+    case: Case = Case(),  # noqa: B008 (frozen)
+    stress: str = "",
+) -> TableRows:
     """Rows of one case of an evaluation: counts, numbers with intervals, calibration, verdicts.
 
     For queries as driven, the doubts about the numbers and each kind of novelty have rows too.
+    `stress` is what is hard about the sequence; empty for a test sequence.
     """
-    columns = case_columns(case)
+    columns = case_columns(case, stress)
     for protocol in PROTOCOLS:
         numbers = _numbers(evaluation, protocol)
         if not case.change:
             numbers |= evaluation.doubts(protocol)
         yield from number_rows(columns, protocol, numbers)
         if not case.change:
-            yield from _novelty_rows(columns, evaluation, protocol)
+            yield from _novelty_rows(evaluation, protocol)
     ece_raw, ece = evaluation.calibration
     yield from number_rows(columns, "cells", {"ece_raw": ece_raw, "ece": ece})
     yield from number_rows(columns, "distance", evaluation.acceptance_counts)
@@ -152,15 +153,14 @@ def _numbers(evaluation: Evaluation, protocol: str) -> dict[str, Any]:
     return numbers
 
 
-def _novelty_rows(columns: Mapping[str, Any], evaluation: Evaluation, protocol: str) -> TableRows:
+def _novelty_rows(evaluation: Evaluation, protocol: str) -> TableRows:
     """Rows of how well each kind of novelty rejects."""
     rejection = evaluation.protocol(protocol).rejection
     for kind, measures, kept_precision in zip(
         evaluation.kinds, rejection, evaluation.kept_precision, strict=True
     ):
         numbers = dict(zip(MEASURES, measures, strict=True)) | {"kept_precision": kept_precision}
-        novelty_columns = {**columns, "case": f"novelty {kind}", "kind": kind}
-        yield from number_rows(novelty_columns, protocol, numbers)
+        yield from number_rows({"ask": NOVELTY, "of": kind}, protocol, numbers)
 
 
 def row(
@@ -188,11 +188,11 @@ def table(rows: Iterable[Mapping[str, Any]], **common: Any) -> pd.DataFrame:
         "simulated": False,
         "seed": 0,
         "days": np.nan,
-        "level": 0.0,
-        "shadow": False,
+        "ask": UNPERTURBED,
+        "at": 0.0,
         "repeat": 0,
     }
-    frame = pd.DataFrame(
-        [defaults | common | dict(columns) for columns in rows], columns=[*COLUMNS, *CASE_COLUMNS]
-    )
+    frame = pd.DataFrame([defaults | common | dict(columns) for columns in rows], columns=COLUMNS)
+    has_variant = frame["variant"] != ""
+    frame["model"] = frame["method"].where(~has_variant, frame["method"] + "-" + frame["variant"])
     return frame.astype(COLUMN_TYPES)

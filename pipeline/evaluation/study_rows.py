@@ -25,7 +25,15 @@ from pipeline.evaluation.events import BandResults, Bands, distances, judge_by_b
 from pipeline.evaluation.judgement import Evaluation
 from pipeline.evaluation.paired import COMPARED, compare, holm
 from pipeline.evaluation.protocols import PROTOCOLS
-from pipeline.evaluation.rows import TableRows, number_rows, row
+from pipeline.evaluation.rows import (
+    AGAINST,
+    HEADING,
+    NEAR_CHANGE,
+    VIEWPOINT,
+    TableRows,
+    number_rows,
+    row,
+)
 from pipeline.evaluation.viewpoints import NUMBERS as VIEWPOINT_NUMBERS
 from pipeline.evaluation.viewpoints import ViewpointMatches
 from pipeline.formats.changes import Change
@@ -49,10 +57,10 @@ ORACLE = "oracle"
 """A value of the column `method`: each query is answered with the nearest training anchor."""
 RECONSTRUCTION = ("held_out_error", "black_error")
 """Curves of a training that become rows: see `reconstruction_rows`."""
-SHOWN = "change shown"
-TO_COME = "change to come"
-"""Values of the column `change`: for queries near a change of the world that shows on their day,
-and for queries near one that will show later."""
+SHOWN = "shown"
+TO_COME = "to come"
+"""Values of the column `of`: for queries near a change of the world that shows on their day, and
+for queries near one that will show later."""
 
 
 @dataclass(frozen=True)
@@ -159,12 +167,7 @@ def paired_rows(answers: Answers, bootstrap: Bootstrap) -> TableRows:
         reference = answers.reference_of(model)
         if reference == model:
             continue
-        columns = {
-            **model.columns,
-            "case": f"against {reference.name}",
-            "change": "against",
-            "kind": reference.name,
-        }
+        columns = {**model.columns, "ask": AGAINST, "of": reference.name}
         for protocol in PROTOCOLS:
             yield from _comparison_rows(
                 columns, protocol, evaluations, models[reference], bootstrap
@@ -210,8 +213,8 @@ def event_rows(
     """Rows of all test sequences together, by the distance of queries to the nearest change.
 
     `changes` are, by sequence, those of the world that show on its day. Queries near a change that
-    shows only in other sequences, and so is still to come, have rows of their own. `level` of a row
-    is the farther edge of its band of distances.
+    shows only in other sequences, and so is still to come, have rows of their own. `at` of a row is
+    the farther edge of its band of distances.
     """
     changes_shown = {sequence: list(on_day) for sequence, on_day in changes.items()}
     reference = answers.evaluations[answers.reference]
@@ -219,10 +222,12 @@ def event_rows(
     distances_of = distances(xy_m, changes_shown, bands.kinds)
     all_changes = set(chain.from_iterable(changes_shown.values()))
     for kind in bands.kinds:
-        yield row(f"{kind}_changes", "", sum(change.what == kind for change in all_changes))
+        count = sum(change.what == kind for change in all_changes)
+        yield {"ask": NEAR_CHANGE} | row(f"{kind}_changes", "", count)
     for sequence, distances_m in distances_of.items():
         is_near = reference[sequence].cells.seen & (distances_m.shown_m <= bands.edges_m[-1])
-        yield {"sequence": sequence} | row("seen_near_a_change", "cells", is_near.sum())
+        columns = {"sequence": sequence, "ask": NEAR_CHANGE, "of": SHOWN, "at": bands.edges_m[-1]}
+        yield columns | row("seen_near_a_change", "cells", is_near.sum())
     shown_m = {sequence: distances_m.shown_m for sequence, distances_m in distances_of.items()}
     to_come_m = {sequence: distances_m.to_come_m for sequence, distances_m in distances_of.items()}
     for method, evaluations in answers.evaluations.items():
@@ -242,11 +247,7 @@ def event_rows(
 def _band_rows(results: BandResults, bands: Bands, change_time: str, protocol: str) -> TableRows:
     """Rows of one method in each band of distance to a change that shows, or is to come."""
     for band, edge_m in enumerate((*bands.edges_m, np.inf)):
-        columns = {
-            "case": f"{change_time}, {bands.names[band]}",
-            "change": change_time,
-            "level": edge_m,
-        }
+        columns = {"ask": NEAR_CHANGE, "of": change_time, "at": edge_m}
         counts = {"seen": results.seen[band], "unseen": results.unseen[band]}
         numbers = dict(zip(NEAR_CHANGES, results.values[band], strict=True))
         yield from number_rows(columns, protocol, counts | numbers)
@@ -255,16 +256,12 @@ def _band_rows(results: BandResults, bands: Bands, change_time: str, protocol: s
 def viewpoint_rows(matches: ViewpointMatches) -> TableRows:
     """Rows of one model on one sequence matched with itself, a row a number and query heading."""
     for heading_deg, values in zip(matches.headings_deg, matches.values, strict=True):
-        columns = {
-            "case": f"viewpoint {heading_deg:g}°",
-            "change": "viewpoint",
-            "level": float(heading_deg),
-        }
+        columns = {"ask": VIEWPOINT, "of": HEADING, "at": float(heading_deg)}
         yield from number_rows(
             columns, "distance", dict(zip(VIEWPOINT_NUMBERS, values, strict=True))
         )
     numbers = {"queries": matches.valid.sum(), "bytes_per_place": matches.bytes_per_place}
-    yield from number_rows({"case": "viewpoint", "change": "viewpoint of all"}, "distance", numbers)
+    yield from number_rows({"ask": VIEWPOINT}, "distance", numbers)
 
 
 def reconstruction_rows(model: Mapping[str, NDArray[Any]]) -> TableRows:
@@ -276,4 +273,4 @@ def reconstruction_rows(model: Mapping[str, NDArray[Any]]) -> TableRows:
     for name in RECONSTRUCTION:
         if f"curves/{name}" in model:
             error = model[f"curves/{name}"][int(model["best_epoch"])]
-            yield {"case": "viewpoint", "change": "viewpoint of all"} | row(name, "", error)
+            yield {"ask": VIEWPOINT} | row(name, "", error)

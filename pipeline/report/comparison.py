@@ -13,7 +13,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pipeline.core.errors import InputError
-from pipeline.report.selection import pick, with_model
+from pipeline.evaluation.rows import PERTURBED, STRESS, UNPERTURBED, WITH_SHADOW
 from pipeline.studies.colours import method_of
 
 # What another seed may do to a model of one seed: means over a simulated year of three seeds
@@ -28,6 +28,13 @@ class Kind:
     change: str = ""  # an alteration, such as `turned`; empty for queries as driven
     level: float = 0.0  # degrees removed, or the number of new walls
     shadow: bool = False  # whether new walls hide what is behind them
+
+    @classmethod
+    def of_row(cls, ask: str, of: str, at: float) -> "Kind":
+        """The kind of the queries that a row of the table of results is of."""
+        if ask != PERTURBED:
+            return cls()
+        return cls(of.removesuffix(WITH_SHADOW), at, of.endswith(WITH_SHADOW))
 
     @property
     def label(self) -> str:
@@ -134,9 +141,9 @@ class Comparison:
         if table.empty:
             raise InputError("a comparison needs at least one row of the table of results")
         is_measure = table["number"].isin({measure.name for measure in MEASURES})
-        rows = with_model(pick(table[is_measure], kind=""))
-        cases = rows[["change", "level", "shadow"]].itertuples(index=False)
-        rows = rows.assign(case=[Kind(*case) for case in cases])
+        rows = table[is_measure & table["ask"].isin([UNPERTURBED, STRESS, PERTURBED])]
+        asked = rows[["ask", "of", "at"]].itertuples(index=False)
+        rows = rows.assign(case=[Kind.of_row(*columns) for columns in asked])
         self.models = [*rows["model"].unique()]  # methods and variants, in the order they come
         # as driven comes first
         self.kinds = sorted(rows["case"].unique(), key=lambda kind: kind.change != "")

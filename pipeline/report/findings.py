@@ -17,6 +17,7 @@ from pipeline.evaluation.doubts import BLIND, DOUBTS, VOID
 from pipeline.evaluation.numbers import MEASURES
 from pipeline.evaluation.paired import COMPARED, LEVEL
 from pipeline.evaluation.protocols import PROTOCOLS
+from pipeline.evaluation.rows import NEAR_CHANGE
 from pipeline.evaluation.study_rows import ORACLE, PER_DAYS, PERCENTILE, SHOWN, TO_COME
 from pipeline.report.result import TITLES, Result, by_model, day, mean
 from pipeline.report.selection import Values, indexed, is_posed, pick
@@ -130,7 +131,7 @@ def paired(rows: pd.DataFrame, protocol: str) -> list[Finding]:
     Both are compared on the same queries of each sequence.
     """
     findings = []
-    for (model, reference), group in against(rows, protocol).groupby(["model", "kind"], sort=False):
+    for (model, reference), group in against(rows, protocol).groupby(["model", "of"], sort=False):
         wide = group.pivot(index="sequence", columns="number", values="value")
         verdicts = []
         for number in COMPARED:
@@ -317,8 +318,9 @@ def near_changes(
     They are compared in the nearest band of distance that has at least `least_queries` seen queries
     of both. `names` maps the farthest distance of a band in metres to its name.
     """
-    values = indexed(pick(rows, protocol="cells"), "number", "level", "change", "method")
-    models = pick(rows, protocol="cells", number=number, change=SHOWN)["method"].unique()
+    values = indexed(pick(rows, ask=NEAR_CHANGE, protocol="cells"), "number", "at", "of", "method")
+    near = pick(rows, ask=NEAR_CHANGE, of=SHOWN, protocol="cells", number=number)
+    models = near["method"].unique()
     for edge_m in sorted(filter(np.isfinite, names)):
         seen = [values.get(("seen", edge_m, when, models[0]), (0,))[0] for when in (SHOWN, TO_COME)]
         if min(seen) < least_queries:

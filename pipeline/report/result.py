@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from pipeline.core.errors import ArtifactError, InputError
 from pipeline.evaluation.doubts import VOID
 from pipeline.evaluation.judgement import NOT_JUDGED, Evaluation
-from pipeline.report.selection import NONE, Values, indexed, pick, with_model
+from pipeline.evaluation.rows import UNPERTURBED
+from pipeline.report.selection import NONE, Values, indexed, pick
 from pipeline.report.table import average
 
 # The titles of the numbers that a study is about.
@@ -107,7 +108,7 @@ def read_scores(rows: pd.DataFrame, tests: Sequence[str]) -> list[Scores]:
 
     Raises ArtifactError for a table of an earlier version, which does not say how near is right.
     """
-    driven = with_model(pick(rows, change="", kind="", stress="", seed=0))
+    driven = pick(rows, ask=UNPERTURBED, seed=0)
     judged = pick(driven[driven["sequence"].isin(tests)], protocol="distance")
     days = judged.groupby("sequence")["days"].first().astype(int)
     models = pick(judged, number="answered")["model"].unique()

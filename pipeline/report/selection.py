@@ -10,8 +10,6 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from pipeline.studies.models import ModelName
-
 # a number and its 95 % interval, lowest and highest; NaN where there is none
 Values = tuple[float, float, float]
 NONE: Values = (np.nan, np.nan, np.nan)
@@ -22,12 +20,6 @@ def pick(rows: pd.DataFrame, **entries: object) -> pd.DataFrame:
     for column, entry in entries.items():
         rows = rows[rows[column] == entry]
     return rows
-
-
-def with_model(rows: pd.DataFrame) -> pd.DataFrame:
-    """The rows with a column `model`: the method, or the method and its variant as `sci-4way`."""
-    names = zip(rows["method"], rows["variant"], strict=True)
-    return rows.assign(model=[ModelName(*name).family for name in names])
 
 
 def is_posed(model: str) -> bool:

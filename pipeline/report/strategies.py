@@ -13,9 +13,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from pipeline.evaluation.lifelong import CHANGE
+from pipeline.evaluation.rows import COURSE
 from pipeline.report.findings import Finding
-from pipeline.report.selection import pick, with_model
+from pipeline.report.selection import pick
 from pipeline.report.table import average
 
 # Strategies that are compared with each other: files of conf/strategy.
@@ -39,7 +39,7 @@ class Strategy:
     @property
     def steps(self) -> list[str]:
         """The name of each step."""
-        return [*pick(self.rows, number="places").sort_values("level")["sequence"].unique()]
+        return [*pick(self.rows, number="places").sort_values("at")["sequence"].unique()]
 
     @property
     def seeds(self) -> list[int]:
@@ -56,7 +56,7 @@ class Strategy:
         rows = pick(self.rows, number=number, protocol=protocol)
         if group:
             rows = pick(rows, sequence=group)
-        wide = rows.pivot(index="seed", columns="level", values="value")
+        wide = rows.pivot(index="seed", columns="at", values="value")
         return np.asarray(wide.reindex(self.seeds, columns=range(len(self.steps))), np.float64)
 
     def last(self, number: str, protocol: str = "", group: str = "") -> NDArray[np.float64]:
@@ -80,12 +80,12 @@ def read_strategies(rows: pd.DataFrame) -> list[Strategy]:
 
     Strategies that were only timed are left out.
     """
-    rows = with_model(pick(rows, change=CHANGE))
+    rows = pick(rows, ask=COURSE)
     is_time = rows["number"] == "cpu_s"
     rows = pd.concat([rows[~is_time], rows[is_time]])
     strategies = []
-    for (kind, model), group in rows.groupby(["kind", "model"], sort=False):
-        order, _, name = kind.partition(" ")
+    for (course, model), group in rows.groupby(["of", "model"], sort=False):
+        order, _, name = course.partition(" ")
         strategies.append(Strategy(order, model, name, group))
     return [strategy for strategy in strategies if strategy.steps]
 

@@ -21,9 +21,10 @@ from pipeline.core.store import A
 from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.judgement import Evaluations
 from pipeline.evaluation.protocols import Distance
+from pipeline.evaluation.rows import AGAINST, STRESS, UNPERTURBED
 from pipeline.mapping.from_above import Drive, Footprint, along
 from pipeline.report.result import Result, by_model, ranked, read_scores
-from pipeline.report.selection import pick, with_model
+from pipeline.report.selection import pick
 from pipeline.studies import study as studies
 from pipeline.studies.layout import Layout
 from pipeline.studies.models import ModelName
@@ -59,8 +60,8 @@ class TrainingRecord:
 
 
 def against(rows: pd.DataFrame, protocol: str) -> pd.DataFrame:
-    """The rows of paired tests by one protocol, with an added column `model`."""
-    return with_model(pick(rows, change="against", protocol=protocol))
+    """The rows of paired tests by one protocol."""
+    return pick(rows, ask=AGAINST, protocol=protocol)
 
 
 @dataclass(frozen=True)
@@ -99,11 +100,8 @@ class Study:
 
     @cached_property
     def driven(self) -> pd.DataFrame:
-        """The rows of queries as driven, for models of the first seed.
-
-        Numbers of a single kind of novelty are left out.
-        """
-        return pick(self.rows, change="", kind="", seed=0)
+        """The rows of queries as driven, of stress sequences too, for models of the first seed."""
+        return pick(self.rows[self.rows["ask"].isin([UNPERTURBED, STRESS])], seed=0)
 
     @cached_property
     def families(self) -> list[str]:

@@ -14,6 +14,7 @@ from typing import Any
 
 from pipeline.core import store
 from pipeline.core.settings import filled
+from pipeline.evaluation.rows import UNPERTURBED
 
 
 @dataclass(frozen=True)
@@ -48,8 +49,8 @@ class Record:
         values = []
         for row in self.rows:
             is_this_number = (row["protocol"], row["number"]) == (protocol, number)
-            # `kind` is empty for the novelty in use; rows of another kind of novelty name it there.
-            is_of_kind_in_use = not row.get("kind")
+            # The other rows ask how a further kind of novelty rejects.
+            is_of_kind_in_use = row.get("ask", UNPERTURBED) == UNPERTURBED
             if is_this_number and is_of_kind_in_use and math.isfinite(row["value"]):
                 values.append(row["value"])
         return values

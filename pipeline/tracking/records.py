@@ -19,8 +19,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pipeline.core.errors import ArtifactError
-from pipeline.evaluation.lifelong import CHANGE
-from pipeline.evaluation.rows import table
+from pipeline.evaluation.rows import COURSE, HEADING, NOVELTY, UNPERTURBED, table
 from pipeline.evaluation.study_rows import AGEING, PERCENTILE
 from pipeline.running.dvc_files import DvcLock
 from pipeline.running.telemetry import Trace, costs
@@ -99,11 +98,9 @@ class StudyRuns:
         """
         study = self.study
         family = answerer.family  # the method, and its variant if it has one
-        rows = self.rows[self.rows["method"] == answerer.method]
-        rows = rows[(rows["variant"] == answerer.variant_of_answers) & (rows["seed"] == 0)]
-        # queries as driven: neither altered nor under stress
-        driven = rows[(rows["change"] == "") & (rows["stress"] == "")]
-        tested = driven[driven["sequence"].isin(study.tests)]
+        rows = self.rows[(self.rows["model"] == family) & (self.rows["seed"] == 0)]
+        driven = rows[rows["ask"] == UNPERTURBED]
+        tested = rows[rows["sequence"].isin(study.tests)]
         series = days_series(tested) | mean_series(tested) | training_series(arrays)
         series |= ageing_series(driven) | viewpoint_series(rows) | extra_series
         where = {"dataset": study.name, "grid": self.grid}
@@ -225,20 +222,20 @@ def of_strategies(study_runs: StudyRuns) -> Iterator[RunRecord]:
     """
     study = study_runs.study
     rows = study_runs.rows
-    rows = rows[(rows["change"] == CHANGE) & np.isfinite(rows["value"])]
-    # the kind of these rows is the order and the strategy, such as `days grown`
-    strategies = rows["kind"].str.partition(" ")[2].unique().tolist()
-    for (kind, method, variant), group in rows.groupby(["kind", "method", "variant"], sort=False):
-        order, _, strategy = kind.partition(" ")
+    rows = rows[(rows["ask"] == COURSE) & np.isfinite(rows["value"])]
+    # a course is the order and the strategy, such as `days grown`
+    strategies = rows["of"].str.partition(" ")[2].unique().tolist()
+    for (name, model), group in rows.groupby(["of", "model"], sort=False):
+        order, _, strategy = name.partition(" ")
         course = {
             "dataset": study.name,
             "grid": study_runs.grid,
-            "model": ModelName(method, variant).name,
+            "model": model,
             "order": order,
             "strategy": strategy,
         }
         seeds = group["seed"].unique()
-        places = group[group["number"] == "places"].sort_values("level")
+        places = group[group["number"] == "places"].sort_values("at")
         steps = places["sequence"].unique().tolist()
         yield RunRecord(
             name=f"{study_runs.run_name(course['model'])} {order} {strategy}",
@@ -321,7 +318,7 @@ def _job(record: Record, settings: Mapping[str, str], tags: Mapping[str, str]) -
         name=_short(settings) or f"job {record.number}",
         tags={**tags, **failed},
         params=settings,
-        series=days_series(rows[(rows["kind"] == "") & ~rows["number"].isin(NOT_OF_JOBS)]),
+        series=days_series(rows[~rows["number"].isin(NOT_OF_JOBS)]),
     )
 
 
@@ -331,25 +328,26 @@ def _short(values: Mapping[str, str]) -> str:
 
 
 def days_series(rows: pd.DataFrame) -> Series:
-    """Every number of these rows over the days since training, named as `cells/auc_top1`.
+    """Every number of unperturbed queries over the days since training, named as `cells/auc_top1`.
 
-    The `kind` of a row names the novelty that its number was measured with; for most it is empty.
+    Numbers of a further kind of novelty are named as `rejection/energy_auroc`.
     """
     is_shown = np.isfinite(rows["days"]) & (rows["value"].abs() <= LARGEST)
     # a `…_line` is the value of a fitted line on that day, which `ageing_series` sums up
     rows = rows[is_shown & ~rows["number"].str.endswith("_line")]
-    plain = rows[rows["kind"] == ""]
+    plain = rows[rows["ask"] == UNPERTURBED]
     groups = plain["number"].map(GROUPS).fillna(plain["protocol"])
     plain_series = _points(plain, groups + "/" + plain["number"], "days")
-    novelty = rows[(rows["kind"] != "") & (rows["protocol"] == "cells")]
+    novelty = rows[(rows["ask"] == NOVELTY) & (rows["protocol"] == "cells")]
     novelty = novelty[novelty["number"].isin(REJECTION)]
-    novelty_names = "rejection/" + novelty["kind"] + "_" + novelty["number"].map(REJECTION)
+    novelty_names = "rejection/" + novelty["of"] + "_" + novelty["number"].map(REJECTION)
     return plain_series | _points(novelty, novelty_names, "days")
 
 
 def mean_series(rows: pd.DataFrame) -> Series:
     """The mean of each of MEANS over the test days that have it: a single value, `mean/…`."""
-    plain = rows[(rows["kind"] == "") & np.isfinite(rows["days"]) & np.isfinite(rows["value"])]
+    is_shown = np.isfinite(rows["days"]) & np.isfinite(rows["value"])
+    plain = rows[(rows["ask"] == UNPERTURBED) & is_shown]
     means = plain.groupby(["protocol", "number"])["value"].mean()
     return {
         f"mean/{protocol}_{name}": [(0, means[protocol, name])]
@@ -398,9 +396,9 @@ def viewpoint_series(rows: pd.DataFrame) -> Series:
 
     Paper 2 is IROS 2018's on unsupervised features of bird-views.
     """
-    turned = rows[(rows["change"] == "viewpoint") & np.isfinite(rows["value"])]
+    turned = rows[(rows["of"] == HEADING) & np.isfinite(rows["value"])]
     names = "viewpoints/" + turned["number"] + " " + turned["sequence"]
-    return _points(turned, names, "level")  # `level` is the heading
+    return _points(turned, names, "at")  # `at` is the heading
 
 
 def step_series(rows: pd.DataFrame) -> Series:
@@ -412,8 +410,8 @@ def step_series(rows: pd.DataFrame) -> Series:
     plain_names = rows["protocol"].replace("", "cost") + "/" + rows["number"]
     asked_day_names = "recall_by_" + rows["protocol"] + "/" + rows["sequence"]
     names = plain_names.where(rows["number"] != "recall_at_1", asked_day_names)
-    averaged = rows.assign(metric=names).groupby(["metric", "level"])["value"].mean().reset_index()
-    return _points(averaged, averaged["metric"], "level")  # `level` is the step
+    averaged = rows.assign(metric=names).groupby(["metric", "at"])["value"].mean().reset_index()
+    return _points(averaged, averaged["metric"], "at")  # `at` is the step
 
 
 def _points(rows: pd.DataFrame, names: pd.Series, step_column: str) -> Series:

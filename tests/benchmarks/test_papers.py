@@ -27,7 +27,6 @@ from benchmarks.papers.rules import (
     OF_ALL,
     SHOWN,
     UNDECIDED,
-    VIEWPOINT,
     Estimate,
     Outcome,
     Side,
@@ -38,7 +37,7 @@ from benchmarks.papers.rules import (
     in_order,
 )
 from pipeline.core.errors import ArtifactError, ConfigError
-from pipeline.evaluation.rows import row, table
+from pipeline.evaluation.rows import HEADING, VIEWPOINT, row, table
 from tests.studies.made import study
 
 ROOT = Path(__file__).parents[2]
@@ -57,7 +56,7 @@ def rows(side: Side, *values: float, half: float = 0.01, **columns: Any) -> list
     """A row for each value, one a sequence, with an interval of +-half."""
     level = 0.0 if side.level is None else side.level
     place: dict[str, Any] = {"grid": side.grid, "method": side.method, "variant": side.variant}
-    place |= {"kind": side.kind, "change": side.change, "level": level, **columns}
+    place |= dict(zip(("ask", "of"), side.asked, strict=True)) | {"at": level, **columns}
     return [
         place
         | {"sequence": f"day {day}"}
@@ -70,7 +69,7 @@ def headings(side: Side, values: Sequence[float], seed: int = 0) -> list[dict[st
     """A row for each value, one a heading: 22.5, 112.5, 202.5 … degrees; no intervals."""
     return [
         {"method": side.method, "sequence": "00", "grid": "10m", "seed": seed}
-        | {"change": VIEWPOINT, "level": 22.5 + 90.0 * turn}
+        | {"ask": VIEWPOINT, "of": HEADING, "at": 22.5 + 90.0 * turn}
         | row(side.number, side.protocol, value)
         for turn, value in enumerate(values)
     ]

@@ -122,7 +122,7 @@ def test_an_answer_is_right_by_distance_nearer_than_15_m(tmp_path: Path) -> None
 
 def test_rows_say_step_group_and_protocol(tmp_path: Path) -> None:
     rows = list(lifelong_rows(artifact(tmp_path / "a.zarr", "days", ["a", "b", "c"])))
-    assert {(one["change"], one["kind"]) for one in rows} == {("lifelong", "days grown")}
+    assert {(one["ask"], one["of"]) for one in rows} == {("course", "days grown")}
     values = {
         (one["number"], one["protocol"], one["level"], one.get("sequence", "")): one["value"]
         for one in rows
@@ -136,7 +136,7 @@ def test_rows_say_step_group_and_protocol(tmp_path: Path) -> None:
     assert values["bytes", "", 2.0, "c"] == 30
     assert values["adopted", "", 1.0, "b"] == 8
     assert ("adopted", "", 0.0, "a") not in values
-    assert {one["case"] for one in rows} == {f"days grown {step}" for step in range(3)}
+    assert {one["at"] for one in rows} == {0.0, 1.0, 2.0}
 
 
 def test_costs_are_beside_the_numbers_of_their_step() -> None:
@@ -152,6 +152,6 @@ def test_costs_are_beside_the_numbers_of_their_step() -> None:
         ("a", 0.0, "cpu_s", 0.5),
         ("b", 1.0, "cpu_s", 7.0),
     ]
-    assert {(one["method"], one["seed"], one["kind"]) for one in rows} == {("m", 1, "days tuned")}
+    assert {(one["method"], one["seed"], one["of"]) for one in rows} == {("m", 1, "days tuned")}
     with pytest.raises(ValueError, match="shorter"):
         list(cost_rows({**course, "cpu_s": [0.5]}))

@@ -19,7 +19,7 @@ from pipeline.evaluation.events import Bands
 from pipeline.evaluation.numbers import MEASURES, NUMBERS, POSES
 from pipeline.evaluation.plots import precision_recall, year
 from pipeline.evaluation.results import ResultsTable
-from pipeline.evaluation.rows import CASE_COLUMNS, COLUMNS, case_text, evaluation_rows, table
+from pipeline.evaluation.rows import COLUMNS, case_text, evaluation_rows, table
 from pipeline.evaluation.study_rows import AGEING, Answers, ageing_rows, paired_rows
 from pipeline.evaluation.viewpoints import NUMBERS as VIEWPOINT_NUMBERS
 from pipeline.formats.changes import Change, write_changes
@@ -108,7 +108,7 @@ def value(frame: pd.DataFrame, number: str, **where: Any) -> float:
 
 def test_an_evaluation_gives_counts_numbers_kinds_of_novelty_and_calibration() -> None:
     one = replace(evaluation(), kept_precision=(0.731, 0.95), wanted_precision=0.9)
-    result = {(row["case"], row["protocol"], row["number"]): row for row in evaluation_rows(one)}
+    result = {(row["of"], row["protocol"], row["number"]): row for row in evaluation_rows(one)}
     names = (
         "queries",
         "seen",
@@ -120,7 +120,7 @@ def test_an_evaluation_gives_counts_numbers_kinds_of_novelty_and_calibration() -
         "wanted_precision",
         *(name for name in NUMBERS if name not in POSES),
     )
-    novelties = [f"novelty {kind}" for kind in one.kinds]
+    novelties = one.kinds
     assert list(result) == [
         *(
             key
@@ -147,12 +147,12 @@ def test_an_evaluation_gives_counts_numbers_kinds_of_novelty_and_calibration() -
         0.9,
         0.731,
     )
-    assert result["novelty energy", "cells", "kept_precision"]["value"] == 0.95
+    assert result["energy", "cells", "kept_precision"]["value"] == 0.95
     assert expected["recall_at_1"] == 3 / 5
     assert [result[case, "cells", "auroc"]["value"] for case in novelties] == pytest.approx(
         [0.9, 1.0]
     )
-    assert result["novelty energy", "cells", "auroc"]["kind"] == "energy"
+    assert result["energy", "cells", "auroc"]["ask"] == "novelty"
     recall = result["", "cells", "recall_at_1"]
     assert (recall["value"], recall["low"], recall["high"]) == one.number("cells", "recall_at_1")
 
@@ -161,10 +161,8 @@ def test_rows_of_an_altered_case_say_what_was_done_and_leave_novelties_out() -> 
     result = list(evaluation_rows(evaluation(), Case("construction", 2.0, shadow=True, repeat=0)))
     others = Case(), Case("turned", repeat=3), Case("demolition", 60.0), Case("construction", 2.0)
     assert [*map(case_text, others)] == ["", "turned 3", "demolition 60°", "construction 2 walls"]
-    parts = {
-        (row["case"], row["change"], row["level"], row["shadow"], row["repeat"]) for row in result
-    }
-    assert parts == {("construction 2 walls, shadow", "construction", 2.0, True, 0)}
+    parts = {(row["ask"], row["of"], row["at"], row["repeat"]) for row in result}
+    assert parts == {("perturbed", "construction with shadow", 2.0, 0)}
     assert len(result) == 2 * (8 + len(NUMBERS) - len(POSES)) + 2 + len(
         evaluation().acceptance_counts
     )
@@ -173,7 +171,7 @@ def test_rows_of_an_altered_case_say_what_was_done_and_leave_novelties_out() -> 
 def test_the_table_holds_every_column_of_its_type_and_whose_study_it_is(
     gathered: pd.DataFrame,
 ) -> None:
-    assert gathered.columns.tolist() == [*COLUMNS, *CASE_COLUMNS]
+    assert gathered.columns.tolist() == [*COLUMNS]
     kinds = {
         name: gathered[name].dtype.kind
         for name in ("simulated", "seed", "days", "level", "shadow", "repeat", "value")
@@ -196,13 +194,13 @@ def test_the_table_holds_every_column_of_its_type_and_whose_study_it_is(
 def test_every_model_answers_every_sequence_it_is_asked_about(gathered: pd.DataFrame) -> None:
     driven = gathered[
         (gathered["number"] == "queries")
-        & (gathered["case"] == "")
+        & gathered["ask"].isin(["unperturbed", "stress"])
         & (gathered["protocol"] == "cells")
     ]
     result = set(
         map(
             tuple,
-            driven[["grid", "method", "variant", "sequence", "days", "stress"]].to_numpy().tolist(),
+            driven[["grid", "method", "variant", "sequence", "days", "of"]].to_numpy().tolist(),
         )
     )
     tests = [(FEB, 20.0, ""), (MAR, 62.0, "")]
@@ -213,8 +211,9 @@ def test_every_model_answers_every_sequence_it_is_asked_about(gathered: pd.DataF
         *own,
         *(("5m", method, "", *test) for method in ("sci", "sad") for test in tests),
     }
-    changes = gathered[gathered["change"].isin(["turned", "construction"])]
-    assert set(changes["case"]) == {"turned 1", "construction 2 walls, shadow"}
+    changes = gathered[gathered["ask"] == "perturbed"]
+    asked = changes[["of", "at", "repeat"]].drop_duplicates()
+    assert asked.to_numpy().tolist() == [["turned", 0, 1], ["construction with shadow", 2, 0]]
     assert changes[["method", "variant", "sequence"]].drop_duplicates().to_numpy().tolist() == [
         ["sci", "", FEB]
     ]
@@ -254,9 +253,8 @@ def test_methods_are_compared_with_the_first_on_the_same_queries(gathered: pd.Da
     # one is wrong at 0 too.
     tested = {
         "method": "sad",
-        "change": "against",
-        "case": "against sci",
-        "kind": "sci",
+        "ask": "against",
+        "of": "sci",
         "protocol": "cells",
     }
     for sequence, expected in ((FEB, (-1 / 5, 1, 2)), (MAR, (0.0, 2, 2))):
@@ -282,22 +280,17 @@ def test_queries_are_grouped_by_the_distance_to_real_changes(gathered: pd.DataFr
     # to come.
     near = {
         "method": "sci",
-        "change": "change shown",
-        "level": 25.0,
-        "case": "change shown, 0–25 m",
+        "ask": "near a change",
+        "of": "shown",
+        "at": 25.0,
         "protocol": "cells",
     }
     assert (value(gathered, "seen", **near), value(gathered, "recall_at_1", **near)) == (
         6,
         pytest.approx(3 / 6),
     )
-    far = near | {"change": "change to come", "level": np.inf, "case": "change to come, over 25 m"}
-    assert (
-        value(
-            gathered, "seen", **{**far, "change": "change shown", "case": "change shown, over 25 m"}
-        )
-        == 4
-    )
+    far = near | {"of": "shown", "at": np.inf}
+    assert value(gathered, "seen", **far) == 4
     assert (value(gathered, "construction_changes"), value(gathered, "demolition_changes")) == (
         1,
         0,
@@ -311,18 +304,19 @@ def test_methods_on_bird_views_are_asked_from_other_headings(
     # Two headings between two: 90° and 270°; both matches are right at the first, one of two at the
     # second.
     of = {"method": "sad", "sequence": FEB}
-    assert [
-        value(gathered, "accuracy", case=f"viewpoint {deg}°", level=deg, **of) for deg in (90, 270)
-    ] == [1.0, 0.5]
+    assert [value(gathered, "accuracy", ask="viewpoint", at=deg, **of) for deg in (90, 270)] == [
+        1.0,
+        0.5,
+    ]
     assert (
-        value(gathered, "queries", case="viewpoint", **of),
+        value(gathered, "queries", ask="viewpoint", **of),
         value(gathered, "bytes_per_place", **of),
     ) == (2, 8224.0)
-    assert set(gathered.loc[gathered["change"] == "viewpoint", "number"]) == set(VIEWPOINT_NUMBERS)
+    assert set(gathered.loc[gathered["of"] == "heading", "number"]) == set(VIEWPOINT_NUMBERS)
     assert value(gathered, "held_out_error", method="sad", sequence="") == 0.25  # the kept round's
     assert value(gathered, "black_error", method="sad", sequence="") == 0.125
     alone = gathering(artifacts, replace(STUDY, question="viewpoints")).table()
-    assert set(alone["change"]) == {"viewpoint", "viewpoint of all"}
+    assert set(alone["ask"]) == {"viewpoint"}
 
 
 @pytest.mark.parametrize(
@@ -386,8 +380,7 @@ def test_a_model_with_poses_is_tested_against_one_with_poses(
     answers = unseen(10)
     variants = {ModelName(method, posed=True): answers.evaluations[method] for method in posed}
     rows = against(table(paired_rows(replace(answers, variants=variants), BOOTSTRAP)), "cells")
-    assert dict(zip(rows["model"], rows["kind"], strict=True)) == pairs
-    assert rows["case"].eq("against " + rows["kind"]).all()
+    assert dict(zip(rows["model"], rows["of"], strict=True)) == pairs
 
 
 def test_a_sequence_without_a_seen_query_has_no_number_and_the_line_passes_it_by() -> None:
@@ -461,7 +454,7 @@ def test_timings_are_read_with_the_table(gathered: pd.DataFrame, written: Path) 
         lambda text: text[: text.rindex(",") - 3],  # cut off within a row
         lambda text: text + "," * 40 + "\n",
         lambda text: text.replace("0.6", "many", 1),
-        lambda text: text.replace(",case,", ",other,", 1),
+        lambda text: text.replace(",ask,", ",other,", 1),
         lambda text: "\0\udcff" + text,
     ],
 )
@@ -478,7 +471,7 @@ def test_rows_are_chosen_by_the_text_of_their_columns(gathered: pd.DataFrame) ->
     wanted = {
         "method": "sci,sad",
         "number": "recall_at_1",
-        "case": "",
+        "ask": "unperturbed",
         "sequence": FEB,
         "protocol": "cells",
     }
@@ -500,6 +493,6 @@ def test_rows_are_chosen_by_the_text_of_their_columns(gathered: pd.DataFrame) ->
     assert results.where(result, {"days": "2"}).empty
     assert results.where(result, {"method": "sc"}).empty
     with pytest.raises(
-        ConfigError, match=r"--where model=sci: expected one of the columns study, dataset"
+        ConfigError, match=r"--where place=sci: expected one of the columns study, dataset"
     ):
-        results.where(gathered, {"model": "sci"})
+        results.where(gathered, {"place": "sci"})

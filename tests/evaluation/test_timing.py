@@ -17,7 +17,7 @@ from pipeline.core.compute import Compute
 from pipeline.core.errors import ConfigError, InputError
 from pipeline.core.progress import Progress
 from pipeline.evaluation import timing
-from pipeline.evaluation.rows import CASE_COLUMNS, COLUMNS
+from pipeline.evaluation.rows import COLUMNS
 from pipeline.evaluation.timing import (
     WARM_UP,
     Latency,
@@ -319,7 +319,7 @@ def test_the_stage_measures_each_method_of_a_study_with_its_model(
     assert line.startswith("m2dp ")
     assert line.endswith(" ms; medians of 4 queries, from points to places")
     table = pd.read_csv("artifacts/latency/campus/10m.csv")
-    assert table.columns.tolist() == [*COLUMNS, *CASE_COLUMNS]
+    assert table.columns.tolist() == [*COLUMNS]
     assert table["number"].tolist() == [*PARTS, "model_mb"]
     kept = json.loads(Path("10m.json").read_text())
     assert (kept["sequence"], kept["k"], len(kept["milliseconds"]["total"]["m2dp"])) == (

@@ -16,7 +16,7 @@ import pandas as pd
 from pipeline.core import schemas, store
 from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.protocols import Distance
-from pipeline.evaluation.rows import row, table
+from pipeline.evaluation.rows import PERTURBED, UNPERTURBED, row, table
 from pipeline.mapping.from_above import Drive, Footprint, along
 from pipeline.report.findings import Finding
 from pipeline.report.result import Result
@@ -163,7 +163,9 @@ def drive(folder: Path, xy_m: np.ndarray) -> None:
 def numbers_of(model: str, day: str) -> dict[tuple[str, str], tuple[float, float, float]]:
     """The numbers of one model on one day, by protocol and number."""
     rows = results_table()
-    rows = rows[(rows["method"] == model) & (rows["sequence"] == day) & (rows["change"] == "")]
+    rows = rows[
+        (rows["method"] == model) & (rows["sequence"] == day) & (rows["ask"] == UNPERTURBED)
+    ]
     return indexed(rows, "protocol", "number")
 
 
@@ -191,7 +193,7 @@ def results_table() -> pd.DataFrame:
             for name, value in numbers.items()
         ]
         rows += (
-            [place | {"change": "turned"} | row("recall_at_1", "distance", share / 4)]
+            [place | {"ask": PERTURBED, "of": "turned"} | row("recall_at_1", "distance", share / 4)]
             if days == 20
             else []
         )

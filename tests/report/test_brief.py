@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from pipeline.core.errors import ArtifactError
-from pipeline.evaluation.rows import row, table
+from pipeline.evaluation.rows import STRESS, row, table
 from pipeline.report.brief import LINES, brief
 from tests.studies.made import RECORDED
 from tests.studies.made import study as made_study
@@ -27,7 +27,7 @@ def results(
     for i in range(methods):
         for days, sequence in ((20, "2012-02-04"), (446, "2013-04-05"), (440, "2013-03-16")):
             place = {"grid": "10m", "method": f"m{i}", "sequence": sequence, "days": days}
-            place |= {"stress": "heavy"} if sequence == "2013-03-16" else {}
+            place |= {"ask": STRESS, "of": "heavy"} if sequence == "2013-03-16" else {}
             share = 0.5 + i / 100 - (0.1 if days > 20 else 0)
             rows.append(place | row("recall_at_1", "distance", share))
             rows.append(place | row("recall_at_1", "cells", 0.123))

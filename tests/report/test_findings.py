@@ -10,7 +10,7 @@ import pytest
 from syrupy.assertion import SnapshotAssertion
 
 from pipeline.evaluation.doubts import DOUBTS, VOID
-from pipeline.evaluation.rows import row, table
+from pipeline.evaluation.rows import AGAINST, NEAR_CHANGE, row, table
 from pipeline.report import case_findings as cases
 from pipeline.report import findings
 from pipeline.report.comparison import AUC, Kind
@@ -129,7 +129,7 @@ def against(
     sequence: str, recall: tuple[float, float], auc: tuple[float, float]
 ) -> list[dict[str, Any]]:
     """Rows of m2dp against sci on one sequence: differences and p of recall and of exact AUC."""
-    place = {"method": "m2dp", "change": "against", "kind": "sci", "sequence": sequence}
+    place = {"method": "m2dp", "ask": AGAINST, "of": "sci", "sequence": sequence}
     rows = []
     for name, (difference, p) in {"recall_at_1": recall, "auc_exact_top1": auc}.items():
         rows.append(place | row(f"{name}_difference", "cells", difference))
@@ -278,7 +278,7 @@ def test_confounders_say_what_else_differs_and_no_nan(
 
 
 def near(change: str, seen: int, value: float, low: float, high: float) -> list[dict[str, Any]]:
-    place = {"method": "sci", "change": change, "level": 25.0}
+    place = {"method": "sci", "ask": NEAR_CHANGE, "of": change, "at": 25.0}
     return [
         place | row("seen", "cells", seen),
         place | row("recall_at_1", "cells", value, low, high),
@@ -289,9 +289,7 @@ def test_near_changes_compare_the_nearest_band_with_enough_queries(
     snapshot: SnapshotAssertion,
 ) -> None:
     names = {25.0: "0–25 m", np.inf: "over 25 m"}
-    rows = table(
-        [*near("change shown", 40, 0.5, 0.4, 0.6), *near("change to come", 50, 0.8, 0.7, 0.9)]
-    )
+    rows = table([*near("shown", 40, 0.5, 0.4, 0.6), *near("to come", 50, 0.8, 0.7, 0.9)])
     for least_queries, name in ((30, "enough queries"), (41, "too few queries")):
         finding = findings.near_changes(rows, "recall_at_1", names, least_queries)
         assert sentence(finding) == snapshot(name=name)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pipeline.core.errors import ArtifactError
-from pipeline.evaluation.rows import row, table
+from pipeline.evaluation.rows import HEADING, NOVELTY, PERTURBED, VIEWPOINT, row, table
 from pipeline.running.dvc_files import DvcLock
 from pipeline.studies.models import ModelName
 from pipeline.sweeps.record import Record
@@ -39,10 +39,10 @@ def record(tmp_path: Path) -> RunRecord:
             at | row("turned_share", "cells", np.nan),
         ]
         rows += [
-            at | row("auroc", "cells", 0.75) | {"kind": "cost"},
+            at | row("auroc", "cells", 0.75) | {"ask": NOVELTY, "of": "cost"},
             at | row("ece", "cells", 0.125),
         ]
-        rows += [at | row("auc_top1", "cells", 0.01) | {"change": "turned"}]
+        rows += [at | row("auc_top1", "cells", 0.01) | {"ask": PERTURBED, "of": "turned"}]
         rows += [
             at | row("auc_top1", "cells", 0.02) | {"variant": "4way"},
             at | row("auc_top1", "cells", 0.03) | {"seed": 1},
@@ -52,7 +52,7 @@ def record(tmp_path: Path) -> RunRecord:
         row("auc_top1_retrain_after_days", "cells", np.inf),
     ]
     rows += [
-        {"sequence": "may", "days": 10.0, "change": "viewpoint", "level": 22.5}
+        {"sequence": "may", "days": 10.0, "ask": VIEWPOINT, "of": HEADING, "at": 22.5}
         | row("accuracy", "", 1.0)
     ]
     figures = [
@@ -166,7 +166,7 @@ def test_a_sweep_is_a_run_whose_steps_are_its_jobs() -> None:
     found += [
         row("queries", "cells", 9),
         row("ece", "cells", 0.125),
-        row("auroc", "cells", 0.75) | {"kind": "cost"},
+        row("auroc", "cells", 0.75) | {"ask": NOVELTY, "of": "cost"},
     ]
     rows = [{"sequence": "may", "days": 7} | one for one in found]
     done = Record(

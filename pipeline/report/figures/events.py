@@ -12,10 +12,11 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from pipeline.evaluation.protocols import PROTOCOLS
+from pipeline.evaluation.rows import NEAR_CHANGE
 from pipeline.evaluation.study_rows import SHOWN, TO_COME
 from pipeline.report.figures.panels import dots
 from pipeline.report.figures.style import WIDTH_IN, below, dot, figure, folded, styled, tints
-from pipeline.report.selection import indexed
+from pipeline.report.selection import indexed, pick
 
 NEAR = {"recall_at_1": "recall@1", "auc_exact_top1": "exact AUC"}
 OFFSET = 0.13  # of the two markers from the middle of a band, whose width is 1
@@ -35,7 +36,8 @@ def by_distance(
     below count the queries.
     """
     shades = tints(models)
-    numbers = indexed(rows, "change", "method", "protocol", "number", "level")
+    near = pick(rows, ask=NEAR_CHANGE)
+    numbers = indexed(near, "of", "method", "protocol", "number", "at")
 
     def over_bands(when: str, model: str, protocol: str, number: str) -> NDArray[np.float64]:
         """Value, low and high of a number in each band (band, 3)."""

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from pipeline.evaluation.events import Bands
 from pipeline.evaluation.protocols import PROTOCOLS
+from pipeline.evaluation.rows import NEAR_CHANGE, PERTURBED, STRESS, UNPERTURBED
 from pipeline.evaluation.study_rows import SHOWN
 from pipeline.report import case_findings, findings, tables
 from pipeline.report.comparison import AUC, FAR, KEPT, OFF, RECALL, Comparison, Kind
@@ -39,21 +40,23 @@ PANELS = (
 
 def sections(study: Study, folder: Path, least_queries: int) -> Iterator[Section]:
     """Draw the figures into `folder` and yield the sections that the study has."""
-    rows = study.rows[(study.rows["kind"] == "") & (study.rows["sequence"] != "")]
+    rows = study.rows[study.rows["sequence"] != ""]
     recipes = {name: study.recipe(name) for name in study.trained}
     n_way = {name: int(recipe["n_way"]) for name, recipe in recipes.items() if "n_way" in recipe}
     for alteration, sequences in study.settings.altered.items():
         # an alteration that is not named by its change has several, such as `glance`
         changes = (alteration,) if alteration in CHANGES else CHANGES
-        altered_rows = rows[rows["sequence"].isin(sequences) & rows["change"].isin(["", *changes])]
-        models = altered_rows.loc[altered_rows["change"] != "", ["method", "variant", "seed"]]
+        asked = rows[rows["sequence"].isin(sequences)]
+        is_altered = (asked["ask"] == PERTURBED) & asked["of"].str.startswith(changes)
+        altered_rows = asked[is_altered | asked["ask"].isin([UNPERTURBED, STRESS])]
+        models = asked.loc[is_altered, ["model", "seed"]]
         comparison = Comparison(altered_rows.merge(models.drop_duplicates()), n_way)
         make_section = _structure if alteration in UNITS else _glance
         if alteration == "turned":
             make_section = _turned
         yield make_section(study, folder, alteration, comparison)
-    if stress := study.settings.stress:
-        comparison = Comparison(pick(rows[rows["sequence"].isin(stress)], change=""), n_way)
+    if study.settings.stress:
+        comparison = Comparison(pick(rows, ask=STRESS), n_way)
         yield _stress(study, folder, comparison)
     if study.settings.question == "robustness":
         yield _events(study, folder, least_queries)
@@ -201,11 +204,13 @@ def _stress(study: Study, folder: Path, comparison: Comparison) -> Section:
 def _events(study: Study, folder: Path, least_queries: int) -> Section:
     """Numbers by the distance to the nearest building that went up or came down."""
     rows = study.rows
-    levels_m = rows.loc[rows["change"] == SHOWN, "level"].unique()
+    levels_m = pick(rows, ask=NEAR_CHANGE, of=SHOWN)["at"].unique()
     changes = rows.loc[rows["method"] == "", "number"].str.extract("^(.*)_changes$")[0]
     bands = Bands(sorted(levels_m[np.isfinite(levels_m)]), [*changes.dropna().unique()])
     names = dict(zip((*bands.edges_m, np.inf), bands.names, strict=True))
-    farthest = pick(rows, change=SHOWN, protocol=PROTOCOLS[0], number="seen", level=np.inf)
+    farthest = pick(
+        rows, ask=NEAR_CHANGE, of=SHOWN, protocol=PROTOCOLS[0], number="seen", at=np.inf
+    )
     models = [model for model in study.families if model in set(farthest["method"])]
     recall, auc = (
         findings.near_changes(rows, number, names, least_queries) for number in events.NEAR
@@ -238,7 +243,7 @@ def _cells(study: Study, folder: Path) -> Section:
     grids = sorted(sides_m, key=sides_m.__getitem__)
     sizes_m = [sides_m[grid] for grid in grids]
     methods = [method.name for method in study.settings.methods]
-    driven = pick(study.table, change="", kind="", stress="", variant="", seed=0)
+    driven = pick(study.table, ask=UNPERTURBED, variant="", seed=0)
     driven = driven[driven["sequence"] != ""]
     by_grid = {
         key: group.dropna().to_numpy()  # (sequence,)

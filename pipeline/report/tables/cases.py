@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from pipeline.evaluation.rows import NEAR_CHANGE, PERTURBED, UNPERTURBED
 from pipeline.evaluation.study_rows import PER_DAYS, SHOWN
 from pipeline.report.comparison import (
     AUC,
@@ -27,7 +28,7 @@ from pipeline.report.comparison import (
     Measure,
 )
 from pipeline.report.result import TITLES, dates
-from pipeline.report.selection import NONE, indexed, pick, with_model
+from pipeline.report.selection import NONE, indexed, pick
 from pipeline.report.study import Study
 from pipeline.report.table import (
     Cell,
@@ -41,8 +42,6 @@ from pipeline.report.table import (
 )
 from pipeline.report.tables.columns import bounded
 
-# What was done to the queries of `altered`; "" are queries as driven.
-ALTERATIONS = ("", "turned", "demolition", "construction")
 MOST_ALTERED_KINDS = 4  # of altered queries that have a column in `altered`
 # The columns of the two tables `every_case`, by cells and by distance.
 BY_CELLS = (AUC, KEPT, RECALL, AUROC)
@@ -57,14 +56,14 @@ def altered(study: Study, models: Iterable[str]) -> Table | None:
     One row per model that was asked altered queries; the last column is the change with age. None
     if no queries were altered.
     """
-    rows = pick(study.rows[study.rows["change"].isin(ALTERATIONS)], seed=0, stress="")
-    days = rows.loc[(rows["change"] != "") & (rows["sequence"] != ""), "sequence"].unique()
+    rows = pick(study.rows[study.rows["ask"].isin([UNPERTURBED, PERTURBED])], seed=0)
+    days = pick(rows, ask=PERTURBED)["sequence"].unique()
     if not len(days):
         return None
     comparison = Comparison(rows[rows["sequence"].isin(days)], {})
     kinds = comparison.kinds[: 1 + MOST_ALTERED_KINDS]  # queries as driven come first
     slope_name = f"recall_at_1_per_{PER_DAYS}_days"
-    slopes = indexed(with_model(pick(study.driven, number=slope_name)), "model")
+    slopes = indexed(pick(study.driven, number=slope_name), "model")
     table_rows = []
     for model in models:
         if model not in comparison.models:
@@ -156,9 +155,10 @@ def near_changes(rows: pd.DataFrame, protocol: str, name: str, bands: Mapping[fl
     Below them stand the oracle's recall and the numbers of queries. `bands` maps the farthest
     distance of a band in metres to its name.
     """
-    shown = pick(rows, change=SHOWN, protocol=protocol)
-    # in these rows `level` is the farthest distance of the band
-    values = indexed(shown, "number", "method", "level")
+    shown = pick(rows, ask=NEAR_CHANGE, of=SHOWN, protocol=protocol)
+    shown = shown[shown["method"] != ""]
+    # in these rows `at` is the farthest distance of the band
+    values = indexed(shown, "number", "method", "at")
 
     def over_bands(label: str, number_name: str, model: str, digits: int) -> list[Cell | str]:
         cells = [bounded(values[number_name, model, edge_m], digits) for edge_m in bands]

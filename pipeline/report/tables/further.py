@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -156,8 +157,7 @@ def paired(study: Study, protocol: str) -> list[Table]:
     """
     tested = against(study.rows, protocol)
     return [
-        _paired(group, protocol, reference)
-        for reference, group in tested.groupby("kind", sort=False)
+        _paired(group, protocol, reference) for reference, group in tested.groupby("of", sort=False)
     ]
 
 
@@ -179,8 +179,8 @@ def _paired(tested: pd.DataFrame, protocol: str, reference: str) -> Table:
         header += [f"Δ {TITLES[name]}", "p", "verdict"]
     header += ["only it right", f"only {reference} right"]
     unlike = any(map(is_posed, tested["model"])) and not is_posed(reference)
-    values = {"protocol": protocol, "reference": reference, "unlike": unlike}
-    return table("paired", header, rows, text_columns=2, **values)
+    caption: Any = {"protocol": protocol, "reference": reference, "unlike": unlike}
+    return table("paired", header, rows, text_columns=2, **caption)
 
 
 def _verdict(change: float, p: float) -> str:

@@ -8,8 +8,9 @@ from collections.abc import Iterator
 import numpy as np
 import pandas as pd
 
+from pipeline.evaluation.rows import HEADING, VIEWPOINT
 from pipeline.evaluation.viewpoints import NUMBERS
-from pipeline.report.selection import indexed, pick, with_model
+from pipeline.report.selection import indexed, pick
 from pipeline.report.study import Study
 from pipeline.report.table import Table, count, spread, table
 
@@ -22,13 +23,11 @@ def over_headings(study: Study) -> list[Table]:
 
     A table without rows is left out.
     """
-    totals = indexed(
-        with_model(pick(study.rows, change="viewpoint of all")), "sequence", "model", "number"
-    )
+    totals = indexed(pick(study.rows, ask=VIEWPOINT, of=""), "sequence", "model", "number")
     heading_rows = []
     seed_rows = []
     for (sequence, model), numbers in _by_heading(study):
-        at_headings = numbers.groupby("level").mean()
+        at_headings = numbers.groupby("at").mean()
         with_auc = int(np.isfinite(at_headings["roc_auc"]).sum())
         queries, *_ = totals[sequence, model, "queries"]
         bytes_per_place, *_ = totals[sequence, model, "bytes_per_place"]
@@ -58,7 +57,7 @@ def over_headings(study: Study) -> list[Table]:
 
 def every_heading(study: Study, name: str) -> Table:
     """One of paper 2's numbers: one column per heading, means over the seeds."""
-    grouped = {key: numbers.groupby("level")[name] for key, numbers in _by_heading(study)}
+    grouped = {key: numbers.groupby("at")[name] for key, numbers in _by_heading(study)}
     headings_deg = sorted({deg for groups in grouped.values() for deg in groups.groups})
     rows = [
         (sequence, model, *(spread(groups.get_group(deg), 3) for deg in headings_deg))
@@ -71,8 +70,8 @@ def every_heading(study: Study, name: str) -> Table:
 def _by_heading(study: Study) -> Iterator[tuple[tuple[str, str], pd.DataFrame]]:
     """For each sequence and model a table of numbers, one row per seed and heading.
 
-    The heading in degrees is the index `level`.
+    The heading in degrees is the index `at`.
     """
-    rows = with_model(pick(study.rows, change="viewpoint"))
+    rows = pick(study.rows, ask=VIEWPOINT, of=HEADING)
     for key, group in rows.groupby(["sequence", "model"], sort=False):
-        yield key, group.pivot(index=["seed", "level"], columns="number", values="value")
+        yield key, group.pivot(index=["seed", "at"], columns="number", values="value")

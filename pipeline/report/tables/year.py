@@ -139,7 +139,7 @@ def _marks(
     rows = against(study.rows, protocol)
     tested = indexed(rows, "number", "model", "sequence")
     references: dict[str, bool] = {}
-    for model, reference in rows[["model", "kind"]].drop_duplicates().itertuples(index=False):
+    for model, reference in rows[["model", "of"]].drop_duplicates().itertuples(index=False):
         unlike = is_posed(model) and not is_posed(reference)
         references[reference] = references.get(reference, False) or unlike
     marks = {}

@@ -7,12 +7,13 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
+from pipeline.alterations import Case
 from pipeline.core.schemas import Labels
 from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.judge import judge
 from pipeline.evaluation.judgement import Evaluation
 from pipeline.evaluation.protocols import PROTOCOLS, Distance
-from pipeline.evaluation.rows import evaluation_rows, row, table
+from pipeline.evaluation.rows import NOVELTY, case_columns, evaluation_rows, row, table
 from pipeline.evaluation.viewpoints import ViewpointMatches
 from pipeline.matching.ranking import Ranking
 from pipeline.report.comparison import MEASURES, Comparison, Kind
@@ -75,7 +76,7 @@ def evaluation(
 
 def result(model: str, sequence: str, days: int, one: Evaluation) -> Result:
     """A result whose numbers are those of the table of results."""
-    rows = [each for each in evaluation_rows(one) if not each.get("kind")]
+    rows = [each for each in evaluation_rows(one) if each["ask"] != NOVELTY]
     numbers = {
         (each["protocol"], each["number"]): (each["value"], each["low"], each["high"])
         for each in rows
@@ -161,7 +162,7 @@ def compared(
     rows = []
     for (model, kind), array in values.items():
         (method, _, variant) = model.partition("-")
-        place = vars(kind)
+        place = case_columns(Case(**vars(kind)))
         for (seed, sequence, repeat), value in np.ndenumerate(np.array(array)):
             where = {
                 "method": method,

@@ -19,7 +19,7 @@ from syrupy.assertion import SnapshotAssertion
 
 from pipeline.alterations.construction import Construction
 from pipeline.core.errors import InputError
-from pipeline.evaluation.rows import row, table
+from pipeline.evaluation.rows import NEAR_CHANGE, row, table
 from pipeline.report.comparison import AUC, FAR, KEPT, OFF
 from pipeline.report.figures import (
     ageing,
@@ -132,12 +132,12 @@ def near_changes() -> Figure:
     bands = {25.0: "0–25 m", np.inf: "over 25 m"}
     rows = []
     for change, seen, recall in (
-        ("change shown", 29, (0.2, 0.1, 0.3)),
-        ("change to come", 50, (0.7, 0.6, 0.8)),
+        ("shown", 29, (0.2, 0.1, 0.3)),
+        ("to come", 50, (0.7, 0.6, 0.8)),
     ):
         for edge_m in bands:
             is_near = edge_m == 25.0
-            place = {"method": "sci", "change": change, "level": edge_m}
+            place = {"method": "sci", "ask": NEAR_CHANGE, "of": change, "at": edge_m}
             for protocol in ("cells", "distance"):
                 for name, numbers in (
                     ("seen", (seen if is_near else 500,)),
