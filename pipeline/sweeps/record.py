@@ -14,7 +14,6 @@ from typing import Any
 
 from pipeline.core import store
 from pipeline.core.settings import filled
-from pipeline.evaluation.rows import UNPERTURBED
 
 
 @dataclass(frozen=True)
@@ -50,7 +49,7 @@ class Record:
         for row in self.rows:
             is_this_number = (row["protocol"], row["number"]) == (protocol, number)
             # The other rows ask how a further kind of novelty rejects.
-            is_of_kind_in_use = row.get("ask", UNPERTURBED) == UNPERTURBED
+            is_of_kind_in_use = row.get("ask") != "novelty"
             if is_this_number and is_of_kind_in_use and math.isfinite(row["value"]):
                 values.append(row["value"])
         return values
