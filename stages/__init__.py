@@ -54,8 +54,6 @@ ROOT = Path(__file__).parents[1]
 """The project's folder."""
 METHODS = ("pipeline.methods.",)
 """The package of all methods' classes; a model's recipe may name no other class."""
-ADVICE = "; `dvc repro` gives what a stage needs"
-"""What an error on settings that are missing ends in."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -138,7 +136,8 @@ def stage(
         def run(cfg: DictConfig) -> str:
             for target in _targets(OmegaConf.to_container(cfg)):
                 target_class(target, ("pipeline.", "worlds."))
-            settings = filled(settings_class, cfg, _built, advice=ADVICE)
+            advice = "; `dvc repro` gives what a stage needs"
+            settings = filled(settings_class, cfg, _built, advice=advice)
             with Telemetry(cfg.out) if cfg.get("out") else nullcontext():
                 return function(settings)
 

@@ -60,7 +60,7 @@ def use(
         listed_studies = read_studies()
     # the studies of the data sets that are named
     proposals = {dataset: propose(conf, dataset, options) for dataset in datasets}
-    proposed_studies = {dataset: proposal.study for dataset, proposal in proposals.items()}
+    proposed_studies = {dataset: study for dataset, (study, _) in proposals.items()}
     if not datasets or (keep and _have_same_choices(proposed_studies, listed_studies)):
         studies = listed_studies
     elif add:
@@ -70,7 +70,7 @@ def use(
     for study in studies.values():
         refuse_unknown(conf, study)
     _write(conf, studies)
-    for note in chain.from_iterable(proposal.notes for proposal in proposals.values()):
+    for note in chain.from_iterable(notes for _, notes in proposals.values()):
         print(f"  {note}")
     for name, study in studies.items():
         print(

@@ -82,15 +82,10 @@ Names = Annotated[tuple[str, ...], WORDS]
 """Names of sequences or models."""
 
 
-def as_given(kind: Any, value: Any) -> Any:
-    """A `Resolve` for files in which no setting stands for something else."""
-    return value
-
-
 def filled(
     kind: type[Filled],
     table: Mapping[str, Any],
-    resolve: Resolve = as_given,
+    resolve: Resolve = lambda _, setting: setting,
     parent: str = "",
     advice: str = "",
 ) -> Filled:

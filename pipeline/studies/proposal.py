@@ -62,14 +62,6 @@ PRESET = "demo"
 
 
 @dataclass(frozen=True)
-class Proposal:
-    """A study for conf/studies.yaml, and what a person should know about it."""
-
-    study: Study
-    notes: list[str]
-
-
-@dataclass(frozen=True)
 class Request:
     """What a person asks of a data set, beside the choices that its yaml makes."""
 
@@ -99,24 +91,14 @@ class Request:
                 raise ConfigError(f"{option}={name}: {expected}")
         return names
 
-    def posed_models(self, choices: Sequence[str]) -> list[str] | None:
-        """The models that `poses=` names; None if it is not given, or says only SLAM.
-
-        `choices` are the models that it may name. Raises ConfigError as `names` does.
-        """
-        if self.options.get("poses", SLAM) == SLAM:
-            return None
-        names = self.names("poses", [*choices, SLAM])
-        return [name for name in names if name != SLAM]
-
     @property
     def preset(self) -> str:
         """The preset of the simulated world."""
         return self.options.get("world", PRESET)
 
 
-def propose(conf: Path, name: str, options: Mapping[str, str]) -> Proposal:
-    """Propose the study of data set `name`, a file of conf/dataset.
+def propose(conf: Path, name: str, options: Mapping[str, str]) -> tuple[Study, list[str]]:
+    """Propose the study of data set `name`, a file of conf/dataset, with notes for its user.
 
     `options` are the words KEY=VALUE of `yearloc use`. Several values have commas between. Raises
     ConfigError for an unknown data set, option or value, and if the logs on disk do not make a
@@ -134,7 +116,7 @@ def propose(conf: Path, name: str, options: Mapping[str, str]) -> Proposal:
     for change in CHANGES:
         study = change(study, request)
     refuse_unposed(study, dataset["reader"])
-    return Proposal(study, drives.notes)
+    return study, drives.notes
 
 
 def first_choices(
@@ -353,9 +335,8 @@ def with_poses(study: Study, request: Request) -> Study:
 def _posed_families(study: Study, request: Request) -> list[str]:
     """The families of models (method and variant) whose answers are registered."""
     families = [model.family for model in study.models if not model.seed]
-    named_families = request.posed_models(families)
-    if named_families is not None:
-        return named_families
+    if request.options.get("poses", SLAM) != SLAM:
+        return [name for name in request.names("poses", [*families, SLAM]) if name != SLAM]
     if "poses" in NEEDLESS.get(study.question, set()):
         return []
     default_families = request.defaults.get("poses", ())

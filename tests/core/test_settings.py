@@ -1,9 +1,12 @@
 """A wrong setting is refused with its name, and with what was expected instead."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Literal
 
 import pytest
+import yaml
 
 from pipeline.alterations.construction import Construction
 from pipeline.alterations.demolition import Demolition
@@ -11,7 +14,7 @@ from pipeline.alterations.turned import Turned
 from pipeline.core.compute import Compute
 from pipeline.core.errors import ConfigError
 from pipeline.core.progress import Progress
-from pipeline.core.settings import check
+from pipeline.core.settings import Names, check, filled, plain, written
 from pipeline.mapping.octree import Octree
 from pipeline.mapping.submaps import Accumulated, SingleScan
 from pipeline.matching.sequences import SequenceMethod
@@ -65,110 +68,40 @@ def test_a_value_of_another_type_is_refused_by_name(bad, line):
 
 
 WRONG = [
-    (
-        Sci,
-        "method",
-        {
-            "epochs": -1,
-            "batch": 0,
-            "threads": 0,
-            "learning_rate": "abc",
-            "colormap": "rainbow",
-            "dropout": 1.5,
-        },
-    ),
-    (Sci, "method", {"h_max_m": -1.0, "learning_rate": 0.0}),
-    (
-        SciRing,
-        "method",
-        {
-            "yaw_noise_deg": -1.0,
-            "worst_arc": 1.5,
-            "widest_arc": 0,
-            "refit": -0.1,
-            "epochs": 0,
-            "dropout": -0.5,
-        },
-    ),
-    (ScanContext50, "method", {"candidates": 0, "least_engaged": 1.5}),
-    (ScanContextAll, "method", {"least_engaged": -0.1}),
-    (M2dp, "method", {"held_out_every_m": 0, "distinct_places": "yes"}),
-    (PointNetVlad, "method", {"epochs": 0, "batch": 0, "train_points": 0, "schedule": "none"}),
-    (PointNetVlad, "method", {"epochs": -1}),
-    (
-        Pfl,
-        "method",
-        {
-            "width": 0,
-            "epochs": -1,
-            "batch": 1,
-            "beta1": 1.0,
-            "generator_steps": 0,
-            "objective": "none",
-            "kept": "first",
-            "reference_headings": 3,
-        },
-    ),
-    (Afl, "method", {"objective": "author_code"}),
-    (Sad, "method", {"patch_px": 0, "length": "ten", "reference_headings": 0}),
-    (
-        SequenceMethod,
-        "method",
-        {"length": 0, "slowest": 0.0, "fastest": 0.7, "speed_step": 0.0, "contrast_rows": 1},
-    ),
-    (SequenceMethod, "method", {"novelty": "score", "both_ways": "no", "held_out_every_m": 0.0}),
-    (
-        Octree,
-        "view.octree",
-        {
-            "depth": 1,
-            "edge_m": 0.0,
-            "motion": "walk",
-            "rays": "some",
-            "sigma_m": 0.0,
-            "max_range_m": -1.0,
-        },
-    ),
-    (Octree, "view.octree", {"depth": 6.5, "sensor_height_m": 13.0}),
-    (ScanContext, "view", {"rings": 0, "sectors": -1, "max_range_m": 0.0, "beyond": "keep"}),
-    (Cloud, "view", {"points": 0, "half_m": 0.0, "iterations": 0, "slope_deg": 91.0, "seed": "a"}),
-    (M2dpView, "view", {"circles": 0, "sectors": 16.5, "azimuths": -1}),
-    (BirdView, "view", {"headings": 12, "side_px": 0, "occupied": 0.4, "jitter_m": -1.0}),
-    (BirdView, "view", {"headings": 0}),
-    (SingleScan, "submap", {"step_m": -1.0}),
-    (SingleScan, "submap", {"step_m": float("nan")}),
-    (
-        Accumulated,
-        "submap",
-        {"step_m": 0.0, "window_m": -1.0, "layout": "gps", "ground_percentile": 101.0},
-    ),
-    (Accumulated, "submap", {"ground_radius_m": float("nan")}),
-    (Turned, "alteration", {"repeats": 0, "seed": -1}),
-    (Turned, "alteration", {"repeats": 1.5}),
-    (Demolition, "alteration", {"widths_deg": [0], "seed": -1}),
-    (Demolition, "alteration", {"widths_deg": []}),
-    (Demolition, "alteration", {"widths_deg": [360]}),
-    (
-        Construction,
-        "alteration",
-        {"walls": [0], "shadows": [], "seed": -1, "spacing_m": 0, "skew_deg": 90, "nearest_m": 21},
-    ),
-    (
-        Construction,
-        "alteration",
-        {"walls": [], "shortest_m": 30, "lowest_m": 11, "sensor_height_m": 3.0},
-    ),
-    (Compute, "compute", {"workers": "many"}),
+    (Sci, "method.epochs", -1),
+    (Sci, "method.learning_rate", 0.0),
+    (Sci, "method.colormap", "rainbow"),
+    (SciRing, "method.widest_arc", 0),
+    (ScanContext50, "method.candidates", 0),
+    (ScanContextAll, "method.least_engaged", -0.1),
+    (M2dp, "method.distinct_places", "yes"),
+    (PointNetVlad, "method.schedule", "none"),
+    (Pfl, "method.batch", 1),
+    (Pfl, "method.beta1", 1.0),
+    (Afl, "method.objective", "author_code"),
+    (Sad, "method.length", "ten"),
+    (SequenceMethod, "method.fastest", 0.7),
+    (SequenceMethod, "method.both_ways", "no"),
+    (Octree, "view.octree.depth", 6.5),
+    (Octree, "view.octree.motion", "walk"),
+    (ScanContext, "view.beyond", "keep"),
+    (Cloud, "view.slope_deg", 91.0),
+    (M2dpView, "view.sectors", 16.5),
+    (BirdView, "view.headings", 12),
+    (SingleScan, "submap.step_m", float("nan")),
+    (Accumulated, "submap.ground_percentile", 101.0),
+    (Turned, "alteration.repeats", 1.5),
+    (Demolition, "alteration.widths_deg", [360]),
+    (Construction, "alteration.walls", []),
+    (Construction, "alteration.lowest_m", 11),
+    (Compute, "compute.workers", "many"),
 ]
 
 
-@pytest.mark.parametrize(
-    ("kind", "group", "field", "value"),
-    [(kind, group, field, value) for kind, group, wrong in WRONG for field, value in wrong.items()],
-)
-def test_what_a_person_may_mistype_is_refused_before_any_work(kind, group, field, value):
-    with pytest.raises(ConfigError, match=f"{group}.{field}="):
-        kind(**{field: value})
+@pytest.mark.parametrize(("kind", "name", "value"), WRONG)
+def test_what_a_person_may_mistype_is_refused_before_any_work(kind, name, value):
+    with pytest.raises(ConfigError, match=f"^{name}="):
+        kind(**{name.rpartition(".")[2]: value})
 
 
 def test_probabilities_distances_and_budgets_out_of_order_are_refused():
@@ -181,3 +114,66 @@ def test_probabilities_distances_and_budgets_out_of_order_are_refused():
         PointNetVlad(positive_m=50.0)
     with pytest.raises(ConfigError, match=r"budget\.share"):
         Progress(budget=0)
+
+
+@dataclass(frozen=True)
+class Part:
+    name: str
+    size_m: float | None
+    note: str | None = None
+
+
+@dataclass(frozen=True)
+class Whole:
+    parts: tuple[Part, ...]
+    sequences: Names = ()
+    box: tuple[float, float] = (0.0, 1.0)
+    days: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    from_: Path | None = None
+
+
+TABLE = {"parts": [{"name": "a", "size_m": None}], "from": "x", "sequences": "01 02"}
+
+
+def test_a_table_is_filled_and_written_again() -> None:
+    whole = filled(Whole, TABLE | {"days": {"2012-01-15": ["a"]}})
+    expected = Whole((Part("a", None),), ("01", "02"), days={"2012-01-15": ("a",)})
+    assert whole == replace(expected, from_=Path("x"))
+    # a word of a command line: a mapping as pairs, so that YAML reads no date
+    assert written(expected) == (
+        '{parts: [{name: "a", size_m: null}], sequences: ["01", "02"], '
+        'days: [["2012-01-15", ["a"]]]}'
+    )
+    assert filled(Whole, yaml.safe_load(written(expected))) == expected
+    # a file: without what is null by default, and if not whole without all defaults
+    table = {"parts": [{"name": "a", "size_m": None}], "sequences": ["01", "02"]}
+    assert plain(replace(expected, days={})) == table
+    assert plain(replace(expected, days={}), whole=True) == table | {"box": [0.0, 1.0], "days": {}}
+
+
+def test_a_name_may_stand_for_an_object() -> None:
+    named = filled(
+        Whole,
+        {"parts": ["a", {"name": "b", "size_m": 1}]},
+        lambda kind, value: kind(value, 2.0) if isinstance(value, str) else value,
+    )
+    assert named.parts == (Part("a", 2.0), Part("b", 1))
+
+
+@pytest.mark.parametrize(
+    ("change", "line"),
+    [
+        ({"parts": [{"name": "a"}]}, "not given: parts[0].size_m"),
+        ({"parts": None}, "not given: parts; say it"),
+        ({"parts": ["a"]}, "parts[0]=a: expected a table of the settings of Part"),
+        ({"parts": [{"name": "a", "size_m": "1"}]}, "parts[0].size_m=1: expected a number or null"),
+        ({"parts": 1}, "parts=1: expected a list"),
+        ({"box": [1]}, "box=[1]: expected a list of 2"),
+        ({"days": [1]}, "days=[1]: expected a table"),
+        ({"days": {"monday": "a"}}, "days.monday=a: expected a list"),
+    ],
+)
+def test_a_wrong_setting_in_a_table_is_named_by_its_path(change, line):
+    with pytest.raises(ConfigError) as error:
+        filled(Whole, TABLE | change, advice="; say it")
+    assert str(error.value) == line

@@ -36,7 +36,8 @@ def asked(**options: str) -> Request:
 
 def test_a_data_sets_variants_of_a_question_stand_beside_those_of_the_question() -> None:
     options = {"question": "viewpoints", "methods": "pfl,afl,sad", "variants": "30m,paper,logistic"}
-    pfl, afl, sad = propose(CONF, "suburb", options).study.methods
+    suburb, _ = propose(CONF, "suburb", options)
+    pfl, afl, sad = suburb.methods
     assert pfl.variants.keys() == {"30m", "paper", "logistic"}
     assert (afl.variants.keys(), sad.variants.keys()) == ({"logistic"}, {"30m"})
     assert (sad.view_of(""), sad.view_of("30m")) == ("birdview", "birdview_near")
@@ -118,6 +119,5 @@ def test_viewpoints_need_methods_on_bird_views_and_latency_is_yes_or_no() -> Non
 
 
 def test_a_proposal_is_read_as_it_is_written() -> None:
-    proposal = propose(CONF, "campus", {"question": "lifelong", "scale": "indoor"})
-    again = study("campus", **proposal.study.table())
-    assert again == proposal.study
+    proposed, _ = propose(CONF, "campus", {"question": "lifelong", "scale": "indoor"})
+    assert study("campus", **proposed.table()) == proposed
