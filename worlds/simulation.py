@@ -36,7 +36,7 @@ from worlds.layout.routes import Routes, loop_routes, training_routes
 from worlds.names import kitti_log
 from worlds.seeds import Stream, generator
 from worlds.writers import BAGS, Format, origin_m, writer
-from worlds.writers.truth import TruthWriter
+from worlds.writers.writer import TruthWriter
 
 BLOCK_RAYS = 400_000
 """Approximate number of rays in a block of scans, which one worker casts at once."""

@@ -33,8 +33,6 @@ from benchmarks.papers.rules import (
     Tables,
     by_interval,
     difference_of,
-    everywhere,
-    in_order,
 )
 from pipeline.core.errors import ArtifactError, ConfigError
 from pipeline.evaluation.rows import HEADING, VIEWPOINT, row, table
@@ -113,27 +111,6 @@ def test_half_widths_add_as_squares_do() -> None:
     assert difference_of(Estimate(0.9, 0.9, 0.9), Estimate(0.5, 0.4, 0.6), 0.9) == pytest.approx(
         (0.45, 0.36, 0.54)
     )
-
-
-@pytest.mark.parametrize(
-    ("values", "expected"),
-    [
-        ([0.1, 0.2], (SHOWN, "all")),
-        ([-0.1, -0.2], (CONTRADICTED, "all")),
-        ([0.1, -0.2], (UNDECIDED, "mixed")),
-        ([0.1, 0.0], (UNDECIDED, "mixed")),
-        ([0.1, 0.03], (UNDECIDED, "mixed")),
-        ([], (UNDECIDED, "mixed")),
-    ],
-)
-def test_without_intervals_all_must_agree(values: list[float], expected: tuple[str, str]) -> None:
-    assert everywhere(values, noise=0.05) == expected
-
-
-def test_an_order_is_contradicted_where_it_is_clearly_another() -> None:
-    assert in_order([1, 2, 4]) == (SHOWN, "order")
-    assert in_order([1, 4, 2]) == (CONTRADICTED, "order")
-    assert in_order([1, 4, 3.5]) == (UNDECIDED, "order")
 
 
 def test_one_method_is_held_against_the_strongest_of_the_others() -> None:

@@ -12,8 +12,7 @@ from worlds.driving.day import Day, people_at
 from worlds.driving.drive import Drive
 from worlds.driving.lidar import Lidar, Returns
 from worlds.seeds import scan_seed
-from worlds.writers.truth import TruthWriter
-from worlds.writers.writer import Writer
+from worlds.writers.writer import TruthWriter, Writer
 
 PILOT_HEIGHT_M = 1.75
 """Height of the person who walks behind the robot."""
