@@ -21,11 +21,12 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.core.frames import moved
 from pipeline.formats.bag import ODOMETRY
 from pipeline.formats.messages import pose_numbers, poses, sweep_points
 from pipeline.formats.pointcloud2 import decode
 from pipeline.kernel_cache import cold
-from pipeline.online.inputs import NO_POSE, placed, placement
+from pipeline.online.inputs import NO_POSE, placement
 from pipeline.online.level_site import LevelSite
 from pipeline.online.odometry import Newest
 from pipeline.online.outputs import in_world
@@ -96,9 +97,9 @@ class Localizer:
 
     def _fix(self, cloud: Any, step: np.ndarray | None, time_ns: int) -> Fix:
         if isinstance(self._tracker, LevelTracker):
-            return self._tracker.localize(placed(sweep_points(cloud), self._body_T_lidar), step)
+            return self._tracker.localize(moved(self._body_T_lidar, sweep_points(cloud)), step)
         return self._tracker.localize(
-            placed(decode(cloud), self._body_T_lidar), step, time_ns or None
+            moved(self._body_T_lidar, decode(cloud)), step, time_ns or None
         )
 
 

@@ -4,6 +4,7 @@ The reader uses it, and the simulated world that writes its logs as KITTI does. 
 Velodyne's frame, x forward, y left, z up; poses are of camera 0, x right, y down, z forward.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -78,23 +79,24 @@ def write_calib(path: Path) -> None:
             [[FOCAL_PX, 0, CENTRE_PX[0], offset], [0, FOCAL_PX, CENTRE_PX[1], 0], [0, 0, 1, 0]]
         )
     matrices["Tr"] = CAM_T_VELO[:3]
-    _write(path, [f"{name}: {_numbers(matrix)}" for name, matrix in matrices.items()])
+    write_lines(path, [f"{name}: {_numbers(matrix)}" for name, matrix in matrices.items()])
 
 
 def write_times(path: Path, times_s: NDArray[np.float64]) -> None:
     """Write times.txt: seconds (n,) from the first scan on."""
-    _write(path, [f"{time:.6e}" for time in times_s.tolist()])
+    write_lines(path, [f"{time:.6e}" for time in times_s.tolist()])
 
 
 def write_poses(path: Path, first_T_cam: NDArray[np.float64]) -> None:
     """Write a pose file: poses (n, 4, 4) of cam0 in its first frame."""
-    _write(path, [_numbers(pose[:3]) for pose in first_T_cam])
+    write_lines(path, [_numbers(pose[:3]) for pose in first_T_cam])
 
 
 def _numbers(matrix: NDArray[np.float64]) -> str:
     return " ".join(f"{number:.12e}" for number in matrix.ravel().tolist())
 
 
-def _write(path: Path, lines: list[str]) -> None:
+def write_lines(path: Path, lines: Sequence[str]) -> None:
+    """Write a text file, and the folder that it is in."""
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")

@@ -42,16 +42,11 @@ VARIANCE_COLUMNS = (1, 7, 21)
 """The columns of such a row with the variances of x, y and heading."""
 
 
-def write_pose_rows(path: Path, utimes: NDArray[np.int64], ned_xyzrph: NDArray[np.float64]) -> None:
-    """Write a pose file from `utimes` (n,) in µs and `ned_xyzrph` (n, 6).
+def write_pose_rows(path: Path, utimes: NDArray[np.int64], rows: NDArray[np.float64]) -> None:
+    """Write a file of rows (n, m) of numbers, each after its utime (n,) in µs, without a header.
 
-    The latter are x, y, z in metres and roll, pitch, heading in radians. The file has no header.
+    Of poses they are x, y, z in metres and roll, pitch, heading in radians, north-east-down.
     """
-    write_rows(path, utimes, ned_xyzrph)
-
-
-def write_rows(path: Path, utimes: NDArray[np.int64], rows: NDArray[np.float64]) -> None:
-    """Write a file of numbers (n, m), each row after its utime (n,) in µs."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("w", encoding="utf-8") as file:
         for utime, row in zip(utimes.tolist(), rows.tolist(), strict=True):
@@ -65,7 +60,7 @@ def write_covariance_rows(
 
     Each is the covariance of the motion since the row before.
     """
-    write_rows(path, utimes, covariances[:, *UPPER_TRIANGLE])
+    write_pose_rows(path, utimes, covariances[:, *UPPER_TRIANGLE])
 
 
 def encode(

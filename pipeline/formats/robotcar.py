@@ -12,6 +12,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.formats.kitti import write_lines
+
 RECORD_BYTES = 24
 """Bytes of a point of a sweep: x, y, reflectance as 64-bit floats."""
 LASERS = ("lms_front", "lms_rear")
@@ -67,7 +69,7 @@ def decode_sweep(data: bytes) -> NDArray[np.float64]:
 
 def write_timestamps(path: Path, utimes: NDArray[np.int64]) -> None:
     """Write one line per sweep: its utime, and the number of its download chunk, here always 1."""
-    _write(path, [f"{utime} 1" for utime in utimes.tolist()])
+    write_lines(path, [f"{utime} 1" for utime in utimes.tolist()])
 
 
 def write_vo(path: Path, utimes: NDArray[np.int64], xyzrpy: NDArray[np.float64]) -> None:
@@ -79,7 +81,7 @@ def write_vo(path: Path, utimes: NDArray[np.int64], xyzrpy: NDArray[np.float64])
     lines = [",".join(VO_COLUMNS)]
     for (utime, previous_utime), step in zip(stamps, xyzrpy.tolist(), strict=True):
         lines.append(f"{utime},{previous_utime},{_numbers(step)}")
-    _write(path, lines)
+    write_lines(path, lines)
 
 
 def write_ins(
@@ -102,19 +104,14 @@ def write_ins(
         lines.append(
             f"{utime},{status},nan,nan,{position},{utm_zone},nan,nan,nan,{_numbers(angles)}"
         )
-    _write(path, lines)
+    write_lines(path, lines)
 
 
 def write_extrinsics(folder: Path) -> None:
     """Write the published extrinsics, one file per sensor."""
     for sensor, numbers in EXTRINSICS.items():
-        _write(folder / f"{sensor}.txt", [" ".join(f"{number:.4f}" for number in numbers)])
+        write_lines(folder / f"{sensor}.txt", [" ".join(f"{number:.4f}" for number in numbers)])
 
 
 def _numbers(values: Sequence[float]) -> str:
     return ",".join(f"{value:.12g}" for value in values)
-
-
-def _write(path: Path, lines: Sequence[str]) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")

@@ -51,7 +51,7 @@ def add_labels(artifact: Labels, inspection: Inspection) -> None:
         rows.append(
             ("oracle", f"{share} of the seen have their nearest training anchor in their place")
         )
-    inspection.add_untitled(*rows)
+    inspection.add("", *rows)
     no_overlap = (
         "no submap lies in a place of training: do both sequences share one world frame, and the "
         "grid's box?"
@@ -65,11 +65,12 @@ def add_rankings(artifact: Rankings, inspection: Inspection) -> None:
     confidence = artifact.confidence
     queries = ("queries", f"{len(places):,}, {places.shape[1]} places each")
     if not len(places):
-        inspection.add_untitled(queries)
+        inspection.add("", queries)
         return
     answer_count = _distinct_count(places[:, 0])
     heading_share = np.isfinite(artifact.heading_deg[:, 0]).mean()
-    inspection.add_untitled(
+    inspection.add(
+        "",
         queries,
         ("first answers", f"{answer_count:,} distinct places"),
         ("heading", f"estimated for {100 * heading_share:.3g} % of the queries"),
@@ -111,7 +112,8 @@ def add_evaluations(artifact: Evaluations, inspection: Inspection) -> None:
     """Add the results of the queries as driven, by both protocols: by cells and by distance."""
     evaluation = artifact.case()
     numbers = summary(evaluation)
-    inspection.add_untitled(
+    inspection.add(
+        "",
         ("queries", f"{len(evaluation.answer):,}"),
         (
             "trained",

@@ -39,9 +39,7 @@ def describe_bags(path: Path, inspection: Inspection) -> None:
     names = ", ".join(bag.name for bag in paths)
     size_text = nbytes(sum(map(bytes_on_disk, paths)))
     inspection.kind = "ROS bag"
-    inspection.add_untitled(
-        ("bags", f"{len(paths)}, {size_text}: {names:.400}"), *_span_rows(contents)
-    )
+    inspection.add("", ("bags", f"{len(paths)}, {size_text}: {names:.400}"), *_span_rows(contents))
     inspection.add("topics", *_topic_rows(contents))
     if transforms := _transform_rows(contents):
         inspection.add("transforms", *transforms)

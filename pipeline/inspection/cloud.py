@@ -107,10 +107,9 @@ def diagnose(
     # 1. numbers that need no more than finite points
     is_finite = np.isfinite(points_m).all(axis=1)
     points = np.asarray(points_m[is_finite], np.float64)
-    found_symptoms = symptoms.missing_points(len(points_m), len(points))
+    cloud_symptoms = [*symptoms.of_points(len(points_m), points)]
     if not len(points):
-        return Diagnosis(points=0, symptoms=tuple(found_symptoms))
-    found_symptoms += symptoms.repeated_points(points)
+        return Diagnosis(points=0, symptoms=tuple(cloud_symptoms))
     range_m = np.hypot(points[:, 0], points[:, 1])
     beams = None if lasers is None else int(lasers.max(initial=0)) + 1
     diagnosis = Diagnosis(
@@ -126,9 +125,8 @@ def diagnose(
         beams=beams,
         has_laser_ids=lasers is not None,
     )
-    unit_or_shape = symptoms.wrong_unit(points, range_m) or symptoms.flat_cloud(points)
-    if unit_or_shape is not None:
-        return replace(diagnosis, symptoms=(*found_symptoms, unit_or_shape))
+    if unit_or_shape := symptoms.unit_or_shape(points, range_m):
+        return replace(diagnosis, symptoms=(*cloud_symptoms, unit_or_shape))
 
     # 2. ground and sensor, of a cloud that is in metres and not flat
     ground_m = ground_height(points, range_m)
@@ -147,12 +145,14 @@ def diagnose(
     elif ground_m < -RAISED_M:
         sensor_m = -ground_m  # the origin is taken for the sensor
     if z_points_down:
-        found_symptoms.append(symptoms.downward_z(ground_m, lowest_m))
+        heights = map(symptoms.signed, (ground_m, lowest_m))
+        cloud_symptoms.append(Symptom.of(Kind.DOWN, *heights))
     if abs(ground_m) > RAISED_M:
-        found_symptoms.append(symptoms.raised_ground(ground_m))
-    found_symptoms += symptoms.limited_view(diagnosis.azimuth_deg, beams)
+        heights = map(symptoms.signed, (ground_m, -ground_m))
+        cloud_symptoms.append(Symptom.of(Kind.GROUND, *heights))
+    cloud_symptoms += symptoms.of_view(diagnosis.azimuth_deg, beams)
     return replace(
-        diagnosis, symptoms=tuple(found_symptoms), beams=beams, ground_m=ground_m, sensor_m=sensor_m
+        diagnosis, symptoms=tuple(cloud_symptoms), beams=beams, ground_m=ground_m, sensor_m=sensor_m
     )
 
 

@@ -47,7 +47,7 @@ def add_scans(artifact: Scans, inspection: Inspection) -> None:
     are_sweeps = offsets_fit and len(sizes) and np.median(sizes) < SWEEP_POINTS
     if are_sweeps:
         rows.append(("kind", "sweeps of a 2-D LiDAR, to be accumulated"))
-    inspection.add_untitled(*rows)
+    inspection.add("", *rows)
 
     def points(row: int) -> NDArray[np.float64]:
         return np.asarray(artifact["points"][offsets[row] : offsets[row + 1]], np.float64) * grain_m
@@ -85,7 +85,7 @@ def add_submaps(artifact: Submaps, inspection: Inspection) -> None:
         ]
     for reason, count in artifact.left_out.items():
         rows.append(("left out", f"{count:,} anchors: {reason}"))
-    inspection.add_untitled(*rows)
+    inspection.add("", *rows)
 
 
 def add_views(artifact: Views, inspection: Inspection) -> None:
@@ -94,7 +94,7 @@ def add_views(artifact: Views, inspection: Inspection) -> None:
     images = artifact["images"]
     bins = int(np.prod(images.shape))
     if not bins:
-        inspection.add_untitled(*rows)
+        inspection.add("", *rows)
         return
     empty_bins = 0
     blank_views = 0
@@ -105,7 +105,7 @@ def add_views(artifact: Views, inspection: Inspection) -> None:
         blank_views += int((~is_filled.any(axis=1)).sum())
         highest_m = max(highest_m, float(block.max()))
     share = f"{100 * empty_bins / bins:.1f} %"
-    inspection.add_untitled(*rows, ("empty bins", share), ("highest", f"{highest_m:.2f} m"))
+    inspection.add("", *rows, ("empty bins", share), ("highest", f"{highest_m:.2f} m"))
     inspection.warn_if(
         blank_views,
         f"{blank_views} blank views: they look the same in every place; inspect the scans of these "

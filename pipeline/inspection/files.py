@@ -65,7 +65,8 @@ def _describe_nclt_scan(path: Path, inspection: Inspection) -> None:
     intensity = intensity_and_laser & 0xFF
     lasers = (intensity_and_laser >> 8).astype(np.uint8)
     inspection.kind = "NCLT scan, motion compensated"
-    inspection.add_untitled(
+    inspection.add(
+        "",
         ("size", f"{nbytes(path.stat().st_size)}, records of {nclt.RECORD_BYTES} bytes"),
         ("taken", moment_of(path)),
         ("intensity", f"{intensity.min()} … {intensity.max()}"),
@@ -91,7 +92,8 @@ def _describe_kitti_scan(path: Path, inspection: Inspection) -> None:
     nonfinite_count = size // kitti.RECORD_BYTES - len(points)
     reflectance = np.fromfile(path, "<f4").reshape(-1, 4)[:, 3]
     inspection.kind = "KITTI scan"
-    inspection.add_untitled(
+    inspection.add(
+        "",
         ("size", f"{nbytes(size)}, records of {kitti.RECORD_BYTES} bytes"),
         ("reflectance", f"{reflectance.min():.2f} … {reflectance.max():.2f}"),
         (
@@ -120,7 +122,8 @@ def _describe_own_scan(path: Path, inspection: Inspection) -> None:
     if width in bin_layout.NAMES_BY_COMMONNESS:
         layout_name = f" ({bin_layout.NAMES_BY_COMMONNESS[width]})"
     inspection.kind = "points of 32-bit floats"
-    inspection.add_untitled(
+    inspection.add(
+        "",
         (
             "size",
             f"{nbytes(len(data))}, records of {width} bytes{layout_name}, found from the content",
@@ -150,7 +153,8 @@ def _describe_packets(path: Path, inspection: Inspection) -> None:
     body_T_velodyne = flip_ned(pose(xyzrph[:, :3], np.radians(xyzrph[:, 3:])))[0]
     points = moved(body_T_velodyne, nclt.decode(hits.ravel()))
     inspection.kind = "NCLT Velodyne packets"
-    inspection.add_untitled(
+    inspection.add(
+        "",
         ("size", nbytes(path.stat().st_size)),
         ("packets", f"{len(utimes):,}, with {packets.offsets[-1]:,} hits"),
         ("from", moment(int(utimes[0]) * 1000)),
@@ -190,7 +194,8 @@ def describe_pcd_file(path: Path, inspection: Inspection) -> None:
         name_text = f"{name}×{count}" if count > 1 else name
         fields.append(f"{name_text} {dtype[1:]}")  # without the byte order
     inspection.kind = "PCD cloud"
-    inspection.add_untitled(
+    inspection.add(
+        "",
         ("size", f"{nbytes(len(data))}, DATA {header.data}"),
         ("fields", ", ".join(fields)),
         ("points", points_text),
@@ -227,7 +232,7 @@ def describe_array_file(path: Path, inspection: Inspection) -> None:
         rows.append(("inspected", f"every {stride}th point"))
     rows.append(("frame", "taken as x forward, y left, z up, in metres"))
     inspection.kind = "array of points"
-    inspection.add_untitled(*rows)
+    inspection.add("", *rows)
     diagnose(np.asarray(points[::stride, :3], np.float64)).add_to(inspection)
 
 

@@ -58,7 +58,7 @@ def _describe_nclt_scans(path: Path, inspection: Inspection) -> None:
     files = [path / f"{utime}.bin" for utime in utimes]
     rows = file_rows(files, nclt.RECORD_BYTES)
     inspection.kind = "NCLT scans of one log"
-    inspection.add_untitled(*rows, *rate_rows(inspection, utimes * 1e-6))
+    inspection.add("", *rows, *rate_rows(inspection, utimes * 1e-6))
     survey(inspection, len(files), lambda row: read_velodyne_sync(files[row]), "body frame, z up")
 
 
@@ -80,7 +80,7 @@ def _describe_kitti_scans(path: Path, inspection: Inspection) -> None:
         times_s = log.table(times_path, 1)[:, 0]
         rows += rate_rows(inspection, times_s[numbers[numbers < len(times_s)]])
     inspection.kind = "KITTI scans of one log"
-    inspection.add_untitled(*rows)
+    inspection.add("", *rows)
     height_m = Kitti().lidar_height_m
     survey(
         inspection,
@@ -121,7 +121,7 @@ def _describe_own_scans(path: Path, inspection: Inspection) -> None:
         rows.append(("records", width_text))
     reader = "the dataset folder, with poses beside them: see conf/dataset/folder.yaml"
     inspection.kind = "scans of another robot"
-    inspection.add_untitled(*rows, ("read by", reader))
+    inspection.add("", *rows, ("read by", reader))
     survey(
         inspection,
         len(files),
@@ -205,7 +205,7 @@ def describe_opened(
     if len(names) > MAX_NAMES:
         names_text += f", and {len(names) - MAX_NAMES:,} more"
     inspection.kind = f"{opening.data_set} sequence {path.name}"
-    inspection.add_untitled(("holds", names_text), ("root", str(opening.root)))
+    inspection.add("", ("holds", names_text), ("root", str(opening.root)))
     try:
         log = opening.open()
     except LogError as error:
@@ -218,7 +218,7 @@ def describe_opened(
 def describe_carmen_log(opening: Opening, inspection: Inspection) -> None:
     """Describe a CARMEN log, one file; raises LogError if its reader refuses it."""
     inspection.kind = "CARMEN log"
-    inspection.add_untitled(("size", nbytes(inspection.path.stat().st_size)))
+    inspection.add("", ("size", nbytes(inspection.path.stat().st_size)))
     describe_log(inspection, opening.open(), "as its reader opens it", "sweeps")
 
 

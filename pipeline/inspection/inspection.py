@@ -70,12 +70,8 @@ class Inspection:
         return f"{self.path} — {self.kind}"
 
     def add(self, title: str, *rows: tuple[str, ...]) -> None:
-        """Add a section."""
+        """Add a section; its title may be empty."""
         self.sections += (Section(title, rows),)
-
-    def add_untitled(self, *rows: tuple[str, ...]) -> None:
-        """Add a section without a title."""
-        self.add("", *rows)
 
     def warn(self, text: str) -> None:
         """Add a warning."""

@@ -55,7 +55,8 @@ def describe_sweep(path: Path, inspection: Inspection) -> None:
         reflectance_text = f"{reflectances.min():g} … {reflectances.max():g}"
     far_count = int((range_m > REACH_M).sum())
     inspection.kind = f"RobotCar sweep of {path.parent.name}"
-    inspection.add_untitled(
+    inspection.add(
+        "",
         ("size", f"{nbytes(len(data))}, records of {robotcar.RECORD_BYTES} bytes"),
         ("taken", moment_of(path)),
         ("returns", f"{len(points):,} of {len(rows):,} beams in the file"),
@@ -90,7 +91,8 @@ def describe_sweeps(path: Path, inspection: Inspection) -> None:
     inspection.warnings += tuple(notes)
     files = [path / f"{utime}.bin" for utime in utimes]
     inspection.kind = "RobotCar sweeps of one laser"
-    inspection.add_untitled(
+    inspection.add(
+        "",
         *folders.file_rows(files, robotcar.RECORD_BYTES, "sweeps", "beams a sweep"),
         *folders.rate_rows(inspection, utimes * 1e-6),
     )
@@ -136,7 +138,8 @@ def describe_vo(path: Path, inspection: Inspection) -> None:
     steps_s = np.diff(stamps_s)[has_pose[1:] & has_pose[:-1]]
     break_count = len(odometry.breaks_ns)
     inspection.kind = "RobotCar visual odometry"
-    inspection.add_untitled(
+    inspection.add(
+        "",
         ("knots", f"{int(has_pose.sum()):,}, in {break_count + 1} chains"),
         *stamp_rows(stamps_s[has_pose]),
         ("path", f"{path_text}, longest step {longest_text}"),
@@ -177,7 +180,8 @@ def describe_ins(path: Path, inspection: Inspection) -> None:
     steps_s = np.diff(stamps_s[is_good])
     is_outage = steps_s > max_gap_s
     inspection.kind = "RobotCar inertial navigation"
-    inspection.add_untitled(
+    inspection.add(
+        "",
         (
             "rows",
             f"{len(is_good):,}, of which {100 * is_good.mean():.1f} % are {robotcar.INS_GOOD}",

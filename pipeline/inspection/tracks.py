@@ -74,7 +74,7 @@ def describe_nclt_poses(path: Path, inspection: Inspection) -> None:
         )
     is_relative = path.stem.endswith("odometry_mu")
     track = read_poses(path, Nclt().max_gap_s)
-    is_finite = np.isfinite(track.world_T_body).all(axis=(1, 2))
+    is_finite = np.isfinite(track.world_T_body[:, 0, 0])
     north_east_down = (1, -1, -1)
     xyz_m = track.world_T_body[is_finite, :3, 3] * north_east_down + 0.0  # makes −0 a 0
     source = "wheel odometry" if path.name.startswith("odometry") else "ground truth"
@@ -89,7 +89,7 @@ def describe_nclt_poses(path: Path, inspection: Inspection) -> None:
     if not is_relative:
         rows.append(("box", box(xyz_m, ("north", "east", "down"))))
         inspection.warnings += vehicle.doubts("the poses", track)
-    inspection.add_untitled(*rows)
+    inspection.add("", *rows)
     warn_of_gaps(
         inspection,
         np.diff(track.stamps_ns[is_finite]) * 1e-9,
@@ -124,7 +124,8 @@ def describe_kitti_poses(path: Path, inspection: Inspection) -> None:
     poses = read_camera_poses(path)
     xyz_m = poses[:, :3, 3]
     inspection.kind = "KITTI ground truth, poses of camera 0"
-    inspection.add_untitled(
+    inspection.add(
+        "",
         ("poses", f"{len(poses):,}"),
         ("path", path_length(np.diff(xyz_m, axis=0))),
         ("box", box(xyz_m, ("right", "down", "forward"))),
@@ -165,7 +166,8 @@ def describe_tum_poses(path: Path, inspection: Inspection) -> None:
     if nan_count:
         rows_text += f", of which {nan_count:,} hold a NaN: gaps"
     inspection.kind = "TUM trajectory"
-    inspection.add_untitled(
+    inspection.add(
+        "",
         ("rows", rows_text),
         *stamp_rows(stamps_ns * 1e-9),
         ("path", path_length(np.diff(xyz_m, axis=0))),
@@ -180,7 +182,7 @@ def describe_kitti_times(path: Path, inspection: Inspection) -> None:
     """Describe times.txt: seconds from the start of the log, one row per scan."""
     stamps_ns = read_times(path)
     inspection.kind = "KITTI times"
-    inspection.add_untitled(("rows", f"{len(stamps_ns):,}"), *stamp_rows(stamps_ns * 1e-9))
+    inspection.add("", ("rows", f"{len(stamps_ns):,}"), *stamp_rows(stamps_ns * 1e-9))
 
 
 def describe_kitti_calib(path: Path, inspection: Inspection) -> None:
@@ -189,7 +191,8 @@ def describe_kitti_calib(path: Path, inspection: Inspection) -> None:
     lines = path.read_text(encoding="utf-8").splitlines()
     camera_m = -cam_T_velo[:3, :3].T @ cam_T_velo[:3, 3]
     inspection.kind = "KITTI calibration"
-    inspection.add_untitled(
+    inspection.add(
+        "",
         ("entries", ", ".join(line.partition(":")[0] for line in lines if ":" in line)),
         ("camera 0", "at x {:.3f}, y {:.3f}, z {:.3f} m in the Velodyne's frame".format(*camera_m)),
         (

@@ -6,9 +6,9 @@ from collections.abc import Callable
 import zenoh
 
 from pipeline.core.errors import ConfigError, YearlocError
-from pipeline.core.frames import Poses
+from pipeline.core.frames import Poses, moved
 from pipeline.online.bodies import CDR, FLOATS, points
-from pipeline.online.inputs import NO_POSE, Scan, placed
+from pipeline.online.inputs import NO_POSE, Scan
 from pipeline.online.outputs import person, record
 from pipeline.online.site import Site
 from pipeline.online.tracking import Tracker
@@ -63,7 +63,7 @@ def run(
         kind = CDR if str(sample.encoding) == CDR else FLOATS
         try:
             stamp_ns, points_m = points(sample.payload.to_bytes(), kind)
-            points_m = placed(points_m, body_T_lidar)
+            points_m = moved(body_T_lidar, points_m)
             fix = tracker.localize(points_m, None, stamp_ns)
         except YearlocError as error:
             tell(str(error))

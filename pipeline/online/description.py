@@ -41,7 +41,8 @@ def _site(path: Path, parts: Parts) -> Inspection:
         method += ", through ONNX Runtime"
     submaps = f"{len(anchors):,} submaps, {len(arrays['points']) / 1e6:.1f} M points"
     inspection.kind = f"site {_site_name(description)}"
-    inspection.add_untitled(
+    inspection.add(
+        "",
         ("size", f"{nbytes(path.stat().st_size)}; model {model_size}"),
         ("method", method),
         ("learned on", ", then ".join(days)),
@@ -74,7 +75,8 @@ def _level(path: Path, parts: LevelParts) -> Inspection:
     rows, cols = occupancy.shape
     x_m, y_m, yaw_rad = level.origin
     inspection.kind = f"level site {_site_name(description)}"
-    inspection.add_untitled(
+    inspection.add(
+        "",
         ("size", nbytes(path.stat().st_size)),
         ("made of", description.provenance.train),
         ("map", f"{cols} x {rows} cells of {level.cell_m:g} m"),

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.errors import ConfigError, LogError
-from pipeline.core.frames import Poses, Stamps
+from pipeline.core.frames import Poses, Stamps, moved
 from pipeline.formats.bag import CLOUD, ODOMETRY, TRANSFORMS
 from pipeline.formats.messages import (
     frame_name,
@@ -29,7 +29,7 @@ from pipeline.formats.messages import (
     transform_numbers,
 )
 from pipeline.formats.pointcloud2 import decode, times_s
-from pipeline.online.inputs import NO_POSE, Scan, child_T_body, lidar_on_vehicle, placed
+from pipeline.online.inputs import NO_POSE, Scan, child_T_body, lidar_on_vehicle
 from pipeline.online.odometry import AHEAD_S, Newest
 from pipeline.readers.bag_poses import KINDS, MAX_FIXED_CHANGE, Tree
 from pipeline.readers.deskew import deskewed
@@ -302,7 +302,7 @@ class Following:
 def _points(data: bytes, stamp_ns: int, body_T_lidar: Poses, step: Poses) -> NDArray[np.float64]:
     """The points (n, 3) of a cloud's message, in the body, as they lay at its stamp."""
     cloud = from_cdr(data, CLOUD)
-    points_m = placed(decode(cloud), body_T_lidar)
+    points_m = moved(body_T_lidar, decode(cloud))
     if not np.isfinite(step).all():
         return points_m
     return deskewed(points_m, times_s(cloud, stamp_ns), step, STEP_S)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from pipeline.core.building import build
 from pipeline.core.errors import ConfigError, LogError, YearlocError
-from pipeline.core.frames import Poses, Stamps, moved
+from pipeline.core.frames import ROUNDED_NS, Poses, Stamps, moved
 from pipeline.formats import bin_layout, folder, nclt
 from pipeline.formats.bag import CLOUD, SWEEP
 from pipeline.formats.bag_file import BagFile, find
@@ -138,11 +138,6 @@ def placement(key: str, text: str) -> Poses:
         ) from None
 
 
-def placed(points_m: NDArray[np.floating], body_T_lidar: Poses) -> NDArray[np.float64]:
-    """Points (n, 3) of a lidar in the frame of the vehicle, by the lidar's pose (4, 4) there."""
-    return moved(body_T_lidar, np.asarray(points_m, np.float64))
-
-
 def _of_log(
     log: Log, row: int, path: Path, recording: str, body_T_lidar: Poses | None = None
 ) -> Scan:
@@ -162,11 +157,15 @@ def _unposed(
     name: str, stamp_ns: int | None, points: Callable[[], NDArray[np.float64]], body_T_lidar: Poses
 ) -> Scan:
     """A scan without poses; its points are placed by `body_T_lidar` (4, 4)."""
-
-    def placed_points() -> NDArray[np.float64]:
-        return placed(points(), body_T_lidar)
-
-    return Scan(name, stamp_ns, placed_points, NO_POSE, NO_POSE, name, body_T_lidar)
+    return Scan(
+        name=name,
+        stamp_ns=stamp_ns,
+        points=lambda: moved(body_T_lidar, points()),
+        odom_T_scan=NO_POSE,
+        world_T_scan=NO_POSE,
+        recording=name,
+        body_T_lidar=body_T_lidar,
+    )
 
 
 def _points_of_file(file: Path) -> NDArray[np.float64]:
@@ -195,17 +194,12 @@ def _files(path: Path) -> list[Path]:
 
 def _stamp_ns(stem: str) -> int | None:
     """The stamp in a file's name, which is a time since 1970; None if it is something else."""
-    # Whole numbers of 18 digits or more are nanoseconds, of 15 or more microseconds, shorter ones
-    # the number of a row; with a point it is seconds.
+    # with a point it is seconds; whole numbers are micro- or nanoseconds, or the number of a row
     if not stem[:1].isdigit() or len(stem) > 40:
         return None
-    if not (stem.isascii() and stem.isdecimal()):
-        return folder.stamp_ns(stem, "s")
-    if len(stem) >= 18:
-        return folder.stamp_ns(stem, "ns")
-    if len(stem) >= 15:
-        return folder.stamp_ns(stem, "us")
-    return None
+    is_whole = stem.isascii() and stem.isdecimal()
+    unit = folder.unit_of(stem) if is_whole else "s"
+    return folder.stamp_ns(stem, unit) if unit in folder.UNIT_NS else None
 
 
 def _of_bags(
@@ -248,7 +242,7 @@ def _of_bags(
         clouds.stamps_ns,
         np.full_like(odom_T_body, np.nan),
         odom_T_body,
-        lambda row: placed(clouds.points(row), body_T_lidar),
+        lambda row: moved(body_T_lidar, clouds.points(row)),
         Counter(),
         times_s=clouds.times_s,
     )
@@ -299,8 +293,12 @@ def _odometry(path: Path, files: list[BagFile], name: str | None) -> Track | Non
 def _poses_at(odometry: Track, stamps_ns: Stamps) -> Poses:
     """The poses (n, 4, 4) by odometry at stamps (n,); NaN where there is none."""
     trajectory, _ = vehicle.split_at_jumps(odometry.name, odometry.trajectory)
+    odom_T_child, _ = trajectory.at(stamps_ns)
+    # the odometry starts again after each jump: the first scan there marks it, as in a log
     restarts_ns = odometry.trajectory.stamps_ns[vehicle.jumps(odometry.trajectory)]
-    return vehicle.odometry_at(trajectory, stamps_ns, restarts_ns)
+    first_rows = np.searchsorted(stamps_ns, restarts_ns - ROUNDED_NS)
+    odom_T_child[first_rows[first_rows < len(stamps_ns)]] = np.nan
+    return odom_T_child
 
 
 def child_T_body(transforms: Transforms, child: str | None) -> NDArray[np.float64]:

@@ -23,10 +23,10 @@ from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
 
 from pipeline.core.errors import ConfigError, InputError, LogError, YearlocError
-from pipeline.core.frames import Poses
+from pipeline.core.frames import Poses, moved
 from pipeline.online import sensor
 from pipeline.online.bodies import CDR, FLOATS, LARGEST_BYTES, points
-from pipeline.online.inputs import NO_POSE, Scan, placed, placement
+from pipeline.online.inputs import NO_POSE, Scan, placement
 from pipeline.online.outputs import record
 from pipeline.online.site import Fix, Site
 from pipeline.readers.log import raised
@@ -124,7 +124,7 @@ def serving(path: Path, token: str = "") -> FastAPI:
         async with waiting:
             body = await _body(request)
             stamp_ns, points_m = _points(body, request.headers.get("content-type", FLOATS))
-            points_m = placed(points_m, body_T_lidar)
+            points_m = moved(body_T_lidar, points_m)
             future = localizing.submit(site.localize, points_m, promise)
             try:
                 fix = await _while_connected(request, future)

@@ -8,7 +8,7 @@ left, z up.
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +20,7 @@ from pipeline.core.settings import Positive, check
 from pipeline.formats import bag_file
 from pipeline.formats.bag import CLOUD, IMU, SWEEP
 from pipeline.formats.bag_file import BagFile
-from pipeline.readers import log, vehicle
+from pipeline.readers import log
 from pipeline.readers.bag_clouds import Clouds
 from pipeline.readers.bag_heading import heading
 from pipeline.readers.bag_poses import KINDS, Track, track
@@ -74,9 +74,7 @@ class Bag:
         skipped: Counter[str] = Counter()
         clouds = Clouds.read(files, self.points, skipped)
         truth = track(files, self.truth, self.max_gap_s) if self.truth else None
-        odometry = None
-        if self.odometry:
-            odometry = _split_at_jumps(track(files, self.odometry, self.max_gap_s))
+        odometry = track(files, self.odometry, self.max_gap_s) if self.odometry else None
         body_T_lidar = self._extrinsic(where, files, clouds.frames, truth or odometry)
         vehicle_T_lidar = log.raised(self.lift_m) @ body_T_lidar
 
@@ -90,6 +88,7 @@ class Bag:
             question=f"do {self.points} and {self.truth} share a clock?",
             scans="messages",
             truth_name=truth.name if truth else "",
+            odometry_name=odometry.name if odometry else "",
             keeps_unplaced=clouds.kind == SWEEP,  # submaps gather them
         )
         stamps_ns = clouds.stamps_ns[posed.rows]
@@ -208,12 +207,6 @@ def _bag_paths(where: Path) -> list[Path]:
         f"{where}: no bag there: neither a folder with bags nor one of "
         f"{', '.join(bag_file.SUFFIXES)}"
     )
-
-
-def _split_at_jumps(odometry: Track) -> Track:
-    """The odometry with a gap at each jump, where it was set back and starts anew."""
-    trajectory, notes = vehicle.split_at_jumps(odometry.name, odometry.trajectory)
-    return replace(odometry, trajectory=trajectory, notes=odometry.notes + notes)
 
 
 def _fixed_transform(where: Path, files: Sequence[BagFile], a: str, b: str) -> Poses:

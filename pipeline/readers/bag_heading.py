@@ -6,8 +6,7 @@ between two scans.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from operator import attrgetter
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +15,7 @@ from pipeline.core.errors import LogError
 from pipeline.core.frames import Stamps
 from pipeline.formats.bag import IMU
 from pipeline.formats.bag_file import BagFile
-from pipeline.formats.messages import header
-from pipeline.readers.bag_poses import longest_increasing, message_stamps
+from pipeline.readers.bag_poses import longest_increasing, message_stamps, messages
 from pipeline.readers.mounting import Transforms
 
 UNMEASURED_COVARIANCE = -1.0
@@ -70,14 +68,15 @@ def heading(
     IMU's axis that points up; without such transforms its z axis is taken. Raises LogError if no
     message has a rate of turn.
     """
-    readings = _readings(files, topic)
+    sent, _ = messages(files, topic, (IMU,), _rate_rad_s)
+    readings = [message for message in sent if message.content is not None]
     if not readings:
         raise LogError(f"{files[0].path}: {topic} holds no rate of turn that can be read")
     times, notes = message_stamps(
         topic, [(reading.stamp_ns, reading.received_ns) for reading in readings]
     )
     rows = longest_increasing(times)
-    rates_rad_s = np.array([reading.rate_rad_s for reading in readings])[rows]
+    rates_rad_s = np.array([reading.content for reading in readings])[rows]
     stamps_ns = times[rows]
     imu_frames = {reading.frame for reading in readings}
     up, up_notes = _up(files, topic, lidar_frames, imu_frames, vehicle_R_lidar)
@@ -87,35 +86,12 @@ def heading(
     return Heading(stamps_ns, heading_rad, max_gap_s=max_gap_s, notes=notes + up_notes)
 
 
-class _Reading(NamedTuple):
-    """What is used of one message of an IMU."""
-
-    received_ns: int
-    stamp_ns: int
-    frame: str
-    rate_rad_s: tuple[float, float, float]
-    """How fast the IMU turned about its x, y and z axes."""
-
-
-def _readings(files: Sequence[BagFile], topic: str) -> list[_Reading]:
-    """The messages of a topic that hold a rate of turn, in order of receipt."""
-    readings: list[_Reading] = []
-    for file in files:
-        if topic not in file.topics:
-            continue
-        for key, data in file.messages(topic):
-            try:
-                stamp_ns, frame = header(data, file.ros)
-                message = file.decode(data, IMU)
-            except LogError:
-                continue
-            velocity = message.angular_velocity
-            rate_rad_s = (float(velocity.x), float(velocity.y), float(velocity.z))
-            is_measured = message.angular_velocity_covariance[0] != UNMEASURED_COVARIANCE
-            if is_measured and np.isfinite(rate_rad_s).all():
-                readings.append(_Reading(key.received_ns, stamp_ns, frame, rate_rad_s))
-    readings.sort(key=attrgetter("received_ns"))
-    return readings
+def _rate_rad_s(message: Any, kind: str) -> tuple[float, float, float] | None:
+    """How fast an IMU turned about its x, y and z axes; None if it does not say so."""
+    velocity = message.angular_velocity
+    rate_rad_s = (float(velocity.x), float(velocity.y), float(velocity.z))
+    is_measured = message.angular_velocity_covariance[0] != UNMEASURED_COVARIANCE
+    return rate_rad_s if is_measured and np.isfinite(rate_rad_s).all() else None
 
 
 def _up(

@@ -7,10 +7,10 @@ chained from the frame PARENT to the frame CHILD.
 
 from bisect import bisect_left
 from collections import defaultdict, deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from operator import attrgetter
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,26 +65,27 @@ def track(files: Sequence[BagFile], name: str, max_gap_s: float) -> Track:
         parent, _, child = name.removeprefix("tf:").partition(">")
         return Tree.read(files, moving=True).track(parent, child, max_gap_s)
     where = files[0].path
-    messages, broken_count = _pose_messages(files, name)
-    frames = {message.frame for message in messages}
-    children = {message.child for message in messages if message.child is not None}
+    sent, broken_count = messages(files, name, KINDS, _pose)
+    frames = {message.frame for message in sent}
+    contents = [message.content for message in sent]
+    children = {child for child, _, _ in contents if child is not None}
     for preposition, frame_names in (("in", frames), ("of", children)):
         if len(frame_names) > 1:
             raise LogError(
                 f"{where}: {name} gives poses {preposition} several frames: "
                 f"{', '.join(sorted(frame_names)):.80}"
             )
-    if not messages:
+    if not sent:
         raise LogError(f"{where}: {name} holds no pose that can be read")
     times, notes = message_stamps(
-        name, [(message.stamp_ns, message.received_ns) for message in messages]
+        name, [(message.stamp_ns, message.received_ns) for message in sent]
     )
     if broken_count:
         notes += (f"{name}: {broken_count:,} broken messages are left out",)
-    world_T_body = poses([message.numbers for message in messages])
+    world_T_body = poses([numbers for _, numbers, _ in contents])
     topic_trajectory, pose_notes = trajectory(name, times, world_T_body, max_gap_s)
     rows = longest_increasing(times)
-    variances = np.array([message.variance for message in messages], np.float64)[rows]
+    variances = np.array([variance for _, _, variance in contents], np.float64)[rows]
     return Track(
         name=name,
         trajectory=topic_trajectory,
@@ -95,47 +96,44 @@ def track(files: Sequence[BagFile], name: str, max_gap_s: float) -> Track:
     )
 
 
-class _PoseMessage(NamedTuple):
-    """What is used of one message with a pose."""
+class Message(NamedTuple):
+    """What is used of a message that begins with a header."""
 
     received_ns: int
     stamp_ns: int
     frame: str
-    child: str | None
-    """The frame of the body; None for a type of message that does not name it."""
-    numbers: tuple[float, ...]
-    """Position and quaternion."""
-    variance: tuple[float, float]
-    """Variance of the position in m² and of the heading in rad²."""
+    content: Any
 
 
-def _pose_messages(files: Sequence[BagFile], topic: str) -> tuple[list[_PoseMessage], int]:
-    """The messages of a topic with poses, in order of receipt, and the count of broken ones."""
-    messages: list[_PoseMessage] = []
+def messages(
+    files: Sequence[BagFile], topic: str, kinds: Sequence[str], take: Callable[[Any, str], Any]
+) -> tuple[list[Message], int]:
+    """The messages of a topic, in order of receipt, and how many are broken.
+
+    `take` picks the content from a message and its type, which is one of `kinds`.
+    """
+    whole: list[Message] = []
     broken_count = 0
     for file in files:
         kind = file.topics[topic].kind if topic in file.topics else ""
-        if kind not in KINDS:
+        if kind not in kinds:
             continue
         for key, data in file.messages(topic):
             try:
                 stamp_ns, frame = header(data, file.ros)
-                message = file.decode(data, kind)
+                content = take(file.decode(data, kind), kind)
             except LogError:
                 broken_count += 1
-                continue
-            messages.append(
-                _PoseMessage(
-                    received_ns=key.received_ns,
-                    stamp_ns=stamp_ns,
-                    frame=frame,
-                    child=frame_name(message.child_frame_id) if kind == ODOMETRY else None,
-                    numbers=pose_numbers(message, kind),
-                    variance=gathered_variance(message, kind),
-                )
-            )
-    messages.sort(key=attrgetter("received_ns"))
-    return messages, broken_count
+            else:
+                whole.append(Message(key.received_ns, stamp_ns, frame, content))
+    whole.sort(key=attrgetter("received_ns"))
+    return whole, broken_count
+
+
+def _pose(message: Any, kind: str) -> tuple[str | None, tuple[float, ...], tuple[float, float]]:
+    """The body's frame, None if not named; its position and quaternion; and their variance."""
+    child = frame_name(message.child_frame_id) if kind == ODOMETRY else None
+    return child, pose_numbers(message, kind), gathered_variance(message, kind)
 
 
 class _Link(NamedTuple):
@@ -144,15 +142,6 @@ class _Link(NamedTuple):
     edge: Edge
     is_forward: bool
     """Whether the chain leads from the transform's parent to its child, else backward."""
-
-
-class _TransformMessage(NamedTuple):
-    """One transform of a tf message."""
-
-    received_ns: int
-    stamp_ns: int
-    numbers: tuple[float, ...]
-    """Translation and quaternion."""
 
 
 @dataclass(frozen=True)
@@ -169,28 +158,33 @@ class Tree:
     @staticmethod
     def read(files: Sequence[BagFile], moving: bool) -> "Tree":
         """Read the transforms of the topics that end in tf_static; with `moving`, of all topics."""
-        messages_by_edge: dict[Edge, list[_TransformMessage]] = defaultdict(list)
+        messages_by_edge: dict[Edge, list[Message]] = defaultdict(list)
         broken_count = 0
-        for file, topic in _transform_topics(files, moving):
+        topics = [
+            (file, name)
+            for file in files
+            for name, topic in file.topics.items()
+            if topic.kind == TRANSFORMS and (moving or name.endswith("tf_static"))
+        ]
+        for file, topic in topics:
             for key, data in file.messages(topic):
                 try:
-                    message = file.decode(data, TRANSFORMS)
+                    transforms = file.decode(data, TRANSFORMS).transforms
                 except LogError:
                     broken_count += 1
                     continue
-                for stamped in message.transforms:
+                for stamped in transforms:
                     stamp = stamped.header.stamp
                     stamp_ns = stamp.sec * 10**9 + stamp.nanosec
                     numbers = transform_numbers(stamped)
                     edge = (frame_name(stamped.header.frame_id), frame_name(stamped.child_frame_id))
-                    messages_by_edge[edge].append(
-                        _TransformMessage(key.received_ns, stamp_ns, numbers)
-                    )
+                    message = Message(key.received_ns, stamp_ns, edge[0], numbers)
+                    messages_by_edge[edge].append(message)
         edges: dict[Edge, tuple[Stamps, Poses]] = {}
         for edge, messages in messages_by_edge.items():
             messages.sort(key=attrgetter("received_ns"))
             stamps_ns = np.array([message.stamp_ns for message in messages], np.int64)
-            parent_T_child = poses([message.numbers for message in messages])
+            parent_T_child = poses([message.content for message in messages])
             has_pose = np.isfinite(parent_T_child[:, 0, 0])
             if has_pose.any():
                 edges[edge] = (stamps_ns[has_pose], parent_T_child[has_pose])
@@ -265,14 +259,6 @@ class Tree:
         """Whether a transform never changes by more than MAX_FIXED_CHANGE."""
         edge_poses = self._poses(edge)
         return bool((np.abs(edge_poses - edge_poses[-1]) <= MAX_FIXED_CHANGE).all())
-
-
-def _transform_topics(files: Sequence[BagFile], moving: bool) -> Iterator[tuple[BagFile, str]]:
-    """Each bag and topic of tf messages; without `moving`, only the topics of fixed transforms."""
-    for file in files:
-        for name, topic in file.topics.items():
-            if topic.kind == TRANSFORMS and (moving or name.endswith("tf_static")):
-                yield file, name
 
 
 def _chain(edges: Iterable[Edge], a: str, b: str) -> list[_Link] | None:

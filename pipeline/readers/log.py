@@ -152,6 +152,7 @@ def rows_with_poses(
     question: str,
     scans: str = "scans",
     truth_name: str = "the true poses",
+    odometry_name: str = "the odometry",
     keeps_unplaced: bool = False,
 ) -> PosedRows:
     """Join scans, stamped `stamps_ns` (n,), with the true poses and the odometry of their log.
@@ -169,7 +170,7 @@ def rows_with_poses(
         world_T_scan, has_truth = truth.at(stamps_ns)
         notes += vehicle.doubts(truth_name, truth)
     if odometry is not None:
-        odometry, break_notes = vehicle.split_at_jumps("the odometry", odometry)
+        odometry, break_notes = vehicle.split_at_jumps(odometry_name, odometry)
         odom_T_scan, has_odometry = odometry.at(stamps_ns)
         notes += break_notes
     is_used = has_truth | (has_odometry & keeps_unplaced)

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.frames import (
-    ROUNDED_NS,
     Poses,
     Stamps,
     Trajectory,
@@ -129,18 +128,6 @@ def breaks_ns(odometry: Trajectory) -> Stamps:
     step_s = np.diff(odometry.stamps_ns[finite_rows]) / 1e9
     is_break = (np.diff(finite_rows) > 1) | (step_s > odometry.max_gap_s)
     return np.asarray(odometry.stamps_ns[finite_rows[1:][is_break]])
-
-
-def odometry_at(odometry: Trajectory, stamps_ns: Stamps, restarts_ns: Stamps) -> Poses:
-    """Odometry (n, 4, 4) at increasing stamps (n,); NaN where it is unknown.
-
-    The odometry starts anew at `restarts_ns` (k,). The first stamp after each of them has NaN
-    too, as a log marks a break.
-    """
-    odom_T_body, _ = odometry.at(stamps_ns)
-    first_rows = np.searchsorted(stamps_ns, restarts_ns - ROUNDED_NS)
-    odom_T_body[first_rows[first_rows < len(stamps_ns)]] = np.nan
-    return odom_T_body
 
 
 def _direction_doubts(name: str, poses: Poses) -> list[str]:

@@ -129,7 +129,10 @@ def recorded_drives(
     rule = _rule(name, defaults, options)
     if rule and logs.readable:
         # the study is on the parts of one log
-        log = options.get("log", _default_log(default_train, logs.readable))
+        default_log = (default_train or "").partition("-")[0]
+        if default_log not in logs.readable:
+            default_log = logs.readable[0]
+        log = options.get("log", default_log)
         parts = [f"{log}-a", f"{log}-b"] if rule == "halves" else names(log, rule)
         default_train, *default_tests = parts
         logs.readable = list(parts) if log in logs.readable else []
@@ -196,12 +199,6 @@ def _rule(name: str, defaults: Mapping[str, Any], options: Mapping[str, str]) ->
             f"parts={rule}: train= and tests= name the parts already; leave one of the two out"
         )
     return rule
-
-
-def _default_log(train: str | None, readable: Sequence[str]) -> str:
-    """The log to split: that of the data set's default training part, else the first readable."""
-    log = (train or "").partition("-")[0]
-    return log if log in readable else readable[0]
 
 
 def _training_sequences(

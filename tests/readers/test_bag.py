@@ -2,7 +2,6 @@
 
 import sqlite3
 from collections.abc import Callable
-from dataclasses import replace
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -71,19 +70,6 @@ def test_bags_laid_out_by_hand_are_read(
         np.concatenate([log.points(0), log.points(1)]), [[1, 2, 3.25], [4, 5, 6.25]]
     )
     assert np.isnan(log.odom_T_scan).all()
-
-
-def test_clouds_in_gaps_of_the_poses_are_refused_for_the_gap_not_the_clock(tmp_path: Path) -> None:
-    drive(bag_path(tmp_path, "mcap"), "mcap")  # poses every STEP_NS, clouds half-way
-    with pytest.raises(LogError) as refused:
-        replace(READER, max_gap_s=STEP_NS / 2e9).open(tmp_path, "drive")
-    line = str(refused.value)
-    assert "none of its 4 messages has a pose: 4 in a gap of the poses; they span" in line
-    assert (
-        f"poses are usually {STEP_NS / 1e9:.3g} s apart, more than "
-        f"reader.max_gap_s={STEP_NS / 2e9:g}" in line
-    )
-    assert "clock" not in line
 
 
 @pytest.mark.parametrize("fmt", rosbag1.Writer.CompressionFormat)
