@@ -2,7 +2,7 @@
 
 CLAIMS lists the findings of paper 1 (Kim, Park and Kim: SCI) and paper 2 (Yin et al.: PFL). Each
 has a name, under which templates/words.yaml has its words, and a comparison from `judging` that
-says whether our numbers show it. A side of a comparison (`rules.Side`) is one number of one model
+says whether our numbers show it. A side of a comparison (`judging.Side`) is one number of one model
 in one of the tables that docs/papers keeps:
 
 - `nway`: SCI trained in full, with N headings of each view;
@@ -14,8 +14,10 @@ in one of the tables that docs/papers keeps:
 from dataclasses import dataclass, replace
 
 from benchmarks.papers.judging import (
+    BLACK_ERROR,
     KEPT_WHOLE,
     Measure,
+    Side,
     ascend,
     at_every_heading,
     has_no_verdict,
@@ -25,7 +27,7 @@ from benchmarks.papers.judging import (
     keeps_less,
     spreads_less,
 )
-from benchmarks.papers.rules import BLACK_ERROR, OF_ALL, VIEWPOINT, Side
+from pipeline.evaluation.rows import HEADING, NOVELTY, PERTURBED, VIEWPOINT
 
 HALF = 0.5
 CODES_OF_A_PLACE = 8
@@ -54,7 +56,7 @@ class Claim:
 
 # The sides: table, study and method, then what differs from the defaults of `Side`.
 SCI_IN_FULL = Side("nway", "campus", "sci")
-SCI_ENTROPY = replace(SCI_IN_FULL, number="auroc", kind="entropy")
+SCI_ENTROPY = replace(SCI_IN_FULL, number="auroc", ask=NOVELTY, of="entropy")
 SCI_CUT_SHORT = Side("compare", "campus", "sci")
 CAMPUS_DESCRIPTORS = tuple(Side("compare", "campus", method) for method in DESCRIPTORS)
 TOWN_DESCRIPTORS = tuple(Side("compare", "town", method) for method in DESCRIPTORS)
@@ -76,15 +78,15 @@ PFL, AFL, SAD = (
         method,
         number="accuracy",
         protocol="distance",
-        change=VIEWPOINT,
-        level=None,
+        ask=VIEWPOINT,
+        of=HEADING,
+        at=None,
     )
     for method in ("pfl", "afl", "sad")
 )
 PFL_ROC, AFL_ROC, SAD_ROC = (replace(side, number="roc_auc") for side in (PFL, AFL, SAD))
 PFL_ERROR, AFL_ERROR = (
-    replace(side, number="held_out_error", protocol="", change=OF_ALL, level=0.0)
-    for side in (PFL, AFL)
+    replace(side, number="held_out_error", protocol="", of="", at=0.0) for side in (PFL, AFL)
 )
 BLACK_IMAGE = replace(PFL_ERROR, number=BLACK_ERROR)
 SCI_MS, M2DP_MS, POINTNETVLAD_MS, SCAN_CONTEXT_MS, PFL_MS = (
@@ -95,7 +97,7 @@ SCI_MS, M2DP_MS, POINTNETVLAD_MS, SCAN_CONTEXT_MS, PFL_MS = (
 
 def with_random_turns(side: Side) -> Side:
     """The same number, with queries that are turned at random."""
-    return replace(side, change="turned")
+    return replace(side, ask=PERTURBED, of="turned")
 
 
 def with_number(number: str, *sides: Side) -> tuple[Side, ...]:
@@ -130,17 +132,19 @@ CLAIMS = (
         "top1_against_25", 1, is_ahead(SCI_IN_FULL, *with_number("auc_top25", *CAMPUS_DESCRIPTORS))
     ),
     Claim("entropy", 1, is_ahead(SCI_ENTROPY, *with_number("auroc", *CAMPUS_DESCRIPTORS))),
-    Claim("entropy_own", 1, is_ahead(SCI_ENTROPY, replace(SCI_ENTROPY, kind="feature_distance"))),
+    Claim("entropy_own", 1, is_ahead(SCI_ENTROPY, replace(SCI_ENTROPY, of="feature_distance"))),
     Claim("half_circle", 1, is_ahead(SCAN_CONTEXT, TOWN_DESCRIPTORS[0])),
     Claim(
         "m2dp_walls",
         1,
-        is_ahead(replace(M2DP, change="construction", level=2.0), M2DP, factor=KEPT_WHOLE),
+        is_ahead(replace(M2DP, ask=PERTURBED, of="construction", at=2.0), M2DP, factor=KEPT_WHOLE),
     ),
     Claim(
         "m2dp_wedge",
         1,
-        has_no_verdict(replace(M2DP, change="demolition", level=60.0), M2DP, factor=KEPT_WHOLE),
+        has_no_verdict(
+            replace(M2DP, ask=PERTURBED, of="demolition", at=60.0), M2DP, factor=KEPT_WHOLE
+        ),
     ),
     Claim(
         "scan_context_turned",
@@ -183,7 +187,7 @@ CLAIMS = (
         "one_kb",
         2,
         is_below(
-            replace(PFL, number="bytes_per_place", change=OF_ALL, level=0.0),
+            replace(PFL, number="bytes_per_place", of="", at=0.0),
             PLACE_CODE_B,
             factor=1 / CODES_OF_A_PLACE,
         ),

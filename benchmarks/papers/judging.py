@@ -1,43 +1,168 @@
-"""How a finding is judged by tables of results: the comparisons that `claims` are made of.
+"""How a finding of a paper is judged by kept tables of results.
 
-Each public function here is given sides (numbers of models) and returns a `Measure`: a function
-that reads these numbers in the tables and returns an `Outcome`, that is the verdict, its reason and
-the numbers. `is_ahead` and `keeps_less` decide by 95 % intervals; the others, whose numbers have
-none, ask all sequences or headings to agree.
+A `Side` names one number of one model; `Tables` looks it up. Each public function is given sides
+and returns a `Measure`: a function that reads their numbers in the tables and returns an `Outcome`,
+that is the verdict, its reason and the numbers. A difference is taken so that it is above 0 if the
+paper is right. The verdict is *shown* if the difference is surely above 0, *contradicted* if it is
+surely below, else not decidable. `is_ahead` and `keeps_less` decide by 95 % intervals; the others,
+whose numbers have none, ask all sequences or headings to agree.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
-from typing import Literal
+from dataclasses import dataclass, replace
+from math import hypot
+from typing import Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from benchmarks.papers.rules import (
-    UNDECIDED,
-    Estimate,
-    Outcome,
-    Side,
-    Tables,
-    by_interval,
-    common,
-    difference_of,
-    everywhere,
-    in_order,
-    mean,
-    missing,
-)
 from pipeline.evaluation.paired import KEPT
-from pipeline.report.comparison import ONE_SEED
+from pipeline.evaluation.rows import HEADING, NOVELTY, PERTURBED, UNPERTURBED
+from pipeline.report.comparison import ONE_SEED, Kind
+from pipeline.studies.models import ModelName
 
-Measure = Callable[[Tables], Outcome]
-Sign = Literal[1, -1]
-"""1 where the paper finds the first side above the second, −1 where it finds it below."""
+SHOWN = "shown"
+CONTRADICTED = "contradicted"
+UNDECIDED = "not decidable here"
+UNTRAINED = ("scan_context", "m2dp", "sad")
+"""Methods that learn no weights."""
+BLACK_ERROR = "black_error"
+"""The number that is the error of a black image, in place of a network's reconstruction."""
+CLEAR_FACTOR = 1.5
+"""Medians of times, which have no interval, differ clearly if they do by this factor."""
 KEPT_WHOLE = 0.9
 """A model that keeps at least this share of a number counts as unharmed."""
 FEWEST_SEEDS = 3
 """Fewer seeds say nothing about a spread, nor about one network against another."""
+SIDE_COLUMNS = ("study", "method", "number", "protocol", "variant", "grid", "ask", "of")
+"""The columns in which a side names its rows; `at` is another, where it is not None."""
+Sign = Literal[1, -1]
+"""1 where the paper finds the first side above the second, −1 where it finds it below."""
+
+
+@dataclass(frozen=True)
+class Side:
+    """One number of one model in one kept table, on all sequences and seeds that it has there.
+
+    `ask`, `of` and `at` are the columns of a table of results; `at` is None for every level, as for
+    all headings of a sequence that is matched with itself.
+    """
+
+    table: str
+    study: str
+    method: str
+    number: str = "auc_top1"
+    protocol: str = "cells"
+    variant: str = ""
+    grid: str = "10m"
+    ask: str = UNPERTURBED
+    of: str = ""
+    at: float | None = 0.0
+
+    @property
+    def is_trained(self) -> bool:
+        """Whether it is of a trained network, so that another seed would give another number."""
+        return self.method not in UNTRAINED and self.number != BLACK_ERROR
+
+    @property
+    def model(self) -> str:
+        """The model's name, such as sci-4way."""
+        return ModelName(self.method, self.variant).name
+
+    @property
+    def label(self) -> str:
+        """The model, and what is not as usual: perturbed queries, cells, novelty, answers."""
+        if self.number == BLACK_ERROR:
+            return "a black image"
+        parts = [f"`{self.model}`"]
+        if self.ask == PERTURBED:
+            parts.append(Kind(self.of, self.at or 0.0).label)
+        if self.grid != "10m":
+            parts.append(f"{self.grid.removesuffix('m')} m")
+        if self.ask == NOVELTY:
+            parts.append(f"by {self.of.replace('_', ' ')}")
+        if self.number.endswith("25"):
+            parts.append("first 25")
+        return " ".join(parts)
+
+
+class Estimate(NamedTuple):
+    """A number and the bounds of its 95 % interval; NaN if there is none."""
+
+    value: float = np.nan
+    low: float = np.nan
+    high: float = np.nan
+
+
+NO_ESTIMATE = Estimate()
+
+
+class Tables:
+    """Kept tables by name; `used` are the rows of each that were read so far."""
+
+    def __init__(self, frames: dict[str, pd.DataFrame]) -> None:
+        """Take tables of results by name."""
+        self.frames = frames
+        self.used: dict[str, set[int]] = {name: set() for name in frames}
+
+    def numbers(self, side: Side) -> pd.DataFrame:
+        """Value, low and high of a side: a row for each sequence, heading and seed.
+
+        They are means over the repeats. There are no rows if the table, or its rows, are missing.
+        """
+        frame = self.frames.get(side.table)
+        if frame is None:
+            return pd.DataFrame(columns=["value", "low", "high"])
+        wanted = {name: getattr(side, name) for name in SIDE_COLUMNS}
+        if side.at is not None:
+            wanted["at"] = side.at
+        chosen = np.logical_and.reduce([frame[name] == value for name, value in wanted.items()])
+        rows = frame[chosen & np.isfinite(frame["value"])]
+        self.used[side.table] |= set(rows.index)
+        headings = rows["at"] if side.of == HEADING else 0.0 * rows["at"]
+        keys = [rows["sequence"], headings.rename("heading"), rows["seed"]]
+        return rows.groupby(keys, sort=True)[["value", "low", "high"]].mean()
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What the tables say of a finding."""
+
+    verdict: str
+    """SHOWN, CONTRADICTED or UNDECIDED."""
+    reason: str
+    """Why, as a key of `reasons` in templates/words.yaml."""
+    sides: tuple[tuple[Side, Estimate], ...] = ()
+    """The sides that were compared, with their numbers."""
+    difference: Estimate = NO_ESTIMATE
+    """Their difference, above 0 if the paper is right."""
+    seeds: int = 0
+    """Number of seeds that were compared."""
+    pairs: int = 0
+    """Number of sequences or headings that were compared."""
+    factor: float = 1.0
+    """The share of the second side that the first one is compared with."""
+    missing: tuple[Side, ...] = ()
+    """The sides that the tables lack."""
+
+
+Measure = Callable[[Tables], Outcome]
+
+
+def _of(sides: Sequence[Side], judge: Callable[..., Outcome]) -> Measure:
+    """Judges the numbers of the sides; without a verdict if one of them has none."""
+
+    def measure(tables: Tables) -> Outcome:
+        numbers = [tables.numbers(side) for side in sides]
+        missing = [side for side, rows in zip(sides, numbers, strict=True) if rows.empty]
+        return _missing(*missing) if missing else judge(*numbers)
+
+    return measure
+
+
+def _missing(*sides: Side) -> Outcome:
+    return Outcome(UNDECIDED, "missing", missing=sides)
 
 
 def is_ahead(
@@ -49,27 +174,24 @@ def is_ahead(
     """
 
     def measure(tables: Tables) -> Outcome:
-        numbers = tables.numbers(leader)
-        numbers_of_rivals = {rival: tables.numbers(rival) for rival in rivals}
-        lacking = _lacking((leader, *rivals), (numbers, *numbers_of_rivals.values()))
-        if numbers.empty or set(lacking) >= set(rivals):
-            return missing(*lacking)
-        strongest = max(
-            (rival for rival in rivals if rival not in lacking),
-            key=lambda rival: mean(numbers_of_rivals[rival]).value,
-        )
-        reference = numbers_of_rivals[strongest]
+        sides = (leader, *rivals)
+        numbers_of = {side: tables.numbers(side) for side in sides}
+        missing = [side for side in sides if numbers_of[side].empty]
+        if leader in missing or {*rivals} <= {*missing}:
+            return _missing(*missing)
+        there = [rival for rival in rivals if rival not in missing]
+        strongest = max(there, key=lambda rival: _mean(numbers_of[rival]).value)
+        numbers, reference = numbers_of[leader], numbers_of[strongest]
         if leader.study == strongest.study:
-            numbers, reference = common(numbers, reference)
+            numbers, reference = _common(numbers, reference)
             if numbers.empty:
-                return missing(leader, strongest)
-        estimate = mean(numbers)
-        strongest_estimate = mean(reference)
+                return _missing(leader, strongest)
+        estimate, strongest_estimate = _mean(numbers), _mean(reference)
         difference = difference_of(estimate, strongest_estimate, factor)
         if sign < 0:
-            difference = _negative(difference)
-        seed_differences = _differences_by_seed(numbers, reference, factor, sign)
-        verdict, reason = by_interval(difference, seed_differences, noise)
+            difference = Estimate(-difference.value, -difference.high, -difference.low)
+        by_seed = sign * _differences_by_seed(numbers, reference, factor)
+        verdict, reason = by_interval(difference, by_seed[np.isfinite(by_seed)].tolist(), noise)
         return Outcome(
             verdict,
             reason,
@@ -83,19 +205,19 @@ def is_ahead(
     return measure
 
 
-def keeps_less(altered: Side, driven: Side, least: float = KEPT_WHOLE) -> Measure:
-    """Claims that a model keeps less than the share `least` of its area on altered queries.
+def keeps_less(perturbed: Side, unperturbed: Side, least: float = KEPT_WHOLE) -> Measure:
+    """Claims that a model keeps less than the share `least` of its area on perturbed queries.
 
     It is judged by the share that was computed on the same resamples of the queries (KEPT); if the
     table has none, by the intervals of the two areas.
     """
 
     def measure(tables: Tables) -> Outcome:
-        outcome = is_ahead(altered, driven, factor=least, sign=-1)(tables)
-        kept = tables.numbers(replace(altered, number=KEPT))
+        outcome = is_ahead(perturbed, unperturbed, factor=least, sign=-1)(tables)
+        kept = tables.numbers(replace(perturbed, number=KEPT))
         if outcome.reason == "missing" or kept.empty:
             return outcome
-        value, low, high = mean(kept)
+        value, low, high = _mean(kept)
         # Above 0 if less than the share is kept; the bounds change places.
         shortfall = Estimate(least - value, least - high, least - low)
         seed_shortfalls = least - kept["value"].groupby("seed").mean()
@@ -120,16 +242,14 @@ def at_every_heading(
     `within_deg`, to either side.
     """
 
-    def measure(tables: Tables) -> Outcome:
-        sides = [side] if other is None else [side, other]
-        numbers_of_sides = [tables.numbers(each) for each in sides]
-        if lacking := _lacking(sides, numbers_of_sides):
-            return missing(*lacking)
+    sides = [side] if other is None else [side, other]
+
+    def judge(*numbers_of_sides: pd.DataFrame) -> Outcome:
         if other is not None:
-            numbers_of_sides = list(common(*numbers_of_sides))
-        numbers_of_sides = [
+            numbers_of_sides = _common(*numbers_of_sides)
+        numbers_of_sides = tuple(
             _turned(numbers, beyond_deg, within_deg) for numbers in numbers_of_sides
-        ]
+        )
         values = numbers_of_sides[0]["value"].unstack("seed")
         reference: pd.Series | float = limit
         if other is not None:
@@ -138,51 +258,48 @@ def at_every_heading(
         differences = differences[np.isfinite(differences)]
         seeds = values.shape[1]
         noise = ONE_SEED if other is not None and seeds == 1 else 0.0
-        verdict, reason = everywhere(differences, noise)
+        verdict, reason = _everywhere(differences, noise)
         if verdict != UNDECIDED and other is not None and other.is_trained and seeds < FEWEST_SEEDS:
             # All headings of a training are shifted alike, so they are no independent evidence.
-            verdict = UNDECIDED
-            reason = "one_training"
-        estimates = tuple(
-            (each, _from_to(numbers["value"]))
-            for each, numbers in zip(sides, numbers_of_sides, strict=True)
-        )
-        return Outcome(verdict, reason, estimates, seeds=seeds, pairs=len(values))
+            verdict, reason = UNDECIDED, "one_training"
+        estimates = [_from_to(numbers["value"]) for numbers in numbers_of_sides]
+        shown = tuple(zip(sides, estimates, strict=True))
+        return Outcome(verdict, reason, shown, seeds=seeds, pairs=len(values))
 
-    return measure
+    return _of(sides, judge)
 
 
 def is_below(side: Side, limit: float, factor: float = 1.0) -> Measure:
     """Claims that `factor` of one side is below a limit on every sequence and with every seed."""
 
-    def measure(tables: Tables) -> Outcome:
-        numbers = tables.numbers(side)
-        if numbers.empty:
-            return missing(side)
+    def judge(numbers: pd.DataFrame) -> Outcome:
         values = factor * numbers["value"]
-        verdict, _ = everywhere((limit - values).to_numpy())
-        estimate = Estimate(float(values.mean()))
-        seeds = _seed_count(numbers)
-        return Outcome(verdict, "limit", ((side, estimate),), seeds=seeds, pairs=len(values))
+        verdict, _ = _everywhere((limit - values).to_numpy())
+        shown = ((side, Estimate(float(values.mean()))),)
+        return Outcome(verdict, "limit", shown, seeds=_seed_count(numbers), pairs=len(values))
 
-    return measure
+    return _of([side], judge)
 
 
 def ascend(*sides: Side) -> Measure:
-    """Claims that the sides' numbers ascend in this order."""
+    """Claims that the sides' numbers ascend in this order.
 
-    def measure(tables: Tables) -> Outcome:
-        numbers_of_sides = [tables.numbers(each) for each in sides]
-        if lacking := _lacking(sides, numbers_of_sides):
-            return missing(*lacking)
-        values = [mean(numbers).value for numbers in numbers_of_sides]
-        verdict, reason = in_order(values)
-        estimates = tuple(zip(sides, map(Estimate, values), strict=True))
-        return Outcome(
-            verdict, reason, estimates, seeds=_seed_count(numbers_of_sides[0]), pairs=len(values)
-        )
+    It is contradicted if one is below the one before by a factor of more than CLEAR_FACTOR.
+    """
 
-    return measure
+    def judge(*numbers_of_sides: pd.DataFrame) -> Outcome:
+        values = np.array([_mean(numbers).value for numbers in numbers_of_sides])
+        ratios = values[1:] / values[:-1]
+        verdict = UNDECIDED
+        if (ratios > 1).all():
+            verdict = SHOWN
+        elif (ratios * CLEAR_FACTOR < 1).any():
+            verdict = CONTRADICTED
+        shown = tuple(zip(sides, map(Estimate, values.tolist()), strict=True))
+        seeds = _seed_count(numbers_of_sides[0])
+        return Outcome(verdict, "order", shown, seeds=seeds, pairs=len(values))
+
+    return _of(sides, judge)
 
 
 def spreads_less(side: Side, other: Side) -> Measure:
@@ -191,25 +308,20 @@ def spreads_less(side: Side, other: Side) -> Measure:
     With fewer than FEWEST_SEEDS seeds it is undecided.
     """
 
-    def measure(tables: Tables) -> Outcome:
-        sides = (side, other)
-        numbers_of_sides = [tables.numbers(each) for each in sides]
-        if lacking := _lacking(sides, numbers_of_sides):
-            return missing(*lacking)
-        seeds = min(_seed_count(numbers) for numbers in numbers_of_sides)
+    def judge(*numbers_of_sides: pd.DataFrame) -> Outcome:
+        seeds = min(map(_seed_count, numbers_of_sides))
         by_heading = [
             numbers["value"].groupby(["sequence", "heading"]) for numbers in numbers_of_sides
         ]
-        if seeds < FEWEST_SEEDS:
-            means = [values.mean() for values in by_heading]
-            estimates = tuple(zip(sides, map(_from_to, means), strict=True))
-            return Outcome(UNDECIDED, "few_seeds", estimates, seeds=seeds, pairs=len(means[0]))
-        spreads = [values.std() for values in by_heading]
-        verdict, reason = everywhere((spreads[1] - spreads[0]).to_numpy())
-        estimates = tuple(zip(sides, map(_from_to, spreads), strict=True))
-        return Outcome(verdict, reason, estimates, seeds=seeds, pairs=len(spreads[0]))
+        verdict, reason = UNDECIDED, "few_seeds"
+        values = [headings.mean() for headings in by_heading]
+        if seeds >= FEWEST_SEEDS:
+            values = [headings.std() for headings in by_heading]
+            verdict, reason = _everywhere((values[1] - values[0]).to_numpy())
+        shown = tuple(zip((side, other), map(_from_to, values), strict=True))
+        return Outcome(verdict, reason, shown, seeds=seeds, pairs=len(values[0]))
 
-    return measure
+    return _of((side, other), judge)
 
 
 def has_no_verdict(side: Side, other: Side, factor: float = 1.0) -> Measure:
@@ -229,9 +341,57 @@ def is_not_measured(_: Tables) -> Outcome:
     return Outcome(UNDECIDED, "absent")
 
 
-def _lacking(sides: Sequence[Side], numbers_of_sides: Sequence[pd.DataFrame]) -> list[Side]:
-    """The sides without any number in the tables."""
-    return [side for side, numbers in zip(sides, numbers_of_sides, strict=True) if numbers.empty]
+def difference_of(estimate: Estimate, other: Estimate, factor: float = 1.0) -> Estimate:
+    """One number minus `factor` of another, with an interval from those of the two.
+
+    The squares of the half-widths are added (Zou and Donner, 2008). For two numbers of the same
+    queries that is too wide.
+    """
+    value = estimate.value - factor * other.value
+    below = hypot(estimate.value - estimate.low, factor * (other.high - other.value))
+    above = hypot(estimate.high - estimate.value, factor * (other.value - other.low))
+    return Estimate(value, value - below, value + above)
+
+
+def by_interval(
+    difference: Estimate, seed_differences: Sequence[float], noise: float = ONE_SEED
+) -> tuple[str, str]:
+    """Verdict and reason of a difference with an interval.
+
+    It is decided if the interval excludes 0, and if the differences of the seeds all have its sign.
+    A single seed must exceed `noise` too: as much as another seed may change.
+    """
+    value, low, high = difference
+    if not (low > 0 or high < 0):
+        return UNDECIDED, "across"
+    sign = 1 if low > 0 else -1
+    least = noise if len(seed_differences) < 2 else 0.0
+    if (
+        min(sign * value, *(sign * seed_difference for seed_difference in seed_differences))
+        <= least
+    ):
+        return UNDECIDED, "seed"
+    return (SHOWN if sign > 0 else CONTRADICTED), "interval"
+
+
+def _everywhere(differences: Sequence[float], noise: float = 0.0) -> tuple[str, str]:
+    """Verdict and reason of differences without intervals: all must exceed `noise` on one side."""
+    signs = {np.sign(value) if abs(value) > noise else 0.0 for value in differences}
+    if signs == {1.0}:
+        return SHOWN, "all"
+    return (CONTRADICTED, "all") if signs == {-1.0} else (UNDECIDED, "mixed")
+
+
+def _mean(numbers: pd.DataFrame) -> Estimate:
+    """The mean of values and of bounds: as if the errors of all of them were the same."""
+    return Estimate(*(float(numbers[name].mean()) for name in ("value", "low", "high")))
+
+
+def _common(numbers: pd.DataFrame, other: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """The numbers of both sides on the sequences and headings that both have."""
+    keys = numbers.index.droplevel("seed")
+    other_keys = other.index.droplevel("seed")
+    return numbers[keys.isin(other_keys)], other[other_keys.isin(keys)]
 
 
 def _from_to(values: pd.Series) -> Estimate:
@@ -244,20 +404,14 @@ def _seed_count(numbers: pd.DataFrame) -> int:
     return int(numbers.index.get_level_values("seed").nunique())
 
 
-def _negative(difference: Estimate) -> Estimate:
-    """The difference the other way round."""
-    return Estimate(-difference.value, -difference.high, -difference.low)
-
-
 def _differences_by_seed(
-    numbers: pd.DataFrame, reference: pd.DataFrame, factor: float, sign: int
-) -> list[float]:
+    numbers: pd.DataFrame, reference: pd.DataFrame, factor: float
+) -> NDArray[np.float64]:
     """The difference for each seed; a single seed is compared with all seeds of the other side."""
     means = numbers["value"].groupby("seed").mean()
     reference_means = reference["value"].groupby("seed").mean()
     seeds = sorted({*means.index, *reference_means.index})
-    values = _at_seeds(means, seeds) - factor * _at_seeds(reference_means, seeds)
-    return [float(value) for value in sign * values if np.isfinite(value)]
+    return _at_seeds(means, seeds) - factor * _at_seeds(reference_means, seeds)
 
 
 def _at_seeds(means: pd.Series, seeds: Sequence[int]) -> NDArray[np.float64]:

@@ -13,7 +13,7 @@ import pandas as pd
 import yaml
 
 from benchmarks.papers.claims import CLAIMS
-from benchmarks.papers.rules import Outcome, Tables
+from benchmarks.papers.judging import Outcome, Tables
 from pipeline.core.errors import ArtifactError, ConfigError
 from pipeline.core.replacing import replace
 from pipeline.evaluation.rows import COLUMN_TYPES, COLUMNS, FLOAT_COLUMNS

@@ -13,8 +13,8 @@ from typing import Any
 import yaml
 
 from benchmarks.papers.claims import CLAIMS, Claim
+from benchmarks.papers.judging import UNTRAINED, Estimate, Outcome, Side
 from benchmarks.papers.kept import FOLDER, Kept, read
-from benchmarks.papers.rules import UNTRAINED, Estimate, Outcome, Side
 from pipeline.core.replacing import replace
 from pipeline.report.comparison import ONE_SEED
 from pipeline.report.render import filled

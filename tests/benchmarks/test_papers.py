@@ -12,8 +12,17 @@ import pytest
 from benchmarks.papers import kept
 from benchmarks.papers.claims import CLAIMS
 from benchmarks.papers.judging import (
+    CONTRADICTED,
+    SHOWN,
+    UNDECIDED,
+    Estimate,
+    Outcome,
+    Side,
+    Tables,
     ascend,
     at_every_heading,
+    by_interval,
+    difference_of,
     has_no_verdict,
     is_ahead,
     is_below,
@@ -22,20 +31,8 @@ from benchmarks.papers.judging import (
     spreads_less,
 )
 from benchmarks.papers.page import page, words
-from benchmarks.papers.rules import (
-    CONTRADICTED,
-    OF_ALL,
-    SHOWN,
-    UNDECIDED,
-    Estimate,
-    Outcome,
-    Side,
-    Tables,
-    by_interval,
-    difference_of,
-)
 from pipeline.core.errors import ArtifactError, ConfigError
-from pipeline.evaluation.rows import HEADING, VIEWPOINT, row, table
+from pipeline.evaluation.rows import HEADING, NOVELTY, PERTURBED, STRESS, VIEWPOINT, row, table
 from tests.studies.made import study
 
 ROOT = Path(__file__).parents[2]
@@ -43,7 +40,7 @@ SCI, SCAN_CONTEXT, M2DP = (
     Side("compare", "campus", method) for method in ("sci", "scan_context", "m2dp")
 )
 PFL, AFL, SAD = (
-    Side("street", "suburb", method, "accuracy", "distance", change=VIEWPOINT, level=None)
+    Side("street", "suburb", method, "accuracy", "distance", ask=VIEWPOINT, of=HEADING, at=None)
     for method in ("pfl", "afl", "sad")
 )
 MS = Side("compare", "campus", "sci", "query_ms", "")
@@ -52,9 +49,8 @@ STUDY = {"campus": study(world="campus_demo", budget="demo")}
 
 def rows(side: Side, *values: float, half: float = 0.01, **columns: Any) -> list[dict[str, Any]]:
     """A row for each value, one a sequence, with an interval of +-half."""
-    level = 0.0 if side.level is None else side.level
     place: dict[str, Any] = {"grid": side.grid, "method": side.method, "variant": side.variant}
-    place |= dict(zip(("ask", "of"), side.asked, strict=True)) | {"at": level, **columns}
+    place |= {"ask": side.ask, "of": side.of, "at": side.at or 0.0, **columns}
     return [
         place
         | {"sequence": f"day {day}"}
@@ -138,7 +134,7 @@ def test_seeds_of_one_method_stand_beside_the_only_one_of_another() -> None:
 
 
 def test_only_sequences_that_both_have_are_compared_and_repeats_are_one() -> None:
-    turned = Side("compare", "campus", "m2dp", change="turned")
+    turned = Side("compare", "campus", "m2dp", ask=PERTURBED, of="turned")
     given = tables(
         rows(turned, 0.5), rows(turned, 0.7, repeat=1), rows(M2DP, 0.6, 0.1, 0.1), rows(SCI, 0.9)
     )
@@ -151,10 +147,10 @@ def test_only_sequences_that_both_have_are_compared_and_repeats_are_one() -> Non
 def test_a_number_of_another_kind_cells_or_protocol_is_not_taken() -> None:
     given = tables(
         rows(SCI, 0.9),
-        rows(SCI, 0.1, kind="energy"),
+        rows(SCI, 0.1, ask=NOVELTY, of="energy"),
         rows(SCI, 0.1, grid="5m"),
-        rows(SCI, 0.1, stress="all reversed"),
-        rows(SCI, 0.1, change="construction", level=2.0),
+        rows(SCI, 0.1, ask=STRESS, of="all reversed"),
+        rows(SCI, 0.1, ask=PERTURBED, of="construction", at=2.0),
         rows(Side("compare", "campus", "sci", protocol="distance"), 0.1),
         rows(SCAN_CONTEXT, 0.6),
     )
@@ -196,7 +192,7 @@ def test_every_heading_must_agree_and_three_trainings() -> None:
 
 def test_an_error_is_better_where_it_is_less() -> None:
     drawn, black = (
-        Side("street", "suburb", "pfl", number, "", change=OF_ALL)
+        Side("street", "suburb", "pfl", number, "", ask=VIEWPOINT)
         for number in ("held_out_error", "black_error")
     )
     measure = at_every_heading(drawn, black, sign=-1)
@@ -309,7 +305,7 @@ def test_every_finding_has_words_and_every_reason_too() -> None:
 
 
 def test_a_row_says_number_data_and_why_and_headlines_stand_on_top(tmp_path: Path) -> None:
-    walls = Side("compare", "campus", "m2dp", change="construction", level=2.0)
+    walls = Side("compare", "campus", "m2dp", ask=PERTURBED, of="construction", at=2.0)
     lines = [*rows(walls, 0.1), *rows(M2DP, 0.5), *rows(SCI, 0.8)]
     given = table(lines, study="campus", dataset="campus", simulated=True)
     kept.keep("compare", given, STUDY, "2026-11-26", "a processor", tmp_path)
@@ -328,7 +324,7 @@ def test_a_row_says_number_data_and_why_and_headlines_stand_on_top(tmp_path: Pat
 
 
 def test_a_headline_says_when_its_interval_is_too_wide(tmp_path: Path) -> None:
-    turned = Side("compare", "campus", "scan_context", change="turned")
+    turned = Side("compare", "campus", "scan_context", ask=PERTURBED, of="turned")
     lines = [*rows(turned, 0.7, half=0.2), *rows(SCAN_CONTEXT, 0.7, half=0.2)]
     given = table(lines, study="campus", dataset="campus", simulated=True)
     kept.keep("compare", given, STUDY, "2026-11-26", "a processor", tmp_path)
@@ -345,7 +341,7 @@ def test_altered_queries_are_held_against_the_same_ones_as_driven(
     kept_auc: float, expected: str
 ) -> None:
     # Two intervals of ±.2 tell nothing; drawn together, the share is known to ±.05.
-    turned = Side("compare", "campus", "scan_context", change="turned")
+    turned = Side("compare", "campus", "scan_context", ask=PERTURBED, of="turned")
     wide = [*rows(turned, 0.7, half=0.2), *rows(SCAN_CONTEXT, 0.7, half=0.2)]
     measure = keeps_less(turned, SCAN_CONTEXT)
     assert judged(measure, tables(wide)) == (UNDECIDED, "across")
