@@ -88,10 +88,7 @@ def failures(
 def _judged_of_site(
     name: str, log: str | None, body_T_lidar: str | None, promise: float | None
 ) -> JudgedFixes:
-    """Localise those scans of a log that have a true pose, by a site file.
-
-    Raises ConfigError without a log, LogError for a log without true poses.
-    """
+    """Localise those scans of a log that have a true pose, by a site file."""
     import numpy as np
 
     from pipeline.online.failures import of_log
@@ -122,10 +119,7 @@ def _judged_of_site(
 
 
 def _judged_of_study(name: str, day: str | None, promise: float | None) -> JudgedFixes:
-    """Read the fixes of STUDY/GRID/METHOD on one test day, or on all.
-
-    Raises ConfigError for a study, model or day that does not exist.
-    """
+    """Read the fixes of STUDY/GRID/METHOD on one test day, or on all."""
     from pipeline.core import store
     from pipeline.core.schemas import Fixes
     from pipeline.evaluation.failures import of_drive, reject_from
@@ -154,10 +148,7 @@ def _judged_of_study(name: str, day: str | None, promise: float | None) -> Judge
 
 
 def _posed_model(study: "Study", method: str, name: str) -> "ModelName":
-    """The model of STUDY/GRID/METHOD whose answers have poses; METHOD may lack the ending -pose.
-
-    Raises ConfigError if there is none.
-    """
+    """The model of STUDY/GRID/METHOD whose answers have poses; METHOD may lack the ending -pose."""
     posed_models = {model.name: model for model in study.answerers if model.posed}
     model = posed_models.get(method) or posed_models.get(f"{method}-pose")
     if model is not None:

@@ -6,7 +6,6 @@ level site (a building that a 2-D laser knows).
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -22,40 +21,6 @@ if TYPE_CHECKING:  # at run time these would slow the start of every command
     import pandas as pd
 
     from pipeline.studies.study import Study
-
-
-@dataclass(frozen=True)
-class MovingPicture:
-    """A moving picture that was written, and the words of its caption."""
-
-    path: Path
-    title: str
-    """The days: `Learned 2012-01-15, driven 2013-04-05, 446 days later`."""
-    counts: str
-    """How many answers were accepted and refused, and how many of each were wrong."""
-    colours: str
-    """What the colours mean."""
-    simulated: bool
-    frame_count: int
-
-    @property
-    def line(self) -> str:
-        """The line that the command prints: file, days, counts, frames and size."""
-        simulated = ", simulated" if self.simulated else ""
-        size_mb = self.path.stat().st_size / 1e6
-        return (
-            f"{self.path}: {self.title}: {self.counts}{simulated}; "
-            f"{self.frame_count} frames, {size_mb:.2f} MB"
-        )
-
-    @property
-    def page(self) -> str:
-        """The picture and its caption for README.md."""
-        data = "Simulated" if self.simulated else "Recorded"
-        return (
-            f"![{self.title}: {self.counts}]({self.path.as_posix()})\n\n"
-            f"*{data}. {self.title}: {self.counts}. {self.colours}*"
-        )
 
 
 def picture(
@@ -86,11 +51,15 @@ def picture(
     if of.endswith(".site"):
         print(draw_level_drive(Path(of), day, out, promise, topic, odometry))
     else:
-        print(draw(of, day, out).line)
+        line, _ = draw(of, day, out)
+        print(line)
 
 
-def draw(of: str, test_day: str | None, out: Path) -> MovingPicture:
-    """Write the moving picture of STUDY/GRID/METHOD on a test day, by default the last."""
+def draw(of: str, test_day: str | None, out: Path) -> tuple[str, str]:
+    """Write the moving picture of STUDY/GRID/METHOD on a test day, by default the last.
+
+    Returns a line on what it shows, and the picture with its caption for README.md.
+    """
     from pipeline.evaluation import results
     from pipeline.report.figures import animation, chase
     from pipeline.report.figures.believed import BelievedDrive
@@ -105,21 +74,18 @@ def draw(of: str, test_day: str | None, out: Path) -> MovingPicture:
     sequence = test_day or last_day(table, study.tests)
     drive = BelievedDrive.of(StudyOfGrid(Layout(), study, grid, table), model, sequence)
     frame_count, _ = chase.write(drive, out, Bar())
-    counts_at_end = drive.counts[:, -1].tolist()
-    n_accepted, n_accepted_wrong, n_refused, n_refused_wrong = counts_at_end
+    accepted, accepted_wrong, refused, refused_wrong = drive.counts[:, -1].tolist()
     noun = "pose" if drive.posed else "answer"
-    counts = (
-        f"{n_accepted} {noun}s accepted, {n_accepted_wrong} wrong among them; {n_refused} refused, "
-        f"{n_refused_wrong} wrong among them"
+    shown = (
+        f"{drive.title}: {accepted} {noun}s accepted, {accepted_wrong} wrong among them; "
+        f"{refused} refused, {refused_wrong} wrong among them"
     )
-    colours = f"The map is grey; a scan is blue where its {noun} is accepted, orange where refused."
-    return MovingPicture(
-        out,
-        title=drive.title,
-        counts=counts,
-        colours=colours,
-        simulated=drive.simulated,
-        frame_count=frame_count,
+    size_mb = out.stat().st_size / 1e6
+    simulated = ", simulated" if drive.simulated else ""
+    return (
+        f"{out}: {shown}{simulated}; {frame_count} frames, {size_mb:.2f} MB",
+        f"![{shown}]({out.as_posix()})\n\n*{'Simulated' if simulated else 'Recorded'}. {shown}. "
+        f"The map is grey; a scan is blue where its {noun} is accepted, orange where refused.*",
     )
 
 

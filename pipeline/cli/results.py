@@ -219,7 +219,7 @@ def _picture_texts(blocks: "Iterable[Block]", studies: "dict[str, Study]") -> "d
             continue
         if block.model in [answers.name for answers in study.answerers]:
             name = f"{block.study}/{study.grids[0].name}/{block.model}"
-            texts[block] = draw(name, None, README_PICTURE).page
+            _, texts[block] = draw(name, None, README_PICTURE)
     return texts
 
 

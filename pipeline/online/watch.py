@@ -176,12 +176,7 @@ class Recording:
         )
 
     def _blueprint(self, live: bool) -> Any:
-        """The layout of the panels.
-
-        On the left the robot from behind, and below it verdict and chances over time; on the right
-        the scan on the map from above, at its fix and at the runner-up. If `live`, the newest scan
-        is shown; else the recording is played from its first one.
-        """
+        """The layout of the panels."""
         from rerun import blueprint
 
         all_but_runner_up = ["/world/**", f"- /{RUNNER_UP}/**"]

@@ -86,10 +86,7 @@ def slopes(rows: pd.DataFrame, followed: Sequence[FollowedNumber]) -> Figure:
 
 
 def _models(rows: pd.DataFrame, followed: Sequence[FollowedNumber]) -> list[str]:
-    """The models for which any of the numbers has a line, the oracle among them.
-
-    Raises InputError if there is none but the oracle.
-    """
+    """The models for which any of the numbers has a line, the oracle among them."""
     fitted = [
         pick(rows, protocol=drawn.protocol, number=f"{drawn.number}_line") for drawn in followed
     ]

@@ -38,6 +38,7 @@ INK = "#222222"
 GREY = "#6E6E6E"
 # The inks of map points, from near to far.
 GREYS = ("#7A7A7A", "#8E8E8E", "#A3A3A3", "#B8B8B8", "#CCCCCC", "#DDDDDD")
+VERDICTS = {True: ("accepted", ACCEPTED), False: ("refused", REFUSED)}
 PLAN_PX = (170, 150)  # the plan of the whole drive, in the lower right corner
 TEXT_PX = 15
 
@@ -59,7 +60,7 @@ def frame(drive: BelievedDrive, query: int, counts: Sequence[int]) -> NDArray[np
     camera_T_world = chase(drive.world_T_true[query])
     pixels = np.full((HEIGHT_PX, WIDTH_PX, 3), 255, np.uint8)
     splat(pixels, camera_T_world, drive.map_m, GREYS)
-    ink = ACCEPTED if drive.accepted[query] else REFUSED
+    _, ink = VERDICTS[bool(drive.accepted[query])]
     splat(pixels, camera_T_world, drive.placed_points_m(query), (ink,), are_all_wide=True)
     image = Image.fromarray(pixels)
     draw = ImageDraw.Draw(image)
@@ -169,23 +170,31 @@ def _words(
     draw: ImageDraw.ImageDraw, drive: BelievedDrive, query: int, counts: Sequence[int]
 ) -> None:
     """Write the days, the promised precision, the counts so far, and the verdict on this scan."""
-    data = SIMULATED if drive.simulated else "recorded"
-    if drive.promise is not None:
-        promise = f"promise {drive.promise:g}"
-    else:
-        promise = "nothing can be promised" if drive.posed else "at its own threshold"
-    draw.rectangle((0, 0, WIDTH_PX, 50), fill="#FFFFFF")
-    draw.text((14, 8), drive.title, INK, font(TEXT_PX + 2, bold=True))
-    draw.text((14, 30), f"{drive.where}, {drive.model}, {promise}", GREY, font(TEXT_PX - 2))
-    draw.text((WIDTH_PX - 14, 8), data, GREY, font(TEXT_PX), anchor="ra")
-    verdict, ink = ("accepted", ACCEPTED) if drive.accepted[query] else ("refused", REFUSED)
-    draw.text((WIDTH_PX - 14, 29), verdict, ink, font(TEXT_PX, bold=True), anchor="ra")
+    promise = "at its own threshold"
+    if drive.posed:
+        promise = f"promise {drive.promise:g}" if drive.promise else "nothing can be promised"
+    verdict, verdict_ink = VERDICTS[bool(drive.accepted[query])]
     accepted, wrong, refused, wrong_refused = counts
-    rows = (
-        (f"{accepted} accepted", ACCEPTED),
-        (f"{wrong} wrong among them", WRONG),
-        (f"{refused} refused, {wrong_refused} wrong among them", REFUSED),
-    )
+    right = WIDTH_PX - 14
+    low = HEIGHT_PX - 72
+    data = SIMULATED if drive.simulated else "recorded"
+    draw.rectangle((0, 0, WIDTH_PX, 50), fill="#FFFFFF")
     draw.rectangle((0, HEIGHT_PX - 78, 385, HEIGHT_PX), fill="#FFFFFF")
-    for number, (text, ink) in enumerate(rows):
-        draw.text((14, HEIGHT_PX - 72 + 22 * number), text, ink, font(TEXT_PX + 2, bold=True))
+    for x, y, text, ink, size_px, is_bold in (
+        (14, 8, drive.title, INK, TEXT_PX + 2, True),
+        (14, 30, f"{drive.where}, {drive.model}, {promise}", GREY, TEXT_PX - 2, False),
+        (right, 8, data, GREY, TEXT_PX, False),
+        (right, 29, verdict, verdict_ink, TEXT_PX, True),
+        (14, low, f"{accepted} accepted", ACCEPTED, TEXT_PX + 2, True),
+        (14, low + 22, f"{wrong} wrong among them", WRONG, TEXT_PX + 2, True),
+        (
+            14,
+            low + 44,
+            f"{refused} refused, {wrong_refused} wrong among them",
+            REFUSED,
+            TEXT_PX + 2,
+            True,
+        ),
+    ):
+        anchor = "ra" if x == right else "la"
+        draw.text((x, y), text, ink, font(size_px, is_bold), anchor=anchor)

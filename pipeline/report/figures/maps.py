@@ -78,10 +78,7 @@ def _single(
     heading: str,
     kind_count: int,
 ) -> Figure:
-    """One map of queries, each of one of the `kinds` (q,) of ANSWERS.
-
-    The legend has the first `kind_count` of these, with how many were accepted.
-    """
+    """One map of queries, each of one of the `kinds` (q,) of ANSWERS."""
     box = bounds_m(train_xy_m, result.evaluation.xy_m)
     slope = height_per_width(box)
     height_in = min(max(WIDTH_IN * slope, 2.2), 5.6)

@@ -81,11 +81,7 @@ def choose(group: Sequence[Result]) -> list[Example]:
 
 
 def _right(group: Sequence[Result]) -> list[Example]:
-    """Right answers in RIGHT_SEQUENCES sequences over the year, then the surest one that is turned.
-
-    Of a sequence it is the one of median novelty, or the next one that is far from the others. A
-    turned query drives another way than training.
-    """
+    """Right answers in RIGHT_SEQUENCES sequences, then the surest one that is turned."""
     hits_by_day = [hits for result in group if (hits := _surest([result], "right"))]
     chosen: list[Example] = []
     spread = np.linspace(0, len(hits_by_day) - 1, RIGHT_SEQUENCES if hits_by_day else 0)
@@ -202,10 +198,7 @@ def matches(
 
 
 def _show(axis: Axes, query: NDArray[np.float32], image: NDArray[np.float32] | None = None) -> None:
-    """Draw a query, or an image rolled towards it if one is given.
-
-    Both are heights (ring, sector) in metres; the nearest ring is lowest.
-    """
+    """Draw a query, or an image rolled towards it if one is given."""
     shift = 0 if image is None else best_shift(query, image)
     image = query if image is None else image
     rolled = colorize(np.roll(image, shift, axis=1))

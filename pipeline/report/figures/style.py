@@ -181,16 +181,11 @@ def inline(fig: Figure, simulated: bool, name: str, links: Mapping[str, Link]) -
 
 
 def _svg(fig: Figure, simulated: bool) -> str:
-    """The text of an SVG, light enough to be one of many on a page.
-
-    The layout is solved first and rounded: its last bits vary, and matplotlib makes ids of
-    positions. Then what a browser does not need is left out, coordinates keep a tenth of a point,
-    and images few colours. Letters stay letters, in the figures' font or in Verdana, which is as
-    wide.
-    """
+    """The text of an SVG, light enough to be one of many on a page."""
     with matplotlib.rc_context(STYLE), StringIO() as file:
         _head(fig, simulated)
         FigureCanvasAgg(fig)
+        # the layout is rounded: its last bits vary, and matplotlib makes ids of positions
         cast(ConstrainedLayoutEngine, fig.get_layout_engine()).execute(fig)
         fig.set_layout_engine("none")
         for axis in fig.axes:

@@ -75,11 +75,7 @@ def _panel(
     measure: Measure,
     is_numeric: bool,
 ) -> None:
-    """Draw one number: means as lines, test sequences as dots and failed jobs as crosses.
-
-    `lines` maps a name to jobs with their places on the x axis. Grey is the mean of the oracles of
-    the jobs at a place.
-    """
+    """Draw one number: means as lines, test sequences as dots and failed jobs as crosses."""
     at: dict[float, list[float]] = {}  # the values of the oracle
     for i, (name, jobs) in enumerate(lines.items()):
         look = {

@@ -137,11 +137,7 @@ def tops(
 def _highest_leaves(
     octree_map: OctreeMap, odom_T_vehicle: NDArray[np.float64], view: BirdView
 ) -> NDArray[np.float64]:
-    """The height of the highest occupied leaf over each (x, y), within the view's band of heights.
-
-    Heights (side, side) are in metres above the vehicle, along its own upward axis; -inf where no
-    leaf is occupied.
-    """
+    """The height of the highest occupied leaf over each (x, y), within the view's band."""
     # middles of the leaves along x, y and z, seen from the vehicle (3, side)
     middles_m = (np.arange(octree_map.octree.side) + 0.5) * octree_map.leaf_m + (
         octree_map.corner_m - odom_T_vehicle[:3, 3]
@@ -160,10 +156,7 @@ def _corners(
     columns: NDArray[np.int64],
     node_m: float,
 ) -> NDArray[np.float64]:
-    """The corners (n, 4, 2) of columns of nodes in the vehicle's frame, in metres.
-
-    `columns` (n, 2) are their places along x and y, `node_m` is the side of a node.
-    """
+    """The corners (n, 4, 2) of columns of nodes in the vehicle's frame, in metres."""
     corners = columns[:, None] + np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
     from_vehicle_m = octree_map.corner_m[:2] + corners * node_m - odom_T_vehicle[:2, 3]
     yaw_rad = math.atan2(odom_T_vehicle[1, 0], odom_T_vehicle[0, 0])

@@ -87,10 +87,7 @@ def rivals(settings: StudySettings, best: str, compared: Sequence[str]) -> tuple
 
 
 def _year(study: Study, results: list[Result], days: int) -> Markup:
-    """A chart of each model's share of right answers over the days since training.
-
-    If there is a single test day, it is drawn over the number of places that are looked at instead.
-    """
+    """A chart of each model's share of right answers over the days since training."""
     draw = partial(inline, simulated=study.simulated, name=anchor(study.name, study.grid, "year"))
     if days == 1:
         return draw(curves.recall_at(results), links={})

@@ -190,11 +190,7 @@ def _answers(
     training: Training,
     origin_m: NDArray[np.float64],
 ) -> dict[str, Any]:
-    """The answers of one model on one sequence, and how they are judged.
-
-    They are judged as believed, by distance and by cells. Only queries as driven are shown, whose
-    rows come first in the artifact of answers.
-    """
+    """The answers of one model on one sequence, and how they are judged."""
     evaluation = result.evaluation
     count = len(evaluation.xy_m)
     try:
@@ -244,10 +240,7 @@ def _believed_code(evaluation: Evaluation) -> NDArray[np.int64]:
 
 
 def _kept_queries(believed: Mapping[str, NDArray[np.bool_]], most: int) -> NDArray[np.int64]:
-    """The queries of a day to keep: those believed wrongly, some refused wrongly, others evenly.
-
-    There are at most `most`, or more if more were believed wrongly.
-    """
+    """The queries of a day to keep: those believed wrongly, some refused wrongly, others evenly."""
     wrong = np.flatnonzero(believed["accepted_wrong"])
     refused = np.flatnonzero(believed["refused_wrong"])
     refused = refused[:: max(math.ceil(3 * len(refused) / most), 1)]  # a third of the room
