@@ -183,7 +183,7 @@ def within(name: str, value: Any, hint: Any) -> None:
 
 def refused(name: str, value: Any, expected: str) -> ConfigError:
     """The error on a setting's value that says what was expected instead."""
-    return ConfigError(f"{name}={value}: expected {expected}")
+    return ConfigError(f"{name}={value!s:.100}: expected {expected}")
 
 
 def _value(name: str, value: Any, hint: Any, resolve: Resolve | None) -> Any:

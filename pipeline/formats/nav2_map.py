@@ -9,11 +9,10 @@ turns it into the occupancy of a cell:
     raw        the pixel's value from 0 to 255 is the percentage; unknown over 100
 """
 
-import math
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 import numpy as np
 import yaml
@@ -21,6 +20,7 @@ from numpy.typing import NDArray
 
 from pipeline.core.errors import ArtifactError, ConfigError
 from pipeline.core.replacing import replace
+from pipeline.core.settings import filled, plain
 
 Mode = Literal["trinary", "scale", "raw"]
 UNKNOWN = -1
@@ -40,6 +40,23 @@ FREE_PIXEL = 254
 """Values of pixels, as map_saver writes them."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class Keys:
+    """The keys of a map's yaml, as Nav2 names them."""
+
+    image: str
+    """The name of the image, a .pgm or .png beside the yaml."""
+    mode: Mode = "trinary"
+    resolution: float
+    """Metres of a pixel."""
+    origin: tuple[float, float, float]
+    """x, y in metres and yaw in radians of the outer corner of the lower left pixel."""
+    negate: Literal[0, 1] = 0
+    """Whether white is occupied."""
+    occupied_thresh: float = OCCUPIED_THRESH
+    free_thresh: float = FREE_THRESH
+
+
 @dataclass(frozen=True)
 class GridMap:
     """An occupancy grid, laid out as in ROS."""
@@ -57,44 +74,35 @@ def read(path: Path) -> GridMap:
     Raises ArtifactError for a file that is missing or no map, naming the key that is wrong.
     """
     # 1. the yaml
-    keys = _yaml(path)
-    resolution_m = _number(path, keys, "resolution")
-    origin = keys.get("origin")
-    if not isinstance(origin, list) or len(origin) != 3 or not all(map(_is_number, origin)):
-        raise ArtifactError(f"{path}: origin={origin!s:.60}: expected [x, y, yaw]")
-    mode = keys.get("mode", "trinary")
-    if mode not in get_args(Mode):
-        raise ArtifactError(f"{path}: mode={mode!s:.60}: expected trinary, scale or raw")
-    if not isinstance(keys.get("image"), str):
-        raise ArtifactError(f"{path}: no image; expected the name of a .pgm beside it")
-    negate = keys.get("negate", 0)
-    if negate not in (0, 1):
-        raise ArtifactError(f"{path}: negate={negate!s:.60}: expected 0 or 1")
-    occupied_thresh = _number(path, keys, "occupied_thresh", OCCUPIED_THRESH)
-    free_thresh = _number(path, keys, "free_thresh", FREE_THRESH)
+    try:
+        keys = filled(Keys, _yaml(path))
+    except ConfigError as error:
+        raise ArtifactError(f"{path}: {error}") from None
+    free_thresh = keys.free_thresh
+    occupied_thresh = keys.occupied_thresh
     if not 0 <= free_thresh < occupied_thresh <= 1:
         raise ArtifactError(
             f"{path}: free_thresh={free_thresh:g} and occupied_thresh={occupied_thresh:g}: "
             "expected 0 <= free < occupied <= 1"
         )
     # 2. from pixels to cells
-    shade, is_opaque = _image(path.parent / keys["image"])
-    if mode == "raw":
+    shade, is_opaque = _image(path.parent / keys.image)
+    if keys.mode == "raw":
         percent = np.round(255 * shade)
         cells = np.where(percent <= OCCUPIED, percent, UNKNOWN)
     else:
-        share = shade if negate else 1 - shade
+        share = shade if keys.negate else 1 - shade
         cells = np.full(share.shape, float(UNKNOWN))
-        if mode == "scale":
+        if keys.mode == "scale":
             cells = np.rint((share - free_thresh) / (occupied_thresh - free_thresh) * 100)
         cells[share < free_thresh] = FREE
         cells[share > occupied_thresh] = OCCUPIED
-        if mode == "scale":
+        if keys.mode == "scale":
             cells[~is_opaque] = UNKNOWN
     # 3. the image begins with its highest row, the grid with its lowest
     occupancy = np.ascontiguousarray(cells[::-1].astype(np.int8))
-    x_m, y_m, yaw_rad = map(float, origin)
-    return GridMap(occupancy, resolution_m, (x_m, y_m, yaw_rad))
+    x_m, y_m, yaw_rad = map(float, keys.origin)
+    return GridMap(occupancy, float(keys.resolution), (x_m, y_m, yaw_rad))
 
 
 def write(path: Path, grid: GridMap, mode: Mode = "trinary") -> None:
@@ -128,17 +136,10 @@ def write(path: Path, grid: GridMap, mode: Mode = "trinary") -> None:
         scratch.write_bytes(
             f"P5\n{cols} {rows}\n255\n".encode() + pixels.astype(np.uint8).tobytes()
         )
-    keys = {
-        "image": image.name,
-        "mode": mode,
-        "resolution": grid.resolution_m,
-        "origin": list(grid.origin),
-        "negate": 0,
-        "occupied_thresh": OCCUPIED_THRESH,
-        "free_thresh": FREE_THRESH,
-    }
+    keys = Keys(image=image.name, mode=mode, resolution=grid.resolution_m, origin=grid.origin)
     with replace(path) as scratch:
-        scratch.write_text(yaml.safe_dump(keys, sort_keys=False), encoding="utf-8")
+        text = yaml.safe_dump(plain(keys, whole=True), sort_keys=False)
+        scratch.write_text(text, encoding="utf-8")
 
 
 def _yaml(path: Path) -> dict[str, Any]:
@@ -155,19 +156,6 @@ def _yaml(path: Path) -> dict[str, Any]:
     if not isinstance(keys, dict):
         raise ArtifactError(f"{path}: no map; expected the .yaml beside the image of a Nav2 map")
     return keys
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
-
-
-def _number(path: Path, keys: dict[str, Any], key: str, default: float = math.nan) -> float:
-    """The value of a key; raises ArtifactError if it is no number, or missing without a default."""
-    value = keys.get(key, default)
-    if not _is_number(value):
-        value_text = f"{value!s:.60}" if key in keys else "missing"
-        raise ArtifactError(f"{path}: {key}={value_text}: expected a number")
-    return float(value)
 
 
 def _image(path: Path) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
