@@ -16,7 +16,7 @@ import yaml
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from pipeline.core.frames import moved
+from pipeline.core.frames import moved, step_lengths_m
 from pipeline.core.replacing import replace
 from pipeline.online.example import SCANS, SITE, ExampleScan
 from pipeline.online.inputs import Scan, scans
@@ -72,7 +72,7 @@ def main(whole: Path, logs: Path) -> None:
 
 def stretch(arrays: Arrays) -> Arrays:
     """The arrays of a map without the submaps after the first STRETCH_M of path."""
-    steps_m = np.linalg.norm(np.diff(arrays["world_T_anchor"][:, :2, 3], axis=0), axis=1)
+    steps_m = step_lengths_m(arrays["world_T_anchor"][:, :2, 3])
     count = int(np.searchsorted(np.cumsum(steps_m), STRETCH_M)) + 1
     return {
         **arrays,

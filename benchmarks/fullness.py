@@ -15,6 +15,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from pipeline.core.frames import moved
 from pipeline.formats import nclt
 from pipeline.mapping.octree import Octree
 from pipeline.readers.keyframes import KeyFrames
@@ -168,10 +169,7 @@ def stretched(name: str, world: Simulation, stretches: int, scans: int) -> Log:
         for start in np.linspace(0, len(poses) - scans, stretches).astype(int).tolist():
             returns = recorder.block(start, start + scans)[1]
             gathered.append(
-                [
-                    (scan.points_m @ sensor[:3, :3].T + sensor[:3, 3], poses[row])
-                    for row, _, scan in returns
-                ]
+                [(moved(sensor, scan.points_m), poses[row]) for row, _, scan in returns]
             )
     return Log(name, gathered, float(sensor[2, 3]))
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from benchmarks.race import Race, race
 from benchmarks.scan_context import scans
+from pipeline.core.frames import moved
 from pipeline.mapping.octree import Octree, OctreeMap
 from pipeline.readers.kitti import Kitti
 from pipeline.views.birdview import BirdView
@@ -46,9 +47,7 @@ def drive() -> tuple[str, Drive]:
 def octomap(octree: Octree, discretize: bool, recorded: Drive) -> Callable[[int], object]:
     """OctoMap's own insertion into a new tree, of points already in the world's frame."""
     pyoctomap = import_module("pyoctomap")
-    world = [
-        np.ascontiguousarray(points @ pose[:3, :3].T + pose[:3, 3]) for points, pose in recorded
-    ]
+    world = [np.ascontiguousarray(moved(pose, points)) for points, pose in recorded]
     sensors = [
         pose[:3, 3] + pose[:3, :3] @ (0.0, 0.0, octree.sensor_height_m) for _, pose in recorded
     ]
@@ -128,7 +127,7 @@ def _agree(octree: Octree, recorded: Drive) -> str:
     tree = pyoctomap.OcTree(octree.leaf_m)
     grown.insert(points, pose)
     sensor = pose[:3, 3] + pose[:3, :3] @ (0.0, 0.0, octree.sensor_height_m)
-    world = np.ascontiguousarray(points @ pose[:3, :3].T + pose[:3, 3])
+    world = np.ascontiguousarray(moved(pose, points))
     tree.insertPointCloud(world, sensor, max_range=octree.reach_m, discretize=True)
     log_odds = grown.log_odds
     cells = np.argwhere(log_odds != 0)[::7]

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.errors import LogError
-from pipeline.core.frames import Poses, distance_and_turn
+from pipeline.core.frames import Poses, distance_and_turn, step_lengths_m
 from pipeline.core.progress import Progress
 from pipeline.core.schemas import Estimates
 from pipeline.formats import bag_file
@@ -181,7 +181,7 @@ def piece_m(truth: Poses, estimate: Poses) -> float:
 
 def steps_m(poses: Poses) -> NDArray[np.float64]:
     """Metres (n − 1,) between neighbouring poses."""
-    return np.asarray(np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1))
+    return step_lengths_m(poses[:, :3, 3])
 
 
 def steps(poses: Poses) -> Poses:

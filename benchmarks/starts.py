@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pipeline.core import schemas, store
+from pipeline.core.frames import travelled_m
 from pipeline.paths.filter import Filter
 from pipeline.paths.tracks import Track
 from pipeline.posing.verdict import right
@@ -53,9 +54,7 @@ class Day:
         self.promised = self.fixes.promised[1]
         sad = artifacts / "localize" / Path(model).parent / "sad" / name
         self.sad = store.read(sad, schemas.Rankings) if sad.is_dir() else None
-        self.passed_m = np.concatenate(
-            [[0.0], np.cumsum(np.linalg.norm(np.diff(self.world_T_true[:, :2, 3], axis=0), axis=1))]
-        )
+        self.passed_m = travelled_m(self.world_T_true[:, :2, 3])
 
 
 def alone(day: Day, rows: NDArray[np.int64], rng: np.random.Generator) -> Answers:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks import octree, retrieval, scan_context, sequence
+from pipeline.core.frames import moved
 from pipeline.matching.ranking import Model
 from pipeline.readers.kitti import Kitti
 from stages import build
@@ -55,7 +56,7 @@ def drive(path: Path, origins: Path) -> tuple[str, int]:
     world; what they are."""
     name, scans = octree.drive()
     points = min(len(cloud) for cloud, _ in scans[: octree.SCANS])
-    world = [cloud[:points] @ pose[:3, :3].T + pose[:3, 3] for cloud, pose in scans[: octree.SCANS]]
+    world = [moved(pose, cloud[:points]) for cloud, pose in scans[: octree.SCANS]]
     sensors = [
         pose[:3, 3] + pose[:3, :3] @ (0.0, 0.0, SENSOR_M) for _, pose in scans[: octree.SCANS]
     ]

@@ -5,19 +5,21 @@ paper, Fig. 9; METHODS 2.8).
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.alterations import AS_DRIVEN, Case
 from pipeline.core.errors import ConfigError
-from pipeline.core.settings import Positive, Seed, check
+from pipeline.core.settings import Positive, Range, Seed, check
 
 CONSTRUCTION = "construction"
 """`Case.change` of queries with new walls."""
 OWN_M = 1e-6
 """A point at most this far behind a wall's plane belongs to the wall itself."""
+SKEW = Range(0, 90 - 1e-9, wording="an angle from 0 to below 90")
+"""The angles in degrees by which walls may be skewed."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +48,7 @@ class Construction:
     """Least height of a wall."""
     highest_m: float = 10.0
     """Largest height of a wall."""
-    skew_deg: float = 30.0
+    skew_deg: Annotated[float, SKEW] = 30.0
     """Largest angle, either way, between a wall's normal and the ray to its middle."""
     spacing_m: Positive = 0.2
     """Distance between neighbouring points of a wall, along it and upwards."""
@@ -76,10 +78,6 @@ class Construction:
                     f"alteration.{low}={getattr(self, low)}, {high}={getattr(self, high)}: "
                     "expected a range"
                 )
-        if not 0 <= self.skew_deg < 90:
-            raise ConfigError(
-                f"alteration.skew_deg={self.skew_deg}: expected an angle from 0 to below 90"
-            )
         if not 0 <= self.sensor_height_m < self.lowest_m:
             raise ConfigError(
                 f"alteration.sensor_height_m={self.sensor_height_m}: expected 0 to below "

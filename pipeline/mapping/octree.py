@@ -12,13 +12,13 @@ children, are not kept, since nothing reads them.
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.errors import ConfigError, InputError
-from pipeline.core.settings import NotNegative, Positive, check
+from pipeline.core.settings import NotNegative, Positive, Range, check
 from pipeline.mapping import octree_kernels as kernels
 from pipeline.mapping.bricks import Bricks, bricks_of_a_ray, dense, empty, forget, with_room
 
@@ -34,7 +34,7 @@ class Octree:
 
     edge_m: Positive = 50.0
     """Edge of the root cube, whose middle is within a leaf of the robot."""
-    depth: int = 7
+    depth: Annotated[int, Range(2, 9, wording="a whole number from 2 to 9")] = 7
     """Levels below the root: there are 2^depth leaves along an edge of the cube."""
     hit: float = 0.7
     """Probability that an unknown leaf is occupied after one scan with a point in it."""
@@ -72,10 +72,6 @@ class Octree:
 
     def __post_init__(self) -> None:
         check(self, "view.octree")
-        if not 2 <= self.depth <= 9:
-            raise ConfigError(
-                f"view.octree.depth={self.depth}: expected a whole number from 2 to 9"
-            )
         if not 0 < self.lowest <= self.miss < 0.5 < self.hit <= self.highest < 1:
             numbers = (
                 f"lowest={self.lowest}, miss={self.miss}, hit={self.hit} and highest={self.highest}"

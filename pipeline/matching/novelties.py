@@ -32,5 +32,4 @@ def normalised_entropy(probability: NDArray[np.float64]) -> NDArray[np.float64]:
     It is 0 if one place is certain, and 1 if all places are equally likely.
     """
     places = max(probability.shape[1], 2)
-    normalised: NDArray[np.float64] = entr(probability).sum(axis=1) / np.log(places)
-    return normalised
+    return np.asarray(entr(probability).sum(axis=1) / np.log(places))

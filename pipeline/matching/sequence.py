@@ -101,8 +101,7 @@ def runner_up(
 ) -> NDArray[np.float32]:
     """Lowest cost (q,) of (q, n) over window // 2 rows away from the best row (q,), else +inf."""
     is_near_best = np.abs(np.arange(costs.shape[1]) - best_row[:, None]) <= window // 2
-    other_costs: NDArray[np.float32] = np.where(is_near_best, np.float32(np.inf), costs).min(axis=1)
-    return other_costs
+    return np.asarray(np.where(is_near_best, np.float32(np.inf), costs).min(axis=1))
 
 
 @njit(cache=True, nogil=True, fastmath=REPRODUCIBLE, boundscheck=False, error_model="numpy")

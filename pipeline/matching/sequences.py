@@ -20,13 +20,13 @@ The numerical kernels of these steps are in `matching.sequence`.
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.errors import ConfigError, InputError
-from pipeline.core.settings import Count, NotNegative, Positive, Whole, check
+from pipeline.core.settings import Count, NotNegative, Positive, Range, check
 from pipeline.matching import holdout
 from pipeline.matching.database import Database
 from pipeline.matching.ranking import Ranking, Rows, joined
@@ -47,6 +47,7 @@ MAX_NOVELTY = float(np.finfo(np.float32).max)
 """Bound of a novelty, which is stored as float32."""
 Costs = NDArray[np.float32]
 """Costs (query, row) of training rows for queries."""
+ContrastRows = Annotated[int, Range(2, wording="2 or more")]
 Differences = Callable[[NDArray[np.int64], NDArray[np.int64]], NDArray[np.float32]]
 """A function of the method that compares training with itself: takes training rows (n,) and others
 (m,) as queries, and returns their differences (n, m)."""
@@ -65,11 +66,11 @@ class SequenceMethod:
     """Lowest speed tried, in training rows per query."""
     fastest: float = 1.2
     """Highest speed tried, in training rows per query."""
-    speed_step: float = 0.1
+    speed_step: Annotated[float, Range(1 / GRAIN, wording=f"{1 / GRAIN} or more")] = 0.1
     """Step between the speeds tried, in training rows per query."""
     both_ways: bool = False
     """Whether runs may also drive the training sequence backwards; the authors' do not."""
-    contrast_rows: Whole = 30
+    contrast_rows: ContrastRows = 30
     """Width of the window of training rows in which contrast is enhanced."""
     subtract_minimum: bool = True
     """Whether costs are counted from the least enhanced difference, so that none is negative, as in
@@ -90,14 +91,10 @@ class SequenceMethod:
 
     def __post_init__(self) -> None:
         check(self, "method")
-        if self.speed_step * GRAIN < 1:
-            raise ConfigError(f"method.speed_step={self.speed_step}: expected {1 / GRAIN} or more")
         if self.fastest < self.slowest:
             raise ConfigError(
                 f"method.fastest={self.fastest}: expected at least slowest={self.slowest}"
             )
-        if self.contrast_rows < 2:
-            raise ConfigError(f"method.contrast_rows={self.contrast_rows}: expected 2 or more")
 
     @property
     def kinds(self) -> tuple[str, str]:

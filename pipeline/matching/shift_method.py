@@ -9,8 +9,8 @@ descriptor that is the same at every heading.
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.core.errors import ConfigError
 from pipeline.core.progress import Progress
+from pipeline.core.settings import Share
 from pipeline.matching.database import Database, DescriptorMethod
 from pipeline.matching.nearest import nearest
 from pipeline.matching.ranking import Localizer, Model, Ranking, Rows
@@ -26,17 +26,10 @@ class ShiftMethod(DescriptorMethod):
 
     candidates: int | None = None
     """How many training views are compared, those with the nearest ring keys; None: all are."""
-    least_engaged: float
+    least_engaged: Share
     """A shift counts if both Scan Contexts share at least this share of the non-empty columns that
     they share at any shift. With the authors' 0, a shift that shares a single column may win, which
     is frequent with a sensor that sees half the circle; 0.9 prevents it."""
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not 0 <= self.least_engaged <= 1:
-            raise ConfigError(
-                f"method.least_engaged={self.least_engaged}: expected a share from 0 to 1"
-            )
 
     def learn(self, views: Rows, places: NDArray[np.int64], progress: Progress) -> Model:
         """Store the spectra of training, and its ring keys if they choose candidates."""
@@ -95,5 +88,4 @@ def ring_keys(heights_m: NDArray[np.float32]) -> NDArray[np.float32]:
     The authors divide it by the number of sectors. That changes no neighbour, but distances between
     whole numbers are exact.
     """
-    keys: NDArray[np.float32] = np.count_nonzero(heights_m, axis=2).astype(np.float32)
-    return keys
+    return np.asarray(np.count_nonzero(heights_m, axis=2).astype(np.float32))

@@ -130,8 +130,7 @@ class Spectra:
             return rows
         kth_highest = np.partition(competitors, -k)[-k]
         # Both a row's similarity and the k-th highest may be off by SLACK.
-        likely_rows: NDArray[np.int64] = rows[similarities >= kth_highest - 2 * SLACK]
-        return likely_rows
+        return np.asarray(rows[similarities >= kth_highest - 2 * SLACK])
 
     @cached_property
     def _masks(self) -> NDArray[np.uint64]:
@@ -230,8 +229,7 @@ def _shifted_masks(heights_m: NDArray[np.float32]) -> NDArray[np.uint64]:
 
 def _engaged(heights_m: NDArray[np.float32]) -> NDArray[np.float32]:
     """1 where a column (n, sector) of Scan Contexts (n, ring, sector) holds anything, else 0."""
-    engaged: NDArray[np.float32] = (heights_m != 0).any(axis=1).astype(np.float32)
-    return engaged
+    return np.asarray((heights_m != 0).any(axis=1).astype(np.float32))
 
 
 def _spectra(heights_m: NDArray[np.float32]) -> NDArray[np.complex128]:

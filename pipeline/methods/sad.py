@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 from pipeline.core.errors import InputError
 from pipeline.core.progress import Progress
-from pipeline.core.settings import Count, Positive, Side, Whole
+from pipeline.core.settings import Count, Positive, Side
 from pipeline.matching.database import Database, UntrainedMethod
 from pipeline.matching.headings import ReferenceHeadings, reference_headings
 from pipeline.matching.patches import differences, normalised, resized
 from pipeline.matching.ranking import Localizer, Model, Ranking, Rows
 from pipeline.matching.rejection import Evidence
-from pipeline.matching.sequences import SequenceMethod
+from pipeline.matching.sequences import ContrastRows, SequenceMethod
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Sad(UntrainedMethod, SequenceMethod):
     """Views are resized to this side."""
     patch_px: Count = 8
     """Side of the patches in which images are normalised."""
-    contrast_rows: Whole = 10
+    contrast_rows: ContrastRows = 10
     reference_headings: ReferenceHeadings = 1
     """Number of headings of a training place whose images are kept: one as in SeqSLAM, or up to the
     eight whose codes PFL keeps."""

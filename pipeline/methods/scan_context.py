@@ -7,7 +7,7 @@ The search is `ShiftMethod`: it keeps the training scans' images, preselects can
 
 from dataclasses import dataclass
 
-from pipeline.core.settings import Count
+from pipeline.core.settings import Count, Share
 from pipeline.matching.shift_method import ShiftMethod
 
 
@@ -18,5 +18,5 @@ class ScanContext50(ShiftMethod):
     view: str = "scan_context"
     candidates: Count = 50
     """Number of training scans, nearest by ring key, that are compared at every heading."""
-    least_engaged: float = 0.0
+    least_engaged: Share = 0.0
     """As in the authors' comparison, a heading counts however few columns of two scans overlap."""

@@ -6,6 +6,7 @@ scan.
 
 from dataclasses import dataclass
 
+from pipeline.core.settings import Share
 from pipeline.matching.shift_method import ShiftMethod
 
 
@@ -14,5 +15,5 @@ class ScanContextAll(ShiftMethod):
     """The exhaustive search: `candidates` stays None, so all training scans are compared."""
 
     view: str = "scan_context"
-    least_engaged: float = 0.0
+    least_engaged: Share = 0.0
     """As in the authors' comparison, a heading counts however few columns of two scans overlap."""

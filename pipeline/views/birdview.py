@@ -10,7 +10,7 @@ images seen from above out.
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from numba import njit
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from pipeline.core import schemas
 from pipeline.core.errors import ConfigError, InputError
-from pipeline.core.settings import Count, NotNegative, Seed, Side, check
+from pipeline.core.settings import Count, NotNegative, Range, Seed, Side, check
 from pipeline.mapping.bricks import BRICK, LEAVES, Bricks, corner
 from pipeline.mapping.ground import plane
 from pipeline.mapping.octree import Octree, OctreeMap, log_odds
@@ -33,6 +33,8 @@ POINTS = 4096
 """Number of a scan's points in which the ground is looked for, at most."""
 SAMPLES = 4
 """A pixel is the mean of SAMPLES × SAMPLES samples of the columns."""
+OCCUPIED = Range(0.5, 1 - 1e-9, wording="a probability of at least 0.5, which is unknown")
+"""Probabilities from which a leaf may be taken for occupied."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +53,7 @@ class BirdView:
     """The axis along which heights are measured. `ground` is the normal of the ground in the newest
     scan, which must be a 3-D one; `vehicle` is the vehicle's z axis, which pitches; `odometry` is
     odometry's, against which the ground slopes."""
-    occupied: float = 0.6
+    occupied: Annotated[float, OCCUPIED] = 0.6
     """A column is occupied if a leaf in the band has a higher probability than this."""
     headings: Count = 16
     """Number of headings. The even ones are references; the odd ones lie halfway between them and
@@ -77,11 +79,6 @@ class BirdView:
         if not self.low_m < self.high_m:
             raise ConfigError(
                 f"view.low_m={self.low_m}, high_m={self.high_m}: expected a band of heights"
-            )
-        if not 0.5 <= self.occupied < 1:
-            raise ConfigError(
-                f"view.occupied={self.occupied}: expected a probability of at least 0.5, which is "
-                "unknown"
             )
 
     def __call__(self, points_m: NDArray[np.floating]) -> NDArray[np.uint8]:
@@ -121,8 +118,7 @@ class BirdView:
                 a, b, height_m = ground_plane
                 vehicle_T_robot[:3, :3] = upright(np.array([1.0, 0.0, 0.0]), np.array([a, b, 1.0]))
                 vehicle_T_robot[2, 3] = height_m
-        odom_T_robot: NDArray[np.float64] = odom_T_vehicle @ vehicle_T_robot
-        return odom_T_robot
+        return np.asarray(odom_T_vehicle @ vehicle_T_robot)
 
     def draw(
         self, octree_map: OctreeMap, odom_T_robot: NDArray[np.float64], number: int = 0
@@ -164,17 +160,18 @@ class BirdView:
         leaf_m = octree_map.leaf_m
         up = self.up(odom_T_robot)
         ground = (odom_T_robot[:3, 3] - octree_map.corner_m) / leaf_m
-        is_occupied: NDArray[np.uint8] = _occupied_columns(
-            octree_map.bricks,
-            octree_map.lowest_leaf,
-            self.octree.side,
-            ground,
-            up,
-            low=self.low_m / leaf_m,
-            high=self.high_m / leaf_m,
-            threshold=log_odds(self.occupied),
+        return np.asarray(
+            _occupied_columns(
+                octree_map.bricks,
+                octree_map.lowest_leaf,
+                self.octree.side,
+                ground,
+                up,
+                low=self.low_m / leaf_m,
+                high=self.high_m / leaf_m,
+                threshold=log_odds(self.occupied),
+            )
         )
-        return is_occupied
 
     def up(self, odom_T_robot: NDArray[np.float64]) -> NDArray[np.float64]:
         """The robot's z axis (3,) in odometry, along which heights are measured.

@@ -12,14 +12,14 @@ script (METHODS 3.2):
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core import schemas
-from pipeline.core.errors import ConfigError, InputError
-from pipeline.core.settings import Count, NotNegative, Positive, Seed, check
+from pipeline.core.errors import InputError
+from pipeline.core.settings import Count, NotNegative, Positive, Range, Seed, check
 from pipeline.mapping.ground import plane
 from pipeline.views import kernels
 
@@ -37,7 +37,7 @@ class Cloud:
     """Side of the cubes in which points are averaged; 0 takes them as they are."""
     plane_m: NotNegative = 0.2
     """Points nearer than this to the ground plane are ground; 0 keeps the ground."""
-    slope_deg: float = 20.0
+    slope_deg: Annotated[float, Range(0, 90, wording="an angle from 0 to 90")] = 20.0
     """A plane steeper than this is a wall, not the ground."""
     iterations: Count = 1000
     """Number of planes tried at most to find the ground."""
@@ -45,9 +45,7 @@ class Cloud:
     """Seeds the random numbers of every cloud, so that none depends on those before it."""
 
     def __post_init__(self) -> None:
-        check(self, "view")  # checks the fields whose types have bounds
-        if not 0 <= self.slope_deg <= 90:
-            raise ConfigError(f"view.slope_deg={self.slope_deg}: expected an angle from 0 to 90")
+        check(self, "view")
 
     def __call__(self, points_m: NDArray[np.floating]) -> NDArray[np.float16]:
         """Make the cloud (points, 3) of a submap's points (n, 3) in metres.
@@ -84,8 +82,7 @@ class Cloud:
 
         # 4. Centre and scale them.
         scaled = (points - points.mean(axis=0)) / self.half_m
-        cloud: NDArray[np.float16] = scaled.clip(-1, 1).astype(np.float16)
-        return cloud
+        return np.asarray(scaled.clip(-1, 1).astype(np.float16))
 
     def _is_ground(
         self, points: NDArray[np.float64], rng: np.random.Generator
@@ -99,5 +96,4 @@ class Cloud:
         a, b, height_m = ground_plane
         x, y, z = points.T.astype(np.float32, order="C")
         margin_m = self.plane_m * math.sqrt(a * a + b * b + 1)
-        is_ground: NDArray[np.bool_] = np.abs(a * x + b * y + z - height_m) < margin_m
-        return is_ground
+        return np.asarray(np.abs(a * x + b * y + z - height_m) < margin_m)

@@ -106,8 +106,7 @@ def principal_axes(scatter: NDArray[np.float64]) -> NDArray[np.float64]:
     _, axes_by_rising_variance = np.linalg.eigh(scatter)
     axes: NDArray[np.float64] = axes_by_rising_variance[:, ::-1]
     largest_coefficients = axes[np.abs(axes).argmax(axis=0), range(3)]
-    flipped: NDArray[np.float64] = np.ascontiguousarray(axes * np.sign(largest_coefficients))
-    return flipped
+    return np.asarray(np.ascontiguousarray(axes * np.sign(largest_coefficients)))
 
 
 @lru_cache

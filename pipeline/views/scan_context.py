@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core import schemas
-from pipeline.core.errors import ConfigError, InputError
+from pipeline.core.errors import InputError
 from pipeline.core.settings import NotNegative, Positive, Side, Whole, check
 from pipeline.views import kernels
 
@@ -73,8 +73,7 @@ class ScanContext:
         )
         if not is_finite:
             raise InputError("a point is NaN or infinite: drop such points first")
-        image: NDArray[np.float32] = heights.reshape(self.shape)
-        return image
+        return np.asarray(heights.reshape(self.shape))
 
 
 def quantize(
@@ -85,16 +84,14 @@ def quantize(
         raise InputError(f"heights from {h_min_m} to {h_max_m}: expected an increasing range")
     clipped_m = np.clip(heights_m, h_min_m, h_max_m).astype(np.float64)
     share = (clipped_m - h_min_m) / (h_max_m - h_min_m)
-    quantized: NDArray[np.uint8] = np.floor(share * 255 + 0.5).astype(np.uint8)
-    return quantized
+    return np.asarray(np.floor(share * 255 + 0.5).astype(np.uint8))
 
 
 def colorize(
     heights_m: NDArray[np.float32], h_min_m: float = 0.0, h_max_m: float = 15.0
 ) -> NDArray[np.uint8]:
     """The SCI (…, rings, sectors, 3) of heights (…, rings, sectors), in Matlab's jet."""
-    image: NDArray[np.uint8] = colours("jet")[quantize(heights_m, h_min_m, h_max_m)]
-    return image
+    return np.asarray(colours("jet")[quantize(heights_m, h_min_m, h_max_m)])
 
 
 @lru_cache
@@ -106,11 +103,8 @@ def colours(colormap: Literal["jet", "grey"]) -> NDArray[np.uint8]:
     """
     if colormap == "grey":
         return np.arange(256, dtype=np.uint8)[:, None]
-    if colormap != "jet":
-        raise ConfigError(f"colormap={colormap}: expected jet or grey")
     index = np.arange(256).clip(1) - 1
-    table: NDArray[np.uint8] = np.rint(255 * jet(255)[index]).astype(np.uint8)
-    return table
+    return np.asarray(np.rint(255 * jet(255)[index]).astype(np.uint8))
 
 
 def jet(m: int) -> NDArray[np.float64]:

@@ -1,5 +1,6 @@
-"""The bricks of the dynamic octree: they hold the bits of a dense map, in memory that follows what
-is known.
+"""The bricks of the dynamic octree: their memory follows what is known.
+
+That they hold the bits of a dense map is told by the bytes of bird-views (tests/views).
 """
 
 import math
@@ -11,8 +12,7 @@ import pytest
 from pipeline.core import frames
 from pipeline.core.errors import InputError
 from pipeline.mapping.bricks import BRICK, LEAVES, NO_BRICK, Bricks
-from pipeline.mapping.octree import Octree, OctreeMap
-from tests.mapping.dense_octree import DenseOctree
+from pipeline.mapping.octree import Octree
 
 NEAR = {"edge_m": 16.0, "depth": 5, "sensor_height_m": 1.0}
 """Settings of a map with leaves of 0.5 m, 32 along an edge: four bricks of 4 m."""
@@ -21,12 +21,6 @@ NEAR = {"edge_m": 16.0, "depth": 5, "sensor_height_m": 1.0}
 def at(x: float, y: float = 0.0, z: float = 0.0, *turned: float) -> np.ndarray:
     """One pose (4, 4), from metres, and roll, pitch and yaw in radians."""
     return frames.pose(np.array([[x, y, z]]), np.array([turned or (0.0, 0.0, 0.0)]))[0]
-
-
-def assert_same(made: OctreeMap, oracle: DenseOctree) -> None:
-    """Both maps hold the same bits."""
-    np.testing.assert_array_equal(made.lowest_leaf, oracle.lowest)
-    np.testing.assert_array_equal(made.log_odds, oracle.log_odds)
 
 
 def assert_sound(bricks: Bricks) -> None:
@@ -38,49 +32,6 @@ def assert_sound(bricks: Bricks) -> None:
     assert not bricks.marks.any()
     assert not bricks.log_odds[used * LEAVES :].any()
     assert bricks.log_odds[: used * LEAVES].reshape(used, LEAVES).any(axis=1).all()
-
-
-@pytest.mark.parametrize("rays", ["end_voxel", "all"])
-@pytest.mark.parametrize("step_m", [0.3, 2.7, 9.0])
-def test_a_window_that_moves_on_over_brick_borders_holds_the_bits_of_a_dense_array(
-    rays: str, step_m: float
-) -> None:
-    # From −40 m to beyond the origin, turning and pitching; points far beyond the window, and rays
-    # that are cut.
-    octree = Octree(**NEAR, rays=rays, max_range_m=11.0)
-    made = octree.grow()
-    oracle = DenseOctree(octree)
-    rng = np.random.default_rng(0)
-    for scan in range(16):
-        points = rng.normal(0, 1, (40, 3)) * (9, 9, 3)
-        pose = at(
-            -40 + step_m * scan,
-            3 - step_m * scan / 2,
-            math.sin(scan),
-            0.1,
-            0.2 * math.cos(scan),
-            0.4 * scan,
-        )
-        for each in (made, oracle):
-            each.insert(points, pose)
-        assert_same(made, oracle)
-        assert_sound(made.bricks)
-
-
-@pytest.mark.parametrize("depth", [2, 3, 4])
-def test_rays_that_meet_borders_at_once_stop_at_the_window_as_in_a_dense_array(depth: int) -> None:
-    # Sensor and points on corners, edges and middles of leaves: diagonals that leave the window
-    # through its edges and corners.
-    octree = Octree(edge_m=2.0**depth, depth=depth, rays="all", sensor_height_m=0.0)
-    made = octree.grow()
-    oracle = DenseOctree(octree)
-    rng = np.random.default_rng(1)
-    for scan in range(12):
-        points = rng.integers(-2 * octree.side, 2 * octree.side + 1, (60, 3)) / 2
-        pose = at(scan / 2 - 3, -scan / 2, 0.5)
-        for each in (made, oracle):
-            each.insert(points, pose)
-        assert_same(made, oracle)
 
 
 def test_leaves_outside_the_cube_are_dropped_though_their_brick_stays() -> None:

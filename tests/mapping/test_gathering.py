@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pipeline.core import store
 from pipeline.core.compute import Compute
 from pipeline.core.frames import pose
 from pipeline.core.progress import Progress
@@ -15,7 +16,7 @@ from pipeline.mapping import gathering
 from pipeline.mapping.gathering import Gathering
 from pipeline.mapping.submaps import Accumulated
 from pipeline.views.draw import Drawing
-from tests.artifacts import write_scans, write_submaps
+from tests.artifacts import write_scans
 
 GRAIN_M = 0.005
 NAN4 = np.full((4, 4), np.nan)
@@ -133,7 +134,8 @@ def test_each_scan_is_read_once_and_blocks_of_any_size_say_the_same(
 def test_views_of_accumulated_submaps_are_drawn_from_all_their_scans(tmp_path: Path) -> None:
     artifact = scans(tmp_path, [np.array([[1.0, 0, row / 2]]) for row in range(4)], driven(4))
     made = cut(artifact)
-    submaps = write_submaps(tmp_path / "submaps.zarr", driven(4)[made.scans], **vars(made))
+    store.write(tmp_path / "submaps.zarr", made)
+    submaps = store.read(tmp_path / "submaps.zarr", Submaps)
     drawing = Drawing(
         artifact, submaps, lambda points: np.array([len(points), points[:, 2].sum()], np.float32)
     )

@@ -23,7 +23,6 @@ from pipeline.readers.kitti import Kitti
 from pipeline.readers.log import Log
 from pipeline.views.scan_context import ScanContext
 from stages.views import main
-from tests.artifacts import write_submaps
 
 ROOT = Path(__file__).parents[2]
 
@@ -106,10 +105,7 @@ def test_views_that_show_nothing_are_refused(
     }
     for percentile, shows in ((5.0, False), (-1.0, True)):
         made = Accumulated(window_m=5.0, ground_percentile=percentile).cut(scans, Progress())
-        stamps_ns = scans.load("stamps_ns")[made.scans]
-        write_submaps(
-            Path("submaps/monday.zarr"), poses[made.scans], stamps_ns=stamps_ns, **vars(made)
-        )
+        store.write("submaps/monday.zarr", made)
         if shows:
             # Of 29 anchors the first four have no whole window.
             assert main.run(OmegaConf.create(drawn)).startswith(

@@ -16,7 +16,6 @@ from pipeline.alterations.turned import Turned, turned
 from pipeline.core import schemas
 from pipeline.core.compute import Compute
 from pipeline.core.frames import pose, yaw
-from pipeline.mapping import gathering
 from pipeline.matching.ranking import Rows
 from pipeline.views.altered import AlteredRows, altered
 from pipeline.views.draw import Drawing
@@ -110,24 +109,6 @@ def test_each_case_is_drawn_of_the_altered_points(driven: Artifacts) -> None:
             for points, rng in zip(submaps, rngs, strict=True)
         ]
         np.testing.assert_array_equal(rows.images, wanted)
-
-
-def test_points_are_gathered_once_for_all_cases(
-    driven: Artifacts, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    gathered = []
-    plain = gathering.transformed
-    monkeypatch.setattr(
-        gathering,
-        "transformed",
-        lambda a_T_b, points: (gathered.append(1), plain(a_T_b, points))[1],
-    )
-    counts = []
-    for alteration in (Turned(repeats=1), ALL):
-        gathered.clear()
-        altered(*driven, Summary(), alteration)
-        counts.append(len(gathered))
-    assert counts[0] == counts[1]
 
 
 def test_a_turned_robot_sees_the_same_world(driven: Artifacts) -> None:

@@ -4,7 +4,7 @@ ground truth, and wheel odometry with its covariance.
 
 import numpy as np
 
-from pipeline.core.frames import flip_ned
+from pipeline.core.frames import flip_ned, moved
 from pipeline.formats.nclt import (
     COVARIANCE,
     ODOMETRY,
@@ -41,6 +41,6 @@ class NcltWriter(Writer):
 
     def write_scan(self, scan: int, utime: int, returns: Returns) -> None:
         """Write velodyne_sync/<utime>.bin, with points in the body's frame."""
-        points_m = returns.points_m @ self.body_T_sensor[:3, :3].T + self.body_T_sensor[:3, 3]
+        points_m = moved(self.body_T_sensor, returns.points_m)
         data = encode(points_m.astype(np.float32), returns.intensity, returns.laser)
         (self.folder / SCANS / f"{utime}.bin").write_bytes(data)

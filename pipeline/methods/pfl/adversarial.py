@@ -12,7 +12,7 @@ the networks with the weights of the best round, and curves of all losses by rou
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import torch
@@ -22,7 +22,7 @@ from torch.nn.functional import mse_loss
 
 from pipeline.core.errors import ConfigError
 from pipeline.core.progress import Progress
-from pipeline.core.settings import Count, Positive, Seed, Whole
+from pipeline.core.settings import Count, Positive, Range, Seed, Whole
 from pipeline.matching.sequences import SequenceMethod
 from pipeline.methods.pfl.game import Game, Turn
 from pipeline.networks import loop
@@ -92,7 +92,6 @@ class Training(SequenceMethod):
     """Settings of the adversarial training, and its rounds."""
 
     view: str = "birdview"
-    contrast_rows: int = 30
     width: Count = 64
     """Number of filters of the first convolution; every hidden layer scales with it."""
     code: Count = 512
@@ -105,13 +104,13 @@ class Training(SequenceMethod):
     Neither the paper nor its code gives the number. BiGAN's authors make 400 over MNIST's 50,000
     images; 30 over the 120,000 images of an NCLT drive are 56,000 iterations.
     """
-    batch: int = 64
+    batch: Annotated[int, Range(2, wording="2 or more, for the batch norms")] = 64
     """Images in a batch."""
     learning_rate: Positive = 0.0002
     schedule: loop.Schedule = "constant"
     """The authors' is constant. A short training needs the rate to fall at its end; then
     `learning_rate` is the peak."""
-    beta1: float = 0.5
+    beta1: Annotated[float, Range(0, 1 - 1e-9, wording="0 or more, and less than 1")] = 0.5
     """Adam's first decay rate."""
     generator_steps: Count = 4
     """How often an iteration takes each turn that is `repeated`, the generators', on its batch.
@@ -125,13 +124,6 @@ class Training(SequenceMethod):
     threads: Count = 2
     """Fixed, since the order of sums depends on it, and so do the weights."""
     seed: Seed = 0
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.batch < 2:
-            raise ConfigError(f"method.batch={self.batch}: expected 2 or more, for the batch norms")
-        if not 0 <= self.beta1 < 1:
-            raise ConfigError(f"method.beta1={self.beta1}: expected 0 or more, and less than 1")
 
     def play(
         self,
