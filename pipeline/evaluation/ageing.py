@@ -25,8 +25,6 @@ class Line:
     """A value v = intercept + slope · days, fitted to `number` sequences."""
 
     number: int
-    last_day: float
-    """Day of the last sequence: the line after it is extrapolated."""
     intercept: float
     """The value on the day of training."""
     slope: float
@@ -129,7 +127,6 @@ class Ageing:
         pair_slopes = (y[later] - y[earlier]) / (x[later] - x[earlier])
         return Line(
             number=n,
-            last_day=float(x.max()),
             intercept=float(y.mean() - slope * x.mean()),
             slope=slope,
             middle_slope=float(np.median(pair_slopes)),
