@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from pipeline.core.errors import ArtifactError, ConfigError
 from pipeline.core.replacing import replace
-from pipeline.core.settings import filled, plain
+from pipeline.core.settings import filled
 
 Mode = Literal["trinary", "scale", "raw"]
 UNKNOWN = -1
@@ -105,41 +105,27 @@ def read(path: Path) -> GridMap:
     return GridMap(occupancy, float(keys.resolution), (x_m, y_m, yaw_rad))
 
 
-def write(path: Path, grid: GridMap, mode: Mode = "trinary") -> None:
-    """Write a map: the yaml at `path`, and its image beside it, with the suffix .pgm.
-
-    Raises ConfigError for mode `scale` if a cell is unknown, which a .pgm cannot hold in that mode.
-    """
-    if path.suffix != ".yaml":
-        raise ConfigError(f"{path}: expected FILE.yaml; its image is written beside it as FILE.pgm")
+def write(path: Path, grid: GridMap) -> None:
+    """Write a map of mode `trinary`: FILE.yaml at `path`, and its image beside it as FILE.pgm."""
     cells = grid.occupancy[::-1].astype(np.int64)
-    is_known = cells >= 0
-    if mode == "scale" and not is_known.all():
-        raise ConfigError(
-            f"{path}: mode scale cannot hold the {(~is_known).sum():,} unknown cells in a .pgm; "
-            "choose trinary or raw"
-        )
-    if mode == "raw":
-        pixels = np.where(is_known, cells, 255)
-    elif mode == "scale":
-        share = FREE_THRESH + cells / 100 * (OCCUPIED_THRESH - FREE_THRESH)
-        share[cells == FREE] = 0.0
-        share[cells == OCCUPIED] = 1.0
-        pixels = np.rint(255 * (1 - share)).astype(np.int64)
-    else:
-        pixels = np.full(cells.shape, UNKNOWN_PIXEL)
-        pixels[is_known & (cells <= 100 * FREE_THRESH)] = FREE_PIXEL
-        pixels[cells >= 100 * OCCUPIED_THRESH] = OCCUPIED_PIXEL
+    pixels = np.full(cells.shape, UNKNOWN_PIXEL, np.uint8)
+    pixels[(cells >= 0) & (cells <= 100 * FREE_THRESH)] = FREE_PIXEL
+    pixels[cells >= 100 * OCCUPIED_THRESH] = OCCUPIED_PIXEL
     image = path.with_suffix(".pgm")
     rows, cols = cells.shape
     with replace(image) as scratch:
-        scratch.write_bytes(
-            f"P5\n{cols} {rows}\n255\n".encode() + pixels.astype(np.uint8).tobytes()
-        )
-    keys = Keys(image=image.name, mode=mode, resolution=grid.resolution_m, origin=grid.origin)
+        scratch.write_bytes(f"P5\n{cols} {rows}\n255\n".encode() + pixels.tobytes())
+    keys = {
+        "image": image.name,
+        "mode": "trinary",
+        "resolution": grid.resolution_m,
+        "origin": list(grid.origin),
+        "negate": 0,
+        "occupied_thresh": OCCUPIED_THRESH,
+        "free_thresh": FREE_THRESH,
+    }
     with replace(path) as scratch:
-        text = yaml.safe_dump(plain(keys, whole=True), sort_keys=False)
-        scratch.write_text(text, encoding="utf-8")
+        scratch.write_text(yaml.safe_dump(keys, sort_keys=False), encoding="utf-8")
 
 
 def _yaml(path: Path) -> dict[str, Any]:

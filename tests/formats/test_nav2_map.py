@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.core.errors import ArtifactError, ConfigError
-from pipeline.formats.nav2_map import GridMap, Mode, read, write
+from pipeline.core.errors import ArtifactError
+from pipeline.formats.nav2_map import GridMap, read, write
 
 YAML = """image: hall.pgm
 resolution: 0.05
@@ -55,24 +55,12 @@ def test_the_images_lowest_row_is_row_0(tmp_path: Path) -> None:
     np.testing.assert_array_equal(grid.occupancy, [[0, 0], [100, 0]])
 
 
-@pytest.mark.parametrize("mode", ["trinary", "raw", "scale"])
-def test_a_written_map_is_read_as_it_was(tmp_path: Path, mode: Mode) -> None:
-    levels = {"trinary": [-1, 0, 100], "raw": range(-1, 101), "scale": range(101)}[mode]
-    cells = np.random.default_rng(0).choice(list(levels), (23, 31)).astype(np.int8)
-    grid = GridMap(cells, 0.05, (-1.25, 3.0, 0.7))
-    write(tmp_path / "hall.yaml", grid, mode)
+def test_a_written_map_is_read_as_it_was(tmp_path: Path) -> None:
+    cells = np.random.default_rng(0).choice([-1, 0, 100], (23, 31)).astype(np.int8)
+    write(tmp_path / "hall.yaml", GridMap(cells, 0.05, (-1.25, 3.0, 0.7)))
     again = read(tmp_path / "hall.yaml")
-    # of `scale` a percentage moves by half a grey level at most: .5 / 255 / (.65 − .196) = .4 %
-    np.testing.assert_allclose(again.occupancy, cells, atol=1 if mode == "scale" else 0)
+    np.testing.assert_array_equal(again.occupancy, cells)
     assert (again.resolution_m, again.origin) == (0.05, (-1.25, 3.0, 0.7))
-
-
-def test_a_pgm_of_mode_scale_cannot_hold_unknown_cells(tmp_path: Path) -> None:
-    grid = GridMap(np.array([[-1, 0]], np.int8), 0.05, (0.0, 0.0, 0.0))
-    with pytest.raises(ConfigError, match="mode scale cannot hold the 1 unknown cells"):
-        write(tmp_path / "hall.yaml", grid, "scale")
-    with pytest.raises(ConfigError, match=r"expected FILE\.yaml"):
-        write(tmp_path / "hall.pgm", grid)
 
 
 @pytest.mark.parametrize(
