@@ -112,9 +112,10 @@ test-all: .venv/tools
 
 # What trains, as kinds of processor do that this one can play: in float32 and bfloat16 (some tests each), with all that it has and held
 # to AVX2. SEEDS=10 repeats each with ten seeds and prints the smallest margins.
+LEARNING = $(shell grep -rl --include='*.py' mark.learning tests)
 test-learning: .venv/tools
-	pytest -m learning --seeds $(or $(SEEDS),1)
-	ONEDNN_MAX_CPU_ISA=AVX2 ATEN_CPU_CAPABILITY=avx2 pytest -m learning --seeds $(or $(SEEDS),1)
+	pytest -m learning --seeds $(or $(SEEDS),1) $(LEARNING)
+	ONEDNN_MAX_CPU_ISA=AVX2 ATEN_CPU_CAPABILITY=avx2 pytest -m learning --seeds $(or $(SEEDS),1) $(LEARNING)
 
 # What speaks to servers, against real ones of this machine: PostgreSQL of the system and an S3 server, beside the packages of .venv.
 test-servers: .servers/ready

@@ -141,16 +141,14 @@ def test_a_study_written_by_hand_may_leave_out_what_follows(project):
     }
 
 
-@pytest.mark.parametrize("key", ["world", "train", "tests", "grids", "methods", "budget"])
-def test_what_a_study_lacks_is_one_line(project, capsys, key):
+def test_what_a_study_lacks_is_one_line(project, capsys):
     main(["use", "campus"])
-    path = project / "conf/studies.yaml"
-    own = studies(project)
-    del own["campus"][key]
-    path.write_text(yaml.safe_dump({"studies": own}))
-    assert f"campus has no {key}; `yearloc use campus` writes the study anew" in refused(
-        capsys, "use"
-    )
+    for key in ("world", "train", "tests", "grids", "methods", "budget"):
+        campus = {name: value for name, value in study(project).items() if name != key}
+        (project / "conf/studies.yaml").write_text(yaml.safe_dump({"studies": {"campus": campus}}))
+        line = f"campus has no {key}; `yearloc use campus` writes the study anew"
+        assert line in refused(capsys, "use")
+        main(["use", "campus"])
 
 
 def test_studies_stand_side_by_side(project, capsys):
@@ -352,58 +350,44 @@ def test_a_simulated_study_of_viewpoints_stands_beside_one_of_the_year(project):
     assert studies(project)["campus"]["methods"][-1] == SAD
 
 
-@pytest.mark.parametrize(
-    ("words", "part"),
-    [
-        ("use campus latency=perhaps", "latency=perhaps: expected yes or no"),
-        ("use suburb question=viewpoints methods=pfl,sci", "only methods that look at bird-views"),
-        ("use town question=viewpoints", "question=viewpoints: of town expected year"),
-        ("use suburb question=train", "expected year or robustness or viewpoints"),
-        ("use campus seeds=0", "expected a number from 1 to 100"),
-        (
-            "use campus question=robustness methods=sci variants=engaged",
-            "variants=engaged: expected some of 1way, 1way200, 24way, 4way, 4way200, 8way, 8way200, "
-            "grey, text",
-        ),
-        ("use campus question=robustness cells=10m", "cells=10m: expected some of 20m, 2m, 5m"),
-        ("use campus variants=4way", "variants=4way: expected some of authors, engaged"),
-        (
-            "use suburb question=viewpoints variants=4way",
-            "variants=4way: expected some of 30m, eight_headings, logistic, one_heading, paper, "
-            "per_metre, unforgetting, untrained",
-        ),
-        ("use campus altered=rain", "altered=rain: expected some of glance"),
-        (
-            "use campus question=robustness variants=5way",
-            "variants=5way: expected some of 1way, 1way200, 24way, 4way, 4way200, 8way, 8way200, "
-            "authors, engaged, grey, text",
-        ),
-        ("use moon", "expected one of bag, campus"),
-        ("use nclt", "root=FOLDER"),
-        ("use nclt root=/nowhere", "no such folder"),
-        ("use campus world=huge", "tiny, demo, nclt, year"),
-        ("use campus root=/data", "no option root"),
-        ("use campus tiny", "no data set tiny"),
-        ("use root=/data", "of which data set?"),
-        ("use campus tests=2011-01-01", "conf/world/campus_demo.yaml drives 2012-01-15"),
-        ("use campus world=a\x1b[31mb\x07c", "world=a?[31mb?c: expected one of tiny"),
-        (
-            "use campus budget=rich",
-            "budget=rich: expected one of demo, evening, full, minutes, night, papers, tiny",
-        ),
-        ("inspect nothing.bin", "nothing.bin"),
-        ("results", "dvc repro"),
-        ("fetch kitti", "expected one of carmen, nclt, nclt_keyframes"),
-        ("fetch nclt", "for example, 2012-01-15"),
-        ("fetch nclt 2012-01-15 base=http://127.0.0.1:9/", "cannot be reached"),
-        ("inspect monday --save robot.yaml", "conf/dataset/NAME.yaml"),  # `use` would not find it
-        ("inspect monday --save conf/dataset/robot.yml", "conf/dataset/NAME.yaml"),
-        ("inspect monday --save /nowhere/robot.yaml", "conf/dataset/NAME.yaml"),
-        ("inspect monday --save conf/dataset/nclt.yaml", "there already"),
-    ],
-)
-def test_a_mistake_is_one_line_that_says_what_was_expected(project, capsys, words, part):
-    assert part in refused(capsys, *words.split())
+MISTAKES = {
+    "use campus latency=perhaps": "latency=perhaps: expected yes or no",
+    "use suburb question=viewpoints methods=pfl,sci": "only methods that look at bird-views",
+    "use town question=viewpoints": "question=viewpoints: of town expected year",
+    "use suburb question=train": "expected year or robustness or viewpoints",
+    "use campus seeds=0": "expected a number from 1 to 100",
+    "use campus question=robustness methods=sci variants=engaged": "variants=engaged: expected some of 1way, 1way200, 24way, 4way, 4way200, 8way, 8way200, grey, text",
+    "use campus question=robustness cells=10m": "cells=10m: expected some of 20m, 2m, 5m",
+    "use campus variants=4way": "variants=4way: expected some of authors, engaged",
+    "use suburb question=viewpoints variants=4way": "variants=4way: expected some of 30m, eight_headings, logistic, one_heading, paper, per_metre, unforgetting, untrained",
+    "use campus altered=rain": "altered=rain: expected some of glance",
+    "use campus question=robustness variants=5way": "variants=5way: expected some of 1way, 1way200, 24way, 4way, 4way200, 8way, 8way200, authors, engaged, grey, text",
+    "use moon": "expected one of bag, campus",
+    "use nclt": "root=FOLDER",
+    "use nclt root=/nowhere": "no such folder",
+    "use campus world=huge": "tiny, demo, nclt, year",
+    "use campus root=/data": "no option root",
+    "use campus tiny": "no data set tiny",
+    "use root=/data": "of which data set?",
+    "use campus tests=2011-01-01": "conf/world/campus_demo.yaml drives 2012-01-15",
+    "use campus world=a\x1b[31mb\x07c": "world=a?[31mb?c: expected one of tiny",
+    "use campus budget=rich": "budget=rich: expected one of demo, evening, full, minutes, night, papers, tiny",
+    "inspect nothing.bin": "nothing.bin",
+    "results": "dvc repro",
+    "fetch kitti": "expected one of carmen, nclt, nclt_keyframes",
+    "fetch nclt": "for example, 2012-01-15",
+    "fetch nclt 2012-01-15 base=http://127.0.0.1:9/": "cannot be reached",
+    "inspect monday --save robot.yaml": "conf/dataset/NAME.yaml",
+    "inspect monday --save conf/dataset/robot.yml": "conf/dataset/NAME.yaml",
+    "inspect monday --save /nowhere/robot.yaml": "conf/dataset/NAME.yaml",
+    "inspect monday --save conf/dataset/nclt.yaml": "there already",
+}
+"""Words, and what is expected instead of them."""
+
+
+def test_a_mistake_is_one_line_that_says_what_was_expected(project, capsys):
+    for words, part in MISTAKES.items():
+        assert part in refused(capsys, *words.split()), words
 
 
 def test_options_may_come_before_words_and_a_study_that_goes_is_named(project, capsys):
@@ -655,56 +639,52 @@ def test_heavy_packages_are_imported_by_the_commands_that_need_them():
     assert not loaded & {"torch", "mlflow", "pandas", "zarr", "numba", "numpy", "scipy"}
 
 
-@pytest.mark.parametrize(
-    ("name", "words", "mistake"),
-    [
-        ("yearloc", "", "Missing command"),
-        ("yearloc", "metods", "No such command 'metods'. Did you mean 'methods'?"),
-        ("yearloc", "--jsn", "No such option: --jsn"),
-        ("yearloc use", "campus --kep", "No such option: --kep (Possible options: --help, --keep)"),
-        ("yearloc use", "campus --add=yes", "Option '--add' does not take a value"),
-        ("yearloc methods", "sci", "Got unexpected extra argument(s) (sci)"),
-        ("yearloc localize", "", "Missing argument 'SITE'"),
-        ("yearloc pack", "campus/10m/sci", "Missing option '-o' / '--out'"),
-        ("yearloc watch", "a.site log --save", "Option '--save' requires an argument"),
-        ("yearloc results", "--csv --where", "Option '--where' requires an argument"),
-        (
-            "yearloc localize",
-            "a b --threads 1.5",
-            "--threads 1.5: expected a valid integer, unable to parse string as an integer",
-        ),
-        (
-            "yearloc localize",
-            "a b --lift x\x1b[m",
-            "--lift x?[m: expected a valid number, unable to parse string as a number",
-        ),
-        (
-            "yearloc grow",
-            "a b --promise [red]x",
-            "--promise [red]x: expected a valid number, unable to parse string as a number",
-        ),
-        ("yearloc watch", "a b --promise x", "--promise x: expected a share or the word none"),
-        ("yearloc inspect", "a --format pcd", "--format pcd: expected one of 'nclt', 'kitti'"),
-        ("yearloc localize", "a b --json --csv", "--csv: not together with --json"),
-        (
-            "yearloc localize",
-            "a b --lift 0 --body-T-lidar 0",
-            "--body-T-lidar: not together with --lift",
-        ),
-        (
-            "yearloc results",
-            "method=sci",
-            "method=sci: a word of --where or --write, and neither is there",
-        ),
-    ],
-)
-def test_a_mistyped_command_option_or_value_is_one_line(capsys, name, words, mistake):
-    with pytest.raises(SystemExit) as stop:
-        main([*name.split()[1:], *words.split()])
-    assert stop.value.code == 2
-    printed = capsys.readouterr()
-    assert printed.err == f"{name}: {mistake}; `{name} --help` shows what is needed\n"
-    assert not printed.out
+MISTYPED = {
+    ("yearloc", ""): "Missing command",
+    ("yearloc", "metods"): "No such command 'metods'. Did you mean 'methods'?",
+    ("yearloc", "--jsn"): "No such option: --jsn",
+    ("yearloc use", "campus --kep"): "No such option: --kep (Possible options: --help, --keep)",
+    ("yearloc use", "campus --add=yes"): "Option '--add' does not take a value",
+    ("yearloc methods", "sci"): "Got unexpected extra argument(s) (sci)",
+    ("yearloc localize", ""): "Missing argument 'SITE'",
+    ("yearloc pack", "campus/10m/sci"): "Missing option '-o' / '--out'",
+    ("yearloc watch", "a.site log --save"): "Option '--save' requires an argument",
+    ("yearloc results", "--csv --where"): "Option '--where' requires an argument",
+    (
+        "yearloc localize",
+        "a b --threads 1.5",
+    ): "--threads 1.5: expected a valid integer, unable to parse string as an integer",
+    (
+        "yearloc localize",
+        "a b --lift x\x1b[m",
+    ): "--lift x?[m: expected a valid number, unable to parse string as a number",
+    (
+        "yearloc grow",
+        "a b --promise [red]x",
+    ): "--promise [red]x: expected a valid number, unable to parse string as a number",
+    ("yearloc watch", "a b --promise x"): "--promise x: expected a share or the word none",
+    ("yearloc inspect", "a --format pcd"): "--format pcd: expected one of 'nclt', 'kitti'",
+    ("yearloc localize", "a b --json --csv"): "--csv: not together with --json",
+    (
+        "yearloc localize",
+        "a b --lift 0 --body-T-lidar 0",
+    ): "--body-T-lidar: not together with --lift",
+    (
+        "yearloc results",
+        "method=sci",
+    ): "method=sci: a word of --where or --write, and neither is there",
+}
+"""A command, the words after it, and what is said of them."""
+
+
+def test_a_mistyped_command_option_or_value_is_one_line(capsys):
+    for (name, words), mistake in MISTYPED.items():
+        with pytest.raises(SystemExit) as stop:
+            main([*name.split()[1:], *words.split()])
+        assert stop.value.code == 2
+        printed = capsys.readouterr()
+        assert printed.err == f"{name}: {mistake}; `{name} --help` shows what is needed\n"
+        assert not printed.out
 
 
 def test_shells_complete_commands_and_options():

@@ -15,8 +15,6 @@ import numpy as np
 import psutil
 import pytest
 import yaml
-from hydra import compose, initialize_config_dir
-from hydra.utils import instantiate
 
 from pipeline.core import clusters
 from pipeline.core.clusters import pods
@@ -240,14 +238,6 @@ def test_a_missing_package_names_its_extra(
 
 def described(name: str) -> dict[str, Any]:
     return dict(yaml.safe_load((ROOT / f"conf/compute/{name}.yaml").read_text()))
-
-
-@pytest.mark.parametrize(
-    "name", sorted(path.stem for path in (ROOT / "conf/compute").glob("*.yaml"))
-)
-def test_every_way_is_composed(name: str) -> None:
-    with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
-        assert instantiate(compose("scans", [f"compute={name}"]).compute).scheduler == name
 
 
 def test_the_environment_chooses_for_stages_that_compute_blocks(

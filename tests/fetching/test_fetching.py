@@ -364,11 +364,6 @@ def test_a_redirection_from_https_to_http_is_refused(
         Downloader(1, 1.0, 0.001).fetch("https://127.0.0.1/big", tmp_path / "big", Progress())
 
 
-def test_an_address_without_a_server_raises_an_error_of_one_line(tmp_path: Path) -> None:
-    with one_line(LogError, "gave up after 2 tries"):
-        Downloader(2, 0.3, 0.001).fetch("http://127.0.0.1:9/x", tmp_path / "x", Progress())
-
-
 def test_progress_is_shown_chunk_by_chunk(big: Served, tmp_path: Path) -> None:
     seen = []
 
@@ -728,14 +723,6 @@ def test_numbered_files_of_another_sum_are_removed(served: Served, tmp_path: Pat
     assert list((tmp_path / "run").iterdir()) == []
 
 
-def test_a_date_that_the_publisher_lacks_is_named(nclt: Served, tmp_path: Path) -> None:
-    with pytest.raises(
-        LogError,
-        match=r"groundtruth_2012-01-09.csv: the server says 404 .*is there such a sequence",
-    ):
-        fetch(nclt, tmp_path / "root", "2012-01-09")
-
-
 @pytest.mark.parametrize(
     ("change", "says"),
     [
@@ -760,9 +747,3 @@ def test_the_error_on_a_wrong_setting_names_it(
 ) -> None:
     with pytest.raises(ConfigError, match=says):
         publisher(served, **change)
-
-
-def test_the_projects_own_setting_is_the_official_one() -> None:
-    official = Publisher.of(conf())
-    assert official.base == "https://s3.us-east-2.amazonaws.com/nclt.perl.engin.umich.edu/"
-    assert official.archives[2].of(DATE)[0].path == f"velodyne_data/{DATE}_vel.tar.gz"
