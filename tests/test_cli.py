@@ -146,7 +146,9 @@ def test_what_a_study_lacks_is_one_line(project, capsys):
     for key in ("world", "train", "tests", "grids", "methods", "budget"):
         campus = {name: value for name, value in study(project).items() if name != key}
         (project / "conf/studies.yaml").write_text(yaml.safe_dump({"studies": {"campus": campus}}))
-        line = f"campus has no {key}; `yearloc use campus` writes the study anew"
+        line = (
+            f"campus: not given: {key}; correct it, or `yearloc use campus` writes the study again"
+        )
         assert line in refused(capsys, "use")
         main(["use", "campus"])
 
@@ -499,13 +501,13 @@ def test_a_slip_in_a_data_sets_yaml_is_one_line(project, capsys, old, new, said)
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("    - 10m", "    - 7m", "the grid 7m; expected one of 10m"),
-        ("    grids:", "    cells: [7m]\n    grids:", "the grid 7m; expected one of 10m"),
-        ("glance", "rain", "the alteration rain; expected one of construction, demolition"),
+        ("    - 10m", "    - 7m", "grid=7m: expected one of 10m"),
+        ("    grids:", "    cells: [7m]\n    grids:", "grid=7m: expected one of 10m"),
+        ("glance", "rain", "alteration=rain: expected one of construction, demolition"),
         ("name: sci\n", "name: sco\n", "methods=sco: expected some of afl"),
-        ("view: scan_context_authors\n", "view: mirror\n", "the view mirror"),
+        ("view: scan_context_authors\n", "view: mirror\n", "view=mirror: expected one of"),
         ("single", "dual", "submap"),
-        ("campus_demo", "moon", "the world moon"),
+        ("campus_demo", "moon", "world=moon: expected one of"),
     ],
 )
 def test_a_study_by_hand_names_what_there_is(project, capsys, old, new, said):
