@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from pipeline.core.errors import ArtifactError, ConfigError
 from pipeline.core.replacing import replace
-from pipeline.core.settings import filled
+from pipeline.core.settings import filled, plain
 
 Mode = Literal["trinary", "scale", "raw"]
 UNKNOWN = -1
@@ -115,17 +115,10 @@ def write(path: Path, grid: GridMap) -> None:
     rows, cols = cells.shape
     with replace(image) as scratch:
         scratch.write_bytes(f"P5\n{cols} {rows}\n255\n".encode() + pixels.tobytes())
-    keys = {
-        "image": image.name,
-        "mode": "trinary",
-        "resolution": grid.resolution_m,
-        "origin": list(grid.origin),
-        "negate": 0,
-        "occupied_thresh": OCCUPIED_THRESH,
-        "free_thresh": FREE_THRESH,
-    }
+    keys = Keys(image=image.name, resolution=grid.resolution_m, origin=grid.origin)
     with replace(path) as scratch:
-        scratch.write_text(yaml.safe_dump(keys, sort_keys=False), encoding="utf-8")
+        text = yaml.safe_dump(plain(keys, whole=True), sort_keys=False)
+        scratch.write_text(text, encoding="utf-8")
 
 
 def _yaml(path: Path) -> dict[str, Any]:
