@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.core import schemas, store
+from pipeline.core.compute import Compute
+from pipeline.core.progress import Progress
 from pipeline.views.mapped import MappedViews
 from stages import EachSequence, each_sequence, stage
 
@@ -30,7 +32,8 @@ def main(settings: Settings) -> str:
         name = f"{sequence}.zarr"
         scans = store.read(settings.scans / name, schemas.Scans)
         submaps = store.read(settings.submaps / name, schemas.Submaps)
-        return f"{sequence}: {MappedViews(scans, submaps, settings.view).write(folder / name)}"
+        drawing = MappedViews(scans, submaps, settings.view)
+        return f"{sequence}: {drawing.write(folder / name, Compute(workers=1), Progress())}"
 
     return each_sequence(settings, draw, "draw")
 

@@ -5,7 +5,7 @@ scans so far (`views.mapped`).
 """
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from itertools import islice
 from pathlib import Path
@@ -47,6 +47,10 @@ class Drawing:
     scans: Scans
     submaps: Submaps
     view: View
+    complaint: ClassVar[str] = (
+        "all views are blank, nothing stands off the ground; lift_m, or submap: flat?"
+    )
+    """What is said where all views are blank."""
 
     def __len__(self) -> int:
         return int(self.submaps["scans"].shape[0])
@@ -74,16 +78,29 @@ class Drawing:
 
         Raises ArtifactError if all are blank.
         """
-        n_blocks = math.ceil(len(self) / BLOCK)
-        blocks = progress.track(self.blocks(compute), n_blocks, f"draw {path.stem}")
-        complaint = "all views are blank, nothing stands off the ground; lift_m, or submap: flat?"
-        return write_views(
-            path,
-            self.view.schema,
-            self.submaps,
-            ((images, ~(images < BLANK_BELOW)) for images in blocks),  # a NaN counts as shown
-            complaint,
+        schema = self.view.schema
+        blocks = progress.track(
+            self.blocks(compute), math.ceil(len(self) / BLOCK), f"draw {path.stem}"
         )
+        count = blank = 0
+        with store.draft(path, schema, cases=AS_DRIVEN) as out:
+            for images in blocks:
+                out.append("images", images)
+                count += len(images)
+                shows_something = self.shows(images).reshape(len(images), -1).any(axis=1)
+                blank += int((~shows_something).sum())
+            if blank == count:
+                raise ArtifactError(f"{self.submaps.path}: {self.complaint}")
+            for name in ("stamps_ns", "world_T_anchor"):
+                out.put(name, self.submaps.load(name))
+        sides = " × ".join(map(str, images.shape[1:]))
+        names = ", ".join(schema.columns["images"].dims[1:]).replace("_px", "")
+        line = f"{count} views of {sides} ({names})"
+        return f"{line}, {blank} of them blank" if blank else line
+
+    def shows(self, images: NDArray[Any]) -> NDArray[np.bool_]:
+        """True where images (n, …) show something; a NaN counts as shown."""
+        return np.asarray(~(images < BLANK_BELOW))
 
     def points(self) -> Iterator[NDArray[np.floating]]:
         """Yield the points (n, 3) in metres of one submap after the other, z up from the ground."""
@@ -96,32 +113,3 @@ class Drawing:
         rows = slice(start, stop)
         points_of_submaps = submap_points(self.scans, self.submaps, rows)
         return np.stack([self.view(points) for points in points_of_submaps])
-
-
-def write_views(
-    path: Path,
-    schema: type[Views],
-    submaps: Submaps,
-    blocks: Iterable[tuple[NDArray[Any], NDArray[np.bool_]]],
-    complaint: str,
-) -> str:
-    """Write blocks of images as an artifact; returns a line on how many, of what shape.
-
-    A block is images (n, …), and a mask (n, …) that is true where an image shows something.
-    Raises ArtifactError with the `complaint` if all images are blank.
-    """
-    count = blank = 0
-    with store.draft(path, schema, cases=AS_DRIVEN) as out:
-        for images, shows_something in blocks:
-            out.append("images", images)
-            count += len(images)
-            is_blank = ~shows_something.reshape(len(shows_something), -1).any(axis=1)
-            blank += int(is_blank.sum())
-        if blank == count:
-            raise ArtifactError(f"{submaps.path}: {complaint}")
-        for name in ("stamps_ns", "world_T_anchor"):
-            out.put(name, submaps.load(name))
-    sides = " × ".join(map(str, images.shape[1:]))
-    names = ", ".join(schema.columns["images"].dims[1:]).replace("_px", "")
-    line = f"{count} views of {sides} ({names})"
-    return f"{line}, {blank} of them blank" if blank else line

@@ -6,52 +6,43 @@ of a submap shows the octree as it is after the scan of the submap's anchor.
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.core.compute import Compute
 from pipeline.core.frames import Poses
-from pipeline.core.schemas import BirdViews, Scans, Submaps
 from pipeline.mapping.gathering import scan_points
 from pipeline.mapping.octree import OctreeMap, Variance
 from pipeline.views.birdview import BirdView
-from pipeline.views.draw import write_views
+from pipeline.views.draw import Drawing
 
 
 @dataclass(frozen=True)
-class MappedViews:
+class MappedViews(Drawing):
     """Iterates over the bird-views of a submaps artifact."""
 
-    scans: Scans
-    submaps: Submaps
     view: BirdView
     alter: Callable[[int, NDArray[np.float64]], NDArray[np.float64]] | None = None
     """A function that changes a scan before it is inserted: it takes the scan's row and its points
     (n, 3), z up from the ground, and returns the changed points."""
-
-    def __len__(self) -> int:
-        return int(self.submaps["scans"].shape[0])
+    complaint: ClassVar[str] = (
+        "all bird-views are blank; is the ground at 0, and anything within the z band?"
+    )
 
     def __iter__(self) -> Iterator[NDArray[np.uint8]]:
         """Yield the images (heading, row, column) of each submap."""
         for number, (_, octree_map, odom_T_robot) in enumerate(self.maps()):
             yield self.view.draw(octree_map, odom_T_robot, number)
 
-    def write(self, path: Path) -> str:
-        """Write all views as an artifact to `path`; returns a line on how many, of what shape.
+    def blocks(self, compute: Compute) -> Iterator[NDArray[np.uint8]]:
+        """Yield the images (1, heading, row, column) of each submap, drawn in their order."""
+        return (images[None] for images in self)
 
-        Raises ArtifactError if all are blank.
-        """
-        complaint = "all bird-views are blank; is the ground at 0, and anything within the z band?"
-        return write_views(
-            path,
-            BirdViews,
-            self.submaps,
-            # A block is one submap, and shows something if its first heading does.
-            ((images[None], images[:1] > 0) for images in self),
-            complaint,
-        )
+    def shows(self, images: NDArray[Any]) -> NDArray[np.bool_]:
+        """True where the first heading of bird-views (n, heading, row, column) shows something."""
+        return np.asarray(images[:, :1] > 0)
 
     def maps(self) -> Iterator[tuple[NDArray[np.float64], OctreeMap, Poses]]:
         """Yield, at each submap's anchor, its points (n, 3), the map, and the robot's pose (4, 4).
