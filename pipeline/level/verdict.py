@@ -54,7 +54,8 @@ class LevelJudge:
         far = np.append(_distances_m(fix) >= NEAR_M, True)
         not_best = pose_shares[1:].sum()
         not_near = near_shares[far].sum()
-        not_one_of_several = pose_shares[SEVERAL:].sum()
+        # the last share is none of the hypotheses, however few there are
+        not_one_of_several = pose_shares[min(SEVERAL, len(fix.hypotheses)) :].sum()
         return np.array([not_best, not_near, not_one_of_several]).clip(0, 1)
 
 

@@ -55,6 +55,8 @@ def test_of_two_equal_poses_none_is_accepted_but_one_of_them_is_believed() -> No
     doubts = USUAL.doubts(fixes_of(0.95, 0.95))
     assert doubts[0] > USUAL_LIMITS["fix"][0]
     assert doubts[2] < doubts[0] / 2
+    # a single pose that is hardly believed is not one of several that are
+    assert USUAL.doubts(fixes_of(0.5))[2] == USUAL.doubts(fixes_of(0.5))[0] > 0.3
 
 
 def test_right_is_within_a_metre_and_ten_degrees() -> None:
