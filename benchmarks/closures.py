@@ -42,12 +42,11 @@ from omegaconf import OmegaConf
 from pipeline.core import schemas, store
 from pipeline.core.frames import Poses, turns, wrapped_deg, yaw
 from pipeline.mapping.gathering import submap_points
-from pipeline.posing.fix import poses
 from pipeline.posing.registration import Points
 from pipeline.posing.search import Answers as Ranked
 from pipeline.posing.search import Fixer
 from pipeline.posing.targets import Targets
-from pipeline.posing.verdict import RIGHT_DEG, RIGHT_M, right
+from pipeline.posing.verdict import OF_SCANS
 
 SEEN_M = 5.0
 TILE_M = 20.0
@@ -81,7 +80,7 @@ class Answers:
 
     def line(self, name: str) -> str:
         """A row of the table."""
-        good = right(self.world_T_query, self.world_T_true)
+        good = OF_SCANS.right(self.world_T_query, self.world_T_true)
         level = self.right_from_above()
         found, kept = (
             each[self.seen].mean() if self.seen.any() else np.nan
@@ -103,7 +102,8 @@ class Answers:
         """Which are right but for height, roll and pitch."""
         off_m = np.linalg.norm(self.world_T_query[:, :2, 3] - self.world_T_true[:, :2, 3], axis=1)
         turn_deg = np.abs(wrapped_deg(np.rad2deg(yaw(self.world_T_query) - yaw(self.world_T_true))))
-        return np.asarray((off_m < RIGHT_M) & (turn_deg < RIGHT_DEG))
+        right_m, right_deg = OF_SCANS.right_within
+        return np.asarray((off_m < right_m) & (turn_deg < right_deg))
 
 
 class Day:
@@ -175,7 +175,7 @@ def from_ranking(day: Day, fixer: Fixer) -> Answers:
 
     def one(query: int, points_m: Points) -> tuple[NDArray[np.float64], bool]:
         ranked = Ranked(xy_m[query], np.full(len(xy_m[query]), np.nan))
-        return poses([fixer.fix(points_m, day.targets, ranked)])[0], False
+        return fixer.fix(points_m, day.targets, ranked).pose, False
 
     return day.asked(one, True)
 

@@ -22,7 +22,7 @@ from pipeline.online.example import SCANS, SITE, ExampleScan
 from pipeline.online.inputs import Scan, scans
 from pipeline.online.site import Site
 from pipeline.online.site_file import Arrays, read, write
-from pipeline.posing.verdict import NEAR_M, right
+from pipeline.posing.verdict import OF_SCANS
 
 STRETCH_M = 300.0
 SEEN_M = 5.0
@@ -129,8 +129,8 @@ def answered(site: Site, drive: list[Scan]) -> str:
             scan = drive[row]
             fix = site.localize(scan.points())
             away = np.linalg.norm(fix.world_T_sensor[:2, 3] - scan.world_T_scan[:2, 3])
-            good = right(fix.world_T_sensor[None], scan.world_T_scan[None])[0]
-            is_right = good if fix.verdict == "accepted" else away < NEAR_M
+            good = OF_SCANS.right(fix.world_T_sensor[None], scan.world_T_scan[None])[0]
+            is_right = good if fix.verdict == "accepted" else away < OF_SCANS.near_m
             where = "learned" if is_known else "not in the map"
             counts[f"{where}, {fix.verdict}, {'right' if is_right else 'wrong'}"] += 1
     return "; ".join(f"{count} {what}" for what, count in sorted(counts.items()))

@@ -47,18 +47,12 @@ from pipeline.level.held_out import LevelHeldOut, Sweeps
 from pipeline.level.level_map import Drawing
 from pipeline.level.search import mean_likelihoods, search
 from pipeline.level.sweeps import OVER_M, Gatherer, single
-from pipeline.level.verdict import (
-    RIGHT_DEG,
-    RIGHT_M,
-    LevelEvidence,
-    LevelVerdict,
-    pose_is_right,
-)
+from pipeline.level.verdict import OF_SWEEPS, USUAL
 from pipeline.online.level_pack import UNSEEN_SHARE, pack_map
 from pipeline.online.level_site import LevelSite, LevelTracker
 from pipeline.online.site import Site
 from pipeline.posing.answers import PosedQuery
-from pipeline.posing.verdict import BELIEFS, PROMISES
+from pipeline.posing.verdict import PROMISES, Evidence
 from pipeline.readers.carmen import Carmen
 from pipeline.report.figures import level_plan
 
@@ -205,6 +199,7 @@ def is_log_in_doubt(sweeps: Sweeps, row: int) -> bool:
     count = len(sweeps.world_T_sweep)
     drawing = Drawing.of([sweeps.points(other) for other in range(count)], sweeps.world_T_sweep)
     field = Field.of(drawing.level_map(np.arange(count) == row))
+    right_m, right_deg = OF_SWEEPS.right_within
     hits_m = single(sweeps.points(row)).points_m
     grid_T_sweep = np.linalg.inv(field.world_T_grid) @ sweeps.world_T_sweep[row]
     heading_rad = np.arctan2(grid_T_sweep[1, 0], grid_T_sweep[0, 0])
@@ -215,8 +210,8 @@ def is_log_in_doubt(sweeps: Sweeps, row: int) -> bool:
     for turn_deg in np.arange(-LOG_DEG, LOG_DEG + 0.5):
         turned = np.full((len(off_m), 1), heading_rad + np.deg2rad(turn_deg))
         poses = np.hstack([grid_T_sweep[:2, 3] + off_m, turned])
-        is_other = np.linalg.norm(off_m, axis=1) > RIGHT_M / 2
-        if abs(turn_deg) > RIGHT_DEG / 2:
+        is_other = np.linalg.norm(off_m, axis=1) > right_m / 2
+        if abs(turn_deg) > right_deg / 2:
             is_other[:] = True
         if is_other.any() and mean_likelihoods(field, hits_m, poses[is_other]).max() > least:
             return True
@@ -237,13 +232,13 @@ def numbers(result: Trial) -> list[float]:
     These are the shares accepted of all and of seen, how many are wrong, accepted, and wrong where
     the log is in doubt.
     """
-    limits = dict(zip(PROMISES, result.day.verdict.limits("fix"), strict=True))
+    limits = dict(zip(PROMISES, result.day.verdict.promised["fix"], strict=True))
     doubts = np.array([query.doubts[0] for query in result.queries]).astype(np.float32)
-    good = pose_is_right(np.array([query.pose for query in result.queries]), result.world_T_true)
+    good = OF_SWEEPS.right(np.array([query.pose for query in result.queries]), result.world_T_true)
     seen = result.seen
     values = [float(seen.mean()), float(good[seen].mean())]
     for poses in (result.cells, result.icp):
-        values.append(float(pose_is_right(poses, result.world_T_true)[seen].mean()))
+        values.append(float(OF_SWEEPS.right(poses, result.world_T_true)[seen].mean()))
     for promise in PROMISED:
         accepted = doubts < limits[promise]
         wrong = accepted & ~good
@@ -296,12 +291,11 @@ def usual(folder: Path) -> None:
         hits = [mapped.points(row) for row in range(len(mapped.world_T_sweep))]
         drawing = Drawing.of(hits, mapped.world_T_sweep)
         parts.append(LevelHeldOut(most=150).evidence(LevelFixer(), mapped, drawing, OVER_M))
-    joined = LevelEvidence.joined(parts)
-    judge = LevelVerdict(joined, UNSEEN_SHARE).learned()
-    verdict = LevelVerdict(joined, UNSEEN_SHARE, judge)
+    joined = Evidence.joined(parts)
+    judge = joined.learned(UNSEEN_SHARE, USUAL)
     print(f"{joined.blocks} held-out stretches of {', '.join(TUNED)}")
     print(judge)
-    print({belief: verdict.reached(belief) for belief in BELIEFS})
+    print(joined.limits(judge, UNSEEN_SHARE))
 
 
 def kidnapped(folder: Path, name: str, out: Path) -> str:
@@ -327,7 +321,7 @@ def kidnapped(folder: Path, name: str, out: Path) -> str:
         fix = tracker.localize(points_m, driven.step(row))
         drive.append(level_plan.Seen(points_m, fix, driven.world_T_sweep[row]))
     accepted = np.array([seen.fix.verdict == "accepted" for seen in drive])
-    good = pose_is_right(
+    good = OF_SWEEPS.right(
         np.array([seen.fix.world_T_sensor for seen in drive]),
         np.array([seen.world_T_true for seen in drive]),
     )

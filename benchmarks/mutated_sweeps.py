@@ -30,7 +30,7 @@ from pipeline.level.fix import LevelFixer
 from pipeline.level.held_out import Sweeps
 from pipeline.level.level_map import Drawing
 from pipeline.level.sweeps import OVER_M
-from pipeline.level.verdict import LevelEvidence, LevelVerdict, pose_is_right
+from pipeline.level.verdict import NO_EVIDENCE, OF_SWEEPS, tested
 from pipeline.online.level_pack import UNSEEN_SHARE
 from pipeline.posing.verdict import PROMISES
 
@@ -118,7 +118,7 @@ def building(sweeps: Sweeps) -> tuple[LevelDay, Sweeps]:
     half = len(sweeps.world_T_sweep) // 2
     mapped = sweeps.part(0, half)
     drawing = Drawing.of([mapped.points(row) for row in range(half)], mapped.world_T_sweep)
-    verdict = LevelVerdict(LevelEvidence.joined([]), UNSEEN_SHARE)
+    verdict = tested(NO_EVIDENCE, UNSEEN_SHARE)
     asked = sweeps.part(half, len(sweeps.world_T_sweep))
     return LevelDay(drawing.level_map(), verdict, LevelFixer()), asked
 
@@ -168,7 +168,7 @@ def counted(
         last = len(part.world_T_sweep) - 1
         query = day.query(part.gathered([last], OVER_M)[last])
         counts.asked += 1
-        limit = dict(zip(PROMISES, day.verdict.limits("fix"), strict=True))[PROMISE]
+        limit = dict(zip(PROMISES, day.verdict.promised["fix"], strict=True))[PROMISE]
         if not np.float32(query.doubts[0]) < limit:
             continue
         counts.accepted += 1
@@ -177,7 +177,7 @@ def counted(
             true = true @ TURNED
         if kind == OTHER:
             counts.wrong += 1
-        elif not pose_is_right(query.pose[None], true[None])[0]:
+        elif not OF_SWEEPS.right(query.pose[None], true[None])[0]:
             counts.wrong += 1
             first = len(logs[here].world_T_sweep) - len(sweeps.world_T_sweep)
             counts.in_doubt += is_log_in_doubt(logs[here], first + row)

@@ -21,7 +21,7 @@ from pipeline.core import schemas, store
 from pipeline.core.frames import travelled_m
 from pipeline.paths.filter import Filter
 from pipeline.paths.tracks import Track
-from pipeline.posing.verdict import right
+from pipeline.posing.verdict import OF_SCANS
 
 TURN_DEG_PER_M = 10.0
 """A drift of 1 % turns the odometry by a hundredth of this each metre, always to the same side."""
@@ -59,7 +59,9 @@ class Day:
 
 def alone(day: Day, rows: NDArray[np.int64], rng: np.random.Generator) -> Answers:
     """Each query by itself."""
-    return day.novelty[rows] < day.promised, right(day.world_T_query[rows], day.world_T_true[rows])
+    return day.novelty[rows] < day.promised, OF_SCANS.right(
+        day.world_T_query[rows], day.world_T_true[rows]
+    )
 
 
 def filtered(day: Day, rows: NDArray[np.int64], rng: np.random.Generator, drift: float) -> Answers:
@@ -84,7 +86,7 @@ def filtered(day: Day, rows: NDArray[np.int64], rng: np.random.Generator, drift:
         none,
     )
     found = Filter().along(track)
-    return found.chance >= PROMISE, right(found.world_T_query, day.world_T_true[rows])
+    return found.chance >= PROMISE, OF_SCANS.right(found.world_T_query, day.world_T_true[rows])
 
 
 def sequences(day: Day, rows: NDArray[np.int64], rng: np.random.Generator) -> Answers:

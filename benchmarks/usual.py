@@ -28,7 +28,7 @@ from pipeline.posing.chances import SIGNS, USUAL, learned
 from pipeline.posing.fix import signs
 from pipeline.posing.search import Answers, Fixer
 from pipeline.posing.targets import Targets
-from pipeline.posing.verdict import right
+from pipeline.posing.verdict import OF_SCANS
 
 EVERY = 5
 SURE = 0.999
@@ -61,7 +61,7 @@ def searched(chain: Path, model: str) -> Iterator[Searched]:
             fix = replace(fixer, sure=SURE).fix(points_m, targets, answers)
             if fix.hypotheses:
                 found = np.array([hypothesis.world_T_query for hypothesis in fix.hypotheses])
-                good = right(found, np.broadcast_to(world_T_true[row], found.shape))
+                good = OF_SCANS.right(found, np.broadcast_to(world_T_true[row], found.shape))
                 yield signs(fix.hypotheses), good
 
 

@@ -27,7 +27,7 @@ from scipy.stats import beta
 from pipeline.core import schemas, store
 from pipeline.mapping.gathering import submap_points
 from pipeline.online.site import Site
-from pipeline.posing.verdict import BELIEFS, NEAR_M, right
+from pipeline.posing.verdict import BELIEFS, OF_SCANS
 
 SEEN_M = 5.0
 EVERY = 20
@@ -69,9 +69,11 @@ def day(
     away_m = np.linalg.norm(world_T_true[:, None, :2, 3] - world_T_anchor[:, :2, 3], axis=2).min(
         axis=1
     )
-    good = right(world_T_query, world_T_true)
+    good = OF_SCANS.right(world_T_query, world_T_true)
     seen = away_m < SEEN_M
-    near = np.linalg.norm(world_T_query[:, :2, 3] - world_T_true[:, :2, 3], axis=1) < NEAR_M
+    near = (
+        np.linalg.norm(world_T_query[:, :2, 3] - world_T_true[:, :2, 3], axis=1) < OF_SCANS.near_m
+    )
     error = calibration(1 - doubts[:, 0], good)
     covered = ", ".join(f"{coverage(doubts[:, 0], good, p):.3f} at {p}" for p in PRECISIONS)
     rows = [

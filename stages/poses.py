@@ -9,7 +9,7 @@ training sequence.
 Level sweeps, of a 2-D laser, are searched in a grid of the whole map instead.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -29,7 +29,7 @@ from pipeline.matching.ranking import Rows
 from pipeline.posing.answers import PosedQuery, Posing
 from pipeline.posing.held_out import Drive, TrainingDay
 from pipeline.posing.queries import Queries
-from pipeline.posing.verdict import BELIEFS, Verdict
+from pipeline.posing.verdict import Judge, Verdict
 from stages import EachSequence, ProgressBar, build, stage
 
 
@@ -79,12 +79,9 @@ class Settings(EachSequence):
 class Learned:
     """What the held-out blocks of the training day teach, and how queries are posed with it."""
 
-    limits: Mapping[str, Sequence[float]]
-    """For each of BELIEFS the doubts from which to reject it, one for each promised precision."""
+    verdict: Verdict
     fix_count: int
-    """How many fixes of held-out queries the limits were chosen on."""
-    block_count: int
-    """How many held-out blocks these queries are from."""
+    """How many fixes of held-out queries the verdict was learned from."""
     right_within: tuple[float, float]
     """Metres and degrees within which a pose is right."""
     posed_queries: Callable[[str], list[PosedQuery]]
@@ -103,10 +100,9 @@ def main(settings: Settings) -> str:
             learned = learned_of_sweeps(settings, sweeps)
         else:
             learned = learned_of_scans(settings, labels, compute)
-        lines = [f"{learned.fix_count} fixes of {learned.block_count} held-out blocks"]
+        lines = [f"{learned.fix_count} fixes of {learned.verdict.held_out} held-out blocks"]
         posing = Posing(
-            learned.limits,
-            learned.block_count,
+            learned.verdict,
             learned.right_within,
             Places.of(labels),
             settings.wanted_precision,
@@ -136,8 +132,8 @@ def learned_of_scans(settings: Settings, labels: schemas.Labels, compute: Comput
         settings.k,
     )
     evidence = settings.held_out.evidence(fixer, day, compute, ProgressBar())
-    verdict = Verdict(evidence, settings.unseen_share)
-    judge = verdict.judge
+    verdict = evidence.verdict(settings.unseen_share)
+    judge = Judge(verdict.pose, verdict.place)
     fixer = replace(
         fixer,
         chances=judge.pose,
@@ -154,8 +150,7 @@ def learned_of_scans(settings: Settings, labels: schemas.Labels, compute: Comput
         )
         return [PosedQuery.of(fix, judge) for fix in queries.fixes(fixer, map_path, settings.k)]
 
-    limits = {belief: verdict.limits(belief) for belief in BELIEFS}
-    return Learned(limits, len(evidence.fixes), evidence.blocks, RIGHT_WITHIN, posed_queries)
+    return Learned(verdict, len(evidence.fixes), RIGHT_WITHIN, posed_queries)
 
 
 def learned_of_sweeps(settings: Settings, sweeps: Sweeps) -> Learned:
@@ -175,10 +170,7 @@ def learned_of_sweeps(settings: Settings, sweeps: Sweeps) -> Learned:
         scans = store.read(settings.scans / name, schemas.Scans)
         return day.queries(scans, submaps.load("scans"))
 
-    verdict = day.verdict
-    limits = {belief: verdict.limits(belief) for belief in BELIEFS}
-    evidence = verdict.evidence
-    return Learned(limits, len(evidence.fixes), evidence.blocks, LEVEL_RIGHT_WITHIN, posed_queries)
+    return Learned(day.verdict, day.fix_count, LEVEL_RIGHT_WITHIN, posed_queries)
 
 
 if __name__ == "__main__":

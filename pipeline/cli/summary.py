@@ -42,14 +42,14 @@ class Summary:
         import numpy as np
 
         if self.is_level:
-            from pipeline.level.verdict import pose_is_right as is_right
+            from pipeline.level.verdict import OF_SWEEPS as TOLERANCES
         else:
-            from pipeline.posing.verdict import right as is_right
+            from pipeline.posing.verdict import OF_SCANS as TOLERANCES
 
         self.verdicts[fix.verdict] += 1
         self._took_ms.append(fix.ms)
         if fix.verdict == "accepted" and np.isfinite(scan.world_T_scan).all():
-            (right,) = is_right(fix.world_T_sensor[None], scan.world_T_scan[None])
+            (right,) = TOLERANCES.right(fix.world_T_sensor[None], scan.world_T_scan[None])
             self._rightness[bool(right)] += 1
 
     def check_any(self, source: str) -> None:

@@ -4,7 +4,7 @@ The stage `poses` learns a `LevelDay` of the training sequence, and asks it for 
 test sequences (METHODS 13.5).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Self
 
@@ -17,9 +17,9 @@ from pipeline.level.fix import LevelFixer
 from pipeline.level.held_out import LevelHeldOut, Sweeps
 from pipeline.level.level_map import Drawing, LevelMap
 from pipeline.level.sweeps import OVER_M, Gathered
-from pipeline.level.verdict import LARGEST_DOUBT, LevelVerdict
+from pipeline.level.verdict import LARGEST_DOUBT, USUAL, tested
 from pipeline.posing.answers import PosedQuery
-from pipeline.posing.verdict import BELIEFS
+from pipeline.posing.verdict import BELIEFS, Verdict
 
 
 @dataclass(frozen=True)
@@ -27,8 +27,10 @@ class LevelDay:
     """What is known of a building after the training day."""
 
     level_map: LevelMap
-    verdict: LevelVerdict
+    verdict: Verdict
     fixer: LevelFixer
+    fix_count: int = 0
+    """How many fixes of held-out queries the verdict was tested on."""
 
     @classmethod
     def learned(cls, sweeps: Sweeps, unseen_share: float, held_out: LevelHeldOut) -> Self:
@@ -40,7 +42,8 @@ class LevelDay:
         drawing = Drawing.of([sweeps.points(row) for row in rows], sweeps.world_T_sweep)
         fixer = LevelFixer()
         evidence = held_out.evidence(fixer, sweeps, drawing, OVER_M)
-        return cls(drawing.level_map(), LevelVerdict(evidence, unseen_share), fixer)
+        verdict = tested(evidence, unseen_share)
+        return cls(drawing.level_map(), verdict, fixer, len(evidence.fixes))
 
     @cached_property
     def field(self) -> Field:
@@ -57,20 +60,9 @@ class LevelDay:
 
         All doubts are 1 where the laser seems to be mounted otherwise than was said.
         """
-        judge = self.verdict.judge
-        fix = self.fixer.fix(self.field, gathered).ordered(judge.pose)
-        doubts = judge.doubts(fix)
-        if not fix.hypotheses:
-            no_covariance = np.full((6, 6), np.nan)
-            return PosedQuery(np.empty((0, 4, 4)), np.empty(0), no_covariance, 0.0, doubts)
-        best = fix.hypotheses[0]
-        may_be_believed = (doubts < LARGEST_DOUBT).any()
+        fix = self.fixer.fix(self.field, gathered).ordered(USUAL.pose)
+        query = PosedQuery.of(fix, USUAL)
+        may_be_believed = fix.hypotheses and (query.doubts < LARGEST_DOUBT).any()
         if may_be_believed and self.fixer.is_misread(self.field, gathered, fix):
-            doubts = np.ones(len(BELIEFS))
-        return PosedQuery(
-            np.array([hypothesis.world_T_query for hypothesis in fix.hypotheses]),
-            judge.chances(fix),
-            best.pose_covariance,
-            best.support.explained,
-            doubts,
-        )
+            return replace(query, doubts=np.ones(len(BELIEFS)))
+        return query

@@ -5,7 +5,8 @@ follow the beams (beams.py), and keep one of those that became the same. Each po
 hypothesis; its `signs` speak for it, and verdict.py makes a chance of them.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,7 @@ from pipeline.level.refinement import refined
 from pipeline.level.search import APART_DEG, APART_M, mean_likelihoods, search
 from pipeline.level.sweeps import Gathered
 from pipeline.posing.chances import Chances
+from pipeline.posing.fix import Registered
 
 SIGNS = ("likely", "in_free", "through", "surety", "ahead")
 """What speaks for a hypothesis, the more the better:
@@ -75,24 +77,59 @@ class Hypothesis:
         return covariance
 
     @property
+    def overlap(self) -> float:
+        """The share of beams that end at a wall of the map."""
+        return self.support.explained
+
+    @property
     def spread_m(self) -> float:
         """The position's standard deviation along its widest direction."""
         return float(np.sqrt(np.linalg.eigvalsh(self.covariance[:2, :2])[-1]))
 
 
 @dataclass(frozen=True)
-class LevelFix:
-    """The poses that a query may have."""
+class LevelFix(Registered[Hypothesis]):
+    """The hypotheses of gathered sweeps: the best first by quality, until they are `ordered`."""
 
-    hypotheses: tuple[Hypothesis, ...] = ()
-    """The best first: by quality, until `ordered` sorts them by their chances."""
     path_m: float = 0.0
     """The length of path over which the query's sweeps were gathered."""
 
-    def ordered(self, chances: Chances) -> "LevelFix":
-        """The same fix, its hypotheses in the order of their chances."""
-        order = np.argsort(-chances.of(signs(self)), kind="stable").tolist()
-        return LevelFix(tuple(self.hypotheses[number] for number in order), self.path_m)
+    def ordered(self, chances: Chances) -> Self:
+        """The same hypotheses in the order of their chances."""
+        order = np.argsort(-chances.of(self.signs), kind="stable").tolist()
+        ordered = replace(self, hypotheses=tuple(self.hypotheses[number] for number in order))
+        return replace(ordered, chances=tuple(chances.of(ordered.signs).tolist()))
+
+    @property
+    def elsewhere(self) -> list[int]:
+        """The indices of all but the best: each is another place."""
+        return list(range(1, len(self.hypotheses)))
+
+    @property
+    def covariance(self) -> NDArray[np.float64]:
+        """(6, 6) the covariance of the likeliest pose; NaN without one."""
+        return super().covariance if self.hypotheses else np.full((6, 6), np.nan)
+
+    @property
+    def signs(self) -> NDArray[np.float64]:
+        """The signs (n, sign) of the hypotheses, in the order of SIGNS."""
+        quality = np.array([hypothesis.quality for hypothesis in self.hypotheses])
+        # without another hypothesis; with one it is the most that counts
+        ahead = (1 - LEAST_RATIO) * np.maximum(quality, 0)
+        if len(quality) > 1:
+            is_itself = np.eye(len(quality), dtype=bool)
+            best_other = np.where(is_itself, -np.inf, quality).max(axis=1)
+            ahead = np.minimum(quality - best_other, ahead)
+        signs = np.zeros((len(quality), len(SIGNS)))
+        for number, hypothesis in enumerate(self.hypotheses):
+            signs[number] = (
+                hypothesis.score,
+                -hypothesis.support.in_free,
+                -hypothesis.support.through,
+                -np.log10(max(hypothesis.spread_m, LEAST_SPREAD_M)),
+                ahead[number],
+            )
+        return signs
 
 
 @dataclass(frozen=True)
@@ -168,28 +205,7 @@ class LevelFixer:
         for hypothesis in sorted(hypotheses, key=lambda hypothesis: -hypothesis.quality):
             if not any(same(hypothesis, better) for better in distinct):
                 distinct.append(hypothesis)
-        return LevelFix(tuple(distinct), gathered.path_m)
-
-
-def signs(fix: LevelFix) -> NDArray[np.float64]:
-    """The signs (n, sign) of a fix's hypotheses, in the order of SIGNS."""
-    quality = np.array([hypothesis.quality for hypothesis in fix.hypotheses])
-    # without another hypothesis; with one it is the most that counts
-    ahead = (1 - LEAST_RATIO) * np.maximum(quality, 0)
-    if len(quality) > 1:
-        is_itself = np.eye(len(quality), dtype=bool)
-        best_other = np.where(is_itself, -np.inf, quality).max(axis=1)
-        ahead = np.minimum(quality - best_other, ahead)
-    fix_signs = np.zeros((len(quality), len(SIGNS)))
-    for number, hypothesis in enumerate(fix.hypotheses):
-        fix_signs[number] = (
-            hypothesis.score,
-            -hypothesis.support.in_free,
-            -hypothesis.support.through,
-            -np.log10(max(hypothesis.spread_m, LEAST_SPREAD_M)),
-            ahead[number],
-        )
-    return fix_signs
+        return LevelFix(tuple(distinct), path_m=gathered.path_m)
 
 
 def same(hypothesis: Hypothesis, other: Hypothesis) -> bool:

@@ -2,7 +2,7 @@
 
 The sweeps of the day go in. Each held-out query is asked twice: on the map without its own sweeps,
 as a place that the map has; and without all sweeps around it, as a place never seen. The fixes and
-the true poses come out as `LevelEvidence`, on which verdict.py tests its limits (METHODS 13.4).
+the true poses come out as `Evidence`, on which verdict.py tests its limits (METHODS 13.4).
 """
 
 from collections.abc import Callable, Sequence
@@ -20,8 +20,8 @@ from pipeline.level.field import Field
 from pipeline.level.fix import LevelFix, LevelFixer
 from pipeline.level.level_map import Drawing
 from pipeline.level.sweeps import Gathered, Gatherer
-from pipeline.level.verdict import LevelEvidence
 from pipeline.mapping.appearance import MEASURED_SUBMAPS, is_level
+from pipeline.posing.verdict import Evidence
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ class LevelHeldOut:
 
     def evidence(
         self, fixer: LevelFixer, sweeps: Sweeps, drawing: Drawing, over_m: float
-    ) -> LevelEvidence:
+    ) -> Evidence[LevelFix]:
         """Localise each query on the map without its own sweeps, and without its surroundings.
 
         A query is gathered over `over_m` of path; `drawing` has the beams of all sweeps.
@@ -123,7 +123,7 @@ class LevelHeldOut:
             fixes.append(_fix_without(fixer, drawing, of_query, gathered[row]))
             fixes.append(_fix_without(fixer, drawing, of_query | around, gathered[row]))
         # two fixes for each query: of its place seen, then unseen
-        return LevelEvidence(
+        return Evidence(
             fixes,
             sweeps.world_T_sweep[rows].repeat(2, axis=0),
             np.tile([False, True], len(rows)),

@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
 from pipeline.core.errors import LogError
-from pipeline.core.frames import Poses, Stamps, Trajectory, distance_and_turn, travelled_m
+from pipeline.core.frames import Poses, Stamps, Trajectory, travelled_m
 from pipeline.matching.ranking import Rows
 from pipeline.online.inputs import NO_POSE, Scan
 from pipeline.online.site import Fix, Site, finite
 from pipeline.online.tracking import Tracker
 from pipeline.posing.registration import Points
-from pipeline.posing.verdict import RIGHT_DEG, RIGHT_M, right
+from pipeline.posing.verdict import OF_SCANS
 
 STEP_M = 0.8
 """Adopted scans are at least this far apart: a little less than two submaps are."""
@@ -127,8 +127,7 @@ def bridge(poses: Poses, chance: NDArray[np.float64], odom_T_scan: Poses) -> Non
             continue
         world_T_odom = poses[first] @ np.linalg.inv(odom_T_scan[first])
         by_odometry = world_T_odom @ odom_T_scan[first : last + 1]
-        error_m, error_deg = distance_and_turn(by_odometry[-1], poses[last])
-        is_near_enough = error_m < RIGHT_M and error_deg < RIGHT_DEG
+        is_near_enough = OF_SCANS.right(by_odometry[-1:], poses[last][None])[0]
         if np.isfinite(by_odometry).all() and is_near_enough:
             between = slice(first + 1, last)
             poses[between] = _corrected(by_odometry, poses[last])[1:-1]
@@ -164,6 +163,6 @@ def spaced_adoption(
         raise NothingAdoptedError(f"nothing to learn of {len(scans)} scans: {reason}")
     stamps_ns = np.array([scans[row].stamp_ns or 0 for row in rows], np.int64)
     true = np.array([scans[row].world_T_scan for row in rows])
-    wrong = np.isfinite(true).all((1, 2)) & ~right(poses[rows], true)
+    wrong = np.isfinite(true).all((1, 2)) & ~OF_SCANS.right(poses[rows], true)
     points = tuple(finite(scans[row].points()) for row in rows)
     return Adoption(points, stamps_ns, poses[rows], chance[rows], wrong, surveyed, len(scans))

@@ -9,11 +9,11 @@ from pipeline.online.site_file import LevelParts, Parts, read_either
 from pipeline.online.site_json import (
     LearnedDay,
     LevelDescription,
-    Promises,
     Sensor,
     Settings,
     SiteDescription,
 )
+from pipeline.posing.verdict import Verdict
 
 
 def describe(path: Path) -> Inspection:
@@ -110,7 +110,7 @@ def _class_name(settings: Settings) -> str:
     return str(settings["_target_"]).rpartition(".")[2]
 
 
-def _promise_rows(verdict: Promises) -> list[tuple[str, str]]:
+def _promise_rows(verdict: Verdict) -> list[tuple[str, str]]:
     """A row for each promise: which fixes keep it."""
     rows = []
     # A fix is rejected from the novelty `limit` on; it is 0 if the promise cannot be kept. A fix's

@@ -19,16 +19,15 @@ from pipeline.level.fix import LevelFixer
 from pipeline.level.held_out import LevelHeldOut, Sweeps
 from pipeline.level.level_map import LevelMap
 from pipeline.level.sweeps import OVER_M
-from pipeline.level.verdict import LevelEvidence, LevelVerdict
+from pipeline.level.verdict import NO_EVIDENCE, tested
 from pipeline.online import site_file
 from pipeline.online.site_json import (
     LevelDescription,
     LevelSettings,
-    Promises,
     Provenance,
     Sensor,
 )
-from pipeline.posing.verdict import BELIEFS, PROMISES
+from pipeline.posing.verdict import Verdict
 
 UNSEEN_SHARE = 0.2
 """The share of queries to expect from places that the map does not have."""
@@ -50,7 +49,7 @@ def pack_map(map_path: Path, out: Path) -> str:
     except InputError as error:
         raise ArtifactError(f"{map_path}: {error}") from None
     digest = hashlib.md5(map_path.read_bytes(), usedforsecurity=False).hexdigest()
-    verdict = LevelVerdict(LevelEvidence.joined([]), UNSEEN_SHARE)
+    verdict = tested(NO_EVIDENCE, UNSEEN_SHARE)
     return _write(out, map_path.stem, False, level_map, verdict, CARMEN, map_path.name, digest)
 
 
@@ -75,7 +74,7 @@ def _write(
     name: str,
     simulated: bool,
     level_map: LevelMap,
-    verdict: LevelVerdict,
+    verdict: Verdict,
     reader: Mapping[str, Any],
     source: str,
     digest: str | None,
@@ -86,22 +85,12 @@ def _write(
     """
     versions = {"yearloc": version("yearloc"), "python": platform.python_version()}
     versions |= {name: version(name).partition("+")[0] for name in LEVEL_VERSIONS}
-    judge = verdict.judge
-    # Promises has the precisions, and for each belief the limits that keep them
-    site_verdict = Promises(
-        judge.pose,
-        judge.near,
-        PROMISES,
-        {belief: tuple(verdict.limits(belief)) for belief in BELIEFS},
-        verdict.evidence.blocks,
-        UNSEEN_SHARE,
-    )
     lift_m = float(reader.get("lift_m", 0.0))
     description = LevelDescription(
         name=name,
         simulated=simulated,
         level=LevelSettings(level_map.cell_m, level_map.origin, OVER_M, LevelFixer()),
-        verdict=site_verdict,
+        verdict=verdict,
         reader=dict(reader),
         # what sweeps look like is not compared
         sensor=Sensor(lift_m, None, None, None, None, None, ()),
@@ -110,7 +99,7 @@ def _write(
     arrays = {"occupancy": level_map.occupancy}
     site_file.write(out, site_file.LevelParts(description, arrays))
     promises = ", ".join(map(str, description.verdict.kept)) or "nothing"
-    blocks = verdict.evidence.blocks
+    blocks = verdict.held_out
     checked = f"checked on {blocks} held-out blocks" if blocks else "not checked in this one"
     return (
         f"{out}: level, {level_map.free_m2:,.0f} m² of free space in cells of "

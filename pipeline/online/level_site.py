@@ -18,25 +18,22 @@ from pipeline.level.field import Field
 from pipeline.level.fix import LevelFix
 from pipeline.level.level_map import LevelMap
 from pipeline.level.sweeps import Gathered, Gatherer, single
-from pipeline.level.verdict import LevelJudge
+from pipeline.level.verdict import OF_SWEEPS
 from pipeline.mapping.appearance import is_level
 from pipeline.matching.ranking import Ranking
 from pipeline.online import odometry
 from pipeline.online.inputs import Scan
 from pipeline.online.site import (
     NO_PLACE,
-    RUNNERS_UP,
     WORDS,
     Fix,
-    RunnerUp,
     Site,
     Word,
-    limits_by_promise,
-    no_pose,
 )
 from pipeline.online.site_file import LevelParts
 from pipeline.online.site_json import LevelDescription
 from pipeline.paths.belief import LEAST_CHANCE, Belief
+from pipeline.posing.verdict import Judge
 
 FEW_POINTS = 20
 """So few points do not tell a level sweep from a 3-D scan; they make no pose anyway."""
@@ -63,8 +60,8 @@ class LevelSite(Site):
         self.over_m = level.over_m
         self.level_fixer = level.fixer
         verdict = parts.description.verdict
-        self.level_judge = LevelJudge(verdict.pose, verdict.place)
-        self.promises = limits_by_promise(verdict)
+        self.doubt_judge = Judge(verdict.pose, verdict.place, OF_SWEEPS)
+        self.promises = verdict.limits
 
     @cached_property
     def walls_m(self) -> NDArray[np.float64]:
@@ -93,7 +90,7 @@ class LevelSite(Site):
         """
         if fix.verdict not in WORDS:
             return fix
-        ordered = level_fix.ordered(self.level_judge.pose)
+        ordered = level_fix.ordered(self.doubt_judge.pose)
         if not self.level_fixer.is_misread(self.field, gathered, ordered):
             return fix
         return replace(
@@ -109,31 +106,11 @@ class LevelSite(Site):
 
         Its time is yet to be filled in.
         """
-        ordered = level_fix.ordered(self.level_judge.pose)
-        if not ordered.hypotheses:
-            return no_pose(np.full((6, 6), np.nan))
-        best, *others = ordered.hypotheses
-        # rounded as the doubts of a run are, from which the limits were learned
-        doubts = self.level_judge.doubts(ordered).astype(np.float32).astype(np.float64)
-        pose_doubt, place_doubt, _ = doubts.tolist()
-        verdict, promised_precision = self.believed(doubts, promise)
-        _, *chances = self.level_judge.chances(ordered).tolist()
-        runners_up = [
-            RunnerUp(NO_PLACE, other.world_T_query, other.support.explained, chance)
-            for other, chance in zip(others, chances, strict=True)
-        ]
-        return Fix(
-            verdict=verdict,
-            place=NO_PLACE,
-            world_T_sensor=best.world_T_query,
-            covariance=best.pose_covariance,
-            overlap=best.support.explained,
-            novelty=pose_doubt,
-            place_novelty=place_doubt,
-            promised_precision=promised_precision,
-            runners_up=tuple(runners_up[:RUNNERS_UP]),
-            ms=0.0,
-        )
+        return self.judge(level_fix.ordered(self.doubt_judge.pose), promise)
+
+    def place(self, world_T_query: NDArray[np.float64]) -> int:
+        """A level site has no places."""
+        return NO_PLACE
 
 
 class LevelTracker:

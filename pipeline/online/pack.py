@@ -37,14 +37,13 @@ from pipeline.online.site_json import (
     Growth,
     LearnedDay,
     MapSettings,
-    Promises,
     Provenance,
     Sensor,
     SiteDescription,
 )
 from pipeline.posing.held_out import Drive, HeldOut, TrainingDay
 from pipeline.posing.targets import write_map
-from pipeline.posing.verdict import BELIEFS, PROMISES, Verdict
+from pipeline.posing.verdict import PROMISES
 from pipeline.running.dvc_files import DvcLock
 from pipeline.running.texts import read_yaml
 from pipeline.studies.layout import Layout
@@ -161,15 +160,7 @@ class Packing:
             arrays = {key: site_map.load(key) for key in schemas.Maps.columns}
 
         # when to believe a fix, and all that the site says of itself
-        verdict = Verdict(evidence, settings["unseen_share"])
-        promises = Promises(
-            verdict.judge.pose,
-            verdict.judge.place,
-            PROMISES,
-            {belief: tuple(verdict.limits(belief)) for belief in BELIEFS},
-            evidence.blocks,
-            settings["unseen_share"],
-        )
+        verdict = evidence.verdict(settings["unseen_share"])
         description = SiteDescription(
             name=name,
             simulated=trained.simulated,
@@ -179,7 +170,7 @@ class Packing:
             k=k,
             places=Grid(labels.cell_m, labels.x_m, labels.y_m),
             map=MapSettings(site_map.grain_m, site_map.range_m, site_map.single),
-            verdict=promises,
+            verdict=verdict,
             reader=reader,
             sensor=self._sensor(scans, submaps, reader),
             provenance=self._provenance(trained),

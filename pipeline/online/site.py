@@ -26,13 +26,11 @@ from pipeline.matching.ranking import Localizer, Ranking, Rows
 from pipeline.networks.plain import Plain
 from pipeline.online.runtime import exported, localizer
 from pipeline.online.site_file import LevelParts, Parts, read, read_either
-from pipeline.online.site_json import Promises
 from pipeline.posing.expectations import Expectations
 from pipeline.posing.fix import Fix as Registered
-from pipeline.posing.fix import Hypothesis
 from pipeline.posing.search import Answers, Fixer
 from pipeline.posing.targets import Targets
-from pipeline.posing.verdict import BELIEFS, Judge
+from pipeline.posing.verdict import BELIEFS, AnyFix, Judge
 
 ROOTS = ("pipeline.methods.", "pipeline.views.", "pipeline.posing.")
 """A site file may name classes of these modules only."""
@@ -139,7 +137,7 @@ class Site:
             chances=self.doubt_judge.pose,
             expectations=Expectations.of_arrays(arrays),
         )
-        self.promises: dict[float, tuple[float, ...]] = limits_by_promise(verdict)
+        self.promises: dict[float, tuple[float, ...]] = verdict.limits
         """For each precision that can be promised of a pose, the limits of the doubts in
         BELIEFS."""
         self.k = description.k
@@ -223,14 +221,13 @@ class Site:
         """
         return self.fixer.fix(points_m, self.targets, answers)
 
-    def judge(self, registered: Registered, promise: float | None) -> Fix:
+    def judge(self, registered: AnyFix, promise: float | None) -> Fix:
         """The fix of a registered scan, with the verdict that a promise allows.
 
-        Its time is yet to be filled in.
+        The hypotheses are in the order of their chances. The time is yet to be filled in.
         """
         if not registered.hypotheses:
-            return no_pose(registered.alignment.covariance)
-        best = registered.hypotheses[0]
+            return no_pose(registered.covariance)
         # rounded as the doubts of a run are, from which the limits were learned
         doubts = self.doubt_judge.doubts(registered).astype(np.float32).astype(np.float64)
         pose_doubt, place_doubt, _ = doubts.tolist()
@@ -240,18 +237,18 @@ class Site:
             other = registered.hypotheses[number]
             runners_up.append(
                 RunnerUp(
-                    self._place(other),
+                    self.place(other.world_T_query),
                     other.world_T_query,
-                    other.alignment.overlap,
+                    other.overlap,
                     registered.chances[number],
                 )
             )
         return Fix(
             verdict=verdict,
-            place=self._place(best),
-            world_T_sensor=best.world_T_query,
-            covariance=best.alignment.covariance,
-            overlap=best.alignment.overlap,
+            place=self.place(registered.pose),
+            world_T_sensor=registered.pose,
+            covariance=registered.covariance,
+            overlap=registered.overlap,
             novelty=pose_doubt,
             place_novelty=place_doubt,
             promised_precision=promised_precision,
@@ -292,9 +289,9 @@ class Site:
             if chance >= promise and (by_path or promise <= kept_alone)
         ]
 
-    def _place(self, hypothesis: Hypothesis) -> int:
-        """The place that a hypothesis lies in."""
-        return int(self.places.at(hypothesis.world_T_query[None, :2, 3])[0])
+    def place(self, world_T_query: NDArray[np.float64]) -> int:
+        """The place that a pose (4, 4) lies in."""
+        return int(self.places.at(world_T_query[None, :2, 3])[0])
 
 
 def no_pose(covariance: NDArray[np.float64]) -> Fix:
@@ -311,20 +308,6 @@ def no_pose(covariance: NDArray[np.float64]) -> Fix:
         runners_up=(),
         ms=0.0,
     )
-
-
-def limits_by_promise(verdict: Promises) -> dict[float, tuple[float, ...]]:
-    """For each precision that a site can promise of a pose, the limits of doubts in BELIEFS.
-
-    `verdict.promises` are the precisions that were tried, `verdict.promised` the limits of each
-    belief for them; `verdict.kept` are those whose limit lets a pose be accepted.
-    """
-    limits_of_beliefs = [verdict.promised[belief] for belief in BELIEFS]
-    limits_of_kept = {}
-    for promise, *limits in zip(verdict.promises, *limits_of_beliefs, strict=True):
-        if promise in verdict.kept:
-            limits_of_kept[promise] = tuple(limits)
-    return limits_of_kept
 
 
 def finite(points_m: NDArray[np.floating]) -> NDArray[np.float64]:

@@ -6,7 +6,7 @@ from typing import Any
 
 from pipeline.core.grid import Grid
 from pipeline.level.fix import LevelFixer
-from pipeline.posing.chances import Chances
+from pipeline.posing.verdict import Verdict
 
 VERSION = 5
 """The version of site files that is written, and read."""
@@ -25,34 +25,6 @@ class MapSettings:
     """The map has the points within this distance of their submap's anchor."""
     single: bool
     """Whether each submap is one scan."""
-
-
-@dataclass(frozen=True)
-class Promises:
-    """The verdict of a site: chances of beliefs in a fix, and limits of the doubt in each.
-
-    The beliefs are BELIEFS of posing/verdict.py; the doubt is one minus the chance.
-    """
-
-    pose: Chances
-    """Gives the chance that a pose is right."""
-    place: Chances
-    """Gives the chance that the robot is near a pose."""
-    promises: tuple[float, ...]
-    """The precisions that were tried; those `kept` a user may ask for."""
-    promised: Mapping[str, tuple[float, ...]]
-    """For each of BELIEFS and each promise, the doubt from which on to reject to keep the promise.
-    Where it is not above 0 the promise cannot be kept."""
-    held_out: int
-    """The number of held-out blocks of the training day that the limits rest on."""
-    unseen_share: float
-    """The share of queries that are expected where training never went."""
-
-    @property
-    def kept(self) -> tuple[float, ...]:
-        """The precisions that can be promised of a pose."""
-        limits = zip(self.promises, self.promised["fix"], strict=True)
-        return tuple(promise for promise, reject_from in limits if reject_from > 0)
 
 
 @dataclass(frozen=True)
@@ -132,7 +104,7 @@ class SiteDescription:
     places: Grid
     """The grid whose cells are the places."""
     map: MapSettings
-    verdict: Promises
+    verdict: Verdict
     reader: Settings
     """The reader of the data set's logs."""
     sensor: Sensor
@@ -162,7 +134,7 @@ class LevelDescription:
     """The name of the map or the model, STUDY/GRID/MODEL, that was packed."""
     simulated: bool
     level: LevelSettings
-    verdict: Promises
+    verdict: Verdict
     reader: Settings
     """The reader of the logs that are localised in it."""
     sensor: Sensor

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import erf
 
-from pipeline.core.frames import Poses, distance_and_turn
-from pipeline.posing.verdict import RIGHT_DEG, RIGHT_M
+from pipeline.core.frames import RIGHT_WITHIN, Poses, distance_and_turn
 
+RIGHT_M, RIGHT_DEG = RIGHT_WITHIN
 DRIFT = 0.05
 TURN_DEG_PER_M = 0.1
 """Standard deviations of odometry: of a step, as a share of its length; of the heading, for each

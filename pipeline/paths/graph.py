@@ -12,12 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.core.frames import Poses, distance_and_turn, travelled_m
+from pipeline.core.frames import RIGHT_WITHIN, Poses, distance_and_turn, travelled_m
 from pipeline.core.settings import Positive, check
 from pipeline.paths.belief import DEVIATIONS, LEAST_CHANCE, REPEAT_SHARE
 from pipeline.paths.pose_graph import PoseGraph
 from pipeline.paths.tracks import Estimates, Track
-from pipeline.posing.verdict import RIGHT_DEG, RIGHT_M
+
+RIGHT_M, RIGHT_DEG = RIGHT_WITHIN
 
 
 @dataclass(frozen=True)

@@ -20,8 +20,7 @@ from pipeline.core.frames import Poses, yaw
 from pipeline.core.schemas import Fixes, Rankings
 from pipeline.matching.places import Places
 from pipeline.matching.ranking import Ranking
-from pipeline.posing.fix import Fix
-from pipeline.posing.verdict import BELIEFS, PROMISES, Judge
+from pipeline.posing.verdict import BELIEFS, PROMISES, AnyFix, Judge, Verdict
 
 OWN_KINDS = BELIEFS
 """The kinds of novelty that poses add: the doubt in each belief, such as that the pose is right."""
@@ -49,16 +48,10 @@ class PosedQuery:
     """(belief,) one minus the chance of each of BELIEFS."""
 
     @classmethod
-    def of(cls, fix: Fix, judge: Judge) -> Self:
-        """The poses of the fix of a 3-D scan, with the doubts of a judge."""
-        poses = [hypothesis.world_T_query for hypothesis in fix.hypotheses]
-        return cls(
-            np.array(poses).reshape(-1, 4, 4),
-            np.array(fix.chances),
-            fix.alignment.covariance,
-            fix.alignment.overlap,
-            judge.doubts(fix),
-        )
+    def of(cls, fix: AnyFix, judge: Judge) -> Self:
+        """The poses of a fix, with the doubts of a judge."""
+        chances = np.array(fix.chances)
+        return cls(fix.poses, chances, fix.covariance, fix.overlap, judge.doubts(fix))
 
     @property
     def pose(self) -> Poses:
@@ -123,10 +116,7 @@ def lead(answers: Mapping[str, NDArray[Any]], row: int, first: Mapping[str, Any]
 class Posing:
     """Writes the rankings of one model again, with poses."""
 
-    limits: Mapping[str, Sequence[float]]
-    """For each of BELIEFS, and each of PROMISES: the doubt from which on the belief is rejected."""
-    blocks: int
-    """Number of held-out blocks of training that the limits were learned from."""
+    verdict: Verdict
     right_within: tuple[float, float]
     """Metres and degrees within which a pose is right."""
     places: Places
@@ -149,7 +139,8 @@ class Posing:
         answered = posed(rankings.ranking(), queries, self.places)
         promise_number = PROMISES.index(self.wanted_precision)
         thresholds = dict(zip(rankings.kinds, rankings.thresholds, strict=True))
-        thresholds |= {belief: self.limits[belief][promise_number] for belief in BELIEFS}
+        limits = self.verdict.promised
+        thresholds |= {belief: limits[belief][promise_number] for belief in BELIEFS}
         artifact = Fixes(
             **vars(answered),
             turned_deg=rankings.turned_deg,
@@ -160,10 +151,10 @@ class Posing:
             covariance=np.array([query.covariance for query in queries]).reshape(-1, 6, 6),
             overlap=np.array([query.overlap for query in queries], np.float32),
             promises=PROMISES,
-            promised=tuple(self.limits["fix"]),
-            promised_place=tuple(self.limits["place"]),
-            promised_several=tuple(self.limits["several"]),
-            held_out=self.blocks,
+            promised=limits["fix"],
+            promised_place=limits["place"],
+            promised_several=limits["several"],
+            held_out=self.verdict.held_out,
             right_within=self.right_within,
         )
         store.write(path, artifact)
@@ -180,11 +171,13 @@ class Posing:
         Beliefs are accepted at the wanted promise, or at the highest one below that can be kept.
         """
         pose_count = sum(len(query.world_T_query) > 0 for query in queries)
-        kept_promises = [i for i in range(promise_number + 1) if self.limits["fix"][i] > 0]
+        kept_promises = [
+            i for i in range(promise_number + 1) if self.verdict.promised["fix"][i] > 0
+        ]
         if not kept_promises:
             return f"{pose_count} poses of {len(queries)} queries; no promise can be kept"
         number = kept_promises[-1]
-        limits = [self.limits[belief][number] for belief in BELIEFS]
+        limits = [self.verdict.promised[belief][number] for belief in BELIEFS]
         is_accepted = answered.novelty[:, : len(BELIEFS)].astype(float) < limits  # (q, belief)
         # Each query counts for its strongest accepted belief alone; −1 has none.
         strongest = np.where(is_accepted.any(axis=1), is_accepted.argmax(axis=1), -1)

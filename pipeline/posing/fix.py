@@ -2,19 +2,21 @@
 
 In: hypotheses, each a pose from one registration with all that speaks for and against it. Out: a
 fix: hypotheses at the same pose are merged, and the rest ordered by the chance that they are right.
-The `search` makes hypotheses, a `verdict` judges fixes.
+The `search` makes hypotheses, a `verdict` judges fixes: those of 3-D scans (`Fix`) and of level
+sweeps (pipeline/level/fix.py) alike, which are `Registered`.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Self
+from typing import Generic, Protocol, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.frames import Poses, distance_and_turn
 from pipeline.posing.chances import SIGNS, USUAL, Chances
-from pipeline.posing.registration import NOWHERE, Alignment
+from pipeline.posing.registration import Alignment
 from pipeline.posing.slides import Slide
 from pipeline.posing.verification import Agreement
 
@@ -26,6 +28,76 @@ SAME_DEG = 5.0
 LEAST_SPREAD_M = 1e-4
 MOST_TILT_DEG = 10.0
 """Bounds at which the signs `surety` and `upright` are cut off."""
+
+
+class Possible(Protocol):
+    """A pose that a query may have."""
+
+    @property
+    def world_T_query(self) -> NDArray[np.float64]:
+        """(4, 4) the pose."""
+
+    @property
+    def pose_covariance(self) -> NDArray[np.float64]:
+        """(6, 6) of a turn in radians and a step in metres, in the query's frame."""
+
+    @property
+    def overlap(self) -> float:
+        """The share of the query that the map has too."""
+
+
+PossibleT = TypeVar("PossibleT", bound=Possible)
+
+
+@dataclass(frozen=True)
+class Registered(ABC, Generic[PossibleT]):
+    """The hypotheses of a query, all at different poses, the likeliest first.
+
+    It has none if the query has too few points, or no registration succeeded.
+    """
+
+    hypotheses: tuple[PossibleT, ...] = ()
+    chances: tuple[float, ...] = ()
+    """The chance that each is right; they add up to 1 with the chance that none is."""
+
+    @property
+    @abstractmethod
+    def signs(self) -> NDArray[np.float64]:
+        """(n, sign) what speaks for each hypothesis."""
+
+    @property
+    @abstractmethod
+    def elsewhere(self) -> list[int]:
+        """The indices of the runners-up at other places, the likeliest first."""
+
+    @abstractmethod
+    def ordered(self, chances: Chances) -> Self:
+        """The same hypotheses in the order of other chances."""
+
+    @property
+    def poses(self) -> Poses:
+        """(n, 4, 4) the poses of the hypotheses."""
+        return _poses(self.hypotheses)
+
+    @property
+    def pose(self) -> NDArray[np.float64]:
+        """(4, 4) the likeliest pose; NaN without one."""
+        return self.hypotheses[0].world_T_query if self.hypotheses else np.full((4, 4), np.nan)
+
+    @property
+    def covariance(self) -> NDArray[np.float64]:
+        """(6, 6) the covariance of the likeliest pose; infinite without one."""
+        return self.hypotheses[0].pose_covariance if self.hypotheses else np.full((6, 6), np.inf)
+
+    @property
+    def overlap(self) -> float:
+        """The overlap of the likeliest pose; 0 without one."""
+        return self.hypotheses[0].overlap if self.hypotheses else 0.0
+
+    @property
+    def chance(self) -> float:
+        """The chance that the best hypothesis is right; 0 without one."""
+        return self.chances[0] if self.chances else 0.0
 
 
 @dataclass(frozen=True)
@@ -53,6 +125,16 @@ class Hypothesis:
     """(sign,) how far the signs of right fixes around it exceed the usual (Expectations)."""
 
     @property
+    def pose_covariance(self) -> NDArray[np.float64]:
+        """The covariance (6, 6) of the alignment."""
+        return self.alignment.covariance
+
+    @property
+    def overlap(self) -> float:
+        """The overlap of the alignment."""
+        return self.alignment.overlap
+
+    @property
     def quality(self) -> float:
         """The mean product of both agreements, by which hypotheses of one query are compared."""
         return (self.here.product + self.beside.product) / 2
@@ -73,15 +155,8 @@ class Hypothesis:
 
 
 @dataclass(frozen=True)
-class Fix:
-    """The hypotheses of a query, all at different poses, the likeliest first.
-
-    It has none if the query has too few points, or no registration succeeded.
-    """
-
-    hypotheses: tuple[Hypothesis, ...] = ()
-    chances: tuple[float, ...] = ()
-    """The chance that each is right; they add up to 1 with the chance that none is."""
+class Fix(Registered[Hypothesis]):
+    """The hypotheses of a 3-D scan."""
 
     @classmethod
     def of(cls, hypotheses: Sequence[Hypothesis], chances: Chances = USUAL) -> Self:
@@ -97,15 +172,14 @@ class Fix:
         order = np.argsort(-shares, kind="stable").tolist()
         return cls(tuple(distinct[i] for i in order), tuple(float(shares[i]) for i in order))
 
-    @property
-    def alignment(self) -> Alignment:
-        """The alignment of the best hypothesis; NOWHERE without one."""
-        return self.hypotheses[0].alignment if self.hypotheses else NOWHERE
+    def ordered(self, chances: Chances) -> Self:
+        """The same hypotheses in the order of other chances."""
+        return self.of(self.hypotheses, chances)
 
     @property
-    def chance(self) -> float:
-        """The chance that the best hypothesis is right; 0 without one."""
-        return self.chances[0] if self.chances else 0.0
+    def signs(self) -> NDArray[np.float64]:
+        """The signs (n, sign) of the hypotheses, in the order of chances.SIGNS."""
+        return signs(self.hypotheses)
 
     @property
     def elsewhere(self) -> list[int]:
@@ -142,14 +216,6 @@ def is_same_pose(hypothesis: Hypothesis, others: Sequence[Hypothesis]) -> NDArra
     return np.asarray((away_m < SAME_M) & (turn_deg < SAME_DEG))
 
 
-def poses(fixes: Sequence[Fix]) -> Poses:
-    """The poses (q, 4, 4) of the best hypotheses of q fixes; NaN for a fix without one."""
-    no_pose = np.full((4, 4), np.nan)
-    return np.array(
-        [fix.hypotheses[0].world_T_query if fix.hypotheses else no_pose for fix in fixes]
-    ).reshape(-1, 4, 4)
-
-
-def _poses(hypotheses: Sequence[Hypothesis]) -> Poses:
+def _poses(hypotheses: Sequence[Possible]) -> Poses:
     """The poses (n, 4, 4) of n hypotheses."""
     return np.array([hypothesis.world_T_query for hypothesis in hypotheses]).reshape(-1, 4, 4)

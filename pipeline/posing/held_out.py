@@ -34,7 +34,7 @@ from pipeline.posing.fix import Fix, Hypothesis
 from pipeline.posing.registration import Points
 from pipeline.posing.search import LIKELY, Answers, Fixer
 from pipeline.posing.targets import Targets
-from pipeline.posing.verdict import Evidence, right
+from pipeline.posing.verdict import OF_SCANS, Evidence
 
 PART_LENGTH = 152
 """Questions that a process takes at a time."""
@@ -148,7 +148,7 @@ class HeldOut:
 
     def evidence(
         self, fixer: Fixer, day: TrainingDay, compute: Compute, progress: Progress
-    ) -> Evidence:
+    ) -> Evidence[Fix]:
         """Fix all held-out submaps: as driven, aged, and as places never seen.
 
         Raises InputError for a map of another day.
@@ -311,11 +311,11 @@ def _right_hypotheses(fix: Fix, world_T_true: NDArray[np.float64]) -> list[Hypot
     return [
         hypothesis
         for hypothesis in fix.hypotheses
-        if right(hypothesis.world_T_query[None], world_T_true[None])[0]
+        if OF_SCANS.right(hypothesis.world_T_query[None], world_T_true[None])[0]
     ]
 
 
-def with_expectations(evidence: Evidence) -> Evidence:
+def with_expectations(evidence: Evidence[Fix]) -> Evidence[Fix]:
     """The same evidence, with the signs of its right hypotheses as expectations.
 
     The signs in each fix are lowered by the expectations from other blocks alone: no fix is judged

@@ -10,7 +10,7 @@ from pipeline.core.frames import LEVEL_RIGHT_WITHIN
 from pipeline.core.grid import Grid
 from pipeline.level.day import LevelDay
 from pipeline.level.held_out import LevelHeldOut, Sweeps
-from pipeline.level.verdict import pose_is_right
+from pipeline.level.verdict import OF_SWEEPS
 from pipeline.matching.places import Places
 from pipeline.matching.ranking import Ranking
 from pipeline.posing.answers import PosedQuery, posed
@@ -55,7 +55,7 @@ def test_queries_of_another_drive_have_poses_near_the_truth(
     rows = np.array([20, 30, 40])
     queries = day.queries(tuesday, rows)
     poses = np.array([query.pose for query in queries])
-    assert pose_is_right(poses, tuesday.load("world_T_scan")[rows]).all()
+    assert OF_SWEEPS.right(poses, tuesday.load("world_T_scan")[rows]).all()
     for query in queries:
         assert query.covariance.shape == (6, 6)
         assert query.doubts.shape == (len(BELIEFS),)

@@ -5,11 +5,11 @@ import pytest
 
 from pipeline.level.beams import supports
 from pipeline.level.field import Field
-from pipeline.level.fix import LevelFixer, signs
+from pipeline.level.fix import LevelFixer
 from pipeline.level.level_map import Drawing, LevelMap
 from pipeline.level.refinement import refined
 from pipeline.level.sweeps import Gatherer, single
-from pipeline.level.verdict import pose_is_right
+from pipeline.level.verdict import OF_SWEEPS
 from tests.level.hall import WALLS, drive, pose, sweep
 
 
@@ -35,7 +35,7 @@ def test_a_sweep_is_found_to_less_than_a_cell(
     assert abs(np.rad2deg(turn)) < 1
     assert best.support.explained > 0.9
     assert best.support.contradicted < 0.05
-    rows = signs(fix)
+    rows = fix.signs
     assert rows[0, -1] > 0
     assert (rows[1:, -1] < 0).all()
 
@@ -156,7 +156,9 @@ def test_gathered_sweeps_are_found_at_three_places_of_the_drive(field: Field) ->
     gathered = sweeps.gathered(rows, 4.0)
     for row in rows:
         fix = LevelFixer().fix(field, gathered[row])
-        assert pose_is_right(fix.hypotheses[0].world_T_query[None], sweeps.world_T_sweep[row, None])
+        assert OF_SWEEPS.right(
+            fix.hypotheses[0].world_T_query[None], sweeps.world_T_sweep[row, None]
+        )
         assert 2.0 < fix.path_m <= 4.0
 
 

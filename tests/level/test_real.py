@@ -8,7 +8,7 @@ from pipeline.level.field import Field
 from pipeline.level.fix import LevelFixer
 from pipeline.level.held_out import Sweeps
 from pipeline.level.level_map import Drawing
-from pipeline.level.verdict import USUAL, USUAL_LIMITS, pose_is_right
+from pipeline.level.verdict import OF_SWEEPS, USUAL, USUAL_LIMITS
 from pipeline.readers.carmen import Carmen
 
 HALF = 120
@@ -25,6 +25,6 @@ def test_seattle_is_found_again(real: Path) -> None:
     gathered = asked.gathered(rows, 5.0)
     fixes = [LevelFixer().fix(field, gathered[row]).ordered(USUAL.pose) for row in rows]
     poses = np.array([fix.hypotheses[0].world_T_query for fix in fixes])
-    assert pose_is_right(poses, asked.world_T_sweep[rows]).all()
+    assert OF_SWEEPS.right(poses, asked.world_T_sweep[rows]).all()
     accepted = [USUAL.doubts(fix)[0] < USUAL_LIMITS["fix"][0] for fix in fixes]
     assert sum(accepted) >= 3

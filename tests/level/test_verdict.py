@@ -4,18 +4,11 @@ import numpy as np
 import pytest
 
 from pipeline.level.beams import Support
-from pipeline.level.fix import Hypothesis, LevelFix, LevelFixer, signs
+from pipeline.level.fix import Hypothesis, LevelFix, LevelFixer
 from pipeline.level.held_out import LevelHeldOut
 from pipeline.level.level_map import Drawing
-from pipeline.level.verdict import (
-    USUAL,
-    USUAL_LIMITS,
-    LevelEvidence,
-    LevelVerdict,
-    pose_is_right,
-    right,
-)
-from pipeline.posing.verdict import PROMISES
+from pipeline.level.verdict import NO_EVIDENCE, OF_SWEEPS, USUAL, USUAL_LIMITS, tested
+from pipeline.posing.verdict import Evidence
 from tests.level.hall import drive, pose
 
 
@@ -45,8 +38,8 @@ def test_each_sign_of_a_hypothesis_raises_its_chance() -> None:
 
 def test_being_ahead_of_a_bad_hypothesis_counts_no_more_than_being_alone() -> None:
     # a hypothesis alone counts as if another had .75 of its quality; here the other has less
-    alone = signs(fixes_of(0.8))
-    ahead = signs(fixes_of(0.8, 0.3))
+    alone = fixes_of(0.8).signs
+    ahead = fixes_of(0.8, 0.3).signs
     assert alone[0, -1] == pytest.approx(0.25 * 0.8)
     assert ahead[0, -1] == alone[0, -1]
 
@@ -62,36 +55,31 @@ def test_of_two_equal_poses_none_is_accepted_but_one_of_them_is_believed() -> No
 def test_right_is_within_a_metre_and_ten_degrees() -> None:
     true = np.stack([pose(0, 0, 0)] * 3)
     found = np.stack([pose(0.9, 0, 0.15), pose(1.1, 0, 0), pose(0, 0, 0.2)])  # .15 rad is 8.6°
-    assert pose_is_right(found, true).tolist() == [True, False, False]
-    is_right, is_near = right(fixes_of(0.9, 0.8), pose(0.2, 0, 0))
+    assert OF_SWEEPS.right(found, true).tolist() == [True, False, False]
+    is_right, is_near = OF_SWEEPS.right_and_near(fixes_of(0.9, 0.8), pose(0.2, 0, 0))
     assert is_right.tolist() == [True, False]
     assert is_near.tolist() == [True, False]
 
 
-def evidence(right_count: int, wrong_count: int) -> LevelEvidence:
+def evidence(right_count: int, wrong_count: int) -> Evidence[LevelFix]:
     """Fixes without doubt, each in a block of its own: the first ones right, the others wrong."""
     count = right_count + wrong_count
     true = np.stack([pose(0 if n < right_count else 30, 0, 0) for n in range(count)])
-    return LevelEvidence(
-        [fixes_of(0.99, 0.5)] * count, true, np.zeros(count, bool), np.arange(count)
-    )
+    return Evidence([fixes_of(0.99, 0.5)] * count, true, np.zeros(count, bool), np.arange(count))
 
 
 def test_a_map_lowers_the_usual_limits_only_where_its_own_stretches_break_a_promise() -> None:
-    none = LevelVerdict(LevelEvidence.joined([]), 0.2)
-    assert none.limits("fix") == list(USUAL_LIMITS["fix"])
-    kept = LevelVerdict(evidence(20, 0), 0.2)
-    assert kept.limits("fix") == list(USUAL_LIMITS["fix"])
+    for unbroken in (NO_EVIDENCE, evidence(20, 0)):
+        assert tested(unbroken, 0.2).promised == USUAL_LIMITS
     # 2 of 22 wrong, all of one doubt: neither .95 nor .99 is kept below any limit
-    broken = LevelVerdict(evidence(20, 2), 0.2)
-    assert max(broken.limits("fix")) < 0
+    assert tested(evidence(20, 2), 0.2).kept == ()
 
 
 def test_evidence_alone_promises_only_what_one_more_wrong_fix_would_not_break() -> None:
-    # 30 right: 30 / 31 is .968, so .95 is kept and .99 is not
-    reached = LevelVerdict(evidence(30, 0), 0.0).reached("fix")
-    assert [limit > 0 for limit in reached] == [True, False, False]
-    assert len(reached) == len(PROMISES)
+    # 30 right: 30 / 31 is .968, so .95 is kept and .99 is not; a doubt of 5 x .05 is the most
+    limits = evidence(30, 0).limits(USUAL, 0.0)["fix"]
+    assert [limit > 0 for limit in limits] == [True, False, False]
+    assert limits[0] == pytest.approx(0.25)
 
 
 def test_held_out_stretches_are_found_on_a_map_with_their_surroundings_only() -> None:
@@ -105,4 +93,4 @@ def test_held_out_stretches_are_found_on_a_map_with_their_surroundings_only() ->
     for fix, true, unseen in zip(own.fixes, own.world_T_true, own.unseen, strict=True):
         assert bool(fix.hypotheses) != bool(unseen)
         if not unseen:
-            assert right(fix, true)[0][0]
+            assert OF_SWEEPS.right_and_near(fix, true)[0][0]

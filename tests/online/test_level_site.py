@@ -20,7 +20,7 @@ from pipeline.formats.nav2_map import GridMap
 from pipeline.formats.pointcloud2 import decode
 from pipeline.level.held_out import Sweeps
 from pipeline.level.level_map import Drawing, LevelMap
-from pipeline.level.verdict import pose_is_right
+from pipeline.level.verdict import OF_SWEEPS
 from pipeline.online.description import describe
 from pipeline.online.level_pack import CARMEN, pack_sweeps
 from pipeline.online.level_site import LevelSite, LevelTracker
@@ -203,7 +203,7 @@ def test_a_tracker_finds_a_robot_again_that_was_carried_without_odometry(hall: P
         step = None if row in (0, 15) else sweeps.step(at)
         fix = tracker.localize(sweeps.points(at), step)
         true = sweeps.world_T_sweep[at, None]
-        assert fix.verdict != "accepted" or pose_is_right(fix.world_T_sensor[None], true)
+        assert fix.verdict != "accepted" or OF_SWEEPS.right(fix.world_T_sensor[None], true)
     assert fix.verdict == "accepted"
     with pytest.raises(InputError, match="a LevelTracker follows its sweeps"):
         Tracker(site)

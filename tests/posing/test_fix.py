@@ -11,7 +11,6 @@ from pipeline.core.errors import ArtifactError, ConfigError
 from pipeline.core.frames import distance_and_turn
 from pipeline.posing.chances import Chances
 from pipeline.posing.fix import Fix, signs
-from pipeline.posing.registration import NOWHERE
 from pipeline.posing.search import Answers, Fixer
 from pipeline.posing.targets import GRAIN_M, Targets
 from tests.posing.scene import hypothesis, planar, scene, seen_from
@@ -72,8 +71,8 @@ def test_a_place_that_the_map_does_not_have_overlaps_little(targets: Targets) ->
     here, elsewhere = (
         Fixer().fix(seen_from(scene(seed), planar(1, 1, 20)), targets, PLACES) for seed in (0, 7)
     )
-    assert elsewhere.alignment.overlap < 0.6 * here.alignment.overlap
-    assert elsewhere.alignment.spread_m > 2 * here.alignment.spread_m
+    assert elsewhere.overlap < 0.6 * here.overlap
+    assert elsewhere.hypotheses[0].alignment.spread_m > 2 * here.hypotheses[0].alignment.spread_m
     assert elsewhere.chance < 0.5 < 0.99 < here.chance
 
 
@@ -104,7 +103,7 @@ def test_approaches_of_little_overlap_are_refined_only_beside_a_likely_hypothesi
 def test_too_little_to_tell_is_no_pose(targets: Targets, points_m: np.ndarray) -> None:
     result = Fixer().fix(points_m, targets, PLACES)
     assert result.hypotheses == ()
-    assert result.alignment is NOWHERE
+    assert np.isinf(result.covariance).all()
     assert result.chance == 0
 
 
@@ -113,7 +112,7 @@ def test_without_answers_the_whole_map_is_searched(targets: Targets) -> None:
         seen_from(scene(1), planar(1, 0, 90)), targets, Answers.at(np.full((5, 2), np.nan))
     )
     assert result.hypotheses[0].row == 1
-    assert result.alignment.overlap > 0.8
+    assert result.overlap > 0.8
 
 
 def test_what_is_left_out_is_not_there(targets: Targets) -> None:
@@ -123,10 +122,7 @@ def test_what_is_left_out_is_not_there(targets: Targets) -> None:
 
 
 def test_millimetres_are_not_accepted(targets: Targets) -> None:
-    assert all(
-        one.alignment.overlap < 0.1
-        for one in Fixer().fix(scene() * 1000, targets, PLACES).hypotheses
-    )
+    assert all(one.overlap < 0.1 for one in Fixer().fix(scene() * 1000, targets, PLACES).hypotheses)
 
 
 OVERLAPS = Chances((10.0, *5 * (0.0,)), -5.0)

@@ -17,7 +17,7 @@ from pipeline.posing.fix import Fix
 from pipeline.posing.held_out import Drive, HeldOut, TrainingDay, gated, least_overlap
 from pipeline.posing.search import Fixer
 from pipeline.posing.targets import write_map
-from pipeline.posing.verdict import Evidence
+from pipeline.posing.verdict import USUAL, Evidence
 from tests.posing.scene import hypothesis, planar, scene, seen_from
 from tests.posing.test_queries import drive
 
@@ -70,7 +70,7 @@ def test_blocks_are_right_with_their_surroundings_aged_or_not_and_wrong_without(
     assert len(few.fixes) == 3 * 4
     assert few.blocks < evidence.blocks
     assert evidence.unseen.tolist() == [False, False, True] * queries
-    assert evidence.true()[:, 0].tolist() == [True, True, False] * queries
+    assert evidence.judged(USUAL)[1][:, 0].tolist() == [True, True, False] * queries
     assert evidence.blocks == len(np.unique(evidence.block)) > 1
     chance = np.array([fix.chance for fix in evidence.fixes])
     assert chance[~evidence.unseen].min() > chance[evidence.unseen].max()

@@ -13,7 +13,6 @@ from pipeline.alterations.turned import Turned
 from pipeline.core import schemas, store
 from pipeline.core.errors import InputError
 from pipeline.core.frames import distance_and_turn, turns
-from pipeline.posing.fix import poses
 from pipeline.posing.queries import Queries
 from pipeline.posing.search import Fixer
 from pipeline.posing.targets import write_map
@@ -71,7 +70,8 @@ def test_each_case_has_the_pose_of_the_robot_as_it_stood(folder: Path) -> None:
         for stamp in STAMPS_NS.tolist()
     ]
     away_m, turn_deg = distance_and_turn(
-        poses(fixes), np.concatenate([TRUE, TRUE @ turns(np.array(left_rad))])
+        np.array([fix.pose for fix in fixes]),
+        np.concatenate([TRUE, TRUE @ turns(np.array(left_rad))]),
     )
     assert away_m.max() < 0.1
     assert turn_deg.max() < 0.5

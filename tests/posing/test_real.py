@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from pipeline.core import schemas, store
 from pipeline.core.frames import distance_and_turn, yaw
 from pipeline.formats import pcd
-from pipeline.posing.fix import Fix, poses
+from pipeline.posing.fix import Fix
 from pipeline.posing.registration import Registration
 from pipeline.posing.search import Fixer
 from pipeline.posing.targets import GRAIN_M, Targets
@@ -72,7 +72,9 @@ def test_a_real_street_is_known_when_it_is_driven_back_and_another_is_not(
     back = range(480, 620, 10)
     elsewhere = range(700, 1140, 60)
     there = fixes(frames, targets, back)
-    away_m, turn_deg = distance_and_turn(poses(there), frames.world_T_frame[back])
+    away_m, turn_deg = distance_and_turn(
+        np.array([fix.pose for fix in there]), frames.world_T_frame[back]
+    )
     right = (away_m < 2) & (turn_deg < 5)
     assert right.mean() > 0.9  # measured 14 of 14
     assert np.median(away_m) < 0.5  # the truth is another project's, good to some .2 m

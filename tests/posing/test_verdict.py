@@ -7,7 +7,7 @@ import pytest
 from pipeline.matching.rejection import ACCEPT_NOTHING
 from pipeline.posing.chances import Chances
 from pipeline.posing.fix import Fix
-from pipeline.posing.verdict import PROMISES, Evidence, Judge, Verdict, middle
+from pipeline.posing.verdict import BELIEFS, OF_SCANS, PROMISES, Evidence, Judge, middle
 from tests.posing.scene import hypothesis, planar
 
 OVERLAPS = Chances((10.0, *5 * (0.0,)), -5.0)
@@ -30,7 +30,7 @@ def test_doubts_in_the_pose_in_its_place_and_in_the_poses_that_are_named() -> No
     assert Judge(OVERLAPS, OVERLAPS).doubts(Fix()).tolist() == [1, 1, 1]
 
 
-def evidence(blocks: int, wrong: int = 0, seed: int = 0) -> Evidence:
+def evidence(blocks: int, wrong: int = 0, seed: int = 0) -> Evidence[Fix]:
     """A right fix of much overlap in each block, and one of little without its surroundings; the
     first few of these overlap."""
     rng = np.random.default_rng(seed)
@@ -55,7 +55,8 @@ def test_right_and_near_are_told_apart() -> None:
     known_evidence = Evidence(
         [*fixes, Fix()], np.tile(np.eye(4), (6, 1, 1)), np.zeros(6, bool), np.arange(6)
     )
-    assert known_evidence.true().tolist() == [
+    _, truths = known_evidence.judged(Judge(OVERLAPS, OVERLAPS))
+    assert truths.tolist() == [
         [True, True, True],
         [False, True, False],
         [False, True, False],
@@ -63,36 +64,31 @@ def test_right_and_near_are_told_apart() -> None:
         [False, False, True],
         [False] * 3,
     ]
+    assert OF_SCANS.right(np.full((1, 4, 4), np.nan), np.eye(4)[None]).tolist() == [False]
 
 
 def test_a_promise_takes_as_many_blocks_and_is_kept_if_one_more_were_wrong() -> None:
     """Of 200 blocks .8 are seen: 160 accepted ones keep .99 (159 of 160 would), not .999; of 100
     blocks 80 keep .95 alone."""
-    many, few = (Verdict(evidence(blocks), 0.2) for blocks in (200, 100))
-    assert [limit > 0 for limit in many.limits("fix")] == [True, True, False]
-    assert [limit > 0 for limit in few.limits("fix")] == [True, False, False]
-    assert few.limits("fix")[1] == ACCEPT_NOTHING
+    many, few = (evidence(blocks).verdict(0.2) for blocks in (200, 100))
+    assert many.kept == (0.95, 0.99)
+    assert few.kept == (0.95,)
+    assert few.promised["fix"][1] == ACCEPT_NOTHING
+    assert few.limits == {0.95: tuple(few.promised[belief][0] for belief in BELIEFS)}
 
 
 def test_wrong_ones_among_the_right_break_a_promise() -> None:
     """20 of 200 unseen blocks look right and count .2 each: 4 of 164 wrong keeps .95, not .99."""
-    assert [limit > 0 for limit in Verdict(evidence(200, wrong=20), 0.2).limits("fix")] == [
-        True,
-        False,
-        False,
-    ]
+    assert evidence(200, wrong=20).verdict(0.2).kept == (0.95,)
 
 
 def test_no_fix_is_accepted_whose_own_doubt_is_far_over_what_a_promise_allows() -> None:
     """All are right, those of little overlap too, and no limit breaks a promise: .05 allows a doubt
     of a half, .01 a tenth."""
     fixes = [Fix.of([hypothesis(0, overlap)], OVERLAPS) for overlap in np.linspace(0.3, 0.9, 2000)]
-    sure = Verdict(
-        Evidence(fixes, np.tile(np.eye(4), (2000, 1, 1)), np.zeros(2000, bool), np.arange(2000)),
-        0.2,
-    )
-    sure.__dict__["judge"] = Judge(OVERLAPS, OVERLAPS)
-    assert sure.limits("fix") == pytest.approx([0.5, 0.1, 0.01])
+    sure = Evidence(fixes, np.tile(np.eye(4), (2000, 1, 1)), np.zeros(2000, bool), np.arange(2000))
+    limits = sure.limits(Judge(OVERLAPS, OVERLAPS), 0.2)
+    assert limits["fix"] == pytest.approx([0.5, 0.1, 0.01])
 
 
 def test_a_limit_stands_in_the_middle_of_a_gap() -> None:
@@ -103,5 +99,9 @@ def test_a_limit_stands_in_the_middle_of_a_gap() -> None:
 
 
 def test_without_evidence_nothing_is_promised() -> None:
-    none = Evidence([], np.zeros((0, 4, 4)), np.zeros(0, bool), np.zeros(0, np.int64))
-    assert Verdict(none, 0.2).limits("fix") == [ACCEPT_NOTHING] * len(PROMISES)
+    none: Evidence[Fix] = Evidence.joined([])
+    assert none.verdict(0.2).promised["fix"] == (ACCEPT_NOTHING,) * len(PROMISES)
+
+
+def test_joined_evidence_numbers_blocks_on() -> None:
+    assert Evidence.joined([evidence(2), evidence(1)]).block.tolist() == [0, 0, 1, 1, 2, 2]
