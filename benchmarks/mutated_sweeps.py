@@ -30,7 +30,7 @@ from pipeline.level.fix import LevelFixer
 from pipeline.level.held_out import Sweeps
 from pipeline.level.level_map import Drawing
 from pipeline.level.sweeps import OVER_M
-from pipeline.level.verdict import NO_EVIDENCE, OF_SWEEPS, tested
+from pipeline.level.verdict import NO_EVIDENCE, OF_SWEEPS, verdict_of
 from pipeline.online.level_pack import UNSEEN_SHARE
 from pipeline.posing.verdict import PROMISES
 
@@ -118,7 +118,7 @@ def building(sweeps: Sweeps) -> tuple[LevelDay, Sweeps]:
     half = len(sweeps.world_T_sweep) // 2
     mapped = sweeps.part(0, half)
     drawing = Drawing.of([mapped.points(row) for row in range(half)], mapped.world_T_sweep)
-    verdict = tested(NO_EVIDENCE, UNSEEN_SHARE)
+    verdict = verdict_of(NO_EVIDENCE, UNSEEN_SHARE)
     asked = sweeps.part(half, len(sweeps.world_T_sweep))
     return LevelDay(drawing.level_map(), verdict, LevelFixer()), asked
 

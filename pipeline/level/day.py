@@ -17,7 +17,7 @@ from pipeline.level.fix import LevelFixer
 from pipeline.level.held_out import LevelHeldOut, Sweeps
 from pipeline.level.level_map import Drawing, LevelMap
 from pipeline.level.sweeps import OVER_M, Gathered
-from pipeline.level.verdict import LARGEST_DOUBT, USUAL, tested
+from pipeline.level.verdict import LARGEST_DOUBT, USUAL, verdict_of
 from pipeline.posing.answers import PosedQuery
 from pipeline.posing.verdict import BELIEFS, Verdict
 
@@ -42,7 +42,7 @@ class LevelDay:
         drawing = Drawing.of([sweeps.points(row) for row in rows], sweeps.world_T_sweep)
         fixer = LevelFixer()
         evidence = held_out.evidence(fixer, sweeps, drawing, OVER_M)
-        verdict = tested(evidence, unseen_share)
+        verdict = verdict_of(evidence, unseen_share)
         return cls(drawing.level_map(), verdict, fixer, len(evidence.fixes))
 
     @cached_property

@@ -42,7 +42,7 @@ NO_EVIDENCE = Evidence[LevelFix].joined([])
 """That of a map without sweeps to hold out."""
 
 
-def tested(evidence: Evidence[LevelFix], unseen_share: float) -> Verdict:
+def verdict_of(evidence: Evidence[LevelFix], unseen_share: float) -> Verdict:
     """The usual verdict, tested on a map's own evidence.
 
     A limit is the usual one, or a lower one where that breaks the promise on the evidence.

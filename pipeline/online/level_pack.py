@@ -19,7 +19,7 @@ from pipeline.level.fix import LevelFixer
 from pipeline.level.held_out import LevelHeldOut, Sweeps
 from pipeline.level.level_map import LevelMap
 from pipeline.level.sweeps import OVER_M
-from pipeline.level.verdict import NO_EVIDENCE, tested
+from pipeline.level.verdict import NO_EVIDENCE, verdict_of
 from pipeline.online import site_file
 from pipeline.online.site_json import (
     LevelDescription,
@@ -49,7 +49,7 @@ def pack_map(map_path: Path, out: Path) -> str:
     except InputError as error:
         raise ArtifactError(f"{map_path}: {error}") from None
     digest = hashlib.md5(map_path.read_bytes(), usedforsecurity=False).hexdigest()
-    verdict = tested(NO_EVIDENCE, UNSEEN_SHARE)
+    verdict = verdict_of(NO_EVIDENCE, UNSEEN_SHARE)
     return _write(out, map_path.stem, False, level_map, verdict, CARMEN, map_path.name, digest)
 
 

@@ -7,7 +7,7 @@ from pipeline.level.beams import Support
 from pipeline.level.fix import Hypothesis, LevelFix, LevelFixer
 from pipeline.level.held_out import LevelHeldOut
 from pipeline.level.level_map import Drawing
-from pipeline.level.verdict import NO_EVIDENCE, OF_SWEEPS, USUAL, USUAL_LIMITS, tested
+from pipeline.level.verdict import NO_EVIDENCE, OF_SWEEPS, USUAL, USUAL_LIMITS, verdict_of
 from pipeline.posing.verdict import Evidence
 from tests.level.hall import drive, pose
 
@@ -70,9 +70,9 @@ def evidence(right_count: int, wrong_count: int) -> Evidence[LevelFix]:
 
 def test_a_map_lowers_the_usual_limits_only_where_its_own_stretches_break_a_promise() -> None:
     for unbroken in (NO_EVIDENCE, evidence(20, 0)):
-        assert tested(unbroken, 0.2).promised == USUAL_LIMITS
+        assert verdict_of(unbroken, 0.2).promised == USUAL_LIMITS
     # 2 of 22 wrong, all of one doubt: neither .95 nor .99 is kept below any limit
-    assert tested(evidence(20, 2), 0.2).kept == ()
+    assert verdict_of(evidence(20, 2), 0.2).kept == ()
 
 
 def test_evidence_alone_promises_only_what_one_more_wrong_fix_would_not_break() -> None:
