@@ -73,13 +73,10 @@ class Drive:
         anchors = store.read(submaps, Submaps)
         return cls(store.read(scans, Scans), anchors, anchors.load("world_T_anchor"))
 
-    def points_m(self, row: int) -> NDArray[np.float64]:
-        """The points (n, 3) of a submap in the frame of its anchor."""
-        return next(iter(submap_points(self.scans, self.submaps, slice(row, row + 1))))
-
     def standing_m(self, row: int) -> NDArray[np.float64]:
         """The points (n, 3) of a submap that stand on the ground, in the frame of its anchor."""
-        return standing(self.points_m(row))
+        submaps = submap_points(self.scans, self.submaps, slice(row, row + 1))
+        return standing(next(iter(submaps)))
 
     def cells(self, row: int) -> NDArray[np.int8]:
         """The cells (n, 2) of side CELL_M that a submap's points stand in, counted from its anchor.

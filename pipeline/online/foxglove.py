@@ -6,8 +6,6 @@ It shows the map, each scan where its fix placed it, every pose as a point, and 
 
 from contextlib import ExitStack
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +22,7 @@ VERDICT_NUMBERS = ("accepted", "rejected", "near", "ambiguous")
 """On /fixes the intensity of a point is the number of its verdict in this order."""
 
 
-class Recording:
+class Recording(ExitStack):
     """Writes FILE.mcap, whole or not at all.
 
     Its topics are /map, /scan, /fixes (one point for each pose) and /fix (the accepted poses).
@@ -37,24 +35,13 @@ class Recording:
         `yearloc watch` makes all its streams with these arguments: this one always has a file, and
         needs no promise.
         """
+        super().__init__()
         assert out is not None
         self._origin_m = origin(site)
         self._map_m = whole_map(site) - self._origin_m
-        self._file = ExitStack()
-        self._bag = self._file.enter_context(whole_bag(out))
+        self._bag = self.enter_context(whole_bag(out))
         self._fixes: list[tuple[float, ...]] = []
         self._has_map = False
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._file.__exit__(kind, error, trace)
 
     def add(self, number: int, scan: Scan, points_m: NDArray[np.float64], fix: Fix) -> None:
         """Add a scan (n, 3) and its fix, at its stamp or else at its number in seconds."""

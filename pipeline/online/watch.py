@@ -6,8 +6,7 @@ next best pose elsewhere, and the verdict and chances over time. It holds the la
 
 from contextlib import ExitStack
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,7 +44,7 @@ RUNNER_UP = "world/runner_up"
 """The entities, in rerun's word, of the scan at its fix and at the runner-up."""
 
 
-class Recording:
+class Recording(ExitStack):
     """Writes a recording for rerun to FILE.rrd, whole or not at all.
 
     Without a file it opens rerun's viewer.
@@ -59,6 +58,7 @@ class Recording:
             raise ConfigError(
                 "rerun: not installed; `pip install 'yearloc[watch]'` (490 MB)"
             ) from None
+        super().__init__()
         self._rerun = rerun
         self._site = site
         self._fixes_m: dict[str, list[NDArray[np.float64]]] = {word: [] for word in COLOURS}
@@ -70,29 +70,17 @@ class Recording:
         if promise is not None:
             largest_doubt, *_ = site.promises[promise]  # in the pose; doubt is one minus chance
             self._least_chance = 1 - largest_doubt
-        self._file = ExitStack()
         self._stream = rerun.RecordingStream("yearloc")
         if out is None:
             self._stream.spawn(default_blueprint=self._blueprint(live=True))
         else:
             self._stream.save(
-                self._file.enter_context(replace(out)),
+                self.enter_context(replace(out)),
                 default_blueprint=self._blueprint(live=False),
             )
+        self.callback(self._stream.disconnect)
+        self.callback(self._stream.flush)
         self._log_static()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._stream.flush()
-        self._stream.disconnect()
-        self._file.__exit__(kind, error, trace)
 
     def add(self, number: int, scan: Scan, points_m: NDArray[np.float64], fix: Fix) -> None:
         """Add a scan (n, 3) and its fix, at its number and its stamp on the timelines."""

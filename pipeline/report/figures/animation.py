@@ -3,7 +3,7 @@
 In: frames as pixels, and a palette. Out: a file as .gif, .webp or animated .png.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from PIL.ImageColor import getrgb
 from scipy.spatial import KDTree
 
 from pipeline.core.errors import ConfigError
+from pipeline.core.progress import Progress
 from pipeline.core.store import replace
 
 ENDINGS = {".gif": "GIF", ".webp": "WEBP", ".png": "PNG"}
@@ -75,6 +76,21 @@ def save(
             optimize=True,
         )
     return len(durations_ms), path.stat().st_size
+
+
+def write(
+    path: Path,
+    count: int,
+    most_frames: int,
+    frame: Callable[[int], NDArray[np.uint8]],
+    inks: Sequence[str],
+    plain: Sequence[str],
+    progress: Progress,
+) -> tuple[int, int]:
+    """Draw and save the frames of at most so many of `count` moments, evenly spread; see `save`."""
+    shown = spread(count, most_frames).tolist()
+    frames = progress.track(map(frame, shown), len(shown), "frames")
+    return save(frames, path, palette(inks, plain))
 
 
 def _indexed(frame: NDArray[np.uint8], table: NDArray[np.uint8], tree: KDTree) -> Image.Image:

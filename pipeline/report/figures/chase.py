@@ -49,10 +49,15 @@ def write(drive: BelievedDrive, path: Path, progress: Progress) -> tuple[int, in
     The same artifacts give the same bytes. Raises ConfigError for another ending.
     """
     counts = drive.counts
-    shown = animation.spread(len(drive.accepted), MOST_FRAMES).tolist()
-    frames = (frame(drive, query, counts[:, query].tolist()) for query in shown)
-    table = animation.palette((ACCEPTED, REFUSED, WRONG, INK, GREY), GREYS)
-    return animation.save(progress.track(frames, len(shown), "frames"), path, table)
+    return animation.write(
+        path,
+        len(drive.accepted),
+        MOST_FRAMES,
+        lambda query: frame(drive, query, counts[:, query].tolist()),
+        (ACCEPTED, REFUSED, WRONG, INK, GREY),
+        GREYS,
+        progress,
+    )
 
 
 def frame(drive: BelievedDrive, query: int, counts: Sequence[int]) -> NDArray[np.uint8]:

@@ -104,11 +104,16 @@ def write(
     The same drive gives the same bytes. Raises ConfigError for another ending.
     """
     plan = Plan(level_map)
-    shown = animation.spread(len(drive), MOST_FRAMES).tolist()
-    frames = (frame(plan, drive[: number + 1], title) for number in shown)
     inks = (INK, GREY, WALL, UNKNOWN, *("rgb({}, {}, {})".format(*c) for c in COLOURS.values()))
-    table = animation.palette(inks, (FREE,))
-    return animation.save(progress.track(frames, len(shown), "frames"), path, table)
+    return animation.write(
+        path,
+        len(drive),
+        MOST_FRAMES,
+        lambda number: frame(plan, drive[: number + 1], title),
+        inks,
+        (FREE,),
+        progress,
+    )
 
 
 def frame(plan: Plan, drive: Sequence[Seen], title: str) -> NDArray[np.uint8]:

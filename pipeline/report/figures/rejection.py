@@ -6,7 +6,6 @@ and unseen queries, `rejection` precision and recall at the threshold of each ki
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -152,16 +151,8 @@ def rejection(group: Sequence[Result]) -> Figure:
     return fig
 
 
-class Calibration(NamedTuple):
-    """How well a kind of confidence is calibrated, over the seen queries of all test sequences."""
-
-    name: str
-    bins: Reliability
-    error: float  # the expected calibration error (ECE)
-
-
-def confidences(results: Sequence[Result]) -> list[Calibration]:
-    """Calibration of the raw confidence (1 − cost of the first place) and of the scaled one.
+def confidences(results: Sequence[Result]) -> list[tuple[str, Reliability, float]]:
+    """The raw confidence (1 − cost of the first place) and the scaled one: name, bins and ECE.
 
     The scaled one is by temperature. Queries are seen, and answers right, by cells. Empty if a
     model has neither.
@@ -174,7 +165,7 @@ def confidences(results: Sequence[Result]) -> list[Calibration]:
     if not len(right) or not chances(scaled):
         return []
     return [
-        Calibration(name, reliability(confidence, right), ece(confidence, right))
+        (name, reliability(confidence, right), ece(confidence, right))
         for name, confidence in (("raw: 1 − cost", raw), ("temperature-scaled", scaled))
         if chances(confidence)
     ]

@@ -8,6 +8,7 @@ import math
 from base64 import b64encode
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Self
 
 import numpy as np
@@ -48,7 +49,7 @@ def chart(study: Study) -> dict[str, Any]:
     """
     views_of = ((model, Views.read(study, model, *study.train.split())) for model in study.models)
     view_model, train = next(((model, views) for model, views in views_of if views), ("", None))
-    training = Training(train, KDTree(study.train_xy_m))
+    nearest_training = partial(nearest, KDTree(study.train_xy_m), train)
     footprint = study.footprint
     origin_m = np.rint(study.train_xy_m.mean(axis=0))  # is subtracted, so that numbers are small
     days = dates(study.results)
@@ -68,14 +69,17 @@ def chart(study: Study) -> dict[str, Any]:
                 "xy": quantized(evaluation.xy_m - origin_m, STEP_M),
                 "heading": quantized(heading_deg, STEP_DEG),
                 "nearest_m": quantized(evaluation.nearest_m, STEP_M),
-                **training.nearest(evaluation.xy_m, views),
+                **nearest_training(evaluation.xy_m, views),
                 "kept": indices(kept),
                 "views": views.picture(kept) if views else None,
                 "scans": _scans(study, sequence, kept) if footprint else None,
             }
         )
         for result in results:
-            answers[result.model][sequence] = _answers(study, result, views, training, origin_m)
+            answers[result.model][sequence] = _answers(study, result, origin_m)
+            answers[result.model][sequence] |= nearest_training(
+                result.evaluation.answer_xy_m, views
+            )
     return {
         "simulated": study.simulated,
         "best": study.best,
@@ -159,35 +163,29 @@ def sheet(heights_m: NDArray[np.float32]) -> Image.Image:
     return image
 
 
-@dataclass(frozen=True)
-class Training:
-    """The views and positions of training, to find the nearest one to a position."""
+def nearest(
+    tree: KDTree, train: Views | None, xy_m: NDArray[np.float64], views: Views | None
+) -> dict[str, dict[str, str]]:
+    """The training submap nearest to each position (q, 2), and the shift of its view.
 
-    views: Views | None
-    tree: KDTree
-
-    def nearest(self, xy_m: NDArray[np.float64], views: Views | None) -> dict[str, dict[str, str]]:
-        """The training submap nearest to each position (q, 2), and the shift of its view.
-
-        The shift is the number of columns to roll that view by so that it looks most like the
-        query's; `views` are those of the queries.
-        """
-        rows = np.full(len(xy_m), -1)
-        shifts = np.zeros(len(xy_m), np.int64)
-        finite = np.isfinite(xy_m).all(axis=1)
-        rows[finite] = self.tree.query(xy_m[finite])[1]
-        if views and self.views:
-            shifts[finite] = best_shifts(
-                views.spectra[finite], self.views.spectra[rows[finite]], views.heights_m.shape[2]
-            )
-        return {"row": indices(rows), "shift": indices(shifts)}
+    `tree` holds the positions of training, `train` its views, and `views` are those of the queries.
+    The shift is the number of columns to roll a training view by so that it looks most like the
+    query's.
+    """
+    rows = np.full(len(xy_m), -1)
+    shifts = np.zeros(len(xy_m), np.int64)
+    finite = np.isfinite(xy_m).all(axis=1)
+    rows[finite] = tree.query(xy_m[finite])[1]
+    if views and train:
+        shifts[finite] = best_shifts(
+            views.spectra[finite], train.spectra[rows[finite]], views.heights_m.shape[2]
+        )
+    return {"row": indices(rows), "shift": indices(shifts)}
 
 
 def _answers(
     study: Study,
     result: Result,
-    views: Views | None,
-    training: Training,
     origin_m: NDArray[np.float64],
 ) -> dict[str, Any]:
     """The answers of one model on one sequence, and how they are judged."""
@@ -216,7 +214,7 @@ def _answers(
     for protocol, judgement in (("distance", evaluation.distance), ("cells", evaluation.cells)):
         ranks = np.minimum(judgement.true_rank, MOST_RANKS)
         answers[protocol] = {"code": packed(_code(judgement), "u1"), "rank": packed(ranks, "i1")}
-    return answers | training.nearest(evaluation.answer_xy_m, views)
+    return answers
 
 
 def _code(judgement: Judgement) -> NDArray[np.int64]:
