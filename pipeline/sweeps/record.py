@@ -15,6 +15,9 @@ from typing import Any
 from pipeline.core import store
 from pipeline.core.settings import filled
 
+ORIGINS = ("from_dvc", "from_sweeps", "built")
+"""Where a job's artifacts come from: DVC, earlier jobs, or the job itself."""
+
 
 @dataclass(frozen=True)
 class Record:
@@ -95,7 +98,7 @@ def read(folder: Path) -> list[Record]:
 def cost(records: Sequence[Record]) -> str:
     """A line on what a sweep cost: artifacts reused and built, jobs, failed ones, CPU time."""
     counts_by_origin = []
-    for origin in ("from_dvc", "from_sweeps", "built"):
+    for origin in ORIGINS:
         counts = Counter[str]()
         for record in records:
             counts.update(getattr(record, origin))

@@ -18,6 +18,7 @@ from filelock import FileLock
 from pipeline.running.provenance import fingerprint
 from pipeline.sweeps.chain import Step, code, inputs, producers
 from pipeline.sweeps.lock import UpToDate, digest
+from pipeline.sweeps.record import ORIGINS
 
 Gather = Callable[[Mapping[str, str]], str]
 """Makes one replacement for a folder of several artifacts from the replacements of each.
@@ -97,12 +98,8 @@ class ArtifactResolver:
         """The cache's key of each step, by the step's first artifact."""
         self._paths: dict[str, Path] = {}
         """Where each artifact that was found or built lies."""
-        self.from_dvc = Counter[str]()
-        """How many artifacts' steps DVC had run already, by stage."""
-        self.from_sweeps = Counter[str]()
-        """How many steps other jobs had run already, by stage."""
-        self.built = Counter[str]()
-        """How many steps this job ran, by stage."""
+        self.counts = {origin: Counter[str]() for origin in ORIGINS}
+        """How many steps of each stage were found or run, by where the artifacts came from."""
 
     def obtain(self, artifact: str) -> Path:
         """Find an artifact, named as in dvc.yaml, or build it; returns where it lies."""
@@ -128,7 +125,7 @@ class ArtifactResolver:
     def _outputs(self, step: Step) -> list[Path]:
         """Find or build a step's artifacts; returns their paths in the order of `outs`."""
         if self.dvc_has(step):
-            self.from_dvc[step.stage] += 1
+            self.counts["from_dvc"][step.stage] += 1
             return [Path(out) for out in step.outs]
         names = _distinct_names(step.outs)
 
@@ -146,8 +143,7 @@ class ArtifactResolver:
             )
 
         folder, was_built = self._cache.get(step.stage, self._key(step), names, build)
-        origin = self.built if was_built else self.from_sweeps
-        origin[step.stage] += 1
+        self.counts["built" if was_built else "from_sweeps"][step.stage] += 1
         return [folder / name for name in names]
 
     def _key(self, step: Step) -> str:

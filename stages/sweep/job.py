@@ -126,17 +126,11 @@ def run_chain(cfg: DictConfig, overrides: Mapping[str, str], dataset: str) -> di
     unseen_share = composer.config(step_of["localize"], {}).rejection.unseen_share
     # This finds or builds the artifacts, so it comes before their counts are read.
     rows = list(results(artifacts, step_of["evaluate"], step_of["train"], unseen_share))
-    return {
-        "rows": rows,
-        "from_dvc": _without_empty(artifacts.from_dvc),
-        "from_sweeps": _without_empty(artifacts.from_sweeps),
-        "built": _without_empty(artifacts.built),
+    counts = {
+        origin: {stage: count for stage, count in counts.items() if stage != EMPTY_STAGE}
+        for origin, counts in artifacts.counts.items()
     }
-
-
-def _without_empty(count_by_stage: Mapping[str, int]) -> dict[str, int]:
-    """The counts of all stages but the one that makes empty folders."""
-    return {stage: count for stage, count in count_by_stage.items() if stage != EMPTY_STAGE}
+    return {"rows": rows, **counts}
 
 
 def results(

@@ -115,7 +115,7 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Project:
 def test_a_job_of_unchanged_settings_is_dvcs_own(project: Project) -> None:
     project.repro()
     job = project.job()
-    assert (job.obtain(MODEL), job.from_dvc) == (Path(MODEL), {"train": 1})
+    assert (job.obtain(MODEL), job.counts["from_dvc"]) == (Path(MODEL), {"train": 1})
     assert project.ran == []
 
 
@@ -124,7 +124,8 @@ def test_a_setting_costs_what_lies_after_it(project: Project) -> None:
     job = project.job(rings=8)
     assert "train {'rate': 1} of" in job.obtain(MODEL).read_text()
     assert project.ran == ["views", "train"]
-    assert (job.from_dvc, job.built) == ({"scans": 1}, {"views": 1, "train": 1})
+    assert job.counts["from_dvc"] == {"scans": 1}
+    assert job.counts["built"] == {"views": 1, "train": 1}
     assert job.obtain(MODEL).is_relative_to(".sweeps/train")
 
 
@@ -143,7 +144,8 @@ def test_a_second_job_takes_all_from_the_first(project: Project) -> None:
     first = project.job(rings=8).obtain(MODEL)
     project.ran.clear()
     job = project.job(rings=8)
-    assert (job.obtain(MODEL), job.from_sweeps, job.built) == (first, {"train": 1}, {})
+    assert job.obtain(MODEL) == first
+    assert job.counts == {"from_dvc": {}, "from_sweeps": {"train": 1}, "built": {}}
     assert project.ran == []
     assert project.job(rings=8, rate=2).obtain(MODEL) != first
     assert project.ran == ["train"]
