@@ -96,17 +96,25 @@ class Compute:
         """Start the workers, yield the function that runs blocks on them, and end them."""
         if self.scheduler == "threads":
             with ThreadPoolExecutor(workers) as threads:
-                yield lambda fn, spans: _ahead(partial(threads.submit, fn), workers, spans)
-        elif self.scheduler == "processes":
-            import cloudpickle
-
-            with _process_pool(workers) as processes:
                 yield lambda fn, spans: _ahead(
-                    partial(processes.submit, _computed, cloudpickle.dumps(fn)), workers, spans
+                    lambda start, stop: threads.submit(fn, start, stop), workers, spans
                 )
+        elif self.scheduler == "processes":
+            with _process_pool(workers) as processes:
+                yield partial(_run_in_processes, processes, workers)
         else:
             with connected(self.scheduler, workers, self.wait_s, self.settings) as client:
                 yield partial(in_order, client, self.scheduler, workers)
+
+
+def _run_in_processes(
+    processes: ProcessPoolExecutor, workers: int, fn: Block, spans: Sequence[Span]
+) -> Iterator[Any]:
+    """A `Run` in processes of this machine, to which the function is sent pickled."""
+    import cloudpickle
+
+    job = cloudpickle.dumps(fn)
+    return _ahead(lambda start, stop: processes.submit(_computed, job, start, stop), workers, spans)
 
 
 @contextmanager
