@@ -9,8 +9,7 @@ import numpy as np
 
 from pipeline.core.errors import LogError
 from pipeline.core.frames import flip_ned, moved, pose
-from pipeline.formats import bin_layout, kitti, nclt, pcd
-from pipeline.formats.folder import LARGEST_BYTES, refuse_array
+from pipeline.formats import bin_layout, folder, kitti, nclt, pcd
 from pipeline.inspection.cloud import diagnose
 from pipeline.inspection.inspection import Inspection, duration, moment, nbytes
 from pipeline.readers.kitti import Kitti, read_velodyne
@@ -20,8 +19,6 @@ FORMATS = {"velodyne_sync": "nclt", "velodyne": "kitti"}
 """The format of a scan by the name of its folder."""
 REVOLUTION_US = 100_000
 """Time in which NCLT's LiDAR turns once."""
-MAX_POINTS = 2_000_000
-"""In a larger array, only every n-th point is inspected."""
 MAX_UTIME_DIGITS = 17
 """A file name of more digits is no stamp in µs since 1970."""
 
@@ -31,8 +28,8 @@ def format_of(path: Path, as_format: str | None) -> str:
 
     It is `as_format` if given; else the name of the folder says it, else the bytes of a file.
     """
-    folder = path if path.is_dir() else path.parent
-    if format_name := as_format or FORMATS.get(folder.name):
+    scans = path if path.is_dir() else path.parent
+    if format_name := as_format or FORMATS.get(scans.name):
         return format_name
     example = next(iter(sorted(path.glob("*.bin"))), path) if path.is_dir() else path
     if not example.is_file():
@@ -49,7 +46,7 @@ def describe_scan_file(path: Path, as_format: str | None, inspection: Inspection
     describe_by_format = {
         "nclt": _describe_nclt_scan,
         "kitti": _describe_kitti_scan,
-        "folder": _describe_own_scan,
+        "folder": describe_own_scan,
     }
     describe = describe_by_format[format_of(path, as_format)]
     if not path.stat().st_size:
@@ -113,30 +110,6 @@ def _describe_kitti_scan(path: Path, inspection: Inspection) -> None:
     diagnose(points, mounted_m=height_m).add_to(inspection)
 
 
-def _describe_own_scan(path: Path, inspection: Inspection) -> None:
-    """Describe the .bin of another robot: records that begin with x, y, z as 32-bit floats."""
-    data = path.read_bytes()
-    points = bin_layout.points(data, path).astype(np.float64)
-    width = bin_layout.point_bytes(data) or 0
-    layout_name = ""
-    if width in bin_layout.NAMES_BY_COMMONNESS:
-        layout_name = f" ({bin_layout.NAMES_BY_COMMONNESS[width]})"
-    inspection.kind = "points of 32-bit floats"
-    inspection.add(
-        "",
-        (
-            "size",
-            f"{nbytes(len(data))}, records of {width} bytes{layout_name}, found from the content",
-        ),
-        (
-            "read by",
-            f"the dataset folder, with point_bytes: {width} or 0 in conf/dataset/folder.yaml",
-        ),
-        ("frame", "taken as x forward, y left, z up, in metres"),
-    )
-    diagnose(points).add_to(inspection)
-
-
 def _describe_packets(path: Path, inspection: Inspection) -> None:
     """Describe velodyne_hits.bin: all packet headers, and the points of one revolution."""
     packets = read_packets(path)
@@ -175,27 +148,50 @@ def _describe_packets(path: Path, inspection: Inspection) -> None:
     diagnose(points, lasers).add_to(inspection, title)
 
 
-def describe_pcd_file(path: Path, inspection: Inspection) -> None:
-    """Describe a .pcd: its header and its points.
+def describe_own_scan(path: Path, inspection: Inspection) -> None:
+    """Describe a .bin, .npy or .pcd of another robot, decoded as the reader of folders does it.
 
-    Raises LogError for a damaged file, or one without a finite point.
+    Raises LogError where the reader does, and for a file without a finite point.
     """
     data = path.read_bytes()
-    header = pcd.parse(data, path)
-    points = pcd.decode(data, path, LARGEST_BYTES)
+    points = folder.points(data, path)
     finite_points = points[np.isfinite(points).all(axis=1)]
     if not len(finite_points):
         raise LogError(f"{path}: none of its {len(points)} points has finite x, y and z")
-    points_text = f"{len(finite_points):,}"
-    if len(finite_points) < len(points):
-        points_text += f", and {len(points) - len(finite_points):,} that are not finite"
+    frame = "taken as x forward, y left, z up, in metres"
+    size = nbytes(len(data))
+    if path.suffix == ".pcd":
+        points = finite_points  # others are beams without a return, in their places
+        inspection.kind = "PCD cloud"
+        inspection.add("", *_pcd_rows(data, path, len(finite_points)))
+    elif path.suffix == ".npy":
+        array = np.load(path, mmap_mode="r", allow_pickle=False)
+        inspection.kind = "array of points"
+        shape = ("shape", f"{array.dtype}{array.shape}")
+        inspection.add("", shape, ("size", size), ("frame", frame))
+    else:
+        width = bin_layout.point_bytes(data) or 0
+        name = bin_layout.NAMES_BY_COMMONNESS.get(width)
+        layout = f"{width} bytes{f' ({name})' if name else ''}, found from the content"
+        reader = f"the dataset folder, with point_bytes: {width} or 0 in conf/dataset/folder.yaml"
+        inspection.kind = "points of 32-bit floats"
+        inspection.add(
+            "", ("size", f"{size}, records of {layout}"), ("read by", reader), ("frame", frame)
+        )
+    diagnose(points).add_to(inspection)
+
+
+def _pcd_rows(data: bytes, path: Path, finite_count: int) -> list[tuple[str, str]]:
+    """Rows on the header of a .pcd with so many finite points."""
+    header = pcd.parse(data, path)
+    points_text = f"{finite_count:,}"
+    if finite_count < header.points:
+        points_text += f", and {header.points - finite_count:,} that are not finite"
     fields = []
     for name, count, dtype in zip(header.fields, header.counts, header.types, strict=True):
         name_text = f"{name}×{count}" if count > 1 else name
         fields.append(f"{name_text} {dtype[1:]}")  # without the byte order
-    inspection.kind = "PCD cloud"
-    inspection.add(
-        "",
+    return [
         ("size", f"{nbytes(len(data))}, DATA {header.data}"),
         ("fields", ", ".join(fields)),
         ("points", points_text),
@@ -204,36 +200,7 @@ def describe_pcd_file(path: Path, inspection: Inspection) -> None:
             "taken as x forward, y left, z up, in metres; conf/dataset/folder.yaml says how it "
             "lies in the vehicle",
         ),
-    )
-    diagnose(finite_points).add_to(inspection)
-
-
-def describe_array_file(path: Path, inspection: Inspection) -> None:
-    """Describe a .npy with points (n, 3 or more); only x, y, z are inspected.
-
-    Raises LogError for any other array.
-    """
-    try:
-        array = np.load(path, mmap_mode="r", allow_pickle=False)
-    except (ValueError, EOFError, OSError) as error:
-        raise LogError(
-            f"{path}: no whole .npy file ({type(error).__name__}); save it anew"
-        ) from None
-    refuse_array(path, array.dtype, array.shape)
-    if not array.size:
-        raise LogError(f"{path}: an array without points, {array.dtype}{array.shape}")
-    points = array.reshape(-1, array.shape[-1])
-    stride = max(1, len(points) // MAX_POINTS)
-    rows = [
-        ("shape", f"{array.dtype}{array.shape}"),
-        ("size", nbytes(path.stat().st_size)),
     ]
-    if stride > 1:
-        rows.append(("inspected", f"every {stride}th point"))
-    rows.append(("frame", "taken as x forward, y left, z up, in metres"))
-    inspection.kind = "array of points"
-    inspection.add("", *rows)
-    diagnose(np.asarray(points[::stride, :3], np.float64)).add_to(inspection)
 
 
 def moment_of(path: Path) -> str:

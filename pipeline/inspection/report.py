@@ -44,8 +44,8 @@ FOREIGN_FORMATS = {
 DESCRIBE_BY_PATTERN: dict[str, Callable[[Path, Inspection], None]] = {
     f"*{MODEL}": artifacts.describe_model,
     **{f"*{suffix}": bags.describe_bags for suffix in SUFFIXES},
-    "*.pcd": files.describe_pcd_file,
-    "*.npy": files.describe_array_file,
+    "*.pcd": files.describe_own_scan,
+    "*.npy": files.describe_own_scan,
     "odometry_cov*.csv": tracks.describe_nclt_poses,
     "vo.csv": robotcar.describe_vo,
     "ins.csv": robotcar.describe_ins,

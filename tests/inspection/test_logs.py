@@ -127,7 +127,7 @@ def test_arrays_of_points_are_looked_at(tmp_path: Path) -> None:
     with pytest.raises(LogError, match="expected points"):
         inspect(tmp_path / "b.npy")
     (tmp_path / "c.npy").write_bytes((tmp_path / "a.npy").read_bytes()[:500])
-    with pytest.raises(LogError, match=r"no whole \.npy"):
+    with pytest.raises(LogError, match="the file is damaged"):
         inspect(tmp_path / "c.npy")
 
 
