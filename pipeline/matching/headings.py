@@ -5,6 +5,7 @@ reference headings. A query's distance to the place is that to the nearest of th
 the query's heading.
 """
 
+from collections.abc import Iterable
 from typing import Literal
 
 import numpy as np
@@ -55,7 +56,7 @@ def nearest_heading(
     query_vectors -= centre
     query_squares = np.vecdot(query_vectors, query_vectors)
     distances = np.empty((places, len(query_vectors)), np.float32)
-    nearest_headings = np.zeros((places, len(query_vectors)), np.uint8)
+    nearest_headings = np.empty((places, len(query_vectors)), np.uint8)
     for start in range(0, places, PLACES):
         block = codes[start : start + PLACES].astype(np.float32)
         block -= centre
@@ -65,11 +66,22 @@ def nearest_heading(
             len(block), headings, len(query_vectors)
         )
         squares += np.vecdot(block, block)[..., None]
-        least_squares = squares[:, 0].copy()  # of the nearest heading so far
-        block_headings = nearest_headings[start : start + PLACES]
-        for heading in range(1, headings):
-            is_nearer = squares[:, heading] < least_squares
-            np.copyto(least_squares, squares[:, heading], where=is_nearer)
-            np.copyto(block_headings, np.uint8(heading), where=is_nearer)
-        distances[start : start + PLACES] = np.sqrt(np.maximum(least_squares + query_squares, 0))
+        rows = slice(start, start + PLACES)
+        least_squares, nearest_headings[rows] = least(squares.swapaxes(0, 1))
+        distances[rows] = np.sqrt(np.maximum(least_squares + query_squares, 0))
     return distances, nearest_headings
+
+
+def least(
+    by_heading: Iterable[NDArray[np.float32]],
+) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+    """The least of numbers (n, m) given for each heading, and the first heading that has it."""
+    headings = enumerate(by_heading)
+    _, first = next(headings)
+    least_numbers = first.copy()
+    nearest_headings = np.zeros(first.shape, np.uint8)
+    for heading, numbers in headings:
+        is_nearer = numbers < least_numbers
+        np.copyto(least_numbers, numbers, where=is_nearer)
+        np.copyto(nearest_headings, np.uint8(heading), where=is_nearer)
+    return least_numbers, nearest_headings

@@ -15,7 +15,7 @@ from pipeline.core.errors import InputError
 from pipeline.core.progress import Progress
 from pipeline.core.settings import Count, Positive, Side
 from pipeline.matching.database import Database, UntrainedMethod
-from pipeline.matching.headings import ReferenceHeadings, reference_headings
+from pipeline.matching.headings import ReferenceHeadings, least, reference_headings
 from pipeline.matching.patches import differences, normalised, resized
 from pipeline.matching.ranking import Localizer, Model, Ranking, Rows
 from pipeline.matching.rejection import Evidence
@@ -109,14 +109,7 @@ def nearest_differences(
     Queries are images (m, side, side), references images (n, heading, side, side). Of equally near
     headings the first one counts. Returns the differences and the headings.
     """
-    sums = differences(references[:, 0], queries)
-    headings = np.zeros(sums.shape, np.uint8)
-    for heading in range(1, references.shape[1]):
-        other_sums = differences(references[:, heading], queries)
-        is_nearer = other_sums < sums
-        np.copyto(sums, other_sums, where=is_nearer)
-        np.copyto(headings, np.uint8(heading), where=is_nearer)
-    return sums, headings
+    return least(differences(images, queries) for images in references.swapaxes(0, 1))
 
 
 def _check(views: Rows) -> None:
