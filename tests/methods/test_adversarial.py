@@ -1,5 +1,5 @@
 """Tests of the adversarial game and its training: each loss term by hand, which networks a turn
-changes, and training that goes on after any interruption."""
+changes, and which round is kept."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -18,7 +18,6 @@ from pipeline.methods.pfl.adversarial import ACCURACY, Training, _take_step, hea
 from pipeline.methods.pfl.bigan import Decoder, Encoder, ImageDiscriminator, JointDiscriminator
 from pipeline.methods.pfl.game import OBJECTIVES, Game, Objective
 from pipeline.networks.loop import reproducible
-from tests.interrupted import PowerCut
 
 
 class Fixed(nn.Module):
@@ -218,28 +217,6 @@ def test_all_players_learn_and_the_last_weights_stay() -> None:
     assert looked_at(game.eval())["held_out_error"] == curves["held_out_error"][-1]
 
 
-def test_the_makers_of_the_round_that_knew_most_are_kept_of_equals_the_last(tmp_path: Path) -> None:
-    right = iter((0.25, 0.75, 0.75, 0.5))
-    seen = list[dict[str, Tensor]]()
-
-    def judge(game: Game) -> dict[str, float]:
-        seen.append({name: value.clone() for name, value in game.encoder.state_dict().items()})
-        return {"held_out_accuracy": next(right)}
-
-    game = small(OBJECTIVES["least_squares"])
-    words = {"judge": judge, "rounds": 4}
-    with pytest.raises(KeyboardInterrupt):
-        train(game, PowerCut(checkpoint=tmp_path / "c", at=4), **words)
-    right = iter((0.5,))
-    resumed = small(OBJECTIVES["least_squares"])
-    curves = train(resumed, Progress(checkpoint=tmp_path / "c"), **words)
-    assert HOW.kept_round(curves) == 2
-    assert all(
-        torch.equal(value, seen[2][name]) for name, value in resumed.encoder.state_dict().items()
-    )
-    assert not same(resumed.encoder, game.encoder)
-
-
 def test_the_last_round_is_kept_where_places_are_not_to_choose() -> None:
     right = iter((0.75, 0.5))
     last = replace(HOW, kept="last")
@@ -261,22 +238,6 @@ def test_without_epochs_only_the_batch_norms_are_settled(kept: Any) -> None:
     assert all(map(torch.equal, game.parameters(), drawn.parameters()))
     assert looked_at(game.eval()) == {name: column[0] for name, column in curves.items()}
     assert game.encoder.halvings[0][1].running_mean.abs().max() > 0  # type: ignore[index, operator, union-attr]
-
-
-@pytest.mark.parametrize("at", [1, 3])
-def test_an_interrupted_training_goes_on_to_the_same_weights_and_curves(
-    tmp_path: Path, at: int
-) -> None:
-    whole = small(OBJECTIVES["least_squares"])
-    half = small(OBJECTIVES["least_squares"])
-    curves = train(whole)
-    with pytest.raises(KeyboardInterrupt):
-        train(half, PowerCut(checkpoint=tmp_path / "half", at=at))
-    assert (tmp_path / "half").exists() == (at > 1)
-    second_half = small(OBJECTIVES["least_squares"])
-    resumed = train(second_half, Progress(checkpoint=tmp_path / "half"))
-    assert same(second_half, whole)
-    assert all(np.array_equal(resumed[name], curves[name]) for name in curves | resumed)
 
 
 def test_another_trainings_checkpoint_is_refused(tmp_path: Path) -> None:
