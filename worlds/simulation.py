@@ -20,7 +20,7 @@ from typing import Literal
 from pipeline.core.compute import Compute
 from pipeline.core.errors import ConfigError
 from pipeline.core.progress import Progress
-from pipeline.core.settings import Count, NotNegative, Positive, Share, check
+from pipeline.core.settings import Count, NotNegative, Positive, Share, checked
 from pipeline.formats.changes import Change
 from worlds.driving.day import TWIGS_PER_M, simulate_day
 from worlds.driving.drive import drive, survey
@@ -48,6 +48,7 @@ TRAINING_ENTRY = {"unseen": 0.0, "reversed": 0.0}
 
 
 @dataclass(frozen=True)
+@checked("world")
 class Simulation:
     """A world and its sequences; its fields are the keys of the yamls in conf/world."""
 
@@ -90,7 +91,6 @@ class Simulation:
     solution; with 0 it is exact."""
 
     def __post_init__(self) -> None:
-        check(self, "world")
         if self.logs not in self._robot.logs:
             raise ConfigError(
                 f"world.logs={self.logs}: the robot {self.robot} writes "

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pipeline.alterations import AS_DRIVEN, Case
 from pipeline.core.errors import ConfigError
-from pipeline.core.settings import Positive, Range, Seed, check
+from pipeline.core.settings import Positive, Range, Seed, checked
 
 CONSTRUCTION = "construction"
 """`Case.change` of queries with new walls."""
@@ -23,6 +23,7 @@ SKEW = Range(0, 90 - 1e-9, wording="an angle from 0 to below 90")
 
 
 @dataclass(frozen=True)
+@checked("alteration")
 class Construction:
     """Adds the points of upright walls; with shadows, removes the points behind them.
 
@@ -57,7 +58,6 @@ class Construction:
     the simulated campus's robot."""
 
     def __post_init__(self) -> None:
-        check(self, "alteration")
         for name in ("walls", "shadows"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
         if not self.walls or not all(isinstance(count, int) and count > 0 for count in self.walls):

@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 
 from pipeline.alterations import AS_DRIVEN, Case
 from pipeline.core.errors import ConfigError
-from pipeline.core.settings import Seed, check
+from pipeline.core.settings import Seed, checked
 
 DEMOLITION = "demolition"
 """`Case.change` of queries without the points in a wedge."""
 
 
 @dataclass(frozen=True)
+@checked("alteration")
 class Demolition:
     """Removes all points whose azimuth lies in a wedge, including those of the ground."""
 
@@ -27,7 +28,6 @@ class Demolition:
     """See `pipeline.alterations.generator`."""
 
     def __post_init__(self) -> None:
-        check(self, "alteration")
         object.__setattr__(self, "widths_deg", tuple(self.widths_deg))
         if not self.widths_deg or not all(0 < width < 360 for width in self.widths_deg):
             raise ConfigError(

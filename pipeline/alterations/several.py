@@ -8,10 +8,11 @@ from numpy.typing import NDArray
 
 from pipeline.alterations import Alteration, Case
 from pipeline.core.errors import ConfigError
-from pipeline.core.settings import check
+from pipeline.core.settings import checked
 
 
 @dataclass(frozen=True)
+@checked("alteration")
 class Several:
     """The cases of several alterations, one after the other.
 
@@ -22,7 +23,6 @@ class Several:
     """The alterations. They must have the same seed, and no case in common except as driven."""
 
     def __post_init__(self) -> None:
-        check(self, "alteration")
         object.__setattr__(self, "parts", tuple(self.parts))
         strange = [part for part in self.parts if not hasattr(part, "cases")]
         if strange:

@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.alterations import AS_DRIVEN, TURNED, Case
-from pipeline.core.settings import Count, Seed, check
+from pipeline.core.settings import Count, Seed, checked
 
 
 @dataclass(frozen=True)
+@checked("alteration")
 class Turned:
     """Turns the robot: its points are rotated, not the columns of its view."""
 
@@ -21,9 +22,6 @@ class Turned:
     """Number of random angles for each query, one case each."""
     seed: Seed = 0
     """See `pipeline.alterations.generator`."""
-
-    def __post_init__(self) -> None:
-        check(self, "alteration")
 
     @property
     def cases(self) -> Sequence[Case]:

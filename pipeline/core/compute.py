@@ -18,7 +18,7 @@ from types import TracebackType
 from typing import Any, Literal, Self, TypeVar
 
 from pipeline.core.clusters import connected, in_order
-from pipeline.core.settings import Positive, Whole, check
+from pipeline.core.settings import Positive, Whole, checked
 
 Result = TypeVar("Result")
 Item = TypeVar("Item")
@@ -31,6 +31,7 @@ Run = Callable[[Block, Sequence[Span]], Iterator[Any]]
 
 
 @dataclass
+@checked("compute")
 class Compute:
     """Computes blocks of rows; results and their order are the same in every mode.
 
@@ -50,7 +51,6 @@ class Compute:
     """Settings of the scheduler `cluster`, `slurm` or `kubernetes` alone."""
 
     def __post_init__(self) -> None:
-        check(self, "compute")
         self._run: Run | None = None
         self._stack = ExitStack()
 

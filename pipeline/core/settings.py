@@ -173,6 +173,26 @@ def check(settings: Any, group: str) -> None:
         within(f"{group}.{field.name}", getattr(settings, field.name), hints[field.name])
 
 
+def checked(group: str) -> Callable[[type[Filled]], type[Filled]]:
+    """Decorate a class, below `@dataclass`, so that `check` is called as soon as it is made.
+
+    Its own `__post_init__`, if it has one, is called after that.
+    """
+
+    def decorate(cls: type[Filled]) -> type[Filled]:
+        own: Callable[[Any], None] | None = cls.__dict__.get("__post_init__")
+
+        def check_first(settings: Any) -> None:
+            check(settings, group)
+            if own:
+                own(settings)
+
+        cls.__post_init__ = check_first  # type: ignore[attr-defined]  # dataclass calls it
+        return cls
+
+    return decorate
+
+
 def within(name: str, value: Any, hint: Any) -> None:
     """Raise ConfigError unless one value is of a type and range, such as `Count`.
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtr, stdtrit  # scipy.stats alone takes half a second to import
 
-from pipeline.core.settings import InnerShare, check
+from pipeline.core.settings import InnerShare, checked
 from pipeline.evaluation.judgement import Evaluation
 
 TINY = 1e-150
@@ -87,6 +87,7 @@ class Line:
 
 
 @dataclass(frozen=True)
+@checked("ageing")
 class Ageing:
     """Settings of the lines over the days (conf/results.yaml)."""
 
@@ -94,9 +95,6 @@ class Ageing:
     """Training again is due once this share of a number's value on day 0 is lost."""
     level: InnerShare = 0.95
     """Confidence level of the intervals."""
-
-    def __post_init__(self) -> None:
-        check(self, "ageing")
 
     def line(self, days: NDArray[Any], values: NDArray[Any]) -> Line | None:
         """Fit a line to values (n,) on days (n,) since training, leaving out values that are NaN.

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.frames import travelled_m
-from pipeline.core.settings import Count, Positive, Seed, check
+from pipeline.core.settings import Count, Positive, Seed, checked
 
 BOUNDS = (2.5, 97.5)
 """Percentiles."""
@@ -27,6 +27,7 @@ Numbers = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 
 @dataclass(frozen=True)
+@checked("bootstrap")
 class Bootstrap:
     """Resamples blocks of the path, not queries, since errors of neighbouring queries come in runs.
 
@@ -38,9 +39,6 @@ class Bootstrap:
     """Length of a block along the path; longer than a run of errors."""
     resamples: Count = 1000
     seed: Seed = 0
-
-    def __post_init__(self) -> None:
-        check(self, "bootstrap")
 
     def intervals(self, numbers: Numbers, xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """Lowest and highest (m, 2) of m numbers of queries along a path `xy_m` (q, 2).

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.errors import ConfigError
-from pipeline.core.settings import check
+from pipeline.core.settings import checked
 from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.counts import is_right_at
 from pipeline.evaluation.judgement import Evaluation
@@ -30,6 +30,7 @@ holds queries of two sequences."""
 
 
 @dataclass(frozen=True)
+@checked("bands")
 class Bands:
     """How queries are grouped by distance: keys of conf/results.yaml."""
 
@@ -39,7 +40,6 @@ class Bands:
     """The kinds of changes that count. Trees are left out, since they change everywhere."""
 
     def __post_init__(self) -> None:
-        check(self, "bands")
         rising_edges_m = sorted({float(edge) for edge in self.edges_m if edge > 0})
         if not self.edges_m or list(self.edges_m) != rising_edges_m:
             raise ConfigError(

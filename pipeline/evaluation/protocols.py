@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.errors import ConfigError
-from pipeline.core.settings import Positive, check
+from pipeline.core.settings import Positive, checked
 
 PROTOCOLS = ("cells", "distance")
 
@@ -54,6 +54,7 @@ def by_cells(
 
 
 @dataclass(frozen=True)
+@checked("distance")
 class Distance:
     """The protocol by distance, without borders of grid cells: the keys of conf/tolerance."""
 
@@ -65,7 +66,6 @@ class Distance:
     """A query is unseen if every training anchor is farther than this."""
 
     def __post_init__(self) -> None:
-        check(self, "distance")
         if self.seen_m > self.unseen_m:
             raise ConfigError(
                 f"distance.seen_m={self.seen_m}: expected at most distance.unseen_m={self.unseen_m}"

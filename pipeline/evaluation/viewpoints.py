@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from pipeline.core.errors import InputError
 from pipeline.core.frames import pose
-from pipeline.core.settings import Positive, check
+from pipeline.core.settings import Positive, checked
 from pipeline.core.store import Array, Artifact
 from pipeline.evaluation.counts import ExactCounts
 from pipeline.evaluation.curves import Curve, auc, auroc, precision_recall, recall_at_precision
@@ -225,14 +225,12 @@ def _by_name(values: Iterable[float]) -> dict[str, float | None]:
 
 
 @dataclass(frozen=True)
+@checked("viewpoints")
 class Viewpoints:
     """Matches a sequence of bird-views with itself from other headings, and judges the matches."""
 
     correct_m: Positive = 10.0
     """A match is correct if it lies at most this far from the query."""
-
-    def __post_init__(self) -> None:
-        check(self, "viewpoints")
 
     def judge(self, method: BirdViewMethod, model: Model, views: Rows) -> ViewpointMatches:
         """Localize each row of `views`, bird-views (n, headings, side, side), at odd headings.

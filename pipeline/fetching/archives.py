@@ -26,12 +26,13 @@ from filelock import FileLock, Timeout
 
 from pipeline.core.errors import ConfigError, LogError
 from pipeline.core.progress import Progress
-from pipeline.core.settings import Count, Positive, check
+from pipeline.core.settings import Count, Positive, checked
 from pipeline.fetching.download import Downloader, Part
 from pipeline.fetching.unpacking import unpack
 
 
 @dataclass(frozen=True)
+@checked("archives")
 class Archive:
     """An entry of `archives` in conf/fetch: one file of each sequence, or a numbered series.
 
@@ -54,7 +55,6 @@ class Archive:
     """sha256 of a text with a line `DIGEST  NAME` for each file of a series, if it is known."""
 
     def __post_init__(self) -> None:
-        check(self, "archives")
         if not re.fullmatch("([0-9a-f]{64})?", self.listing_sha256):
             raise ConfigError(
                 f"archives.listing_sha256={self.listing_sha256}: expected 64 hexadecimal digits"
@@ -115,6 +115,7 @@ class Fetch:
 
 
 @dataclass(frozen=True)
+@checked("fetch")
 class Publisher:
     """The server of a data set and how to fetch from it: the keys of conf/fetch/NAME.yaml."""
 
@@ -137,7 +138,6 @@ class Publisher:
     """Wait before the second try; it doubles with each further one."""
 
     def __post_init__(self) -> None:
-        check(self, "fetch")
         if urlsplit(self.base).scheme not in ("http", "https") or not self.base.endswith("/"):
             raise ConfigError(f"fetch.base={self.base}: expected an address http(s)://…/")
         try:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.frames import yaw
-from pipeline.core.settings import Count, check
+from pipeline.core.settings import Count, checked
 from pipeline.level.beams import Support, supports
 from pipeline.level.field import Field
 from pipeline.level.refinement import refined
@@ -133,6 +133,7 @@ class LevelFix(Registered[Hypothesis]):
 
 
 @dataclass(frozen=True)
+@checked("level.fixer")
 class LevelFixer:
     """Finds where gathered sweeps were taken."""
 
@@ -140,9 +141,6 @@ class LevelFixer:
     """At most so many poses of the search are refined and compared."""
     most_nodes: Count = 300_000
     """The search ends with what it has after so many nodes."""
-
-    def __post_init__(self) -> None:
-        check(self, "level.fixer")
 
     def fix(self, field: Field, gathered: Gathered) -> LevelFix:
         """Search the whole map. There is no hypothesis where there are too few hits."""

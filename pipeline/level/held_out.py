@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pipeline.core.errors import InputError
 from pipeline.core.frames import travelled_m
 from pipeline.core.schemas import Scans
-from pipeline.core.settings import Count, Positive, check
+from pipeline.core.settings import Count, Positive, checked
 from pipeline.level.field import Field
 from pipeline.level.fix import LevelFix, LevelFixer
 from pipeline.level.level_map import Drawing
@@ -86,6 +86,7 @@ class Sweeps:
 
 
 @dataclass(frozen=True)
+@checked("level.held_out")
 class LevelHeldOut:
     """Which sweeps of the training day are held out, as if they were queries of another day."""
 
@@ -96,9 +97,6 @@ class LevelHeldOut:
     around_m: Sequence[float] = (8.0, 16.0)
     """To be a place never seen, a query is asked without all sweeps nearer than this: the queries
     take these distances in turn."""
-
-    def __post_init__(self) -> None:
-        check(self, "level.held_out")
 
     def evidence(
         self, fixer: LevelFixer, sweeps: Sweeps, drawing: Drawing, over_m: float

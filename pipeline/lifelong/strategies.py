@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from pipeline.core.progress import Progress
-from pipeline.core.settings import SomeShare, check
+from pipeline.core.settings import SomeShare, checked
 from pipeline.matching.ranking import Method, Model, TrainingSet
 
 
@@ -69,11 +69,9 @@ class Grown:
 
 
 @dataclass(frozen=True)
+@checked("strategy")
 class Updated:
     """Lets a site adopt what it localises of a day that nobody surveyed."""
 
     promise: SomeShare | None
     """The promise that a fix must keep to be adopted; None adopts every scan with a pose."""
-
-    def __post_init__(self) -> None:
-        check(self, "strategy")

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.errors import ConfigError, InputError
-from pipeline.core.settings import NotNegative, Positive, Range, check
+from pipeline.core.settings import NotNegative, Positive, Range, checked
 from pipeline.mapping import octree_kernels as kernels
 from pipeline.mapping.bricks import Bricks, bricks_of_a_ray, dense, empty, forget, with_room
 
@@ -29,6 +29,7 @@ KNOWN_FROM = 1e-3
 
 
 @dataclass(frozen=True)
+@checked("view.octree")
 class Octree:
     """The settings of a map; the defaults are OctoMap's, and the IROS paper's scale for a car."""
 
@@ -71,7 +72,6 @@ class Octree:
     """Height of the sensor, where rays start, above the origin of the vehicle's frame."""
 
     def __post_init__(self) -> None:
-        check(self, "view.octree")
         if not 0 < self.lowest <= self.miss < 0.5 < self.hit <= self.highest < 1:
             numbers = (
                 f"lowest={self.lowest}, miss={self.miss}, hit={self.hit} and highest={self.highest}"

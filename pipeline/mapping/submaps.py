@@ -16,7 +16,7 @@ from pipeline.core.errors import ConfigError
 from pipeline.core.frames import Poses, step_lengths_m, travelled_m
 from pipeline.core.progress import Progress
 from pipeline.core.schemas import PoseColumn, Scans, Submaps
-from pipeline.core.settings import NotNegative, Positive, check
+from pipeline.core.settings import NotNegative, Positive, checked
 from pipeline.mapping.appearance import appearance
 from pipeline.mapping.gathering import Gathering
 
@@ -25,6 +25,7 @@ ROUNDING_M = 1e-9
 
 
 @dataclass(frozen=True)
+@checked("submap")
 class SingleScan:
     """Makes a submap of one scan every `step_m` of path, or of every scan if that is 0.
 
@@ -32,9 +33,6 @@ class SingleScan:
     """
 
     step_m: NotNegative = 1.0
-
-    def __post_init__(self) -> None:
-        check(self, "submap")
 
     def cut(self, scans: Scans, progress: Progress) -> Submaps:
         """Cut a sequence's scans into submaps."""
@@ -51,6 +49,7 @@ class SingleScan:
 
 
 @dataclass(frozen=True)
+@checked("submap")
 class Accumulated:
     """Makes submaps of all scans or 2-D sweeps of the last `window_m` of path (METHODS 2.9)."""
 
@@ -70,7 +69,6 @@ class Accumulated:
     """Distance from the anchor within which heights count for the ground."""
 
     def __post_init__(self) -> None:
-        check(self, "submap")
         if not self.step_m >= self.still_m:
             raise ConfigError(
                 f"submap.step_m={self.step_m}: expected at least still_m={self.still_m}"

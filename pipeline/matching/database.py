@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from pipeline.core.errors import InputError
 from pipeline.core.frames import wrapped_deg, yaw
 from pipeline.core.progress import Progress
-from pipeline.core.settings import NotNegative, Positive, check
+from pipeline.core.settings import NotNegative, Positive, checked
 from pipeline.matching import holdout
 from pipeline.matching.nearest import first_of_each, nearest
 from pipeline.matching.ranking import Model, Ranking, Rows, TrainingSet, joined
@@ -56,6 +56,7 @@ class UntrainedMethod(ABC):
 
 
 @dataclass(frozen=True)
+@checked("method")
 class DescriptorMethod(UntrainedMethod):
     """The settings of every method that answers with the nearest descriptors of a database."""
 
@@ -69,9 +70,6 @@ class DescriptorMethod(UntrainedMethod):
     neighbour_m: NotNegative = 20.0
     """To stand for an unseen query, a held-out one is compared only with training rows at least
     this far away."""
-
-    def __post_init__(self) -> None:
-        check(self, "method")
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.errors import ConfigError, InputError
-from pipeline.core.settings import Share, check
+from pipeline.core.settings import Share, checked
 from pipeline.matching.ranking import Model, Ranking
 
 ACCEPT_NOTHING = float(np.finfo(np.float32).min)
@@ -148,6 +148,7 @@ def is_near(
 
 
 @dataclass(frozen=True)
+@checked("rejection")
 class Rejection:
     """The settings of rejection: which novelty to use, and the precision to keep."""
 
@@ -157,9 +158,6 @@ class Rejection:
     """Precision to keep among the accepted queries."""
     unseen_share: Share = 0.2
     """The share of unseen queries to expect."""
-
-    def __post_init__(self) -> None:
-        check(self, "rejection")
 
     def order(self, ranking: Ranking) -> Ranking:
         """The ranking with the wanted kind of novelty first.

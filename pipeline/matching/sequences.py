@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.errors import ConfigError, InputError
-from pipeline.core.settings import Count, NotNegative, Positive, Range, check
+from pipeline.core.settings import Count, NotNegative, Positive, Range, checked
 from pipeline.matching import holdout
 from pipeline.matching.database import Database
 from pipeline.matching.ranking import Ranking, Rows, joined
@@ -54,6 +54,7 @@ Differences = Callable[[NDArray[np.int64], NDArray[np.int64]], NDArray[np.float3
 
 
 @dataclass(frozen=True)
+@checked("method")
 class SequenceMethod:
     """The settings of a method that matches all queries of a drive together.
 
@@ -90,7 +91,6 @@ class SequenceMethod:
     this far away."""
 
     def __post_init__(self) -> None:
-        check(self, "method")
         if self.fastest < self.slowest:
             raise ConfigError(
                 f"method.fastest={self.fastest}: expected at least slowest={self.slowest}"

@@ -25,7 +25,7 @@ from pipeline.core.settings import (
     Share,
     SomeShare,
     Whole,
-    check,
+    checked,
 )
 from pipeline.matching.novelties import novelties
 from pipeline.matching.ranking import Localizer, Model, Ranking, Rows
@@ -41,6 +41,7 @@ QUERIES_AT_ONCE = 512
 
 
 @dataclass(frozen=True)
+@checked("method")
 class Classifier(ABC):
     """Settings of training, and answers by softmax.
 
@@ -88,7 +89,6 @@ class Classifier(ABC):
     """Weight of the distance to the earlier network's answers, in the loss of further days."""
 
     def __post_init__(self) -> None:
-        check(self, "method")
         if not self.h_min_m < self.h_max_m:
             raise ConfigError(
                 f"method.h_max_m={self.h_max_m}: expected more than method.h_min_m={self.h_min_m}"

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.frames import RIGHT_WITHIN, Poses, distance_and_turn, travelled_m
-from pipeline.core.settings import Positive, check
+from pipeline.core.settings import Positive, checked
 from pipeline.paths.belief import DEVIATIONS, LEAST_CHANCE, REPEAT_SHARE
 from pipeline.paths.pose_graph import PoseGraph
 from pipeline.paths.tracks import Estimates, Track
@@ -22,6 +22,7 @@ RIGHT_M, RIGHT_DEG = RIGHT_WITHIN
 
 
 @dataclass(frozen=True)
+@checked("path")
 class Graph:
     """Binds a day's odometry to the map by fixes: the future work of Yin et al. (IROS 2018).
 
@@ -39,9 +40,6 @@ class Graph:
     """Standard deviations of a right fix, added to its own covariance: the map is not exact."""
     outlier: Positive
     """A fix that is off by more deviations than this loses weight (Cauchy's loss)."""
-
-    def __post_init__(self) -> None:
-        check(self, "path")
 
     def along(self, track: Track) -> Estimates:
         """Estimate each query from the whole drive, past and future.

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pipeline.alterations.construction import Construction
 from pipeline.core.errors import ConfigError
-from pipeline.core.settings import NotNegative, Share, check
+from pipeline.core.settings import NotNegative, Share, checked
 from pipeline.posing.registration import Points
 
 AWAY_M = (5.0, 30.0)
@@ -31,6 +31,7 @@ CROWN_POINTS = 200
 
 
 @dataclass(frozen=True)
+@checked("ageing")
 class Ageing:
     """How much changes at most; each scan draws its own changes, evenly from 0 to these."""
 
@@ -52,7 +53,6 @@ class Ageing:
     construction: Construction = field(default_factory=lambda: Construction(spacing_m=0.4))
 
     def __post_init__(self) -> None:
-        check(self, "ageing")
         for name in ("walls", "cars", "crowns", "went"):
             if getattr(self, name) < 0:
                 raise ConfigError(

@@ -23,7 +23,7 @@ from pipeline.core.compute import Compute
 from pipeline.core.errors import ConfigError, InputError
 from pipeline.core.frames import Poses
 from pipeline.core.progress import Progress
-from pipeline.core.settings import Count, Positive, Seed, check
+from pipeline.core.settings import Count, Positive, Seed, checked
 from pipeline.mapping.gathering import submap_points
 from pipeline.matching.holdout import blocks, numbered
 from pipeline.matching.ranking import Localizer, Rows
@@ -118,6 +118,7 @@ class TrainingDay:
 
 
 @dataclass(frozen=True)
+@checked("held_out")
 class HeldOut:
     """Which submaps of the training day are held out, as if they were queries of another day."""
 
@@ -136,7 +137,6 @@ class HeldOut:
     seed: Seed = 0
 
     def __post_init__(self) -> None:
-        check(self, "held_out")
         object.__setattr__(self, "around_m", tuple(self.around_m))  # a yaml has lists
         if not self.length_m < self.every_m:
             raise ConfigError(

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from pipeline.core.errors import ConfigError, InputError
 from pipeline.core.frames import moved
-from pipeline.core.settings import Count, Positive, check
+from pipeline.core.settings import Count, Positive, checked
 
 Points = NDArray[np.float64]
 """(n, 3) in metres."""
@@ -121,6 +121,7 @@ class Approach(NamedTuple):
 
 
 @dataclass(frozen=True)
+@checked("registration")
 class Registration:
     """Generalised ICP between thinned clouds, in two steps (both by small_gicp).
 
@@ -147,7 +148,6 @@ class Registration:
     """A cloud of fewer voxels cannot be registered."""
 
     def __post_init__(self) -> None:
-        check(self, "registration")
         if not self.cell_m > self.reach_m:
             raise ConfigError(
                 f"registration.cell_m={self.cell_m}: expected more than "

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from pipeline.core.errors import ConfigError, InputError
 from pipeline.core.frames import pose, yaw
-from pipeline.core.settings import Count, NotNegative, Share, check
+from pipeline.core.settings import Count, NotNegative, Share, checked
 from pipeline.matching.ranking import Ranking
 from pipeline.posing.chances import USUAL, Chances
 from pipeline.posing.expectations import Expectations
@@ -106,6 +106,7 @@ class Query:
 
 
 @dataclass(frozen=True)
+@checked("fixer")
 class Fixer:
     """Turns the answers of a ranking into a fix (conf/poses.yaml)."""
 
@@ -135,7 +136,6 @@ class Fixer:
     """The signs to expect at each place, learned from held-out blocks."""
 
     def __post_init__(self) -> None:
-        check(self, "fixer")
         object.__setattr__(self, "rounds", tuple(self.rounds))  # a yaml has lists
         if not min(self.rounds, default=0) >= 1:
             raise ConfigError(f"fixer.rounds={self.rounds}: expected at least 1")

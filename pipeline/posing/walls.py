@@ -19,7 +19,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from pipeline.core.errors import ConfigError
-from pipeline.core.settings import Count, NotNegative, Positive, check
+from pipeline.core.settings import Count, NotNegative, Positive, checked
 from pipeline.posing.ground import heights_m
 
 Chart = NDArray[np.int8]
@@ -50,6 +50,7 @@ class Match:
 
 
 @dataclass(frozen=True)
+@checked("walls")
 class Walls:
     """How charts are drawn and searched."""
 
@@ -69,7 +70,6 @@ class Walls:
     direction."""
 
     def __post_init__(self) -> None:
-        check(self, "walls")
         if not self.high_m > self.low_m:
             raise ConfigError(
                 f"walls.high_m={self.high_m}: expected more than walls.low_m={self.low_m}"

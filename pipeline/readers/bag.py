@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from pipeline.core.errors import ConfigError, LogError
 from pipeline.core.frames import Poses
-from pipeline.core.settings import Positive, check
+from pipeline.core.settings import Positive, checked
 from pipeline.formats import bag_file
 from pipeline.formats.bag import CLOUD, IMU, SWEEP
 from pipeline.formats.bag_file import BagFile
@@ -29,6 +29,7 @@ from pipeline.readers.mounting import Transforms
 
 
 @dataclass(frozen=True)
+@checked("reader")
 class Bag:
     """A folder of bags, or of folders of bags."""
 
@@ -52,7 +53,6 @@ class Bag:
     there is no odometry."""
 
     def __post_init__(self) -> None:
-        check(self, "reader")
         for key, name in (("truth", self.truth), ("odometry", self.odometry)):
             if name is None:
                 continue

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from pipeline.core.errors import ConfigError, LogError
 from pipeline.core.frames import LATEST_NS, Poses, Stamps, moved, pose
-from pipeline.core.settings import Positive, check
+from pipeline.core.settings import Positive, checked
 from pipeline.formats import carmen
 from pipeline.formats.carmen import Laser, Records, Sweep
 from pipeline.readers import log
@@ -32,6 +32,7 @@ NEAR_LIMIT_M = 0.02
 
 
 @dataclass(frozen=True)
+@checked("reader")
 class Carmen:
     """A folder of CARMEN logs."""
 
@@ -48,7 +49,6 @@ class Carmen:
     """Seconds between two sweeps of a log whose stamps stand still."""
 
     def __post_init__(self) -> None:
-        check(self, "reader")
         if not self.lasers or not set(self.lasers) <= {"front", "rear"}:
             raise ConfigError(f"reader.lasers={list(self.lasers)}: expected front, rear or both")
         if self.corrected is not None and (

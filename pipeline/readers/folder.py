@@ -25,7 +25,7 @@ from scipy.spatial.transform import Rotation
 
 from pipeline.core.errors import ConfigError, LogError
 from pipeline.core.frames import Poses, Stamps, Trajectory, moved
-from pipeline.core.settings import Positive, check
+from pipeline.core.settings import Positive, checked
 from pipeline.formats import bin_layout, kitti
 from pipeline.formats import folder as files
 from pipeline.readers import log
@@ -40,6 +40,7 @@ FARTHEST_M = 1e6
 
 
 @dataclass(frozen=True)
+@checked("reader")
 class Folder:
     """A root with one folder per sequence, each with scans and poses."""
 
@@ -71,7 +72,6 @@ class Folder:
     """Poses further apart than this are a gap; a scan in it is skipped."""
 
     def __post_init__(self) -> None:
-        check(self, "reader")
         if self.point_bytes and self.point_bytes < 12:
             raise ConfigError(
                 f"reader.point_bytes={self.point_bytes}: expected 12 or more, x, y and z first, or "

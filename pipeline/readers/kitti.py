@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from pipeline.core.errors import ConfigError, LogError
 from pipeline.core.frames import Stamps, Trajectory, travelled_m
-from pipeline.core.settings import Positive, Share, check
+from pipeline.core.settings import Positive, Share, checked
 from pipeline.formats import kitti
 from pipeline.readers import log, vehicle
 from pipeline.readers.log import Log
@@ -27,6 +27,7 @@ MAX_GAP_S = 1.0
 
 
 @dataclass(frozen=True)
+@checked("reader")
 class Kitti:
     """A KITTI odometry root with `sequences/` and `poses/`."""
 
@@ -39,9 +40,6 @@ class Kitti:
     suburb."""
     poses: bool = True
     """False: all scans are taken, without true poses. The test logs 11 to 21 have none."""
-
-    def __post_init__(self) -> None:
-        check(self, "reader")
 
     def open(self, root: Path, sequence: str) -> Log:
         """Open a sequence below `root`; raises LogError if it cannot be read."""

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from pipeline.core.errors import LogError
 from pipeline.core.frames import LATEST_NS, Trajectory, flip_ned, pose
-from pipeline.core.settings import Positive, check
+from pipeline.core.settings import Positive, checked
 from pipeline.formats import nclt
 from pipeline.readers import log
 from pipeline.readers.log import Log, Uncertainty
@@ -35,6 +35,7 @@ HIT_WORDS = 4
 
 
 @dataclass(frozen=True)
+@checked("reader")
 class Nclt:
     """A folder of NCLT sequences, each named by its date."""
 
@@ -44,9 +45,6 @@ class Nclt:
     """Added to z, for a ground that is not at z = 0: NCLT's body frame has its origin near it."""
     poses: bool = True
     """False: all scans are taken, without true poses."""
-
-    def __post_init__(self) -> None:
-        check(self, "reader")
 
     def open(self, root: Path, sequence: str) -> Log:
         """Open a sequence below `root`; raises LogError if it cannot be read."""

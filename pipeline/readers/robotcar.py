@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from pipeline.core.errors import ConfigError, LogError
 from pipeline.core.frames import NED_FLIP
-from pipeline.core.settings import Positive, check
+from pipeline.core.settings import Positive, checked
 from pipeline.formats import robotcar
 from pipeline.readers import log, vehicle
 from pipeline.readers.columns import utimes_ns
@@ -29,6 +29,7 @@ FARTHEST_M = 1000.0
 
 
 @dataclass(frozen=True)
+@checked("reader")
 class RobotCar:
     """A folder of RobotCar sequences, with the extrinsics of the SDK beside them."""
 
@@ -47,7 +48,6 @@ class RobotCar:
     """Added to z."""
 
     def __post_init__(self) -> None:
-        check(self, "reader")
         lasers = list(self.lasers) if isinstance(self.lasers, Iterable) else []
         are_lasers = all(laser in robotcar.LASERS for laser in lasers)
         if not lasers or not are_lasers or len(set(lasers)) < len(lasers):

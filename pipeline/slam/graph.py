@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.frames import Poses, distance_and_turn, interpolate
-from pipeline.core.settings import Positive, check
+from pipeline.core.settings import Positive, checked
 from pipeline.paths.pose_graph import PoseGraph
 from pipeline.readers.log import lifted
 from pipeline.slam.keys import Keys
@@ -57,6 +57,7 @@ class Solution:
 
 
 @dataclass(frozen=True)
+@checked("graph")
 class DriveGraph:
     """Optimises the poses of all keys at once, by how sure odometry, loops and ground are.
 
@@ -83,9 +84,6 @@ class DriveGraph:
     """The ground around the vehicle deviates from level by this, since there are hills."""
     level_m: Positive = 50.0
     """The ground is taken for level once in so much path, since a hill is long."""
-
-    def __post_init__(self) -> None:
-        check(self, "graph")
 
     def solve(
         self,

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from pipeline.core.frames import Poses, distance_and_turn, yaw
 from pipeline.core.progress import Progress
-from pipeline.core.settings import Count, NotNegative, Positive, Share, check
+from pipeline.core.settings import Count, NotNegative, Positive, Share, checked
 from pipeline.posing.search import Answers, Fixer
 from pipeline.posing.targets import Targets
 from pipeline.slam.keys import Keys, spaced
@@ -54,6 +54,7 @@ class Loop:
 
 
 @dataclass(frozen=True)
+@checked("loops")
 class LoopSearch:
     """How loops are found (conf/slam.yaml)."""
 
@@ -81,9 +82,6 @@ class LoopSearch:
     """A loop between parts, or a fix on a map, has at least this chance to be right."""
     range_m: Positive = 100.0
     """Points farther from a key are left out."""
-
-    def __post_init__(self) -> None:
-        check(self, "loops")
 
     def within(self, keys: Keys, usual_overlap: float, watch: Progress) -> list[Loop]:
         """The loops of a drive, within its parts and between them.

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from pipeline.core.errors import InputError, LogError
 from pipeline.core.frames import Poses, distance_and_turn, interpolate, moved, turns, yaw
 from pipeline.core.progress import Progress
-from pipeline.core.settings import Count, Positive, Share, check
+from pipeline.core.settings import Count, Positive, Share, checked
 from pipeline.matching.shifts import Spectra
 from pipeline.posing.registration import Cloud, Points, Registration
 from pipeline.readers.deskew import NO_BREAKS, deskewed, scan_at_stamp
@@ -86,6 +86,7 @@ class Track:
 
 
 @dataclass(frozen=True)
+@checked("odometry")
 class ScanOdometry:
     """Aligns each scan with the voxel map of the last ones (conf/slam.yaml)."""
 
@@ -107,9 +108,6 @@ class ScanOdometry:
     """Scans do not overlap where the overlap is below this share of the usual one."""
     trials: Count = 10
     """At so many first steps all guesses are tried, until a usual overlap is known."""
-
-    def __post_init__(self) -> None:
-        check(self, "odometry")
 
     def along(self, log: Log, watch: Progress, use_log_odometry: bool = True) -> Track:
         """Register all scans of a log, one after the other.

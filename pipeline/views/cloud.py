@@ -19,12 +19,13 @@ from numpy.typing import NDArray
 
 from pipeline.core import schemas
 from pipeline.core.errors import InputError
-from pipeline.core.settings import Count, NotNegative, Positive, Range, Seed, check
+from pipeline.core.settings import Count, NotNegative, Positive, Range, Seed, checked
 from pipeline.mapping.ground import plane
 from pipeline.views import kernels
 
 
 @dataclass(frozen=True)
+@checked("view")
 class Cloud:
     """The settings of the clouds."""
 
@@ -43,9 +44,6 @@ class Cloud:
     """Number of planes tried at most to find the ground."""
     seed: Seed = 0
     """Seeds the random numbers of every cloud, so that none depends on those before it."""
-
-    def __post_init__(self) -> None:
-        check(self, "view")
 
     def __call__(self, points_m: NDArray[np.floating]) -> NDArray[np.float16]:
         """Make the cloud (points, 3) of a submap's points (n, 3) in metres.

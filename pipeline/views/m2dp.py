@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from pipeline.core import schemas
 from pipeline.core.errors import InputError
-from pipeline.core.settings import Side, check
+from pipeline.core.settings import Side, checked
 from pipeline.views import m2dp_kernel as kernel
 
 LAST_EDGE_M = 0.001
@@ -28,6 +28,7 @@ SPOT_M = 1e-6
 
 
 @dataclass(frozen=True)
+@checked("view")
 class M2dp:
     """The settings of the signature; the defaults are the authors'."""
 
@@ -42,9 +43,6 @@ class M2dp:
     farthest point."""
     sectors: Side = 16
     """Number of sectors of each circle; with another one, counting is some thirty times slower."""
-
-    def __post_init__(self) -> None:
-        check(self, "view")
 
     def __call__(self, points_m: NDArray[np.floating]) -> NDArray[np.float32]:
         """Compute the signature (azimuths · elevations + circles · sectors,) of points (n, 3).

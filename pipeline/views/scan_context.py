@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 
 from pipeline.core import schemas
 from pipeline.core.errors import InputError
-from pipeline.core.settings import NotNegative, Positive, Side, Whole, check
+from pipeline.core.settings import NotNegative, Positive, Side, Whole, checked
 from pipeline.views import kernels
 
 
 @dataclass(frozen=True)
+@checked("view")
 class ScanContext:
     """The settings of a Scan Context; the defaults are those of the authors' Matlab code."""
 
@@ -35,9 +36,6 @@ class ScanContext:
     """What becomes of points beyond `max_range_m`; the authors put them into the last ring."""
     mirror: bool = False
     """Whether y is negated, so that columns run clockwise, as with the authors' NCLT reader."""
-
-    def __post_init__(self) -> None:
-        check(self, "view")
 
     @property
     def shape(self) -> tuple[int, int]:
