@@ -256,23 +256,21 @@ def lidar_on_vehicle(
 ) -> NDArray[np.float64]:
     """The pose (4, 4) of the lidar in the vehicle, by the transforms of bags.
 
-    `lidar_frames` are the frames of the clouds, and `child` the one that odometry moves. Where the
-    transforms know none of the vehicle, the lidar is the vehicle. Raises LogError where they do,
-    but do not say where the lidar sits on it.
+    `lidar_frames` are the frames of the clouds, and `child` the one that odometry moves. Where no
+    frame of the vehicle is known, the lidar is the vehicle. Raises LogError where one is, but no
+    transforms say where the lidar sits on it.
     """
     bodies = (*BODIES, child) if child else BODIES
     body_T_lidar = transforms.body_T_lidar(bodies, lidar_frames)
     if body_T_lidar is not None:
         return body_T_lidar
-    tree = transforms.every()
-    for body in bodies:
-        if body in tree.frames:
-            raise LogError(
-                f"{tree.where}: no fixed transforms lead from {body} to "
-                f"{', '.join(sorted(lidar_frames)):.80}, the frame of its points; give "
-                "--body-T-lidar"
-            )
-    return np.eye(4)
+    body = child or transforms.vehicle()
+    if body is None:
+        return np.eye(4)
+    raise LogError(
+        f"{transforms.static.where}: no fixed transforms lead from {body} to "
+        f"{', '.join(sorted(lidar_frames)):.80}, the frame of its points; give --body-T-lidar"
+    )
 
 
 def _odometry(path: Path, files: list[BagFile], name: str | None) -> Track | None:

@@ -20,7 +20,7 @@ from pipeline.formats.bag_file import BagFile, plain
 from pipeline.formats.messages import frame_name, header
 from pipeline.formats.pointcloud2 import decode
 from pipeline.readers.bag_poses import KINDS
-from pipeline.readers.mounting import BODIES, Transforms
+from pipeline.readers.mounting import Transforms
 
 WORLDS = ("map", "world", "earth", "utm", "enu", "global")
 """Frames that stand still, the likeliest first."""
@@ -185,8 +185,8 @@ def pose_sources(contents: Contents) -> tuple[TopicSummary | None, TopicSummary 
     """
     sources = contents.of(*KINDS)
     tree = contents.transforms.every()
-    frames = tree.frames
-    body = next((body for body in BODIES if body in frames), None)
+    frames = {frame for edge in tree.edges for frame in edge}
+    body = contents.transforms.vehicle()
     for world in (*WORLDS, "odom"):
         if body and world in frames and tree.moves(world, body):
             name = f"tf:{world}>{body}"

@@ -7,7 +7,7 @@ data set does (`by_reader`).
 
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -48,13 +48,16 @@ class Opening:
     """The folder of the data set."""
     sequence: str
     """The name of the drive in it."""
+    notes: tuple[str, ...] = ()
+    """Lines for the user on how it is opened."""
 
     def open(self) -> Log:
         """Its clouds, odometry and poses, and what was left out and why.
 
         Raises LogError if the reader cannot read it.
         """
-        return self.reader.open(self.root, self.sequence)
+        log = self.reader.open(self.root, self.sequence)
+        return replace(log, notes=(*log.notes, *self.notes))
 
 
 def at(path: Path) -> Opening | None:
@@ -176,14 +179,22 @@ def _bag(path: Path, bags: list[Path], topic: str | None, odometry: str | None) 
         child = odometry.rpartition(">")[2]
     bodies = (child, *BODIES) if child else BODIES
     lidar_frames = {topics[points].frame} if points in topics else set()
+    body_T_lidar = contents.transforms.body_T_lidar(bodies, lidar_frames)
+    notes: tuple[str, ...] = ()
+    if odometry and body_T_lidar is None:
+        notes = (
+            f"no fixed transforms lead from {child or 'the frame'} of {odometry} to "
+            f"{', '.join(lidar_frames)}: the LiDAR is taken for the vehicle",
+        )
     reader = Bag(
         points=points,
         truth=None,
         odometry=odometry,
         imu=imu.name if imu else None,
-        body_T_lidar=_numbers(contents.transforms.body_T_lidar(bodies, lidar_frames)),
+        body_T_lidar=_numbers(body_T_lidar),
     )
-    return Opening("bag", reader, path.parent, path.stem if path.is_file() else path.name)
+    sequence = path.stem if path.is_file() else path.name
+    return Opening("bag", reader, path.parent, sequence, notes)
 
 
 def _numbers(body_T_lidar: Poses | None) -> Sequence[float]:

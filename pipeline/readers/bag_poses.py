@@ -202,11 +202,6 @@ class Tree:
             a_T_b = a_T_b @ step
         return a_T_b
 
-    @property
-    def frames(self) -> set[str]:
-        """The names of all frames."""
-        return {frame for edge in self.edges for frame in edge}
-
     def moves(self, a: str, b: str) -> bool:
         """Whether transforms lead from a to b, and at least one of them changes over time."""
         chain = _chain(self.edges, a, b) or []

@@ -50,3 +50,8 @@ class Transforms:
             return None
         (lidar_frame,) = lidar_frames
         return self.fixed(*((body, lidar_frame) for body in bodies))
+
+    def vehicle(self) -> str | None:
+        """The likeliest frame of the vehicle that any transform names; None where there is none."""
+        frames = {frame for edge in self.every().edges for frame in edge}
+        return next((body for body in BODIES if body in frames), None)

@@ -141,3 +141,19 @@ def test_a_lidar_that_no_transform_places_on_the_vehicle_is_refused(tmp_path: Pa
 def test_without_transforms_the_lidar_is_the_vehicle(tmp_path: Path) -> None:
     (scan,) = scans(str(mounted(tmp_path / "day", "/tf")), OTHER, 0.5)
     np.testing.assert_allclose(scan.points(), [[1, 0, 0.5]], atol=1e-6)
+
+
+def test_a_lidar_that_nothing_places_on_the_frame_of_the_odometry_is_refused_or_said(
+    tmp_path: Path,
+) -> None:
+    with BagWriter(tmp_path / "day", "mcap") as writer:
+        for row in range(3):
+            stamp_ns = START_NS + row * STEP_NS
+            writer.odometry(stamp_ns, "odom", "base_link", planar(row, 0, 0), "/odom")
+            point_m = np.array([[1, 0, 0]], np.float32)
+            writer.points(stamp_ns, "laser", point_m, np.ones(1), np.zeros(1, int))
+    with pytest.raises(LogError, match=r"lead from base_link to laser, .* give --body-T-lidar"):
+        next(scans(str(tmp_path / "day"), OTHER, 0.0, odometry="/odom"))
+    assert len(list(scans(str(tmp_path / "day"), OTHER, 0.0))) == 3
+    (note,) = unposed(tmp_path / "day").notes
+    assert "from base_link of /odom to laser: the LiDAR is taken for the vehicle" in note
