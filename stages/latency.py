@@ -20,6 +20,7 @@ from typing import Any
 from pipeline.core import schemas, store
 from pipeline.core.building import build as build_method
 from pipeline.core.building import parsed
+from pipeline.core.replacing import write_text
 from pipeline.core.settings import Count
 from pipeline.evaluation.rows import table
 from pipeline.evaluation.timing import Latency, TimedMethod, cost_rows
@@ -76,9 +77,8 @@ def main(settings: Settings) -> str:
     with store.replace(settings.out) as path:
         rows = [*latency.rows(), *cost_rows(models)]
         table(rows, **common_columns).to_csv(path, index=False)
-    with store.replace(settings.samples) as path:
-        text = json.dumps({"sequence": settings.sequence, **latency.record()}, allow_nan=False)
-        path.write_text(f"{text}\n", encoding="utf-8")
+    text = json.dumps({"sequence": settings.sequence, **latency.record()}, allow_nan=False)
+    write_text(settings.samples, f"{text}\n")
     return latency.line()
 
 

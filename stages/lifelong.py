@@ -12,6 +12,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from pipeline.core import store
+from pipeline.core.replacing import write_text
 from pipeline.core.settings import Names, Positive
 from pipeline.evaluation.protocols import Distance
 from pipeline.lifelong.courses import Order, learned
@@ -128,9 +129,8 @@ def main(settings: Settings) -> str:
         "grid": settings.cells,
         **settings.name.columns,
     }
-    with store.replace(settings.timing) as path:
-        timing = {"place": columns, **lifelong.attrs, "cpu_s": cpu_s_of_steps}
-        path.write_text(json.dumps(timing, allow_nan=False) + "\n", encoding="utf-8")
+    timing = {"place": columns, **lifelong.attrs, "cpu_s": cpu_s_of_steps}
+    write_text(settings.timing, json.dumps(timing, allow_nan=False) + "\n")
     return line(lifelong)
 
 

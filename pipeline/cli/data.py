@@ -9,7 +9,7 @@ from pipeline.cli.options import some_words
 from pipeline.cli.progress import Bytes
 from pipeline.cli.project import conf_folder
 from pipeline.core.errors import ConfigError
-from pipeline.core.replacing import replace
+from pipeline.core.replacing import write_text
 from pipeline.running.texts import read_yaml, terminal_width
 
 if TYPE_CHECKING:  # at run time these would slow the start of every command
@@ -91,8 +91,7 @@ def _save_proposal(bags: Path, save: Path) -> None:
     """Write the yaml of a data set that is proposed for bags, and say what to call next."""
     from pipeline.inspection.bags import proposal
 
-    with replace(save) as scratch:
-        scratch.write_text(proposal([bags]), encoding="utf-8")
+    write_text(save, proposal([bags]))
     has_truth = read_yaml(save)["reader"]["truth"] is not None
     further_words = "" if has_truth else " train=DRIVE poses=slam"
     print(

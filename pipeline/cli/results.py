@@ -173,7 +173,7 @@ def _write_pages(table: "pd.DataFrame", studies: "dict[str, Study]", kinds: list
     Only blocks of the given kinds are filled, all kinds if none is given. A block that the studies
     have no numbers for is left as it is. Raises ConfigError for an unknown kind.
     """
-    from pipeline.core.replacing import replace
+    from pipeline.core.replacing import write_text
     from pipeline.networks.loop import arithmetic
     from pipeline.report.pages import KINDS, PAGES, PICTURE, blocks, filled, table_texts
 
@@ -198,8 +198,7 @@ def _write_pages(table: "pd.DataFrame", studies: "dict[str, Study]", kinds: list
     if PICTURE in kinds:
         texts |= _picture_texts(picture_blocks, studies)
     for path, page in pages.items():
-        with replace(path) as scratch:
-            scratch.write_text(filled(page, texts), encoding="utf-8")
+        write_text(path, filled(page, texts))
         for block in blocks_by_page[path]:
             block_words = " ".join(filter(None, block))  # a field that its mark lacks is empty
             outcome = "written" if block in texts else "left as it is"

@@ -50,7 +50,7 @@ def slam(
     ] = None,
 ) -> None:
     """Estimate the poses of a log that has none: odometry by registration, loops, a graph."""
-    from pipeline.core.replacing import replace
+    from pipeline.core.replacing import replace, write_text
     from pipeline.opening.opening import unposed
     from pipeline.slam import outputs
     from pipeline.slam.drive import Slam, without_truth
@@ -69,8 +69,7 @@ def slam(
     progress = Scans()
     estimate = Slam(use_log_odometry=uses_odometry).estimate(opened_log, progress)
     if out:
-        with replace(out) as scratch:
-            scratch.write_text(outputs.tum_text(estimate), encoding="utf-8")
+        write_text(out, outputs.tum_text(estimate))
     if map_path:
         with replace(map_path) as scratch:
             scratch.write_bytes(outputs.map_pcd(opened_log, estimate, progress))

@@ -14,7 +14,7 @@ import typer
 from pipeline.cli.options import some_words
 from pipeline.cli.project import conf_folder, read_studies
 from pipeline.core.errors import ConfigError
-from pipeline.core.replacing import replace
+from pipeline.core.replacing import write_text
 from pipeline.running.texts import terminal_width
 
 if TYPE_CHECKING:  # at run time these would slow the start of every command
@@ -114,8 +114,7 @@ def _write(conf: Path, studies: "Mapping[str, Study]") -> None:
         for name in sorted(read_studies().keys() - studies.keys()):
             print(f"  {name} is no longer among the studies; --add keeps what is there")
     for path, text in changed_texts.items():
-        with replace(path) as scratch:
-            scratch.write_text(text, encoding="utf-8")
+        write_text(path, text)
     write_parts(conf.parent, split_drives(expand(studies)))
 
 

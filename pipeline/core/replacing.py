@@ -34,6 +34,12 @@ def replace(path: str | Path) -> Iterator[Path]:
             _remove(scratch)
 
 
+def write_text(path: Path, text: str) -> None:
+    """Write a text file in UTF-8, whole or not at all."""
+    with replace(path) as scratch:
+        scratch.write_text(text, encoding="utf-8")
+
+
 def _remove_old_scratches(path: Path) -> None:
     """Remove the scratches that killed writers of `path` left behind."""
     for scratch in path.parent.glob(f".{path.name}.*.scratch"):

@@ -19,7 +19,7 @@ import yaml
 from numpy.typing import NDArray
 
 from pipeline.core.errors import ArtifactError, ConfigError
-from pipeline.core.replacing import replace
+from pipeline.core.replacing import replace, write_text
 from pipeline.core.settings import filled, plain
 
 Mode = Literal["trinary", "scale", "raw"]
@@ -116,9 +116,7 @@ def write(path: Path, grid: GridMap) -> None:
     with replace(image) as scratch:
         scratch.write_bytes(f"P5\n{cols} {rows}\n255\n".encode() + pixels.tobytes())
     keys = Keys(image=image.name, resolution=grid.resolution_m, origin=grid.origin)
-    with replace(path) as scratch:
-        text = yaml.safe_dump(plain(keys, whole=True), sort_keys=False)
-        scratch.write_text(text, encoding="utf-8")
+    write_text(path, yaml.safe_dump(plain(keys, whole=True), sort_keys=False))
 
 
 def _yaml(path: Path) -> dict[str, Any]:

@@ -23,6 +23,7 @@ from torch import Tensor, nn
 from pipeline.core.building import build
 from pipeline.core.errors import ConfigError
 from pipeline.core.replacing import replace as replaced
+from pipeline.core.replacing import write_text
 from pipeline.methods.pointnetvlad.netvlad import Describer
 from pipeline.methods.pointnetvlad.pointnetvlad import PointNetVlad
 from pipeline.networks import loop
@@ -123,10 +124,9 @@ def export(source: Path, out: Path, compact: bool = False) -> str:
             "largest_difference": parity.largest,
             "same_first": parity.same_first,
         }
-        with replaced(out.with_suffix(".parity.json")) as scratch:
-            content = {"site": description.name, **parity_numbers}
-            text = json.dumps(content, indent=1, allow_nan=False)
-            scratch.write_text(f"{text}\n", encoding="utf-8")
+        content = {"site": description.name, **parity_numbers}
+        text = json.dumps(content, indent=1, allow_nan=False)
+        write_text(out.with_suffix(".parity.json"), f"{text}\n")
     return f"{out}: {out.stat().st_size / 1e6:.1f} MB; {comparison}"
 
 

@@ -7,7 +7,6 @@ artifact has none.
 """
 
 import json
-import os
 import sys
 import threading
 import time
@@ -20,6 +19,8 @@ from types import TracebackType
 from typing import NamedTuple, Self
 
 import psutil
+
+from pipeline.core.replacing import write_text
 
 FOLDER = Path(".telemetry")
 MOST_SAMPLES = 200
@@ -62,11 +63,7 @@ class Trace:
 
     def write(self, artifact: str | Path) -> None:
         """Write the trace whole or not at all."""
-        path = trace_path(artifact)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        scratch = path.with_name(f".{path.name}.{os.getpid()}.scratch")
-        scratch.write_text(json.dumps(asdict(self), allow_nan=False), encoding="utf-8")
-        scratch.replace(path)
+        write_text(trace_path(artifact), json.dumps(asdict(self), allow_nan=False))
 
     def series(self) -> dict[str, list[tuple[int, float]]]:
         """The samples as MLflow logs system metrics: for each name, (whole second, value) pairs.

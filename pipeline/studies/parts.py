@@ -12,7 +12,7 @@ from typing import Any
 
 import yaml
 
-from pipeline.core.replacing import replace
+from pipeline.core.replacing import write_text
 from pipeline.running.dvc_files import Yaml
 
 LIST = "drives"
@@ -64,7 +64,7 @@ def _write_definitions(root: Path, stage: str, folders: Sequence[Path]) -> None:
             folder.mkdir(exist_ok=True)
             list_name = LIST + _ending(number, "_")
             part_text = text.replace(f"${{lists.{LIST}}}", f"${{lists.{list_name}}}")
-            _write(folder / "dvc.yaml", HEAD.format(stage=stage) + part_text)
+            write_text(folder / "dvc.yaml", HEAD.format(stage=stage) + part_text)
 
 
 def _move_entries(
@@ -83,12 +83,7 @@ def _move_entries(
         if not entries:
             lock.unlink(missing_ok=True)
         elif entries != _stages(lock):
-            _write(lock, yaml.safe_dump({"schema": "2.0", "stages": entries}, sort_keys=False))
-
-
-def _write(path: Path, text: str) -> None:
-    with replace(path) as scratch:
-        scratch.write_text(text, encoding="utf-8")
+            write_text(lock, yaml.safe_dump({"schema": "2.0", "stages": entries}, sort_keys=False))
 
 
 def _ending(number: int, joint: str) -> str:

@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from pipeline.core import store
+from pipeline.core.replacing import write_text
 from pipeline.core.settings import filled
 
 ORIGINS = ("from_dvc", "from_sweeps", "built")
@@ -74,11 +74,8 @@ class Record:
             }
             for row in self.rows
         ]
-        with store.replace(folder / f"{self.number}.json") as scratch:
-            scratch.write_text(
-                json.dumps({**asdict(self), "rows": rows}, indent=1, allow_nan=False),
-                encoding="utf-8",
-            )
+        text = json.dumps({**asdict(self), "rows": rows}, indent=1, allow_nan=False)
+        write_text(folder / f"{self.number}.json", text)
 
 
 def read(folder: Path) -> list[Record]:
