@@ -71,6 +71,12 @@ def failures(fixes: Iterable[JudgedFix]) -> list[JudgedFix]:
     return accepted + rejected
 
 
+def promises(fixes: Fixes) -> dict[float, float]:
+    """The precisions that fixes can promise, and the novelty from which each rejects poses."""
+    promised = zip(fixes.promises, fixes.promised, strict=True)
+    return {precision: novelty for precision, novelty in promised if novelty > 0}
+
+
 def reject_from(fixes: Fixes, promise: float | None) -> float:
     """The novelty from which poses are rejected to keep `promise`; None accepts nothing.
 
@@ -78,16 +84,15 @@ def reject_from(fixes: Fixes, promise: float | None) -> float:
     """
     if promise is None:
         return 0.0
-    promised = zip(fixes.promises, fixes.promised, strict=True)
-    thresholds = {precision: novelty for precision, novelty in promised if novelty > 0}
-    if promise not in thresholds:
+    possible_promises = promises(fixes)
+    if promise not in possible_promises:
         possible = (
-            f"they can {' and '.join(map(str, thresholds))}"
-            if thresholds
+            f"they can {' and '.join(map(str, possible_promises))}"
+            if possible_promises
             else "nor any other; --promise none draws them"
         )
         raise ConfigError(f"--promise {promise:g}: these poses cannot promise that, {possible}")
-    return thresholds[promise]
+    return possible_promises[promise]
 
 
 def as_driven(fixes: Fixes, count: int) -> slice:

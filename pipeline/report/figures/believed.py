@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pipeline.core import schemas, store
 from pipeline.core.errors import ArtifactError
 from pipeline.core.frames import Poses, distance_and_turn, moved
-from pipeline.evaluation.failures import as_driven
+from pipeline.evaluation.failures import as_driven, promises
 from pipeline.evaluation.judgement import Evaluations
 from pipeline.evaluation.numbers import within
 from pipeline.report.result import day
@@ -133,8 +133,8 @@ def verdicts(
         )
     thresholds = {
         promise: reject_from
-        for promise, reject_from in zip(fixes.promises, fixes.promised, strict=True)
-        if reject_from > 0 and promise <= wanted_promise
+        for promise, reject_from in promises(fixes).items()
+        if promise <= wanted_promise
     }
     if not thresholds:
         return world_T_query, np.zeros(count, bool), None

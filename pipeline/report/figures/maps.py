@@ -15,7 +15,7 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from pipeline.core.errors import InputError
-from pipeline.evaluation.judgement import FALSE_ALARM, HIT
+from pipeline.evaluation.judgement import FALSE_ALARM, HIT, Judgement
 from pipeline.report.figures.panels import balanced, panels
 from pipeline.report.figures.style import WIDTH_IN, dot, figure, folded, styled
 from pipeline.report.result import Result, by_model, by_sequence
@@ -44,7 +44,7 @@ def outcome_map(result: Result, train_xy_m: NDArray[np.float64]) -> Figure:
     Outcomes are by cells, at the model's threshold.
     """
     heading = f"{result.model} on {result.label}, by cells"
-    kinds, accepted = answers(result)
+    kinds, accepted = answers(result.evaluation.cells)
     return _single(result, kinds, accepted, train_xy_m, heading, kind_count=len(ANSWERS))
 
 
@@ -61,9 +61,8 @@ def fix_map(result: Result, train_xy_m: NDArray[np.float64]) -> Figure:
     return _single(result, kinds, accepted, train_xy_m, heading, kind_count=2)
 
 
-def answers(result: Result) -> tuple[NDArray[np.integer], NDArray[np.bool_]]:
-    """By cells: which of ANSWERS the first answer to each query (q,) is, and whether accepted."""
-    judgement = result.evaluation.cells
+def answers(judgement: Judgement) -> tuple[NDArray[np.integer], NDArray[np.bool_]]:
+    """Which of ANSWERS the first answer to each query (q,) is, and whether it is accepted."""
     of_seen = np.where(judgement.true_rank == 0, RIGHT, WRONG)
     kinds = np.where(judgement.seen, of_seen, UNSEEN)
     return kinds, np.isin(judgement.outcome, (HIT, FALSE_ALARM))
@@ -118,7 +117,7 @@ def montage(results: Sequence[Result], train_xy_m: NDArray[np.float64]) -> Figur
     ordered = [result for group in models.values() for result in group]
     axes = panels(fig, len(ordered), columns, shared=False)
     for number, (axis, result) in enumerate(zip(axes, ordered, strict=True)):
-        kinds, accepted = answers(result)
+        kinds, accepted = answers(result.evaluation.cells)
         _map(axis, result.evaluation.xy_m, kinds, accepted, train_xy_m, box, size=1.6)
         if not has_several or number < columns:
             axis.set_title(result.label, pad=2)

@@ -23,6 +23,7 @@ from pipeline.evaluation import judgement as judged
 from pipeline.evaluation.judgement import Evaluation, Judgement
 from pipeline.mapping.from_above import CELL_M, Footprint
 from pipeline.report.alignment import best_shifts, spectra
+from pipeline.report.figures.maps import RIGHT, WRONG, answers
 from pipeline.report.figures.style import png_text
 from pipeline.report.result import Result, by_sequence, dates
 from pipeline.report.study import Study
@@ -36,7 +37,7 @@ STEP_M = 0.05
 STEP_DEG = 0.1
 NOVELTY_STEPS = 30_000  # from 0 to the largest novelty
 # What an answer is, as map.js reads it; ACCEPTED is added to the code of an accepted one.
-RIGHT, WRONG, UNSEEN, NOT_JUDGED = range(4)
+NOT_JUDGED = 3  # beside RIGHT, WRONG and UNSEEN
 ACCEPTED = 4
 MOST_RANKS = 120  # ranks of the true place beyond this are cut, to fit into a byte
 
@@ -54,7 +55,7 @@ def chart(study: Study) -> dict[str, Any]:
     origin_m = np.rint(study.train_xy_m.mean(axis=0))  # is subtracted, so that numbers are small
     days = dates(study.results)
     sequences = []
-    answers: dict[str, dict[str, Any]] = {model: {} for model in study.models}
+    by_model: dict[str, dict[str, Any]] = {model: {} for model in study.models}
     for sequence, results in by_sequence(study.results).items():
         evaluation = results[0].evaluation  # where queries were taken is the same in all
         best = next((result for result in results if result.model == study.best), results[0])
@@ -76,10 +77,8 @@ def chart(study: Study) -> dict[str, Any]:
             }
         )
         for result in results:
-            answers[result.model][sequence] = _answers(study, result, origin_m)
-            answers[result.model][sequence] |= nearest_training(
-                result.evaluation.answer_xy_m, views
-            )
+            matched = nearest_training(result.evaluation.answer_xy_m, views)
+            by_model[result.model][sequence] = _answers(study, result, origin_m) | matched
     return {
         "simulated": study.simulated,
         "best": study.best,
@@ -88,7 +87,7 @@ def chart(study: Study) -> dict[str, Any]:
         "footprint": _ground(footprint, origin_m) if footprint else None,
         "train": train.picture() if train else None,
         "sequences": sequences,
-        "answers": {model: by_day for model, by_day in answers.items() if by_day},
+        "answers": {model: by_day for model, by_day in by_model.items() if by_day},
     }
 
 
@@ -201,7 +200,7 @@ def _answers(
     novelty = evaluation.novelty[:, 0].astype(np.float64)
     largest = np.abs(novelty[np.isfinite(novelty)]).max(initial=1e-9)
     threshold = evaluation.reject_pose_from if result.posed else evaluation.reject_from[0]
-    answers = {
+    shown = {
         "posed": result.posed,
         "right_within": list(evaluation.right_within),
         "xy": quantized(evaluation.answer_xy_m - origin_m, STEP_M),
@@ -213,16 +212,14 @@ def _answers(
     }
     for protocol, judgement in (("distance", evaluation.distance), ("cells", evaluation.cells)):
         ranks = np.minimum(judgement.true_rank, MOST_RANKS)
-        answers[protocol] = {"code": packed(_code(judgement), "u1"), "rank": packed(ranks, "i1")}
-    return answers
+        shown[protocol] = {"code": packed(_code(judgement), "u1"), "rank": packed(ranks, "i1")}
+    return shown
 
 
 def _code(judgement: Judgement) -> NDArray[np.int64]:
     """The code of each answer (q,) by one protocol: RIGHT to NOT_JUDGED, ACCEPTED or not."""
-    of_seen = np.where(judgement.true_rank == 0, RIGHT, WRONG)
-    code = np.where(judgement.seen, of_seen, UNSEEN)
-    code[judgement.outcome == judged.NOT_JUDGED] = NOT_JUDGED
-    accepted = np.isin(judgement.outcome, (judged.HIT, judged.FALSE_ALARM))
+    kinds, accepted = answers(judgement)
+    code = np.where(judgement.outcome == judged.NOT_JUDGED, NOT_JUDGED, kinds)
     return np.asarray(code + ACCEPTED * accepted)
 
 
