@@ -134,8 +134,9 @@ class LoopSearch:
     ) -> Loop | None:
         """The likeliest loop of a key with one of the `allowed` keys (k,) of a drive or a map.
 
-        Scan Context names candidates `among` these keys; the search registers the key with them,
-        who stand as `targets`. None if nothing fits, or the two overlap too little.
+        Scan Context names candidates `among` these keys, and the search registers the key with
+        them; `targets` are the same keys at their poses. Returns None if nothing fits, or the two
+        overlap too little.
         """
         rows = np.flatnonzero(allowed)
         if not len(rows):

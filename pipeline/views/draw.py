@@ -36,7 +36,7 @@ class View(Protocol):
     schema: ClassVar[type[Views]]
     """The schema of the artifact of such views."""
 
-    def __call__(self, points_m: NDArray[np.floating]) -> NDArray[np.floating]:
+    def __call__(self, points_m: NDArray[np.floating]) -> NDArray[Any]:
         """Draw the image of points (n, 3) in metres, z up from the ground."""
 
 
@@ -60,7 +60,7 @@ class Drawing:
         """Whether each submap is one scan, so that blocks of submaps can be drawn in parallel."""
         return bool((self.submaps["first"][:] == self.submaps["scans"][:]).all())
 
-    def blocks(self, compute: Compute) -> Iterator[NDArray[np.floating]]:
+    def blocks(self, compute: Compute) -> Iterator[NDArray[Any]]:
         """Yield the images (BLOCK or fewer, …) of one block of submaps after the other.
 
         Submaps that share scans are drawn in order by one process, so that each scan is laid out
@@ -108,7 +108,7 @@ class Drawing:
         for start in range(0, len(self), step):
             yield from submap_points(self.scans, self.submaps, slice(start, start + step))
 
-    def _block(self, start: int, stop: int) -> NDArray[np.floating]:
+    def _block(self, start: int, stop: int) -> NDArray[Any]:
         """Images (stop − start, …) of the submaps from `start` to before `stop`, in a worker."""
         rows = slice(start, stop)
         points_of_submaps = submap_points(self.scans, self.submaps, rows)
