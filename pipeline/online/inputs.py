@@ -175,9 +175,7 @@ def _points_of_file(file: Path) -> NDArray[np.float64]:
 def _log(path: Path, reader: Mapping[str, Any]) -> Log | None:
     """The log at a path; None if the reader that the site was learned with cannot open it."""
     with suppress(YearlocError, OSError):
-        for opening in by_reader(path, build(reader, READERS)):
-            with suppress(YearlocError, OSError):
-                return opening.open()
+        return by_reader(path, build(reader, READERS))
     return None
 
 

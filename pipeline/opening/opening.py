@@ -5,7 +5,7 @@ slam` without true poses (`unposed`), and the commands that ask a site as the re
 data set does (`by_reader`).
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -80,8 +80,8 @@ def at(path: Path) -> Opening | None:
     return None
 
 
-def by_reader(path: Path, reader: Reader) -> Iterator[Opening]:
-    """The drive at a path as `reader` knows it; none if it lies in no data set of that reader.
+def by_reader(path: Path, reader: Reader) -> Log | None:
+    """Open the drive at a path as `reader` knows it; None if it cannot.
 
     The root of the data set may be the parent of the path, or that one's.
     """
@@ -90,7 +90,8 @@ def by_reader(path: Path, reader: Reader) -> Iterator[Opening]:
     for root in (path.parent, *path.parents[1:2]):
         with suppress(YearlocError, OSError):
             if reader.sequences(root).get(sequence) == []:
-                yield Opening("", reader, root, sequence)
+                return reader.open(root, sequence)
+    return None
 
 
 def unposed(path: Path, topic: str | None = None, odometry: str | None = None) -> Log:
