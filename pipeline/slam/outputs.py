@@ -1,11 +1,9 @@
 """The files that `yearloc slam` writes of estimated poses: TUM trajectory, PCD map, picture."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import small_gicp
-from numpy.typing import NDArray
 
 from pipeline.core.errors import LogError
 from pipeline.core.frames import moved
@@ -15,9 +13,6 @@ from pipeline.formats import folder, pcd
 from pipeline.posing.registration import Points
 from pipeline.readers.deskew import scan_at_stamp
 from pipeline.readers.log import Log
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 MAP_VOXEL_M = 0.2
 """The map has one point in a voxel of this side."""
@@ -82,8 +77,14 @@ def draw(estimate: Estimates, path: Path, title: str) -> None:
         axes.plot(
             *world_m[last_row:].T, color="tab:red", linewidth=1.5, label="after the last loop"
         )
-    _draw_loops(axes, estimate, np.flatnonzero(is_used), "tab:green", "loop")
-    _draw_loops(axes, estimate, np.flatnonzero(~is_used), "tab:orange", "overruled")
+    ends = np.stack([estimate.earlier, estimate.later], axis=1)  # (loop, 2)
+    for loops, colour, label in (
+        (ends[is_used], "tab:green", "loop"),
+        (ends[~is_used], "tab:orange", "overruled"),
+    ):
+        lines_m = np.insert(world_m[loops], 2, np.nan, axis=1)  # NaN ends a line
+        if len(loops):
+            axes.plot(*lines_m.reshape(-1, 2).T, "o-", color=colour, markersize=3, label=label)
     if len(estimate.fixed):
         axes.plot(*world_m[estimate.fixed].T, "o", color="tab:green", markersize=3, label="fix")
     if len(estimate.breaks):
@@ -94,14 +95,3 @@ def draw(estimate: Estimates, path: Path, title: str) -> None:
     axes.set_title(title)
     axes.legend(loc="best", frameon=False)
     figure.savefig(path, dpi=120, format="png", metadata={"Software": None})
-
-
-def _draw_loops(
-    axes: "Axes", estimate: Estimates, loops: NDArray[np.int64], colour: str, label: str
-) -> None:
-    """Draw a line from scan to scan for each of the loops (n,), which share one line of legend."""
-    for loop in loops.tolist():
-        ends = [estimate.earlier[loop], estimate.later[loop]]
-        ends_m = estimate.world_T_scan[ends, :2, 3]
-        axes.plot(*ends_m.T, color=colour, marker="o", markersize=3, label=label)
-        label = ""

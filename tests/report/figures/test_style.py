@@ -10,7 +10,7 @@ from scipy.spatial.distance import pdist
 from pipeline.core.errors import InputError
 from pipeline.report.figures.panels import Line, balanced, name_ends, share_limits
 from pipeline.report.figures.style import colour, figure, folded, look, save
-from pipeline.studies.colours import PALETTE, marker
+from pipeline.studies.colours import PALETTE
 
 XYZ = np.array(
     [
@@ -28,17 +28,6 @@ DEUTERANOPIA = np.array(
     ]
 )
 """Of linear sRGB, at full severity (Machado, Oliveira and Fernandes, 2009)."""
-METHODS = (
-    "sci",
-    "sci_ring",
-    "scan_context",
-    "scan_context_all",
-    "m2dp",
-    "pointnetvlad",
-    "afl",
-    "pfl",
-    "sad",
-)
 
 
 def test_simulated_stands_above_the_heading_of_a_narrow_figure(tmp_path: Path) -> None:
@@ -54,11 +43,6 @@ def test_simulated_stands_above_the_heading_of_a_narrow_figure(tmp_path: Path) -
 def test_a_figure_is_saved_as_svg_alone(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"a\.pdf: a figure is saved as \.svg"):
         save(figure(3.0, 2.0, "heading"), tmp_path / "a.pdf", False)
-
-
-def test_the_methods_of_the_papers_have_different_colours() -> None:
-    assert len({colour(method) for method in METHODS}) == len(METHODS)
-    assert len({marker(method) for method in METHODS}) == len(METHODS)
 
 
 def test_colours_stay_apart_to_a_colour_blind_reader_and_can_be_text() -> None:
