@@ -9,17 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.core import schemas, store
 from pipeline.core.schemas import Lifelong
 from pipeline.evaluation import results
 from pipeline.evaluation.ageing import Ageing
 from pipeline.evaluation.events import Bands
 from pipeline.report.study import Study
 from pipeline.studies.layout import Layout
-from tests.artifacts import SUITED
+from tests.artifacts import write_submaps, written
 from tests.evaluation.made import standing
 from tests.report.figures.made import TRAIN_XY_M
-from tests.report.studied import put
 from tests.studies.made import study as made_study
 
 TRAIN = "2012-01-15"
@@ -77,16 +75,7 @@ The second seed of `tuned` gets the first query right too.
 
 def build(artifacts: Path) -> Study:
     """Write everything that a report of the study reads, and return the study."""
-    n = len(TRAIN_XY_M)
-    rows = {
-        "first": np.arange(n),
-        "scans": np.arange(n),
-        "ground_m": np.zeros(n),
-        "used": np.ones(n, bool),
-    }
-    rows |= {"stamps_ns": np.arange(n), "world_T_anchor": standing(TRAIN_XY_M)}
-    about: dict[str, Any] = {"layout": "world_T_scan", "left_out": {}, "appearance": SUITED}
-    put(artifacts / f"submaps/campus/{TRAIN}.zarr", schemas.Submaps, rows, **about)
+    write_submaps(artifacts / f"submaps/campus/{TRAIN}.zarr", standing(TRAIN_XY_M))
     for method in SETTINGS.methods:
         for model in method.models:
             place = {
@@ -145,7 +134,5 @@ def course(path: Path, order: str, strategy: str, seed: int = 0) -> dict[str, An
         "place_xy_m": np.stack([10.0 * np.arange(4), np.zeros(4)], axis=1),
         "newest_ns": np.array([10, 40, 40, 20]) * DAY_NS,
     }
-    with store.draft(path, Lifelong, **attrs) as draft:
-        for name, array in arrays.items():
-            draft.put(name, array)
+    written(path, Lifelong, arrays, **attrs)
     return attrs

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from pipeline.core import schemas, store
+from pipeline.core import schemas
 from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.protocols import Distance
 from pipeline.evaluation.rows import PERTURBED, UNPERTURBED, row, table
@@ -25,6 +25,7 @@ from pipeline.report.selection import indexed
 from pipeline.report.table import MISSING, Cell, Table, number
 from pipeline.report.web.front import front
 from pipeline.report.web.page import Entry
+from tests.artifacts import write_views
 from tests.studies.made import study as made_study
 from tests.views.made import artifacts
 
@@ -110,14 +111,12 @@ def study(root: Path, path_xy_m: np.ndarray = PATH_XY_M) -> Any:
         rows = 25 if day in TRAIN else 7
         if not (root / "drives" / day).exists():
             drive(root / "drives" / day, PATH_XY_M[:25] if day in TRAIN else XY_M)
-        with store.draft(
-            find("views", day, model), LOOKS[model], **{key: [] for key in LOOKS[model].attributes}
-        ) as draft:
-            draft.put(
-                "images", heights(rows) if model == "sci" else np.zeros((rows, 192), np.float32)
-            )
-            draft.put("stamps_ns", np.arange(rows))
-            draft.put("world_T_anchor", np.tile(np.eye(4), (rows, 1, 1)))
+        kind = LOOKS[model]
+        images = heights(rows) if model == "sci" else np.zeros((rows, 192), np.float32)
+        attrs = {key: [] for key in kind.attributes}
+        write_views(
+            find("views", day, model), kind, images, np.tile(np.eye(4), (rows, 1, 1)), **attrs
+        )
     fake = SimpleNamespace(
         name="campus",
         grid="10m",

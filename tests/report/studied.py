@@ -6,12 +6,12 @@ of stress, real changes and a second cell size.
 
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from pipeline.alterations import Case
-from pipeline.core import schemas, store
+from pipeline.core import store
+from pipeline.core.schemas import Labels, ScanContextViews
 from pipeline.evaluation import results
 from pipeline.evaluation.ageing import Ageing
 from pipeline.evaluation.events import Bands
@@ -21,7 +21,7 @@ from pipeline.formats.changes import Change, write_changes
 from pipeline.matching.rejection import Evidence
 from pipeline.report.study import Study
 from pipeline.studies.layout import Layout
-from tests.artifacts import SUITED
+from tests.artifacts import write_submaps, write_views, written
 from tests.report.figures.made import BOOTSTRAP, PLACES, TRAIN_PLACES, TRAIN_XY_M, evaluation
 from tests.studies.made import study as made_study
 
@@ -65,24 +65,10 @@ def build(artifacts: Path) -> Study:
         world_T_anchor = np.tile(np.eye(4), (len(xy_m), 1, 1))
         n = len(xy_m)
         world_T_anchor[:, :2, 3] = xy_m
-        anchor = {"stamps_ns": np.arange(n), "world_T_anchor": world_T_anchor}
-        rows = {
-            "first": np.arange(n),
-            "scans": np.arange(n),
-            "ground_m": np.zeros(n),
-            "used": np.ones(n, bool),
-        }
-        put(
-            artifacts / f"submaps/campus/{sequence}.zarr",
-            schemas.Submaps,
-            rows | anchor,
-            layout="world_T_scan",
-            left_out={},
-            appearance=SUITED,
-        )
+        write_submaps(artifacts / f"submaps/campus/{sequence}.zarr", world_T_anchor)
         images = rng.uniform(0, 16, (n, 40, 120)).astype(np.float32)
-        views = artifacts / f"views/campus/scan_context/{sequence}.zarr"
-        put(views, schemas.ScanContextViews, {"images": images, **anchor}, cases=[asdict(Case())])
+        path = artifacts / f"views/campus/scan_context/{sequence}.zarr"
+        write_views(path, ScanContextViews, images, world_T_anchor, cases=[asdict(Case())])
         truth = {
             "places": TRAIN_PLACES if sequence == TRAIN else PLACES,
             "cells": np.arange(10),
@@ -91,9 +77,7 @@ def build(artifacts: Path) -> Study:
         truth |= {"nearest_m": np.zeros(n), "nearest_turn_deg": np.zeros(n)}
         for cell_m in (10, 5):
             own = {"days": days, "cell_m": cell_m, "x_m": [0, 100], "y_m": [0, 100]}
-            put(
-                artifacts / f"labels/campus/{cell_m}m/{sequence}.zarr", schemas.Labels, truth, **own
-            )
+            written(artifacts / f"labels/campus/{cell_m}m/{sequence}.zarr", Labels, truth, **own)
         for model in WRONG if sequence != TRAIN else ():
             judged(
                 artifacts / f"evaluate/campus/10m/{model}/{sequence}.zarr", model, sequence, days
@@ -152,9 +136,3 @@ def judged(path: Path, model: str, sequence: str, days: int) -> None:
     own = {**rules, "sequence": sequence, "train": TRAIN}
     evaluations = Evaluations(tuple(found.values()), [asdict(case) for case in found], **own)
     store.write(path, evaluations)
-
-
-def put(path: Path, schema: type[store.Artifact], arrays: dict[str, Any], **own: Any) -> None:
-    with store.draft(path, schema, **own) as draft:
-        for name, array in arrays.items():
-            draft.put(name, array)
