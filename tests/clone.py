@@ -10,6 +10,7 @@ from contextlib import closing
 from copy import copy
 from hashlib import sha256
 from pathlib import Path
+from tempfile import mkdtemp
 
 from numba.core.caching import UserProvidedCacheLocator
 
@@ -27,7 +28,7 @@ def name_of(address: str) -> str:
 
 
 def share_kernels(compiled: Path, copy: Path) -> None:
-    """Give a copy of the project the kernels that were compiled for another.
+    """Give a copy of the project, or the project itself, the kernels compiled for another copy.
 
     numba keeps them in a folder that is named by the path of their source.
     """
@@ -39,7 +40,12 @@ def share_kernels(compiled: Path, copy: Path) -> None:
             for path in (source, copied_source)
         )
         if folder.is_dir() and not folder_of_copy.exists():
-            shutil.copytree(folder, folder_of_copy, ignore_dangling_symlinks=True)
+            scratch = Path(mkdtemp(dir=kernels))
+            shutil.copytree(folder, scratch, ignore_dangling_symlinks=True, dirs_exist_ok=True)
+            try:
+                scratch.rename(folder_of_copy)
+            except OSError:  # another process compiled it meanwhile
+                shutil.rmtree(scratch)
 
 
 class Clone:

@@ -13,26 +13,26 @@ from hypothesis import settings
 from xdist.scheduler import LoadFileScheduling
 
 import stages  # noqa: F401 (before torch and numba are loaded: it sets where kernels are kept and how threads wait)
-from tests.clone import Clone
+from tests.clone import ROOT, Clone, share_kernels
 
 settings.register_profile("any machine", deadline=None)
 settings.load_profile("any machine")  # how long an example takes is the machine's doing
 
-ALONE = ("tests/test_sweep_jobs.py", "tests/test_repair.py")
-"""Each of their tests takes long, and shares no more with the others than the chain."""
+JOBS = "tests/test_sweep_jobs.py"
+"""Its tests take long, and share no more with each other than the chain."""
 ORDER = (
-    *("tests/test_chain.py", "tests/test_dvc_session.py", "tests/test_own_data.py"),
-    *("tests/report", "tests/online", "tests/methods", "tests/test_sweep.py", *ALONE),
+    *("tests/test_chain.py", "tests/report", "tests/online", "tests/methods"),
+    *("tests/test_own_data.py", "tests/test_dvc_session.py", "tests/test_sweep.py", JOBS),
 )
 """What takes long comes first, so that workers end together: the chain, what needs it not, what
 needs it; and then all that is short."""
 
 
 class ByFile(LoadFileScheduling):  # type: ignore[misc]
-    """A file goes to one worker, which makes its fixtures once; tests of ALONE go one by one."""
+    """A file goes to one worker, which makes its fixtures once; tests of JOBS go one by one."""
 
     def _split_scope(self, nodeid: str) -> str:
-        return nodeid if nodeid.startswith(ALONE) else super()._split_scope(nodeid)
+        return nodeid if nodeid.startswith(JOBS) else super()._split_scope(nodeid)
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -166,5 +166,6 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Clone:
                 "conf/poses.yaml", "rounds: [5, 20]", "rounds: [8]"
             )  # nothing is sure in so small a world
             clone.edit("conf/poses.yaml", "every_m: 5.0", "every_m: 20.0")
+            share_kernels(clone.folder, ROOT)
             told.write_text(json.dumps({"ran": clone.repro(), "undisturbed": clone.digests()}))
     return Clone(shared / "chain", told.read_text()).twin(tmp_path_factory.mktemp("copy"))

@@ -1,15 +1,20 @@
-"""DVC as its users know it: a fresh clone, a commit, a changed value, comparisons and
-experiments."""
+"""DVC as its users know it: a fresh clone, a killed run, a commit, a changed value, comparisons,
+experiments and a further day."""
 
 import csv
 import io
 import json
+import os
+import signal
+import subprocess
+import time
 from pathlib import Path
 
 import pytest
 
-from tests.clone import Clone
+from tests.clone import BIN, Clone
 
+ROW = "artifacts/metrics/campus/10m/scan_context/2012-06-15.json"
 WITHIN = "conf/tolerance/15m.yaml:distance.correct_m"
 METRICS = ("answered", "auc_top1", "recall_at_1", "right_of_answered")
 LOCKS = (
@@ -26,16 +31,46 @@ LOCKS = (
 )
 
 
+STUDY = (
+    *("yearloc", "use", "campus", "world=tiny", "methods=sci,scan_context"),
+    *("variants=", "altered=", "latency=no"),
+)
+KILLED = ("artifacts/logs/campus/.2012-06-15.*.scratch", ".checkpoints/*.safetensors")
+"""Where these appear a run is killed: once in the simulation, once in training."""
+
+
 @pytest.fixture(scope="module")
 def clone(tmp_path_factory: pytest.TempPathFactory) -> Clone:
-    """A repository of the project, one small study in use, built and committed."""
+    """A repository of the project, one small study in use, committed, and built although its runs
+    were killed."""
     clone = Clone(tmp_path_factory.mktemp("session"), git=True)
     clone.draw_small()
-    small = ("methods=scan_context", "tests=2012-06-15", "variants=", "altered=", "latency=no")
-    clone.run("yearloc", "use", "campus", "world=tiny", *small)
+    clone.run(*STUDY, "tests=2012-06-15")
     commit(clone, "the study")
+    for sign in KILLED:
+        kill_at(clone, sign)
+        clone.run("yearloc", "repair")
     clone.run("dvc", "repro")
     return clone
+
+
+def kill_at(clone: Clone, sign: str) -> None:
+    """Run `dvc repro`, and kill it with all that it started once such a file is there."""
+    running = subprocess.Popen(
+        [str(BIN / "dvc"), "repro"],
+        cwd=clone.folder,
+        env=clone.env,
+        start_new_session=True,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    deadline = time.monotonic() + 300
+    while not list(clone.folder.glob(sign)):
+        assert running.poll() is None, f"the chain ended before {sign} appeared"
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    os.killpg(running.pid, signal.SIGKILL)
+    running.wait()
 
 
 def commit(clone: Clone, subject: str) -> None:
@@ -50,6 +85,19 @@ def shown(clone: Clone, *command: str) -> dict[str, dict[str, dict[str, float]]]
     return found
 
 
+def test_killed_runs_end_bit_for_bit_as_undisturbed_ones(clone: Clone, built: Clone) -> None:
+    """What is asked and told of it differs: the other study has altered queries too."""
+    kinds = ("logs", "scans", "submaps", "views", "labels", "train")
+    digests = {
+        path: digest
+        for path, digest in clone.digests().items()
+        if path.split("/")[1] in kinds and not path.endswith(".json")
+    }
+    assert {path.split("/")[1] for path in digests} == {*kinds}
+    assert digests.items() <= built.undisturbed.items()
+    assert not list(clone.folder.rglob("*.scratch"))
+
+
 def test_a_run_leaves_plain_lock_files_for_git_and_nothing_else(clone: Clone) -> None:
     untracked = [line.removeprefix("?? ") for line in clone.git("status", "--short").splitlines()]
     assert sorted(untracked) == [*(f"dag/{stage}/dvc.lock" for stage in LOCKS), "dvc.lock"]
@@ -59,13 +107,14 @@ def test_a_run_leaves_plain_lock_files_for_git_and_nothing_else(clone: Clone) ->
 
 
 def test_metrics_are_a_row_a_sequence_and_method_with_few_columns(clone: Clone) -> None:
-    heads, _, row = clone.run("dvc", "metrics", "show", "--md").strip().splitlines()
+    heads, _, *rows = clone.run("dvc", "metrics", "show", "--md").strip().splitlines()
     assert (
         {"Path", "answered", "auc_top1", "recall_at_1"}
         <= set(heads.split())
         <= {"Path", *METRICS, "|"}
     )
-    assert "artifacts/metrics/campus/10m/scan_context/2012-06-15.json" in row
+    of_sci = ROW.replace("scan_context", "sci")
+    assert {row.split()[1] for row in rows} == {ROW, of_sci}
 
 
 def test_a_changed_value_shows_in_the_differences_to_the_last_commit(clone: Clone) -> None:
@@ -77,7 +126,7 @@ def test_a_changed_value_shows_in_the_differences_to_the_last_commit(clone: Clon
         "report",
         "publish",
     }
-    (metrics,) = shown(clone, "metrics", "diff").values()
+    metrics = shown(clone, "metrics", "diff")[ROW]
     assert metrics["recall_at_1"]["new"] < metrics["recall_at_1"]["old"]
     assert shown(clone, "params", "diff")["conf/tolerance/15m.yaml"]["distance.correct_m"] == {
         "old": 15.0,
@@ -105,14 +154,26 @@ def test_experiments_run_here_and_in_the_queue_and_are_shown_with_numbers(clone:
         for row in csv_rows(clone.run("dvc", "exp", "show", "--csv"))
     }
     assert (
-        float(rows["queued"]["recall_at_1"])
-        <= float(rows["here"]["recall_at_1"])
-        < float(rows["main"]["recall_at_1"])
+        float(rows["queued"][f"{ROW}:recall_at_1"])
+        <= float(rows["here"][f"{ROW}:recall_at_1"])
+        < float(rows["main"][f"{ROW}:recall_at_1"])
     )
     assert {name: rows[name]["distance.correct_m"] for name in ("queued", "here")} == {
         "queued": "3.0",
         "here": "4.0",
     }
+
+
+def test_a_further_day_trains_nothing_and_drives_only_itself(clone: Clone) -> None:
+    clone.git("checkout", "--quiet", ".")
+    clone.run("dvc", "checkout")
+    clone.run(*STUDY, "tests=2012-06-15,2012-02-04")
+    ran = set(clone.repro())
+    drives = {f"{stage}@campus-2012-02-04" for stage in ("logs", "scans")}
+    assert {stage for stage in ran if stage.startswith(("logs", "scans"))} == drives
+    asked = {"submaps", "views", "labels", "localize", "evaluate"}
+    shown = {"results", "report", "publish"}
+    assert {stage.partition("@")[0] for stage in ran - drives} == asked | shown
 
 
 def csv_rows(text: str) -> list[dict[str, str]]:
