@@ -56,7 +56,7 @@ def kinds(group: str) -> set[str]:
     """The kinds of a group that the code names, as the argument of what makes one."""
     makers = {
         "findings": ("Finding",),
-        "tables": ("table",),
+        "tables": ("table", "pivot"),
         "figures": ("Illustration", "illustrate", "draw"),
         "sections": ("Section", "section_of", "_compared"),
     }
