@@ -1,7 +1,7 @@
 """Stage `evaluate`: judges a model's answers to each test sequence against the true places.
 
 It reads rankings (with poses or without), labels and submaps. For each case of the queries, such as
-as driven or turned, it writes counts, curves, outcomes and numbers by both protocols: an answer is
+as driven or turned, it writes outcomes and numbers by both protocols: an answer is
 right if it is the query's cell, or if it is near enough.
 """
 
@@ -12,8 +12,7 @@ from pathlib import Path
 from pipeline.core import schemas, store
 from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.judge import judge_cases
-from pipeline.evaluation.judgement import Evaluations, metrics, summary
-from pipeline.evaluation.numbers import line
+from pipeline.evaluation.judgement import Evaluations, line, metrics
 from pipeline.evaluation.protocols import PROTOCOLS, Distance
 from stages import EachSequence, each_sequence, stage
 
@@ -68,8 +67,7 @@ def main(settings: Settings) -> str:
             as_driven = evaluations.case()
             text = json.dumps(metrics(as_driven), indent=2, allow_nan=False)
             (metrics_folder / f"{sequence}.json").write_text(f"{text}\n", encoding="utf-8")
-            numbers = summary(as_driven)
-            by_protocol = [f"by {protocol} {line(numbers[protocol])}" for protocol in PROTOCOLS]
+            by_protocol = [f"by {protocol} {line(as_driven, protocol)}" for protocol in PROTOCOLS]
             return f"{sequence}: {', '.join(by_protocol)}"
 
         return each_sequence(settings, evaluate, "evaluate")

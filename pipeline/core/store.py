@@ -433,15 +433,20 @@ def write_model(
 
 def read_model(path: str | Path) -> dict[str, NDArray[Any]]:
     """Read a model's named arrays; raises ArtifactError if the file is missing or damaged."""
+    with open_model(path) as arrays:
+        return {name: np.asarray(array[...]) for name, array in arrays.items()}
+
+
+@contextmanager
+def open_model(path: str | Path) -> Iterator[dict[str, Any]]:
+    """Open a model's named arrays, each read when it is asked for; raises as `read_model`."""
     import zarr
     from zarr.storage import ZipStore
 
     read_recipe(path)
     with _damage_as_artifact_error(path), ZipStore(path, mode="r") as zip_store:
         members = zarr.open_group(zip_store, mode="r").members(max_depth=None)
-        return {
-            name: np.asarray(array[...]) for name, array in members if isinstance(array, zarr.Array)
-        }
+        yield {name: array for name, array in members if isinstance(array, zarr.Array)}
 
 
 def read_recipe(path: str | Path) -> dict[str, str]:

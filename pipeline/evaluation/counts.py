@@ -37,30 +37,6 @@ class Counts:
     """Rejected and unseen; the same for every n."""
 
 
-def count(
-    truth: Truth, novelty: NDArray[Any], thresholds: NDArray[np.float64], top_n: int = TOP_N
-) -> Counts:
-    """Counts (n, t) for n = 1 … `top_n` at each of `thresholds` (t,).
-
-    A query is rejected if its novelty (q,) ≥ the threshold.
-    """
-    _check(truth, novelty)
-    thresholds = np.asarray(thresholds, np.float64)
-    is_rejected = np.asarray(novelty, np.float64)[:, None] >= thresholds  # (q, t)
-    is_right = np.stack([is_right_at(truth, n) for n in range(1, top_n + 1)], axis=1)  # (q, n)
-    is_judged = truth.seen | truth.unseen
-    hits = _tally(is_right, ~is_rejected)
-    accepted = _tally(is_judged[:, None], ~is_rejected)
-    misses = _tally(truth.seen[:, None], is_rejected)
-    correct_rejections = _tally(truth.unseen[:, None], is_rejected)
-    return Counts(
-        hits=hits,
-        misses=np.tile(misses, (top_n, 1)),
-        false_alarms=accepted - hits,
-        correct_rejections=np.tile(correct_rejections, (top_n, 1)),
-    )
-
-
 class ExactCounts:
     """Weighted counts as the threshold rises past every distinct novelty: the exact curve.
 
@@ -130,11 +106,3 @@ def _check(truth: Truth, novelty: NDArray[Any]) -> None:
         )
     if np.isnan(novelty).any():
         raise InputError("a query's novelty is NaN, so it can be neither accepted nor rejected")
-
-
-def _tally(rows: NDArray[np.bool_], columns: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """How many queries have both flags: (q, a), (q, b) to (a, b).
-
-    The product runs in float64, exact below 2⁵³.
-    """
-    return np.rint(rows.T.astype(np.float64) @ columns.astype(np.float64)).astype(np.int64)

@@ -6,7 +6,7 @@ three steps:
 
 1. the errors of each first answer and of each estimated pose (`Queries`);
 2. what counts as seen and as right, once by cells and once by distance (`Truth`);
-3. by each of these two protocols the counts, the curves, and every number with its interval.
+3. by each of these two protocols the outcomes, and every number with its interval.
 """
 
 from collections.abc import Sequence
@@ -22,8 +22,7 @@ from pipeline.core.frames import RIGHT_WITHIN, Poses, distance_and_turn, turns, 
 from pipeline.core.schemas import Fixes, Labels, Rankings, SequenceRanking, Submaps
 from pipeline.evaluation.bootstrap import Bootstrap
 from pipeline.evaluation.calibration import chances, ece
-from pipeline.evaluation.counts import TOP_N, ExactCounts, count, even_thresholds, is_right_at
-from pipeline.evaluation.curves import auc
+from pipeline.evaluation.counts import TOP_N, even_thresholds, is_right_at
 from pipeline.evaluation.doubts import blind, unsuited
 from pipeline.evaluation.judgement import (
     CORRECT_REJECTION,
@@ -40,11 +39,9 @@ from pipeline.evaluation.numbers import (
     NUMBERS,
     Queries,
     Weight,
-    curve,
     measures,
     numbers,
     share,
-    where,
 )
 from pipeline.evaluation.protocols import Distance, Truth, by_cells
 from pipeline.matching.ranking import Ranking
@@ -258,29 +255,14 @@ def _judgement(
     numbers_with_bounds = estimates[: len(NUMBERS)]
     measures_with_bounds = estimates[len(NUMBERS) :].reshape(kind_count, len(MEASURES), 3)
 
-    novelty = queries.novelty[:, 0]
     once = np.ones((1, len(xy_m)))  # the weight if each query counts once
-    seen_weight = once @ truth.seen
-    counts = count(truth, novelty, queries.thresholds)
-    precision, recall = curve(truth, counts, seen_weight)
-    exact = ExactCounts(truth, novelty, once)
-    exact_areas = []
-    recalls = []
-    for n in range(1, TOP_N + 1):
-        exact_precision, exact_recall = curve(truth, exact.count(n), seen_weight)
-        exact_areas.append(auc(exact_precision, exact_recall))
-        recalls.append(share(is_right_at(truth, n), truth.seen, once))
+    recall_at = [share(is_right_at(truth, n), truth.seen, once) for n in range(1, TOP_N + 1)]
     return Judgement(
-        **vars(counts),
-        precision=precision,
-        recall=recall,
-        auc=where(seen_weight, auc(precision, recall)),
-        auc_exact=where(seen_weight, np.concatenate(exact_areas)),
-        recall_at=np.concatenate(recalls),
+        recall_at=np.concatenate(recall_at),
         true_rank=truth.true_rank,
         seen=truth.seen,
         unseen=truth.unseen,
-        outcome=outcomes(truth, novelty, queries.reject_from[0]),
+        outcome=outcomes(truth, queries.novelty[:, 0], queries.reject_from[0]),
         oracle_right=truth.oracle_right,
         numbers=numbers_with_bounds,
         rejection=measures_with_bounds,

@@ -4,7 +4,7 @@
   alteration such as new walls.
 - An `Evaluation` says for each query what was answered and how far off that is. It holds a
   `Judgement` for each protocol: by grid cells and by distance.
-- A `Judgement` has the outcome of each query, and counts, curves and numbers with their intervals.
+- A `Judgement` has the outcome of each query, and numbers with their intervals.
 
 `judge` computes them; the table of results and the report read them.
 """
@@ -22,10 +22,9 @@ from pipeline.core.store import Array, Artifact, Stack
 from pipeline.evaluation.bootstrap import blocks
 from pipeline.evaluation.calibration import Reliability, ece, reliability
 from pipeline.evaluation.counts import ExactCounts
-from pipeline.evaluation.doubts import doubts
+from pipeline.evaluation.doubts import DOUBTS, VOID, doubts
 from pipeline.evaluation.numbers import MEASURES, NUMBERS, SAME_HEADING_DEG, curve, within
 from pipeline.evaluation.protocols import PROTOCOLS, Truth
-from pipeline.matching.rejection import ACCEPT_NOTHING
 
 HIT, MISS, FALSE_ALARM, CORRECT_REJECTION, NOT_JUDGED = range(5)
 """Outcomes of a query."""
@@ -42,37 +41,11 @@ accepted one wins.
 
 @dataclass(frozen=True, eq=False)
 class Judgement:
-    """How q queries were answered by one protocol, at t thresholds, with the first n answers.
+    """How q queries were answered by one protocol, with the first n answers.
 
     An axis whose name ends in a number, such as `bound3`, has that length.
     """
 
-    hits: Annotated[
-        NDArray[np.int64],
-        Array(("top_n", "threshold"), "accepted, and a true place among the first n"),
-    ]
-    misses: Annotated[NDArray[np.int64], Array(("top_n", "threshold"), "rejected although seen")]
-    false_alarms: Annotated[
-        NDArray[np.int64], Array(("top_n", "threshold"), "accepted, and wrong or unseen")
-    ]
-    correct_rejections: Annotated[
-        NDArray[np.int64], Array(("top_n", "threshold"), "rejected and unseen")
-    ]
-    precision: Annotated[
-        NDArray[np.float64], Array(("top_n", "threshold"), "hits / (hits + false alarms)")
-    ]
-    recall: Annotated[
-        NDArray[np.float64],
-        Array(("top_n", "threshold"), "cells: hits / (hits + misses); distance: hits / seen"),
-    ]
-    auc: Annotated[
-        NDArray[np.float64],
-        Array(("top_n",), "area under precision over recall at these thresholds"),
-    ]
-    auc_exact: Annotated[
-        NDArray[np.float64],
-        Array(("top_n",), "area under precision over recall with every novelty as a threshold"),
-    ]
     recall_at: Annotated[
         NDArray[np.float64],
         Array(
@@ -257,12 +230,19 @@ class Evaluation:
     def acceptance(self) -> dict[str, NDArray[np.bool_]]:
         """Which answers (q,) are accepted, and refused, and which of either are wrong.
 
-        Answers are poses if the method estimates poses, else places.
+        Answers are poses if the method estimates poses, else places. Of poses those of all queries
+        count, seen or not; one is wrong if it is farther off than `right_within`, and a missing one
+        is not. Places are judged by distance: one is wrong if it is farther off than `correct_m` of
+        that protocol, or if the query is unseen.
         """
         if self.has_poses:
-            judged, accepted, wrong = self._pose_acceptance()
+            judged = np.ones(len(self.answer), bool)
+            accepted = self.pose_accepted
+            wrong = ~self.pose_right & ~np.isnan(self.pose_error_m)
         else:
-            judged, accepted, wrong = self._place_acceptance()
+            judged = self.distance.outcome != NOT_JUDGED
+            accepted = np.isin(self.distance.outcome, (HIT, FALSE_ALARM))
+            wrong = judged & ~(self.distance.seen & (self.distance.true_rank == 0))
         refused = judged & ~accepted
         return {
             "accepted": accepted,
@@ -305,27 +285,6 @@ class Evaluation:
         if not self.has_poses:
             return np.nan
         return ece(self._pose_chances, self.pose_right)
-
-    def _pose_acceptance(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
-        """Which queries (q,) are judged, which poses are accepted, and which are wrong.
-
-        All queries are judged, seen or not. A pose is wrong if it is farther off than
-        `right_within`; a missing pose is not wrong.
-        """
-        judged = np.ones(len(self.answer), bool)
-        wrong = ~self.pose_right & ~np.isnan(self.pose_error_m)
-        return judged, self.pose_accepted, wrong
-
-    def _place_acceptance(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
-        """Which queries (q,) are judged, which first places are accepted, and which are wrong.
-
-        They are judged by distance: accepted at the threshold in use, and wrong if farther off than
-        `correct_m` of that protocol, or if the query is unseen.
-        """
-        judged = self.distance.outcome != NOT_JUDGED
-        accepted = np.isin(self.distance.outcome, (HIT, FALSE_ALARM))
-        wrong = judged & ~(self.distance.seen & (self.distance.true_rank == 0))
-        return judged, accepted, wrong
 
     @property
     def _pose_chances(self) -> NDArray[np.float64]:
@@ -373,20 +332,26 @@ class Evaluation:
         value, _, _ = self.number(protocol, name)
         return value
 
-    def exact_curve(self, protocol: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Precision and recall (t,) of the first answers with every novelty in use as a threshold.
+    def curve(
+        self, protocol: str, thresholds: NDArray[np.float64] | None = None
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Precision and recall (t,) of the first answers at these thresholds, by one protocol.
 
-        The first threshold accepts no query, the last all.
+        Without any, every novelty in use is a threshold: the first accepts no query, the last all.
+        By cells an answer outside all places is always rejected: it says that the query is unseen.
         """
         truth = self.truth(protocol)
-        unit_weight = np.ones((1, len(self.answer)))
-        counts = ExactCounts(truth, self.novelty[:, 0], unit_weight).count(1)
-        precision, recall = curve(truth, counts, unit_weight @ truth.seen)
+        is_outside = (self.answer < 0) & (protocol == "cells")
+        novelty = np.where(is_outside, np.inf, self.novelty[:, 0])
+        once = np.ones((1, len(self.answer)))
+        exact = ExactCounts(truth, novelty, once)
+        columns = slice(None) if thresholds is None else exact.columns(thresholds)
+        precision, recall = curve(truth, exact.count(1, columns), once @ truth.seen)
         return precision[0], recall[0]
 
 
 @dataclass(frozen=True, eq=False)
-class Evaluations(Artifact, kind="evaluations", version=12):
+class Evaluations(Artifact, kind="evaluations", version=13):
     """The evaluations of a model on one test sequence, one for each case of its queries."""
 
     evaluations: Annotated[Sequence[Evaluation], Stack("case")]
@@ -423,21 +388,6 @@ class Evaluations(Artifact, kind="evaluations", version=12):
         return self.evaluations[i]
 
 
-def summary(evaluation: Evaluation) -> dict[str, Any]:
-    """All numbers of an evaluation by name, for JSON: None for a number that is undefined."""
-    numbers: dict[str, Any] = {"days": evaluation.days, "queries": len(evaluation.answer)}
-    for protocol in PROTOCOLS:
-        judgement = evaluation.protocol(protocol)
-        values = {name: evaluation.value(protocol, name) for name in NUMBERS}
-        values["threshold"] = evaluation.reject_from[0]
-        counts = {"seen": int(judgement.seen.sum()), "unseen": int(judgement.unseen.sum())}
-        numbers[protocol] = counts | _valid(values) | _valid(evaluation.doubts(protocol))
-    numbers["calibration"] = _valid(
-        dict(zip(("ece_raw", "ece"), map(float, evaluation.calibration), strict=True))
-    )
-    return numbers
-
-
 def metrics(evaluation: Evaluation) -> dict[str, float]:
     """The few numbers that `dvc metrics show` prints for a model and sequence.
 
@@ -455,9 +405,14 @@ def metrics(evaluation: Evaluation) -> dict[str, float]:
     return {name: value for name, value in shown.items() if np.isfinite(value)}
 
 
-def _valid(numbers: Mapping[str, float]) -> dict[str, float | None]:
-    """The numbers; None for one that is not finite, and for the threshold ACCEPT_NOTHING."""
-    return {
-        name: number if np.isfinite(number) and number > ACCEPT_NOTHING else None
-        for name, number in numbers.items()
-    }
+def line(evaluation: Evaluation, protocol: str) -> str:
+    """The main numbers of an evaluation on one line, with its doubts (`doubts`) in brackets."""
+    texts = []
+    for name in ("auc_top1", "recall_at_1", "auroc"):
+        value = evaluation.value(protocol, name)
+        texts.append(f"{name} {value:.3f}" if np.isfinite(value) else f"{name} none")
+    found = evaluation.doubts(protocol)
+    if present := [name for name in (VOID, *DOUBTS) if name in found]:
+        words = [name.removeprefix("doubt_").replace("_", " ") for name in present]
+        texts.append(f"({', '.join(words)})")
+    return " ".join(texts)

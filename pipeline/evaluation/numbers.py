@@ -5,7 +5,6 @@ protocol (`Truth`), and weights. Out: each of NUMBERS, whose meanings MEANINGS l
 how often a query counts: ones give the estimate of a number, a bootstrap's draws its resamples.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -23,7 +22,6 @@ from pipeline.evaluation.curves import (
     ratio,
     recall_at_precision,
 )
-from pipeline.evaluation.doubts import DOUBTS, VOID
 from pipeline.evaluation.protocols import Truth
 
 POSE_MEANINGS = {
@@ -307,16 +305,3 @@ def median(values: NDArray[np.float64], weight: Weight) -> Number:
 def where(whole: Number, value: Number) -> Number:
     """The value where `whole`, the weight of the queries behind it, is above 0, else NaN."""
     return np.where(whole > 0, value, np.nan)
-
-
-def line(numbers: Mapping[str, float | None]) -> str:
-    """The main numbers of an evaluation on one line, with its doubts (`doubts`) in brackets."""
-    texts = []
-    for name in ("auc_top1", "recall_at_1", "auroc"):
-        value = numbers[name]
-        texts.append(f"{name} none" if value is None else f"{name} {value:.3f}")
-    present = [name for name in (VOID, *DOUBTS) if name in numbers]
-    if present:
-        doubts = [name.removeprefix("doubt_").replace("_", " ") for name in present]
-        texts.append(f"({', '.join(doubts)})")
-    return " ".join(texts)

@@ -51,10 +51,11 @@ def precision_recall(results_table: ResultsTable) -> pd.DataFrame:
     for method in methods:
         for sequence in study.tests:
             evaluation = results_table.evaluation(first_grid, ModelName(method.name), sequence)
+            precision, recall = evaluation.curve("cells", evaluation.thresholds)
             columns = {
                 "threshold": evaluation.thresholds,
-                "recall": evaluation.cells.recall[0],
-                "precision": evaluation.cells.precision[0],
+                "recall": recall,
+                "precision": precision,
             }
             frames.append(pd.DataFrame({"method": method.name, "sequence": sequence, **columns}))
     if not frames:

@@ -7,7 +7,7 @@ read this table and compute no metric of their own.
 """
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from io import StringIO
 from itertools import chain, product
@@ -54,7 +54,7 @@ from pipeline.formats.changes import read_changes
 from pipeline.matching.rejection import HELD_OUT, Evidence
 from pipeline.studies.layout import Layout
 from pipeline.studies.models import ModelName
-from pipeline.studies.study import Study, StudyMethod
+from pipeline.studies.study import Study
 
 FILE = "results.csv"
 
@@ -82,95 +82,68 @@ class ResultsTable:
         return table(rows, study=name, dataset=name, simulated=self.study.simulated)
 
     def _answers(self) -> TableRows:
-        """Rows of every model at every cell size on every sequence."""
-        models = self.study.answerers
-        for grid in self._all_grids():
-            if grid in self.study.grid_names:
-                yield from self._answers_at_study_grid(grid, models)
-            else:
-                for model in models:
-                    if _is_plain(model):
-                        yield from self._model_rows(grid, model, self.study.tests)
+        """Rows of every model at every cell size on every sequence.
 
-    def _answers_at_study_grid(self, grid: str, models: Sequence[ModelName]) -> TableRows:
-        """Rows of every model at a cell size of the study, and rows that take several evaluations.
-
-        The study's further cell sizes (`cells`) have only rows of the first kind, of plain models.
+        The study's further cell sizes (`cells`) have only rows of single models, of plain ones.
         """
-        sequences = (*self.study.tests, *self.study.stress)
-        by_method: dict[str, dict[str, Evaluation]] = {}
-        held_out: dict[str, NDArray[np.float64]] = {}
-        by_variant: dict[ModelName, dict[str, Evaluation]] = {}
-        bootstrap = Bootstrap()
-        for model in models:
-            yield from self._model_rows(grid, model, sequences)
-            evaluations = self._tests_in_order_of_days(grid, model)
-            if _is_plain(model):
-                by_method[model.method] = evaluations
-                held_out[model.method] = self._held_out_novelty(grid, model)
-                bootstrap = self._bootstrap(grid, model)
-            elif (self.study.question == "year" or model.posed) and not model.seed:
-                by_variant[model] = evaluations
-        correct_m = self._evaluations(grid, models[-1], sequences[-1]).distance["correct_m"]
-        yield {"grid": grid} | row("correct_m", "distance", correct_m)
-        answers = Answers(by_method, held_out, by_variant)
-        for columns in self._rows_across_sequences(answers, bootstrap):
-            yield {"grid": grid} | columns
+        study = self.study
+        for grid in self._all_grids():
+            is_own = grid in study.grid_names
+            models = [model for model in study.answerers if is_own or _is_plain(model)]
+            sequences = (*study.tests, *study.stress) if is_own else study.tests
+            by_method: dict[str, dict[str, Evaluation]] = {}
+            held_out: dict[str, NDArray[np.float64]] = {}
+            by_variant: dict[ModelName, dict[str, Evaluation]] = {}
+            for model in models:
+                opened = {name: self._evaluations(grid, model, name) for name in sequences}
+                kind = opened[study.tests[0]].case().kinds[0]
+                trained = {} if model.posed else store.read_model(self._train(grid, model))
+                for columns in self._model_rows(opened, trained, kind):
+                    yield {"grid": grid, **model.columns} | columns
+                by_day = sorted((opened[name].case().days, name) for name in study.tests)
+                tests = {name: opened[name].case() for _, name in by_day}
+                if _is_plain(model):
+                    by_method[model.method] = tests
+                    novelty = trained.get(f"{HELD_OUT}seen/{kind}", ())
+                    held_out[model.method] = np.asarray(novelty, np.float64)
+                elif (study.question == "year" or model.posed) and not model.seed:
+                    by_variant[model] = tests
+            if is_own:
+                last = opened[sequences[-1]]
+                yield {"grid": grid} | row("correct_m", "distance", last.distance["correct_m"])
+                answers = Answers(by_method, held_out, by_variant)
+                for columns in self._rows_across_sequences(answers, Bootstrap(**last.bootstrap)):
+                    yield {"grid": grid} | columns
 
-    def _model_rows(self, grid: str, model: ModelName, sequences: Sequence[str]) -> TableRows:
-        """Rows of one model on every sequence, and its AUC on held-out blocks of training."""
-        model_columns = {"grid": grid, **model.columns}
-        for sequence in sequences:
-            for columns in self._sequence_rows(grid, model, sequence):
-                yield model_columns | columns
-        if not model.posed:
-            evidence = Evidence.of(self._trained(grid, model))
-            area = held_out_auc(evidence, self._novelty_kind(grid, model), self.unseen_share)
-            yield model_columns | row("held_out_auc", "cells", area)
+    def _model_rows(
+        self, opened: Mapping[str, Evaluations], trained: Mapping[str, NDArray[Any]], kind: str
+    ) -> TableRows:
+        """Rows of one model on every sequence, and its AUC on held-out blocks of training.
 
-    def _sequence_rows(self, grid: str, model: ModelName, sequence: str) -> TableRows:
+        `trained` are its arrays, empty for a model that only adds poses; `kind` is the novelty in
+        use.
+        """
+        for sequence, evaluations in opened.items():
+            for columns in self._sequence_rows(sequence, evaluations):
+                days = evaluations.case().days
+                yield {"sequence": sequence, "days": days} | columns
+        if trained:
+            area = held_out_auc(Evidence.of(trained), kind, self.unseen_share)
+            yield row("held_out_auc", "cells", area)
+
+    def _sequence_rows(self, sequence: str, evaluations: Evaluations) -> TableRows:
         """Rows of one model on one sequence, as driven and altered."""
-        evaluations = self._evaluations(grid, model, sequence)
-        as_driven = evaluations.case()
-        sequence_columns = {"sequence": sequence, "days": as_driven.days}
         stress = self.study.stress.get(sequence, "")
         for i, case in enumerate(read_cases(evaluations.cases)):
             evaluation = evaluations.case(i)
-            for columns in evaluation_rows(evaluation, case, stress):
-                yield sequence_columns | columns
+            columns = case_columns(case, stress)
+            yield from evaluation_rows(evaluation, case, stress)
             if case.change:
-                resampling = Bootstrap(**evaluations.attrs["bootstrap"])
-                kept = kept_share(evaluation, as_driven, "cells", resampling)
-                yield sequence_columns | case_columns(case) | row(KEPT, "cells", *kept)
+                resampling = Bootstrap(**evaluations.bootstrap)
+                kept = kept_share(evaluation, evaluations.case(), "cells", resampling)
+                yield columns | row(KEPT, "cells", *kept)
             elif self.study.slam:
-                for protocol in PROTOCOLS:
-                    columns = sequence_columns | case_columns(case, stress)
-                    yield columns | row(NO_SURVEY, protocol, 1.0)
-
-    def _tests_in_order_of_days(self, grid: str, model: ModelName) -> dict[str, Evaluation]:
-        """The evaluations of the test sequences by name, the first day first."""
-        evaluations = {
-            sequence: self.evaluation(grid, model, sequence) for sequence in self.study.tests
-        }
-        return dict(sorted(evaluations.items(), key=lambda item: (item[1].days, item[0])))
-
-    def _held_out_novelty(self, grid: str, model: ModelName) -> NDArray[np.float64]:
-        """The novelty (h,) of the queries on held-out blocks, asked as seen; empty without any."""
-        name = f"{HELD_OUT}seen/{self._novelty_kind(grid, model)}"
-        return np.asarray(self._trained(grid, model).get(name, ()), np.float64)
-
-    def _novelty_kind(self, grid: str, model: ModelName) -> str:
-        """The kind of novelty by which the model's answers are rejected."""
-        return self.evaluation(grid, model, self.study.tests[0]).kinds[0]
-
-    def _bootstrap(self, grid: str, model: ModelName) -> Bootstrap:
-        """The bootstrap that the intervals of a model's evaluations were computed with."""
-        sequences = (*self.study.tests, *self.study.stress)
-        return Bootstrap(**self._evaluations(grid, model, sequences[-1]).bootstrap)
-
-    def _trained(self, grid: str, model: ModelName) -> dict[str, NDArray[Any]]:
-        """The arrays of a trained model."""
-        return store.read_model(self._path("train", grid, model.name))
+                yield from (columns | row(NO_SURVEY, protocol, 1.0) for protocol in PROTOCOLS)
 
     def _rows_across_sequences(self, answers: Answers, bootstrap: Bootstrap) -> TableRows:
         """Rows that take the evaluations of several sequences or methods."""
@@ -182,61 +155,50 @@ class ResultsTable:
 
     def _viewpoints(self) -> TableRows:
         """Rows of every model on bird-views, on sequences that are matched with themselves."""
-        for grid, method in product(self.study.grid_names, self._on_bird_views()):
+        methods = () if self.study.learns_further_days else self.study.bird_view_methods
+        for grid, method in product(self.study.grid_names, methods):
             for model in method.models:
-                for columns in self._viewpoint_rows(grid, model):
-                    yield {"grid": grid, **model.columns} | columns
-
-    def _viewpoint_rows(self, grid: str, model: ModelName) -> TableRows:
-        """Rows of one model on bird-views."""
-        folder = self._path("viewpoints", grid, model.name)
-        if not folder.is_dir():
-            raise ArtifactError(f"{folder}: no such artifact; `dvc repro` builds it")
-        for path in sorted(folder.glob("*.zarr")):
-            for columns in viewpoint_rows(store.read(path, ViewpointMatches)):
-                yield {"sequence": path.stem} | columns
-        yield from reconstruction_rows(self._trained(grid, model))
+                place = {"grid": grid, **model.columns}
+                folder = self._path("viewpoints", grid, model.name)
+                if not folder.is_dir():
+                    raise ArtifactError(f"{folder}: no such artifact; `dvc repro` builds it")
+                for path in sorted(folder.glob("*.zarr")):
+                    for columns in viewpoint_rows(store.read(path, ViewpointMatches)):
+                        yield place | {"sequence": path.stem} | columns
+                for columns in reconstruction_rows(store.read_model(self._train(grid, model))):
+                    yield place | columns
 
     def _all_grids(self) -> list[str]:
         """The names of all cell sizes at which places are ranked, the study's own among them."""
         grids = self.study.all_grids if self.study.asks_about_the_year else ()
         return [grid.name for grid in grids]
 
-    def _on_bird_views(self) -> Sequence[StudyMethod]:
-        """The methods that are judged by `viewpoints`."""
-        return self.study.bird_view_methods if not self.study.learns_further_days else ()
-
     def _lifelong(self) -> TableRows:
         """Rows of every model after each day that it learned, by each order and strategy."""
         if not self.study.learns_further_days:
             return
         for grid, method in product(self.study.grid_names, self.study.methods):
-            for model in method.models:
-                for course in _course_names(method):
-                    path = self._path("lifelong", grid, model.name, course)
-                    for columns in lifelong_rows(store.read(path, Lifelong)):
-                        yield {"grid": grid, **model.columns} | columns
+            courses = [
+                f"{order}-{name}" for order, names in method.courses.items() for name in names
+            ]
+            for model, course in product(method.models, courses):
+                path = self._path("lifelong", grid, model.name, course)
+                for columns in lifelong_rows(store.read(path, Lifelong)):
+                    yield {"grid": grid, **model.columns} | columns
 
     def evaluation(self, grid: str, model: ModelName, sequence: str) -> Evaluation:
         """Read a model's evaluation in one sequence as driven."""
         return self._evaluations(grid, model, sequence).case()
 
     def _evaluations(self, grid: str, model: ModelName, sequence: str) -> Evaluations:
-        """Read a model's evaluations in one sequence, in all cases."""
         return store.read(self._path("evaluate", grid, model.name, sequence), Evaluations)
+
+    def _train(self, grid: str, model: ModelName) -> Path:
+        return self._path("train", grid, model.name)
 
     def _path(self, kind: str, *names: str) -> Path:
         """The path of an artifact of the study."""
         return self.layout.path(kind, self.study.name, *names)
-
-
-def _course_names(method: StudyMethod) -> list[str]:
-    """The artifacts of `lifelong` of one model: an order of the further days, and a strategy."""
-    return [
-        f"{order}-{strategy}"
-        for order, strategies in method.courses.items()
-        for strategy in strategies
-    ]
 
 
 def _is_plain(model: ModelName) -> bool:

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.schemas import Labels, Rankings
-from pipeline.evaluation.judgement import Evaluations, Judgement, summary
-from pipeline.evaluation.numbers import NUMBERS
+from pipeline.evaluation.judgement import Evaluation, Evaluations
 from pipeline.evaluation.protocols import PROTOCOLS
 from pipeline.inspection.inspection import Inspection, metres
 
@@ -111,7 +110,6 @@ def _novelty_rows(artifact: Rankings) -> list[tuple[str, str]]:
 def add_evaluations(artifact: Evaluations, inspection: Inspection) -> None:
     """Add the results of the queries as driven, by both protocols: by cells and by distance."""
     evaluation = artifact.case()
-    numbers = summary(evaluation)
     inspection.add(
         "",
         ("queries", f"{len(evaluation.answer):,}"),
@@ -122,7 +120,7 @@ def add_evaluations(artifact: Evaluations, inspection: Inspection) -> None:
         ("threshold", f"{evaluation.reject_from[0]:.4g} on {evaluation.kinds[0]}"),
     )
     for name in PROTOCOLS:
-        inspection.add(f"by {name}", *_protocol_rows(evaluation.protocol(name), numbers[name]))
+        inspection.add(f"by {name}", *_protocol_rows(evaluation, name))
     unseen_protocols = [
         name
         for name in PROTOCOLS
@@ -135,17 +133,15 @@ def add_evaluations(artifact: Evaluations, inspection: Inspection) -> None:
     )
 
 
-def _protocol_rows(judgement: Judgement, numbers: dict[str, float | None]) -> list[tuple[str, str]]:
-    """The results by one protocol; `numbers` has each number of NUMBERS, None where it has none."""
+def _protocol_rows(evaluation: Evaluation, protocol: str) -> list[tuple[str, str]]:
+    """The results by one protocol."""
+    judgement = evaluation.protocol(protocol)
 
     def text(name: str) -> str:
         """A number with its interval."""
-        number = numbers[name]
-        if number is None:
-            return "none"
-        _, low, high = judgement.numbers[NUMBERS.index(name)]
+        value, low, high = evaluation.number(protocol, name)
         interval = f" ({low:.3f}–{high:.3f})" if low <= high else ""
-        return f"{number:.3f}{interval}"
+        return f"{value:.3f}{interval}" if np.isfinite(value) else "none"
 
     recalls = ", ".join(f"at {rank} {text(f'recall_at_{rank}')}" for rank in RANKS)
     aucs = ", ".join(f"top {rank} {text(f'auc_top{rank}')}" for rank in RANKS)
@@ -161,7 +157,7 @@ def _protocol_rows(judgement: Judgement, numbers: dict[str, float | None]) -> li
         ("oracle", f"{text('oracle')}: the nearest training anchor's answer"),
         ("AUC", f"{aucs}, exact {text('auc_exact_top1')}"),
     ]
-    if numbers["heading_within_10deg"] is not None:
+    if np.isfinite(evaluation.value(protocol, "heading_within_10deg")):
         median = text("median_heading_error_deg")
         share = text("heading_within_10deg")
         rows.append(("heading", f"median error {median}°, within 10° {share} of the right"))

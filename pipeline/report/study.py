@@ -48,14 +48,14 @@ class TrainingRecord:
     @classmethod
     def read(cls, path: Path) -> Self:
         """Read the record from a model's file."""
-        model = store.read_model(path)
-        curves = {
-            name.removeprefix("curves/"): model[name]
-            for name in sorted(model)
-            if name.startswith("curves/")
-        }
-        best_round = int(model["best_epoch"]) if "best_epoch" in model else None
-        megabytes = sum(array.nbytes for array in model.values()) / 1e6
+        with store.open_model(path) as model:
+            curves = {
+                name.removeprefix("curves/"): np.asarray(model[name][...])
+                for name in sorted(model)
+                if name.startswith("curves/")
+            }
+            best_round = int(model["best_epoch"][...]) if "best_epoch" in model else None
+            megabytes = sum(array.nbytes for array in model.values()) / 1e6
         return cls(store.read_recipe(path), curves, best_round, megabytes)
 
 

@@ -7,12 +7,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pipeline.alterations import Case
 from pipeline.core import store
 from pipeline.core.frames import pose
 from pipeline.core.schemas import Labels
 from pipeline.evaluation.bootstrap import Bootstrap
+from pipeline.evaluation.counts import TOP_N, Counts, is_right_at
 from pipeline.evaluation.judge import judge
 from pipeline.evaluation.judgement import Evaluation, Evaluations
 from pipeline.evaluation.protocols import Distance, Truth
@@ -134,3 +136,34 @@ def judged(correct: np.ndarray, score: np.ndarray) -> ViewpointMatches:
         novelty="cost",
         bytes_per_place=8224.0,
     )
+
+
+def count(
+    truth: Truth, novelty: NDArray[Any], thresholds: NDArray[np.float64], top_n: int = TOP_N
+) -> Counts:
+    """Counts (n, t) for n = 1 … `top_n` at each of `thresholds` (t,).
+
+    A query is rejected if its novelty (q,) ≥ the threshold.
+    """
+    thresholds = np.asarray(thresholds, np.float64)
+    is_rejected = np.asarray(novelty, np.float64)[:, None] >= thresholds  # (q, t)
+    is_right = np.stack([is_right_at(truth, n) for n in range(1, top_n + 1)], axis=1)  # (q, n)
+    is_judged = truth.seen | truth.unseen
+    hits = _tally(is_right, ~is_rejected)
+    accepted = _tally(is_judged[:, None], ~is_rejected)
+    misses = _tally(truth.seen[:, None], is_rejected)
+    correct_rejections = _tally(truth.unseen[:, None], is_rejected)
+    return Counts(
+        hits=hits,
+        misses=np.tile(misses, (top_n, 1)),
+        false_alarms=accepted - hits,
+        correct_rejections=np.tile(correct_rejections, (top_n, 1)),
+    )
+
+
+def _tally(rows: NDArray[np.bool_], columns: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """How many queries have both flags: (q, a), (q, b) to (a, b).
+
+    The product runs in float64, exact below 2⁵³.
+    """
+    return np.rint(rows.T.astype(np.float64) @ columns.astype(np.float64)).astype(np.int64)

@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pipeline.core.errors import InputError
-from pipeline.evaluation.counts import ExactCounts, count, even_thresholds
+from pipeline.evaluation.counts import ExactCounts, even_thresholds
 from pipeline.evaluation.protocols import Truth
-from tests.evaluation.made import NOVELTY, THRESHOLDS, TOY
+from tests.evaluation.made import NOVELTY, THRESHOLDS, TOY, count
 
 
 def cells(true_rank: np.ndarray, seen: np.ndarray) -> Truth:
@@ -132,14 +132,12 @@ def test_no_queries_give_empty_counts() -> None:
 
 
 def test_a_novelty_that_is_no_number_and_arrays_of_different_queries_are_refused() -> None:
+    one = cells(np.array([0]), np.array([True]))
     with pytest.raises(InputError, match="NaN"):
-        count(
-            cells(np.array([0]), np.array([True])), np.array([np.nan], np.float32), np.array([0.5])
-        )
+        ExactCounts(one, np.array([np.nan], np.float32), np.ones((1, 1)))
+    two_ranks = cells(np.array([0, 0]), np.array([True]))
     with pytest.raises(InputError, match="2 true ranks, 1 seen"):
-        count(
-            cells(np.array([0, 0]), np.array([True])), np.array([0.1], np.float32), np.array([0.5])
-        )
+        ExactCounts(two_ranks, np.array([0.1], np.float32), np.ones((1, 1)))
 
 
 def test_thresholds_span_an_entropy_s_range_or_the_distances_seen() -> None:

@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from scipy.io import loadmat
 from sklearn import metrics
 
-from pipeline.evaluation.counts import Counts, ExactCounts, count
+from pipeline.evaluation.counts import Counts, ExactCounts
 from pipeline.evaluation.curves import auc, auroc, f1_max, precision_recall, recall_at_precision
 from pipeline.evaluation.protocols import Truth
-from tests.evaluation.made import NOVELTY, THRESHOLDS, TOY
+from tests.evaluation.made import NOVELTY, THRESHOLDS, TOY, count
 
 OFFICIAL = Path(__file__).parents[2].parent / "shared" / "real" / "nclt" / "official_sci_counts"
 recorded = pytest.mark.skipif(

@@ -1,7 +1,6 @@
 """Tests of the judgement of one test sequence: outcomes and numbers by both protocols, and the
 artifact that holds them."""
 
-import json
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -22,8 +21,8 @@ from pipeline.evaluation.judgement import (
     Evaluation,
     Evaluations,
     Judgement,
+    line,
     metrics,
-    summary,
 )
 from pipeline.evaluation.numbers import MEASURES, NUMBERS
 from pipeline.evaluation.protocols import Distance, Truth
@@ -132,80 +131,38 @@ def test_each_query_has_the_outcome_worked_out_by_hand() -> None:
     assert evaluation.nearest_m.tolist() == [1.0, 1.0, 4.0, 6.0, 50.0]
 
 
-def test_the_numbers_of_five_queries_by_hand() -> None:
+def test_headings_and_confidence_are_judged_where_the_answer_is_right() -> None:
     evaluation = drive()
-    numbers = summary(evaluation)
-    cells = numbers["cells"]
-    distance = numbers["distance"]
-    assert (numbers["days"], numbers["queries"]) == (20, 5)
-    doubted = ("blind_recall_at_1", "doubt_few_seen", "doubt_few_blocks", "void")
-    assert tuple(distance) == ("seen", "unseen", *NUMBERS, "threshold", *doubted)
-    # The three seen stand within 15 m of one another, in cells of their own
-    assert tuple(cells) == tuple(distance)[:-1]
-    assert [
-        cells[name] for name in ("seen", "unseen", "threshold", "recall_at_1", "recall_at_5")
-    ] == [4, 1, 0.5, 3 / 4, 1.0]
-    # Queries 0 (10°) and 2 (−45°, still the same), of which 0 is right
-    assert cells["recall_at_1_same_heading"] == 1 / 2
-    # Turned are 1 (180°) and 3 (46°)
-    assert (cells["recall_at_1_turned"], cells["oracle"]) == (
-        1.0,
-        3 / 4,
-    )
-    # Two hits, false alarm, miss
-    assert (cells["precision_at_threshold"], cells["recall_at_threshold"]) == (
-        2 / 3,
-        2 / 3,
-    )
-    # Of 1, 2, 5 and 10; the unseen query's 50 does not count
-    assert (cells["median_error_m"], cells["auroc"]) == (
-        3.5,
-        1.0,
-    )
-    assert [
-        distance[name] for name in ("seen", "unseen", "threshold", "recall_at_1", "oracle")
-    ] == [3, 1, 0.5, 1.0, 1.0]
-    assert (distance["median_error_m"], distance["precision_at_threshold"]) == (5.0, 1.0)
-    # A heading is judged where the answer is right. Over ±180° too
+    # Over ±180° too
     assert evaluation.heading_error_deg == pytest.approx(
         [20, 3, 45, 0, np.nan], nan_ok=True, abs=1e-4
     )
     # Right by cells are 0, 1 and 3, by distance 0, 1 and 2.
-    assert cells["median_heading_error_deg"] == pytest.approx(3.0, abs=1e-4)
-    assert distance["median_heading_error_deg"] == pytest.approx(20.0, abs=1e-4)
-    assert (cells["heading_within_10deg"], distance["heading_within_10deg"]) == (2 / 3, 1 / 3)
-    # Calibration is of the seen, by cells: right are 0, 1, 3, wrong is 2. Confidence: bin .9 … 1
-    # holds 3 of .95, all right; .4 … .5 one of .45, wrong.
-    assert numbers["calibration"]["ece"] == pytest.approx((3 * 0.05 + 0.45) / 4)
-    # 1 − cost: .85 .75 .55 right and .65 wrong, each in a bin of its own
-    assert numbers["calibration"]["ece_raw"] == pytest.approx((0.15 + 0.25 + 0.65 + 0.45) / 4)
+    name = "median_heading_error_deg"
+    assert evaluation.value("cells", name) == pytest.approx(3.0, abs=1e-4)
+    assert evaluation.value("distance", name) == pytest.approx(20.0, abs=1e-4)
+    # Calibration is of the seen, by cells: right are 0, 1, 3, wrong is 2. 1 − cost: .85 .75 .55
+    # right and .65 wrong, each in a bin of its own. Confidence: bin .9 … 1 holds 3 of .95, all
+    # right; .4 … .5 one of .45, wrong.
+    raw = (0.15 + 0.25 + 0.65 + 0.45) / 4
+    assert evaluation.calibration == pytest.approx([raw, (3 * 0.05 + 0.45) / 4])
+    # The three seen by distance stand within 15 m of one another, in cells of their own.
+    assert "void" in line(evaluation, "distance")
+    assert "void" not in line(evaluation, "cells")
+    assert line(evaluation, "cells").startswith("auc_top1 0.")
 
 
 def test_the_arrays_and_the_numbers_agree() -> None:
     evaluation = drive()
     for name in ("cells", "distance"):
-        numbers = summary(evaluation)[name]
         judgement = evaluation.protocol(name)
         for n in (1, 5, 25):
-            assert judgement.recall_at[n - 1] == numbers[f"recall_at_{n}"]
-            assert judgement.auc[n - 1] == numbers[f"auc_top{n}"]
-        assert judgement.auc_exact[0] == numbers["auc_exact_top1"]
-        assert judgement.rejection[0, :, 0].tolist() == [numbers[measure] for measure in MEASURES]
+            assert judgement.recall_at[n - 1] == evaluation.value(name, f"recall_at_{n}")
         indices = [NUMBERS.index(measure) for measure in MEASURES]
-        assert np.array_equal(
-            judgement.rejection[0, :, 1:], judgement.numbers[indices, 1:], equal_nan=True
-        )
-        counts = (
-            judgement.hits,
-            judgement.misses,
-            judgement.false_alarms,
-            judgement.correct_rejections,
-        )
-        # No query's novelty lies between it and .5
-        near = np.searchsorted(evaluation.thresholds, 0.5)
-        assert np.bincount(judgement.outcome, minlength=4)[:4].tolist() == [
-            array[0, near] for array in counts
-        ]
+        assert np.array_equal(judgement.rejection[0], judgement.numbers[indices], equal_nan=True)
+        precision, recall = evaluation.curve(name, evaluation.thresholds)
+        area = evaluation.value(name, "auc_top1")
+        assert np.trapezoid(precision, recall) == pytest.approx(area)
 
 
 def test_each_kind_of_novelty_is_measured_at_its_own_threshold() -> None:
@@ -248,54 +205,34 @@ def test_every_number_lies_in_its_interval() -> None:
     evaluation = drive(
         ranking, labels, xy_m, (0.5,), poses=standing(xy_m + rng.normal(0, 1, xy_m.shape), 0.0)
     )
-    numbers = summary(evaluation)
     for name in ("cells", "distance"):
-        low, high = evaluation.protocol(name).numbers[:, 1:].T
-        result = np.array([numbers[name][number] for number in NUMBERS], float)
+        result, low, high = evaluation.protocol(name).numbers.T
         inside = (low <= result) & (result <= high)
         # of level sweeps alone
         assert [n for n, ok in zip(NUMBERS, inside, strict=True) if not ok] == ["within_1m_10deg"]
         assert (low < high)[NUMBERS.index("recall_at_1")]
 
 
-def test_sequences_that_are_all_unseen_or_without_queries_give_valid_json() -> None:
+def test_what_is_of_no_query_is_nan() -> None:
     labels = replace(LABELS, places=np.full(5, -1), nearest_m=np.full(5, 99.0))
     evaluation = drive(labels=labels, reject_from=(np.inf, np.inf))
-    numbers = summary(evaluation)
-    assert json.loads(json.dumps(numbers, allow_nan=False)) == numbers
     for name in ("cells", "distance"):
-        assert (
-            numbers[name]["seen"],
-            numbers[name]["unseen"],
-            numbers[name]["precision_at_threshold"],
-        ) == (0, 5, 0.0)
-        assert {
-            numbers[name][number] for number in NUMBERS if number != "precision_at_threshold"
-        } == {None}
-        assert numbers[name]["threshold"] is None
-        assert np.isnan(evaluation.protocol(name).auc).all()
-    assert numbers["calibration"] == {"ece_raw": None, "ece": None}
-    numbers = summary(drive(rows(RANKING, slice(0)), rows(LABELS, slice(0)), XY_M[:0]))
-    assert json.loads(json.dumps(numbers, allow_nan=False)) == numbers
-    assert (numbers["queries"], numbers["cells"]["recall_at_1"]) == (0, None)
-
-
-def test_what_is_of_nothing_is_none() -> None:
-    rejecting = summary(drive(reject_from=(ACCEPT_NOTHING, 0.0)))["cells"]
-    assert rejecting["threshold"] is rejecting["precision_at_threshold"] is None
-    assert rejecting["recall_at_threshold"] == 0.0
+        values = {number: evaluation.value(name, number) for number in NUMBERS}
+        assert values.pop("precision_at_threshold") == 0.0
+        assert np.isnan([*values.values()]).all()
+    assert np.isnan(evaluation.calibration).all()
+    nobody = drive(rows(RANKING, slice(0)), rows(LABELS, slice(0)), XY_M[:0])
+    assert line(nobody, "cells").startswith("auc_top1 none recall_at_1 none auroc none")
+    rejecting = drive(reject_from=(ACCEPT_NOTHING, 0.0))
+    assert np.isnan(rejecting.value("cells", "precision_at_threshold"))
+    assert rejecting.value("cells", "recall_at_threshold") == 0.0
     silent = np.full(5, np.nan, np.float32)
-    numbers = summary(drive(replace(RANKING, heading_deg=silent[:, None], confidence=silent)))
-    assert (
-        numbers["cells"]["median_heading_error_deg"]
-        is numbers["cells"]["heading_within_10deg"]
-        is None
-    )
-    assert numbers["calibration"] == {"ece_raw": None, "ece": None}
+    evaluation = drive(replace(RANKING, heading_deg=silent[:, None], confidence=silent))
+    assert np.isnan(evaluation.value("cells", "heading_within_10deg"))
+    assert np.isnan(evaluation.calibration).all()
     all_seen = drive(rows(RANKING, slice(4)), rows(LABELS, slice(4)), XY_M[:4])
     assert np.isnan(all_seen.number("cells", "auroc")).all()
     assert np.isnan(all_seen.cells.rejection[:, MEASURES.index("auroc")]).all()
-    assert summary(all_seen)["cells"]["recall_at_1"] == 3 / 4
 
 
 def test_each_case_that_is_written_is_read_back(tmp_path: Path) -> None:
@@ -404,14 +341,14 @@ def test_each_case_is_judged_by_its_own_answers(tmp_path: Path) -> None:
         judge_cases(*artifacts, Distance(), Bootstrap())
 
 
-def test_the_exact_curve_passes_every_novelty() -> None:
+def test_the_curve_passes_every_novelty() -> None:
     # by cells in the order of novelty: right, right, wrong, right, unseen; all four seen count in
     # recall: hits / (hits + misses)
-    precision, recall = drive().exact_curve("cells")
+    precision, recall = drive().curve("cells")
     np.testing.assert_allclose(precision, [1, 1, 1, 2 / 3, 3 / 4, 3 / 5])
     np.testing.assert_allclose(recall, [0, 1 / 4, 2 / 4, 2 / 3, 1, 1])
     # by distance right, right, right, then the one that is not judged, then unseen
-    precision, recall = drive().exact_curve("distance")
+    precision, recall = drive().curve("distance")
     np.testing.assert_allclose(precision[-1], 3 / 4)
     assert recall[-1] == 1.0
 
@@ -447,6 +384,8 @@ def test_poses_are_judged_and_an_answer_outside_all_places_says_unseen_by_cells_
     assert np.isnan(without.number("distance", "within_2m_5deg")[0])
     assert drive().cells.outcome[0] == HIT
     assert posed.cells.outcome[0] == MISS
+    precision, recall = posed.curve("cells", np.array([np.inf]))
+    assert (precision.item(), recall.item()) == (2 / 4, 2 / 3)  # right 1 and 3, wrong 2 and 4
     assert posed.distance.outcome[0] == drive().distance.outcome[0] == HIT
 
 
@@ -459,7 +398,7 @@ def test_a_row_of_metrics_has_few_numbers_and_none_that_are_not_there() -> None:
         "answered": 3 / 4,
         "right_of_answered": 1.0,
     }
-    assert result["auc_top1"] == summary(drive())["cells"]["auc_top1"]
+    assert result["auc_top1"] == drive().value("cells", "auc_top1")
     assert "within_2m_5deg" not in result  # there are no poses
     assert metrics(drive(poses=standing(XY_M, YAW_DEG)))["within_2m_5deg"] == 1.0
 

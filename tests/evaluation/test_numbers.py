@@ -8,11 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.evaluation.counts import count
 from pipeline.evaluation.curves import auc, precision_recall
 from pipeline.evaluation.numbers import MEASURES, NUMBERS, POSES, Queries, measures, median, numbers
 from pipeline.evaluation.protocols import Truth
-from tests.evaluation.made import NOVELTY, SEEN, THRESHOLDS, TOY
+from tests.evaluation.made import NOVELTY, SEEN, THRESHOLDS, TOY, count
 
 QUERIES = Queries(
     novelty=np.stack([NOVELTY, np.array([7, 7, 7, 9, 8, 8], np.float32)], axis=1),

@@ -133,7 +133,7 @@ def precision_recall(results: Sequence[Result], protocol: str) -> Figure:
     for axis, group in panels:
         for result in reversed(group):
             model_look = looks[result.model]
-            precision, recall = result.evaluation.exact_curve(protocol)
+            precision, recall = result.evaluation.curve(protocol)
             lines(axis, [Line(result.model, recall, precision, model_look)])
             names = ("recall_at_threshold", "precision_at_threshold")
             at_threshold = [result.number(protocol, name) for name in names]
