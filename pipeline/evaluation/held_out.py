@@ -6,9 +6,8 @@ number, and never by the test sequences.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pipeline.evaluation.numbers import Number, auc_exact
+from pipeline.evaluation.numbers import auc_exact
 from pipeline.evaluation.protocols import Truth
 from pipeline.matching.rejection import Evidence
 
@@ -20,16 +19,8 @@ def held_out_auc(evidence: Evidence, kind: str, unseen_share: float) -> float:
     as seen and once as unseen: then its surroundings are taken from what the model learned. `kind`
     is the kind of novelty, `unseen_share` the share of unseen queries that is assumed.
     """
-    once = np.ones((1, len(evidence.right)))
-    return float(held_out_aucs(evidence, kind, unseen_share, once)[0])
-
-
-def held_out_aucs(
-    evidence: Evidence, kind: str, unseen_share: float, counts: NDArray[np.float64]
-) -> Number:
-    """`held_out_auc` (r,) in r resamples, in which h queries count `counts` (r, h) times each."""
     # Two rows for each query: first those as seen queries, then those as unseen ones.
     novelty, right, weight = evidence.queries(kind, unseen_share)
     seen = np.arange(len(novelty)) < len(evidence.right)
     truth = Truth(seen=seen, unseen=~seen, true_rank=np.where(right, 0, -1), oracle_right=right)
-    return auc_exact(truth, novelty.astype(np.float32), weight * np.tile(counts, 2))
+    return float(auc_exact(truth, novelty.astype(np.float32), weight[None])[0])

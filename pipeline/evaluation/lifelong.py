@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.core.schemas import Lifelong
+from pipeline.evaluation.numbers import average
 from pipeline.evaluation.rows import COURSE, TableRows, number_rows
 
 
@@ -75,7 +76,7 @@ class Course:
 
     def mean_recall(self, step: int) -> float:
         """The mean recall after a step over the groups that have a known place."""
-        return _mean([self.recall(step, group) for group in range(len(self.groups))])
+        return float(average([self.recall(step, group) for group in range(len(self.groups))]))
 
     def recall_of_all(self, step: int) -> float:
         """The share of right answers after a step, among all queries whose place is ever known."""
@@ -97,7 +98,7 @@ class Course:
                     losses.append(loss)
             if losses:
                 largest_losses.append(max(losses))
-        return _mean(largest_losses)
+        return float(average(largest_losses))
 
     def transfer(self, step: int) -> float:
         """The gain of recall since the first step, as a mean over the days still to come.
@@ -107,13 +108,7 @@ class Course:
         gains = []
         for group in np.flatnonzero(self.later[step]).tolist():
             gains.append(self.recall(step, group, known_by=0) - self.recall(0, group, known_by=0))
-        return _mean(gains)
-
-
-def _mean(values: Sequence[float]) -> float:
-    """The mean of the finite values; NaN without any."""
-    finite = [value for value in values if np.isfinite(value)]
-    return float(np.mean(finite)) if finite else np.nan
+        return float(average(gains))
 
 
 def lifelong_rows(lifelong: Lifelong) -> TableRows:

@@ -281,6 +281,12 @@ def curve(truth: Truth, counts: Counts, seen_weight: Number) -> tuple[Curve, Cur
     return precision_recall(counts)
 
 
+def average(values: Any, axis: int | None = None) -> Any:
+    """The mean of the finite values along an axis, or of all of them; NaN where there is none."""
+    mean = np.ma.masked_invalid(np.asarray(values, np.float64)).mean(axis=axis)
+    return np.ma.filled(mean, np.nan)[()]
+
+
 def share(flags: NDArray[np.bool_], among: NDArray[np.bool_], weight: Weight) -> Number:
     """The share of the queries `among` (q,) that have a flag (q,)."""
     return ratio(weight @ (flags & among), weight @ among, empty=np.nan)

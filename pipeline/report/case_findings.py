@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.evaluation.numbers import average
 from pipeline.report.comparison import (
     AUC,
     FAR,
@@ -22,7 +23,6 @@ from pipeline.report.comparison import (
     Measure,
 )
 from pipeline.report.findings import Finding
-from pipeline.report.table import average
 
 # A model that keeps this share of its AUC has kept it, and one that is right at this share of the
 # queries is nearly always right.

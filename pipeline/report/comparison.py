@@ -13,6 +13,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pipeline.core.errors import InputError
+from pipeline.evaluation.numbers import average
 from pipeline.evaluation.rows import PERTURBED, STRESS, UNPERTURBED, WITH_SHADOW
 from pipeline.studies.colours import method_of
 
@@ -89,25 +90,22 @@ class Measurement:
     def __init__(self, values: NDArray[np.float64]) -> None:
         """Take values (seed, sequence, repeat), NaN where there is none."""
         self.values = values
-        repeat_means = _mean(values, 2)
-        self.by_sequence = _mean(repeat_means, 0)  # (sequence,) means over repeats, then over seeds
-        self.by_seed = _mean(repeat_means, 1)  # (seed,) means over repeats, then over sequences
-        self.by_repeat = _mean(_mean(values, 0), 0)  # (repeat,) over seeds, then over sequences
-        self.mean = float(_mean(self.by_sequence, 0))
+        repeat_means = average(values, 2)
+        self.by_sequence = average(
+            repeat_means, 0
+        )  # (sequence,) means over repeats, then over seeds
+        self.by_seed = average(repeat_means, 1)  # (seed,) means over repeats, then over sequences
+        self.by_repeat = average(average(values, 0), 0)  # (repeat,) over seeds, then over sequences
+        self.mean = float(average(self.by_sequence, 0))
         self.over_sequences = deviation(self.by_sequence)
         self.over_seeds = deviation(self.by_seed)
         # the deviation over the repeats of one seed on one sequence, on average
         deviations = np.ma.masked_invalid(values).std(axis=2, ddof=1)
-        self.over_repeats = float(_mean(np.ma.filled(deviations, np.nan), None))
+        self.over_repeats = float(average(np.ma.filled(deviations, np.nan), None))
 
     def on(self, sequence: int) -> "Measurement":
         """The measurement on one sequence alone, given by its index."""
         return Measurement(self.values[:, sequence : sequence + 1])
-
-
-def _mean(values: NDArray[np.float64], axis: int | None) -> NDArray[np.float64]:
-    """Mean of the finite values along an axis; NaN where there is none."""
-    return np.asarray(np.ma.filled(np.ma.masked_invalid(values).mean(axis=axis), np.nan))
 
 
 def deviation(values: NDArray[np.float64]) -> float:

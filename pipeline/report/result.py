@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from pipeline.core.errors import ArtifactError, InputError
 from pipeline.evaluation.doubts import VOID
 from pipeline.evaluation.judgement import NOT_JUDGED, Evaluation
+from pipeline.evaluation.numbers import average
 from pipeline.evaluation.rows import UNPERTURBED
 from pipeline.report.selection import NONE, Values, indexed, pick
-from pipeline.report.table import average
 
 # The titles of the numbers that a study is about.
 TITLES = {"recall_at_1": "recall@1", "auc_top1": "AUC top-1", "auc_exact_top1": "exact AUC"}
@@ -171,7 +171,7 @@ def ranked(results: Sequence[AnyScores]) -> dict[str, list[AnyScores]]:
 
 def mean(results: Sequence[Scores], protocol: str, name: str) -> float:
     """The mean of one number over some results that have it; NaN where none has."""
-    return average([result.number(protocol, name) for result in results])
+    return float(average([result.number(protocol, name) for result in results]))
 
 
 def by_sequence(results: Sequence[AnyScores]) -> dict[str, list[AnyScores]]:

@@ -13,10 +13,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from pipeline.evaluation.numbers import average
 from pipeline.evaluation.rows import COURSE
 from pipeline.report.findings import Finding
 from pipeline.report.selection import pick
-from pipeline.report.table import average
 
 # Strategies that are compared with each other: files of conf/strategy.
 GROWN = "grown"

@@ -10,12 +10,13 @@ from pathlib import Path
 
 import numpy as np
 
+from pipeline.evaluation.numbers import average
 from pipeline.report.figures.style import save
 from pipeline.report.figures.sweep import response, setting
 from pipeline.report.findings import Finding
 from pipeline.report.render import sentence, template
 from pipeline.report.section import Illustration, Section, anchor
-from pipeline.report.table import Table, average, number, spread, table
+from pipeline.report.table import Table, number, spread, table
 from pipeline.sweeps.record import Record
 
 # The columns of the table: protocol and number to heading and digits after the point.

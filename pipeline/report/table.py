@@ -7,7 +7,6 @@ cell keeps the number itself, by which the page sorts its column.
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from statistics import fmean, stdev
-from typing import Any
 
 import numpy as np
 
@@ -149,12 +148,6 @@ def spread(values: Iterable[float], digits: int) -> Cell:
         fmean(finite),
         f"± {short(stdev(finite), digits)}" if len(finite) > 1 else "",
     )
-
-
-def average(values: Any) -> float:
-    """Mean of the finite numbers; NaN where there is none."""
-    finite = np.asarray(values, float)[np.isfinite(values)]
-    return float(finite.mean()) if len(finite) else np.nan
 
 
 def fixed(value: float, digits: int, sign: str = "-") -> str:

@@ -15,7 +15,7 @@ import pandas as pd
 
 from pipeline.evaluation.doubts import VOID
 from pipeline.evaluation.judgement import VERDICTS
-from pipeline.evaluation.numbers import LEVEL_POSES, MEASURES
+from pipeline.evaluation.numbers import LEVEL_POSES, MEASURES, average
 from pipeline.evaluation.paired import COMPARED, LEVEL
 from pipeline.evaluation.protocols import PROTOCOLS
 from pipeline.evaluation.rows import (
@@ -50,7 +50,6 @@ from pipeline.report.table import (
     MISSING,
     Cell,
     Table,
-    average,
     count,
     difference,
     kept_precision,

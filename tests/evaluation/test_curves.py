@@ -87,27 +87,6 @@ def exact(truth: Truth, novelty: np.ndarray, usual: bool) -> tuple[np.ndarray, n
     return precision[0], recall[0]
 
 
-def test_the_exact_curve_of_six_queries_by_hand() -> None:
-    # The toy's thresholds lie between its novelties, so with threshold 0 in front they give the
-    # exact curve.
-    precision, recall = exact(TOY, NOVELTY, usual=False)
-    np.testing.assert_allclose(precision, [1, 1, 1 / 2, 2 / 3, 1 / 2, 3 / 5, 1 / 2])
-    np.testing.assert_allclose(recall, [0, 1 / 4, 1 / 3, 2 / 3, 2 / 3, 1, 1])
-    assert auc(precision, recall) == pytest.approx(0.25 + 0.0625 + 7 / 36 + 11 / 60)
-    assert f1_max(precision, recall) == pytest.approx(2 * 0.6 / 1.6)  # at precision 3/5, recall 1
-    assert recall_at_precision(precision, recall, 0.99) == 1 / 4
-    assert recall_at_precision(precision, recall, 0.6) == 1.0
-
-
-def test_the_exact_usual_curve_of_six_queries_by_hand() -> None:
-    precision, recall = exact(TOY, NOVELTY, usual=True)
-    assert recall.tolist() == [0, 1 / 4, 1 / 4, 2 / 4, 2 / 4, 3 / 4, 3 / 4]
-    # Trapezoids where recall moves: (1/4)(1) + (1/4)(7/12) + (1/4)(11/20)
-    assert auc(precision, recall) == pytest.approx((1 + 7 / 12 + 11 / 20) / 4)
-    # At precision 3/5, recall 3/4
-    assert f1_max(precision, recall) == pytest.approx(2 * 0.6 * 0.75 / 1.35)
-
-
 def test_where_no_threshold_is_precise_enough_recall_is_zero() -> None:
     # The surest query is wrong: precision never exceeds 1/2, but for the start where nothing is
     # accepted.

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pipeline.evaluation.held_out import held_out_auc, held_out_aucs
+from pipeline.evaluation.held_out import held_out_auc
 from pipeline.matching.rejection import Evidence
 
 
@@ -32,13 +32,3 @@ def test_an_unseen_query_counts_by_the_share_to_expect() -> None:
     for share in (0.2, 0.5):
         result = held_out_auc(evidence([True], [0.2], [0.1]), "entropy", share)
         assert result == pytest.approx((1 - share) / 2)
-
-
-def test_a_query_that_is_counted_twice_is_two_queries() -> None:
-    once = evidence([True, False, True], [0.1, 0.2, 0.4], [0.3, 0.5, 0.6])
-    twice = evidence([True, False, False, True], [0.1, 0.2, 0.2, 0.4], [0.3, 0.5, 0.5, 0.6])
-    counted = np.array([[1.0, 1.0, 1.0], [1.0, 2.0, 1.0]])
-    areas = held_out_aucs(once, "entropy", 0.2, counted)
-    assert areas[0] == pytest.approx(held_out_auc(once, "entropy", 0.2))
-    assert areas[1] == pytest.approx(held_out_auc(twice, "entropy", 0.2))
-    assert areas[1] < areas[0]
