@@ -124,7 +124,7 @@ def test_rows_say_step_group_and_protocol(tmp_path: Path) -> None:
     rows = list(lifelong_rows(artifact(tmp_path / "a.zarr", "days", ["a", "b", "c"])))
     assert {(one["ask"], one["of"]) for one in rows} == {("course", "days grown")}
     values = {
-        (one["number"], one["protocol"], one["level"], one.get("sequence", "")): one["value"]
+        (one["number"], one["protocol"], one["at"], one.get("sequence", "")): one["value"]
         for one in rows
     }
     assert len(values) == len(rows)
@@ -148,7 +148,7 @@ def test_costs_are_beside_the_numbers_of_their_step() -> None:
         "cpu_s": [0.5, 7.0],
     }
     rows = list(cost_rows(course))
-    assert [(one["sequence"], one["level"], one["number"], one["value"]) for one in rows] == [
+    assert [(one["sequence"], one["at"], one["number"], one["value"]) for one in rows] == [
         ("a", 0.0, "cpu_s", 0.5),
         ("b", 1.0, "cpu_s", 7.0),
     ]
