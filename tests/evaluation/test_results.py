@@ -174,14 +174,13 @@ def test_the_table_holds_every_column_of_its_type_and_whose_study_it_is(
     assert gathered.columns.tolist() == [*COLUMNS]
     kinds = {
         name: gathered[name].dtype.kind
-        for name in ("simulated", "seed", "days", "level", "shadow", "repeat", "value")
+        for name in ("simulated", "seed", "days", "at", "repeat", "value")
     }
     assert kinds == {
         "simulated": "b",
         "seed": "i",
         "days": "f",
-        "level": "f",
-        "shadow": "b",
+        "at": "f",
         "repeat": "i",
         "value": "f",
     }
