@@ -20,7 +20,7 @@ from torch import Tensor
 
 from pipeline.core.errors import ConfigError, InputError
 from pipeline.core.progress import Progress
-from pipeline.core.settings import Count, NotNegative, Positive, Seed, Whole
+from pipeline.core.settings import Count, NotNegative, Positive, Seed, Whole, checked
 from pipeline.matching import holdout
 from pipeline.matching.database import Database, DescriptorMethod, euclidean
 from pipeline.matching.ranking import Localizer, Model, Ranking, Rows, TrainingSet
@@ -47,6 +47,7 @@ AT_ONCE = 16_384
 
 
 @dataclass(frozen=True)
+@checked("method")
 class PointNetVlad(DescriptorMethod):
     """The authors' network, loss and choice of negatives, trained on the training sequence.
 
@@ -92,7 +93,6 @@ class PointNetVlad(DescriptorMethod):
     seed: Seed = 0
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         if self.epochs == 0 and not self.weights:
             setting = f"method.epochs={self.epochs}"
             raise ConfigError(
