@@ -4,19 +4,7 @@
 import argparse
 from pathlib import Path
 
-from benchmarks import (
-    encoding,
-    m2dp,
-    octree,
-    peers,
-    pointcloud2,
-    pointnetvlad,
-    reading,
-    retrieval,
-    scan_context,
-    sequence,
-    waiting,
-)
+from benchmarks import peers, pointcloud2, reading, waiting
 
 parser = argparse.ArgumentParser("python -m benchmarks", description=__doc__)
 parser.add_argument(
@@ -26,17 +14,6 @@ if (folder := parser.parse_args().peers) is not None:
     for line in peers.run(folder):
         print(line)
 else:
-    for races in (
-        scan_context,
-        retrieval,
-        m2dp,
-        pointnetvlad,
-        encoding,
-        sequence,
-        octree,
-        reading,
-        pointcloud2,
-        waiting,
-    ):
+    for races in (reading, pointcloud2, waiting):
         for result in races.run():
             print(result.table(), end="\n\n")
