@@ -1,12 +1,11 @@
 """Publishes runs to MLflow: each run is stored once, however often it is published.
 
 In: `RunRecord`s, as `records` builds them. The database can be thrown away: publishing again
-rebuilds it from the artifacts. A run carries the tag `yearloc.key`, a digest of its numbers, data
-and model, which is written last. A run whose numbers are those of its record stays, and only what
-it looks like is brought up to date; one that changed, or was cut off, is written again. What people
-added to a run of ours stays on it, and goes over to the run that replaces it: their tags, their
-note, and the aliases, tags and descriptions of versions in the registry. Runs without our tag are
-somebody else's and are never touched.
+rebuilds it from the artifacts. A run carries the tag `yearloc.key`, a digest of its numbers, data,
+model and figures, which is written last. A run that has the right one stays as it is; one that
+changed, or was cut off, is written again. What people added to a run of ours goes over to the run
+that replaces it: their tags, their note, and the aliases, tags and descriptions of versions in the
+registry. Runs without our tag are somebody else's and are never touched.
 """
 
 import hashlib
@@ -35,7 +34,7 @@ if TYPE_CHECKING:
 
 PARENT = "mlflow.parentRunId"
 NOTE = "mlflow.note.content"
-LOOKS = "yearloc.looks"  # the tag with the digests of our note and figures, as they were written
+OUR_NOTE = "yearloc.note"  # the tag with the note as it was written here
 BATCH = 1_000  # metric points that MLflow takes at once
 # The group of metrics that the page shows on its tab of system metrics, over time: their steps are
 # seconds.
@@ -87,26 +86,21 @@ class RunRecord:
             raise InputError(f"run {self.name}: a child run cannot have children")
 
     def key(self) -> str:
-        """A digest of the numbers, the data and the model, those of the children included."""
-        return _digest(
-            {
-                "name": self.name,
-                "params": {name: str(value) for name, value in self.params.items()},
-                "series": {
-                    name: [[step, float(value).hex()] for step, value in points]
-                    for name, points in self.series.items()
-                },
-                "children": [child.key() for child in self.children],
-                "model": self.model and self.model.content(),
-                "registered": self.registered,
-                "datasets": [asdict(sequence) for sequence in self.used],
-            }
-        )
-
-    def looks(self) -> str:
-        """Digests of the note and of the figures, in one word."""
-        figures = [[path.name, served.digest(path)] for path in self.figures]
-        return f"{_digest(self.about)[:16]}-{_digest(figures)[:16]}"
+        """A digest of numbers, data, model and figures, those of the children included."""
+        content = {
+            "name": self.name,
+            "params": {name: str(value) for name, value in self.params.items()},
+            "series": {
+                name: [[step, float(value).hex()] for step, value in points]
+                for name, points in self.series.items()
+            },
+            "figures": [[path.name, served.digest(path)] for path in self.figures],
+            "children": [child.key() for child in self.children],
+            "model": self.model and self.model.content(),
+            "registered": self.registered,
+            "datasets": [asdict(sequence) for sequence in self.used],
+        }
+        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
 def experiment_of(dataset: str, simulated: bool, question: str = "") -> str:
@@ -140,7 +134,7 @@ def publish(
     """Make `experiment` in the database at `address` hold these runs.
 
     Figures and models go to `files`: see `databases.database`. The experiment's page opens on
-    `view`. A run of the same name, or of the same method and grid, whose numbers differ is marked
+    `view`. A run of the same name, or of the same method and grid, whose content differs is marked
     deleted, with its children; other runs are left alone.
     """
     if len({run.name for run in runs}) != len(runs):
@@ -168,7 +162,6 @@ def publish(
             whole = [run for run in earlier if _is_whole(run, record, own_runs, models)]
             if whole:
                 run_id = whole[0].info.run_id
-                _bring_up_to_date(client, whole[0], record, own_runs)
                 kept += 1 + len(record.children)
             else:
                 tags = {page.COLOUR: page.GREY}
@@ -232,7 +225,7 @@ def _is_of(run: "Run", record: RunRecord) -> bool:
 
 
 def _is_whole(run: "Run", record: RunRecord, own_runs: Sequence["Run"], models: Models) -> bool:
-    """Whether a run holds all numbers of this record, with its children and model."""
+    """Whether a run holds this record completely, with its children and model."""
     run_id = run.info.run_id
     has_model = len(models.get(run_id, ())) == (record.model is not None)
     children = [child.data.tags[KEY] for child in _children(run_id, own_runs)]
@@ -250,39 +243,6 @@ def _family(run: "Run", record: RunRecord, own_runs: Sequence["Run"]) -> dict[st
     return {**children, record.name: run}
 
 
-def _bring_up_to_date(
-    client: "MlflowClient", run: "Run", record: RunRecord, own_runs: Sequence["Run"]
-) -> None:
-    """Give a run whose numbers are right the tags, note and figures of its record, children too."""
-    run_id = run.info.run_id
-    for tag, value in record.tags.items():
-        if run.data.tags.get(tag) != value:
-            client.set_tag(run_id, tag, value)
-    if run.data.tags.get(LOOKS) != record.looks():
-        if record.about and not _changed_note(run):
-            client.set_tag(run_id, NOTE, page.linked(record.about, run.info.experiment_id))
-        served.delete_files(run.info.artifact_uri, "figures")
-        _log_figures(client, run_id, record)
-    family = _family(run, record, own_runs)
-    for child in record.children:
-        _bring_up_to_date(client, family[child.name], child, own_runs)
-
-
-def _log_figures(client: "MlflowClient", run_id: str, record: RunRecord) -> None:
-    """Add the figures, and then the tag LOOKS."""
-    for path in record.figures:
-        client.log_artifact(run_id, str(path), "figures")
-    client.set_tag(run_id, LOOKS, record.looks())
-
-
-def _changed_note(run: "Run") -> str:
-    """The note of a run if it is not as it was written here, else an empty text."""
-    note = str(run.data.tags.get(NOTE, ""))
-    text = note.replace(page.fragment(run.info.experiment_id), "$page")
-    written = run.data.tags.get(LOOKS, "").partition("-")[0]
-    return note if written and _digest(text)[:16] != written else ""
-
-
 def _added(run: "Run", record: RunRecord) -> dict[str, str]:
     """What people added to a run that this record replaces: their tags and their note."""
     added = {
@@ -290,8 +250,8 @@ def _added(run: "Run", record: RunRecord) -> dict[str, str]:
         for tag, value in run.data.tags.items()
         if tag not in record.tags and not tag.startswith(("mlflow.", "yearloc."))
     }
-    note = _changed_note(run)
-    return added | {NOTE: note} if note else added
+    note = run.data.tags.get(NOTE, "")
+    return added if note == run.data.tags.get(OUR_NOTE, note) else added | {NOTE: note}
 
 
 def _delete(client: "MlflowClient", run_id: str, own_runs: Sequence["Run"], models: Models) -> None:
@@ -314,9 +274,8 @@ def _write(
     """Write one run and its children, its key last, when it is whole; returns its id."""
     from mlflow.entities import Metric, Param
 
-    tags = {**own_tags, **record.tags}
-    if record.about:
-        tags[NOTE] = page.linked(record.about, experiment_id)
+    note = page.linked(record.about, experiment_id)
+    tags = {**own_tags, **record.tags, NOTE: note, OUR_NOTE: note}
     if record.name in replaced:
         tags |= _added(replaced[record.name], record)
     run = client.create_run(experiment_id, start_ms, {**tags, KEY: "unfinished"}, record.name)
@@ -331,7 +290,8 @@ def _write(
     ]
     for start in range(0, len(points), BATCH):
         client.log_batch(run_id, metrics=points[start : start + BATCH])
-    _log_figures(client, run_id, record)
+    for path in record.figures:
+        client.log_artifact(run_id, str(path), "figures")
     _log_datasets(client, run_id, record)
     if record.model is not None:
         served.log(client, experiment_id, run_id, record.name, record.model)
@@ -360,7 +320,3 @@ def _log_datasets(client: "MlflowClient", run_id: str, record: RunRecord) -> Non
     ]
     if inputs:
         client.log_inputs(run_id, inputs)
-
-
-def _digest(content: object) -> str:
-    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
